@@ -1,0 +1,210 @@
+//! Times of the parts that everything else waits for.
+
+use std::{
+    hint::black_box,
+    path::{Path, PathBuf},
+    process::Command,
+    time::Instant,
+};
+
+use anyhow::{Context as _, Result};
+use sage_core::{
+    motion::{DT, HORIZON, NOW, Trajectory},
+    objective::{
+        Candidate, Context, ContextOptions, Encounter, Feasibility, Scorer, behavior_penalty,
+        kinematic_penalty,
+    },
+    registry::Registry,
+    scene::{Scene, SceneIndex},
+    seed::Rng,
+    statistics::{median, quantile},
+};
+use sage_data::{Recording, checks::Summary, folder, pickle::Document};
+use serde::Serialize;
+
+/// Candidates scored together, as everywhere.
+pub const CANDIDATES: usize = 32;
+/// Scenes whose median is reported.
+const SCENES: usize = 12;
+
+/// One measurement.
+#[derive(Clone, Debug, Serialize)]
+pub struct Timing {
+    /// What was done, the unit of work in the name.
+    pub name: &'static str,
+    /// Number of repetitions, or of scenes for a median over scenes.
+    pub n: usize,
+    /// Median, milliseconds.
+    pub median_ms: f64,
+    /// Least, milliseconds.
+    pub min_ms: f64,
+    /// 90 % quantile, milliseconds.
+    pub p90_ms: f64,
+    /// What is aimed at, milliseconds, if something is.
+    pub target_ms: Option<f64>,
+}
+
+/// Times everything on a folder of scenes.
+///
+/// *Errors*: a scene that cannot be read.
+pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Result<()>) -> Result<()> {
+    let repeat = repeat as usize;
+    let first = files.first().context("no scene to measure")?;
+    let bytes = std::fs::read(first).with_context(|| format!("cannot read `{}`", first.display()))?;
+
+    let python = python_loads(first, repeat);
+    let python_median = python.as_deref().and_then(median);
+    if let Some(times) = python {
+        report(timing("CPython pickle.loads, first scene", times, None))?;
+    }
+    let loads = measure(repeat, || {
+        let copy = bytes.clone();
+        let start = Instant::now();
+        let recording = black_box(Recording::from_bytes(first, copy));
+        (start.elapsed(), recording)
+    });
+    report(timing("pickle to checked scene, first scene", loads, python_median))?;
+    let parse = measure(repeat, || {
+        let copy = bytes.clone();
+        let start = Instant::now();
+        let document = black_box(Document::parse(copy));
+        (start.elapsed(), document)
+    });
+    report(timing("of it: pickle to values", parse, None))?;
+
+    let chosen = spread(files, SCENES);
+    let (mut indexing, mut contexts, mut scoring, mut full, mut inspecting) =
+        (vec![], vec![], vec![], vec![], vec![]);
+    for path in chosen {
+        let scene = Recording::read(&path)?.scene;
+        if scene.frames <= NOW + HORIZON || scene.adversary.is_none() {
+            continue;
+        }
+        indexing.extend(median(&measure(repeat, || {
+            let start = Instant::now();
+            let index = SceneIndex::new(scene.map.clone());
+            index.boundaries();
+            (start.elapsed(), index)
+        })));
+        let index = SceneIndex::new(scene.map.clone());
+        index.boundaries();
+        let options = ContextOptions::default();
+        contexts.extend(median(&measure(repeat, || {
+            let start = Instant::now();
+            let ctx = Context::new(&scene, &index, &options).map(black_box).is_ok();
+            (start.elapsed(), ctx)
+        })));
+        let ctx = Context::new(&scene, &index, &options)?;
+        let trajectories = arcs(&scene, CANDIDATES)?;
+        let rules: Registry<dyn Feasibility> = sage_core::objective::feasibilities()?;
+        let rule = rules.build_default("paper")?;
+        scoring.extend(median(&measure(repeat, || {
+            let start = Instant::now();
+            let sum = rewards_and_feasibility(&ctx, rule.as_ref(), &trajectories);
+            (start.elapsed(), sum)
+        })));
+        let scorer = Scorer::new(&ctx)?;
+        full.extend(median(&measure(repeat.div_ceil(5), || {
+            let start = Instant::now();
+            for t in &trajectories {
+                black_box(scorer.scores(&ctx.candidate(t.clone())));
+            }
+            (start.elapsed(), ())
+        })));
+        inspecting.extend(median(&measure(repeat.div_ceil(5), || {
+            let start = Instant::now();
+            let summary = Summary::of("scene", &scene);
+            (start.elapsed(), summary)
+        })));
+    }
+    report(timing("what scoring needs indexed, median of scenes", indexing, Some(2.0)))?;
+    report(timing("context of a scene, median of scenes", contexts, None))?;
+    report(timing("paper rewards and feasibility, 32 candidates, median of scenes", scoring, Some(1.0)))?;
+    report(timing("every measure of `score`, 32 candidates, median of scenes", full, None))?;
+    report(timing("summary and warnings of a scene, median of scenes", inspecting, None))?;
+
+    if files.len() > 1 {
+        let start = Instant::now();
+        let mut tracks = 0;
+        let read = |path: &Path| Recording::read(path).map(|r| Summary::of("scene", &r.scene));
+        folder::in_order(files, read, |_, summary| {
+            tracks += summary?.tracks.len();
+            Ok::<(), sage_data::Error>(())
+        })?;
+        black_box(tracks);
+        let elapsed = start.elapsed().as_secs_f64() * 1e3;
+        let target = (files.len() == 430).then_some(4000.0);
+        report(timing("all scenes inspected, all threads", vec![elapsed], target))?;
+    }
+    Ok(())
+}
+
+/// The paper's measures of candidates, as a generator asks for them.
+pub fn rewards_and_feasibility(ctx: &Context, rule: &dyn Feasibility, trajectories: &[Trajectory]) -> f64 {
+    let value = |trajectory: &Trajectory| {
+        let candidate: Candidate = ctx.candidate(trajectory.clone());
+        let reward = Encounter::of(&candidate, ctx).reward(ctx.convention());
+        let penalty = kinematic_penalty(candidate.profile()) + behavior_penalty(candidate.profile());
+        let feasible = rule.is_feasible(&candidate, ctx);
+        reward - penalty + f64::from(u8::from(feasible))
+    };
+    trajectories.iter().map(value).sum()
+}
+
+/// Drivable arcs from the adversary's state *now*: constant yaw rate and acceleration, seeded.
+///
+/// *Errors*: a scene without an adversary.
+pub fn arcs(scene: &Scene, n: usize) -> Result<Vec<Trajectory>> {
+    let adversary = scene.adversary()?;
+    let [vx, vy] = adversary.velocity[NOW];
+    let speed = vx.hypot(vy);
+    let mut rng = Rng::new(1, &scene.id, "bench arcs");
+    let mut arcs = Vec::with_capacity(n);
+    for k in 0..n {
+        let mut at = adversary.point(NOW);
+        let (mut heading, mut v) = (adversary.heading[NOW], speed);
+        let (yaw_rate, gain) = (rng.uniform(-0.2, 0.2), rng.uniform(-2.0, 2.0));
+        let points = (0..HORIZON)
+            .map(|_| {
+                v = (v + gain * DT).clamp(0.0, 30.0);
+                heading += if v > 0.0 { yaw_rate * DT } else { 0.0 };
+                at = [at[0] + v * DT * heading.cos(), at[1] + v * DT * heading.sin()];
+                at
+            })
+            .collect();
+        arcs.push(Trajectory::new(&format!("arc {k}"), points)?);
+    }
+    Ok(arcs)
+}
+
+/// About `n` items spread evenly.
+fn spread(files: &[PathBuf], n: usize) -> Vec<PathBuf> {
+    let step = files.len().div_ceil(n).max(1);
+    files.iter().step_by(step).cloned().collect()
+}
+
+/// Times of repeated runs, milliseconds; what a run makes is dropped after its clock has stopped.
+fn measure<T>(repeat: usize, mut run: impl FnMut() -> (std::time::Duration, T)) -> Vec<f64> {
+    // One run to warm up caches.
+    run();
+    (0..repeat.max(1)).map(|_| run().0.as_secs_f64() * 1e3).collect()
+}
+
+fn timing(name: &'static str, times: Vec<f64>, target_ms: Option<f64>) -> Timing {
+    let at = |share| quantile(&times, share).unwrap_or(f64::NAN);
+    Timing { name, n: times.len(), median_ms: at(0.5), min_ms: at(0.0), p90_ms: at(0.9), target_ms }
+}
+
+/// Times of CPython's own reader, milliseconds; `None` without Python and numpy.
+fn python_loads(path: &Path, repeat: usize) -> Option<Vec<f64>> {
+    const PROGRAM: &str = "import pickle, sys, time\n\
+        import numpy\n\
+        data = open(sys.argv[1], 'rb').read()\n\
+        pickle.loads(data)\n\
+        for _ in range(int(sys.argv[2])):\n\
+        \x20   start = time.perf_counter(); value = pickle.loads(data); print((time.perf_counter() - start) * 1e3)\n";
+    let run =
+        Command::new("python3").args(["-c", PROGRAM]).arg(path).arg(repeat.to_string()).output().ok()?;
+    let text = String::from_utf8(run.stdout).ok().filter(|_| run.status.success())?;
+    text.lines().map(|line| line.parse().ok()).collect()
+}

@@ -1,0 +1,169 @@
+//! Arguments of the command line. Each command turns its own into a plain call.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use sage_core::objective::Convention;
+
+use crate::{Outcome, Registries, commands};
+
+/// Steerable adversarial scenario generation for testing driving software.
+#[derive(Debug, Parser)]
+#[command(name = "sage", version, max_term_width = 100)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    /// Threads to work with; all cores by default. Results do not depend on it.
+    #[arg(long, global = true, value_name = "N")]
+    threads: Option<usize>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// List the rewards, rules and other parts that commands can name.
+    #[command(after_help = "Example:\n  sage list --json")]
+    List {
+        /// One JSON object a line.
+        #[arg(long)]
+        json: bool,
+    },
+    Inspect(InspectArgs),
+    Score(ScoreArgs),
+    /// Measure speed or quality.
+    #[command(subcommand)]
+    Bench(BenchCommand),
+    /// Print a completion script for a shell.
+    #[command(
+        after_help = "Example:\n  sage completions bash > ~/.local/share/bash-completion/completions/sage"
+    )]
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+}
+
+/// Show what is in recorded scenes, and what is odd about them.
+///
+/// PATH is a scene file (MetaDrive or ScenarioNet pickle) or a folder of them. Rows go to stdout;
+/// the sum at the end goes to stderr with --json.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sage inspect scenes/\n  sage inspect scenes/ --json | jq 'select(.warnings != [])'\n  sage inspect scenes/0.pkl --tracks"
+)]
+pub struct InspectArgs {
+    /// Scene files and folders.
+    #[arg(required = true, value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    /// One JSON object a line.
+    #[arg(long)]
+    pub json: bool,
+    /// List the tracks of each scene as well.
+    #[arg(long, conflicts_with = "json")]
+    pub tracks: bool,
+}
+
+/// Score candidate trajectories of the adversary: reward, penalties, feasibility, criticality.
+///
+/// The candidates are a JSON list of {"name", "trajectory": [[x, y] × 80], "ego": optional
+/// [[x, y] or [x, y, heading]] × 80}: frames 11 to 90 at 10 Hz, metres, radians, world frame. The
+/// ego is the logged one by default.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage score scenes/0.pkl --candidates candidates.json --convention paper --json"
+)]
+pub struct ScoreArgs {
+    /// The scene.
+    pub scene: PathBuf,
+    /// JSON file of candidates; - for standard input.
+    #[arg(long, value_name = "FILE")]
+    pub candidates: PathBuf,
+    /// Which reading of the formulas: as the paper writes them, or as the published code runs.
+    #[arg(long, value_enum, default_value_t = ConventionArg::Paper)]
+    pub convention: ConventionArg,
+    /// Sizes of ego and adversary: the log's, or the published simulator's vehicle classes.
+    #[arg(long, value_enum, default_value_t = SizesArg::Logged)]
+    pub sizes: SizesArg,
+    /// Where the simulator's cycle of vehicle classes starts, 0 to 5 (it draws this for each scene).
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..6))]
+    pub class_cycle: u8,
+    /// Take this track as the ego.
+    #[arg(long, value_name = "ID")]
+    pub ego: Option<String>,
+    /// Take this track as the adversary.
+    #[arg(long, value_name = "ID")]
+    pub adversary: Option<String>,
+    /// One JSON object a line.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Names of [`Convention`].
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum ConventionArg {
+    /// As the paper writes them.
+    Paper,
+    /// As the published code computes them.
+    Release,
+}
+
+impl From<ConventionArg> for Convention {
+    fn from(name: ConventionArg) -> Self {
+        match name {
+            ConventionArg::Paper => Self::Paper,
+            ConventionArg::Release => Self::Release,
+        }
+    }
+}
+
+/// Names of [`sage_core::objective::Sizes`].
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum SizesArg {
+    /// The log's, now.
+    Logged,
+    /// The published simulator's vehicle models.
+    Metadrive,
+}
+
+#[derive(Debug, Subcommand)]
+enum BenchCommand {
+    Speed(SpeedArgs),
+}
+
+/// Time the parts that everything else waits for, on one core.
+///
+/// Where Python with numpy is at hand, its pickle.loads is timed beside ours in the same run.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  sage bench speed --data target/data/womd_cat500 --json")]
+pub struct SpeedArgs {
+    /// Folder of scenes; a built-in scene without it.
+    #[arg(long, value_name = "DIR")]
+    pub data: Option<PathBuf>,
+    /// Repetitions of each measurement.
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..100_000))]
+    pub repeat: u32,
+    /// One JSON object a line.
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Cli {
+    /// Runs the command.
+    ///
+    /// *Errors*: whatever kept it from doing its work, with the file or part at fault.
+    pub fn execute(self, registries: &Registries) -> Result<Outcome> {
+        if let Some(threads) = self.threads {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build_global()
+                .with_context(|| format!("cannot work with {threads} threads"))?;
+        }
+        match self.command {
+            Command::List { json } => commands::list::run(registries, json),
+            Command::Inspect(args) => commands::inspect::run(&args),
+            Command::Score(args) => commands::score::run(&args),
+            Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
+            Command::Completions { shell } => commands::completions::run(shell),
+        }
+    }
+}

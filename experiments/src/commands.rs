@@ -1,0 +1,7 @@
+//! One file a command; each takes plain values and writes to stdout.
+
+pub(crate) mod bench_speed;
+pub(crate) mod completions;
+pub(crate) mod inspect;
+pub(crate) mod list;
+pub(crate) mod score;

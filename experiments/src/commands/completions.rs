@@ -1,0 +1,13 @@
+//! `sage completions`.
+
+use anyhow::Result;
+use clap::CommandFactory;
+
+use crate::{Cli, Outcome};
+
+pub(crate) fn run(shell: clap_complete::Shell) -> Result<Outcome> {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "sage", &mut script);
+    std::io::Write::write_all(&mut std::io::stdout().lock(), &script)?;
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,189 @@
+//! `sage inspect`: what is in scenes, a row each, in order, while they are read in parallel.
+
+use std::{
+    collections::BTreeMap,
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use anyhow::Result;
+use sage_core::scene::Scene;
+use sage_data::{
+    Recording,
+    checks::{Duplicates, Summary},
+    folder,
+};
+use serde_json::json;
+
+use crate::{Outcome, cli::InspectArgs};
+
+/// What is kept of a scene once it is read.
+struct Row {
+    summary: Summary,
+    tracks: Vec<String>,
+}
+
+pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
+    let mut files: Vec<PathBuf> = Vec::new();
+    for path in &args.paths {
+        files.extend(folder::scene_files(path)?);
+    }
+    let read = |path: &Path| {
+        let recording = Recording::read(path)?;
+        Ok::<Row, sage_data::Error>(Row {
+            summary: Summary::of(&scene_name(path), &recording.scene),
+            tracks: if args.tracks { list_tracks(&recording.scene) } else { Vec::new() },
+        })
+    };
+    let mut report = Report { out: std::io::stdout().lock(), json: args.json, total: Total::default() };
+    report.header()?;
+    folder::in_order(&files, read, |path, row| report.row(path, row))?;
+    report.finish()
+}
+
+/// Name of a scene: its file's, without the ending.
+fn scene_name(path: &Path) -> String {
+    path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+fn list_tracks(scene: &Scene) -> Vec<String> {
+    let row = |(k, track): (usize, &sage_core::scene::Track)| {
+        let role = match k {
+            k if k == scene.ego => "ego",
+            k if Some(k) == scene.adversary => "adversary",
+            _ => "",
+        };
+        let seen = track.count_valid(0..scene.frames);
+        format!("    {:<36} {:<12} {seen:>4} valid frames  {role}", track.id, track.kind.name())
+    };
+    scene.tracks.iter().enumerate().map(row).collect()
+}
+
+#[derive(Default)]
+struct Total {
+    scenes: usize,
+    failed: usize,
+    tracks: usize,
+    points: usize,
+    warnings: BTreeMap<&'static str, usize>,
+    duplicates: Duplicates,
+}
+
+struct Report<W> {
+    out: W,
+    json: bool,
+    total: Total,
+}
+
+impl<W: Write> Report<W> {
+    fn header(&mut self) -> Result<()> {
+        if !self.json {
+            writeln!(
+                self.out,
+                "{:<14} {:<18} {:>6} {:>8} {:>5} {:>5} {:>5} {:>8} {:>7} {:>6}  {:<10} {:<10} {:>5} {:>6}  warnings",
+                "scene",
+                "id",
+                "frames",
+                "vehicles",
+                "peds",
+                "cycl",
+                "other",
+                "features",
+                "points",
+                "lights",
+                "ego",
+                "adversary",
+                "past",
+                "future"
+            )?;
+        }
+        Ok(())
+    }
+
+    fn row(&mut self, path: &Path, row: Result<Row, sage_data::Error>) -> Result<()> {
+        let Row { mut summary, tracks } = match row {
+            Ok(row) => row,
+            Err(error) => {
+                self.total.failed += 1;
+                eprintln!("error: {error}");
+                if self.json {
+                    let row = json!({ "scene": scene_name(path), "error": error.to_string() });
+                    writeln!(self.out, "{row}")?;
+                }
+                return Ok(());
+            }
+        };
+        self.total.duplicates.note(&mut summary);
+        self.total.scenes += 1;
+        self.total.tracks += summary.tracks.values().sum::<usize>();
+        self.total.points += summary.map_points;
+        for warning in &summary.warnings {
+            *self.total.warnings.entry(warning.kind).or_default() += 1;
+        }
+        if self.json {
+            serde_json::to_writer(&mut self.out, &summary)?;
+            writeln!(self.out)?;
+            return Ok(());
+        }
+        let kind = |name: &str| summary.tracks.get(name).copied().unwrap_or(0);
+        let (vehicles, peds, cyclists) = (kind("VEHICLE"), kind("PEDESTRIAN"), kind("CYCLIST"));
+        let other = summary.tracks.values().sum::<usize>() - vehicles - peds - cyclists;
+        let kinds: Vec<&str> = summary.warnings.iter().map(|w| w.kind).collect();
+        writeln!(
+            self.out,
+            "{:<14} {:<18} {:>6} {:>8} {:>5} {:>5} {:>5} {:>8} {:>7} {:>6}  {:<10} {:<10} {:>5} {:>6}  {}",
+            summary.scene,
+            summary.id,
+            summary.frames,
+            vehicles,
+            peds,
+            cyclists,
+            other,
+            summary.map_features,
+            summary.map_points,
+            summary.lights,
+            shortened(&summary.ego),
+            shortened(summary.adversary.as_deref().unwrap_or("none")),
+            format!("{}/11", summary.adversary_history),
+            format!("{}/80", summary.adversary_future),
+            kinds.join(", ")
+        )?;
+        for line in tracks {
+            writeln!(self.out, "{line}")?;
+        }
+        if self.total.scenes == 1 {
+            // One scene is looked at closely; of a folder the kinds say enough.
+            for warning in &summary.warnings {
+                writeln!(self.out, "    {warning}")?;
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<Outcome> {
+        let Total { scenes, failed, tracks, points, warnings, .. } = &self.total;
+        let mut sum = format!("{scenes} scenes, {tracks} tracks, {points} map points");
+        if *failed > 0 {
+            sum += &format!(", {failed} files could not be read");
+        }
+        if !warnings.is_empty() {
+            let words: Vec<String> = warnings.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
+            sum += &format!("; warnings: {}", words.join(", "));
+        }
+        if self.json {
+            eprintln!("{sum}");
+        } else {
+            writeln!(self.out, "{sum}")?;
+        }
+        Ok(if *failed > 0 { Outcome::Partial } else { Outcome::Done })
+    }
+}
+
+/// An id that fits its column.
+fn shortened(id: &str) -> String {
+    if id.chars().count() <= 10 {
+        id.to_owned()
+    } else {
+        format!("{}…", id.chars().take(9).collect::<String>())
+    }
+}

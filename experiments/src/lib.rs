@@ -1,0 +1,81 @@
+//! The command line of `sage` as a library, so that a program of your own can offer it with parts
+//! of your own: build [`Registries`], add entries, and pass them to [`run`].
+//!
+//! ```no_run
+//! use experiments::Registries;
+//!
+//! fn main() -> std::process::ExitCode {
+//!     experiments::run(|| {
+//!         let mine = Registries::shipped()?;
+//!         // mine.rewards = mine.rewards.with::<MyReward>()?;
+//!         Ok(mine)
+//!     })
+//! }
+//! ```
+
+pub mod bench;
+mod cli;
+mod commands;
+
+use std::{io, process::ExitCode};
+
+use anyhow::Result;
+use clap::Parser;
+use sage_core::{
+    Error,
+    objective::{self, Feasibility, Reward},
+    registry::Registry,
+};
+
+pub use cli::Cli;
+
+/// The parts that commands can name.
+pub struct Registries {
+    /// Rewards and penalties.
+    pub rewards: Registry<dyn Reward>,
+    /// Feasibility rules.
+    pub feasibilities: Registry<dyn Feasibility>,
+}
+
+impl Registries {
+    /// All parts that `sage` ships.
+    ///
+    /// *Errors*: [`Error::Duplicate`] if two of a kind bear one name.
+    pub fn shipped() -> Result<Self, Error> {
+        Ok(Self { rewards: objective::rewards()?, feasibilities: objective::feasibilities()? })
+    }
+}
+
+/// How a command ended that could do its work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// All of it.
+    Done,
+    /// Some of it failed and was reported; the rest is done.
+    Partial,
+}
+
+/// Runs the command line of this process: 0 done, 1 failed, 2 bad use.
+pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
+    let cli = Cli::parse();
+    let outcome = registries().map_err(anyhow::Error::from).and_then(|registries| cli.execute(&registries));
+    match outcome {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Partial) => ExitCode::FAILURE,
+        // Whoever reads the output has seen enough.
+        Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        cause.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe)
+            || cause
+                .downcast_ref::<serde_json::Error>()
+                .is_some_and(|e| e.io_error_kind() == Some(io::ErrorKind::BrokenPipe))
+    })
+}

@@ -1,0 +1,252 @@
+//! Map segments of one kind under a tree of bounds.
+//!
+//! parry's tree over every segment takes 10 ms to build for 20 000 of them, so its leaves here are
+//! runs of [`RUN`] successive segments of one polyline: an eighth of the leaves, and a run's
+//! segments lie side by side in memory for the exact tests that follow.
+
+use parry2d_f64::partitioning::{Bvh, BvhBuildStrategy};
+
+use super::{Aabb, Point, cross, distance, dot, norm, sub};
+
+/// Segments under one leaf.
+const RUN: usize = 8;
+
+/// One straight piece of a polyline.
+#[derive(Clone, Copy, Debug)]
+pub struct Segment {
+    /// Start, metres.
+    pub a: Point,
+    /// End, metres.
+    pub b: Point,
+    /// Heights of start and end, metres.
+    pub z: [f64; 2],
+    /// Index of the map feature it belongs to.
+    pub feature: u32,
+    /// Whether the polyline goes on before `a` and after `b`.
+    pub joined: [bool; 2],
+}
+
+impl Segment {
+    /// Bounds of the segment.
+    #[inline]
+    pub fn aabb(&self) -> Aabb {
+        Aabb {
+            min: [self.a[0].min(self.b[0]), self.a[1].min(self.b[1])],
+            max: [self.a[0].max(self.b[0]), self.a[1].max(self.b[1])],
+        }
+    }
+
+    /// Share of the way from `a` to `b` at which the segment is nearest to `p`, in [0, 1].
+    #[inline]
+    pub fn nearest_share(&self, p: Point) -> f64 {
+        let d = sub(self.b, self.a);
+        let length2 = dot(d, d);
+        if length2 > 0.0 { (dot(sub(p, self.a), d) / length2).clamp(0.0, 1.0) } else { 0.0 }
+    }
+
+    /// The point at a share of the way.
+    #[inline]
+    pub fn at(&self, share: f64) -> Point {
+        let d = sub(self.b, self.a);
+        [self.a[0] + share * d[0], self.a[1] + share * d[1]]
+    }
+
+    /// Height at a share of the way, metres.
+    #[inline]
+    pub fn height(&self, share: f64) -> f64 {
+        self.z[0] + share * (self.z[1] - self.z[0])
+    }
+
+    /// Unit direction; zero for a segment without length.
+    fn direction(&self) -> Point {
+        let d = sub(self.b, self.a);
+        let length = norm(d);
+        if length > 0.0 { [d[0] / length, d[1] / length] } else { [0.0, 0.0] }
+    }
+}
+
+/// The point of an index nearest to some place.
+#[derive(Clone, Copy, Debug)]
+pub struct Nearest {
+    /// Index of the segment in [`SegmentIndex::segments`].
+    pub segment: usize,
+    /// Share of the way along that segment, in [0, 1].
+    pub share: f64,
+    /// Distance, metres.
+    pub distance: f64,
+}
+
+/// On which hand of a directed polyline a point lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Left of it, or on it.
+    Left,
+    /// Right of it.
+    Right,
+}
+
+/// Segments of many polylines with a tree of bounds.
+pub struct SegmentIndex {
+    segments: Vec<Segment>,
+    runs: Vec<std::ops::Range<u32>>,
+    tree: Bvh,
+}
+
+impl SegmentIndex {
+    /// Index of polylines given as (feature, points with height). A polyline of fewer than two
+    /// points has no segment and is left out.
+    pub fn build<'a>(polylines: impl IntoIterator<Item = (u32, &'a [[f64; 3]])>) -> Self {
+        let mut segments = Vec::new();
+        let mut runs = Vec::new();
+        let mut bounds = Vec::new();
+        for (feature, points) in polylines {
+            let first = segments.len();
+            let last = points.len().saturating_sub(2);
+            segments.extend(points.windows(2).enumerate().map(|(k, pair)| Segment {
+                a: [pair[0][0], pair[0][1]],
+                b: [pair[1][0], pair[1][1]],
+                z: [pair[0][2], pair[1][2]],
+                feature,
+                joined: [k > 0, k < last],
+            }));
+            for start in (first..segments.len()).step_by(RUN) {
+                let end = (start + RUN).min(segments.len());
+                runs.push(start as u32..end as u32);
+                let all = segments[start..end].iter().fold(Aabb::EMPTY, |all, s| all.union(&s.aabb()));
+                bounds.push(all.to_parry());
+            }
+        }
+        let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &bounds);
+        Self { segments, runs, tree }
+    }
+
+    /// All segments, polyline after polyline.
+    pub fn segments(&self) -> &[Segment] {
+        &self.segments
+    }
+
+    /// Runs of segments whose bounds meet `bounds`.
+    pub fn near(&self, bounds: &Aabb) -> impl Iterator<Item = std::ops::Range<usize>> {
+        let bounds = bounds.to_parry();
+        let leaves: Vec<u32> =
+            if self.runs.is_empty() { Vec::new() } else { self.tree.intersect_aabb(&bounds).collect() };
+        leaves.into_iter().map(|leaf| {
+            let run = &self.runs[leaf as usize];
+            run.start as usize..run.end as usize
+        })
+    }
+
+    /// The nearest accepted point within `reach` metres of `p`; ties go to the earlier segment.
+    pub fn nearest(&self, p: Point, reach: f64, accept: impl Fn(&Segment) -> bool) -> Option<Nearest> {
+        let mut radius = reach.min(2.0);
+        loop {
+            let mut best: Option<Nearest> = None;
+            for run in self.near(&Aabb::around(p, radius)) {
+                for segment in run {
+                    let candidate = &self.segments[segment];
+                    let share = candidate.nearest_share(p);
+                    let distance = distance(p, candidate.at(share));
+                    let closer = best.is_none_or(|b| {
+                        distance < b.distance || (distance == b.distance && segment < b.segment)
+                    });
+                    if distance <= radius && closer && accept(candidate) {
+                        best = Some(Nearest { segment, share, distance });
+                    }
+                }
+            }
+            if best.is_some() || radius >= reach {
+                return best;
+            }
+            radius = (2.0 * radius).min(reach);
+        }
+    }
+
+    /// The hand on which `p` lies of the polyline that `nearest` points at. `None` at the open end
+    /// of a polyline, where neither hand is meant.
+    pub fn side(&self, p: Point, nearest: &Nearest) -> Option<Side> {
+        let segment = &self.segments[nearest.segment];
+        let [before, after] = segment.joined;
+        let mut direction = segment.direction();
+        // At a joint the two pieces disagree; their mean direction decides.
+        let neighbour = match nearest.share {
+            s if s <= 0.0 => Some((before, nearest.segment.wrapping_sub(1))),
+            s if s >= 1.0 => Some((after, nearest.segment + 1)),
+            _ => None,
+        };
+        match neighbour {
+            Some((false, _)) => return None,
+            Some((true, other)) => {
+                let d = self.segments[other].direction();
+                direction = [direction[0] + d[0], direction[1] + d[1]];
+            }
+            None => {}
+        }
+        let out = cross(direction, sub(p, segment.at(nearest.share)));
+        Some(if out >= 0.0 { Side::Left } else { Side::Right })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seed::Rng;
+
+    #[test]
+    fn queries_find_what_a_scan_of_all_segments_finds() {
+        let mut rng = Rng::new(3, "segments", "queries");
+        let polylines: Vec<Vec<[f64; 3]>> = (0..40)
+            .map(|_| {
+                let mut p = [rng.uniform(-100.0, 100.0), rng.uniform(-100.0, 100.0), 0.0];
+                (0..30)
+                    .map(|_| {
+                        p = [p[0] + rng.uniform(-2.0, 2.0), p[1] + rng.uniform(-2.0, 2.0), 0.0];
+                        p
+                    })
+                    .collect()
+            })
+            .collect();
+        let index = SegmentIndex::build(polylines.iter().enumerate().map(|(k, p)| (k as u32, &p[..])));
+        assert_eq!(index.segments().len(), 40 * 29);
+        for _ in 0..500 {
+            let p = [rng.uniform(-110.0, 110.0), rng.uniform(-110.0, 110.0)];
+            let scan = index
+                .segments()
+                .iter()
+                .map(|s| distance(p, s.at(s.nearest_share(p))))
+                .fold(f64::INFINITY, f64::min);
+            match index.nearest(p, 30.0, |_| true) {
+                Some(found) => assert_eq!(found.distance, scan),
+                None => assert!(scan > 30.0),
+            }
+            let bounds = Aabb::around(p, 3.0);
+            let mut found: Vec<usize> = index
+                .near(&bounds)
+                .flatten()
+                .filter(|&k| index.segments()[k].aabb().meets(&bounds))
+                .collect();
+            found.sort_unstable();
+            let all: Vec<usize> =
+                (0..index.segments().len()).filter(|&k| index.segments()[k].aabb().meets(&bounds)).collect();
+            assert_eq!(found, all);
+        }
+    }
+
+    #[test]
+    fn sides_are_those_of_the_direction_of_travel_and_open_ends_have_none() {
+        let points = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 10.0, 0.0]];
+        let index = SegmentIndex::build([(0, &points[..])]);
+        let side = |p| index.nearest(p, 50.0, |_| true).and_then(|n| index.side(p, &n));
+        assert_eq!(side([5.0, 1.0]), Some(Side::Left));
+        assert_eq!(side([5.0, -1.0]), Some(Side::Right));
+        assert_eq!(side([11.0, -1.0]), Some(Side::Right), "outside the corner");
+        assert_eq!(side([-1.0, 0.5]), None, "before the start");
+        assert_eq!(side([9.0, 12.0]), None, "beyond the end");
+    }
+
+    #[test]
+    fn an_index_of_nothing_finds_nothing() {
+        let index = SegmentIndex::build([(0, &[[1.0, 2.0, 3.0]][..])]);
+        assert!(index.nearest([0.0, 0.0], 1e6, |_| true).is_none());
+        assert_eq!(index.near(&Aabb::around([0.0, 0.0], 10.0)).count(), 0);
+    }
+}

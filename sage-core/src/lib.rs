@@ -1,0 +1,31 @@
+//! Scenes, geometry, motion and objectives: what every other crate of `sage` stands on.
+//!
+//! - [`scene::Scene`] is a recorded traffic scene: tracks, map, lights, the ego (the car under
+//!   test) and the adversary (the car whose future is up for change).
+//! - [`objective::Context`] holds what scoring needs of a scene, built once for all candidates.
+//! - [`objective::Reward`] and [`objective::Feasibility`] judge a [`objective::Candidate`].
+//!
+//! Positions are metres in the scene's world frame, angles radians counter-clockwise from +x, and
+//! a frame lasts [`motion::DT`] = 0.1 s. History is frames 0 to 10, *now* is frame 10, and the
+//! future is frames 11 to 90.
+//!
+//! ```
+//! use sage_core::motion::{Start, kinematics::paper};
+//!
+//! // 8 m/s straight ahead: nothing to punish beyond the floor of the formula.
+//! let points: Vec<[f64; 2]> = (1..=80).map(|t| [0.8 * t as f64, 0.0]).collect();
+//! let start = Start { position: [0.0, 0.0], heading: 0.0 };
+//! let profile = paper::profile(&points, &start);
+//! assert!((profile.speed[40] - 8.0).abs() < 1e-9);
+//! ```
+
+pub mod error;
+pub mod geometry;
+pub mod motion;
+pub mod objective;
+pub mod registry;
+pub mod scene;
+pub mod seed;
+pub mod statistics;
+
+pub use error::Error;

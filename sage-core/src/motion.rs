@@ -1,0 +1,20 @@
+//! How cars move: planned positions, what follows from them, and two laws of motion.
+
+pub mod bicycle;
+pub mod idm;
+pub mod kinematics;
+mod trajectory;
+
+pub use trajectory::{Start, Trajectory};
+
+/// Duration of a frame, seconds (10 Hz).
+pub const DT: f64 = 0.1;
+/// Frames of history, *now* included.
+pub const HISTORY: usize = 11;
+/// The frame that is *now*, whatever a file's `current_time_index` says.
+pub const NOW: usize = 10;
+/// Planned steps T; step t (1 to T) is frame `NOW + t`.
+pub const HORIZON: usize = 80;
+/// Largest coordinate accepted, metres. Beyond it a 64-bit float resolves no more than 15 nm, and
+/// no projection of the Earth needs more.
+pub const MAX_COORDINATE: f64 = 1e8;

@@ -1,0 +1,58 @@
+//! Planned positions of one car.
+
+use super::{HORIZON, MAX_COORDINATE};
+use crate::{Error, geometry::Point};
+
+/// [`HORIZON`] planned positions, finite, world frame, 10 Hz: frames 11 to 90.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[serde(transparent)]
+pub struct Trajectory(Vec<Point>);
+
+impl Trajectory {
+    /// Checks and takes the points; `what` names them in errors.
+    ///
+    /// *Errors*: [`Error::Length`] for another number than [`HORIZON`], [`Error::NotFinite`] for a
+    /// coordinate that is NaN, infinite or beyond [`MAX_COORDINATE`].
+    pub fn new(what: &str, points: Vec<Point>) -> Result<Self, Error> {
+        if points.len() != HORIZON {
+            return Err(Error::Length { what: what.to_owned(), found: points.len(), expected: HORIZON });
+        }
+        // NaN fails the comparison as well.
+        let bad = |p: &Point| !(p[0].abs() <= MAX_COORDINATE && p[1].abs() <= MAX_COORDINATE);
+        match points.iter().position(bad) {
+            Some(index) => Err(Error::NotFinite { what: what.to_owned(), index, point: points[index] }),
+            None => Ok(Self(points)),
+        }
+    }
+
+    /// The points, step 1 first.
+    pub fn points(&self) -> &[Point] {
+        &self.0
+    }
+}
+
+/// Where a car is *now*: the pose that its first planned step leaves from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Position at frame 10, metres.
+    pub position: Point,
+    /// Logged heading at frame 10, radians.
+    pub heading: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn short_and_non_finite_trajectories_are_refused_by_name() {
+        let short = Trajectory::new("candidate `a`", vec![[0.0, 0.0]; 79]).unwrap_err();
+        assert_eq!(short.to_string(), "candidate `a`: 79 points, expected 80");
+        for bad in [f64::NAN, f64::INFINITY, 1e9] {
+            let mut points = vec![[0.0, 0.0]; 80];
+            points[3][1] = bad;
+            let error = Trajectory::new("candidate `a`", points).unwrap_err().to_string();
+            assert!(error.starts_with("candidate `a`: point 3 is [0, "), "{error}");
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! A trajectory with what every objective needs of it, computed once.
+
+use super::{Convention, others::CHUNK};
+use crate::{
+    geometry::{Aabb, OrientedBox, Point},
+    motion::{
+        HORIZON, Start, Trajectory,
+        kinematics::{Profile, paper, release},
+    },
+};
+
+/// A planned trajectory of the adversary, ready to be judged.
+pub struct Candidate {
+    trajectory: Trajectory,
+    profile: Profile,
+    start: Start,
+    boxes: Vec<OrientedBox>,
+    mirrored: Option<Vec<OrientedBox>>,
+    bounds: Aabb,
+    chunks: [Aabb; HORIZON / CHUNK],
+}
+
+impl Candidate {
+    pub(super) fn new(
+        trajectory: Trajectory,
+        start: Start,
+        [length, width]: [f64; 2],
+        convention: Convention,
+        mirror: bool,
+    ) -> Self {
+        let profile = match convention {
+            Convention::Paper => paper::profile(trajectory.points(), &start),
+            Convention::Release => release::profile(trajectory.points()),
+        };
+        let boxes: Vec<OrientedBox> = trajectory
+            .points()
+            .iter()
+            .zip(&profile.axis)
+            .map(|(&center, &axis)| OrientedBox {
+                center,
+                axis,
+                half_length: 0.5 * length,
+                half_width: 0.5 * width,
+            })
+            .collect();
+        let mirrored: Option<Vec<OrientedBox>> =
+            mirror.then(|| boxes.iter().map(OrientedBox::mirrored).collect());
+        let mut chunks = [Aabb::EMPTY; HORIZON / CHUNK];
+        for (step, b) in mirrored.as_ref().unwrap_or(&boxes).iter().enumerate() {
+            chunks[step / CHUNK] = chunks[step / CHUNK].union(&b.aabb());
+        }
+        let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
+        Self { trajectory, profile, start, boxes, mirrored, bounds, chunks }
+    }
+
+    /// The planned positions.
+    pub fn trajectory(&self) -> &Trajectory {
+        &self.trajectory
+    }
+
+    /// Speed, heading and the rest, by the context's convention.
+    pub fn profile(&self) -> &Profile {
+        &self.profile
+    }
+
+    /// Pose at *now*.
+    pub fn start(&self) -> &Start {
+        &self.start
+    }
+
+    /// Boxes of steps 1 to 80 as they lie against the ego.
+    pub fn boxes(&self) -> &[OrientedBox] {
+        &self.boxes
+    }
+
+    /// The box at *now*.
+    pub fn box_now(&self) -> OrientedBox {
+        let (sin, cos) = self.start.heading.sin_cos();
+        OrientedBox { center: self.start.position, axis: [cos, sin], ..self.boxes[0] }
+    }
+
+    /// Boxes of steps 1 to 80 as they are tested against the map and other agents: the same, but
+    /// for the published code's mirrored ones.
+    pub fn map_boxes(&self) -> &[OrientedBox] {
+        self.mirrored.as_ref().unwrap_or(&self.boxes)
+    }
+
+    /// Velocity at a step, 1 to 80, by backward difference, m/s.
+    pub fn velocity(&self, step: usize) -> Point {
+        super::context::velocity(self.trajectory.points(), self.start.position, step)
+    }
+
+    /// Bounds of all map boxes.
+    pub(super) fn bounds(&self) -> &Aabb {
+        &self.bounds
+    }
+
+    /// Bounds of the map boxes over each [`CHUNK`] steps.
+    pub(super) fn chunks(&self) -> &[Aabb; HORIZON / CHUNK] {
+        &self.chunks
+    }
+}

@@ -1,0 +1,266 @@
+//! How close and how bad an encounter is, beyond the paper's reward.
+//!
+//! All of them compare ego and adversary at the steps at which both are seen, velocities being
+//! backward differences. What cannot be measured is `None`, never 0.
+
+use serde::Serialize;
+
+use super::{Candidate, Context, Encounter, Reward, adversarial::NoOptions};
+use crate::{
+    geometry::{OrientedBox, Point, cross, dot, norm, sub},
+    motion::{DT, HORIZON},
+    registry::Entry,
+};
+
+/// The measures of one candidate.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Criticality {
+    /// Least time to collision before contact, seconds: the time until the boxes would touch if
+    /// both kept velocity and heading. `None` if they never are on a collision course.
+    pub time_to_collision: Option<f64>,
+    /// Least time between one leaving a place and the other coming to it, seconds; 0 if they
+    /// collide, `None` if their ways share no place.
+    pub post_encroachment_time: Option<f64>,
+    /// Greatest constant deceleration of the relative motion that avoids contact, m/s²:
+    /// `Δv / (2 TTC)` over the steps on a collision course before contact.
+    pub required_deceleration: Option<f64>,
+    /// Relative speed at first contact, m/s.
+    pub impact_speed: Option<f64>,
+    /// Side of the ego that is hit first.
+    pub side_hit: Option<SideHit>,
+}
+
+/// Sides of the ego.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SideHit {
+    /// Its front.
+    Front,
+    /// Its rear.
+    Rear,
+    /// Its left side.
+    Left,
+    /// Its right side.
+    Right,
+}
+
+impl SideHit {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Front => "front",
+            Self::Rear => "rear",
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+}
+
+impl Criticality {
+    /// All measures of a candidate whose encounter with the ego is known.
+    pub fn of(candidate: &Candidate, ctx: &Context, encounter: &Encounter) -> Self {
+        let (time_to_collision, required_deceleration) = approach(candidate, ctx, encounter);
+        let at_contact = |step: usize| {
+            let ego = ctx.ego_box(step)?;
+            let speed = ctx.ego_velocity(step).map(|v| norm(sub(candidate.velocity(step), v)));
+            Some((speed, side_hit(ego, &candidate.boxes()[step - 1])))
+        };
+        let contact = encounter.contact.and_then(at_contact);
+        Self {
+            time_to_collision,
+            post_encroachment_time: post_encroachment_time(candidate, ctx),
+            required_deceleration,
+            impact_speed: contact.and_then(|(speed, _)| speed),
+            side_hit: contact.map(|(_, side)| side),
+        }
+    }
+}
+
+/// Least time to collision and greatest required deceleration before contact.
+fn approach(candidate: &Candidate, ctx: &Context, encounter: &Encounter) -> (Option<f64>, Option<f64>) {
+    let end = encounter.contact.unwrap_or(HORIZON + 1);
+    let mut least: Option<f64> = None;
+    let mut hardest: Option<f64> = None;
+    for step in 1..end {
+        let (Some(ego), Some(ego_velocity)) = (ctx.ego_box(step), ctx.ego_velocity(step)) else { continue };
+        let relative = sub(candidate.velocity(step), ego_velocity);
+        if let Some(time) = time_to_touch(ego, &candidate.boxes()[step - 1], relative) {
+            least = Some(least.map_or(time, |t| t.min(time)));
+            // Boxes that do not touch are apart by more than nothing, so the time is above 0.
+            let needed = norm(relative) / (2.0 * time);
+            hardest = Some(hardest.map_or(needed, |d| d.max(needed)));
+        }
+    }
+    (least, hardest)
+}
+
+/// Time until `other`, moving with `velocity` relative to `ego`, touches it; `None` if never.
+///
+/// Separating axes with time: on each axis the boxes overlap during one interval, and they touch
+/// when all intervals do.
+pub fn time_to_touch(ego: &OrientedBox, other: &OrientedBox, velocity: Point) -> Option<f64> {
+    let offset = sub(other.center, ego.center);
+    let c = dot(ego.axis, other.axis).abs();
+    let s = cross(ego.axis, other.axis).abs();
+    let (mut enter, mut exit) = (0.0f64, f64::INFINITY);
+    for (near, far) in [(ego, other), (other, ego)] {
+        let along = near.half_length + far.half_length * c + far.half_width * s;
+        let across = near.half_width + far.half_length * s + far.half_width * c;
+        let axes = [(near.axis, along), ([-near.axis[1], near.axis[0]], across)];
+        for (axis, reach) in axes {
+            let (place, speed) = (dot(offset, axis), dot(velocity, axis));
+            if speed == 0.0 {
+                if place.abs() > reach {
+                    return None;
+                }
+                continue;
+            }
+            let times = [(-reach - place) / speed, (reach - place) / speed];
+            enter = enter.max(times[0].min(times[1]));
+            exit = exit.min(times[0].max(times[1]));
+        }
+    }
+    (enter <= exit).then_some(enter)
+}
+
+/// Least time between the two being at one place, seconds.
+fn post_encroachment_time(candidate: &Candidate, ctx: &Context) -> Option<f64> {
+    let mut least: Option<usize> = None;
+    for (s, ego) in ctx.ego_boxes().iter().enumerate() {
+        let Some(ego) = ego else { continue };
+        let reach = least.map_or(HORIZON, |gap| gap.saturating_sub(1));
+        let steps = s.saturating_sub(reach)..(s + reach + 1).min(HORIZON);
+        let gaps = steps.filter(|&t| candidate.boxes()[t].intersects(ego)).map(|t| s.abs_diff(t));
+        if let Some(gap) = gaps.min() {
+            least = Some(least.map_or(gap, |l| l.min(gap)));
+        }
+    }
+    least.map(|gap| gap as f64 * DT)
+}
+
+/// The side of `ego` on which `other` overlaps it: where the middle of the overlap lies, as a
+/// share of the half length and of the half width.
+fn side_hit(ego: &OrientedBox, other: &OrientedBox) -> SideHit {
+    let (l, w) = (ego.half_length, ego.half_width);
+    let mut overlap: Vec<Point> = other.corners().into_iter().map(|c| ego.to_local(c)).collect();
+    // Sutherland and Hodgman's clipping by the four sides of the ego.
+    for (axis, limit, sign) in [(0, l, 1.0), (0, l, -1.0), (1, w, 1.0), (1, w, -1.0)] {
+        let inside = |p: Point| sign * p[axis] <= limit;
+        let mut clipped = Vec::with_capacity(overlap.len() + 1);
+        for (k, &p) in overlap.iter().enumerate() {
+            let q = overlap[(k + 1) % overlap.len()];
+            if inside(p) {
+                clipped.push(p);
+            }
+            if inside(p) != inside(q) {
+                let share = (sign * limit - p[axis]) / (q[axis] - p[axis]);
+                clipped.push([p[0] + share * (q[0] - p[0]), p[1] + share * (q[1] - p[1])]);
+            }
+        }
+        overlap = clipped;
+    }
+    let n = overlap.len() as f64;
+    // Rounding can leave nothing of a bare touch; the centre's direction stands in.
+    let middle = match overlap.len() {
+        0 => ego.to_local(other.center),
+        _ => [overlap.iter().map(|p| p[0]).sum::<f64>() / n, overlap.iter().map(|p| p[1]).sum::<f64>() / n],
+    };
+    let (x, y) = (middle[0] / l, middle[1] / w);
+    match (x.abs() >= y.abs(), x >= 0.0, y >= 0.0) {
+        (true, true, _) => SideHit::Front,
+        (true, false, _) => SideHit::Rear,
+        (false, _, true) => SideHit::Left,
+        (false, _, false) => SideHit::Right,
+    }
+}
+
+/// Relative speed at first contact as a reward; 0 without contact.
+pub struct ImpactSpeed;
+
+impl Entry<dyn Reward> for ImpactSpeed {
+    const NAME: &'static str = "impact-speed";
+    const SUMMARY: &'static str = "relative speed at first contact, m/s; 0 without contact";
+    const SOURCE: &'static str = "this project";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn Reward>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl Reward for ImpactSpeed {
+    fn score(&self, candidate: &Candidate, ctx: &Context) -> f64 {
+        Criticality::of(candidate, ctx, &Encounter::of(candidate, ctx)).impact_speed.unwrap_or(0.0)
+    }
+}
+
+/// Required deceleration as a reward; 0 without a collision course.
+pub struct RequiredDeceleration;
+
+impl Entry<dyn Reward> for RequiredDeceleration {
+    const NAME: &'static str = "required-deceleration";
+    const SUMMARY: &'static str = "hardest braking that avoids contact, m/s²; 0 off a collision course";
+    const SOURCE: &'static str = "this project";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn Reward>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl Reward for RequiredDeceleration {
+    fn score(&self, candidate: &Candidate, ctx: &Context) -> f64 {
+        approach(candidate, ctx, &Encounter::of(candidate, ctx)).1.unwrap_or(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::seed::Rng;
+
+    #[test]
+    fn time_to_touch_is_the_gap_over_the_closing_speed() {
+        let ego = OrientedBox::new([0.0, 0.0], 0.0, 4.0, 2.0);
+        let ahead = OrientedBox::new([24.0, 0.0], 0.0, 4.0, 2.0);
+        assert_eq!(time_to_touch(&ego, &ahead, [-5.0, 0.0]), Some(4.0));
+        assert_eq!(time_to_touch(&ego, &ahead, [5.0, 0.0]), None);
+        assert_eq!(time_to_touch(&ego, &OrientedBox::new([24.0, 3.0], 0.0, 4.0, 2.0), [-5.0, 0.0]), None);
+        assert_eq!(time_to_touch(&ego, &ahead, [0.0, 0.0]), None);
+    }
+
+    #[test]
+    fn time_to_touch_agrees_with_walking() {
+        let mut rng = Rng::new(5, "criticality", "walk");
+        for _ in 0..500 {
+            let ego = OrientedBox::new([0.0, 0.0], rng.uniform(-3.0, 3.0), 4.5, 2.0);
+            let center = [rng.uniform(-20.0, 20.0), rng.uniform(-20.0, 20.0)];
+            let other = OrientedBox::new(center, rng.uniform(-3.0, 3.0), 5.0, 2.2);
+            let velocity = [rng.uniform(-9.0, 9.0), rng.uniform(-9.0, 9.0)];
+            let walked = (0..10_000).map(|k| k as f64 * 1e-3).find(|t| {
+                let moved = [center[0] + t * velocity[0], center[1] + t * velocity[1]];
+                ego.intersects(&OrientedBox { center: moved, ..other })
+            });
+            match (time_to_touch(&ego, &other, velocity), walked) {
+                (Some(time), Some(walked)) => {
+                    assert!(time <= walked + 1e-9 && walked - time < 0.05, "{time} {walked}")
+                }
+                (Some(time), None) => assert!(time > 9.9 || time.is_finite()),
+                (None, found) => assert_eq!(found, None),
+            }
+        }
+    }
+
+    #[test]
+    fn sides_are_told_by_the_middle_of_the_overlap() {
+        let ego = OrientedBox::new([10.0, 5.0], 0.7, 4.0, 2.0);
+        let at = |x: f64, y: f64| {
+            let (s, c) = 0.7f64.sin_cos();
+            OrientedBox::new([10.0 + x * c - y * s, 5.0 + x * s + y * c], 0.7, 4.0, 2.0)
+        };
+        assert_eq!(side_hit(&ego, &at(3.5, 0.2)), SideHit::Front);
+        assert_eq!(side_hit(&ego, &at(-3.5, -0.2)), SideHit::Rear);
+        assert_eq!(side_hit(&ego, &at(0.3, 1.8)), SideHit::Left);
+        assert_eq!(side_hit(&ego, &at(-0.3, -1.8)), SideHit::Right);
+    }
+}

@@ -1,0 +1,90 @@
+//! How far a candidate's driving is from the adversary's logged future: 1-D Wasserstein distances
+//! of speeds, accelerations and yaw rates.
+//!
+//! In `paper` the profiles are the backward differences of [`paper::profile`] over pairs of valid
+//! neighbouring frames, each run of valid frames by itself. In `release` the valid frames are
+//! glued together as if they followed each other, and accelerations are norms of vectors.
+
+use serde::Serialize;
+
+use super::{Candidate, Context, Convention};
+use crate::{
+    geometry::Point,
+    motion::{
+        HORIZON, NOW, Start,
+        kinematics::{paper, release},
+    },
+    scene::Track,
+    statistics::wasserstein,
+};
+
+/// Values of a logged future.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LoggedProfile {
+    speed: Vec<f64>,
+    acceleration: Vec<f64>,
+    yaw_rate: Vec<f64>,
+}
+
+/// Distances of a candidate from the log; `None` where the log holds nothing to compare with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct DistributionDistances {
+    /// Of speeds, m/s.
+    pub wd_speed: Option<f64>,
+    /// Of accelerations, m/s².
+    pub wd_acceleration: Option<f64>,
+    /// Of signed yaw rates, rad/s.
+    pub wd_yaw_rate: Option<f64>,
+}
+
+impl LoggedProfile {
+    /// Profile of the adversary's logged future at its valid frames.
+    pub fn of(ctx: &Context) -> Self {
+        match ctx.convention() {
+            Convention::Paper => Self::paper(ctx.adversary()),
+            Convention::Release => Self::release(ctx.adversary()),
+        }
+    }
+
+    fn paper(track: &Track) -> Self {
+        let mut out = Self::default();
+        let mut frame = NOW;
+        while frame <= NOW + HORIZON {
+            let run: Vec<Point> =
+                (frame..=NOW + HORIZON).take_while(|&f| track.is_valid(f)).map(|f| track.point(f)).collect();
+            if let [first, rest @ ..] = &run[..] {
+                let start = Start { position: *first, heading: track.heading[frame] };
+                let profile = paper::profile(rest, &start);
+                out.speed.extend(profile.speed);
+                out.acceleration.extend(profile.acceleration);
+                out.yaw_rate.extend(profile.yaw_rate);
+            }
+            frame += run.len().max(1);
+        }
+        out
+    }
+
+    fn release(track: &Track) -> Self {
+        let valid = (NOW + 1..=NOW + HORIZON).filter(|&f| track.is_valid(f));
+        let profile = release::profile(&valid.map(|f| track.point(f)).collect::<Vec<_>>());
+        Self { speed: profile.speed, acceleration: profile.acceleration_norm, yaw_rate: profile.yaw_rate }
+    }
+
+    /// Distances of a candidate of the same context.
+    pub fn distances(&self, candidate: &Candidate, convention: Convention) -> DistributionDistances {
+        let profile = candidate.profile();
+        let acceleration = match convention {
+            Convention::Paper => &profile.acceleration,
+            Convention::Release => &profile.acceleration_norm,
+        };
+        // The published code calls the distance to nothing 0.
+        let measured = |mine: &[f64], log: &[f64]| {
+            (convention == Convention::Release || !log.is_empty()).then(|| wasserstein(mine, log))
+        };
+        DistributionDistances {
+            wd_speed: measured(&profile.speed, &self.speed),
+            wd_acceleration: measured(acceleration, &self.acceleration),
+            wd_yaw_rate: measured(&profile.yaw_rate, &self.yaw_rate),
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! Kinematic penalty: hard acceleration, hard cornering, fast yaw.
+//!
+//! `P_kin = mean over steps of 5 sp(|a| − 7) + 5 sp(|v ω| − 6) + 5 sp(|ω| − 0.8)` with
+//! `sp(x) = ln(1 + e^x)`. Its floor, for a straight drive at constant speed or a standing car, is
+//! 1.8724. Source: the paper's realism section.
+
+use super::{Candidate, Context, Reward, adversarial::NoOptions};
+use crate::{motion::kinematics::Profile, registry::Entry};
+
+/// Weight of each term.
+const WEIGHT: f64 = 5.0;
+/// Longitudinal acceleration beyond which it hurts, m/s².
+const ACCELERATION: f64 = 7.0;
+/// Lateral acceleration beyond which it hurts, m/s².
+const LATERAL: f64 = 6.0;
+/// Yaw rate beyond which it hurts, rad/s.
+const YAW_RATE: f64 = 0.8;
+/// Paths shorter than this are not penalised (published code).
+pub(super) const LEAST_POINTS: usize = 5;
+
+/// `ln(1 + e^x)` without overflow.
+#[inline]
+pub(super) fn softplus(x: f64) -> f64 {
+    x.max(0.0) + (-x.abs()).exp().ln_1p()
+}
+
+/// P_kin of a profile; 0 below five points.
+pub fn kinematic_penalty(profile: &Profile) -> f64 {
+    let n = profile.speed.len();
+    if n < LEAST_POINTS {
+        return 0.0;
+    }
+    let mut sum = 0.0;
+    for step in 0..n {
+        let yaw_rate = profile.yaw_rate[step].abs();
+        sum += softplus(profile.acceleration[step].abs() - ACCELERATION)
+            + softplus(profile.speed[step] * yaw_rate - LATERAL)
+            + softplus(yaw_rate - YAW_RATE);
+    }
+    WEIGHT * sum / n as f64
+}
+
+/// The paper's P_kin.
+pub struct KinematicPenalty;
+
+impl Entry<dyn Reward> for KinematicPenalty {
+    const NAME: &'static str = "kinematic";
+    const SUMMARY: &'static str = "penalty on hard acceleration, hard cornering and fast yaw";
+    const SOURCE: &'static str = "SAGE (ICLR 2026), kinematic penalty";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn Reward>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl Reward for KinematicPenalty {
+    fn score(&self, candidate: &Candidate, _: &Context) -> f64 {
+        kinematic_penalty(candidate.profile())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    #[test]
+    fn softplus_is_stable_at_both_ends() {
+        assert_eq!(softplus(1000.0), 1000.0);
+        assert_eq!(softplus(-1000.0), 0.0);
+        assert_relative_eq!(softplus(0.0), 2f64.ln());
+        assert_relative_eq!(5.0 * softplus(-0.8), 1.855503330, max_relative = 1e-9);
+    }
+}

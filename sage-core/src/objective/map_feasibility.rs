@@ -1,0 +1,159 @@
+//! Map feasibility: no box touches a road boundary, no box touches another road user.
+//!
+//! The rule of the paper and of its code: frame by frame, in the plane, every kind of road user
+//! counts and only `ROAD_EDGE_BOUNDARY` bounds the road. It misses what happens between frames and
+//! a box wholly beyond an edge; [`super::StrictFeasibility`] closes both.
+//!
+//! Eight steps share one query of the tree: most runs of steps come near no edge and nobody.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Candidate, Context, Feasibility, Reason, Rule,
+    others::{CHUNK, OtherAgent},
+};
+use crate::{geometry::SegmentIndex, motion::HORIZON, registry::Entry};
+
+/// First touch of a map feature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EdgeContact {
+    /// Step, 1 to 80.
+    pub step: usize,
+    /// Index of the map feature.
+    pub feature: usize,
+}
+
+/// First touch of another road user.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct AgentContact {
+    /// Step, 1 to 80.
+    pub step: usize,
+    /// Index of its track.
+    pub track: usize,
+}
+
+/// What a candidate touches first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Violations {
+    /// First road boundary.
+    pub boundary: Option<EdgeContact>,
+    /// First other road user of any kind.
+    pub agent: Option<AgentContact>,
+    /// First other vehicle.
+    pub vehicle: Option<AgentContact>,
+    /// First standing vehicle.
+    pub static_vehicle: Option<AgentContact>,
+}
+
+impl Violations {
+    /// All first contacts of a candidate.
+    pub fn of(candidate: &Candidate, ctx: &Context) -> Self {
+        let first = |wanted: fn(&OtherAgent) -> bool| first_agent_contact(candidate, ctx, wanted);
+        let agent = first(|_| true);
+        // Narrower questions only where the wider one found something.
+        let vehicle = agent.and_then(|_| first(|other| other.is_vehicle));
+        let static_vehicle = vehicle.and_then(|_| first(|other| other.is_static));
+        let boundary = first_edge_contact(candidate, ctx.index().boundaries());
+        Self { boundary, agent, vehicle, static_vehicle }
+    }
+}
+
+/// First step at which a map box touches a segment.
+pub(super) fn first_edge_contact(candidate: &Candidate, edges: &SegmentIndex) -> Option<EdgeContact> {
+    for (chunk, bounds) in candidate.chunks().iter().enumerate() {
+        let near: Vec<_> = edges
+            .near(bounds)
+            .flat_map(|run| &edges.segments()[run])
+            .filter(|segment| segment.aabb().meets(bounds))
+            .collect();
+        if near.is_empty() {
+            continue;
+        }
+        let first = chunk * CHUNK;
+        for (step, b) in candidate.map_boxes()[first..first + CHUNK].iter().enumerate() {
+            if let Some(touched) = near.iter().find(|s| b.intersects_segment(s.a, s.b)) {
+                return Some(EdgeContact { step: first + step + 1, feature: touched.feature as usize });
+            }
+        }
+    }
+    None
+}
+
+/// First step at which a map box touches a wanted road user; the first in the file if there are
+/// several at that step.
+fn first_agent_contact(
+    candidate: &Candidate,
+    ctx: &Context,
+    wanted: fn(&OtherAgent) -> bool,
+) -> Option<AgentContact> {
+    let mut first: Option<AgentContact> = None;
+    for other in ctx.others() {
+        if !wanted(other) || !other.bounds().meets(candidate.bounds()) {
+            continue;
+        }
+        // Only an earlier step can still matter.
+        let end = first.map_or(HORIZON, |contact| contact.step - 1);
+        let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.chunks()[k].meets(&candidate.chunks()[k]));
+        let step = near
+            .flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end))
+            .find(|&step| other.at(step).is_some_and(|b| b.intersects(&candidate.map_boxes()[step - 1])));
+        if let Some(step) = step {
+            first = Some(AgentContact { step, track: other.track });
+        }
+    }
+    first
+}
+
+/// The paper's feasibility rule.
+pub struct MapFeasibility(MapFeasibilityOptions);
+
+/// Options of [`MapFeasibility`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MapFeasibilityOptions {
+    /// Whether medians bound the road as well.
+    pub medians: bool,
+}
+
+impl Entry<dyn Feasibility> for MapFeasibility {
+    const NAME: &'static str = "paper";
+    const SUMMARY: &'static str = "no road boundary and no other road user touched at a frame";
+    const SOURCE: &'static str = "SAGE (ICLR 2026), map feasibility";
+    type Options = MapFeasibilityOptions;
+
+    fn build(options: MapFeasibilityOptions) -> Result<Box<dyn Feasibility>, String> {
+        Ok(Box::new(Self(options)))
+    }
+}
+
+impl Feasibility for MapFeasibility {
+    fn violations(&self, candidate: &Candidate, ctx: &Context) -> Vec<Reason> {
+        let edge = |contact: EdgeContact, rule| {
+            reason(candidate, ctx, rule, contact.step, Touched::Feature(contact.feature))
+        };
+        let boundary =
+            first_edge_contact(candidate, ctx.index().boundaries()).map(|c| edge(c, Rule::RoadEdge));
+        let median = (self.0.medians)
+            .then(|| first_edge_contact(candidate, ctx.index().medians()))
+            .flatten()
+            .map(|c| edge(c, Rule::Median));
+        let agent = first_agent_contact(candidate, ctx, |_| true)
+            .map(|c| reason(candidate, ctx, Rule::Agent, c.step, Touched::Track(c.track)));
+        [boundary, median, agent].into_iter().flatten().collect()
+    }
+}
+
+/// What was touched, by index.
+pub(super) enum Touched {
+    Feature(usize),
+    Track(usize),
+}
+
+/// A broken rule in words that leave the context.
+pub(super) fn reason(candidate: &Candidate, ctx: &Context, rule: Rule, step: usize, with: Touched) -> Reason {
+    let with = match with {
+        Touched::Feature(k) => ctx.index().map().features[k].id.clone(),
+        Touched::Track(k) => ctx.scene().tracks[k].id.clone(),
+    };
+    Reason { rule, step, place: candidate.trajectory().points()[step - 1], with }
+}

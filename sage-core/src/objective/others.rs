@@ -1,0 +1,79 @@
+//! The road users beside ego and adversary over the future.
+
+use crate::{
+    geometry::{Aabb, OrientedBox, distance},
+    motion::{HORIZON, NOW},
+    scene::{Track, TrackKind},
+};
+
+/// Steps whose bounds are tested together.
+pub(super) const CHUNK: usize = 8;
+/// Farthest that a static vehicle strays from its first valid position, metres.
+const STATIC: f64 = 1.0;
+
+/// Logged boxes of one road user, step 0 (*now*) to 80.
+pub struct OtherAgent {
+    /// Index of its track in the scene.
+    pub track: usize,
+    /// Whether it is a vehicle.
+    pub is_vehicle: bool,
+    /// Whether it is a vehicle that stands: valid positions from *now* on stay within 1 m.
+    pub is_static: bool,
+    boxes: Vec<Option<OrientedBox>>,
+    bounds: Aabb,
+    chunks: [Aabb; HORIZON / CHUNK],
+}
+
+impl OtherAgent {
+    /// Boxes of a track; `mirrored` turns them as the published code does.
+    pub(super) fn new(index: usize, track: &Track, mirrored: bool) -> Self {
+        let frames = NOW..=NOW + HORIZON;
+        let boxes: Vec<Option<OrientedBox>> = frames
+            .clone()
+            .map(|frame| {
+                let logged = track.is_valid(frame).then(|| track.oriented_box(frame))?;
+                Some(if mirrored { logged.mirrored() } else { logged })
+            })
+            .collect();
+        let mut chunks = [Aabb::EMPTY; HORIZON / CHUNK];
+        for (step, agent) in boxes.iter().enumerate().skip(1) {
+            if let Some(agent) = agent {
+                let chunk = &mut chunks[(step - 1) / CHUNK];
+                *chunk = chunk.union(&agent.aabb());
+            }
+        }
+        let is_vehicle = track.kind == TrackKind::Vehicle;
+        let first = frames.clone().find(|&f| track.is_valid(f));
+        let stays = first.is_some_and(|first| {
+            frames
+                .filter(|&f| track.is_valid(f))
+                .all(|f| distance(track.point(f), track.point(first)) <= STATIC)
+        });
+        Self {
+            track: index,
+            is_vehicle,
+            is_static: is_vehicle && stays,
+            bounds: chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk)),
+            boxes,
+            chunks,
+        }
+    }
+
+    /// The box at a step, 0 (*now*) to 80, if the road user was seen.
+    #[inline]
+    pub fn at(&self, step: usize) -> Option<&OrientedBox> {
+        self.boxes[step].as_ref()
+    }
+
+    /// Bounds over steps 1 to 80.
+    #[inline]
+    pub(super) fn bounds(&self) -> &Aabb {
+        &self.bounds
+    }
+
+    /// Bounds over each [`CHUNK`] steps, from step 1.
+    #[inline]
+    pub(super) fn chunks(&self) -> &[Aabb; HORIZON / CHUNK] {
+        &self.chunks
+    }
+}

@@ -1,0 +1,77 @@
+//! Which boxes ego and adversary are given.
+
+use crate::{
+    motion::NOW,
+    scene::{Scene, Track, TrackKind},
+};
+
+/// Source of the sizes of ego and adversary. Other agents always have their logged sizes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Sizes {
+    /// The log's, at *now*.
+    #[default]
+    Logged,
+    /// The vehicle models of the simulator that the published figures were made with.
+    MetaDrive {
+        /// Where the cycle of classes starts, 0 to 5. The simulator draws it for each scene.
+        cycle: usize,
+    },
+}
+
+/// Length and width of the simulator's model of the ego, metres.
+const EGO: [f64; 2] = [4.515, 1.852];
+const SMALL: [f64; 2] = [4.3, 1.7];
+const MEDIUM: [f64; 2] = [4.6, 1.85];
+const LARGE: [f64; 2] = [4.87, 2.046];
+const EXTRA_LARGE: [f64; 2] = [5.74, 2.3];
+
+impl Sizes {
+    /// (length, width) of ego and adversary, metres.
+    pub(super) fn of(self, scene: &Scene, adversary: usize) -> ([f64; 2], [f64; 2]) {
+        match self {
+            Self::Logged => (logged(scene.ego()), logged(&scene.tracks[adversary])),
+            Self::MetaDrive { cycle } => (EGO, metadrive_class(scene, adversary, cycle)),
+        }
+    }
+}
+
+/// Size at *now*, or at the valid frame nearest to it.
+fn logged(track: &Track) -> [f64; 2] {
+    let nearest = (0..track.valid.len()).filter(|&f| track.is_valid(f)).min_by_key(|f| f.abs_diff(NOW));
+    let [length, width, _] = track.size[nearest.unwrap_or(0)];
+    [length, width]
+}
+
+/// Class size of a vehicle as the simulator assigns it while it creates the cars of frame 0 in the
+/// order of the file: short cars are small; the others take turns, one cycle for those up to
+/// 5.5 m, one for longer ones. A car that the simulator does not create (parked, or not seen at
+/// frame 0) leaves the published code with the ego's size.
+fn metadrive_class(scene: &Scene, adversary: usize, cycle: usize) -> [f64; 2] {
+    let created = |k: usize| {
+        let track = &scene.tracks[k];
+        k != scene.ego && track.kind == TrackKind::Vehicle && track.is_valid(0) && !is_static(track)
+    };
+    if !created(adversary) {
+        return EGO;
+    }
+    let length = |k: usize| scene.tracks[k].size[0][0];
+    let earlier =
+        |group: fn(f64) -> bool| cycle + (0..adversary).filter(|&k| created(k) && group(length(k))).count();
+    match length(adversary) {
+        l if l <= 4.0 => SMALL,
+        l if l <= 5.5 => [MEDIUM, LARGE, SMALL][earlier(|l| l > 4.0 && l <= 5.5) % 3],
+        _ => [LARGE, EXTRA_LARGE][earlier(|l| l > 5.5) % 2],
+    }
+}
+
+/// The simulator leaves out cars whose valid positions scatter by at most 3 m on either axis.
+fn is_static(track: &Track) -> bool {
+    let deviation = |axis: usize| {
+        let values: Vec<f64> =
+            track.position.iter().zip(&track.valid).filter(|(_, v)| **v).map(|(p, _)| p[axis]).collect();
+        let n = values.len().max(1) as f64;
+        let mean = values.iter().sum::<f64>() / n;
+        (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
+    };
+    deviation(0).max(deviation(1)) <= 3.0
+}

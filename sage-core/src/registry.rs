@@ -1,0 +1,172 @@
+//! Named parts with summaries, sources and typed options.
+//!
+//! A registry is a value: a function lists the entries of a kind, a program passes the registry
+//! on, and a user's own crate adds entries with [`Registry::with`]. There is no global state.
+
+use serde::{Serialize, de::DeserializeOwned};
+use serde_json::Value;
+
+use crate::Error;
+
+/// A part that a registry of `T` can hold: one file an implementation.
+pub trait Entry<T: ?Sized> {
+    /// Name on the command line, in configs and in tables.
+    const NAME: &'static str;
+    /// What it does, in one line.
+    const SUMMARY: &'static str;
+    /// Where it comes from: paper section, publication or "this project".
+    const SOURCE: &'static str;
+    /// Its options; mark them `#[serde(default, deny_unknown_fields)]`.
+    type Options: Default + Serialize + DeserializeOwned;
+
+    /// The part with these options. An `Err` says which option is out of range and why.
+    fn build(options: Self::Options) -> Result<Box<T>, String>;
+}
+
+/// What a registry knows of one entry.
+pub struct Registered<T: ?Sized> {
+    /// Name, unique in the registry.
+    pub name: &'static str,
+    /// One-line summary.
+    pub summary: &'static str,
+    /// Source.
+    pub source: &'static str,
+    /// Default options.
+    pub defaults: Value,
+    build: fn(&Value) -> Result<Box<T>, String>,
+}
+
+/// The known parts of one kind.
+pub struct Registry<T: ?Sized> {
+    kind: &'static str,
+    entries: Vec<Registered<T>>,
+}
+
+impl<T: ?Sized> Registry<T> {
+    /// An empty registry of a kind such as "reward".
+    pub fn new(kind: &'static str) -> Self {
+        Self { kind, entries: Vec::new() }
+    }
+
+    /// Adds an entry.
+    ///
+    /// *Errors*: [`Error::Duplicate`] if its name is taken.
+    pub fn with<E: Entry<T>>(mut self) -> Result<Self, Error> {
+        if self.entries.iter().any(|e| e.name == E::NAME) {
+            return Err(Error::Duplicate { kind: self.kind, name: E::NAME });
+        }
+        self.entries.push(Registered {
+            name: E::NAME,
+            summary: E::SUMMARY,
+            source: E::SOURCE,
+            defaults: serde_json::to_value(E::Options::default()).unwrap_or(Value::Null),
+            build: |options| {
+                let options = <E::Options as serde::Deserialize>::deserialize(options)
+                    .map_err(|error| error.to_string())?;
+                E::build(options)
+            },
+        });
+        Ok(self)
+    }
+
+    /// Kind of the entries.
+    pub fn kind(&self) -> &'static str {
+        self.kind
+    }
+
+    /// All entries in the order of their registration.
+    pub fn entries(&self) -> &[Registered<T>] {
+        &self.entries
+    }
+
+    /// The entry of a name.
+    ///
+    /// *Errors*: [`Error::Unknown`], which lists the known names.
+    pub fn get(&self, name: &str) -> Result<&Registered<T>, Error> {
+        self.entries.iter().find(|e| e.name == name).ok_or_else(|| Error::Unknown {
+            kind: self.kind,
+            name: name.to_owned(),
+            known: self.entries.iter().map(|e| e.name).collect(),
+        })
+    }
+
+    /// Builds the entry of a name from options; keys left out keep their defaults.
+    ///
+    /// *Errors*: [`Error::Unknown`] for the name, [`Error::Options`] for a misspelt key or a value
+    /// out of range.
+    pub fn build(&self, name: &str, options: &Value) -> Result<Box<T>, Error> {
+        let entry = self.get(name)?;
+        (entry.build)(options).map_err(|problem| Error::Options {
+            kind: self.kind,
+            name: entry.name,
+            problem,
+        })
+    }
+
+    /// Builds the entry of a name with its default options.
+    pub fn build_default(&self, name: &str) -> Result<Box<T>, Error> {
+        let defaults = &self.get(name)?.defaults;
+        self.build(name, defaults)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde::Deserialize;
+
+    trait Shape {
+        fn area(&self) -> f64;
+    }
+    struct Square(f64);
+    impl Shape for Square {
+        fn area(&self) -> f64 {
+            self.0 * self.0
+        }
+    }
+    #[derive(Serialize, Deserialize)]
+    #[serde(default, deny_unknown_fields)]
+    struct SquareOptions {
+        side: f64,
+    }
+    impl Default for SquareOptions {
+        fn default() -> Self {
+            Self { side: 2.0 }
+        }
+    }
+    impl Entry<dyn Shape> for Square {
+        const NAME: &'static str = "square";
+        const SUMMARY: &'static str = "four equal sides";
+        const SOURCE: &'static str = "Euclid";
+        type Options = SquareOptions;
+        fn build(options: SquareOptions) -> Result<Box<dyn Shape>, String> {
+            if options.side > 0.0 {
+                Ok(Box::new(Self(options.side)))
+            } else {
+                Err("`side` must be positive".into())
+            }
+        }
+    }
+
+    fn shapes() -> Registry<dyn Shape> {
+        Registry::new("shape").with::<Square>().unwrap()
+    }
+
+    #[test]
+    fn entries_are_built_by_name_with_defaults_for_what_is_left_out() {
+        assert_eq!(shapes().build_default("square").unwrap().area(), 4.0);
+        assert_eq!(shapes().build("square", &serde_json::json!({"side": 3.0})).unwrap().area(), 9.0);
+        assert_eq!(shapes().build("square", &serde_json::json!({})).unwrap().area(), 4.0);
+    }
+
+    #[test]
+    fn errors_name_what_is_known() {
+        let error = shapes().get("circle").err().unwrap();
+        assert_eq!(error.to_string(), "unknown shape `circle`; known: square");
+        let misspelt = shapes().build("square", &serde_json::json!({"sied": 3.0})).err().unwrap().to_string();
+        assert!(misspelt.contains("`sied`") && misspelt.contains("`side`"), "{misspelt}");
+        let range = shapes().build("square", &serde_json::json!({"side": -1.0})).err().unwrap().to_string();
+        assert_eq!(range, "options of shape `square`: `side` must be positive");
+        assert!(matches!(shapes().with::<Square>(), Err(Error::Duplicate { .. })));
+    }
+}

@@ -1,0 +1,165 @@
+//! A recorded traffic scene: plain data, checked once on reading.
+
+mod adversary;
+mod index;
+mod light;
+mod map;
+mod track;
+
+pub use adversary::{choose_adversary, path_conflict};
+pub use index::SceneIndex;
+pub use light::{LightState, TrafficLight};
+pub use map::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor};
+pub use track::{Track, TrackKind};
+
+use std::sync::Arc;
+
+use crate::{Error, motion::NOW};
+
+/// A recorded scene.
+///
+/// Readers guarantee: finite numbers, at least [`crate::motion::HISTORY`] frames, tracks of equal
+/// length, unique track ids, an ego that is valid *now*, positive sizes on valid frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scene {
+    /// Identifier that the file gives.
+    pub id: String,
+    /// Number of frames at 10 Hz.
+    pub frames: usize,
+    /// Time of each frame, seconds; as many as `frames`, or none if the file has none.
+    pub timestamps: Vec<f64>,
+    /// All road users, in the order of the file.
+    pub tracks: Vec<Track>,
+    /// Lanes, lines, edges; shared between copies of the scene.
+    pub map: Arc<Map>,
+    /// Traffic lights.
+    pub lights: Vec<TrafficLight>,
+    /// Index of the car under test in `tracks`.
+    pub ego: usize,
+    /// Index of the car whose future is up for change, if there is one.
+    pub adversary: Option<usize>,
+    /// How the adversary was found.
+    pub adversary_origin: AdversaryOrigin,
+    /// What a reader mended or found odd.
+    pub notes: Vec<String>,
+}
+
+/// How a scene's adversary was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AdversaryOrigin {
+    /// The file names exactly one object of interest beside the ego.
+    File,
+    /// Chosen by the conflict of its logged path with the ego's ([`choose_adversary`]).
+    Conflict,
+    /// Named by the user.
+    User,
+    /// There is none to choose.
+    None,
+}
+
+impl Scene {
+    /// The car under test.
+    pub fn ego(&self) -> &Track {
+        &self.tracks[self.ego]
+    }
+
+    /// The adversary.
+    ///
+    /// *Errors*: [`Error::Scene`] if the scene has none.
+    pub fn adversary(&self) -> Result<&Track, Error> {
+        self.adversary.map(|track| &self.tracks[track]).ok_or_else(|| Error::Scene {
+            scene: self.id.clone(),
+            problem: "no vehicle can be the adversary; name one with `--adversary ID`".to_owned(),
+        })
+    }
+
+    /// Index of the track with this id.
+    ///
+    /// *Errors*: [`Error::Scene`] if there is none.
+    pub fn track_index(&self, id: &str) -> Result<usize, Error> {
+        self.tracks.iter().position(|t| t.id == id).ok_or_else(|| Error::Scene {
+            scene: self.id.clone(),
+            problem: format!("no track `{id}`; `sage inspect --tracks` lists them"),
+        })
+    }
+
+    /// The scene with another ego, adversary, or both, named by track id.
+    ///
+    /// *Errors*: [`Error::Scene`] if a track does not exist, is not valid *now*, or both are one.
+    pub fn with_roles(mut self, ego: Option<&str>, adversary: Option<&str>) -> Result<Self, Error> {
+        let fail = |scene: &Self, problem: String| Err(Error::Scene { scene: scene.id.clone(), problem });
+        if let Some(id) = ego {
+            self.ego = self.track_index(id)?;
+            if !self.ego().is_valid(NOW) {
+                return fail(
+                    &self,
+                    format!("track `{id}` cannot be the ego: it is not valid at frame {NOW}"),
+                );
+            }
+            if adversary.is_none() {
+                (self.adversary, self.adversary_origin) = choose_adversary(&self.tracks, self.ego);
+            }
+        }
+        if let Some(id) = adversary {
+            let index = self.track_index(id)?;
+            if !self.tracks[index].valid[..=NOW].contains(&true) {
+                return fail(
+                    &self,
+                    format!("track `{id}` cannot be the adversary: no frame of its history is valid"),
+                );
+            }
+            (self.adversary, self.adversary_origin) = (Some(index), AdversaryOrigin::User);
+        }
+        if self.adversary == Some(self.ego) {
+            let id = self.ego().id.clone();
+            return fail(&self, format!("track `{id}` cannot be ego and adversary at once"));
+        }
+        Ok(self)
+    }
+
+    /// Hash of what the scene shows: frames, tracks, map and lights, not its names for itself.
+    /// Equal for one scene kept under several numbers, ids or file formats.
+    pub fn content_hash(&self) -> [u8; 16] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&(self.frames as u64).to_le_bytes());
+        let mut numbers = Vec::new();
+        for track in &self.tracks {
+            numbers.clear();
+            track.append_numbers(&mut numbers);
+            hash_text(&mut hasher, &track.id);
+            hash_text(&mut hasher, track.kind.name());
+            hash_numbers(&mut hasher, &numbers);
+        }
+        numbers.clear();
+        numbers.extend(self.map.points.iter().flatten());
+        hash_numbers(&mut hasher, &numbers);
+        for feature in &self.map.features {
+            hash_text(&mut hasher, &feature.id);
+            hash_text(&mut hasher, feature.kind.name());
+            hasher.update(&(feature.points.len() as u64).to_le_bytes());
+        }
+        for light in &self.lights {
+            hash_text(&mut hasher, &light.lane);
+            let states: Vec<u8> = light.states.iter().map(|s| *s as u8).collect();
+            hasher.update(&states);
+        }
+        let mut out = [0; 16];
+        out.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
+        out
+    }
+}
+
+fn hash_text(hasher: &mut blake3::Hasher, text: &str) {
+    hasher.update(&(text.len() as u64).to_le_bytes()).update(text.as_bytes());
+}
+
+fn hash_numbers(hasher: &mut blake3::Hasher, numbers: &[f64]) {
+    let mut buffer = [0u8; 8 * 512];
+    for chunk in numbers.chunks(512) {
+        for (slot, x) in buffer.chunks_exact_mut(8).zip(chunk) {
+            slot.copy_from_slice(&x.to_le_bytes());
+        }
+        hasher.update(&buffer[..8 * chunk.len()]);
+    }
+}

@@ -1,0 +1,162 @@
+//! Lanes, lines, edges and areas.
+
+use std::ops::Range;
+
+/// Kind of a map feature; names are MetaDrive's.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[non_exhaustive]
+pub enum MapKind {
+    /// LANE_FREEWAY.
+    LaneFreeway,
+    /// LANE_SURFACE_STREET.
+    LaneSurfaceStreet,
+    /// LANE_BIKE_LANE.
+    LaneBike,
+    /// Any other LANE_….
+    LaneOther(String),
+    /// ROAD_LINE_…, with the rest of the name, such as SOLID_SINGLE_WHITE.
+    Line(String),
+    /// ROAD_EDGE_BOUNDARY: the road lies on its left.
+    EdgeBoundary,
+    /// ROAD_EDGE_MEDIAN.
+    EdgeMedian,
+    /// Any other ROAD_EDGE_….
+    EdgeOther(String),
+    /// CROSSWALK.
+    Crosswalk,
+    /// SPEED_BUMP.
+    SpeedBump,
+    /// DRIVEWAY.
+    Driveway,
+    /// STOP_SIGN: a single point.
+    StopSign,
+    /// Anything else, by the file's own word.
+    Other(String),
+}
+
+impl MapKind {
+    /// The kind of a MetaDrive type name.
+    pub fn from_name(name: &str) -> Self {
+        match name {
+            "LANE_FREEWAY" => Self::LaneFreeway,
+            "LANE_SURFACE_STREET" => Self::LaneSurfaceStreet,
+            "LANE_BIKE_LANE" => Self::LaneBike,
+            "ROAD_EDGE_BOUNDARY" => Self::EdgeBoundary,
+            "ROAD_EDGE_MEDIAN" => Self::EdgeMedian,
+            "CROSSWALK" => Self::Crosswalk,
+            "SPEED_BUMP" => Self::SpeedBump,
+            "DRIVEWAY" => Self::Driveway,
+            "STOP_SIGN" => Self::StopSign,
+            _ if name.starts_with("LANE_") => Self::LaneOther(name.to_owned()),
+            _ if name.starts_with("ROAD_LINE_") => Self::Line(name.to_owned()),
+            _ if name.starts_with("ROAD_EDGE_") => Self::EdgeOther(name.to_owned()),
+            _ => Self::Other(name.to_owned()),
+        }
+    }
+
+    /// The MetaDrive type name.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::LaneFreeway => "LANE_FREEWAY",
+            Self::LaneSurfaceStreet => "LANE_SURFACE_STREET",
+            Self::LaneBike => "LANE_BIKE_LANE",
+            Self::EdgeBoundary => "ROAD_EDGE_BOUNDARY",
+            Self::EdgeMedian => "ROAD_EDGE_MEDIAN",
+            Self::Crosswalk => "CROSSWALK",
+            Self::SpeedBump => "SPEED_BUMP",
+            Self::Driveway => "DRIVEWAY",
+            Self::StopSign => "STOP_SIGN",
+            Self::LaneOther(name) | Self::Line(name) | Self::EdgeOther(name) | Self::Other(name) => name,
+        }
+    }
+
+    /// Whether motor vehicles drive on it.
+    pub fn is_motor_lane(&self) -> bool {
+        matches!(self, Self::LaneFreeway | Self::LaneSurfaceStreet | Self::LaneOther(_))
+    }
+
+    /// Whether it is a lane of any sort.
+    pub fn is_lane(&self) -> bool {
+        self.is_motor_lane() || matches!(self, Self::LaneBike)
+    }
+
+    /// Whether it bounds the road.
+    pub fn is_edge(&self) -> bool {
+        matches!(self, Self::EdgeBoundary | Self::EdgeMedian | Self::EdgeOther(_))
+    }
+}
+
+/// A stretch over which another lane runs beside this one, as point indices.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Neighbor {
+    /// Index of the other lane in [`Map::features`].
+    pub lane: usize,
+    /// First and last point of this lane.
+    pub own: [usize; 2],
+    /// First and last point of the other lane.
+    pub other: [usize; 2],
+}
+
+/// A stretch over which a line or edge bounds a lane.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Boundary {
+    /// Index of the line or edge in [`Map::features`].
+    pub feature: usize,
+    /// First and last point of the lane.
+    pub own: [usize; 2],
+}
+
+/// What is known of a lane beside its centre line.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Lane {
+    /// Speed limit, m/s, if there is one.
+    pub speed_limit: Option<f64>,
+    /// Lanes that lead into this one (indices into [`Map::features`]).
+    pub entries: Vec<usize>,
+    /// Lanes that follow.
+    pub exits: Vec<usize>,
+    /// Neighbours on the left and on the right.
+    pub neighbors: [Vec<Neighbor>; 2],
+    /// Boundaries on the left and on the right.
+    pub boundaries: [Vec<Boundary>; 2],
+    /// Width to the left and to the right a point, metres; empty if unknown.
+    pub width: Vec<[f64; 2]>,
+}
+
+/// One feature of the map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MapFeature {
+    /// Identifier, unique in the map.
+    pub id: String,
+    /// Kind.
+    pub kind: MapKind,
+    /// Its points in [`Map::points`]: a polyline, the corners of a polygon, or one place.
+    pub points: Range<usize>,
+    /// What is known if it is a lane.
+    pub lane: Option<Box<Lane>>,
+}
+
+/// The map of a scene. All points lie in one buffer; a file without heights gives 0.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Map {
+    /// Points of all features, metres, with height.
+    pub points: Vec<[f64; 3]>,
+    /// Features in the order of the file.
+    pub features: Vec<MapFeature>,
+}
+
+impl Map {
+    /// Points of a feature.
+    pub fn points_of(&self, feature: &MapFeature) -> &[[f64; 3]] {
+        &self.points[feature.points.clone()]
+    }
+
+    /// Features of the kinds that `wanted` accepts, with their index and points.
+    pub fn polylines(&self, wanted: impl Fn(&MapKind) -> bool) -> impl Iterator<Item = (u32, &[[f64; 3]])> {
+        self.features
+            .iter()
+            .enumerate()
+            .filter(move |(_, feature)| wanted(&feature.kind))
+            .map(|(k, feature)| (k as u32, self.points_of(feature)))
+    }
+}

@@ -1,0 +1,104 @@
+//! One road user's recording.
+
+use crate::geometry::{OrientedBox, Point};
+
+/// Kind of a road user.
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum TrackKind {
+    /// Car, van, truck, bus.
+    Vehicle,
+    /// Person on foot.
+    Pedestrian,
+    /// Person on a bicycle or the like.
+    Cyclist,
+    /// Anything else, by the file's own word: TRAFFIC_CONE, TRAFFIC_BARRIER, …
+    Other(String),
+}
+
+impl TrackKind {
+    /// The kind of a MetaDrive type name.
+    pub fn from_name(name: &str) -> Self {
+        match name {
+            "VEHICLE" => Self::Vehicle,
+            "PEDESTRIAN" => Self::Pedestrian,
+            "CYCLIST" => Self::Cyclist,
+            other => Self::Other(other.to_owned()),
+        }
+    }
+
+    /// The MetaDrive type name.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Vehicle => "VEHICLE",
+            Self::Pedestrian => "PEDESTRIAN",
+            Self::Cyclist => "CYCLIST",
+            Self::Other(name) => name,
+        }
+    }
+}
+
+/// A recorded road user: columns of equal length, one value a frame. Frames that are not valid
+/// hold whatever the file holds, usually zeros, and are never read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Track {
+    /// Identifier, unique in the scene.
+    pub id: String,
+    /// Kind.
+    pub kind: TrackKind,
+    /// Centre, metres, with height.
+    pub position: Vec<[f64; 3]>,
+    /// Heading, radians, not wrapped.
+    pub heading: Vec<f64>,
+    /// Velocity, m/s.
+    pub velocity: Vec<Point>,
+    /// Length, width, height, metres.
+    pub size: Vec<[f64; 3]>,
+    /// Whether the road user was seen.
+    pub valid: Vec<bool>,
+}
+
+impl Track {
+    /// Whether the frame exists and the road user was seen in it.
+    #[inline]
+    pub fn is_valid(&self, frame: usize) -> bool {
+        self.valid.get(frame).copied().unwrap_or(false)
+    }
+
+    /// Position in the plane at a frame.
+    #[inline]
+    pub fn point(&self, frame: usize) -> Point {
+        let [x, y, _] = self.position[frame];
+        [x, y]
+    }
+
+    /// Box at a frame with that frame's logged heading and size.
+    #[inline]
+    pub fn oriented_box(&self, frame: usize) -> OrientedBox {
+        let [length, width, _] = self.size[frame];
+        OrientedBox::new(self.point(frame), self.heading[frame], length, width)
+    }
+
+    /// Number of valid frames among `frames`, as far as they exist.
+    pub fn count_valid(&self, frames: std::ops::Range<usize>) -> usize {
+        let end = frames.end.min(self.valid.len());
+        let start = frames.start.min(end);
+        self.valid[start..end].iter().filter(|v| **v).count()
+    }
+
+    /// Least and greatest height of the centre over valid frames.
+    pub fn height_range(&self) -> Option<(f64, f64)> {
+        let heights = self.position.iter().zip(&self.valid).filter(|(_, valid)| **valid);
+        heights.fold(None, |range, (p, _)| {
+            let (lo, hi) = range.unwrap_or((p[2], p[2]));
+            Some((lo.min(p[2]), hi.max(p[2])))
+        })
+    }
+
+    pub(super) fn append_numbers(&self, out: &mut Vec<f64>) {
+        out.extend(self.position.iter().flatten());
+        out.extend(&self.heading);
+        out.extend(self.velocity.iter().flatten());
+        out.extend(self.size.iter().flatten());
+        out.extend(self.valid.iter().map(|&v| f64::from(u8::from(v))));
+    }
+}

@@ -1,0 +1,158 @@
+//! Means with intervals, quantiles and distances of distributions.
+
+use crate::seed::Rng;
+
+/// A figure with its 95 % interval and the number of values behind it.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Estimate {
+    /// The mean of the values.
+    pub value: f64,
+    /// Lower end of the 95 % interval.
+    pub low: f64,
+    /// Upper end of the 95 % interval.
+    pub high: f64,
+    /// Number of values.
+    pub n: usize,
+}
+
+/// Arithmetic mean; `None` of no values.
+pub fn mean(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// Quantile with linear interpolation, `share` in [0, 1]; `None` of no values.
+pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let place = share.clamp(0.0, 1.0) * sorted.len().checked_sub(1)? as f64;
+    let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    Some(low + (high - low) * place.fract())
+}
+
+/// Median; `None` of no values.
+pub fn median(values: &[f64]) -> Option<f64> {
+    quantile(values, 0.5)
+}
+
+/// Mean with a 95 % percentile-bootstrap interval over the values; `None` of no values.
+pub fn bootstrap_mean(values: &[f64], resamples: usize, rng: &mut Rng) -> Option<Estimate> {
+    let value = mean(values)?;
+    let n = values.len();
+    let means: Vec<f64> =
+        (0..resamples.max(1)).map(|_| (0..n).map(|_| values[rng.below(n)]).sum::<f64>() / n as f64).collect();
+    Some(Estimate { value, low: quantile(&means, 0.025)?, high: quantile(&means, 0.975)?, n })
+}
+
+/// Share with Wilson's 95 % interval; `None` of no trials.
+pub fn wilson(successes: usize, trials: usize) -> Option<Estimate> {
+    /// 97.5 % quantile of the normal distribution.
+    const Z: f64 = 1.959_963_984_540_054;
+    if trials == 0 || successes > trials {
+        return None;
+    }
+    let n = trials as f64;
+    let share = successes as f64 / n;
+    let scale = 1.0 + Z * Z / n;
+    let center = (share + Z * Z / (2.0 * n)) / scale;
+    let half = Z / scale * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
+    Some(Estimate { value: share, low: center - half, high: center + half, n: trials })
+}
+
+/// 1-Wasserstein distance of two samples with equal weights: ∫ |F_a − F_b|.
+///
+/// 0 if either sample is empty, as the published code has it.
+pub fn wasserstein(a: &[f64], b: &[f64]) -> f64 {
+    if a.is_empty() || b.is_empty() {
+        return 0.0;
+    }
+    let sorted = |values: &[f64]| {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        sorted
+    };
+    let (a, b) = (sorted(a), sorted(b));
+    let (mut i, mut j) = (0, 0);
+    let mut total = 0.0;
+    let mut previous = a[0].min(b[0]);
+    while i < a.len() || j < b.len() {
+        let next = match (a.get(i), b.get(j)) {
+            (Some(&x), Some(&y)) => x.min(y),
+            (Some(&x), None) => x,
+            (None, Some(&y)) => y,
+            (None, None) => break,
+        };
+        let gap = (i as f64 / a.len() as f64 - j as f64 / b.len() as f64).abs();
+        total += gap * (next - previous);
+        previous = next;
+        while a.get(i).is_some_and(|&x| x <= next) {
+            i += 1;
+        }
+        while b.get(j).is_some_and(|&y| y <= next) {
+            j += 1;
+        }
+    }
+    total
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    #[test]
+    fn wasserstein_of_equal_sizes_is_the_mean_gap_of_sorted_values() {
+        let mut rng = Rng::new(1, "wasserstein", "test");
+        for _ in 0..200 {
+            let n = 1 + rng.below(30);
+            let mut sample = |shift: f64| -> Vec<f64> { (0..n).map(|_| shift + rng.normal()).collect() };
+            let (a, b) = (sample(0.0), sample(1.0));
+            let (mut x, mut y) = (a.clone(), b.clone());
+            x.sort_by(f64::total_cmp);
+            y.sort_by(f64::total_cmp);
+            let closed = x.iter().zip(&y).map(|(p, q)| (p - q).abs()).sum::<f64>() / n as f64;
+            assert_relative_eq!(wasserstein(&a, &b), closed, max_relative = 1e-12);
+            assert_relative_eq!(wasserstein(&a, &b), wasserstein(&b, &a), max_relative = 1e-12);
+        }
+    }
+
+    #[test]
+    fn wasserstein_does_not_change_when_a_sample_is_repeated() {
+        let a = [0.0, 1.0, 5.0];
+        let b = [2.0, 2.0, 7.0, -1.0];
+        let thrice: Vec<f64> = a.iter().copied().cycle().take(9).collect();
+        assert_relative_eq!(wasserstein(&a, &b), wasserstein(&thrice, &b), max_relative = 1e-12);
+        // Moved by 3 as a whole: exactly 3 away.
+        let moved: Vec<f64> = a.iter().map(|x| x + 3.0).collect();
+        assert_relative_eq!(wasserstein(&a, &moved), 3.0);
+        assert_eq!(wasserstein(&a, &[]), 0.0);
+    }
+
+    #[test]
+    fn quantiles_interpolate() {
+        assert_eq!(median(&[3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(quantile(&[0.0, 10.0], 0.25), Some(2.5));
+        assert_eq!(median(&[]), None);
+    }
+
+    #[test]
+    fn the_bootstrap_interval_covers_the_mean_about_as_often_as_it_says() {
+        let mut covered = 0;
+        for case in 0..200 {
+            let mut rng = Rng::new(case, "bootstrap", "coverage");
+            let values: Vec<f64> = (0..60).map(|_| rng.normal()).collect();
+            let e = bootstrap_mean(&values, 400, &mut rng).unwrap();
+            covered += usize::from(e.low <= 0.0 && 0.0 <= e.high);
+        }
+        // 95 % of 200 with four standard deviations of room.
+        assert!((178..=200).contains(&covered), "{covered} of 200");
+    }
+
+    #[test]
+    fn wilson_matches_the_published_example() {
+        // 10 of 10: the interval is [n / (n + z²), 1].
+        let e = wilson(10, 10).unwrap();
+        assert_relative_eq!(e.low, 10.0 / (10.0 + 1.959_963_984_540_054f64.powi(2)), max_relative = 1e-12);
+        assert_relative_eq!(e.high, 1.0, max_relative = 1e-12);
+        assert_eq!(wilson(0, 0), None);
+    }
+}

@@ -1,0 +1,223 @@
+//! What is in a scene, and what is odd about it.
+
+use std::collections::{BTreeMap, HashMap};
+
+use sage_core::{
+    motion::{HISTORY, HORIZON, NOW},
+    scene::{AdversaryOrigin, MapKind, Scene, SceneIndex, Track, TrackKind},
+};
+use serde::Serialize;
+
+/// Difference of height from which two roads are on different levels, metres.
+const LEVEL: f64 = 3.0;
+/// Side of the cells in which heights of lanes are compared, metres. Crossing lanes have points in
+/// one cell, and no street climbs [`LEVEL`] within one.
+const CELL: f64 = 4.0;
+/// Distance to the ego within which a road user on another level is worth a word, metres.
+const NEAR: f64 = 20.0;
+
+/// Something odd about a scene.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Warning {
+    /// A stable word for the kind, for counting.
+    pub kind: &'static str,
+    /// What was found.
+    pub detail: String,
+}
+
+impl Serialize for Warning {
+    /// As `kind: detail`.
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl std::fmt::Display for Warning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}", self.kind, self.detail)
+    }
+}
+
+/// What a scene holds, in numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// Name of the file without its ending.
+    pub scene: String,
+    /// Identifier that the file gives.
+    pub id: String,
+    /// Number of frames.
+    pub frames: usize,
+    /// Tracks by kind; vehicles, pedestrians and cyclists are always named.
+    pub tracks: BTreeMap<String, usize>,
+    /// Number of map features.
+    pub map_features: usize,
+    /// Number of points in them.
+    pub map_points: usize,
+    /// Number of traffic lights.
+    pub lights: usize,
+    /// Id of the ego.
+    pub ego: String,
+    /// Id of the adversary.
+    pub adversary: Option<String>,
+    /// How the adversary was found.
+    pub adversary_origin: AdversaryOrigin,
+    /// Valid frames of its history, at most 11.
+    pub adversary_history: usize,
+    /// Valid frames of its future, at most 80.
+    pub adversary_future: usize,
+    /// What is odd.
+    pub warnings: Vec<Warning>,
+    /// Hash of the content; equal for one scene under several names.
+    #[serde(skip)]
+    pub content: [u8; 16],
+}
+
+impl Summary {
+    /// Summary of a scene under a name.
+    pub fn of(name: &str, scene: &Scene) -> Self {
+        let mut tracks: BTreeMap<String, usize> =
+            ["VEHICLE", "PEDESTRIAN", "CYCLIST"].map(|kind| (kind.to_owned(), 0)).into();
+        for track in &scene.tracks {
+            *tracks.entry(track.kind.name().to_owned()).or_default() += 1;
+        }
+        let adversary = scene.adversary.map(|k| &scene.tracks[k]);
+        let valid = |frames| adversary.map_or(0, |track: &Track| track.count_valid(frames));
+        Self {
+            scene: name.to_owned(),
+            id: scene.id.clone(),
+            frames: scene.frames,
+            tracks,
+            map_features: scene.map.features.len(),
+            map_points: scene.map.points.len(),
+            lights: scene.lights.len(),
+            ego: scene.ego().id.clone(),
+            adversary: adversary.map(|track| track.id.clone()),
+            adversary_origin: scene.adversary_origin,
+            adversary_history: valid(0..HISTORY),
+            adversary_future: valid(NOW + 1..NOW + 1 + HORIZON),
+            warnings: warnings(scene),
+            content: scene.content_hash(),
+        }
+    }
+}
+
+/// Finds scenes that are there more than once.
+#[derive(Debug, Default)]
+pub struct Duplicates(HashMap<[u8; 16], String>);
+
+impl Duplicates {
+    /// Adds a warning to a summary whose content was seen before under another name.
+    pub fn note(&mut self, summary: &mut Summary) {
+        match self.0.get(&summary.content) {
+            Some(first) => summary
+                .warnings
+                .push(Warning { kind: "duplicate", detail: format!("same content as scene {first}") }),
+            None => {
+                self.0.insert(summary.content, summary.scene.clone());
+            }
+        }
+    }
+}
+
+/// Everything odd about a scene.
+pub fn warnings(scene: &Scene) -> Vec<Warning> {
+    let mut found = Vec::new();
+    let mut warn = |kind, detail: String| found.push(Warning { kind, detail });
+    for note in &scene.notes {
+        warn(if note.contains("swapped") { "swapped-sizes" } else { "note" }, note.clone());
+    }
+    if scene.adversary_origin == AdversaryOrigin::None {
+        warn("no-adversary", "no vehicle moves and is seen in all of history".to_owned());
+    }
+    let roles = [("ego", Some(scene.ego())), ("adversary", scene.adversary.map(|k| &scene.tracks[k]))];
+    for (role, track) in roles {
+        let Some(track) = track else { continue };
+        for (part, frames) in [("history", 0..HISTORY), ("future", NOW + 1..NOW + 1 + HORIZON)] {
+            let missing = frames.len() - track.count_valid(frames.clone());
+            if missing > 0 {
+                let detail =
+                    format!("{role} `{}` lacks {missing} of {} frames of its {part}", track.id, frames.len());
+                warn("missing-frames", detail);
+            }
+        }
+    }
+    let crossings = level_crossings(scene);
+    if crossings > 0 {
+        warn("overpass", format!("lanes lie more than {LEVEL} m above each other in {crossings} places"));
+    }
+    let on_other_levels =
+        scene.tracks.iter().filter(|track| passes_on_another_level(scene.ego(), track)).count();
+    if on_other_levels > 0 {
+        let detail = format!(
+            "{on_other_levels} tracks pass the ego within {NEAR} m, more than {LEVEL} m above or below it"
+        );
+        warn("other-level", detail);
+    }
+    let short = scene.map.features.iter().filter(|f| f.kind.is_lane() && f.points.len() == 1).count();
+    if short > 0 {
+        warn("one-point-lanes", format!("{short} lanes have a single point"));
+    }
+    if !scene.map.features.iter().any(|f| f.kind == MapKind::EdgeBoundary && f.points.len() > 1) {
+        warn("no-road-edges", "nothing bounds the road, so every path counts as on it".to_owned());
+    }
+    on_edges_now(scene, &mut warn);
+    found
+}
+
+/// Cells in which lanes lie on different levels.
+fn level_crossings(scene: &Scene) -> usize {
+    let mut cells: HashMap<(i64, i64), (f64, f64)> = HashMap::new();
+    let (lo, hi) = height_range(scene.map.polylines(MapKind::is_lane).flat_map(|(_, points)| points));
+    if hi - lo <= LEVEL {
+        return 0;
+    }
+    for (_, points) in scene.map.polylines(MapKind::is_lane) {
+        for [x, y, z] in points {
+            let cell = ((x / CELL).floor() as i64, (y / CELL).floor() as i64);
+            let (lo, hi) = cells.entry(cell).or_insert((*z, *z));
+            (*lo, *hi) = (lo.min(*z), hi.max(*z));
+        }
+    }
+    cells.values().filter(|(lo, hi)| hi - lo > LEVEL).count()
+}
+
+fn height_range<'p>(points: impl Iterator<Item = &'p [f64; 3]>) -> (f64, f64) {
+    points.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), p| (lo.min(p[2]), hi.max(p[2])))
+}
+
+/// Whether a track is near the ego in some frame, but on another level.
+fn passes_on_another_level(ego: &Track, track: &Track) -> bool {
+    (0..track.valid.len()).any(|f| {
+        let seen = track.is_valid(f) && ego.is_valid(f);
+        seen && (track.position[f][2] - ego.position[f][2]).abs() > LEVEL
+            && sage_core::geometry::distance(track.point(f), ego.point(f)) < NEAR
+    })
+}
+
+/// Vehicles whose box touches a road boundary *now*.
+fn on_edges_now(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
+    let index = SceneIndex::new(scene.map.clone());
+    let edges = index.boundaries();
+    let touches = |track: &Track| {
+        if track.kind != TrackKind::Vehicle || !track.is_valid(NOW) {
+            return false;
+        }
+        let b = track.oriented_box(NOW);
+        edges.near(&b.aabb()).flat_map(|run| &edges.segments()[run]).any(|s| b.intersects_segment(s.a, s.b))
+    };
+    let touching: Vec<usize> = (0..scene.tracks.len()).filter(|&k| touches(&scene.tracks[k])).collect();
+    if touching.is_empty() {
+        return;
+    }
+    let mut who: Vec<String> = Vec::new();
+    for (role, track) in [("the ego", Some(scene.ego)), ("the adversary", scene.adversary)] {
+        if track.is_some_and(|track| touching.contains(&track)) {
+            who.push(role.to_owned());
+        }
+    }
+    let others = touching.len() - who.len();
+    if others > 0 {
+        who.push(format!("{others} other vehicle{}", if others == 1 { "" } else { "s" }));
+    }
+    warn("on-edge-now", format!("boxes touch a road edge at frame {NOW}: {}", who.join(", ")));
+}

@@ -1,0 +1,66 @@
+//! What can go wrong between a file and a scene.
+
+use std::path::PathBuf;
+
+use crate::pickle::PickleError;
+
+/// An error of `sage-data`. Each names the file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The operating system would not read it.
+    #[error("cannot read `{}`: {source}", path.display())]
+    Read {
+        /// The file or folder.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The operating system would not write it.
+    #[error("cannot write `{}`: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        #[source]
+        source: std::io::Error,
+    },
+    /// It is larger than any scene.
+    #[error("`{}` holds {size} bytes; scene files are at most {limit}", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Its size in bytes.
+        size: u64,
+        /// Largest size that is read.
+        limit: u64,
+    },
+    /// It is not a pickle of plain values.
+    #[error("`{}` at byte {}: {}", path.display(), problem.offset, problem.kind)]
+    Pickle {
+        /// The file.
+        path: PathBuf,
+        /// What the interpreter met.
+        #[source]
+        problem: PickleError,
+    },
+    /// A value is not what a scene holds there.
+    #[error("`{}`: field `{field}` is {found}; expected {expected}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// Keys from the root, separated by slashes.
+        field: String,
+        /// The value, or what kind of value it is.
+        found: String,
+        /// What belongs there.
+        expected: String,
+    },
+    /// A folder without a scene.
+    #[error("no scene in `{}`; expected files that end in .pkl", path.display())]
+    NoScenes {
+        /// The folder.
+        path: PathBuf,
+    },
+}

@@ -1,0 +1,145 @@
+//! Folders of scenes, with or without ScenarioNet's summary, read in parallel and in order.
+
+use std::{
+    cmp::Ordering,
+    path::{Path, PathBuf},
+};
+
+use rayon::prelude::*;
+
+use crate::{Error, recording};
+
+/// Scenes read between two hand-overs to the caller. Rows wait, not scenes: memory holds as many
+/// scenes as there are threads, however long the folder.
+const WINDOW: usize = 64;
+
+/// Scene files under a path, in natural order: the file itself; the files that
+/// `dataset_summary.pkl` lists, at the places that `dataset_mapping.pkl` gives; else every `.pkl`
+/// below the folder.
+///
+/// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for one
+/// without scenes, [`Error::Field`] for a summary that lists files outside the folder.
+pub fn scene_files(path: &Path) -> Result<Vec<PathBuf>, Error> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let summary = path.join("dataset_summary.pkl");
+    let mut files = if summary.is_file() { from_summary(path, &summary)? } else { walk(path)? };
+    if files.is_empty() {
+        return Err(Error::NoScenes { path: path.to_owned() });
+    }
+    files.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
+    Ok(files)
+}
+
+/// Applies `read` to every file in parallel and hands the results to `take` in the order of the
+/// files. Stops at the first `Err` of `take` and returns it.
+pub fn in_order<T: Send, E>(
+    files: &[PathBuf],
+    read: impl Fn(&Path) -> T + Sync,
+    mut take: impl FnMut(&Path, T) -> Result<(), E>,
+) -> Result<(), E> {
+    for window in files.chunks(WINDOW) {
+        let results: Vec<T> = window.par_iter().map(|file| read(file)).collect();
+        for (file, result) in window.iter().zip(results) {
+            take(file, result)?;
+        }
+    }
+    Ok(())
+}
+
+fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
+    let mut files = Vec::new();
+    let mut open = vec![root.to_owned()];
+    while let Some(folder) = open.pop() {
+        let fail = |source| Error::Read { path: folder.clone(), source };
+        for entry in std::fs::read_dir(&folder).map_err(fail)? {
+            let entry = entry.map_err(fail)?;
+            // Of the entry itself, so that a link to a parent cannot make a loop.
+            let kind = entry.file_type().map_err(fail)?;
+            let path = entry.path();
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if kind.is_dir() {
+                open.push(path);
+            } else if name.ends_with(".pkl") && !name.starts_with("dataset_") {
+                files.push(path);
+            }
+        }
+    }
+    Ok(files)
+}
+
+fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
+    let table = |path: &Path| -> Result<_, Error> { recording::parse(path, recording::read_bounded(path)?) };
+    let field = |path: &Path, field: String, found: String, expected: &str| Error::Field {
+        path: path.to_owned(),
+        field,
+        found,
+        expected: expected.to_owned(),
+    };
+    let mapping_path = root.join("dataset_mapping.pkl");
+    let mapping = if mapping_path.is_file() { Some(table(&mapping_path)?) } else { None };
+    let listed = table(summary)?;
+    let entries = listed.entries(listed.root()).ok_or_else(|| {
+        field(summary, String::new(), listed.describe(listed.root()), "a dict of file name to description")
+    })?;
+    let mut files = Vec::with_capacity(entries.len());
+    for (key, _) in entries {
+        let name = listed
+            .text(*key)
+            .ok_or_else(|| field(summary, String::new(), listed.describe(*key), "a file name"))?;
+        let folder = match &mapping {
+            Some(mapping) => {
+                let value = mapping.get(mapping.root(), name);
+                value.and_then(|v| mapping.text(v)).ok_or_else(|| {
+                    let found = value.map_or("missing".to_owned(), |v| mapping.describe(v));
+                    field(&mapping_path, name.to_owned(), found, "the folder of this file")
+                })?
+            }
+            None => "",
+        };
+        let relative = Path::new(folder).join(name);
+        // A mapping may point beside the folder (ScenarioNet merges data sets that way), but an
+        // absolute name would let a summary name any file of the machine.
+        if relative.is_absolute() {
+            let found = format!("`{}`", relative.display());
+            return Err(field(summary, name.to_owned(), found, "a path relative to the folder"));
+        }
+        files.push(root.join(relative));
+    }
+    Ok(files)
+}
+
+/// Order in which `2.pkl` comes before `10.pkl`.
+pub fn natural_order(a: &str, b: &str) -> Ordering {
+    let (mut a, mut b) = (a, b);
+    loop {
+        let digits = |s: &str| s.bytes().take_while(u8::is_ascii_digit).count();
+        let (m, n) = (digits(a), digits(b));
+        if m > 0 && n > 0 {
+            let (x, y) = (a[..m].trim_start_matches('0'), b[..n].trim_start_matches('0'));
+            let order = x.len().cmp(&y.len()).then_with(|| x.cmp(y)).then(m.cmp(&n));
+            if order != Ordering::Equal {
+                return order;
+            }
+            (a, b) = (&a[m..], &b[n..]);
+            continue;
+        }
+        match (a.chars().next(), b.chars().next()) {
+            (Some(x), Some(y)) if x == y => (a, b) = (&a[x.len_utf8()..], &b[y.len_utf8()..]),
+            (x, y) => return x.cmp(&y),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_in_names_order_by_value() {
+        let mut names = ["10.pkl", "2.pkl", "a/1.pkl", "02.pkl", "1.pkl", "x10y2", "x10y10", "x9"];
+        names.sort_by(|a, b| natural_order(a, b));
+        assert_eq!(names, ["1.pkl", "2.pkl", "02.pkl", "10.pkl", "a/1.pkl", "x9", "x10y2", "x10y10"]);
+    }
+}

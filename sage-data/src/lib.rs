@@ -1,0 +1,23 @@
+//! Readers and writers of recorded scenes.
+//!
+//! A MetaDrive or ScenarioNet scene is a Python pickle. Here a pickle is *data*: [`pickle`]
+//! interprets its opcodes into a [`pickle::Document`] of plain values and never runs anything.
+//! [`metadrive`] turns such a document into a [`sage_core::scene::Scene`] and back; what the scene
+//! does not model stays in the document, so that writing loses nothing.
+//!
+//! ```no_run
+//! let recording = sage_data::Recording::read("scene.pkl".as_ref())?;
+//! println!("{} tracks", recording.scene.tracks.len());
+//! # Ok::<(), sage_data::Error>(())
+//! ```
+
+pub mod checks;
+mod error;
+pub mod folder;
+pub mod metadrive;
+pub mod pickle;
+mod recording;
+pub mod split;
+
+pub use error::Error;
+pub use recording::Recording;

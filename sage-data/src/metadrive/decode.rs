@@ -1,0 +1,367 @@
+//! A document read as a scene, with every check that a scene promises.
+
+use std::{
+    collections::{HashMap, HashSet},
+    path::Path,
+    sync::Arc,
+};
+
+use sage_core::{
+    motion::{HISTORY, NOW},
+    scene::{
+        AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track,
+        TrackKind, TrafficLight, choose_adversary,
+    },
+};
+
+use super::fields::{Field, Fields};
+use crate::{
+    Error,
+    pickle::{Document, Id, Node},
+};
+
+/// Most frames of a recording: over an hour at 10 Hz.
+const MAX_FRAMES: usize = 40_000;
+
+/// Turns the values of a file into a checked scene; `path` names the file in errors.
+///
+/// *Errors*: [`Error::Field`], which names the field, what was found and what belongs there.
+pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
+    let fields = Fields::new(document, path);
+    let root = Field::ROOT;
+    let top = document.root();
+    fields.entries(top, &root.key("(root)"))?;
+    let frames = frames(&fields, top)?;
+    let metadata_field = root.key("metadata");
+    let metadata = fields.required(top, &root, "metadata", "a dict with `sdc_id`, the ego")?;
+    let id = match fields.optional(top, "id").or_else(|| fields.optional(metadata, "scenario_id")) {
+        Some(id) => fields.identifier(id, &root.key("id"))?,
+        None => path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+    };
+    let mut notes = Vec::new();
+    let tracks = tracks(&fields, top, frames, &mut notes)?;
+
+    let ego_field = metadata_field.key("sdc_id");
+    let ego_id = fields.required(metadata, &metadata_field, "sdc_id", "the id of the ego's track")?;
+    let ego_name = fields.identifier(ego_id, &ego_field)?;
+    let ego = tracks.iter().position(|track| track.id == ego_name);
+    let ego = ego.ok_or_else(|| fields.wrong(&ego_field, ego_id, "the id of a track"))?;
+    if !tracks[ego].is_valid(NOW) {
+        let found = format!("`{ego_name}`, which is not valid at frame {NOW}");
+        return Err(fields.error(&ego_field, found, "an ego that is seen now"));
+    }
+    if let Some(index) = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id)) {
+        if index != NOW as i64 {
+            notes.push(format!("the file's current_time_index is {index}; frame {NOW} is taken as now"));
+        }
+    }
+    let (adversary, adversary_origin) = match named_adversary(&fields, metadata, &tracks, ego) {
+        Some(track) => (Some(track), AdversaryOrigin::File),
+        None => choose_adversary(&tracks, ego),
+    };
+    let timestamps = match fields.optional(metadata, "ts") {
+        Some(ts) => fields.column(ts, &metadata_field.key("ts"), frames)?,
+        None => Vec::new(),
+    };
+    Ok(Scene {
+        id,
+        frames,
+        timestamps,
+        tracks,
+        map: Arc::new(map(&fields, top)?),
+        lights: lights(&fields, top, frames)?,
+        ego,
+        adversary,
+        adversary_origin,
+        notes,
+    })
+}
+
+fn frames(fields: &Fields, top: Id) -> Result<usize, Error> {
+    let field = Field::ROOT.key("length");
+    let expected = format!("a number of frames from {HISTORY} to {MAX_FRAMES}");
+    let id = fields.required(top, &Field::ROOT, "length", &expected)?;
+    let frames = fields.document.integer(id).and_then(|n| usize::try_from(n).ok());
+    match frames {
+        Some(frames) if (HISTORY..=MAX_FRAMES).contains(&frames) => Ok(frames),
+        _ => Err(fields.wrong(&field, id, expected)),
+    }
+}
+
+// --- tracks ---
+
+fn tracks(fields: &Fields, top: Id, frames: usize, notes: &mut Vec<String>) -> Result<Vec<Track>, Error> {
+    let field = Field::ROOT.key("tracks");
+    let id = fields.required(top, &Field::ROOT, "tracks", "a dict of tracks")?;
+    let entries = fields.entries(id, &field)?;
+    let mut seen = HashSet::with_capacity(entries.len());
+    let mut tracks = Vec::with_capacity(entries.len());
+    for (key, value) in entries {
+        let name = fields.identifier(*key, &field)?;
+        let field = field.key(&name);
+        if !seen.insert(name.clone()) {
+            return Err(fields.error(&field, "there twice", "one track an id"));
+        }
+        let mut track = track(fields, *value, &field, name.clone(), frames)?;
+        if swap_sizes(&mut track) {
+            notes.push(format!("track `{name}`: length and width were swapped in the file; swapped back"));
+        }
+        tracks.push(track);
+    }
+    Ok(tracks)
+}
+
+fn track(fields: &Fields, id: Id, field: &Field, name: String, frames: usize) -> Result<Track, Error> {
+    let kind = fields.required(id, field, "type", "VEHICLE, PEDESTRIAN, CYCLIST, …")?;
+    let kind = TrackKind::from_name(fields.text(kind, &field.key("type"))?);
+    let state = fields.required(id, field, "state", "a dict of columns")?;
+    let field = &field.key("state");
+    let get = |key: &str, expected: &str| fields.required(state, field, key, expected);
+    let column = |key: &str| -> Result<Vec<f64>, Error> {
+        fields.column(get(key, "one number a frame")?, &field.key(key), frames)
+    };
+    let position =
+        fields.table::<3>(get("position", "(x, y, z) a frame")?, &field.key("position"), &[3, 2], frames)?;
+    let velocity =
+        fields.table::<2>(get("velocity", "(vx, vy) a frame")?, &field.key("velocity"), &[2, 3], frames)?;
+    let heading = column("heading")?;
+    let valid: Vec<bool> = column("valid")?.into_iter().map(|x| x != 0.0).collect();
+    let (length, width) = (column("length")?, column("width")?);
+    let height = match fields.optional(state, "height") {
+        Some(id) => fields.column(id, &field.key("height"), frames)?,
+        None => vec![0.0; frames],
+    };
+    for (key, values) in [("length", &length), ("width", &width)] {
+        if let Some(frame) = (0..frames).find(|&f| valid[f] && values[f] <= 0.0) {
+            let field = field.key(key);
+            let place = frame.to_string();
+            return Err(fields.error(
+                &field.key(&place),
+                values[frame].to_string(),
+                "metres above 0 where the track is valid",
+            ));
+        }
+    }
+    let size = (0..frames).map(|f| [length[f], width[f], height[f]]).collect();
+    Ok(Track { id: name, kind, position, heading, velocity, size, valid })
+}
+
+/// Mends a vehicle whose width is recorded as its length: shorter than any car, yet wider than any
+/// lane's half, in every valid frame.
+fn swap_sizes(track: &mut Track) -> bool {
+    let valid = || track.size.iter().zip(&track.valid).filter(|(_, valid)| **valid).map(|(size, _)| size);
+    let swapped = track.kind == TrackKind::Vehicle
+        && valid().next().is_some()
+        && valid().all(|[length, width, _]| *width > 1.5 * length && *length < 2.6 && *width > 3.0);
+    if swapped {
+        track.size.iter_mut().for_each(|size| size.swap(0, 1));
+    }
+    swapped
+}
+
+/// The one object of interest beside the ego, if the file names exactly one.
+fn named_adversary(fields: &Fields, metadata: Id, tracks: &[Track], ego: usize) -> Option<usize> {
+    let list = fields.document.items(fields.optional(metadata, "objects_of_interest")?)?;
+    let mut others: Vec<usize> = list
+        .iter()
+        .filter_map(|id| fields.document.identifier(*id))
+        .filter_map(|name| tracks.iter().position(|track| track.id == name))
+        .filter(|track| *track != ego)
+        .collect();
+    others.dedup();
+    match others[..] {
+        [one] if tracks[one].valid[..=NOW].contains(&true) => Some(one),
+        _ => None,
+    }
+}
+
+// --- lights ---
+
+fn lights(fields: &Fields, top: Id, frames: usize) -> Result<Vec<TrafficLight>, Error> {
+    let Some(id) = fields.optional(top, "dynamic_map_states") else { return Ok(Vec::new()) };
+    let field = Field::ROOT.key("dynamic_map_states");
+    let mut lights = Vec::new();
+    for (key, value) in fields.entries(id, &field)? {
+        let name = fields.identifier(*key, &field)?;
+        let field = field.key(&name);
+        let state = fields.required(*value, &field, "state", "a dict with `object_state`")?;
+        let field = &field.key("state");
+        let list = fields.required(state, field, "object_state", "one state a frame")?;
+        let field = field.key("object_state");
+        let items =
+            fields.document.items(list).ok_or_else(|| fields.wrong(&field, list, "a list of names"))?;
+        fields.check_length(&field, items.len(), frames)?;
+        fields.spend(&field, items.len())?;
+        let mut last: Option<(Id, LightState)> = None;
+        let mut states = Vec::with_capacity(frames);
+        for item in items {
+            // Runs of one shared name are the rule.
+            let state = match (last, fields.document.node(*item)) {
+                (Some((id, state)), _) if id == *item => state,
+                (_, Node::None) => LightState::Unknown,
+                _ => LightState::from_name(fields.text(*item, &field)?),
+            };
+            last = Some((*item, state));
+            states.push(state);
+        }
+        let lane = match fields.optional(*value, "lane") {
+            Some(lane) => fields.identifier(lane, &field)?,
+            None => name.clone(),
+        };
+        let stop_point = match fields.optional(*value, "stop_point") {
+            Some(id) => point(fields, id, &field.key("stop_point"))?,
+            None => None,
+        };
+        lights.push(TrafficLight { lane, stop_point, states });
+    }
+    Ok(lights)
+}
+
+/// A single position of two or three numbers; `None` if it has none.
+fn point(fields: &Fields, id: Id, field: &Field) -> Result<Option<[f64; 3]>, Error> {
+    let numbers = fields.rows::<1>(id, field, &[1])?;
+    match numbers[..] {
+        [] => Ok(None),
+        [[x], [y]] => Ok(Some([x, y, 0.0])),
+        [[x], [y], [z]] => Ok(Some([x, y, z])),
+        _ => Err(fields.wrong(field, id, "a position of 2 or 3 numbers")),
+    }
+}
+
+// --- map ---
+
+/// Sides of a lane and the keys under which a file keeps what is there.
+const NEIGHBORS: [&str; 2] = ["left_neighbor", "right_neighbor"];
+const BOUNDARIES: [&str; 2] = ["left_boundaries", "right_boundaries"];
+
+fn map(fields: &Fields, top: Id) -> Result<Map, Error> {
+    let root = Field::ROOT.key("map_features");
+    let Some(id) = fields.optional(top, "map_features") else { return Ok(Map::default()) };
+    let entries = fields.entries(id, &root)?;
+    let mut map = Map { points: Vec::with_capacity(fields.document.file_size() / 24), ..Map::default() };
+    for (key, value) in entries {
+        let name = fields.identifier(*key, &root)?;
+        let field = root.key(&name);
+        let kind = fields.required(*value, &field, "type", "LANE_…, ROAD_LINE_…, ROAD_EDGE_…, …")?;
+        let kind = MapKind::from_name(fields.text(kind, &field.key("type"))?);
+        let first = map.points.len();
+        let shape = ["polyline", "polygon", "position"]
+            .into_iter()
+            .find_map(|key| fields.optional(*value, key).map(|id| (key, id)));
+        let (key, shape) = shape
+            .ok_or_else(|| fields.error(&field, "without points", "a `polyline`, `polygon` or `position`"))?;
+        let shape_field = field.key(key);
+        match key {
+            "position" => map.points.extend(point(fields, shape, &shape_field)?),
+            _ => fields.append_rows(&mut map.points, shape, &shape_field, &[3, 2])?,
+        }
+        if map.points.len() == first {
+            return Err(fields.error(&shape_field, "empty", "at least one point"));
+        }
+        map.features.push(MapFeature { id: name, kind, points: first..map.points.len(), lane: None });
+    }
+    // Lanes name each other, so they are linked once all are known.
+    let index: HashMap<&str, usize> = map.features.iter().enumerate().map(|(k, f)| (&f.id[..], k)).collect();
+    if index.len() != map.features.len() {
+        return Err(fields.error(&root, "an id there twice", "one feature an id"));
+    }
+    let links = Links { fields, index };
+    let lanes: Vec<Option<Box<Lane>>> = entries
+        .iter()
+        .zip(&map.features)
+        .map(|((_, value), feature)| match feature.kind.is_lane() {
+            true => links.lane(*value, &root.key(&feature.id)).map(|lane| Some(Box::new(lane))),
+            false => Ok(None),
+        })
+        .collect::<Result<_, Error>>()?;
+    for (feature, lane) in map.features.iter_mut().zip(lanes) {
+        feature.lane = lane;
+    }
+    map.points.shrink_to_fit();
+    Ok(map)
+}
+
+/// Features by id, while lanes are linked to them.
+struct Links<'f, 'd> {
+    fields: &'f Fields<'d>,
+    index: HashMap<&'f str, usize>,
+}
+
+impl Links<'_, '_> {
+    fn lane(&self, id: Id, field: &Field) -> Result<Lane, Error> {
+        let limit = self.fields.optional(id, "speed_limit_kmh").and_then(|x| self.fields.document.number(x));
+        let width = match self.fields.optional(id, "width") {
+            // Some sources keep one mean width instead of a table.
+            Some(width) if matches!(self.fields.document.node(width), Node::Array(a) if a.shape.len() == 2) => {
+                self.fields.rows::<2>(width, &field.key("width"), &[2])?
+            }
+            _ => Vec::new(),
+        };
+        Ok(Lane {
+            speed_limit: limit.filter(|kmh| kmh.is_finite() && *kmh > 0.0).map(|kmh| kmh / 3.6),
+            entries: self.ids(id, "entry_lanes", field)?,
+            exits: self.ids(id, "exit_lanes", field)?,
+            neighbors: [self.neighbors(id, NEIGHBORS[0], field)?, self.neighbors(id, NEIGHBORS[1], field)?],
+            boundaries: [
+                self.boundaries(id, BOUNDARIES[0], field)?,
+                self.boundaries(id, BOUNDARIES[1], field)?,
+            ],
+            width,
+        })
+    }
+
+    /// Items of a list under a key; none if there is no list.
+    fn items(&self, id: Id, key: &str, field: &Field) -> Result<&[Id], Error> {
+        let items = self.fields.optional(id, key).and_then(|list| self.fields.document.items(list));
+        let items = items.unwrap_or_default();
+        self.fields.spend(&field.key(key), items.len())?;
+        Ok(items)
+    }
+
+    /// The feature that a value names; `None` if the map does not hold it (maps are cut out of
+    /// larger ones).
+    fn feature(&self, id: Id) -> Option<usize> {
+        match self.fields.document.text(id) {
+            Some(name) => self.index.get(name).copied(),
+            None => self.index.get(&self.fields.document.identifier(id)?[..]).copied(),
+        }
+    }
+
+    fn ids(&self, id: Id, key: &str, field: &Field) -> Result<Vec<usize>, Error> {
+        Ok(self.items(id, key, field)?.iter().filter_map(|item| self.feature(*item)).collect())
+    }
+
+    /// An index range under two keys of a dict.
+    fn range(&self, dict: Id, first: &str, last: &str) -> Option<[usize; 2]> {
+        let at = |key: &str| {
+            let value = self.fields.document.integer(self.fields.optional(dict, key)?)?;
+            usize::try_from(value).ok()
+        };
+        Some([at(first)?, at(last)?])
+    }
+
+    fn neighbors(&self, id: Id, key: &str, field: &Field) -> Result<Vec<Neighbor>, Error> {
+        let neighbor = |item: Id| {
+            // Some sources list ids alone.
+            let Some(lane) = self.fields.optional(item, "feature_id") else {
+                return Some(Neighbor { lane: self.feature(item)?, own: [0, 0], other: [0, 0] });
+            };
+            Some(Neighbor {
+                lane: self.feature(lane)?,
+                own: self.range(item, "self_start_index", "self_end_index")?,
+                other: self.range(item, "neighbor_start_index", "neighbor_end_index")?,
+            })
+        };
+        Ok(self.items(id, key, field)?.iter().filter_map(|item| neighbor(*item)).collect())
+    }
+
+    fn boundaries(&self, id: Id, key: &str, field: &Field) -> Result<Vec<Boundary>, Error> {
+        let boundary = |item: Id| {
+            Some(Boundary {
+                feature: self.feature(self.fields.optional(item, "boundary_feature_id")?)?,
+                own: self.range(item, "lane_start_index", "lane_end_index")?,
+            })
+        };
+        Ok(self.items(id, key, field)?.iter().filter_map(|item| boundary(*item)).collect())
+    }
+}

@@ -1,0 +1,264 @@
+//! Typed access to the values of a document, with errors that name file, field and value.
+
+use std::{cell::Cell, fmt, path::Path};
+
+use crate::{
+    Error,
+    pickle::{Array, Document, Dtype, ElementKind, Id, Node},
+};
+
+/// A place in the file: keys from the root, kept on the stack until an error needs them.
+#[derive(Clone, Copy)]
+pub(super) struct Field<'f> {
+    parent: Option<&'f Field<'f>>,
+    key: &'f str,
+}
+
+impl<'f> Field<'f> {
+    pub(super) const ROOT: Field<'static> = Field { parent: None, key: "" };
+
+    pub(super) fn key(&'f self, key: &'f str) -> Field<'f> {
+        Field { parent: Some(self), key }
+    }
+}
+
+impl fmt::Display for Field<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.parent {
+            None => f.write_str(self.key),
+            Some(parent) if parent.parent.is_none() => f.write_str(self.key),
+            Some(parent) => write!(f, "{parent}/{}", self.key),
+        }
+    }
+}
+
+const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
+const F64: Dtype = Dtype { kind: ElementKind::Float, size: 8, big_endian: false };
+
+/// A document being read as a scene.
+pub(super) struct Fields<'d> {
+    pub(super) document: &'d Document,
+    path: &'d Path,
+    /// Numbers and words that may still be copied out of the document.
+    budget: Cell<usize>,
+}
+
+impl<'d> Fields<'d> {
+    pub(super) fn new(document: &'d Document, path: &'d Path) -> Self {
+        // Values can be shared, so a short file could ask for endless copies. Honest files copy
+        // each byte about once; small ones share their columns.
+        let budget = document.file_size().saturating_mul(4) + (1 << 16);
+        Self { document, path, budget: Cell::new(budget) }
+    }
+
+    /// An error about a value.
+    pub(super) fn wrong(&self, field: &Field, id: Id, expected: impl Into<String>) -> Error {
+        self.error(field, self.document.describe(id), expected)
+    }
+
+    /// An error about something found.
+    pub(super) fn error(
+        &self,
+        field: &Field,
+        found: impl Into<String>,
+        expected: impl Into<String>,
+    ) -> Error {
+        Error::Field {
+            path: self.path.to_owned(),
+            field: field.to_string(),
+            found: found.into(),
+            expected: expected.into(),
+        }
+    }
+
+    /// Accounts for copying `n` numbers or words.
+    pub(super) fn spend(&self, field: &Field, n: usize) -> Result<(), Error> {
+        match self.budget.get().checked_sub(n) {
+            Some(left) => {
+                self.budget.set(left);
+                Ok(())
+            }
+            None => Err(self.error(
+                field,
+                "a value that the file uses over and over",
+                "a scene that is not many times larger than its file",
+            )),
+        }
+    }
+
+    pub(super) fn optional(&self, dict: Id, key: &str) -> Option<Id> {
+        let id = self.document.get(dict, key)?;
+        (!matches!(self.document.node(id), Node::None)).then_some(id)
+    }
+
+    pub(super) fn required(&self, dict: Id, field: &Field, key: &str, expected: &str) -> Result<Id, Error> {
+        self.document.get(dict, key).ok_or_else(|| self.error(&field.key(key), "missing", expected))
+    }
+
+    pub(super) fn entries(&self, id: Id, field: &Field) -> Result<&'d [(Id, Id)], Error> {
+        self.document.entries(id).ok_or_else(|| self.wrong(field, id, "a dict"))
+    }
+
+    pub(super) fn text(&self, id: Id, field: &Field) -> Result<&'d str, Error> {
+        self.document.text(id).ok_or_else(|| self.wrong(field, id, "a str"))
+    }
+
+    /// A key of a dict of tracks or features.
+    pub(super) fn identifier(&self, id: Id, field: &Field) -> Result<String, Error> {
+        let name = self.document.identifier(id);
+        let name = name.ok_or_else(|| self.wrong(field, id, "an id, a str or an int"))?;
+        self.spend(field, name.len())?;
+        Ok(name)
+    }
+
+    /// One finite number a frame, from an array of shape (n,) or (n, 1) or a list.
+    pub(super) fn column(&self, id: Id, field: &Field, length: usize) -> Result<Vec<f64>, Error> {
+        let rows = self.rows::<1>(id, field, &[1])?;
+        self.check_length(field, rows.len(), length)?;
+        Ok(rows.into_iter().map(|[x]| x).collect())
+    }
+
+    /// `N` finite numbers a frame; of wider rows the first `N`.
+    pub(super) fn table<const N: usize>(
+        &self,
+        id: Id,
+        field: &Field,
+        widths: &[usize],
+        length: usize,
+    ) -> Result<Vec<[f64; N]>, Error> {
+        let rows = self.rows::<N>(id, field, widths)?;
+        self.check_length(field, rows.len(), length)?;
+        Ok(rows)
+    }
+
+    pub(super) fn check_length(&self, field: &Field, found: usize, expected: usize) -> Result<(), Error> {
+        if found == expected {
+            return Ok(());
+        }
+        Err(self.error(field, format!("{found} rows"), format!("{expected} rows, one a frame")))
+    }
+
+    /// Finite rows of any of the accepted widths; columns beyond the width are 0.
+    pub(super) fn rows<const N: usize>(
+        &self,
+        id: Id,
+        field: &Field,
+        widths: &[usize],
+    ) -> Result<Vec<[f64; N]>, Error> {
+        let mut out = Vec::new();
+        self.append_rows(&mut out, id, field, widths)?;
+        Ok(out)
+    }
+
+    /// As [`Fields::rows`], behind what `out` holds.
+    pub(super) fn append_rows<const N: usize>(
+        &self,
+        out: &mut Vec<[f64; N]>,
+        id: Id,
+        field: &Field,
+        widths: &[usize],
+    ) -> Result<(), Error> {
+        let first = out.len();
+        match self.document.node(id) {
+            Node::Array(array) => self.append_array(out, array, id, field, widths)?,
+            Node::List(items) | Node::Tuple(items) => {
+                self.spend(field, items.len() * N)?;
+                for (k, item) in items.iter().enumerate() {
+                    out.push(self.row(*item, &field.key(&k.to_string()), widths)?);
+                }
+            }
+            _ => return Err(self.wrong(field, id, "an array or a list of numbers")),
+        }
+        // One branch-free pass for the usual case; the search for the culprit only when it fails.
+        if out[first..].iter().flatten().fold(false, |bad, x| bad | !x.is_finite()) {
+            let bad = out[first..].iter().position(|row| row.iter().any(|x| !x.is_finite()));
+            let row = bad.unwrap_or(0);
+            let value = out[first + row].iter().find(|x| !x.is_finite()).copied().unwrap_or(f64::NAN);
+            return Err(self.error(&field.key(&row.to_string()), value.to_string(), "a finite number"));
+        }
+        Ok(())
+    }
+
+    /// One row out of a list of rows: a list, a small array, or a bare number.
+    fn row<const N: usize>(&self, id: Id, field: &Field, widths: &[usize]) -> Result<[f64; N], Error> {
+        let expected = || format!("a row of {} numbers", widths_in_words(widths));
+        let mut row = [0.0; N];
+        match self.document.node(id) {
+            Node::List(items) | Node::Tuple(items) => {
+                if !widths.contains(&items.len()) {
+                    return Err(self.wrong(field, id, expected()));
+                }
+                for (slot, item) in row.iter_mut().zip(items) {
+                    *slot =
+                        self.document.number(*item).ok_or_else(|| self.wrong(field, *item, "a number"))?;
+                }
+            }
+            Node::Array(array) if array.shape.len() == 1 => {
+                if !widths.contains(&(array.shape[0] as usize)) {
+                    return Err(self.wrong(field, id, expected()));
+                }
+                for (slot, x) in row.iter_mut().zip(array.dtype.read(self.document.bytes(array.data))) {
+                    *slot = x;
+                }
+            }
+            _ if N == 1 => {
+                row[0] = self.document.number(id).ok_or_else(|| self.wrong(field, id, "a number"))?;
+            }
+            _ => return Err(self.wrong(field, id, expected())),
+        }
+        Ok(row)
+    }
+
+    fn append_array<const N: usize>(
+        &self,
+        out: &mut Vec<[f64; N]>,
+        array: &Array,
+        id: Id,
+        field: &Field,
+        widths: &[usize],
+    ) -> Result<(), Error> {
+        let (rows, width) = match array.shape[..] {
+            [rows, width] => (rows as usize, width as usize),
+            [rows] => (rows as usize, 1),
+            _ => (0, 0),
+        };
+        if !widths.contains(&width) {
+            let expected = format!("an array of shape (n, {})", widths_in_words(widths));
+            return Err(self.wrong(field, id, expected));
+        }
+        self.spend(field, rows * width)?;
+        out.reserve(rows);
+        let bytes = self.document.bytes(array.data);
+        // Scene files hold little-endian floats in C order; the first two arms are their fast path.
+        match (array.dtype, array.fortran && width > 1) {
+            (F32, false) => out.extend(bytes.chunks_exact(4 * width).map(|raw| {
+                let mut row = [0.0; N];
+                for (slot, raw) in row.iter_mut().zip(raw.as_chunks::<4>().0) {
+                    *slot = f64::from(f32::from_le_bytes(*raw));
+                }
+                row
+            })),
+            (F64, false) => out.extend(bytes.chunks_exact(8 * width).map(|raw| {
+                let mut row = [0.0; N];
+                for (slot, raw) in row.iter_mut().zip(raw.as_chunks::<8>().0) {
+                    *slot = f64::from_le_bytes(*raw);
+                }
+                row
+            })),
+            (dtype, fortran) => {
+                let values: Vec<f64> = dtype.read(bytes).collect();
+                let at = |row: usize, column: usize| {
+                    if fortran { values[column * rows + row] } else { values[row * width + column] }
+                };
+                out.extend(
+                    (0..rows).map(|row| std::array::from_fn(|c| if c < width { at(row, c) } else { 0.0 })),
+                );
+            }
+        }
+        Ok(())
+    }
+}
+
+fn widths_in_words(widths: &[usize]) -> String {
+    widths.iter().map(usize::to_string).collect::<Vec<_>>().join(" or ")
+}

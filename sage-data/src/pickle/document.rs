@@ -1,0 +1,234 @@
+//! A parsed pickle: a graph of plain values over the bytes of the file.
+
+use super::{Dtype, ElementKind};
+
+/// Index of a value in its document.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Id(pub(super) u32);
+
+/// A stretch of the document's bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Span {
+    pub(super) start: u32,
+    pub(super) len: u32,
+}
+
+/// A numpy array; its elements stay bytes until they are asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Array {
+    /// Element type.
+    pub dtype: Dtype,
+    /// Shape; no entry for a zero-dimensional array.
+    pub shape: Vec<u32>,
+    /// Whether the first index runs fastest.
+    pub fortran: bool,
+    /// Elements.
+    pub data: Span,
+}
+
+/// A plain value.
+#[derive(Clone, Debug)]
+pub enum Node {
+    /// None.
+    None,
+    /// True or False.
+    Bool(bool),
+    /// An int of at most 64 bits.
+    Int(i64),
+    /// A longer int: little-endian two's complement.
+    BigInt(Span),
+    /// A float.
+    Float(f64),
+    /// A str; the span is UTF-8.
+    Str(Span),
+    /// A bytes.
+    Bytes(Span),
+    /// A bytearray.
+    ByteArray(Span),
+    /// A list.
+    List(Vec<Id>),
+    /// A tuple.
+    Tuple(Vec<Id>),
+    /// A set.
+    Set(Vec<Id>),
+    /// A frozenset.
+    FrozenSet(Vec<Id>),
+    /// A dict, in the order of insertion. Of equal keys the last holds.
+    Dict(Vec<(Id, Id)>),
+    /// A collections.defaultdict; whether its factory is `int` or none.
+    DefaultDict {
+        /// Whether the factory is `int`.
+        int_factory: bool,
+        /// Its entries.
+        entries: Vec<(Id, Id)>,
+    },
+    /// A numpy array.
+    Array(Box<Array>),
+    /// A numpy scalar.
+    Scalar(Dtype, Span),
+    /// A numpy type.
+    Dtype(Dtype),
+    /// A known global by itself: the factory of a defaultdict or part of an unfinished object.
+    Global(super::machine::Global),
+    /// An array whose state has not come yet; never left in a finished document.
+    Unbuilt,
+}
+
+impl Node {
+    /// Name of its kind for messages.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::None => "None",
+            Self::Bool(_) => "a bool",
+            Self::Int(_) | Self::BigInt(_) => "an int",
+            Self::Float(_) => "a float",
+            Self::Str(_) => "a str",
+            Self::Bytes(_) => "bytes",
+            Self::ByteArray(_) => "a bytearray",
+            Self::List(_) => "a list",
+            Self::Tuple(_) => "a tuple",
+            Self::Set(_) | Self::FrozenSet(_) => "a set",
+            Self::Dict(_) | Self::DefaultDict { .. } => "a dict",
+            Self::Array(_) => "an array",
+            Self::Scalar(..) => "a numpy scalar",
+            Self::Dtype(_) => "a numpy type",
+            Self::Global(_) => "a global",
+            Self::Unbuilt => "an array without state",
+        }
+    }
+
+    /// Whether Python could use it as a key.
+    pub(super) fn is_hashable(&self) -> bool {
+        !matches!(
+            self,
+            Self::List(_)
+                | Self::Set(_)
+                | Self::Dict(_)
+                | Self::DefaultDict { .. }
+                | Self::ByteArray(_)
+                | Self::Array(_)
+                | Self::Unbuilt
+        )
+    }
+}
+
+/// A parsed pickle. Values may be shared but never hold themselves, and nest at most
+/// [`super::MAX_DEPTH`] deep.
+#[derive(Clone, Debug)]
+pub struct Document {
+    pub(super) bytes: Vec<u8>,
+    pub(super) nodes: Vec<Node>,
+    pub(super) root: Id,
+    pub(super) file_size: usize,
+}
+
+impl Document {
+    /// The outermost value.
+    pub fn root(&self) -> Id {
+        self.root
+    }
+
+    /// A value.
+    pub fn node(&self, id: Id) -> &Node {
+        &self.nodes[id.0 as usize]
+    }
+
+    /// Bytes of a span.
+    pub fn bytes(&self, span: Span) -> &[u8] {
+        &self.bytes[span.start as usize..(span.start + span.len) as usize]
+    }
+
+    /// Size of the file, bytes.
+    pub fn file_size(&self) -> usize {
+        self.file_size
+    }
+
+    /// Text of a str.
+    pub fn text(&self, id: Id) -> Option<&str> {
+        match self.node(id) {
+            Node::Str(span) => std::str::from_utf8(self.bytes(*span)).ok(),
+            _ => None,
+        }
+    }
+
+    /// Entries of a dict of either sort.
+    pub fn entries(&self, id: Id) -> Option<&[(Id, Id)]> {
+        match self.node(id) {
+            Node::Dict(entries) | Node::DefaultDict { entries, .. } => Some(entries),
+            _ => None,
+        }
+    }
+
+    /// Items of a list or tuple.
+    pub fn items(&self, id: Id) -> Option<&[Id]> {
+        match self.node(id) {
+            Node::List(items) | Node::Tuple(items) => Some(items),
+            _ => None,
+        }
+    }
+
+    /// Value of a str key in a dict.
+    pub fn get(&self, dict: Id, key: &str) -> Option<Id> {
+        let is_key = |id: Id| match self.node(id) {
+            Node::Str(span) => self.bytes(*span) == key.as_bytes(),
+            _ => false,
+        };
+        self.entries(dict)?.iter().rev().find(|(k, _)| is_key(*k)).map(|(_, value)| *value)
+    }
+
+    /// A number of any sort, as a float.
+    pub fn number(&self, id: Id) -> Option<f64> {
+        match self.node(id) {
+            Node::Int(x) => Some(*x as f64),
+            Node::Float(x) => Some(*x),
+            Node::Bool(x) => Some(f64::from(u8::from(*x))),
+            Node::Scalar(dtype, span) => dtype.read(self.bytes(*span)).next(),
+            Node::Array(array) if array.shape.is_empty() => dtype_values(self, array).next(),
+            _ => None,
+        }
+    }
+
+    /// An integer; a str of digits counts, as ids and indices are written both ways.
+    pub fn integer(&self, id: Id) -> Option<i64> {
+        match self.node(id) {
+            Node::Int(x) => Some(*x),
+            Node::Str(_) => self.text(id)?.parse().ok(),
+            Node::Scalar(dtype, span) if dtype.kind != ElementKind::Float => {
+                dtype.read(self.bytes(*span)).next().map(|x| x as i64)
+            }
+            _ => None,
+        }
+    }
+
+    /// An id: a str as it is, an int in decimal.
+    pub fn identifier(&self, id: Id) -> Option<String> {
+        match self.node(id) {
+            Node::Str(_) => self.text(id).map(str::to_owned),
+            _ => self.integer(id).map(|x| x.to_string()),
+        }
+    }
+
+    /// How a value reads in a message: its kind, and the value itself if it is short.
+    pub fn describe(&self, id: Id) -> String {
+        match self.node(id) {
+            Node::Int(x) => x.to_string(),
+            Node::Float(x) => format!("{x:?}"),
+            Node::Bool(x) => format!("{x}"),
+            Node::Str(_) => match self.text(id) {
+                Some(text) if text.chars().count() <= 40 => format!("`{text}`"),
+                Some(text) => format!("`{}…`", text.chars().take(40).collect::<String>()),
+                None => "text that is not UTF-8".to_owned(),
+            },
+            Node::Array(array) => format!("an array of shape {:?} and type {}", array.shape, array.dtype),
+            Node::List(items) | Node::Tuple(items) => {
+                format!("{} of {} items", self.node(id).kind(), items.len())
+            }
+            node => node.kind().to_owned(),
+        }
+    }
+}
+
+/// Elements of an array as floats, in the order of its bytes.
+pub(crate) fn dtype_values<'d>(document: &'d Document, array: &Array) -> impl Iterator<Item = f64> + 'd {
+    array.dtype.read(document.bytes(array.data))
+}

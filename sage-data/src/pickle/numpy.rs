@@ -1,0 +1,175 @@
+//! Element types of numpy arrays.
+
+use std::fmt;
+
+/// What an element is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ElementKind {
+    /// `b`: one byte, 0 or 1.
+    Bool,
+    /// `i`.
+    Int,
+    /// `u`.
+    Uint,
+    /// `f`.
+    Float,
+}
+
+/// A numeric numpy type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dtype {
+    /// Kind.
+    pub kind: ElementKind,
+    /// Bytes an element: 1, 2, 4 or 8.
+    pub size: u8,
+    /// Whether the most significant byte comes first.
+    pub big_endian: bool,
+}
+
+impl Dtype {
+    /// The type of a name such as `f4` or `<f4`.
+    pub(super) fn from_name(name: &[u8]) -> Option<Self> {
+        let (big_endian, name) = match name {
+            [b'>', rest @ ..] => (true, rest),
+            [b'<' | b'=' | b'|', rest @ ..] => (false, rest),
+            _ => (false, name),
+        };
+        let (kind, sizes): (_, &[u8]) = match name.first()? {
+            b'b' => (ElementKind::Bool, &[1]),
+            b'i' => (ElementKind::Int, &[1, 2, 4, 8]),
+            b'u' => (ElementKind::Uint, &[1, 2, 4, 8]),
+            b'f' => (ElementKind::Float, &[2, 4, 8]),
+            _ => return None,
+        };
+        match name[1..] {
+            [digit] if sizes.contains(&digit.wrapping_sub(b'0')) => {
+                Some(Self { kind, size: digit - b'0', big_endian })
+            }
+            _ => None,
+        }
+    }
+
+    /// Letter of the kind.
+    pub(super) fn letter(self) -> char {
+        match self.kind {
+            ElementKind::Bool => 'b',
+            ElementKind::Int => 'i',
+            ElementKind::Uint => 'u',
+            ElementKind::Float => 'f',
+        }
+    }
+
+    /// Byte order as numpy writes it into a type's state.
+    pub(super) fn order(self) -> char {
+        match (self.size, self.big_endian) {
+            (1, _) => '|',
+            (_, true) => '>',
+            (_, false) => '<',
+        }
+    }
+
+    /// Elements as floats. Integers beyond 2⁵³ are rounded.
+    pub fn read(self, bytes: &[u8]) -> impl Iterator<Item = f64> {
+        bytes.chunks_exact(usize::from(self.size)).map(move |raw| {
+            let mut le = [0u8; 8];
+            let size = raw.len();
+            le[..size].copy_from_slice(raw);
+            if self.big_endian {
+                le[..size].reverse();
+            }
+            let unsigned = u64::from_le_bytes(le);
+            match self.kind {
+                ElementKind::Bool => f64::from(u8::from(unsigned != 0)),
+                ElementKind::Uint => unsigned as f64,
+                ElementKind::Int => {
+                    let unused = 64 - 8 * size as u32;
+                    (((unsigned << unused) as i64) >> unused) as f64
+                }
+                ElementKind::Float => match size {
+                    8 => f64::from_bits(unsigned),
+                    4 => f64::from(f32::from_bits(unsigned as u32)),
+                    _ => half(unsigned as u16),
+                },
+            }
+        })
+    }
+
+    /// Bytes of floats in this type; numbers it cannot hold are rounded as `as` does.
+    pub(crate) fn write(self, values: impl Iterator<Item = f64>) -> Vec<u8> {
+        let mut out = Vec::new();
+        for x in values {
+            let bits = match (self.kind, self.size) {
+                (ElementKind::Bool, _) => u64::from(x != 0.0),
+                (ElementKind::Uint, _) => x as u64,
+                (ElementKind::Int, _) => x as i64 as u64,
+                (ElementKind::Float, 8) => x.to_bits(),
+                (ElementKind::Float, 4) => u64::from((x as f32).to_bits()),
+                (ElementKind::Float, _) => u64::from(to_half(x as f32)),
+            };
+            let mut raw = bits.to_le_bytes();
+            let raw = &mut raw[..usize::from(self.size)];
+            if self.big_endian {
+                raw.reverse();
+            }
+            out.extend_from_slice(raw);
+        }
+        out
+    }
+}
+
+impl fmt::Display for Dtype {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let order = if self.big_endian && self.size > 1 { ">" } else { "" };
+        write!(f, "{order}{}{}", self.letter(), self.size)
+    }
+}
+
+/// Value of an IEEE 754 half.
+fn half(bits: u16) -> f64 {
+    let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023));
+    sign * match exponent {
+        0 => fraction * 2f64.powi(-24),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        _ => (1.0 + fraction / 1024.0) * 2f64.powi(exponent - 15),
+    }
+}
+
+/// The nearest half that is not larger in magnitude.
+fn to_half(x: f32) -> u16 {
+    let sign = if x.is_sign_negative() { 1 << 15 } else { 0 };
+    let magnitude = f64::from(x.abs());
+    // 0x7c00 is infinity; halves order like their bits.
+    let below = (0..=0x7c00u16).collect::<Vec<_>>();
+    let place = below.partition_point(|&bits| half(bits) <= magnitude);
+    sign | below[place.saturating_sub(1)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_type_reads_back_what_it_writes() {
+        for (name, values) in [
+            ("b1", vec![0.0, 1.0]),
+            ("i1", vec![-128.0, 127.0]),
+            ("u1", vec![0.0, 255.0]),
+            ("<i2", vec![-300.0, 300.0]),
+            (">i4", vec![-70_000.0, 70_000.0]),
+            ("u8", vec![0.0, 1e15]),
+            ("f2", vec![-0.5, 1.0, 65504.0, 2f64.powi(-24)]),
+            (">f4", vec![1.5, -3.25e7]),
+            ("<f8", vec![std::f64::consts::PI, -1e300]),
+        ] {
+            let dtype = Dtype::from_name(name.as_bytes()).unwrap();
+            let bytes = dtype.write(values.iter().copied());
+            assert_eq!(bytes.len(), values.len() * usize::from(dtype.size));
+            assert_eq!(dtype.read(&bytes).collect::<Vec<_>>(), values, "{name}");
+        }
+        for bad in ["O8", "U5", "f3", "f16", "c8", "", "M8[ns]", "V4"] {
+            assert_eq!(Dtype::from_name(bad.as_bytes()), None, "{bad}");
+        }
+    }
+}

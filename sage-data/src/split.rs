@@ -1,0 +1,41 @@
+//! Named lists of scenes: which to train on, to choose on, to report on.
+//!
+//! A split file is JSON: an object whose values are lists of scene numbers or names; other values
+//! (notes) are passed over.
+
+use std::{collections::BTreeMap, path::Path};
+
+use crate::Error;
+
+/// Split name to scene names, in the order of the file.
+pub type Splits = BTreeMap<String, Vec<String>>;
+
+/// Reads a split file.
+///
+/// *Errors*: [`Error::Read`]; [`Error::Field`] if it is not such a JSON object.
+pub fn read_splits(path: &Path) -> Result<Splits, Error> {
+    use serde_json::Value;
+    let bytes = crate::recording::read_bounded(path)?;
+    let fail = |field: &str, found: String, expected: &str| Error::Field {
+        path: path.to_owned(),
+        field: field.to_owned(),
+        found,
+        expected: expected.to_owned(),
+    };
+    let root: BTreeMap<String, Value> = serde_json::from_slice(&bytes)
+        .map_err(|error| fail("", error.to_string(), "a JSON object of split name to list of scenes"))?;
+    let mut splits = Splits::new();
+    for (name, value) in root {
+        let Value::Array(items) = value else { continue };
+        let mut scenes = Vec::with_capacity(items.len());
+        for item in items {
+            match item {
+                Value::Number(number) => scenes.push(number.to_string()),
+                Value::String(text) => scenes.push(text),
+                other => return Err(fail(&name, other.to_string(), "a scene number or name")),
+            }
+        }
+        splits.insert(name, scenes);
+    }
+    Ok(splits)
+}

@@ -137,14 +137,14 @@ mod tests {
     #[test]
     fn the_bootstrap_interval_covers_the_mean_about_as_often_as_it_says() {
         let mut covered = 0;
-        for case in 0..200 {
+        for case in 0..1000 {
             let mut rng = Rng::new(case, "bootstrap", "coverage");
             let values: Vec<f64> = (0..60).map(|_| rng.normal()).collect();
             let e = bootstrap_mean(&values, 400, &mut rng).unwrap();
             covered += usize::from(e.low <= 0.0 && 0.0 <= e.high);
         }
-        // 95 % of 200 with four standard deviations of room.
-        assert!((178..=200).contains(&covered), "{covered} of 200");
+        // Percentile intervals of 60 values cover 93.5 % in truth; four standard deviations of room.
+        assert!((904..=966).contains(&covered), "{covered} of 1000");
     }
 
     #[test]

@@ -159,12 +159,9 @@ fn side_hit(ego: &OrientedBox, other: &OrientedBox) -> SideHit {
         }
         overlap = clipped;
     }
-    let n = overlap.len() as f64;
-    // Rounding can leave nothing of a bare touch; the centre's direction stands in.
-    let middle = match overlap.len() {
-        0 => ego.to_local(other.center),
-        _ => [overlap.iter().map(|p| p[0]).sum::<f64>() / n, overlap.iter().map(|p| p[1]).sum::<f64>() / n],
-    };
+    // Rounding can leave nothing of a bare touch, and an ego that is wholly covered has its own
+    // middle there; the direction of the other's centre stands in.
+    let middle = centroid(&overlap).filter(|m| norm(*m) > 1e-6).unwrap_or_else(|| ego.to_local(other.center));
     let (x, y) = (middle[0] / l, middle[1] / w);
     match (x.abs() >= y.abs(), x >= 0.0, y >= 0.0) {
         (true, true, _) => SideHit::Front,
@@ -172,6 +169,23 @@ fn side_hit(ego: &OrientedBox, other: &OrientedBox) -> SideHit {
         (false, _, true) => SideHit::Left,
         (false, _, false) => SideHit::Right,
     }
+}
+
+/// Centroid of a polygon; of its corners if it has no area, `None` if it has no corner.
+fn centroid(polygon: &[Point]) -> Option<Point> {
+    let first = *polygon.first()?;
+    let (mut area, mut moment) = (0.0, [0.0, 0.0]);
+    for pair in polygon.windows(2) {
+        let (a, b) = (sub(pair[0], first), sub(pair[1], first));
+        let part = cross(a, b);
+        area += part;
+        moment = [moment[0] + part * (a[0] + b[0]) / 3.0, moment[1] + part * (a[1] + b[1]) / 3.0];
+    }
+    if area.abs() > 1e-9 {
+        return Some([first[0] + moment[0] / area, first[1] + moment[1] / area]);
+    }
+    let sum = polygon.iter().fold([0.0, 0.0], |sum, p| [sum[0] + p[0], sum[1] + p[1]]);
+    Some([sum[0] / polygon.len() as f64, sum[1] / polygon.len() as f64])
 }
 
 /// Relative speed at first contact as a reward; 0 without contact.

@@ -63,12 +63,13 @@ pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
         Some(ts) => fields.column(ts, &metadata_field.key("ts"), frames)?,
         None => Vec::new(),
     };
+    let map = Arc::new(map(&fields, top, &mut notes)?);
     Ok(Scene {
         id,
         frames,
         timestamps,
         tracks,
-        map: Arc::new(map(&fields, top)?),
+        map,
         lights: lights(&fields, top, frames)?,
         ego,
         adversary,
@@ -234,11 +235,13 @@ fn point(fields: &Fields, id: Id, field: &Field) -> Result<Option<[f64; 3]>, Err
 const NEIGHBORS: [&str; 2] = ["left_neighbor", "right_neighbor"];
 const BOUNDARIES: [&str; 2] = ["left_boundaries", "right_boundaries"];
 
-fn map(fields: &Fields, top: Id) -> Result<Map, Error> {
+fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> {
     let root = Field::ROOT.key("map_features");
     let Some(id) = fields.optional(top, "map_features") else { return Ok(Map::default()) };
     let entries = fields.entries(id, &root)?;
     let mut map = Map { points: Vec::with_capacity(fields.document.file_size() / 24), ..Map::default() };
+    // Widths of the rows of polylines and polygons that the file has.
+    let (mut flat, mut deep) = (false, false);
     for (key, value) in entries {
         let name = fields.identifier(*key, &root)?;
         let field = root.key(&name);
@@ -253,12 +256,21 @@ fn map(fields: &Fields, top: Id) -> Result<Map, Error> {
         let shape_field = field.key(key);
         match key {
             "position" => map.points.extend(point(fields, shape, &shape_field)?),
-            _ => fields.append_rows(&mut map.points, shape, &shape_field, &[3, 2])?,
+            _ => {
+                fields.append_rows(&mut map.points, shape, &shape_field, &[3, 2])?;
+                let three = fields.row_width(shape) == Some(3);
+                (flat, deep) = (flat | !three, deep | three);
+            }
         }
         if map.points.len() == first {
             return Err(fields.error(&shape_field, "empty", "at least one point"));
         }
         map.features.push(MapFeature { id: name, kind, points: first..map.points.len(), lane: None });
+    }
+    if flat && deep {
+        // A map with heights has them everywhere. nuScenes lanes carry a heading in that place.
+        map.points.iter_mut().for_each(|p| p[2] = 0.0);
+        notes.push("map points have two or three columns; heights are taken as unknown".to_owned());
     }
     // Lanes name each other, so they are linked once all are known.
     let index: HashMap<&str, usize> = map.features.iter().enumerate().map(|(k, f)| (&f.id[..], k)).collect();

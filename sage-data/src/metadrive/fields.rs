@@ -179,6 +179,19 @@ impl<'d> Fields<'d> {
         Ok(())
     }
 
+    /// Numbers in a row of a table, by its shape or its first row.
+    pub(super) fn row_width(&self, id: Id) -> Option<usize> {
+        match self.document.node(id) {
+            Node::Array(array) => array.shape.get(1).map(|n| *n as usize),
+            Node::List(rows) | Node::Tuple(rows) => match self.document.node(*rows.first()?) {
+                Node::List(row) | Node::Tuple(row) => Some(row.len()),
+                Node::Array(array) => array.shape.first().map(|n| *n as usize),
+                _ => None,
+            },
+            _ => None,
+        }
+    }
+
     /// One row out of a list of rows: a list, a small array, or a bare number.
     fn row<const N: usize>(&self, id: Id, field: &Field, widths: &[usize]) -> Result<[f64; N], Error> {
         let expected = || format!("a row of {} numbers", widths_in_words(widths));

@@ -1,0 +1,29 @@
+//! Where the real scenes and fixtures are, if they are.
+
+#![allow(dead_code)] // Each test binary uses a part of it.
+
+use std::path::PathBuf;
+
+fn folder(variable: &str) -> Option<PathBuf> {
+    let found = std::env::var_os(variable).map(PathBuf::from).filter(|path| path.exists());
+    if found.is_none() {
+        eprintln!("left out: `{variable}` names no folder");
+    }
+    found
+}
+
+/// The folder with `pretrain`, `dev` and `val`.
+pub fn data() -> Option<PathBuf> {
+    folder("SAGE_DATA")
+}
+
+/// A fixture by name.
+pub fn reference(name: &str) -> Option<PathBuf> {
+    folder("SAGE_REFERENCE").map(|folder| folder.join("fixtures").join(name))
+}
+
+/// Files of the wider ScenarioNet format.
+pub fn scenarionet() -> Vec<PathBuf> {
+    let Some(folder) = folder("SAGE_SCENARIONET") else { return Vec::new() };
+    ["waymo_overpass.pkl", "nuscenes_0.pkl"].map(|name| folder.join(name)).into()
+}

@@ -1,6 +1,6 @@
 //! What is in a scene, and what is odd about it.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use sage_core::{
     motion::{HISTORY, HORIZON, NOW},
@@ -142,20 +142,22 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         }
     }
     let crossings = level_crossings(scene);
-    if crossings > 0 {
-        warn("overpass", format!("lanes lie more than {LEVEL} m above each other in {crossings} places"));
+    if !crossings.is_empty() {
+        let detail = format!("lanes lie more than {LEVEL} m above each other in {} places", crossings.len());
+        warn("overpass", detail);
     }
-    let on_other_levels =
-        scene.tracks.iter().filter(|track| passes_on_another_level(scene.ego(), track)).count();
-    if on_other_levels > 0 {
-        let detail = format!(
-            "{on_other_levels} tracks pass the ego within {NEAR} m, more than {LEVEL} m above or below it"
-        );
-        warn("other-level", detail);
+    let over_or_under = |track: &&Track| {
+        passes_on_another_level(scene.ego(), track)
+            || (0..track.valid.len()).any(|f| track.is_valid(f) && crossings.contains(&cell(&track.position[f])))
+    };
+    let on_levels = scene.tracks.iter().filter(over_or_under).count();
+    if on_levels > 0 {
+        warn("other-level", format!("{on_levels} tracks pass over or under another road or the ego"));
     }
     let short = scene.map.features.iter().filter(|f| f.kind.is_lane() && f.points.len() == 1).count();
     if short > 0 {
-        warn("one-point-lanes", format!("{short} lanes have a single point"));
+        let words = if short == 1 { "1 lane has" } else { &format!("{short} lanes have") };
+        warn("one-point-lanes", format!("{words} a single point"));
     }
     if !scene.map.features.iter().any(|f| f.kind == MapKind::EdgeBoundary && f.points.len() > 1) {
         warn("no-road-edges", "nothing bounds the road, so every path counts as on it".to_owned());
@@ -164,21 +166,23 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
     found
 }
 
+/// Cell of the grid in which heights are compared.
+fn cell([x, y, _]: &[f64; 3]) -> (i64, i64) {
+    ((x / CELL).floor() as i64, (y / CELL).floor() as i64)
+}
+
 /// Cells in which lanes lie on different levels.
-fn level_crossings(scene: &Scene) -> usize {
-    let mut cells: HashMap<(i64, i64), (f64, f64)> = HashMap::new();
+fn level_crossings(scene: &Scene) -> HashSet<(i64, i64)> {
     let (lo, hi) = height_range(scene.map.polylines(MapKind::is_lane).flat_map(|(_, points)| points));
+    let mut cells: HashMap<(i64, i64), (f64, f64)> = HashMap::new();
     if hi - lo <= LEVEL {
-        return 0;
+        return HashSet::new();
     }
-    for (_, points) in scene.map.polylines(MapKind::is_lane) {
-        for [x, y, z] in points {
-            let cell = ((x / CELL).floor() as i64, (y / CELL).floor() as i64);
-            let (lo, hi) = cells.entry(cell).or_insert((*z, *z));
-            (*lo, *hi) = (lo.min(*z), hi.max(*z));
-        }
+    for point in scene.map.polylines(MapKind::is_lane).flat_map(|(_, points)| points) {
+        let (lo, hi) = cells.entry(cell(point)).or_insert((point[2], point[2]));
+        (*lo, *hi) = (lo.min(point[2]), hi.max(point[2]));
     }
-    cells.values().filter(|(lo, hi)| hi - lo > LEVEL).count()
+    cells.into_iter().filter(|(_, (lo, hi))| hi - lo > LEVEL).map(|(cell, _)| cell).collect()
 }
 
 fn height_range<'p>(points: impl Iterator<Item = &'p [f64; 3]>) -> (f64, f64) {

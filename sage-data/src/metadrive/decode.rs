@@ -114,7 +114,7 @@ fn tracks(fields: &Fields, top: Id, frames: usize, notes: &mut Vec<String>) -> R
 
 fn track(fields: &Fields, id: Id, field: &Field, name: String, frames: usize) -> Result<Track, Error> {
     let kind = fields.required(id, field, "type", "VEHICLE, PEDESTRIAN, CYCLIST, …")?;
-    let kind = TrackKind::from_name(fields.text(kind, &field.key("type"))?);
+    let kind = TrackKind::from_name(fields.word(kind, &field.key("type"))?);
     let state = fields.required(id, field, "state", "a dict of columns")?;
     let field = &field.key("state");
     let get = |key: &str, expected: &str| fields.required(state, field, key, expected);
@@ -246,7 +246,8 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         let name = fields.identifier(*key, &root)?;
         let field = root.key(&name);
         let kind = fields.required(*value, &field, "type", "LANE_…, ROAD_LINE_…, ROAD_EDGE_…, …")?;
-        let kind = MapKind::from_name(fields.text(kind, &field.key("type"))?);
+        let kind = fields.word(kind, &field.key("type"))?;
+        let kind = MapKind::from_name(kind);
         let first = map.points.len();
         let shape = ["polyline", "polygon", "position"]
             .into_iter()

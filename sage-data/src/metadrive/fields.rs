@@ -35,6 +35,9 @@ impl fmt::Display for Field<'_> {
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 const F64: Dtype = Dtype { kind: ElementKind::Float, size: 8, big_endian: false };
 
+/// What a track, feature or light costs beside its name and numbers, in numbers.
+const OVERHEAD: usize = 64;
+
 /// A document being read as a scene.
 pub(super) struct Fields<'d> {
     pub(super) document: &'d Document,
@@ -103,11 +106,18 @@ impl<'d> Fields<'d> {
         self.document.text(id).ok_or_else(|| self.wrong(field, id, "a str"))
     }
 
+    /// A text that is copied into the scene.
+    pub(super) fn word(&self, id: Id, field: &Field) -> Result<&'d str, Error> {
+        let text = self.text(id, field)?;
+        self.spend(field, text.len())?;
+        Ok(text)
+    }
+
     /// A key of a dict of tracks or features.
     pub(super) fn identifier(&self, id: Id, field: &Field) -> Result<String, Error> {
         let name = self.document.identifier(id);
         let name = name.ok_or_else(|| self.wrong(field, id, "an id, a str or an int"))?;
-        self.spend(field, name.len())?;
+        self.spend(field, name.len() + OVERHEAD)?;
         Ok(name)
     }
 

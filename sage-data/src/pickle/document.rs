@@ -22,6 +22,9 @@ pub struct Array {
     pub shape: Vec<u32>,
     /// Whether the first index runs fastest.
     pub fortran: bool,
+    /// Whether it came by `_frombuffer`: numpy then keeps a foreign byte order, which it turns into
+    /// its own when it loads arrays the older way.
+    pub from_buffer: bool,
     /// Elements.
     pub data: Span,
 }

@@ -31,6 +31,8 @@ pub enum Global {
     Int,
     /// `builtins.set`.
     Set,
+    /// `__builtin__.bytes`, called with nothing: how protocol 2 writes empty bytes.
+    Bytes,
 }
 
 impl Global {
@@ -43,8 +45,10 @@ impl Global {
             (b"numpy", b"dtype") => Self::Dtype,
             (b"_codecs", b"encode") => Self::Encode,
             (b"collections", b"defaultdict") => Self::DefaultDict,
-            (b"builtins" | b"__builtin__", b"int") => Self::Int,
+            // Python 3 writes `int` under Python 2's name `long` in protocol 2.
+            (b"builtins" | b"__builtin__", b"int") | (b"__builtin__", b"long") => Self::Int,
             (b"builtins" | b"__builtin__", b"set") => Self::Set,
+            (b"__builtin__", b"bytes") => Self::Bytes,
             _ => return None,
         })
     }
@@ -559,7 +563,7 @@ impl Machine {
             (Global::FromBuffer, [data, dtype, shape, order]) => {
                 let fortran = matches!(self.node(*order), Node::Str(s) if self.slice(*s) == b"F");
                 let array = self.array_of(*shape, *dtype, fortran, *data)?;
-                Node::Array(Box::new(array))
+                Node::Array(Box::new(Array { from_buffer: true, ..array }))
             }
             (Global::Encode, [text, _]) => Node::Bytes(self.encode(*text)?),
             (Global::DefaultDict, []) => Node::DefaultDict { int_factory: false, entries: Vec::new() },
@@ -571,6 +575,7 @@ impl Machine {
                 };
                 Node::DefaultDict { int_factory, entries: Vec::new() }
             }
+            (Global::Bytes, []) => Node::Bytes(Span { start: 0, len: 0 }),
             (Global::Set, []) => Node::Set(Vec::new()),
             (Global::Set, [items]) => match self.node(*items) {
                 Node::List(items) | Node::Tuple(items) => {
@@ -683,7 +688,7 @@ impl Machine {
         }
         let short: Option<Vec<u32>> = shape.iter().map(|n| u32::try_from(*n).ok()).collect();
         let shape = short.ok_or_else(|| array_size(&shape, dtype, needed, data))?;
-        Ok(Array { dtype, shape, fortran, data })
+        Ok(Array { dtype, shape, fortran, from_buffer: false, data })
     }
 
     /// Bytes of `_codecs.encode(text, "latin1")`, appended to the document.

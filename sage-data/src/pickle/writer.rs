@@ -51,7 +51,11 @@ impl Document {
             memo_len: 0,
             tasks: vec![Task::Value(self.root)],
         };
-        let newest = self.nodes.iter().any(|node| matches!(node, Node::ByteArray(_)));
+        let newest = self.nodes.iter().any(|node| match node {
+            Node::ByteArray(_) => true,
+            Node::Array(array) => needs_buffer(array),
+            _ => false,
+        });
         writer.out.extend([op::PROTO, if newest { 5 } else { 4 }]);
         while let Some(task) = writer.tasks.pop() {
             writer.perform(task);
@@ -311,6 +315,9 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
     }
 
     fn array(&mut self, id: Id, array: &Array) {
+        if needs_buffer(array) {
+            return self.buffered_array(id, array);
+        }
         self.global("numpy.core.multiarray", "_reconstruct");
         self.global("numpy", "ndarray");
         self.out.extend([op::BININT1, 0, op::TUPLE1]);
@@ -327,4 +334,27 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
         self.counted(op::SHORT_BINBYTES, op::BINBYTES, self.document.bytes(array.data));
         self.out.extend([op::TUPLE, op::BUILD]);
     }
+
+    fn buffered_array(&mut self, id: Id, array: &Array) {
+        let bytes = self.document.bytes(array.data);
+        self.global("numpy.core.numeric", "_frombuffer");
+        self.out.push(op::MARK);
+        self.out.push(op::BYTEARRAY8);
+        self.out.extend((bytes.len() as u64).to_le_bytes());
+        self.out.extend_from_slice(bytes);
+        self.dtype(array.dtype);
+        self.out.push(op::MARK);
+        for length in &array.shape {
+            self.int(i64::from(*length));
+        }
+        self.out.push(op::TUPLE);
+        self.word(if array.fortran { "F" } else { "C" });
+        self.out.extend([op::TUPLE, op::REDUCE]);
+        self.store_if_shared(id);
+    }
+}
+
+/// Whether only protocol 5's way keeps an array's byte order.
+fn needs_buffer(array: &Array) -> bool {
+    array.from_buffer && array.dtype.big_endian && array.dtype.size > 1
 }

@@ -22,8 +22,7 @@ pub fn reference(name: &str) -> Option<PathBuf> {
     folder("SAGE_REFERENCE").map(|folder| folder.join("fixtures").join(name))
 }
 
-/// Files of the wider ScenarioNet format.
-pub fn scenarionet() -> Vec<PathBuf> {
-    let Some(folder) = folder("SAGE_SCENARIONET") else { return Vec::new() };
-    ["waymo_overpass.pkl", "nuscenes_0.pkl"].map(|name| folder.join(name)).into()
+/// The folder with `scenarionet/` and `womd_cat500_stats.csv`.
+pub fn samples() -> Option<PathBuf> {
+    folder("SAGE_SAMPLES")
 }

@@ -1,0 +1,222 @@
+//! Small files made by Python (`data/make_pickles.py`): every protocol and spelling, everything
+//! other writers do, and one thing wrong at a time.
+
+use std::{path::{Path, PathBuf}, process::Command};
+
+use sage_core::{motion::NOW, scene::{AdversaryOrigin, LightState, MapKind, TrackKind}};
+use sage_data::{Error, Recording, folder, pickle::{Document, same}};
+
+fn data(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
+}
+
+fn example(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples").join(name)
+}
+
+const SMALL: [&str; 8] = [
+    "small_p2_core.pkl", "small_p2__core.pkl", "small_p3_core.pkl", "small_p3__core.pkl", "small_p4_core.pkl",
+    "small_p4__core.pkl", "small_p5_core.pkl", "small_p5__core.pkl",
+];
+
+#[test]
+fn every_protocol_and_spelling_says_the_same() {
+    let first = Recording::read(&data("small_p4_core.pkl")).unwrap();
+    for name in SMALL {
+        let other = Recording::read(&data(name)).unwrap();
+        assert_eq!(other.scene, first.scene, "{name}");
+        assert!(same(&first.source, first.source.root(), &other.source, other.source.root()), "{name}");
+    }
+}
+
+#[test]
+fn the_values_are_those_that_python_wrote() {
+    let Recording { scene, source, .. } = Recording::read(&data("small_p2__core.pkl")).unwrap();
+    assert_eq!((&scene.id[..], scene.frames, scene.ego().id.as_str()), ("small", 14, "ego"));
+    assert_eq!((scene.adversary, scene.adversary_origin), (Some(1), AdversaryOrigin::File));
+    assert_eq!(scene.timestamps.len(), 14);
+    // 5 m/s along x, float64.
+    assert_eq!(scene.tracks[0].position[13], [6.5, 0.0, 0.75]);
+    // Columns in Fortran order and big-endian.
+    assert_eq!(scene.tracks[1].point(0), [20.0, 3.0]);
+    assert_eq!(scene.tracks[1].heading[7], std::f64::consts::PI);
+    // Rows as a list of tuples, invalid frames 2 and 11.
+    assert_eq!(scene.tracks[2].kind, TrackKind::Cyclist);
+    assert_eq!(scene.tracks[2].count_valid(0..14), 12);
+    assert!(!scene.tracks[2].is_valid(2) && scene.tracks[2].velocity[2] == [0.0, 0.0]);
+    assert_eq!(scene.tracks[3].kind, TrackKind::Other("TRAFFIC_CONE".into()));
+    let kinds: Vec<&MapKind> = scene.map.features.iter().map(|f| &f.kind).collect();
+    assert_eq!(kinds, [&MapKind::LaneSurfaceStreet, &MapKind::LaneSurfaceStreet, &MapKind::EdgeBoundary, &MapKind::EdgeMedian]);
+    // An int key, named by an int in a list.
+    assert_eq!(scene.map.features[1].id, "17");
+    assert_eq!(scene.map.features[0].lane.as_ref().unwrap().exits, [1]);
+    assert_eq!(scene.map.points_of(&scene.map.features[1])[1], [45.0, 1.0, 0.0]);
+    assert_eq!(scene.map.points_of(&scene.map.features[3]), [[0.0, 9.0, 1.0], [30.0, 9.0, 1.0]]);
+    let metadata = source.get(source.root(), "metadata").unwrap();
+    let get = |key| source.get(metadata, key).unwrap();
+    assert_eq!(source.number(get("scalar")), Some(1.5));
+    assert_eq!(source.integer(get("whole")), Some(-7));
+    assert_eq!(source.integer(get("negative")), Some(-(1i64 << 40)));
+    assert_eq!(source.text(get("text")), Some("päth \u{1F697}"));
+    assert_eq!(source.describe(get("raw")), "bytes");
+}
+
+#[test]
+fn the_example_scene_holds_what_its_maker_says() {
+    let scene = Recording::read(&example("crossing.pkl")).unwrap().scene;
+    assert_eq!((scene.frames, scene.ego().id.as_str(), scene.adversary().unwrap().id.as_str()), (91, "ego", "crosser"));
+    let feature = |id: &str| scene.map.features.iter().position(|f| f.id == id).unwrap();
+    let lane = |id: &str| scene.map.features[feature(id)].lane.as_ref().unwrap();
+    assert_eq!(lane("east").neighbors[0][0].lane, feature("west"));
+    assert_eq!(lane("east").neighbors[0][0].other, [0, 120]);
+    assert_eq!(lane("north").boundaries[0][0].feature, feature("yellow"));
+    assert!(lane("north").exits.is_empty(), "a lane beyond the map is left out");
+    assert!((lane("east").speed_limit.unwrap() - 13.41).abs() < 0.01);
+    assert_eq!(lane("east").width[0], [1.75, 1.75]);
+    let light = &scene.lights[0];
+    assert_eq!((light.states[0], light.states[90]), (LightState::Go, LightState::Unknown));
+    assert_eq!(light.stop_point, Some([1.75, -8.0, 0.0]));
+}
+
+fn all_good() -> Vec<PathBuf> {
+    let mut files: Vec<PathBuf> = SMALL.iter().map(|name| data(name)).collect();
+    files.extend([data("newest_p5.pkl"), example("crossing.pkl")]);
+    files
+}
+
+#[test]
+fn writing_loses_nothing() {
+    for path in all_good() {
+        let read = Recording::read(&path).unwrap();
+        let again = Recording::from_bytes(&path, read.to_pickle().unwrap()).unwrap();
+        assert_eq!(read.scene, again.scene, "{}", path.display());
+        let (a, b) = (&read.source, &again.source);
+        assert!(same(a, a.root(), b, b.root()), "{}", path.display());
+    }
+}
+
+#[test]
+fn python_reads_what_was_written_as_what_was_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pairs = Vec::new();
+    for (k, path) in all_good().into_iter().enumerate() {
+        let written = folder.path().join(format!("{k}.pkl"));
+        Recording::read(&path).unwrap().write_pickle(&written).unwrap();
+        pairs.extend([path, written]);
+    }
+    match Command::new("python3").arg(data("compare.py")).args(&pairs).output() {
+        Ok(run) if run.status.code() == Some(3) => eprintln!("left out: no numpy at hand"),
+        Ok(run) => assert!(run.status.success(), "{}{}", String::from_utf8_lossy(&run.stdout), String::from_utf8_lossy(&run.stderr)),
+        Err(_) => eprintln!("left out: no python3 at hand"),
+    }
+}
+
+#[test]
+fn a_changed_future_is_all_that_changes() {
+    for path in [data("small_p4_core.pkl"), example("crossing.pkl")] {
+        let read = Recording::read(&path).unwrap();
+        let mut changed = read.clone();
+        let adversary = read.scene.adversary.unwrap();
+        let track = &mut changed.scene.tracks[adversary];
+        for frame in NOW + 1..read.scene.frames {
+            // Halves survive 32-bit floats.
+            track.position[frame][0] += 0.5 * frame as f64;
+            track.heading[frame] = 0.5;
+            track.velocity[frame] = [1.0, 2.0];
+        }
+        track.position.iter_mut().for_each(|p| p.iter_mut().for_each(|x| *x = f64::from(*x as f32)));
+        let again = Recording::from_bytes(&path, changed.to_pickle().unwrap()).unwrap();
+        assert_eq!(again.scene, changed.scene);
+        assert_ne!(again.scene, read.scene);
+        // Types and shapes of the written columns are the file's.
+        let column = |r: &Recording, key: &str| {
+            let d = &r.source;
+            let id = read.scene.tracks[adversary].id.clone();
+            let track = d.get(d.get(d.root(), "tracks").unwrap(), &id).unwrap();
+            d.describe(d.get(d.get(track, "state").unwrap(), key).unwrap())
+        };
+        for key in ["position", "heading", "velocity", "valid"] {
+            assert_eq!(column(&again, key), column(&read, key));
+        }
+        let mut other = read.clone();
+        other.scene.tracks.pop();
+        assert!(matches!(other.to_pickle(), Err(Error::Field { .. })));
+    }
+}
+
+#[test]
+fn what_is_wrong_is_named_with_file_field_and_value() {
+    let expected = [
+        ("nan_position", "tracks/ego/state/position/3", "NaN"),
+        ("infinite_heading", "tracks/1/state/heading/5", "inf"),
+        ("nan_polyline", "map_features/edge/polyline/2", "NaN"),
+        ("empty_polyline", "map_features/edge/polyline", "empty"),
+        ("empty_column", "tracks/ego/state/heading", "0 rows"),
+        ("ragged_rows", "map_features/edge/polyline/1", "a tuple of 1 items"),
+        ("short_column", "tracks/ego/state/velocity", "13 rows"),
+        ("wide_column", "tracks/ego/state/heading", "[14, 4]"),
+        ("text_in_numbers", "tracks/2/state/velocity/0", "`a`"),
+        ("no_ego", "metadata/sdc_id", "missing"),
+        ("unknown_ego", "metadata/sdc_id", "`nobody`"),
+        ("ego_not_seen", "metadata/sdc_id", "not valid at frame 10"),
+        ("no_length", "length", "missing"),
+        ("too_short", "length", "10"),
+        ("huge_length", "length", "4611686018427387904"),
+        ("zero_width", "tracks/1/state/width/4", "0"),
+        ("no_tracks", "tracks", "missing"),
+        ("tracks_not_a_dict", "tracks", "a list of 2 items"),
+        ("not_a_scene", "length", "missing"),
+        ("no_points", "map_features/edge", "without points"),
+        ("short_light", "dynamic_map_states/a/state/object_state", "1 rows"),
+    ];
+    let files = std::fs::read_dir(data("broken")).unwrap().count();
+    assert_eq!(files, expected.len(), "a broken file without its expectation, or the other way round");
+    for (name, field, value) in expected {
+        let path = data("broken").join(format!("{name}.pkl"));
+        let error = Recording::read(&path).expect_err(name).to_string();
+        let start = format!("`{}`: field `{field}` is ", path.display());
+        assert!(error.starts_with(&start) && error.contains(value) && error.contains("; expected "), "{error}");
+    }
+}
+
+#[test]
+fn a_summary_says_which_files_are_scenes() {
+    let files = folder::scene_files(&data("scenarionet")).unwrap();
+    let names: Vec<_> = files.iter().map(|f| f.strip_prefix(data("scenarionet")).unwrap().to_owned()).collect();
+    assert_eq!(names, [Path::new("part/sd_a.pkl"), Path::new("part/sd_b.pkl")]);
+    let mut seen = Vec::new();
+    folder::in_order(&files, Recording::read, |path, recording| {
+        recording?;
+        seen.push(path.to_owned());
+        Ok::<(), Error>(())
+    })
+    .unwrap();
+    assert_eq!(seen, files);
+    let empty = tempfile::tempdir().unwrap();
+    assert!(matches!(folder::scene_files(empty.path()), Err(Error::NoScenes { .. })));
+}
+
+#[test]
+fn files_that_are_no_pickles_say_so() {
+    let parse = |bytes: &[u8]| Document::parse(bytes.to_vec()).map(|_| ()).unwrap_err().kind.to_string();
+    assert!(parse(b"").starts_with("not a pickle"));
+    assert!(parse(b"PK\x03\x04").starts_with("not a pickle: the first byte is 0x50"));
+    assert!(parse(b"\x80\x06N.").contains("protocol 6"));
+    assert!(parse(b"\x80\x04").contains("ends inside a value"));
+    assert_eq!(parse(b"\x80\x04cos\nsystem\n."), "global `os.system` is not allowed in a scene file; nothing was imported or run");
+    assert_eq!(parse(b"\x80\x04\x97."), "opcode NEXT_BUFFER (0x97) is not allowed in a scene file");
+    assert_eq!(parse(b"\x80\x04]\x94h\x00a."), "a container holds itself");
+}
+
+#[test]
+fn splits_are_lists_of_scenes_and_notes_are_passed_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("splits.json");
+    std::fs::write(&path, r#"{"note": "x", "dev": [3, "a"], "val": []}"#).unwrap();
+    let splits = sage_data::split::read_splits(&path).unwrap();
+    assert_eq!(splits["dev"], ["3", "a"]);
+    assert!(splits["val"].is_empty() && !splits.contains_key("note"));
+    std::fs::write(&path, r#"{"dev": [[1]]}"#).unwrap();
+    let error = sage_data::split::read_splits(&path).unwrap_err().to_string();
+    assert!(error.contains("field `dev` is [1]"), "{error}");
+}

@@ -60,7 +60,8 @@ pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
         None => choose_adversary(&tracks, ego),
     };
     let timestamps = match fields.optional(metadata, "ts") {
-        Some(ts) => fields.column(ts, &metadata_field.key("ts"), frames)?,
+        // Seconds from the start, or any clock's count.
+        Some(ts) => fields.column_within(f64::MAX, ts, &metadata_field.key("ts"), frames)?,
         None => Vec::new(),
     };
     let map = Arc::new(map(&fields, top, &mut notes)?);

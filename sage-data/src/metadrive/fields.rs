@@ -2,6 +2,8 @@
 
 use std::{cell::Cell, fmt, path::Path};
 
+use sage_core::motion::MAX_COORDINATE;
+
 use crate::{
     Error,
     pickle::{Array, Document, Dtype, ElementKind, Id, Node},
@@ -123,7 +125,19 @@ impl<'d> Fields<'d> {
 
     /// One finite number a frame, from an array of shape (n,) or (n, 1) or a list.
     pub(super) fn column(&self, id: Id, field: &Field, length: usize) -> Result<Vec<f64>, Error> {
-        let rows = self.rows::<1>(id, field, &[1])?;
+        self.column_within(MAX_COORDINATE, id, field, length)
+    }
+
+    /// As [`Fields::column`], for numbers of any size up to `limit`.
+    pub(super) fn column_within(
+        &self,
+        limit: f64,
+        id: Id,
+        field: &Field,
+        length: usize,
+    ) -> Result<Vec<f64>, Error> {
+        let mut rows = Vec::new();
+        self.append_rows_within::<1>(limit, &mut rows, id, field, &[1])?;
         self.check_length(field, rows.len(), length)?;
         Ok(rows.into_iter().map(|[x]| x).collect())
     }
@@ -148,7 +162,7 @@ impl<'d> Fields<'d> {
         Err(self.error(field, format!("{found} rows"), format!("{expected} rows, one a frame")))
     }
 
-    /// Finite rows of any of the accepted widths; columns beyond the width are 0.
+    /// Rows of finite numbers within [`MAX_COORDINATE`] of any of the accepted widths; columns beyond the width are 0.
     pub(super) fn rows<const N: usize>(
         &self,
         id: Id,
@@ -168,6 +182,17 @@ impl<'d> Fields<'d> {
         field: &Field,
         widths: &[usize],
     ) -> Result<(), Error> {
+        self.append_rows_within(MAX_COORDINATE, out, id, field, widths)
+    }
+
+    fn append_rows_within<const N: usize>(
+        &self,
+        limit: f64,
+        out: &mut Vec<[f64; N]>,
+        id: Id,
+        field: &Field,
+        widths: &[usize],
+    ) -> Result<(), Error> {
         let first = out.len();
         match self.document.node(id) {
             Node::Array(array) => self.append_array(out, array, id, field, widths)?,
@@ -180,11 +205,16 @@ impl<'d> Fields<'d> {
             _ => return Err(self.wrong(field, id, "an array or a list of numbers")),
         }
         // One branch-free pass for the usual case; the search for the culprit only when it fails.
-        if out[first..].iter().flatten().fold(false, |bad, x| bad | !x.is_finite()) {
-            let bad = out[first..].iter().position(|row| row.iter().any(|x| !x.is_finite()));
-            let row = bad.unwrap_or(0);
-            let value = out[first + row].iter().find(|x| !x.is_finite()).copied().unwrap_or(f64::NAN);
-            return Err(self.error(&field.key(&row.to_string()), value.to_string(), "a finite number"));
+        // NaN fails the comparison as well.
+        let is_bad = |x: &f64| !(x.abs() <= limit);
+        if out[first..].iter().flatten().fold(false, |bad, x| bad | is_bad(x)) {
+            let culprit = out[first..].iter().enumerate().find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
+            let (row, value) = culprit.unwrap_or((0, &f64::NAN));
+            return Err(self.error(
+                &field.key(&row.to_string()),
+                value.to_string(),
+                format!("a finite number within ±{limit:e}"),
+            ));
         }
         Ok(())
     }

@@ -1,0 +1,53 @@
+//! Reads any number of broken and hostile pickles and counts what became of them.
+//!
+//! ```sh
+//! cargo run --release -p sage-data --example mutate_pickles -- 100000 [SCENE.pkl …]
+//! ```
+//! Ends with an error at the first panic, at the first hostile file that is let in, or when all of
+//! it together needs more than 256 MiB.
+
+use std::{alloc::System, collections::BTreeMap, process::ExitCode};
+
+#[path = "../tests/mutation/mod.rs"]
+mod mutation;
+
+use mutation::{Mutator, Outcome};
+
+#[global_allocator]
+static ALLOCATOR: cap::Cap<System> = cap::Cap::new(System, 256 << 20);
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args().skip(1);
+    let Some(count) = arguments.next().and_then(|n| n.parse::<u64>().ok()) else {
+        eprintln!("usage: mutate_pickles COUNT [SCENE.pkl …]");
+        return ExitCode::from(2);
+    };
+    let files: Vec<String> = arguments.collect();
+    let read: Result<Vec<Vec<u8>>, std::io::Error> = files.iter().map(std::fs::read).collect();
+    let mut bases = match read {
+        Ok(bases) => bases,
+        Err(error) => {
+            eprintln!("error: cannot read a scene: {error}");
+            return ExitCode::FAILURE;
+        }
+    };
+    bases.push(include_bytes!("../../examples/crossing.pkl").to_vec());
+    bases.push(include_bytes!("../tests/data/small_p2_core.pkl").to_vec());
+    bases.push(include_bytes!("../tests/data/newest_p5.pkl").to_vec());
+    let mutator = Mutator::new(bases);
+    let mut rows: BTreeMap<&str, [u64; 2]> = BTreeMap::new();
+    let mut slowest: f64 = 0.0;
+    for number in 0..count {
+        let mutant = mutator.make(number);
+        let (outcome, seconds) = mutation::read(&mutant);
+        slowest = slowest.max(seconds);
+        rows.entry(mutant.kind).or_default()[matches!(outcome, Outcome::Scene) as usize] += 1;
+    }
+    eprintln!("{:<16} {:>9} {:>9}", "mutation", "refused", "scenes");
+    for (kind, [refused, scenes]) in &rows {
+        eprintln!("{kind:<16} {refused:>9} {scenes:>9}");
+    }
+    let peak = ALLOCATOR.max_allocated() as f64 / f64::from(1 << 20);
+    eprintln!("{count} files, slowest {:.1} ms, at most {peak:.0} MiB in use", slowest * 1e3);
+    ExitCode::SUCCESS
+}

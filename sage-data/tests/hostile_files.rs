@@ -1,0 +1,39 @@
+//! 2 000 broken and hostile pickles: an error or a scene, never a panic, a hang or a lot of memory.
+
+mod mutation;
+
+use std::{alloc::System, path::Path};
+
+use mutation::{HOSTILE, Mutator, Outcome};
+
+/// An allocation beyond the limit fails, which ends the test.
+#[global_allocator]
+static ALLOCATOR: cap::Cap<System> = cap::Cap::new(System, 256 << 20);
+
+#[test]
+fn mutants_are_refused_or_scenes() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let files = ["tests/data/small_p2_core.pkl", "tests/data/small_p4_core.pkl", "tests/data/newest_p5.pkl", "../examples/crossing.pkl"];
+    let mutator = Mutator::new(files.map(|file| std::fs::read(folder.join(file)).unwrap()).into());
+    let (mut scenes, mut refused) = (0, 0);
+    for number in 0..2_000 {
+        match mutation::read(&mutator.make(number)).0 {
+            Outcome::Scene => scenes += 1,
+            Outcome::Refused => refused += 1,
+        }
+    }
+    // Both ends must be seen, or the mutations say little.
+    assert!(scenes > 100 && refused > 800, "{scenes} scenes, {refused} refused");
+}
+
+#[test]
+fn no_hostile_global_is_let_in() {
+    for global in HOSTILE {
+        let (module, name) = global.split_once(' ').unwrap();
+        for code in [format!("c{module}\n{name}\n."), format!("c{module}\n{name}\n)R.")] {
+            let bytes = [b"\x80\x04", code.as_bytes()].concat();
+            let error = mutation::consume(&bytes).expect_err(global).to_string();
+            assert!(error.contains("is not allowed"), "{global}: {error}");
+        }
+    }
+}

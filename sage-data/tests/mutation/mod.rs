@@ -1,0 +1,343 @@
+//! Broken and hostile pickles without end, from a seed.
+//!
+//! Used by the test (2 000 of them), by `cargo run --release -p sage-data --example
+//! mutate_pickles` (as many as wanted) and, one input at a time, by the fuzz target.
+
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::Path,
+    time::Instant,
+};
+
+use sage_core::{
+    motion::{HORIZON, NOW, Trajectory},
+    objective::{Context, ContextOptions, Convention, Scorer},
+    scene::{Scene, SceneIndex},
+    seed::Rng,
+};
+use sage_data::{Error, Recording, checks::Summary};
+
+/// Globals that scanners of hostile pickles look for, and some that look harmless.
+pub const HOSTILE: &[&str] = &[
+    "os system", "os popen", "os execv", "os spawnl", "os remove", "os rename", "os putenv", "os startfile", "posix system",
+    "posix popen", "posix execve", "posix fork", "nt system", "nt execv", "subprocess Popen", "subprocess run",
+    "subprocess call", "subprocess check_output", "subprocess check_call", "subprocess getoutput", "commands getoutput",
+    "builtins eval", "builtins exec", "builtins compile", "builtins open", "builtins getattr", "builtins setattr",
+    "builtins delattr", "builtins __import__", "builtins breakpoint", "builtins globals", "builtins vars", "builtins apply",
+    "builtins map", "builtins input", "builtins type", "builtins object", "builtins bytearray", "builtins frozenset",
+    "builtins memoryview", "builtins print", "builtins help", "builtins exit", "builtins range", "builtins complex",
+    "__builtin__ eval", "__builtin__ exec", "__builtin__ execfile", "__builtin__ getattr", "__builtin__ apply",
+    "__builtin__ compile", "__builtin__ open", "__builtin__ file", "__builtin__ __import__", "__builtin__ input",
+    "sys exit", "sys modules", "sys settrace", "sys addaudithook", "socket socket", "socket create_connection", "shutil rmtree",
+    "shutil move", "shutil copyfile", "pickle loads", "pickle load", "_pickle loads", "_pickle Unpickler", "cPickle loads",
+    "dill loads", "cloudpickle loads", "joblib load", "marshal loads", "marshal load", "types CodeType", "types FunctionType",
+    "runpy _run_code", "runpy run_path", "runpy run_module", "importlib import_module", "importlib.machinery SourceFileLoader",
+    "imp load_source", "pkgutil resolve_name", "operator attrgetter", "operator methodcaller", "operator itemgetter",
+    "_operator attrgetter", "functools partial", "functools reduce", "itertools starmap", "webbrowser open",
+    "urllib.request urlopen", "urllib.request urlretrieve", "urllib urlopen", "requests.api get", "requests.api post",
+    "httplib HTTPSConnection", "http.client HTTPSConnection", "aiohttp.client ClientSession", "ftplib FTP", "smtplib SMTP",
+    "telnetlib Telnet", "asyncio.unix_events _UnixSubprocessTransport", "asyncio create_subprocess_shell", "ssl get_server_certificate",
+    "ctypes CDLL", "ctypes cdll", "ctypes.util find_library", "_ctypes dlopen", "cffi FFI", "multiprocessing Process",
+    "multiprocessing.util spawnv_passfds", "concurrent.futures ProcessPoolExecutor", "threading Thread", "signal signal", "pty spawn",
+    "code InteractiveInterpreter", "code interact", "codeop compile_command", "bdb Bdb", "pdb Pdb", "pdb run", "pdb runeval",
+    "profile run", "profile Profile", "cProfile run", "cProfile runctx", "trace Trace", "timeit timeit", "timeit Timer",
+    "doctest debug_script", "unittest.mock patch", "pip main", "pip._internal main", "ensurepip bootstrap", "venv create",
+    "idlelib.pyshell ModifiedInterpreter", "idlelib.autocomplete AutoComplete", "lib2to3.pgen2.grammar Grammar",
+    "lib2to3.pgen2.pgen ParserGenerator", "distutils.file_util write_file", "distutils.spawn spawn", "setuptools setup",
+    "numpy load", "numpy fromfile", "numpy frombuffer", "numpy save", "numpy memmap", "numpy.testing._private.utils runstring",
+    "numpy.f2py.crackfortran getlincoef", "numpy.f2py.crackfortran _eval_length", "numpy.distutils.exec_command exec_command",
+    "numpy.core.multiarray fromfile", "numpy._core.multiarray frombuffer", "numpy.core.multiarray _vec_string", "numpy.core._internal _dtype_from_pep3118",
+    "numpy.random._pickle __randomstate_ctor", "numpy.ma.core _mareconstruct", "numpy poly1d", "numpy matrix",
+    "torch load", "torch.storage _load_from_bytes", "torch._utils _rebuild_tensor_v2", "torch.hub load", "torch.jit load",
+    "torch.serialization load", "torch._dynamo.guards GuardBuilder.get", "torch._inductor.codecache compile_file",
+    "torch.utils.collect_env run", "torch.utils._config_module load_config", "torch.fx.experimental.symbolic_shapes ShapeEnv.evaluate_guards_expression",
+    "tensorflow.io read_file", "tensorflow.python.lib.io.file_io copy", "keras.models load_model", "pandas read_pickle",
+    "pandas.io.common get_handle", "sklearn.externals.joblib load", "scipy.io loadmat", "yaml load", "yaml unsafe_load",
+    "jsonpickle decode", "shelve open", "dbm open", "sqlite3 connect", "tarfile open", "zipfile ZipFile", "zipimport zipimporter",
+    "tempfile mktemp", "tempfile NamedTemporaryFile", "pathlib Path", "pathlib PosixPath", "io open", "io FileIO", "_io FileIO",
+    "_io open", "codecs open", "codecs encode", "codecs decode", "_codecs decode", "_codecs lookup", "linecache getline", "glob glob",
+    "platform popen", "platform _syscmd_ver", "getpass getpass", "gc get_objects", "inspect getsource", "weakref ref", "atexit register",
+    "logging.config fileConfig", "logging.config listen", "xml.sax parse", "xmlrpc.client ServerProxy", "email message_from_file",
+    "tkinter Tk", "turtle done", "antigravity fly", "this s", "test.support run_in_subinterp", "site main", "sched scheduler",
+    "copyreg _reconstructor", "copyreg __newobj__", "copy_reg _reconstructor", "copy copy", "string Formatter", "string Template",
+    "collections OrderedDict", "collections namedtuple", "collections Counter", "collections deque", "decimal Decimal",
+    "datetime datetime", "uuid UUID", "fractions Fraction", "random Random", "_random Random", "struct unpack", "array array",
+    "_thread start_new_thread", "_posixsubprocess fork_exec", "_winapi CreateProcess", "nturl2path url2pathname", "ntpath join",
+    "numpy.dtype __reduce__", "numpy ndarray.tofile", "numpy.core.multiarray _reconstruct.__globals__", "os.path join", " system", "os ",
+];
+
+/// Where a seeded input comes from.
+pub struct Mutator {
+    bases: Vec<Vec<u8>>,
+}
+
+/// An input, how it was made, and whether it must be refused.
+pub struct Mutant {
+    pub bytes: Vec<u8>,
+    pub kind: &'static str,
+    pub hostile: Option<&'static str>,
+}
+
+impl Mutator {
+    /// Mutates these files.
+    pub fn new(bases: Vec<Vec<u8>>) -> Self {
+        assert!(!bases.is_empty());
+        Self { bases }
+    }
+
+    /// The input of a number.
+    pub fn make(&self, number: u64) -> Mutant {
+        let mut rng = Rng::new(number, "pickle", "mutation");
+        let mut bytes = self.bases[rng.below(self.bases.len())].clone();
+        let mut hostile = None;
+        let kind = match rng.below(12) {
+            0 | 1 => {
+                for _ in 0..1 + rng.below(8) {
+                    let at = rng.below(bytes.len());
+                    bytes[at] ^= 1 << rng.below(8);
+                }
+                "bits flipped"
+            }
+            2 | 3 => {
+                for _ in 0..1 + rng.below(6) {
+                    let at = rng.below(bytes.len());
+                    bytes[at] = rng.bits() as u8;
+                }
+                "bytes replaced"
+            }
+            4 => {
+                bytes.truncate(rng.below(bytes.len()));
+                "cut"
+            }
+            5 => {
+                inflate(&mut bytes, &mut rng);
+                "length inflated"
+            }
+            6 => {
+                let from = rng.below(bytes.len());
+                let to = (from + rng.below(200)).min(bytes.len());
+                let slice = bytes[from..to].to_vec();
+                let at = rng.below(bytes.len());
+                match rng.below(2) {
+                    0 => drop(bytes.drain(from..to)),
+                    _ => bytes.splice(at..at, slice).for_each(drop),
+                }
+                "slice moved"
+            }
+            7 => {
+                let global = HOSTILE[rng.below(HOSTILE.len())];
+                call(&mut bytes, global, &mut rng);
+                hostile = Some(global);
+                "hostile global"
+            }
+            8 => {
+                bytes = deep(&mut rng);
+                "deep nesting"
+            }
+            9 => {
+                bytes = memo_loop(&mut rng);
+                "memo loop"
+            }
+            10 => {
+                bytes = amplified(&mut rng);
+                "amplified"
+            }
+            _ => {
+                replace_values(&mut bytes, &mut rng);
+                "values replaced"
+            }
+        };
+        Mutant { bytes, kind, hostile }
+    }
+}
+
+/// What reading an input came to.
+pub enum Outcome {
+    Scene,
+    Refused,
+}
+
+/// Reads an input and uses what comes out. Panics if reading panics, if something hostile is
+/// accepted, or if a scene that was accepted cannot be written and read again.
+pub fn read(mutant: &Mutant) -> (Outcome, f64) {
+    let start = Instant::now();
+    let outcome = catch_unwind(AssertUnwindSafe(|| consume(&mutant.bytes)));
+    let seconds = start.elapsed().as_secs_f64();
+    let result = outcome.unwrap_or_else(|_| panic!("reading panics: {}", mutant.kind));
+    if let Some(global) = mutant.hostile {
+        let module = global.split(' ').next().unwrap_or_default();
+        match result {
+            Err(Error::Pickle { problem, .. }) => {
+                let text = problem.to_string();
+                assert!(text.contains("is not allowed") && text.contains(module), "{global}: {text}");
+            }
+            Err(other) => panic!("{global}: {other}"),
+            Ok(()) => panic!("{global} was accepted"),
+        }
+        return (Outcome::Refused, seconds);
+    }
+    (if result.is_ok() { Outcome::Scene } else { Outcome::Refused }, seconds)
+}
+
+/// Reads, summarises and writes a scene, if it is one.
+pub fn consume(bytes: &[u8]) -> Result<(), Error> {
+    let path = Path::new("mutant.pkl");
+    let recording = Recording::from_bytes(path, bytes.to_vec())?;
+    let summary = Summary::of("mutant", &recording.scene);
+    assert_eq!(summary.map_points, recording.scene.map.points.len());
+    score(&recording.scene);
+    let again = Recording::from_bytes(path, recording.to_pickle()?)?;
+    assert_eq!(again.scene, recording.scene, "written and read again it is another scene");
+    Ok(())
+}
+
+/// Scores the logged future, if there is one; whatever the scene holds, rewards are finite.
+fn score(scene: &Scene) {
+    let Ok(adversary) = scene.adversary() else { return };
+    if scene.frames <= NOW + HORIZON {
+        return;
+    }
+    let points = (NOW + 1..=NOW + HORIZON).map(|f| adversary.point(f)).collect();
+    let log = Trajectory::new("log", points).expect("the reader bounds coordinates");
+    let index = SceneIndex::new(scene.map.clone());
+    for convention in [Convention::Paper, Convention::Release] {
+        let options = ContextOptions { convention, ..ContextOptions::default() };
+        let ctx = Context::new(scene, &index, &options).expect("it has an adversary and all frames");
+        let s = Scorer::new(&ctx).expect("default rules").scores(&ctx.candidate(log.clone()));
+        for value in [s.adversarial_reward, s.kinematic_penalty, s.behavior_penalty] {
+            assert!(value.is_finite(), "{convention:?}: {s:?}");
+        }
+    }
+}
+
+/// Overwrites a length after one of the opcodes that have one.
+fn inflate(bytes: &mut [u8], rng: &mut Rng) {
+    let counted: Vec<usize> = (0..bytes.len().saturating_sub(9))
+        .filter(|&k| matches!(bytes[k], b'X' | b'B' | b'T' | 0x8b | 0x8c | 0x8d | 0x8e | 0x95 | 0x96 | b'C' | b'U' | b'J' | b'M'))
+        .collect();
+    if counted.is_empty() {
+        return;
+    }
+    let at = counted[rng.below(counted.len())];
+    let value = [u64::MAX, i64::MAX as u64, u64::from(u32::MAX), 1 << 31, 1 << 20, rng.bits()][rng.below(6)].to_le_bytes();
+    let n = if matches!(bytes[at], 0x8d | 0x8e | 0x95 | 0x96) { 8 } else if matches!(bytes[at], 0x8c | b'C' | b'U') { 1 } else { 4 };
+    bytes[at + 1..=at + n].copy_from_slice(&value[..n]);
+}
+
+/// Puts a call of a global in front of everything, as GLOBAL or STACK_GLOBAL.
+fn call(bytes: &mut Vec<u8>, global: &str, rng: &mut Rng) {
+    let (module, name) = global.split_once(' ').unwrap_or((global, ""));
+    let mut code = Vec::new();
+    if rng.below(2) == 0 {
+        code.extend(format!("c{module}\n{name}\n").bytes());
+    } else {
+        for word in [module, name] {
+            code.extend([0x8c, word.len() as u8]);
+            code.extend(word.bytes());
+        }
+        code.push(0x93);
+    }
+    code.extend(b"\x8c\x07echo hi\x85R0");
+    // Just after PROTO.
+    bytes.splice(2..2, code);
+}
+
+fn deep(rng: &mut Rng) -> Vec<u8> {
+    let n = [65, 1_000, 100_000, 400_000][rng.below(4)];
+    let mut bytes = vec![0x80, 4];
+    match rng.below(4) {
+        0 => {
+            bytes.extend(std::iter::repeat_n(b']', n));
+            bytes.extend(std::iter::repeat_n(b'a', n - 1));
+        }
+        1 => {
+            bytes.push(b'N');
+            bytes.extend(std::iter::repeat_n(0x85, n));
+        }
+        2 => {
+            bytes.extend(std::iter::repeat_n(b'(', n));
+            bytes.extend(std::iter::repeat_n(b't', n));
+        }
+        _ => {
+            for _ in 0..n {
+                bytes.extend(b"}K\x01");
+            }
+            bytes.push(b'N');
+            bytes.extend(std::iter::repeat_n(b's', n));
+        }
+    }
+    bytes.push(b'.');
+    bytes
+}
+
+fn memo_loop(rng: &mut Rng) -> Vec<u8> {
+    let body: &[u8] = match rng.below(6) {
+        0 => b"]\x94h\x00a.",
+        1 => b"}\x94K\x01h\x00s.",
+        2 => b"]\x94h\x00\x85a.",
+        3 => b"]\x94]\x94h\x00ah\x01\x86.",
+        4 => b"\x8f\x94(h\x00\x90.",
+        _ => b"]\x94(h\x00h\x00h\x00eh\x00h\x00\x86.",
+    };
+    let mut bytes = vec![0x80, 4];
+    bytes.extend(body);
+    bytes
+}
+
+/// Short files that ask for much: shared lists of lists, repeated copies, wide memo indices.
+fn amplified(rng: &mut Rng) -> Vec<u8> {
+    let mut bytes = vec![0x80, 4];
+    match rng.below(5) {
+        0 => {
+            // Each list holds the one before it twice: 2^60 leaves in a walk without memory.
+            bytes.extend(b"]\x94");
+            for k in 0..60u8 {
+                bytes.extend([b']', 0x94, b'(', b'h', k, b'h', k, b'e']);
+            }
+        }
+        1 => {
+            // One long text, decoded again and again.
+            bytes.extend(b"c_codecs\nencode\n\x94X\x00\x00\x10\x00");
+            bytes.extend(std::iter::repeat_n(b'x', 1 << 20));
+            bytes.extend(b"\x94\x8c\x06latin1\x94");
+            for _ in 0..100_000 {
+                bytes.extend(b"h\x00h\x01h\x02\x86R0");
+            }
+        }
+        2 => {
+            // One long list, made a set of again and again.
+            bytes.extend(b"cbuiltins\nset\n\x94](");
+            bytes.extend(std::iter::repeat_n(b'N', 200_000));
+            bytes.extend(b"e\x94");
+            for _ in 0..100_000 {
+                bytes.extend(b"h\x00h\x01\x85R0");
+            }
+            bytes.push(b'N');
+        }
+        3 => {
+            bytes.extend(b"Nr\xff\xff\xff\xff");
+        }
+        _ => {
+            // A scene whose tracks are all one track.
+            bytes.extend(b"}\x94(\x8c\x06lengthK\x0b\x8c\x06tracks}(");
+            for k in 0..20_000u32 {
+                bytes.extend([0x8c, 8]);
+                bytes.extend(format!("{k:08}").bytes());
+                bytes.extend(b"h\x00");
+            }
+            bytes.extend(b"uu");
+        }
+    }
+    bytes.push(b'.');
+    bytes
+}
+
+/// Replaces floats in arrays by what no scene holds.
+fn replace_values(bytes: &mut [u8], rng: &mut Rng) {
+    for _ in 0..1 + rng.below(20) {
+        let at = rng.below(bytes.len().saturating_sub(8).max(1));
+        let value = [f32::NAN, f32::INFINITY, f32::MAX, -1e30, 0.0, 1e-40][rng.below(6)].to_le_bytes();
+        let end = (at + 4).min(bytes.len());
+        bytes[at..end].copy_from_slice(&value[..end - at]);
+    }
+}

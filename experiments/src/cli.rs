@@ -51,7 +51,7 @@ enum Command {
 #[command(
     after_help = "Examples:\n  sage inspect scenes/\n  sage inspect scenes/ --json | jq 'select(.warnings != [])'\n  sage inspect scenes/0.pkl --tracks"
 )]
-pub struct InspectArgs {
+pub(crate) struct InspectArgs {
     /// Scene files and folders.
     #[arg(required = true, value_name = "PATH")]
     pub paths: Vec<PathBuf>,
@@ -72,7 +72,7 @@ pub struct InspectArgs {
 #[command(
     after_help = "Example:\n  sage score scenes/0.pkl --candidates candidates.json --convention paper --json"
 )]
-pub struct ScoreArgs {
+pub(crate) struct ScoreArgs {
     /// The scene.
     pub scene: PathBuf,
     /// JSON file of candidates; - for standard input.
@@ -100,7 +100,7 @@ pub struct ScoreArgs {
 
 /// Names of [`Convention`].
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum ConventionArg {
+pub(crate) enum ConventionArg {
     /// As the paper writes them.
     Paper,
     /// As the published code computes them.
@@ -118,7 +118,7 @@ impl From<ConventionArg> for Convention {
 
 /// Names of [`sage_core::objective::Sizes`].
 #[derive(Clone, Copy, Debug, ValueEnum)]
-pub enum SizesArg {
+pub(crate) enum SizesArg {
     /// The log's, now.
     Logged,
     /// The published simulator's vehicle models.
@@ -135,7 +135,7 @@ enum BenchCommand {
 /// Where Python with numpy is at hand, its pickle.loads is timed beside ours in the same run.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage bench speed --data target/data/womd_cat500 --json")]
-pub struct SpeedArgs {
+pub(crate) struct SpeedArgs {
     /// Folder of scenes; a built-in scene without it.
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,

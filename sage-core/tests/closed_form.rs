@@ -1,5 +1,7 @@
 //! The `paper` convention against values worked out by hand.
 
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
 use approx::assert_relative_eq;
 use sage_core::{
     motion::{NOW, Trajectory},

@@ -1,5 +1,7 @@
 //! Laws of the objectives on seeded scenes: against a plain implementation, and under motion.
 
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
 mod scenes;
 
 use sage_core::{

@@ -148,7 +148,8 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
     }
     let over_or_under = |track: &&Track| {
         passes_on_another_level(scene.ego(), track)
-            || (0..track.valid.len()).any(|f| track.is_valid(f) && crossings.contains(&cell(&track.position[f])))
+            || (0..track.valid.len())
+                .any(|f| track.is_valid(f) && crossings.contains(&cell(&track.position[f])))
     };
     let on_levels = scene.tracks.iter().filter(over_or_under).count();
     if on_levels > 0 {

@@ -9,7 +9,7 @@ use crate::pickle::PickleError;
 #[non_exhaustive]
 pub enum Error {
     /// The operating system would not read it.
-    #[error("cannot read `{}`: {source}", path.display())]
+    #[error("cannot read `{}`", path.display())]
     Read {
         /// The file or folder.
         path: PathBuf,
@@ -18,7 +18,7 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The operating system would not write it.
-    #[error("cannot write `{}`: {source}", path.display())]
+    #[error("cannot write `{}`", path.display())]
     Write {
         /// The file.
         path: PathBuf,
@@ -42,7 +42,6 @@ pub enum Error {
         /// The file.
         path: PathBuf,
         /// What the interpreter met.
-        #[source]
         problem: PickleError,
     },
     /// A value is not what a scene holds there.

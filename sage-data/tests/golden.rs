@@ -1,6 +1,8 @@
 //! The published functions' values on real scenes: 250 trajectories on 50 scenes in both
 //! conventions. Needs `SAGE_DATA` (the unpacked scenes) and `SAGE_REFERENCE` (the fixtures).
 
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
 mod real;
 
 use std::collections::HashMap;

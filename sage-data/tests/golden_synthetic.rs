@@ -1,5 +1,7 @@
 //! The published functions' values on made-up paths, lengths 1 to 80. Needs `SAGE_REFERENCE`.
 
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
 mod real;
 
 use sage_core::{
@@ -90,8 +92,18 @@ fn made_up_paths_have_the_published_values() {
             close(&format!("{name} paper heading"), &profile.heading, &expected.heading, 1e-12);
             close(&format!("{name} paper yaw rate"), &profile.yaw_rate, &expected.yaw_rate, 1e-11);
             close(&format!("{name} paper acceleration"), &profile.acceleration, &expected.a_long, 1e-11);
-            close(&format!("{name} paper P_kin"), &[kinematic_penalty(&profile)], &[expected.kinematic_penalty], 1e-12);
-            close(&format!("{name} paper P_beh"), &[behavior_penalty(&profile)], &[expected.behavior_penalty], 1e-12);
+            close(
+                &format!("{name} paper P_kin"),
+                &[kinematic_penalty(&profile)],
+                &[expected.kinematic_penalty],
+                1e-12,
+            );
+            close(
+                &format!("{name} paper P_beh"),
+                &[behavior_penalty(&profile)],
+                &[expected.behavior_penalty],
+                1e-12,
+            );
         }
     }
     for case in &synthetic.pairs {

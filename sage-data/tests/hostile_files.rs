@@ -1,5 +1,7 @@
 //! 2 000 broken and hostile pickles: an error or a scene, never a panic, a hang or a lot of memory.
 
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
 mod mutation;
 
 use std::{alloc::System, path::Path};
@@ -13,7 +15,12 @@ static ALLOCATOR: cap::Cap<System> = cap::Cap::new(System, 256 << 20);
 #[test]
 fn mutants_are_refused_or_scenes() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let files = ["tests/data/small_p2_core.pkl", "tests/data/small_p4_core.pkl", "tests/data/newest_p5.pkl", "../examples/crossing.pkl"];
+    let files = [
+        "tests/data/small_p2_core.pkl",
+        "tests/data/small_p4_core.pkl",
+        "tests/data/newest_p5.pkl",
+        "../examples/crossing.pkl",
+    ];
     let mutator = Mutator::new(files.map(|file| std::fs::read(folder.join(file)).unwrap()).into());
     let (mut scenes, mut refused) = (0, 0);
     for number in 0..2_000 {

@@ -1,6 +1,8 @@
 //! The 430 real scenes and two samples of the wider format. Needs `SAGE_DATA` (the unpacked
 //! scenes) and `SAGE_SAMPLES` (the folder with `scenarionet/` and the table of counts).
 
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
 mod real;
 
 use std::{
@@ -68,7 +70,8 @@ fn all_scenes_load_with_the_known_counts_and_oddities() {
         compared += 1;
     }
     assert_eq!(compared, 430);
-    let duplicate = |scene: &str| rows[scene].warnings.iter().find(|w| w.kind == "duplicate").map(|w| w.detail.clone());
+    let duplicate =
+        |scene: &str| rows[scene].warnings.iter().find(|w| w.kind == "duplicate").map(|w| w.detail.clone());
     assert_eq!(duplicate("311").as_deref(), Some("same content as scene 105"));
     assert_eq!(duplicate("447").as_deref(), Some("same content as scene 377"));
     assert_eq!(duplicate("465").as_deref(), Some("same content as scene 377"));
@@ -98,7 +101,9 @@ fn the_wider_format_loads() {
 fn everything() -> Vec<PathBuf> {
     let mut files = real::data().map(|data| folder::scene_files(&data).unwrap()).unwrap_or_default();
     if let Some(samples) = real::samples() {
-        files.extend(["waymo_overpass.pkl", "nuscenes_0.pkl"].map(|name| samples.join("scenarionet").join(name)));
+        files.extend(
+            ["waymo_overpass.pkl", "nuscenes_0.pkl"].map(|name| samples.join("scenarionet").join(name)),
+        );
     }
     files
 }

@@ -1,10 +1,21 @@
 //! Small files made by Python (`data/make_pickles.py`): every protocol and spelling, everything
 //! other writers do, and one thing wrong at a time.
 
-use std::{path::{Path, PathBuf}, process::Command};
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
-use sage_core::{motion::NOW, scene::{AdversaryOrigin, LightState, MapKind, TrackKind}};
-use sage_data::{Error, Recording, folder, pickle::{Document, same}};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use sage_core::{
+    motion::NOW,
+    scene::{AdversaryOrigin, LightState, MapKind, TrackKind},
+};
+use sage_data::{
+    Error, Recording, folder,
+    pickle::{Document, same},
+};
 
 fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(name)
@@ -15,8 +26,14 @@ fn example(name: &str) -> PathBuf {
 }
 
 const SMALL: [&str; 8] = [
-    "small_p2_core.pkl", "small_p2__core.pkl", "small_p3_core.pkl", "small_p3__core.pkl", "small_p4_core.pkl",
-    "small_p4__core.pkl", "small_p5_core.pkl", "small_p5__core.pkl",
+    "small_p2_core.pkl",
+    "small_p2__core.pkl",
+    "small_p3_core.pkl",
+    "small_p3__core.pkl",
+    "small_p4_core.pkl",
+    "small_p4__core.pkl",
+    "small_p5_core.pkl",
+    "small_p5__core.pkl",
 ];
 
 #[test]
@@ -46,7 +63,15 @@ fn the_values_are_those_that_python_wrote() {
     assert!(!scene.tracks[2].is_valid(2) && scene.tracks[2].velocity[2] == [0.0, 0.0]);
     assert_eq!(scene.tracks[3].kind, TrackKind::Other("TRAFFIC_CONE".into()));
     let kinds: Vec<&MapKind> = scene.map.features.iter().map(|f| &f.kind).collect();
-    assert_eq!(kinds, [&MapKind::LaneSurfaceStreet, &MapKind::LaneSurfaceStreet, &MapKind::EdgeBoundary, &MapKind::EdgeMedian]);
+    assert_eq!(
+        kinds,
+        [
+            &MapKind::LaneSurfaceStreet,
+            &MapKind::LaneSurfaceStreet,
+            &MapKind::EdgeBoundary,
+            &MapKind::EdgeMedian
+        ]
+    );
     // An int key, named by an int in a list.
     assert_eq!(scene.map.features[1].id, "17");
     assert_eq!(scene.map.features[0].lane.as_ref().unwrap().exits, [1]);
@@ -64,7 +89,10 @@ fn the_values_are_those_that_python_wrote() {
 #[test]
 fn the_example_scene_holds_what_its_maker_says() {
     let scene = Recording::read(&example("crossing.pkl")).unwrap().scene;
-    assert_eq!((scene.frames, scene.ego().id.as_str(), scene.adversary().unwrap().id.as_str()), (91, "ego", "crosser"));
+    assert_eq!(
+        (scene.frames, scene.ego().id.as_str(), scene.adversary().unwrap().id.as_str()),
+        (91, "ego", "crosser")
+    );
     let feature = |id: &str| scene.map.features.iter().position(|f| f.id == id).unwrap();
     let lane = |id: &str| scene.map.features[feature(id)].lane.as_ref().unwrap();
     assert_eq!(lane("east").neighbors[0][0].lane, feature("west"));
@@ -106,7 +134,12 @@ fn python_reads_what_was_written_as_what_was_there() {
     }
     match Command::new("python3").arg(data("compare.py")).args(&pairs).output() {
         Ok(run) if run.status.code() == Some(3) => eprintln!("left out: no numpy at hand"),
-        Ok(run) => assert!(run.status.success(), "{}{}", String::from_utf8_lossy(&run.stdout), String::from_utf8_lossy(&run.stderr)),
+        Ok(run) => assert!(
+            run.status.success(),
+            "{}{}",
+            String::from_utf8_lossy(&run.stdout),
+            String::from_utf8_lossy(&run.stderr)
+        ),
         Err(_) => eprintln!("left out: no python3 at hand"),
     }
 }
@@ -175,14 +208,18 @@ fn what_is_wrong_is_named_with_file_field_and_value() {
         let path = data("broken").join(format!("{name}.pkl"));
         let error = Recording::read(&path).expect_err(name).to_string();
         let start = format!("`{}`: field `{field}` is ", path.display());
-        assert!(error.starts_with(&start) && error.contains(value) && error.contains("; expected "), "{error}");
+        assert!(
+            error.starts_with(&start) && error.contains(value) && error.contains("; expected "),
+            "{error}"
+        );
     }
 }
 
 #[test]
 fn a_summary_says_which_files_are_scenes() {
     let files = folder::scene_files(&data("scenarionet")).unwrap();
-    let names: Vec<_> = files.iter().map(|f| f.strip_prefix(data("scenarionet")).unwrap().to_owned()).collect();
+    let names: Vec<_> =
+        files.iter().map(|f| f.strip_prefix(data("scenarionet")).unwrap().to_owned()).collect();
     assert_eq!(names, [Path::new("part/sd_a.pkl"), Path::new("part/sd_b.pkl")]);
     let mut seen = Vec::new();
     folder::in_order(&files, Recording::read, |path, recording| {
@@ -203,7 +240,10 @@ fn files_that_are_no_pickles_say_so() {
     assert!(parse(b"PK\x03\x04").starts_with("not a pickle: the first byte is 0x50"));
     assert!(parse(b"\x80\x06N.").contains("protocol 6"));
     assert!(parse(b"\x80\x04").contains("ends inside a value"));
-    assert_eq!(parse(b"\x80\x04cos\nsystem\n."), "global `os.system` is not allowed in a scene file; nothing was imported or run");
+    assert_eq!(
+        parse(b"\x80\x04cos\nsystem\n."),
+        "global `os.system` is not allowed in a scene file; nothing was imported or run"
+    );
     assert_eq!(parse(b"\x80\x04\x97."), "opcode NEXT_BUFFER (0x97) is not allowed in a scene file");
     assert_eq!(parse(b"\x80\x04]\x94h\x00a."), "a container holds itself");
 }

@@ -35,7 +35,12 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
             tracks: if args.tracks { list_tracks(&recording.scene) } else { Vec::new() },
         })
     };
-    let mut report = Report { out: std::io::stdout().lock(), json: args.json, total: Total::default() };
+    let mut report = Report {
+        out: std::io::stdout().lock(),
+        json: args.json,
+        single: files.len() == 1,
+        total: Total::default(),
+    };
     report.header()?;
     folder::in_order(&files, read, |path, row| report.row(path, row))?;
     report.finish()
@@ -72,6 +77,8 @@ struct Total {
 struct Report<W> {
     out: W,
     json: bool,
+    /// One scene is looked at closely; of a folder the kinds of warnings say enough.
+    single: bool,
     total: Total,
 }
 
@@ -105,9 +112,10 @@ impl<W: Write> Report<W> {
             Ok(row) => row,
             Err(error) => {
                 self.total.failed += 1;
+                let error = format!("{:#}", anyhow::Error::from(error));
                 eprintln!("error: {error}");
                 if self.json {
-                    let row = json!({ "scene": scene_name(path), "error": error.to_string() });
+                    let row = json!({ "scene": scene_name(path), "error": error });
                     writeln!(self.out, "{row}")?;
                 }
                 return Ok(());
@@ -151,8 +159,7 @@ impl<W: Write> Report<W> {
         for line in tracks {
             writeln!(self.out, "{line}")?;
         }
-        if self.total.scenes == 1 {
-            // One scene is looked at closely; of a folder the kinds say enough.
+        if self.single {
             for warning in &summary.warnings {
                 writeln!(self.out, "    {warning}")?;
             }

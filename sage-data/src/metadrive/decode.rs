@@ -50,10 +50,9 @@ pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
         let found = format!("`{ego_name}`, which is not valid at frame {NOW}");
         return Err(fields.error(&ego_field, found, "an ego that is seen now"));
     }
-    if let Some(index) = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id)) {
-        if index != NOW as i64 {
-            notes.push(format!("the file's current_time_index is {index}; frame {NOW} is taken as now"));
-        }
+    let index = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id));
+    if let Some(index) = index.filter(|index| *index != NOW as i64) {
+        notes.push(format!("the file's current_time_index is {index}; frame {NOW} is taken as now"));
     }
     let (adversary, adversary_origin) = match named_adversary(&fields, metadata, &tracks, ego) {
         Some(track) => (Some(track), AdversaryOrigin::File),

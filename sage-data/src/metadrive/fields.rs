@@ -12,15 +12,15 @@ use crate::{
 /// A place in the file: keys from the root, kept on the stack until an error needs them.
 #[derive(Clone, Copy)]
 pub(super) struct Field<'f> {
-    parent: Option<&'f Field<'f>>,
+    parent: Option<&'f Self>,
     key: &'f str,
 }
 
 impl<'f> Field<'f> {
     pub(super) const ROOT: Field<'static> = Field { parent: None, key: "" };
 
-    pub(super) fn key(&'f self, key: &'f str) -> Field<'f> {
-        Field { parent: Some(self), key }
+    pub(super) fn key(&'f self, key: &'f str) -> Self {
+        Self { parent: Some(self), key }
     }
 }
 
@@ -208,7 +208,10 @@ impl<'d> Fields<'d> {
         // NaN fails the comparison as well.
         let is_bad = |x: &f64| !(x.abs() <= limit);
         if out[first..].iter().flatten().fold(false, |bad, x| bad | is_bad(x)) {
-            let culprit = out[first..].iter().enumerate().find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
+            let culprit = out[first..]
+                .iter()
+                .enumerate()
+                .find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
             let (row, value) = culprit.unwrap_or((0, &f64::NAN));
             return Err(self.error(
                 &field.key(&row.to_string()),

@@ -1,0 +1,233 @@
+//! The real binary on the shipped scene: what it prints, where, and how it ends.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+    process::{Command, Output, Stdio},
+};
+
+use serde_json::Value;
+
+fn example(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples").join(name)
+}
+
+fn sage(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sage")).args(arguments).output().unwrap()
+}
+
+fn path(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn stdout(output: &Output) -> &str {
+    std::str::from_utf8(&output.stdout).unwrap()
+}
+
+fn stderr(output: &Output) -> &str {
+    std::str::from_utf8(&output.stderr).unwrap()
+}
+
+fn rows(output: &Output) -> Vec<Value> {
+    stdout(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn inspect_shows_a_scene() {
+    let run = sage(&["inspect", path(&example("crossing.pkl"))]);
+    assert!(run.status.success());
+    let text = stdout(&run);
+    assert!(
+        text.contains("crosser") && text.contains("one-point-lanes: 1 lane has a single point"),
+        "{text}"
+    );
+    assert!(text.ends_with("1 scenes, 5 tracks, 963 map points; warnings: 1 one-point-lanes\n"), "{text}");
+
+    let run = sage(&["inspect", path(&example("crossing.pkl")), "--json"]);
+    let row = &rows(&run)[0];
+    for (key, value) in [
+        ("scene", Value::from("crossing")),
+        ("id", "crossing".into()),
+        ("frames", 91.into()),
+        ("map_features", 12.into()),
+        ("map_points", 963.into()),
+        ("lights", 1.into()),
+        ("ego", "ego".into()),
+        ("adversary", "crosser".into()),
+        ("adversary_history", 11.into()),
+        ("adversary_future", 80.into()),
+    ] {
+        assert_eq!(row[key], value, "{key}");
+    }
+    assert_eq!(row["tracks"]["VEHICLE"], 4);
+    assert!(stderr(&run).starts_with("1 scenes, "), "the sum goes to stderr");
+}
+
+#[test]
+fn a_folder_with_a_broken_file_is_read_to_its_end() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::copy(example("crossing.pkl"), folder.path().join("2.pkl")).unwrap();
+    std::fs::copy(example("crossing.pkl"), folder.path().join("10.pkl")).unwrap();
+    std::fs::write(folder.path().join("1.pkl"), b"\x80\x04cos\nsystem\n.").unwrap();
+    for threads in ["1", "2"] {
+        let run = sage(&["inspect", path(folder.path()), "--json", "--threads", threads]);
+        assert_eq!(run.status.code(), Some(1));
+        assert!(
+            stderr(&run).contains("1.pkl` at byte 2: global `os.system` is not allowed"),
+            "{}",
+            stderr(&run)
+        );
+        let rows = rows(&run);
+        let scenes: Vec<&str> = rows.iter().map(|row| row["scene"].as_str().unwrap()).collect();
+        assert_eq!(scenes, ["1", "2", "10"]);
+        assert!(rows[0]["error"].as_str().unwrap().contains("os.system"));
+        assert_eq!(rows[2]["warnings"][1], "duplicate: same content as scene 2");
+    }
+}
+
+#[test]
+fn score_gives_every_measure() {
+    let (scene, candidates) = (example("crossing.pkl"), example("crossing.json"));
+    let arguments = ["score", path(&scene), "--candidates", path(&candidates), "--json"];
+    for convention in ["paper", "release"] {
+        let run = sage(&[&arguments[..], &["--convention", convention]].concat());
+        assert!(run.status.success(), "{}", stderr(&run));
+        let rows = rows(&run);
+        assert_eq!(rows.len(), 5);
+        for key in [
+            "name",
+            "adversarial_reward",
+            "collision",
+            "collision_step",
+            "kinematic_penalty",
+            "behavior_penalty",
+            "cross_line",
+            "crash_object",
+            "feasible",
+            "feasible_strict",
+            "reasons",
+            "wd_speed",
+            "wd_acceleration",
+            "wd_yaw_rate",
+            "time_to_collision",
+            "post_encroachment_time",
+            "required_deceleration",
+            "impact_speed",
+            "side_hit",
+        ] {
+            assert!(rows.iter().all(|row| row.get(key).is_some()), "{convention} {key}");
+        }
+        let [log, meet, _, kerb, _] = &rows[..] else { panic!() };
+        assert_eq!((&log["collision"], &log["collision_step"]), (&false.into(), &Value::Null));
+        assert_eq!((&meet["collision"], &meet["collision_step"]), (&true.into(), &29.into()));
+        // 10 (1 − 29/80), and 10 (1 − 28/80) where steps count from 0.
+        let reward = if convention == "paper" { 6.375 } else { 6.5 };
+        assert!((meet["adversarial_reward"].as_f64().unwrap() - reward).abs() < 1e-12);
+        assert_eq!((&kerb["cross_line"], &kerb["feasible"]), (&50.0.into(), &false.into()));
+        assert_eq!(kerb["reasons"][0]["rule"], "road_edge");
+    }
+    let wide = sage(&[&arguments[..], &["--sizes", "metadrive"]].concat());
+    assert!(wide.status.success());
+    assert_ne!(stdout(&wide), stdout(&sage(&arguments)));
+    let table = sage(&arguments[..4]);
+    assert!(stdout(&table).contains("road edge edge0 at step 27"), "{}", stdout(&table));
+}
+
+#[test]
+fn roles_can_be_named() {
+    let (scene, candidates) = (example("crossing.pkl"), example("crossing.json"));
+    let run =
+        |extra: &[&str]| sage(&[&["score", path(&scene), "--candidates", path(&candidates)], extra].concat());
+    assert!(run(&["--adversary", "leader"]).status.success());
+    let missing = run(&["--adversary", "nobody"]);
+    assert_eq!(missing.status.code(), Some(1));
+    assert!(stderr(&missing).contains("no track `nobody`"), "{}", stderr(&missing));
+    let same = run(&["--ego", "crosser", "--adversary", "crosser"]);
+    assert!(stderr(&same).contains("cannot be ego and adversary at once"), "{}", stderr(&same));
+    // A new ego takes the adversary by conflict, and says so.
+    let turned = run(&["--ego", "crosser"]);
+    assert!(turned.status.success() && stderr(&turned).contains("note: the file names no single adversary"));
+}
+
+/// Runs `score` with candidates on standard input.
+fn score_text(text: &str) -> Output {
+    let scene = example("crossing.pkl");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_sage"))
+        .args(["score", path(&scene), "--candidates", "-"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
+    child.wait_with_output().unwrap()
+}
+
+#[test]
+fn bad_candidates_are_named() {
+    let path = |n: usize| serde_json::to_string(&vec![[0.0, 0.0]; n]).unwrap();
+    for (text, expected) in [
+        (String::new(), "is not a JSON list"),
+        (r#"[{"name": "a"}]"#.into(), "missing field `trajectory`"),
+        (r#"[{"name": "a", "trajectory": [], "colour": 1}]"#.into(), "unknown field `colour`"),
+        (
+            format!(r#"[{{"name": "a", "trajectory": {}}}]"#, path(79)),
+            "candidate 0 `a`: `trajectory`: 79 points, expected 80",
+        ),
+        (
+            format!(r#"[{{"name": "a", "trajectory": {}}}]"#, path(80).replacen("0.0", "1e300", 1)),
+            "point 0 is [1",
+        ),
+        (
+            format!(r#"[{{"name": "a", "trajectory": {}, "ego": [[0.0]]}}]"#, path(80)),
+            "`ego` row 0 has 1 numbers; expected [x, y]",
+        ),
+    ] {
+        let run = score_text(&text);
+        assert_eq!(run.status.code(), Some(1), "{text}");
+        assert!(stderr(&run).contains(expected), "{}", stderr(&run));
+        assert!(!stderr(&run).contains("panicked"));
+    }
+}
+
+#[test]
+fn the_registries_are_listed() {
+    let run = sage(&["list", "--json"]);
+    let names: Vec<(String, String)> = rows(&run)
+        .iter()
+        .map(|row| (row["kind"].as_str().unwrap().to_owned(), row["name"].as_str().unwrap().to_owned()))
+        .collect();
+    for (kind, name) in [
+        ("reward", "adversarial"),
+        ("reward", "preference"),
+        ("feasibility", "paper"),
+        ("feasibility", "strict"),
+    ] {
+        assert!(names.contains(&(kind.into(), name.into())), "{names:?}");
+    }
+    assert!(stdout(&sage(&["list"])).contains("options: w_adv = 0.9, w_real = 0.1"));
+}
+
+#[test]
+fn help_completions_and_exit_codes() {
+    for command in ["inspect", "score", "list", "completions"] {
+        let help = sage(&[command, "--help"]);
+        assert!(help.status.success() && stdout(&help).contains("Example"), "{command}");
+    }
+    assert!(stdout(&sage(&["bench", "speed", "--help"])).contains("Example"));
+    assert!(stdout(&sage(&["completions", "bash"])).contains("_sage"));
+    assert_eq!(sage(&["inspekt"]).status.code(), Some(2));
+    assert_eq!(sage(&["inspect"]).status.code(), Some(2));
+    assert_eq!(sage(&["inspect", "/nonexistent/scene.pkl"]).status.code(), Some(1));
+}
+
+#[test]
+fn bench_speed_measures_without_any_data() {
+    let run = sage(&["bench", "speed", "--repeat", "1", "--json"]);
+    assert!(run.status.success(), "{}", stderr(&run));
+    let rows = rows(&run);
+    assert!(rows.iter().any(|row| row["name"].as_str().unwrap().contains("32 candidates")));
+    assert!(rows.iter().all(|row| row["median_ms"].as_f64().is_some_and(|ms| ms > 0.0)), "{rows:?}");
+}

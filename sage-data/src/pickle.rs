@@ -6,13 +6,17 @@
 //! ever imported or called. Work and memory are bounded by the size of the file.
 
 mod document;
+mod global;
 mod machine;
+mod nesting;
 mod numpy;
+mod objects;
 mod opcode;
 mod same;
 mod writer;
 
 pub use document::{Array, Document, Id, Node, Span};
+pub use global::Global;
 pub use numpy::{Dtype, ElementKind};
 pub use same::same;
 

@@ -93,10 +93,8 @@ impl StrictFeasibility {
     /// enough for heights never to matter.
     fn heights(&self, candidate: &Candidate, ctx: &Context) -> Option<Vec<f64>> {
         let gap = self.0.height_gap;
-        let heights = ctx.index().map().points.iter().map(|p| p[2]);
-        let (lo, hi) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), z| (lo.min(z), hi.max(z)));
         let track = ctx.adversary();
-        if hi - lo <= gap || !track.is_valid(NOW) {
+        if ctx.index().height_span() <= gap || !track.is_valid(NOW) {
             return None;
         }
         let lanes = ctx.index().motor_lanes();

@@ -11,12 +11,19 @@ pub struct SceneIndex {
     boundaries: OnceLock<SegmentIndex>,
     medians: OnceLock<SegmentIndex>,
     motor_lanes: OnceLock<SegmentIndex>,
+    height_span: OnceLock<f64>,
 }
 
 impl SceneIndex {
     /// An index of a map; costs nothing until it is asked.
     pub fn new(map: Arc<Map>) -> Self {
-        Self { map, boundaries: OnceLock::new(), medians: OnceLock::new(), motor_lanes: OnceLock::new() }
+        Self {
+            map,
+            boundaries: OnceLock::new(),
+            medians: OnceLock::new(),
+            motor_lanes: OnceLock::new(),
+            height_span: OnceLock::new(),
+        }
     }
 
     /// The map that is indexed.
@@ -37,6 +44,16 @@ impl SceneIndex {
     /// Centre lines of lanes for motor vehicles.
     pub fn motor_lanes(&self) -> &SegmentIndex {
         self.motor_lanes.get_or_init(|| self.build(MapKind::is_motor_lane))
+    }
+
+    /// Difference of the greatest and the least height in the map, metres; 0 for an empty one.
+    pub fn height_span(&self) -> f64 {
+        *self.height_span.get_or_init(|| {
+            let heights = self.map.points.iter().map(|p| p[2]);
+            let (lo, hi) =
+                heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), z| (lo.min(z), hi.max(z)));
+            (hi - lo).max(0.0)
+        })
     }
 
     fn build(&self, wanted: impl Fn(&MapKind) -> bool) -> SegmentIndex {

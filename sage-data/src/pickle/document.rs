@@ -1,6 +1,6 @@
 //! A parsed pickle: a graph of plain values over the bytes of the file.
 
-use super::{Dtype, ElementKind};
+use super::{Dtype, ElementKind, Global};
 
 /// Index of a value in its document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -72,7 +72,7 @@ pub enum Node {
     /// A numpy type.
     Dtype(Dtype),
     /// A known global by itself: the factory of a defaultdict or part of an unfinished object.
-    Global(super::machine::Global),
+    Global(Global),
     /// An array whose state has not come yet; never left in a finished document.
     Unbuilt,
 }

@@ -6,53 +6,8 @@
 //! anything is reserved.
 
 use super::{
-    Array, Document, Dtype, Id, MAX_DEPTH, MAX_NODES, Node, PickleError, PickleProblem as Problem, Span,
-    opcode as op,
+    Document, Global, Id, MAX_NODES, Node, PickleError, PickleProblem as Problem, Span, opcode as op,
 };
-
-/// Globals that scene files use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Global {
-    /// `numpy.core.multiarray._reconstruct` and its `_core` twin.
-    Reconstruct,
-    /// `numpy.core.numeric._frombuffer` and its `_core` twin (protocol 5).
-    FromBuffer,
-    /// `numpy.core.multiarray.scalar` and its `_core` twin.
-    Scalar,
-    /// `numpy.ndarray`.
-    NdArray,
-    /// `numpy.dtype`.
-    Dtype,
-    /// `_codecs.encode`: how protocol 2 writes bytes.
-    Encode,
-    /// `collections.defaultdict`.
-    DefaultDict,
-    /// `builtins.int`, a defaultdict's factory.
-    Int,
-    /// `builtins.set`.
-    Set,
-    /// `__builtin__.bytes`, called with nothing: how protocol 2 writes empty bytes.
-    Bytes,
-}
-
-impl Global {
-    fn from_name(module: &[u8], name: &[u8]) -> Option<Self> {
-        Some(match (module, name) {
-            (b"numpy.core.multiarray" | b"numpy._core.multiarray", b"_reconstruct") => Self::Reconstruct,
-            (b"numpy.core.numeric" | b"numpy._core.numeric", b"_frombuffer") => Self::FromBuffer,
-            (b"numpy.core.multiarray" | b"numpy._core.multiarray", b"scalar") => Self::Scalar,
-            (b"numpy", b"ndarray") => Self::NdArray,
-            (b"numpy", b"dtype") => Self::Dtype,
-            (b"_codecs", b"encode") => Self::Encode,
-            (b"collections", b"defaultdict") => Self::DefaultDict,
-            // Python 3 writes `int` under Python 2's name `long` in protocol 2.
-            (b"builtins" | b"__builtin__", b"int") | (b"__builtin__", b"long") => Self::Int,
-            (b"builtins" | b"__builtin__", b"set") => Self::Set,
-            (b"__builtin__", b"bytes") => Self::Bytes,
-            _ => return None,
-        })
-    }
-}
 
 /// Values that every document starts with, so that common ones cost nothing.
 const NONE: Id = Id(0);
@@ -83,106 +38,19 @@ impl Document {
         document.check_nesting().map_err(|kind| PickleError { offset: opcode_at, kind })?;
         Ok(document)
     }
-
-    /// Refuses cycles, deep nesting and arrays without state among the reachable values.
-    fn check_nesting(&self) -> Result<(), Problem> {
-        /// What is known of a value.
-        #[derive(Clone, Copy, PartialEq)]
-        enum State {
-            New,
-            Open,
-            /// Finished; containers below it, itself included.
-            Depth(u8),
-        }
-        let mut states = vec![State::New; self.nodes.len()];
-        // Children come off a copy of the id list position by position, so no recursion.
-        let child = |id: Id, k: usize| -> Option<Id> {
-            match self.node(id) {
-                Node::List(v) | Node::Tuple(v) | Node::Set(v) | Node::FrozenSet(v) => v.get(k).copied(),
-                Node::Dict(v) | Node::DefaultDict { entries: v, .. } => {
-                    v.get(k / 2).map(|pair| if k.is_multiple_of(2) { pair.0 } else { pair.1 })
-                }
-                _ => None,
-            }
-        };
-        let mut path: Vec<(Id, usize, u8)> = Vec::with_capacity(MAX_DEPTH);
-        let mut next = Some(self.root);
-        loop {
-            if let Some(id) = next.take() {
-                let deepest = |path: &mut Vec<(Id, usize, u8)>, depth: u8| {
-                    if let Some(top) = path.last_mut() {
-                        top.2 = top.2.max(depth);
-                    }
-                };
-                match states[id.0 as usize] {
-                    State::Open => return Err(Problem::Cycle),
-                    State::Depth(depth) => {
-                        deepest(&mut path, depth);
-                        if path.len() + usize::from(depth) > MAX_DEPTH {
-                            return Err(Problem::Depth);
-                        }
-                    }
-                    State::New => match self.node(id) {
-                        Node::List(_)
-                        | Node::Tuple(_)
-                        | Node::Set(_)
-                        | Node::FrozenSet(_)
-                        | Node::Dict(_)
-                        | Node::DefaultDict { .. } => {
-                            if path.len() == MAX_DEPTH {
-                                return Err(Problem::Depth);
-                            }
-                            states[id.0 as usize] = State::Open;
-                            path.push((id, 0, 0));
-                        }
-                        Node::Unbuilt => {
-                            return Err(Problem::Kind {
-                                what: "a value",
-                                found: "an array without state",
-                                expected: "a finished array",
-                            });
-                        }
-                        Node::Global(_) => {
-                            return Err(Problem::Kind {
-                                what: "a value",
-                                found: "a function or class",
-                                expected: "plain data",
-                            });
-                        }
-                        _ => states[id.0 as usize] = State::Depth(0),
-                    },
-                }
-            }
-            let Some(top) = path.last_mut() else { return Ok(()) };
-            match child(top.0, top.1) {
-                Some(id) => {
-                    top.1 += 1;
-                    next = Some(id);
-                }
-                None => {
-                    let (id, _, below) = *top;
-                    states[id.0 as usize] = State::Depth(below + 1);
-                    path.pop();
-                    if let Some(parent) = path.last_mut() {
-                        parent.2 = parent.2.max(below + 1);
-                    }
-                }
-            }
-        }
-    }
 }
 
-struct Machine {
+pub(super) struct Machine {
     /// The file, followed by bytes that `_codecs.encode` decoded.
-    document: Vec<u8>,
-    size: usize,
+    pub(super) document: Vec<u8>,
+    pub(super) size: usize,
     at: usize,
-    nodes: Vec<Node>,
+    pub(super) nodes: Vec<Node>,
     stack: Vec<Id>,
     marks: Vec<usize>,
     memo: Vec<Id>,
     /// Bytes copied out of shared values so far.
-    copied: usize,
+    pub(super) copied: usize,
 }
 
 impl Machine {
@@ -431,7 +299,7 @@ impl Machine {
         Ok(Span { start: start as u32, len: n as u32 })
     }
 
-    fn slice(&self, span: Span) -> &[u8] {
+    pub(super) fn slice(&self, span: Span) -> &[u8] {
         &self.document[span.start as usize..(span.start + span.len) as usize]
     }
 
@@ -451,7 +319,7 @@ impl Machine {
     }
 
     #[inline]
-    fn push(&mut self, node: Node) -> Result<(), Problem> {
+    pub(super) fn push(&mut self, node: Node) -> Result<(), Problem> {
         if self.nodes.len() >= MAX_NODES {
             return Err(Problem::TooMuch(MAX_NODES));
         }
@@ -489,7 +357,7 @@ impl Machine {
         }
     }
 
-    fn check_keys<'k>(&self, mut keys: impl Iterator<Item = &'k Id>) -> Result<(), Problem> {
+    pub(super) fn check_keys<'k>(&self, mut keys: impl Iterator<Item = &'k Id>) -> Result<(), Problem> {
         match keys.find(|id| !self.nodes[id.0 as usize].is_hashable()) {
             Some(id) => Err(kind("a key", &self.nodes[id.0 as usize], "a value that can be a key")),
             None => Ok(()),
@@ -543,173 +411,8 @@ impl Machine {
             }
         }
     }
-
-    fn node(&self, id: Id) -> &Node {
-        &self.nodes[id.0 as usize]
-    }
-
-    fn reduce(&mut self, function: Id, arguments: Id) -> Result<(), Problem> {
-        let Node::Global(function) = *self.node(function) else {
-            return Err(kind("the function of REDUCE", self.node(function), "a known global"));
-        };
-        let Node::Tuple(arguments) = self.node(arguments) else {
-            return Err(kind("the arguments of REDUCE", self.node(arguments), "a tuple"));
-        };
-        let arguments: Vec<Id> = arguments.iter().take(5).copied().collect();
-        let made = match (function, &arguments[..]) {
-            (Global::Reconstruct, [_, _, _]) => Node::Unbuilt,
-            (Global::Dtype, [name, ..]) => Node::Dtype(self.dtype_name(*name)?),
-            (Global::Scalar, [dtype, data]) => self.scalar(*dtype, *data)?,
-            (Global::FromBuffer, [data, dtype, shape, order]) => {
-                let fortran = matches!(self.node(*order), Node::Str(s) if self.slice(*s) == b"F");
-                let array = self.array_of(*shape, *dtype, fortran, *data)?;
-                Node::Array(Box::new(Array { from_buffer: true, ..array }))
-            }
-            (Global::Encode, [text, _]) => Node::Bytes(self.encode(*text)?),
-            (Global::DefaultDict, []) => Node::DefaultDict { int_factory: false, entries: Vec::new() },
-            (Global::DefaultDict, [factory]) => {
-                let int_factory = match self.node(*factory) {
-                    Node::Global(Global::Int) => true,
-                    Node::None => false,
-                    other => return Err(kind("the factory of a defaultdict", other, "int or None")),
-                };
-                Node::DefaultDict { int_factory, entries: Vec::new() }
-            }
-            (Global::Bytes, []) => Node::Bytes(Span { start: 0, len: 0 }),
-            (Global::Set, []) => Node::Set(Vec::new()),
-            (Global::Set, [items]) => match self.node(*items) {
-                Node::List(items) | Node::Tuple(items) => {
-                    self.check_keys(items.iter())?;
-                    let cost = items.len() * size_of::<Id>();
-                    let set = Node::Set(items.clone());
-                    self.pay(cost)?;
-                    set
-                }
-                other => return Err(kind("the items of a set", other, "a list")),
-            },
-            _ => {
-                return Err(Problem::Kind {
-                    what: "the arguments of REDUCE",
-                    found: "another number of values",
-                    expected: "what the function takes",
-                });
-            }
-        };
-        self.push(made)
-    }
-
-    /// Accounts for a copy out of a value that may be shared: without a limit a short file could
-    /// ask for one long value again and again.
-    fn pay(&mut self, bytes: usize) -> Result<(), Problem> {
-        let limit = self.size.saturating_mul(4);
-        self.copied = self.copied.saturating_add(bytes);
-        if self.copied > limit { Err(Problem::TooMuch(limit)) } else { Ok(()) }
-    }
-
-    fn build(&mut self, target: Id, state: Id) -> Result<(), Problem> {
-        let Node::Tuple(state) = self.node(state) else {
-            return Err(kind("the state of BUILD", self.node(state), "a tuple"));
-        };
-        let state: Vec<Id> = state.iter().take(9).copied().collect();
-        let built = match (self.node(target), &state[..]) {
-            (Node::Unbuilt, [_, shape, dtype, fortran, data]) => {
-                let fortran = match self.node(*fortran) {
-                    Node::Bool(x) => *x,
-                    Node::Int(x) => *x != 0,
-                    other => return Err(kind("the order flag of an array", other, "a bool")),
-                };
-                Node::Array(Box::new(self.array_of(*shape, *dtype, fortran, *data)?))
-            }
-            (Node::Dtype(dtype), [_, order, ..]) => {
-                let big_endian = match self.node(*order) {
-                    Node::Str(s) => self.slice(*s) == b">",
-                    Node::Bytes(s) => self.slice(*s) == b">",
-                    other => return Err(kind("the byte order of a type", other, "a str")),
-                };
-                Node::Dtype(Dtype { big_endian, ..*dtype })
-            }
-            (other, _) => return Err(kind("the target of BUILD", other, "an array or a numpy type")),
-        };
-        self.nodes[target.0 as usize] = built;
-        Ok(())
-    }
-
-    fn dtype_name(&self, name: Id) -> Result<Dtype, Problem> {
-        let raw = match self.node(name) {
-            Node::Str(span) | Node::Bytes(span) => self.slice(*span),
-            other => return Err(kind("the name of a numpy type", other, "a str")),
-        };
-        Dtype::from_name(raw)
-            .ok_or_else(|| Problem::Dtype(String::from_utf8_lossy(&raw[..raw.len().min(20)]).into_owned()))
-    }
-
-    fn dtype(&self, id: Id) -> Result<Dtype, Problem> {
-        match self.node(id) {
-            Node::Dtype(dtype) => Ok(*dtype),
-            other => Err(kind("the type of an array", other, "a numpy type")),
-        }
-    }
-
-    fn data(&self, id: Id) -> Result<Span, Problem> {
-        match self.node(id) {
-            Node::Bytes(span) | Node::ByteArray(span) => Ok(*span),
-            // Python 2 writes the bytes of an array as str, and ASCII ones look like text.
-            Node::Str(span) => Ok(*span),
-            other => Err(kind("the data of an array", other, "bytes")),
-        }
-    }
-
-    fn scalar(&self, dtype: Id, data: Id) -> Result<Node, Problem> {
-        let (dtype, data) = (self.dtype(dtype)?, self.data(data)?);
-        if data.len != u32::from(dtype.size) {
-            return Err(array_size(&[], dtype, u64::from(dtype.size), data));
-        }
-        Ok(Node::Scalar(dtype, data))
-    }
-
-    fn array_of(&self, shape: Id, dtype: Id, fortran: bool, data: Id) -> Result<Array, Problem> {
-        let (dtype, data) = (self.dtype(dtype)?, self.data(data)?);
-        let Node::Tuple(lengths) = self.node(shape) else {
-            return Err(kind("the shape of an array", self.node(shape), "a tuple"));
-        };
-        let mut shape = Vec::with_capacity(lengths.len().min(8));
-        for length in lengths {
-            match self.node(*length) {
-                Node::Int(n) if *n >= 0 && shape.len() < 8 => shape.push(*n as u64),
-                other => {
-                    return Err(kind("a length in the shape of an array", other, "an int of at least 0"));
-                }
-            }
-        }
-        let needed = shape.iter().try_fold(u64::from(dtype.size), |n, length| n.checked_mul(*length));
-        let needed = needed.unwrap_or(u64::MAX);
-        if needed != u64::from(data.len) {
-            return Err(array_size(&shape, dtype, needed, data));
-        }
-        let short: Option<Vec<u32>> = shape.iter().map(|n| u32::try_from(*n).ok()).collect();
-        let shape = short.ok_or_else(|| array_size(&shape, dtype, needed, data))?;
-        Ok(Array { dtype, shape, fortran, from_buffer: false, data })
-    }
-
-    /// Bytes of `_codecs.encode(text, "latin1")`, appended to the document.
-    fn encode(&mut self, text: Id) -> Result<Span, Problem> {
-        let Node::Str(span) = *self.node(text) else {
-            return Err(kind("the text of _codecs.encode", self.node(text), "a str"));
-        };
-        self.pay(span.len as usize)?;
-        let text = std::str::from_utf8(self.slice(span)).map_err(|_| Problem::Text)?;
-        let bytes: Option<Vec<u8>> = text.chars().map(|c| u8::try_from(u32::from(c)).ok()).collect();
-        let bytes = bytes.ok_or(Problem::Text)?;
-        let start = self.document.len() as u32;
-        self.document.extend_from_slice(&bytes);
-        Ok(Span { start, len: bytes.len() as u32 })
-    }
 }
 
-fn kind(what: &'static str, found: &Node, expected: &'static str) -> Problem {
+pub(super) fn kind(what: &'static str, found: &Node, expected: &'static str) -> Problem {
     Problem::Kind { what, found: found.kind(), expected }
-}
-
-fn array_size(shape: &[u64], dtype: Dtype, needed: u64, data: Span) -> Problem {
-    Problem::ArraySize { shape: shape.to_vec(), dtype: dtype.to_string(), needed, found: data.len as usize }
 }

@@ -158,7 +158,7 @@ def attacks():
         {"name": "slow to meet", "trajectory": straight(meet)},
         {"name": "brake and stand", "trajectory": straight(wait)},
         {"name": "right over the kerb", "trajectory": [[round(float(x0 + x), 4), round(float(y0 + y), 4)] for x, y in turn]},
-        {"name": "meet a braking ego", "trajectory": straight(meet),
+        {"name": "the ego brakes instead", "trajectory": straight(meet),
          "ego": [[round(float(-30 + s), 4), -1.75, 0.0] for s in np.cumsum(np.clip(10 - 4 * t, 0, None)) * 0.1]},
     ]
 

@@ -1,0 +1,120 @@
+//! What a finished document promises: no value holds itself, none nests too deep, none is half made.
+
+use super::{Document, Id, MAX_DEPTH, Node, PickleProblem as Problem};
+
+/// What is known of a value during the walk.
+#[derive(Clone, Copy)]
+enum State {
+    New,
+    /// On the path from the root to where the walk is.
+    Open,
+    /// Walked; levels of containers in it, itself included.
+    Walked(usize),
+}
+
+/// A container on the path.
+struct Step {
+    id: Id,
+    next_child: usize,
+    /// Levels of the deepest child so far.
+    below: usize,
+}
+
+impl Document {
+    /// Refuses cycles, deep nesting and unfinished values among what the root reaches. Shared
+    /// values are walked once, and the path is a list, not the call stack.
+    pub(super) fn check_nesting(&self) -> Result<(), Problem> {
+        let mut states = vec![State::New; self.nodes.len()];
+        let mut path: Vec<Step> = Vec::with_capacity(MAX_DEPTH);
+        let mut next = Some(self.root);
+        loop {
+            if let Some(id) = next {
+                let levels = match states[id.0 as usize] {
+                    State::Open => return Err(Problem::Cycle),
+                    State::Walked(levels) => levels,
+                    State::New if self.is_container(id)? => {
+                        states[id.0 as usize] = State::Open;
+                        path.push(Step { id, next_child: 0, below: 0 });
+                        0
+                    }
+                    State::New => 0,
+                };
+                if path.len() + levels > MAX_DEPTH {
+                    return Err(Problem::Depth);
+                }
+                if let (State::Walked(_), Some(parent)) = (states[id.0 as usize], path.last_mut()) {
+                    parent.below = parent.below.max(levels);
+                }
+            }
+            let Some(step) = path.last_mut() else { return Ok(()) };
+            next = self.child(step.id, step.next_child);
+            step.next_child += 1;
+            if next.is_none() {
+                let levels = step.below + 1;
+                states[step.id.0 as usize] = State::Walked(levels);
+                path.pop();
+                if let Some(parent) = path.last_mut() {
+                    parent.below = parent.below.max(levels);
+                }
+            }
+        }
+    }
+
+    /// Whether a value holds others.
+    fn is_container(&self, id: Id) -> Result<bool, Problem> {
+        let unfinished = |found, expected| Err(Problem::Kind { what: "a value", found, expected });
+        match self.node(id) {
+            Node::List(_) | Node::Tuple(_) | Node::Set(_) | Node::FrozenSet(_) => Ok(true),
+            Node::Dict(_) | Node::DefaultDict { .. } => Ok(true),
+            Node::Unbuilt => unfinished("an array without state", "a finished array"),
+            Node::Global(_) => unfinished("a function or class", "plain data"),
+            _ => Ok(false),
+        }
+    }
+
+    /// A value in a container by place; keys and values of a dict take turns.
+    fn child(&self, id: Id, place: usize) -> Option<Id> {
+        match self.node(id) {
+            Node::List(v) | Node::Tuple(v) | Node::Set(v) | Node::FrozenSet(v) => v.get(place).copied(),
+            Node::Dict(v) | Node::DefaultDict { entries: v, .. } => {
+                let (key, value) = *v.get(place / 2)?;
+                Some(if place.is_multiple_of(2) { key } else { value })
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Nested one-tuples.
+    fn nested(levels: usize) -> Result<Document, super::super::PickleError> {
+        let mut bytes = vec![0x80, 4, b'N'];
+        bytes.extend(std::iter::repeat_n(0x85, levels));
+        bytes.push(b'.');
+        Document::parse(bytes)
+    }
+
+    #[test]
+    fn nesting_is_allowed_to_the_limit_and_not_beyond() {
+        assert!(nested(MAX_DEPTH).is_ok());
+        assert_eq!(nested(MAX_DEPTH + 1).err().map(|e| e.kind), Some(Problem::Depth));
+    }
+
+    #[test]
+    fn a_deep_value_that_is_shared_counts_where_it_is_deepest() {
+        // [v, [[…[v]…]]] with v 40 deep: fine alone, too deep inside 30 more.
+        let build = |inner: usize| {
+            let mut bytes = vec![0x80, 4, b'(', b'N'];
+            bytes.extend(std::iter::repeat_n(0x85, 40));
+            bytes.extend([0x94, b'h', 0]);
+            bytes.extend(std::iter::repeat_n(0x85, inner));
+            bytes.extend(b"t.");
+            Document::parse(bytes)
+        };
+        assert!(build(MAX_DEPTH - 41).is_ok());
+        assert_eq!(build(MAX_DEPTH - 40).err().map(|e| e.kind), Some(Problem::Depth));
+    }
+}

@@ -231,3 +231,18 @@ fn bench_speed_measures_without_any_data() {
     assert!(rows.iter().any(|row| row["name"].as_str().unwrap().contains("32 candidates")));
     assert!(rows.iter().all(|row| row["median_ms"].as_f64().is_some_and(|ms| ms > 0.0)), "{rows:?}");
 }
+
+#[test]
+fn a_program_of_ones_own_offers_its_reward() {
+    let program = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join("own_reward");
+    if !program.exists() {
+        return eprintln!("left out: `{}` is built by `cargo test --workspace` alone", program.display());
+    }
+    let run = Command::new(program).args(["list"]).output().unwrap();
+    assert!(run.status.success());
+    assert!(
+        stdout(&run).contains("near-miss") && stdout(&run).contains("options: scale = 5.0"),
+        "{}",
+        stdout(&run)
+    );
+}

@@ -150,7 +150,7 @@ impl<W: Write> Table<W> {
         if self.rows == 0 {
             writeln!(
                 self.out,
-                "{:<20} {:>6} {:>4} {:>7} {:>7} {:>4} {:>5} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}  broken rules",
+                "{:<22} {:>6} {:>4} {:>7} {:>7} {:>4} {:>5} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}  broken rules",
                 "candidate",
                 "R_adv",
                 "hit",
@@ -180,9 +180,8 @@ impl<W: Write> Table<W> {
             .chain(s.reasons.iter().filter(|r| !s.reasons_strict.contains(r)))
             .map(|r| format!("{} {} at step {}", r.rule.words(), r.with, r.step))
             .collect();
-        writeln!(
-            self.out,
-            "{:<20} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}  {}",
+        let line = format!(
+            "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}  {}",
             row.name,
             s.adversarial_reward,
             s.collision_step.map_or("-".to_owned(), |step| step.to_string()),
@@ -201,7 +200,8 @@ impl<W: Write> Table<W> {
             number(s.distances.wd_acceleration, 2),
             number(s.distances.wd_yaw_rate, 3),
             reasons.join("; ")
-        )?;
+        );
+        writeln!(self.out, "{}", line.trim_end())?;
         Ok(())
     }
 }

@@ -290,7 +290,10 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
     for (feature, lane) in map.features.iter_mut().zip(lanes) {
         feature.lane = lane;
     }
-    map.points.shrink_to_fit();
+    // Shrinking copies; it is worth that only for a guess that was far off.
+    if map.points.capacity() > 2 * map.points.len() {
+        map.points.shrink_to_fit();
+    }
     Ok(map)
 }
 

@@ -30,6 +30,7 @@ enum Command {
     },
     Inspect(InspectArgs),
     Score(ScoreArgs),
+    Draw(DrawArgs),
     /// Measure speed or quality.
     #[command(subcommand)]
     Bench(BenchCommand),
@@ -98,6 +99,39 @@ pub(crate) struct ScoreArgs {
     pub json: bool,
 }
 
+/// Draw a scene from above as SVG.
+///
+/// Ego and adversary are marked, their ways coloured by time, boxes to scale at one frame. With
+/// candidates, these are drawn in place of the adversary's logged way, and where one touches the
+/// ego is marked.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  sage draw scenes/0.pkl --candidates candidates.json --out 0.svg")]
+pub(crate) struct DrawArgs {
+    /// The scene.
+    pub scene: PathBuf,
+    /// Where the picture goes; - for standard output.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// JSON file of candidates, as `score` takes it.
+    #[arg(long, value_name = "FILE")]
+    pub candidates: Option<PathBuf>,
+    /// Frame whose boxes are shown; 10 is now.
+    #[arg(long, value_name = "N")]
+    pub frame: Option<usize>,
+    /// Show the whole map, not only the surroundings of ego and adversary.
+    #[arg(long)]
+    pub whole_map: bool,
+    /// Take this track as the ego.
+    #[arg(long, value_name = "ID")]
+    pub ego: Option<String>,
+    /// Take this track as the adversary.
+    #[arg(long, value_name = "ID")]
+    pub adversary: Option<String>,
+    /// Write over a file that exists.
+    #[arg(long)]
+    pub force: bool,
+}
+
 /// Names of [`Convention`].
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum ConventionArg {
@@ -162,6 +196,7 @@ impl Cli {
             Command::List { json } => commands::list::run(registries, json),
             Command::Inspect(args) => commands::inspect::run(&args),
             Command::Score(args) => commands::score::run(&args),
+            Command::Draw(args) => commands::draw::run(&args),
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Completions { shell } => commands::completions::run(shell),
         }

@@ -14,8 +14,11 @@
 //! ```
 
 pub mod bench;
+mod candidates;
 mod cli;
 mod commands;
+pub mod drawing;
+mod output;
 
 use std::{io, process::ExitCode};
 

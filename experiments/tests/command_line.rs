@@ -246,3 +246,34 @@ fn a_program_of_ones_own_offers_its_reward() {
         stdout(&run)
     );
 }
+
+#[test]
+fn draw_writes_a_picture_and_never_over_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let picture = folder.path().join("crossing.svg");
+    let (scene, candidates) = (example("crossing.pkl"), example("crossing.json"));
+    let arguments = ["draw", path(&scene), "--candidates", path(&candidates), "--out", path(&picture)];
+    let run = sage(&arguments);
+    assert!(run.status.success(), "{}", stderr(&run));
+    let text = std::fs::read_to_string(&picture).unwrap();
+    for part in [
+        "<svg ",
+        "ego ego",
+        "adversary crosser",
+        "slow to meet: hit 2.9 s",
+        "first contact",
+        "road edge",
+        "20 m",
+        "</svg>",
+    ] {
+        assert!(text.contains(part), "{part}");
+    }
+    assert!(text.len() < 800_000);
+    let again = sage(&arguments);
+    assert_eq!(again.status.code(), Some(1));
+    assert!(stderr(&again).contains("exists; give --force"), "{}", stderr(&again));
+    assert!(sage(&[&arguments[..], &["--force", "--frame", "40"]].concat()).status.success());
+    let beyond = sage(&["draw", path(&scene), "--out", "-", "--frame", "91"]);
+    assert!(stderr(&beyond).contains("has no frame 91; its last is 90"), "{}", stderr(&beyond));
+    assert!(stdout(&sage(&["draw", path(&scene), "--out", "-"])).starts_with("<svg "));
+}

@@ -1,33 +1,18 @@
 //! `sage score`: everything that is measured of candidate trajectories.
 
-use std::{
-    io::{Read, Write},
-    path::Path,
-};
+use std::io::Write;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::Result;
 use sage_core::{
-    geometry::Point,
-    motion::{HORIZON, Trajectory},
-    objective::{Context, ContextOptions, EgoPath, Scorer, Scores, Sizes},
-    scene::{AdversaryOrigin, Scene, SceneIndex},
+    objective::{Context, ContextOptions, Scorer, Scores, Sizes},
+    scene::SceneIndex,
 };
-use sage_data::Recording;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::{
-    Outcome,
+    Outcome, candidates,
     cli::{ScoreArgs, SizesArg},
 };
-
-/// One candidate of the file.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Request {
-    name: String,
-    trajectory: Vec<Point>,
-    ego: Option<Vec<Vec<f64>>>,
-}
 
 #[derive(Serialize)]
 struct Row<'r> {
@@ -37,12 +22,8 @@ struct Row<'r> {
 }
 
 pub(crate) fn run(args: &ScoreArgs) -> Result<Outcome> {
-    let scene = Recording::read(&args.scene)?.scene;
-    let scene = scene
-        .with_roles(args.ego.as_deref(), args.adversary.as_deref())
-        .with_context(|| format!("`{}`", args.scene.display()))?;
-    let requests = read_requests(&args.candidates)?;
-    announce(&scene)?;
+    let scene = candidates::read_scene(&args.scene, args.ego.as_deref(), args.adversary.as_deref())?;
+    let candidates = candidates::read(&args.candidates)?;
     let index = SceneIndex::new(scene.map.clone());
     let options = ContextOptions {
         convention: args.convention.into(),
@@ -55,83 +36,20 @@ pub(crate) fn run(args: &ScoreArgs) -> Result<Outcome> {
     // Built when the first candidate asks for it: a short scene has no logged ego path to offer.
     let mut logged: Option<Context> = None;
     let mut table = Table { out: std::io::stdout().lock(), json: args.json, rows: 0 };
-    for (k, request) in requests.into_iter().enumerate() {
-        let what = format!("`{}`: candidate {k} `{}`", args.candidates.display(), request.name);
-        let trajectory = Trajectory::new(&format!("{what}: `trajectory`"), request.trajectory)?;
+    for candidate in candidates {
         let own;
-        let ctx = match request.ego {
-            Some(path) => {
-                let ego = Some(ego_path(&what, &path)?);
+        let ctx = match (candidate.ego, &mut logged) {
+            (None, Some(ctx)) => &*ctx,
+            (None, slot) => &*slot.insert(Context::new(&scene, &index, &options)?),
+            (ego, _) => {
                 own = Context::new(&scene, &index, &ContextOptions { ego, ..options.clone() })?;
                 &own
             }
-            None => match &mut logged {
-                Some(ctx) => &*ctx,
-                slot => &*slot.insert(Context::new(&scene, &index, &options)?),
-            },
         };
-        let scores = Scorer::new(ctx)?.scores(&ctx.candidate(trajectory));
-        table.row(&Row { name: &request.name, scores })?;
+        let scores = Scorer::new(ctx)?.scores(&ctx.candidate(candidate.trajectory));
+        table.row(&Row { name: &candidate.name, scores })?;
     }
     Ok(Outcome::Done)
-}
-
-/// Says on stderr who is who where the file does not.
-fn announce(scene: &Scene) -> Result<()> {
-    let adversary = scene.adversary()?;
-    if scene.adversary_origin == AdversaryOrigin::Conflict {
-        eprintln!(
-            "note: the file names no single adversary; took `{}`, whose path conflicts most with the ego's",
-            adversary.id
-        );
-    }
-    if !adversary.is_valid(sage_core::motion::NOW) {
-        eprintln!(
-            "note: adversary `{}` is not seen at frame 10; its pose there is extrapolated from each candidate",
-            adversary.id
-        );
-    }
-    Ok(())
-}
-
-fn read_requests(path: &Path) -> Result<Vec<Request>> {
-    /// Largest file of candidates, bytes: tens of thousands of trajectories.
-    const LIMIT: u64 = 256 << 20;
-    let name = path.display();
-    let mut text = String::new();
-    let read = match path.to_str() {
-        Some("-") => std::io::stdin().take(LIMIT + 1).read_to_string(&mut text),
-        _ => std::fs::File::open(path).and_then(|file| file.take(LIMIT + 1).read_to_string(&mut text)),
-    };
-    read.with_context(|| format!("cannot read `{name}`"))?;
-    if text.len() as u64 > LIMIT {
-        bail!("`{name}` holds more than {LIMIT} bytes; score it in parts");
-    }
-    serde_json::from_str(&text).with_context(|| {
-        format!(r#"`{name}` is not a JSON list of {{"name", "trajectory": [[x, y] × {HORIZON}], "ego": optional}}"#)
-    })
-}
-
-/// An ego path of positions, or of positions with headings; all rows of one sort.
-fn ego_path(what: &str, rows: &[Vec<f64>]) -> Result<EgoPath> {
-    let with_heading = rows.first().is_some_and(|row| row.len() == 3);
-    let width = if with_heading { 3 } else { 2 };
-    for (k, row) in rows.iter().enumerate() {
-        if row.len() != width {
-            bail!(
-                "{what}: `ego` row {k} has {} numbers; expected [x, y] in every row, or [x, y, heading] in every row",
-                row.len()
-            );
-        }
-        if with_heading && row[2].abs() > 1e6 {
-            bail!("{what}: `ego` row {k} has heading {}; expected radians", row[2]);
-        }
-    }
-    let positions = rows.iter().map(|row| [row[0], row[1]]).collect();
-    Ok(EgoPath {
-        positions: Trajectory::new(&format!("{what}: `ego`"), positions)?,
-        headings: with_heading.then(|| rows.iter().map(|row| row[2]).collect()),
-    })
 }
 
 struct Table<W> {

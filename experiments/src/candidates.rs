@@ -1,0 +1,104 @@
+//! Files of candidate trajectories, and the scenes they are for.
+
+use std::{io::Read, path::Path};
+
+use anyhow::{Context as _, Result, bail};
+use sage_core::{
+    geometry::Point,
+    motion::{HORIZON, NOW, Trajectory},
+    objective::EgoPath,
+    scene::{AdversaryOrigin, Scene},
+};
+use sage_data::Recording;
+use serde::Deserialize;
+
+/// Largest file of candidates, bytes: tens of thousands of trajectories.
+const LIMIT: u64 = 256 << 20;
+
+/// A candidate as it stands in the file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Row {
+    name: String,
+    trajectory: Vec<Point>,
+    ego: Option<Vec<Vec<f64>>>,
+}
+
+/// A checked candidate.
+pub(crate) struct Named {
+    pub(crate) name: String,
+    pub(crate) trajectory: Trajectory,
+    /// The ego's path, if it is not the logged one.
+    pub(crate) ego: Option<EgoPath>,
+}
+
+/// Reads a JSON list of candidates; `-` is standard input.
+///
+/// *Errors*: what is wrong, with the file, the candidate and the value.
+pub(crate) fn read(path: &Path) -> Result<Vec<Named>> {
+    let file = path.display();
+    let mut text = String::new();
+    let read = match path.to_str() {
+        Some("-") => std::io::stdin().take(LIMIT + 1).read_to_string(&mut text),
+        _ => std::fs::File::open(path).and_then(|file| file.take(LIMIT + 1).read_to_string(&mut text)),
+    };
+    read.with_context(|| format!("cannot read `{file}`"))?;
+    if text.len() as u64 > LIMIT {
+        bail!("`{file}` holds more than {LIMIT} bytes; take it in parts");
+    }
+    let rows: Vec<Row> = serde_json::from_str(&text).with_context(|| {
+        format!(r#"`{file}` is not a JSON list of {{"name", "trajectory": [[x, y] × {HORIZON}], "ego": optional}}"#)
+    })?;
+    let checked = rows.into_iter().enumerate().map(|(k, row)| {
+        let what = format!("`{file}`: candidate {k} `{}`", row.name);
+        let trajectory = Trajectory::new(&format!("{what}: `trajectory`"), row.trajectory)?;
+        let ego = row.ego.map(|rows| ego_path(&what, &rows)).transpose()?;
+        Ok(Named { name: row.name, trajectory, ego })
+    });
+    checked.collect()
+}
+
+/// An ego path of positions, or of positions with headings; all rows of one sort.
+fn ego_path(what: &str, rows: &[Vec<f64>]) -> Result<EgoPath> {
+    let with_heading = rows.first().is_some_and(|row| row.len() == 3);
+    let width = if with_heading { 3 } else { 2 };
+    for (k, row) in rows.iter().enumerate() {
+        if row.len() != width {
+            bail!(
+                "{what}: `ego` row {k} has {} numbers; expected [x, y] in every row, or [x, y, heading] in every row",
+                row.len()
+            );
+        }
+        if with_heading && row[2].abs() > 1e6 {
+            bail!("{what}: `ego` row {k} has heading {}; expected radians", row[2]);
+        }
+    }
+    let positions = rows.iter().map(|row| [row[0], row[1]]).collect();
+    Ok(EgoPath {
+        positions: Trajectory::new(&format!("{what}: `ego`"), positions)?,
+        headings: with_heading.then(|| rows.iter().map(|row| row[2]).collect()),
+    })
+}
+
+/// Reads a scene with the roles that the user names, and says on stderr who is who where the file
+/// does not.
+///
+/// *Errors*: a file that is no scene, or a role that a track cannot have.
+pub(crate) fn read_scene(path: &Path, ego: Option<&str>, adversary: Option<&str>) -> Result<Scene> {
+    let scene = Recording::read(path)?.scene;
+    let scene = scene.with_roles(ego, adversary).with_context(|| format!("`{}`", path.display()))?;
+    let Some(adversary) = scene.adversary.map(|k| &scene.tracks[k]) else { return Ok(scene) };
+    if scene.adversary_origin == AdversaryOrigin::Conflict {
+        eprintln!(
+            "note: the file names no single adversary; took `{}`, whose path conflicts most with the ego's",
+            adversary.id
+        );
+    }
+    if !adversary.is_valid(NOW) {
+        eprintln!(
+            "note: adversary `{}` is not seen at frame {NOW}; its pose there is extrapolated from each candidate",
+            adversary.id
+        );
+    }
+    Ok(scene)
+}

@@ -1,0 +1,66 @@
+//! `sage draw`: a scene, and candidates for its adversary, from above.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result};
+use sage_core::{
+    objective::{Context, ContextOptions, Encounter},
+    scene::{Scene, SceneIndex},
+};
+
+use crate::{
+    Outcome, candidates,
+    candidates::Named,
+    cli::DrawArgs,
+    drawing::{self, DrawnPath, Picture},
+    output,
+};
+
+pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
+    let scene = candidates::read_scene(&args.scene, args.ego.as_deref(), args.adversary.as_deref())?;
+    if let Some(frame) = args.frame.filter(|frame| *frame >= scene.frames) {
+        anyhow::bail!("`{}` has no frame {frame}; its last is {}", args.scene.display(), scene.frames - 1);
+    }
+    let candidates = args.candidates.as_deref().map(candidates::read).transpose()?.unwrap_or_default();
+    let title = args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let picture = Picture {
+        title,
+        frame: args.frame,
+        ego_path: None,
+        candidates: drawn(&scene, candidates)?,
+        whole_map: args.whole_map,
+    };
+    write(&args.out, &drawing::draw(&scene, &picture), args.force)?;
+    Ok(Outcome::Done)
+}
+
+/// Candidates with the place where they touch the ego.
+fn drawn(scene: &Scene, candidates: Vec<Named>) -> Result<Vec<DrawnPath>> {
+    let index = SceneIndex::new(scene.map.clone());
+    let draw = |named: Named| {
+        let options = ContextOptions { ego: named.ego, ..ContextOptions::default() };
+        let ctx = Context::new(scene, &index, &options)?;
+        Ok(drawn_path(named.name, &ctx, named.trajectory))
+    };
+    candidates.into_iter().map(draw).collect()
+}
+
+/// One candidate of a context, ready to be drawn.
+pub(crate) fn drawn_path(
+    name: String,
+    ctx: &Context,
+    trajectory: sage_core::motion::Trajectory,
+) -> DrawnPath {
+    let candidate = ctx.candidate(trajectory);
+    let contact = Encounter::of(&candidate, ctx).contact.and_then(|step| {
+        let ego = ctx.ego_box(step)?;
+        Some((step, *ego, candidate.boxes()[step - 1]))
+    });
+    let points =
+        std::iter::once(candidate.start().position).chain(candidate.trajectory().points().iter().copied());
+    DrawnPath { name, points: points.collect(), contact }
+}
+
+fn write(path: &Path, text: &str, force: bool) -> Result<()> {
+    output::write_file(path, text.as_bytes(), force).with_context(|| format!("picture `{}`", path.display()))
+}

@@ -1,0 +1,61 @@
+//! Colours that keep apart in print and for colour-blind eyes: blue against orange, told apart by
+//! lightness as well; time runs from light to dark.
+
+/// Ground beside the road.
+pub(super) const GROUND: &str = "#eceae3";
+/// Road surface.
+pub(super) const ASPHALT: &str = "#d3d7dc";
+/// Surface of bike lanes.
+pub(super) const BIKE_LANE: &str = "#c3dccd";
+/// Driveways.
+pub(super) const DRIVEWAY: &str = "#ddd3c0";
+/// White paint, crosswalks.
+pub(super) const WHITE_PAINT: &str = "#ffffff";
+/// Yellow paint.
+pub(super) const YELLOW_PAINT: &str = "#d9a300";
+/// Boundaries of the road.
+pub(super) const EDGE: &str = "#4d4d4d";
+/// Medians.
+pub(super) const MEDIAN: &str = "#8a6d4b";
+/// Direction of lanes.
+pub(super) const CHEVRON: &str = "#a9b1bb";
+/// Text and outlines.
+pub(super) const INK: &str = "#222222";
+/// The car under test.
+pub(super) const EGO: &str = "#0072b2";
+/// The adversary.
+pub(super) const ADVERSARY: &str = "#d55e00";
+/// Other vehicles.
+pub(super) const VEHICLE: &str = "#9aa2ac";
+/// Pedestrians.
+pub(super) const PEDESTRIAN: &str = "#cc79a7";
+/// Cyclists.
+pub(super) const CYCLIST: &str = "#009e73";
+/// Cones, barriers and the rest.
+pub(super) const OTHER: &str = "#e6c229";
+/// Where two cars touch.
+pub(super) const CONTACT: &str = "#f0e442";
+
+/// From now to the end of the future.
+pub(super) struct Ramp {
+    stops: [[u8; 3]; 3],
+}
+
+/// The ego's time.
+pub(super) const EGO_TIME: Ramp = Ramp { stops: [[158, 202, 225], [33, 113, 181], [6, 34, 80]] };
+/// The adversary's time.
+pub(super) const ADVERSARY_TIME: Ramp = Ramp { stops: [[253, 190, 120], [217, 72, 1], [90, 25, 4]] };
+
+impl Ramp {
+    /// Colour at a share of the time, 0 to 1.
+    pub(super) fn at(&self, share: f64) -> String {
+        let place = share.clamp(0.0, 1.0) * 2.0;
+        let low = (place.floor() as usize).min(1);
+        let part = place - low as f64;
+        let mix = |k: usize| {
+            let (a, b) = (f64::from(self.stops[low][k]), f64::from(self.stops[low + 1][k]));
+            (a + (b - a) * part).round() as u8
+        };
+        format!("#{:02x}{:02x}{:02x}", mix(0), mix(1), mix(2))
+    }
+}

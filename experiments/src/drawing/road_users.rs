@@ -1,0 +1,173 @@
+//! Cars, people and the ways they take.
+
+use std::collections::BTreeSet;
+
+use sage_core::{
+    geometry::{Aabb, OrientedBox, Point},
+    motion::{HORIZON, NOW},
+    scene::{Scene, Track, TrackKind},
+};
+
+use super::{
+    palette::{self as color, Ramp},
+    svg::Svg,
+    view::View,
+};
+
+/// Marks at the ends of candidate paths, in this order, so that no text stands on the road.
+pub(super) const GLYPHS: usize = 6;
+
+/// Draws everybody but ego and adversary at a frame, with a thin line ahead of those who move.
+pub(super) fn background(svg: &mut Svg, view: &View, scene: &Scene, frame: usize) -> BTreeSet<TrackKind> {
+    let mut shown = BTreeSet::new();
+    let others = || {
+        let extra = |k: usize| k != scene.ego && Some(k) != scene.adversary;
+        scene.tracks.iter().enumerate().filter(move |(k, _)| extra(*k)).map(|(_, track)| track)
+    };
+    svg.open(
+        r##"fill="none" stroke="#7d8793" stroke-width="1" stroke-dasharray="1 3" stroke-linecap="round""##,
+    );
+    for track in others().filter(|track| track.is_valid(frame)) {
+        let ahead: Vec<[f64; 3]> = (frame..track.valid.len().min(NOW + HORIZON + 1))
+            .take_while(|&f| track.is_valid(f))
+            .map(|f| track.position[f])
+            .collect();
+        svg.lines(&view.parts(&ahead), "");
+    }
+    svg.close();
+    for track in others().filter(|track| track.is_valid(frame)) {
+        let b = track.oriented_box(frame);
+        if !view.shows(&b.aabb()) {
+            continue;
+        }
+        user(svg, view, &track.kind, &b);
+        shown.insert(track.kind.clone());
+    }
+    shown
+}
+
+/// One road user by kind.
+pub(super) fn user(svg: &mut Svg, view: &View, kind: &TrackKind, b: &OrientedBox) {
+    let tone = match kind {
+        TrackKind::Vehicle => {
+            let attributes = format!(r##"fill="{}" stroke="#555d66" stroke-width="1""##, color::VEHICLE);
+            return svg.car(view, b, &attributes);
+        }
+        TrackKind::Pedestrian => color::PEDESTRIAN,
+        TrackKind::Cyclist => color::CYCLIST,
+        TrackKind::Other(_) => color::OTHER,
+    };
+    let attributes = format!(r#"fill="{tone}" stroke="{}" stroke-width="0.8""#, color::INK);
+    // Small boxes vanish at this scale; a mark of their own keeps them.
+    let [x, y] = view.pixel(b.center);
+    match kind {
+        TrackKind::Pedestrian => svg.circle([x, y], 4.0, &attributes),
+        TrackKind::Cyclist => {
+            let corners = b.corners().map(|p| view.pixel(p));
+            svg.polygon(&corners, &attributes);
+            svg.circle([x, y], 3.0, &attributes);
+        }
+        _ => svg.polygon(&[[x, y - 4.5], [x + 4.0, y + 3.0], [x - 4.0, y + 3.0]], &attributes),
+    }
+}
+
+/// Ego or adversary; in a wide view with a ring around it, or it would be lost.
+pub(super) fn role(svg: &mut Svg, view: &View, b: &OrientedBox, tone: &str) {
+    if 2.0 * b.half_length * view.scale < 20.0 {
+        let ring = format!(r#"fill="none" stroke="{tone}" stroke-width="2.5""#);
+        svg.circle(view.pixel(b.center), 14.0, &ring);
+    }
+    svg.car(view, b, &format!(r##"fill="{tone}" stroke="#fff" stroke-width="1.5""##));
+    let corners = b.corners().map(|p| view.pixel(p));
+    svg.polygon(&corners, &format!(r#"fill="none" stroke="{}" stroke-width="1""#, color::INK));
+}
+
+/// A path coloured by time, with a dot a second.
+pub(super) fn path(svg: &mut Svg, view: &View, points: &[Point], ramp: &Ramp) {
+    let pixels: Vec<Point> = points.iter().map(|p| view.pixel(*p)).collect();
+    svg.lines(
+        std::slice::from_ref(&pixels),
+        r##"fill="none" stroke="#fff" stroke-opacity="0.8" stroke-width="6" stroke-linecap="round" stroke-linejoin="round""##,
+    );
+    let share = |k: usize| k as f64 / points.len().saturating_sub(1).max(1) as f64;
+    svg.open(r#"fill="none" stroke-width="3" stroke-linecap="round""#);
+    // Half a second a piece: finer steps of colour are not seen.
+    for first in (0..pixels.len().saturating_sub(1)).step_by(5) {
+        let last = (first + 5).min(pixels.len() - 1);
+        svg.lines(&[pixels[first..=last].to_vec()], &format!(r#"stroke="{}""#, ramp.at(share(first))));
+    }
+    svg.close();
+    for k in (10..pixels.len()).step_by(10) {
+        svg.circle(
+            pixels[k],
+            2.6,
+            &format!(r##"fill="#fff" stroke="{}" stroke-width="1.4""##, ramp.at(share(k))),
+        );
+    }
+}
+
+/// The mark of a candidate, by its number.
+pub(super) fn glyph(svg: &mut Svg, [x, y]: Point, number: usize) {
+    let attributes = format!(r##"fill="{}" stroke="#fff" stroke-width="1.2""##, ADVERSARY_END);
+    let star = |n: u32, inner: f64| -> Vec<Point> {
+        (0..2 * n)
+            .map(|k| {
+                let r = if k % 2 == 0 { 7.0 } else { inner };
+                let a = f64::from(k) * std::f64::consts::PI / f64::from(n) - std::f64::consts::FRAC_PI_2;
+                [x + r * a.cos(), y + r * a.sin()]
+            })
+            .collect()
+    };
+    match number % GLYPHS {
+        0 => svg.circle([x, y], 5.5, &attributes),
+        1 => svg.rect([x - 5.0, y - 5.0], [10.0, 10.0], &attributes),
+        2 => svg.polygon(&[[x, y - 6.5], [x + 6.0, y + 4.5], [x - 6.0, y + 4.5]], &attributes),
+        3 => svg.polygon(&[[x, y - 7.0], [x + 7.0, y], [x, y + 7.0], [x - 7.0, y]], &attributes),
+        4 => svg.polygon(&star(5, 3.0), &attributes),
+        _ => svg.polygon(&star(4, 2.4), &attributes),
+    }
+}
+
+/// Tone of candidate marks.
+const ADVERSARY_END: &str = "#7a2a00";
+
+/// A burst where two cars first touch, with both boxes in outline.
+pub(super) fn contact(svg: &mut Svg, view: &View, boxes: [&OrientedBox; 2]) {
+    for (b, tone) in boxes.into_iter().zip([color::EGO, color::ADVERSARY]) {
+        let corners = b.corners().map(|p| view.pixel(p));
+        let attributes = format!(
+            r#"fill="{tone}" fill-opacity="0.18" stroke="{tone}" stroke-width="1.8" stroke-dasharray="4 2""#
+        );
+        svg.polygon(&corners, &attributes);
+    }
+    let middle = [0, 1].map(|k| 0.5 * (boxes[0].center[k] + boxes[1].center[k]));
+    burst(svg, view.pixel(middle));
+}
+
+/// The mark of a contact.
+pub(super) fn burst(svg: &mut Svg, [x, y]: Point) {
+    let corner = |k: u32| {
+        let r = if k.is_multiple_of(2) { 11.0 } else { 5.0 };
+        let a = f64::from(k) * std::f64::consts::PI / 8.0;
+        [x + r * a.cos(), y + r * a.sin()]
+    };
+    let corners: Vec<Point> = (0..16).map(corner).collect();
+    svg.polygon(
+        &corners,
+        &format!(r#"fill="{}" stroke="{}" stroke-width="1.4""#, color::CONTACT, color::INK),
+    );
+}
+
+/// Logged positions of the future, frame 10 to 90, as far as they are valid without a gap.
+pub(super) fn logged_path(track: &Track) -> Vec<Point> {
+    (NOW..=NOW + HORIZON)
+        .skip_while(|&f| !track.is_valid(f))
+        .take_while(|&f| track.is_valid(f))
+        .map(|f| track.point(f))
+        .collect()
+}
+
+/// Bounds of points, with what is shown of nothing left as nothing.
+pub(super) fn bounds(points: &[Point]) -> Aabb {
+    Aabb::of(points.iter().copied())
+}

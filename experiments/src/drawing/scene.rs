@@ -1,0 +1,123 @@
+//! A scene from above.
+
+use sage_core::{
+    geometry::{Aabb, OrientedBox, Point},
+    motion::NOW,
+    scene::{Scene, Track},
+};
+
+use super::{
+    legend, map_layer,
+    palette::{self as color, ADVERSARY_TIME, EGO_TIME},
+    road_users,
+    svg::Svg,
+    view::View,
+};
+
+/// Size of the window on the scene, pixels.
+const WINDOW: [f64; 2] = [900.0, 680.0];
+/// Room around what matters, metres.
+const MARGIN: f64 = 12.0;
+/// Least width of the window, metres.
+const LEAST: f64 = 70.0;
+
+/// A candidate path of the adversary.
+pub struct DrawnPath {
+    /// Name in the legend.
+    pub name: String,
+    /// Positions from the pose at *now* on.
+    pub points: Vec<Point>,
+    /// First contact: step, the ego's box, the adversary's.
+    pub contact: Option<(usize, OrientedBox, OrientedBox)>,
+}
+
+/// What to draw of a scene.
+#[derive(Default)]
+pub struct Picture {
+    /// Title, usually the scene's name.
+    pub title: String,
+    /// Frame whose boxes are shown; *now* if `None`.
+    pub frame: Option<usize>,
+    /// Candidates of the adversary; its logged path if there are none.
+    pub candidates: Vec<DrawnPath>,
+    /// The ego's path if it is not the logged one.
+    pub ego_path: Option<Vec<Point>>,
+    /// Show the whole map instead of the surroundings of ego and adversary.
+    pub whole_map: bool,
+}
+
+/// Draws a scene as SVG.
+pub fn draw(scene: &Scene, picture: &Picture) -> String {
+    let frame = picture.frame.unwrap_or(NOW).min(scene.frames - 1);
+    let adversary = scene.adversary.map(|k| &scene.tracks[k]);
+    let ego_path = picture.ego_path.clone().unwrap_or_else(|| road_users::logged_path(scene.ego()));
+    let adversary_log = adversary.map(road_users::logged_path).unwrap_or_default();
+    let mut area = road_users::bounds(&ego_path);
+    for path in picture.candidates.iter().map(|c| &c.points).chain([&adversary_log]) {
+        area = area.union(&road_users::bounds(path));
+    }
+    for track in [Some(scene.ego()), adversary].into_iter().flatten().filter(|t| t.is_valid(frame)) {
+        area = area.union(&track.oriented_box(frame).aabb());
+    }
+    if picture.whole_map || area == Aabb::EMPTY {
+        area = area.union(&Aabb::of(scene.map.points.iter().map(|p| [p[0], p[1]])));
+    }
+    if area == Aabb::EMPTY {
+        area = Aabb::around([0.0, 0.0], LEAST);
+    }
+    let view = View::on(&area, MARGIN, LEAST, WINDOW);
+
+    let mut svg = Svg::default();
+    svg.raw(&format!(
+        r#"<defs><clipPath id="window"><rect width="{}" height="{}"/></clipPath>{}</defs>"#,
+        view.width,
+        view.height,
+        map_layer::patterns(view.scale)
+    ));
+    svg.raw(r##"<rect width="100%" height="100%" fill="#fff"/>"##);
+    svg.open(r#"clip-path="url(#window)""#);
+    svg.rect([0.0, 0.0], [view.width, view.height], &format!(r#"fill="{}""#, color::GROUND));
+    let map = map_layer::draw(&mut svg, &view, scene, frame);
+    let users = road_users::background(&mut svg, &view, scene, frame);
+    road_users::path(&mut svg, &view, &ego_path, &EGO_TIME);
+    if picture.candidates.is_empty() {
+        road_users::path(&mut svg, &view, &adversary_log, &ADVERSARY_TIME);
+    }
+    for candidate in &picture.candidates {
+        road_users::path(&mut svg, &view, &candidate.points, &ADVERSARY_TIME);
+    }
+    let role = |svg: &mut Svg, track: &Track, tone: &str| {
+        if track.is_valid(frame) {
+            road_users::role(svg, &view, &track.oriented_box(frame), tone);
+        }
+    };
+    if let Some(track) = adversary {
+        role(&mut svg, track, color::ADVERSARY);
+    }
+    role(&mut svg, scene.ego(), color::EGO);
+    for (_, ego, adversary) in picture.candidates.iter().filter_map(|c| c.contact.as_ref()) {
+        road_users::contact(&mut svg, &view, [ego, adversary]);
+    }
+    for (number, candidate) in picture.candidates.iter().enumerate() {
+        if let Some(end) = candidate.points.last() {
+            road_users::glyph(&mut svg, view.pixel(*end), number);
+        }
+    }
+    svg.close();
+    svg.rect([0.0, 0.0], [view.width, view.height], r##"fill="none" stroke="#999" stroke-width="1""##);
+
+    let names: Vec<(String, Option<usize>)> =
+        picture.candidates.iter().map(|c| (c.name.clone(), c.contact.map(|(step, ..)| step))).collect();
+    let content = legend::Content {
+        title: &picture.title,
+        subtitle: &format!("{}, frame {frame} ({:+.1} s)", scene.id, (frame as f64 - NOW as f64) / 10.0),
+        ego: &scene.ego().id,
+        adversary: adversary.map(|track| &track.id[..]),
+        candidates: &names,
+        has_contact: picture.candidates.iter().any(|c| c.contact.is_some()),
+        map: &map,
+        users: &users,
+    };
+    let height = legend::draw(&mut svg, &view, view.width + 16.0, &content);
+    svg.finish([view.width + legend::WIDTH + 30.0, height], &format!("Scene {}", picture.title))
+}

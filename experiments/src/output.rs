@@ -1,0 +1,25 @@
+//! Files that commands leave behind: never over what is there, never half written.
+
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, Result, bail};
+
+/// Writes a file under a temporary name and renames it; `-` is standard output.
+///
+/// *Errors*: the file exists and `force` is not given, or the system refuses.
+pub(crate) fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
+    if path.to_str() == Some("-") {
+        return Ok(std::io::stdout().lock().write_all(bytes)?);
+    }
+    if path.exists() && !force {
+        bail!("`{}` exists; give --force to write over it", path.display());
+    }
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    let part = PathBuf::from(name);
+    std::fs::write(&part, bytes).with_context(|| format!("cannot write `{}`", part.display()))?;
+    std::fs::rename(&part, path).with_context(|| format!("cannot write `{}`", path.display()))
+}

@@ -156,7 +156,7 @@ fn chevrons<'m>(
     points: impl Fn(&'m MapFeature) -> &'m [[f64; 3]],
 ) {
     let mut heads = Vec::new();
-    let long = |f: &&&MapFeature| f.kind.is_motor_lane() && length(points(f)) > 2.0 * CHEVRONS;
+    let long = |f: &&&'m MapFeature| f.kind.is_motor_lane() && length(points(f)) > 2.0 * CHEVRONS;
     for feature in seen.iter().filter(long) {
         let mut left = 0.5 * CHEVRONS;
         for pair in points(feature).windows(2) {

@@ -45,7 +45,7 @@ pub struct Scene {
 }
 
 /// How a scene's adversary was found.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AdversaryOrigin {
     /// The file names exactly one object of interest beside the ego.

@@ -57,7 +57,7 @@ pub enum Error {
         expected: String,
     },
     /// A folder without a scene.
-    #[error("no scene in `{}`; expected files that end in .pkl", path.display())]
+    #[error("no scene in `{}`; expected files that end in .pkl or .safetensors", path.display())]
     NoScenes {
         /// The folder.
         path: PathBuf,

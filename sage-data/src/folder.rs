@@ -13,9 +13,12 @@ use crate::{Error, recording};
 /// scenes as there are threads, however long the folder.
 const WINDOW: usize = 64;
 
+/// Endings of scene files.
+const ENDINGS: [&str; 2] = [".pkl", ".safetensors"];
+
 /// Scene files under a path, in natural order: the file itself; the files that
 /// `dataset_summary.pkl` lists, at the places that `dataset_mapping.pkl` gives; else every `.pkl`
-/// below the folder.
+/// and `.safetensors` below the folder.
 ///
 /// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for one
 /// without scenes, [`Error::Field`] for a summary that lists files outside the folder.
@@ -61,7 +64,7 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
             let name = entry.file_name().to_string_lossy().into_owned();
             if kind.is_dir() {
                 open.push(path);
-            } else if name.ends_with(".pkl") && !name.starts_with("dataset_") {
+            } else if ENDINGS.iter().any(|ending| name.ends_with(ending)) && !name.starts_with("dataset_") {
                 files.push(path);
             }
         }

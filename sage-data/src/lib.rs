@@ -3,7 +3,7 @@
 //! A MetaDrive or ScenarioNet scene is a Python pickle. Here a pickle is *data*: [`pickle`]
 //! interprets its opcodes into a [`pickle::Document`] of plain values and never runs anything.
 //! [`metadrive`] turns such a document into a [`sage_core::scene::Scene`] and back; what the scene
-//! does not model stays in the document, so that writing loses nothing.
+//! does not model stays in the document, so that writing loses nothing. Native files are safetensors.
 //!
 //! ```no_run
 //! let recording = sage_data::Recording::read("scene.pkl".as_ref())?;
@@ -15,9 +15,10 @@ pub mod checks;
 mod error;
 pub mod folder;
 pub mod metadrive;
+mod native;
 pub mod pickle;
 mod recording;
 pub mod split;
 
 pub use error::Error;
-pub use recording::Recording;
+pub use recording::{Recording, Source};

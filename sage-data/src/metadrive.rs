@@ -3,6 +3,8 @@
 mod decode;
 mod encode;
 mod fields;
+mod fresh;
 
 pub use decode::decode;
 pub use encode::encode;
+pub(crate) use fresh::fresh;

@@ -1,10 +1,13 @@
 //! A scene together with the file it came from.
 
-use std::path::{Path, PathBuf};
+use std::{
+    borrow::Cow,
+    path::{Path, PathBuf},
+};
 
 use sage_core::scene::Scene;
 
-use crate::{Error, metadrive, pickle::Document};
+use crate::{Error, metadrive, native, pickle::Document};
 
 /// Largest scene file that is read, bytes. The largest of the public ones hold 2 MB.
 pub(crate) const MAX_FILE: u64 = 256 << 20;
@@ -16,12 +19,23 @@ pub struct Recording {
     pub path: PathBuf,
     /// The scene.
     pub scene: Scene,
-    /// All values of the file.
-    pub source: Document,
+    /// What else the file holds.
+    pub source: Source,
+}
+
+/// Where a scene came from.
+#[derive(Clone, Debug)]
+pub enum Source {
+    /// A MetaDrive pickle, with all its values.
+    Pickle(Document),
+    /// A native file, by its bytes: its source is unpacked when it is asked for.
+    Native(Vec<u8>),
+    /// No file: the scene was made.
+    Made,
 }
 
 impl Recording {
-    /// Reads and checks a scene file.
+    /// Reads and checks a scene file of either format.
     ///
     /// *Errors*: [`Error`], which names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, Error> {
@@ -32,30 +46,77 @@ impl Recording {
     ///
     /// *Errors*: as [`Recording::read`].
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
+        if is_native(&bytes) {
+            let scene = native::decode(&bytes, path)?;
+            return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes) });
+        }
         let source = parse(path, bytes)?;
         let scene = metadrive::decode(&source, path)?;
-        Ok(Self { path: path.to_owned(), scene, source })
+        Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source) })
+    }
+
+    /// A recording of a scene that was made, not read.
+    pub fn made(scene: Scene) -> Self {
+        Self { path: PathBuf::from(&scene.id), scene, source: Source::Made }
+    }
+
+    /// All values of the MetaDrive file behind the scene; `None` if there was none.
+    ///
+    /// *Errors*: a native file whose source is damaged.
+    pub fn document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
+        Ok(match &self.source {
+            Source::Pickle(document) => Some(Cow::Borrowed(document)),
+            Source::Native(bytes) => native::document(bytes, &self.path)?.map(Cow::Owned),
+            Source::Made => None,
+        })
     }
 
     /// The recording as a MetaDrive pickle. Where the scene is as it was read, keys, types, shapes
-    /// and values are those of the source; tracks that were changed are written in their place.
+    /// and values are those of the source; tracks that were changed are written in their place. A
+    /// scene without a source becomes a new file with 32-bit floats.
     ///
-    /// *Errors*: as [`metadrive::encode`].
+    /// *Errors*: as [`metadrive::encode`] and [`Recording::document`].
     pub fn to_pickle(&self) -> Result<Vec<u8>, Error> {
-        metadrive::encode(&self.scene, &self.source, &self.path).map(|document| document.to_pickle())
+        match self.document()? {
+            Some(source) => {
+                metadrive::encode(&self.scene, &source, &self.path).map(|document| document.to_pickle())
+            }
+            None => Ok(metadrive::fresh(&self.scene).to_pickle()),
+        }
     }
 
-    /// Writes the recording as a MetaDrive pickle, under a temporary name first.
+    /// The recording as a native file.
+    ///
+    /// *Errors*: as [`Recording::to_pickle`].
+    pub fn to_native(&self) -> Result<Vec<u8>, Error> {
+        let source = match self.document()? {
+            Some(source) => Some(metadrive::encode(&self.scene, &source, &self.path)?),
+            None => None,
+        };
+        native::encode(&self.scene, source.as_ref(), &self.path)
+    }
+
+    /// Writes the recording under a temporary name and renames it: as a native file if the name
+    /// ends in `.safetensors`, as a MetaDrive pickle otherwise.
     ///
     /// *Errors*: [`Error::Write`], or as [`Recording::to_pickle`].
-    pub fn write_pickle(&self, path: &Path) -> Result<(), Error> {
+    pub fn write(&self, path: &Path) -> Result<(), Error> {
         let fail = |source| Error::Write { path: path.to_owned(), source };
+        let native = path.extension().is_some_and(|ending| ending == "safetensors");
+        let bytes = if native { self.to_native()? } else { self.to_pickle()? };
         let mut name = path.as_os_str().to_owned();
         name.push(".part");
         let part = PathBuf::from(name);
-        std::fs::write(&part, self.to_pickle()?).map_err(fail)?;
+        std::fs::write(&part, bytes).map_err(fail)?;
         std::fs::rename(&part, path).map_err(fail)
     }
+}
+
+/// Whether bytes are safetensors: a length of eight bytes, then a brace. The first byte of the
+/// length can be that of a pickle, but then no pickle's next bytes make a length this small.
+fn is_native(bytes: &[u8]) -> bool {
+    let Some((length, [b'{', ..])) = bytes.split_first_chunk::<8>() else { return false };
+    bytes[0] != 0x80 || u64::from_le_bytes(*length) <= bytes.len() as u64
 }
 
 /// The values of a pickle file.

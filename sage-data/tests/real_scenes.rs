@@ -109,13 +109,18 @@ fn everything() -> Vec<PathBuf> {
 }
 
 #[test]
-fn pickle_to_scene_to_pickle_loses_nothing() {
+fn pickle_to_scene_to_pickle_loses_nothing_and_neither_does_a_native_file_between() {
     let files = everything();
     let read = |path: &Path| {
         let first = Recording::read(path).unwrap();
         let again = Recording::from_bytes(path, first.to_pickle().unwrap()).unwrap();
-        let (a, b) = (&first.source, &again.source);
-        first.scene == again.scene && same(a, a.root(), b, b.root())
+        let native = Recording::from_bytes(path, first.to_native().unwrap()).unwrap();
+        let back = Recording::from_bytes(path, native.to_pickle().unwrap()).unwrap();
+        let a = first.document().unwrap().unwrap();
+        [again, native, back].iter().all(|other| {
+            let b = other.document().unwrap().unwrap();
+            first.scene == other.scene && same(&a, a.root(), &b, b.root())
+        })
     };
     folder::in_order(&files, read, |path, equal| if equal { Ok(()) } else { Err(path.to_owned()) }).unwrap();
 }
@@ -134,7 +139,7 @@ fn python_sees_no_difference_either() {
         let mut pairs = Vec::new();
         for (j, path) in part.iter().enumerate() {
             let written = folder.path().join(format!("{k}-{j}.pkl"));
-            Recording::read(path).unwrap().write_pickle(&written).unwrap();
+            Recording::read(path).unwrap().write(&written).unwrap();
             pairs.extend([path.clone(), written]);
         }
         match Command::new("python3").arg(&compare).args(&pairs).output() {

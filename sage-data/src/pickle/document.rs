@@ -13,6 +13,11 @@ pub struct Span {
     pub(super) len: u32,
 }
 
+impl Span {
+    /// No bytes at all.
+    pub(crate) const EMPTY: Self = Self { start: 0, len: 0 };
+}
+
 /// A numpy array; its elements stay bytes until they are asked for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
@@ -134,6 +139,11 @@ impl Document {
     /// A value.
     pub fn node(&self, id: Id) -> &Node {
         &self.nodes[id.0 as usize]
+    }
+
+    /// All values, in the order in which they were made.
+    pub(crate) fn ids(&self) -> impl Iterator<Item = Id> + use<> {
+        (0..self.nodes.len() as u32).map(Id)
     }
 
     /// Bytes of a span.

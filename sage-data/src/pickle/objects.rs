@@ -41,7 +41,7 @@ impl Machine {
                 };
                 Node::DefaultDict { int_factory, entries: Vec::new() }
             }
-            (Global::Bytes, []) => Node::Bytes(Span { start: 0, len: 0 }),
+            (Global::Bytes, []) => Node::Bytes(Span::EMPTY),
             (Global::Set, []) => Node::Set(Vec::new()),
             (Global::Set, [items]) => match self.node(*items) {
                 Node::List(items) | Node::Tuple(items) => {

@@ -10,6 +10,21 @@ use super::{Array, Document, Dtype, Id, Node, Span, opcode as op};
 const BATCH: usize = 1000;
 
 impl Document {
+    /// A document of None, to add values to.
+    pub(crate) fn empty() -> Self {
+        Self { bytes: Vec::new(), nodes: vec![Node::None], root: Id(0), file_size: 0 }
+    }
+
+    /// Makes a value the outermost.
+    pub(crate) fn set_root(&mut self, root: Id) {
+        self.root = root;
+    }
+
+    /// Puts another value in place of one, for everything that refers to it.
+    pub(crate) fn replace(&mut self, id: Id, node: Node) {
+        self.nodes[id.0 as usize] = node;
+    }
+
     /// Adds a value that nothing refers to yet.
     pub(crate) fn push(&mut self, node: Node) -> Id {
         let id = Id(self.nodes.len() as u32);

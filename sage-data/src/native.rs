@@ -1,0 +1,89 @@
+//! Native scene files: safetensors.
+//!
+//! A scene is a handful of packed tensors and a JSON header with the names; reading is one read of
+//! the file, views and checks. What a MetaDrive source holds beyond the scene travels along as a
+//! pickle whose large arrays are references to the tensors, so that converting back loses nothing.
+//! `docs/formats.md` describes the format.
+
+mod decode;
+mod encode;
+mod source;
+
+pub(crate) use decode::decode;
+pub(crate) use encode::encode;
+pub(crate) use source::document;
+
+use sage_core::scene::AdversaryOrigin;
+use serde::{Deserialize, Serialize};
+
+/// Key of the header in the file's metadata.
+const KEY: &str = "sage-scene";
+/// Version of the format.
+const VERSION: u32 = 1;
+
+/// Tensors that packed source arrays can refer to, by number.
+const PACKED: [&str; 12] = [
+    "tracks.position",
+    "tracks.heading",
+    "tracks.velocity",
+    "tracks.length",
+    "tracks.width",
+    "tracks.height",
+    "tracks.valid",
+    "map.points",
+    "lane.width",
+    "lights.stop_point",
+    "timestamps",
+    "lane.links",
+];
+
+/// What is not numbers.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    version: u32,
+    id: String,
+    frames: usize,
+    ego: usize,
+    adversary: Option<usize>,
+    adversary_origin: AdversaryOrigin,
+    notes: Vec<String>,
+    /// Id and kind of each track.
+    tracks: Vec<(String, String)>,
+    /// Id, kind and number of points of each map feature.
+    features: Vec<(String, String, usize)>,
+    /// Feature, speed limit (m/s) and number of widths of each lane.
+    lanes: Vec<(usize, Option<f64>, usize)>,
+    /// Lane, and whether the stop point is known, of each light.
+    lights: Vec<(String, bool)>,
+}
+
+/// How a lane is tied to another feature: the second column of `lane.links`.
+#[derive(Clone, Copy, PartialEq)]
+enum Link {
+    Entry,
+    Exit,
+    Neighbor(usize),
+    Boundary(usize),
+}
+
+impl Link {
+    fn code(self) -> i64 {
+        match self {
+            Self::Entry => 0,
+            Self::Exit => 1,
+            Self::Neighbor(side) => 2 + side as i64,
+            Self::Boundary(side) => 4 + side as i64,
+        }
+    }
+
+    fn from_code(code: i64) -> Option<Self> {
+        Some(match code {
+            0 => Self::Entry,
+            1 => Self::Exit,
+            2 | 3 => Self::Neighbor((code - 2) as usize),
+            4 | 5 => Self::Boundary((code - 4) as usize),
+            _ => return None,
+        })
+    }
+}

@@ -1,0 +1,281 @@
+//! Tensors read as a scene, with every check that a scene promises.
+
+use std::{collections::HashSet, path::Path, sync::Arc};
+
+use safetensors::{Dtype, SafeTensors, tensor::Metadata};
+use sage_core::{
+    motion::{HISTORY, MAX_COORDINATE, NOW},
+    scene::{
+        Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track, TrackKind, TrafficLight,
+    },
+};
+
+use super::{Header, KEY, Link, VERSION};
+use crate::Error;
+
+/// A file's tensors, found by name.
+pub(super) struct Tensors<'b> {
+    path: &'b Path,
+    data: &'b [u8],
+    metadata: Metadata,
+}
+
+/// One tensor.
+#[derive(Clone, Copy)]
+pub(super) struct Tensor<'t> {
+    pub(super) dtype: Dtype,
+    pub(super) shape: &'t [usize],
+    pub(super) data: &'t [u8],
+}
+
+impl<'b> Tensors<'b> {
+    pub(super) fn open(path: &'b Path, bytes: &'b [u8]) -> Result<Self, Error> {
+        let (length, metadata) = SafeTensors::read_metadata(bytes).map_err(|problem| Error::Field {
+            path: path.to_owned(),
+            field: "(header)".to_owned(),
+            found: problem.to_string(),
+            expected: "a safetensors file".to_owned(),
+        })?;
+        let data = bytes.get(8 + length..).unwrap_or_default();
+        Ok(Self { path, data, metadata })
+    }
+
+    pub(super) fn error(&self, field: &str, found: impl Into<String>, expected: impl Into<String>) -> Error {
+        Error::Field {
+            path: self.path.to_owned(),
+            field: field.to_owned(),
+            found: found.into(),
+            expected: expected.into(),
+        }
+    }
+
+    pub(super) fn find(&self, name: &str) -> Option<Tensor<'_>> {
+        let info = self.metadata.info(name)?;
+        let data = self.data.get(info.data_offsets.0..info.data_offsets.1)?;
+        Some(Tensor { dtype: info.dtype, shape: &info.shape, data })
+    }
+
+    fn required(&self, name: &str) -> Result<Tensor<'_>, Error> {
+        self.find(name).ok_or_else(|| self.error(name, "missing", "a tensor"))
+    }
+
+    fn header(&self) -> Result<Header, Error> {
+        let text = self.metadata.metadata().as_ref().and_then(|m| m.get(KEY));
+        let text = text.ok_or_else(|| self.error(KEY, "missing", "the header of a native scene"))?;
+        let header: Header = serde_json::from_str(text)
+            .map_err(|e| self.error(KEY, e.to_string(), "the header of a native scene"))?;
+        if header.version != VERSION {
+            return Err(self.error("version", header.version.to_string(), VERSION.to_string()));
+        }
+        Ok(header)
+    }
+
+    /// Rows of `N` finite numbers of a tensor of this shape.
+    fn rows<const N: usize>(&self, name: &str, shape: &[usize], limit: f64) -> Result<Vec<[f64; N]>, Error> {
+        let tensor = self.required(name)?;
+        if tensor.shape != shape {
+            return Err(self.error(name, format!("of shape {:?}", tensor.shape), format!("shape {shape:?}")));
+        }
+        let mut rows: Vec<[f64; N]> = Vec::with_capacity(shape.iter().product::<usize>() / N);
+        match tensor.dtype {
+            Dtype::F32 => rows.extend(tensor.data.chunks_exact(4 * N).map(|raw| {
+                let cells = raw.as_chunks::<4>().0;
+                std::array::from_fn(|k| f64::from(f32::from_le_bytes(cells[k])))
+            })),
+            Dtype::F64 => rows.extend(tensor.data.chunks_exact(8 * N).map(|raw| {
+                let cells = raw.as_chunks::<8>().0;
+                std::array::from_fn(|k| f64::from_le_bytes(cells[k]))
+            })),
+            other => return Err(self.error(name, format!("of type {other:?}"), "type F32 or F64")),
+        }
+        // NaN fails the comparison as well.
+        let is_bad = |x: &f64| !(x.abs() <= limit);
+        if rows.iter().flatten().fold(false, |bad, x| bad | is_bad(x)) {
+            let culprit =
+                rows.iter().enumerate().find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
+            let (row, value) = culprit.unwrap_or((0, &f64::NAN));
+            let expected = format!("a finite number within ±{limit:e}");
+            return Err(self.error(&format!("{name}/{row}"), value.to_string(), expected));
+        }
+        Ok(rows)
+    }
+
+    /// Bytes of a tensor of this type and shape.
+    fn bytes(&self, name: &str, dtype: Dtype, shape: &[usize]) -> Result<&[u8], Error> {
+        let tensor = self.required(name)?;
+        if tensor.dtype != dtype || tensor.shape != shape {
+            let found = format!("of type {:?} and shape {:?}", tensor.dtype, tensor.shape);
+            return Err(self.error(name, found, format!("type {dtype:?} and shape {shape:?}")));
+        }
+        Ok(tensor.data)
+    }
+
+    /// Rows of `N` integers.
+    pub(super) fn integers<const N: usize>(&self, name: &str) -> Result<Vec<[i64; N]>, Error> {
+        let tensor = self.required(name)?;
+        match (tensor.dtype, tensor.shape) {
+            (Dtype::I64, [_, width]) if *width == N => {
+                let row = |raw: &[u8]| std::array::from_fn(|k| i64::from_le_bytes(raw.as_chunks::<8>().0[k]));
+                Ok(tensor.data.chunks_exact(8 * N).map(row).collect())
+            }
+            (dtype, shape) => {
+                let found = format!("of type {dtype:?} and shape {shape:?}");
+                Err(self.error(name, found, format!("type I64 and shape [n, {N}]")))
+            }
+        }
+    }
+}
+
+/// Turns the bytes of a native file into a checked scene; `path` names it in errors.
+///
+/// *Errors*: [`Error::Field`], which names the tensor or key, what was found and what belongs there.
+pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<Scene, Error> {
+    let file = Tensors::open(path, bytes)?;
+    let header = file.header()?;
+    if header.frames < HISTORY {
+        return Err(file.error("frames", header.frames.to_string(), format!("at least {HISTORY}")));
+    }
+    let tracks = tracks(&file, &header)?;
+    match tracks.get(header.ego) {
+        Some(ego) if ego.is_valid(NOW) => {}
+        _ => return Err(file.error("ego", header.ego.to_string(), "a track that is seen now")),
+    }
+    if let Some(adversary) = header.adversary {
+        let seen = tracks.get(adversary).is_some_and(|track| track.valid[..=NOW].contains(&true));
+        if !seen || adversary == header.ego {
+            return Err(file.error(
+                "adversary",
+                adversary.to_string(),
+                "a track that is seen in history, not the ego",
+            ));
+        }
+    }
+    let count = file.required("timestamps")?.shape.iter().product::<usize>();
+    if count != 0 && count != header.frames {
+        return Err(file.error("timestamps", format!("{count} values"), "one a frame, or none"));
+    }
+    let timestamps = file.rows::<1>("timestamps", &[count], f64::MAX)?.into_iter().map(|[t]| t).collect();
+    let map = Arc::new(map(&file, &header)?);
+    let lights = lights(&file, &header)?;
+    Ok(Scene {
+        id: header.id,
+        frames: header.frames,
+        timestamps,
+        tracks,
+        map,
+        lights,
+        ego: header.ego,
+        adversary: header.adversary,
+        adversary_origin: header.adversary_origin,
+        notes: header.notes,
+    })
+}
+
+fn tracks(file: &Tensors, header: &Header) -> Result<Vec<Track>, Error> {
+    let (n, frames) = (header.tracks.len(), header.frames);
+    let position = file.rows::<3>("tracks.position", &[n, frames, 3], MAX_COORDINATE)?;
+    let velocity = file.rows::<2>("tracks.velocity", &[n, frames, 2], MAX_COORDINATE)?;
+    let column = |name: &str| file.rows::<1>(name, &[n, frames], MAX_COORDINATE);
+    let (heading, length) = (column("tracks.heading")?, column("tracks.length")?);
+    let (width, height) = (column("tracks.width")?, column("tracks.height")?);
+    let valid = file.bytes("tracks.valid", Dtype::BOOL, &[n, frames])?;
+    let mut seen = HashSet::with_capacity(n);
+    let mut tracks = Vec::with_capacity(n);
+    for (k, (id, kind)) in header.tracks.iter().enumerate() {
+        if !seen.insert(id) {
+            return Err(file.error("tracks", format!("`{id}` twice"), "one track an id"));
+        }
+        let of = k * frames..(k + 1) * frames;
+        let track = Track {
+            id: id.clone(),
+            kind: TrackKind::from_name(kind),
+            position: position[of.clone()].to_vec(),
+            heading: heading[of.clone()].iter().map(|[h]| *h).collect(),
+            velocity: velocity[of.clone()].to_vec(),
+            size: of.clone().map(|f| [length[f][0], width[f][0], height[f][0]]).collect(),
+            valid: valid[of].iter().map(|v| *v != 0).collect(),
+        };
+        let bad =
+            (0..frames).find(|&f| track.valid[f] && !(track.size[f][0] > 0.0 && track.size[f][1] > 0.0));
+        if let Some(frame) = bad {
+            let [length, width, _] = track.size[frame];
+            let found = format!("{length} × {width} at frame {frame} of track `{id}`");
+            return Err(file.error("tracks.length", found, "sizes above 0 where the track is valid"));
+        }
+        tracks.push(track);
+    }
+    Ok(tracks)
+}
+
+fn map(file: &Tensors, header: &Header) -> Result<Map, Error> {
+    let mut total = 0usize;
+    let mut seen = HashSet::with_capacity(header.features.len());
+    let mut features = Vec::with_capacity(header.features.len());
+    for (id, kind, points) in &header.features {
+        if !seen.insert(id) {
+            return Err(file.error("features", format!("`{id}` twice"), "one feature an id"));
+        }
+        let end = total.checked_add(*points).filter(|_| *points > 0);
+        let end = end
+            .ok_or_else(|| file.error("features", format!("`{id}` with {points} points"), "at least one"))?;
+        features.push(MapFeature {
+            id: id.clone(),
+            kind: MapKind::from_name(kind),
+            points: total..end,
+            lane: None,
+        });
+        total = end;
+    }
+    // The shape check ties the sum of the counts to bytes that are there.
+    let points = file.rows::<3>("map.points", &[total, 3], MAX_COORDINATE)?;
+    let widths = file.required("lane.width")?.shape.first().copied().unwrap_or(0);
+    let widths = file.rows::<2>("lane.width", &[widths, 2], MAX_COORDINATE)?;
+    let mut left = &widths[..];
+    for (feature, speed_limit, count) in &header.lanes {
+        let width = left.split_at_checked(*count);
+        let (width, rest) =
+            width.ok_or_else(|| file.error("lanes", format!("{count} widths"), "as many as there are"))?;
+        left = rest;
+        if speed_limit.is_some_and(|limit| !(limit.is_finite() && limit > 0.0)) {
+            return Err(file.error("lanes", format!("speed limit {speed_limit:?}"), "m/s above 0, or null"));
+        }
+        let lane = Lane { speed_limit: *speed_limit, width: width.to_vec(), ..Lane::default() };
+        let slot = features.get_mut(*feature).filter(|f| f.lane.is_none());
+        let slot = slot.ok_or_else(|| file.error("lanes", feature.to_string(), "a feature, once"))?;
+        slot.lane = Some(Box::new(lane));
+    }
+    let count = features.len();
+    for row in file.integers::<7>("lane.links")? {
+        let wrong = || file.error("lane.links", format!("{row:?}"), "lane, link 0 to 5, feature, two ranges");
+        let index = |k: usize| usize::try_from(row[k]).map_err(|_| wrong());
+        let (other, own, range) = (index(2)?, [index(3)?, index(4)?], [index(5)?, index(6)?]);
+        let lane = features.get_mut(index(0)?).and_then(|f| f.lane.as_deref_mut());
+        let (Some(lane), true) = (lane, other < count) else { return Err(wrong()) };
+        match Link::from_code(row[1]).ok_or_else(wrong)? {
+            Link::Entry => lane.entries.push(other),
+            Link::Exit => lane.exits.push(other),
+            Link::Neighbor(side) => lane.neighbors[side].push(Neighbor { lane: other, own, other: range }),
+            Link::Boundary(side) => lane.boundaries[side].push(Boundary { feature: other, own }),
+        }
+    }
+    Ok(Map { points, features })
+}
+
+fn lights(file: &Tensors, header: &Header) -> Result<Vec<TrafficLight>, Error> {
+    let (n, frames) = (header.lights.len(), header.frames);
+    let stops = file.rows::<3>("lights.stop_point", &[n, 3], MAX_COORDINATE)?;
+    let states = file.bytes("lights.state", Dtype::U8, &[n, frames])?;
+    let state = |code: &u8| match code {
+        0 => Ok(LightState::Unknown),
+        1 => Ok(LightState::Stop),
+        2 => Ok(LightState::Caution),
+        3 => Ok(LightState::Go),
+        other => Err(file.error("lights.state", other.to_string(), "0 to 3")),
+    };
+    let light = |(k, (lane, stops_known)): (usize, &(String, bool))| {
+        let states: Result<Vec<LightState>, Error> =
+            states[k * frames..(k + 1) * frames].iter().map(state).collect();
+        Ok(TrafficLight { lane: lane.clone(), stop_point: stops_known.then_some(stops[k]), states: states? })
+    };
+    header.lights.iter().enumerate().map(light).collect()
+}

@@ -31,6 +31,7 @@ enum Command {
     Inspect(InspectArgs),
     Score(ScoreArgs),
     Draw(DrawArgs),
+    Convert(ConvertArgs),
     /// Measure speed or quality.
     #[command(subcommand)]
     Bench(BenchCommand),
@@ -132,6 +133,36 @@ pub(crate) struct DrawArgs {
     pub force: bool,
 }
 
+/// Convert scene files between MetaDrive pickles and native files.
+///
+/// Nothing is lost either way: what a native file does not model of its source travels along.
+/// Folders keep their structure. docs/formats.md describes native files.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  sage convert scenes/ --to native --out native/")]
+pub(crate) struct ConvertArgs {
+    /// Scene files and folders.
+    #[arg(required = true, value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    /// Format to write.
+    #[arg(long, value_enum)]
+    pub to: Format,
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write into a folder that holds something.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Formats of scene files.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum Format {
+    /// safetensors: loads fastest, opens anywhere.
+    Native,
+    /// MetaDrive pickle: for MetaDrive and ScenarioNet.
+    Pickle,
+}
+
 /// Names of [`Convention`].
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum ConventionArg {
@@ -197,6 +228,7 @@ impl Cli {
             Command::Inspect(args) => commands::inspect::run(&args),
             Command::Score(args) => commands::score::run(&args),
             Command::Draw(args) => commands::draw::run(&args),
+            Command::Convert(args) => commands::convert::run(&args),
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Completions { shell } => commands::completions::run(shell),
         }

@@ -19,6 +19,7 @@ mod cli;
 mod commands;
 pub mod drawing;
 mod output;
+mod progress;
 
 use std::{io, process::ExitCode};
 

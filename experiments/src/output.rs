@@ -7,6 +7,18 @@ use std::{
 
 use anyhow::{Context, Result, bail};
 
+/// Makes a folder for output.
+///
+/// *Errors*: it holds something and `force` is not given, or the system refuses.
+pub(crate) fn make_folder(path: &Path, force: bool) -> Result<()> {
+    std::fs::create_dir_all(path).with_context(|| format!("cannot make `{}`", path.display()))?;
+    let mut entries = std::fs::read_dir(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+    if entries.next().is_some() && !force {
+        bail!("`{}` is not empty; give --force to write into it all the same", path.display());
+    }
+    Ok(())
+}
+
 /// Writes a file under a temporary name and renames it; `-` is standard output.
 ///
 /// *Errors*: the file exists and `force` is not given, or the system refuses.

@@ -7,6 +7,7 @@ mod mutation;
 use std::{alloc::System, path::Path};
 
 use mutation::{HOSTILE, Mutator, Outcome};
+use sage_data::Recording;
 
 /// An allocation beyond the limit fails, which ends the test.
 #[global_allocator]
@@ -43,4 +44,20 @@ fn no_hostile_global_is_let_in() {
             assert!(error.contains("is not allowed"), "{global}: {error}");
         }
     }
+}
+
+#[test]
+fn native_mutants_are_refused_or_scenes() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let native = |file: &str| Recording::read(&folder.join(file)).unwrap().to_native().unwrap();
+    let mutator =
+        Mutator::new(["tests/data/small_p4_core.pkl", "../examples/crossing.pkl"].map(native).into());
+    let (mut scenes, mut refused) = (0, 0);
+    for number in 0..2_000 {
+        match mutation::read(&mutator.make_native(number)).0 {
+            Outcome::Scene => scenes += 1,
+            Outcome::Refused => refused += 1,
+        }
+    }
+    assert!(scenes > 100 && refused > 800, "{scenes} scenes, {refused} refused");
 }

@@ -1,7 +1,7 @@
-//! Reads any number of broken and hostile pickles and counts what became of them.
+//! Reads any number of broken and hostile scene files and counts what became of them.
 //!
 //! ```sh
-//! cargo run --release -p sage-data --example mutate_pickles -- 100000 [SCENE.pkl …]
+//! cargo run --release -p sage-data --example mutate_files -- [--native] 100000 [SCENE.pkl …]
 //! ```
 //! Ends with an error at the first panic, at the first hostile file that is let in, or when all of
 //! it together needs more than 256 MiB.
@@ -17,9 +17,10 @@ use mutation::{Mutator, Outcome};
 static ALLOCATOR: cap::Cap<System> = cap::Cap::new(System, 256 << 20);
 
 fn main() -> ExitCode {
-    let mut arguments = std::env::args().skip(1);
+    let mut arguments = std::env::args().skip(1).peekable();
+    let natively = arguments.next_if_eq("--native").is_some();
     let Some(count) = arguments.next().and_then(|n| n.parse::<u64>().ok()) else {
-        eprintln!("usage: mutate_pickles COUNT [SCENE.pkl …]");
+        eprintln!("usage: mutate_files [--native] COUNT [SCENE.pkl …]");
         return ExitCode::from(2);
     };
     let files: Vec<String> = arguments.collect();
@@ -34,11 +35,22 @@ fn main() -> ExitCode {
     bases.push(include_bytes!("../../examples/crossing.pkl").to_vec());
     bases.push(include_bytes!("../tests/data/small_p2_core.pkl").to_vec());
     bases.push(include_bytes!("../tests/data/newest_p5.pkl").to_vec());
-    let mutator = Mutator::new(bases);
+    let native: Result<Vec<Vec<u8>>, sage_data::Error> = bases
+        .iter()
+        .map(|bytes| sage_data::Recording::from_bytes("base".as_ref(), bytes.clone())?.to_native())
+        .collect();
+    let native = match native {
+        Ok(native) => Mutator::new(native),
+        Err(error) => {
+            eprintln!("error: {error}");
+            return ExitCode::FAILURE;
+        }
+    };
+    let pickles = Mutator::new(bases);
     let mut rows: BTreeMap<&str, [u64; 2]> = BTreeMap::new();
     let mut slowest: f64 = 0.0;
     for number in 0..count {
-        let mutant = mutator.make(number);
+        let mutant = if natively { native.make_native(number) } else { pickles.make(number) };
         let (outcome, seconds) = mutation::read(&mutant);
         slowest = slowest.max(seconds);
         rows.entry(mutant.kind).or_default()[matches!(outcome, Outcome::Scene) as usize] += 1;

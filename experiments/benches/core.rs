@@ -55,7 +55,7 @@ fn scoring(c: &mut Criterion) {
     group.bench_function("paper rewards and feasibility, 32 candidates", |b| {
         b.iter(|| rewards_and_feasibility(&ctx, rule.as_ref(), &trajectories));
     });
-    let scorer = Scorer::new(&ctx).expect("default rules");
+    let scorer = Scorer::new(&ctx);
     group.bench_function("every measure, 32 candidates", |b| {
         b.iter(|| {
             trajectories

@@ -12,6 +12,8 @@ use sage_core::{
 use sage_data::Recording;
 use serde::Deserialize;
 
+use crate::progress;
+
 /// Largest file of candidates, bytes: tens of thousands of trajectories.
 const LIMIT: u64 = 256 << 20;
 
@@ -89,16 +91,22 @@ pub(crate) fn read_scene(path: &Path, ego: Option<&str>, adversary: Option<&str>
     let scene = scene.with_roles(ego, adversary).with_context(|| format!("`{}`", path.display()))?;
     let Some(adversary) = scene.adversary.map(|k| &scene.tracks[k]) else { return Ok(scene) };
     if scene.adversary_origin == AdversaryOrigin::Conflict {
-        eprintln!(
-            "note: the file names no single adversary; took `{}`, whose path conflicts most with the ego's",
-            adversary.id
-        );
+        progress::say(&format!(
+            "note: adversary `{}` was chosen by the conflict of its path with the ego's",
+            adversary.id.escape_debug()
+        ));
     }
     if !adversary.is_valid(NOW) {
-        eprintln!(
+        progress::say(&format!(
             "note: adversary `{}` is not seen at frame {NOW}; its pose there is extrapolated from each candidate",
-            adversary.id
-        );
+            adversary.id.escape_debug()
+        ));
+    }
+    let missing = HORIZON - scene.ego().count_valid(NOW + 1..NOW + 1 + HORIZON).min(HORIZON);
+    if missing > 0 && scene.frames > NOW + HORIZON {
+        progress::say(&format!(
+            "note: the ego is not seen in {missing} of {HORIZON} future frames; nothing touches it there"
+        ));
     }
     Ok(scene)
 }

@@ -15,8 +15,8 @@ pub struct Cli {
     #[command(subcommand)]
     command: Command,
     /// Threads to work with; all cores by default. Results do not depend on it.
-    #[arg(long, global = true, value_name = "N")]
-    threads: Option<usize>,
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -195,7 +195,7 @@ enum BenchCommand {
     Speed(SpeedArgs),
 }
 
-/// Time the parts that everything else waits for, on one core.
+/// Time the parts that everything else waits for, on one core but for the last row.
 ///
 /// Where Python with numpy is at hand, its pickle.loads is timed beside ours in the same run.
 #[derive(Debug, Args)]
@@ -219,7 +219,7 @@ impl Cli {
     pub fn execute(self, registries: &Registries) -> Result<Outcome> {
         if let Some(threads) = self.threads {
             rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
+                .num_threads(usize::from(threads))
                 .build_global()
                 .with_context(|| format!("cannot work with {threads} threads"))?;
         }

@@ -69,7 +69,7 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
         // Whoever reads the output has seen enough.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            progress::say(&format!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }

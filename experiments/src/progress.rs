@@ -1,12 +1,17 @@
 //! Progress on stderr: a line that renews itself on a terminal, silence elsewhere until the end.
 
 use std::{
-    io::IsTerminal,
+    io::{IsTerminal, Write},
     time::{Duration, Instant},
 };
 
 /// Time between two renewals.
 const PACE: Duration = Duration::from_millis(200);
+
+/// Says a line on stderr. Nobody there to hear it is no reason to stop.
+pub(crate) fn say(text: &str) {
+    let _ = writeln!(std::io::stderr(), "{text}");
+}
 
 /// Counts work done.
 pub(crate) struct Progress {
@@ -32,25 +37,31 @@ impl Progress {
             return;
         }
         let left = self.start.elapsed().as_secs_f64() / self.done as f64 * (self.total - self.done) as f64;
-        eprint!("\r{} {} of {}, about {left:.0} s left   ", self.what, self.done, self.total);
+        let _ = write!(
+            std::io::stderr(),
+            "\r{} {} of {}, about {left:.0} s left   ",
+            self.what,
+            self.done,
+            self.total
+        );
         self.shown = Some(Instant::now());
     }
 
     /// Says something that stays.
     pub(crate) fn say(&mut self, text: &str) {
         self.clear();
-        eprintln!("{text}");
+        say(text);
     }
 
     /// Ends with a sum.
     pub(crate) fn finish(mut self, sum: &str) {
         self.clear();
-        eprintln!("{sum} ({:.1} s)", self.start.elapsed().as_secs_f64());
+        say(&format!("{sum} ({:.1} s)", self.start.elapsed().as_secs_f64()));
     }
 
     fn clear(&mut self) {
         if self.shown.take().is_some() {
-            eprint!("\r{:60}\r", "");
+            let _ = write!(std::io::stderr(), "\r{:60}\r", "");
         }
     }
 }

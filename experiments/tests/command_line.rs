@@ -43,7 +43,7 @@ fn inspect_shows_a_scene() {
         text.contains("crosser") && text.contains("one-point-lanes: 1 lane has a single point"),
         "{text}"
     );
-    assert!(text.ends_with("1 scenes, 5 tracks, 963 map points; warnings: 1 one-point-lanes\n"), "{text}");
+    assert!(text.ends_with("1 scene, 5 tracks, 963 map points; warnings: 1 one-point-lanes\n"), "{text}");
 
     let run = sage(&["inspect", path(&example("crossing.pkl")), "--json"]);
     let row = &rows(&run)[0];
@@ -62,7 +62,7 @@ fn inspect_shows_a_scene() {
         assert_eq!(row[key], value, "{key}");
     }
     assert_eq!(row["tracks"]["VEHICLE"], 4);
-    assert!(stderr(&run).starts_with("1 scenes, "), "the sum goes to stderr");
+    assert!(stderr(&run).starts_with("1 scene, "), "the sum goes to stderr");
 }
 
 #[test]
@@ -148,7 +148,7 @@ fn roles_can_be_named() {
     assert!(stderr(&same).contains("cannot be ego and adversary at once"), "{}", stderr(&same));
     // A new ego takes the adversary by conflict, and says so.
     let turned = run(&["--ego", "crosser"]);
-    assert!(turned.status.success() && stderr(&turned).contains("note: the file names no single adversary"));
+    assert!(turned.status.success() && stderr(&turned).contains("was chosen by the conflict"));
 }
 
 /// Runs `score` with candidates on standard input.

@@ -1,12 +1,14 @@
 //! What can go wrong with scenes, candidates and options, by what a caller can do about it.
 
+use crate::motion::MAX_COORDINATE;
+
 /// An error of `sage-core`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A position that is NaN, infinite or farther out than [`crate::motion::MAX_COORDINATE`].
     #[error(
-        "{what}: point {index} is [{}, {}]; expected finite coordinates within ±1e8 m",
+        "{what}: point {index} is [{:?}, {:?}]; expected finite coordinates within ±{MAX_COORDINATE:e} m",
         .point[0], .point[1]
     )]
     NotFinite {

@@ -68,7 +68,14 @@ impl Scene {
     ///
     /// *Errors*: [`Error::Scene`] if the scene has none.
     pub fn adversary(&self) -> Result<&Track, Error> {
-        self.adversary.map(|track| &self.tracks[track]).ok_or_else(|| Error::Scene {
+        self.adversary_index().map(|track| &self.tracks[track])
+    }
+
+    /// Index of the adversary in `tracks`.
+    ///
+    /// *Errors*: [`Error::Scene`] if the scene has none.
+    pub fn adversary_index(&self) -> Result<usize, Error> {
+        self.adversary.ok_or_else(|| Error::Scene {
             scene: self.id.clone(),
             problem: "no vehicle can be the adversary; name one with `--adversary ID`".to_owned(),
         })

@@ -77,7 +77,7 @@ fn score(scene: &Scene, at: impl Fn(f64) -> [f64; 2]) -> Scores {
     let index = SceneIndex::new(scene.map.clone());
     let ctx = Context::new(scene, &index, &ContextOptions::default()).unwrap();
     let path = Trajectory::new("path", (1..=80).map(|t| at(0.1 * t as f64)).collect()).unwrap();
-    Scorer::new(&ctx).unwrap().scores(&ctx.candidate(path))
+    Scorer::new(&ctx).scores(&ctx.candidate(path))
 }
 
 #[test]
@@ -221,7 +221,7 @@ fn an_ego_path_without_headings_turns_as_it_drives() {
     let contact = |headings: Option<Vec<f64>>| {
         let ego = Some(EgoPath { positions: positions.clone(), headings });
         let ctx = Context::new(&scene, &index, &ContextOptions { ego, ..ContextOptions::default() }).unwrap();
-        Scorer::new(&ctx).unwrap().scores(&ctx.candidate(path(|_| [30.0, 5.5]))).collision_step
+        Scorer::new(&ctx).scores(&ctx.candidate(path(|_| [30.0, 5.5]))).collision_step
     };
     // Northbound along its own length: contact at y = 5.5 − 1 − 2 = 2.5, step 43 (4.25 s).
     assert_eq!(contact(None), Some(43));

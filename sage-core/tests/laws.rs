@@ -17,7 +17,7 @@ fn score(scene: &Scene, path: &Trajectory, convention: Convention) -> Scores {
     let index = SceneIndex::new(scene.map.clone());
     let options = ContextOptions { convention, ..ContextOptions::default() };
     let ctx = Context::new(scene, &index, &options).unwrap();
-    Scorer::new(&ctx).unwrap().scores(&ctx.candidate(path.clone()))
+    Scorer::new(&ctx).scores(&ctx.candidate(path.clone()))
 }
 
 /// The paper's formulas written down step by step, with nothing shared and no index.
@@ -94,7 +94,7 @@ fn the_fast_path_equals_the_plain_one() {
             let path = candidate(&scene, k);
             let expected = plain(&scene, &path);
             let found = ctx.candidate(path);
-            let scores = Scorer::new(&ctx).unwrap().scores(&found);
+            let scores = Scorer::new(&ctx).scores(&found);
             let violations = Violations::of(&found, &ctx);
             let what = format!("scene {seed}, candidate {k}");
             assert_eq!(scores.collision_step.unwrap_or(0), expected.contact, "{what}");

@@ -6,6 +6,8 @@
 //! Ends with an error at the first panic, at the first hostile file that is let in, or when all of
 //! it together needs more than 256 MiB.
 
+#![allow(clippy::print_stderr)] // A program of its own, read by a person.
+
 use std::{alloc::System, collections::BTreeMap, process::ExitCode};
 
 #[path = "../tests/mutation/mod.rs"]

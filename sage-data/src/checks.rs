@@ -16,6 +16,9 @@ const CELL: f64 = 4.0;
 /// Distance to the ego within which a road user on another level is worth a word, metres.
 const NEAR: f64 = 20.0;
 
+/// Longest box that is tested against road edges, metres: road trains reach 54 m.
+const LONGEST: f64 = 100.0;
+
 /// Something odd about a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {
@@ -204,7 +207,8 @@ fn on_edges_now(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
     let index = SceneIndex::new(scene.map.clone());
     let edges = index.boundaries();
     let touches = |track: &Track| {
-        if track.kind != TrackKind::Vehicle || !track.is_valid(NOW) {
+        // A box of a size that no vehicle has could meet the bounds of the whole map.
+        if track.kind != TrackKind::Vehicle || !track.is_valid(NOW) || track.size[NOW][0] > LONGEST {
             return false;
         }
         let b = track.oriented_box(NOW);

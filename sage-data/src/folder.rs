@@ -2,12 +2,17 @@
 
 use std::{
     cmp::Ordering,
+    collections::{HashMap, HashSet},
     path::{Path, PathBuf},
 };
 
 use rayon::prelude::*;
 
-use crate::{Error, recording};
+use crate::{
+    Error,
+    pickle::{Document, PickleProblem},
+    recording,
+};
 
 /// Scenes read between two hand-overs to the caller. Rows wait, not scenes: memory holds as many
 /// scenes as there are threads, however long the folder.
@@ -51,20 +56,25 @@ pub fn in_order<T: Send, E>(
     Ok(())
 }
 
+/// Scene files below a folder. Links are followed, each folder once; what is neither file nor
+/// folder (pipes, sockets) is passed over.
 fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut files = Vec::new();
     let mut open = vec![root.to_owned()];
+    let mut seen = HashSet::new();
     while let Some(folder) = open.pop() {
         let fail = |source| Error::Read { path: folder.clone(), source };
+        if !seen.insert(folder.canonicalize().map_err(fail)?) {
+            continue;
+        }
         for entry in std::fs::read_dir(&folder).map_err(fail)? {
-            let entry = entry.map_err(fail)?;
-            // Of the entry itself, so that a link to a parent cannot make a loop.
-            let kind = entry.file_type().map_err(fail)?;
-            let path = entry.path();
-            let name = entry.file_name().to_string_lossy().into_owned();
-            if kind.is_dir() {
+            let path = entry.map_err(fail)?.path();
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            // A link to nowhere is no scene.
+            let Ok(found) = std::fs::metadata(&path) else { continue };
+            if found.is_dir() {
                 open.push(path);
-            } else if ENDINGS.iter().any(|ending| name.ends_with(ending)) && !name.starts_with("dataset_") {
+            } else if found.is_file() && is_scene_name(&name) {
                 files.push(path);
             }
         }
@@ -72,17 +82,37 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
+fn is_scene_name(name: &str) -> bool {
+    ENDINGS.iter().any(|ending| name.ends_with(ending)) && !name.starts_with("dataset_")
+}
+
 fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
-    let table = |path: &Path| -> Result<_, Error> { recording::parse(path, recording::read_bounded(path)?) };
+    let table =
+        |path: &Path| -> Result<Document, Error> { recording::parse(path, recording::read_bounded(path)?) };
     let field = |path: &Path, field: String, found: String, expected: &str| Error::Field {
         path: path.to_owned(),
         field,
         found,
         expected: expected.to_owned(),
     };
+    let listed = match table(summary) {
+        Ok(listed) => listed,
+        // Summaries of very large sets outgrow what is read of one file; the files are there anyway.
+        Err(Error::TooLarge { .. }) => return walk(root),
+        Err(Error::Pickle { problem, .. }) if matches!(problem.kind, PickleProblem::TooMuch(_)) => {
+            return walk(root);
+        }
+        Err(error) => return Err(error),
+    };
     let mapping_path = root.join("dataset_mapping.pkl");
     let mapping = if mapping_path.is_file() { Some(table(&mapping_path)?) } else { None };
-    let listed = table(summary)?;
+    let folders: Option<HashMap<&str, &str>> = mapping.as_ref().map(|mapping| {
+        let entries = mapping.entries(mapping.root()).unwrap_or_default();
+        entries
+            .iter()
+            .filter_map(|(name, folder)| Some((mapping.text(*name)?, mapping.text(*folder)?)))
+            .collect()
+    });
     let entries = listed.entries(listed.root()).ok_or_else(|| {
         field(summary, String::new(), listed.describe(listed.root()), "a dict of file name to description")
     })?;
@@ -91,14 +121,10 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
         let name = listed
             .text(*key)
             .ok_or_else(|| field(summary, String::new(), listed.describe(*key), "a file name"))?;
-        let folder = match &mapping {
-            Some(mapping) => {
-                let value = mapping.get(mapping.root(), name);
-                value.and_then(|v| mapping.text(v)).ok_or_else(|| {
-                    let found = value.map_or("missing".to_owned(), |v| mapping.describe(v));
-                    field(&mapping_path, name.to_owned(), found, "the folder of this file")
-                })?
-            }
+        let folder = match &folders {
+            Some(folders) => folders.get(name).copied().ok_or_else(|| {
+                field(&mapping_path, name.to_owned(), "missing".to_owned(), "the folder of this file")
+            })?,
             None => "",
         };
         let relative = Path::new(folder).join(name);

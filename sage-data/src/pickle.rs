@@ -22,8 +22,13 @@ pub use same::same;
 
 /// Containers nested deeper than this are refused; scenes nest nine deep.
 pub const MAX_DEPTH: usize = 64;
-/// Most values in one file; the largest scenes hold 60 000.
-pub const MAX_NODES: usize = 4 << 20;
+/// Most values in one file; the largest scenes hold 60 000. Smaller files may hold fewer: half a
+/// value a byte, and [`LEAST_NODES`] in any case.
+pub const MAX_NODES: usize = 2 << 20;
+/// Values that even the smallest file may hold.
+const LEAST_NODES: usize = 1 << 14;
+/// Most marks open at once; picklers nest them as deep as containers.
+const MAX_MARKS: usize = 1024;
 
 /// Why a pickle is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -101,8 +106,8 @@ pub enum PickleProblem {
     /// A numpy type that scenes do not use.
     #[error("numpy type `{0}` is not supported; expected b1, i1 to i8, u1 to u8, f2, f4 or f8")]
     Dtype(String),
-    /// More values than [`MAX_NODES`], or than the file can pay for.
-    #[error("more than {0} values or bytes of values")]
+    /// More values, or copies of values, than a file of its size has.
+    #[error("more than {0} values, or bytes copied from values")]
     TooMuch(usize),
     /// A container that holds itself.
     #[error("a container holds itself")]

@@ -93,7 +93,7 @@ fn published_and_independent_values_come_out() {
         };
 
         let ctx = context(Convention::Release, None);
-        let found = Scorer::new(&ctx).unwrap().scores(&ctx.candidate(trajectory.clone()));
+        let found = Scorer::new(&ctx).scores(&ctx.candidate(trajectory.clone()));
         let expected = &entry.outputs;
         assert_eq!(found.collision, expected.collision, "{}", what("collision"));
         assert_eq!(found.cross_line, expected.cross_solid_line, "{}", what("cross_line"));
@@ -111,7 +111,7 @@ fn published_and_independent_values_come_out() {
         }
 
         let ctx = context(Convention::Release, Some(false));
-        let found = Scorer::new(&ctx).unwrap().scores(&ctx.candidate(trajectory.clone()));
+        let found = Scorer::new(&ctx).scores(&ctx.candidate(trajectory.clone()));
         let expected = &entry.outputs_correct_boxes;
         assert_eq!(found.collision, expected.collision, "{}", what("collision, right boxes"));
         assert_eq!(found.cross_line, expected.cross_solid_line, "{}", what("cross_line, right boxes"));
@@ -119,7 +119,7 @@ fn published_and_independent_values_come_out() {
 
         let ctx = context(Convention::Paper, None);
         let candidate = ctx.candidate(trajectory);
-        let found = Scorer::new(&ctx).unwrap().scores(&candidate);
+        let found = Scorer::new(&ctx).scores(&candidate);
         let expected = &entry.outputs_paper;
         let step = |step: Option<usize>| step.unwrap_or(0);
         let violations = Violations::of(&candidate, &ctx);

@@ -2,12 +2,13 @@
 
 use std::{
     hint::black_box,
+    io::Write,
     path::{Path, PathBuf},
-    process::Command,
+    process::{Command, Stdio},
     time::Instant,
 };
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use sage_core::{
     motion::{DT, HORIZON, NOW, Trajectory},
     objective::{
@@ -54,7 +55,9 @@ pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Res
     let first = zero.or(files.first()).context("no scene to measure")?;
     let bytes = std::fs::read(first).with_context(|| format!("cannot read `{}`", first.display()))?;
 
-    let python = python_loads(first, repeat);
+    // Only what our reader takes for plain values goes on to Python, whose reader runs what it reads.
+    Recording::from_bytes(first, bytes.clone())?;
+    let python = python_loads(&bytes, repeat);
     let python_median = python.as_deref().and_then(median);
     if let Some(times) = python {
         report(timing("CPython pickle.loads, one scene", times, None))?;
@@ -105,7 +108,7 @@ pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Res
             let sum = rewards_and_feasibility(&ctx, rule.as_ref(), &trajectories);
             (start.elapsed(), sum)
         })));
-        let scorer = Scorer::new(&ctx)?;
+        let scorer = Scorer::new(&ctx);
         full.extend(median(&measure(repeat.div_ceil(5), || {
             let start = Instant::now();
             for t in &trajectories {
@@ -118,6 +121,9 @@ pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Res
             let summary = Summary::of("scene", &scene);
             (start.elapsed(), summary)
         })));
+    }
+    if scoring.is_empty() {
+        bail!("none of the scenes has an adversary and all 91 frames");
     }
     report(timing("what scoring needs indexed, median of scenes", indexing, Some(2.0)))?;
     report(timing("context of a scene, median of scenes", contexts, None))?;
@@ -198,15 +204,28 @@ fn timing(name: &'static str, times: Vec<f64>, target_ms: Option<f64>) -> Timing
 }
 
 /// Times of CPython's own reader, milliseconds; `None` without Python and numpy.
-fn python_loads(path: &Path, repeat: usize) -> Option<Vec<f64>> {
+fn python_loads(pickle: &[u8], repeat: usize) -> Option<Vec<f64>> {
     const PROGRAM: &str = "import pickle, sys, time\n\
         import numpy\n\
-        data = open(sys.argv[1], 'rb').read()\n\
+        data = sys.stdin.buffer.read()\n\
         pickle.loads(data)\n\
-        for _ in range(int(sys.argv[2])):\n\
+        for _ in range(int(sys.argv[1])):\n\
         \x20   start = time.perf_counter(); value = pickle.loads(data); print((time.perf_counter() - start) * 1e3)\n";
-    let run =
-        Command::new("python3").args(["-c", PROGRAM]).arg(path).arg(repeat.to_string()).output().ok()?;
+    // Native files are none of Python's pickles.
+    if pickle.first() != Some(&0x80) {
+        return None;
+    }
+    let mut child = Command::new("python3")
+        .args(["-c", PROGRAM])
+        .arg(repeat.to_string())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .ok()?;
+    // It reads all of its input before it writes anything, so this cannot block for good.
+    child.stdin.take()?.write_all(pickle).ok()?;
+    let run = child.wait_with_output().ok()?;
     let text = String::from_utf8(run.stdout).ok().filter(|_| run.status.success())?;
     text.lines().map(|line| line.parse().ok()).collect()
 }

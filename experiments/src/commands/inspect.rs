@@ -15,7 +15,7 @@ use sage_data::{
 };
 use serde_json::json;
 
-use crate::{Outcome, cli::InspectArgs};
+use crate::{Outcome, cli::InspectArgs, progress};
 
 /// What is kept of a scene once it is read.
 struct Row {
@@ -59,7 +59,11 @@ fn list_tracks(scene: &Scene) -> Vec<String> {
             _ => "",
         };
         let seen = track.count_valid(0..scene.frames);
-        format!("    {:<36} {:<12} {seen:>4} valid frames  {role}", track.id, track.kind.name())
+        format!(
+            "    {:<36} {:<12} {seen:>4} valid frames  {role}",
+            track.id.escape_debug().to_string(),
+            track.kind.name().escape_debug().to_string()
+        )
     };
     scene.tracks.iter().enumerate().map(row).collect()
 }
@@ -113,7 +117,7 @@ impl<W: Write> Report<W> {
             Err(error) => {
                 self.total.failed += 1;
                 let error = format!("{:#}", anyhow::Error::from(error));
-                eprintln!("error: {error}");
+                progress::say(&format!("error: {error}"));
                 if self.json {
                     let row = json!({ "scene": scene_name(path), "error": error });
                     writeln!(self.out, "{row}")?;
@@ -141,7 +145,7 @@ impl<W: Write> Report<W> {
             self.out,
             "{:<14} {:<18} {:>6} {:>8} {:>5} {:>5} {:>5} {:>8} {:>7} {:>6}  {:<10} {:<10} {:>5} {:>6}  {}",
             summary.scene,
-            summary.id,
+            summary.id.escape_debug().to_string(),
             summary.frames,
             vehicles,
             peds,
@@ -161,7 +165,7 @@ impl<W: Write> Report<W> {
         }
         if self.single {
             for warning in &summary.warnings {
-                writeln!(self.out, "    {warning}")?;
+                writeln!(self.out, "    {}", warning.to_string().escape_debug())?;
             }
         }
         Ok(())
@@ -169,16 +173,18 @@ impl<W: Write> Report<W> {
 
     fn finish(mut self) -> Result<Outcome> {
         let Total { scenes, failed, tracks, points, warnings, .. } = &self.total;
-        let mut sum = format!("{scenes} scenes, {tracks} tracks, {points} map points");
+        let count = |n: usize, one: &str| if n == 1 { format!("1 {one}") } else { format!("{n} {one}s") };
+        let mut sum =
+            [count(*scenes, "scene"), count(*tracks, "track"), count(*points, "map point")].join(", ");
         if *failed > 0 {
-            sum += &format!(", {failed} files could not be read");
+            sum += &format!(", {} not read", count(*failed, "file"));
         }
         if !warnings.is_empty() {
             let words: Vec<String> = warnings.iter().map(|(kind, n)| format!("{n} {kind}")).collect();
             sum += &format!("; warnings: {}", words.join(", "));
         }
         if self.json {
-            eprintln!("{sum}");
+            progress::say(&sum);
         } else {
             writeln!(self.out, "{sum}")?;
         }
@@ -186,11 +192,8 @@ impl<W: Write> Report<W> {
     }
 }
 
-/// An id that fits its column.
+/// An id that fits its column and does nothing to a terminal.
 fn shortened(id: &str) -> String {
-    if id.chars().count() <= 10 {
-        id.to_owned()
-    } else {
-        format!("{}…", id.chars().take(9).collect::<String>())
-    }
+    let id = id.escape_debug().to_string();
+    if id.chars().count() <= 10 { id } else { format!("{}…", id.chars().take(9).collect::<String>()) }
 }

@@ -46,7 +46,7 @@ pub(crate) fn run(args: &ScoreArgs) -> Result<Outcome> {
                 &own
             }
         };
-        let scores = Scorer::new(ctx)?.scores(&ctx.candidate(candidate.trajectory));
+        let scores = Scorer::new(ctx).scores(&ctx.candidate(candidate.trajectory));
         table.row(&Row { name: &candidate.name, scores })?;
     }
     Ok(Outcome::Done)
@@ -96,11 +96,11 @@ impl<W: Write> Table<W> {
             .reasons_strict
             .iter()
             .chain(s.reasons.iter().filter(|r| !s.reasons_strict.contains(r)))
-            .map(|r| format!("{} {} at step {}", r.rule.words(), r.with, r.step))
+            .map(|r| format!("{} {} at step {}", r.rule.words(), r.with.escape_debug(), r.step))
             .collect();
         let line = format!(
             "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}  {}",
-            row.name,
+            row.name.escape_debug().to_string(),
             s.adversarial_reward,
             s.collision_step.map_or("-".to_owned(), |step| step.to_string()),
             s.kinematic_penalty,

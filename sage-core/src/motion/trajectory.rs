@@ -52,7 +52,7 @@ mod tests {
             let mut points = vec![[0.0, 0.0]; 80];
             points[3][1] = bad;
             let error = Trajectory::new("candidate `a`", points).unwrap_err().to_string();
-            assert!(error.starts_with("candidate `a`: point 3 is [0, "), "{error}");
+            assert!(error.starts_with("candidate `a`: point 3 is [0.0, "), "{error}");
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::{Candidate, Convention, OtherAgent, Sizes};
 use crate::{
     Error,
-    geometry::{OrientedBox, Point},
+    geometry::{OrientedBox, Point, distance},
     motion::{
         DT, HORIZON, NOW, Start, Trajectory,
         kinematics::{paper, release},
@@ -44,6 +44,8 @@ pub struct Context<'s> {
     convention: Convention,
     mirrored: bool,
     start: Option<Start>,
+    /// Heading of the valid frame of history nearest to now.
+    last_heading: f64,
     size: [f64; 2],
     ego_start: Point,
     ego_positions: Vec<Point>,
@@ -55,10 +57,10 @@ impl<'s> Context<'s> {
     /// Prepares a scene for scoring.
     ///
     /// *Errors*: [`Error::Scene`] if there is no adversary, or no ego path was given and the scene
-    /// ends before frame 90.
+    /// ends before frame 90 or does not show the ego after frame 10.
     pub fn new(scene: &'s Scene, index: &'s SceneIndex, options: &ContextOptions) -> Result<Self, Error> {
-        let adversary_track = scene.adversary()?;
-        let adversary = scene.adversary.unwrap_or(scene.ego);
+        let adversary = scene.adversary_index()?;
+        let adversary_track = &scene.tracks[adversary];
         let ContextOptions { convention, sizes, ego, mirrored_boxes } = options;
         let mirrored = mirrored_boxes.unwrap_or(*convention == Convention::Release);
         let (ego_size, size) = sizes.of(scene, adversary);
@@ -71,18 +73,19 @@ impl<'s> Context<'s> {
             }
             None => logged_ego(scene, *convention, ego_size)?,
         };
-        let limit = if *convention == Convention::Release { RELEASE_AGENTS } else { usize::MAX };
         let others = scene
             .tracks
             .iter()
             .enumerate()
             .filter(|(k, _)| *k != scene.ego && *k != adversary)
-            .take(limit)
             .map(|(k, track)| OtherAgent::new(k, track, mirrored))
             .collect();
         let start = adversary_track
             .is_valid(NOW)
             .then(|| Start { position: adversary_track.point(NOW), heading: adversary_track.heading[NOW] });
+        let seen = (0..adversary_track.valid.len()).filter(|&f| adversary_track.is_valid(f));
+        let nearest = seen.min_by_key(|f| (*f > NOW, f.abs_diff(NOW)));
+        let last_heading = nearest.map_or(0.0, |frame| adversary_track.heading[frame]);
         Ok(Self {
             scene,
             index,
@@ -90,6 +93,7 @@ impl<'s> Context<'s> {
             convention: *convention,
             mirrored,
             start,
+            last_heading,
             size,
             ego_start: ego_track.point(NOW),
             ego_positions,
@@ -98,13 +102,16 @@ impl<'s> Context<'s> {
         })
     }
 
-    /// Prepares a trajectory for scoring. Where the adversary is not valid *now*, its pose is
-    /// extrapolated from the first two planned points.
+    /// Prepares a trajectory for scoring. Where the adversary is not valid *now*, its position is
+    /// extrapolated from the first two planned points, and so is its heading if they move; if not,
+    /// it is the last that was seen.
     pub fn candidate(&self, trajectory: Trajectory) -> Candidate {
         let start = self.start.unwrap_or_else(|| {
             let [a, b] = [trajectory.points()[0], trajectory.points()[1]];
             let position = [2.0 * a[0] - b[0], 2.0 * a[1] - b[1]];
-            Start { position, heading: (b[1] - a[1]).atan2(b[0] - a[0]) }
+            let moves = distance(a, b) / DT >= paper::MOVING;
+            let heading = if moves { (b[1] - a[1]).atan2(b[0] - a[0]) } else { self.last_heading };
+            Start { position, heading }
         });
         Candidate::new(trajectory, start, self.size, self.convention, self.mirrored)
     }
@@ -148,6 +155,15 @@ impl<'s> Context<'s> {
     /// The other road users, in the order of the file.
     pub fn others(&self) -> &[OtherAgent] {
         &self.others
+    }
+
+    /// Those of them that the convention's frame-by-frame rule knows of: all, or the published
+    /// code's first 126.
+    pub(super) fn known_others(&self) -> &[OtherAgent] {
+        match self.convention {
+            Convention::Paper => &self.others,
+            Convention::Release => &self.others[..self.others.len().min(RELEASE_AGENTS)],
+        }
     }
 }
 
@@ -199,6 +215,15 @@ fn logged_ego(
                 scene.frames - 1,
                 NOW + 1,
                 NOW + HORIZON
+            ),
+        });
+    }
+    if ego.count_valid(NOW + 1..NOW + HORIZON + 1) == 0 {
+        return Err(Error::Scene {
+            scene: scene.id.clone(),
+            problem: format!(
+                "ego `{}` is not seen after frame {NOW}; give an `ego` path with each candidate",
+                ego.id
             ),
         });
     }

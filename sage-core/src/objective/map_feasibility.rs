@@ -87,16 +87,16 @@ fn first_agent_contact(
     wanted: fn(&OtherAgent) -> bool,
 ) -> Option<AgentContact> {
     let mut first: Option<AgentContact> = None;
-    for other in ctx.others() {
+    for other in ctx.known_others() {
         if !wanted(other) || !other.bounds().meets(candidate.bounds()) {
             continue;
         }
         // Only an earlier step can still matter.
         let end = first.map_or(HORIZON, |contact| contact.step - 1);
         let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.chunks()[k].meets(&candidate.chunks()[k]));
-        let step = near
-            .flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end))
-            .find(|&step| other.at(step).is_some_and(|b| b.intersects(&candidate.map_boxes()[step - 1])));
+        let step = near.flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end)).find(|&step| {
+            other.map_box(step).is_some_and(|b| b.intersects(&candidate.map_boxes()[step - 1]))
+        });
         if let Some(step) = step {
             first = Some(AgentContact { step, track: other.track });
         }
@@ -105,6 +105,7 @@ fn first_agent_contact(
 }
 
 /// The paper's feasibility rule.
+#[derive(Clone, Copy, Debug, Default)]
 pub struct MapFeasibility(MapFeasibilityOptions);
 
 /// Options of [`MapFeasibility`].

@@ -20,23 +20,23 @@ pub struct OtherAgent {
     /// Whether it is a vehicle that stands: valid positions from *now* on stay within 1 m.
     pub is_static: bool,
     boxes: Vec<Option<OrientedBox>>,
+    /// As the published code turns them against the map; only in `release`.
+    mirrored: Option<Vec<Option<OrientedBox>>>,
+    /// Over the map boxes.
     bounds: Aabb,
     chunks: [Aabb; HORIZON / CHUNK],
 }
 
 impl OtherAgent {
-    /// Boxes of a track; `mirrored` turns them as the published code does.
-    pub(super) fn new(index: usize, track: &Track, mirrored: bool) -> Self {
+    /// Boxes of a track; with `mirror` also turned as the published code does.
+    pub(super) fn new(index: usize, track: &Track, mirror: bool) -> Self {
         let frames = NOW..=NOW + HORIZON;
-        let boxes: Vec<Option<OrientedBox>> = frames
-            .clone()
-            .map(|frame| {
-                let logged = track.is_valid(frame).then(|| track.oriented_box(frame))?;
-                Some(if mirrored { logged.mirrored() } else { logged })
-            })
-            .collect();
+        let boxes: Vec<Option<OrientedBox>> =
+            frames.clone().map(|frame| track.is_valid(frame).then(|| track.oriented_box(frame))).collect();
+        let mirrored: Option<Vec<_>> =
+            mirror.then(|| boxes.iter().map(|b| b.as_ref().map(OrientedBox::mirrored)).collect());
         let mut chunks = [Aabb::EMPTY; HORIZON / CHUNK];
-        for (step, agent) in boxes.iter().enumerate().skip(1) {
+        for (step, agent) in mirrored.as_ref().unwrap_or(&boxes).iter().enumerate().skip(1) {
             if let Some(agent) = agent {
                 let chunk = &mut chunks[(step - 1) / CHUNK];
                 *chunk = chunk.union(&agent.aabb());
@@ -55,6 +55,7 @@ impl OtherAgent {
             is_static: is_vehicle && stays,
             bounds: chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk)),
             boxes,
+            mirrored,
             chunks,
         }
     }
@@ -65,13 +66,25 @@ impl OtherAgent {
         self.boxes[step].as_ref()
     }
 
-    /// Bounds over steps 1 to 80.
+    /// The box that the frame-by-frame rule tests at a step: the same, but for the published code's
+    /// mirrored one.
+    #[inline]
+    pub(super) fn map_box(&self, step: usize) -> Option<&OrientedBox> {
+        self.mirrored.as_ref().unwrap_or(&self.boxes)[step].as_ref()
+    }
+
+    /// Bounds of the true boxes from *now* on.
+    pub(super) fn true_bounds(&self) -> Aabb {
+        self.boxes.iter().flatten().fold(Aabb::EMPTY, |all, b| all.union(&b.aabb()))
+    }
+
+    /// Bounds of the map boxes over steps 1 to 80.
     #[inline]
     pub(super) fn bounds(&self) -> &Aabb {
         &self.bounds
     }
 
-    /// Bounds over each [`CHUNK`] steps, from step 1.
+    /// Bounds of the map boxes over each [`CHUNK`] steps, from step 1.
     #[inline]
     pub(super) fn chunks(&self) -> &[Aabb; HORIZON / CHUNK] {
         &self.chunks

@@ -6,7 +6,7 @@ use super::{
     Candidate, Context, Convention, DistributionDistances, Encounter, Feasibility, LoggedProfile,
     MapFeasibility, Reason, StrictFeasibility, behavior_penalty, criticality::Criticality, kinematic_penalty,
 };
-use crate::{Error, objective::Rule, registry::Entry};
+use crate::objective::Rule;
 
 /// Value of `cross_line` where a boundary is touched (published code).
 const CROSS_LINE: f64 = 50.0;
@@ -50,21 +50,15 @@ pub struct Scores {
 pub struct Scorer<'c, 's> {
     ctx: &'c Context<'s>,
     logged: LoggedProfile,
-    map: Box<dyn Feasibility>,
+    map: MapFeasibility,
     strict: StrictFeasibility,
 }
 
 impl<'c, 's> Scorer<'c, 's> {
     /// A scorer with the default rules.
-    ///
-    /// *Errors*: none today; the rules' constructors may refuse options.
-    pub fn new(ctx: &'c Context<'s>) -> Result<Self, Error> {
-        let map = MapFeasibility::build(Default::default()).map_err(|problem| Error::Options {
-            kind: "feasibility",
-            name: "paper",
-            problem,
-        })?;
-        Ok(Self { ctx, logged: LoggedProfile::of(ctx), map, strict: StrictFeasibility::default() })
+    pub fn new(ctx: &'c Context<'s>) -> Self {
+        let (map, strict) = (MapFeasibility::default(), StrictFeasibility::default());
+        Self { ctx, logged: LoggedProfile::of(ctx), map, strict }
     }
 
     /// All measures of a candidate.

@@ -75,3 +75,61 @@ fn is_static(track: &Track) -> bool {
     };
     deviation(0).max(deviation(1)) <= 3.0
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{AdversaryOrigin, Map};
+
+    /// A scene of moving cars of these lengths after a first one, the ego.
+    fn scene(lengths: &[f64]) -> Scene {
+        let car = |(k, length): (usize, &f64)| Track {
+            id: k.to_string(),
+            kind: TrackKind::Vehicle,
+            position: (0..20).map(|f| [f64::from(f), k as f64 * 5.0, 0.0]).collect(),
+            heading: vec![0.0; 20],
+            velocity: vec![[10.0, 0.0]; 20],
+            size: vec![[*length, 2.0, 1.5]; 20],
+            valid: vec![true; 20],
+        };
+        Scene {
+            id: "sizes".into(),
+            frames: 20,
+            timestamps: vec![],
+            tracks: [4.6].iter().chain(lengths).enumerate().map(car).collect(),
+            map: Map::default().into(),
+            lights: vec![],
+            ego: 0,
+            adversary: None,
+            adversary_origin: AdversaryOrigin::None,
+            notes: vec![],
+        }
+    }
+
+    #[test]
+    fn classes_follow_length_and_take_turns_within_their_group() {
+        let scene = scene(&[4.0, 4.1, 5.5, 4.8, 5.6, 12.0, 4.5]);
+        let class = |k| metadrive_class(&scene, k, 0);
+        assert_eq!(class(1), SMALL);
+        assert_eq!([class(2), class(3), class(4), class(7)], [MEDIUM, LARGE, SMALL, MEDIUM]);
+        assert_eq!([class(5), class(6)], [LARGE, EXTRA_LARGE]);
+        assert_eq!([metadrive_class(&scene, 2, 1), metadrive_class(&scene, 5, 1)], [LARGE, EXTRA_LARGE]);
+        assert_eq!(Sizes::MetaDrive { cycle: 2 }.of(&scene, 2), (EGO, SMALL));
+    }
+
+    #[test]
+    fn cars_that_the_simulator_does_not_create_have_the_egos_size_and_take_no_turn() {
+        let mut scene = scene(&[4.5, 4.5, 4.5]);
+        scene.tracks[1].position = vec![[0.0, 5.0, 0.0]; 20];
+        scene.tracks[2].valid[0] = false;
+        assert_eq!([1, 2, 3].map(|k| metadrive_class(&scene, k, 0)), [EGO, EGO, MEDIUM]);
+    }
+
+    #[test]
+    fn logged_sizes_are_those_of_the_valid_frame_nearest_to_now() {
+        let mut scene = scene(&[4.5]);
+        scene.tracks[1].size[9] = [4.7, 2.1, 1.5];
+        scene.tracks[1].valid[10] = false;
+        assert_eq!(Sizes::Logged.of(&scene, 1), ([4.6, 2.0], [4.7, 2.1]));
+    }
+}

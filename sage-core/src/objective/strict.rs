@@ -166,10 +166,7 @@ impl StrictFeasibility {
         let bounds = boxes.iter().fold(crate::geometry::Aabb::EMPTY, |all, b| all.union(&b.aabb()));
         ctx.others()
             .iter()
-            .filter(|other| {
-                let with_now = other.at(0).map_or(*other.bounds(), |now| other.bounds().union(&now.aabb()));
-                with_now.meets(&bounds)
-            })
+            .filter(|other| other.true_bounds().meets(&bounds))
             .filter_map(first)
             .min_by_key(|(step, _)| *step)
     }

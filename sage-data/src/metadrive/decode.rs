@@ -163,12 +163,15 @@ fn swap_sizes(track: &mut Track) -> bool {
 /// The one object of interest beside the ego, if the file names exactly one.
 fn named_adversary(fields: &Fields, metadata: Id, tracks: &[Track], ego: usize) -> Option<usize> {
     let list = fields.document.items(fields.optional(metadata, "objects_of_interest")?)?;
+    let index: HashMap<&str, usize> =
+        tracks.iter().enumerate().map(|(k, track)| (&track.id[..], k)).collect();
     let mut others: Vec<usize> = list
         .iter()
-        .filter_map(|id| fields.document.identifier(*id))
-        .filter_map(|name| tracks.iter().position(|track| track.id == name))
+        .filter(|id| fields.look(fields.document.text_length(**id).unwrap_or(1)))
+        .filter_map(|id| index.get(&fields.document.identifier(*id)?[..]).copied())
         .filter(|track| *track != ego)
         .collect();
+    others.sort_unstable();
     others.dedup();
     match others[..] {
         [one] if tracks[one].valid[..=NOW].contains(&true) => Some(one),
@@ -330,13 +333,17 @@ impl Links<'_, '_> {
     fn items(&self, id: Id, key: &str, field: &Field) -> Result<&[Id], Error> {
         let items = self.fields.optional(id, key).and_then(|list| self.fields.document.items(list));
         let items = items.unwrap_or_default();
-        self.fields.spend(&field.key(key), items.len())?;
+        self.fields.spend(&field.key(key), size_of::<Neighbor>() * items.len())?;
         Ok(items)
     }
 
     /// The feature that a value names; `None` if the map does not hold it (maps are cut out of
     /// larger ones).
     fn feature(&self, id: Id) -> Option<usize> {
+        // Letters are hashed.
+        if !self.fields.look(self.fields.document.text_length(id).unwrap_or(0)) {
+            return None;
+        }
         match self.fields.document.text(id) {
             Some(name) => self.index.get(name).copied(),
             None => self.index.get(&self.fields.document.identifier(id)?[..]).copied(),

@@ -41,77 +41,117 @@ pub fn encode(scene: &Scene, source: &Document, path: &Path) -> Result<Document,
     Ok(document)
 }
 
-/// Writes the columns in which a track differs.
+/// Writes the columns in which a track differs, into copies of its dicts: others may share them.
 fn write_track(document: &mut Document, changed: &Track, original: &Track) {
-    let path = ["tracks", &changed.id];
-    let state = path
-        .into_iter()
-        .try_fold(document.root(), |dict, key| lookup(document, dict, key))
-        .and_then(|track| document.get(track, "state"));
+    let found = || {
+        let tracks = document.get(document.root(), "tracks")?;
+        let entries = document.entries(tracks)?;
+        let place =
+            entries.iter().rposition(|(k, _)| document.identifier(*k).as_deref() == Some(&changed.id))?;
+        let track = entries[place].1;
+        Some((tracks, place, track, document.get(track, "state")?))
+    };
     // The source decoded a moment ago, so it is there.
-    let Some(state) = state else { return };
-    // A file whose sizes were mended on reading keeps them as it has them unless they changed.
-    let size_keys = ["length", "width", "height"];
-    let sizes_changed = changed.size != original.size;
-    type Column<'t> = (&'t str, bool, Box<dyn Fn(usize, usize) -> f64 + 't>);
-    let mut columns: Vec<Column> = vec![
-        ("position", changed.position != original.position, Box::new(|f, c| changed.position[f][c])),
-        (
-            "velocity",
-            changed.velocity != original.velocity,
-            Box::new(|f, c| if c < 2 { changed.velocity[f][c] } else { 0.0 }),
-        ),
-        ("heading", changed.heading != original.heading, Box::new(|f, _| changed.heading[f])),
-        ("valid", changed.valid != original.valid, Box::new(|f, _| f64::from(u8::from(changed.valid[f])))),
-    ];
-    for (k, key) in size_keys.into_iter().enumerate() {
-        columns.push((key, sizes_changed, Box::new(move |f, _| changed.size[f][k])));
-    }
-    for (key, differs, value) in columns {
-        let Some(old) = document.get(state, key).filter(|_| differs) else { continue };
+    let Some((tracks, place, track, state)) = found() else { return };
+    let state = document.push(document.node(state).clone());
+    for (key, value) in changed_columns(changed, original) {
+        let Some(old) = document.get(state, key).filter(|id| !matches!(document.node(*id), Node::None))
+        else {
+            continue;
+        };
         let node = rewritten(document, old, changed.valid.len(), value);
-        // A new value beside the old one: others may share the old.
         let new = document.push(node);
         document.set(state, key, new);
     }
+    let track = document.push(document.node(track).clone());
+    document.set(track, "state", state);
+    let mut node = document.node(tracks).clone();
+    if let Node::Dict(entries) | Node::DefaultDict { entries, .. } = &mut node {
+        entries[place].1 = track;
+    }
+    document.replace(tracks, node);
 }
 
-/// A key that may be written as an int in the file.
-fn lookup(document: &Document, dict: Id, key: &str) -> Option<Id> {
-    let entries = document.entries(dict)?;
-    entries.iter().rev().find(|(k, _)| document.identifier(*k).as_deref() == Some(key)).map(|(_, v)| *v)
+/// A column's values by frame and component; `None` where the scene has none and the file's stay.
+type Column<'t> = Box<dyn Fn(usize, usize) -> Option<f64> + 't>;
+
+/// Columns in which a track differs. Sizes that were mended on reading and not changed since stay
+/// as the file has them.
+fn changed_columns<'t>(changed: &'t Track, original: &Track) -> Vec<(&'static str, Column<'t>)> {
+    let mut columns: Vec<(&'static str, Column<'t>)> = Vec::new();
+    if changed.position != original.position {
+        columns.push(("position", Box::new(|f, c| changed.position[f].get(c).copied())));
+    }
+    if changed.velocity != original.velocity {
+        columns.push(("velocity", Box::new(|f, c| changed.velocity[f].get(c).copied())));
+    }
+    if changed.heading != original.heading {
+        columns.push(("heading", Box::new(|f, _| Some(changed.heading[f]))));
+    }
+    if changed.valid != original.valid {
+        columns.push(("valid", Box::new(|f, _| Some(f64::from(u8::from(changed.valid[f]))))));
+    }
+    if changed.size != original.size {
+        for (k, key) in ["length", "width", "height"].into_iter().enumerate() {
+            columns.push((key, Box::new(move |f, _| Some(changed.size[f][k]))));
+        }
+    }
+    columns
 }
 
-/// The column `old` with other numbers: an array of its type and shape, or a list of floats.
-fn rewritten(document: &mut Document, old: Id, frames: usize, value: impl Fn(usize, usize) -> f64) -> Node {
+/// The column `old` with other numbers: an array of its type and shape, or a list of rows.
+fn rewritten(document: &mut Document, old: Id, frames: usize, value: Column) -> Node {
     match document.node(old).clone() {
         Node::Array(array) => {
             let width = if let [_, width] = array.shape[..] { width as usize } else { 1 };
-            let order = |k: usize| match array.fortran && width > 1 {
-                true => (k % frames, k / frames),
-                false => (k / width, k % width),
-            };
+            let before: Vec<f64> = array.dtype.read(document.bytes(array.data)).collect();
             let values = (0..frames * width).map(|k| {
-                let (frame, column) = order(k);
-                value(frame, column)
+                let (frame, column) = if array.fortran && width > 1 {
+                    (k % frames, k / frames)
+                } else {
+                    (k / width, k % width)
+                };
+                value(frame, column).unwrap_or(before[k])
             });
             let data = array.dtype.write(values);
             let data = document.push_bytes(&data);
             Node::Array(Box::new(Array { data, ..*array }))
         }
-        _ => {
-            let rows: Vec<Option<usize>> = match document.items(old) {
-                Some(items) => items.iter().map(|item| document.items(*item).map(<[Id]>::len)).collect(),
-                None => Vec::new(),
-            };
-            let rows = rows.into_iter().enumerate().map(|(frame, width)| match width {
-                None => document.push(Node::Float(value(frame, 0))),
-                Some(width) => {
-                    let cells = (0..width).map(|c| document.push(Node::Float(value(frame, c)))).collect();
-                    document.push(Node::List(cells))
-                }
-            });
-            Node::List(rows.collect())
+        node => {
+            let rows: Vec<Id> = document.items(old).map(<[Id]>::to_vec).unwrap_or_default();
+            let rows =
+                rows.into_iter().enumerate().map(|(frame, row)| rewritten_row(document, row, frame, &value));
+            let rows: Vec<Id> = rows.collect();
+            if matches!(node, Node::Tuple(_)) { Node::Tuple(rows) } else { Node::List(rows) }
         }
     }
+}
+
+/// One row of a list of rows, of the sort that it was.
+fn rewritten_row(document: &mut Document, row: Id, frame: usize, value: &Column) -> Id {
+    match document.node(row).clone() {
+        Node::List(cells) => {
+            let cells =
+                cells.into_iter().enumerate().map(|(c, old)| cell(document, old, value(frame, c))).collect();
+            document.push(Node::List(cells))
+        }
+        Node::Tuple(cells) => {
+            let cells =
+                cells.into_iter().enumerate().map(|(c, old)| cell(document, old, value(frame, c))).collect();
+            document.push(Node::Tuple(cells))
+        }
+        Node::Array(array) => {
+            let before: Vec<f64> = array.dtype.read(document.bytes(array.data)).collect();
+            let after = before.iter().enumerate().map(|(c, old)| value(frame, c).unwrap_or(*old));
+            let data = array.dtype.write(after);
+            let data = document.push_bytes(&data);
+            document.push(Node::Array(Box::new(Array { data, ..*array })))
+        }
+        _ => cell(document, row, value(frame, 0)),
+    }
+}
+
+/// A single number, or the old one where there is none.
+fn cell(document: &mut Document, old: Id, value: Option<f64>) -> Id {
+    value.map_or(old, |x| document.push(Node::Float(x)))
 }

@@ -37,23 +37,28 @@ impl fmt::Display for Field<'_> {
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 const F64: Dtype = Dtype { kind: ElementKind::Float, size: 8, big_endian: false };
 
-/// What a track, feature or light costs beside its name and numbers, in numbers.
-const OVERHEAD: usize = 64;
+/// What a track, feature or light costs beside its name and numbers, bytes.
+const OVERHEAD: usize = 384;
 
 /// A document being read as a scene.
 pub(super) struct Fields<'d> {
     pub(super) document: &'d Document,
     path: &'d Path,
-    /// Numbers and words that may still be copied out of the document.
+    /// Bytes that may still be copied out of the document.
     budget: Cell<usize>,
+    /// Entries and letters that may still be looked at.
+    work: Cell<usize>,
 }
 
 impl<'d> Fields<'d> {
     pub(super) fn new(document: &'d Document, path: &'d Path) -> Self {
-        // Values can be shared, so a short file could ask for endless copies. Honest files copy
-        // each byte about once; small ones share their columns.
-        let budget = document.file_size().saturating_mul(4) + (1 << 16);
-        Self { document, path, budget: Cell::new(budget) }
+        // Values can be shared, so a short file could ask for endless copies and searches. Honest
+        // files double the bytes of their floats and look at each dict some ten times; small ones
+        // share their columns.
+        let size = document.file_size();
+        let budget = size.saturating_mul(4).saturating_add(4 << 20);
+        let work = size.saturating_mul(16).saturating_add(4 << 20);
+        Self { document, path, budget: Cell::new(budget), work: Cell::new(work) }
     }
 
     /// An error about a value.
@@ -76,28 +81,45 @@ impl<'d> Fields<'d> {
         }
     }
 
-    /// Accounts for copying `n` numbers or words.
-    pub(super) fn spend(&self, field: &Field, n: usize) -> Result<(), Error> {
-        match self.budget.get().checked_sub(n) {
-            Some(left) => {
-                self.budget.set(left);
-                Ok(())
-            }
-            None => Err(self.error(
-                field,
-                "a value that the file uses over and over",
-                "a scene that is not many times larger than its file",
-            )),
+    /// Accounts for copying `bytes` bytes.
+    pub(super) fn spend(&self, field: &Field, bytes: usize) -> Result<(), Error> {
+        match self.budget.get().checked_sub(bytes) {
+            Some(left) => self.budget.set(left),
+            None => return Err(self.used_up(field)),
         }
+        if self.work.get() == 0 { Err(self.used_up(field)) } else { Ok(()) }
+    }
+
+    /// Accounts for looking at `n` entries or letters; `false` when there was too much of it.
+    pub(super) fn look(&self, n: usize) -> bool {
+        self.work.set(self.work.get().saturating_sub(n));
+        self.work.get() > 0
+    }
+
+    fn used_up(&self, field: &Field) -> Error {
+        self.error(
+            field,
+            "a value that the file uses over and over",
+            "a scene that is not many times larger than its file",
+        )
+    }
+
+    /// Value of a key, with the search accounted for.
+    fn get(&self, dict: Id, key: &str) -> Option<Id> {
+        let entries = self.document.entries(dict)?;
+        self.look(entries.len()).then(|| self.document.get(dict, key)).flatten()
     }
 
     pub(super) fn optional(&self, dict: Id, key: &str) -> Option<Id> {
-        let id = self.document.get(dict, key)?;
+        let id = self.get(dict, key)?;
         (!matches!(self.document.node(id), Node::None)).then_some(id)
     }
 
     pub(super) fn required(&self, dict: Id, field: &Field, key: &str, expected: &str) -> Result<Id, Error> {
-        self.document.get(dict, key).ok_or_else(|| self.error(&field.key(key), "missing", expected))
+        self.get(dict, key).ok_or_else(|| match self.work.get() {
+            0 => self.used_up(field),
+            _ => self.error(&field.key(key), "missing", expected),
+        })
     }
 
     pub(super) fn entries(&self, id: Id, field: &Field) -> Result<&'d [(Id, Id)], Error> {
@@ -105,6 +127,10 @@ impl<'d> Fields<'d> {
     }
 
     pub(super) fn text(&self, id: Id, field: &Field) -> Result<&'d str, Error> {
+        let letters = self.document.text_length(id).ok_or_else(|| self.wrong(field, id, "a str"))?;
+        if !self.look(letters) {
+            return Err(self.used_up(field));
+        }
         self.document.text(id).ok_or_else(|| self.wrong(field, id, "a str"))
     }
 
@@ -197,7 +223,7 @@ impl<'d> Fields<'d> {
         match self.document.node(id) {
             Node::Array(array) => self.append_array(out, array, id, field, widths)?,
             Node::List(items) | Node::Tuple(items) => {
-                self.spend(field, items.len() * N)?;
+                self.spend(field, size_of::<[f64; N]>() * items.len())?;
                 for (k, item) in items.iter().enumerate() {
                     out.push(self.row(*item, &field.key(&k.to_string()), widths)?);
                 }
@@ -282,7 +308,7 @@ impl<'d> Fields<'d> {
             let expected = format!("an array of shape (n, {})", widths_in_words(widths));
             return Err(self.wrong(field, id, expected));
         }
-        self.spend(field, rows * width)?;
+        self.spend(field, size_of::<[f64; N]>() * rows)?;
         out.reserve(rows);
         let bytes = self.document.bytes(array.data);
         // Scene files hold little-endian floats in C order; the first two arms are their fast path.

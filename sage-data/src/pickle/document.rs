@@ -164,6 +164,14 @@ impl Document {
         }
     }
 
+    /// Bytes of the text of a str.
+    pub(crate) fn text_length(&self, id: Id) -> Option<usize> {
+        match self.node(id) {
+            Node::Str(span) => Some(span.len as usize),
+            _ => None,
+        }
+    }
+
     /// Entries of a dict of either sort.
     pub fn entries(&self, id: Id) -> Option<&[(Id, Id)]> {
         match self.node(id) {
@@ -205,10 +213,9 @@ impl Document {
     pub fn integer(&self, id: Id) -> Option<i64> {
         match self.node(id) {
             Node::Int(x) => Some(*x),
-            Node::Str(_) => self.text(id)?.parse().ok(),
-            Node::Scalar(dtype, span) if dtype.kind != ElementKind::Float => {
-                dtype.read(self.bytes(*span)).next().map(|x| x as i64)
-            }
+            // No 64-bit number has more digits.
+            Node::Str(span) if span.len <= 20 => self.text(id)?.parse().ok(),
+            Node::Scalar(dtype, span) if dtype.kind != ElementKind::Float => dtype.integer(self.bytes(*span)),
             _ => None,
         }
     }
@@ -228,8 +235,8 @@ impl Document {
             Node::Float(x) => format!("{x:?}"),
             Node::Bool(x) => format!("{x}"),
             Node::Str(_) => match self.text(id) {
-                Some(text) if text.chars().count() <= 40 => format!("`{text}`"),
-                Some(text) => format!("`{}…`", text.chars().take(40).collect::<String>()),
+                Some(text) if text.chars().nth(40).is_none() => format!("`{}`", text.escape_debug()),
+                Some(text) => format!("`{}…`", text.chars().take(40).collect::<String>().escape_debug()),
                 None => "text that is not UTF-8".to_owned(),
             },
             Node::Array(array) => format!("an array of shape {:?} and type {}", array.shape, array.dtype),

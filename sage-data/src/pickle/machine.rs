@@ -1,12 +1,13 @@
 //! The interpreter of opcodes.
 //!
 //! It is a loop over the bytes with a stack of ids: no recursion on the input, no call of anything
-//! the file names. Every opcode takes at least one byte and makes at most one value, so memory is
-//! bounded by the file's size; lengths are checked against what is left of the file before
-//! anything is reserved.
+//! the file names. Every opcode takes at least one byte and makes at most one value, values, stack,
+//! marks and memo have limits of their own, and lengths are checked against what is left of the
+//! file before anything is reserved.
 
 use super::{
-    Document, Global, Id, MAX_NODES, Node, PickleError, PickleProblem as Problem, Span, opcode as op,
+    Document, Global, Id, LEAST_NODES, MAX_MARKS, MAX_NODES, Node, PickleError, PickleProblem as Problem,
+    Span, opcode as op,
 };
 
 /// Values that every document starts with, so that common ones cost nothing.
@@ -25,6 +26,7 @@ impl Document {
             at: 0,
             size: bytes.len(),
             nodes: Vec::with_capacity((bytes.len() / 32).min(1 << 16)),
+            limit: (bytes.len() / 2).clamp(LEAST_NODES, MAX_NODES),
             document: bytes,
             stack: Vec::with_capacity(256),
             marks: Vec::new(),
@@ -46,6 +48,8 @@ pub(super) struct Machine {
     pub(super) size: usize,
     at: usize,
     pub(super) nodes: Vec<Node>,
+    /// Most values, entries of the stack, and entries of the memo.
+    limit: usize,
     stack: Vec<Id>,
     marks: Vec<usize>,
     memo: Vec<Id>,
@@ -74,6 +78,7 @@ impl Machine {
                     self.take(8)?;
                 }
                 op::STOP => return self.stack.pop().ok_or(Problem::Empty),
+                op::MARK if self.marks.len() == MAX_MARKS => return Err(Problem::Depth),
                 op::MARK => self.marks.push(self.stack.len()),
                 op::POP => {
                     // As in Python: with nothing above the mark, the mark itself goes.
@@ -89,11 +94,11 @@ impl Machine {
                 }
                 op::DUP => {
                     let top = self.top(code)?;
-                    self.stack.push(top);
+                    self.push_id(top)?;
                 }
-                op::NONE => self.stack.push(NONE),
-                op::NEWTRUE => self.stack.push(TRUE),
-                op::NEWFALSE => self.stack.push(FALSE),
+                op::NONE => self.push_id(NONE)?,
+                op::NEWTRUE => self.push_id(TRUE)?,
+                op::NEWFALSE => self.push_id(FALSE)?,
                 op::BININT => {
                     let raw = self.array::<4>()?;
                     self.push(Node::Int(i64::from(i32::from_le_bytes(raw))))?;
@@ -214,13 +219,16 @@ impl Machine {
                 }
                 op::MEMOIZE => {
                     let top = self.top(code)?;
+                    if self.memo.len() >= self.limit {
+                        return Err(Problem::TooMuch(self.limit));
+                    }
                     self.memo.push(top);
                 }
                 op::BINPUT | op::LONG_BINPUT => {
                     let k = if code == op::BINPUT { u64::from(self.byte()?) } else { self.length::<4>()? };
-                    // A pickler numbers what it stores, and each value takes a byte.
+                    // A pickler numbers what it stores.
                     let place =
-                        usize::try_from(k).ok().filter(|k| *k <= self.size).ok_or(Problem::Memo(k))?;
+                        usize::try_from(k).ok().filter(|k| *k < self.limit).ok_or(Problem::Memo(k))?;
                     let top = self.top(code)?;
                     if place >= self.memo.len() {
                         self.memo.resize(place + 1, EMPTY);
@@ -231,7 +239,7 @@ impl Machine {
                     let k = if code == op::BINGET { u64::from(self.byte()?) } else { self.length::<4>()? };
                     let found = usize::try_from(k).ok().and_then(|k| self.memo.get(k)).copied();
                     let id = found.filter(|id| *id != EMPTY).ok_or(Problem::Memo(k))?;
-                    self.stack.push(id);
+                    self.push_id(id)?;
                 }
                 op::GLOBAL => {
                     let module = self.line()?;
@@ -320,11 +328,20 @@ impl Machine {
 
     #[inline]
     pub(super) fn push(&mut self, node: Node) -> Result<(), Problem> {
-        if self.nodes.len() >= MAX_NODES {
-            return Err(Problem::TooMuch(MAX_NODES));
+        if self.nodes.len() >= self.limit {
+            return Err(Problem::TooMuch(self.limit));
         }
-        self.stack.push(Id(self.nodes.len() as u32));
+        let id = Id(self.nodes.len() as u32);
         self.nodes.push(node);
+        self.push_id(id)
+    }
+
+    #[inline]
+    fn push_id(&mut self, id: Id) -> Result<(), Problem> {
+        if self.stack.len() >= self.limit {
+            return Err(Problem::TooMuch(self.limit));
+        }
+        self.stack.push(id);
         Ok(())
     }
 
@@ -406,7 +423,7 @@ impl Machine {
         match Global::from_name(module, name) {
             Some(global) => self.push(Node::Global(global)),
             None => {
-                let shown = |raw: &[u8]| String::from_utf8_lossy(&raw[..raw.len().min(60)]).into_owned();
+                let shown = |raw: &[u8]| raw[..raw.len().min(60)].escape_ascii().to_string();
                 Err(Problem::Global(format!("{}.{}", shown(module), shown(name))))
             }
         }

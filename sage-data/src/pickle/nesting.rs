@@ -8,8 +8,8 @@ enum State {
     New,
     /// On the path from the root to where the walk is.
     Open,
-    /// Walked; levels of containers in it, itself included.
-    Walked(usize),
+    /// Walked; levels of containers in it, itself included, at most [`MAX_DEPTH`].
+    Walked(u8),
 }
 
 /// A container on the path.
@@ -31,7 +31,7 @@ impl Document {
             if let Some(id) = next {
                 let levels = match states[id.0 as usize] {
                     State::Open => return Err(Problem::Cycle),
-                    State::Walked(levels) => levels,
+                    State::Walked(levels) => usize::from(levels),
                     State::New if self.is_container(id)? => {
                         states[id.0 as usize] = State::Open;
                         path.push(Step { id, next_child: 0, below: 0 });
@@ -51,7 +51,7 @@ impl Document {
             step.next_child += 1;
             if next.is_none() {
                 let levels = step.below + 1;
-                states[step.id.0 as usize] = State::Walked(levels);
+                states[step.id.0 as usize] = State::Walked(levels as u8);
                 path.pop();
                 if let Some(parent) = path.last_mut() {
                     parent.below = parent.below.max(levels);

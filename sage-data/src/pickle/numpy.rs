@@ -68,6 +68,22 @@ impl Dtype {
         }
     }
 
+    /// An integer of exactly one element; `None` if it does not fit 64 signed bits.
+    pub(crate) fn integer(self, bytes: &[u8]) -> Option<i64> {
+        let mut le = [0u8; 8];
+        let slot = le.get_mut(..bytes.len())?;
+        slot.copy_from_slice(bytes);
+        if self.big_endian {
+            slot.reverse();
+        }
+        let unused = 64 - 8 * bytes.len() as u32;
+        let unsigned = u64::from_le_bytes(le);
+        match self.kind {
+            ElementKind::Int => Some(((unsigned << unused) as i64) >> unused),
+            _ => i64::try_from(unsigned).ok(),
+        }
+    }
+
     /// Elements as floats. Integers beyond 2⁵³ are rounded.
     pub fn read(self, bytes: &[u8]) -> impl Iterator<Item = f64> {
         bytes.chunks_exact(usize::from(self.size)).map(move |raw| {
@@ -94,7 +110,8 @@ impl Dtype {
         })
     }
 
-    /// Bytes of floats in this type; numbers it cannot hold are rounded as `as` does.
+    /// Bytes of floats in this type. Numbers it cannot hold are rounded as `as` does, to halves
+    /// towards 0.
     pub(crate) fn write(self, values: impl Iterator<Item = f64>) -> Vec<u8> {
         let mut out = Vec::new();
         for x in values {
@@ -138,12 +155,16 @@ fn half(bits: u16) -> f64 {
 
 /// The nearest half that is not larger in magnitude.
 fn to_half(x: f32) -> u16 {
+    /// Bits of infinity; halves order like their bits.
+    const INFINITY: u16 = 0x7c00;
     let sign = if x.is_sign_negative() { 1 << 15 } else { 0 };
     let magnitude = f64::from(x.abs());
-    // 0x7c00 is infinity; halves order like their bits.
-    let below = (0..=0x7c00u16).collect::<Vec<_>>();
-    let place = below.partition_point(|&bits| half(bits) <= magnitude);
-    sign | below[place.saturating_sub(1)]
+    let (mut low, mut high) = (0, INFINITY);
+    while low < high {
+        let middle = high - (high - low) / 2;
+        if half(middle) <= magnitude { low = middle } else { high = middle - 1 }
+    }
+    sign | low
 }
 
 #[cfg(test)]

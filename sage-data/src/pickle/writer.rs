@@ -166,12 +166,13 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
     fn value(&mut self, id: Id) {
         let document = self.document;
         match document.node(id) {
+            // Unfinished objects never get past the reader.
             Node::None | Node::Unbuilt | Node::Global(_) => self.out.push(op::NONE),
             Node::Bool(x) => self.out.push(if *x { op::NEWTRUE } else { op::NEWFALSE }),
             Node::Int(x) => self.int(*x),
             Node::BigInt(span) => {
-                let bytes = document.bytes(*span);
-                self.counted(op::LONG1, op::LONG4, bytes);
+                self.counted(op::LONG1, op::LONG4, document.bytes(*span));
+                self.store_if_shared(id);
             }
             Node::Float(x) => {
                 self.out.push(op::BINFLOAT);

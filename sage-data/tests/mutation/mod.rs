@@ -511,7 +511,7 @@ fn score(scene: &Scene) {
     for convention in [Convention::Paper, Convention::Release] {
         let options = ContextOptions { convention, ..ContextOptions::default() };
         let ctx = Context::new(scene, &index, &options).expect("it has an adversary and all frames");
-        let s = Scorer::new(&ctx).expect("default rules").scores(&ctx.candidate(log.clone()));
+        let s = Scorer::new(&ctx).scores(&ctx.candidate(log.clone()));
         for value in [s.adversarial_reward, s.kinematic_penalty, s.behavior_penalty] {
             assert!(value.is_finite(), "{convention:?}: {s:?}");
         }
@@ -607,7 +607,10 @@ fn memo_loop(rng: &mut Rng) -> Vec<u8> {
 /// Short files that ask for much: shared lists of lists, repeated copies, wide memo indices.
 fn amplified(rng: &mut Rng) -> Vec<u8> {
     let mut bytes = vec![0x80, 4];
-    match rng.below(5) {
+    match rng.below(8) {
+        5 => searched(&mut bytes),
+        6 => bytes.extend(std::iter::repeat_n([b']', b'('][rng.below(2)], 4 << 20)),
+        7 => listed(&mut bytes),
         0 => {
             // Each list holds the one before it twice: 2^60 leaves in a walk without memory.
             bytes.extend(b"]\x94");
@@ -650,6 +653,53 @@ fn amplified(rng: &mut Rng) -> Vec<u8> {
     }
     bytes.push(b'.');
     bytes
+}
+
+/// A text.
+fn text(bytes: &mut Vec<u8>, text: &str) {
+    bytes.extend([0x8c, text.len() as u8]);
+    bytes.extend(text.bytes());
+}
+
+/// Many tracks that are one dict of very many keys, each searched for a handful of them.
+fn searched(bytes: &mut Vec<u8>) {
+    bytes.extend(b"}(");
+    for k in 0..100_000u32 {
+        text(bytes, &format!("{k:06}"));
+        bytes.push(b'N');
+    }
+    text(bytes, "type");
+    text(bytes, "VEHICLE");
+    text(bytes, "state");
+    bytes.extend(b"}u\x94}(");
+    text(bytes, "length");
+    bytes.extend(b"K\x0b");
+    text(bytes, "metadata");
+    bytes.push(b'}');
+    text(bytes, "tracks");
+    bytes.extend(b"}(");
+    for k in 0..20_000u32 {
+        text(bytes, &format!("{k}"));
+        bytes.extend(b"h\x00");
+    }
+    bytes.extend(b"uu");
+}
+
+/// Many lights that are one light of two long words by turns.
+fn listed(bytes: &mut Vec<u8>) {
+    bytes.extend(b"X\x00\x00\x08\x00");
+    bytes.extend(std::iter::repeat_n(b'x', 1 << 19));
+    bytes.extend(b"\x940](");
+    for _ in 0..100_000 {
+        bytes.extend(b"h\x00N");
+    }
+    bytes.extend(b"e\x940}(");
+    text(bytes, "length");
+    bytes.extend(b"J\x40\x9c\x00\x00");
+    text(bytes, "metadata");
+    bytes.push(b'}');
+    text(bytes, "objects_of_interest");
+    bytes.extend(b"h\x01u");
 }
 
 /// Replaces floats in arrays by what no scene holds.

@@ -2,12 +2,13 @@
 
 #![allow(dead_code)] // Each test binary uses a part of it.
 
-use std::path::PathBuf;
+use std::{io::Write, path::PathBuf};
 
 fn folder(variable: &str) -> Option<PathBuf> {
     let found = std::env::var_os(variable).map(PathBuf::from).filter(|path| path.exists());
     if found.is_none() {
-        eprintln!("left out: `{variable}` names no folder");
+        // Past the test runner, which keeps what `eprintln!` says of tests that pass.
+        let _ = writeln!(std::io::stderr(), "left out: `{variable}` names no folder");
     }
     found
 }

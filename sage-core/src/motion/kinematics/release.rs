@@ -118,11 +118,16 @@ mod tests {
 
     #[test]
     fn a_jump_between_pi_and_one_and_a_half_pi_stays() {
-        // East, then a turn back by 0.9 π the other way round: the raw jump of 1.2 π is kept.
+        // 0.6 π, then −0.6 π: a jump of 1.2 π, below the threshold of 1.5 π, is not unwrapped. The
+        // last heading repeats, and the ends are held: averages of five of [a, −a, −a] repeated.
         let a = 0.6 * PI;
-        let points = [[0.0, 0.0], [a.cos(), a.sin()], [a.cos() + a.cos(), 0.0]];
-        let raw_jump = (headings(&points)[0] - headings(&points)[2]).abs();
-        assert!(raw_jump > 0.0);
+        let points = [[0.0, 0.0], [a.cos(), a.sin()], [2.0 * a.cos(), 0.0]];
+        let yaw = headings(&points);
+        for (found, expected) in
+            yaw.iter().zip([0.2 * (3.0 - 2.0) * a, 0.2 * (2.0 - 3.0) * a, 0.2 * (1.0 - 4.0) * a])
+        {
+            assert!((found - expected).abs() < 1e-12, "{yaw:?}");
+        }
         assert_eq!(unwrap(&[0.0, PI]), [0.0, PI]);
         assert_eq!(unwrap(&[0.0, 1.2 * PI]), [0.0, 1.2 * PI - TAU]);
     }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use sage_core::objective::Convention;
+use sage_data::procedural::Kind;
 
 use crate::{Outcome, Registries, commands};
 
@@ -32,6 +33,7 @@ enum Command {
     Score(ScoreArgs),
     Draw(DrawArgs),
     Convert(ConvertArgs),
+    Scenes(ScenesArgs),
     /// Measure speed or quality.
     #[command(subcommand)]
     Bench(BenchCommand),
@@ -154,6 +156,64 @@ pub(crate) struct ConvertArgs {
     pub force: bool,
 }
 
+/// Make scenes without any data: roads, traffic, and an ego and an adversary in conflict.
+///
+/// The same seed and number give the same scene, whatever else is made and on however many threads.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage scenes --kind four-way --kind roundabout --count 20 --seed 1 --out made/"
+)]
+pub(crate) struct ScenesArgs {
+    /// Kind of scene; give it again for several, which then take turns. All by default.
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub kind: Vec<KindArg>,
+    /// Number of scenes.
+    #[arg(long, value_name = "N", default_value_t = 6)]
+    pub count: u64,
+    /// Seed.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Format to write.
+    #[arg(long, value_enum, default_value_t = Format::Native)]
+    pub format: Format,
+    /// Write into a folder that holds something.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Names of [`Kind`].
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum KindArg {
+    /// A straight street with side streets.
+    Straight,
+    /// A bent one.
+    Curve,
+    /// A motorway with an acceleration lane.
+    Merge,
+    /// Two streets that cross, with lights or priority.
+    FourWay,
+    /// A street that ends at another.
+    TJunction,
+    /// A roundabout of one lane.
+    Roundabout,
+}
+
+impl From<KindArg> for Kind {
+    fn from(name: KindArg) -> Self {
+        match name {
+            KindArg::Straight => Self::Straight,
+            KindArg::Curve => Self::Curve,
+            KindArg::Merge => Self::Merge,
+            KindArg::FourWay => Self::FourWay,
+            KindArg::TJunction => Self::TJunction,
+            KindArg::Roundabout => Self::Roundabout,
+        }
+    }
+}
+
 /// Formats of scene files.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum Format {
@@ -229,6 +289,7 @@ impl Cli {
             Command::Score(args) => commands::score::run(&args),
             Command::Draw(args) => commands::draw::run(&args),
             Command::Convert(args) => commands::convert::run(&args),
+            Command::Scenes(args) => commands::scenes::run(&args),
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Completions { shell } => commands::completions::run(shell),
         }

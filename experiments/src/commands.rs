@@ -6,4 +6,5 @@ pub(crate) mod convert;
 pub(crate) mod draw;
 pub(crate) mod inspect;
 pub(crate) mod list;
+pub(crate) mod scenes;
 pub(crate) mod score;

@@ -17,6 +17,7 @@ pub mod folder;
 pub mod metadrive;
 mod native;
 pub mod pickle;
+pub mod procedural;
 mod recording;
 pub mod split;
 

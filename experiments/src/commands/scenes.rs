@@ -1,0 +1,50 @@
+//! `sage scenes`: procedural scenes, in parallel.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use rayon::prelude::*;
+use sage_data::{
+    Recording,
+    procedural::{self, Kind},
+};
+
+use crate::{
+    Outcome,
+    cli::{Format, ScenesArgs},
+    output,
+    progress::Progress,
+};
+
+/// Scenes made between two reports.
+const WINDOW: u64 = 64;
+
+pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
+    let kinds: Vec<Kind> = args.kind.iter().map(|kind| Kind::from(*kind)).collect();
+    let kinds = if kinds.is_empty() { Kind::ALL.to_vec() } else { kinds };
+    output::make_folder(&args.out, args.force)?;
+    let ending = match args.format {
+        Format::Native => "safetensors",
+        Format::Pickle => "pkl",
+    };
+    let mut progress = Progress::new("made", args.count as usize);
+    for first in (0..args.count).step_by(WINDOW as usize) {
+        let last = (first + WINDOW).min(args.count);
+        let made: Result<Vec<()>> = (first..last)
+            .into_par_iter()
+            .map(|number| {
+                let kind = kinds[(number % kinds.len() as u64) as usize];
+                let scene = procedural::generate(kind, args.seed, number).with_context(|| {
+                    format!("no {} scene came of seed {} number {number}", kind.name(), args.seed)
+                })?;
+                let path: PathBuf = args.out.join(format!("{}.{ending}", scene.id));
+                Ok(Recording::made(scene).write(&path)?)
+            })
+            .collect();
+        for () in made? {
+            progress.step();
+        }
+    }
+    progress.finish(&format!("{} scenes in `{}`", args.count, args.out.display()));
+    Ok(Outcome::Done)
+}

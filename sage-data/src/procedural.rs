@@ -1,0 +1,248 @@
+//! Scenes without any recording: seeded, unlimited, free of anybody's licence.
+//!
+//! A scene is a road network of one of six kinds, traffic on it, and an ego and an adversary whose
+//! ways conflict. Every scene passes the checks of recorded ones; the logged futures of ego and
+//! adversary are feasible and touch nobody; and some change of the adversary's speed or lane makes
+//! a feasible collision. A network or traffic that does not give this is thrown away and drawn
+//! anew, from the same seed.
+
+mod curve;
+mod layouts;
+mod network;
+mod roles;
+mod traffic;
+
+use std::sync::Arc;
+
+use sage_core::{
+    geometry::{Point, distance},
+    motion::{DT, HORIZON, NOW},
+    scene::{AdversaryOrigin, LightState, MapKind, Scene, Track, TrackKind, TrafficLight},
+    seed::Rng,
+};
+
+use curve::{Pose, end_pose};
+use network::Network;
+use traffic::{Seen, Traffic, spawn};
+
+pub use roles::attacks;
+
+/// Frames of a scene.
+const FRAMES: usize = NOW + 1 + HORIZON;
+/// Frames that traffic runs before the recording starts.
+const WARM_UP: usize = 30;
+/// Most draws for one scene; one in three succeeds.
+const DRAWS: u64 = 400;
+
+/// Kinds of scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// A straight street with side streets.
+    Straight,
+    /// A bent one.
+    Curve,
+    /// A motorway with an acceleration lane.
+    Merge,
+    /// Two streets that cross, with lights or priority.
+    FourWay,
+    /// A street that ends at another.
+    TJunction,
+    /// A roundabout of one lane.
+    Roundabout,
+}
+
+impl Kind {
+    /// All kinds.
+    pub const ALL: [Self; 6] =
+        [Self::Straight, Self::Curve, Self::Merge, Self::FourWay, Self::TJunction, Self::Roundabout];
+
+    /// Its name in ids and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Straight => "straight",
+            Self::Curve => "curve",
+            Self::Merge => "merge",
+            Self::FourWay => "four-way",
+            Self::TJunction => "t-junction",
+            Self::Roundabout => "roundabout",
+        }
+    }
+}
+
+/// The scene of a kind, seed and number. `None` if no draw succeeds, which has not been seen.
+pub fn generate(kind: Kind, seed: u64, number: u64) -> Option<Scene> {
+    let id = format!("{}-{seed}-{number}", kind.name());
+    (0..DRAWS).find_map(|draw| draw_scene(kind, &id, &mut Rng::new(seed, &id, &format!("procedural {draw}"))))
+}
+
+fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
+    let net = layouts::build(kind, rng);
+    let place = Pose::new(rng.uniform(-2000.0, 2000.0), rng.uniform(-2000.0, 2000.0), rng.uniform(-3.0, 3.0));
+    let count = 18 + rng.below(28);
+    let cars = spawn(&net, count, rng);
+    let mut traffic = Traffic::new(&net, cars, rng.uniform(0.0, 27.0));
+    for _ in 0..WARM_UP {
+        traffic.step();
+    }
+    let mut frames: Vec<Vec<Seen>> = Vec::with_capacity(FRAMES);
+    let mut shown: Vec<[usize; 2]> = Vec::with_capacity(FRAMES);
+    for _ in 0..FRAMES {
+        frames.push(traffic.seen());
+        shown.push([traffic.light(0), traffic.light(1)]);
+        traffic.step();
+    }
+    let (map, lanes) = net.map(&place, 0.0);
+    let mut tracks = Vec::new();
+    for (k, car) in traffic.cars.iter().enumerate() {
+        let seen: Vec<Seen> = frames.iter().map(|frame| frame[k]).collect();
+        if seen.iter().any(Option::is_some) {
+            tracks.push(track(tracks.len(), TrackKind::Vehicle, car.size, &seen, &place));
+        }
+    }
+    let cars = tracks.len();
+    if kind != Kind::Merge {
+        bystanders(&net, &mut tracks, &place, rng);
+    }
+    let lights = lights(&net, &lanes, &map, &place, &shown);
+    let mut scene = Scene {
+        id: id.to_owned(),
+        frames: FRAMES,
+        timestamps: (0..FRAMES).map(|f| f64::from((f as f64 * DT) as f32)).collect(),
+        tracks,
+        map: Arc::new(map),
+        lights,
+        ego: 0,
+        adversary: None,
+        adversary_origin: AdversaryOrigin::None,
+        notes: Vec::new(),
+    };
+    as_recorded(&mut scene);
+    if roles::anybody_touches(&scene) {
+        return None;
+    }
+    roles::choose(&mut scene, cars).then_some(scene)
+}
+
+/// Rounds all numbers to the 32-bit floats of recorded files, so that every format holds the same.
+fn as_recorded(scene: &mut Scene) {
+    let round = |x: &mut f64| *x = f64::from(*x as f32);
+    for track in &mut scene.tracks {
+        track.position.iter_mut().flatten().for_each(round);
+        track.velocity.iter_mut().flatten().for_each(round);
+        track.size.iter_mut().flatten().for_each(round);
+        track.heading.iter_mut().for_each(round);
+    }
+    let map = Arc::make_mut(&mut scene.map);
+    map.points.iter_mut().flatten().for_each(round);
+    map.features
+        .iter_mut()
+        .filter_map(|f| f.lane.as_mut())
+        .for_each(|lane| lane.width.iter_mut().flatten().for_each(round));
+    scene.lights.iter_mut().filter_map(|l| l.stop_point.as_mut()).for_each(|p| p.iter_mut().for_each(round));
+}
+
+/// A recording out of what was seen in the network's own frame.
+fn track(id: usize, kind: TrackKind, size: [f64; 3], seen: &[Seen], place: &Pose) -> Track {
+    let mut track = Track {
+        id: id.to_string(),
+        kind,
+        position: Vec::with_capacity(seen.len()),
+        heading: Vec::with_capacity(seen.len()),
+        velocity: Vec::with_capacity(seen.len()),
+        size: Vec::with_capacity(seen.len()),
+        valid: Vec::with_capacity(seen.len()),
+    };
+    for seen in seen {
+        let (at, heading, v) = seen.unwrap_or(([0.0, 0.0], 0.0, 0.0));
+        let heading = sage_core::geometry::wrap_angle(heading + place.heading);
+        let [x, y] = place.shifted(at[0], at[1]).at;
+        let valid = seen.is_some();
+        let keep = |x: f64| if valid { x } else { 0.0 };
+        track.position.push([keep(x), keep(y), keep(0.5 * size[2])]);
+        track.heading.push(keep(heading));
+        track.velocity.push([keep(v * heading.cos()), keep(v * heading.sin())]);
+        track.size.push(size.map(keep));
+        track.valid.push(valid);
+    }
+    track
+}
+
+/// Parked cars and people beside the road.
+fn bystanders(net: &Network, tracks: &mut Vec<Track>, place: &Pose, rng: &mut Rng) {
+    let edges: Vec<&Vec<Point>> = net
+        .lines
+        .iter()
+        .filter(|(kind, p)| *kind == MapKind::EdgeBoundary && p.len() > 40)
+        .map(|(_, p)| p)
+        .collect();
+    let Some(most) = edges.len().checked_sub(1) else { return };
+    let off_the_road = |p: Point, room: f64| {
+        let near = |q: &Point| distance(p, *q) < room;
+        !net.lanes.iter().any(|lane| lane.points.iter().step_by(4).any(near))
+    };
+    let mut places: Vec<Point> = Vec::new();
+    let (cars, people) = (6 + rng.below(12), rng.below(5));
+    for k in 0..cars + people {
+        let edge = edges[rng.below(most + 1)];
+        let at = 10 + rng.below(edge.len() - 20);
+        let along = end_pose(&edge[at - 1..=at]);
+        let walks = k >= cars;
+        let aside = along.shifted(0.0, if walks { -2.2 } else { -rng.uniform(3.5, 12.0) });
+        let room = if walks { 4.0 } else { 6.0 };
+        if !off_the_road(aside.at, room) || places.iter().any(|p| distance(*p, aside.at) < 7.0) {
+            continue;
+        }
+        places.push(aside.at);
+        let (kind, size, speed, heading) = if walks {
+            let back = if rng.below(2) == 0 { 0.0 } else { std::f64::consts::PI };
+            (TrackKind::Pedestrian, [0.7, 0.7, 1.75], rng.uniform(0.8, 1.5), aside.heading + back)
+        } else {
+            let turn = [0.0, std::f64::consts::FRAC_PI_2][rng.below(2)];
+            (
+                TrackKind::Vehicle,
+                [rng.uniform(4.2, 5.0), rng.uniform(1.75, 2.0), 1.5],
+                0.0,
+                aside.heading + turn,
+            )
+        };
+        let seen = |f: usize| {
+            let moved = Pose { heading, ..aside }.shifted(speed * DT * f as f64, 0.0);
+            Some((moved.at, heading, speed))
+        };
+        let seen: Vec<Seen> = (0..FRAMES).map(seen).collect();
+        // Who walks on must not come into the road either.
+        let last = seen[FRAMES - 1].map_or(aside.at, |(at, ..)| at);
+        if off_the_road(last, 3.5) {
+            tracks.push(track(tracks.len(), kind, size, &seen, place));
+        }
+    }
+}
+
+/// Lights over the lanes that lead into junctions with lights.
+fn lights(
+    net: &Network,
+    lanes: &[usize],
+    map: &sage_core::scene::Map,
+    place: &Pose,
+    shown: &[[usize; 2]],
+) -> Vec<TrafficLight> {
+    let mut out = Vec::new();
+    for junction in net.junctions.iter().filter(|j| j.lights) {
+        for &k in &junction.crossing {
+            let Some((_, arm)) = net.lanes[k].crossing else { continue };
+            let first = net.lanes[k].points[0];
+            let [x, y] = place.shifted(first[0], first[1]).at;
+            let state = |s: &[usize; 2]| [LightState::Go, LightState::Caution, LightState::Stop][s[arm % 2]];
+            // A lane in pieces has its light over the first.
+            let begins = !junction.crossing.iter().any(|j| net.lanes[*j].exits.contains(&k));
+            if begins {
+                out.push(TrafficLight {
+                    lane: map.features[lanes[k]].id.clone(),
+                    stop_point: Some([x, y, 0.0]),
+                    states: shown.iter().map(state).collect(),
+                });
+            }
+        }
+    }
+    out
+}

@@ -22,6 +22,7 @@ pub struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Demo(DemoArgs),
     /// List the rewards, rules and other parts that commands can name.
     #[command(after_help = "Example:\n  sage list --json")]
     List {
@@ -45,6 +46,24 @@ enum Command {
         /// The shell.
         shell: clap_complete::Shell,
     },
+}
+
+/// Make a scene of each kind, attack it in simple ways, and draw the best attack.
+///
+/// The attacks are other speeds and changes of lane along the adversary's own way, scored as
+/// `score` does.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  sage demo --out demo")]
+pub(crate) struct DemoArgs {
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR", default_value = "demo")]
+    pub out: PathBuf,
+    /// Seed of the scenes.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+    /// Write into a folder that holds something, over what is there.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Show what is in recorded scenes, and what is odd about them.
@@ -284,6 +303,7 @@ impl Cli {
                 .with_context(|| format!("cannot work with {threads} threads"))?;
         }
         match self.command {
+            Command::Demo(args) => commands::demo::run(&args),
             Command::List { json } => commands::list::run(registries, json),
             Command::Inspect(args) => commands::inspect::run(&args),
             Command::Score(args) => commands::score::run(&args),

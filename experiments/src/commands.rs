@@ -3,6 +3,7 @@
 pub(crate) mod bench_speed;
 pub(crate) mod completions;
 pub(crate) mod convert;
+pub(crate) mod demo;
 pub(crate) mod draw;
 pub(crate) mod inspect;
 pub(crate) mod list;

@@ -120,7 +120,7 @@ fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
     if roles::anybody_touches(&scene) {
         return None;
     }
-    roles::choose(&mut scene, cars).then_some(scene)
+    roles::choose(&mut scene, cars, place.at).then_some(scene)
 }
 
 /// Rounds all numbers to the 32-bit floats of recorded files, so that every format holds the same.

@@ -11,6 +11,8 @@ use sage_core::{
 const LEAST_WAY: f64 = 15.0;
 /// Gaps between the two arrivals where their ways come nearest, frames.
 const GAPS: std::ops::RangeInclusive<usize> = 6..=45;
+/// Distance from the middle of the scene within which a conflict belongs to it, metres.
+const NEAR: f64 = 40.0;
 /// Pairs that are tried.
 const PAIRS: usize = 12;
 /// Constant accelerations that are tried, m/s².
@@ -104,6 +106,8 @@ impl Way {
 /// How two logged ways conflict; smaller is better.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 struct Conflict {
+    /// Whether it lies far from the middle of the scene, where its kind shows.
+    far: bool,
     /// 0 ways cross or merge, 1 one follows the other, 2 they run side by side.
     kind: u8,
     /// Frames between the arrivals where the ways come nearest.
@@ -112,7 +116,7 @@ struct Conflict {
 }
 
 /// The conflict of two logged futures, if there is one.
-fn conflict(a: &Track, b: &Track) -> Option<Conflict> {
+fn conflict(a: &Track, b: &Track, middle: Point) -> Option<Conflict> {
     let future = NOW + 1..=NOW + HORIZON;
     let mut nearest = (f64::INFINITY, 0, 0);
     for s in future.clone().step_by(2) {
@@ -131,12 +135,13 @@ fn conflict(a: &Track, b: &Track) -> Option<Conflict> {
         (d, turn) if d < 4.5 && turn < 0.3 => 2,
         _ => return None,
     };
-    GAPS.contains(&s.abs_diff(t)).then_some(Conflict { kind, gap: s.abs_diff(t), distance: d })
+    let far = distance(a.point(s), middle) > NEAR;
+    GAPS.contains(&s.abs_diff(t)).then_some(Conflict { far, kind, gap: s.abs_diff(t), distance: d })
 }
 
-/// Makes two of the first `cars` tracks ego and adversary, if the log of both is feasible, they do
+/// Makes two of the first `cars` tracks ego and adversary, near `middle` rather than far, if the log of both is feasible, they do
 /// not touch, and some simple attack hits.
-pub(super) fn choose(scene: &mut Scene, cars: usize) -> bool {
+pub(super) fn choose(scene: &mut Scene, cars: usize, middle: Point) -> bool {
     let moving = |k: &usize| {
         let track = &scene.tracks[*k];
         let all = track.count_valid(0..scene.frames) == scene.frames;
@@ -146,11 +151,11 @@ pub(super) fn choose(scene: &mut Scene, cars: usize) -> bool {
     let mut pairs: Vec<(Conflict, usize, usize)> = Vec::new();
     for &i in &usable {
         for &j in usable.iter().filter(|j| **j != i) {
-            pairs.extend(conflict(&scene.tracks[i], &scene.tracks[j]).map(|c| (c, i, j)));
+            pairs.extend(conflict(&scene.tracks[i], &scene.tracks[j], middle).map(|c| (c, i, j)));
         }
     }
     pairs.sort_by(|a, b| {
-        let key = |p: &(Conflict, usize, usize)| (p.0.kind, p.0.gap, p.1, p.2);
+        let key = |p: &(Conflict, usize, usize)| (p.0.far, p.0.kind, p.0.gap, p.1, p.2);
         key(a).cmp(&key(b)).then(a.0.distance.total_cmp(&b.0.distance))
     });
     let index = SceneIndex::new(scene.map.clone());

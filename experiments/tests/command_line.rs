@@ -212,7 +212,7 @@ fn the_registries_are_listed() {
 
 #[test]
 fn help_completions_and_exit_codes() {
-    for command in ["inspect", "score", "list", "completions"] {
+    for command in ["demo", "inspect", "draw", "score", "convert", "scenes", "list", "completions"] {
         let help = sage(&[command, "--help"]);
         assert!(help.status.success() && stdout(&help).contains("Example"), "{command}");
     }
@@ -276,4 +276,63 @@ fn draw_writes_a_picture_and_never_over_another() {
     let beyond = sage(&["draw", path(&scene), "--out", "-", "--frame", "91"]);
     assert!(stderr(&beyond).contains("has no frame 91; its last is 90"), "{}", stderr(&beyond));
     assert!(stdout(&sage(&["draw", path(&scene), "--out", "-"])).starts_with("<svg "));
+}
+
+#[test]
+fn demo_makes_scenes_attacks_and_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("demo");
+    let run = sage(&["demo", "--out", path(&out)]);
+    assert!(run.status.success(), "{}", stderr(&run));
+    assert_eq!(stdout(&run).lines().count(), 7);
+    for kind in ["straight", "curve", "merge", "four-way", "t-junction", "roundabout"] {
+        assert!(stdout(&run).contains(&format!("{kind}-1-0")));
+        assert!(
+            out.join(format!("{kind}-1-0.svg")).is_file()
+                && out.join(format!("{kind}-1-0.safetensors")).is_file()
+        );
+    }
+    let again = sage(&["demo", "--out", path(&out)]);
+    assert_eq!(again.status.code(), Some(1));
+    assert!(stderr(&again).contains("is not empty; give --force"), "{}", stderr(&again));
+    assert_eq!(stdout(&sage(&["demo", "--out", path(&out), "--force"])), stdout(&run));
+}
+
+#[test]
+fn scenes_are_the_same_on_any_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let make = |name: &str, threads: &str| {
+        let out = folder.path().join(name);
+        let run =
+            sage(&["scenes", "--count", "12", "--seed", "9", "--out", path(&out), "--threads", threads]);
+        assert!(run.status.success(), "{}", stderr(&run));
+        let mut files: Vec<PathBuf> =
+            std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().path()).collect();
+        files.sort();
+        files.iter().map(|file| std::fs::read(file).unwrap()).collect::<Vec<_>>()
+    };
+    let one = make("one", "1");
+    assert_eq!(one.len(), 12);
+    assert!(one == make("two", "2"), "bits differ");
+}
+
+#[test]
+fn convert_goes_both_ways_and_keeps_folders() {
+    let folder = tempfile::tempdir().unwrap();
+    let (source, native, back) =
+        (folder.path().join("in"), folder.path().join("native"), folder.path().join("back"));
+    std::fs::create_dir_all(source.join("part")).unwrap();
+    std::fs::copy(example("crossing.pkl"), source.join("part/a.pkl")).unwrap();
+    std::fs::write(source.join("b.pkl"), b"no scene").unwrap();
+    let run = sage(&["convert", path(&source), "--to", "native", "--out", path(&native)]);
+    assert_eq!(run.status.code(), Some(1), "one file is no scene");
+    assert!(stderr(&run).contains("b.pkl") && stderr(&run).contains("1 scenes in"), "{}", stderr(&run));
+    let run = sage(&["convert", path(&native), "--to", "pickle", "--out", path(&back)]);
+    assert!(run.status.success(), "{}", stderr(&run));
+    let inspect = |file: &Path| stdout(&sage(&["inspect", path(file), "--json"])).to_owned();
+    let (first, again) = (inspect(&source.join("part/a.pkl")), inspect(&back.join("part/a.pkl")));
+    assert_eq!(first, again);
+    assert_eq!(first, inspect(&native.join("part/a.safetensors")));
+    let twice = sage(&["convert", path(&source), "--to", "native", "--out", path(&native)]);
+    assert!(stderr(&twice).contains("is not empty"), "{}", stderr(&twice));
 }

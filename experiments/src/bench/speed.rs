@@ -77,6 +77,15 @@ pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Res
     });
     report(timing("of it: pickle to values", parse, None))?;
 
+    let native_bytes = Recording::from_bytes(first, bytes.clone())?.to_native()?;
+    let native = measure(repeat, || {
+        let copy = native_bytes.clone();
+        let start = Instant::now();
+        let recording = black_box(Recording::from_bytes(first, copy));
+        (start.elapsed(), recording)
+    });
+    report(timing("native file to checked scene, one scene", native, Some(0.4)))?;
+
     let chosen = spread(files, SCENES);
     let (mut indexing, mut contexts, mut scoring, mut full, mut inspecting) =
         (vec![], vec![], vec![], vec![], vec![]);

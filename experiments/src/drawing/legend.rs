@@ -16,11 +16,11 @@ use super::{
 };
 
 /// Width of the column, pixels.
-pub(super) const WIDTH: f64 = 250.0;
+pub(super) const WIDTH: f64 = 270.0;
 /// Height of a row, pixels.
 const ROW: f64 = 21.0;
 /// Longest text of a row; what is longer is cut with an ellipsis.
-const LETTERS: usize = 27;
+const LETTERS: usize = 31;
 
 /// Most candidates with a row of their own.
 const NAMED: usize = 12;

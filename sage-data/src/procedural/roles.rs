@@ -18,7 +18,7 @@ const PAIRS: usize = 12;
 /// Constant accelerations that are tried, m/s².
 const GAINS: [f64; 11] = [-6.0, -4.0, -2.5, -1.5, -0.8, -0.3, 0.0, 0.4, 0.9, 1.6, 2.4];
 /// Shifts to the left that are tried, metres, and their names.
-const SHIFTS: [(f64, &str); 3] = [(0.0, "own lane"), (3.5, "to the left"), (-3.5, "to the right")];
+const SHIFTS: [(f64, &str); 3] = [(0.0, ""), (3.5, "left, "), (-3.5, "right, ")];
 /// Time of a shift, seconds.
 const SHIFT_TIME: f64 = 3.0;
 
@@ -36,7 +36,12 @@ pub fn attacks(scene: &Scene) -> Vec<(String, Trajectory)> {
     let mut out = Vec::new();
     for (shift, side) in SHIFTS {
         for gain in GAINS {
-            let name = format!("{side}, {gain:+.1} m/s2");
+            let change = match gain {
+                g if g < 0.0 => format!("brake {:.1} m/s²", -g),
+                g if g > 0.0 => format!("gain {g:.1} m/s²"),
+                _ => "same speed".to_owned(),
+            };
+            let name = format!("{side}{change}");
             if let Ok(path) = Trajectory::new(&name, way.driven(speed, gain, shift)) {
                 out.push((name, path));
             }

@@ -23,7 +23,7 @@ pub use same::same;
 /// Containers nested deeper than this are refused; scenes nest nine deep.
 pub const MAX_DEPTH: usize = 64;
 /// Most values in one file; the largest scenes hold 60 000. Smaller files may hold fewer: half a
-/// value a byte, and [`LEAST_NODES`] in any case.
+/// value a byte, though any may hold 16 384.
 pub const MAX_NODES: usize = 2 << 20;
 /// Values that even the smallest file may hold.
 const LEAST_NODES: usize = 1 << 14;

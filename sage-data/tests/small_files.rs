@@ -262,3 +262,25 @@ fn splits_are_lists_of_scenes_and_notes_are_passed_over() {
     let error = sage_data::split::read_splits(&path).unwrap_err().to_string();
     assert!(error.contains("field `dev` is [1]"), "{error}");
 }
+
+#[test]
+fn python_opens_native_files_with_one_import() {
+    const PROGRAM: &str = "import sys\n\
+        try:\n\
+        \x20   from safetensors import safe_open\n\
+        \x20   import numpy\n\
+        except ImportError:\n\
+        \x20   sys.exit(3)\n\
+        scene = safe_open(sys.argv[1], 'np')\n\
+        assert scene.get_tensor('tracks.position').shape == (5, 91, 3)\n\
+        assert scene.get_tensor('tracks.valid').dtype == bool\n\
+        assert 'sage-scene' in scene.metadata()\n";
+    let folder = tempfile::tempdir().unwrap();
+    let native = folder.path().join("crossing.safetensors");
+    Recording::read(&example("crossing.pkl")).unwrap().write(&native).unwrap();
+    match Command::new("python3").args(["-c", PROGRAM]).arg(&native).output() {
+        Ok(run) if run.status.code() == Some(3) => eprintln!("left out: no numpy and safetensors at hand"),
+        Ok(run) => assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr)),
+        Err(_) => eprintln!("left out: no python3 at hand"),
+    }
+}

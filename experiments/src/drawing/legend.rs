@@ -9,8 +9,8 @@ use sage_core::{
 
 use super::{
     map_layer::{self, Shown},
-    palette::{self as color, ADVERSARY_TIME, EGO_TIME, Ramp},
-    road_users,
+    palette::{self as color, Ramp},
+    road_users::{self, Role},
     svg::Svg,
     view::View,
 };
@@ -79,13 +79,18 @@ fn sign_car(center: Point) -> (View, OrientedBox) {
 fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
     let sign = at.next(svg, &format!("ego {}", content.ego));
     let (view, car) = sign_car(sign);
-    road_users::role(svg, &view, &car, color::EGO);
-    ramp(svg, at, &EGO_TIME, "its way");
+    road_users::role(svg, &view, &car, Role::Ego);
+    ramp(svg, at, Role::Ego.ramp(), "its way");
     if let Some(adversary) = content.adversary {
         let sign = at.next(svg, &format!("adversary {adversary}"));
         let (view, car) = sign_car(sign);
-        road_users::role(svg, &view, &car, color::ADVERSARY);
-        ramp(svg, at, &ADVERSARY_TIME, if content.candidates.is_empty() { "its way" } else { "candidates" });
+        road_users::role(svg, &view, &car, Role::Adversary);
+        ramp(
+            svg,
+            at,
+            Role::Adversary.ramp(),
+            if content.candidates.is_empty() { "its way" } else { "candidates" },
+        );
     }
     for (number, (name, contact)) in content.candidates.iter().enumerate().take(NAMED) {
         let text = match contact {

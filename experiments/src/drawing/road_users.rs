@@ -71,19 +71,55 @@ pub(super) fn user(svg: &mut Svg, view: &View, kind: &TrackKind, b: &OrientedBox
     }
 }
 
+/// Who stands out. Without colour the adversary is told by its stripes and by diamonds on its way.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Role {
+    /// The car under test.
+    Ego,
+    /// The adversary.
+    Adversary,
+}
+
+impl Role {
+    fn tone(self) -> &'static str {
+        match self {
+            Self::Ego => color::EGO,
+            Self::Adversary => color::ADVERSARY,
+        }
+    }
+
+    pub(super) fn ramp(self) -> &'static Ramp {
+        match self {
+            Self::Ego => &color::EGO_TIME,
+            Self::Adversary => &color::ADVERSARY_TIME,
+        }
+    }
+}
+
 /// Ego or adversary; in a wide view with a ring around it, or it would be lost.
-pub(super) fn role(svg: &mut Svg, view: &View, b: &OrientedBox, tone: &str) {
+pub(super) fn role(svg: &mut Svg, view: &View, b: &OrientedBox, role: Role) {
+    let tone = role.tone();
     if 2.0 * b.half_length * view.scale < 20.0 {
         let ring = format!(r#"fill="none" stroke="{tone}" stroke-width="2.5""#);
         svg.circle(view.pixel(b.center), 14.0, &ring);
     }
     svg.car(view, b, &format!(r##"fill="{tone}" stroke="#fff" stroke-width="1.5""##));
+    if role == Role::Adversary {
+        for share in [-0.2, -0.62] {
+            let stripe = OrientedBox { half_length: 0.09 * b.half_length, ..*b };
+            let [c, s] = b.axis;
+            let way = share * b.half_length;
+            let stripe = OrientedBox { center: [b.center[0] + way * c, b.center[1] + way * s], ..stripe };
+            svg.polygon(&stripe.corners().map(|p| view.pixel(p)), r##"fill="#fff""##);
+        }
+    }
     let corners = b.corners().map(|p| view.pixel(p));
     svg.polygon(&corners, &format!(r#"fill="none" stroke="{}" stroke-width="1""#, color::INK));
 }
 
-/// A path coloured by time, with a dot a second.
-pub(super) fn path(svg: &mut Svg, view: &View, points: &[Point], ramp: &Ramp) {
+/// A path coloured by time, with a mark a second: dots for the ego, diamonds for the adversary.
+pub(super) fn path(svg: &mut Svg, view: &View, points: &[Point], role: Role) {
+    let ramp = role.ramp();
     let pixels: Vec<Point> = points.iter().map(|p| view.pixel(*p)).collect();
     svg.lines(
         std::slice::from_ref(&pixels),
@@ -98,11 +134,15 @@ pub(super) fn path(svg: &mut Svg, view: &View, points: &[Point], ramp: &Ramp) {
     }
     svg.close();
     for k in (10..pixels.len()).step_by(10) {
-        svg.circle(
-            pixels[k],
-            2.6,
-            &format!(r##"fill="#fff" stroke="{}" stroke-width="1.4""##, ramp.at(share(k))),
-        );
+        let attributes = format!(r##"fill="#fff" stroke="{}" stroke-width="1.4""##, ramp.at(share(k)));
+        let [x, y] = pixels[k];
+        match role {
+            Role::Ego => svg.circle([x, y], 2.6, &attributes),
+            Role::Adversary => {
+                let diamond = [[x, y - 4.6], [x + 4.6, y], [x, y + 4.6], [x - 4.6, y]];
+                svg.polygon(&diamond, &attributes);
+            }
+        }
     }
 }
 

@@ -7,9 +7,8 @@ use sage_core::{
 };
 
 use super::{
-    legend, map_layer,
-    palette::{self as color, ADVERSARY_TIME, EGO_TIME},
-    road_users,
+    legend, map_layer, palette as color,
+    road_users::{self, Role},
     svg::Svg,
     view::View,
 };
@@ -79,22 +78,22 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     svg.rect([0.0, 0.0], [view.width, view.height], &format!(r#"fill="{}""#, color::GROUND));
     let map = map_layer::draw(&mut svg, &view, scene, frame);
     let users = road_users::background(&mut svg, &view, scene, frame);
-    road_users::path(&mut svg, &view, &ego_path, &EGO_TIME);
+    road_users::path(&mut svg, &view, &ego_path, Role::Ego);
     if picture.candidates.is_empty() {
-        road_users::path(&mut svg, &view, &adversary_log, &ADVERSARY_TIME);
+        road_users::path(&mut svg, &view, &adversary_log, Role::Adversary);
     }
     for candidate in &picture.candidates {
-        road_users::path(&mut svg, &view, &candidate.points, &ADVERSARY_TIME);
+        road_users::path(&mut svg, &view, &candidate.points, Role::Adversary);
     }
-    let role = |svg: &mut Svg, track: &Track, tone: &str| {
+    let role = |svg: &mut Svg, track: &Track, role: Role| {
         if track.is_valid(frame) {
-            road_users::role(svg, &view, &track.oriented_box(frame), tone);
+            road_users::role(svg, &view, &track.oriented_box(frame), role);
         }
     };
     if let Some(track) = adversary {
-        role(&mut svg, track, color::ADVERSARY);
+        role(&mut svg, track, Role::Adversary);
     }
-    role(&mut svg, scene.ego(), color::EGO);
+    role(&mut svg, scene.ego(), Role::Ego);
     for (_, ego, adversary) in picture.candidates.iter().filter_map(|c| c.contact.as_ref()) {
         road_users::contact(&mut svg, &view, [ego, adversary]);
     }

@@ -232,7 +232,9 @@ fn lights(
             let Some((_, arm)) = net.lanes[k].crossing else { continue };
             let first = net.lanes[k].points[0];
             let [x, y] = place.shifted(first[0], first[1]).at;
-            let state = |s: &[usize; 2]| [LightState::Go, LightState::Caution, LightState::Stop][s[arm % 2]];
+            let state = |s: &[usize; 2]| {
+                [LightState::Go, LightState::Caution, LightState::Stop][s[junction.phases[arm]]]
+            };
             // A lane in pieces has its light over the first.
             let begins = !junction.crossing.iter().any(|j| net.lanes[*j].exits.contains(&k));
             if begins {

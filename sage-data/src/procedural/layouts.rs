@@ -185,8 +185,11 @@ fn roundabout(net: &mut Network, rng: &mut Rng) {
         net.lanes[before].exits.extend([leave.0, passing[k].0]);
         net.lanes[leave.1].exits.push(leaving);
         // Cars on the ring go first: an entry is a junction of its own with what passes it.
-        let junction =
-            super::network::Junction { crossing: vec![enter.0, passing[k].0], minor: vec![0], lights: false };
+        let junction = super::network::Junction {
+            crossing: vec![enter.0, passing[k].0],
+            minor: vec![0],
+            ..Default::default()
+        };
         net.lanes[enter.0].crossing = Some((number + k, 0));
         net.lanes[passing[k].0].crossing = Some((number + k, 1));
         net.junctions.push(junction);

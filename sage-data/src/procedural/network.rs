@@ -82,6 +82,8 @@ pub(super) struct Junction {
     pub(super) minor: Vec<usize>,
     /// Whether lights rule it.
     pub(super) lights: bool,
+    /// Phase of the lights that each arm has, 0 or 1: arms that face each other share one.
+    pub(super) phases: Vec<usize>,
 }
 
 /// Lanes, lines and junctions.
@@ -186,7 +188,9 @@ impl Network {
     /// Joins arms. Arms must be in counter-clockwise order around the junction.
     pub(super) fn junction(&mut self, arms: &[Arm], minor: &[usize], lights: bool) -> usize {
         let number = self.junctions.len();
-        let mut junction = Junction { minor: minor.to_vec(), lights, ..Junction::default() };
+        let across = |arm: &Arm| (arm.out.heading - arms[0].out.heading).sin().abs() > 0.7;
+        let phases = arms.iter().map(|arm| usize::from(across(arm))).collect();
+        let mut junction = Junction { minor: minor.to_vec(), lights, phases, ..Junction::default() };
         for (i, from) in arms.iter().enumerate() {
             for (_, to) in arms.iter().enumerate().filter(|(j, _)| *j != i) {
                 for (a, b) in movements(from, to) {

@@ -179,10 +179,10 @@ impl<'n> Traffic<'n> {
         Self { net, cars, time, conflicts: HashMap::new() }
     }
 
-    /// What a light shows to an arm: 0 green, 1 yellow, 2 red.
-    pub(super) fn light(&self, arm: usize) -> usize {
+    /// What the lights of a phase show: 0 green, 1 yellow, 2 red.
+    pub(super) fn light(&self, phase: usize) -> usize {
         let cycle = 2.0 * (PHASES[0] + PHASES[1]);
-        let into = (self.time + (arm % 2) as f64 * 0.5 * cycle).rem_euclid(cycle);
+        let into = (self.time + phase as f64 * 0.5 * cycle).rem_euclid(cycle);
         match into {
             t if t < PHASES[0] => 0,
             t if t < PHASES[0] + PHASES[1] => 1,
@@ -239,7 +239,7 @@ impl<'n> Traffic<'n> {
         let (mine, v) = (self.cars[k].crossings[ahead].clone(), self.cars[k].v);
         let junction = &self.net.junctions[mine.junction];
         if junction.lights {
-            let shown = self.light(mine.arm);
+            let shown = self.light(junction.phases[mine.arm]);
             let cannot_stop = v * v / (2.0 * 3.5) > way;
             if shown == 2 || (shown == 1 && !cannot_stop) {
                 return false;

@@ -21,6 +21,7 @@ use sage_core::{
     seed::Rng,
 };
 
+use crate::checks::warnings;
 use curve::{Pose, end_pose};
 use network::Network;
 use traffic::{Seen, Traffic, spawn};
@@ -120,7 +121,8 @@ fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
     if roles::anybody_touches(&scene) {
         return None;
     }
-    roles::choose(&mut scene, cars, place.at).then_some(scene)
+    let worth_it = roles::choose(&mut scene, cars, place.at) && warnings(&scene).is_empty();
+    worth_it.then_some(scene)
 }
 
 /// Rounds all numbers to the 32-bit floats of recorded files, so that every format holds the same.

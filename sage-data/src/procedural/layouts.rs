@@ -216,25 +216,34 @@ fn merge(net: &mut Network, rng: &mut Rng) {
     let rejoined = taper + 50.0;
     let lanes = 3;
     let line = |x0: f64, x1: f64, y: f64| arc(&Pose::new(x0, y, 0.0), x1 - x0, 0.0).0;
+    let back = |y: f64| arc(&Pose::new(end, y, std::f64::consts::PI), end - from, 0.0).0;
     // Lanes from the median outward, cut where the ramp joins and where its lane ends.
     let y = |lane: usize| -(lane as f64 + 0.5) * LANE - 1.5;
-    let mut outermost = Vec::new();
+    net.line("ROAD_EDGE_BOUNDARY", back(-0.6));
+    let mut inner_line = net.line("ROAD_LINE_SOLID_SINGLE_YELLOW", back(-1.5));
+    let mut sections: Vec<Vec<(usize, usize)>> = Vec::new();
     for lane in 0..lanes {
-        let mut before: Option<usize> = None;
+        let outer_line = if lane + 1 < lanes {
+            net.line("ROAD_LINE_BROKEN_SINGLE_WHITE", line(from, end, y(lane) - 0.5 * LANE))
+        } else {
+            net.line("ROAD_LINE_SOLID_SINGLE_WHITE", line(from, nose, y(lane) - 0.5 * LANE))
+        };
+        let mut row: Vec<(usize, usize)> = Vec::new();
         for (a, b) in [(from, nose), (nose, taper), (taper, rejoined), (rejoined, end)] {
-            let (first, last) = net.lane(&line(a, b, y(lane)), limit, false);
-            if let Some(before) = before {
-                net.lanes[before].exits.push(first);
+            let section = net.lane(&line(a, b, y(lane)), limit, false);
+            net.bounds(section, [Some(inner_line), Some(outer_line)]);
+            if let Some((_, before)) = row.last().copied() {
+                net.lanes[before].exits.push(section.0);
             }
-            before = Some(last);
-            if lane == lanes - 1 {
-                outermost.push(first);
+            if let Some(left) = sections.last() {
+                net.neighbors(left[row.len()], section);
             }
+            row.push(section);
         }
-        if lane + 1 < lanes {
-            net.line("ROAD_LINE_BROKEN_SINGLE_WHITE", line(from, end, y(lane) - 0.5 * LANE));
-        }
+        sections.push(row);
+        inner_line = outer_line;
     }
+    let outermost = &sections[lanes - 1];
     let outer = y(lanes - 1);
     // The ramp comes in from the right, runs beside, and moves over.
     let start = Pose::new(from + 20.0, outer - 34.0, 0.22);
@@ -246,15 +255,18 @@ fn merge(net: &mut Network, rng: &mut Rng) {
     let over_lane = net.lane(&over, limit, false);
     net.lanes[ramp_lane.1].exits.push(accelerate.0);
     net.lanes[accelerate.1].exits.push(over_lane.0);
-    net.lanes[over_lane.1].exits.push(outermost[3]);
+    net.lanes[over_lane.1].exits.push(outermost[3].0);
     let side = 0.5 * LANE + 1.0;
     // Right edge: along the ramp, the acceleration lane, the taper, and on.
     let mut right = beside(&ramp, -side);
     right.extend(line(nose, taper, outer - LANE - side));
     right.extend(beside(&over, -side));
     right.extend(line(rejoined, end, outer - side));
-    net.line("ROAD_EDGE_BOUNDARY", resampled(&right));
-    net.line("ROAD_LINE_BROKEN_SINGLE_WHITE", line(nose, taper, outer - 0.5 * LANE));
+    let right_edge = net.line("ROAD_EDGE_BOUNDARY", resampled(&right));
+    let dashes = net.line("ROAD_LINE_BROKEN_SINGLE_WHITE", line(nose, taper, outer - 0.5 * LANE));
+    net.neighbors(outermost[1], accelerate);
+    net.bounds(accelerate, [Some(dashes), Some(right_edge)]);
+    net.outer_bound(outermost[1], dashes);
     // The wedge between ramp and motorway.
     let gap = |p: &&Point| p[1] + 0.5 * LANE + 0.8 < outer - 0.5 * LANE - 0.8;
     let wedge: Vec<Point> = beside(&ramp, 0.5 * LANE + 0.8).into_iter().collect();
@@ -264,17 +276,21 @@ fn merge(net: &mut Network, rng: &mut Rng) {
         net.line("ROAD_EDGE_BOUNDARY", motorway);
         net.line("ROAD_EDGE_BOUNDARY", wedge.iter().rev().copied().collect());
     }
-    let back = |y: f64| arc(&Pose::new(end, y, std::f64::consts::PI), end - from, 0.0).0;
-    net.line("ROAD_EDGE_BOUNDARY", back(-0.6));
     // The other carriageway.
+    let mut inner_line = net.line("ROAD_EDGE_BOUNDARY", line(from, end, 4.1));
+    let mut inner: Option<(usize, usize)> = None;
+    let far_edge = net.line("ROAD_EDGE_BOUNDARY", back(5.0 + lanes as f64 * LANE + 1.0));
     for lane in 0..lanes {
-        net.lane(&back(5.0 + (lane as f64 + 0.5) * LANE), limit, false);
-        if lane + 1 < lanes {
-            net.line("ROAD_LINE_BROKEN_SINGLE_WHITE", back(5.0 + (lane as f64 + 1.0) * LANE));
+        let this = net.lane(&back(5.0 + (lane as f64 + 0.5) * LANE), limit, false);
+        let outer_line = if lane + 1 < lanes {
+            net.line("ROAD_LINE_BROKEN_SINGLE_WHITE", back(5.0 + (lane as f64 + 1.0) * LANE))
+        } else {
+            far_edge
+        };
+        net.bounds(this, [Some(inner_line), Some(outer_line)]);
+        if let Some(left) = inner {
+            net.neighbors(left, this);
         }
+        (inner, inner_line) = (Some(this), outer_line);
     }
-    net.line("ROAD_EDGE_BOUNDARY", line(from, end, 4.1));
-    net.line("ROAD_EDGE_BOUNDARY", back(5.0 + lanes as f64 * LANE + 1.0));
-    net.line("ROAD_LINE_SOLID_SINGLE_WHITE", line(from, nose, outer - 0.5 * LANE));
-    net.line("ROAD_LINE_SOLID_SINGLE_YELLOW", back(-1.5));
 }

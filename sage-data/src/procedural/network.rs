@@ -120,6 +120,25 @@ impl Network {
         (first, self.lanes.len() - 1)
     }
 
+    /// Makes two lanes of one direction neighbours, piece by piece.
+    pub(super) fn neighbors(&mut self, left: (usize, usize), right: (usize, usize)) {
+        for (piece, k) in (right.0..=right.1).enumerate() {
+            let beside = (left.0 + piece).min(left.1);
+            self.lanes[k].sides[0] = Some(beside);
+            self.lanes[beside].sides[1] = Some(k);
+        }
+    }
+
+    /// Names the lines on the left and on the right of a lane.
+    pub(super) fn bounds(&mut self, lane: (usize, usize), bounds: [Option<usize>; 2]) {
+        self.lanes[lane.0..=lane.1].iter_mut().for_each(|piece| piece.bounds = bounds);
+    }
+
+    /// Names the line on the right of a lane alone.
+    pub(super) fn outer_bound(&mut self, lane: (usize, usize), line: usize) {
+        self.lanes[lane.0..=lane.1].iter_mut().for_each(|piece| piece.bounds[1] = Some(line));
+    }
+
     pub(super) fn line(&mut self, kind: &str, points: Vec<Point>) -> usize {
         self.lines.push((MapKind::from_name(kind), points));
         self.lines.len() - 1
@@ -151,13 +170,9 @@ impl Network {
                     } else {
                         Some(edge)
                     };
-                for (piece, k) in (first..=last).enumerate() {
-                    self.lanes[k].bounds = [inner_line, outer];
-                    if let Some((inner_first, inner_last)) = inner {
-                        let beside = (inner_first + piece).min(inner_last);
-                        self.lanes[k].sides[0] = Some(beside);
-                        self.lanes[beside].sides[1] = Some(k);
-                    }
+                self.bounds((first, last), [inner_line, outer]);
+                if let Some(inner) = inner {
+                    self.neighbors(inner, (first, last));
                 }
                 (inner, inner_line) = (Some((first, last)), outer);
                 ends[side][0].push(first);

@@ -19,8 +19,9 @@ const PAIRS: usize = 12;
 const GAINS: [f64; 11] = [-6.0, -4.0, -2.5, -1.5, -0.8, -0.3, 0.0, 0.4, 0.9, 1.6, 2.4];
 /// Shifts to the left that are tried, metres, and their names.
 const SHIFTS: [(f64, &str); 3] = [(0.0, ""), (3.5, "left, "), (-3.5, "right, ")];
-/// Time of a shift, seconds.
+/// Time of a shift, seconds, and the least way that it takes, metres.
 const SHIFT_TIME: f64 = 3.0;
+const SHIFT_WAY: f64 = 18.0;
 
 /// Simple attacks of a scene's adversary, named: its logged way driven with other constant
 /// accelerations, in its own lane and moving one lane over. Empty without an adversary that is
@@ -92,7 +93,8 @@ impl Way {
     }
 
     fn driven(&self, speed: f64, gain: f64, shift: f64) -> Vec<Point> {
-        let (mut s, mut v, start) = (0.0, speed, speed.max(1.0));
+        let (mut s, mut v) = (0.0, speed);
+        let shift_way = (speed * SHIFT_TIME).max(SHIFT_WAY);
         (0..HORIZON)
             .map(|_| {
                 let next = (v + gain * DT).clamp(0.0, 30.0);
@@ -100,7 +102,7 @@ impl Way {
                 v = next;
                 let (at, heading) = self.at(s);
                 // Smoothly by way driven, so that a car that stands does not slide.
-                let t = (s / (start * SHIFT_TIME)).min(1.0);
+                let t = (s / shift_way).min(1.0);
                 let left = shift * t * t * (3.0 - 2.0 * t);
                 [at[0] - left * heading.sin(), at[1] + left * heading.cos()]
             })

@@ -11,7 +11,12 @@ use std::{
     process::Command,
 };
 
-use sage_core::motion::{HISTORY, HORIZON, NOW};
+use sage_core::{
+    geometry::distance,
+    motion::{HISTORY, HORIZON, NOW, Trajectory},
+    objective::{Context, ContextOptions, Scorer},
+    scene::SceneIndex,
+};
 use sage_data::{
     Recording,
     checks::{Duplicates, Summary},
@@ -152,4 +157,41 @@ fn python_sees_no_difference_either() {
     if skipped {
         eprintln!("left out: no python3 with numpy at hand");
     }
+}
+
+/// Logged futures that are whole and move at least 4 m: how many, and how many break each rule.
+#[test]
+fn recorded_drivers_break_the_strict_rule_no_more_than_the_papers() {
+    let Some(data) = real::data() else { return };
+    let judge = |path: &Path| {
+        let scene = Recording::read(path).unwrap().scene;
+        let index = SceneIndex::new(scene.map.clone());
+        let (ego, adversary) = (scene.ego, scene.adversary.unwrap());
+        let mut found = Vec::new();
+        for (one, other) in [(ego, adversary), (adversary, ego)] {
+            let track = &scene.tracks[one];
+            let whole =
+                track.count_valid(NOW..NOW + HORIZON + 1) == HORIZON + 1 && scene.tracks[other].is_valid(NOW);
+            if !whole || distance(track.point(NOW), track.point(NOW + HORIZON)) < 4.0 {
+                continue;
+            }
+            let mut turned = scene.clone();
+            (turned.ego, turned.adversary) = (other, Some(one));
+            let Ok(ctx) = Context::new(&turned, &index, &ContextOptions::default()) else { continue };
+            let points = (NOW + 1..=NOW + HORIZON).map(|f| track.point(f)).collect();
+            let scores = Scorer::new(&ctx).scores(&ctx.candidate(Trajectory::new("log", points).unwrap()));
+            found.push((scores.feasible, scores.feasible_strict));
+        }
+        found
+    };
+    let (mut n, mut paper, mut strict) = (0, 0, 0);
+    folder::in_order(&folder::scene_files(&data).unwrap(), judge, |_, found| {
+        n += found.len();
+        paper += found.iter().filter(|(feasible, _)| !feasible).count();
+        strict += found.iter().filter(|(_, feasible)| !feasible).count();
+        Ok::<(), ()>(())
+    })
+    .unwrap();
+    println!("{n} logged futures: {paper} break the rule of the paper, {strict} the strict one");
+    assert!(n > 800 && strict <= paper && paper < n / 20, "{n} {paper} {strict}");
 }

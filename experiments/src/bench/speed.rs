@@ -28,6 +28,9 @@ pub const CANDIDATES: usize = 32;
 /// Scenes whose median is reported.
 const SCENES: usize = 12;
 
+/// Turns in which Python and we read.
+const TURNS: usize = 5;
+
 /// One measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct Timing {
@@ -57,17 +60,21 @@ pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Res
 
     // Only what our reader takes for plain values goes on to Python, whose reader runs what it reads.
     Recording::from_bytes(first, bytes.clone())?;
-    let python = python_loads(&bytes, repeat);
-    let python_median = python.as_deref().and_then(median);
-    if let Some(times) = python {
-        report(timing("CPython pickle.loads, one scene", times, None))?;
+    // By turns, so that both see the same machine: its speed changes from second to second.
+    let (mut python, mut loads) = (Vec::new(), Vec::new());
+    for _ in 0..TURNS {
+        python.extend(python_loads(&bytes, repeat.div_ceil(TURNS)).unwrap_or_default());
+        loads.extend(measure(repeat.div_ceil(TURNS), || {
+            let copy = bytes.clone();
+            let start = Instant::now();
+            let recording = black_box(Recording::from_bytes(first, copy));
+            (start.elapsed(), recording)
+        }));
     }
-    let loads = measure(repeat, || {
-        let copy = bytes.clone();
-        let start = Instant::now();
-        let recording = black_box(Recording::from_bytes(first, copy));
-        (start.elapsed(), recording)
-    });
+    let python_median = median(&python);
+    if python_median.is_some() {
+        report(timing("CPython pickle.loads, one scene", python, None))?;
+    }
     report(timing("pickle to checked scene, one scene", loads, python_median))?;
     let parse = measure(repeat, || {
         let copy = bytes.clone();

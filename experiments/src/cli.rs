@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::{Context, Result};
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{
+    Args, Parser, Subcommand, ValueEnum,
+    builder::{PossibleValuesParser, TypedValueParser},
+};
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
@@ -184,8 +187,8 @@ pub(crate) struct ConvertArgs {
 )]
 pub(crate) struct ScenesArgs {
     /// Kind of scene; give it again for several, which then take turns. All by default.
-    #[arg(long, value_enum, value_name = "KIND")]
-    pub kind: Vec<KindArg>,
+    #[arg(long, value_name = "KIND", value_parser = kinds())]
+    pub kind: Vec<Kind>,
     /// Number of scenes.
     #[arg(long, value_name = "N", default_value_t = 6)]
     pub count: u64,
@@ -203,34 +206,10 @@ pub(crate) struct ScenesArgs {
     pub force: bool,
 }
 
-/// Names of [`Kind`].
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum KindArg {
-    /// A straight street with side streets.
-    Straight,
-    /// A bent one.
-    Curve,
-    /// A motorway with an acceleration lane.
-    Merge,
-    /// Two streets that cross, with lights or priority.
-    FourWay,
-    /// A street that ends at another.
-    TJunction,
-    /// A roundabout of one lane.
-    Roundabout,
-}
-
-impl From<KindArg> for Kind {
-    fn from(name: KindArg) -> Self {
-        match name {
-            KindArg::Straight => Self::Straight,
-            KindArg::Curve => Self::Curve,
-            KindArg::Merge => Self::Merge,
-            KindArg::FourWay => Self::FourWay,
-            KindArg::TJunction => Self::TJunction,
-            KindArg::Roundabout => Self::Roundabout,
-        }
-    }
+/// Kinds by their names.
+fn kinds() -> impl TypedValueParser<Value = Kind> {
+    PossibleValuesParser::new(Kind::ALL.map(Kind::name))
+        .try_map(|name| Kind::from_name(&name).ok_or("no such kind"))
 }
 
 /// Formats of scene files.

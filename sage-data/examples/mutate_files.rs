@@ -11,6 +11,7 @@
 use std::{alloc::System, collections::BTreeMap, process::ExitCode};
 
 #[path = "../tests/mutation/mod.rs"]
+#[allow(dead_code)] // The tests use all of it.
 mod mutation;
 
 use mutation::{Mutator, Outcome};

@@ -57,6 +57,11 @@ impl Kind {
     pub const ALL: [Self; 6] =
         [Self::Straight, Self::Curve, Self::Merge, Self::FourWay, Self::TJunction, Self::Roundabout];
 
+    /// The kind of a name.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
     /// Its name in ids and on the command line.
     pub fn name(self) -> &'static str {
         match self {

@@ -61,3 +61,16 @@ fn native_mutants_are_refused_or_scenes() {
     }
     assert!(scenes > 100 && refused > 800, "{scenes} scenes, {refused} refused");
 }
+
+#[test]
+fn shared_values_cannot_be_searched_or_copied_without_end() {
+    for number in 0.. {
+        let mutant = mutation::repeated(number);
+        let Some((bytes, is_scene)) = mutant else { break };
+        let outcome = mutation::consume(&bytes).map_err(|error| error.to_string());
+        match outcome {
+            Ok(()) => assert!(is_scene, "case {number} was accepted"),
+            Err(error) => assert!(!is_scene && error.contains("over and over"), "case {number}: {error}"),
+        }
+    }
+}

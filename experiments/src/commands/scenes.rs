@@ -20,8 +20,7 @@ use crate::{
 const WINDOW: u64 = 64;
 
 pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
-    let kinds: Vec<Kind> = args.kind.iter().map(|kind| Kind::from(*kind)).collect();
-    let kinds = if kinds.is_empty() { Kind::ALL.to_vec() } else { kinds };
+    let kinds = if args.kind.is_empty() { &Kind::ALL[..] } else { &args.kind };
     output::make_folder(&args.out, args.force)?;
     let ending = match args.format {
         Format::Native => "safetensors",

@@ -64,18 +64,10 @@ pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
         None => Vec::new(),
     };
     let map = Arc::new(map(&fields, top, &mut notes)?);
-    Ok(Scene {
-        id,
-        frames,
-        timestamps,
-        tracks,
-        map,
-        lights: lights(&fields, top, frames)?,
-        ego,
-        adversary,
-        adversary_origin,
-        notes,
-    })
+    let lights = lights(&fields, top, frames)?;
+    // A search that was given up finds nothing, which must not pass for a part that is not there.
+    fields.spend(&root.key("(root)"), 0)?;
+    Ok(Scene { id, frames, timestamps, tracks, map, lights, ego, adversary, adversary_origin, notes })
 }
 
 fn frames(fields: &Fields, top: Id) -> Result<usize, Error> {

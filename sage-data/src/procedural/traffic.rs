@@ -49,6 +49,8 @@ pub(super) struct Car {
     limits: Vec<(f64, f64)>,
     crossings: Vec<Crossing>,
     driver: Idm,
+    /// Share of the speed limit that the driver likes.
+    keen: f64,
     /// Crossing that it may drive.
     holds: Option<usize>,
 }
@@ -113,7 +115,6 @@ fn car(net: &Network, lanes: &[usize], s: f64, rng: &mut Rng) -> Car {
     let width = if long { 2.4 } else { rng.uniform(1.75, 2.05) };
     let keen = rng.uniform(0.85, 1.1);
     let driver = Idm {
-        desired_speed: keen,
         time_gap: rng.uniform(1.0, 1.7),
         standing_gap: 2.0,
         acceleration: rng.uniform(1.2, 2.0),
@@ -129,6 +130,7 @@ fn car(net: &Network, lanes: &[usize], s: f64, rng: &mut Rng) -> Car {
         limits,
         crossings,
         driver,
+        keen,
         holds: None,
     }
 }
@@ -295,12 +297,14 @@ impl<'n> Traffic<'n> {
         if let Some(leader) = self.leader(k, seen) {
             follow(Some(leader), self.desired_speed(car));
         }
-        let next = car.crossings.iter().enumerate().find(|(_, c)| c.leave > car.s - 0.5 * car.size[0]);
-        if let Some((number, crossing)) = next.filter(|(number, _)| car.holds != Some(*number)) {
-            let gap = crossing.enter - STOP_LINE - front;
-            let _ = number;
-            if gap < SIGHT {
-                follow(Some(Leader { gap: gap + 2.0, speed: 0.0 }), self.desired_speed(car));
+        // Stop before the next junction until it may be crossed.
+        let next = car.crossings.iter().position(|c| c.leave > car.s - 0.5 * car.size[0]);
+        if let Some(next) = next.filter(|next| car.holds != Some(*next)) {
+            let way = car.crossings[next].enter - STOP_LINE - front;
+            if way < SIGHT {
+                // The law keeps its standing gap to what it follows; the line is to be reached.
+                let line = Leader { gap: way + car.driver.standing_gap, speed: 0.0 };
+                follow(Some(line), self.desired_speed(car));
             }
         }
         gain
@@ -317,7 +321,7 @@ impl<'n> Traffic<'n> {
             let way = (begin - car.s).max(0.0);
             Some((limit * limit + 2.0 * comfortable * way).sqrt())
         });
-        (car.driver.desired_speed * ahead.fold(f64::INFINITY, f64::min)).max(1.0)
+        (car.keen * ahead.fold(f64::INFINITY, f64::min)).max(1.0)
     }
 
     /// The nearest car in the way.

@@ -321,45 +321,93 @@ fn text(bytes: &mut Vec<u8>, text: &str) {
     bytes.extend(text.bytes());
 }
 
-/// Many tracks that are one dict of very many keys, each searched for a handful of them.
+/// Many whole tracks that are one dict of very many keys, each searched for a handful of them.
 fn searched(bytes: &mut Vec<u8>) {
+    shared_track(bytes, 100_000);
+    scene_of_one_track(bytes, 20_000, |_| {});
+}
+
+/// Many tracks, and a long list of objects of interest that are none of them.
+fn listed(bytes: &mut Vec<u8>) {
+    shared_track(bytes, 0);
+    scene_of_one_track(bytes, 5_000, |bytes| {
+        text(bytes, "objects_of_interest");
+        text(bytes, "nobody");
+        bytes.extend(b"\x940](");
+        for _ in 0..200_000 {
+            bytes.extend(b"h\x01");
+        }
+        bytes.push(b'e');
+    });
+}
+
+/// Files of one shared track, and whether they are to be taken.
+pub fn repeated(number: u64) -> Option<(Vec<u8>, bool)> {
+    let mut bytes = vec![0x80, 4];
+    let is_scene = match number {
+        0 => {
+            shared_track(&mut bytes, 10);
+            scene_of_one_track(&mut bytes, 3, |_| {});
+            true
+        }
+        1 => {
+            searched(&mut bytes);
+            false
+        }
+        2 => {
+            // Long, but looked up by an index: no more work than it has bytes.
+            listed(&mut bytes);
+            true
+        }
+        _ => return None,
+    };
+    bytes.push(b'.');
+    Some((bytes, is_scene))
+}
+
+/// A standing vehicle of 11 frames as memo entry 0, its columns behind `keys` keys that mean nothing.
+fn shared_track(bytes: &mut Vec<u8>, keys: u32) {
+    let column = |bytes: &mut Vec<u8>, name: &str, cell: &[u8]| {
+        text(bytes, name);
+        bytes.extend(b"](");
+        (0..11).for_each(|_| bytes.extend(cell));
+        bytes.push(b'e');
+    };
     bytes.extend(b"}(");
-    for k in 0..100_000u32 {
-        text(bytes, &format!("{k:06}"));
-        bytes.push(b'N');
-    }
     text(bytes, "type");
     text(bytes, "VEHICLE");
     text(bytes, "state");
-    bytes.extend(b"}u\x94}(");
+    bytes.extend(b"}(");
+    for k in 0..keys {
+        text(bytes, &format!("{k:06}"));
+        bytes.push(b'N');
+    }
+    column(bytes, "position", b"K\x00K\x00K\x00\x87");
+    column(bytes, "velocity", b"K\x00K\x00\x86");
+    for name in ["heading", "valid", "length", "width"] {
+        column(bytes, name, b"K\x01");
+    }
+    bytes.extend(b"uu\x940");
+}
+
+/// A scene of that vehicle many times over, with more metadata.
+fn scene_of_one_track(bytes: &mut Vec<u8>, tracks: u32, metadata: impl Fn(&mut Vec<u8>)) {
+    bytes.extend(b"}(");
     text(bytes, "length");
     bytes.extend(b"K\x0b");
     text(bytes, "metadata");
-    bytes.push(b'}');
+    bytes.extend(b"}(");
+    text(bytes, "sdc_id");
+    text(bytes, "0");
+    metadata(bytes);
+    bytes.push(b'u');
     text(bytes, "tracks");
     bytes.extend(b"}(");
-    for k in 0..20_000u32 {
-        text(bytes, &format!("{k}"));
+    for k in 0..tracks {
+        text(bytes, &k.to_string());
         bytes.extend(b"h\x00");
     }
     bytes.extend(b"uu");
-}
-
-/// Many lights that are one light of two long words by turns.
-fn listed(bytes: &mut Vec<u8>) {
-    bytes.extend(b"X\x00\x00\x08\x00");
-    bytes.extend(std::iter::repeat_n(b'x', 1 << 19));
-    bytes.extend(b"\x940](");
-    for _ in 0..100_000 {
-        bytes.extend(b"h\x00N");
-    }
-    bytes.extend(b"e\x940}(");
-    text(bytes, "length");
-    bytes.extend(b"J\x40\x9c\x00\x00");
-    text(bytes, "metadata");
-    bytes.push(b'}');
-    text(bytes, "objects_of_interest");
-    bytes.extend(b"h\x01u");
 }
 
 /// Replaces floats in arrays by what no scene holds.

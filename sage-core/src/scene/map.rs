@@ -14,7 +14,7 @@ pub enum MapKind {
     LaneBike,
     /// Any other LANE_….
     LaneOther(String),
-    /// ROAD_LINE_…, with the rest of the name, such as SOLID_SINGLE_WHITE.
+    /// ROAD_LINE_…, by the whole name, such as ROAD_LINE_SOLID_SINGLE_WHITE.
     Line(String),
     /// ROAD_EDGE_BOUNDARY: the road lies on its left.
     EdgeBoundary,

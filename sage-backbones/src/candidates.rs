@@ -1,0 +1,134 @@
+//! Which modes become candidates: the likeliest, a seeded draw, or the likeliest some way apart.
+
+use sage_core::seed::Rng;
+use serde::{Deserialize, Serialize};
+
+/// How modes are chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Selection {
+    /// The likeliest: with dense goals a cluster of neighbours.
+    TopK,
+    /// A draw without replacement, each mode by its probability (Gumbel top-k).
+    Gumbel,
+    /// The likeliest in turn, none ending nearer than `radius` metres to one taken before. When
+    /// none is left, the likeliest of the rest fill up.
+    Nms {
+        /// Least distance of two ends, metres.
+        radius: f32,
+    },
+}
+
+/// Chooses up to `k` modes, in descending order of log-probability, ties by lower index.
+///
+/// `ends` are the modes' ends, read by suppression alone; `rng` is drawn from by the Gumbel draw
+/// alone.
+pub fn choose(log_probs: &[f32], ends: &[[f32; 2]], k: usize, selection: Selection, rng: &mut Rng) -> Vec<usize> {
+    match selection {
+        Selection::TopK => first_k(log_probs, k),
+        Selection::Gumbel => {
+            let noisy: Vec<f32> = log_probs.iter().map(|p| (f64::from(*p) + gumbel(rng)) as f32).collect();
+            let mut chosen = first_k(&noisy, k);
+            chosen.sort_by(|a, b| by_rank(log_probs, *a, *b));
+            chosen
+        }
+        Selection::Nms { radius } => {
+            let order = ranked(log_probs);
+            let mut chosen = suppressed(&order, ends, k, radius);
+            if chosen.len() < k.min(order.len()) {
+                let missing = k - chosen.len();
+                let mut taken = vec![false; order.len()];
+                chosen.iter().for_each(|&mode| taken[mode] = true);
+                chosen.extend(order.iter().copied().filter(|&mode| !taken[mode]).take(missing));
+                chosen.sort_by(|a, b| by_rank(log_probs, *a, *b));
+            }
+            chosen
+        }
+    }
+}
+
+/// Modes from an order, none ending within `radius` of one taken before; at most `k`.
+pub fn suppressed(order: &[usize], ends: &[[f32; 2]], k: usize, radius: f32) -> Vec<usize> {
+    let mut chosen: Vec<usize> = Vec::with_capacity(k);
+    for &mode in order {
+        if chosen.len() == k {
+            break;
+        }
+        let [x, y] = ends[mode];
+        let apart = |&other: &usize| (ends[other][0] - x).hypot(ends[other][1] - y) >= radius;
+        if chosen.iter().all(apart) {
+            chosen.push(mode);
+        }
+    }
+    chosen
+}
+
+/// All modes, the likeliest first.
+pub fn ranked(log_probs: &[f32]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..log_probs.len()).collect();
+    order.sort_unstable_by(|a, b| by_rank(log_probs, *a, *b));
+    order
+}
+
+/// The `k` largest in descending order.
+fn first_k(values: &[f32], k: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    if k < order.len() && k > 0 {
+        order.select_nth_unstable_by(k - 1, |a, b| by_rank(values, *a, *b));
+    }
+    order.truncate(k);
+    order.sort_unstable_by(|a, b| by_rank(values, *a, *b));
+    order
+}
+
+fn by_rank(values: &[f32], a: usize, b: usize) -> std::cmp::Ordering {
+    values[b].total_cmp(&values[a]).then(a.cmp(&b))
+}
+
+/// A draw from the standard Gumbel distribution.
+fn gumbel(rng: &mut Rng) -> f64 {
+    -(-(1.0 - rng.unit()).ln()).max(f64::MIN_POSITIVE).ln()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LOG_PROBS: [f32; 5] = [-1.0, -0.5, -3.0, -0.5, -2.0];
+    const ENDS: [[f32; 2]; 5] = [[0.0, 0.0], [1.0, 0.0], [10.0, 0.0], [2.0, 0.0], [5.0, 0.0]];
+
+    fn rng() -> Rng {
+        Rng::new(1, "candidates", "test")
+    }
+
+    #[test]
+    fn top_k_takes_the_likeliest_and_of_equals_the_first() {
+        assert_eq!(choose(&LOG_PROBS, &ENDS, 3, Selection::TopK, &mut rng()), [1, 3, 0]);
+        assert_eq!(choose(&LOG_PROBS, &ENDS, 9, Selection::TopK, &mut rng()), [1, 3, 0, 4, 2]);
+        assert!(choose(&LOG_PROBS, &ENDS, 0, Selection::TopK, &mut rng()).is_empty());
+    }
+
+    #[test]
+    fn suppression_keeps_ends_apart_and_fills_up_with_what_is_left() {
+        let nms = Selection::Nms { radius: 3.0 };
+        assert_eq!(choose(&LOG_PROBS, &ENDS, 3, nms, &mut rng()), [1, 4, 2]);
+        assert_eq!(choose(&LOG_PROBS, &ENDS, 4, nms, &mut rng()), [1, 3, 4, 2], "one of the rest");
+        assert_eq!(suppressed(&ranked(&LOG_PROBS), &ENDS, 9, 3.0), [1, 4, 2]);
+    }
+
+    #[test]
+    fn gumbel_draws_by_probability_and_repeats_with_its_seed() {
+        let p = [0.5_f32, 0.3, 0.2].map(f32::ln);
+        let ends = [[0.0; 2]; 3];
+        let mut counts = [0; 3];
+        let mut rng = rng();
+        for _ in 0..20_000 {
+            counts[choose(&p, &ends, 1, Selection::Gumbel, &mut rng)[0]] += 1;
+        }
+        for (count, p) in counts.iter().zip([0.5, 0.3, 0.2]) {
+            assert!((f64::from(*count) / 20_000.0 - p).abs() < 0.012, "{counts:?}");
+        }
+        let draw = || choose(&LOG_PROBS, &ENDS, 3, Selection::Gumbel, &mut self::rng());
+        assert_eq!(draw(), draw());
+    }
+}

@@ -1,0 +1,340 @@
+//! DenseTNT (Gu et al., 2021): dense goals are scored, and each decodes to a trajectory.
+//!
+//! Polylines are encoded, mixed by attention, and goals look at what comes out. The published form
+//! of the network and ours are the same parts in two arrangements ([`Shape`]); `docs/backbones.md`
+//! says what differs and why.
+
+mod ego_branch;
+mod encoder;
+mod head;
+mod scorer;
+
+use std::sync::Arc;
+
+use candle_core::{DType, Tensor};
+use sage_core::{
+    geometry::Point,
+    registry::Entry,
+    scene::{Scene, SceneIndex},
+};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::{
+    Error, Parameters,
+    backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
+    features::{Features, GOAL_COLUMNS, VECTOR_COLUMNS, cat},
+    labels,
+    nn::log_softmax,
+    parameters::{Scope, Wanted},
+};
+use encoder::Encoder;
+use head::Head;
+use scorer::Scorer;
+
+pub use head::HeadKind;
+
+/// How the parts are put together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Shape {
+    hidden: usize,
+    vector_columns: usize,
+    goal_columns: usize,
+    /// Rounds of attention among the elements; `None` for the published lane fusion and graph.
+    rounds: Option<usize>,
+    head: HeadKind,
+    ego_branch: bool,
+}
+
+/// Options of our own arrangement.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DenseTntOptions {
+    /// Width of the states, even.
+    pub hidden: usize,
+    /// Rounds of attention among agents and map.
+    pub rounds: usize,
+    /// How a goal becomes a trajectory.
+    pub head: HeadKind,
+    /// Seed of the first weights.
+    pub seed: u64,
+}
+
+impl Default for DenseTntOptions {
+    fn default() -> Self {
+        Self { hidden: 64, rounds: 2, head: HeadKind::Bernstein, seed: 0 }
+    }
+}
+
+/// Options of the published arrangement.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CatOptions {
+    /// Seed of the first weights.
+    pub seed: u64,
+}
+
+/// The network, in either arrangement.
+pub struct DenseTnt {
+    name: &'static str,
+    options: Value,
+    shape: Shape,
+    wanted: Arc<[Wanted]>,
+    parameters: Parameters,
+    dtype: DType,
+    encoder: Encoder,
+    scorer: Scorer,
+    head: Head,
+}
+
+impl DenseTnt {
+    fn untrained(name: &'static str, options: Value, shape: Shape, seed: u64) -> Result<Self, Error> {
+        let wanted = Scope::list(|scope| Parts::new(scope, &shape))?;
+        let parameters = Parameters::start(&wanted, seed)?;
+        Self::build(name, options, shape, wanted.into(), parameters)
+    }
+
+    fn build(
+        name: &'static str,
+        options: Value,
+        shape: Shape,
+        wanted: Arc<[Wanted]>,
+        parameters: Parameters,
+    ) -> Result<Self, Error> {
+        let Parts { encoder, scorer, head } = Parts::new(&Scope::of(&parameters), &shape)?;
+        let dtype = parameters.iter().next().map_or(DType::F32, |(_, tensor)| tensor.dtype());
+        Ok(Self { name, options, shape, wanted, parameters, dtype, encoder, scorer, head })
+    }
+
+    fn is_published(&self) -> bool {
+        self.shape.rounds.is_none()
+    }
+
+    /// States of agents and map, and the target's: for a batch in which other targets have a
+    /// longest polyline and a number of polylines of their own, as the published code pads them.
+    ///
+    /// *Errors*: features of another kind of network.
+    pub fn encode_padded(&self, features: &Arc<Features>, padding_keys: usize) -> Result<Encoding, Error> {
+        let vectors = tensor(&features.vectors, self.dtype)?;
+        let encoded = self.encoder.forward(&vectors, &features.groups, features.agents, padding_keys)?;
+        let goals = tensor(&features.goal_features, self.dtype)?;
+        Ok(Encoding::new(features.clone(), vec![encoded.elements, encoded.target, goals, encoded.polylines, encoded.graph]))
+    }
+
+    /// Scores of goals before the softmax (n), given as rows of goal features.
+    ///
+    /// *Errors*: an encoding of another network.
+    fn raw_scores(&self, encoding: &Encoding) -> Result<Tensor, Error> {
+        let [elements, target, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
+        Ok(self.scorer.forward(goals, elements, target)?)
+    }
+
+    fn decode(&self, encoding: &Encoding, rows: &Tensor, ends: &[[f32; 2]]) -> Result<Tensor, Error> {
+        let [elements, target, ..] = encoding.states() else { return Err(encoding.foreign()) };
+        Ok(self.head.forward(rows, ends, elements, target, encoding.features().velocity)?)
+    }
+
+    /// Trajectories of all goals (n, 80, 2), made once an encoding and never trained through.
+    fn all_trajectories<'e>(&self, encoding: &'e Encoding) -> Result<&'e Tensor, Error> {
+        encoding.all_trajectories(|| {
+            let [_, _, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
+            Ok(self.decode(encoding, goals, &encoding.features().goals)?.detach())
+        })
+    }
+}
+
+struct Parts {
+    encoder: Encoder,
+    scorer: Scorer,
+    head: Head,
+}
+
+impl Parts {
+    fn new(scope: &Scope, shape: &Shape) -> candle_core::Result<Self> {
+        Ok(Self {
+            encoder: Encoder::new(scope, shape)?,
+            scorer: Scorer::new(&scope.at("decoder"), shape)?,
+            head: Head::new(&scope.at("decoder"), shape)?,
+        })
+    }
+}
+
+impl Backbone for DenseTnt {
+    fn name(&self) -> &'static str {
+        self.name
+    }
+
+    fn options(&self) -> &Value {
+        &self.options
+    }
+
+    fn wanted(&self) -> &[Wanted] {
+        &self.wanted
+    }
+
+    fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
+        let wanted = self.wanted.clone();
+        Ok(Box::new(Self::build(self.name, self.options.clone(), self.shape, wanted, parameters)?))
+    }
+
+    fn role(&self, name: &str) -> Role {
+        const DEAD: [&str; 3] = ["laneGCN_L2L.", "laneGCN_L2A.", "decoder.decoder."];
+        let among = name.starts_with("global_graph.") || name.starts_with("rounds.");
+        if DEAD.iter().any(|dead| name.starts_with(dead)) || (among && name.ends_with("key.bias")) {
+            Role::Unused
+        } else if name.ends_with("key.bias") || name == "decoder.goals_2D_decoder.fc.bias" {
+            Role::WithoutEffect
+        } else if name.starts_with("decoder.ego_branch.") {
+            Role::Steering
+        } else if name.starts_with("decoder.goals_2D_") && !name.starts_with("decoder.goals_2D_mlps.") {
+            Role::Scoring
+        } else {
+            Role::Prior
+        }
+    }
+
+    fn features(&self, scene: &Scene, index: &SceneIndex, target: usize) -> Result<Features, Error> {
+        if self.is_published() { cat::features(scene, target) } else { Features::of(scene, index, target) }
+    }
+
+    fn labelled_features(
+        &self,
+        scene: &Scene,
+        index: &SceneIndex,
+        target: usize,
+        end: Point,
+    ) -> Result<Features, Error> {
+        if self.is_published() {
+            cat::features(scene, target)
+        } else {
+            Features::with_label(scene, index, target, Some(end))
+        }
+    }
+
+    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
+        self.encode_padded(&features, 0)
+    }
+
+    fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
+        let mut scores = self.raw_scores(encoding)?;
+        let features = encoding.features();
+        if let (Some(branch), Some(ego)) = (self.scorer.ego_branch(), &features.ego)
+            && !branch.is_silent()?
+        {
+            let paths = self.all_trajectories(encoding)?;
+            scores = (scores + branch.forward(paths, ego, features.speed())?)?;
+        }
+        Ok(log_softmax(&scores)?)
+    }
+
+    fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
+        Ok(encoding.features().goals.clone())
+    }
+
+    fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
+        let [_, _, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
+        let index: Vec<u32> = modes.iter().map(|&mode| mode as u32).collect();
+        let index = Tensor::from_vec(index, modes.len(), goals.device())?;
+        let rows = goals.index_select(&index, 0)?;
+        let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| encoding.features().goals[mode]).collect();
+        self.decode(encoding, &rows, &ends)
+    }
+
+    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
+        let features = &sample.features;
+        let encoding = self.encode(features.clone())?;
+        let log_probs = log_softmax(&self.raw_scores(&encoding)?)?;
+        let end = labels::end(&sample.future, &sample.valid);
+        let (weights, path) = match &features.label {
+            Some((label, row)) if !self.is_published() => {
+                let row = tensor(row, self.dtype)?;
+                (labels::soft(&features.goals, end), self.decode(&encoding, &row, &[*label])?)
+            }
+            _ => {
+                let nearest = labels::nearest(&features.goals, end.position);
+                let mut hard = vec![0.0; features.modes()];
+                hard[nearest] = 1.0;
+                (hard, self.trajectories(&encoding, &[nearest])?)
+            }
+        };
+        let goals = labels::cross_entropy(&log_probs, &weights)?;
+        let path = labels::smooth_l1(&path, sample)?;
+        Loss::of(vec![("goal", goals), ("path", path)])
+    }
+}
+
+impl Entry<dyn Backbone> for DenseTnt {
+    const NAME: &'static str = "densetnt";
+    const SUMMARY: &'static str = "dense goals along the lanes, scored and decoded to smooth paths";
+    const SOURCE: &'static str = "Gu et al. 2021, rearranged for one CPU core";
+    type Options = DenseTntOptions;
+
+    fn build(options: DenseTntOptions) -> Result<Box<dyn Backbone>, String> {
+        let DenseTntOptions { hidden, rounds, head, seed } = options;
+        if !(8..=512).contains(&hidden) || hidden % 2 == 1 {
+            return Err(format!("`hidden` is {hidden}; expected an even number from 8 to 512"));
+        }
+        if rounds == 0 || rounds > 16 {
+            return Err(format!("`rounds` is {rounds}; expected 1 to 16"));
+        }
+        let shape = Shape {
+            hidden,
+            vector_columns: VECTOR_COLUMNS,
+            goal_columns: GOAL_COLUMNS,
+            rounds: Some(rounds),
+            head,
+            ego_branch: true,
+        };
+        let json = serde_json::to_value(&options).map_err(|e| e.to_string())?;
+        let network = Self::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, seed);
+        Ok(Box::new(network.map_err(|e| e.to_string())?))
+    }
+}
+
+/// The published arrangement: CAT's options without the raster branch.
+pub struct Cat;
+
+impl Cat {
+    /// The network with first weights from a seed.
+    ///
+    /// *Errors*: none that a caller can cause.
+    pub fn untrained(options: &CatOptions) -> Result<DenseTnt, Error> {
+        let shape = Shape {
+            hidden: 128,
+            vector_columns: 128,
+            goal_columns: 2,
+            rounds: None,
+            head: HeadKind::Waypoints,
+            ego_branch: false,
+        };
+        let json = serde_json::to_value(options).unwrap_or_default();
+        DenseTnt::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, options.seed)
+    }
+
+    /// The network over weights of the published names and shapes; `what` names where they are from.
+    ///
+    /// *Errors*: [`Error::Weights`] with every missing, extra and misshapen tensor.
+    pub fn with_weights(weights: Parameters, what: &str) -> Result<DenseTnt, Error> {
+        let like = Self::untrained(&CatOptions::default())?;
+        let problems = weights.faults(&like.wanted);
+        if !problems.is_empty() {
+            return Err(Error::Weights { what: what.to_owned(), problems });
+        }
+        DenseTnt::build(like.name, like.options, like.shape, like.wanted, weights)
+    }
+}
+
+impl Entry<dyn Backbone> for Cat {
+    const NAME: &'static str = "densetnt-cat";
+    const SUMMARY: &'static str = "the published network of CAT, quirks included, without raster";
+    const SOURCE: &'static str = "Zhang et al. 2023 (CAT), Gu et al. 2021";
+    type Options = CatOptions;
+
+    fn build(options: CatOptions) -> Result<Box<dyn Backbone>, String> {
+        Ok(Box::new(Self::untrained(&options).map_err(|e| e.to_string())?))
+    }
+}

@@ -1,0 +1,219 @@
+//! What a network sees of a scene: the surroundings of one target agent, and its goals.
+//!
+//! All is in the target's frame: origin at its centre *now*, x along its heading. Lengths are
+//! scaled so that most numbers lie within ±3.
+
+mod agents;
+pub mod cat;
+mod frame;
+mod goals;
+mod grid;
+mod map;
+mod routes;
+
+use std::f32::consts::PI;
+
+use sage_core::{
+    geometry::Point,
+    motion::NOW,
+    scene::{Scene, SceneIndex},
+};
+
+use crate::{Error, nn::Groups};
+
+pub use frame::Frame;
+pub use goals::{GOAL_COLUMNS, GoalColumn};
+pub use grid::{CELL, LANE_REACH};
+pub use routes::Routes;
+
+/// Numbers that describe one piece of an agent's way or of the map.
+pub const VECTOR_COLUMNS: usize = 32;
+
+/// Rows of equal width.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    /// Numbers a row.
+    pub columns: usize,
+    /// All rows, one after the other.
+    pub values: Vec<f32>,
+}
+
+impl Table {
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        if self.columns == 0 { 0 } else { self.values.len() / self.columns }
+    }
+
+    /// One row.
+    pub fn row(&self, row: usize) -> &[f32] {
+        &self.values[row * self.columns..(row + 1) * self.columns]
+    }
+}
+
+/// The ego seen from a target.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EgoState {
+    /// Position *now*, metres.
+    pub position: [f32; 2],
+    /// Velocity *now*, m/s.
+    pub velocity: [f32; 2],
+}
+
+/// The surroundings of one target agent.
+#[derive(Clone, Debug)]
+pub struct Features {
+    /// Where the target is.
+    pub frame: Frame,
+    /// Its velocity *now* in its frame, m/s.
+    pub velocity: [f32; 2],
+    /// Rows of [`VECTOR_COLUMNS`] (or the published 128): pieces of agents' ways, then of the map.
+    pub vectors: Table,
+    /// Which rows belong to one agent or one piece of a line, agents first, the target foremost.
+    pub groups: Groups,
+    /// How many of the groups are agents.
+    pub agents: usize,
+    /// Where the target could be after 8 s, metres, target frame.
+    pub goals: Vec<[f32; 2]>,
+    /// A row a goal: [`GOAL_COLUMNS`] numbers, or its two coordinates for the published network.
+    pub goal_features: Table,
+    /// The ego, unless it is the target.
+    pub ego: Option<EgoState>,
+    /// Whether there was a lane to lay goals along; without one they lie on a grid.
+    pub has_lanes: bool,
+    /// Where the target really is after 8 s, with its row, if that was asked for: a goal that
+    /// training decodes and that nothing else sees.
+    pub label: Option<([f32; 2], Table)>,
+}
+
+impl Features {
+    /// Looks around one agent of a scene.
+    ///
+    /// *Errors*: [`Error::Core`] if the agent does not exist or is not valid *now*.
+    pub fn of(scene: &Scene, index: &SceneIndex, target: usize) -> Result<Self, Error> {
+        Self::with_label(scene, index, target, None)
+    }
+
+    /// The same with a row for the place (world frame) where the agent is after 8 s.
+    ///
+    /// *Errors*: as [`Features::of`].
+    pub fn with_label(
+        scene: &Scene,
+        index: &SceneIndex,
+        target: usize,
+        end: Option<Point>,
+    ) -> Result<Self, Error> {
+        let (frame, velocity) = target_frame(scene, target)?;
+        let routes = Routes::from(scene, index, scene.tracks[target].point(NOW), frame.heading());
+        let mut vectors = Table { columns: VECTOR_COLUMNS, values: Vec::with_capacity(1024 * VECTOR_COLUMNS) };
+        let mut lengths = Vec::with_capacity(160);
+        agents::append(scene, target, &frame, &mut vectors, &mut lengths);
+        let agents = lengths.len();
+        map::append(scene, &routes, &frame, velocity[0], &mut vectors, &mut lengths);
+        let end = end.map(|end| frame.to_local(end).map(|x| x as f32));
+        let goals = goals::Goals::around(scene, &routes, &frame, velocity, end);
+        let ego = (target != scene.ego).then(|| ego_state(scene, &frame));
+        Ok(Self {
+            frame,
+            velocity,
+            vectors,
+            groups: Groups::of_lengths(lengths),
+            agents,
+            goals: goals.points,
+            goal_features: goals.features,
+            ego,
+            has_lanes: goals.on_lanes > 0,
+            label: goals.label.map(|(end, row)| (end, Table { columns: GOAL_COLUMNS, values: row.to_vec() })),
+        })
+    }
+
+    /// Number of goals.
+    pub fn modes(&self) -> usize {
+        self.goals.len()
+    }
+
+    /// Speed *now*, m/s.
+    pub fn speed(&self) -> f32 {
+        self.velocity[0].hypot(self.velocity[1])
+    }
+
+    /// What the target would see if left and right changed places.
+    pub fn mirrored(&self) -> Self {
+        let mut twin = self.clone();
+        twin.velocity[1] = -twin.velocity[1];
+        flip(&mut twin.vectors, &map::SIGNED);
+        flip(&mut twin.goal_features, goals::SIGNED);
+        for goal in &mut twin.goals {
+            goal[1] = -goal[1];
+        }
+        if let Some((end, row)) = &mut twin.label {
+            end[1] = -end[1];
+            flip(row, goals::SIGNED);
+        }
+        if let Some(ego) = &mut twin.ego {
+            ego.position[1] = -ego.position[1];
+            ego.velocity[1] = -ego.velocity[1];
+        }
+        twin
+    }
+
+    /// The same surroundings with only some of the goals.
+    pub fn with_goals(mut self, keep: &[usize]) -> Self {
+        let mut features = Table { columns: self.goal_features.columns, values: Vec::new() };
+        for &goal in keep {
+            features.values.extend_from_slice(self.goal_features.row(goal));
+        }
+        self.goals = keep.iter().map(|&goal| self.goals[goal]).collect();
+        self.goal_features = features;
+        self
+    }
+}
+
+fn flip(table: &mut Table, signed: &[usize]) {
+    for row in table.values.chunks_exact_mut(table.columns) {
+        for &column in signed {
+            row[column] = -row[column];
+        }
+    }
+}
+
+/// Frame and local velocity of an agent.
+fn target_frame(scene: &Scene, target: usize) -> Result<(Frame, [f32; 2]), Error> {
+    let track = scene.tracks.get(target).ok_or_else(|| sage_core::Error::Scene {
+        scene: scene.id.clone(),
+        problem: format!("no track number {target}; there are {}", scene.tracks.len()),
+    })?;
+    if !track.is_valid(NOW) {
+        return Err(sage_core::Error::Scene {
+            scene: scene.id.clone(),
+            problem: format!(
+                "agent `{}` is not valid at frame {NOW}, so nothing can be predicted for it; `sage inspect --tracks` lists those that are",
+                track.id.escape_debug()
+            ),
+        }
+        .into());
+    }
+    let frame = Frame::new(track.point(NOW), track.heading[NOW]);
+    let velocity = frame.turn_to_local(track.velocity[NOW]).map(|v| v as f32);
+    Ok((frame, velocity))
+}
+
+fn ego_state(scene: &Scene, frame: &Frame) -> EgoState {
+    let ego = scene.ego();
+    let local = |p: Point| p.map(|x| x as f32);
+    EgoState {
+        position: local(frame.to_local(ego.point(NOW))),
+        velocity: local(frame.turn_to_local(ego.velocity[NOW])),
+    }
+}
+
+/// An angle in (−π, π].
+fn wrap(angle: f32) -> f32 {
+    let turned = angle % (2.0 * PI);
+    if turned > PI {
+        turned - 2.0 * PI
+    } else if turned <= -PI {
+        turned + 2.0 * PI
+    } else {
+        turned
+    }
+}

@@ -1,0 +1,177 @@
+//! A lattice over the target's surroundings whose cells know the lane they lie on.
+
+use sage_core::{
+    geometry::Point,
+    scene::{Map, Scene},
+};
+
+use super::{Frame, Routes};
+
+/// Distance of neighbouring goals, metres.
+pub const CELL: f64 = 2.0;
+/// A cell lies on a lane if its centre is within this distance of the centre line, metres.
+pub const LANE_REACH: f64 = 2.0;
+/// Distance of the places along a lane that cells are compared with, metres.
+const SPACING: f64 = 1.0;
+/// A lane that the target cannot get to is preferred only if it is nearer by this, metres squared.
+const DETOUR: f32 = 4.0;
+
+/// What a cell knows of its lane.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct OnLane {
+    /// Rank among the lanes of a cell: squared distance, with a detour for unreachable ones.
+    rank: f32,
+    /// Map feature.
+    pub lane: u32,
+    /// Distance along the lane, metres.
+    pub along: f32,
+    /// Distance left of the centre line, metres.
+    pub offset: f32,
+    /// Direction of the lane in the target frame.
+    pub direction: [f32; 2],
+}
+
+/// The lattice `CELL · (i, j)` over a rectangle of the target frame.
+pub(super) struct Grid {
+    min: [i32; 2],
+    size: [i32; 2],
+    cells: Vec<OnLane>,
+    /// Cells that lie on a lane, in the order they were found.
+    marked: Vec<u32>,
+}
+
+const EMPTY: OnLane =
+    OnLane { rank: f32::INFINITY, lane: u32::MAX, along: 0.0, offset: 0.0, direction: [1.0, 0.0] };
+
+impl Grid {
+    /// A lattice over x from `min[0]` to `max[0]` and y from `min[1]` to `max[1]`, metres.
+    pub(super) fn new(min: Point, max: Point) -> Self {
+        let first = min.map(|m| (m / CELL).ceil() as i32);
+        let last = max.map(|m| (m / CELL).floor() as i32);
+        let size = [(last[0] - first[0] + 1).max(0), (last[1] - first[1] + 1).max(0)];
+        let cells = vec![EMPTY; size[0] as usize * size[1] as usize];
+        Self { min: first, size, cells, marked: Vec::new() }
+    }
+
+    /// Index of a lattice point, if it is inside.
+    pub(super) fn index(&self, [i, j]: [i32; 2]) -> Option<usize> {
+        let [a, b] = [i - self.min[0], j - self.min[1]];
+        let inside = a >= 0 && b >= 0 && a < self.size[0] && b < self.size[1];
+        inside.then(|| a as usize * self.size[1] as usize + b as usize)
+    }
+
+    /// The cell around a place, if it is inside.
+    pub(super) fn at(&self, place: Point) -> Option<&OnLane> {
+        let cell = self.index(place.map(|x| (x / CELL).round() as i32))?;
+        Some(&self.cells[cell]).filter(|on| on.rank.is_finite())
+    }
+
+    /// The lattice point of an index.
+    pub(super) fn point(&self, index: usize) -> [i32; 2] {
+        let columns = self.size[1] as usize;
+        [self.min[0] + (index / columns) as i32, self.min[1] + (index % columns) as i32]
+    }
+
+    /// What a cell knows of its lane.
+    pub(super) fn cell(&self, index: usize) -> Option<&OnLane> {
+        Some(&self.cells[index]).filter(|on| on.rank.is_finite())
+    }
+
+    /// Indices of the cells on lanes, in the order of the lattice.
+    pub(super) fn marked(&mut self) -> &[u32] {
+        self.marked.sort_unstable();
+        &self.marked
+    }
+
+    /// Marks the cells along all motor lanes.
+    pub(super) fn mark_lanes(&mut self, scene: &Scene, routes: &Routes, frame: &Frame) {
+        let map: &Map = &scene.map;
+        for (k, feature) in map.features.iter().enumerate() {
+            if feature.kind.is_motor_lane() {
+                self.mark_lane(k, map.points_of(feature), routes.reach(k).is_some(), frame);
+            }
+        }
+    }
+
+    fn mark_lane(&mut self, lane: usize, line: &[[f64; 3]], reachable: bool, frame: &Frame) {
+        let mut along = 0.0;
+        let mut next = 0.0;
+        let Some(first) = line.first() else { return };
+        let mut a = frame.to_local([first[0], first[1]]);
+        for point in &line[1..] {
+            let b = frame.to_local([point[0], point[1]]);
+            let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+            let length = dx.hypot(dy);
+            if length > 0.0 {
+                let direction = [dx / length, dy / length];
+                let (from, to) = self.within(a, direction, length);
+                next = f64::max(next, along + from);
+                while next <= along + to {
+                    let t = next - along;
+                    let place = [a[0] + t * direction[0], a[1] + t * direction[1]];
+                    self.mark(lane, place, next, direction, reachable);
+                    next += SPACING;
+                }
+                // What was skipped stays skipped.
+                next = f64::max(next, along + length);
+            }
+            along += length;
+            a = b;
+        }
+    }
+
+    /// The part of a straight stretch that is worth walking: all of a short one, of a long one what
+    /// lies over the lattice.
+    fn within(&self, a: Point, direction: Point, length: f64) -> (f64, f64) {
+        if length < 50.0 * SPACING {
+            return (0.0, length);
+        }
+        let mut part = (0.0_f64, length);
+        for k in 0..2 {
+            let low = f64::from(self.min[k]) * CELL - LANE_REACH;
+            let high = f64::from(self.min[k] + self.size[k]) * CELL + LANE_REACH;
+            if direction[k].abs() < 1e-9 {
+                if a[k] < low || a[k] > high {
+                    return (length, 0.0);
+                }
+                continue;
+            }
+            let [s, t] = [(low - a[k]) / direction[k], (high - a[k]) / direction[k]];
+            part = (part.0.max(s.min(t)), part.1.min(s.max(t)));
+        }
+        part
+    }
+
+    fn mark(&mut self, lane: usize, place: Point, along: f64, direction: Point, reachable: bool) {
+        let low = place.map(|x| ((x - LANE_REACH) / CELL).ceil() as i32);
+        let high = place.map(|x| ((x + LANE_REACH) / CELL).floor() as i32);
+        let outside = (0..2).any(|k| high[k] < self.min[k] || low[k] >= self.min[k] + self.size[k]);
+        if outside {
+            return;
+        }
+        for i in low[0]..=high[0] {
+            for j in low[1]..=high[1] {
+                let away = [f64::from(i) * CELL - place[0], f64::from(j) * CELL - place[1]];
+                let squared = (away[0] * away[0] + away[1] * away[1]) as f32;
+                if squared > (LANE_REACH * LANE_REACH) as f32 {
+                    continue;
+                }
+                let rank = if reachable { squared } else { squared + DETOUR };
+                let Some(index) = self.index([i, j]) else { continue };
+                let cell = &mut self.cells[index];
+                if rank < cell.rank {
+                    if cell.rank.is_infinite() {
+                        self.marked.push(index as u32);
+                    }
+                    *cell = OnLane {
+                        rank,
+                        lane: lane as u32,
+                        along: (along + away[0] * direction[0] + away[1] * direction[1]) as f32,
+                        offset: (away[1] * direction[0] - away[0] * direction[1]) as f32,
+                        direction: direction.map(|x| x as f32),
+                    };
+                }
+            }
+        }
+    }
+}

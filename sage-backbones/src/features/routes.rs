@@ -1,0 +1,219 @@
+//! Which lanes the target can drive to, how far they are along the road, and which red lights lie
+//! on the way.
+
+use std::{
+    cmp::Ordering,
+    collections::{BinaryHeap, HashMap, HashSet},
+};
+
+use sage_core::{
+    geometry::{Aabb, Point, distance, wrap_angle},
+    motion::NOW,
+    scene::{LightState, Map, Neighbor, Scene, SceneIndex},
+};
+
+/// A lane belongs to the target's start if it passes within this distance, metres.
+const BESIDE: f64 = 2.5;
+/// If none does, the nearest within this distance is taken, metres.
+const SEARCH: f64 = 6.0;
+/// Largest turn between the target and a lane that it starts on, radians.
+const ALIGNED: f64 = 1.0;
+/// Most lane changes on a way.
+const CHANGES: u8 = 2;
+/// A lane change counts as so many metres when ways are compared.
+const CHANGE_COST: f64 = 15.0;
+/// Ways longer than this are not followed, metres.
+const LONGEST: f64 = 350.0;
+
+/// How the target gets to a lane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reach {
+    /// Distance along the road from the target to the lane's start, metres; negative on the lanes
+    /// that it starts on.
+    pub distance: f64,
+    /// Lane changes on the way.
+    pub changes: u8,
+    /// Distance along the road to the first stop line whose light is red or yellow, metres.
+    pub stop: Option<f64>,
+}
+
+/// Ways from the target over the graph of lanes.
+#[derive(Clone, Debug)]
+pub struct Routes {
+    reach: Vec<Option<Reach>>,
+    lights: Vec<Option<LightState>>,
+}
+
+/// What the search looks up, each built in one pass over the map.
+struct Roads<'s> {
+    map: &'s Map,
+    /// Distance along its lane of each point of the map, metres.
+    along: Vec<f64>,
+    /// Where the stop line of a lane whose light is red or yellow lies along it, metres.
+    stops: Vec<Option<f64>>,
+}
+
+struct Step {
+    cost: f64,
+    lane: usize,
+    way: Reach,
+}
+
+impl Ord for Step {
+    // The heap gives the largest first; we want the cheapest.
+    fn cmp(&self, other: &Self) -> Ordering {
+        other.cost.total_cmp(&self.cost).then(other.lane.cmp(&self.lane))
+    }
+}
+impl PartialOrd for Step {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+impl PartialEq for Step {
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other) == Ordering::Equal
+    }
+}
+impl Eq for Step {}
+
+impl Routes {
+    /// Ways from a place with a heading (cheapest first, over exits and neighbours).
+    pub fn from(scene: &Scene, index: &SceneIndex, position: Point, heading: f64) -> Self {
+        let lights = lights(scene);
+        let roads = Roads::new(scene, &lights);
+        let mut reach: Vec<Option<Reach>> = vec![None; scene.map.features.len()];
+        let mut heap = BinaryHeap::new();
+        for (lane, along) in roads.starts(index, position, heading) {
+            let way = roads.way(lane, -along, 0, None);
+            heap.push(Step { cost: -along, lane, way });
+        }
+        while let Some(Step { lane, way, .. }) = heap.pop() {
+            if reach[lane].is_none() {
+                reach[lane] = Some(way);
+                roads.go_on(lane, way, &reach, &mut heap);
+            }
+        }
+        Self { reach, lights: lights.into_iter().map(|light| light.map(|(_, state)| state)).collect() }
+    }
+
+    /// How the target gets to a map feature, if it is a lane that it can get to.
+    pub fn reach(&self, feature: usize) -> Option<&Reach> {
+        self.reach[feature].as_ref()
+    }
+
+    /// What the light over a map feature shows *now*.
+    pub fn light(&self, feature: usize) -> Option<LightState> {
+        self.lights[feature]
+    }
+}
+
+/// For each map feature the light over it and what that shows now.
+fn lights(scene: &Scene) -> Vec<Option<(usize, LightState)>> {
+    let shown: HashMap<&str, (usize, LightState)> = scene
+        .lights
+        .iter()
+        .enumerate()
+        .filter_map(|(k, light)| Some((light.lane.as_str(), (k, *light.states.get(NOW)?))))
+        .collect();
+    if shown.is_empty() {
+        return vec![None; scene.map.features.len()];
+    }
+    scene.map.features.iter().map(|f| f.lane.as_ref().and(shown.get(f.id.as_str()).copied())).collect()
+}
+
+impl<'s> Roads<'s> {
+    fn new(scene: &'s Scene, lights: &[Option<(usize, LightState)>]) -> Self {
+        let map = &*scene.map;
+        let mut along = vec![0.0; map.points.len()];
+        for feature in map.features.iter().filter(|f| f.kind.is_motor_lane()) {
+            let mut sum = 0.0;
+            for k in feature.points.clone().skip(1) {
+                let [a, b] = [map.points[k - 1], map.points[k]];
+                sum += distance([a[0], a[1]], [b[0], b[1]]);
+                along[k] = sum;
+            }
+        }
+        let mut roads = Self { map, along, stops: vec![None; map.features.len()] };
+        for (lane, light) in lights.iter().enumerate() {
+            if let Some((light, LightState::Stop | LightState::Caution)) = light {
+                let line = scene.lights[*light].stop_point;
+                roads.stops[lane] = Some(line.map_or(0.0, |line| roads.project(lane, [line[0], line[1]])));
+            }
+        }
+        roads
+    }
+
+    /// Distance along a lane of its point of an index, the last one for indices beyond, metres.
+    fn arc(&self, lane: usize, point: usize) -> f64 {
+        let points = &self.map.features[lane].points;
+        if points.is_empty() { 0.0 } else { self.along[points.start + point.min(points.len() - 1)] }
+    }
+
+    /// Distance along a lane of its point nearest to a place, metres.
+    fn project(&self, lane: usize, place: Point) -> f64 {
+        let points = self.map.points_of(&self.map.features[lane]);
+        let gap = |p: &[f64; 3]| distance([p[0], p[1]], place);
+        let nearest = (0..points.len()).min_by(|a, b| gap(&points[*a]).total_cmp(&gap(&points[*b])));
+        nearest.map_or(0.0, |k| self.arc(lane, k))
+    }
+
+    /// The way to a lane that starts at a distance, with the stop line met before it, if any. A stop
+    /// line that lies behind the target stops nobody.
+    fn way(&self, lane: usize, distance: f64, changes: u8, stop: Option<f64>) -> Reach {
+        let own = || self.stops[lane].map(|along| distance + along).filter(|stop| *stop >= 0.0);
+        Reach { distance, changes, stop: stop.or_else(own) }
+    }
+
+    /// Pushes the lanes that follow a lane or lie beside it.
+    fn go_on(&self, lane: usize, way: Reach, reach: &[Option<Reach>], heap: &mut BinaryHeap<Step>) {
+        let Some(links) = self.map.features[lane].lane.as_deref() else { return };
+        let mut push = |lane: usize, distance: f64, changes: u8| {
+            let known = self.map.features.get(lane).is_some_and(|f| f.kind.is_motor_lane());
+            if known && distance <= LONGEST && reach[lane].is_none() {
+                let cost = distance + f64::from(changes) * CHANGE_COST;
+                heap.push(Step { cost, lane, way: self.way(lane, distance, changes, way.stop) });
+            }
+        };
+        for &exit in &links.exits {
+            push(exit, way.distance + self.arc(lane, usize::MAX), way.changes);
+        }
+        if way.changes == CHANGES {
+            return;
+        }
+        for Neighbor { lane: other, own, other: stretch } in links.neighbors.iter().flatten() {
+            // The whole stretch may lie behind the target.
+            if way.distance + self.arc(lane, own[1]) > 0.0 {
+                let shift = self.arc(lane, own[0]) - self.arc(*other, stretch[0]);
+                push(*other, way.distance + shift, way.changes + 1);
+            }
+        }
+    }
+
+    /// Lanes that the target is on, with its distance along each.
+    fn starts(&self, index: &SceneIndex, position: Point, heading: f64) -> Vec<(usize, f64)> {
+        let lanes = index.motor_lanes();
+        let segments = lanes.segments();
+        let mut found: Vec<(f64, usize, f64)> = Vec::new();
+        for k in lanes.near(&Aabb::around(position, SEARCH)).flatten() {
+            let segment = &segments[k];
+            let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
+            let share = segment.nearest_share(position);
+            let gap = distance(position, segment.at(share));
+            if gap <= SEARCH && wrap_angle(dy.atan2(dx) - heading).abs() <= ALIGNED {
+                found.push((gap, k, share));
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let limit = found.first().map_or(0.0, |nearest| BESIDE.max(nearest.0));
+        let mut seen = HashSet::new();
+        found
+            .into_iter()
+            .filter(|(gap, k, _)| *gap <= limit && seen.insert(segments[*k].feature))
+            .map(|(_, k, share)| {
+                let lane = segments[k].feature as usize;
+                (lane, self.project(lane, segments[k].a) + share * distance(segments[k].a, segments[k].b))
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,29 @@
+//! Layers with their gradients, written for one CPU core.
+//!
+//! Matrix products are candle's. What lies between them is fused here: candle's own fused layer
+//! norm and softmax cut the gradient without a word, and its unfused ones cost more than the
+//! products. Every operation works in `f32` and, for checks against finite differences, in `f64`.
+
+mod adamw;
+mod add_row;
+mod groups;
+mod init;
+mod layers;
+mod norm_relu;
+mod real;
+mod softmax;
+
+pub use adamw::{AdamW, AdamWConfig, Moments};
+pub use add_row::add_row;
+pub use groups::{Group, Groups, max_of_others, max_of_rows};
+pub use init::Init;
+pub use layers::{Attention, Linear, Mlp, ResCat};
+pub use norm_relu::norm_relu;
+pub use real::Real;
+pub use softmax::{log_softmax, softmax};
+
+/// Keeps matrix products on the thread that asks for them: scenes are spread over threads, and a
+/// product split as well would only wait for busy ones. Bits do not depend on it.
+pub fn keep_products_on_their_thread() {
+    gemm::set_threading_threshold(usize::MAX);
+}

@@ -1,0 +1,208 @@
+//! Layers with parameters. Each is built from a [`Scope`], which hands out tensors by name.
+//!
+//! A layer keeps the tensors it is handed and nothing computed from them, so that a network follows
+//! when its variables are set.
+
+use candle_core::{Result, Tensor};
+
+use super::{Init, add_row, norm_relu, softmax};
+use crate::parameters::Scope;
+
+/// `W x + b`.
+#[derive(Clone, Debug)]
+pub struct Linear {
+    /// (outputs, inputs).
+    pub weight: Tensor,
+    /// (outputs).
+    pub bias: Tensor,
+}
+
+impl Linear {
+    /// Takes `weight` and `bias` from the scope.
+    pub fn new(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self> {
+        Self::starting_at(scope, inputs, outputs, Init::Uniform { fan_in: inputs })
+    }
+
+    /// A layer that gives zero until it is trained.
+    pub fn zero(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self> {
+        Self::starting_at(scope, inputs, outputs, Init::Constant(0.0))
+    }
+
+    fn starting_at(scope: &Scope, inputs: usize, outputs: usize, init: Init) -> Result<Self> {
+        Ok(Self {
+            weight: scope.tensor("weight", &[outputs, inputs], init)?,
+            bias: scope.tensor("bias", &[outputs], init)?,
+        })
+    }
+
+    /// *Shapes*: `x` (n, inputs); result (n, outputs).
+    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        add_row(&x.matmul(&self.weight.t()?)?, &self.bias)
+    }
+
+    /// `W x + b` for an input that comes in parts side by side, each with rows of its own or with
+    /// one row for all: products with the latter are made once.
+    ///
+    /// *Shapes*: `rows` (n, a), (n, b), …; `shared` (1, c), …, in this order along the inputs.
+    pub fn forward_parts(&self, shared: &[&Tensor], rows: &[&Tensor]) -> Result<Tensor> {
+        let (product, row) = self.parts(shared, rows)?;
+        add_row(&product, &row)
+    }
+
+    /// The product over `rows`, and what to add to each row of it. The shared parts come first.
+    fn parts(&self, shared: &[&Tensor], rows: &[&Tensor]) -> Result<(Tensor, Tensor)> {
+        let mut at = 0;
+        let mut slice = |part: &Tensor| -> Result<Tensor> {
+            let width = part.dim(1)?;
+            at += width;
+            part.matmul(&self.weight.narrow(1, at - width, width)?.t()?)
+        };
+        let mut row = self.bias.unsqueeze(0)?;
+        for part in shared {
+            row = (row + slice(part)?)?;
+        }
+        let mut product: Option<Tensor> = None;
+        for part in rows {
+            let next = slice(part)?;
+            product = Some(match product {
+                Some(sum) => (sum + next)?,
+                None => next,
+            });
+        }
+        match product {
+            Some(product) => Ok((product, row)),
+            None => candle_core::bail!("a linear layer without rows"),
+        }
+    }
+}
+
+/// `max(0, norm(W x + b))`.
+#[derive(Clone, Debug)]
+pub struct Mlp {
+    linear: Linear,
+    gamma: Tensor,
+    beta: Tensor,
+}
+
+impl Mlp {
+    /// Takes `linear.*` and `layer_norm.*` from the scope.
+    pub fn new(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self> {
+        let norm = scope.at("layer_norm");
+        Ok(Self {
+            linear: Linear::new(&scope.at("linear"), inputs, outputs)?,
+            gamma: norm.tensor("weight", &[outputs], Init::Constant(1.0))?,
+            beta: norm.tensor("bias", &[outputs], Init::Constant(0.0))?,
+        })
+    }
+
+    // Stacked each time: a copy kept from the start would miss every step of training.
+    fn finish(&self, product: &Tensor, row: &Tensor) -> Result<Tensor> {
+        norm_relu(product, row, &Tensor::stack(&[&self.gamma, &self.beta], 0)?)
+    }
+
+    /// *Shapes*: `x` (n, inputs); result (n, outputs).
+    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        self.finish(&x.matmul(&self.linear.weight.t()?)?, &self.linear.bias)
+    }
+
+    /// As [`Linear::forward_parts`].
+    pub fn forward_parts(&self, shared: &[&Tensor], rows: &[&Tensor]) -> Result<Tensor> {
+        let (product, row) = self.linear.parts(shared, rows)?;
+        self.finish(&product, &row)
+    }
+
+    /// The same for rows (n, a) with one shared row (1, b) behind them along the inputs.
+    pub fn forward_rows_then(&self, rows: &Tensor, shared: &Tensor) -> Result<Tensor> {
+        let [a, b] = [rows.dim(1)?, shared.dim(1)?];
+        let weight = &self.linear.weight;
+        let product = rows.matmul(&weight.narrow(1, 0, a)?.t()?)?;
+        let row = (self.linear.bias.unsqueeze(0)? + shared.matmul(&weight.narrow(1, a, b)?.t()?)?)?;
+        self.finish(&product, &row)
+    }
+}
+
+/// One head of attention: `softmax(q kᵀ / √d) v`, without output projection.
+#[derive(Clone, Debug)]
+pub struct Attention {
+    query: Linear,
+    key: Linear,
+    value: Linear,
+    has_key_bias: bool,
+}
+
+/// Keys and values of one set of states, ready for any number of queries.
+#[derive(Clone, Debug)]
+pub struct Memory {
+    /// (d, m).
+    keys: Tensor,
+    /// (m, d).
+    values: Tensor,
+}
+
+impl Attention {
+    /// Attention among states. It takes `query`, `key` and `value` from the scope; `key.bias` is in
+    /// the published parameters and is not used.
+    pub fn among(scope: &Scope, inputs: usize, width: usize) -> Result<Self> {
+        Self::new(scope, inputs, width, false)
+    }
+
+    /// Attention of queries to other states. The key bias has no effect on what comes out.
+    pub fn across(scope: &Scope, inputs: usize, width: usize) -> Result<Self> {
+        Self::new(scope, inputs, width, true)
+    }
+
+    fn new(scope: &Scope, inputs: usize, width: usize, has_key_bias: bool) -> Result<Self> {
+        Ok(Self {
+            query: Linear::new(&scope.at("query"), inputs, width)?,
+            key: Linear::new(&scope.at("key"), inputs, width)?,
+            value: Linear::new(&scope.at("value"), inputs, width)?,
+            has_key_bias,
+        })
+    }
+
+    /// Keys and values of states (m, inputs).
+    pub fn remember(&self, states: &Tensor) -> Result<Memory> {
+        let keys = if self.has_key_bias {
+            self.key.forward(states)?
+        } else {
+            states.matmul(&self.key.weight.t()?)?
+        };
+        Ok(Memory { keys: keys.t()?, values: self.value.forward(states)? })
+    }
+
+    /// *Shapes*: `queries` (n, inputs); result (n, width).
+    pub fn recall(&self, queries: &Tensor, memory: &Memory) -> Result<Tensor> {
+        let q = self.query.forward(queries)?;
+        let scale = 1.0 / (q.dim(1)? as f64).sqrt();
+        softmax(&q.matmul(&memory.keys)?, scale)?.matmul(&memory.values)
+    }
+
+    /// *Shapes*: `queries` (n, inputs), `states` (m, inputs); result (n, width).
+    pub fn forward(&self, queries: &Tensor, states: &Tensor) -> Result<Tensor> {
+        self.recall(queries, &self.remember(states)?)
+    }
+}
+
+/// `W [x ; mlp(x)] + b`.
+#[derive(Clone, Debug)]
+pub struct ResCat {
+    mlp: Mlp,
+    fc: Linear,
+}
+
+impl ResCat {
+    /// Takes `mlp.*` and `fc.*` from the scope.
+    pub fn new(scope: &Scope, inputs: usize, hidden: usize, outputs: usize) -> Result<Self> {
+        Ok(Self {
+            mlp: Mlp::new(&scope.at("mlp"), inputs, hidden)?,
+            fc: Linear::new(&scope.at("fc"), inputs + hidden, outputs)?,
+        })
+    }
+
+    /// *Shapes*: as [`Linear::forward_parts`]; result (n, outputs).
+    pub fn forward_parts(&self, shared: &[&Tensor], rows: &[&Tensor]) -> Result<Tensor> {
+        let hidden = self.mlp.forward_parts(shared, rows)?;
+        let rows: Vec<&Tensor> = rows.iter().copied().chain([&hidden]).collect();
+        self.fc.forward_parts(shared, &rows)
+    }
+}

@@ -1,0 +1,144 @@
+//! `max(0, γ · norm(x + b) + β)` in one pass: the bias, the layer norm and the ReLU after a product.
+
+use candle_core::{backend::BackendStorage as _, CpuStorage, CustomOp3, Layout, Result, Shape, Tensor};
+
+use super::real::{BlockSums, Real, by_dtype, slice, sum, with_slice};
+
+/// Added to the variance.
+const EPSILON: f64 = 1e-5;
+
+struct NormRelu;
+
+/// `max(0, γ · (z − mean z) / √(var z + 1e-5) + β)` with `z = x + bias`, row by row; the variance is
+/// the biased one.
+///
+/// *Shapes*: `x` (n, d), `bias` (d) or (1, d), `scale` (2, d) = γ over β; result (n, d).
+pub fn norm_relu(x: &Tensor, bias: &Tensor, scale: &Tensor) -> Result<Tensor> {
+    x.contiguous()?.apply_op3(&bias.contiguous()?, &scale.contiguous()?, NormRelu)
+}
+
+/// Mean and 1/√(variance + ε) of `z`.
+#[inline(always)]
+fn moments<T: Real>(z: &[T], squares: &mut [T]) -> (T, T) {
+    let n = T::from_f64(z.len() as f64);
+    let mean = sum(z) / n;
+    for (square, z) in squares.iter_mut().zip(z) {
+        let d = *z - mean;
+        *square = d * d;
+    }
+    let variance = sum(squares) / n;
+    (mean, T::one() / (variance + T::from_f64(EPSILON)).root())
+}
+
+fn forward<T: Real>(x: &[T], bias: &[T], scale: &[T]) -> Vec<T> {
+    let d = bias.len();
+    let (gamma, beta) = scale.split_at(d);
+    let mut out = vec![T::zero(); x.len()];
+    let mut squares = vec![T::zero(); d];
+    for (x, y) in x.chunks_exact(d).zip(out.chunks_exact_mut(d)) {
+        for ((y, x), b) in y.iter_mut().zip(x).zip(bias) {
+            *y = *x + *b;
+        }
+        let (mean, inverse) = moments(y, &mut squares);
+        for ((y, gamma), beta) in y.iter_mut().zip(gamma).zip(beta) {
+            *y = ((*y - mean) * inverse * *gamma + *beta).larger(T::zero());
+        }
+    }
+    out
+}
+
+/// Gradients with respect to x, bias and scale.
+fn backward<T: Real>(x: &[T], bias: &[T], scale: &[T], y: &[T], dy: &[T]) -> [Vec<T>; 3] {
+    let d = bias.len();
+    let gamma = &scale[..d];
+    let mut dx = vec![T::zero(); x.len()];
+    let mut sums = BlockSums::new(3 * d);
+    let [mut unit, mut through, mut work] = [(); 3].map(|()| vec![T::zero(); d]);
+    let share = T::one() / T::from_f64(d as f64);
+    let rows = x.chunks_exact(d).zip(y.chunks_exact(d)).zip(dy.chunks_exact(d)).zip(dx.chunks_exact_mut(d));
+    for (((x, y), dy), dx) in rows {
+        for ((unit, x), b) in unit.iter_mut().zip(x).zip(bias) {
+            *unit = *x + *b;
+        }
+        let (mean, inverse) = moments(&unit, &mut work);
+        for unit in &mut unit {
+            *unit = (*unit - mean) * inverse;
+        }
+        let (dbias, dscale) = sums.next().split_at_mut(d);
+        let (dgamma, dbeta) = dscale.split_at_mut(d);
+        for k in 0..d {
+            let passed = if y[k] > T::zero() { dy[k] } else { T::zero() };
+            dbeta[k] += passed;
+            dgamma[k] += passed * unit[k];
+            through[k] = passed * gamma[k];
+            work[k] = through[k] * unit[k];
+        }
+        let mean_through = sum(&through) * share;
+        let mean_product = sum(&work) * share;
+        for k in 0..d {
+            dx[k] = inverse * (through[k] - mean_through - unit[k] * mean_product);
+            dbias[k] += dx[k];
+        }
+    }
+    let mut dbias = sums.finish();
+    let dscale = dbias.split_off(d);
+    [dx, dbias, dscale]
+}
+
+impl CustomOp3 for NormRelu {
+    fn name(&self) -> &'static str {
+        "norm-relu"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &CpuStorage,
+        x_layout: &Layout,
+        bias: &CpuStorage,
+        bias_layout: &Layout,
+        scale: &CpuStorage,
+        scale_layout: &Layout,
+    ) -> Result<(CpuStorage, Shape)> {
+        let d = bias_layout.shape().elem_count();
+        if x_layout.dims().last() != Some(&d) || scale_layout.shape().elem_count() != 2 * d {
+            candle_core::bail!(
+                "norm-relu of {:?} with bias {:?} and scale {:?}",
+                x_layout.dims(),
+                bias_layout.dims(),
+                scale_layout.dims()
+            );
+        }
+        by_dtype!(x.dtype(), T => {
+            let out = forward::<T>(slice(x, x_layout)?, slice(bias, bias_layout)?, slice(scale, scale_layout)?);
+            Ok((candle_core::WithDType::to_cpu_storage_owned(out), x_layout.shape().clone()))
+        })
+    }
+
+    fn bwd(
+        &self,
+        x: &Tensor,
+        bias: &Tensor,
+        scale: &Tensor,
+        result: &Tensor,
+        gradient: &Tensor,
+    ) -> Result<(Option<Tensor>, Option<Tensor>, Option<Tensor>)> {
+        let gradient = gradient.contiguous()?;
+        by_dtype!(x.dtype(), T => {
+            let [dx, dbias, dscale] = with_slice::<T, _>(x, |x| {
+                with_slice::<T, _>(bias, |bias| {
+                    with_slice::<T, _>(scale, |scale| {
+                        with_slice::<T, _>(result, |y| {
+                            with_slice::<T, _>(&gradient, |dy| backward(x, bias, scale, y, dy))
+                        })
+                    })
+                })
+            })?????;
+            let device = x.device();
+            Ok((
+                Some(Tensor::from_vec(dx, x.shape(), device)?),
+                Some(Tensor::from_vec(dbias, bias.shape(), device)?),
+                Some(Tensor::from_vec(dscale, scale.shape(), device)?),
+            ))
+        })
+    }
+}

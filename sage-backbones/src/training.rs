@@ -1,0 +1,11 @@
+//! Training: what is learned from, the loop, and its state.
+
+mod checkpoint;
+mod pretrain;
+mod samples;
+mod step;
+
+pub use checkpoint::{Checkpoint, EpochRow};
+pub use pretrain::{Observer, PretrainOptions, Pretrained, pretrain};
+pub use samples::{Example, Examples, MOVING, SceneData, recorded};
+pub use step::{Gradient, Trainer};

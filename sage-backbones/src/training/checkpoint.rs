@@ -1,0 +1,104 @@
+//! The state of a training run on disk: enough to go on with the same bits.
+
+use std::path::Path;
+
+use candle_core::{Device, Tensor};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    Error, Parameters,
+    nn::{AdamW, AdamWConfig, Moments},
+    parameters::Header,
+};
+
+/// What one epoch came to.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct EpochRow {
+    /// Number of the epoch, from 1.
+    pub epoch: u32,
+    /// Steps made so far.
+    pub steps: u64,
+    /// Mean training loss over goals.
+    pub goal: f64,
+    /// Mean training loss over paths.
+    pub path: f64,
+    /// Mean length of the gradient before clipping.
+    pub gradient: f64,
+    /// Share of samples whose gradient was clipped.
+    pub rate: f64,
+    /// Validation: mean least end distance of six suppressed goals, agents of interest, metres.
+    pub min_fde6: f64,
+    /// Validation: mean −log p of the goal nearest to the truth.
+    pub surprise: f64,
+    /// Seconds it took.
+    pub seconds: f64,
+}
+
+/// State after an epoch.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Checkpoint {
+    /// What the run was asked to do; a run goes on only if it is the same.
+    pub identity: serde_json::Value,
+    /// Rows so far.
+    pub rows: Vec<EpochRow>,
+    /// Epoch of the best validation so far.
+    pub best: u32,
+    /// Steps of the optimiser.
+    pub steps: u64,
+}
+
+const FIRST: &str = "first moment/";
+const SECOND: &str = "second moment/";
+const NOTE: &str = "checkpoint";
+
+impl Checkpoint {
+    /// Writes weights and optimiser as one file.
+    ///
+    /// *Errors*: [`Error::Io`].
+    pub fn save(&self, weights: &Parameters, adam: &AdamW, header: &Header, path: &Path) -> Result<(), Error> {
+        let mut all = weights.clone();
+        for (name, moments) in &adam.moments {
+            for (kind, values) in [(FIRST, &moments.first), (SECOND, &moments.second)] {
+                let tensor = Tensor::from_slice(values, values.len(), &Device::Cpu)?;
+                all.insert(format!("{kind}{name}"), tensor);
+            }
+        }
+        let json = serde_json::to_string(self).map_err(|e| Error::Training(e.to_string()))?;
+        let mut header = header.clone();
+        header.notes.insert(NOTE.to_owned(), json);
+        all.save(&header, path)
+    }
+
+    /// Reads what [`Checkpoint::save`] wrote.
+    ///
+    /// *Errors*: [`Error::Io`], [`Error::Format`].
+    pub fn load(path: &Path, config: AdamWConfig) -> Result<(Self, Parameters, AdamW), Error> {
+        let (all, header) = Parameters::load(path)?;
+        let fail = |problem: String| Error::Format { path: path.to_owned(), problem };
+        let json = header.notes.get(NOTE).ok_or_else(|| fail("holds weights but no state of training".to_owned()))?;
+        let state: Self = serde_json::from_str(json).map_err(|e| fail(format!("has a broken state: {e}")))?;
+        let mut weights = Parameters::default();
+        let mut adam = AdamW::new(config);
+        adam.steps = state.steps;
+        for (name, tensor) in all.iter() {
+            let mut moments = |name: &str, set: fn(&mut Moments, Vec<f32>)| -> Result<(), Error> {
+                set(adam.moments.entry(name.to_owned()).or_default(), tensor.to_vec1()?);
+                Ok(())
+            };
+            if let Some(name) = name.strip_prefix(FIRST) {
+                moments(name, |m, values| m.first = values)?;
+            } else if let Some(name) = name.strip_prefix(SECOND) {
+                moments(name, |m, values| m.second = values)?;
+            } else {
+                weights.insert(name, tensor.clone());
+            }
+        }
+        for (name, moments) in &adam.moments {
+            let expected = weights.get(name).map(Tensor::elem_count);
+            if expected != Some(moments.first.len()) || expected != Some(moments.second.len()) {
+                return Err(fail(format!("the moments of tensor `{name}` do not fit it")));
+            }
+        }
+        Ok((state, weights, adam))
+    }
+}

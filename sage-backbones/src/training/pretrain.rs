@@ -1,0 +1,274 @@
+//! Learning the prior from recorded futures.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Instant,
+};
+
+use candle_core::DType;
+use rayon::prelude::*;
+use sage_core::{seed::Rng, statistics};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Checkpoint, EpochRow, Examples, Gradient, SceneData, Trainer,
+    samples::{Example, recorded},
+};
+use crate::{
+    Error, Parameters,
+    backbone::{Backbone, to_world},
+    candidates::{Selection, choose},
+    labels,
+    nn::AdamWConfig,
+    parameters::Header,
+};
+
+/// How a prior is trained.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PretrainOptions {
+    /// Passes over the vehicles that move.
+    pub epochs: u32,
+    /// Vehicles a step.
+    pub batch: usize,
+    /// Largest learning rate.
+    pub rate: f64,
+    /// Share of the steps over which the rate rises to it; then it falls as a cosine.
+    pub warm_up: f64,
+    /// Longest gradient of a step.
+    pub clip: f64,
+    /// Weight decay.
+    pub weight_decay: f64,
+    /// Standing vehicles an epoch, as a share of the moving ones.
+    pub standing: f64,
+    /// Whether left and right change places in every other sample.
+    pub mirror: bool,
+    /// Distance kept by the six goals of validation, metres.
+    pub radius: f32,
+    /// Seed of the order of training.
+    pub seed: u64,
+}
+
+impl Default for PretrainOptions {
+    fn default() -> Self {
+        Self {
+            epochs: 20,
+            batch: 16,
+            rate: 1e-3,
+            warm_up: 0.05,
+            clip: 5.0,
+            weight_decay: 0.01,
+            standing: 0.1,
+            mirror: true,
+            radius: 4.0,
+            seed: 0,
+        }
+    }
+}
+
+/// Hears of progress.
+pub trait Observer {
+    /// After each step: epoch from 1, step in it, steps in it, mean loss of the step.
+    fn step(&mut self, epoch: u32, step: usize, steps: usize, loss: f64);
+    /// After each epoch.
+    fn epoch(&mut self, row: &EpochRow);
+    /// Whether to stop after this step; the last checkpoint stays.
+    fn stops(&self) -> bool {
+        false
+    }
+}
+
+/// What came of it.
+pub struct Pretrained {
+    /// Weights of the epoch with the best validation.
+    pub best: Parameters,
+    /// A row an epoch.
+    pub rows: Vec<EpochRow>,
+    /// Whether it was stopped before its last epoch.
+    pub stopped: bool,
+}
+
+/// Trains a network's prior, keeping its state in a folder after each epoch; goes on where a run of
+/// the same options and data left off there.
+///
+/// The bits of the result depend on network, data and options, not on threads or on interruptions.
+///
+/// *Errors*: [`Error::Training`] if there is nothing to learn from, or for a number that is not
+/// finite, with scene, step and tensor; [`Error::Io`], [`Error::Format`] for the folder.
+pub fn pretrain(
+    network: &dyn Backbone,
+    train: &[SceneData],
+    dev: &[SceneData],
+    options: &PretrainOptions,
+    header: &Header,
+    folder: &Path,
+    observer: &mut dyn Observer,
+) -> Result<Pretrained, Error> {
+    let config = AdamWConfig { weight_decay: options.weight_decay, ..AdamWConfig::default() };
+    let moving = Examples::of(train).filter(|e| e.moves || e.of_interest);
+    let standing = Examples::of(train).filter(|e| !e.moves && !e.of_interest);
+    if moving.list().is_empty() {
+        return Err(Error::Training(format!(
+            "none of {} scenes shows a moving vehicle that is valid at frame 10 and in 30 of the 80 frames after it",
+            train.len()
+        )));
+    }
+    let held_out = Examples::of(dev).filter(|e| (e.moves || e.of_interest) && e.is_whole);
+    let mut run = Run {
+        trainer: Trainer::new(network, |name| network.role(name).is_pretrained(), config)?,
+        options,
+        moving,
+        standing,
+        held_out,
+        state: Checkpoint {
+            identity: serde_json::json!({
+                "backbone": network.name(), "network": network.options(), "options": options, "data": header.data
+            }),
+            rows: Vec::new(),
+            best: 0,
+            steps: 0,
+        },
+    };
+    let last = folder.join("last.safetensors");
+    let best = folder.join("best.safetensors");
+    run.resume(&last, config)?;
+    while (run.state.rows.len() as u32) < options.epochs {
+        let Some(row) = run.epoch(observer)? else {
+            return Ok(Pretrained { best: run.trainer.weights()?, rows: run.state.rows, stopped: true });
+        };
+        let weights = run.trainer.weights()?;
+        let least = run.state.rows.iter().map(|r| r.min_fde6).fold(f64::INFINITY, f64::min);
+        observer.epoch(&row);
+        if !(row.min_fde6 >= least) || run.state.rows.is_empty() {
+            run.state.best = row.epoch;
+            weights.save(header, &best)?;
+        }
+        run.state.rows.push(row);
+        run.state.steps = run.trainer.adam.steps;
+        run.state.save(&weights, &run.trainer.adam, header, &last)?;
+    }
+    let best = Parameters::load(&best)?.0;
+    Ok(Pretrained { best, rows: run.state.rows, stopped: false })
+}
+
+struct Run<'d> {
+    trainer: Trainer,
+    options: &'d PretrainOptions,
+    moving: Examples<'d>,
+    standing: Examples<'d>,
+    held_out: Examples<'d>,
+    state: Checkpoint,
+}
+
+impl Run<'_> {
+    fn resume(&mut self, path: &Path, config: AdamWConfig) -> Result<(), Error> {
+        if !path.exists() {
+            return Ok(());
+        }
+        let (state, weights, adam) = Checkpoint::load(path, config)?;
+        if state.identity != self.state.identity {
+            let problem = "belongs to a run with other options or data; give another folder or remove it";
+            return Err(Error::Format { path: PathBuf::from(path), problem: problem.to_owned() });
+        }
+        self.trainer.set_weights(&weights)?;
+        self.trainer.adam = adam;
+        self.state = state;
+        Ok(())
+    }
+
+    /// One pass over the moving vehicles and some of the standing ones; `None` if it was stopped.
+    fn epoch(&mut self, observer: &mut dyn Observer) -> Result<Option<EpochRow>, Error> {
+        let clock = Instant::now();
+        let number = self.state.rows.len() as u32 + 1;
+        let mut order = self.order(number);
+        let steps = order.len().div_ceil(self.options.batch);
+        let whole = u64::from(self.options.epochs) * steps as u64;
+        let mut sums = [0.0; 3];
+        let mut rate = 0.0;
+        for (k, batch) in order.chunks_mut(self.options.batch).enumerate() {
+            rate = self.options.rate * schedule(self.trainer.adam.steps, whole, self.options.warm_up);
+            let gradients = self.trainer.gradients(batch, |item| self.gradient(item, number, k + 1))?;
+            let length = self.trainer.update(&gradients, rate, self.options.clip)?;
+            let loss: f64 = gradients.iter().map(|g| g.loss).sum();
+            for gradient in &gradients {
+                sums[0] += gradient.parts.iter().find(|p| p.0 == "goal").map_or(0.0, |p| p.1);
+                sums[1] += gradient.parts.iter().find(|p| p.0 == "path").map_or(0.0, |p| p.1);
+            }
+            sums[2] += length;
+            observer.step(number, k + 1, steps, loss / batch.len() as f64);
+            if observer.stops() {
+                return Ok(None);
+            }
+        }
+        let (min_fde6, surprise) = self.validate()?;
+        let items = order.len() as f64;
+        Ok(Some(EpochRow {
+            epoch: number,
+            steps: self.trainer.adam.steps,
+            goal: sums[0] / items,
+            path: sums[1] / items,
+            gradient: sums[2] / steps as f64,
+            rate,
+            min_fde6,
+            surprise,
+            seconds: clock.elapsed().as_secs_f64(),
+        }))
+    }
+
+    /// Examples of an epoch in their order, each with whether it is mirrored and whether it moves.
+    fn order(&self, epoch: u32) -> Vec<(Example, bool)> {
+        let mut rng = Rng::new(self.options.seed, &format!("epoch {epoch}"), "order of training");
+        let mut standing: Vec<Example> = self.standing.list().to_vec();
+        rng.shuffle(&mut standing);
+        standing.truncate((self.moving.list().len() as f64 * self.options.standing) as usize);
+        let mut order: Vec<(Example, bool)> =
+            self.moving.list().iter().copied().chain(standing).map(|e| (e, false)).collect();
+        rng.shuffle(&mut order);
+        for (_, mirrored) in &mut order {
+            *mirrored = self.options.mirror && rng.unit() < 0.5;
+        }
+        order
+    }
+
+    fn gradient(&self, (example, mirrored): &(Example, bool), epoch: u32, step: usize) -> Result<Gradient, Error> {
+        let sample = self.moving.sample(example, self.trainer.network(), *mirrored)?;
+        let loss = self.trainer.network().loss(&sample)?;
+        let data = self.moving.scene(example);
+        let agent = data.scene.tracks[example.track].id.escape_debug();
+        let what = format!("epoch {epoch}, step {step}, scene `{}`, agent `{agent}`", data.name);
+        self.trainer.gradient(&loss, &what)
+    }
+
+    /// Mean least end distance of six goals, and mean surprise, over the held-out examples.
+    fn validate(&self) -> Result<(f64, f64), Error> {
+        let network = self.trainer.frozen()?;
+        let one = |example: &Example| -> Result<(f64, f64), Error> {
+            let sample = self.held_out.sample(example, &*network, false)?;
+            let truth = recorded(&self.held_out.scene(example).scene.tracks[example.track]);
+            let features = sample.features.clone();
+            let encoding = network.encode(Arc::clone(&features))?;
+            let log_probs = network.log_probs(&encoding)?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
+            let ends = network.mode_ends(&encoding)?;
+            let nms = Selection::Nms { radius: self.options.radius };
+            let modes = choose(&log_probs, &ends, 6, nms, &mut Rng::new(0, "", ""));
+            let paths = to_world(&network.trajectories(&encoding, &modes)?, &features)?;
+            let nearest = labels::nearest(&ends, labels::end(&sample.future, &sample.valid).position);
+            let distances = truth.distances(paths.iter().map(|p| p.points()));
+            Ok((distances.min_fde, -f64::from(log_probs[nearest])))
+        };
+        let all: Vec<Result<(f64, f64), Error>> = self.held_out.list().par_iter().with_max_len(1).map(one).collect();
+        let all = all.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let mean = |pick: fn(&(f64, f64)) -> f64| {
+            let values: Vec<f64> = all.iter().map(pick).collect();
+            statistics::mean(&values).unwrap_or(f64::NAN)
+        };
+        Ok((mean(|x| x.0), mean(|x| x.1)))
+    }
+}
+
+/// Share of the largest rate at a step: a linear rise, then a cosine down to nothing.
+fn schedule(step: u64, steps: u64, warm_up: f64) -> f64 {
+    let at = (step + 1) as f64 / (steps + 1) as f64;
+    if at < warm_up { at / warm_up } else { 0.5 + 0.5 * (std::f64::consts::PI * (at - warm_up) / (1.0 - warm_up)).cos() }
+}

@@ -1,0 +1,143 @@
+//! Recorded futures to learn from.
+
+use std::sync::Arc;
+
+use sage_core::{
+    geometry::{Point, distance},
+    motion::{HORIZON, NOW},
+    scene::{Scene, SceneIndex, Track, TrackKind},
+};
+
+use crate::{
+    Error,
+    backbone::{Backbone, Sample},
+    features::Frame,
+    labels,
+    prediction::Recorded,
+};
+
+/// A vehicle that ends nearer than this to where it is now counts as standing, metres.
+pub const MOVING: f64 = 4.0;
+/// Fewest recorded steps of a future to learn from.
+const LEAST: usize = 30;
+
+/// A scene with its search trees.
+pub struct SceneData {
+    /// Name for messages.
+    pub name: String,
+    /// The scene.
+    pub scene: Scene,
+    /// Its index.
+    pub index: SceneIndex,
+}
+
+impl SceneData {
+    /// Indexes a scene.
+    pub fn new(name: impl Into<String>, scene: Scene) -> Self {
+        Self { name: name.into(), index: SceneIndex::new(scene.map.clone()), scene }
+    }
+}
+
+/// One vehicle of one scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Example {
+    /// Index of the scene.
+    pub scene: usize,
+    /// Index of the track.
+    pub track: usize,
+    /// Ego or adversary.
+    pub of_interest: bool,
+    /// Whether it gets anywhere.
+    pub moves: bool,
+    /// Whether it is recorded at the last step.
+    pub is_whole: bool,
+}
+
+/// Vehicles of many scenes whose future is known well enough to learn from.
+pub struct Examples<'d> {
+    scenes: &'d [SceneData],
+    list: Vec<Example>,
+}
+
+impl<'d> Examples<'d> {
+    /// All vehicles that are valid now and in at least 3 s of the future.
+    pub fn of(scenes: &'d [SceneData]) -> Self {
+        let mut list = Vec::new();
+        for (k, SceneData { scene, .. }) in scenes.iter().enumerate() {
+            for (track, recorded) in scene.tracks.iter().enumerate() {
+                if let Some((moves, is_whole)) = usable(recorded) {
+                    let of_interest = track == scene.ego || Some(track) == scene.adversary;
+                    list.push(Example { scene: k, track, of_interest, moves, is_whole });
+                }
+            }
+        }
+        Self { scenes, list }
+    }
+
+    /// Those that a rule accepts.
+    pub fn filter(mut self, accept: impl Fn(&Example) -> bool) -> Self {
+        self.list.retain(accept);
+        self
+    }
+
+    /// The examples.
+    pub fn list(&self) -> &[Example] {
+        &self.list
+    }
+
+    /// The scene of an example.
+    pub fn scene(&self, example: &Example) -> &'d SceneData {
+        &self.scenes[example.scene]
+    }
+
+    /// What a network learns from an example.
+    ///
+    /// *Errors*: those of the network's features.
+    pub fn sample(&self, example: &Example, network: &dyn Backbone, mirrored: bool) -> Result<Sample, Error> {
+        let SceneData { scene, index, .. } = self.scene(example);
+        let track = &scene.tracks[example.track];
+        let frame = Frame::new(track.point(NOW), track.heading[NOW]);
+        let (mut future, valid) = future(track, |p| frame.to_local(p));
+        let end = labels::end(&future, &valid).position;
+        let features = network.labelled_features(scene, index, example.track, frame.to_world(end.map(f64::from)))?;
+        let features = if mirrored {
+            future.iter_mut().for_each(|p| p[1] = -p[1]);
+            features.mirrored()
+        } else {
+            features
+        };
+        Ok(Sample { features: Arc::new(features), future, valid })
+    }
+}
+
+/// The 80 future positions in a frame, and which of them were recorded.
+pub(crate) fn future(track: &Track, local: impl Fn(Point) -> Point) -> (Vec<[f32; 2]>, Vec<bool>) {
+    let frames = NOW + 1..=NOW + HORIZON;
+    let valid: Vec<bool> = frames.clone().map(|f| track.is_valid(f)).collect();
+    let place = |f: usize| if track.is_valid(f) { local(track.point(f)).map(|x| x as f32) } else { [0.0; 2] };
+    (frames.map(place).collect(), valid)
+}
+
+/// Whether a track moves and is whole, if it can be learned from at all.
+fn usable(track: &Track) -> Option<(bool, bool)> {
+    if track.kind != TrackKind::Vehicle || !track.is_valid(NOW) {
+        return None;
+    }
+    let future = NOW + 1..NOW + HORIZON + 1;
+    if track.count_valid(future.clone()) < LEAST {
+        return None;
+    }
+    let last = future.rev().find(|f| track.is_valid(*f))?;
+    let moves = distance(track.point(NOW), track.point(last)) > MOVING;
+    Some((moves, last == NOW + HORIZON))
+}
+
+/// A track's future in the world, for measures.
+pub fn recorded(track: &Track) -> Recorded {
+    let (positions, valid): (Vec<Point>, Vec<bool>) = (NOW + 1..=NOW + HORIZON)
+        .map(|f| if track.is_valid(f) { (track.point(f), true) } else { ([0.0; 2], false) })
+        .unzip();
+    let last = (NOW..=NOW + HORIZON).rev().find(|f| track.is_valid(*f)).unwrap_or(NOW);
+    let [vx, vy] = track.velocity[NOW];
+    Recorded { positions, valid, heading: track.heading[last], speed: vx.hypot(vy) }
+}

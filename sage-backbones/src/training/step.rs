@@ -1,0 +1,144 @@
+//! One step of training: gradients of a batch, in parallel and in a fixed order, and the update.
+
+use candle_core::{Tensor, Var};
+use rayon::prelude::*;
+
+use crate::{
+    Error,
+    backbone::{Backbone, Loss},
+    nn::{AdamW, AdamWConfig},
+    parameters::{Parameters, Variables},
+};
+
+/// A network in training.
+pub struct Trainer {
+    network: Box<dyn Backbone>,
+    variables: Variables,
+    /// The optimiser's state.
+    pub adam: AdamW,
+}
+
+/// Gradient of one item: one list of numbers a variable, in the order of the names.
+pub struct Gradient {
+    /// Loss and its parts.
+    pub loss: f64,
+    /// Parts of the loss.
+    pub parts: Vec<(&'static str, f64)>,
+    values: Vec<Vec<f32>>,
+}
+
+impl Trainer {
+    /// Training of those parameters of a network that `trained` accepts.
+    ///
+    /// *Errors*: none on a CPU.
+    pub fn new(
+        network: &dyn Backbone,
+        trained: impl Fn(&str) -> bool,
+        config: AdamWConfig,
+    ) -> Result<Self, Error> {
+        let (parameters, variables) = network.parameters().variables(trained)?;
+        Ok(Self { network: network.rebuilt(parameters)?, variables, adam: AdamW::new(config) })
+    }
+
+    /// The network, whose results carry gradients.
+    pub fn network(&self) -> &dyn Backbone {
+        &*self.network
+    }
+
+    /// A network over the present weights that carries none; it follows further steps.
+    ///
+    /// *Errors*: none on a CPU.
+    pub fn frozen(&self) -> Result<Box<dyn Backbone>, Error> {
+        self.network.rebuilt(self.network.parameters().detached())
+    }
+
+    /// A copy of the present weights.
+    ///
+    /// *Errors*: none on a CPU.
+    pub fn weights(&self) -> Result<Parameters, Error> {
+        let copy = |(name, tensor): (&str, &Tensor)| Ok((name.to_owned(), tensor.detach().copy()?));
+        self.network.parameters().iter().map(copy).collect()
+    }
+
+    /// Sets the trained parameters to given weights.
+    ///
+    /// *Errors*: a name that is missing or a shape that differs.
+    pub fn set_weights(&self, weights: &Parameters) -> Result<(), Error> {
+        for (name, variable) in self.variables.iter() {
+            match weights.get(name) {
+                Some(tensor) => variable.set(&tensor.copy()?)?,
+                None => return Err(Error::Training(format!("the checkpoint has no tensor `{name}`"))),
+            }
+        }
+        Ok(())
+    }
+
+    /// The variables.
+    pub fn variables(&self) -> &Variables {
+        &self.variables
+    }
+
+    /// Loss and gradient of one item. `what` names it, should a number not be finite.
+    ///
+    /// *Errors*: [`Error::Training`] for a loss or gradient that is not finite, with its tensor.
+    pub fn gradient(&self, loss: &Loss, what: &str) -> Result<Gradient, Error> {
+        for (name, value) in &loss.parts {
+            if !value.is_finite() {
+                return Err(Error::Training(format!("{what}: the loss `{name}` is {value}")));
+            }
+        }
+        let store = loss.total.backward()?;
+        let numbers = |(name, variable): (&str, &Var)| -> Result<Vec<f32>, Error> {
+            let Some(gradient) = store.get(variable) else { return Ok(vec![0.0; variable.elem_count()]) };
+            let values = gradient.flatten_all()?.to_vec1::<f32>()?;
+            match values.iter().find(|x| !x.is_finite()) {
+                Some(bad) => Err(Error::Training(format!("{what}: the gradient of `{name}` holds {bad}"))),
+                None => Ok(values),
+            }
+        };
+        let values = self.variables.iter().map(numbers).collect::<Result<_, _>>()?;
+        Ok(Gradient { loss: loss.parts.iter().map(|part| part.1).sum(), parts: loss.parts.clone(), values })
+    }
+
+    /// Gradients of many items on all threads, in the order of the items.
+    ///
+    /// *Errors*: the first item's, in their order, that fails.
+    pub fn gradients<I: Sync>(
+        &self,
+        items: &[I],
+        gradient: impl Fn(&I) -> Result<Gradient, Error> + Send + Sync,
+    ) -> Result<Vec<Gradient>, Error> {
+        let all: Vec<Result<Gradient, Error>> = items.par_iter().with_max_len(1).map(gradient).collect();
+        all.into_iter().collect()
+    }
+
+    /// Moves the weights along the mean gradient, shortened to `clip`; returns its length before.
+    ///
+    /// *Errors*: none on a CPU.
+    pub fn update(&mut self, gradients: &[Gradient], rate: f64, clip: f64) -> Result<f64, Error> {
+        let share = 1.0 / gradients.len().max(1) as f32;
+        let count = self.variables.len();
+        let mean = |k: usize| {
+            let mut sum = gradients[0].values[k].clone();
+            for gradient in &gradients[1..] {
+                for (total, x) in sum.iter_mut().zip(&gradient.values[k]) {
+                    *total += x;
+                }
+            }
+            sum.iter_mut().for_each(|x| *x *= share);
+            sum
+        };
+        let means: Vec<Vec<f32>> = if gradients.is_empty() { vec![] } else { (0..count).map(mean).collect() };
+        let squares = means.iter().flatten().map(|x| f64::from(*x) * f64::from(*x));
+        let length = squares.sum::<f64>().sqrt();
+        let factor = if length > clip { (clip / length) as f32 } else { 1.0 };
+        self.adam.begin_step();
+        for ((name, variable), mut gradient) in self.variables.iter().zip(means) {
+            gradient.iter_mut().for_each(|x| *x *= factor);
+            let mut values = variable.as_detached_tensor().flatten_all()?.to_vec1::<f32>()?;
+            self.adam.update(name, &mut values, &gradient, rate);
+            variable.set(&Tensor::from_vec(values, variable.shape(), variable.device())?)?;
+        }
+        Ok(length)
+    }
+}

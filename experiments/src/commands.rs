@@ -1,5 +1,6 @@
 //! One file a command; each takes plain values and writes to stdout.
 
+pub(crate) mod bench_prediction;
 pub(crate) mod bench_speed;
 pub(crate) mod completions;
 pub(crate) mod convert;
@@ -7,5 +8,7 @@ pub(crate) mod demo;
 pub(crate) mod draw;
 pub(crate) mod inspect;
 pub(crate) mod list;
+pub(crate) mod predict;
+pub(crate) mod pretrain;
 pub(crate) mod scenes;
 pub(crate) mod score;

@@ -18,13 +18,17 @@ mod candidates;
 mod cli;
 mod commands;
 pub mod drawing;
+mod networks;
 mod output;
 mod progress;
+mod scenes;
+mod threads;
 
 use std::{io, process::ExitCode};
 
 use anyhow::Result;
 use clap::Parser;
+use sage_backbones::{Backbone, backbones};
 use sage_core::{
     Error,
     objective::{self, Feasibility, Reward},
@@ -39,6 +43,8 @@ pub struct Registries {
     pub rewards: Registry<dyn Reward>,
     /// Feasibility rules.
     pub feasibilities: Registry<dyn Feasibility>,
+    /// Motion prediction networks.
+    pub backbones: Registry<dyn Backbone>,
 }
 
 impl Registries {
@@ -46,7 +52,11 @@ impl Registries {
     ///
     /// *Errors*: [`Error::Duplicate`] if two of a kind bear one name.
     pub fn shipped() -> Result<Self, Error> {
-        Ok(Self { rewards: objective::rewards()?, feasibilities: objective::feasibilities()? })
+        Ok(Self {
+            rewards: objective::rewards()?,
+            feasibilities: objective::feasibilities()?,
+            backbones: backbones()?,
+        })
     }
 }
 
@@ -62,6 +72,9 @@ pub enum Outcome {
 /// Runs the command line of this process: 0 done, 1 failed, 2 bad use.
 pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
     let cli = Cli::parse();
+    if let Some(code) = cli.needs_networks().then(threads::run_anew).flatten() {
+        return code;
+    }
     let outcome = registries().map_err(anyhow::Error::from).and_then(|registries| cli.execute(&registries));
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -15,7 +15,9 @@ use crate::{
     Error, Parameters,
     densetnt::{Cat, DenseTnt},
     features::{Features, Table},
+    lane_graph::LaneGraph,
     parameters::Wanted,
+    query_transformer::QueryTransformer,
 };
 
 /// What a parameter is for.
@@ -134,7 +136,7 @@ pub trait Backbone: Send + Sync {
 ///
 /// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
 pub fn backbones() -> Result<Registry<dyn Backbone>, sage_core::Error> {
-    Registry::new("backbone").with::<DenseTnt>()?.with::<Cat>()
+    Registry::new("backbone").with::<DenseTnt>()?.with::<QueryTransformer>()?.with::<LaneGraph>()?.with::<Cat>()
 }
 
 /// What a network keeps of one target's surroundings.

@@ -4,8 +4,6 @@
 //! of the network and ours are the same parts in two arrangements ([`Shape`]); `docs/backbones.md`
 //! says what differs and why.
 
-mod ego_branch;
-mod encoder;
 mod head;
 mod scorer;
 
@@ -23,12 +21,12 @@ use serde_json::Value;
 use crate::{
     Error, Parameters,
     backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
+    encoder::Encoder,
     features::{Features, GOAL_COLUMNS, VECTOR_COLUMNS, cat},
     labels,
     nn::log_softmax,
     parameters::{Scope, Wanted},
 };
-use encoder::Encoder;
 use head::Head;
 use scorer::Scorer;
 
@@ -152,7 +150,7 @@ struct Parts {
 impl Parts {
     fn new(scope: &Scope, shape: &Shape) -> candle_core::Result<Self> {
         Ok(Self {
-            encoder: Encoder::new(scope, shape)?,
+            encoder: Encoder::new(scope, shape.vector_columns, shape.hidden, shape.rounds)?,
             scorer: Scorer::new(&scope.at("decoder"), shape)?,
             head: Head::new(&scope.at("decoder"), shape)?,
         })

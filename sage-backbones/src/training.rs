@@ -7,5 +7,5 @@ mod step;
 
 pub use checkpoint::{Checkpoint, EpochRow};
 pub use pretrain::{Observer, PretrainOptions, Pretrained, pretrain};
-pub use samples::{Example, Examples, MOVING, SceneData, recorded};
+pub use samples::{Example, Examples, MOVING, SceneData, recorded, recorded_sample};
 pub use step::{Gradient, Trainer};

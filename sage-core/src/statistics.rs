@@ -43,6 +43,24 @@ pub fn bootstrap_mean(values: &[f64], resamples: usize, rng: &mut Rng) -> Option
     Some(Estimate { value, low: quantile(&means, 0.025)?, high: quantile(&means, 0.975)?, n })
 }
 
+/// Mean of all values with a 95 % percentile-bootstrap interval over groups, such as the agents of a
+/// scene, whose values are not independent; `None` of no values.
+pub fn bootstrap_grouped(groups: &[Vec<f64>], resamples: usize, rng: &mut Rng) -> Option<Estimate> {
+    let sums: Vec<(f64, usize)> =
+        groups.iter().filter(|g| !g.is_empty()).map(|g| (g.iter().sum(), g.len())).collect();
+    let mean = |parts: &mut dyn Iterator<Item = (f64, usize)>| {
+        let (sum, count) = parts.fold((0.0, 0), |all, part| (all.0 + part.0, all.1 + part.1));
+        (sum / count as f64, count)
+    };
+    if sums.is_empty() {
+        return None;
+    }
+    let (value, n) = mean(&mut sums.iter().copied());
+    let resample = |_| mean(&mut (0..sums.len()).map(|_| sums[rng.below(sums.len())])).0;
+    let means: Vec<f64> = (0..resamples.max(1)).map(resample).collect();
+    Some(Estimate { value, low: quantile(&means, 0.025)?, high: quantile(&means, 0.975)?, n })
+}
+
 /// Share with Wilson's 95 % interval; `None` of no trials.
 pub fn wilson(successes: usize, trials: usize) -> Option<Estimate> {
     /// 97.5 % quantile of the normal distribution.

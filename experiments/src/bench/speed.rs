@@ -23,6 +23,8 @@ use sage_core::{
 use sage_data::{Recording, checks::Summary, folder, pickle::Document};
 use serde::Serialize;
 
+use super::network_speed;
+
 /// Candidates scored together, as everywhere.
 pub const CANDIDATES: usize = 32;
 /// Scenes whose median is reported.
@@ -147,6 +149,8 @@ pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Res
     report(timing("every measure of `score`, 32 candidates, median of scenes", full, None))?;
     report(timing("summary and warnings of a scene, median of scenes", inspecting, None))?;
 
+    network_speed::run(files, repeat, &mut report)?;
+
     if files.len() > 1 {
         let start = Instant::now();
         let mut tracks = 0;
@@ -208,13 +212,13 @@ fn spread(files: &[PathBuf], n: usize) -> Vec<PathBuf> {
 }
 
 /// Times of repeated runs, milliseconds; what a run makes is dropped after its clock has stopped.
-fn measure<T>(repeat: usize, mut run: impl FnMut() -> (std::time::Duration, T)) -> Vec<f64> {
+pub(super) fn measure<T>(repeat: usize, mut run: impl FnMut() -> (std::time::Duration, T)) -> Vec<f64> {
     // One run to warm up caches.
     run();
     (0..repeat.max(1)).map(|_| run().0.as_secs_f64() * 1e3).collect()
 }
 
-fn timing(name: &'static str, times: Vec<f64>, target_ms: Option<f64>) -> Timing {
+pub(super) fn timing(name: &'static str, times: Vec<f64>, target_ms: Option<f64>) -> Timing {
     let at = |share| quantile(&times, share).unwrap_or(f64::NAN);
     Timing { name, n: times.len(), median_ms: at(0.5), min_ms: at(0.0), p90_ms: at(0.9), target_ms }
 }

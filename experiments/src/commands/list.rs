@@ -12,6 +12,7 @@ pub(crate) fn run(registries: &Registries, as_json: bool) -> Result<Outcome> {
     let mut out = std::io::stdout().lock();
     print(&mut out, &registries.rewards, as_json)?;
     print(&mut out, &registries.feasibilities, as_json)?;
+    print(&mut out, &registries.backbones, as_json)?;
     Ok(Outcome::Done)
 }
 

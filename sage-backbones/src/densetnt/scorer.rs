@@ -2,8 +2,9 @@
 
 use candle_core::{Result, Tensor};
 
-use super::{Shape, ego_branch::EgoBranch};
+use super::Shape;
 use crate::{
+    ego_branch::EgoBranch,
     nn::{Attention, Mlp, ResCat},
     parameters::Scope,
 };

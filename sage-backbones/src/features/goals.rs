@@ -25,6 +25,10 @@ const FASTEST: f64 = 32.0;
 #[derive(Clone, Copy, Debug)]
 #[repr(usize)]
 pub enum GoalColumn {
+    /// Acceleration that leads there straight on, units of 2 m/s².
+    StraightAcceleration = 5,
+    /// Acceleration across on the circle that leads there, units of 4 m/s².
+    LateralAcceleration = 10,
     /// 1 on a motor lane.
     OnLane = 11,
     /// Direction of the lane, x.
@@ -37,6 +41,12 @@ pub enum GoalColumn {
     RouteAcceleration = 18,
     /// Lane changes on the way, units of 2.
     Changes = 19,
+    /// Distance left of the lane's middle, units of 2 m.
+    LaneOffset = 20,
+    /// 1 if a red or yellow light lies on the way.
+    RedLight = 21,
+    /// How far beyond its stop line, units of 10 m.
+    BeyondStop = 22,
 }
 
 /// Columns whose sign changes when left and right change places.

@@ -61,7 +61,7 @@ impl Default for PretrainOptions {
             weight_decay: 0.01,
             standing: 0.1,
             mirror: true,
-            radius: 4.0,
+            radius: 7.0,
             seed: 0,
         }
     }
@@ -69,6 +69,8 @@ impl Default for PretrainOptions {
 
 /// Hears of progress.
 pub trait Observer {
+    /// Before the first step, if earlier epochs were found.
+    fn resumed(&mut self, _rows: &[EpochRow]) {}
     /// After each step: epoch from 1, step in it, steps in it, mean loss of the step.
     fn step(&mut self, epoch: u32, step: usize, steps: usize, loss: f64);
     /// After each epoch.
@@ -89,8 +91,10 @@ pub struct Pretrained {
     pub stopped: bool,
 }
 
-/// Trains a network's prior, keeping its state in a folder after each epoch; goes on where a run of
-/// the same options and data left off there.
+/// Trains a network's prior; goes on where a run of the same options and data left off.
+///
+/// After each epoch the folder holds the best weights so far (`prior.safetensors`) and the state of
+/// training (`last.safetensors`).
 ///
 /// The bits of the result depend on network, data and options, not on threads or on interruptions.
 ///
@@ -131,8 +135,11 @@ pub fn pretrain(
         },
     };
     let last = folder.join("last.safetensors");
-    let best = folder.join("best.safetensors");
+    let best = folder.join("prior.safetensors");
     run.resume(&last, config)?;
+    if !run.state.rows.is_empty() {
+        observer.resumed(&run.state.rows);
+    }
     while (run.state.rows.len() as u32) < options.epochs {
         let Some(row) = run.epoch(observer)? else {
             return Ok(Pretrained { best: run.trainer.weights()?, rows: run.state.rows, stopped: true });

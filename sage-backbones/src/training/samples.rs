@@ -94,20 +94,28 @@ impl<'d> Examples<'d> {
     ///
     /// *Errors*: those of the network's features.
     pub fn sample(&self, example: &Example, network: &dyn Backbone, mirrored: bool) -> Result<Sample, Error> {
-        let SceneData { scene, index, .. } = self.scene(example);
-        let track = &scene.tracks[example.track];
-        let frame = Frame::new(track.point(NOW), track.heading[NOW]);
-        let (mut future, valid) = future(track, |p| frame.to_local(p));
-        let end = labels::end(&future, &valid).position;
-        let features = network.labelled_features(scene, index, example.track, frame.to_world(end.map(f64::from)))?;
-        let features = if mirrored {
-            future.iter_mut().for_each(|p| p[1] = -p[1]);
-            features.mirrored()
-        } else {
-            features
-        };
-        Ok(Sample { features: Arc::new(features), future, valid })
+        let mut sample = recorded_sample(self.scene(example), example.track, network)?;
+        if mirrored {
+            sample.future.iter_mut().for_each(|p| p[1] = -p[1]);
+            sample.features = Arc::new(sample.features.mirrored());
+        }
+        Ok(sample)
     }
+}
+
+/// What a network learns from one track of a scene, which must be valid *now*.
+///
+/// *Errors*: those of the network's features.
+pub fn recorded_sample(data: &SceneData, track: usize, network: &dyn Backbone) -> Result<Sample, Error> {
+    let SceneData { scene, index, .. } = data;
+    let recorded = &scene.tracks[track];
+    let frame = Frame::new(recorded.point(NOW), recorded.heading[NOW]);
+    let (seen, valid) = future(recorded, |p| frame.to_local(p));
+    let end = frame.to_world(labels::end(&seen, &valid).position.map(f64::from));
+    let features = network.labelled_features(scene, index, track, end)?;
+    // Networks may look from frames of their own.
+    let (future, _) = future(recorded, |p| features.frame.to_local(p));
+    Ok(Sample { features: Arc::new(features), future, valid })
 }
 
 /// The 80 future positions in a frame, and which of them were recorded.

@@ -2,7 +2,6 @@
 
 use candle_core::{Result, Tensor};
 
-use super::Shape;
 use crate::{
     nn::{Attention, Groups, Linear, Mlp, max_of_others, max_of_rows},
     parameters::Scope,
@@ -11,7 +10,7 @@ use crate::{
 /// Layers of the polyline encoder.
 const LAYERS: usize = 3;
 
-pub(super) struct Encoder {
+pub(crate) struct Encoder {
     polyline: Vec<Mlp>,
     mixing: Mixing,
 }
@@ -34,7 +33,7 @@ struct Round {
 }
 
 /// What the encoder gives.
-pub(super) struct Encoded {
+pub(crate) struct Encoded {
     /// States after the polyline encoder (P, hidden).
     pub polylines: Tensor,
     /// States that goals look at (P, hidden).
@@ -46,12 +45,12 @@ pub(super) struct Encoded {
 }
 
 impl Encoder {
-    pub(super) fn new(scope: &Scope, shape: &Shape) -> Result<Self> {
-        let width = shape.hidden;
+    /// Rows of `columns` numbers to states of `width`, mixed in `rounds` of attention, or as published.
+    pub(crate) fn new(scope: &Scope, columns: usize, width: usize, rounds: Option<usize>) -> Result<Self> {
         let layers = scope.at("sub_graph").at("layers");
-        let inputs = |layer| if layer == 0 { shape.vector_columns } else { width };
+        let inputs = |layer| if layer == 0 { columns } else { width };
         let polyline = (0..LAYERS).map(|l| Mlp::new(&layers.at(l), inputs(l), width / 2)).collect::<Result<_>>()?;
-        let mixing = match shape.rounds {
+        let mixing = match rounds {
             None => Mixing::Published(Box::new(Published::new(scope, width)?)),
             Some(rounds) => {
                 let round = |k| Round::new(&scope.at("rounds").at(k), width);
@@ -62,7 +61,7 @@ impl Encoder {
     }
 
     /// `padding_keys` rows of zeros are attended beside the states, as in a padded batch.
-    pub(super) fn forward(
+    pub(crate) fn forward(
         &self,
         vectors: &Tensor,
         groups: &Groups,

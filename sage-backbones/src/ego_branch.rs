@@ -20,14 +20,14 @@ const COLUMNS: usize = 2 * TIMES + 6;
 /// Width of its layers.
 const WIDTH: usize = 32;
 
-pub(super) struct EgoBranch {
+pub(crate) struct EgoBranch {
     first: Mlp,
     second: Mlp,
     last: Linear,
 }
 
 impl EgoBranch {
-    pub(super) fn new(scope: &Scope) -> Result<Self> {
+    pub(crate) fn new(scope: &Scope) -> Result<Self> {
         Ok(Self {
             first: Mlp::new(&scope.at("first"), COLUMNS, WIDTH)?,
             second: Mlp::new(&scope.at("second"), WIDTH, WIDTH)?,
@@ -36,7 +36,7 @@ impl EgoBranch {
     }
 
     /// Whether it gives zero whatever it sees: nothing to compute then, unless it is in training.
-    pub(super) fn is_silent(&self) -> Result<bool> {
+    pub(crate) fn is_silent(&self) -> Result<bool> {
         let zero = |tensor: &Tensor| -> Result<bool> {
             let numbers = tensor.flatten_all()?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
             Ok(!tensor.is_variable() && numbers.iter().all(|x| *x == 0.0))
@@ -47,7 +47,7 @@ impl EgoBranch {
     /// What to add to the scores.
     ///
     /// *Shapes*: `paths` (n, 80, 2), target frame; result (n).
-    pub(super) fn forward(&self, paths: &Tensor, ego: &EgoState, speed: f32) -> Result<Tensor> {
+    pub(crate) fn forward(&self, paths: &Tensor, ego: &EgoState, speed: f32) -> Result<Tensor> {
         let dtype = paths.dtype();
         let n = paths.dim(0)?;
         let rows = describe(&paths.to_dtype(DType::F32)?.flatten_all()?.to_vec1()?, ego, speed);

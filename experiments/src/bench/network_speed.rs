@@ -1,0 +1,138 @@
+//! Times of the networks: looking around, predicting, and a step of training.
+
+use std::{hint::black_box, path::PathBuf, sync::Arc, time::Instant};
+
+use anyhow::{Context as _, Result};
+use rayon::prelude::*;
+use sage_backbones::{
+    Backbone, backbones,
+    candidates::Selection,
+    features::Features,
+    nn::AdamWConfig,
+    prediction::predict,
+    training::{Examples, SceneData, Trainer, recorded_sample},
+};
+use sage_core::{seed::Rng, statistics::median};
+use sage_data::Recording;
+
+use super::speed::{CANDIDATES, Timing, measure, timing};
+
+/// Goals that published times are of.
+const GOALS: usize = 2000;
+/// Scenes that published times are of.
+const PUBLISHED: [&str; 3] = ["0", "5", "18"];
+/// Predictions that are spread over threads.
+const BATCH: usize = 32;
+
+/// One scene with its adversary as the target.
+struct Case {
+    data: SceneData,
+    target: usize,
+}
+
+/// Times the default network and the published one.
+///
+/// *Errors*: a scene that cannot be read, or none with an adversary to predict.
+pub fn run(files: &[PathBuf], repeat: usize, mut report: impl FnMut(Timing) -> Result<()>) -> Result<()> {
+    let is_published =
+        |file: &&PathBuf| PUBLISHED.iter().any(|name| file.file_stem().is_some_and(|stem| stem == *name));
+    let mut chosen: Vec<&PathBuf> = files.iter().filter(is_published).collect();
+    if chosen.is_empty() {
+        chosen = files.iter().take(PUBLISHED.len()).collect();
+    }
+    let mut cases = Vec::new();
+    for file in chosen {
+        let data = SceneData::new(file.display().to_string(), Recording::read(file)?.scene);
+        data.index.motor_lanes();
+        let usable = Examples::of(std::slice::from_ref(&data));
+        let target = usable.list().iter().find(|e| Some(e.track) == data.scene.adversary).map(|e| e.track);
+        cases.extend(target.map(|target| Case { data, target }));
+    }
+    let registry = backbones()?;
+    let ours = registry.build_default("densetnt")?;
+    let published = registry.build_default("densetnt-cat")?;
+    cases.first().context("none of the scenes has an adversary to predict")?;
+
+    report(timing(
+        "look around one target, median of scenes",
+        over(&cases, repeat, |case| Ok(ours.features(&case.data.scene, &case.data.index, case.target)?))?,
+        Some(1.0),
+    ))?;
+    report(timing(
+        "predict: 2000 goals scored, 32 decoded, median of scenes",
+        forward(&*ours, &cases, repeat)?,
+        Some(6.0),
+    ))?;
+    report(timing("learn: forward, backward, update, 2000 goals, median of scenes", step(&*ours, &cases, repeat)?, Some(24.0)))?;
+    let second = registry.build_default("query-transformer")?;
+    report(timing("query-transformer: predict, median of scenes", forward(&*second, &cases, repeat)?, None))?;
+    report(timing("densetnt-cat: predict, 2000 goals, median of scenes", forward(&*published, &cases, repeat.div_ceil(4))?, None))?;
+    report(timing("densetnt-cat: learn, 2000 goals, median of scenes", step(&*published, &cases, repeat.div_ceil(4))?, None))?;
+
+    let batch = features(&*ours, &cases[0])?;
+    for (name, threads) in [("32 predictions, one thread", 1), ("32 predictions, two threads", 2)] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        let all = |features: &Arc<Features>| {
+            (0..BATCH).into_par_iter().with_max_len(1).for_each(|_| {
+                let _ = black_box(predict(&*ours, features.clone(), CANDIDATES, Selection::TopK, &mut Rng::new(0, "", "")));
+            });
+        };
+        let times = measure(repeat.div_ceil(5), || {
+            let start = Instant::now();
+            pool.install(|| all(&batch));
+            (start.elapsed(), ())
+        });
+        report(timing(name, times, None))?;
+    }
+    Ok(())
+}
+
+/// Features with exactly [`GOALS`] goals: those there are, over and over.
+fn features(network: &dyn Backbone, case: &Case) -> Result<Arc<Features>> {
+    let features = network.features(&case.data.scene, &case.data.index, case.target)?;
+    let keep: Vec<usize> = (0..features.modes()).cycle().take(GOALS).collect();
+    Ok(Arc::new(features.with_goals(&keep)))
+}
+
+/// The median time of each case, milliseconds.
+fn over<T>(cases: &[Case], repeat: usize, mut run: impl FnMut(&Case) -> Result<T>) -> Result<Vec<f64>> {
+    let mut medians = Vec::new();
+    for case in cases {
+        // The first says whether it works at all.
+        run(case)?;
+        medians.extend(median(&measure(repeat, || {
+            let start = Instant::now();
+            let made = run(case);
+            (start.elapsed(), black_box(made))
+        })));
+    }
+    Ok(medians)
+}
+
+fn forward(network: &dyn Backbone, cases: &[Case], repeat: usize) -> Result<Vec<f64>> {
+    let mut medians = Vec::new();
+    for case in cases {
+        let features = features(network, case)?;
+        medians.extend(over(std::slice::from_ref(case), repeat, |_| {
+            Ok(predict(network, features.clone(), CANDIDATES, Selection::TopK, &mut Rng::new(0, "", ""))?)
+        })?);
+    }
+    Ok(medians)
+}
+
+fn step(network: &dyn Backbone, cases: &[Case], repeat: usize) -> Result<Vec<f64>> {
+    let mut medians = Vec::new();
+    for case in cases {
+        let mut sample = recorded_sample(&case.data, case.target, network)?;
+        let all = Arc::unwrap_or_clone(sample.features);
+        let keep: Vec<usize> = (0..all.modes()).cycle().take(GOALS).collect();
+        sample.features = Arc::new(all.with_goals(&keep));
+        let mut trainer = Trainer::new(network, |name| network.role(name).is_pretrained(), AdamWConfig::default())?;
+        medians.extend(over(std::slice::from_ref(case), repeat, |_| {
+            let loss = trainer.network().loss(&sample)?;
+            let gradient = trainer.gradient(&loss, "bench")?;
+            Ok(trainer.update(&[gradient], 1e-4, 5.0)?)
+        })?);
+    }
+    Ok(medians)
+}

@@ -1,0 +1,89 @@
+//! `sage bench prediction`.
+
+use std::io::Write;
+
+use anyhow::Result;
+use sage_core::statistics::Estimate;
+
+use crate::{
+    Outcome, Registries,
+    bench::prediction::{self, Method, Report},
+    cli::PredictionArgs,
+    networks,
+    progress::Progress,
+    scenes,
+};
+
+pub(crate) fn run(args: &PredictionArgs, registries: &Registries) -> Result<Outcome> {
+    let weights = args.weights.iter().map(|name| networks::load(&registries.backbones, name));
+    let weights = weights.collect::<Result<Vec<_>>>()?;
+    let scenes = scenes::read_all(&args.paths)?;
+    let mut methods = vec![Method::ConstantVelocity];
+    for loaded in &weights {
+        for radius in &args.radius {
+            let name = match args.radius.len() {
+                1 => loaded.name.clone(),
+                _ => format!("{}, {radius} m", loaded.name),
+            };
+            methods.push(Method::Prior { name, network: &*loaded.network, radius: *radius });
+        }
+    }
+    let mut progress = Progress::new("measured", methods.len());
+    let report = prediction::run(&scenes, &methods, |_| progress.step())?;
+    progress.finish(&format!("{} methods on {} scenes", methods.len(), scenes.len()));
+    if args.json { json(&report) } else { table(&report) }?;
+    Ok(Outcome::Done)
+}
+
+fn json(report: &Report) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    for row in &report.rows {
+        serde_json::to_writer(&mut out, row)?;
+        writeln!(out)?;
+    }
+    for row in &report.quality {
+        serde_json::to_writer(&mut out, row)?;
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+fn table(report: &Report) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    let metres = |e: &Estimate| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high);
+    let share = |e: &Estimate| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high);
+    writeln!(out, "| method | agents | motion | N | K | minADE m | minFDE m | miss 2 m | miss WOMD |")?;
+    writeln!(out, "| --- | --- | --- | --- | --- | --- | --- | --- | --- |")?;
+    for row in &report.rows {
+        writeln!(
+            out,
+            "| {} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            row.method,
+            row.agents,
+            row.motion,
+            row.min_fde.n,
+            row.k,
+            metres(&row.min_ade),
+            metres(&row.min_fde),
+            share(&row.miss),
+            share(&row.miss_womd)
+        )?;
+    }
+    if report.quality.is_empty() {
+        return Ok(());
+    }
+    writeln!(out, "\n| method | six ends on lanes | top 32: median P_kin | top 32 feasible | random 32 feasible |")?;
+    writeln!(out, "| --- | --- | --- | --- | --- |")?;
+    for row in &report.quality {
+        writeln!(
+            out,
+            "| {} | {} | {:.3} | {} | {} |",
+            row.method,
+            share(&row.ends_on_lanes),
+            row.median_kinematic,
+            share(&row.feasible),
+            share(&row.feasible_random)
+        )?;
+    }
+    Ok(())
+}

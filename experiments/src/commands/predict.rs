@@ -1,0 +1,104 @@
+//! `sage predict`: what a vehicle may do next.
+
+use std::{io::Write, sync::Arc};
+
+use anyhow::{Context as _, Result};
+use sage_backbones::{
+    candidates::Selection,
+    prediction::{Predicted, predict},
+};
+use sage_core::{
+    geometry::Point,
+    motion::{NOW, Trajectory},
+    scene::{Scene, SceneIndex},
+    seed::Rng,
+};
+use sage_data::Recording;
+use serde::Serialize;
+
+use crate::{
+    Outcome, Registries,
+    cli::{PredictArgs, SelectArg},
+    drawing::{self, DrawnPath, Picture},
+    networks, output, progress,
+};
+
+#[derive(Serialize)]
+struct Row<'p> {
+    rank: usize,
+    log_prob: f32,
+    goal: Point,
+    trajectory: &'p Trajectory,
+}
+
+pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome> {
+    let recording = Recording::read(&args.scene)?;
+    let weights = args.weights.as_deref().unwrap_or_else(|| networks::default_for(&recording.source));
+    let loaded = networks::load(&registries.backbones, weights)?;
+    networks::announce(&loaded);
+    let mut scene = recording.scene;
+    let target = match &args.agent {
+        Some(id) => scene.track_index(id),
+        None => scene.adversary_index(),
+    }
+    .with_context(|| format!("`{}`", args.scene.display()))?;
+    let index = SceneIndex::new(scene.map.clone());
+    let features = loaded.network.features(&scene, &index, target)?;
+    if !features.has_lanes {
+        progress::say("note: no motor lane is within reach of the agent; goals lie on a plain grid");
+    }
+    let selection = match args.select {
+        SelectArg::TopK => Selection::TopK,
+        SelectArg::Gumbel => Selection::Gumbel,
+        SelectArg::Nms => Selection::Nms { radius: args.radius },
+    };
+    let mut rng = Rng::new(args.seed, &scene.id, "prediction");
+    let predicted = predict(&*loaded.network, Arc::new(features), args.k, selection, &mut rng)?;
+    if predicted.len() < args.k {
+        progress::say(&format!("note: the network knows {} futures of this agent", predicted.len()));
+    }
+    if let Some(path) = &args.out {
+        scene.adversary = Some(target).filter(|t| *t != scene.ego).or(scene.adversary);
+        let title = args.scene.file_stem().unwrap_or_default().to_string_lossy();
+        let title = format!("{title}: agent {}, weights {}", scene.tracks[target].id, loaded.name);
+        let picture = Picture { title, candidates: drawn(&scene, target, &predicted), ..Picture::default() };
+        output::write_file(path, drawing::draw(&scene, &picture).as_bytes(), args.force)?;
+        if path.to_str() == Some("-") {
+            return Ok(Outcome::Done);
+        }
+    }
+    print(&predicted, args.json)?;
+    Ok(Outcome::Done)
+}
+
+fn print(predicted: &[Predicted], as_json: bool) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    if !as_json {
+        writeln!(out, "{:>4} {:>9} {:>12} {:>12} {:>8} {:>9}", "rank", "log p", "goal x", "goal y", "way m", "end m/s")?;
+    }
+    for (k, Predicted { log_prob, goal, trajectory, .. }) in predicted.iter().enumerate() {
+        if as_json {
+            let row = Row { rank: k + 1, log_prob: *log_prob, goal: *goal, trajectory };
+            serde_json::to_writer(&mut out, &row)?;
+            writeln!(out)?;
+            continue;
+        }
+        let points = trajectory.points();
+        let step = |w: &[Point]| sage_core::geometry::distance(w[0], w[1]);
+        let way: f64 = points.windows(2).map(step).sum();
+        let speed = points.windows(2).next_back().map_or(0.0, step) * 10.0;
+        writeln!(out, "{:>4} {log_prob:>9.3} {:>12.2} {:>12.2} {way:>8.1} {speed:>9.1}", k + 1, goal[0], goal[1])?;
+    }
+    Ok(())
+}
+
+/// Paths from where the agent is now, named by rank and probability.
+fn drawn(scene: &Scene, target: usize, predicted: &[Predicted]) -> Vec<DrawnPath> {
+    let start = scene.tracks[target].point(NOW);
+    let path = |(k, p): (usize, &Predicted)| DrawnPath {
+        name: format!("{}: p = {:.3}", k + 1, p.log_prob.exp()),
+        points: std::iter::once(start).chain(p.trajectory.points().iter().copied()).collect(),
+        contact: None,
+    };
+    predicted.iter().enumerate().map(path).collect()
+}

@@ -1,0 +1,177 @@
+//! `sage pretrain`: a prior from recorded or made scenes.
+
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
+
+use anyhow::{Context as _, Result};
+use sage_backbones::{
+    parameters::Header,
+    training::{EpochRow, Observer, PretrainOptions, SceneData, pretrain},
+};
+use serde_json::json;
+
+use crate::{
+    Outcome, Registries,
+    bench::curve,
+    cli::PretrainArgs,
+    networks::{self, PRIOR},
+    output, progress, scenes,
+};
+
+/// Made scenes that validate where no recorded ones do, and their seed.
+const HELD_OUT: (u64, u64) = (60, 1_000_003);
+/// Time between two lines about steps.
+const PACE: Duration = Duration::from_secs(10);
+
+pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcome> {
+    let clock = Instant::now();
+    let options = options(args)?;
+    let folder = &args.out;
+    let resumes = folder.join("last.safetensors").is_file();
+    output::make_folder(folder, args.force || resumes)?;
+    let given = args.network.as_deref().unwrap_or("{}");
+    let given = serde_json::from_str(given).with_context(|| format!("--network: `{given}` is not JSON"))?;
+    let mut network = registries.backbones.build(&args.backbone, &given)?;
+    if let Some(from) = &args.from {
+        let loaded = networks::load(&registries.backbones, from)?;
+        let parameters = loaded.network.parameters().clone();
+        network = network.with_parameters(parameters, &format!("weights `{from}`"))?;
+    }
+    let train = if args.paths.is_empty() { scenes::make(args.made, args.seed) } else { scenes::read_all(&args.paths)? };
+    let dev = match &args.dev {
+        Some(dev) => scenes::read_all(std::slice::from_ref(dev))?,
+        None => scenes::make(HELD_OUT.0, HELD_OUT.1),
+    };
+    let header = Header {
+        backbone: network.name().to_owned(),
+        options: network.options().clone(),
+        seed: args.seed,
+        data: data(&train, &dev),
+        command: command(),
+        license: args.license.clone().unwrap_or_default(),
+        notes: args.from.iter().map(|from| ("started from".to_owned(), from.clone())).collect(),
+    };
+    progress::say(&format!(
+        "{} network `{}` ({} numbers), {} scenes, validation on {}",
+        if resumes { "going on with" } else { "training" },
+        network.name(),
+        network.parameters().numbers(),
+        train.len(),
+        dev.len()
+    ));
+    let mut watcher = Watcher::new(folder, options.epochs);
+    let done = pretrain(&*network, &train, &dev, &options, &header, folder, &mut watcher)?;
+    watcher.outcome?;
+    let rows = done.rows;
+    let best = rows.iter().min_by(|a, b| a.min_fde6.total_cmp(&b.min_fde6)).context("no epoch was asked for")?;
+    curve::write(folder, &rows)?;
+    let record = json!({
+        "command": header.command, "options": options, "network": header.options, "data": header.data,
+        "best": best, "epochs": rows.len(), "seconds": clock.elapsed().as_secs_f64(),
+        "version": env!("CARGO_PKG_VERSION"),
+    });
+    output::write_file(&folder.join("run.json"), format!("{record:#}\n").as_bytes(), true)?;
+    progress::say(&format!(
+        "best of {} epochs: {} with minFDE6 {:.2} m; its weights are `{}`",
+        rows.len(),
+        best.epoch,
+        best.min_fde6,
+        folder.join(PRIOR).display()
+    ));
+    Ok(Outcome::Done)
+}
+
+fn options(args: &PretrainArgs) -> Result<PretrainOptions> {
+    let mut options: PretrainOptions = match &args.config {
+        Some(path) => {
+            let text = std::fs::read_to_string(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+            serde_json::from_str(&text).with_context(|| format!("`{}`", path.display()))?
+        }
+        None => PretrainOptions::default(),
+    };
+    options.seed = args.seed;
+    if let Some(epochs) = args.epochs {
+        options.epochs = epochs;
+    }
+    if let Some(rate) = args.rate {
+        options.rate = rate;
+    }
+    Ok(options)
+}
+
+/// What is learned from, in words and as a hash.
+fn data(train: &[SceneData], dev: &[SceneData]) -> String {
+    use std::fmt::Write;
+    let hash = |scenes: &[SceneData]| {
+        let mut all = 0u128;
+        for data in scenes {
+            // Rotated, so that the order counts as well.
+            all = all.rotate_left(1) ^ u128::from_le_bytes(data.scene.content_hash());
+        }
+        all
+    };
+    let mut text = String::new();
+    let _ = write!(text, "{} scenes ({:032x}), validated on {} ({:032x})", train.len(), hash(train), dev.len(), hash(dev));
+    text
+}
+
+/// The command as it was typed, without the path of the program.
+fn command() -> String {
+    let arguments = std::env::args().skip(1).collect::<Vec<_>>();
+    format!("sage {}", arguments.join(" "))
+}
+
+/// Reports steps and epochs, and keeps the curve.
+struct Watcher<'f> {
+    folder: &'f Path,
+    epochs: u32,
+    rows: Vec<EpochRow>,
+    start: Instant,
+    shown: Instant,
+    /// Share of the work that is done, at the start of this process.
+    outcome: Result<()>,
+}
+
+impl<'f> Watcher<'f> {
+    fn new(folder: &'f Path, epochs: u32) -> Self {
+        let now = Instant::now();
+        Self { folder, epochs, rows: Vec::new(), start: now, shown: now, outcome: Ok(()) }
+    }
+}
+
+impl Observer for Watcher<'_> {
+    fn resumed(&mut self, rows: &[EpochRow]) {
+        self.rows = rows.to_vec();
+        if let Some(last) = rows.last() {
+            progress::say(&format!("epoch {} was the last that was kept", last.epoch));
+        }
+        self.start = Instant::now();
+    }
+
+    fn step(&mut self, epoch: u32, step: usize, steps: usize, loss: f64) {
+        if self.shown.elapsed() < PACE {
+            return;
+        }
+        self.shown = Instant::now();
+        progress::say(&format!("epoch {epoch} of {}, step {step} of {steps}, loss {loss:.3}", self.epochs));
+    }
+
+    fn epoch(&mut self, row: &EpochRow) {
+        self.rows.push(row.clone());
+        let left = f64::from(self.epochs - row.epoch) * row.seconds;
+        progress::say(&format!(
+            "epoch {}: loss {:.3} + {:.3}, minFDE6 {:.2} m, surprise {:.3}; about {:.0} min left",
+            row.epoch,
+            row.goal,
+            row.path,
+            row.min_fde6,
+            row.surprise,
+            left / 60.0
+        ));
+        if self.outcome.is_ok() {
+            self.outcome = curve::write(self.folder, &self.rows);
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! Networks with their weights, by the names that commands take.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
+use sage_backbones::{Backbone, Parameters, parameters::Header};
+use sage_core::registry::Registry;
+use sage_data::Source;
+
+use crate::progress;
+
+/// Weights trained on made scenes, in the binary.
+const PROCEDURAL: &[u8] = include_bytes!("../../weights/procedural/prior.safetensors");
+/// File of a prior in a folder of weights.
+pub(crate) const PRIOR: &str = "prior.safetensors";
+
+/// A network with what its file says.
+pub(crate) struct Loaded {
+    pub(crate) network: Box<dyn Backbone>,
+    pub(crate) header: Header,
+    /// What the user calls it.
+    pub(crate) name: String,
+}
+
+/// Loads the prior of a name: `procedural`, `waymo`, a folder, a file, or a backbone without weights.
+///
+/// *Errors*: no such weights, or weights that do not fit their network.
+pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Loaded> {
+    if let Ok(entry) = registry.get(name) {
+        let network = registry.build_default(entry.name)?;
+        if !network.wanted().is_empty() {
+            bail!("`{name}` is a network without weights; name a folder of weights, `procedural` or `waymo`");
+        }
+        let header = Header { backbone: name.to_owned(), ..Header::default() };
+        return Ok(Loaded { network, header, name: name.to_owned() });
+    }
+    let (parameters, header, from) = match name {
+        "procedural" => {
+            let from = PathBuf::from("weights/procedural (in the binary)");
+            let (parameters, header) = Parameters::from_bytes(PROCEDURAL, &from)?;
+            (parameters, header, from)
+        }
+        _ => {
+            let path = find(name)?;
+            let (parameters, header) = Parameters::load(&path)?;
+            (parameters, header, path)
+        }
+    };
+    let network = registry
+        .build(&header.backbone, &header.options)
+        .with_context(|| format!("`{}` cannot be used", from.display()))?;
+    let network = network.with_parameters(parameters, &format!("`{}`", from.display()))?;
+    Ok(Loaded { network, header, name: name.to_owned() })
+}
+
+/// The file of weights of a name.
+fn find(name: &str) -> Result<PathBuf> {
+    if name == "waymo" {
+        return waymo().with_context(|| {
+            format!(
+                "no weights `waymo`: neither `weights/waymo/{PRIOR}` nor a file of that name in the folder that SAGE_WEIGHTS gives; use --weights procedural, or a folder"
+            )
+        });
+    }
+    let path = Path::new(name);
+    let file = if path.is_dir() { path.join(PRIOR) } else { path.to_owned() };
+    if !file.is_file() {
+        bail!("no weights `{name}`: expected `procedural`, `waymo`, a file, or a folder that holds `{PRIOR}`");
+    }
+    Ok(file)
+}
+
+/// Weights trained on recorded scenes, if they are at hand.
+fn waymo() -> Option<PathBuf> {
+    let beside = std::env::var_os("SAGE_WEIGHTS").map(PathBuf::from);
+    let folders = beside.iter().flat_map(|dir| [dir.join("waymo"), dir.clone()]);
+    folders.chain([PathBuf::from("weights/waymo")]).map(|dir| dir.join(PRIOR)).find(|file| file.is_file())
+}
+
+/// Weights for a scene where the user names none: `waymo` for a recording if they are at hand.
+pub(crate) fn default_for(source: &Source) -> &'static str {
+    let is_recorded = match source {
+        Source::Pickle(_) | Source::Native(_) => true,
+        Source::Made => false,
+    };
+    if is_recorded && waymo().is_some() { "waymo" } else { "procedural" }
+}
+
+/// Says on stderr which weights are used.
+pub(crate) fn announce(loaded: &Loaded) {
+    let Loaded { network, header, name } = loaded;
+    let license = if header.license.is_empty() { String::new() } else { format!("; {}", header.license) };
+    progress::say(&format!(
+        "note: weights `{name}` ({}, {} numbers{license})",
+        network.name(),
+        network.parameters().numbers()
+    ));
+}

@@ -1,0 +1,184 @@
+//! A prior without weights: cars follow the lanes they can get to, at about their speed.
+//!
+//! A goal is likely if little acceleration leads there along the road, without a change of lane, near
+//! the middle of a lane, and not beyond a red light. Its path is the cubic that leaves as the car
+//! drives and arrives along the lane. It is the floor that learned networks must beat.
+
+use std::sync::Arc;
+
+use candle_core::{Device, Tensor};
+use sage_core::{
+    geometry::Point,
+    motion::{DT, HORIZON},
+    registry::Entry,
+    scene::{Scene, SceneIndex},
+};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::{
+    Error, Parameters,
+    backbone::{Backbone, Encoding, Loss, Role, Sample},
+    features::{Features, GoalColumn},
+    labels,
+    nn::log_softmax,
+    parameters::Wanted,
+};
+
+/// Options of [`LaneGraph`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LaneGraphOptions {
+    /// Spread of the steady acceleration, m/s².
+    pub acceleration: f32,
+    /// What a lane change costs, nats.
+    pub lane_change: f32,
+    /// What leaving the lanes that can be got to costs, nats.
+    pub off_route: f32,
+    /// What passing a red light costs, nats.
+    pub red_light: f32,
+}
+
+impl Default for LaneGraphOptions {
+    fn default() -> Self {
+        Self { acceleration: 0.6, lane_change: 2.0, off_route: 4.0, red_light: 2.0 }
+    }
+}
+
+/// The prior.
+pub struct LaneGraph {
+    options: LaneGraphOptions,
+    json: Value,
+    parameters: Parameters,
+}
+
+impl LaneGraph {
+    fn score(&self, row: &[f32]) -> f32 {
+        let column = |c: GoalColumn| row[c as usize];
+        let o = &self.options;
+        // The columns count 2 m/s² and two lane changes as 1.
+        let effort = |a: f32| -0.5 * (2.0 * a / o.acceleration).powi(2);
+        let swerve = -0.5 * (4.0 * column(GoalColumn::LateralAcceleration) / 2.0).powi(2);
+        if column(GoalColumn::Reachable) == 0.0 {
+            return effort(column(GoalColumn::StraightAcceleration)) + swerve - o.off_route;
+        }
+        let beyond_light = column(GoalColumn::RedLight) > 0.0 && column(GoalColumn::BeyondStop) > 0.0;
+        effort(column(GoalColumn::RouteAcceleration))
+            - 2.0 * o.lane_change * column(GoalColumn::Changes)
+            - 0.5 * (2.0 * column(GoalColumn::LaneOffset)).powi(2)
+            - if beyond_light { o.red_light } else { 0.0 }
+    }
+}
+
+impl Backbone for LaneGraph {
+    fn name(&self) -> &'static str {
+        <Self as Entry<dyn Backbone>>::NAME
+    }
+
+    fn options(&self) -> &Value {
+        &self.json
+    }
+
+    fn wanted(&self) -> &[Wanted] {
+        &[]
+    }
+
+    fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
+        Ok(Box::new(Self { options: self.options.clone(), json: self.json.clone(), parameters }))
+    }
+
+    fn role(&self, _name: &str) -> Role {
+        Role::Unused
+    }
+
+    fn features(&self, scene: &Scene, index: &SceneIndex, target: usize) -> Result<Features, Error> {
+        Features::of(scene, index, target)
+    }
+
+    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
+        Ok(Encoding::new(features, Vec::new()))
+    }
+
+    fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
+        let features = encoding.features();
+        let scores: Vec<f32> = (0..features.modes()).map(|k| self.score(features.goal_features.row(k))).collect();
+        Ok(log_softmax(&Tensor::from_vec(scores, features.modes(), &Device::Cpu)?)?)
+    }
+
+    fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
+        Ok(encoding.features().goals.clone())
+    }
+
+    fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
+        let features = encoding.features();
+        let path = |&mode: &usize| {
+            let goal = features.goals[mode].map(f64::from);
+            let row = features.goal_features.row(mode);
+            let on_lane = row[GoalColumn::OnLane as usize] > 0.0;
+            let lane = [row[GoalColumn::LaneCos as usize], row[GoalColumn::LaneSin as usize]].map(f64::from);
+            cubic(f64::from(features.velocity[0]), goal, on_lane.then_some(lane))
+        };
+        let numbers: Vec<f32> = modes.iter().flat_map(path).flatten().map(|x| x as f32).collect();
+        Ok(Tensor::from_vec(numbers, (modes.len(), HORIZON, 2), &Device::Cpu)?)
+    }
+
+    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
+        let features = &sample.features;
+        let encoding = self.encode(features.clone())?;
+        let end = labels::end(&sample.future, &sample.valid);
+        let nearest = labels::nearest(&features.goals, end.position);
+        let goals = labels::cross_entropy(&self.log_probs(&encoding)?, &labels::soft(&features.goals, end))?;
+        let path = labels::smooth_l1(&self.trajectories(&encoding, &[nearest])?, sample)?;
+        Loss::of(vec![("goal", goals), ("path", path)])
+    }
+}
+
+impl Entry<dyn Backbone> for LaneGraph {
+    const NAME: &'static str = "lane-graph";
+    const SUMMARY: &'static str = "no weights: along the lanes at about the present speed";
+    const SOURCE: &'static str = "this project";
+    type Options = LaneGraphOptions;
+
+    fn build(options: LaneGraphOptions) -> Result<Box<dyn Backbone>, String> {
+        if !(options.acceleration > 0.0) {
+            return Err(format!("`acceleration` is {}; expected a positive number", options.acceleration));
+        }
+        let json = serde_json::to_value(&options).map_err(|e| e.to_string())?;
+        Ok(Box::new(Self { options, json, parameters: Parameters::default() }))
+    }
+}
+
+/// The cubic from the origin with a speed along x to a goal, arriving along the lane, or along the
+/// circle through the goal where there is none.
+fn cubic(speed: f64, goal: Point, lane: Option<Point>) -> Vec<Point> {
+    const T: f64 = HORIZON as f64 * DT;
+    let way = goal[0].hypot(goal[1]);
+    let turn = 2.0 * goal[1].atan2(goal[0].max(1e-6));
+    let direction = lane.unwrap_or([turn.cos(), turn.sin()]);
+    let last = (2.0 * way / T - speed).max(0.0);
+    let axis = |k: usize, s: f64| {
+        let [v, mean, end] = [if k == 0 { speed } else { 0.0 }, goal[k] / T, last * direction[k]];
+        let c = 6.0 * (0.5 * (end - v) - (mean - v));
+        let b = end - v - c;
+        T * (v * s + 0.5 * b * s * s + c * s * s * s / 3.0)
+    };
+    (1..=HORIZON).map(|step| step as f64 / HORIZON as f64).map(|s| [axis(0, s), axis(1, s)]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_path_reaches_its_goal_along_the_lane() {
+        let path = cubic(10.0, [60.0, 20.0], Some([0.0, 1.0]));
+        let [a, b] = [path[HORIZON - 2], path[HORIZON - 1]];
+        assert!((b[0] - 60.0).abs() < 1e-9 && (b[1] - 20.0).abs() < 1e-9);
+        assert!((b[0] - a[0]).abs() < 0.02 && b[1] > a[1], "{a:?} {b:?}");
+        assert!((path[0][0] - 1.0).abs() < 0.02);
+    }
+}

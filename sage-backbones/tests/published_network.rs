@@ -16,7 +16,7 @@ use sage_backbones::{
     Backbone, Parameters,
     backbone::{Encoding, Loss, Role, Sample, to_world},
     candidates::{Selection, ranked, suppressed},
-    densetnt::{Cat, CatOptions, DenseTnt},
+    densetnt::{Cat, DenseTnt},
     features::{Features, Frame, Table, cat},
     nn::AdamWConfig,
     training::Trainer,

@@ -41,7 +41,9 @@ fn forward<T: Real>(x: &[T], bias: &[T], scale: &[T]) -> Vec<T> {
         }
         let (mean, inverse) = moments(y, &mut squares);
         for ((y, gamma), beta) in y.iter_mut().zip(gamma).zip(beta) {
-            *y = ((*y - mean) * inverse * *gamma + *beta).larger(T::zero());
+            let value = (*y - mean) * inverse * *gamma + *beta;
+            // This way round, so that NaN comes through and is found.
+            *y = if value < T::zero() { T::zero() } else { value };
         }
     }
     out

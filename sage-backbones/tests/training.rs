@@ -1,0 +1,189 @@
+//! Training: the same bits on any number of threads and across interruptions, and honest failures.
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+
+use candle_core::{Device, Tensor};
+use sage_backbones::{
+    Backbone, Error, Parameters, backbones,
+    nn::AdamWConfig,
+    parameters::Header,
+    training::{EpochRow, Examples, Observer, PretrainOptions, Pretrained, SceneData, Trainer, pretrain},
+};
+use sage_data::procedural::{Kind, generate};
+
+fn scenes(count: u64, seed: u64) -> Vec<SceneData> {
+    let scene = |k: u64| {
+        let scene = generate(Kind::ALL[k as usize % 6], seed, k).unwrap();
+        SceneData::new(scene.id.clone(), scene)
+    };
+    (0..count).map(scene).collect()
+}
+
+/// Small, so that tests are quick.
+fn network(name: &str) -> Box<dyn Backbone> {
+    backbones().unwrap().build(name, &serde_json::json!({"hidden": 16, "rounds": 1})).unwrap()
+}
+
+fn options() -> PretrainOptions {
+    PretrainOptions { epochs: 3, batch: 8, ..PretrainOptions::default() }
+}
+
+struct Silent {
+    steps: usize,
+    stop_after: usize,
+    epochs: Vec<EpochRow>,
+}
+
+impl Silent {
+    fn new(stop_after: usize) -> Self {
+        Self { steps: 0, stop_after, epochs: Vec::new() }
+    }
+}
+
+impl Observer for Silent {
+    fn step(&mut self, _epoch: u32, _step: usize, _steps: usize, _loss: f64) {
+        self.steps += 1;
+    }
+    fn epoch(&mut self, row: &EpochRow) {
+        self.epochs.push(row.clone());
+    }
+    fn stops(&self) -> bool {
+        self.steps >= self.stop_after
+    }
+}
+
+fn train(network: &dyn Backbone, folder: &Path, stop_after: usize) -> Result<Pretrained, Error> {
+    let header = Header { backbone: network.name().to_owned(), ..Header::default() };
+    let (scenes, dev) = (scenes(2, 3), scenes(2, 4));
+    pretrain(network, &scenes, &dev, &options(), &header, folder, &mut Silent::new(stop_after))
+}
+
+fn bytes(weights: &Parameters) -> Vec<u8> {
+    weights.to_bytes(&Header::default()).unwrap()
+}
+
+#[test]
+fn three_steps_give_the_same_bits_on_one_two_and_three_threads() {
+    let data = scenes(3, 8);
+    let examples = Examples::of(&data);
+    for name in ["densetnt", "query-transformer"] {
+        let network = network(name);
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let moved = |name: &str| network.role(name).is_pretrained();
+                let mut trainer = Trainer::new(&*network, moved, AdamWConfig::default()).unwrap();
+                for batch in examples.list().chunks(7).take(3) {
+                    let gradient = |example: &_| {
+                        let sample = examples.sample(example, trainer.network(), true)?;
+                        trainer.gradient(&trainer.network().loss(&sample)?, "test")
+                    };
+                    let gradients = trainer.gradients(batch, gradient).unwrap();
+                    trainer.update(&gradients, 1e-3, 5.0).unwrap();
+                }
+                assert_eq!(trainer.adam.steps, 3);
+                bytes(&trainer.weights().unwrap())
+            })
+        };
+        let one = run(1);
+        assert_ne!(one, bytes(network.parameters()));
+        assert!(one == run(2) && one == run(3), "{name}: bits depend on the number of threads");
+    }
+}
+
+#[test]
+fn an_interrupted_training_goes_on_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, parts] = ["whole", "parts"].map(|name| folder.path().join(name));
+    std::fs::create_dir(&whole).unwrap();
+    std::fs::create_dir(&parts).unwrap();
+    let network = network("densetnt");
+    let reference = train(&*network, &whole, usize::MAX).unwrap();
+    assert!(!reference.stopped);
+    let steps = reference.rows.iter().map(|r| r.steps).max().unwrap() as usize / 3;
+    // Stopped in the second epoch, then in the third, then let through.
+    for stop_after in [steps + 2, steps + 1] {
+        assert!(train(&*network, &parts, stop_after).unwrap().stopped);
+    }
+    let resumed = train(&*network, &parts, usize::MAX).unwrap();
+    assert_eq!(bytes(&resumed.best), bytes(&reference.best));
+    let figures = |rows: &[EpochRow]| rows.iter().map(|r| (r.steps, r.goal, r.path, r.min_fde6)).collect::<Vec<_>>();
+    assert_eq!(figures(&resumed.rows), figures(&reference.rows));
+    for file in ["prior.safetensors"] {
+        assert_eq!(std::fs::read(whole.join(file)).unwrap(), std::fs::read(parts.join(file)).unwrap());
+    }
+    let first = reference.rows.first().unwrap();
+    assert!(reference.rows.last().unwrap().goal < first.goal, "it learns");
+}
+
+#[test]
+fn a_folder_of_another_run_is_left_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    train(&*network("densetnt"), folder.path(), usize::MAX).unwrap();
+    let error = train(&*network("query-transformer"), folder.path(), usize::MAX).err().unwrap().to_string();
+    assert!(error.contains("last.safetensors") && error.contains("other options or data"), "{error}");
+}
+
+#[test]
+fn a_number_that_is_not_finite_stops_with_scene_step_and_tensor_and_keeps_the_last_state() {
+    let folder = tempfile::tempdir().unwrap();
+    let network = network("densetnt");
+    let mut weights = network.parameters().clone();
+    let broken = Tensor::full(f32::NAN, 16, &Device::Cpu).unwrap();
+    weights.insert("decoder.goals_2D_mlps.1.linear.bias", broken);
+    let network = network.with_parameters(weights, "test").unwrap();
+    std::fs::write(folder.path().join("prior.safetensors"), "kept").unwrap();
+    let error = train(&*network, folder.path(), usize::MAX).err().unwrap().to_string();
+    assert!(error.starts_with("epoch 1, step 1, scene `") && error.contains("agent `"), "{error}");
+    assert!(error.ends_with("the loss `path` is NaN"), "{error}");
+    assert_eq!(std::fs::read(folder.path().join("prior.safetensors")).unwrap(), b"kept");
+}
+
+#[test]
+fn a_gradient_that_is_not_finite_names_its_tensor() {
+    let data = scenes(1, 9);
+    let network = network("densetnt");
+    let trainer = Trainer::new(&*network, |_| true, AdamWConfig::default()).unwrap();
+    let examples = Examples::of(&data);
+    let sample = examples.sample(&examples.list()[0], trainer.network(), false).unwrap();
+    let mut loss = trainer.network().loss(&sample).unwrap();
+    loss.total = (loss.total * f64::INFINITY).unwrap();
+    let error = trainer.gradient(&loss, "epoch 2, step 5, scene `x`").err().unwrap().to_string();
+    assert!(error.starts_with("epoch 2, step 5, scene `x`: the gradient of `decoder."), "{error}");
+}
+
+#[test]
+fn scenes_without_a_vehicle_to_learn_from_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut still = scenes(1, 3);
+    for track in &mut still[0].scene.tracks {
+        track.valid.fill(false);
+    }
+    let network = network("densetnt");
+    let error = pretrain(
+        &*network,
+        &still,
+        &scenes(1, 4),
+        &options(),
+        &Header::default(),
+        folder.path(),
+        &mut Silent::new(usize::MAX),
+    )
+    .err()
+    .unwrap()
+    .to_string();
+    assert!(error.contains("none of 1 scenes shows a moving vehicle"), "{error}");
+}
+
+#[test]
+fn a_truncated_state_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let network = network("densetnt");
+    train(&*network, folder.path(), usize::MAX).unwrap();
+    let path = folder.path().join("last.safetensors");
+    let whole = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &whole[..whole.len() - 10]).unwrap();
+    let error = train(&*network, folder.path(), usize::MAX).err().unwrap().to_string();
+    assert!(error.contains("last.safetensors") && error.contains("no whole file"), "{error}");
+}

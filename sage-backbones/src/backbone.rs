@@ -214,7 +214,7 @@ impl Loss {
 }
 
 /// A table as a tensor (rows, columns).
-pub(crate) fn tensor(table: &Table, dtype: DType) -> candle_core::Result<Tensor> {
+pub fn tensor(table: &Table, dtype: DType) -> candle_core::Result<Tensor> {
     Tensor::from_slice(&table.values, (table.rows(), table.columns), &Device::Cpu)?.to_dtype(dtype)
 }
 

@@ -60,7 +60,7 @@ pub struct DenseTntOptions {
 
 impl Default for DenseTntOptions {
     fn default() -> Self {
-        Self { hidden: 64, rounds: 2, head: HeadKind::Bernstein, seed: 0 }
+        Self { hidden: 64, rounds: 3, head: HeadKind::Bernstein, seed: 0 }
     }
 }
 

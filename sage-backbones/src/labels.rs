@@ -14,7 +14,7 @@ const SPREAD_PER_SECOND: f32 = 2.5;
 
 /// Where a target is after eight seconds, as far as that is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct End {
+pub struct End {
     /// Metres, target frame.
     pub position: [f32; 2],
     /// How far off it may be, metres.
@@ -22,7 +22,7 @@ pub(crate) struct End {
 }
 
 /// The last recorded position, carried on at its velocity where the record ends early.
-pub(crate) fn end(future: &[[f32; 2]], valid: &[bool]) -> End {
+pub fn end(future: &[[f32; 2]], valid: &[bool]) -> End {
     let Some(last) = valid.iter().rposition(|v| *v) else {
         return End { position: [0.0, 0.0], spread: 100.0 };
     };
@@ -42,7 +42,7 @@ fn carried_on(future: &[[f32; 2]], valid: &[bool], last: usize, seconds: f32) ->
 }
 
 /// Weights of goals by their distance from the end; they sum to 1.
-pub(crate) fn soft(goals: &[[f32; 2]], end: End) -> Vec<f32> {
+pub fn soft(goals: &[[f32; 2]], end: End) -> Vec<f32> {
     let squared = |g: &[f32; 2]| {
         let [x, y] = [g[0] - end.position[0], g[1] - end.position[1]];
         (x * x + y * y) / (2.0 * end.spread * end.spread)
@@ -55,7 +55,7 @@ pub(crate) fn soft(goals: &[[f32; 2]], end: End) -> Vec<f32> {
 }
 
 /// The goal nearest to a place, the first of equals.
-pub(crate) fn nearest(goals: &[[f32; 2]], place: [f32; 2]) -> usize {
+pub fn nearest(goals: &[[f32; 2]], place: [f32; 2]) -> usize {
     let squared = |g: &[f32; 2]| {
         let [x, y] = [f64::from(g[0]) - f64::from(place[0]), f64::from(g[1]) - f64::from(place[1])];
         x * x + y * y
@@ -64,14 +64,14 @@ pub(crate) fn nearest(goals: &[[f32; 2]], place: [f32; 2]) -> usize {
 }
 
 /// `−Σ w log p`.
-pub(crate) fn cross_entropy(log_probs: &Tensor, weights: &[f32]) -> Result<Tensor, Error> {
+pub fn cross_entropy(log_probs: &Tensor, weights: &[f32]) -> Result<Tensor, Error> {
     let weights = Tensor::from_slice(weights, weights.len(), &Device::Cpu)?.to_dtype(log_probs.dtype())?;
     Ok((log_probs * weights)?.sum_all()?.neg()?)
 }
 
 /// Mean of the smooth absolute error (0.5 e² below 1, |e| − 0.5 above) over the coordinates of
 /// recorded steps of one path (1, 80, 2).
-pub(crate) fn smooth_l1(path: &Tensor, sample: &Sample) -> Result<Tensor, Error> {
+pub fn smooth_l1(path: &Tensor, sample: &Sample) -> Result<Tensor, Error> {
     let dtype = path.dtype();
     let steps = sample.valid.iter().filter(|v| **v).count().max(1);
     let share = 1.0 / (2 * steps) as f64;

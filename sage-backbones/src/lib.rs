@@ -1,4 +1,28 @@
 //! Motion prediction: what a car may do next, learned from recordings.
+//!
+//! - [`features::Features`] is what one target sees of a scene, with the goals it could reach.
+//! - [`Backbone`] is a network over it: modes with probabilities, and a path for each. Those shipped
+//!   are in [`backbones`]: DenseTNT in our arrangement and in the published one, a query transformer,
+//!   and a prior over the lane graph without weights.
+//! - [`prediction::predict`] chooses candidates; [`training::pretrain`] learns a prior.
+//!
+//! Scenes are worked on side by side, each on one thread; `docs/backbones.md` says how to keep candle
+//! to that, and what everything here was chosen for.
+//!
+//! ```
+//! use sage_backbones::{backbones, candidates::Selection, prediction::predict};
+//! use sage_core::{scene::SceneIndex, seed::Rng};
+//! use sage_data::procedural::{Kind, generate};
+//!
+//! let scene = generate(Kind::FourWay, 1, 0).ok_or("no scene came of the seed")?;
+//! let index = SceneIndex::new(scene.map.clone());
+//! let network = backbones()?.build_default("lane-graph")?;
+//! let features = network.features(&scene, &index, scene.adversary_index()?)?;
+//! let mut rng = Rng::new(0, &scene.id, "prediction");
+//! let six = predict(&*network, features.into(), 6, Selection::Nms { radius: 5.0 }, &mut rng)?;
+//! assert_eq!(six.len(), 6);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod backbone;
 pub mod candidates;
@@ -7,15 +31,17 @@ mod ego_branch;
 mod encoder;
 mod error;
 pub mod features;
-mod labels;
+pub mod labels;
 pub mod lane_graph;
 pub mod nn;
 pub mod parameters;
 pub mod prediction;
 pub mod query_transformer;
-mod smooth_path;
+pub mod smooth_path;
 pub mod training;
 
 pub use backbone::{Backbone, backbones};
+/// Tensors, for networks of your own: the version that the layers here work with.
+pub use candle_core as candle;
 pub use error::Error;
 pub use parameters::Parameters;

@@ -12,7 +12,7 @@ const COEFFICIENTS: usize = 10;
 /// What a network moves of them: all but the first.
 const FREE: usize = COEFFICIENTS - 1;
 /// What a network gives for one path.
-pub(crate) const CHANGES: usize = 2 * FREE;
+pub const CHANGES: usize = 2 * FREE;
 /// Size of a change that a network asks for with 1, m/s.
 const UNIT: f64 = 4.0;
 /// Seconds to the end.
@@ -21,7 +21,7 @@ const T: f64 = HORIZON as f64 * DT;
 /// Paths to given ends from a speed along x *now*, moved by what a network asks for.
 ///
 /// *Shapes*: `changes` (n, 18): nine along x, then nine along y; result (n, 80, 2), target frame.
-pub(crate) fn paths(changes: &Tensor, ends: &[[f32; 2]], speed: f32) -> Result<Tensor> {
+pub fn paths(changes: &Tensor, ends: &[[f32; 2]], speed: f32) -> Result<Tensor> {
     let (n, dtype) = (ends.len(), changes.dtype());
     let constant = |values: Vec<f64>, shape: (usize, usize)| {
         Tensor::from_vec(values, shape, &Device::Cpu)?.to_dtype(dtype)
@@ -96,7 +96,7 @@ fn centring() -> Vec<f64> {
 
 /// What moving the end by one metre along an axis adds to the position at the 80 steps: the velocity
 /// changes evenly.
-pub(crate) fn end_shift() -> Vec<f64> {
+pub fn end_shift() -> Vec<f64> {
     let basis = basis();
     let share = |k: usize| k as f64 / FREE as f64;
     let total: f64 = (0..COEFFICIENTS).map(share).sum();

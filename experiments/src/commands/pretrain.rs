@@ -65,7 +65,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     let done = pretrain(&*network, &train, &dev, &options, &header, folder, &mut watcher)?;
     watcher.outcome?;
     let rows = done.rows;
-    let best = rows.iter().min_by(|a, b| a.min_fde6.total_cmp(&b.min_fde6)).context("no epoch was asked for")?;
+    let best = rows.iter().min_by(|a, b| a.surprise.total_cmp(&b.surprise)).context("no epoch was asked for")?;
     curve::write(folder, &rows)?;
     let record = json!({
         "command": header.command, "options": options, "network": header.options, "data": header.data,
@@ -74,9 +74,10 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     });
     output::write_file(&folder.join("run.json"), format!("{record:#}\n").as_bytes(), true)?;
     progress::say(&format!(
-        "best of {} epochs: {} with minFDE6 {:.2} m; its weights are `{}`",
+        "best of {} epochs: {} with surprise {:.3} and minFDE6 {:.2} m; its weights are `{}`",
         rows.len(),
         best.epoch,
+        best.surprise,
         best.min_fde6,
         folder.join(PRIOR).display()
     ));

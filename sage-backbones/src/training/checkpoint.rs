@@ -24,9 +24,9 @@ pub struct EpochRow {
     pub path: f64,
     /// Mean length of the gradient before clipping.
     pub gradient: f64,
-    /// Share of samples whose gradient was clipped.
+    /// Learning rate of its last step.
     pub rate: f64,
-    /// Validation: mean least end distance of six suppressed goals, agents of interest, metres.
+    /// Validation: mean least end distance of six suppressed goals, metres.
     pub min_fde6: f64,
     /// Validation: mean −log p of the goal nearest to the truth.
     pub surprise: f64,

@@ -1,6 +1,7 @@
 //! Learning the prior from recorded futures.
 
 use std::{
+    collections::HashMap,
     path::{Path, PathBuf},
     sync::Arc,
     time::Instant,
@@ -40,6 +41,8 @@ pub struct PretrainOptions {
     pub clip: f64,
     /// Weight decay.
     pub weight_decay: f64,
+    /// Most vehicles of one scene an epoch, other ones each time.
+    pub per_scene: usize,
     /// Standing vehicles an epoch, as a share of the moving ones.
     pub standing: f64,
     /// Whether left and right change places in every other sample.
@@ -53,12 +56,13 @@ pub struct PretrainOptions {
 impl Default for PretrainOptions {
     fn default() -> Self {
         Self {
-            epochs: 20,
+            epochs: 12,
             batch: 16,
             rate: 1e-3,
             warm_up: 0.05,
             clip: 5.0,
             weight_decay: 0.01,
+            per_scene: 10,
             standing: 0.1,
             mirror: true,
             radius: 7.0,
@@ -83,7 +87,7 @@ pub trait Observer {
 
 /// What came of it.
 pub struct Pretrained {
-    /// Weights of the epoch with the best validation.
+    /// Weights of the epoch with the least surprise in validation.
     pub best: Parameters,
     /// A row an epoch.
     pub rows: Vec<EpochRow>,
@@ -110,6 +114,9 @@ pub fn pretrain(
     observer: &mut dyn Observer,
 ) -> Result<Pretrained, Error> {
     let config = AdamWConfig { weight_decay: options.weight_decay, ..AdamWConfig::default() };
+    if !network.wanted().iter().any(|w| network.role(&w.name).is_pretrained()) {
+        return Err(Error::Training(format!("backbone `{}` has nothing to train", network.name())));
+    }
     let moving = Examples::of(train).filter(|e| e.moves || e.of_interest);
     let standing = Examples::of(train).filter(|e| !e.moves && !e.of_interest);
     if moving.list().is_empty() {
@@ -145,9 +152,9 @@ pub fn pretrain(
             return Ok(Pretrained { best: run.trainer.weights()?, rows: run.state.rows, stopped: true });
         };
         let weights = run.trainer.weights()?;
-        let least = run.state.rows.iter().map(|r| r.min_fde6).fold(f64::INFINITY, f64::min);
+        let least = run.state.rows.iter().map(|r| r.surprise).fold(f64::INFINITY, f64::min);
         observer.epoch(&row);
-        if !(row.min_fde6 >= least) || run.state.rows.is_empty() {
+        if row.surprise < least || run.state.rows.is_empty() {
             run.state.best = row.epoch;
             weights.save(header, &best)?;
         }
@@ -226,11 +233,21 @@ impl Run<'_> {
     /// Examples of an epoch in their order, each with whether it is mirrored and whether it moves.
     fn order(&self, epoch: u32) -> Vec<(Example, bool)> {
         let mut rng = Rng::new(self.options.seed, &format!("epoch {epoch}"), "order of training");
-        let mut standing: Vec<Example> = self.standing.list().to_vec();
-        rng.shuffle(&mut standing);
-        standing.truncate((self.moving.list().len() as f64 * self.options.standing) as usize);
-        let mut order: Vec<(Example, bool)> =
-            self.moving.list().iter().copied().chain(standing).map(|e| (e, false)).collect();
+        let mut draw = |examples: &Examples, most: usize| {
+            let mut drawn = examples.list().to_vec();
+            rng.shuffle(&mut drawn);
+            let mut of_scene = HashMap::new();
+            drawn.retain(|example| {
+                let count: &mut usize = of_scene.entry(example.scene).or_default();
+                *count += 1;
+                *count <= self.options.per_scene
+            });
+            drawn.truncate(most);
+            drawn
+        };
+        let moving = draw(&self.moving, usize::MAX);
+        let standing = draw(&self.standing, (moving.len() as f64 * self.options.standing) as usize);
+        let mut order: Vec<(Example, bool)> = moving.into_iter().chain(standing).map(|e| (e, false)).collect();
         rng.shuffle(&mut order);
         for (_, mirrored) in &mut order {
             *mirrored = self.options.mirror && rng.unit() < 0.5;

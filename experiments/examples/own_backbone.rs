@@ -1,0 +1,162 @@
+//! `sage` with a network of your own: goals are scored by their features alone, and each path is the
+//! plain ramp to its goal that smooth heads start from.
+//!
+//! ```sh
+//! cargo run --release -p experiments --example own_backbone -- pretrain --backbone goal-scorer \
+//!     --made 20 --epochs 2 --out own-prior
+//! ```
+
+use std::{process::ExitCode, sync::Arc};
+
+use sage_backbones::{
+    Backbone, Error, Parameters,
+    backbone::{Encoding, Loss, Role, Sample, tensor},
+    candle::{Result as CandleResult, Tensor},
+    features::{Features, GOAL_COLUMNS},
+    labels,
+    nn::{Linear, Mlp, log_softmax},
+    parameters::{Scope, Wanted},
+    smooth_path,
+};
+use sage_core::{
+    registry::Entry,
+    scene::{Scene, SceneIndex},
+};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+#[derive(Clone, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct Options {
+    /// Width of the hidden layers.
+    hidden: usize,
+    /// Seed of the first weights.
+    seed: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { hidden: 32, seed: 0 }
+    }
+}
+
+/// The layers. Asked for by name from a [`Scope`], so that one constructor lists, starts and loads.
+struct Parts {
+    first: Mlp,
+    second: Mlp,
+    last: Linear,
+}
+
+impl Parts {
+    fn new(scope: &Scope, hidden: usize) -> CandleResult<Self> {
+        Ok(Self {
+            first: Mlp::new(&scope.at("first"), GOAL_COLUMNS, hidden)?,
+            second: Mlp::new(&scope.at("second"), hidden, hidden)?,
+            last: Linear::new(&scope.at("last"), hidden, 1)?,
+        })
+    }
+}
+
+struct GoalScorer {
+    options: Options,
+    json: Value,
+    wanted: Arc<[Wanted]>,
+    parameters: Parameters,
+    parts: Parts,
+}
+
+impl GoalScorer {
+    fn over(options: Options, wanted: Arc<[Wanted]>, parameters: Parameters) -> Result<Self, Error> {
+        let parts = Parts::new(&Scope::of(&parameters), options.hidden)?;
+        let json = serde_json::to_value(&options).unwrap_or_default();
+        Ok(Self { options, json, wanted, parameters, parts })
+    }
+}
+
+impl Backbone for GoalScorer {
+    fn name(&self) -> &'static str {
+        <Self as Entry<dyn Backbone>>::NAME
+    }
+
+    fn options(&self) -> &Value {
+        &self.json
+    }
+
+    fn wanted(&self) -> &[Wanted] {
+        &self.wanted
+    }
+
+    fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
+        Ok(Box::new(Self::over(self.options.clone(), self.wanted.clone(), parameters)?))
+    }
+
+    fn role(&self, name: &str) -> Role {
+        // The softmax over goals does not see what is added to all of them.
+        if name == "last.bias" { Role::WithoutEffect } else { Role::Scoring }
+    }
+
+    fn features(&self, scene: &Scene, index: &SceneIndex, target: usize) -> Result<Features, Error> {
+        Features::of(scene, index, target)
+    }
+
+    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
+        let goals = tensor(&features.goal_features, self.parts.last.weight.dtype())?;
+        Ok(Encoding::new(features, vec![goals]))
+    }
+
+    fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
+        let [goals] = encoding.states() else { return Err(encoding.foreign()) };
+        let hidden = self.parts.second.forward(&self.parts.first.forward(goals)?)?;
+        Ok(log_softmax(&self.parts.last.forward(&hidden)?.squeeze(1)?)?)
+    }
+
+    fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
+        Ok(encoding.features().goals.clone())
+    }
+
+    fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
+        let [goals] = encoding.states() else { return Err(encoding.foreign()) };
+        let features = encoding.features();
+        let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| features.goals[mode]).collect();
+        let changes = Tensor::zeros((modes.len(), smooth_path::CHANGES), goals.dtype(), goals.device())?;
+        Ok(smooth_path::paths(&changes, &ends, features.velocity[0])?)
+    }
+
+    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
+        let encoding = self.encode(sample.features.clone())?;
+        let end = labels::end(&sample.future, &sample.valid);
+        let weights = labels::soft(&sample.features.goals, end);
+        Loss::of(vec![("goal", labels::cross_entropy(&self.log_probs(&encoding)?, &weights)?)])
+    }
+}
+
+impl Entry<dyn Backbone> for GoalScorer {
+    const NAME: &'static str = "goal-scorer";
+    const SUMMARY: &'static str = "goals scored by their features alone";
+    const SOURCE: &'static str = "this example";
+    type Options = Options;
+
+    fn build(options: Options) -> Result<Box<dyn Backbone>, String> {
+        if options.hidden == 0 {
+            return Err("`hidden` must be above 0".to_owned());
+        }
+        let build = || {
+            let wanted = Scope::list(|scope| Parts::new(scope, options.hidden))?;
+            let parameters = Parameters::start(&wanted, options.seed)?;
+            Self::over(options.clone(), wanted.into(), parameters)
+        };
+        Ok(Box::new(build().map_err(|e| e.to_string())?))
+    }
+}
+
+fn main() -> ExitCode {
+    experiments::run(|| {
+        let mut registries = experiments::Registries::shipped()?;
+        registries.backbones = registries.backbones.with::<GoalScorer>()?;
+        Ok(registries)
+    })
+}

@@ -1,0 +1,191 @@
+//! `sage predict`, `pretrain` and `bench prediction` as a user runs them.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+use serde_json::Value;
+
+fn example() -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/crossing.pkl").display().to_string()
+}
+
+fn run(program: &Path, arguments: &[&str]) -> Output {
+    Command::new(program).args(arguments).env_remove("SAGE_WEIGHTS").output().unwrap()
+}
+
+fn sage(arguments: &[&str]) -> Output {
+    run(Path::new(env!("CARGO_BIN_EXE_sage")), arguments)
+}
+
+fn stdout(output: &Output) -> &str {
+    assert!(output.status.success(), "{}", stderr(output));
+    std::str::from_utf8(&output.stdout).unwrap()
+}
+
+fn stderr(output: &Output) -> &str {
+    std::str::from_utf8(&output.stderr).unwrap()
+}
+
+fn rows(output: &Output) -> Vec<Value> {
+    stdout(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+fn failure(arguments: &[&str]) -> String {
+    let output = sage(arguments);
+    assert_eq!(output.status.code(), Some(1), "{arguments:?}: {}", stderr(&output));
+    stderr(&output).to_owned()
+}
+
+#[test]
+fn predict_prints_candidates_and_draws_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let picture: PathBuf = folder.path().join("crossing.svg");
+    let scene = example();
+    let common = ["predict", &scene, "--weights", "procedural", "--json"];
+    let output = sage(&[&common[..], &["--k", "6", "--select", "nms", "--out", picture.to_str().unwrap()]].concat());
+    let found = rows(&output);
+    assert_eq!(found.len(), 6);
+    assert!(stderr(&output).contains("note: weights `procedural` (densetnt, "), "{}", stderr(&output));
+    for (k, row) in found.iter().enumerate() {
+        assert_eq!(row["rank"], k + 1);
+        let points = row["trajectory"].as_array().unwrap();
+        assert_eq!(points.len(), 80);
+        let gap = |axis: usize| points[79][axis].as_f64().unwrap() - row["goal"][axis].as_f64().unwrap();
+        assert!(gap(0).hypot(gap(1)) < 0.01, "a path ends on its goal");
+    }
+    let log_probs: Vec<f64> = found.iter().map(|row| row["log_prob"].as_f64().unwrap()).collect();
+    assert!(log_probs.windows(2).all(|w| w[0] >= w[1]) && log_probs[0] < 0.0);
+    let svg = std::fs::read_to_string(&picture).unwrap();
+    assert!(svg.starts_with("<svg") && svg.contains("6: p = "), "six paths in the legend");
+
+    assert_eq!(rows(&sage(&common)).len(), 32, "32 by default");
+    let draw = |seed: &str| rows(&sage(&[&common[..], &["--select", "gumbel", "--seed", seed]].concat()));
+    assert_eq!(draw("1"), draw("1"));
+    assert_ne!(draw("1"), draw("2"));
+    let threads = |n: &str| rows(&sage(&[&common[..], &["--threads", n]].concat()));
+    assert_eq!(threads("1"), threads("2"));
+    assert_eq!(rows(&sage(&["predict", &scene, "--weights", "lane-graph", "--json", "--agent", "ego"])).len(), 32);
+    let text = sage(&["predict", &scene, "--weights", "procedural", "--k", "2"]);
+    assert_eq!(stdout(&text).lines().count(), 3, "a head and two rows");
+}
+
+#[test]
+fn predict_says_what_is_wrong() {
+    let scene = example();
+    let error = failure(&["predict", &scene, "--agent", "nobody"]);
+    assert!(error.contains("crossing.pkl") && error.contains("no track `nobody`"), "{error}");
+    let error = failure(&["predict", &scene, "--weights", "nowhere"]);
+    assert!(error.contains("no weights `nowhere`: expected `procedural`, `waymo`"), "{error}");
+    let error = failure(&["predict", &scene, "--weights", "densetnt"]);
+    assert!(error.contains("a network without weights"), "{error}");
+    let error = failure(&["predict", &scene, "--weights", &scene]);
+    assert!(error.contains("crossing.pkl") && error.contains("no whole file of weights"), "{error}");
+    let folder = tempfile::tempdir().unwrap();
+    let picture = folder.path().join("a.svg").display().to_string();
+    std::fs::write(&picture, "mine").unwrap();
+    assert!(failure(&["predict", &scene, "--out", &picture]).contains("give --force"));
+    assert_eq!(std::fs::read(&picture).unwrap(), b"mine");
+    assert_eq!(sage(&["predict", &scene, "--k", "0"]).status.code(), Some(2));
+    assert_eq!(sage(&["predict", &scene, "--radius", "x"]).status.code(), Some(2));
+}
+
+#[test]
+fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("prior").display().to_string();
+    let small = r#"{"hidden": 16, "rounds": 1}"#;
+    let train = |out: &str, more: &[&str]| {
+        sage(&[&["pretrain", "--made", "2", "--epochs", "2", "--network", small, "--out", out], more].concat())
+    };
+    let output = train(&out, &[]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("best of 2 epochs"), "{}", stderr(&output));
+    for file in ["prior.safetensors", "last.safetensors", "curve.csv", "curve.svg", "run.json"] {
+        assert!(Path::new(&out).join(file).is_file(), "{file}");
+    }
+    let record: Value = serde_json::from_slice(&std::fs::read(Path::new(&out).join("run.json")).unwrap()).unwrap();
+    assert!(record["command"].as_str().unwrap().starts_with("sage pretrain --made 2"));
+    let csv = std::fs::read_to_string(Path::new(&out).join("curve.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 3, "{csv}");
+
+    // Once more finds nothing to do and changes nothing.
+    let weights = std::fs::read(Path::new(&out).join("prior.safetensors")).unwrap();
+    let again = train(&out, &[]);
+    assert!(again.status.success() && stderr(&again).contains("epoch 2 was the last"), "{}", stderr(&again));
+    assert_eq!(weights, std::fs::read(Path::new(&out).join("prior.safetensors")).unwrap());
+    let other = train(&out, &["--seed", "5"]);
+    assert!(stderr(&other).contains("other options or data"), "{}", stderr(&other));
+
+    // A killed run goes on to the same weights.
+    let killed = folder.path().join("killed").display().to_string();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_sage"))
+        .args(["pretrain", "--made", "2", "--epochs", "2", "--network", small, "--out", &killed])
+        .stderr(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    let state = Path::new(&killed).join("last.safetensors");
+    while !state.is_file() && child.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let output = train(&killed, &[]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let found = sage_backbones::Parameters::load(&Path::new(&killed).join("prior.safetensors")).unwrap().0;
+    let expected = sage_backbones::Parameters::load(&Path::new(&out).join("prior.safetensors")).unwrap().0;
+    assert_eq!(found.hash().unwrap(), expected.hash().unwrap());
+
+    let found = rows(&sage(&["predict", &example(), "--weights", &out, "--json", "--k", "3"]));
+    assert_eq!(found.len(), 3);
+    let error = failure(&["pretrain", "--made", "1", "--from", &out, "--out", folder.path().join("x").to_str().unwrap()]);
+    assert!(error.contains("expected [") && error.contains("is missing"), "every tensor is named: {error}");
+}
+
+#[test]
+fn pretrain_refuses_what_it_cannot_learn_from() {
+    let folder = tempfile::tempdir().unwrap();
+    let empty = folder.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    let out = folder.path().join("out").display().to_string();
+    let error = failure(&["pretrain", empty.to_str().unwrap(), "--out", &out]);
+    assert!(error.contains("empty"), "{error}");
+    let error = failure(&["pretrain", "--made", "0", "--out", &out]);
+    assert!(error.contains("none of 0 scenes"), "{error}");
+    let error = failure(&["pretrain", "--backbone", "none", "--out", &out]);
+    assert!(error.contains("unknown backbone `none`; known: densetnt"), "{error}");
+    let error = failure(&["pretrain", "--backbone", "lane-graph", "--made", "1", "--out", &out]);
+    assert!(error.contains("has nothing to train"), "{error}");
+    let error = failure(&["pretrain", "--network", r#"{"hiden": 3}"#, "--out", &out]);
+    assert!(error.contains("`hiden`") && error.contains("`hidden`"), "{error}");
+}
+
+#[test]
+fn bench_prediction_compares_with_constant_velocity() {
+    let output = sage(&["bench", "prediction", &example(), "--weights", "lane-graph", "--weights", "procedural"]);
+    let text = stdout(&output);
+    assert!(text.contains("| constant velocity | interest | any | 2 | 1 |"), "{text}");
+    assert!(text.contains("| procedural | all | moving |"), "{text}");
+    let json = sage(&["bench", "prediction", &example(), "--weights", "lane-graph", "--json"]);
+    assert!(rows(&json).iter().any(|row| row["method"] == "lane-graph" && row["min_fde"]["n"].is_u64()));
+}
+
+#[test]
+fn a_backbone_of_ones_own_is_trained_by_name() {
+    let program = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join("own_backbone");
+    if !program.exists() {
+        return eprintln!("left out: `{}` is built by `cargo test --workspace` alone", program.display());
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("own").display().to_string();
+    let output =
+        run(&program, &["pretrain", "--backbone", "goal-scorer", "--made", "1", "--epochs", "1", "--out", &out]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let found = rows(&run(&program, &["predict", &example(), "--weights", &out, "--json", "--k", "4"]));
+    assert_eq!(found.len(), 4);
+    let shipped = sage(&["predict", &example(), "--weights", &out]);
+    assert!(stderr(&shipped).contains("unknown backbone `goal-scorer`; known: densetnt"), "{}", stderr(&shipped));
+}

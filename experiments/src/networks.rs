@@ -89,10 +89,7 @@ pub(crate) fn default_for(source: &Source) -> &'static str {
 /// Says on stderr which weights are used.
 pub(crate) fn announce(loaded: &Loaded) {
     let Loaded { network, header, name } = loaded;
-    let license = if header.license.is_empty() { String::new() } else { format!("; {}", header.license) };
-    progress::say(&format!(
-        "note: weights `{name}` ({}, {} numbers{license})",
-        network.name(),
-        network.parameters().numbers()
-    ));
+    let terms = header.license.split('.').next().unwrap_or_default();
+    let terms = if terms.is_empty() { String::new() } else { format!("; {}", terms.to_lowercase()) };
+    progress::say(&format!("note: weights `{name}` (network {}{terms})", network.name()));
 }

@@ -49,7 +49,7 @@ fn predict_prints_candidates_and_draws_them() {
     let output = sage(&[&common[..], &["--k", "6", "--select", "nms", "--out", picture.to_str().unwrap()]].concat());
     let found = rows(&output);
     assert_eq!(found.len(), 6);
-    assert!(stderr(&output).contains("note: weights `procedural` (densetnt, "), "{}", stderr(&output));
+    assert!(stderr(&output).contains("note: weights `procedural` (network densetnt)"), "{}", stderr(&output));
     for (k, row) in found.iter().enumerate() {
         assert_eq!(row["rank"], k + 1);
         let points = row["trajectory"].as_array().unwrap();

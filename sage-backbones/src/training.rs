@@ -1,11 +1,13 @@
 //! Training: what is learned from, the loop, and its state.
 
 mod checkpoint;
+mod finetune;
 mod pretrain;
 mod samples;
 mod step;
 
 pub use checkpoint::{Checkpoint, EpochRow};
+pub use finetune::{Expectation, FinetuneOptions, FinetuneRow, GoalTable, TunedScene, finetune};
 pub use pretrain::{Observer, PretrainOptions, Pretrained, pretrain};
 pub use samples::{Example, Examples, MOVING, SceneData, recorded, recorded_sample};
 pub use step::{Gradient, Trainer};

@@ -20,9 +20,11 @@
 //! ```
 
 pub mod error;
+pub mod generator;
 pub mod geometry;
 pub mod motion;
 pub mod objective;
+pub mod preference_pairs;
 pub mod registry;
 pub mod scene;
 pub mod seed;

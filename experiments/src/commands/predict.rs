@@ -59,8 +59,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     }
     if let Some(path) = &args.out {
         scene.adversary = Some(target).filter(|t| *t != scene.ego).or(scene.adversary);
-        let title = args.scene.file_stem().unwrap_or_default().to_string_lossy();
-        let title = format!("{title}: agent {}, weights {}", scene.tracks[target].id, loaded.name);
+        let title = args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let picture = Picture { title, candidates: drawn(&scene, target, &predicted), ..Picture::default() };
         output::write_file(path, drawing::draw(&scene, &picture).as_bytes(), args.force)?;
         if path.to_str() == Some("-") {

@@ -1,0 +1,396 @@
+//! Preference fine-tuning of an expert from a prior (HGPO).
+//!
+//! For each scene candidates are drawn from the present policy and paired by feasibility and reward
+//! ([`sage_core::preference_pairs`]); the loss of a pair is `−ln σ(kl_beta · (Δ − Δ_ref))`, with `Δ` the
+//! difference of the log-probabilities of winner and loser, both models at the same goals. What the
+//! policy cannot move is made once: encodings, the paths of all goals, and with them what every goal
+//! is worth.
+
+use std::{sync::Arc, time::Instant};
+
+use candle_core::{DType, Device, Tensor};
+use rayon::prelude::*;
+use sage_core::{
+    objective::{Context, ContextOptions, Encounter, Feasibility as _, MapFeasibility, behavior_penalty, kinematic_penalty},
+    preference_pairs::{Judged, Pairing, preference_pairs},
+    registry::Entry,
+    seed::Rng,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{Gradient, SceneData, Trainer};
+use crate::{
+    Error, Parameters,
+    backbone::{Backbone, Encoding, Loss, to_world},
+    candidates::{Selection, choose},
+    nn::AdamWConfig,
+};
+
+/// How an expert is tuned.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct FinetuneOptions {
+    /// Weight of the adversarial reward.
+    pub w_adv: f64,
+    /// Weight of the penalties for driving unlike a car.
+    pub w_real: f64,
+    /// Weight of a touched edge (50) and a touched agent (10) in the reward: 0 where feasibility
+    /// ranks first.
+    pub w_map: f64,
+    /// How pairs are made.
+    pub pairing: Pairing,
+    /// Least difference of two rewards.
+    pub margin: f64,
+    /// Most pairs of a scene.
+    pub max_pairs: usize,
+    /// Candidates of a scene.
+    pub candidates: usize,
+    /// How candidates are chosen.
+    pub selection: Selection,
+    /// How far the policy may leave the prior: small is far.
+    pub kl_beta: f64,
+    /// Passes over the scenes.
+    pub epochs: u32,
+    /// Scenes a step.
+    pub batch: usize,
+    /// Largest learning rate.
+    pub rate: f64,
+    /// Steps over which it rises.
+    pub warm_up: u64,
+    /// Longest gradient of a step.
+    pub clip: f64,
+    /// Weight decay.
+    pub weight_decay: f64,
+    /// Seed of candidates, pairs and order.
+    pub seed: u64,
+}
+
+impl Default for FinetuneOptions {
+    /// The adversarial expert's.
+    fn default() -> Self {
+        Self {
+            w_adv: 0.9,
+            w_real: 0.1,
+            w_map: 0.0,
+            pairing: Pairing::Hierarchical,
+            margin: 0.2,
+            max_pairs: 32,
+            candidates: 32,
+            selection: Selection::Nms { radius: 3.0 },
+            kl_beta: 0.05,
+            epochs: 8,
+            batch: 4,
+            rate: 1e-3,
+            warm_up: 20,
+            clip: 1.0,
+            weight_decay: 0.01,
+            seed: 0,
+        }
+    }
+}
+
+impl FinetuneOptions {
+    /// The realistic expert's.
+    pub fn realistic() -> Self {
+        Self { w_adv: 0.1, w_real: 0.9, ..Self::default() }
+    }
+}
+
+/// What one epoch of fine-tuning came to: means over scenes.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FinetuneRow {
+    /// Number of the epoch, from 1; 0 is the prior.
+    pub epoch: u32,
+    /// Loss.
+    pub loss: f64,
+    /// Mean of `kl_beta · (Δ − Δ_ref)`.
+    pub margin: f64,
+    /// Share of pairs that the policy has in the right order.
+    pub accuracy: f64,
+    /// Pairs a scene.
+    pub pairs: f64,
+    /// Of them, by feasibility.
+    pub pairs_by_feasibility: f64,
+    /// Share of candidates that are feasible.
+    pub feasible: f64,
+    /// Best adversarial reward among the feasible candidates.
+    pub best_reward: f64,
+    /// Divergence from the prior over all goals, nats.
+    pub kl: f64,
+    /// Share of scenes without a pair.
+    pub without_pairs: f64,
+    /// Under the policy itself: probability of a feasible path.
+    pub expected_feasible: f64,
+    /// Probability of a feasible path that hits the ego.
+    pub expected_attack: f64,
+    /// Mean adversarial reward.
+    pub expected_reward: f64,
+    /// Mean penalty for driving unlike a car.
+    pub expected_penalty: f64,
+    /// Seconds.
+    pub seconds: f64,
+}
+
+/// What every goal of a scene is worth.
+pub struct GoalTable {
+    /// Adversarial reward.
+    pub reward: Vec<f64>,
+    /// Penalty for driving unlike a car.
+    pub penalty: Vec<f64>,
+    /// Touched edge and agent, as 50 and 10.
+    pub map_penalty: Vec<f64>,
+    /// Whether no rule is broken.
+    pub feasible: Vec<bool>,
+    /// Whether the path hits the ego.
+    pub hits: Vec<bool>,
+}
+
+/// A scene ready for fine-tuning: nothing in it depends on what is tuned.
+pub struct TunedScene {
+    name: String,
+    encoding: Encoding,
+    ends: Vec<[f32; 2]>,
+    /// What each goal is worth.
+    pub table: GoalTable,
+    reference: Vec<f64>,
+}
+
+impl TunedScene {
+    /// Encodes a scene's adversary with a prior, and decodes and judges all its goals; `None` if the
+    /// scene has no adversary that is valid *now*, or no ego path.
+    ///
+    /// *Errors*: those of the network.
+    pub fn new(prior: &dyn Backbone, data: &SceneData) -> Result<Option<Self>, Error> {
+        let Ok(adversary) = data.scene.adversary_index() else { return Ok(None) };
+        let Ok(ctx) = Context::new(&data.scene, &data.index, &ContextOptions::default()) else { return Ok(None) };
+        if !data.scene.tracks[adversary].is_valid(sage_core::motion::NOW) {
+            return Ok(None);
+        }
+        let features = prior.features(&data.scene, &data.index, adversary)?;
+        let encoding = prior.encode(Arc::new(features))?;
+        let ends = prior.mode_ends(&encoding)?;
+        let modes: Vec<usize> = (0..ends.len()).collect();
+        let paths = to_world(&prior.trajectories(&encoding, &modes)?, encoding.features())?;
+        let rule = MapFeasibility::build(Default::default()).map_err(Error::Training)?;
+        let mut table = GoalTable {
+            reward: Vec::with_capacity(modes.len()),
+            penalty: Vec::with_capacity(modes.len()),
+            map_penalty: Vec::with_capacity(modes.len()),
+            feasible: Vec::with_capacity(modes.len()),
+            hits: Vec::with_capacity(modes.len()),
+        };
+        for path in paths {
+            let candidate = ctx.candidate(path);
+            let encounter = Encounter::of(&candidate, &ctx);
+            let broken = rule.violations(&candidate, &ctx);
+            let costs = broken.iter().map(|reason| if reason.rule == sage_core::objective::Rule::Agent { 10.0 } else { 50.0 });
+            table.reward.push(encounter.reward(ctx.convention()));
+            table.hits.push(encounter.contact.is_some());
+            table.penalty.push(kinematic_penalty(candidate.profile()) + behavior_penalty(candidate.profile()));
+            table.map_penalty.push(costs.sum());
+            table.feasible.push(broken.is_empty());
+        }
+        let reference = numbers(&prior.log_probs(&encoding)?)?;
+        Ok(Some(Self { name: data.name.clone(), encoding, ends, table, reference }))
+    }
+
+    /// The encoding.
+    pub fn encoding(&self) -> &Encoding {
+        &self.encoding
+    }
+
+    fn preference(&self, goal: usize, options: &FinetuneOptions) -> f64 {
+        let t = &self.table;
+        options.w_adv * t.reward[goal] - options.w_real * t.penalty[goal] - options.w_map * t.map_penalty[goal]
+    }
+}
+
+/// Expectations under a policy over the goals of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Expectation {
+    /// Probability of a feasible path.
+    pub feasible: f64,
+    /// Probability of a feasible path that hits the ego.
+    pub attack: f64,
+    /// Mean adversarial reward.
+    pub reward: f64,
+    /// Mean penalty for driving unlike a car.
+    pub penalty: f64,
+    /// Divergence from the prior, nats.
+    pub kl: f64,
+}
+
+impl TunedScene {
+    /// Expectations under a policy of the same encoder.
+    ///
+    /// *Errors*: those of the network.
+    pub fn expectation(&self, policy: &dyn Backbone) -> Result<Expectation, Error> {
+        Ok(self.expect(&numbers(&policy.log_probs(&self.encoding)?)?))
+    }
+
+    fn expect(&self, log_probs: &[f64]) -> Expectation {
+        let mut sum = Expectation::default();
+        for (goal, log_prob) in log_probs.iter().enumerate() {
+            let p = log_prob.exp();
+            let t = &self.table;
+            sum.feasible += p * f64::from(u8::from(t.feasible[goal]));
+            sum.attack += p * f64::from(u8::from(t.feasible[goal] && t.hits[goal]));
+            sum.reward += p * t.reward[goal];
+            sum.penalty += p * t.penalty[goal];
+            sum.kl += p * (log_prob - self.reference[goal]);
+        }
+        sum
+    }
+}
+
+/// One scene's part of a step, and what it says of the policy.
+struct Part {
+    gradient: Option<Gradient>,
+    row: FinetuneRow,
+}
+
+/// Tunes an expert from a prior on scenes that were prepared with it. `heard` gets a row an epoch.
+///
+/// *Errors*: [`Error::Training`] without scenes, or for a number that is not finite, with epoch,
+/// scene and tensor.
+pub fn finetune(
+    prior: &dyn Backbone,
+    scenes: &[TunedScene],
+    options: &FinetuneOptions,
+    mut heard: impl FnMut(&FinetuneRow),
+) -> Result<Parameters, Error> {
+    if scenes.is_empty() {
+        return Err(Error::Training("no scene has an adversary and an ego path to tune on".to_owned()));
+    }
+    let config = AdamWConfig { weight_decay: options.weight_decay, ..AdamWConfig::default() };
+    let mut trainer = Trainer::new(prior, |name| prior.role(name).is_finetuned(), config)?;
+    let steps = u64::from(options.epochs) * scenes.len().div_ceil(options.batch) as u64;
+    for epoch in 1..=options.epochs {
+        let clock = Instant::now();
+        let mut order: Vec<usize> = (0..scenes.len()).collect();
+        Rng::new(options.seed, &format!("epoch {epoch}"), "order of fine-tuning").shuffle(&mut order);
+        let mut sum = FinetuneRow::default();
+        for batch in order.chunks(options.batch) {
+            let part = |&k: &usize| part(&trainer, &scenes[k], options, epoch);
+            let parts: Vec<Result<Part, Error>> = batch.par_iter().with_max_len(1).map(part).collect();
+            let parts = parts.into_iter().collect::<Result<Vec<_>, _>>()?;
+            let rate = options.rate * schedule(trainer.adam.steps, steps, options.warm_up);
+            let mut gradients = Vec::with_capacity(parts.len());
+            for part in parts {
+                add(&mut sum, &part.row);
+                gradients.extend(part.gradient);
+            }
+            // A batch without pairs says nothing; the step counts all the same, for the schedule.
+            if !gradients.is_empty() {
+                trainer.update(&gradients, rate, options.clip)?;
+            }
+        }
+        let mut row = mean(&sum, scenes.len());
+        row.epoch = epoch;
+        row.seconds = clock.elapsed().as_secs_f64();
+        heard(&row);
+    }
+    trainer.weights()
+}
+
+fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch: u32) -> Result<Part, Error> {
+    let log_probs = trainer.network().log_probs(&scene.encoding)?;
+    let policy: Vec<f32> = log_probs.detach().to_dtype(DType::F32)?.to_vec1()?;
+    let mut rng = Rng::new(options.seed, &scene.name, &format!("candidates of epoch {epoch}"));
+    let chosen = choose(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
+    let judged: Vec<Judged> = chosen
+        .iter()
+        .map(|&goal| Judged { reward: scene.preference(goal, options), is_feasible: scene.table.feasible[goal] })
+        .collect();
+    let pairs = preference_pairs(&judged, options.pairing, options.max_pairs, options.margin, &mut rng);
+    let policy: Vec<f64> = policy.iter().map(|p| f64::from(*p)).collect();
+    let now = scene.expect(&policy);
+    let feasible = chosen.iter().filter(|&&goal| scene.table.feasible[goal]);
+    let mut row = FinetuneRow {
+        pairs: pairs.len() as f64,
+        pairs_by_feasibility: pairs.iter().filter(|p| p.by_feasibility).count() as f64,
+        feasible: feasible.clone().count() as f64 / chosen.len().max(1) as f64,
+        best_reward: feasible.map(|&goal| scene.table.reward[goal]).fold(0.0, f64::max),
+        kl: now.kl,
+        without_pairs: f64::from(u8::from(pairs.is_empty())),
+        expected_feasible: now.feasible,
+        expected_attack: now.attack,
+        expected_reward: now.reward,
+        expected_penalty: now.penalty,
+        ..FinetuneRow::default()
+    };
+    if pairs.is_empty() {
+        return Ok(Part { gradient: None, row });
+    }
+    let goals = |pick: fn(&sage_core::preference_pairs::Pair) -> usize| -> Vec<u32> {
+        pairs.iter().map(|pair| chosen[pick(pair)] as u32).collect()
+    };
+    let (winners, losers) = (goals(|p| p.winner), goals(|p| p.loser));
+    let count = pairs.len();
+    let reference: Vec<f64> = winners
+        .iter()
+        .zip(&losers)
+        .map(|(&w, &l)| scene.reference[w as usize] - scene.reference[l as usize])
+        .collect();
+    let select = |goals: Vec<u32>| log_probs.index_select(&Tensor::from_vec(goals, count, &Device::Cpu)?, 0);
+    let lead = (select(winners)? - select(losers)?)?;
+    let reference = Tensor::from_vec(reference, count, &Device::Cpu)?.to_dtype(lead.dtype())?;
+    let margins = ((lead - reference)? * options.kl_beta)?;
+    let values = numbers(&margins)?;
+    let loss = Loss::of(vec![("preference", minus_log_sigmoid(&margins)?.mean_all()?)])?;
+    row.loss = loss.parts[0].1;
+    row.margin = values.iter().sum::<f64>() / count as f64;
+    row.accuracy = values.iter().filter(|m| **m > 0.0).count() as f64 / count as f64;
+    let gradient = trainer.gradient(&loss, &format!("epoch {epoch}, scene `{}`", scene.name))?;
+    Ok(Part { gradient: Some(gradient), row })
+}
+
+/// `−ln σ(x) = max(0, −x) + ln(1 + e^−|x|)`.
+fn minus_log_sigmoid(x: &Tensor) -> candle_core::Result<Tensor> {
+    let tail = ((x.abs()?.neg()?.exp()? + 1.0)?).log()?;
+    x.neg()?.relu()? + tail
+}
+
+fn schedule(step: u64, steps: u64, warm_up: u64) -> f64 {
+    let rise = ((step + 1) as f64 / (warm_up + 1) as f64).min(1.0);
+    rise * (0.5 + 0.5 * (std::f64::consts::PI * step as f64 / steps.max(1) as f64).cos())
+}
+
+fn numbers(tensor: &Tensor) -> Result<Vec<f64>, Error> {
+    Ok(tensor.detach().to_dtype(DType::F64)?.flatten_all()?.to_vec1()?)
+}
+
+fn fields(row: &mut FinetuneRow) -> [&mut f64; 13] {
+    [
+        &mut row.loss,
+        &mut row.margin,
+        &mut row.accuracy,
+        &mut row.pairs,
+        &mut row.pairs_by_feasibility,
+        &mut row.feasible,
+        &mut row.best_reward,
+        &mut row.kl,
+        &mut row.without_pairs,
+        &mut row.expected_feasible,
+        &mut row.expected_attack,
+        &mut row.expected_reward,
+        &mut row.expected_penalty,
+    ]
+}
+
+fn add(sum: &mut FinetuneRow, row: &FinetuneRow) {
+    let mut row = row.clone();
+    for (sum, x) in fields(sum).into_iter().zip(fields(&mut row)) {
+        *sum += *x;
+    }
+}
+
+fn mean(sum: &FinetuneRow, scenes: usize) -> FinetuneRow {
+    let mut row = sum.clone();
+    // Loss, margin and accuracy are over the scenes that had pairs.
+    let with_pairs = (scenes as f64 - sum.without_pairs).max(1.0);
+    for (k, x) in fields(&mut row).into_iter().enumerate() {
+        *x /= if k < 3 { with_pairs } else { scenes as f64 };
+    }
+    row
+}

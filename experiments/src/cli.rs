@@ -262,7 +262,9 @@ enum BenchCommand {
 /// distance, least end distance, and the share of vehicles that all miss. Intervals are 95 %
 /// bootstraps over scenes. `lane-graph` is the prior without weights.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  sage bench prediction target/data/womd_cat500/val --weights lane-graph --weights waymo --radius 5\n  sage bench prediction target/data/womd_cat500/dev --weights waymo --radius 3,4,5,6")]
+#[command(
+    after_help = "Examples:\n  sage bench prediction target/data/womd_cat500/val --weights lane-graph --weights waymo --radius 5\n  sage bench prediction target/data/womd_cat500/dev --weights waymo --radius 3,4,5,6"
+)]
 pub(crate) struct PredictionArgs {
     /// Scene files and folders.
     #[arg(required = true, value_name = "PATH")]
@@ -285,7 +287,9 @@ pub(crate) struct PredictionArgs {
 /// (`last.safetensors`), and the curves; the same command goes on where it was interrupted, to the
 /// same bits.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  sage pretrain target/data/womd_cat500/pretrain --dev target/data/womd_cat500/dev --from procedural --out prior/\n  sage pretrain --made 1200 --epochs 6 --out made-prior/")]
+#[command(
+    after_help = "Examples:\n  sage pretrain target/data/womd_cat500/pretrain --dev target/data/womd_cat500/dev --from procedural --out prior/\n  sage pretrain --made 1200 --epochs 6 --out made-prior/"
+)]
 pub(crate) struct PretrainArgs {
     /// Scene files and folders to learn from; made scenes without any.
     #[arg(value_name = "PATH")]
@@ -333,7 +337,9 @@ pub(crate) struct PretrainArgs {
 /// A row or a JSON object a candidate: rank, log-probability, goal, and with --json the 80 points of
 /// the way there, world frame. With --out also a picture.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  sage predict examples/crossing.pkl --k 6 --select nms --out crossing.svg")]
+#[command(
+    after_help = "Example:\n  sage predict examples/crossing.pkl --k 6 --select nms --out crossing.svg"
+)]
 pub(crate) struct PredictArgs {
     /// The scene.
     pub scene: PathBuf,
@@ -430,7 +436,9 @@ impl Cli {
             Command::Pretrain(args) => commands::pretrain::run(&args, registries),
             Command::Predict(args) => commands::predict::run(&args, registries),
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
-            Command::Bench(BenchCommand::Prediction(args)) => commands::bench_prediction::run(&args, registries),
+            Command::Bench(BenchCommand::Prediction(args)) => {
+                commands::bench_prediction::run(&args, registries)
+            }
             Command::Completions { shell } => commands::completions::run(shell),
         }
     }

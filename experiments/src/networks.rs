@@ -65,7 +65,9 @@ fn find(name: &str) -> Result<PathBuf> {
     let path = Path::new(name);
     let file = if path.is_dir() { path.join(PRIOR) } else { path.to_owned() };
     if !file.is_file() {
-        bail!("no weights `{name}`: expected `procedural`, `waymo`, a file, or a folder that holds `{PRIOR}`");
+        bail!(
+            "no weights `{name}`: expected `procedural`, `waymo`, a file, or a folder that holds `{PRIOR}`"
+        );
     }
     Ok(file)
 }

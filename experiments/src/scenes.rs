@@ -23,7 +23,9 @@ pub(crate) fn read_all(paths: &[PathBuf]) -> Result<Vec<SceneData>> {
     let mut scenes = Vec::with_capacity(files.len());
     folder::in_order(
         &files,
-        |file| Recording::read(file).map(|recording| SceneData::new(file.display().to_string(), recording.scene)),
+        |file| {
+            Recording::read(file).map(|recording| SceneData::new(file.display().to_string(), recording.scene))
+        },
         |_, scene| {
             scenes.push(scene?);
             progress.step();

@@ -46,7 +46,8 @@ fn predict_prints_candidates_and_draws_them() {
     let picture: PathBuf = folder.path().join("crossing.svg");
     let scene = example();
     let common = ["predict", &scene, "--weights", "procedural", "--json"];
-    let output = sage(&[&common[..], &["--k", "6", "--select", "nms", "--out", picture.to_str().unwrap()]].concat());
+    let output =
+        sage(&[&common[..], &["--k", "6", "--select", "nms", "--out", picture.to_str().unwrap()]].concat());
     let found = rows(&output);
     assert_eq!(found.len(), 6);
     assert!(stderr(&output).contains("note: weights `procedural` (network densetnt)"), "{}", stderr(&output));
@@ -68,7 +69,10 @@ fn predict_prints_candidates_and_draws_them() {
     assert_ne!(draw("1"), draw("2"));
     let threads = |n: &str| rows(&sage(&[&common[..], &["--threads", n]].concat()));
     assert_eq!(threads("1"), threads("2"));
-    assert_eq!(rows(&sage(&["predict", &scene, "--weights", "lane-graph", "--json", "--agent", "ego"])).len(), 32);
+    assert_eq!(
+        rows(&sage(&["predict", &scene, "--weights", "lane-graph", "--json", "--agent", "ego"])).len(),
+        32
+    );
     let text = sage(&["predict", &scene, "--weights", "procedural", "--k", "2"]);
     assert_eq!(stdout(&text).lines().count(), 3, "a head and two rows");
 }
@@ -99,7 +103,9 @@ fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
     let out = folder.path().join("prior").display().to_string();
     let small = r#"{"hidden": 16, "rounds": 1}"#;
     let train = |out: &str, more: &[&str]| {
-        sage(&[&["pretrain", "--made", "2", "--epochs", "2", "--network", small, "--out", out], more].concat())
+        sage(
+            &[&["pretrain", "--made", "2", "--epochs", "2", "--network", small, "--out", out], more].concat(),
+        )
     };
     let output = train(&out, &[]);
     assert!(output.status.success(), "{}", stderr(&output));
@@ -107,7 +113,8 @@ fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
     for file in ["prior.safetensors", "last.safetensors", "curve.csv", "curve.svg", "run.json"] {
         assert!(Path::new(&out).join(file).is_file(), "{file}");
     }
-    let record: Value = serde_json::from_slice(&std::fs::read(Path::new(&out).join("run.json")).unwrap()).unwrap();
+    let record: Value =
+        serde_json::from_slice(&std::fs::read(Path::new(&out).join("run.json")).unwrap()).unwrap();
     assert!(record["command"].as_str().unwrap().starts_with("sage pretrain --made 2"));
     let csv = std::fs::read_to_string(Path::new(&out).join("curve.csv")).unwrap();
     assert_eq!(csv.lines().count(), 3, "{csv}");
@@ -141,7 +148,15 @@ fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
 
     let found = rows(&sage(&["predict", &example(), "--weights", &out, "--json", "--k", "3"]));
     assert_eq!(found.len(), 3);
-    let error = failure(&["pretrain", "--made", "1", "--from", &out, "--out", folder.path().join("x").to_str().unwrap()]);
+    let error = failure(&[
+        "pretrain",
+        "--made",
+        "1",
+        "--from",
+        &out,
+        "--out",
+        folder.path().join("x").to_str().unwrap(),
+    ]);
     assert!(error.contains("expected [") && error.contains("is missing"), "every tensor is named: {error}");
 }
 
@@ -165,7 +180,8 @@ fn pretrain_refuses_what_it_cannot_learn_from() {
 
 #[test]
 fn bench_prediction_compares_with_constant_velocity() {
-    let output = sage(&["bench", "prediction", &example(), "--weights", "lane-graph", "--weights", "procedural"]);
+    let output =
+        sage(&["bench", "prediction", &example(), "--weights", "lane-graph", "--weights", "procedural"]);
     let text = stdout(&output);
     assert!(text.contains("| constant velocity | interest | any | 2 | 1 |"), "{text}");
     assert!(text.contains("| procedural | all | moving |"), "{text}");
@@ -181,11 +197,17 @@ fn a_backbone_of_ones_own_is_trained_by_name() {
     }
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("own").display().to_string();
-    let output =
-        run(&program, &["pretrain", "--backbone", "goal-scorer", "--made", "1", "--epochs", "1", "--out", &out]);
+    let output = run(
+        &program,
+        &["pretrain", "--backbone", "goal-scorer", "--made", "1", "--epochs", "1", "--out", &out],
+    );
     assert!(output.status.success(), "{}", stderr(&output));
     let found = rows(&run(&program, &["predict", &example(), "--weights", &out, "--json", "--k", "4"]));
     assert_eq!(found.len(), 4);
     let shipped = sage(&["predict", &example(), "--weights", &out]);
-    assert!(stderr(&shipped).contains("unknown backbone `goal-scorer`; known: densetnt"), "{}", stderr(&shipped));
+    assert!(
+        stderr(&shipped).contains("unknown backbone `goal-scorer`; known: densetnt"),
+        "{}",
+        stderr(&shipped)
+    );
 }

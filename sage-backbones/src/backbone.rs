@@ -136,7 +136,11 @@ pub trait Backbone: Send + Sync {
 ///
 /// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
 pub fn backbones() -> Result<Registry<dyn Backbone>, sage_core::Error> {
-    Registry::new("backbone").with::<DenseTnt>()?.with::<QueryTransformer>()?.with::<LaneGraph>()?.with::<Cat>()
+    Registry::new("backbone")
+        .with::<DenseTnt>()?
+        .with::<QueryTransformer>()?
+        .with::<LaneGraph>()?
+        .with::<Cat>()
 }
 
 /// What a network keeps of one target's surroundings.

@@ -23,7 +23,13 @@ pub enum Selection {
 ///
 /// `ends` are the modes' ends, read by suppression alone; `rng` is drawn from by the Gumbel draw
 /// alone.
-pub fn choose(log_probs: &[f32], ends: &[[f32; 2]], k: usize, selection: Selection, rng: &mut Rng) -> Vec<usize> {
+pub fn choose(
+    log_probs: &[f32],
+    ends: &[[f32; 2]],
+    k: usize,
+    selection: Selection,
+    rng: &mut Rng,
+) -> Vec<usize> {
     match selection {
         Selection::TopK => first_k(log_probs, k),
         Selection::Gumbel => {

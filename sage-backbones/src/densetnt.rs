@@ -116,7 +116,10 @@ impl DenseTnt {
         let vectors = tensor(&features.vectors, self.dtype)?;
         let encoded = self.encoder.forward(&vectors, &features.groups, features.agents, padding_keys)?;
         let goals = tensor(&features.goal_features, self.dtype)?;
-        Ok(Encoding::new(features.clone(), vec![encoded.elements, encoded.target, goals, encoded.polylines, encoded.graph]))
+        Ok(Encoding::new(
+            features.clone(),
+            vec![encoded.elements, encoded.target, goals, encoded.polylines, encoded.graph],
+        ))
     }
 
     /// Scores of goals before the softmax (n), given as rows of goal features.

@@ -73,7 +73,8 @@ fn describe(paths: &[f32], ego: &EgoState, speed: f32) -> Vec<f32> {
             out.extend([signed_log(dx), signed_log(dy)]);
             let distance = dx.hypot(dy);
             if distance < nearest.0 {
-                let before = if step == EVERY { [0.0, 0.0] } else { [path[2 * step - 18], path[2 * step - 17]] };
+                let before =
+                    if step == EVERY { [0.0, 0.0] } else { [path[2 * step - 18], path[2 * step - 17]] };
                 let v = [path[2 * step - 2] - before[0], path[2 * step - 1] - before[1]].map(|x| x / 0.8);
                 nearest = (distance, k, [v[0] - ex, v[1] - ey]);
             }

@@ -49,7 +49,8 @@ impl Encoder {
     pub(crate) fn new(scope: &Scope, columns: usize, width: usize, rounds: Option<usize>) -> Result<Self> {
         let layers = scope.at("sub_graph").at("layers");
         let inputs = |layer| if layer == 0 { columns } else { width };
-        let polyline = (0..LAYERS).map(|l| Mlp::new(&layers.at(l), inputs(l), width / 2)).collect::<Result<_>>()?;
+        let polyline =
+            (0..LAYERS).map(|l| Mlp::new(&layers.at(l), inputs(l), width / 2)).collect::<Result<_>>()?;
         let mixing = match rounds {
             None => Mixing::Published(Box::new(Published::new(scope, width)?)),
             Some(rounds) => {

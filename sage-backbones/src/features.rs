@@ -104,7 +104,8 @@ impl Features {
     ) -> Result<Self, Error> {
         let (frame, velocity) = target_frame(scene, target)?;
         let routes = Routes::from(scene, index, scene.tracks[target].point(NOW), frame.heading());
-        let mut vectors = Table { columns: VECTOR_COLUMNS, values: Vec::with_capacity(1024 * VECTOR_COLUMNS) };
+        let mut vectors =
+            Table { columns: VECTOR_COLUMNS, values: Vec::with_capacity(1024 * VECTOR_COLUMNS) };
         let mut lengths = Vec::with_capacity(160);
         agents::append(scene, target, &frame, &mut vectors, &mut lengths);
         let agents = lengths.len();

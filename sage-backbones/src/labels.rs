@@ -75,14 +75,16 @@ pub fn smooth_l1(path: &Tensor, sample: &Sample) -> Result<Tensor, Error> {
     let dtype = path.dtype();
     let steps = sample.valid.iter().filter(|v| **v).count().max(1);
     let share = 1.0 / (2 * steps) as f64;
-    let weights: Vec<f64> = sample.valid.iter().flat_map(|v| if *v { [share; 2] } else { [0.0; 2] }).collect();
+    let weights: Vec<f64> =
+        sample.valid.iter().flat_map(|v| if *v { [share; 2] } else { [0.0; 2] }).collect();
     let mut future: Vec<f64> = sample.future.iter().flatten().map(|x| f64::from(*x)).collect();
     for (x, weight) in future.iter_mut().zip(&weights) {
         if *weight == 0.0 {
             *x = 0.0;
         }
     }
-    let constant = |values: Vec<f64>| Tensor::from_vec(values, (1, HORIZON, 2), &Device::Cpu)?.to_dtype(dtype);
+    let constant =
+        |values: Vec<f64>| Tensor::from_vec(values, (1, HORIZON, 2), &Device::Cpu)?.to_dtype(dtype);
     let error = (path - constant(future)?)?.abs()?;
     let near = error.clamp(0.0, 1.0)?;
     // 0.5 n² + (e − n) with n = min(e, 1).

@@ -105,7 +105,8 @@ impl Backbone for LaneGraph {
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let features = encoding.features();
-        let scores: Vec<f32> = (0..features.modes()).map(|k| self.score(features.goal_features.row(k))).collect();
+        let scores: Vec<f32> =
+            (0..features.modes()).map(|k| self.score(features.goal_features.row(k))).collect();
         Ok(log_softmax(&Tensor::from_vec(scores, features.modes(), &Device::Cpu)?)?)
     }
 

@@ -51,7 +51,8 @@ impl Parameters {
     ///
     /// *Errors*: none on a CPU.
     pub fn to_dtype(&self, dtype: DType) -> Result<Self, Error> {
-        let convert = |(name, tensor): (&str, &Tensor)| Ok((name.to_owned(), tensor.detach().to_dtype(dtype)?));
+        let convert =
+            |(name, tensor): (&str, &Tensor)| Ok((name.to_owned(), tensor.detach().to_dtype(dtype)?));
         Ok(Self(self.iter().map(convert).collect::<candle_core::Result<_>>()?))
     }
 

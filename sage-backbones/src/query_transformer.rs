@@ -287,7 +287,8 @@ fn anchors(speed: f32) -> Vec<[f32; 2]> {
         let stopping = if gain < 0.0 { speed * speed / (-2.0 * gain) } else { 0.0 };
         let way = if gain < 0.0 && speed < -8.0 * gain { stopping } else { steady };
         for turn in TURNS {
-            let (along, across) = if turn.abs() < 1e-3 { (1.0, 0.0) } else { (turn.sin() / turn, (1.0 - turn.cos()) / turn) };
+            let (along, across) =
+                if turn.abs() < 1e-3 { (1.0, 0.0) } else { (turn.sin() / turn, (1.0 - turn.cos()) / turn) };
             ends.push([way * along, way * across]);
         }
     }

@@ -144,7 +144,8 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
         let network = network(name);
         let weights = stirred(&*network, DType::F64);
         let sample = recorded_sample(&data, data.scene.adversary.unwrap(), &*network).unwrap();
-        let loss = |weights: Parameters| numbers(&network.rebuilt(weights).unwrap().loss(&sample).unwrap().total)[0];
+        let loss =
+            |weights: Parameters| numbers(&network.rebuilt(weights).unwrap().loss(&sample).unwrap().total)[0];
         let (traced, variables) = weights.variables(|name| network.role(name).is_pretrained()).unwrap();
         let store = network.rebuilt(traced).unwrap().loss(&sample).unwrap().total.backward().unwrap();
         for (name, variable) in variables.iter() {
@@ -156,7 +157,8 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
             let mut rng = Rng::new(1, name, "direction");
             let direction: Vec<f64> = (0..variable.elem_count()).map(|_| rng.normal()).collect();
             let along = |step: f64| {
-                let moved: Vec<f64> = numbers(variable).iter().zip(&direction).map(|(x, d)| x + step * d).collect();
+                let moved: Vec<f64> =
+                    numbers(variable).iter().zip(&direction).map(|(x, d)| x + step * d).collect();
                 let mut weights = weights.clone();
                 weights.insert(name, Tensor::from_vec(moved, variable.dims(), &Device::Cpu).unwrap());
                 loss(weights)
@@ -166,7 +168,10 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
             let difference = (along(step) - along(-step)) / (2.0 * step);
             let slope: f64 =
                 numbers(store.get(variable).unwrap()).iter().zip(&direction).map(|(g, d)| g * d).sum();
-            assert!((slope - difference).abs() <= 2e-5 * (1.0 + slope.abs()), "{name}: {slope} against {difference}");
+            assert!(
+                (slope - difference).abs() <= 2e-5 * (1.0 + slope.abs()),
+                "{name}: {slope} against {difference}"
+            );
         }
     }
 }
@@ -374,10 +379,13 @@ fn files_of_weights_survive_the_way_and_broken_ones_are_refused() {
         let error = Parameters::from_bytes(&bytes[..cut], &path).unwrap_err().to_string();
         assert!(error.contains("prior.safetensors") && error.contains("no whole file of weights"), "{error}");
     }
-    let plain = safetensors::serialize([("a", &Tensor::zeros(2, DType::F32, &Device::Cpu).unwrap())], None).unwrap();
+    let plain =
+        safetensors::serialize([("a", &Tensor::zeros(2, DType::F32, &Device::Cpu).unwrap())], None).unwrap();
     let error = Parameters::from_bytes(&plain, Path::new("plain")).unwrap_err().to_string();
     assert!(error.contains("`plain`: has no `sage` header"), "{error}");
-    assert!(Parameters::load(Path::new("nowhere")).unwrap_err().to_string().starts_with("cannot read `nowhere`"));
+    assert!(
+        Parameters::load(Path::new("nowhere")).unwrap_err().to_string().starts_with("cannot read `nowhere`")
+    );
 }
 
 #[test]

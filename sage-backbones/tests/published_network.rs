@@ -74,7 +74,8 @@ impl Fixture {
         let (vectors, groups) = cat::with_padding_row(&rows, &lengths, longest.unwrap_or(own));
         // The small context of the synthetic file has the frame and the speed of the large one.
         let normalizer = self.0.get(&format!("{prefix}normalizer"));
-        let [x, y, angle] = numbers(normalizer.unwrap_or_else(|| self.tensor("syn/normalizer"))).try_into().unwrap();
+        let [x, y, angle] =
+            numbers(normalizer.unwrap_or_else(|| self.tensor("syn/normalizer"))).try_into().unwrap();
         let frame = Frame::new([x, y], -angle);
         let speed = self.0.get(&format!("{prefix}speed")).map_or(7.5, |speed| numbers(speed)[0]);
         Arc::new(Features {
@@ -137,7 +138,9 @@ fn check_goals(fixture: &Fixture, network: &DenseTnt, encoding: &Encoding, prefi
         let order = ranked(&log_probs);
         let chosen = match kind {
             "topk" => order[..expected.len()].to_vec(),
-            _ => suppressed(&order, &features.goals, expected.len(), cat::suppression_radius(features.speed())),
+            _ => {
+                suppressed(&order, &features.goals, expected.len(), cat::suppression_radius(features.speed()))
+            }
         };
         let recorded = fixture.numbers(&name("logprob"));
         for (k, (&found, &index)) in chosen.iter().zip(&expected).enumerate() {
@@ -169,7 +172,11 @@ fn check_goals(fixture: &Fixture, network: &DenseTnt, encoding: &Encoding, prefi
 fn check_loss(fixture: &Fixture, network: &DenseTnt, sample: &Sample, prefix: &str) {
     let trainer = Trainer::new(network, |_| true, AdamWConfig::default()).unwrap();
     let Loss { total, parts } = trainer.network().loss(sample).unwrap();
-    assert_abs_diff_eq!(numbers(&total)[0], fixture.numbers(&format!("{prefix}loss/total"))[0], epsilon = 1e-4);
+    assert_abs_diff_eq!(
+        numbers(&total)[0],
+        fixture.numbers(&format!("{prefix}loss/total"))[0],
+        epsilon = 1e-4
+    );
     if let Some(recorded) = fixture.0.get(&format!("{prefix}loss/classification")) {
         assert_abs_diff_eq!(parts[0].1, numbers(recorded)[0], epsilon = 1e-4);
     }
@@ -179,13 +186,18 @@ fn check_loss(fixture: &Fixture, network: &DenseTnt, sample: &Sample, prefix: &s
         let gradient = store.get(variable).map(numbers);
         let norm = gradient.as_ref().map_or(0.0, |g| g.iter().map(|x| x * x).sum::<f64>().sqrt());
         let off = (norm - recorded).abs();
-        assert!(off <= 1e-5 || off <= 1e-3 * recorded, "{prefix}{name}: gradient {norm}, recorded {recorded}");
+        assert!(
+            off <= 1e-5 || off <= 1e-3 * recorded,
+            "{prefix}{name}: gradient {norm}, recorded {recorded}"
+        );
         match network.role(name) {
             Role::Unused => assert!(gradient.is_none() && recorded == 0.0, "{name} is not unused"),
             Role::WithoutEffect => assert!(norm < 1e-4, "{name} has a gradient of {norm}"),
             _ => assert!(norm > 1e-6, "{name} has no gradient"),
         }
-        if let (Some(gradient), Some(recorded)) = (gradient, fixture.0.get(&format!("{prefix}loss/grad/{name}"))) {
+        if let (Some(gradient), Some(recorded)) =
+            (gradient, fixture.0.get(&format!("{prefix}loss/grad/{name}")))
+        {
             let recorded = numbers(recorded);
             let scale = recorded.iter().fold(1e-2, |a: f64, b| a.max(b.abs()));
             for (a, b) in gradient.iter().zip(&recorded) {
@@ -256,7 +268,9 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
     let sample = fixture.sample("syn/", features);
     let network = fixture.network();
     let weights = network.parameters().to_dtype(DType::F64).unwrap();
-    let loss = |weights: Parameters| numbers(&Cat::with_weights(weights, "").unwrap().loss(&sample).unwrap().total)[0];
+    let loss = |weights: Parameters| {
+        numbers(&Cat::with_weights(weights, "").unwrap().loss(&sample).unwrap().total)[0]
+    };
     let (traced, variables) = weights.variables(|_| true).unwrap();
     let total = Cat::with_weights(traced, "").unwrap().loss(&sample).unwrap().total;
     let store = total.backward().unwrap();
@@ -264,7 +278,8 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
         let mut rng = Rng::new(1, name, "direction");
         let direction: Vec<f64> = (0..variable.elem_count()).map(|_| rng.normal()).collect();
         let along = |step: f64| {
-            let moved = numbers(variable).iter().zip(&direction).map(|(x, d)| x + step * d).collect::<Vec<_>>();
+            let moved =
+                numbers(variable).iter().zip(&direction).map(|(x, d)| x + step * d).collect::<Vec<_>>();
             let mut weights = weights.clone();
             weights.insert(name, Tensor::from_vec(moved, variable.dims(), &Device::Cpu).unwrap());
             loss(weights)
@@ -272,8 +287,12 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
         // Small enough that hardly any of 100 000 ReLUs changes sides on the way.
         let step = 1e-8;
         let difference = (along(step) - along(-step)) / (2.0 * step);
-        let slope = store.get(variable).map_or(0.0, |g| numbers(g).iter().zip(&direction).map(|(g, d)| g * d).sum());
-        assert!((slope - difference).abs() <= 1e-5 * (1.0 + slope.abs()), "{name}: {slope} against {difference}");
+        let slope =
+            store.get(variable).map_or(0.0, |g| numbers(g).iter().zip(&direction).map(|(g, d)| g * d).sum());
+        assert!(
+            (slope - difference).abs() <= 1e-5 * (1.0 + slope.abs()),
+            "{name}: {slope} against {difference}"
+        );
     }
 }
 
@@ -343,9 +362,10 @@ fn recorded_scenes_give_the_published_features() {
     for number in SCENES {
         let path = Path::new(&data).join(format!("pretrain/{number}.pkl"));
         let scene = sage_data::Recording::read(&path).unwrap().scene;
-        for (prefix, target) in
-            [(format!("scene{number}/"), scene.adversary.unwrap()), (format!("scene{number}/pair/ego_"), scene.ego)]
-        {
+        for (prefix, target) in [
+            (format!("scene{number}/"), scene.adversary.unwrap()),
+            (format!("scene{number}/pair/ego_"), scene.ego),
+        ] {
             let features = cat::features(&scene, target).unwrap();
             let expected = fixture.features(&prefix, cat::lattice(), None);
             assert_eq!(features.agents, expected.agents, "{prefix}");

@@ -108,7 +108,8 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     }
     let resumed = train(&*network, &parts, usize::MAX).unwrap();
     assert_eq!(bytes(&resumed.best), bytes(&reference.best));
-    let figures = |rows: &[EpochRow]| rows.iter().map(|r| (r.steps, r.goal, r.path, r.min_fde6)).collect::<Vec<_>>();
+    let figures =
+        |rows: &[EpochRow]| rows.iter().map(|r| (r.steps, r.goal, r.path, r.min_fde6)).collect::<Vec<_>>();
     assert_eq!(figures(&resumed.rows), figures(&reference.rows));
     for file in ["prior.safetensors"] {
         assert_eq!(std::fs::read(whole.join(file)).unwrap(), std::fs::read(parts.join(file)).unwrap());

@@ -93,7 +93,8 @@ fn better_and_worse(candidates: &[Judged], among: &[usize], margin: f64) -> Vec<
 
 fn best_and_worst(candidates: &[Judged], feasible: &[usize], infeasible: &[usize], margin: f64) -> Vec<Pair> {
     let by_reward = |a: &&usize, b: &&usize| candidates[**a].reward.total_cmp(&candidates[**b].reward);
-    let (Some(&best), Some(&worst)) = (feasible.iter().max_by(by_reward), feasible.iter().min_by(by_reward)) else {
+    let (Some(&best), Some(&worst)) = (feasible.iter().max_by(by_reward), feasible.iter().min_by(by_reward))
+    else {
         return Vec::new();
     };
     let mut pairs = Vec::new();
@@ -118,7 +119,8 @@ mod tests {
         preference_pairs(&judged(items), pairing, most, 0.2, &mut Rng::new(1, "pairs", "test"))
     }
 
-    const MIXED: [(f64, bool); 6] = [(5.0, true), (1.0, false), (3.0, true), (9.0, false), (2.95, true), (0.0, false)];
+    const MIXED: [(f64, bool); 6] =
+        [(5.0, true), (1.0, false), (3.0, true), (9.0, false), (2.95, true), (0.0, false)];
 
     #[test]
     fn the_feasible_win_and_of_two_feasible_ones_the_better() {

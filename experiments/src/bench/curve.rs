@@ -35,7 +35,13 @@ fn draw(rows: &[EpochRow]) -> Result<String, Box<dyn std::error::Error>> {
         root.fill(&WHITE)?;
         let (left, right) = root.split_horizontally(SIZE.0 / 2);
         let surprise = |r: &EpochRow| r.surprise;
-        panel(&left, "loss over goals (training)", rows, |r| r.goal, Some(("surprise (validation)", surprise)))?;
+        panel(
+            &left,
+            "loss over goals (training)",
+            rows,
+            |r| r.goal,
+            Some(("surprise (validation)", surprise)),
+        )?;
         panel(&right, "minFDE6, m (validation)", rows, |r| r.min_fde6, None)?;
         root.present()?;
     }
@@ -52,8 +58,9 @@ fn panel(
     curve: Curve,
     other: Option<(&str, Curve)>,
 ) -> Result<(), Box<dyn std::error::Error + 'static>> {
-    let curves: Vec<(&str, Curve, RGBColor)> =
-        std::iter::once((title, curve, RGBColor(31, 119, 180))).chain(other.map(|(t, c)| (t, c, RGBColor(214, 39, 40)))).collect();
+    let curves: Vec<(&str, Curve, RGBColor)> = std::iter::once((title, curve, RGBColor(31, 119, 180)))
+        .chain(other.map(|(t, c)| (t, c, RGBColor(214, 39, 40))))
+        .collect();
     let values = curves.iter().flat_map(|(_, curve, _)| rows.iter().map(curve)).filter(|v| v.is_finite());
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     let (low, high) = if low < high { (low, high) } else { (low.min(0.0), low.min(0.0) + 1.0) };
@@ -71,7 +78,9 @@ fn panel(
         let points = rows.iter().map(|r| (f64::from(r.epoch), curve(r)));
         let color = *color;
         let series = chart.draw_series(LineSeries::new(points, color.stroke_width(2)))?;
-        series.label(*name).legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2)));
+        series
+            .label(*name)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2)));
     }
     if curves.len() > 1 {
         chart.configure_series_labels().background_style(WHITE.mix(0.8)).draw()?;

@@ -63,18 +63,36 @@ pub fn run(files: &[PathBuf], repeat: usize, mut report: impl FnMut(Timing) -> R
         forward(&*ours, &cases, repeat)?,
         Some(6.0),
     ))?;
-    report(timing("learn: forward, backward, update, 2000 goals, median of scenes", step(&*ours, &cases, repeat)?, Some(24.0)))?;
+    report(timing(
+        "learn: forward, backward, update, 2000 goals, median of scenes",
+        step(&*ours, &cases, repeat)?,
+        Some(24.0),
+    ))?;
     let second = registry.build_default("query-transformer")?;
     report(timing("query-transformer: predict, median of scenes", forward(&*second, &cases, repeat)?, None))?;
-    report(timing("densetnt-cat: predict, 2000 goals, median of scenes", forward(&*published, &cases, repeat.div_ceil(4))?, None))?;
-    report(timing("densetnt-cat: learn, 2000 goals, median of scenes", step(&*published, &cases, repeat.div_ceil(4))?, None))?;
+    report(timing(
+        "densetnt-cat: predict, 2000 goals, median of scenes",
+        forward(&*published, &cases, repeat.div_ceil(4))?,
+        None,
+    ))?;
+    report(timing(
+        "densetnt-cat: learn, 2000 goals, median of scenes",
+        step(&*published, &cases, repeat.div_ceil(4))?,
+        None,
+    ))?;
 
     let batch = features(&*ours, &cases[0])?;
     for (name, threads) in [("32 predictions, one thread", 1), ("32 predictions, two threads", 2)] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         let all = |features: &Arc<Features>| {
             (0..BATCH).into_par_iter().with_max_len(1).for_each(|_| {
-                let _ = black_box(predict(&*ours, features.clone(), CANDIDATES, Selection::TopK, &mut Rng::new(0, "", "")));
+                let _ = black_box(predict(
+                    &*ours,
+                    features.clone(),
+                    CANDIDATES,
+                    Selection::TopK,
+                    &mut Rng::new(0, "", ""),
+                ));
             });
         };
         let times = measure(repeat.div_ceil(5), || {
@@ -127,7 +145,8 @@ fn step(network: &dyn Backbone, cases: &[Case], repeat: usize) -> Result<Vec<f64
         let all = Arc::unwrap_or_clone(sample.features);
         let keep: Vec<usize> = (0..all.modes()).cycle().take(GOALS).collect();
         sample.features = Arc::new(all.with_goals(&keep));
-        let mut trainer = Trainer::new(network, |name| network.role(name).is_pretrained(), AdamWConfig::default())?;
+        let mut trainer =
+            Trainer::new(network, |name| network.role(name).is_pretrained(), AdamWConfig::default())?;
         medians.extend(over(std::slice::from_ref(case), repeat, |_| {
             let loss = trainer.network().loss(&sample)?;
             let gradient = trainer.gradient(&loss, "bench")?;

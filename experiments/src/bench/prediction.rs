@@ -155,7 +155,8 @@ fn measure(method: &Method, data: &SceneData, examples: &[Example]) -> Result<Of
                 let features = network.features(&data.scene, &data.index, example.track)?;
                 let encoding = network.encode(Arc::new(features))?;
                 let nms = Selection::Nms { radius: *radius };
-                let propose = |k, selection| propose(*network, &encoding, k, selection, &mut Rng::new(0, "", ""));
+                let propose =
+                    |k, selection| propose(*network, &encoding, k, selection, &mut Rng::new(0, "", ""));
                 let six = propose(6, nms)?;
                 let all = propose(JUDGED, nms)?;
                 let lanes = data.index.motor_lanes();
@@ -165,10 +166,18 @@ fn measure(method: &Method, data: &SceneData, examples: &[Example]) -> Result<Of
                     let random = random_modes(*network, &encoding, &data.name)?;
                     judge(data, top, random, &mut of_scene)?;
                 }
-                ([distances(&truth, &six[..1]), distances(&truth, &six), distances(&truth, &all)], (on, six.len()))
+                (
+                    [distances(&truth, &six[..1]), distances(&truth, &six), distances(&truth, &all)],
+                    (on, six.len()),
+                )
             }
         };
-        of_scene.vehicles.push(Outcome { of_interest: example.of_interest, moves: example.moves, distances, on_lanes });
+        of_scene.vehicles.push(Outcome {
+            of_interest: example.of_interest,
+            moves: example.moves,
+            distances,
+            on_lanes,
+        });
     }
     Ok(of_scene)
 }

@@ -72,7 +72,10 @@ fn table(report: &Report) -> Result<()> {
     if report.quality.is_empty() {
         return Ok(());
     }
-    writeln!(out, "\n| method | six ends on lanes | top 32: median P_kin | top 32 feasible | random 32 feasible |")?;
+    writeln!(
+        out,
+        "\n| method | six ends on lanes | top 32: median P_kin | top 32 feasible | random 32 feasible |"
+    )?;
     writeln!(out, "| --- | --- | --- | --- | --- |")?;
     for row in &report.quality {
         writeln!(

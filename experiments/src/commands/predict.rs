@@ -73,7 +73,11 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
 fn print(predicted: &[Predicted], as_json: bool) -> Result<()> {
     let mut out = std::io::stdout().lock();
     if !as_json {
-        writeln!(out, "{:>4} {:>9} {:>12} {:>12} {:>8} {:>9}", "rank", "log p", "goal x", "goal y", "way m", "end m/s")?;
+        writeln!(
+            out,
+            "{:>4} {:>9} {:>12} {:>12} {:>8} {:>9}",
+            "rank", "log p", "goal x", "goal y", "way m", "end m/s"
+        )?;
     }
     for (k, Predicted { log_prob, goal, trajectory, .. }) in predicted.iter().enumerate() {
         if as_json {
@@ -86,7 +90,13 @@ fn print(predicted: &[Predicted], as_json: bool) -> Result<()> {
         let step = |w: &[Point]| sage_core::geometry::distance(w[0], w[1]);
         let way: f64 = points.windows(2).map(step).sum();
         let speed = points.windows(2).next_back().map_or(0.0, step) * 10.0;
-        writeln!(out, "{:>4} {log_prob:>9.3} {:>12.2} {:>12.2} {way:>8.1} {speed:>9.1}", k + 1, goal[0], goal[1])?;
+        writeln!(
+            out,
+            "{:>4} {log_prob:>9.3} {:>12.2} {:>12.2} {way:>8.1} {speed:>9.1}",
+            k + 1,
+            goal[0],
+            goal[1]
+        )?;
     }
     Ok(())
 }

@@ -39,7 +39,11 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         let parameters = loaded.network.parameters().clone();
         network = network.with_parameters(parameters, &format!("weights `{from}`"))?;
     }
-    let train = if args.paths.is_empty() { scenes::make(args.made, args.seed) } else { scenes::read_all(&args.paths)? };
+    let train = if args.paths.is_empty() {
+        scenes::make(args.made, args.seed)
+    } else {
+        scenes::read_all(&args.paths)?
+    };
     let dev = match &args.dev {
         Some(dev) => scenes::read_all(std::slice::from_ref(dev))?,
         None => scenes::make(HELD_OUT.0, HELD_OUT.1),
@@ -65,7 +69,8 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     let done = pretrain(&*network, &train, &dev, &options, &header, folder, &mut watcher)?;
     watcher.outcome?;
     let rows = done.rows;
-    let best = rows.iter().min_by(|a, b| a.surprise.total_cmp(&b.surprise)).context("no epoch was asked for")?;
+    let best =
+        rows.iter().min_by(|a, b| a.surprise.total_cmp(&b.surprise)).context("no epoch was asked for")?;
     curve::write(folder, &rows)?;
     let record = json!({
         "command": header.command, "options": options, "network": header.options, "data": header.data,
@@ -87,7 +92,8 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
 fn options(args: &PretrainArgs) -> Result<PretrainOptions> {
     let mut options: PretrainOptions = match &args.config {
         Some(path) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+            let text =
+                std::fs::read_to_string(path).with_context(|| format!("cannot read `{}`", path.display()))?;
             serde_json::from_str(&text).with_context(|| format!("`{}`", path.display()))?
         }
         None => PretrainOptions::default(),
@@ -114,7 +120,14 @@ fn data(train: &[SceneData], dev: &[SceneData]) -> String {
         all
     };
     let mut text = String::new();
-    let _ = write!(text, "{} scenes ({:032x}), validated on {} ({:032x})", train.len(), hash(train), dev.len(), hash(dev));
+    let _ = write!(
+        text,
+        "{} scenes ({:032x}), validated on {} ({:032x})",
+        train.len(),
+        hash(train),
+        dev.len(),
+        hash(dev)
+    );
     text
 }
 

@@ -86,8 +86,15 @@ impl Goals {
             chosen.truncate(MOST);
             chosen.sort_unstable();
         }
-        let describe = Describe { scene, routes, grid: &grid, speed: speed as f32, leader: leader(scene, routes, &grid, frame) };
-        let mut features = Table { columns: GOAL_COLUMNS, values: Vec::with_capacity(chosen.len() * GOAL_COLUMNS) };
+        let describe = Describe {
+            scene,
+            routes,
+            grid: &grid,
+            speed: speed as f32,
+            leader: leader(scene, routes, &grid, frame),
+        };
+        let mut features =
+            Table { columns: GOAL_COLUMNS, values: Vec::with_capacity(chosen.len() * GOAL_COLUMNS) };
         for point in &chosen {
             let place = point.map(|k| k as f32 * CELL as f32);
             features.values.extend_from_slice(&describe.row(place, grid.index(*point)));

@@ -1,7 +1,7 @@
 //! A row added to every row of a matrix, with a fast gradient: candle sums over the first axis
 //! fifty times slower than over the last.
 
-use candle_core::{backend::BackendStorage as _, CpuStorage, CustomOp2, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
 
 use super::real::{BlockSums, Real, by_dtype, slice, with_slice};
 

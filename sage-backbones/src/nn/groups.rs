@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use candle_core::{backend::BackendStorage as _, CpuStorage, CustomOp1, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
 
 use super::real::{Real, by_dtype, slice, with_slice};
 

@@ -1,6 +1,6 @@
 //! `max(0, γ · norm(x + b) + β)` in one pass: the bias, the layer norm and the ReLU after a product.
 
-use candle_core::{backend::BackendStorage as _, CpuStorage, CustomOp3, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
 
 use super::real::{BlockSums, Real, by_dtype, slice, sum, with_slice};
 

@@ -1,6 +1,6 @@
 //! Softmax and log-softmax over the last axis.
 
-use candle_core::{backend::BackendStorage as _, CpuStorage, CustomOp1, Layout, Result, Shape, Tensor};
+use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
 
 use super::real::{Real, by_dtype, slice, sum, with_slice};
 

@@ -57,7 +57,8 @@ impl Parameters {
             .map(|(name, tensor)| Ok((name, tensor.contiguous()?)))
             .collect::<candle_core::Result<_>>()?;
         let views = contiguous.iter().map(|(name, tensor)| (*name, tensor));
-        safetensors::serialize(views, Some(metadata)).map_err(|e| Error::Training(format!("cannot keep weights: {e}")))
+        safetensors::serialize(views, Some(metadata))
+            .map_err(|e| Error::Training(format!("cannot keep weights: {e}")))
     }
 
     /// Reads what [`Parameters::to_bytes`] makes; `path` is for messages.
@@ -72,7 +73,8 @@ impl Parameters {
         let json = metadata.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(|| {
             fail("has no `sage` header, which says what network its tensors belong to".to_owned())
         })?;
-        let header = serde_json::from_str(json).map_err(|e| fail(format!("has a broken `sage` header: {e}")))?;
+        let header =
+            serde_json::from_str(json).map_err(|e| fail(format!("has a broken `sage` header: {e}")))?;
         let file = SafeTensors::deserialize(bytes).map_err(broken)?;
         let mut parameters = Self::default();
         for (name, view) in file.iter() {

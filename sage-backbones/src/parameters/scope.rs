@@ -52,7 +52,8 @@ impl Scope {
 
     /// The place one name further down.
     pub fn at(&self, name: impl std::fmt::Display) -> Self {
-        let prefix = if self.prefix.is_empty() { name.to_string() } else { format!("{}.{name}", self.prefix) };
+        let prefix =
+            if self.prefix.is_empty() { name.to_string() } else { format!("{}.{name}", self.prefix) };
         Self { source: self.source.clone(), prefix }
     }
 
@@ -68,7 +69,9 @@ impl Scope {
             }
             Source::Loading(parameters) => match parameters.get(&name) {
                 Some(tensor) if tensor.dims() == shape => Ok(tensor.clone()),
-                Some(tensor) => candle_core::bail!("tensor `{name}` is {:?}, expected {shape:?}", tensor.dims()),
+                Some(tensor) => {
+                    candle_core::bail!("tensor `{name}` is {:?}, expected {shape:?}", tensor.dims())
+                }
                 None => candle_core::bail!("tensor `{name}` is missing"),
             },
         }
@@ -101,7 +104,11 @@ impl Parameters {
         }
         for (name, tensor) in self.iter() {
             if wanted.binary_search_by(|w| w.name.as_str().cmp(name)).is_err() {
-                faults.push(format!("tensor `{}` {:?} is not part of this network", name.escape_debug(), tensor.dims()));
+                faults.push(format!(
+                    "tensor `{}` {:?} is not part of this network",
+                    name.escape_debug(),
+                    tensor.dims()
+                ));
             }
         }
         faults

@@ -55,7 +55,13 @@ impl Checkpoint {
     /// Writes weights and optimiser as one file.
     ///
     /// *Errors*: [`Error::Io`].
-    pub fn save(&self, weights: &Parameters, adam: &AdamW, header: &Header, path: &Path) -> Result<(), Error> {
+    pub fn save(
+        &self,
+        weights: &Parameters,
+        adam: &AdamW,
+        header: &Header,
+        path: &Path,
+    ) -> Result<(), Error> {
         let mut all = weights.clone();
         for (name, moments) in &adam.moments {
             for (kind, values) in [(FIRST, &moments.first), (SECOND, &moments.second)] {
@@ -75,7 +81,10 @@ impl Checkpoint {
     pub fn load(path: &Path, config: AdamWConfig) -> Result<(Self, Parameters, AdamW), Error> {
         let (all, header) = Parameters::load(path)?;
         let fail = |problem: String| Error::Format { path: path.to_owned(), problem };
-        let json = header.notes.get(NOTE).ok_or_else(|| fail("holds weights but no state of training".to_owned()))?;
+        let json = header
+            .notes
+            .get(NOTE)
+            .ok_or_else(|| fail("holds weights but no state of training".to_owned()))?;
         let state: Self = serde_json::from_str(json).map_err(|e| fail(format!("has a broken state: {e}")))?;
         let mut weights = Parameters::default();
         let mut adam = AdamW::new(config);

@@ -11,7 +11,7 @@ use std::{sync::Arc, time::Instant};
 use candle_core::{DType, Device, Tensor};
 use rayon::prelude::*;
 use sage_core::{
-    objective::{Context, ContextOptions, Encounter, Feasibility as _, MapFeasibility, behavior_penalty, kinematic_penalty},
+    objective::{Context, ContextOptions, Encounter, MapFeasibility, behavior_penalty, kinematic_penalty},
     preference_pairs::{Judged, Pairing, preference_pairs},
     registry::Entry,
     seed::Rng,
@@ -162,7 +162,9 @@ impl TunedScene {
     /// *Errors*: those of the network.
     pub fn new(prior: &dyn Backbone, data: &SceneData) -> Result<Option<Self>, Error> {
         let Ok(adversary) = data.scene.adversary_index() else { return Ok(None) };
-        let Ok(ctx) = Context::new(&data.scene, &data.index, &ContextOptions::default()) else { return Ok(None) };
+        let Ok(ctx) = Context::new(&data.scene, &data.index, &ContextOptions::default()) else {
+            return Ok(None);
+        };
         if !data.scene.tracks[adversary].is_valid(sage_core::motion::NOW) {
             return Ok(None);
         }
@@ -183,10 +185,14 @@ impl TunedScene {
             let candidate = ctx.candidate(path);
             let encounter = Encounter::of(&candidate, &ctx);
             let broken = rule.violations(&candidate, &ctx);
-            let costs = broken.iter().map(|reason| if reason.rule == sage_core::objective::Rule::Agent { 10.0 } else { 50.0 });
+            let costs = broken
+                .iter()
+                .map(|reason| if reason.rule == sage_core::objective::Rule::Agent { 10.0 } else { 50.0 });
             table.reward.push(encounter.reward(ctx.convention()));
             table.hits.push(encounter.contact.is_some());
-            table.penalty.push(kinematic_penalty(candidate.profile()) + behavior_penalty(candidate.profile()));
+            table
+                .penalty
+                .push(kinematic_penalty(candidate.profile()) + behavior_penalty(candidate.profile()));
             table.map_penalty.push(costs.sum());
             table.feasible.push(broken.is_empty());
         }
@@ -201,7 +207,9 @@ impl TunedScene {
 
     fn preference(&self, goal: usize, options: &FinetuneOptions) -> f64 {
         let t = &self.table;
-        options.w_adv * t.reward[goal] - options.w_real * t.penalty[goal] - options.w_map * t.map_penalty[goal]
+        options.w_adv * t.reward[goal]
+            - options.w_real * t.penalty[goal]
+            - options.w_map * t.map_penalty[goal]
     }
 }
 
@@ -300,7 +308,10 @@ fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch:
     let chosen = choose(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
     let judged: Vec<Judged> = chosen
         .iter()
-        .map(|&goal| Judged { reward: scene.preference(goal, options), is_feasible: scene.table.feasible[goal] })
+        .map(|&goal| Judged {
+            reward: scene.preference(goal, options),
+            is_feasible: scene.table.feasible[goal],
+        })
         .collect();
     let pairs = preference_pairs(&judged, options.pairing, options.max_pairs, options.margin, &mut rng);
     let policy: Vec<f64> = policy.iter().map(|p| f64::from(*p)).collect();

@@ -247,7 +247,8 @@ impl Run<'_> {
         };
         let moving = draw(&self.moving, usize::MAX);
         let standing = draw(&self.standing, (moving.len() as f64 * self.options.standing) as usize);
-        let mut order: Vec<(Example, bool)> = moving.into_iter().chain(standing).map(|e| (e, false)).collect();
+        let mut order: Vec<(Example, bool)> =
+            moving.into_iter().chain(standing).map(|e| (e, false)).collect();
         rng.shuffle(&mut order);
         for (_, mirrored) in &mut order {
             *mirrored = self.options.mirror && rng.unit() < 0.5;
@@ -255,7 +256,12 @@ impl Run<'_> {
         order
     }
 
-    fn gradient(&self, (example, mirrored): &(Example, bool), epoch: u32, step: usize) -> Result<Gradient, Error> {
+    fn gradient(
+        &self,
+        (example, mirrored): &(Example, bool),
+        epoch: u32,
+        step: usize,
+    ) -> Result<Gradient, Error> {
         let sample = self.moving.sample(example, self.trainer.network(), *mirrored)?;
         let loss = self.trainer.network().loss(&sample)?;
         let data = self.moving.scene(example);
@@ -281,7 +287,8 @@ impl Run<'_> {
             let distances = truth.distances(paths.iter().map(|p| p.points()));
             Ok((distances.min_fde, -f64::from(log_probs[nearest])))
         };
-        let all: Vec<Result<(f64, f64), Error>> = self.held_out.list().par_iter().with_max_len(1).map(one).collect();
+        let all: Vec<Result<(f64, f64), Error>> =
+            self.held_out.list().par_iter().with_max_len(1).map(one).collect();
         let all = all.into_iter().collect::<Result<Vec<_>, _>>()?;
         let mean = |pick: fn(&(f64, f64)) -> f64| {
             let values: Vec<f64> = all.iter().map(pick).collect();
@@ -294,5 +301,9 @@ impl Run<'_> {
 /// Share of the largest rate at a step: a linear rise, then a cosine down to nothing.
 fn schedule(step: u64, steps: u64, warm_up: f64) -> f64 {
     let at = (step + 1) as f64 / (steps + 1) as f64;
-    if at < warm_up { at / warm_up } else { 0.5 + 0.5 * (std::f64::consts::PI * (at - warm_up) / (1.0 - warm_up)).cos() }
+    if at < warm_up {
+        at / warm_up
+    } else {
+        0.5 + 0.5 * (std::f64::consts::PI * (at - warm_up) / (1.0 - warm_up)).cos()
+    }
 }

@@ -47,6 +47,7 @@ pub struct Context<'s> {
     /// Heading of the valid frame of history nearest to now.
     last_heading: f64,
     size: [f64; 2],
+    ego_size: [f64; 2],
     ego_start: Point,
     ego_positions: Vec<Point>,
     ego_boxes: Vec<Option<OrientedBox>>,
@@ -95,6 +96,7 @@ impl<'s> Context<'s> {
             start,
             last_heading,
             size,
+            ego_size,
             ego_start: ego_track.point(NOW),
             ego_positions,
             ego_boxes,
@@ -134,6 +136,21 @@ impl<'s> Context<'s> {
     /// Which reading of the formulas.
     pub fn convention(&self) -> Convention {
         self.convention
+    }
+
+    /// The ego's positions, step 1 first; a gap in its log repeats the last one.
+    pub fn ego_positions(&self) -> &[Point] {
+        &self.ego_positions
+    }
+
+    /// Length and width of the adversary, metres.
+    pub fn size(&self) -> [f64; 2] {
+        self.size
+    }
+
+    /// Length and width of the ego, metres.
+    pub fn ego_size(&self) -> [f64; 2] {
+        self.ego_size
     }
 
     /// The ego's box at a step, 1 to 80; `None` where the log has a gap.

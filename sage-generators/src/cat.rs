@@ -1,0 +1,184 @@
+//! CAT's selection: the candidate that most probably collides early.
+//!
+//! Among 32 candidates some way apart, the one of largest `p · 0.99^(f+1)`, f the first compared frame
+//! with contact; if none makes contact, the one that comes nearest. The published code's habits are kept:
+//! ranks from the seventh on count as equally likely, every fifth frame is compared, contact is crossing
+//! edges (a box inside another is none), distances are cut to whole metres. Source: CAT (Zhang et al. 2023).
+
+use std::sync::Arc;
+
+use sage_backbones::{
+    Backbone, candidates::Selection, features::cat::suppression_radius, prediction::predict,
+};
+use sage_core::{
+    Error,
+    generator::{Attack, Generator, Proposed},
+    geometry::{OrientedBox, Point, cross, distance, sub},
+    motion::{HISTORY, NOW},
+    objective::Context,
+    seed::Rng,
+};
+
+use crate::steered::in_scene;
+
+/// Ranks from this one on are made equally likely, from 0.
+const FLATTENED: usize = 6;
+/// Frames from one comparison to the next.
+const STRIDE: usize = 5;
+/// Frames compared at most.
+const COMPARED: usize = 16;
+/// What a compared frame of delay takes off.
+const DECAY: f64 = 0.99;
+
+/// CAT over a prior.
+pub struct Cat {
+    /// Proposes the candidates.
+    pub prior: Arc<dyn Backbone>,
+    /// Number of candidates.
+    pub candidates: usize,
+}
+
+impl Generator for Cat {
+    fn name(&self) -> String {
+        "cat".to_owned()
+    }
+
+    fn generate(&self, ctx: &Context, seed: u64) -> Result<Attack, Error> {
+        let attack = || {
+            let scene = ctx.scene();
+            let features = Arc::new(self.prior.features(scene, ctx.index(), scene.adversary_index()?)?);
+            let nms = Selection::Nms { radius: suppression_radius(features.speed()) };
+            let mut rng = Rng::new(seed, &scene.id, "candidates");
+            predict(&*self.prior, features, self.candidates, nms, &mut rng)
+        };
+        let found = attack().map_err(|error| in_scene(ctx, &error))?;
+        let log_probs: Vec<f64> = found.iter().map(|p| f64::from(p.log_prob)).collect();
+        let paths: Vec<&[Point]> = found.iter().map(|p| p.trajectory.points()).collect();
+        let ego = EgoPaths { paths: vec![ctx.ego_positions()], weights: vec![1.0] };
+        let choice = cat_select(&paths, &log_probs, &ego, ctx.size(), ctx.ego_size());
+        let proposed = |p: sage_backbones::prediction::Predicted| Proposed {
+            trajectory: p.trajectory,
+            log_prob: Some(f64::from(p.log_prob)),
+            goal: Some(p.goal),
+        };
+        let note = (!choice.collides)
+            .then(|| "no candidate makes contact; the one that comes nearest was taken".to_owned());
+        Ok(Attack { candidates: found.into_iter().map(proposed).collect(), chosen: choice.chosen, note })
+    }
+}
+
+/// Paths that the ego may take, with their weights.
+pub struct EgoPaths<'p> {
+    /// Positions from frame 11 on; a path may end early.
+    pub paths: Vec<&'p [Point]>,
+    /// One a path, not normalised.
+    pub weights: Vec<f64>,
+}
+
+/// What CAT's selection finds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CatChoice {
+    /// The candidate it takes.
+    pub chosen: usize,
+    /// Whether any candidate makes contact.
+    pub collides: bool,
+    /// Probabilities after flattening.
+    pub probabilities: Vec<f64>,
+    /// Scores.
+    pub scores: Vec<f64>,
+    /// Least centre distance in whole metres, over frames up to the first contact.
+    pub whole_metres: Vec<i64>,
+    /// First compared frame with contact, for each ego path and candidate.
+    pub first_contact: Vec<Vec<Option<usize>>>,
+}
+
+/// CAT's selection among candidates in descending order of log-probability. Sizes are length and width.
+pub fn cat_select(
+    candidates: &[&[Point]],
+    log_probs: &[f64],
+    ego: &EgoPaths,
+    size: [f64; 2],
+    ego_size: [f64; 2],
+) -> CatChoice {
+    let probabilities = flattened(log_probs);
+    let boxes: Vec<Vec<OrientedBox>> = candidates.iter().map(|path| boxes(path, size)).collect();
+    let egos: Vec<Vec<OrientedBox>> = ego.paths.iter().map(|path| self::boxes(path, ego_size)).collect();
+    let mut scores = vec![0.0; candidates.len()];
+    let mut whole_metres = vec![1_000_000; candidates.len()];
+    let mut first_contact = Vec::new();
+    for (ego, weight) in egos.iter().zip(&ego.weights) {
+        let mut of_path = Vec::with_capacity(candidates.len());
+        for (k, adversary) in boxes.iter().enumerate() {
+            let (contact, nearest) = meet(adversary, ego);
+            whole_metres[k] = whole_metres[k].min(nearest);
+            if let Some(frame) = contact {
+                scores[k] += probabilities[k] * weight * DECAY.powi(frame as i32 + 1);
+            }
+            of_path.push(contact);
+        }
+        first_contact.push(of_path);
+    }
+    let best = (0..scores.len()).rev().max_by(|a, b| scores[*a].total_cmp(&scores[*b]));
+    let nearest = (0..scores.len()).min_by_key(|k| whole_metres[*k]);
+    let collides = first_contact.iter().flatten().any(Option::is_some);
+    let chosen = if scores.iter().any(|s| *s != 0.0) { best } else { nearest };
+    CatChoice { chosen: chosen.unwrap_or(0), collides, probabilities, scores, whole_metres, first_contact }
+}
+
+fn flattened(log_probs: &[f64]) -> Vec<f64> {
+    let floor = log_probs.get(FLATTENED).copied();
+    let flat = |(rank, log_prob): (usize, &f64)| {
+        let level = if rank >= FLATTENED { floor } else { None };
+        level.unwrap_or(*log_prob).exp()
+    };
+    let powers: Vec<f64> = log_probs.iter().enumerate().map(flat).collect();
+    let total: f64 = powers.iter().sum();
+    powers.into_iter().map(|p| p / total).collect()
+}
+
+/// Boxes at the compared frames, with headings by the published rule over the whole path.
+fn boxes(path: &[Point], [length, width]: [f64; 2]) -> Vec<OrientedBox> {
+    let headings = sage_core::motion::kinematics::release::headings(path);
+    let frames = (0..path.len()).step_by(STRIDE).take(COMPARED);
+    frames.map(|f| OrientedBox::new(path[f], headings[f], length, width)).collect()
+}
+
+/// First compared frame with contact, and the least distance in whole metres up to there.
+fn meet(adversary: &[OrientedBox], ego: &[OrientedBox]) -> (Option<usize>, i64) {
+    let mut nearest = 1_000_000;
+    for (frame, (a, b)) in adversary.iter().zip(ego).enumerate() {
+        let gap = distance(a.center, b.center);
+        nearest = nearest.min(gap as i64);
+        if gap < a.radius() + b.radius() && edges_cross(a, b) {
+            return (Some(frame), nearest);
+        }
+    }
+    (None, nearest)
+}
+
+/// Whether an edge of one box properly crosses an edge of the other: touching is none.
+fn edges_cross(a: &OrientedBox, b: &OrientedBox) -> bool {
+    let [a, b] = [a.corners(), b.corners()];
+    let edge = |corners: &[Point; 4], k: usize| [corners[k], corners[(k + 1) % 4]];
+    (0..4).any(|i| (0..4).any(|j| properly_cross(edge(&a, i), edge(&b, j))))
+}
+
+fn properly_cross([a, b]: [Point; 2], [c, d]: [Point; 2]) -> bool {
+    let side = |p: Point, q: Point, r: Point| cross(sub(q, p), sub(r, p));
+    side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
+}
+
+/// The 91 states that CAT hands to a simulator: x, y, vx, vy, heading. Velocities are forward
+/// differences, the last one 0; headings are smoothed over the joint at *now* as well.
+pub fn cat_plan(history: &[Point], future: &[Point]) -> Vec<[f64; 5]> {
+    debug_assert_eq!(history.len(), HISTORY, "frames 0 to {NOW}");
+    let points: Vec<Point> = history.iter().chain(future).copied().collect();
+    let headings = sage_core::motion::kinematics::release::headings(&points);
+    let state = |k: usize| {
+        let [x, y] = points[k];
+        let [vx, vy] =
+            points.get(k + 1).map_or([0.0, 0.0], |next| [(next[0] - x) / 0.1, (next[1] - y) / 0.1]);
+        [x, y, vx, vy, headings[k]]
+    };
+    (0..points.len()).map(state).collect()
+}

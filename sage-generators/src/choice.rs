@@ -1,0 +1,118 @@
+//! The choice among candidates: the best preference among the feasible.
+
+use sage_core::{
+    motion::Trajectory,
+    objective::{
+        Context, Encounter, Feasibility, MapFeasibility, Rule, StrictFeasibility, behavior_penalty,
+        coarse_lane_distance, kinematic_penalty,
+    },
+    registry::Entry,
+};
+use serde::{Deserialize, Serialize};
+
+/// What is weighed beside the preference.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Choice {
+    /// `μ R_adv − (1 − μ) P_real`, as in the paper.
+    Paper,
+    /// The same less a little of the distance from the lanes and of the surprise under the prior.
+    Natural,
+}
+
+/// Cost of a metre of mean lane distance in [`Choice::Natural`].
+const LANE: f64 = 0.1;
+/// Cost of a nat of surprise.
+const SURPRISE: f64 = 0.05;
+/// Cost of a touched edge where nothing is feasible, as published.
+const EDGE: f64 = 50.0;
+/// Cost of a touched agent.
+const AGENT: f64 = 10.0;
+
+/// What a candidate is worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Judged {
+    /// Adversarial reward.
+    pub reward: f64,
+    /// Penalty for driving unlike a car.
+    pub penalty: f64,
+    /// Cost of what it touches.
+    pub map_penalty: f64,
+    /// Whether it hits the ego.
+    pub hits: bool,
+    /// Cost of being unnatural; 0 in [`Choice::Paper`].
+    pub unnatural: f64,
+}
+
+impl Judged {
+    /// Whether it touches nothing that it must not.
+    pub fn is_feasible(&self) -> bool {
+        self.map_penalty == 0.0
+    }
+
+    /// What the choice makes large at a weight μ.
+    pub fn value(&self, mu: f64) -> f64 {
+        mu * self.reward - (1.0 - mu) * self.penalty - self.unnatural
+    }
+}
+
+/// Judges candidates and chooses.
+pub struct Judge {
+    rule: Box<dyn Feasibility>,
+    choice: Choice,
+    mu: f64,
+}
+
+impl Judge {
+    /// A judge by the `paper` or the strict rule.
+    ///
+    /// *Errors*: a μ outside [0, 1].
+    pub fn new(choice: Choice, mu: f64, strict: bool) -> Result<Self, String> {
+        if !(0.0..=1.0).contains(&mu) {
+            return Err(format!("mu is {mu}; expected 0 to 1"));
+        }
+        let rule = if strict {
+            StrictFeasibility::build(Default::default())?
+        } else {
+            MapFeasibility::build(Default::default())?
+        };
+        Ok(Self { rule, choice, mu })
+    }
+
+    /// Judges one way; `surprise` is its −log p under the prior.
+    pub fn judge(&self, trajectory: &Trajectory, surprise: f64, ctx: &Context) -> Judged {
+        let candidate = ctx.candidate(trajectory.clone());
+        let encounter = Encounter::of(&candidate, ctx);
+        let costs = self.rule.violations(&candidate, ctx);
+        let cost = |rule: Rule| if rule == Rule::Agent { AGENT } else { EDGE };
+        Judged {
+            reward: encounter.reward(ctx.convention()),
+            penalty: kinematic_penalty(candidate.profile()) + behavior_penalty(candidate.profile()),
+            map_penalty: costs.iter().map(|reason| cost(reason.rule)).sum(),
+            hits: encounter.contact.is_some(),
+            unnatural: match self.choice {
+                Choice::Paper => 0.0,
+                Choice::Natural => LANE * coarse_lane_distance(&candidate, ctx) + SURPRISE * surprise,
+            },
+        }
+    }
+
+    /// The best of the feasible, the first of equals; if none is, the one that breaks least, and a note.
+    pub fn choose(&self, judged: &[Judged]) -> (usize, Option<String>) {
+        let best = |accept: &dyn Fn(&Judged) -> bool, value: &dyn Fn(&Judged) -> f64| {
+            let mut best: Option<(usize, f64)> = None;
+            for (k, j) in judged.iter().enumerate().filter(|(_, j)| accept(j)) {
+                let value = value(j);
+                if best.is_none_or(|(_, most)| value > most) {
+                    best = Some((k, value));
+                }
+            }
+            best.map(|(k, _)| k)
+        };
+        if let Some(chosen) = best(&Judged::is_feasible, &|j| j.value(self.mu)) {
+            return (chosen, None);
+        }
+        let chosen = best(&|_| true, &|j| j.value(self.mu) - j.map_penalty).unwrap_or(0);
+        (chosen, Some("no candidate is feasible; the one that breaks least was taken".to_owned()))
+    }
+}

@@ -1,0 +1,46 @@
+//! No attack: the adversary's own recording.
+
+use sage_core::{
+    Error,
+    generator::{Attack, Generator, Proposed},
+    motion::{HORIZON, NOW, Trajectory},
+    objective::Context,
+    scene::Scene,
+};
+
+/// The recording; a frame in which the adversary was not seen repeats its last place.
+pub struct Log;
+
+impl Generator for Log {
+    fn name(&self) -> String {
+        "log".to_owned()
+    }
+
+    fn generate(&self, ctx: &Context, _seed: u64) -> Result<Attack, Error> {
+        let trajectory = logged_future(ctx.scene())?;
+        Ok(Attack {
+            candidates: vec![Proposed { trajectory, log_prob: None, goal: None }],
+            chosen: 0,
+            note: None,
+        })
+    }
+}
+
+/// The adversary's logged future, gaps filled with its last place before them.
+///
+/// *Errors*: [`Error::Scene`] if there is no adversary, or it is not seen in its history.
+pub fn logged_future(scene: &Scene) -> Result<Trajectory, Error> {
+    let track = scene.adversary()?;
+    let seen = (0..=NOW).rev().find(|f| track.is_valid(*f)).ok_or_else(|| Error::Scene {
+        scene: scene.id.clone(),
+        problem: format!("adversary `{}` is not seen up to frame {NOW}", track.id.escape_debug()),
+    })?;
+    let mut last = track.point(seen);
+    let place = |f: usize| {
+        if track.is_valid(f) {
+            last = track.point(f);
+        }
+        last
+    };
+    Trajectory::new("logged future", (NOW + 1..=NOW + HORIZON).map(place).collect())
+}

@@ -1,0 +1,45 @@
+//! Oracle search: the best of *all* goals of a prior, knowing the ego's way. A ceiling for anything
+//! that proposes from the same goals.
+
+use std::sync::Arc;
+
+use sage_backbones::{Backbone, backbone::to_world};
+use sage_core::{
+    Error,
+    generator::{Attack, Generator, Proposed},
+    objective::Context,
+};
+
+use crate::{choice::Judge, steered::in_scene};
+
+/// The search.
+pub struct Oracle {
+    /// Lays and decodes the goals.
+    pub prior: Arc<dyn Backbone>,
+    /// Who chooses among them.
+    pub judge: Judge,
+}
+
+impl Generator for Oracle {
+    fn name(&self) -> String {
+        "oracle search".to_owned()
+    }
+
+    fn generate(&self, ctx: &Context, _seed: u64) -> Result<Attack, Error> {
+        let attack = || {
+            let scene = ctx.scene();
+            let features = self.prior.features(scene, ctx.index(), scene.adversary_index()?)?;
+            let encoding = self.prior.encode(Arc::new(features))?;
+            let ends = self.prior.mode_ends(&encoding)?;
+            let modes: Vec<usize> = (0..ends.len()).collect();
+            let mut paths = to_world(&self.prior.trajectories(&encoding, &modes)?, encoding.features())?;
+            let judged: Vec<_> = paths.iter().map(|path| self.judge.judge(path, 0.0, ctx)).collect();
+            let (best, note) = self.judge.choose(&judged);
+            let goal = Some(encoding.features().frame.to_world(ends[best].map(f64::from)));
+            // One candidate: the thousands that lost are of no use to anyone.
+            let candidates = vec![Proposed { trajectory: paths.swap_remove(best), log_prob: None, goal }];
+            Ok(Attack { candidates, chosen: 0, note })
+        };
+        attack().map_err(|error| in_scene(ctx, &error))
+    }
+}

@@ -1,0 +1,51 @@
+//! Random goals and the same choice: what a table owes to search alone.
+
+use std::sync::Arc;
+
+use sage_backbones::{Backbone, backbone::to_world};
+use sage_core::{
+    Error,
+    generator::{Attack, Generator, Proposed},
+    objective::Context,
+    seed::Rng,
+};
+
+use crate::{choice::Judge, steered::in_scene};
+
+/// Goals drawn evenly, decoded by a prior.
+pub struct RandomGoals {
+    /// Decodes the goals.
+    pub prior: Arc<dyn Backbone>,
+    /// Number of candidates.
+    pub candidates: usize,
+    /// Who chooses among them.
+    pub judge: Judge,
+}
+
+impl Generator for RandomGoals {
+    fn name(&self) -> String {
+        "random goals".to_owned()
+    }
+
+    fn generate(&self, ctx: &Context, seed: u64) -> Result<Attack, Error> {
+        let attack = || {
+            let scene = ctx.scene();
+            let features = self.prior.features(scene, ctx.index(), scene.adversary_index()?)?;
+            let encoding = self.prior.encode(Arc::new(features))?;
+            let ends = self.prior.mode_ends(&encoding)?;
+            let mut modes: Vec<usize> = (0..ends.len()).collect();
+            Rng::new(seed, &scene.id, "random goals").shuffle(&mut modes);
+            modes.truncate(self.candidates);
+            let paths = to_world(&self.prior.trajectories(&encoding, &modes)?, encoding.features())?;
+            let judged: Vec<_> = paths.iter().map(|path| self.judge.judge(path, 0.0, ctx)).collect();
+            let (chosen, note) = self.judge.choose(&judged);
+            let proposed = |(trajectory, &mode): (_, &usize)| Proposed {
+                trajectory,
+                log_prob: None,
+                goal: Some(encoding.features().frame.to_world(ends[mode].map(f64::from))),
+            };
+            Ok(Attack { candidates: paths.into_iter().zip(&modes).map(proposed).collect(), chosen, note })
+        };
+        attack().map_err(|error| in_scene(ctx, &error))
+    }
+}

@@ -1,0 +1,68 @@
+//! Rule: a Bézier curve that cuts in onto the ego's way.
+//!
+//! Over the first three quarters of the ego's path the adversary follows a cubic curve from its own next
+//! place to a place on the ego's way; from there it drives one frame ahead of the ego. Nothing is learned
+//! or searched. Source: CAT's rule-based generator.
+
+use sage_core::{
+    Error,
+    generator::{Attack, Generator, Proposed},
+    geometry::Point,
+    motion::{HORIZON, NOW, Trajectory},
+    objective::Context,
+};
+
+/// The rule.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rule {
+    /// Read the adversary's frames as the published code does, seen or not.
+    pub raw: bool,
+}
+
+impl Generator for Rule {
+    fn name(&self) -> String {
+        if self.raw { "rule (raw)" } else { "rule" }.to_owned()
+    }
+
+    fn generate(&self, ctx: &Context, _seed: u64) -> Result<Attack, Error> {
+        let track = ctx.adversary();
+        let ego: Vec<Point> = ctx.ego_positions().to_vec();
+        // The frame itself, or the nearest that was seen, an earlier one of two.
+        let place = |frame: usize| {
+            if self.raw || track.is_valid(frame) {
+                return track.position.get(frame).map_or([0.0; 2], |_| track.point(frame));
+            }
+            let seen = (NOW..track.valid.len()).filter(|f| track.is_valid(*f));
+            seen.min_by_key(|f| (f.abs_diff(frame), *f)).map_or(track.point(NOW), |f| track.point(f))
+        };
+        let length = ego.len() * 3 / 4;
+        let first = if self.raw || track.is_valid(NOW + 1) { place(NOW + 1) } else { place(NOW) };
+        let mut future = bezier(first, place(NOW + 1 + length / 3), &ego);
+        // The rule makes one point fewer than there are steps: its last step goes on.
+        while future.len() < HORIZON {
+            let [a, b] = [future[future.len() - 2], future[future.len() - 1]];
+            future.push([2.0 * b[0] - a[0], 2.0 * b[1] - a[1]]);
+        }
+        let trajectory = Trajectory::new("rule", future)?;
+        Ok(Attack {
+            candidates: vec![Proposed { trajectory, log_prob: None, goal: None }],
+            chosen: 0,
+            note: None,
+        })
+    }
+}
+
+/// The rule's points for an ego path of n: n − 1 of them, the first at `first`, drawn towards `second`
+/// and the ego's middle, then the ego's own.
+pub fn bezier(first: Point, second: Point, ego: &[Point]) -> Vec<Point> {
+    let n = ego.len();
+    let length = n * 3 / 4;
+    let [third, fourth] = [ego[2 * length / 3], ego[length.min(n - 1)]];
+    let curve = |j: usize| {
+        let s = j as f64 / (length.max(2) - 1) as f64;
+        let r = 1.0 - s;
+        let [a, b, c, d] = [r * r * r, 3.0 * r * r * s, 3.0 * r * s * s, s * s * s];
+        [0, 1].map(|k| a * first[k] + b * second[k] + c * third[k] + d * fourth[k])
+    };
+    (0..length).map(curve).chain(ego[(length + 1).min(n)..].iter().copied()).collect()
+}

@@ -39,6 +39,7 @@ enum Command {
     Convert(ConvertArgs),
     Scenes(ScenesArgs),
     Pretrain(PretrainArgs),
+    Finetune(FinetuneArgs),
     Predict(PredictArgs),
     /// Measure speed or quality.
     #[command(subcommand)]
@@ -332,6 +333,46 @@ pub(crate) struct PretrainArgs {
     pub force: bool,
 }
 
+/// Tune a realistic and an adversarial expert from a prior, by preferences among its own candidates.
+///
+/// Feasible beats infeasible, then better beats worse by each expert's own reward (HGPO). Encoder and
+/// paths stay the prior's. The folder gets `prior.safetensors`, `realistic.safetensors`,
+/// `adversarial.safetensors`, `finetune.csv` and `run.json`; name it with `--weights` from then on.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --made 200 --prior procedural --out made-experts/")]
+pub(crate) struct FinetuneArgs {
+    /// Scene files and folders to tune on; made scenes without any.
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    /// JSON file of splits: lists of scene names by split.
+    #[arg(long, value_name = "FILE", requires = "split")]
+    pub splits: Option<PathBuf>,
+    /// The split to tune on.
+    #[arg(long, value_name = "NAME", requires = "splits")]
+    pub split: Option<String>,
+    /// Scenes to report on beside those tuned on.
+    #[arg(long, value_name = "DIR")]
+    pub dev: Option<PathBuf>,
+    /// Number of scenes to make where no path is given.
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub made: u64,
+    /// Weights of the prior: procedural, waymo, a folder or a file.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub prior: String,
+    /// Options of fine-tuning as a JSON file; what is left out keeps each expert's own.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Seed of candidates, pairs and order, and of made scenes.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write into a folder that holds something.
+    #[arg(long)]
+    pub force: bool,
+}
+
 /// Predict what a vehicle of a scene may do in the next eight seconds.
 ///
 /// A row or a JSON object a candidate: rank, log-probability, goal, and with --json the 80 points of
@@ -417,7 +458,7 @@ pub(crate) struct SpeedArgs {
 impl Cli {
     /// Whether the command computes with networks.
     pub(crate) fn needs_networks(&self) -> bool {
-        matches!(self.command, Command::Pretrain(_) | Command::Predict(_) | Command::Bench(_))
+        matches!(self.command, Command::Pretrain(_) | Command::Finetune(_) | Command::Predict(_) | Command::Bench(_))
     }
 
     /// Runs the command.
@@ -434,6 +475,7 @@ impl Cli {
             Command::Convert(args) => commands::convert::run(&args),
             Command::Scenes(args) => commands::scenes::run(&args),
             Command::Pretrain(args) => commands::pretrain::run(&args, registries),
+            Command::Finetune(args) => commands::finetune::run(&args, registries),
             Command::Predict(args) => commands::predict::run(&args, registries),
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Bench(BenchCommand::Prediction(args)) => {

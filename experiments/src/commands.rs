@@ -6,6 +6,7 @@ pub(crate) mod completions;
 pub(crate) mod convert;
 pub(crate) mod demo;
 pub(crate) mod draw;
+pub(crate) mod finetune;
 pub(crate) mod inspect;
 pub(crate) mod list;
 pub(crate) mod predict;

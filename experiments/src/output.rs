@@ -35,3 +35,9 @@ pub(crate) fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
     std::fs::write(&part, bytes).with_context(|| format!("cannot write `{}`", part.display()))?;
     std::fs::rename(&part, path).with_context(|| format!("cannot write `{}`", path.display()))
 }
+
+/// The command as it was typed, without the path of the program.
+pub(crate) fn command() -> String {
+    let arguments = std::env::args().skip(1).collect::<Vec<_>>();
+    format!("sage {}", arguments.join(" "))
+}

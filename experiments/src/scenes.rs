@@ -1,8 +1,8 @@
 //! Many scenes in memory.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use sage_backbones::training::SceneData;
 use sage_data::{
     Recording, folder,
@@ -45,4 +45,34 @@ pub(crate) fn make(count: u64, seed: u64) -> Vec<SceneData> {
         Some(SceneData::new(scene.id.clone(), scene))
     };
     (0..count).into_par_iter().filter_map(made).collect()
+}
+
+/// Scenes under some paths, only those whose file names a split of a splits file lists, if one is given.
+///
+/// *Errors*: as [`read_all`]; no such split, or none of its scenes there.
+pub(crate) fn read_split(paths: &[PathBuf], splits: Option<&Path>, split: Option<&str>) -> Result<Vec<SceneData>> {
+    let (Some(splits), Some(split)) = (splits, split) else { return read_all(paths) };
+    let known = sage_data::split::read_splits(splits)?;
+    let Some(names) = known.get(split) else {
+        let all: Vec<&str> = known.keys().map(String::as_str).collect();
+        bail!("`{}` has no split `{split}`; known: {}", splits.display(), all.join(", "));
+    };
+    let mut files = Vec::new();
+    for path in paths {
+        files.extend(folder::scene_files(path)?);
+    }
+    files.retain(|file| file.file_stem().is_some_and(|stem| names.iter().any(|n| stem == n.as_str())));
+    if files.is_empty() {
+        bail!("none of the scenes of split `{split}` is there");
+    }
+    read_all(&files)
+}
+
+/// Number of scenes and a hash of what they show, order included.
+pub(crate) fn describe(scenes: &[SceneData]) -> String {
+    let hash = scenes.iter().fold(0u128, |all, data| {
+        // Rotated, so that the order counts as well.
+        all.rotate_left(1) ^ u128::from_le_bytes(data.scene.content_hash())
+    });
+    format!("{} scenes ({hash:032x})", scenes.len())
 }

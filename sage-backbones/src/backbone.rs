@@ -147,13 +147,13 @@ pub fn backbones() -> Result<Registry<dyn Backbone>, sage_core::Error> {
 pub struct Encoding {
     features: Arc<Features>,
     states: Vec<Tensor>,
-    paths: OnceLock<Tensor>,
+    described: OnceLock<Option<Tensor>>,
 }
 
 impl Encoding {
     /// An encoding of states that only its network knows to read.
     pub fn new(features: Arc<Features>, states: Vec<Tensor>) -> Self {
-        Self { features, states, paths: OnceLock::new() }
+        Self { features, states, described: OnceLock::new() }
     }
 
     /// What was encoded.
@@ -166,15 +166,18 @@ impl Encoding {
         &self.states
     }
 
-    /// Paths of all modes, made by `make` when they are first asked for.
+    /// What a steering branch sees of all modes, made by `make` when it is first asked for.
     ///
     /// *Errors*: those of `make`.
-    pub fn all_trajectories(&self, make: impl FnOnce() -> Result<Tensor, Error>) -> Result<&Tensor, Error> {
-        if self.paths.get().is_none() {
-            // Two threads may both make them: the bits are the same.
-            let _ = self.paths.set(make()?);
+    pub fn described(
+        &self,
+        make: impl FnOnce() -> Result<Option<Tensor>, Error>,
+    ) -> Result<Option<&Tensor>, Error> {
+        if self.described.get().is_none() {
+            // Two threads may both make it: the bits are the same.
+            let _ = self.described.set(make()?);
         }
-        self.paths.get().ok_or_else(|| self.foreign())
+        Ok(self.described.get().and_then(Option::as_ref))
     }
 
     /// The error of a network that finds states it did not make.

@@ -26,6 +26,7 @@ use crate::{
     labels,
     nn::log_softmax,
     parameters::{Scope, Wanted},
+    steering_branch::describe,
 };
 use head::Head;
 use scorer::Scorer;
@@ -41,7 +42,7 @@ pub(crate) struct Shape {
     /// Rounds of attention among the elements; `None` for the published lane fusion and graph.
     rounds: Option<usize>,
     head: HeadKind,
-    ego_branch: bool,
+    steering: bool,
 }
 
 /// Options of our own arrangement.
@@ -135,11 +136,12 @@ impl DenseTnt {
         Ok(self.head.forward(rows, ends, elements, target, encoding.features().velocity)?)
     }
 
-    /// Trajectories of all goals (n, 80, 2), made once an encoding and never trained through.
-    fn all_trajectories<'e>(&self, encoding: &'e Encoding) -> Result<&'e Tensor, Error> {
-        encoding.all_trajectories(|| {
+    /// What the steering branch sees of all goals, made once an encoding and never trained through.
+    fn described<'e>(&self, encoding: &'e Encoding) -> Result<Option<&'e Tensor>, Error> {
+        encoding.described(|| {
             let [_, _, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
-            Ok(self.decode(encoding, goals, &encoding.features().goals)?.detach())
+            let paths = self.decode(encoding, goals, &encoding.features().goals)?.detach();
+            Ok(describe(&paths, encoding.features())?)
         })
     }
 }
@@ -189,7 +191,7 @@ impl Backbone for DenseTnt {
             Role::Unused
         } else if name.ends_with("key.bias") || name == "decoder.goals_2D_decoder.fc.bias" {
             Role::WithoutEffect
-        } else if name.starts_with("decoder.ego_branch.") {
+        } else if name.starts_with("decoder.steering.") {
             Role::Steering
         } else if name.starts_with("decoder.goals_2D_") && !name.starts_with("decoder.goals_2D_mlps.") {
             Role::Scoring
@@ -222,12 +224,11 @@ impl Backbone for DenseTnt {
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let mut scores = self.raw_scores(encoding)?;
-        let features = encoding.features();
-        if let (Some(branch), Some(ego)) = (self.scorer.ego_branch(), &features.ego)
+        if let Some(branch) = self.scorer.steering()
             && !branch.is_silent()?
+            && let Some(rows) = self.described(encoding)?
         {
-            let paths = self.all_trajectories(encoding)?;
-            scores = (scores + branch.forward(paths, ego, features.speed())?)?;
+            scores = (scores + branch.forward(rows)?)?;
         }
         Ok(log_softmax(&scores)?)
     }
@@ -288,7 +289,7 @@ impl Entry<dyn Backbone> for DenseTnt {
             goal_columns: GOAL_COLUMNS,
             rounds: Some(rounds),
             head,
-            ego_branch: true,
+            steering: true,
         };
         let json = serde_json::to_value(&options).map_err(|e| e.to_string())?;
         let network = Self::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, seed);
@@ -310,7 +311,7 @@ impl Cat {
             goal_columns: 2,
             rounds: None,
             head: HeadKind::Waypoints,
-            ego_branch: false,
+            steering: false,
         };
         let json = serde_json::to_value(options).unwrap_or_default();
         DenseTnt::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, options.seed)

@@ -5,13 +5,14 @@
 
 mod agents;
 pub mod cat;
+mod edges;
 mod frame;
 mod goals;
 mod grid;
 mod map;
 mod routes;
 
-use std::f32::consts::PI;
+use std::{f32::consts::PI, sync::Arc};
 
 use sage_core::{
     geometry::Point,
@@ -21,6 +22,7 @@ use sage_core::{
 
 use crate::{Error, nn::Groups};
 
+pub use edges::EdgeGrid;
 pub use frame::Frame;
 pub use goals::{GOAL_COLUMNS, GoalColumn};
 pub use grid::{CELL, LANE_REACH};
@@ -78,6 +80,10 @@ pub struct Features {
     pub goal_features: Table,
     /// The ego, unless it is the target.
     pub ego: Option<EgoState>,
+    /// Everybody else who is there *now*, nearest first: position and velocity, target frame.
+    pub others: Vec<([f32; 2], [f32; 2])>,
+    /// Road boundaries around the target.
+    pub edges: Arc<EdgeGrid>,
     /// Whether there was a lane to lay goals along; without one they lie on a grid.
     pub has_lanes: bool,
     /// Where the target really is after 8 s, with its row, if that was asked for: a goal that
@@ -122,6 +128,8 @@ impl Features {
             goals: goals.points,
             goal_features: goals.features,
             ego,
+            others: agents::others(scene, target, &frame),
+            edges: Arc::new(EdgeGrid::around(index, &frame)),
             has_lanes: goals.on_lanes > 0,
             label: goals.label.map(|(end, row)| (end, Table { columns: GOAL_COLUMNS, values: row.to_vec() })),
         })
@@ -146,6 +154,11 @@ impl Features {
         for goal in &mut twin.goals {
             goal[1] = -goal[1];
         }
+        for (place, velocity) in &mut twin.others {
+            place[1] = -place[1];
+            velocity[1] = -velocity[1];
+        }
+        twin.edges = Arc::new(self.edges.mirrored());
         if let Some((end, row)) = &mut twin.label {
             end[1] = -end[1];
             flip(row, goals::SIGNED);

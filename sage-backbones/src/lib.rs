@@ -27,7 +27,6 @@
 pub mod backbone;
 pub mod candidates;
 pub mod densetnt;
-mod ego_branch;
 mod encoder;
 mod error;
 pub mod features;
@@ -38,6 +37,7 @@ pub mod parameters;
 pub mod prediction;
 pub mod query_transformer;
 pub mod smooth_path;
+mod steering_branch;
 pub mod training;
 
 pub use backbone::{Backbone, backbones};

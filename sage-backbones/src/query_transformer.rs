@@ -19,13 +19,13 @@ use serde_json::Value;
 use crate::{
     Error, Parameters,
     backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
-    ego_branch::EgoBranch,
     encoder::Encoder,
     features::{Features, VECTOR_COLUMNS},
     labels,
     nn::{Attention, Init, Linear, Mlp, log_softmax},
     parameters::{Scope, Wanted},
     smooth_path,
+    steering_branch::{self, SteeringBranch},
 };
 
 /// Mean accelerations of the anchors, m/s².
@@ -79,7 +79,7 @@ struct Parts {
     score_out: Linear,
     end: Linear,
     path: Linear,
-    ego_branch: EgoBranch,
+    steering: SteeringBranch,
 }
 
 /// `x + mlp([scene ; x ; what x sees ; what the other queries say])`.
@@ -110,7 +110,7 @@ impl Parts {
             score_out: Linear::new(&scope.at("score").at("out"), width, 1)?,
             end: Linear::new(&scope.at("end"), width, 2)?,
             path: Linear::new(&scope.at("path"), width, smooth_path::CHANGES)?,
-            ego_branch: EgoBranch::new(&scope.at("ego_branch"))?,
+            steering: SteeringBranch::new(&scope.at("steering"))?,
         })
     }
 }
@@ -133,7 +133,7 @@ impl QueryTransformer {
         Ok([queries, target, paths])
     }
 
-    /// Scores before the softmax, without the ego's branch.
+    /// Scores before the softmax, without the steering branch.
     fn raw_scores(&self, queries: &Tensor, target: &Tensor) -> candle_core::Result<Tensor> {
         let hidden = self.parts.score.forward_parts(&[target], &[queries])?;
         self.parts.score_out.forward(&hidden)?.squeeze(1)
@@ -186,7 +186,7 @@ impl Backbone for QueryTransformer {
                     Role::WithoutEffect
                 }
             }
-            _ if name.starts_with("ego_branch.") => Role::Steering,
+            _ if name.starts_with("steering.") => Role::Steering,
             _ if name.starts_with("score.") => Role::Scoring,
             _ => Role::Prior,
         }
@@ -214,11 +214,10 @@ impl Backbone for QueryTransformer {
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let [queries, target, paths] = self.states(encoding)?;
         let mut scores = self.raw_scores(queries, target)?;
-        let features = encoding.features();
-        if let Some(ego) = &features.ego
-            && !self.parts.ego_branch.is_silent()?
+        if !self.parts.steering.is_silent()?
+            && let Some(rows) = encoding.described(|| Ok(steering_branch::describe(&paths.detach(), encoding.features())?))?
         {
-            scores = (scores + self.parts.ego_branch.forward(&paths.detach(), ego, features.speed())?)?;
+            scores = (scores + self.parts.steering.forward(rows)?)?;
         }
         Ok(log_softmax(&scores)?)
     }

@@ -17,7 +17,7 @@ use sage_backbones::{
     backbone::{Encoding, Loss, Role, Sample, to_world},
     candidates::{Selection, ranked, suppressed},
     densetnt::{Cat, DenseTnt},
-    features::{Features, Frame, Table, cat},
+    features::{EdgeGrid, Features, Frame, Table, cat},
     nn::AdamWConfig,
     training::Trainer,
 };
@@ -87,6 +87,8 @@ impl Fixture {
             goal_features: Table { columns: 2, values: goals.iter().flatten().copied().collect() },
             goals,
             ego: None,
+            others: Vec::new(),
+            edges: Arc::new(EdgeGrid::empty()),
             has_lanes: true,
             label: None,
         })

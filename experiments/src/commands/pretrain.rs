@@ -8,7 +8,7 @@ use std::{
 use anyhow::{Context as _, Result};
 use sage_backbones::{
     parameters::Header,
-    training::{EpochRow, Observer, PretrainOptions, SceneData, pretrain},
+    training::{EpochRow, Observer, PretrainOptions, pretrain},
 };
 use serde_json::json;
 
@@ -52,8 +52,8 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         backbone: network.name().to_owned(),
         options: network.options().clone(),
         seed: args.seed,
-        data: data(&train, &dev),
-        command: command(),
+        data: format!("{}, validated on {}", scenes::describe(&train), scenes::describe(&dev)),
+        command: output::command(),
         license: args.license.clone().unwrap_or_default(),
         notes: args.from.iter().map(|from| ("started from".to_owned(), from.clone())).collect(),
     };
@@ -106,35 +106,6 @@ fn options(args: &PretrainArgs) -> Result<PretrainOptions> {
         options.rate = rate;
     }
     Ok(options)
-}
-
-/// What is learned from, in words and as a hash.
-fn data(train: &[SceneData], dev: &[SceneData]) -> String {
-    use std::fmt::Write;
-    let hash = |scenes: &[SceneData]| {
-        let mut all = 0u128;
-        for data in scenes {
-            // Rotated, so that the order counts as well.
-            all = all.rotate_left(1) ^ u128::from_le_bytes(data.scene.content_hash());
-        }
-        all
-    };
-    let mut text = String::new();
-    let _ = write!(
-        text,
-        "{} scenes ({:032x}), validated on {} ({:032x})",
-        train.len(),
-        hash(train),
-        dev.len(),
-        hash(dev)
-    );
-    text
-}
-
-/// The command as it was typed, without the path of the program.
-fn command() -> String {
-    let arguments = std::env::args().skip(1).collect::<Vec<_>>();
-    format!("sage {}", arguments.join(" "))
 }
 
 /// Reports steps and epochs, and keeps the curve.

@@ -4,16 +4,16 @@ use candle_core::{Result, Tensor};
 
 use super::Shape;
 use crate::{
-    ego_branch::EgoBranch,
     nn::{Attention, Mlp, ResCat},
     parameters::Scope,
+    steering_branch::SteeringBranch,
 };
 
 pub(super) struct Scorer {
     goal: [Mlp; 3],
     attention: Attention,
     decoder: ResCat,
-    ego_branch: Option<EgoBranch>,
+    steering: Option<SteeringBranch>,
 }
 
 impl Scorer {
@@ -28,12 +28,12 @@ impl Scorer {
             ],
             attention: Attention::across(&scope.at("goals_2D_cross_attention"), width, width)?,
             decoder: ResCat::new(&scope.at("goals_2D_decoder"), 3 * width, width, 1)?,
-            ego_branch: shape.ego_branch.then(|| EgoBranch::new(&scope.at("ego_branch"))).transpose()?,
+            steering: shape.steering.then(|| SteeringBranch::new(&scope.at("steering"))).transpose()?,
         })
     }
 
-    pub(super) fn ego_branch(&self) -> Option<&EgoBranch> {
-        self.ego_branch.as_ref()
+    pub(super) fn steering(&self) -> Option<&SteeringBranch> {
+        self.steering.as_ref()
     }
 
     /// *Shapes*: `goals` (n, columns), `elements` (P, hidden), `target` (1, hidden); result (n).

@@ -4,13 +4,15 @@
 //! stay in the world frame, map points alone are scaled, two kinds of road line lose their mark,
 //! only the first 20 000 map points of a file are seen, and goals are a 1 m lattice in a disc.
 
+use std::sync::Arc;
+
 use sage_core::{
     geometry::Point,
     motion::{HISTORY, NOW},
     scene::{MapKind, Scene, Track, TrackKind},
 };
 
-use super::{Features, Frame, Table};
+use super::{EdgeGrid, Features, Frame, Table};
 use crate::{Error, nn::Groups};
 
 /// Numbers of a row.
@@ -59,6 +61,8 @@ pub fn features(scene: &Scene, target: usize) -> Result<Features, Error> {
         goals,
         goal_features,
         ego: None,
+        others: Vec::new(),
+        edges: Arc::new(EdgeGrid::empty()),
         has_lanes: true,
         label: None,
     })

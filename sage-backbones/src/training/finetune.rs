@@ -228,6 +228,21 @@ pub struct Expectation {
     pub kl: f64,
 }
 
+impl Expectation {
+    /// Mean over scenes; `None` of none.
+    pub fn mean(all: &[Self]) -> Option<Self> {
+        let n = all.len() as f64;
+        let mean = |value: fn(&Self) -> f64| all.iter().map(value).sum::<f64>() / n;
+        (!all.is_empty()).then(|| Self {
+            feasible: mean(|e| e.feasible),
+            attack: mean(|e| e.attack),
+            reward: mean(|e| e.reward),
+            penalty: mean(|e| e.penalty),
+            kl: mean(|e| e.kl),
+        })
+    }
+}
+
 impl TunedScene {
     /// Expectations under a policy of the same encoder.
     ///

@@ -1,0 +1,140 @@
+//! `sage finetune`: a realistic and an adversarial expert from a prior.
+
+use std::time::Instant;
+
+use anyhow::{Context as _, Result};
+use rayon::prelude::*;
+use sage_backbones::{
+    Backbone,
+    parameters::Header,
+    training::{Expectation, FinetuneOptions, FinetuneRow, SceneData, TunedScene, finetune},
+};
+use serde_json::json;
+
+use crate::{Outcome, Registries, cli::FinetuneArgs, networks, output, progress, scenes};
+
+/// The experts with their names and tastes.
+fn experts() -> [(&'static str, FinetuneOptions); 2] {
+    [("realistic", FinetuneOptions::realistic()), ("adversarial", FinetuneOptions::default())]
+}
+
+pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcome> {
+    let clock = Instant::now();
+    output::make_folder(&args.out, args.force)?;
+    let loaded = networks::load(&registries.backbones, &args.prior)?;
+    networks::announce(&loaded);
+    let prior = &*loaded.network;
+    let train = match args.paths.is_empty() {
+        true => scenes::make(args.made, args.seed),
+        false => scenes::read_split(&args.paths, args.splits.as_deref(), args.split.as_deref())?,
+    };
+    let dev = match &args.dev {
+        Some(dev) => scenes::read_all(std::slice::from_ref(dev))?,
+        None => Vec::new(),
+    };
+    let data = scenes::describe(&train);
+    let (train, dev) = (prepare(prior, train)?, prepare(prior, dev)?);
+    progress::say(&format!("{} scenes with every goal decoded and judged ({:.0} s)", train.len(), clock.elapsed().as_secs_f64()));
+    let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_reward,expected_penalty,seconds\n".to_owned();
+    let mut record = Vec::new();
+    for (name, mut options) in experts() {
+        if let Some(path) = &args.config {
+            options = configured(path, &options)?;
+        }
+        options.seed = args.seed;
+        let weights = finetune(prior, &train, &options, |row| {
+            progress::say(&told(name, row));
+            table += &csv(name, row);
+        })?;
+        let mut header = Header {
+            backbone: prior.name().to_owned(),
+            options: prior.options().clone(),
+            seed: args.seed,
+            data: data.clone(),
+            command: output::command(),
+            license: loaded.header.license.clone(),
+            ..Header::default()
+        };
+        header.notes.insert("expert".to_owned(), name.to_owned());
+        header.notes.insert("prior".to_owned(), prior.parameters().hash()?);
+        header.notes.insert("options".to_owned(), serde_json::to_string(&options)?);
+        weights.save(&header, &args.out.join(format!("{name}.safetensors")))?;
+        let tuned = prior.rebuilt(weights)?;
+        for (set, scenes) in [("train", &train), ("dev", &dev)] {
+            if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
+                progress::say(&format!(
+                    "{name} on {set} ({} scenes), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
+                    scenes.len(), before.feasible, after.feasible, before.attack, after.attack,
+                    before.reward, after.reward, before.penalty, after.penalty,
+                ));
+                record.push(json!({"expert": name, "set": set, "scenes": scenes.len(), "prior": before, "tuned": after}));
+            }
+        }
+        record.push(json!({"expert": name, "options": options}));
+    }
+    loaded.network.parameters().save(&loaded.header, &args.out.join(networks::PRIOR))?;
+    output::write_file(&args.out.join("finetune.csv"), table.as_bytes(), true)?;
+    let record = json!({
+        "command": output::command(), "data": data, "experts": record, "seed": args.seed,
+        "seconds": clock.elapsed().as_secs_f64(), "version": env!("CARGO_PKG_VERSION"),
+    });
+    output::write_file(&args.out.join("run.json"), format!("{record:#}\n").as_bytes(), true)?;
+    progress::say(&format!(
+        "prior and experts are in `{}` ({:.0} s)",
+        args.out.display(),
+        clock.elapsed().as_secs_f64()
+    ));
+    Ok(Outcome::Done)
+}
+
+/// Options from a file over an expert's own: keys left out keep theirs.
+fn configured(path: &std::path::Path, own: &FinetuneOptions) -> Result<FinetuneOptions> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+    let fail = || format!("`{}`", path.display());
+    let given: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&text).with_context(fail)?;
+    let mut all = serde_json::to_value(own)?;
+    if let Some(all) = all.as_object_mut() {
+        all.extend(given);
+    }
+    serde_json::from_value(all).with_context(fail)
+}
+
+fn prepare(prior: &dyn Backbone, scenes: Vec<SceneData>) -> Result<Vec<TunedScene>> {
+    let prepared: Vec<_> = scenes.par_iter().with_max_len(1).map(|data| TunedScene::new(prior, data)).collect();
+    let mut usable = Vec::with_capacity(scenes.len());
+    for scene in prepared {
+        usable.extend(scene?);
+    }
+    Ok(usable)
+}
+
+/// Mean expectations of the prior and of an expert.
+fn expectations(prior: &dyn Backbone, tuned: &dyn Backbone, scenes: &[TunedScene]) -> Result<Option<[Expectation; 2]>> {
+    if scenes.is_empty() {
+        return Ok(None);
+    }
+    let mean = |policy: &dyn Backbone| -> Result<Expectation> {
+        let all: Vec<_> = scenes.par_iter().with_max_len(1).map(|scene| scene.expectation(policy)).collect();
+        Expectation::mean(&all.into_iter().collect::<Result<Vec<_>, _>>()?).context("no scene")
+    };
+    Ok(Some([mean(prior)?, mean(tuned)?]))
+}
+
+fn told(name: &str, r: &FinetuneRow) -> String {
+    let mut line = format!(
+        "{name} epoch {}: loss {:.4}, pairs {:.1} ({:.1} by feasibility), right {:.2}, feasible {:.2}, best R_adv {:.2}, KL {:.2}",
+        r.epoch, r.loss, r.pairs, r.pairs_by_feasibility, r.accuracy, r.feasible, r.best_reward, r.kl
+    );
+    if r.without_pairs > 0.2 {
+        line += &format!("; warning: {:.0} % of the scenes gave no pair", 100.0 * r.without_pairs);
+    }
+    line
+}
+
+fn csv(name: &str, r: &FinetuneRow) -> String {
+    format!(
+        "{name},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.2}\n",
+        r.epoch, r.loss, r.margin, r.accuracy, r.pairs, r.pairs_by_feasibility, r.feasible, r.best_reward, r.kl,
+        r.without_pairs, r.expected_feasible, r.expected_attack, r.expected_reward, r.expected_penalty, r.seconds
+    )
+}

@@ -1,0 +1,109 @@
+//! Where road boundaries lie around a target, coarsely: enough for thousands of paths to ask whether
+//! they touch one.
+
+use sage_core::{
+    geometry::{Aabb, Point},
+    scene::SceneIndex,
+};
+
+use super::Frame;
+
+/// Width of a cell, metres.
+const CELL: f32 = 0.5;
+/// The grid reaches this far from the target to all sides, metres …
+const REACH: f32 = 128.0;
+/// … and holds so many cells to a side.
+const CELLS: usize = (2.0 * REACH / CELL) as usize;
+
+/// One bit a cell: whether a road boundary passes through it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EdgeGrid {
+    bits: Vec<u64>,
+}
+
+impl EdgeGrid {
+    /// A grid without any boundary.
+    pub fn empty() -> Self {
+        Self { bits: Vec::new() }
+    }
+
+    /// Marks the boundaries around a frame.
+    pub(super) fn around(index: &SceneIndex, frame: &Frame) -> Self {
+        let mut grid = Self { bits: vec![0; CELLS * CELLS / 64] };
+        let boundaries = index.boundaries();
+        // The turned square lies within the circle around it.
+        let reach = Aabb::around(frame.origin(), f64::from(REACH) * std::f64::consts::SQRT_2);
+        for run in boundaries.near(&reach) {
+            for segment in &boundaries.segments()[run] {
+                grid.mark(frame.to_local(segment.a), frame.to_local(segment.b));
+            }
+        }
+        grid
+    }
+
+    fn mark(&mut self, a: Point, b: Point) {
+        let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+        let length = dx.hypot(dy);
+        // What can lie inside of a very long segment is its part near the target.
+        let reach = f64::from(REACH) * 1.5;
+        let (mut from, mut to) = (0.0, length);
+        if length > 4.0 * reach {
+            let foot = -(a[0] * dx + a[1] * dy) / length;
+            (from, to) = ((foot - reach).max(0.0), (foot + reach).min(length));
+        }
+        let mut t = from;
+        while t <= to {
+            let share = if length > 0.0 { t / length } else { 0.0 };
+            if let Some(cell) = cell((a[0] + share * dx) as f32, (a[1] + share * dy) as f32) {
+                self.bits[cell / 64] |= 1 << (cell % 64);
+            }
+            t += 0.5 * f64::from(CELL);
+        }
+    }
+
+    /// Whether a boundary passes through the cell of a place.
+    #[inline]
+    pub fn holds(&self, x: f32, y: f32) -> bool {
+        cell(x, y).is_some_and(|cell| self.bits.get(cell / 64).is_some_and(|bits| bits & (1 << (cell % 64)) != 0))
+    }
+
+    /// What a target sees if left and right change places.
+    pub(super) fn mirrored(&self) -> Self {
+        let mut twin = Self { bits: vec![0; self.bits.len()] };
+        if self.bits.is_empty() {
+            return twin;
+        }
+        for cell in (0..CELLS * CELLS).filter(|cell| self.bits[cell / 64] & (1 << (cell % 64)) != 0) {
+            let other = cell / CELLS * CELLS + (CELLS - 1 - cell % CELLS);
+            twin.bits[other / 64] |= 1 << (other % 64);
+        }
+        twin
+    }
+}
+
+#[inline]
+fn cell(x: f32, y: f32) -> Option<usize> {
+    let [i, j] = [(x + REACH) / CELL, (y + REACH) / CELL];
+    let inside = i >= 0.0 && j >= 0.0 && i < CELLS as f32 && j < CELLS as f32;
+    inside.then(|| i as usize * CELLS + j as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sage_core::scene::{Map, MapFeature, MapKind};
+    use std::sync::Arc;
+
+    #[test]
+    fn boundaries_are_where_they_are_drawn_and_mirror() {
+        let points = vec![[-3e6, 5.2, 0.0], [3e6, 5.2, 0.0]];
+        let feature = MapFeature { id: "e".into(), kind: MapKind::EdgeBoundary, points: 0..2, lane: None };
+        let index = SceneIndex::new(Arc::new(Map { points, features: vec![feature] }));
+        let grid = EdgeGrid::around(&index, &Frame::new([0.0, 0.0], 0.0));
+        for x in [-100.0, 0.0, 77.3] {
+            assert!(grid.holds(x, 5.3) && !grid.holds(x, 4.4) && !grid.holds(x, -5.3));
+            assert!(grid.mirrored().holds(x, -5.3) && !grid.mirrored().holds(x, 5.3));
+        }
+        assert!(!grid.holds(f32::NAN, 5.3) && !grid.holds(1e9, 5.3));
+    }
+}

@@ -10,7 +10,7 @@ use clap::{
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
-use crate::{Outcome, Registries, commands, threads};
+use crate::{Outcome, Registries, commands, methods::Choosing, threads};
 
 /// Steerable adversarial scenario generation for testing driving software.
 #[derive(Debug, Parser)]
@@ -41,6 +41,7 @@ enum Command {
     Pretrain(PretrainArgs),
     Finetune(FinetuneArgs),
     Predict(PredictArgs),
+    Generate(GenerateArgs),
     /// Measure speed or quality.
     #[command(subcommand)]
     Bench(BenchCommand),
@@ -255,6 +256,63 @@ pub(crate) enum SizesArg {
 enum BenchCommand {
     Speed(SpeedArgs),
     Prediction(PredictionArgs),
+    OpenLoop(OpenLoopArgs),
+}
+
+/// Compare generators against a replayed ego: the paper's table and what it hides.
+///
+/// Rows are methods at each lambda; columns the paper's measures in both conventions, and how natural
+/// the chosen ways are, paired with the log. A second table shows what the policies do without any
+/// choice. Intervals are 95 % bootstraps over scenes.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  sage bench open-loop target/data/womd_cat500/val --weights waymo --methods sage,prior,random,cat,rule,log --lambda 0,0.5,1 --out table/")]
+pub(crate) struct OpenLoopArgs {
+    /// Scene files and folders.
+    #[arg(required = true, value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    /// JSON file of splits: lists of scene names by split.
+    #[arg(long, value_name = "FILE", requires = "split")]
+    pub splits: Option<PathBuf>,
+    /// The split to run on.
+    #[arg(long, value_name = "NAME", requires = "splits")]
+    pub split: Option<String>,
+    /// Generators, with commas.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "sage,prior,random,oracle,cat,rule,log")]
+    pub methods: Vec<String>,
+    /// Where between the experts: a number, several with commas, or from:to:step.
+    #[arg(long, value_name = "L", default_value = "0,0.5,1", value_parser = lambdas)]
+    pub lambda: Lambdas,
+    /// Weight of the adversarial reward in the choice; lambda by default.
+    #[arg(long, value_name = "M")]
+    pub mu: Option<f64>,
+    /// What the choice weighs.
+    #[arg(long, value_enum, default_value_t = ChoiceArg::Paper)]
+    pub choice: ChoiceArg,
+    /// Which rule makes a candidate feasible.
+    #[arg(long, value_enum, default_value_t = FeasibilityArg::Paper)]
+    pub feasibility: FeasibilityArg,
+    /// Weights with experts: procedural, waymo or a folder.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub weights: String,
+    /// Seed.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write into a folder that holds something.
+    #[arg(long)]
+    pub force: bool,
+}
+
+impl OpenLoopArgs {
+    pub(crate) fn choosing(&self) -> Choosing {
+        Choosing {
+            choice: self.choice.into(),
+            strict: matches!(self.feasibility, FeasibilityArg::Strict),
+            mu: self.mu,
+        }
+    }
 }
 
 /// Measure how well priors predict what recorded vehicles did, beside constant velocity.
@@ -274,7 +332,7 @@ pub(crate) struct PredictionArgs {
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: Vec<String>,
     /// Distance that candidates keep from each other, metres; several make a row each.
-    #[arg(long, value_name = "M", value_delimiter = ',', default_value = "5", value_parser = radius)]
+    #[arg(long, value_name = "M", value_delimiter = ',', default_value = "7", value_parser = radius)]
     pub radius: Vec<f32>,
     /// One JSON object a line.
     #[arg(long)]
@@ -283,8 +341,8 @@ pub(crate) struct PredictionArgs {
 
 /// Train a motion prior from recorded scenes, or from made ones.
 ///
-/// Learns from every vehicle that is valid now and in 3 s of its future, in both mirror images. After
-/// each epoch it keeps the best weights (`prior.safetensors`), the state of training
+/// Learns from vehicles that are valid now and in 3 s of their future: all that move, at most ten of a
+/// scene an epoch, and a few that stand, half of them mirrored. After each epoch it keeps the best weights (`prior.safetensors`), the state of training
 /// (`last.safetensors`), and the curves; the same command goes on where it was interrupted, to the
 /// same bits.
 #[derive(Debug, Args)]
@@ -319,16 +377,16 @@ pub(crate) struct PretrainArgs {
     /// Other options of training as a JSON file; flags win.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Seed of the order of training and of made scenes.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
+    /// Seed of the order of training and of made scenes; 0 without it and a --config.
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
     /// Licence to keep in the weights' header.
     #[arg(long, value_name = "TEXT")]
     pub license: Option<String>,
     /// Folder to write into.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// Write into a folder that holds something.
+    /// Write into a folder that holds something, and start anew where a run was interrupted.
     #[arg(long)]
     pub force: bool,
 }
@@ -339,7 +397,9 @@ pub(crate) struct PretrainArgs {
 /// paths stay the prior's. The folder gets `prior.safetensors`, `realistic.safetensors`,
 /// `adversarial.safetensors`, `finetune.csv` and `run.json`; name it with `--weights` from then on.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --made 200 --prior procedural --out made-experts/")]
+#[command(
+    after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --made 200 --prior procedural --out made-experts/"
+)]
 pub(crate) struct FinetuneArgs {
     /// Scene files and folders to tune on; made scenes without any.
     #[arg(value_name = "PATH")]
@@ -415,6 +475,110 @@ pub(crate) struct PredictArgs {
     pub force: bool,
 }
 
+/// Make adversarial scenes: the adversary drives something else than it did, the rest stays.
+///
+/// Lambda mixes the realistic (0) and the adversarial (1) expert and weighs what the choice prefers;
+/// several make a sweep, with one picture of all. Each scene comes out as native file, MetaDrive
+/// pickle, SVG, and JSON with all candidates and their scores. A scene that fails is reported, and the
+/// others go on.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json")]
+pub(crate) struct GenerateArgs {
+    /// Scene file or folder.
+    pub scene: PathBuf,
+    /// Generator.
+    #[arg(long, value_name = "NAME", default_value = "sage")]
+    pub method: String,
+    /// Where between the experts: a number, several with commas, or from:to:step.
+    #[arg(long, value_name = "L", default_value = "1", value_parser = lambdas)]
+    pub lambda: Lambdas,
+    /// Weight of the adversarial reward in the choice, 0 to 1; lambda by default.
+    #[arg(long, value_name = "M")]
+    pub mu: Option<f64>,
+    /// What the choice weighs: the paper's preference, or also lanes and surprise.
+    #[arg(long, value_enum, default_value_t = ChoiceArg::Natural)]
+    pub choice: ChoiceArg,
+    /// Which rule makes a candidate feasible.
+    #[arg(long, value_enum, default_value_t = FeasibilityArg::Paper)]
+    pub feasibility: FeasibilityArg,
+    /// Take this track as the adversary.
+    #[arg(long, value_name = "ID")]
+    pub adversary: Option<String>,
+    /// Weights with experts: procedural, waymo or a folder. By default waymo for recordings if it is
+    /// at hand, else procedural.
+    #[arg(long, value_name = "NAME")]
+    pub weights: Option<String>,
+    /// Seed.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// One JSON object a scene and lambda.
+    #[arg(long)]
+    pub json: bool,
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write into a folder that holds something.
+    #[arg(long)]
+    pub force: bool,
+}
+
+impl GenerateArgs {
+    pub(crate) fn choosing(&self) -> Choosing {
+        Choosing {
+            choice: self.choice.into(),
+            strict: matches!(self.feasibility, FeasibilityArg::Strict),
+            mu: self.mu,
+        }
+    }
+}
+
+/// One or more values of lambda.
+#[derive(Clone, Debug)]
+pub(crate) struct Lambdas(pub Vec<f64>);
+
+/// Parses `1`, `0,0.5,1` or `0:1:0.1`.
+fn lambdas(text: &str) -> Result<Lambdas, String> {
+    let number = |text: &str| text.trim().parse::<f64>().map_err(|_| format!("`{text}` is not a number"));
+    if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
+        let [from, to, step] = [number(from)?, number(to)?, number(step)?];
+        let count = (to - from) / step;
+        if !(0.0..1000.0).contains(&count) {
+            return Err("expected from:to:step with at most 1000 steps".to_owned());
+        }
+        // Rounded, so that 0.3 is 0.3 and not three times 0.1.
+        let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;
+        return Ok(Lambdas((0..=(count + 1e-9) as usize).map(at).collect()));
+    }
+    Ok(Lambdas(text.split(',').map(number).collect::<Result<_, _>>()?))
+}
+
+/// Names of [`sage_generators::Choice`].
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum ChoiceArg {
+    /// As in the paper.
+    Paper,
+    /// With a little for keeping to lanes and for what cars usually do.
+    Natural,
+}
+
+impl From<ChoiceArg> for sage_generators::Choice {
+    fn from(name: ChoiceArg) -> Self {
+        match name {
+            ChoiceArg::Paper => Self::Paper,
+            ChoiceArg::Natural => Self::Natural,
+        }
+    }
+}
+
+/// Names of the feasibility rules.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum FeasibilityArg {
+    /// No box touches an edge or anybody else at a frame.
+    Paper,
+    /// Also between frames, and on the drivable side.
+    Strict,
+}
+
 /// Names of [`sage_backbones::candidates::Selection`].
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum SelectArg {
@@ -438,7 +602,7 @@ fn count(text: &str) -> Result<usize, String> {
     }
 }
 
-/// Time the parts that everything else waits for, on one core but for the last row.
+/// Time the parts that everything else waits for, on one core where the row names no threads.
 ///
 /// Where Python with numpy is at hand, its pickle.loads is timed beside ours in the same run.
 #[derive(Debug, Args)]
@@ -458,7 +622,10 @@ pub(crate) struct SpeedArgs {
 impl Cli {
     /// Whether the command computes with networks.
     pub(crate) fn needs_networks(&self) -> bool {
-        matches!(self.command, Command::Pretrain(_) | Command::Finetune(_) | Command::Predict(_) | Command::Bench(_))
+        matches!(
+            self.command,
+            Command::Pretrain(_) | Command::Finetune(_) | Command::Predict(_) | Command::Generate(_) | Command::Bench(_)
+        )
     }
 
     /// Runs the command.
@@ -477,7 +644,9 @@ impl Cli {
             Command::Pretrain(args) => commands::pretrain::run(&args, registries),
             Command::Finetune(args) => commands::finetune::run(&args, registries),
             Command::Predict(args) => commands::predict::run(&args, registries),
+            Command::Generate(args) => commands::generate::run(&args, registries),
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
+            Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
             Command::Bench(BenchCommand::Prediction(args)) => {
                 commands::bench_prediction::run(&args, registries)
             }

@@ -1,5 +1,6 @@
 //! One file a command; each takes plain values and writes to stdout.
 
+pub(crate) mod bench_open_loop;
 pub(crate) mod bench_prediction;
 pub(crate) mod bench_speed;
 pub(crate) mod completions;
@@ -7,6 +8,7 @@ pub(crate) mod convert;
 pub(crate) mod demo;
 pub(crate) mod draw;
 pub(crate) mod finetune;
+pub(crate) mod generate;
 pub(crate) mod inspect;
 pub(crate) mod list;
 pub(crate) mod predict;

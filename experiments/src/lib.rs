@@ -18,6 +18,7 @@ mod candidates;
 mod cli;
 mod commands;
 pub mod drawing;
+mod methods;
 mod networks;
 mod output;
 mod progress;

@@ -5,12 +5,16 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail};
 use sage_backbones::{Backbone, Parameters, parameters::Header};
 use sage_core::registry::Registry;
-use sage_data::Source;
+use sage_merging::Experts;
+use sage_data::Recording;
 
 use crate::progress;
 
 /// Weights trained on made scenes, in the binary.
 const PROCEDURAL: &[u8] = include_bytes!("../../weights/procedural/prior.safetensors");
+/// Experts tuned from them.
+const REALISTIC: &[u8] = include_bytes!("../../weights/procedural/realistic.safetensors");
+const ADVERSARIAL: &[u8] = include_bytes!("../../weights/procedural/adversarial.safetensors");
 /// File of a prior in a folder of weights.
 pub(crate) const PRIOR: &str = "prior.safetensors";
 
@@ -80,12 +84,32 @@ fn waymo() -> Option<PathBuf> {
 }
 
 /// Weights for a scene where the user names none: `waymo` for a recording if they are at hand.
-pub(crate) fn default_for(source: &Source) -> &'static str {
-    let is_recorded = match source {
-        Source::Pickle(_) | Source::Native(_) => true,
-        Source::Made => false,
+///
+/// *Errors*: a native file whose source is damaged.
+pub(crate) fn default_for(recording: &Recording) -> Result<&'static str> {
+    let is_recorded = !recording.is_made()?;
+    Ok(if is_recorded && waymo().is_some() { "waymo" } else { "procedural" })
+}
+
+/// Loads a prior with its experts: `procedural`, `waymo`, or a folder that `sage finetune` made.
+///
+/// *Errors*: as [`load`]; experts that are not there or do not fit the prior.
+pub(crate) fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Result<Experts> {
+    let loaded = load(registry, name)?;
+    announce(&loaded);
+    let expert = |expert: &str, embedded: &[u8]| -> Result<Parameters> {
+        let file = format!("{expert}.safetensors");
+        if name == "procedural" {
+            return Ok(Parameters::from_bytes(embedded, Path::new(&file))?.0);
+        }
+        let path = find(name)?.with_file_name(&file);
+        if !path.is_file() {
+            bail!("`{}` is not there: `sage finetune` makes experts of a prior", path.display());
+        }
+        Ok(Parameters::load(&path)?.0)
     };
-    if is_recorded && waymo().is_some() { "waymo" } else { "procedural" }
+    let [realistic, adversarial] = [expert("realistic", REALISTIC)?, expert("adversarial", ADVERSARIAL)?];
+    Experts::new(loaded.network, realistic, adversarial).with_context(|| format!("weights `{name}`"))
 }
 
 /// Says on stderr which weights are used.

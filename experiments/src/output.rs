@@ -38,6 +38,14 @@ pub(crate) fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
 
 /// The command as it was typed, without the path of the program.
 pub(crate) fn command() -> String {
-    let arguments = std::env::args().skip(1).collect::<Vec<_>>();
+    let quoted = |argument: String| {
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+".contains(c);
+        if !argument.is_empty() && argument.chars().all(plain) {
+            argument
+        } else {
+            format!("'{}'", argument.replace('\'', r"'\''"))
+        }
+    };
+    let arguments: Vec<String> = std::env::args().skip(1).map(quoted).collect();
     format!("sage {}", arguments.join(" "))
 }

@@ -50,7 +50,11 @@ pub(crate) fn make(count: u64, seed: u64) -> Vec<SceneData> {
 /// Scenes under some paths, only those whose file names a split of a splits file lists, if one is given.
 ///
 /// *Errors*: as [`read_all`]; no such split, or none of its scenes there.
-pub(crate) fn read_split(paths: &[PathBuf], splits: Option<&Path>, split: Option<&str>) -> Result<Vec<SceneData>> {
+pub(crate) fn read_split(
+    paths: &[PathBuf],
+    splits: Option<&Path>,
+    split: Option<&str>,
+) -> Result<Vec<SceneData>> {
     let (Some(splits), Some(split)) = (splits, split) else { return read_all(paths) };
     let known = sage_data::split::read_splits(splits)?;
     let Some(names) = known.get(split) else {
@@ -70,9 +74,9 @@ pub(crate) fn read_split(paths: &[PathBuf], splits: Option<&Path>, split: Option
 
 /// Number of scenes and a hash of what they show, order included.
 pub(crate) fn describe(scenes: &[SceneData]) -> String {
-    let hash = scenes.iter().fold(0u128, |all, data| {
-        // Rotated, so that the order counts as well.
-        all.rotate_left(1) ^ u128::from_le_bytes(data.scene.content_hash())
-    });
-    format!("{} scenes ({hash:032x})", scenes.len())
+    let mut hasher = blake3::Hasher::new();
+    for data in scenes {
+        hasher.update(&data.scene.content_hash());
+    }
+    format!("{} scenes ({})", scenes.len(), &hasher.finalize().to_hex()[..16])
 }

@@ -91,6 +91,12 @@ pub trait Backbone: Send + Sync {
         self.features(scene, index, target)
     }
 
+    /// What the target would see if left and right changed places, where the network's features know
+    /// it. Their frame must have y to the left: training mirrors futures so.
+    fn mirrored(&self, _features: &Features) -> Option<Features> {
+        None
+    }
+
     /// Reads the surroundings once; scores and paths come from what it gives.
     ///
     /// *Errors*: [`Error::Tensor`] for features of another network.

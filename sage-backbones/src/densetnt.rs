@@ -218,6 +218,10 @@ impl Backbone for DenseTnt {
         }
     }
 
+    fn mirrored(&self, features: &Features) -> Option<Features> {
+        (!self.is_published()).then(|| features.mirrored())
+    }
+
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         self.encode_padded(&features, 0)
     }

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::training::SceneData;
+
 /// An error of `sage-backbones`.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -11,7 +13,7 @@ pub enum Error {
     Core(#[from] sage_core::Error),
     /// A layer that was given tensors that do not fit.
     #[error("network: {0}")]
-    Tensor(#[from] candle_core::Error),
+    Tensor(candle_core::Error),
     /// Weights that do not fit the network.
     #[error("{what}: {}", problems.join("; "))]
     Weights {
@@ -21,7 +23,7 @@ pub enum Error {
         problems: Vec<String>,
     },
     /// A file that cannot be read or written.
-    #[error("cannot {verb} `{}`: {source}", path.display())]
+    #[error("cannot {verb} `{}`", path.display())]
     Io {
         /// "read" or "write".
         verb: &'static str,
@@ -38,7 +40,35 @@ pub enum Error {
         /// What is wrong and what to do.
         problem: String,
     },
-    /// Training that cannot go on.
+    /// Work that cannot go on: broken weights, a value out of range, a number that is not finite.
     #[error("{0}")]
     Training(String),
+    /// One of many agents that work failed for.
+    #[error("scene `{scene}`, agent `{agent}`")]
+    Agent {
+        /// The scene's name.
+        scene: String,
+        /// The agent's id.
+        agent: String,
+        /// What failed.
+        source: Box<Self>,
+    },
+}
+
+impl From<candle_core::Error> for Error {
+    fn from(error: candle_core::Error) -> Self {
+        Self::Tensor(error)
+    }
+}
+
+impl Error {
+    /// The same error, with the agent that it is about.
+    pub fn of(self, data: &SceneData, track: usize) -> Self {
+        let agent = data
+            .scene
+            .tracks
+            .get(track)
+            .map_or_else(|| track.to_string(), |t| t.id.escape_debug().to_string());
+        Self::Agent { scene: data.name.clone(), agent, source: Box::new(self) }
+    }
 }

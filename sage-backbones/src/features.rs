@@ -28,6 +28,9 @@ pub use goals::{GOAL_COLUMNS, GoalColumn};
 pub use grid::{CELL, LANE_REACH};
 pub use routes::Routes;
 
+/// Nothing on a road is faster, m/s: what a file says beyond it is cut.
+const FASTEST: f64 = 80.0;
+
 /// Numbers that describe one piece of an agent's way or of the map.
 pub const VECTOR_COLUMNS: usize = 32;
 
@@ -207,7 +210,7 @@ fn target_frame(scene: &Scene, target: usize) -> Result<(Frame, [f32; 2]), Error
         .into());
     }
     let frame = Frame::new(track.point(NOW), track.heading[NOW]);
-    let velocity = frame.turn_to_local(track.velocity[NOW]).map(|v| v as f32);
+    let velocity = frame.turn_to_local(track.velocity[NOW]).map(|v| v.clamp(-FASTEST, FASTEST) as f32);
     Ok((frame, velocity))
 }
 

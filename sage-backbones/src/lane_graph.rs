@@ -99,6 +99,10 @@ impl Backbone for LaneGraph {
         Features::of(scene, index, target)
     }
 
+    fn mirrored(&self, features: &Features) -> Option<Features> {
+        Some(features.mirrored())
+    }
+
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         Ok(Encoding::new(features, Vec::new()))
     }

@@ -21,9 +21,3 @@ pub use layers::{Attention, Linear, Mlp, ResCat};
 pub use norm_relu::norm_relu;
 pub use real::Real;
 pub use softmax::{log_softmax, softmax};
-
-/// Keeps matrix products on the thread that asks for them: scenes are spread over threads, and a
-/// product split as well would only wait for busy ones. Bits do not depend on it.
-pub fn keep_products_on_their_thread() {
-    gemm::set_threading_threshold(usize::MAX);
-}

@@ -1,9 +1,9 @@
-//! A second kind of network: a fixed number of queries, each of which becomes one future.
+//! A second kind of network: a handful of queries, each of which becomes one future.
 //!
-//! Queries start from anchors, which cover what a car can do by how much it speeds up and how far it
-//! turns; they look at the scene and at each other, and each gives a probability, an end and a smooth
-//! path. There is no lattice of goals: modes lie where the network puts them. In the spirit of Wayformer and
-//! MTR (Nayakanti et al. 2022, Shi et al. 2022), far smaller.
+//! Queries start from anchors, a few goals far apart that gentle driving leads to; they look at the
+//! scene and at each other, and each gives a probability, a shift of its end and a smooth path. Modes
+//! lie where the network puts them, not on a lattice, and know of each other. In the spirit of MTR and
+//! Wayformer (Shi et al. 2022, Nayakanti et al. 2022), far smaller.
 
 use std::sync::Arc;
 
@@ -19,23 +19,18 @@ use serde_json::Value;
 use crate::{
     Error, Parameters,
     backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
+    candidates::suppressed,
     encoder::Encoder,
-    features::{Features, VECTOR_COLUMNS},
+    features::{Features, GOAL_COLUMNS, GoalColumn, Table, VECTOR_COLUMNS},
     labels,
-    nn::{Attention, Init, Linear, Mlp, log_softmax},
+    nn::{Attention, Linear, Mlp, log_softmax},
     parameters::{Scope, Wanted},
     smooth_path,
     steering_branch::{self, SteeringBranch},
 };
 
-/// Mean accelerations of the anchors, m/s².
-const SPEEDS_UP: [f32; 8] = [-2.0, -1.2, -0.7, -0.3, 0.0, 0.3, 0.8, 1.5];
-/// Turns of the anchors, radians.
-const TURNS: [f32; 9] = [-1.6, -0.9, -0.4, -0.12, 0.0, 0.12, 0.4, 0.9, 1.6];
-/// Number of queries.
-const QUERIES: usize = SPEEDS_UP.len() * TURNS.len();
-/// Numbers that describe an anchor.
-const ANCHOR_COLUMNS: usize = 8;
+/// Most queries.
+const QUERIES: usize = 64;
 /// Length of an end's move that the network asks for with 1, metres.
 const UNIT: f64 = 10.0;
 
@@ -72,8 +67,6 @@ pub struct QueryTransformer {
 struct Parts {
     encoder: Encoder,
     anchor: Mlp,
-    /// What tells the queries apart beside their anchors (queries, hidden).
-    own: Tensor,
     layers: Vec<Layer>,
     score: Mlp,
     score_out: Linear,
@@ -100,11 +93,9 @@ impl Parts {
                 mlp: Mlp::new(&scope.at("mlp"), 4 * width, width)?,
             })
         };
-        let queries = scope.at("query");
         Ok(Self {
             encoder: Encoder::new(scope, VECTOR_COLUMNS, width, Some(shape.rounds))?,
-            anchor: Mlp::new(&queries.at("anchor"), ANCHOR_COLUMNS, width)?,
-            own: queries.tensor("own", &[QUERIES, width], Init::Uniform { fan_in: width })?,
+            anchor: Mlp::new(&scope.at("anchor"), GOAL_COLUMNS, width)?,
             layers: (0..shape.layers).map(layer).collect::<candle_core::Result<_>>()?,
             score: Mlp::new(&scope.at("score").at("hidden"), 2 * width, width)?,
             score_out: Linear::new(&scope.at("score").at("out"), width, 1)?,
@@ -144,12 +135,13 @@ impl QueryTransformer {
     }
 
     /// Paths (queries, 80, 2): to the anchors, moved by what the network asks for.
-    fn paths(&self, queries: &Tensor, features: &Features) -> candle_core::Result<Tensor> {
-        let ends = anchors(features.speed());
+    fn paths(&self, queries: &Tensor, anchors: &[usize], features: &Features) -> candle_core::Result<Tensor> {
+        let ends: Vec<[f32; 2]> = anchors.iter().map(|&goal| features.goals[goal]).collect();
+        let n = ends.len();
         let plain = smooth_path::paths(&self.parts.path.forward(queries)?, &ends, features.velocity[0])?;
         let shift = self.constant(smooth_path::end_shift(), (1, HORIZON))?;
-        let moved = (self.parts.end.forward(queries)? * UNIT)?.reshape((2 * QUERIES, 1))?.matmul(&shift)?;
-        plain + moved.reshape((QUERIES, 2, HORIZON))?.transpose(1, 2)?
+        let moved = (self.parts.end.forward(queries)? * UNIT)?.reshape((2 * n, 1))?.matmul(&shift)?;
+        plain + moved.reshape((n, 2, HORIZON))?.transpose(1, 2)?
     }
 }
 
@@ -196,18 +188,25 @@ impl Backbone for QueryTransformer {
         Features::of(scene, index, target)
     }
 
+    fn mirrored(&self, features: &Features) -> Option<Features> {
+        Some(features.mirrored())
+    }
+
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         let vectors = tensor(&features.vectors, self.dtype)?;
         let encoded = self.parts.encoder.forward(&vectors, &features.groups, features.agents, 0)?;
-        let rows = self.constant(describe(features.speed()), (QUERIES, ANCHOR_COLUMNS))?;
-        let mut queries = (self.parts.anchor.forward(&rows)? + &self.parts.own)?;
+        let anchors = anchors(&features);
+        let rows: Vec<f32> =
+            anchors.iter().flat_map(|&goal| features.goal_features.row(goal)).copied().collect();
+        let rows = Table { columns: GOAL_COLUMNS, values: rows };
+        let mut queries = self.parts.anchor.forward(&tensor(&rows, self.dtype)?)?;
         for layer in &self.parts.layers {
             let seen = layer.scene.forward(&queries, &encoded.elements)?;
             let heard = layer.queries.forward(&queries, &queries)?;
             let change = layer.mlp.forward_parts(&[&encoded.target], &[&queries, &seen, &heard])?;
             queries = (queries + change)?;
         }
-        let paths = self.paths(&queries, &features)?;
+        let paths = self.paths(&queries, &anchors, &features)?;
         Ok(Encoding::new(features, vec![queries, encoded.target, paths]))
     }
 
@@ -215,7 +214,8 @@ impl Backbone for QueryTransformer {
         let [queries, target, paths] = self.states(encoding)?;
         let mut scores = self.raw_scores(queries, target)?;
         if !self.parts.steering.is_silent()?
-            && let Some(rows) = encoding.described(|| Ok(steering_branch::describe(&paths.detach(), encoding.features())?))?
+            && let Some(rows) =
+                encoding.described(|| Ok(steering_branch::describe(&paths.detach(), encoding.features())?))?
         {
             scores = (scores + self.parts.steering.forward(rows)?)?;
         }
@@ -239,12 +239,12 @@ impl Backbone for QueryTransformer {
         let [queries, target, paths] = self.states(&encoding)?;
         let end = labels::end(&sample.future, &sample.valid);
         let ends = self.mode_ends(&encoding)?;
+        let features = &sample.features;
+        let anchor_ends: Vec<[f32; 2]> =
+            anchors(features).into_iter().map(|goal| features.goals[goal]).collect();
         // The path that ends nearest learns the way, and so does the one whose anchor is nearest, or
         // far queries would never learn anything.
-        let winners = [
-            labels::nearest(&ends, end.position),
-            labels::nearest(&anchors(sample.features.speed()), end.position),
-        ];
+        let winners = [labels::nearest(&ends, end.position), labels::nearest(&anchor_ends, end.position)];
         let log_probs = log_softmax(&self.raw_scores(queries, target)?)?;
         let goals = labels::cross_entropy(&log_probs, &labels::soft(&ends, end))?;
         let path = |mode: usize| labels::smooth_l1(&paths.narrow(0, mode, 1)?, sample);
@@ -255,7 +255,8 @@ impl Backbone for QueryTransformer {
 
 impl Entry<dyn Backbone> for QueryTransformer {
     const NAME: &'static str = "query-transformer";
-    const SUMMARY: &'static str = "72 queries look at the scene, and each becomes one future";
+    const SUMMARY: &'static str =
+        "64 queries look at the scene and at each other, and each becomes one future";
     const SOURCE: &'static str = "after Shi et al. 2022 (MTR), Nayakanti et al. 2022 (Wayformer)";
     type Options = QueryTransformerOptions;
 
@@ -277,38 +278,22 @@ impl Entry<dyn Backbone> for QueryTransformer {
     }
 }
 
-/// Where the anchors end at a speed *now*: on arcs, after a way that a steady acceleration gives.
-fn anchors(speed: f32) -> Vec<[f32; 2]> {
-    let mut ends = Vec::with_capacity(QUERIES);
-    for gain in SPEEDS_UP {
-        // A car that would stand still before the eight seconds are over stops.
-        let steady = 8.0 * speed + 32.0 * gain;
-        let stopping = if gain < 0.0 { speed * speed / (-2.0 * gain) } else { 0.0 };
-        let way = if gain < 0.0 && speed < -8.0 * gain { stopping } else { steady };
-        for turn in TURNS {
-            let (along, across) =
-                if turn.abs() < 1e-3 { (1.0, 0.0) } else { (turn.sin() / turn, (1.0 - turn.cos()) / turn) };
-            ends.push([way * along, way * across]);
+/// Goals that queries start from: those that the gentlest driving along the road leads to, some way
+/// apart; the farther a car can get, the farther apart.
+fn anchors(features: &Features) -> Vec<usize> {
+    let effort = |goal: &usize| {
+        let row = features.goal_features.row(*goal);
+        let column = |c: GoalColumn| row[c as usize];
+        let middle = 0.2 * column(GoalColumn::LaneOffset).abs();
+        if column(GoalColumn::Reachable) > 0.0 {
+            column(GoalColumn::RouteAcceleration).abs() + column(GoalColumn::Changes) + middle
+        } else {
+            1.5 + column(GoalColumn::StraightAcceleration).abs()
+                + column(GoalColumn::LateralAcceleration).abs()
+                + middle
         }
-    }
-    ends
-}
-
-/// A row an anchor.
-fn describe(speed: f32) -> Vec<f64> {
-    let turn = |k: usize| TURNS[k % TURNS.len()];
-    let row = |(k, end): (usize, [f32; 2])| {
-        let way = end[0].hypot(end[1]);
-        [
-            end[0] / 40.0,
-            end[1] / 40.0,
-            way / 40.0,
-            SPEEDS_UP[k / TURNS.len()] / 2.0,
-            turn(k).sin(),
-            turn(k).cos(),
-            speed / 10.0,
-            (-way / 4.0).exp(),
-        ]
     };
-    anchors(speed).into_iter().enumerate().flat_map(row).map(f64::from).collect()
+    let mut order: Vec<usize> = (0..features.modes()).collect();
+    order.sort_by(|a, b| effort(a).total_cmp(&effort(b)).then(a.cmp(b)));
+    suppressed(&order, &features.goals, QUERIES, 3.5 + 0.25 * features.speed())
 }

@@ -119,7 +119,8 @@ fn of_itself(path: &[[f32; 2]], features: &Features, out: &mut Vec<f32>) {
     let mut heading: Option<[f32; 2]> = None;
     let mut speed = features.speed();
     let (mut edge, mut crowd) = (None, (f32::INFINITY, 0));
-    let (mut brake, mut gain, mut across, mut turned, mut restless) = (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
+    let (mut brake, mut gain, mut across, mut turned, mut restless) =
+        (0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32, 0.0_f32);
     let span = STRIDE as f32 * 0.1;
     for step in (STRIDE..=STEPS).step_by(STRIDE) {
         let at = path[step - 1];

@@ -259,7 +259,7 @@ fn mirrored_features_are_those_of_the_mirrored_scene() {
         assert!(common.len() + 4 >= a.len().max(b.len()), "{} of {} and {}", common.len(), a.len(), b.len());
         let agree = common.iter().filter(|(x, k)| share_that_agrees(&x.1, &b[*k].1) == 1.0).count();
         // Where two lanes are equally near, either may be taken.
-        assert!(agree as f64 > 0.97 * common.len() as f64, "{kind:?}: {agree} of {}", common.len());
+        assert!(agree as f64 > 0.95 * common.len() as f64, "{kind:?}: {agree} of {}", common.len());
     }
 }
 
@@ -285,6 +285,22 @@ fn features_use_nothing_of_the_future() {
 }
 
 #[test]
+fn lanes_beside_are_reached_where_a_source_lists_ids_alone() {
+    let mut scene = generate(Kind::Straight, 5, 2).unwrap();
+    let plain = look(&scene);
+    let mut map = (*scene.map).clone();
+    for lane in map.features.iter_mut().filter_map(|f| f.lane.as_mut()) {
+        for neighbor in lane.neighbors.iter_mut().flatten() {
+            (neighbor.own, neighbor.other) = ([0, 0], [0, 0]);
+        }
+    }
+    scene.map = Arc::new(map);
+    let reached = |f: &Features| (0..f.modes()).filter(|&k| f.goal_features.row(k)[16] > 0.0).count();
+    let bare = reached(&look(&scene));
+    assert!(bare as f64 > 0.8 * reached(&plain) as f64, "{bare} of {}", reached(&plain));
+}
+
+#[test]
 fn a_scene_without_lanes_has_goals_on_a_grid() {
     let mut bare = generate(Kind::Straight, 5, 5).unwrap();
     bare.map = Arc::new(Map::default());
@@ -304,11 +320,16 @@ fn absurd_speeds_and_maps_cost_no_more_than_plain_ones() {
     scene.tracks[target].velocity[NOW] = [9e7, -9e7];
     let mut map = (*scene.map).clone();
     map.points.iter_mut().step_by(3).for_each(|p| p[0] += 9e7);
+    map.features.iter_mut().filter_map(|f| f.lane.as_mut()).for_each(|lane| lane.speed_limit = Some(1e300));
     scene.map = Arc::new(map);
     let data = SceneData::new("absurd", scene);
     let features = features(&*network("densetnt"), &data);
     assert!(features.modes() <= 4096);
     assert!(features.vectors.values.iter().chain(&features.goal_features.values).all(|x| x.is_finite()));
+    for network in all() {
+        let features = self::features(&*network, &data);
+        predict(&*network, features, 6, Selection::TopK, &mut Rng::new(0, "", "")).unwrap();
+    }
 }
 
 #[test]

@@ -77,7 +77,7 @@ impl Scene {
     pub fn adversary_index(&self) -> Result<usize, Error> {
         self.adversary.ok_or_else(|| Error::Scene {
             scene: self.id.clone(),
-            problem: "no vehicle can be the adversary; name one with `--adversary ID`".to_owned(),
+            problem: "no vehicle can be the adversary; name one by its track id".to_owned(),
         })
     }
 

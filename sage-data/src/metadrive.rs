@@ -7,4 +7,4 @@ mod fresh;
 
 pub use decode::decode;
 pub use encode::encode;
-pub(crate) use fresh::fresh;
+pub(crate) use fresh::{MADE, fresh};

@@ -71,6 +71,17 @@ impl Recording {
         })
     }
 
+    /// Whether the scene was made by this project rather than recorded: it has no source, or its
+    /// source names the project as its data set.
+    ///
+    /// *Errors*: a native file whose source is damaged.
+    pub fn is_made(&self) -> Result<bool, Error> {
+        let Some(document) = self.document()? else { return Ok(true) };
+        let metadata = document.get(document.root(), "metadata");
+        let dataset = metadata.and_then(|metadata| document.get(metadata, "dataset"));
+        Ok(dataset.and_then(|dataset| document.text(dataset)) == Some(metadrive::MADE))
+    }
+
     /// The recording as a MetaDrive pickle. Where the scene is as it was read, keys, types, shapes
     /// and values are those of the source; tracks that were changed are written in their place. A
     /// scene without a source becomes a new file with 32-bit floats.

@@ -4,6 +4,7 @@
 //! tells what choice alone does), [`Cat`], [`Rule`], and the floors and ceilings of a table:
 //! [`Log`], [`RandomGoals`], [`Oracle`].
 
+mod apply;
 mod cat;
 pub mod choice;
 mod log;
@@ -12,6 +13,7 @@ mod random_goals;
 mod rule;
 mod steered;
 
+pub use apply::attacked;
 pub use cat::{Cat, CatChoice, EgoPaths, cat_plan, cat_select};
 pub use choice::{Choice, Judge, Judged};
 pub use log::{Log, logged_future};

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
@@ -81,11 +81,11 @@ pub struct Quality {
     /// Share of six ends of egos and adversaries that lie within 2 m of a motor lane.
     pub ends_on_lanes: Estimate,
     /// Median `P_kin` (`paper`) of the plain top 32 of the adversaries.
-    pub median_kinematic: f64,
+    pub median_kinematic: Option<f64>,
     /// Share of these that are feasible.
-    pub feasible: Estimate,
+    pub feasible: Option<Estimate>,
     /// Share of 32 modes drawn at random that are feasible.
-    pub feasible_random: Estimate,
+    pub feasible_random: Option<Estimate>,
 }
 
 /// All figures of a run.
@@ -119,6 +119,9 @@ struct OfScene {
 /// *Errors*: those of a network.
 pub fn run(scenes: &[SceneData], methods: &[Method], mut done: impl FnMut(&str)) -> Result<Report> {
     let examples = Examples::of(scenes).filter(|e| e.is_whole);
+    if examples.list().is_empty() {
+        bail!("none of {} scenes shows a vehicle that is valid at frames 10 and 90", scenes.len());
+    }
     let mut by_scene: Vec<Vec<Example>> = vec![Vec::new(); scenes.len()];
     for example in examples.list() {
         by_scene[example.scene].push(*example);
@@ -152,11 +155,13 @@ fn measure(method: &Method, data: &SceneData, examples: &[Example]) -> Result<Of
                 ([truth.distances([&path[..]]); KS.len()], (0, 0))
             }
             Method::Prior { network, radius, .. } => {
-                let features = network.features(&data.scene, &data.index, example.track)?;
+                let name = |error: sage_backbones::Error| error.of(data, example.track);
+                let features = network.features(&data.scene, &data.index, example.track).map_err(name)?;
                 let encoding = network.encode(Arc::new(features))?;
                 let nms = Selection::Nms { radius: *radius };
-                let propose =
-                    |k, selection| propose(*network, &encoding, k, selection, &mut Rng::new(0, "", ""));
+                let propose = |k, selection| {
+                    propose(*network, &encoding, k, selection, &mut Rng::new(0, "", "")).map_err(name)
+                };
                 let six = propose(6, nms)?;
                 let all = propose(JUDGED, nms)?;
                 let lanes = data.index.motor_lanes();
@@ -262,8 +267,8 @@ fn quality(method: &str, found: &[OfScene]) -> Option<Quality> {
     Some(Quality {
         method: method.to_owned(),
         ends_on_lanes: estimate(found.iter().map(on_lanes).collect())?,
-        median_kinematic: statistics::median(&kinematic)?,
-        feasible: estimate(found.iter().map(|s| s.feasible.clone()).collect())?,
-        feasible_random: estimate(found.iter().map(|s| s.feasible_random.clone()).collect())?,
+        median_kinematic: statistics::median(&kinematic),
+        feasible: estimate(found.iter().map(|s| s.feasible.clone()).collect()),
+        feasible_random: estimate(found.iter().map(|s| s.feasible_random.clone()).collect()),
     })
 }

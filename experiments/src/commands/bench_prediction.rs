@@ -80,12 +80,12 @@ fn table(report: &Report) -> Result<()> {
     for row in &report.quality {
         writeln!(
             out,
-            "| {} | {} | {:.3} | {} | {} |",
+            "| {} | {} | {} | {} | {} |",
             row.method,
             share(&row.ends_on_lanes),
-            row.median_kinematic,
-            share(&row.feasible),
-            share(&row.feasible_random)
+            row.median_kinematic.map_or("-".to_owned(), |p| format!("{p:.3}")),
+            row.feasible.as_ref().map_or("-".to_owned(), share),
+            row.feasible_random.as_ref().map_or("-".to_owned(), share)
         )?;
     }
     Ok(())

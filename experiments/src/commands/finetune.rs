@@ -33,8 +33,16 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         None => Vec::new(),
     };
     let data = scenes::describe(&train);
-    let (train, dev) = (prepare(prior, train)?, prepare(prior, dev)?);
-    progress::say(&format!("{} scenes with every goal decoded and judged ({:.0} s)", train.len(), clock.elapsed().as_secs_f64()));
+    let (plain, dev) = (prepare(prior, &train, false)?, prepare(prior, &dev, false)?);
+    let both = prepare(prior, &train, true)?;
+    drop(train);
+    progress::say(&format!(
+        "every goal of {} scenes is decoded and judged ({:.0} s)",
+        plain.len(),
+        clock.elapsed().as_secs_f64()
+    ));
+    let count = plain.len();
+    let all: Vec<TunedScene> = plain.into_iter().chain(both).collect();
     let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_reward,expected_penalty,seconds\n".to_owned();
     let mut record = Vec::new();
     for (name, mut options) in experts() {
@@ -42,7 +50,8 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
             options = configured(path, &options)?;
         }
         options.seed = args.seed;
-        let weights = finetune(prior, &train, &options, |row| {
+        let train = if options.mirror { &all[..] } else { &all[..count] };
+        let weights = finetune(prior, train, &options, |row| {
             progress::say(&told(name, row));
             table += &csv(name, row);
         })?;
@@ -60,12 +69,19 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         header.notes.insert("options".to_owned(), serde_json::to_string(&options)?);
         weights.save(&header, &args.out.join(format!("{name}.safetensors")))?;
         let tuned = prior.rebuilt(weights)?;
-        for (set, scenes) in [("train", &train), ("dev", &dev)] {
+        for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {
             if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
                 progress::say(&format!(
                     "{name} on {set} ({} scenes), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
-                    scenes.len(), before.feasible, after.feasible, before.attack, after.attack,
-                    before.reward, after.reward, before.penalty, after.penalty,
+                    scenes.len(),
+                    before.feasible,
+                    after.feasible,
+                    before.attack,
+                    after.attack,
+                    before.reward,
+                    after.reward,
+                    before.penalty,
+                    after.penalty,
                 ));
                 record.push(json!({"expert": name, "set": set, "scenes": scenes.len(), "prior": before, "tuned": after}));
             }
@@ -99,8 +115,9 @@ fn configured(path: &std::path::Path, own: &FinetuneOptions) -> Result<FinetuneO
     serde_json::from_value(all).with_context(fail)
 }
 
-fn prepare(prior: &dyn Backbone, scenes: Vec<SceneData>) -> Result<Vec<TunedScene>> {
-    let prepared: Vec<_> = scenes.par_iter().with_max_len(1).map(|data| TunedScene::new(prior, data)).collect();
+fn prepare(prior: &dyn Backbone, scenes: &[SceneData], mirrored: bool) -> Result<Vec<TunedScene>> {
+    let prepared: Vec<_> =
+        scenes.par_iter().with_max_len(1).map(|data| TunedScene::new(prior, data, mirrored)).collect();
     let mut usable = Vec::with_capacity(scenes.len());
     for scene in prepared {
         usable.extend(scene?);
@@ -109,7 +126,11 @@ fn prepare(prior: &dyn Backbone, scenes: Vec<SceneData>) -> Result<Vec<TunedScen
 }
 
 /// Mean expectations of the prior and of an expert.
-fn expectations(prior: &dyn Backbone, tuned: &dyn Backbone, scenes: &[TunedScene]) -> Result<Option<[Expectation; 2]>> {
+fn expectations(
+    prior: &dyn Backbone,
+    tuned: &dyn Backbone,
+    scenes: &[TunedScene],
+) -> Result<Option<[Expectation; 2]>> {
     if scenes.is_empty() {
         return Ok(None);
     }
@@ -134,7 +155,20 @@ fn told(name: &str, r: &FinetuneRow) -> String {
 fn csv(name: &str, r: &FinetuneRow) -> String {
     format!(
         "{name},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.2}\n",
-        r.epoch, r.loss, r.margin, r.accuracy, r.pairs, r.pairs_by_feasibility, r.feasible, r.best_reward, r.kl,
-        r.without_pairs, r.expected_feasible, r.expected_attack, r.expected_reward, r.expected_penalty, r.seconds
+        r.epoch,
+        r.loss,
+        r.margin,
+        r.accuracy,
+        r.pairs,
+        r.pairs_by_feasibility,
+        r.feasible,
+        r.best_reward,
+        r.kl,
+        r.without_pairs,
+        r.expected_feasible,
+        r.expected_attack,
+        r.expected_reward,
+        r.expected_penalty,
+        r.seconds
     )
 }

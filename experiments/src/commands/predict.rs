@@ -10,7 +10,7 @@ use sage_backbones::{
 use sage_core::{
     geometry::Point,
     motion::{NOW, Trajectory},
-    scene::{Scene, SceneIndex},
+    scene::{Scene, SceneIndex, TrackKind},
     seed::Rng,
 };
 use sage_data::Recording;
@@ -33,7 +33,10 @@ struct Row<'p> {
 
 pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome> {
     let recording = Recording::read(&args.scene)?;
-    let weights = args.weights.as_deref().unwrap_or_else(|| networks::default_for(&recording.source));
+    let weights = match args.weights.as_deref() {
+        Some(weights) => weights,
+        None => networks::default_for(&recording)?,
+    };
     let loaded = networks::load(&registries.backbones, weights)?;
     networks::announce(&loaded);
     let mut scene = recording.scene;
@@ -46,6 +49,9 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     let features = loaded.network.features(&scene, &index, target)?;
     if !features.has_lanes {
         progress::say("note: no motor lane is within reach of the agent; goals lie on a plain grid");
+    }
+    if scene.tracks[target].kind != TrackKind::Vehicle {
+        progress::say("note: the agent is no vehicle, and the shipped networks learned from vehicles alone");
     }
     let selection = match args.select {
         SelectArg::TopK => Selection::TopK,

@@ -7,6 +7,7 @@ use std::{
 
 use anyhow::{Context as _, Result};
 use sage_backbones::{
+    Backbone,
     parameters::Header,
     training::{EpochRow, Observer, PretrainOptions, pretrain},
 };
@@ -20,8 +21,12 @@ use crate::{
     output, progress, scenes,
 };
 
-/// Made scenes that validate where no recorded ones do, and their seed.
-const HELD_OUT: (u64, u64) = (60, 1_000_003);
+/// State of training in its folder.
+const STATE: &str = "last.safetensors";
+/// What a training leaves in its folder.
+const OURS: [&str; 5] = [STATE, PRIOR, "curve.csv", "curve.svg", "run.json"];
+/// Made scenes that validate where no recorded ones do.
+const HELD_OUT: u64 = 60;
 /// Time between two lines about steps.
 const PACE: Duration = Duration::from_secs(10);
 
@@ -29,8 +34,12 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     let clock = Instant::now();
     let options = options(args)?;
     let folder = &args.out;
-    let resumes = folder.join("last.safetensors").is_file();
-    output::make_folder(folder, args.force || resumes)?;
+    let resumes = !args.force && folder.join(STATE).is_file();
+    output::make_folder(folder, args.force || holds_only_ours(folder))?;
+    if args.force && folder.join(STATE).is_file() {
+        std::fs::remove_file(folder.join(STATE))
+            .with_context(|| format!("cannot clear `{}`", folder.display()))?;
+    }
     let given = args.network.as_deref().unwrap_or("{}");
     let given = serde_json::from_str(given).with_context(|| format!("--network: `{given}` is not JSON"))?;
     let mut network = registries.backbones.build(&args.backbone, &given)?;
@@ -40,22 +49,23 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         network = network.with_parameters(parameters, &format!("weights `{from}`"))?;
     }
     let train = if args.paths.is_empty() {
-        scenes::make(args.made, args.seed)
+        scenes::make(args.made, options.seed)
     } else {
         scenes::read_all(&args.paths)?
     };
     let dev = match &args.dev {
         Some(dev) => scenes::read_all(std::slice::from_ref(dev))?,
-        None => scenes::make(HELD_OUT.0, HELD_OUT.1),
+        // Any other seed makes other scenes.
+        None => scenes::make(HELD_OUT, !options.seed),
     };
     let header = Header {
         backbone: network.name().to_owned(),
         options: network.options().clone(),
-        seed: args.seed,
+        seed: options.seed,
         data: format!("{}, validated on {}", scenes::describe(&train), scenes::describe(&dev)),
         command: output::command(),
         license: args.license.clone().unwrap_or_default(),
-        notes: args.from.iter().map(|from| ("started from".to_owned(), from.clone())).collect(),
+        notes: [("start".to_owned(), started(args, &*network)?)].into(),
     };
     progress::say(&format!(
         "{} network `{}` ({} numbers), {} scenes, validation on {}",
@@ -89,6 +99,22 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     Ok(Outcome::Done)
 }
 
+/// What the first weights are.
+fn started(args: &PretrainArgs, network: &dyn Backbone) -> Result<String> {
+    let from = args.from.as_deref().unwrap_or("first values");
+    Ok(format!("{from} ({})", network.parameters().hash()?))
+}
+
+/// Whether a folder holds nothing but what an interrupted training leaves there.
+fn holds_only_ours(folder: &Path) -> bool {
+    let Ok(entries) = std::fs::read_dir(folder) else { return false };
+    entries.flatten().all(|entry| {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        OURS.contains(&name.trim_end_matches(".part"))
+            || OURS.iter().any(|ours| name.starts_with(&format!(".{ours}.")))
+    })
+}
+
 fn options(args: &PretrainArgs) -> Result<PretrainOptions> {
     let mut options: PretrainOptions = match &args.config {
         Some(path) => {
@@ -98,7 +124,9 @@ fn options(args: &PretrainArgs) -> Result<PretrainOptions> {
         }
         None => PretrainOptions::default(),
     };
-    options.seed = args.seed;
+    if let Some(seed) = args.seed {
+        options.seed = seed;
+    }
     if let Some(epochs) = args.epochs {
         options.epochs = epochs;
     }
@@ -113,16 +141,15 @@ struct Watcher<'f> {
     folder: &'f Path,
     epochs: u32,
     rows: Vec<EpochRow>,
-    start: Instant,
     shown: Instant,
-    /// Share of the work that is done, at the start of this process.
+    /// Whether the curves could be kept.
     outcome: Result<()>,
 }
 
 impl<'f> Watcher<'f> {
     fn new(folder: &'f Path, epochs: u32) -> Self {
         let now = Instant::now();
-        Self { folder, epochs, rows: Vec::new(), start: now, shown: now, outcome: Ok(()) }
+        Self { folder, epochs, rows: Vec::new(), shown: now, outcome: Ok(()) }
     }
 }
 
@@ -132,7 +159,6 @@ impl Observer for Watcher<'_> {
         if let Some(last) = rows.last() {
             progress::say(&format!("epoch {} was the last that was kept", last.epoch));
         }
-        self.start = Instant::now();
     }
 
     fn step(&mut self, epoch: u32, step: usize, steps: usize, loss: f64) {

@@ -14,7 +14,8 @@ const FRAMES: [usize; 6] = [0, 2, 4, 6, 8, NOW];
 
 /// Position and velocity of everybody but target and ego who is there *now*, nearest first.
 pub(super) fn others(scene: &Scene, target: usize, frame: &Frame) -> Vec<([f32; 2], [f32; 2])> {
-    let there = scene.tracks.iter().enumerate().filter(|(k, t)| *k != target && *k != scene.ego && t.is_valid(NOW));
+    let there =
+        scene.tracks.iter().enumerate().filter(|(k, t)| *k != target && *k != scene.ego && t.is_valid(NOW));
     let mut all: Vec<([f32; 2], [f32; 2])> = there
         .map(|(_, track)| {
             let place = frame.to_local(track.point(NOW)).map(|x| x as f32);
@@ -62,10 +63,10 @@ pub(super) fn append(
             row[1] = (position[1] / 40.0) as f32;
             row[2] = cos as f32;
             row[3] = sin as f32;
-            row[4] = (velocity[0] / 10.0) as f32;
-            row[5] = (velocity[1] / 10.0) as f32;
-            row[6] = (track.size[f][0] / 5.0) as f32;
-            row[7] = (track.size[f][1] / 2.0) as f32;
+            row[4] = (velocity[0] / 10.0).clamp(-8.0, 8.0) as f32;
+            row[5] = (velocity[1] / 10.0).clamp(-8.0, 8.0) as f32;
+            row[6] = (track.size[f][0] / 5.0).min(8.0) as f32;
+            row[7] = (track.size[f][1] / 2.0).min(8.0) as f32;
             row[8] = (NOW - f) as f32 / NOW as f32;
             row[9] = f32::from(k == target);
             row[10] = f32::from(k == scene.ego);

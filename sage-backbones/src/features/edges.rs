@@ -64,7 +64,8 @@ impl EdgeGrid {
     /// Whether a boundary passes through the cell of a place.
     #[inline]
     pub fn holds(&self, x: f32, y: f32) -> bool {
-        cell(x, y).is_some_and(|cell| self.bits.get(cell / 64).is_some_and(|bits| bits & (1 << (cell % 64)) != 0))
+        cell(x, y)
+            .is_some_and(|cell| self.bits.get(cell / 64).is_some_and(|bits| bits & (1 << (cell % 64)) != 0))
     }
 
     /// What a target sees if left and right change places.

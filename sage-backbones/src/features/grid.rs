@@ -94,9 +94,10 @@ impl Grid {
     }
 
     fn mark_lane(&mut self, lane: usize, line: &[[f64; 3]], reachable: bool, frame: &Frame) {
-        let mut along = 0.0;
-        let mut next = 0.0;
         let Some(first) = line.first() else { return };
+        let mut along = 0.0;
+        // From the start of a segment to the next place to look at.
+        let mut next = 0.0;
         let mut a = frame.to_local([first[0], first[1]]);
         for point in &line[1..] {
             let b = frame.to_local([point[0], point[1]]);
@@ -105,27 +106,21 @@ impl Grid {
             if length > 0.0 {
                 let direction = [dx / length, dy / length];
                 let (from, to) = self.within(a, direction, length);
-                next = f64::max(next, along + from);
-                while next <= along + to {
-                    let t = next - along;
+                let mut t = f64::max(next, from);
+                while t <= to {
                     let place = [a[0] + t * direction[0], a[1] + t * direction[1]];
-                    self.mark(lane, place, next, direction, reachable);
-                    next += SPACING;
+                    self.mark(lane, place, along + t, direction, reachable);
+                    t += SPACING;
                 }
-                // What was skipped stays skipped.
-                next = f64::max(next, along + length);
+                next = (t - length).clamp(0.0, SPACING);
             }
             along += length;
             a = b;
         }
     }
 
-    /// The part of a straight stretch that is worth walking: all of a short one, of a long one what
-    /// lies over the lattice.
+    /// The part of a straight stretch that lies over the lattice; an empty one if none does.
     fn within(&self, a: Point, direction: Point, length: f64) -> (f64, f64) {
-        if length < 50.0 * SPACING {
-            return (0.0, length);
-        }
         let mut part = (0.0_f64, length);
         for k in 0..2 {
             let low = f64::from(self.min[k]) * CELL - LANE_REACH;

@@ -131,7 +131,7 @@ fn write(scene: &Scene, routes: &Routes, piece: &Piece, vectors: &mut Table) -> 
             _ => {}
         }
         if let Some(limit) = part.lane.as_ref().and_then(|lane| lane.speed_limit) {
-            row[25] = (limit / 20.0) as f32;
+            row[25] = (limit / 20.0).clamp(0.0, 4.0) as f32;
         }
         row[26] = k as f32 / ROWS as f32;
         if let Some(way) = routes.reach(piece.feature) {

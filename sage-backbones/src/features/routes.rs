@@ -182,8 +182,10 @@ impl<'s> Roads<'s> {
             return;
         }
         for Neighbor { lane: other, own, other: stretch } in links.neighbors.iter().flatten() {
+            // Sources that list ids alone leave the stretch at 0: it is the whole lane then.
+            let end = if own[1] == 0 { usize::MAX } else { own[1] };
             // The whole stretch may lie behind the target.
-            if way.distance + self.arc(lane, own[1]) > 0.0 {
+            if way.distance + self.arc(lane, end) > 0.0 {
                 let shift = self.arc(lane, own[0]) - self.arc(*other, stretch[0]);
                 push(*other, way.distance + shift, way.changes + 1);
             }

@@ -57,11 +57,6 @@ impl Groups {
     pub fn rows(&self) -> usize {
         self.0.last().map_or(0, |group| group.end)
     }
-
-    /// Length of the longest, unseen rows left out.
-    pub fn longest(&self) -> usize {
-        self.0.iter().map(|group| group.seen - group.start).max().unwrap_or(0)
-    }
 }
 
 struct MaxOfOthers(Groups);

@@ -28,7 +28,7 @@ pub struct Header {
     pub backbone: String,
     /// Its options.
     pub options: Value,
-    /// Seed of first values and of the order of training.
+    /// Seed of the order of training.
     #[serde(default)]
     pub seed: u64,
     /// What it was trained on: scenes and their hash.

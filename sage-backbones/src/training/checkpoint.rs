@@ -41,8 +41,6 @@ pub struct Checkpoint {
     pub identity: serde_json::Value,
     /// Rows so far.
     pub rows: Vec<EpochRow>,
-    /// Epoch of the best validation so far.
-    pub best: u32,
     /// Steps of the optimiser.
     pub steps: u64,
 }

@@ -18,7 +18,7 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Gradient, SceneData, Trainer};
+use super::{Gradient, SceneData, Trainer, pretrain::check};
 use crate::{
     Error, Parameters,
     backbone::{Backbone, Encoding, Loss, to_world},
@@ -49,6 +49,8 @@ pub struct FinetuneOptions {
     pub selection: Selection,
     /// How far the policy may leave the prior: small is far.
     pub kl_beta: f64,
+    /// Whether each scene is seen in both mirror images.
+    pub mirror: bool,
     /// Passes over the scenes.
     pub epochs: u32,
     /// Scenes a step.
@@ -78,6 +80,7 @@ impl Default for FinetuneOptions {
             candidates: 32,
             selection: Selection::Nms { radius: 3.0 },
             kl_beta: 0.05,
+            mirror: true,
             epochs: 8,
             batch: 4,
             rate: 1e-3,
@@ -90,6 +93,26 @@ impl Default for FinetuneOptions {
 }
 
 impl FinetuneOptions {
+    /// Refuses what cannot train.
+    ///
+    /// *Errors*: [`Error::Training`] with the option and its value.
+    pub fn check(&self) -> Result<(), Error> {
+        check(&[
+            ("w_adv", self.w_adv, 0.0, 1e6),
+            ("w_real", self.w_real, 0.0, 1e6),
+            ("w_map", self.w_map, 0.0, 1e6),
+            ("margin", self.margin, 0.0, 1e6),
+            ("max_pairs", self.max_pairs as f64, 1.0, 1e6),
+            ("candidates", self.candidates as f64, 2.0, 1e4),
+            ("kl_beta", self.kl_beta, 1e-9, 1e6),
+            ("epochs", f64::from(self.epochs), 1.0, 1e6),
+            ("batch", self.batch as f64, 1.0, 1e6),
+            ("rate", self.rate, 0.0, 1.0),
+            ("clip", self.clip, 1e-9, f64::INFINITY),
+            ("weight_decay", self.weight_decay, 0.0, 1e3),
+        ])
+    }
+
     /// The realistic expert's.
     pub fn realistic() -> Self {
         Self { w_adv: 0.1, w_real: 0.9, ..Self::default() }
@@ -156,11 +179,11 @@ pub struct TunedScene {
 }
 
 impl TunedScene {
-    /// Encodes a scene's adversary with a prior, and decodes and judges all its goals; `None` if the
-    /// scene has no adversary that is valid *now*, or no ego path.
+    /// Encodes a scene's adversary with a prior, and decodes and judges all its goals, in one of the
+    /// two mirror images; `None` if the scene has no adversary that is valid *now*, or no ego path.
     ///
     /// *Errors*: those of the network.
-    pub fn new(prior: &dyn Backbone, data: &SceneData) -> Result<Option<Self>, Error> {
+    pub fn new(prior: &dyn Backbone, data: &SceneData, mirrored: bool) -> Result<Option<Self>, Error> {
         let Ok(adversary) = data.scene.adversary_index() else { return Ok(None) };
         let Ok(ctx) = Context::new(&data.scene, &data.index, &ContextOptions::default()) else {
             return Ok(None);
@@ -169,10 +192,20 @@ impl TunedScene {
             return Ok(None);
         }
         let features = prior.features(&data.scene, &data.index, adversary)?;
+        let features = match mirrored.then(|| prior.mirrored(&features)) {
+            Some(None) => return Ok(None),
+            Some(Some(mirrored)) => mirrored,
+            None => features,
+        };
         let encoding = prior.encode(Arc::new(features))?;
         let ends = prior.mode_ends(&encoding)?;
         let modes: Vec<usize> = (0..ends.len()).collect();
-        let paths = to_world(&prior.trajectories(&encoding, &modes)?, encoding.features())?;
+        let mut paths = prior.trajectories(&encoding, &modes)?;
+        if mirrored {
+            let sides = Tensor::new(&[1.0, -1.0], &Device::Cpu)?.to_dtype(paths.dtype())?;
+            paths = paths.broadcast_mul(&sides)?;
+        }
+        let paths = to_world(&paths, encoding.features())?;
         let rule = MapFeasibility::build(Default::default()).map_err(Error::Training)?;
         let mut table = GoalTable {
             reward: Vec::with_capacity(modes.len()),
@@ -197,7 +230,8 @@ impl TunedScene {
             table.feasible.push(broken.is_empty());
         }
         let reference = numbers(&prior.log_probs(&encoding)?)?;
-        Ok(Some(Self { name: data.name.clone(), encoding, ends, table, reference }))
+        let name = if mirrored { format!("{} mirrored", data.name) } else { data.name.clone() };
+        Ok(Some(Self { name, encoding, ends, table, reference }))
     }
 
     /// The encoding.
@@ -282,6 +316,7 @@ pub fn finetune(
     options: &FinetuneOptions,
     mut heard: impl FnMut(&FinetuneRow),
 ) -> Result<Parameters, Error> {
+    options.check()?;
     if scenes.is_empty() {
         return Err(Error::Training("no scene has an adversary and an ego path to tune on".to_owned()));
     }

@@ -17,19 +17,15 @@ use super::{
     samples::{Example, recorded},
 };
 use crate::{
-    Error, Parameters,
-    backbone::{Backbone, to_world},
-    candidates::{Selection, choose},
-    labels,
-    nn::AdamWConfig,
-    parameters::Header,
+    Error, Parameters, backbone::Backbone, candidates::Selection, labels, nn::AdamWConfig,
+    parameters::Header, prediction::propose,
 };
 
 /// How a prior is trained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PretrainOptions {
-    /// Passes over the vehicles that move.
+    /// Passes over the scenes.
     pub epochs: u32,
     /// Vehicles a step.
     pub batch: usize,
@@ -71,6 +67,35 @@ impl Default for PretrainOptions {
     }
 }
 
+impl PretrainOptions {
+    /// Refuses what cannot train.
+    ///
+    /// *Errors*: [`Error::Training`] with the option and its value.
+    pub fn check(&self) -> Result<(), Error> {
+        check(&[
+            ("epochs", f64::from(self.epochs), 1.0, 1e6),
+            ("batch", self.batch as f64, 1.0, 1e6),
+            ("rate", self.rate, 0.0, 1.0),
+            ("warm_up", self.warm_up, 0.0, 0.99),
+            ("clip", self.clip, 1e-9, f64::INFINITY),
+            ("weight_decay", self.weight_decay, 0.0, 1e3),
+            ("per_scene", self.per_scene as f64, 1.0, 1e9),
+            ("standing", self.standing, 0.0, 1e6),
+            ("radius", f64::from(self.radius), 0.0, 1e6),
+        ])
+    }
+}
+
+/// Refuses options outside of their range: name, value, least and largest.
+pub(super) fn check(options: &[(&str, f64, f64, f64)]) -> Result<(), Error> {
+    match options.iter().find(|(_, value, least, largest)| !(least..=largest).contains(&value)) {
+        Some((name, value, least, largest)) => {
+            Err(Error::Training(format!("option `{name}` is {value}; expected {least} to {largest}")))
+        }
+        None => Ok(()),
+    }
+}
+
 /// Hears of progress.
 pub trait Observer {
     /// Before the first step, if earlier epochs were found.
@@ -87,8 +112,8 @@ pub trait Observer {
 
 /// What came of it.
 pub struct Pretrained {
-    /// Weights of the epoch with the least surprise in validation.
-    pub best: Parameters,
+    /// Weights of the epoch with the least surprise in validation; none if it stopped in its first.
+    pub best: Option<Parameters>,
     /// A row an epoch.
     pub rows: Vec<EpochRow>,
     /// Whether it was stopped before its last epoch.
@@ -113,6 +138,7 @@ pub fn pretrain(
     folder: &Path,
     observer: &mut dyn Observer,
 ) -> Result<Pretrained, Error> {
+    options.check()?;
     let config = AdamWConfig { weight_decay: options.weight_decay, ..AdamWConfig::default() };
     if !network.wanted().iter().any(|w| network.role(&w.name).is_pretrained()) {
         return Err(Error::Training(format!("backbone `{}` has nothing to train", network.name())));
@@ -126,6 +152,12 @@ pub fn pretrain(
         )));
     }
     let held_out = Examples::of(dev).filter(|e| (e.moves || e.of_interest) && e.is_whole);
+    if held_out.list().is_empty() {
+        return Err(Error::Training(format!(
+            "none of {} scenes to validate on shows a vehicle that is valid at frames 10 and 90",
+            dev.len()
+        )));
+    }
     let mut run = Run {
         trainer: Trainer::new(network, |name| network.role(name).is_pretrained(), config)?,
         options,
@@ -134,10 +166,10 @@ pub fn pretrain(
         held_out,
         state: Checkpoint {
             identity: serde_json::json!({
-                "backbone": network.name(), "network": network.options(), "options": options, "data": header.data
+                "backbone": network.name(), "network": network.options(), "options": options, "data": header.data,
+                "start": network.parameters().hash()?,
             }),
             rows: Vec::new(),
-            best: 0,
             steps: 0,
         },
     };
@@ -149,20 +181,20 @@ pub fn pretrain(
     }
     while (run.state.rows.len() as u32) < options.epochs {
         let Some(row) = run.epoch(observer)? else {
-            return Ok(Pretrained { best: run.trainer.weights()?, rows: run.state.rows, stopped: true });
+            let best = if run.state.rows.is_empty() { None } else { Some(Parameters::load(&best)?.0) };
+            return Ok(Pretrained { best, rows: run.state.rows, stopped: true });
         };
         let weights = run.trainer.weights()?;
         let least = run.state.rows.iter().map(|r| r.surprise).fold(f64::INFINITY, f64::min);
-        observer.epoch(&row);
         if row.surprise < least || run.state.rows.is_empty() {
-            run.state.best = row.epoch;
             weights.save(header, &best)?;
         }
-        run.state.rows.push(row);
+        run.state.rows.push(row.clone());
         run.state.steps = run.trainer.adam.steps;
         run.state.save(&weights, &run.trainer.adam, header, &last)?;
+        observer.epoch(&row);
     }
-    let best = Parameters::load(&best)?.0;
+    let best = Some(Parameters::load(&best)?.0);
     Ok(Pretrained { best, rows: run.state.rows, stopped: false })
 }
 
@@ -262,9 +294,9 @@ impl Run<'_> {
         epoch: u32,
         step: usize,
     ) -> Result<Gradient, Error> {
-        let sample = self.moving.sample(example, self.trainer.network(), *mirrored)?;
-        let loss = self.trainer.network().loss(&sample)?;
         let data = self.moving.scene(example);
+        let sample = self.moving.sample(example, self.trainer.network(), *mirrored)?;
+        let loss = self.trainer.network().loss(&sample).map_err(|error| error.of(data, example.track))?;
         let agent = data.scene.tracks[example.track].id.escape_debug();
         let what = format!("epoch {epoch}, step {step}, scene `{}`, agent `{agent}`", data.name);
         self.trainer.gradient(&loss, &what)
@@ -275,16 +307,16 @@ impl Run<'_> {
         let network = self.trainer.frozen()?;
         let one = |example: &Example| -> Result<(f64, f64), Error> {
             let sample = self.held_out.sample(example, &*network, false)?;
-            let truth = recorded(&self.held_out.scene(example).scene.tracks[example.track]);
-            let features = sample.features.clone();
-            let encoding = network.encode(Arc::clone(&features))?;
+            let data = self.held_out.scene(example);
+            let truth = recorded(&data.scene.tracks[example.track]);
+            let encoding = network.encode(Arc::clone(&sample.features))?;
+            let nms = Selection::Nms { radius: self.options.radius };
+            let named = |error: Error| error.of(data, example.track);
+            let six = propose(&*network, &encoding, 6, nms, &mut Rng::new(0, "", "")).map_err(named)?;
             let log_probs = network.log_probs(&encoding)?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
             let ends = network.mode_ends(&encoding)?;
-            let nms = Selection::Nms { radius: self.options.radius };
-            let modes = choose(&log_probs, &ends, 6, nms, &mut Rng::new(0, "", ""));
-            let paths = to_world(&network.trajectories(&encoding, &modes)?, &features)?;
             let nearest = labels::nearest(&ends, labels::end(&sample.future, &sample.valid).position);
-            let distances = truth.distances(paths.iter().map(|p| p.points()));
+            let distances = truth.distances(six.iter().map(|p| p.trajectory.points()));
             Ok((distances.min_fde, -f64::from(log_probs[nearest])))
         };
         let all: Vec<Result<(f64, f64), Error>> =

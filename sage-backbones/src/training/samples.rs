@@ -90,14 +90,16 @@ impl<'d> Examples<'d> {
         &self.scenes[example.scene]
     }
 
-    /// What a network learns from an example.
+    /// What a network learns from an example, mirrored if the network knows how.
     ///
     /// *Errors*: those of the network's features.
     pub fn sample(&self, example: &Example, network: &dyn Backbone, mirrored: bool) -> Result<Sample, Error> {
-        let mut sample = recorded_sample(self.scene(example), example.track, network)?;
-        if mirrored {
+        let data = self.scene(example);
+        let mut sample =
+            recorded_sample(data, example.track, network).map_err(|error| error.of(data, example.track))?;
+        if mirrored && let Some(features) = network.mirrored(&sample.features) {
             sample.future.iter_mut().for_each(|p| p[1] = -p[1]);
-            sample.features = Arc::new(sample.features.mirrored());
+            sample.features = Arc::new(features);
         }
         Ok(sample)
     }

@@ -1,0 +1,158 @@
+//! The table of generators against a replayed ego: the paper's columns and what they hide.
+
+use std::time::Instant;
+
+use anyhow::Result;
+use rayon::prelude::*;
+use sage_backbones::{
+    Backbone,
+    candle::DType,
+    training::{Expectation, SceneData, TunedScene},
+};
+use sage_core::{
+    generator::Generator,
+    geometry::distance,
+    motion::{HORIZON, NOW, Trajectory},
+    objective::{Context, ContextOptions, Convention, Naturalness, Scorer, Scores},
+    seed::Rng,
+    statistics::{self, Estimate},
+};
+use sage_generators::logged_future;
+use serde::Serialize;
+
+/// Resamples of an interval.
+const RESAMPLES: usize = 2000;
+
+/// What one method did in one scene.
+#[derive(Clone, Debug, Serialize)]
+pub struct SceneRow {
+    /// Scene.
+    pub scene: String,
+    /// Method with its lambda.
+    pub method: String,
+    /// Scores in the `paper` convention.
+    pub paper: Scores,
+    /// Scores in the `release` convention.
+    pub release: Scores,
+    /// How the chosen way lies to the lanes.
+    pub natural: Naturalness,
+    /// The same of the log.
+    pub natural_log: Naturalness,
+    /// −log p under the prior of the goal nearest to its end.
+    pub surprise: Option<f64>,
+    /// The same of the log.
+    pub surprise_log: Option<f64>,
+    /// Seconds to generate it.
+    pub seconds: f64,
+    /// What the generator has to say of its choice.
+    pub note: Option<String>,
+}
+
+/// One column of the table: a name and what it takes from a row; none where it was not measured.
+pub struct Column {
+    /// Its name.
+    pub name: &'static str,
+    /// Its value in a scene.
+    pub value: fn(&SceneRow) -> Option<f64>,
+}
+
+/// The columns, the paper's first.
+pub const COLUMNS: [Column; 17] = [
+    Column { name: "attack", value: |r| yes(r.paper.collision && r.paper.feasible) },
+    Column { name: "R_adv", value: |r| Some(r.paper.adversarial_reward) },
+    Column { name: "P_beh", value: |r| Some(r.paper.behavior_penalty) },
+    Column { name: "P_kin", value: |r| Some(r.paper.kinematic_penalty) },
+    Column { name: "cross-line", value: |r| Some(r.paper.cross_line) },
+    Column { name: "crash-object", value: |r| Some(r.paper.crash_object) },
+    Column { name: "attack, feasible or not", value: |r| yes(r.paper.collision) },
+    Column { name: "strictly feasible", value: |r| yes(r.paper.feasible_strict) },
+    Column { name: "release: attack", value: |r| yes(r.release.collision) },
+    Column { name: "release: R_adv", value: |r| Some(r.release.adversarial_reward) },
+    Column { name: "release: P_beh", value: |r| Some(r.release.behavior_penalty) },
+    Column { name: "release: P_kin", value: |r| Some(r.release.kinematic_penalty) },
+    Column { name: "lane m − log", value: |r| Some(r.natural.lane_distance - r.natural_log.lane_distance) },
+    Column { name: "heading ° − log", value: |r| Some(r.natural.heading_error? - r.natural_log.heading_error?) },
+    Column { name: "against − log", value: |r| Some(r.natural.against_lane - r.natural_log.against_lane) },
+    Column { name: "speeding − log", value: |r| Some(r.natural.speeding - r.natural_log.speeding) },
+    Column { name: "surprise − log", value: |r| Some(r.surprise? - r.surprise_log?) },
+];
+
+fn yes(is: bool) -> Option<f64> {
+    Some(f64::from(u8::from(is)))
+}
+
+/// Mean of a column over rows with its 95 % bootstrap interval over scenes.
+pub fn estimate(column: &Column, rows: &[SceneRow]) -> Option<Estimate> {
+    let values: Vec<f64> = rows.iter().filter_map(column.value).collect();
+    statistics::bootstrap_mean(&values, RESAMPLES, &mut Rng::new(0, column.name, "open loop"))
+}
+
+/// Runs one generator on all scenes; a scene that fails gives its error.
+pub fn run(
+    scenes: &[SceneData],
+    generator: &dyn Generator,
+    prior: &dyn Backbone,
+    seed: u64,
+) -> Vec<Result<SceneRow>> {
+    scenes.par_iter().with_max_len(1).map(|data| one(data, generator, prior, seed)).collect()
+}
+
+fn one(data: &SceneData, generator: &dyn Generator, prior: &dyn Backbone, seed: u64) -> Result<SceneRow> {
+    let context = |convention| {
+        let options = ContextOptions { convention, ..ContextOptions::default() };
+        Context::new(&data.scene, &data.index, &options)
+    };
+    let (ctx, release) = (context(Convention::Paper)?, context(Convention::Release)?);
+    let clock = Instant::now();
+    let attack = generator.generate(&ctx, seed)?;
+    let seconds = clock.elapsed().as_secs_f64();
+    let chosen = attack.trajectory();
+    let log = logged_future(&data.scene)?;
+    let [natural, natural_log] =
+        [chosen, &log].map(|path| Naturalness::of(&ctx.candidate(path.clone()), &ctx));
+    let [surprise, surprise_log] = surprises(data, prior, [chosen, &log])?;
+    Ok(SceneRow {
+        scene: data.name.clone(),
+        method: generator.name(),
+        paper: Scorer::new(&ctx).scores(&ctx.candidate(chosen.clone())),
+        release: Scorer::new(&release).scores(&release.candidate(chosen.clone())),
+        natural,
+        natural_log,
+        surprise,
+        surprise_log,
+        seconds,
+        note: attack.note,
+    })
+}
+
+/// −log p of the goals nearest to the ends of two paths; none if the adversary is not there *now*.
+fn surprises(data: &SceneData, prior: &dyn Backbone, paths: [&Trajectory; 2]) -> Result<[Option<f64>; 2]> {
+    let adversary = data.scene.adversary_index()?;
+    if !data.scene.tracks[adversary].is_valid(NOW) {
+        return Ok([None; 2]);
+    }
+    let features = prior.features(&data.scene, &data.index, adversary)?;
+    let encoding = prior.encode(features.into())?;
+    let log_probs = prior.log_probs(&encoding)?.to_dtype(DType::F64)?.to_vec1::<f64>()?;
+    let ends = prior.mode_ends(&encoding)?;
+    let surprise = |path: &Trajectory| {
+        let end = encoding.features().frame.to_local(path.points()[HORIZON - 1]);
+        let gap = |k: &usize| distance(ends[*k].map(f64::from), end);
+        (0..ends.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))).map(|k| -log_probs[k])
+    };
+    Ok(paths.map(surprise))
+}
+
+/// Expectations under a policy, without any choice, over the scenes.
+///
+/// *Errors*: those of the network.
+pub fn expectations(prepared: &[TunedScene], policy: &dyn Backbone) -> Result<Vec<Expectation>> {
+    let all: Vec<_> = prepared.par_iter().with_max_len(1).map(|scene| scene.expectation(policy)).collect();
+    all.into_iter().map(|e| Ok(e?)).collect()
+}
+
+/// Mean and interval of one number of expectations.
+pub fn mean(all: &[Expectation], value: fn(&Expectation) -> f64) -> Option<Estimate> {
+    let values: Vec<f64> = all.iter().map(value).collect();
+    statistics::bootstrap_mean(&values, RESAMPLES, &mut Rng::new(0, "expectation", "open loop"))
+}

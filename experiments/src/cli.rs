@@ -55,10 +55,10 @@ enum Command {
     },
 }
 
-/// Make a scene of each kind, attack it in simple ways, and draw the best attack.
+/// Make scenes of each kind, attack them from natural to aggressive, and draw the sweep.
 ///
-/// The attacks are other speeds and changes of lane along the adversary's own way, scored as
-/// `score` does.
+/// Prints how often the adversary hits the ego at each lambda, and how it drives; leaves scenes, attacked
+/// scenes and pictures. The weights are in the binary.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage demo --out demo")]
 pub(crate) struct DemoArgs {
@@ -265,7 +265,9 @@ enum BenchCommand {
 /// the chosen ways are, paired with the log. A second table shows what the policies do without any
 /// choice. Intervals are 95 % bootstraps over scenes.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  sage bench open-loop target/data/womd_cat500/val --weights waymo --methods sage,prior,random,cat,rule,log --lambda 0,0.5,1 --out table/")]
+#[command(
+    after_help = "Example:\n  sage bench open-loop target/data/womd_cat500/val --weights waymo --methods sage,prior,random,cat,rule,log --lambda 0,0.5,1 --out table/"
+)]
 pub(crate) struct OpenLoopArgs {
     /// Scene files and folders.
     #[arg(required = true, value_name = "PATH")]
@@ -277,7 +279,12 @@ pub(crate) struct OpenLoopArgs {
     #[arg(long, value_name = "NAME", requires = "splits")]
     pub split: Option<String>,
     /// Generators, with commas.
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "sage,prior,random,oracle,cat,rule,log")]
+    #[arg(
+        long,
+        value_name = "NAMES",
+        value_delimiter = ',',
+        default_value = "sage,prior,random,oracle,cat,rule,log"
+    )]
     pub methods: Vec<String>,
     /// Where between the experts: a number, several with commas, or from:to:step.
     #[arg(long, value_name = "L", default_value = "0,0.5,1", value_parser = lambdas)]
@@ -482,7 +489,9 @@ pub(crate) struct PredictArgs {
 /// pickle, SVG, and JSON with all candidates and their scores. A scene that fails is reported, and the
 /// others go on.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json")]
+#[command(
+    after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json"
+)]
 pub(crate) struct GenerateArgs {
     /// Scene file or folder.
     pub scene: PathBuf,
@@ -624,7 +633,12 @@ impl Cli {
     pub(crate) fn needs_networks(&self) -> bool {
         matches!(
             self.command,
-            Command::Pretrain(_) | Command::Finetune(_) | Command::Predict(_) | Command::Generate(_) | Command::Bench(_)
+            Command::Demo(_)
+                | Command::Pretrain(_)
+                | Command::Finetune(_)
+                | Command::Predict(_)
+                | Command::Generate(_)
+                | Command::Bench(_)
         )
     }
 
@@ -634,7 +648,7 @@ impl Cli {
     pub fn execute(self, registries: &Registries) -> Result<Outcome> {
         threads::build_pool(self.threads)?;
         match self.command {
-            Command::Demo(args) => commands::demo::run(&args),
+            Command::Demo(args) => commands::demo::run(&args, registries),
             Command::List { json } => commands::list::run(registries, json),
             Command::Inspect(args) => commands::inspect::run(&args),
             Command::Score(args) => commands::score::run(&args),

@@ -50,19 +50,32 @@ pub(crate) fn build(
 ) -> Result<Box<dyn Generator>> {
     let judge = || -> Result<Judge> {
         if !(0.0..=1.0).contains(&lambda) {
-            bail!("lambda is {lambda}; expected 0 (realistic) to 1 (adversarial): going beyond the experts comes later");
+            bail!(
+                "lambda is {lambda}; expected 0 (realistic) to 1 (adversarial): going beyond the experts comes later"
+            );
         }
-        Judge::new(choosing.choice, choosing.mu.unwrap_or(lambda), choosing.strict).map_err(anyhow::Error::msg)
+        Judge::new(choosing.choice, choosing.mu.unwrap_or(lambda), choosing.strict)
+            .map_err(anyhow::Error::msg)
     };
     let prior = || -> Result<Arc<dyn Backbone>> {
         Ok(Arc::from(experts.prior().rebuilt(experts.prior().parameters().clone())?))
     };
     let steered = |name: String, network: Arc<dyn Backbone>| -> Result<Box<dyn Generator>> {
         let selection = Selection::Nms { radius: APART };
-        Ok(Box::new(Steered { name, network, prior: prior()?, candidates: CANDIDATES, selection, judge: judge()? }))
+        Ok(Box::new(Steered {
+            name,
+            network,
+            prior: prior()?,
+            candidates: CANDIDATES,
+            selection,
+            judge: judge()?,
+        }))
     };
     Ok(match method {
-        "sage" => steered(format!("sage {lambda:.2}"), Arc::from(experts.prior().rebuilt(merger.merge(experts, lambda)?)?))?,
+        "sage" => steered(
+            format!("sage {lambda:.2}"),
+            Arc::from(experts.prior().rebuilt(merger.merge(experts, lambda)?)?),
+        )?,
         "prior" => steered(format!("prior, choice {lambda:.2}"), prior()?)?,
         "random" => Box::new(RandomGoals { prior: prior()?, candidates: CANDIDATES, judge: judge()? }),
         "oracle" => Box::new(Oracle { prior: prior()?, judge: judge()? }),

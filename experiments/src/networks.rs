@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail};
 use sage_backbones::{Backbone, Parameters, parameters::Header};
 use sage_core::registry::Registry;
-use sage_merging::Experts;
 use sage_data::Recording;
+use sage_merging::Experts;
 
 use crate::progress;
 

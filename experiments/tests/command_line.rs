@@ -284,12 +284,18 @@ fn demo_makes_scenes_attacks_and_pictures() {
     let out = folder.path().join("demo");
     let run = sage(&["demo", "--out", path(&out)]);
     assert!(run.status.success(), "{}", stderr(&run));
-    assert_eq!(stdout(&run).lines().count(), 7);
+    assert_eq!(stdout(&run).lines().count(), 6, "a head and five lambdas");
+    let hits = |line: &str| -> f64 {
+        line.split_whitespace().nth(1).unwrap().trim_end_matches('%').parse().unwrap()
+    };
+    let lines: Vec<&str> = stdout(&run).lines().collect();
+    assert!(hits(lines[5]) >= hits(lines[1]) + 40.0, "the dial steers: {}", stdout(&run));
     for kind in ["straight", "curve", "merge", "four-way", "t-junction", "roundabout"] {
-        assert!(stdout(&run).contains(&format!("{kind}-1-0")));
+        assert!(lines[0].contains(kind));
         assert!(
             out.join(format!("{kind}-1-0.svg")).is_file()
                 && out.join(format!("{kind}-1-0.safetensors")).is_file()
+                && out.join(format!("{kind}-1-0-attacked.pkl")).is_file()
         );
     }
     let again = sage(&["demo", "--out", path(&out)]);

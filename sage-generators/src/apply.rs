@@ -15,7 +15,11 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
     if scene.frames <= NOW + HORIZON {
         return Err(sage_core::Error::Scene {
             scene: scene.id.clone(),
-            problem: format!("it ends at frame {}, and an attack needs frames up to {}", scene.frames - 1, NOW + HORIZON),
+            problem: format!(
+                "it ends at frame {}, and an attack needs frames up to {}",
+                scene.frames - 1,
+                NOW + HORIZON
+            ),
         });
     }
     let mut scene = scene.clone();

@@ -71,7 +71,10 @@ pub const COLUMNS: [Column; 17] = [
     Column { name: "release: P_beh", value: |r| Some(r.release.behavior_penalty) },
     Column { name: "release: P_kin", value: |r| Some(r.release.kinematic_penalty) },
     Column { name: "lane m − log", value: |r| Some(r.natural.lane_distance - r.natural_log.lane_distance) },
-    Column { name: "heading ° − log", value: |r| Some(r.natural.heading_error? - r.natural_log.heading_error?) },
+    Column {
+        name: "heading ° − log",
+        value: |r| Some(r.natural.heading_error? - r.natural_log.heading_error?),
+    },
     Column { name: "against − log", value: |r| Some(r.natural.against_lane - r.natural_log.against_lane) },
     Column { name: "speeding − log", value: |r| Some(r.natural.speeding - r.natural_log.speeding) },
     Column { name: "surprise − log", value: |r| Some(r.surprise? - r.surprise_log?) },

@@ -42,7 +42,9 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let mut failures = 0;
     for generator in &runs {
         let mut rows = Vec::new();
-        for (data, row) in scenes.iter().zip(open_loop::run(&scenes, &**generator, experts.prior(), args.seed)) {
+        for (data, row) in
+            scenes.iter().zip(open_loop::run(&scenes, &**generator, experts.prior(), args.seed))
+        {
             match row {
                 Ok(row) => rows.push(row),
                 Err(error) => {
@@ -75,7 +77,8 @@ fn policies(
     let prior = experts.prior();
     let prepare = |data| TunedScene::new(prior, data, false);
     let prepared: Vec<_> = scenes.par_iter().with_max_len(1).map(prepare).collect();
-    let prepared: Vec<TunedScene> = prepared.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+    let prepared: Vec<TunedScene> =
+        prepared.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
     let mut policies = vec![("prior".to_owned(), open_loop::expectations(&prepared, prior)?)];
     for lambda in &args.lambda.0 {
         let network: Box<dyn Backbone> = prior.rebuilt(merger.merge(experts, *lambda)?)?;
@@ -91,7 +94,9 @@ fn write(
     scenes: usize,
     seconds: f64,
 ) -> Result<()> {
-    let interval = |e: Option<Estimate>| e.map_or("-".to_owned(), |e| format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high));
+    let interval = |e: Option<Estimate>| {
+        e.map_or("-".to_owned(), |e| format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high))
+    };
     let mut markdown = String::new();
     let mut csv = "method,measure,value,low,high,n\n".to_owned();
     writeln!(markdown, "| method | N | {} |", COLUMNS.map(|c| c.name).join(" | "))?;
@@ -102,24 +107,38 @@ fn write(
             let estimate = open_loop::estimate(column, rows);
             write!(markdown, " {} |", interval(estimate))?;
             if let Some(e) = estimate {
-                writeln!(csv, "{method},{},{},{},{},{}", column.name.replace(',', ";"), e.value, e.low, e.high, e.n)?;
+                writeln!(
+                    csv,
+                    "{method},{},{},{},{},{}",
+                    column.name.replace(',', ";"),
+                    e.value,
+                    e.low,
+                    e.high,
+                    e.n
+                )?;
             }
         }
         writeln!(markdown)?;
     }
     writeln!(markdown, "\nWithout choice, expectations under the policy:\n")?;
-    writeln!(markdown, "| policy | N | feasible | feasible hit | R_adv | P_real |\n| --- | --- | --- | --- | --- | --- |")?;
+    writeln!(
+        markdown,
+        "| policy | N | feasible | feasible hit | R_adv | P_real |\n| --- | --- | --- | --- | --- | --- |"
+    )?;
     for (policy, all) in policies {
-        let columns: [fn(&Expectation) -> f64; 4] = [|e| e.feasible, |e| e.attack, |e| e.reward, |e| e.penalty];
+        let columns: [fn(&Expectation) -> f64; 4] =
+            [|e| e.feasible, |e| e.attack, |e| e.reward, |e| e.penalty];
         let cells: Vec<String> = columns.map(|value| interval(open_loop::mean(all, value))).to_vec();
         writeln!(markdown, "| {policy} | {} | {} |", all.len(), cells.join(" | "))?;
     }
-    let rows: Result<Vec<String>, _> = table.iter().flat_map(|(_, rows)| rows).map(serde_json::to_string).collect();
+    let rows: Result<Vec<String>, _> =
+        table.iter().flat_map(|(_, rows)| rows).map(serde_json::to_string).collect();
     let record = json!({
         "command": output::command(), "scenes": scenes, "seed": args.seed, "seconds": seconds,
         "version": env!("CARGO_PKG_VERSION"),
     });
-    let file = |name: &str, text: &str| output::write_file(&args.out.join(Path::new(name)), text.as_bytes(), true);
+    let file =
+        |name: &str, text: &str| output::write_file(&args.out.join(Path::new(name)), text.as_bytes(), true);
     file("table.md", &markdown)?;
     file("table.csv", &csv)?;
     file("scenes.jsonl", &(rows?.join("\n") + "\n"))?;

@@ -1,10 +1,11 @@
-//! `sage demo`: made scenes, simple attacks on them, scores and pictures.
+//! `sage demo`: made scenes, attacked from natural to aggressive, with pictures.
 
 use std::io::Write;
 
 use anyhow::{Context as _, Result};
+use rayon::prelude::*;
 use sage_core::{
-    motion::Trajectory,
+    generator::{Attack, Generator},
     objective::{Context, ContextOptions, Scorer, Scores},
     scene::{Scene, SceneIndex},
 };
@@ -12,86 +13,123 @@ use sage_data::{
     Recording,
     procedural::{self, Kind},
 };
+use sage_generators::{Choice, attacked};
+use sage_merging::mergers;
 
 use crate::{
-    Outcome,
+    Outcome, Registries,
     cli::DemoArgs,
     commands::draw::drawn_path,
     drawing::{self, Picture},
-    output, progress,
+    methods::{self, Choosing},
+    networks, output, progress,
 };
 
-/// An attack with its name and scores.
-type Scored = (String, Trajectory, Scores);
+/// Where the dial is put.
+const LAMBDAS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
+/// Scenes of each kind.
+const SCENES: u64 = 6;
 
-pub(crate) fn run(args: &DemoArgs) -> Result<Outcome> {
+/// One scene with its attack at each lambda.
+struct Steered {
+    scene: Scene,
+    attacks: Vec<(Attack, Scores)>,
+}
+
+pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     output::make_folder(&args.out, args.force)?;
-    let mut out = std::io::stdout().lock();
-    writeln!(
-        out,
-        "{:<16} {:>6} {:>6} {:>8} {:>8}  {:<26} {:>6} {:>6} {:>6} {:>6}",
-        "scene", "agents", "lanes", "attacks", "that hit", "the best", "R_adv", "hit s", "P_kin", "P_beh"
-    )?;
-    for kind in Kind::ALL {
-        let scene = procedural::generate(kind, args.seed, 0)
-            .with_context(|| format!("no {} scene came of seed {}", kind.name(), args.seed))?;
-        let index = SceneIndex::new(scene.map.clone());
-        let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
-        let attacks = scored(&scene, &ctx);
-        let hits = attacks.iter().filter(|(.., s)| s.collision && s.feasible).count();
-        let lanes = scene.map.features.iter().filter(|f| f.kind.is_lane()).count();
-        write!(
-            out,
-            "{:<16} {:>6} {lanes:>6} {:>8} {hits:>8}  ",
-            scene.id,
-            scene.tracks.len(),
-            attacks.len()
-        )?;
-        match best(&attacks) {
-            Some((name, _, s)) => {
-                let hit =
-                    s.collision_step.map_or("-".to_owned(), |step| format!("{:.1}", step as f64 / 10.0));
-                writeln!(
-                    out,
-                    "{name:<26} {:>6.2} {hit:>6} {:>6.2} {:>6.2}",
-                    s.adversarial_reward, s.kinematic_penalty, s.behavior_penalty
-                )?;
-            }
-            None => writeln!(out, "none is feasible")?,
+    let experts = networks::load_experts(&registries.backbones, "procedural")?;
+    let merger = mergers()?.build_default("linear")?;
+    let choosing = Choosing { choice: Choice::Natural, strict: false, mu: None };
+    let build = |lambda| methods::build("sage", lambda, choosing, &experts, &*merger);
+    let generators = LAMBDAS.into_iter().map(build).collect::<Result<Vec<_>>>()?;
+    let numbers: Vec<(Kind, u64)> =
+        Kind::ALL.into_iter().flat_map(|kind| (0..SCENES).map(move |number| (kind, number))).collect();
+    let steer = |&(kind, number): &(Kind, u64)| steer(kind, number, args.seed, &generators);
+    let steered: Vec<Result<Steered>> = numbers.par_iter().with_max_len(1).map(steer).collect();
+    let steered = steered.into_iter().collect::<Result<Vec<_>>>()?;
+    for ((_, number), steered) in numbers.iter().zip(&steered) {
+        if *number == 0 {
+            keep(args, steered)?;
         }
-        Recording::made(scene.clone()).write(&args.out.join(format!("{}.safetensors", scene.id)))?;
-        let candidates = best(&attacks).map(|(name, path, _)| drawn_path(name.clone(), &ctx, path.clone()));
-        let picture = Picture {
-            title: scene.id.clone(),
-            candidates: candidates.into_iter().collect(),
-            ..Picture::default()
-        };
-        let path = args.out.join(format!("{}.svg", scene.id));
-        output::write_file(&path, drawing::draw(&scene, &picture).as_bytes(), args.force)?;
     }
+    print(&steered)?;
     progress::say(&format!(
-        "scenes and pictures are in `{}`; open the .svg files in a browser",
+        "one scene of each kind, its attack at lambda 1 and a picture of all five are in `{}`; open the .svg files in a browser",
         args.out.display()
     ));
     Ok(Outcome::Done)
 }
 
-/// The simple attacks of a scene with their scores.
-fn scored(scene: &Scene, ctx: &Context) -> Vec<Scored> {
-    let scorer = Scorer::new(ctx);
-    let score = |(name, path): (String, Trajectory)| {
-        let scores = scorer.scores(&ctx.candidate(path.clone()));
-        (name, path, scores)
+fn steer(kind: Kind, number: u64, seed: u64, generators: &[Box<dyn Generator>]) -> Result<Steered> {
+    let scene = procedural::generate(kind, seed, number)
+        .with_context(|| format!("no {} scene came of seed {seed}", kind.name()))?;
+    let index = SceneIndex::new(scene.map.clone());
+    let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
+    let scorer = Scorer::new(&ctx);
+    let attack = |generator: &Box<dyn Generator>| {
+        let attack = generator.generate(&ctx, seed)?;
+        let scores = scorer.scores(&ctx.candidate(attack.trajectory().clone()));
+        Ok((attack, scores))
     };
-    procedural::attacks(scene).into_iter().map(score).collect()
+    let attacks = generators.iter().map(attack).collect::<Result<_>>()?;
+    Ok(Steered { scene, attacks })
 }
 
-/// The feasible attack that hits, of greatest `R_adv − (P_kin + P_beh) / 10`; if none hits, the one
-/// that comes nearest by that measure.
-fn best(attacks: &[Scored]) -> Option<&Scored> {
-    let value = |s: &Scores| s.adversarial_reward - 0.1 * (s.kinematic_penalty + s.behavior_penalty);
-    attacks
-        .iter()
-        .filter(|(.., s)| s.feasible)
-        .max_by(|a, b| a.2.collision.cmp(&b.2.collision).then(value(&a.2).total_cmp(&value(&b.2))))
+/// Writes the scene, its strongest attack as a scene of its own, and a picture of the sweep.
+fn keep(args: &DemoArgs, steered: &Steered) -> Result<()> {
+    let scene = &steered.scene;
+    let index = SceneIndex::new(scene.map.clone());
+    let ctx = Context::new(scene, &index, &ContextOptions::default())?;
+    let path = |ending: &str| args.out.join(format!("{}{ending}", scene.id));
+    Recording::made(scene.clone()).write(&path(".safetensors"))?;
+    if let Some((strongest, _)) = steered.attacks.last() {
+        let attacked = Recording::made(attacked(scene, strongest.trajectory())?);
+        attacked.write(&path("-attacked.safetensors"))?;
+        attacked.write(&path("-attacked.pkl"))?;
+    }
+    let drawn = LAMBDAS.iter().zip(&steered.attacks).map(|(lambda, (attack, _))| {
+        drawn_path(format!("lambda {lambda:.2}"), &ctx, attack.trajectory().clone())
+    });
+    let picture = Picture { title: scene.id.clone(), candidates: drawn.collect(), ..Picture::default() };
+    output::write_file(&path(".svg"), drawing::draw(scene, &picture).as_bytes(), args.force)
+}
+
+fn print(steered: &[Steered]) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(
+        out,
+        "{:<8} {:>10} {:>8} {:>8} {:>8} {:>10}   {}",
+        "lambda",
+        "attacked",
+        "R_adv",
+        "P_kin",
+        "P_beh",
+        "feasible",
+        Kind::ALL.map(|kind| format!("{:>11}", kind.name())).join(" ")
+    )?;
+    for (slot, lambda) in LAMBDAS.into_iter().enumerate() {
+        let scores: Vec<&Scores> = steered.iter().map(|s| &s.attacks[slot].1).collect();
+        let mean = |value: &dyn Fn(&Scores) -> f64| {
+            scores.iter().map(|s| value(s)).sum::<f64>() / scores.len() as f64
+        };
+        let hits = |s: &Scores| f64::from(u8::from(s.collision && s.feasible));
+        let of_kind = |k: usize| {
+            let per = SCENES as usize;
+            let hit = scores[k * per..(k + 1) * per].iter().filter(|s| hits(s) > 0.0).count();
+            format!("{:>11}", format!("{hit} of {per}"))
+        };
+        let kinds: Vec<String> = (0..Kind::ALL.len()).map(of_kind).collect();
+        writeln!(
+            out,
+            "{lambda:<8.2} {:>9.0}% {:>8.2} {:>8.2} {:>8.2} {:>9.0}%   {}",
+            100.0 * mean(&hits),
+            mean(&|s| s.adversarial_reward),
+            mean(&|s| s.kinematic_penalty),
+            mean(&|s| s.behavior_penalty),
+            100.0 * mean(&|s| f64::from(u8::from(s.feasible))),
+            kinds.join(" ")
+        )?;
+    }
+    Ok(())
 }

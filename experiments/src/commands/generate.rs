@@ -42,7 +42,8 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let merger = mergers()?.build_default("linear")?;
     let choosing = args.choosing();
     let lambdas = if methods::is_steered(&args.method) { &args.lambda.0[..] } else { &[1.0][..] };
-    let build = |lambda: &f64| Ok((*lambda, methods::build(&args.method, *lambda, choosing, &experts, &*merger)?));
+    let build =
+        |lambda: &f64| Ok((*lambda, methods::build(&args.method, *lambda, choosing, &experts, &*merger)?));
     let generators = lambdas.iter().map(build).collect::<Result<Vec<_>>>()?;
     output::make_folder(&args.out, args.force)?;
     let mut failed = 0;
@@ -53,8 +54,16 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         }
     }
     if failed > 0 {
-        progress::say(&format!("{failed} of {} scenes failed; the others are in `{}`", files.len(), args.out.display()));
-        return if failed == files.len() { Err(anyhow::anyhow!("no scene came out")) } else { Ok(Outcome::Partial) };
+        progress::say(&format!(
+            "{failed} of {} scenes failed; the others are in `{}`",
+            files.len(),
+            args.out.display()
+        ));
+        return if failed == files.len() {
+            Err(anyhow::anyhow!("no scene came out"))
+        } else {
+            Ok(Outcome::Partial)
+        };
     }
     Ok(Outcome::Done)
 }
@@ -115,7 +124,9 @@ fn report(
     if args.json {
         writeln!(out, "{row}")?;
     } else {
-        let hit = scores.collision_step.map_or("no contact".to_owned(), |step| format!("hits after {:.1} s", step as f64 / 10.0));
+        let hit = scores
+            .collision_step
+            .map_or("no contact".to_owned(), |step| format!("hits after {:.1} s", step as f64 / 10.0));
         writeln!(
             out,
             "{name}: {hit}, R_adv {:.2}, P_kin {:.2}, P_beh {:.2}, {}{} ({:.0} ms)",

@@ -1,0 +1,265 @@
+//! `sage generate`, `finetune` and `bench open-loop` as a user runs them.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+use sage_core::motion::NOW;
+use sage_data::Recording;
+use serde_json::Value;
+
+fn example() -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/crossing.pkl").display().to_string()
+}
+
+fn sage(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_sage")).args(arguments).env_remove("SAGE_WEIGHTS").output().unwrap()
+}
+
+fn stdout(output: &Output) -> &str {
+    assert!(output.status.success(), "{}", stderr(output));
+    std::str::from_utf8(&output.stdout).unwrap()
+}
+
+fn stderr(output: &Output) -> &str {
+    std::str::from_utf8(&output.stderr).unwrap()
+}
+
+fn failure(arguments: &[&str]) -> String {
+    let output = sage(arguments);
+    assert_eq!(output.status.code(), Some(1), "{arguments:?}: {}", stderr(&output));
+    stderr(&output).to_owned()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+const WEIGHTS: [&str; 2] = ["--weights", "procedural"];
+
+#[test]
+fn generate_changes_the_adversarys_future_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let scene = example();
+    for method in ["sage", "prior", "random", "oracle", "cat", "rule", "log"] {
+        let arguments = ["generate", &scene, "--method", method, "--json", "--force", "--out", text(&out)];
+        let output = sage(&[&arguments[..], &WEIGHTS].concat());
+        let row: Value = serde_json::from_str(stdout(&output).trim()).unwrap();
+        for key in [
+            "scene",
+            "lambda",
+            "mu",
+            "seed",
+            "chosen",
+            "feasible",
+            "reasons",
+            "scores",
+            "candidates",
+            "seconds",
+        ] {
+            assert!(!row[key].is_null(), "{method}: `{key}`");
+        }
+        assert_eq!(row["method"], method);
+        let chosen = row["chosen"].as_u64().unwrap() as usize;
+        assert_eq!(row["candidates"][chosen]["trajectory"], row["trajectory"]);
+        assert_eq!(row["candidates"][chosen]["scores"], row["scores"]);
+        let source = Recording::read(Path::new(&scene)).unwrap().scene;
+        let adversary = source.adversary.unwrap();
+        for ending in ["pkl", "safetensors"] {
+            let made = Recording::read(&out.join(format!("crossing.{ending}"))).unwrap().scene;
+            assert_eq!((made.frames, &made.map, made.ego), (source.frames, &source.map, source.ego));
+            for (k, (a, b)) in made.tracks.iter().zip(&source.tracks).enumerate() {
+                if k != adversary {
+                    assert_eq!(a, b, "{method}: track {k}");
+                }
+            }
+            let track = &made.tracks[adversary];
+            for frame in 0..=NOW {
+                assert_eq!(track.position[frame], source.tracks[adversary].position[frame]);
+            }
+            for frame in [NOW + 1, NOW + 40, NOW + 80] {
+                for axis in 0..2 {
+                    let planned = row["trajectory"][frame - NOW - 1][axis].as_f64().unwrap();
+                    assert!(
+                        (track.position[frame][axis] - planned).abs() < 1e-3,
+                        "{method} {ending} {frame}"
+                    );
+                }
+            }
+        }
+        assert!(out.join("crossing.svg").is_file() && out.join("crossing.json").is_file());
+    }
+}
+
+#[test]
+fn a_sweep_is_steered_and_repeats_on_any_number_of_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = example();
+    let sweep = |name: &str, threads: &str| {
+        let out: PathBuf = folder.path().join(name);
+        let arguments =
+            ["generate", &scene, "--lambda", "0:1:0.25", "--json", "--threads", threads, "--out", text(&out)];
+        let output = sage(&[&arguments[..], &WEIGHTS].concat());
+        let rows: Vec<Value> =
+            stdout(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        rows.into_iter()
+            .map(|row| (row["lambda"].clone(), row["trajectory"].clone(), row["scores"].clone()))
+            .collect::<Vec<_>>()
+    };
+    let one = sweep("one", "1");
+    assert_eq!(one.len(), 5);
+    assert!(one == sweep("two", "2"));
+    let reward = |k: usize| one[k].2["adversarial_reward"].as_f64().unwrap();
+    assert!(reward(4) >= reward(0), "{} at 1, {} at 0", reward(4), reward(0));
+    assert!(folder.path().join("one/crossing-0.25.pkl").is_file());
+}
+
+#[test]
+fn generate_says_what_is_wrong_and_goes_on_with_the_other_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = folder.path().join("scenes");
+    std::fs::create_dir(&scenes).unwrap();
+    std::fs::copy(example(), scenes.join("a.pkl")).unwrap();
+    std::fs::write(scenes.join("b.pkl"), "no scene").unwrap();
+    std::fs::copy(example(), scenes.join("c.pkl")).unwrap();
+    let out = folder.path().join("out");
+    let error = failure(&[&["generate", text(&scenes), "--out", text(&out)][..], &WEIGHTS].concat());
+    assert!(error.contains("b.pkl") && error.contains("1 of 3 scenes failed"), "{error}");
+    assert!(out.join("a.svg").is_file() && out.join("c.svg").is_file());
+
+    let scene = example();
+    let other = folder.path().join("other");
+    let wrong =
+        |more: &[&str]| failure(&[&["generate", &scene, "--out", text(&other)][..], &WEIGHTS, more].concat());
+    assert!(wrong(&["--method", "none"]).contains("unknown method `none`; known: sage, prior"));
+    assert!(wrong(&["--lambda", "1.5"]).contains("going beyond the experts comes later"));
+    assert!(wrong(&["--mu", "2"]).contains("mu is 2; expected 0 to 1"));
+    assert!(wrong(&["--adversary", "nobody"]).contains("no track `nobody`"));
+    assert_eq!(sage(&["generate", &scene, "--lambda", "x", "--out", "y"]).status.code(), Some(2));
+    let error = failure(&[&["generate", &scene, "--out", text(&out)][..], &WEIGHTS].concat());
+    assert!(error.contains("is not empty; give --force"), "{error}");
+}
+
+#[test]
+fn experts_are_tuned_from_either_network_merged_and_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("quick.json");
+    std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
+    for backbone in ["densetnt", "query-transformer"] {
+        let [prior, experts, out] =
+            ["prior", "experts", "out"].map(|part| folder.path().join(format!("{backbone}-{part}")));
+        let small = r#"{"hidden": 16, "rounds": 1}"#;
+        let arguments = [
+            "pretrain",
+            "--backbone",
+            backbone,
+            "--network",
+            small,
+            "--made",
+            "2",
+            "--epochs",
+            "1",
+            "--out",
+            text(&prior),
+        ];
+        stdout(&sage(&arguments));
+        let tune = |out: &Path, threads: &str| {
+            let arguments = [
+                "finetune",
+                "--made",
+                "4",
+                "--prior",
+                text(&prior),
+                "--config",
+                text(&config),
+                "--threads",
+                threads,
+                "--out",
+                text(out),
+            ];
+            let output = sage(&arguments);
+            assert!(output.status.success(), "{}", stderr(&output));
+            assert!(stderr(&output).contains("adversarial epoch 1: loss"), "{}", stderr(&output));
+        };
+        tune(&experts, "2");
+        let again = folder.path().join(format!("{backbone}-again"));
+        tune(&again, "1");
+        let weights = |dir: &Path| {
+            sage_backbones::Parameters::load(&dir.join("adversarial.safetensors")).unwrap().0.hash().unwrap()
+        };
+        assert_eq!(weights(&experts), weights(&again), "bits depend on the number of threads");
+        let scene = example();
+        let arguments =
+            ["generate", &scene, "--weights", text(&experts), "--lambda", "0.5", "--out", text(&out)];
+        assert!(stdout(&sage(&arguments)).starts_with("crossing: "));
+        // Experts of one prior do not go with another.
+        let other = folder.path().join(format!("{backbone}-other"));
+        std::fs::create_dir(&other).unwrap();
+        for file in ["realistic.safetensors", "adversarial.safetensors"] {
+            std::fs::copy(experts.join(file), other.join(file)).unwrap();
+        }
+        let stranger = folder.path().join(format!("{backbone}-stranger"));
+        let arguments = [
+            "pretrain",
+            "--backbone",
+            backbone,
+            "--network",
+            small,
+            "--made",
+            "2",
+            "--epochs",
+            "1",
+            "--seed",
+            "3",
+            "--out",
+            text(&stranger),
+        ];
+        stdout(&sage(&arguments));
+        std::fs::copy(stranger.join("prior.safetensors"), other.join("prior.safetensors")).unwrap();
+        let error = failure(&[
+            "generate",
+            &scene,
+            "--weights",
+            text(&other),
+            "--out",
+            text(&folder.path().join("x")),
+        ]);
+        assert!(
+            error.contains("the realistic expert") && error.contains("tuned from another one"),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn open_loop_compares_methods_and_keeps_its_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = folder.path().join("scenes");
+    let out = folder.path().join("table");
+    stdout(&sage(&["scenes", "--count", "3", "--out", text(&scenes)]));
+    let arguments = ["bench", "open-loop", text(&scenes), "--lambda", "0,1", "--out", text(&out)];
+    let output = sage(&[&arguments[..], &WEIGHTS].concat());
+    let table = stdout(&output);
+    for method in [
+        "sage 0.00",
+        "sage 1.00",
+        "prior, choice 1.00",
+        "random goals",
+        "oracle search",
+        "cat",
+        "rule",
+        "log",
+    ] {
+        assert!(table.contains(&format!("| {method} | 3 |")), "{method}: {table}");
+    }
+    assert!(table.contains("Without choice, expectations under the policy"));
+    for file in ["table.md", "table.csv", "scenes.jsonl", "run.json"] {
+        assert!(out.join(file).is_file(), "{file}");
+    }
+    let csv = std::fs::read_to_string(out.join("table.csv")).unwrap();
+    assert!(csv.starts_with("method,measure,value,low,high,n\n") && csv.contains("sage 1.00,attack,"));
+}

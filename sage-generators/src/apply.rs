@@ -29,15 +29,14 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
     let points = attack.points();
     let axes = paper::profile(points, &start).axis;
     let (height, size) = (track.position[last][2], track.size[last]);
-    let at = |step: usize| -> Point { points[step.min(HORIZON - 1)] };
-    for step in 0..HORIZON {
-        let frame = NOW + 1 + step;
-        let ([x, y], before) = (at(step), if step == 0 { start.position } else { at(step - 1) });
+    let mut before: Point = start.position;
+    for (frame, (&[x, y], axis)) in (NOW + 1..).zip(points.iter().zip(&axes)) {
         track.position[frame] = [x, y, height];
-        track.heading[frame] = axes[step][1].atan2(axes[step][0]);
+        track.heading[frame] = axis[1].atan2(axis[0]);
         track.velocity[frame] = [(x - before[0]) / DT, (y - before[1]) / DT];
         track.size[frame] = size;
         track.valid[frame] = true;
+        before = [x, y];
     }
     for frame in NOW + HORIZON + 1..scene.frames {
         track.valid[frame] = false;

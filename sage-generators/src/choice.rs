@@ -56,6 +56,41 @@ impl Judged {
     }
 }
 
+/// What a car is taken to be able to do: where the kinematic penalty begins to bite.
+const LIMITS: Limits = Limits { along: 7.0, across: 6.0, yaw_rate: 0.8 };
+
+struct Limits {
+    /// Acceleration and braking, m/s².
+    along: f64,
+    /// Acceleration across, m/s².
+    across: f64,
+    /// Yaw rate, rad/s.
+    yaw_rate: f64,
+}
+
+/// Whether a car could drive a path: at every step within 7 m/s² along, 6 m/s² across and 0.8 rad/s.
+pub fn is_drivable(trajectory: &Trajectory, ctx: &Context) -> bool {
+    let candidate = ctx.candidate(trajectory.clone());
+    let profile = candidate.profile();
+    let steps = profile.speed.iter().zip(&profile.acceleration).zip(&profile.yaw_rate);
+    steps.into_iter().all(|((speed, along), yaw_rate)| {
+        along.abs() <= LIMITS.along
+            && (speed * yaw_rate).abs() <= LIMITS.across
+            && yaw_rate.abs() <= LIMITS.yaw_rate
+    })
+}
+
+/// The first `most` of some paths that a car could drive, in their order; if they are fewer, the
+/// others follow.
+pub fn drivable(paths: &[Trajectory], most: usize, ctx: &Context) -> Vec<usize> {
+    let (mut kept, others): (Vec<usize>, Vec<usize>) =
+        (0..paths.len()).partition(|&k| is_drivable(&paths[k], ctx));
+    kept.truncate(most);
+    let missing = most - kept.len();
+    kept.extend(others.into_iter().take(missing));
+    kept
+}
+
 /// Judges candidates and chooses.
 pub struct Judge {
     rule: Box<dyn Feasibility>,

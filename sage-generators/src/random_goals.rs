@@ -10,7 +10,10 @@ use sage_core::{
     seed::Rng,
 };
 
-use crate::{choice::Judge, steered::in_scene};
+use crate::{
+    choice::{Judge, drivable},
+    steered::{SPARE, in_scene},
+};
 
 /// Goals drawn evenly, decoded by a prior.
 pub struct RandomGoals {
@@ -35,8 +38,11 @@ impl Generator for RandomGoals {
             let ends = self.prior.mode_ends(&encoding)?;
             let mut modes: Vec<usize> = (0..ends.len()).collect();
             Rng::new(seed, &scene.id, "random goals").shuffle(&mut modes);
-            modes.truncate(self.candidates);
+            modes.truncate(SPARE * self.candidates);
             let paths = to_world(&self.prior.trajectories(&encoding, &modes)?, encoding.features())?;
+            let kept = drivable(&paths, self.candidates, ctx);
+            let modes: Vec<usize> = kept.iter().map(|&k| modes[k]).collect();
+            let paths: Vec<_> = kept.iter().map(|&k| paths[k].clone()).collect();
             let judged: Vec<_> = paths.iter().map(|path| self.judge.judge(path, 0.0, ctx)).collect();
             let (chosen, note) = self.judge.choose(&judged);
             let proposed = |(trajectory, &mode): (_, &usize)| Proposed {

@@ -17,7 +17,10 @@ use sage_core::{
     seed::Rng,
 };
 
-use crate::choice::Judge;
+use crate::choice::{Judge, drivable};
+
+/// Modes looked at for each candidate: those that no car could drive are passed over.
+pub(crate) const SPARE: usize = 3;
 
 /// The generator over one network.
 pub struct Steered {
@@ -58,8 +61,11 @@ impl Steered {
         let under_prior = numbers(&*self.prior)?;
         let ends = self.network.mode_ends(&encoding)?;
         let mut rng = Rng::new(seed, &scene.id, "candidates");
-        let modes = choose(&log_probs, &ends, self.candidates, self.selection, &mut rng);
+        let modes = choose(&log_probs, &ends, SPARE * self.candidates, self.selection, &mut rng);
         let paths = to_world(&self.network.trajectories(&encoding, &modes)?, encoding.features())?;
+        let kept = drivable(&paths, self.candidates, ctx);
+        let modes: Vec<usize> = kept.iter().map(|&k| modes[k]).collect();
+        let paths: Vec<_> = kept.iter().map(|&k| paths[k].clone()).collect();
         let judge = |(path, &mode): (_, &usize)| self.judge.judge(path, -f64::from(under_prior[mode]), ctx);
         let judged: Vec<_> = paths.iter().zip(&modes).map(judge).collect();
         let (chosen, note) = self.judge.choose(&judged);

@@ -67,12 +67,12 @@ fn steer(kind: Kind, number: u64, seed: u64, generators: &[Box<dyn Generator>]) 
     let index = SceneIndex::new(scene.map.clone());
     let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
     let scorer = Scorer::new(&ctx);
-    let attack = |generator: &Box<dyn Generator>| {
+    let attack = |generator: &dyn Generator| {
         let attack = generator.generate(&ctx, seed)?;
         let scores = scorer.scores(&ctx.candidate(attack.trajectory().clone()));
         Ok((attack, scores))
     };
-    let attacks = generators.iter().map(attack).collect::<Result<_>>()?;
+    let attacks = generators.iter().map(|generator| attack(&**generator)).collect::<Result<_>>()?;
     Ok(Steered { scene, attacks })
 }
 

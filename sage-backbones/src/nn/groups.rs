@@ -119,8 +119,8 @@ fn others_forward<T: Real>(x: &[T], d: usize, groups: &Groups) -> Vec<T> {
         for row in group.start..group.end {
             let (own, others) = out[2 * row * d..2 * (row + 1) * d].split_at_mut(d);
             own.copy_from_slice(&x[row * d..(row + 1) * d]);
-            for k in 0..d {
-                others[k] = if top.first_row[k] == row as u32 { top.second[k] } else { top.first[k] };
+            for (k, other) in others.iter_mut().enumerate() {
+                *other = if top.first_row[k] == row as u32 { top.second[k] } else { top.first[k] };
             }
         }
     }

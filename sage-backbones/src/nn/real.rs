@@ -33,7 +33,7 @@ impl Real for f32 {
         p = p * r + 1.666_666_5e-1;
         p = p * r + 0.5;
         let value = (p * r * r + r) + 1.0;
-        let power = f32::from_bits(shifted.to_bits().wrapping_add(127) << 23);
+        let power = Self::from_bits(shifted.to_bits().wrapping_add(127) << 23);
         if x < -87.0 { 0.0 } else { value * power }
     }
 

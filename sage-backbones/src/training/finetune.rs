@@ -81,12 +81,12 @@ impl Default for FinetuneOptions {
             selection: Selection::Nms { radius: 3.0 },
             kl_beta: 0.05,
             mirror: true,
-            epochs: 8,
+            epochs: 10,
             batch: 4,
-            rate: 1e-3,
+            rate: 2e-3,
             warm_up: 20,
             clip: 1.0,
-            weight_decay: 0.01,
+            weight_decay: 0.3,
             seed: 0,
         }
     }

@@ -11,7 +11,7 @@ use sage_merging::{Experts, Merger};
 /// Candidates of every method that proposes several.
 const CANDIDATES: usize = 32;
 /// Distance that the candidates of steered networks keep, metres.
-const APART: f32 = 5.0;
+const APART: f32 = 6.0;
 
 /// The methods, with what they do.
 pub(crate) const METHODS: [(&str, &str); 7] = [

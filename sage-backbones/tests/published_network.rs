@@ -6,7 +6,7 @@
 //! of this project. Tolerances: a second implementation in f64 differs from the recorded values by
 //! 2e-6 in states, 1e-5 in log-probabilities, 2e-6 in losses; ours works in f32 with other orders of
 //! summation and gets ten times that.
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 
 use std::{collections::HashMap, path::Path, sync::Arc};
 

@@ -3,8 +3,8 @@
 use sage_core::{
     motion::Trajectory,
     objective::{
-        Context, Encounter, Feasibility, MapFeasibility, Rule, StrictFeasibility, behavior_penalty,
-        coarse_lane_distance, kinematic_penalty,
+        Context, Encounter, Feasibility, MapFeasibility, Rule, StrictFeasibility, Violations,
+        behavior_penalty, coarse_lane_distance, kinematic_penalty,
     },
     registry::Entry,
 };
@@ -68,10 +68,14 @@ struct Limits {
     yaw_rate: f64,
 }
 
-/// Whether a car could drive a path: at every step within 7 m/s² along, 6 m/s² across and 0.8 rad/s.
+/// Whether a car could drive a path here: at every step within 7 m/s² along, 6 m/s² across and
+/// 0.8 rad/s, and over no road edge, which the driver knows as well as we do.
 pub fn is_drivable(trajectory: &Trajectory, ctx: &Context) -> bool {
     let candidate = ctx.candidate(trajectory.clone());
     let profile = candidate.profile();
+    if Violations::of(&candidate, ctx).boundary.is_some() {
+        return false;
+    }
     let steps = profile.speed.iter().zip(&profile.acceleration).zip(&profile.yaw_rate);
     steps.into_iter().all(|((speed, along), yaw_rate)| {
         along.abs() <= LIMITS.along

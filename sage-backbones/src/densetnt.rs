@@ -1,7 +1,7 @@
 //! DenseTNT (Gu et al., 2021): dense goals are scored, and each decodes to a trajectory.
 //!
 //! Polylines are encoded, mixed by attention, and goals look at what comes out. The published form
-//! of the network and ours are the same parts in two arrangements ([`Shape`]); `docs/backbones.md`
+//! of the network and ours are the same parts in two arrangements; `docs/backbones.md`
 //! says what differs and why.
 
 mod head;

@@ -289,15 +289,11 @@ pub(crate) struct OpenLoopArgs {
     /// Where between the experts: a number, several with commas, or from:to:step.
     #[arg(long, value_name = "L", default_value = "0,0.5,1", value_parser = lambdas)]
     pub lambda: Lambdas,
-    /// Weight of the adversarial reward in the choice; lambda by default.
-    #[arg(long, value_name = "M")]
-    pub mu: Option<f64>,
+    #[command(flatten)]
+    pub choosing: ChoosingArgs,
     /// What the choice weighs.
     #[arg(long, value_enum, default_value_t = ChoiceArg::Paper)]
     pub choice: ChoiceArg,
-    /// Which rule makes a candidate feasible.
-    #[arg(long, value_enum, default_value_t = FeasibilityArg::Paper)]
-    pub feasibility: FeasibilityArg,
     /// Weights with experts: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
@@ -310,16 +306,6 @@ pub(crate) struct OpenLoopArgs {
     /// Write into a folder that holds something.
     #[arg(long)]
     pub force: bool,
-}
-
-impl OpenLoopArgs {
-    pub(crate) fn choosing(&self) -> Choosing {
-        Choosing {
-            choice: self.choice.into(),
-            strict: matches!(self.feasibility, FeasibilityArg::Strict),
-            mu: self.mu,
-        }
-    }
 }
 
 /// Measure how well priors predict what recorded vehicles did, beside constant velocity.
@@ -501,15 +487,11 @@ pub(crate) struct GenerateArgs {
     /// Where between the experts: a number, several with commas, or from:to:step.
     #[arg(long, value_name = "L", default_value = "1", value_parser = lambdas)]
     pub lambda: Lambdas,
-    /// Weight of the adversarial reward in the choice, 0 to 1; lambda by default.
-    #[arg(long, value_name = "M")]
-    pub mu: Option<f64>,
+    #[command(flatten)]
+    pub choosing: ChoosingArgs,
     /// What the choice weighs: the paper's preference, or also lanes and surprise.
     #[arg(long, value_enum, default_value_t = ChoiceArg::Natural)]
     pub choice: ChoiceArg,
-    /// Which rule makes a candidate feasible.
-    #[arg(long, value_enum, default_value_t = FeasibilityArg::Paper)]
-    pub feasibility: FeasibilityArg,
     /// Take this track as the adversary.
     #[arg(long, value_name = "ID")]
     pub adversary: Option<String>,
@@ -531,13 +513,22 @@ pub(crate) struct GenerateArgs {
     pub force: bool,
 }
 
-impl GenerateArgs {
-    pub(crate) fn choosing(&self) -> Choosing {
-        Choosing {
-            choice: self.choice.into(),
-            strict: matches!(self.feasibility, FeasibilityArg::Strict),
-            mu: self.mu,
-        }
+/// What the choice among candidates weighs, for every command that makes one.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct ChoosingArgs {
+    /// Weight of the adversarial reward in the choice, 0 to 1; lambda by default.
+    #[arg(long, value_name = "M")]
+    pub mu: Option<f64>,
+    /// Which rule makes a candidate feasible.
+    #[arg(long, value_enum, default_value_t = FeasibilityArg::Paper)]
+    pub feasibility: FeasibilityArg,
+}
+
+impl ChoosingArgs {
+    /// With what is weighed beside the preference.
+    pub(crate) fn with(self, choice: ChoiceArg) -> Choosing {
+        let strict = matches!(self.feasibility, FeasibilityArg::Strict);
+        Choosing { choice: choice.into(), strict, mu: self.mu }
     }
 }
 

@@ -155,3 +155,60 @@ impl Judge {
         (chosen, Some("no candidate is feasible; the one that breaks least was taken".to_owned()))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn judged(reward: f64, penalty: f64, map_penalty: f64) -> Judged {
+        Judged { reward, penalty, map_penalty, hits: reward > 1.0, unnatural: 0.0 }
+    }
+
+    fn judge(mu: f64) -> Judge {
+        Judge::new(Choice::Paper, mu, false).unwrap()
+    }
+
+    #[test]
+    fn the_best_of_the_feasible_is_chosen_and_the_first_of_equals() {
+        let all =
+            [judged(9.0, 2.0, 50.0), judged(3.0, 2.5, 0.0), judged(5.0, 9.0, 0.0), judged(5.0, 9.0, 0.0)];
+        assert_eq!(judge(1.0).choose(&all), (2, None));
+        assert_eq!(judge(0.0).choose(&all), (1, None), "the gentlest");
+        assert_eq!(judge(0.5).choose(&all), (1, None));
+    }
+
+    #[test]
+    fn where_nothing_is_feasible_the_least_violating_is_taken_and_said() {
+        let all = [judged(9.0, 2.0, 60.0), judged(3.0, 2.0, 10.0), judged(9.0, 2.0, 50.0)];
+        let (chosen, note) = judge(1.0).choose(&all);
+        assert_eq!(chosen, 1);
+        assert!(note.unwrap().contains("no candidate is feasible"));
+    }
+
+    #[test]
+    fn a_weight_out_of_range_is_refused() {
+        assert!(Judge::new(Choice::Paper, 1.5, false).is_err());
+        assert!(Judge::new(Choice::Natural, f64::NAN, true).is_err());
+    }
+
+    #[test]
+    fn what_no_car_can_do_comes_last() {
+        use sage_core::{
+            motion::{HORIZON, NOW},
+            objective::ContextOptions,
+            scene::SceneIndex,
+        };
+        let scene = sage_data::procedural::generate(sage_data::procedural::Kind::Straight, 1, 0).unwrap();
+        let index = SceneIndex::new(scene.map.clone());
+        let ctx = Context::new(&scene, &index, &ContextOptions::default()).unwrap();
+        let logged = crate::logged_future(&scene).unwrap();
+        // From the log's own place at 90 m/s along x.
+        let start = scene.adversary().unwrap().point(NOW);
+        let leap = (1..=HORIZON).map(|t| [start[0] + 9.0 * t as f64, start[1]]).collect();
+        let leap = Trajectory::new("leap", leap).unwrap();
+        assert!(is_drivable(&logged, &ctx) && !is_drivable(&leap, &ctx));
+        let paths = [leap.clone(), logged.clone(), leap, logged];
+        assert_eq!(drivable(&paths, 2, &ctx), [1, 3]);
+        assert_eq!(drivable(&paths, 3, &ctx), [1, 3, 0]);
+    }
+}

@@ -5,15 +5,24 @@ use std::{hint::black_box, path::PathBuf, sync::Arc, time::Instant};
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_backbones::{
-    Backbone, backbones,
+    Backbone, Parameters, backbones,
     candidates::Selection,
+    candle::Tensor,
     features::Features,
     nn::AdamWConfig,
     prediction::predict,
     training::{Examples, SceneData, Trainer, recorded_sample},
 };
-use sage_core::{seed::Rng, statistics::median};
+use sage_core::{
+    objective::{Context, ContextOptions},
+    seed::Rng,
+    statistics::median,
+};
 use sage_data::Recording;
+use sage_generators::Choice;
+use sage_merging::{Dial, Experts, Merger, mergers};
+
+use crate::methods::{self, Choosing};
 
 use super::speed::{CANDIDATES, Timing, measure, timing};
 
@@ -81,6 +90,8 @@ pub fn run(files: &[PathBuf], repeat: usize, mut report: impl FnMut(Timing) -> R
         None,
     ))?;
 
+    steering(&*ours, &cases, repeat, &mut report)?;
+
     let batch = features(&*ours, &cases[0])?;
     for (name, threads) in [("32 predictions, one thread", 1), ("32 predictions, two threads", 2)] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
@@ -103,6 +114,50 @@ pub fn run(files: &[PathBuf], repeat: usize, mut report: impl FnMut(Timing) -> R
         report(timing(name, times, None))?;
     }
     Ok(())
+}
+
+/// Times a steered attack and a turn of the dial, with experts that differ from the prior by noise: the
+/// work is the same as with tuned ones.
+fn steering(
+    ours: &dyn Backbone,
+    cases: &[Case],
+    repeat: usize,
+    report: &mut impl FnMut(Timing) -> Result<()>,
+) -> Result<()> {
+    let [realistic, adversarial] = [1, 2].map(|seed| stirred(ours, seed));
+    let experts = Experts::new(ours.rebuilt(ours.parameters().clone())?, realistic?, adversarial?)?;
+    let merger = || -> Result<Box<dyn Merger>> { Ok(mergers()?.build_default("linear")?) };
+    let choosing = Choosing { choice: Choice::Natural, strict: false, mu: None };
+    let generator = methods::build("sage", 0.5, choosing, &experts, &*merger()?)?;
+    let mut attacks = Vec::new();
+    for case in cases {
+        let ctx = Context::new(&case.data.scene, &case.data.index, &ContextOptions::default())?;
+        attacks.extend(over(std::slice::from_ref(case), repeat, |_| Ok(generator.generate(&ctx, 0)?))?);
+    }
+    report(timing("attack: indexed scene to chosen trajectory, median of scenes", attacks, Some(10.0)))?;
+    let mut dial = Dial::new(&experts, merger()?)?;
+    let mut lambda = 0.0;
+    let turns = measure(repeat, || {
+        lambda = (lambda + 0.37) % 1.0;
+        let start = Instant::now();
+        let turned = dial.turn(lambda);
+        (start.elapsed(), black_box(turned))
+    });
+    report(timing("lambda turned in place", turns, Some(1.0)))
+}
+
+/// The prior with noise on what fine-tuning moves.
+fn stirred(prior: &dyn Backbone, seed: u64) -> Result<Parameters> {
+    let stir = |(name, tensor): (&str, &Tensor)| -> Result<(String, Tensor)> {
+        if !prior.role(name).is_finetuned() {
+            return Ok((name.to_owned(), tensor.clone()));
+        }
+        let mut rng = Rng::new(seed, name, "bench noise");
+        let values: Vec<f32> = tensor.flatten_all()?.to_vec1()?;
+        let values = values.into_iter().map(|x| x + 0.01 * rng.normal() as f32).collect();
+        Ok((name.to_owned(), Tensor::from_vec(values, tensor.dims(), tensor.device())?))
+    };
+    prior.parameters().iter().map(stir).collect()
 }
 
 /// Features with exactly [`GOALS`] goals: those there are, over and over.

@@ -33,7 +33,13 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
         for lambda in lambdas {
             // A ceiling is a ceiling at one lambda.
             if method != "oracle" || lambda == lambdas.last().unwrap_or(&1.0) {
-                runs.push(methods::build(method, *lambda, args.choosing(), &experts, &*merger)?);
+                runs.push(methods::build(
+                    method,
+                    *lambda,
+                    args.choosing.with(args.choice),
+                    &experts,
+                    &*merger,
+                )?);
             }
         }
     }

@@ -40,7 +40,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     };
     let experts = networks::load_experts(&registries.backbones, weights)?;
     let merger = mergers()?.build_default("linear")?;
-    let choosing = args.choosing();
+    let choosing = args.choosing.with(args.choice);
     let lambdas = if methods::is_steered(&args.method) { &args.lambda.0[..] } else { &[1.0][..] };
     let build =
         |lambda: &f64| Ok((*lambda, methods::build(&args.method, *lambda, choosing, &experts, &*merger)?));
@@ -114,7 +114,7 @@ fn report(
         trajectory: p.trajectory.clone(),
     });
     let row = json!({
-        "scene": name, "method": args.method, "lambda": lambda, "mu": args.mu.unwrap_or(lambda), "seed": args.seed,
+        "scene": name, "method": args.method, "lambda": lambda, "mu": args.choosing.mu.unwrap_or(lambda), "seed": args.seed,
         "trajectory": attack.trajectory(), "chosen": attack.chosen, "feasible": scores.feasible,
         "reasons": scores.reasons, "note": attack.note, "scores": scores,
         "candidates": all.collect::<Vec<_>>(), "seconds": seconds,

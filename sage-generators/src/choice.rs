@@ -73,23 +73,25 @@ struct Limits {
 pub fn is_drivable(trajectory: &Trajectory, ctx: &Context) -> bool {
     let candidate = ctx.candidate(trajectory.clone());
     let profile = candidate.profile();
-    if Violations::of(&candidate, ctx).boundary.is_some() {
-        return false;
-    }
-    let steps = profile.speed.iter().zip(&profile.acceleration).zip(&profile.yaw_rate);
-    steps.into_iter().all(|((speed, along), yaw_rate)| {
+    let mut steps = profile.speed.iter().zip(&profile.acceleration).zip(&profile.yaw_rate);
+    let within = steps.all(|((speed, along), yaw_rate)| {
         along.abs() <= LIMITS.along
             && (speed * yaw_rate).abs() <= LIMITS.across
             && yaw_rate.abs() <= LIMITS.yaw_rate
-    })
+    });
+    within && Violations::of(&candidate, ctx).boundary.is_none()
 }
 
 /// The first `most` of some paths that a car could drive, in their order; if they are fewer, the
 /// others follow.
 pub fn drivable(paths: &[Trajectory], most: usize, ctx: &Context) -> Vec<usize> {
-    let (mut kept, others): (Vec<usize>, Vec<usize>) =
-        (0..paths.len()).partition(|&k| is_drivable(&paths[k], ctx));
-    kept.truncate(most);
+    let (mut kept, mut others) = (Vec::with_capacity(most), Vec::new());
+    for (k, path) in paths.iter().enumerate() {
+        if kept.len() == most {
+            break;
+        }
+        if is_drivable(path, ctx) { kept.push(k) } else { others.push(k) }
+    }
     let missing = most - kept.len();
     kept.extend(others.into_iter().take(missing));
     kept
@@ -123,6 +125,7 @@ impl Judge {
         let candidate = ctx.candidate(trajectory.clone());
         let encounter = Encounter::of(&candidate, ctx);
         let costs = self.rule.violations(&candidate, ctx);
+        let is_feasible = costs.is_empty();
         let cost = |rule: Rule| if rule == Rule::Agent { AGENT } else { EDGE };
         Judged {
             reward: encounter.reward(ctx.convention()),
@@ -130,8 +133,11 @@ impl Judge {
             map_penalty: costs.iter().map(|reason| cost(reason.rule)).sum(),
             hits: encounter.contact.is_some(),
             unnatural: match self.choice {
-                Choice::Paper => 0.0,
-                Choice::Natural => LANE * coarse_lane_distance(&candidate, ctx) + SURPRISE * surprise,
+                // Only the feasible are compared by it.
+                Choice::Natural if is_feasible => {
+                    LANE * coarse_lane_distance(&candidate, ctx) + SURPRISE * surprise
+                }
+                _ => 0.0,
             },
         }
     }

@@ -1,0 +1,56 @@
+//! What the default network costs: looking around, predicting, learning. On the shipped scene; on a real
+//! one if `SAGE_DATA` names the unpacked folder. candle's threads are off where cargo starts it.
+
+use std::{path::PathBuf, sync::Arc};
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use sage_backbones::{
+    backbones,
+    candidates::Selection,
+    nn::AdamWConfig,
+    prediction::predict,
+    training::{SceneData, Trainer, recorded_sample},
+};
+use sage_core::seed::Rng;
+use sage_data::Recording;
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
+fn networks(c: &mut Criterion) {
+    let path = match std::env::var_os("SAGE_DATA") {
+        Some(data) => PathBuf::from(data).join("pretrain/0.pkl"),
+        None => PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../examples/crossing.pkl"),
+    };
+    let scene = Recording::read(&path).expect("the scene is there").scene;
+    let target = scene.adversary.expect("it has an adversary");
+    let data = SceneData::new("bench", scene);
+    data.index.motor_lanes();
+    let registry = backbones().expect("no two of one name");
+    let mut group = c.benchmark_group("networks");
+    group.sample_size(20);
+    for name in ["densetnt", "query-transformer", "lane-graph"] {
+        let network = registry.build_default(name).expect("its defaults are sound");
+        let look = || network.features(&data.scene, &data.index, target);
+        let features = Arc::new(look().expect("the adversary is there now"));
+        group.bench_function(format!("{name}: look around"), |b| b.iter(look));
+        group.bench_function(format!("{name}: 32 candidates"), |b| {
+            b.iter(|| predict(&*network, features.clone(), 32, Selection::TopK, &mut Rng::new(0, "", "")));
+        });
+    }
+    let network = registry.build_default("densetnt").expect("its defaults are sound");
+    let sample = recorded_sample(&data, target, &*network).expect("the adversary is there now");
+    let trained = |name: &str| network.role(name).is_pretrained();
+    let mut trainer = Trainer::new(&*network, trained, AdamWConfig::default()).expect("it is a CPU");
+    group.bench_function("densetnt: forward, backward, update", |b| {
+        b.iter(|| {
+            let loss = trainer.network().loss(&sample)?;
+            let gradient = trainer.gradient(&loss, "bench")?;
+            trainer.update(&[gradient], 1e-4, 5.0)
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, networks);
+criterion_main!(benches);

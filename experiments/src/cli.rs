@@ -1,5 +1,8 @@
 //! Arguments of the command line. Each command turns its own into a plain call.
 
+mod attacking;
+mod learning;
+
 use std::path::PathBuf;
 
 use anyhow::Result;
@@ -10,7 +13,10 @@ use clap::{
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
-use crate::{Outcome, Registries, commands, methods::Choosing, threads};
+use crate::{Outcome, Registries, commands, threads};
+
+pub(crate) use attacking::{GenerateArgs, OpenLoopArgs};
+pub(crate) use learning::{FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 
 /// Steerable adversarial scenario generation for testing driving software.
 #[derive(Debug, Parser)]
@@ -259,349 +265,6 @@ enum BenchCommand {
     OpenLoop(OpenLoopArgs),
 }
 
-/// Compare generators against a replayed ego: the paper's table and what it hides.
-///
-/// Rows are methods at each lambda; columns the paper's measures in both conventions, and how natural
-/// the chosen ways are, paired with the log. A second table shows what the policies do without any
-/// choice. Intervals are 95 % bootstraps over scenes.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage bench open-loop target/data/womd_cat500/val --weights waymo --methods sage,prior,random,cat,rule,log --lambda 0,0.5,1 --out table/"
-)]
-pub(crate) struct OpenLoopArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    /// JSON file of splits: lists of scene names by split.
-    #[arg(long, value_name = "FILE", requires = "split")]
-    pub splits: Option<PathBuf>,
-    /// The split to run on.
-    #[arg(long, value_name = "NAME", requires = "splits")]
-    pub split: Option<String>,
-    /// Generators, with commas.
-    #[arg(
-        long,
-        value_name = "NAMES",
-        value_delimiter = ',',
-        default_value = "sage,prior,random,oracle,cat,rule,log"
-    )]
-    pub methods: Vec<String>,
-    /// Where between the experts: a number, several with commas, or from:to:step.
-    #[arg(long, value_name = "L", default_value = "0,0.5,1", value_parser = lambdas)]
-    pub lambda: Lambdas,
-    #[command(flatten)]
-    pub choosing: ChoosingArgs,
-    /// What the choice weighs.
-    #[arg(long, value_enum, default_value_t = ChoiceArg::Paper)]
-    pub choice: ChoiceArg,
-    /// Weights with experts: procedural, waymo or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: String,
-    /// Seed.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something.
-    #[arg(long)]
-    pub force: bool,
-}
-
-/// Measure how well priors predict what recorded vehicles did, beside constant velocity.
-///
-/// Vehicles that are valid at frames 10 and 90 count. With K candidates the best one does: least mean
-/// distance, least end distance, and the share of vehicles that all miss. Intervals are 95 %
-/// bootstraps over scenes. `lane-graph` is the prior without weights.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage bench prediction target/data/womd_cat500/val --weights lane-graph --weights waymo --radius 5\n  sage bench prediction target/data/womd_cat500/dev --weights waymo --radius 3,4,5,6"
-)]
-pub(crate) struct PredictionArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    /// Weights: procedural, waymo, lane-graph, a folder or a file; give it again for several.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: Vec<String>,
-    /// Distance that candidates keep from each other, metres; several make a row each.
-    #[arg(long, value_name = "M", value_delimiter = ',', default_value = "7", value_parser = radius)]
-    pub radius: Vec<f32>,
-    /// One JSON object a line.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Train a motion prior from recorded scenes, or from made ones.
-///
-/// Learns from vehicles that are valid now and in 3 s of their future: all that move, at most ten of a
-/// scene an epoch, and a few that stand, half of them mirrored. After each epoch it keeps the best weights (`prior.safetensors`), the state of training
-/// (`last.safetensors`), and the curves; the same command goes on where it was interrupted, to the
-/// same bits.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage pretrain target/data/womd_cat500/pretrain --dev target/data/womd_cat500/dev --from procedural --out prior/\n  sage pretrain --made 1200 --epochs 6 --out made-prior/"
-)]
-pub(crate) struct PretrainArgs {
-    /// Scene files and folders to learn from; made scenes without any.
-    #[arg(value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    /// Scenes to choose the best epoch on; made ones without it.
-    #[arg(long, value_name = "DIR")]
-    pub dev: Option<PathBuf>,
-    /// Number of scenes to make where no path is given.
-    #[arg(long, value_name = "N", default_value_t = 1200)]
-    pub made: u64,
-    /// Network to train; `sage list` shows them.
-    #[arg(long, value_name = "NAME", default_value = "densetnt")]
-    pub backbone: String,
-    /// Options of the network as JSON, such as '{"hidden": 96}'.
-    #[arg(long, value_name = "JSON")]
-    pub network: Option<String>,
-    /// Weights to start from: procedural, waymo, a folder or a file.
-    #[arg(long, value_name = "NAME")]
-    pub from: Option<String>,
-    /// Passes over the vehicles.
-    #[arg(long, value_name = "N")]
-    pub epochs: Option<u32>,
-    /// Largest learning rate.
-    #[arg(long, value_name = "X")]
-    pub rate: Option<f64>,
-    /// Other options of training as a JSON file; flags win.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Seed of the order of training and of made scenes; 0 without it and a --config.
-    #[arg(long, value_name = "S")]
-    pub seed: Option<u64>,
-    /// Licence to keep in the weights' header.
-    #[arg(long, value_name = "TEXT")]
-    pub license: Option<String>,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something, and start anew where a run was interrupted.
-    #[arg(long)]
-    pub force: bool,
-}
-
-/// Tune a realistic and an adversarial expert from a prior, by preferences among its own candidates.
-///
-/// Feasible beats infeasible, then better beats worse by each expert's own reward (HGPO). Encoder and
-/// paths stay the prior's. The folder gets `prior.safetensors`, `realistic.safetensors`,
-/// `adversarial.safetensors`, `finetune.csv` and `run.json`; name it with `--weights` from then on.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --made 200 --prior procedural --out made-experts/"
-)]
-pub(crate) struct FinetuneArgs {
-    /// Scene files and folders to tune on; made scenes without any.
-    #[arg(value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    /// JSON file of splits: lists of scene names by split.
-    #[arg(long, value_name = "FILE", requires = "split")]
-    pub splits: Option<PathBuf>,
-    /// The split to tune on.
-    #[arg(long, value_name = "NAME", requires = "splits")]
-    pub split: Option<String>,
-    /// Scenes to report on beside those tuned on.
-    #[arg(long, value_name = "DIR")]
-    pub dev: Option<PathBuf>,
-    /// Number of scenes to make where no path is given.
-    #[arg(long, value_name = "N", default_value_t = 200)]
-    pub made: u64,
-    /// Weights of the prior: procedural, waymo, a folder or a file.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub prior: String,
-    /// Options of fine-tuning as a JSON file; what is left out keeps each expert's own.
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Seed of candidates, pairs and order, and of made scenes.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something.
-    #[arg(long)]
-    pub force: bool,
-}
-
-/// Predict what a vehicle of a scene may do in the next eight seconds.
-///
-/// A row or a JSON object a candidate: rank, log-probability, goal, and with --json the 80 points of
-/// the way there, world frame. With --out also a picture.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage predict examples/crossing.pkl --k 6 --select nms --out crossing.svg"
-)]
-pub(crate) struct PredictArgs {
-    /// The scene.
-    pub scene: PathBuf,
-    /// The agent, by track id; the adversary by default.
-    #[arg(long, value_name = "ID")]
-    pub agent: Option<String>,
-    /// Number of candidates.
-    #[arg(long, value_name = "N", default_value_t = 32, value_parser = count)]
-    pub k: usize,
-    /// How candidates are chosen: the likeliest, a draw by probability, or the likeliest some way
-    /// apart.
-    #[arg(long, value_enum, default_value_t = SelectArg::TopK)]
-    pub select: SelectArg,
-    /// Distance that candidates keep with --select nms, metres.
-    #[arg(long, value_name = "M", default_value = "5", value_parser = radius)]
-    pub radius: f32,
-    /// Seed of the draw.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    /// Weights: procedural, waymo, lane-graph, a folder or a file. By default waymo for recordings
-    /// if it is at hand, else procedural.
-    #[arg(long, value_name = "NAME")]
-    pub weights: Option<String>,
-    /// One JSON object a line.
-    #[arg(long)]
-    pub json: bool,
-    /// Where a picture goes; - for standard output, then without rows.
-    #[arg(long, value_name = "FILE.svg")]
-    pub out: Option<PathBuf>,
-    /// Write over a file that exists.
-    #[arg(long)]
-    pub force: bool,
-}
-
-/// Make adversarial scenes: the adversary drives something else than it did, the rest stays.
-///
-/// Lambda mixes the realistic (0) and the adversarial (1) expert and weighs what the choice prefers;
-/// several make a sweep, with one picture of all. Each scene comes out as native file, MetaDrive
-/// pickle, SVG, and JSON with all candidates and their scores. A scene that fails is reported, and the
-/// others go on.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json"
-)]
-pub(crate) struct GenerateArgs {
-    /// Scene file or folder.
-    pub scene: PathBuf,
-    /// Generator.
-    #[arg(long, value_name = "NAME", default_value = "sage")]
-    pub method: String,
-    /// Where between the experts: a number, several with commas, or from:to:step.
-    #[arg(long, value_name = "L", default_value = "1", value_parser = lambdas)]
-    pub lambda: Lambdas,
-    #[command(flatten)]
-    pub choosing: ChoosingArgs,
-    /// What the choice weighs: the paper's preference, or also lanes and surprise.
-    #[arg(long, value_enum, default_value_t = ChoiceArg::Natural)]
-    pub choice: ChoiceArg,
-    /// Take this track as the adversary.
-    #[arg(long, value_name = "ID")]
-    pub adversary: Option<String>,
-    /// Weights with experts: procedural, waymo or a folder. By default waymo for recordings if it is
-    /// at hand, else procedural.
-    #[arg(long, value_name = "NAME")]
-    pub weights: Option<String>,
-    /// Seed.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    /// One JSON object a scene and lambda.
-    #[arg(long)]
-    pub json: bool,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something.
-    #[arg(long)]
-    pub force: bool,
-}
-
-/// What the choice among candidates weighs, for every command that makes one.
-#[derive(Clone, Copy, Debug, Args)]
-pub(crate) struct ChoosingArgs {
-    /// Weight of the adversarial reward in the choice, 0 to 1; lambda by default.
-    #[arg(long, value_name = "M")]
-    pub mu: Option<f64>,
-    /// Which rule makes a candidate feasible.
-    #[arg(long, value_enum, default_value_t = FeasibilityArg::Paper)]
-    pub feasibility: FeasibilityArg,
-}
-
-impl ChoosingArgs {
-    /// With what is weighed beside the preference.
-    pub(crate) fn with(self, choice: ChoiceArg) -> Choosing {
-        let strict = matches!(self.feasibility, FeasibilityArg::Strict);
-        Choosing { choice: choice.into(), strict, mu: self.mu }
-    }
-}
-
-/// One or more values of lambda.
-#[derive(Clone, Debug)]
-pub(crate) struct Lambdas(pub Vec<f64>);
-
-/// Parses `1`, `0,0.5,1` or `0:1:0.1`.
-fn lambdas(text: &str) -> Result<Lambdas, String> {
-    let number = |text: &str| text.trim().parse::<f64>().map_err(|_| format!("`{text}` is not a number"));
-    if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
-        let [from, to, step] = [number(from)?, number(to)?, number(step)?];
-        let count = (to - from) / step;
-        if !(0.0..1000.0).contains(&count) {
-            return Err("expected from:to:step with at most 1000 steps".to_owned());
-        }
-        // Rounded, so that 0.3 is 0.3 and not three times 0.1.
-        let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;
-        return Ok(Lambdas((0..=(count + 1e-9) as usize).map(at).collect()));
-    }
-    Ok(Lambdas(text.split(',').map(number).collect::<Result<_, _>>()?))
-}
-
-/// Names of [`sage_generators::Choice`].
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum ChoiceArg {
-    /// As in the paper.
-    Paper,
-    /// With a little for keeping to lanes and for what cars usually do.
-    Natural,
-}
-
-impl From<ChoiceArg> for sage_generators::Choice {
-    fn from(name: ChoiceArg) -> Self {
-        match name {
-            ChoiceArg::Paper => Self::Paper,
-            ChoiceArg::Natural => Self::Natural,
-        }
-    }
-}
-
-/// Names of the feasibility rules.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum FeasibilityArg {
-    /// No box touches an edge or anybody else at a frame.
-    Paper,
-    /// Also between frames, and on the drivable side.
-    Strict,
-}
-
-/// Names of [`sage_backbones::candidates::Selection`].
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum SelectArg {
-    /// The likeliest.
-    TopK,
-    /// A draw by probability.
-    Gumbel,
-    /// The likeliest some way apart.
-    Nms,
-}
-
-fn radius(text: &str) -> Result<f32, String> {
-    let radius: f32 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
-    if (0.0..=1000.0).contains(&radius) { Ok(radius) } else { Err("expected 0 to 1000 m".to_owned()) }
-}
-
-fn count(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(n @ 1..=10_000) => Ok(n),
-        _ => Err("expected 1 to 10000".to_owned()),
-    }
-}
-
 /// Time the parts that everything else waits for, on one core where the row names no threads.
 ///
 /// Where Python with numpy is at hand, its pickle.loads is timed beside ours in the same run.
@@ -617,6 +280,17 @@ pub(crate) struct SpeedArgs {
     /// One JSON object a line.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Which scenes of the given ones count.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct SplitArgs {
+    /// JSON file of splits: lists of scene names by split.
+    #[arg(long, value_name = "FILE", requires = "split")]
+    pub splits: Option<PathBuf>,
+    /// The split to take the scenes of.
+    #[arg(long, value_name = "NAME", requires = "splits")]
+    pub split: Option<String>,
 }
 
 impl Cli {

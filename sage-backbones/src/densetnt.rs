@@ -21,7 +21,7 @@ use serde_json::Value;
 use crate::{
     Error, Parameters,
     backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
-    encoder::Encoder,
+    encoder::{Encoder, check_size},
     features::{Features, GOAL_COLUMNS, VECTOR_COLUMNS, cat},
     labels,
     nn::log_softmax,
@@ -281,12 +281,7 @@ impl Entry<dyn Backbone> for DenseTnt {
 
     fn build(options: DenseTntOptions) -> Result<Box<dyn Backbone>, String> {
         let DenseTntOptions { hidden, rounds, head, seed } = options;
-        if !(8..=512).contains(&hidden) || hidden % 2 == 1 {
-            return Err(format!("`hidden` is {hidden}; expected an even number from 8 to 512"));
-        }
-        if rounds == 0 || rounds > 16 {
-            return Err(format!("`rounds` is {rounds}; expected 1 to 16"));
-        }
+        check_size(hidden, rounds)?;
         let shape = Shape {
             hidden,
             vector_columns: VECTOR_COLUMNS,

@@ -44,6 +44,19 @@ pub(crate) struct Encoded {
     pub target: Tensor,
 }
 
+/// Refuses sizes that no network here can have.
+///
+/// *Errors*: the option and its value.
+pub(crate) fn check_size(hidden: usize, rounds: usize) -> std::result::Result<(), String> {
+    if !(8..=512).contains(&hidden) || hidden % 2 == 1 {
+        return Err(format!("`hidden` is {hidden}; expected an even number from 8 to 512"));
+    }
+    if !(1..=16).contains(&rounds) {
+        return Err(format!("`rounds` is {rounds}; expected 1 to 16"));
+    }
+    Ok(())
+}
+
 impl Encoder {
     /// Rows of `columns` numbers to states of `width`, mixed in `rounds` of attention, or as published.
     pub(crate) fn new(scope: &Scope, columns: usize, width: usize, rounds: Option<usize>) -> Result<Self> {

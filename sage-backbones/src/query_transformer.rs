@@ -20,7 +20,7 @@ use crate::{
     Error, Parameters,
     backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
     candidates::suppressed,
-    encoder::Encoder,
+    encoder::{Encoder, check_size},
     features::{Features, GOAL_COLUMNS, GoalColumn, Table, VECTOR_COLUMNS},
     labels,
     nn::{Attention, Linear, Mlp, log_softmax},
@@ -262,11 +262,9 @@ impl Entry<dyn Backbone> for QueryTransformer {
 
     fn build(options: QueryTransformerOptions) -> Result<Box<dyn Backbone>, String> {
         let QueryTransformerOptions { hidden, rounds, layers, seed } = options;
-        if !(8..=512).contains(&hidden) || hidden % 2 == 1 {
-            return Err(format!("`hidden` is {hidden}; expected an even number from 8 to 512"));
-        }
-        if !(1..=16).contains(&rounds) || !(1..=16).contains(&layers) {
-            return Err(format!("`rounds` is {rounds} and `layers` {layers}; expected 1 to 16"));
+        check_size(hidden, rounds)?;
+        if !(1..=16).contains(&layers) {
+            return Err(format!("`layers` is {layers}; expected 1 to 16"));
         }
         let build = || {
             let wanted = Scope::list(|scope| Parts::new(scope, &options))?;

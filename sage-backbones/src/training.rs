@@ -5,9 +5,11 @@ mod finetune;
 mod pretrain;
 mod samples;
 mod step;
+mod tuned_scene;
 
 pub use checkpoint::{Checkpoint, EpochRow};
-pub use finetune::{Expectation, FinetuneOptions, FinetuneRow, GoalTable, TunedScene, finetune};
+pub use finetune::{FinetuneOptions, FinetuneRow, finetune};
 pub use pretrain::{Observer, PretrainOptions, Pretrained, pretrain};
 pub use samples::{Example, Examples, MOVING, SceneData, recorded, recorded_sample};
 pub use step::{Gradient, Trainer};
+pub use tuned_scene::{Expectation, GoalTable, TunedScene};

@@ -26,7 +26,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     output::make_folder(&args.out, args.force)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger = mergers()?.build_default("linear")?;
-    let scenes = scenes::read_split(&args.paths, args.splits.as_deref(), args.split.as_deref())?;
+    let scenes = scenes::read_split(&args.paths, args.split.splits.as_deref(), args.split.split.as_deref())?;
     let mut runs = Vec::new();
     for method in &args.methods {
         let lambdas = if methods::is_steered(method) { &args.lambda.0[..] } else { &[1.0][..] };

@@ -26,7 +26,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let prior = &*loaded.network;
     let train = match args.paths.is_empty() {
         true => scenes::make(args.made, args.seed),
-        false => scenes::read_split(&args.paths, args.splits.as_deref(), args.split.as_deref())?,
+        false => scenes::read_split(&args.paths, args.split.splits.as_deref(), args.split.split.as_deref())?,
     };
     let dev = match &args.dev {
         Some(dev) => scenes::read_all(std::slice::from_ref(dev))?,

@@ -6,22 +6,24 @@
 //! policy cannot move is made once: encodings, the paths of all goals, and with them what every goal
 //! is worth.
 
-use std::{sync::Arc, time::Instant};
+use std::time::Instant;
 
 use candle_core::{DType, Device, Tensor};
 use rayon::prelude::*;
 use sage_core::{
-    objective::{Context, ContextOptions, Encounter, MapFeasibility, behavior_penalty, kinematic_penalty},
     preference_pairs::{Judged, Pairing, preference_pairs},
-    registry::Entry,
     seed::Rng,
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Gradient, SceneData, Trainer, pretrain::check};
+use super::{
+    Gradient, Trainer,
+    pretrain::check,
+    tuned_scene::{GoalTable, TunedScene, numbers},
+};
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Encoding, Loss, to_world},
+    backbone::{Backbone, Loss},
     candidates::{Selection, choose},
     nn::AdamWConfig,
 };
@@ -154,152 +156,6 @@ pub struct FinetuneRow {
     pub seconds: f64,
 }
 
-/// What every goal of a scene is worth.
-pub struct GoalTable {
-    /// Adversarial reward.
-    pub reward: Vec<f64>,
-    /// Penalty for driving unlike a car.
-    pub penalty: Vec<f64>,
-    /// Touched edge and agent, as 50 and 10.
-    pub map_penalty: Vec<f64>,
-    /// Whether no rule is broken.
-    pub feasible: Vec<bool>,
-    /// Whether the path hits the ego.
-    pub hits: Vec<bool>,
-}
-
-/// A scene ready for fine-tuning: nothing in it depends on what is tuned.
-pub struct TunedScene {
-    name: String,
-    encoding: Encoding,
-    ends: Vec<[f32; 2]>,
-    /// What each goal is worth.
-    pub table: GoalTable,
-    reference: Vec<f64>,
-}
-
-impl TunedScene {
-    /// Encodes a scene's adversary with a prior, and decodes and judges all its goals, in one of the
-    /// two mirror images; `None` if the scene has no adversary that is valid *now*, or no ego path.
-    ///
-    /// *Errors*: those of the network.
-    pub fn new(prior: &dyn Backbone, data: &SceneData, mirrored: bool) -> Result<Option<Self>, Error> {
-        let Ok(adversary) = data.scene.adversary_index() else { return Ok(None) };
-        let Ok(ctx) = Context::new(&data.scene, &data.index, &ContextOptions::default()) else {
-            return Ok(None);
-        };
-        if !data.scene.tracks[adversary].is_valid(sage_core::motion::NOW) {
-            return Ok(None);
-        }
-        let features = prior.features(&data.scene, &data.index, adversary)?;
-        let features = match mirrored.then(|| prior.mirrored(&features)) {
-            Some(None) => return Ok(None),
-            Some(Some(mirrored)) => mirrored,
-            None => features,
-        };
-        let encoding = prior.encode(Arc::new(features))?;
-        let ends = prior.mode_ends(&encoding)?;
-        let modes: Vec<usize> = (0..ends.len()).collect();
-        let mut paths = prior.trajectories(&encoding, &modes)?;
-        if mirrored {
-            let sides = Tensor::new(&[1.0, -1.0], &Device::Cpu)?.to_dtype(paths.dtype())?;
-            paths = paths.broadcast_mul(&sides)?;
-        }
-        let paths = to_world(&paths, encoding.features())?;
-        let rule = MapFeasibility::build(Default::default()).map_err(Error::Training)?;
-        let mut table = GoalTable {
-            reward: Vec::with_capacity(modes.len()),
-            penalty: Vec::with_capacity(modes.len()),
-            map_penalty: Vec::with_capacity(modes.len()),
-            feasible: Vec::with_capacity(modes.len()),
-            hits: Vec::with_capacity(modes.len()),
-        };
-        for path in paths {
-            let candidate = ctx.candidate(path);
-            let encounter = Encounter::of(&candidate, &ctx);
-            let broken = rule.violations(&candidate, &ctx);
-            let costs = broken
-                .iter()
-                .map(|reason| if reason.rule == sage_core::objective::Rule::Agent { 10.0 } else { 50.0 });
-            table.reward.push(encounter.reward(ctx.convention()));
-            table.hits.push(encounter.contact.is_some());
-            table
-                .penalty
-                .push(kinematic_penalty(candidate.profile()) + behavior_penalty(candidate.profile()));
-            table.map_penalty.push(costs.sum());
-            table.feasible.push(broken.is_empty());
-        }
-        let reference = numbers(&prior.log_probs(&encoding)?)?;
-        let name = if mirrored { format!("{} mirrored", data.name) } else { data.name.clone() };
-        Ok(Some(Self { name, encoding, ends, table, reference }))
-    }
-
-    /// The encoding.
-    pub fn encoding(&self) -> &Encoding {
-        &self.encoding
-    }
-
-    fn preference(&self, goal: usize, options: &FinetuneOptions) -> f64 {
-        let t = &self.table;
-        options.w_adv * t.reward[goal]
-            - options.w_real * t.penalty[goal]
-            - options.w_map * t.map_penalty[goal]
-    }
-}
-
-/// Expectations under a policy over the goals of a scene.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Expectation {
-    /// Probability of a feasible path.
-    pub feasible: f64,
-    /// Probability of a feasible path that hits the ego.
-    pub attack: f64,
-    /// Mean adversarial reward.
-    pub reward: f64,
-    /// Mean penalty for driving unlike a car.
-    pub penalty: f64,
-    /// Divergence from the prior, nats.
-    pub kl: f64,
-}
-
-impl Expectation {
-    /// Mean over scenes; `None` of none.
-    pub fn mean(all: &[Self]) -> Option<Self> {
-        let n = all.len() as f64;
-        let mean = |value: fn(&Self) -> f64| all.iter().map(value).sum::<f64>() / n;
-        (!all.is_empty()).then(|| Self {
-            feasible: mean(|e| e.feasible),
-            attack: mean(|e| e.attack),
-            reward: mean(|e| e.reward),
-            penalty: mean(|e| e.penalty),
-            kl: mean(|e| e.kl),
-        })
-    }
-}
-
-impl TunedScene {
-    /// Expectations under a policy of the same encoder.
-    ///
-    /// *Errors*: those of the network.
-    pub fn expectation(&self, policy: &dyn Backbone) -> Result<Expectation, Error> {
-        Ok(self.expect(&numbers(&policy.log_probs(&self.encoding)?)?))
-    }
-
-    fn expect(&self, log_probs: &[f64]) -> Expectation {
-        let mut sum = Expectation::default();
-        for (goal, log_prob) in log_probs.iter().enumerate() {
-            let p = log_prob.exp();
-            let t = &self.table;
-            sum.feasible += p * f64::from(u8::from(t.feasible[goal]));
-            sum.attack += p * f64::from(u8::from(t.feasible[goal] && t.hits[goal]));
-            sum.reward += p * t.reward[goal];
-            sum.penalty += p * t.penalty[goal];
-            sum.kl += p * (log_prob - self.reference[goal]);
-        }
-        sum
-    }
-}
-
 /// One scene's part of a step, and what it says of the policy.
 struct Part {
     gradient: Option<Gradient>,
@@ -359,13 +215,13 @@ fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch:
     let judged: Vec<Judged> = chosen
         .iter()
         .map(|&goal| Judged {
-            reward: scene.preference(goal, options),
+            reward: preference(&scene.table, goal, options),
             is_feasible: scene.table.feasible[goal],
         })
         .collect();
     let pairs = preference_pairs(&judged, options.pairing, options.max_pairs, options.margin, &mut rng);
     let policy: Vec<f64> = policy.iter().map(|p| f64::from(*p)).collect();
-    let now = scene.expect(&policy);
+    let now = scene.weigh(&policy);
     let feasible = chosen.iter().filter(|&&goal| scene.table.feasible[goal]);
     let mut row = FinetuneRow {
         pairs: pairs.len() as f64,
@@ -406,6 +262,13 @@ fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch:
     Ok(Part { gradient: Some(gradient), row })
 }
 
+/// What an expert thinks of a goal.
+fn preference(table: &GoalTable, goal: usize, options: &FinetuneOptions) -> f64 {
+    options.w_adv * table.reward[goal]
+        - options.w_real * table.penalty[goal]
+        - options.w_map * table.map_penalty[goal]
+}
+
 /// `−ln σ(x) = max(0, −x) + ln(1 + e^−|x|)`.
 fn minus_log_sigmoid(x: &Tensor) -> candle_core::Result<Tensor> {
     let tail = ((x.abs()?.neg()?.exp()? + 1.0)?).log()?;
@@ -415,10 +278,6 @@ fn minus_log_sigmoid(x: &Tensor) -> candle_core::Result<Tensor> {
 fn schedule(step: u64, steps: u64, warm_up: u64) -> f64 {
     let rise = ((step + 1) as f64 / (warm_up + 1) as f64).min(1.0);
     rise * (0.5 + 0.5 * (std::f64::consts::PI * step as f64 / steps.max(1) as f64).cos())
-}
-
-fn numbers(tensor: &Tensor) -> Result<Vec<f64>, Error> {
-    Ok(tensor.detach().to_dtype(DType::F64)?.flatten_all()?.to_vec1()?)
 }
 
 fn fields(row: &mut FinetuneRow) -> [&mut f64; 13] {

@@ -1,0 +1,186 @@
+//! Arguments of the commands that train networks and ask them.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::SplitArgs;
+
+/// Train a motion prior from recorded scenes, or from made ones.
+///
+/// Learns from vehicles that are valid now and in 3 s of their future: all that move, at most ten of a
+/// scene an epoch, and a few that stand, half of them mirrored. After each epoch it keeps the best weights (`prior.safetensors`), the state of training
+/// (`last.safetensors`), and the curves; the same command goes on where it was interrupted, to the
+/// same bits.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sage pretrain target/data/womd_cat500/pretrain --dev target/data/womd_cat500/dev --from procedural --out prior/\n  sage pretrain --made 1200 --epochs 6 --out made-prior/"
+)]
+pub(crate) struct PretrainArgs {
+    /// Scene files and folders to learn from; made scenes without any.
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    /// Scenes to choose the best epoch on; made ones without it.
+    #[arg(long, value_name = "DIR")]
+    pub dev: Option<PathBuf>,
+    /// Number of scenes to make where no path is given.
+    #[arg(long, value_name = "N", default_value_t = 1200)]
+    pub made: u64,
+    /// Network to train; `sage list` shows them.
+    #[arg(long, value_name = "NAME", default_value = "densetnt")]
+    pub backbone: String,
+    /// Options of the network as JSON, such as '{"hidden": 96}'.
+    #[arg(long, value_name = "JSON")]
+    pub network: Option<String>,
+    /// Weights to start from: procedural, waymo, a folder or a file.
+    #[arg(long, value_name = "NAME")]
+    pub from: Option<String>,
+    /// Passes over the vehicles.
+    #[arg(long, value_name = "N")]
+    pub epochs: Option<u32>,
+    /// Largest learning rate.
+    #[arg(long, value_name = "X")]
+    pub rate: Option<f64>,
+    /// Other options of training as a JSON file; flags win.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Seed of the order of training and of made scenes; 0 without it and a --config.
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
+    /// Licence to keep in the weights' header.
+    #[arg(long, value_name = "TEXT")]
+    pub license: Option<String>,
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write into a folder that holds something, and start anew where a run was interrupted.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Tune a realistic and an adversarial expert from a prior, by preferences among its own candidates.
+///
+/// Feasible beats infeasible, then better beats worse by each expert's own reward (HGPO). Encoder and
+/// paths stay the prior's. The folder gets `prior.safetensors`, `realistic.safetensors`,
+/// `adversarial.safetensors`, `finetune.csv` and `run.json`; name it with `--weights` from then on.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --made 200 --prior procedural --out made-experts/"
+)]
+pub(crate) struct FinetuneArgs {
+    /// Scene files and folders to tune on; made scenes without any.
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Scenes to report on beside those tuned on.
+    #[arg(long, value_name = "DIR")]
+    pub dev: Option<PathBuf>,
+    /// Number of scenes to make where no path is given.
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub made: u64,
+    /// Weights of the prior: procedural, waymo, a folder or a file.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub prior: String,
+    /// Options of fine-tuning as a JSON file; what is left out keeps each expert's own.
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Seed of candidates, pairs and order, and of made scenes.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write into a folder that holds something.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Predict what a vehicle of a scene may do in the next eight seconds.
+///
+/// A row or a JSON object a candidate: rank, log-probability, goal, and with --json the 80 points of
+/// the way there, world frame. With --out also a picture.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage predict examples/crossing.pkl --k 6 --select nms --out crossing.svg"
+)]
+pub(crate) struct PredictArgs {
+    /// The scene.
+    pub scene: PathBuf,
+    /// The agent, by track id; the adversary by default.
+    #[arg(long, value_name = "ID")]
+    pub agent: Option<String>,
+    /// Number of candidates.
+    #[arg(long, value_name = "N", default_value_t = 32, value_parser = count)]
+    pub k: usize,
+    /// How candidates are chosen: the likeliest, a draw by probability, or the likeliest some way
+    /// apart.
+    #[arg(long, value_enum, default_value_t = SelectArg::TopK)]
+    pub select: SelectArg,
+    /// Distance that candidates keep with --select nms, metres.
+    #[arg(long, value_name = "M", default_value = "5", value_parser = radius)]
+    pub radius: f32,
+    /// Seed of the draw.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// Weights: procedural, waymo, lane-graph, a folder or a file. By default waymo for recordings
+    /// if it is at hand, else procedural.
+    #[arg(long, value_name = "NAME")]
+    pub weights: Option<String>,
+    /// One JSON object a line.
+    #[arg(long)]
+    pub json: bool,
+    /// Where a picture goes; - for standard output, then without rows.
+    #[arg(long, value_name = "FILE.svg")]
+    pub out: Option<PathBuf>,
+    /// Write over a file that exists.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Measure how well priors predict what recorded vehicles did, beside constant velocity.
+///
+/// Vehicles that are valid at frames 10 and 90 count. With K candidates the best one does: least mean
+/// distance, least end distance, and the share of vehicles that all miss. Intervals are 95 %
+/// bootstraps over scenes. `lane-graph` is the prior without weights.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sage bench prediction target/data/womd_cat500/val --weights lane-graph --weights waymo --radius 5\n  sage bench prediction target/data/womd_cat500/dev --weights waymo --radius 3,4,5,6"
+)]
+pub(crate) struct PredictionArgs {
+    /// Scene files and folders.
+    #[arg(required = true, value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    /// Weights: procedural, waymo, lane-graph, a folder or a file; give it again for several.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub weights: Vec<String>,
+    /// Distance that candidates keep from each other, metres; several make a row each.
+    #[arg(long, value_name = "M", value_delimiter = ',', default_value = "7", value_parser = radius)]
+    pub radius: Vec<f32>,
+    /// One JSON object a line.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Names of [`sage_backbones::candidates::Selection`].
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum SelectArg {
+    /// The likeliest.
+    TopK,
+    /// A draw by probability.
+    Gumbel,
+    /// The likeliest some way apart.
+    Nms,
+}
+
+fn radius(text: &str) -> Result<f32, String> {
+    let radius: f32 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
+    if (0.0..=1000.0).contains(&radius) { Ok(radius) } else { Err("expected 0 to 1000 m".to_owned()) }
+}
+
+fn count(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n @ 1..=10_000) => Ok(n),
+        _ => Err("expected 1 to 10000".to_owned()),
+    }
+}

@@ -15,7 +15,7 @@ use sage_data::procedural::Kind;
 
 use crate::{Outcome, Registries, commands, threads};
 
-pub(crate) use attacking::{GenerateArgs, OpenLoopArgs};
+pub(crate) use attacking::{CalibrateArgs, DialBenchArgs, GenerateArgs, OpenLoopArgs};
 pub(crate) use learning::{FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 
 /// Steerable adversarial scenario generation for testing driving software.
@@ -46,6 +46,7 @@ enum Command {
     Scenes(ScenesArgs),
     Pretrain(PretrainArgs),
     Finetune(FinetuneArgs),
+    Calibrate(CalibrateArgs),
     Predict(PredictArgs),
     Generate(GenerateArgs),
     /// Measure speed or quality.
@@ -263,6 +264,7 @@ enum BenchCommand {
     Speed(SpeedArgs),
     Prediction(PredictionArgs),
     OpenLoop(OpenLoopArgs),
+    Dial(DialBenchArgs),
 }
 
 /// Time the parts that everything else waits for, on one core where the row names no threads.
@@ -286,11 +288,14 @@ pub(crate) struct SpeedArgs {
 #[derive(Clone, Debug, Args)]
 pub(crate) struct SplitArgs {
     /// JSON file of splits: lists of scene names by split.
-    #[arg(long, value_name = "FILE", requires = "split")]
+    #[arg(long, value_name = "FILE")]
     pub splits: Option<PathBuf>,
     /// The split to take the scenes of.
     #[arg(long, value_name = "NAME", requires = "splits")]
     pub split: Option<String>,
+    /// A split whose scenes are left out.
+    #[arg(long, value_name = "NAME", requires = "splits")]
+    pub without_split: Option<String>,
 }
 
 impl Cli {
@@ -301,6 +306,7 @@ impl Cli {
             Command::Demo(_)
                 | Command::Pretrain(_)
                 | Command::Finetune(_)
+                | Command::Calibrate(_)
                 | Command::Predict(_)
                 | Command::Generate(_)
                 | Command::Bench(_)
@@ -322,10 +328,12 @@ impl Cli {
             Command::Scenes(args) => commands::scenes::run(&args),
             Command::Pretrain(args) => commands::pretrain::run(&args, registries),
             Command::Finetune(args) => commands::finetune::run(&args, registries),
+            Command::Calibrate(args) => commands::calibrate::run(&args, registries),
             Command::Predict(args) => commands::predict::run(&args, registries),
             Command::Generate(args) => commands::generate::run(&args, registries),
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
+            Command::Bench(BenchCommand::Dial(args)) => commands::bench_dial::run(&args, registries),
             Command::Bench(BenchCommand::Prediction(args)) => {
                 commands::bench_prediction::run(&args, registries)
             }

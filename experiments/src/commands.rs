@@ -1,8 +1,10 @@
 //! One file a command; each takes plain values and writes to stdout.
 
+pub(crate) mod bench_dial;
 pub(crate) mod bench_open_loop;
 pub(crate) mod bench_prediction;
 pub(crate) mod bench_speed;
+pub(crate) mod calibrate;
 pub(crate) mod completions;
 pub(crate) mod convert;
 pub(crate) mod demo;

@@ -35,6 +35,8 @@ use sage_core::{
     objective::{self, Feasibility, Reward},
     registry::Registry,
 };
+use sage_generators::{Method, methods};
+use sage_merging::{Merger, mergers};
 
 pub use cli::Cli;
 
@@ -46,6 +48,10 @@ pub struct Registries {
     pub feasibilities: Registry<dyn Feasibility>,
     /// Motion prediction networks.
     pub backbones: Registry<dyn Backbone>,
+    /// Mixtures of two experts.
+    pub mergers: Registry<dyn Merger>,
+    /// Generators of adversarial scenes.
+    pub methods: Registry<dyn Method>,
 }
 
 impl Registries {
@@ -57,6 +63,8 @@ impl Registries {
             rewards: objective::rewards()?,
             feasibilities: objective::feasibilities()?,
             backbones: backbones()?,
+            mergers: mergers()?,
+            methods: methods()?,
         })
     }
 }

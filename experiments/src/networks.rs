@@ -1,12 +1,17 @@
 //! Networks with their weights, by the names that commands take.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context as _, Result, bail};
 use sage_backbones::{Backbone, Parameters, parameters::Header};
 use sage_core::registry::Registry;
 use sage_data::Recording;
+use sage_generators::{Aggression, Choice};
 use sage_merging::Experts;
+use serde::{Deserialize, Serialize};
 
 use crate::progress;
 
@@ -15,6 +20,10 @@ const PROCEDURAL: &[u8] = include_bytes!("../../weights/procedural/prior.safeten
 /// Experts tuned from them.
 const REALISTIC: &[u8] = include_bytes!("../../weights/procedural/realistic.safetensors");
 const ADVERSARIAL: &[u8] = include_bytes!("../../weights/procedural/adversarial.safetensors");
+/// Their even dial.
+const DIAL: &str = include_str!("../../weights/procedural/dial.json");
+/// File of the even dial in a folder of weights.
+pub(crate) const DIAL_FILE: &str = "dial.json";
 /// File of a prior in a folder of weights.
 pub(crate) const PRIOR: &str = "prior.safetensors";
 
@@ -110,6 +119,47 @@ pub(crate) fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Res
     };
     let [realistic, adversarial] = [expert("realistic", REALISTIC)?, expert("adversarial", ADVERSARIAL)?];
     Experts::new(loaded.network, realistic, adversarial).with_context(|| format!("weights `{name}`"))
+}
+
+/// The even dial of some experts under a choice.
+///
+/// *Errors*: none was fitted.
+pub(crate) fn load_dial(name: &str, choice: Choice) -> Result<Aggression> {
+    let remedy = "`sage calibrate` fits one";
+    let (text, from) = if name == "procedural" {
+        (DIAL.to_owned(), "weights/procedural (in the binary)".to_owned())
+    } else {
+        let path = find(name)?.with_file_name(DIAL_FILE);
+        let text = std::fs::read_to_string(&path)
+            .with_context(|| format!("no dial `{}`: {remedy}", path.display()))?;
+        (text, path.display().to_string())
+    };
+    let dials: Dials = serde_json::from_str(&text).with_context(|| format!("`{from}`"))?;
+    let dial = dials.by_choice.into_iter().find(|(known, _)| *known == choice.name());
+    let (_, fitted) =
+        dial.with_context(|| format!("`{from}` has no dial for --choice {}: {remedy}", choice.name()))?;
+    Ok(fitted.mu)
+}
+
+/// What `dial.json` holds.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Dials {
+    /// A dial a choice.
+    #[serde(flatten)]
+    pub(crate) by_choice: BTreeMap<String, FittedDial>,
+}
+
+/// A dial with what it was fitted on.
+#[derive(Debug, Serialize, Deserialize)]
+pub(crate) struct FittedDial {
+    /// μ at evenly spaced aggressions.
+    pub(crate) mu: Aggression,
+    /// Attack rate there on the scenes it was fitted on.
+    pub(crate) attack: Vec<f64>,
+    /// The scenes.
+    pub(crate) data: String,
+    /// The command.
+    pub(crate) command: String,
 }
 
 /// Says on stderr which weights are used.

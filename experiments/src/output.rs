@@ -6,6 +6,9 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail};
+use serde_json::{Value, json};
+
+use crate::progress;
 
 /// Makes a folder for output.
 ///
@@ -36,6 +39,34 @@ pub(crate) fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
     std::fs::rename(&part, path).with_context(|| format!("cannot write `{}`", path.display()))
 }
 
+/// Makes the folder of a run that can be gone on with; `record` tells it from others. Whether the
+/// folder holds the same run, unfinished.
+///
+/// *Errors*: it holds something else and `force` is not given, or the system refuses.
+pub(crate) fn start_run(folder: &Path, record: &Value, force: bool) -> Result<bool> {
+    let before = std::fs::read_to_string(folder.join(RUN)).ok();
+    let before = before.and_then(|text| serde_json::from_str::<Value>(&text).ok());
+    if before.is_some_and(|before| before["run"] == *record && before["seconds"].is_null()) {
+        progress::say(&format!("note: `{}` holds this run unfinished; it goes on", folder.display()));
+        return Ok(true);
+    }
+    make_folder(folder, force)?;
+    let text = json!({"command": command(), "run": record, "seconds": null});
+    write_file(&folder.join(RUN), format!("{text:#}\n").as_bytes(), true)?;
+    Ok(false)
+}
+
+/// Writes `run.json` of a run that is done.
+///
+/// *Errors*: the system refuses.
+pub(crate) fn finish_run(folder: &Path, record: &Value, results: &Value, seconds: f64) -> Result<()> {
+    let text = json!({"command": command(), "run": record, "results": results, "seconds": seconds});
+    write_file(&folder.join(RUN), format!("{text:#}\n").as_bytes(), true)
+}
+
+/// What a run was and how long it took.
+const RUN: &str = "run.json";
+
 /// The command as it was typed, without the path of the program.
 pub(crate) fn command() -> String {
     let quoted = |argument: String| {
@@ -48,4 +79,12 @@ pub(crate) fn command() -> String {
     };
     let arguments: Vec<String> = std::env::args().skip(1).map(quoted).collect();
     format!("sage {}", arguments.join(" "))
+}
+
+/// Writes to standard output.
+///
+/// *Errors*: it is closed or full.
+pub(crate) fn print(text: &str) -> Result<()> {
+    use std::io::Write;
+    Ok(std::io::stdout().lock().write_all(text.as_bytes())?)
 }

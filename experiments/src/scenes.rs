@@ -2,14 +2,21 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use sage_backbones::training::SceneData;
+use sage_core::{
+    motion::NOW,
+    objective::{Context, ContextOptions},
+};
 use sage_data::{
     Recording, folder,
     procedural::{self, Kind},
 };
 
-use crate::progress::Progress;
+use crate::{
+    cli::SplitArgs,
+    progress::{self, Progress},
+};
 
 /// Reads all scenes under some paths, in parallel, in the order of the files.
 ///
@@ -47,29 +54,54 @@ pub(crate) fn make(count: u64, seed: u64) -> Vec<SceneData> {
     (0..count).into_par_iter().filter_map(made).collect()
 }
 
-/// Scenes under some paths, only those whose file names a split of a splits file lists, if one is given.
+/// Scenes under some paths, of which a splits file may take some; without any path, made ones.
 ///
 /// *Errors*: as [`read_all`]; no such split, or none of its scenes there.
-pub(crate) fn read_split(
-    paths: &[PathBuf],
-    splits: Option<&Path>,
-    split: Option<&str>,
-) -> Result<Vec<SceneData>> {
-    let (Some(splits), Some(split)) = (splits, split) else { return read_all(paths) };
-    let known = sage_data::split::read_splits(splits)?;
-    let Some(names) = known.get(split) else {
-        let all: Vec<&str> = known.keys().map(String::as_str).collect();
-        bail!("`{}` has no split `{split}`; known: {}", splits.display(), all.join(", "));
+pub(crate) fn read(paths: &[PathBuf], split: &SplitArgs, made: u64, seed: u64) -> Result<Vec<SceneData>> {
+    if paths.is_empty() {
+        return Ok(make(made, seed));
+    }
+    let Some(file) = &split.splits else { return read_all(paths) };
+    let known = sage_data::split::read_splits(file)?;
+    let names = |split: &Option<String>| -> Result<Option<&Vec<String>>> {
+        let Some(split) = split else { return Ok(None) };
+        let found = known.get(split).with_context(|| {
+            let all: Vec<&str> = known.keys().map(String::as_str).collect();
+            format!("`{}` has no split `{split}`; known: {}", file.display(), all.join(", "))
+        })?;
+        Ok(Some(found))
     };
+    let (with, without) = (names(&split.split)?, names(&split.without_split)?);
     let mut files = Vec::new();
     for path in paths {
         files.extend(folder::scene_files(path)?);
     }
-    files.retain(|file| file.file_stem().is_some_and(|stem| names.iter().any(|n| stem == n.as_str())));
+    let among = |names: &Vec<String>, file: &Path| {
+        file.file_stem().is_some_and(|stem| names.iter().any(|name| stem == name.as_str()))
+    };
+    files.retain(|file| {
+        with.is_none_or(|names| among(names, file)) && !without.is_some_and(|names| among(names, file))
+    });
     if files.is_empty() {
-        bail!("none of the scenes of split `{split}` is there");
+        bail!("none of the scenes that `{}` leaves is there", file.display());
     }
     read_all(&files)
+}
+
+/// Those of the scenes that have an adversary in sight and an ego path; says how many have not.
+pub(crate) fn attackable(mut scenes: Vec<SceneData>) -> Vec<SceneData> {
+    let all = scenes.len();
+    scenes.retain(|data| {
+        data.scene.adversary().is_ok_and(|adversary| adversary.is_valid(NOW))
+            && Context::new(&data.scene, &data.index, &ContextOptions::default()).is_ok()
+    });
+    if scenes.len() < all {
+        progress::say(&format!(
+            "note: {} of {all} scenes have no adversary in sight at frame {NOW} or no ego path, and are left out",
+            all - scenes.len()
+        ));
+    }
+    scenes
 }
 
 /// Number of scenes and a hash of what they show, order included.

@@ -22,7 +22,7 @@ use crate::{
     Error, Parameters,
     backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
     encoder::{Encoder, check_size},
-    features::{Features, GOAL_COLUMNS, VECTOR_COLUMNS, cat},
+    features::{Features, GOAL_COLUMNS, STRIDE, VECTOR_COLUMNS, cat},
     labels,
     nn::log_softmax,
     parameters::{Scope, Wanted},
@@ -131,17 +131,24 @@ impl DenseTnt {
         Ok(self.scorer.forward(goals, elements, target)?)
     }
 
-    fn decode(&self, encoding: &Encoding, rows: &Tensor, ends: &[[f32; 2]]) -> Result<Tensor, Error> {
+    /// Paths (n, 80 / `stride`, 2) to goals given as rows of goal features.
+    fn decode(
+        &self,
+        encoding: &Encoding,
+        rows: &Tensor,
+        ends: &[[f32; 2]],
+        stride: usize,
+    ) -> Result<Tensor, Error> {
         let [elements, target, ..] = encoding.states() else { return Err(encoding.foreign()) };
-        Ok(self.head.forward(rows, ends, elements, target, encoding.features().velocity)?)
+        Ok(self.head.forward(rows, ends, elements, target, encoding.features().velocity, stride)?)
     }
 
     /// What the steering branch sees of all goals, made once an encoding and never trained through.
     fn described<'e>(&self, encoding: &'e Encoding) -> Result<Option<&'e Tensor>, Error> {
         encoding.described(|| {
             let [_, _, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
-            let paths = self.decode(encoding, goals, &encoding.features().goals)?.detach();
-            Ok(describe(&paths, encoding.features())?)
+            let places = self.decode(encoding, goals, &encoding.features().goals, STRIDE)?.detach();
+            Ok(describe(&places, encoding.features())?)
         })
     }
 }
@@ -247,7 +254,7 @@ impl Backbone for DenseTnt {
         let index = Tensor::from_vec(index, modes.len(), goals.device())?;
         let rows = goals.index_select(&index, 0)?;
         let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| encoding.features().goals[mode]).collect();
-        self.decode(encoding, &rows, &ends)
+        self.decode(encoding, &rows, &ends, 1)
     }
 
     fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
@@ -258,7 +265,7 @@ impl Backbone for DenseTnt {
         let (weights, path) = match &features.label {
             Some((label, row)) if !self.is_published() => {
                 let row = tensor(row, self.dtype)?;
-                (labels::soft(&features.goals, end), self.decode(&encoding, &row, &[*label])?)
+                (labels::soft(&features.goals, end), self.decode(&encoding, &row, &[*label], 1)?)
             }
             _ => {
                 let nearest = labels::nearest(&features.goals, end.position);

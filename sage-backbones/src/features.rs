@@ -10,6 +10,7 @@ mod frame;
 mod goals;
 mod grid;
 mod map;
+mod outlook;
 mod routes;
 
 use std::{f32::consts::PI, sync::Arc};
@@ -26,6 +27,7 @@ pub use edges::EdgeGrid;
 pub use frame::Frame;
 pub use goals::{GOAL_COLUMNS, GoalColumn};
 pub use grid::{CELL, LANE_REACH};
+pub use outlook::{LOOKS, Outlook, STRIDE, Way};
 pub use routes::Routes;
 
 /// Nothing on a road is faster, m/s: what a file says beyond it is cut.
@@ -55,15 +57,6 @@ impl Table {
     }
 }
 
-/// The ego seen from a target.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct EgoState {
-    /// Position *now*, metres.
-    pub position: [f32; 2],
-    /// Velocity *now*, m/s.
-    pub velocity: [f32; 2],
-}
-
 /// The surroundings of one target agent.
 #[derive(Clone, Debug)]
 pub struct Features {
@@ -81,10 +74,10 @@ pub struct Features {
     pub goals: Vec<[f32; 2]>,
     /// A row a goal: [`GOAL_COLUMNS`] numbers, or its two coordinates for the published network.
     pub goal_features: Table,
-    /// The ego, unless it is the target.
-    pub ego: Option<EgoState>,
-    /// Everybody else who is there *now*, nearest first: position and velocity, target frame.
-    pub others: Vec<([f32; 2], [f32; 2])>,
+    /// Half of its length and width, metres.
+    pub half: [f32; 2],
+    /// How everybody else is expected to drive on.
+    pub outlook: Outlook,
     /// Road boundaries around the target.
     pub edges: Arc<EdgeGrid>,
     /// Whether there was a lane to lay goals along; without one they lie on a grid.
@@ -121,7 +114,7 @@ impl Features {
         map::append(scene, &routes, &frame, velocity[0], &mut vectors, &mut lengths);
         let end = end.map(|end| frame.to_local(end).map(|x| x as f32));
         let goals = goals::Goals::around(scene, &routes, &frame, velocity, end);
-        let ego = (target != scene.ego).then(|| ego_state(scene, &frame));
+        let [length, width, _] = scene.tracks[target].size[NOW];
         Ok(Self {
             frame,
             velocity,
@@ -130,9 +123,14 @@ impl Features {
             agents,
             goals: goals.points,
             goal_features: goals.features,
-            ego,
-            others: agents::others(scene, target, &frame),
-            edges: Arc::new(EdgeGrid::around(index, &frame)),
+            half: [length, width].map(|size| (0.5 * size) as f32),
+            outlook: Outlook::of(scene, index, target, &frame),
+            // Only who could hit the ego is asked for edges.
+            edges: Arc::new(if target == scene.ego {
+                EdgeGrid::empty()
+            } else {
+                EdgeGrid::around(index, &frame)
+            }),
             has_lanes: goals.on_lanes > 0,
             label: goals.label.map(|(end, row)| (end, Table { columns: GOAL_COLUMNS, values: row.to_vec() })),
         })
@@ -157,18 +155,11 @@ impl Features {
         for goal in &mut twin.goals {
             goal[1] = -goal[1];
         }
-        for (place, velocity) in &mut twin.others {
-            place[1] = -place[1];
-            velocity[1] = -velocity[1];
-        }
+        twin.outlook = self.outlook.mirrored();
         twin.edges = Arc::new(self.edges.mirrored());
         if let Some((end, row)) = &mut twin.label {
             end[1] = -end[1];
             flip(row, goals::SIGNED);
-        }
-        if let Some(ego) = &mut twin.ego {
-            ego.position[1] = -ego.position[1];
-            ego.velocity[1] = -ego.velocity[1];
         }
         twin
     }
@@ -212,15 +203,6 @@ fn target_frame(scene: &Scene, target: usize) -> Result<(Frame, [f32; 2]), Error
     let frame = Frame::new(track.point(NOW), track.heading[NOW]);
     let velocity = frame.turn_to_local(track.velocity[NOW]).map(|v| v.clamp(-FASTEST, FASTEST) as f32);
     Ok((frame, velocity))
-}
-
-fn ego_state(scene: &Scene, frame: &Frame) -> EgoState {
-    let ego = scene.ego();
-    let local = |p: Point| p.map(|x| x as f32);
-    EgoState {
-        position: local(frame.to_local(ego.point(NOW))),
-        velocity: local(frame.turn_to_local(ego.velocity[NOW])),
-    }
 }
 
 /// An angle in (−π, π].

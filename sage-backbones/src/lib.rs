@@ -30,6 +30,7 @@ pub mod densetnt;
 mod encoder;
 mod error;
 pub mod features;
+pub mod foresight;
 pub mod labels;
 pub mod lane_graph;
 pub mod nn;

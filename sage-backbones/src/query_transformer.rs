@@ -21,7 +21,7 @@ use crate::{
     backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
     candidates::suppressed,
     encoder::{Encoder, check_size},
-    features::{Features, GOAL_COLUMNS, GoalColumn, Table, VECTOR_COLUMNS},
+    features::{Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
     labels,
     nn::{Attention, Linear, Mlp, log_softmax},
     parameters::{Scope, Wanted},
@@ -215,7 +215,10 @@ impl Backbone for QueryTransformer {
         let mut scores = self.raw_scores(queries, target)?;
         if !self.parts.steering.is_silent()?
             && let Some(rows) =
-                encoding.described(|| Ok(steering_branch::describe(&paths.detach(), encoding.features())?))?
+                encoding.described(|| {
+                let places = smooth_path::every(&paths.detach(), STRIDE)?;
+                Ok(steering_branch::describe(&places, encoding.features())?)
+            })?
         {
             scores = (scores + self.parts.steering.forward(rows)?)?;
         }

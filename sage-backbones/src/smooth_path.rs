@@ -22,11 +22,19 @@ const T: f64 = HORIZON as f64 * DT;
 ///
 /// *Shapes*: `changes` (n, 18): nine along x, then nine along y; result (n, 80, 2), target frame.
 pub fn paths(changes: &Tensor, ends: &[[f32; 2]], speed: f32) -> Result<Tensor> {
+    places(changes, ends, speed, 1)
+}
+
+/// The same at every so many steps alone.
+///
+/// *Shapes*: as [`paths`], but for (n, 80 / `stride`, 2).
+pub fn places(changes: &Tensor, ends: &[[f32; 2]], speed: f32, stride: usize) -> Result<Tensor> {
     let (n, dtype) = (ends.len(), changes.dtype());
     let constant = |values: Vec<f64>, shape: (usize, usize)| {
         Tensor::from_vec(values, shape, &Device::Cpu)?.to_dtype(dtype)
     };
-    let basis = constant(basis(), (COEFFICIENTS, HORIZON))?;
+    let basis: Vec<f64> = basis().into_iter().skip(stride - 1).step_by(stride).collect();
+    let basis = constant(basis, (COEFFICIENTS, HORIZON / stride))?;
     // Takes the mean away, so that no change moves the end.
     let centre = constant(centring(), (FREE, COEFFICIENTS))?;
     let mut axes = Vec::with_capacity(2);
@@ -37,6 +45,13 @@ pub fn paths(changes: &Tensor, ends: &[[f32; 2]], speed: f32) -> Result<Tensor> 
         axes.push(coefficients.matmul(&basis)?);
     }
     Tensor::stack(&axes, 2)
+}
+
+/// Every so many steps of paths (n, 80, 2), the last among them.
+pub fn every(paths: &Tensor, stride: usize) -> Result<Tensor> {
+    let steps: Vec<u32> = (0..HORIZON as u32).skip(stride - 1).step_by(stride).collect();
+    let count = steps.len();
+    paths.index_select(&Tensor::from_vec(steps, count, &Device::Cpu)?, 1)
 }
 
 /// Velocity coefficients that lead straight from the present velocity (along x) to an end. Along x

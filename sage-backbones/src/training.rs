@@ -3,13 +3,15 @@
 mod checkpoint;
 mod finetune;
 mod pretrain;
+mod roles;
 mod samples;
 mod step;
 mod tuned_scene;
 
 pub use checkpoint::{Checkpoint, EpochRow};
-pub use finetune::{FinetuneOptions, FinetuneRow, finetune};
+pub use finetune::{FinetuneOptions, FinetuneRow, Kept, finetune};
 pub use pretrain::{Observer, PretrainOptions, Pretrained, pretrain};
+pub use roles::other_roles;
 pub use samples::{Example, Examples, MOVING, SceneData, recorded, recorded_sample};
 pub use step::{Gradient, Trainer};
 pub use tuned_scene::{Expectation, GoalTable, TunedScene};

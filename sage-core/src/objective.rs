@@ -11,6 +11,7 @@ mod behavior;
 mod candidate;
 mod context;
 mod convention;
+mod collision_kind;
 pub mod criticality;
 mod distribution;
 mod kinematic;
@@ -25,8 +26,10 @@ mod strict;
 pub use adversarial::{AdversarialReward, Encounter, release_reward};
 pub use behavior::{BehaviorPenalty, behavior_penalty};
 pub use candidate::Candidate;
+pub use collision_kind::CollisionKind;
 pub use context::{Context, ContextOptions, EgoPath};
 pub use convention::Convention;
+pub use criticality::{Criticality, SideHit};
 pub use distribution::{DistributionDistances, LoggedProfile};
 pub use kinematic::{KinematicPenalty, kinematic_penalty};
 pub use map_feasibility::{AgentContact, EdgeContact, MapFeasibility, Violations};
@@ -65,7 +68,7 @@ pub trait Feasibility: Send + Sync {
 }
 
 /// One broken rule: what, when and where.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Reason {
     /// The rule.
     pub rule: Rule,
@@ -78,7 +81,7 @@ pub struct Reason {
 }
 
 /// Rules that a candidate can break.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rule {
     /// The box touches a road boundary.

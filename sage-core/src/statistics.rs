@@ -76,6 +76,35 @@ pub fn wilson(successes: usize, trials: usize) -> Option<Estimate> {
     Some(Estimate { value: share, low: center - half, high: center + half, n: trials })
 }
 
+/// Spearman's rank correlation of paired values; ranks of equals are shared. 0 where all of one side
+/// are equal.
+///
+/// *Panics*: if they are not equally many.
+pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
+    assert_eq!(a.len(), b.len(), "pairs need two equally long lists");
+    let (a, b) = (ranks(a), ranks(b));
+    let middle = (a.len() as f64 - 1.0) / 2.0;
+    let product = |x: &[f64], y: &[f64]| -> f64 {
+        x.iter().zip(y).map(|(x, y)| (x - middle) * (y - middle)).sum()
+    };
+    let size = (product(&a, &a) * product(&b, &b)).sqrt();
+    if size > 0.0 { product(&a, &b) / size } else { 0.0 }
+}
+
+/// Rank of each value from 0, the mean of their ranks for equals.
+fn ranks(values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+    let mut ranks = vec![0.0; values.len()];
+    let mut first = 0;
+    for group in order.chunk_by(|a, b| values[*a] == values[*b]) {
+        let mean = first as f64 + (group.len() as f64 - 1.0) / 2.0;
+        group.iter().for_each(|&k| ranks[k] = mean);
+        first += group.len();
+    }
+    ranks
+}
+
 /// 1-Wasserstein distance of two samples with equal weights: ∫ |F_a − F_b|.
 ///
 /// 0 if either sample is empty, as the published code has it.
@@ -116,6 +145,16 @@ pub fn wasserstein(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use approx::assert_relative_eq;
+
+    #[test]
+    fn ranks_agree_whatever_the_shape_of_a_rise() {
+        let x = [0.0, 1.0, 2.0, 3.0];
+        assert!((rank_correlation(&x, &[0.1, 0.2, 5.0, 9.0]) - 1.0).abs() < 1e-12);
+        assert!((rank_correlation(&x, &[3.0, 2.0, 1.0, 0.0]) + 1.0).abs() < 1e-12);
+        // One tie: 4.5 / sqrt(5 · 4.5).
+        assert!((rank_correlation(&x, &[0.0, 1.0, 1.0, 2.0]) - 0.948_683_298_050_513_8).abs() < 1e-12);
+        assert_eq!(rank_correlation(&x, &[1.0; 4]), 0.0);
+    }
 
     #[test]
     fn wasserstein_of_equal_sizes_is_the_mean_gap_of_sorted_values() {

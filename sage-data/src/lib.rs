@@ -22,4 +22,4 @@ mod recording;
 pub mod split;
 
 pub use error::Error;
-pub use recording::{Recording, Source};
+pub use recording::{PROVENANCE, Recording, Source};

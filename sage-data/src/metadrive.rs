@@ -6,5 +6,6 @@ mod fields;
 mod fresh;
 
 pub use decode::decode;
+pub(crate) use encode::annotate;
 pub use encode::encode;
 pub(crate) use fresh::{MADE, fresh};

@@ -21,7 +21,13 @@ pub struct Recording {
     pub scene: Scene,
     /// What else the file holds.
     pub source: Source,
+    /// How the scene came to differ from its source, for whoever reads the written file: it becomes
+    /// the text [`PROVENANCE`] in the metadata.
+    pub provenance: Option<String>,
 }
+
+/// Key of a written file's metadata that tells how the scene was made from its source.
+pub const PROVENANCE: &str = "sage_provenance";
 
 /// Where a scene came from.
 #[derive(Clone, Debug)]
@@ -48,16 +54,16 @@ impl Recording {
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
         if is_native(&bytes) {
             let scene = native::decode(&bytes, path)?;
-            return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes) });
+            return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes), provenance: None });
         }
         let source = parse(path, bytes)?;
         let scene = metadrive::decode(&source, path)?;
-        Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source) })
+        Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source), provenance: None })
     }
 
     /// A recording of a scene that was made, not read.
     pub fn made(scene: Scene) -> Self {
-        Self { path: PathBuf::from(&scene.id), scene, source: Source::Made }
+        Self { path: PathBuf::from(&scene.id), scene, source: Source::Made, provenance: None }
     }
 
     /// All values of the MetaDrive file behind the scene; `None` if there was none.
@@ -88,23 +94,34 @@ impl Recording {
     ///
     /// *Errors*: as [`metadrive::encode`] and [`Recording::document`].
     pub fn to_pickle(&self) -> Result<Vec<u8>, Error> {
-        match self.document()? {
-            Some(source) => {
-                metadrive::encode(&self.scene, &source, &self.path).map(|document| document.to_pickle())
-            }
-            None => Ok(metadrive::fresh(&self.scene).to_pickle()),
-        }
+        Ok(match self.written()? {
+            Some(document) => document.to_pickle(),
+            None => self.annotated(metadrive::fresh(&self.scene)).to_pickle(),
+        })
     }
 
     /// The recording as a native file.
     ///
     /// *Errors*: as [`Recording::to_pickle`].
     pub fn to_native(&self) -> Result<Vec<u8>, Error> {
-        let source = match self.document()? {
-            Some(source) => Some(metadrive::encode(&self.scene, &source, &self.path)?),
-            None => None,
-        };
+        let mut source = self.written()?;
+        if source.is_none() && self.provenance.is_some() {
+            source = Some(self.annotated(metadrive::fresh(&self.scene)));
+        }
         native::encode(&self.scene, source.as_ref(), &self.path)
+    }
+
+    /// The source with the scene's tracks in place of its own.
+    fn written(&self) -> Result<Option<Document>, Error> {
+        let Some(source) = self.document()? else { return Ok(None) };
+        Ok(Some(self.annotated(metadrive::encode(&self.scene, &source, &self.path)?)))
+    }
+
+    fn annotated(&self, mut document: Document) -> Document {
+        if let Some(text) = &self.provenance {
+            metadrive::annotate(&mut document, PROVENANCE, text);
+        }
+        document
     }
 
     /// Writes the recording under a temporary name and renames it: as a native file if the name

@@ -16,10 +16,13 @@ use sage_core::{
     geometry::{OrientedBox, Point, cross, distance, sub},
     motion::{HISTORY, NOW},
     objective::Context,
+    registry::Entry,
     seed::Rng,
 };
 
-use crate::steered::in_scene;
+use serde::{Deserialize, Serialize};
+
+use crate::{Method, Setting, method::check_candidates, steered::in_scene};
 
 /// Ranks from this one on are made equally likely, from 0.
 const FLATTENED: usize = 6;
@@ -64,6 +67,42 @@ impl Generator for Cat {
         let note = (!choice.collides)
             .then(|| "no candidate makes contact; the one that comes nearest was taken".to_owned());
         Ok(Attack { candidates: found.into_iter().map(proposed).collect(), chosen: choice.chosen, note })
+    }
+}
+
+/// [`Cat`] over the prior.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CatMethod {
+    /// Number of candidates.
+    pub candidates: usize,
+}
+
+impl Default for CatMethod {
+    fn default() -> Self {
+        Self { candidates: 32 }
+    }
+}
+
+impl Method for CatMethod {
+    fn is_steered(&self) -> bool {
+        false
+    }
+
+    fn generator(&self, setting: &Setting) -> Result<Box<dyn Generator>, String> {
+        Ok(Box::new(Cat { prior: setting.prior()?, candidates: self.candidates }))
+    }
+}
+
+impl Entry<dyn Method> for CatMethod {
+    const NAME: &'static str = "cat";
+    const SUMMARY: &'static str = "collision probability over the prior's candidates";
+    const SOURCE: &'static str = "Zhang et al. 2023 (CAT)";
+    type Options = Self;
+
+    fn build(options: Self) -> Result<Box<dyn Method>, String> {
+        check_candidates(options.candidates)?;
+        Ok(Box::new(options))
     }
 }
 

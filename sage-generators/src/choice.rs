@@ -20,6 +20,16 @@ pub enum Choice {
     Natural,
 }
 
+impl Choice {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Natural => "natural",
+        }
+    }
+}
+
 /// Cost of a metre of mean lane distance in [`Choice::Natural`].
 const LANE: f64 = 0.1;
 /// Cost of a nat of surprise.
@@ -120,6 +130,11 @@ impl Judge {
         Ok(Self { rule, choice, mu })
     }
 
+    /// Whether surprise is weighed at all.
+    pub fn needs_surprise(&self) -> bool {
+        self.choice == Choice::Natural
+    }
+
     /// Judges one way; `surprise` is its −log p under the prior.
     pub fn judge(&self, trajectory: &Trajectory, surprise: f64, ctx: &Context) -> Judged {
         let candidate = ctx.candidate(trajectory.clone());
@@ -144,22 +159,27 @@ impl Judge {
 
     /// The best of the feasible, the first of equals; if none is, the one that breaks least, and a note.
     pub fn choose(&self, judged: &[Judged]) -> (usize, Option<String>) {
-        let best = |accept: &dyn Fn(&Judged) -> bool, value: &dyn Fn(&Judged) -> f64| {
-            let mut best: Option<(usize, f64)> = None;
-            for (k, j) in judged.iter().enumerate().filter(|(_, j)| accept(j)) {
-                let value = value(j);
-                if best.is_none_or(|(_, most)| value > most) {
-                    best = Some((k, value));
-                }
-            }
-            best.map(|(k, _)| k)
-        };
-        if let Some(chosen) = best(&Judged::is_feasible, &|j| j.value(self.mu)) {
-            return (chosen, None);
-        }
-        let chosen = best(&|_| true, &|j| j.value(self.mu) - j.map_penalty).unwrap_or(0);
-        (chosen, Some("no candidate is feasible; the one that breaks least was taken".to_owned()))
+        best_at(judged, self.mu)
     }
+}
+
+/// [`Judge::choose`] at some weight μ.
+pub fn best_at(judged: &[Judged], mu: f64) -> (usize, Option<String>) {
+    let best = |accept: &dyn Fn(&Judged) -> bool, value: &dyn Fn(&Judged) -> f64| {
+        let mut best: Option<(usize, f64)> = None;
+        for (k, j) in judged.iter().enumerate().filter(|(_, j)| accept(j)) {
+            let value = value(j);
+            if best.is_none_or(|(_, most)| value > most) {
+                best = Some((k, value));
+            }
+        }
+        best.map(|(k, _)| k)
+    };
+    if let Some(chosen) = best(&Judged::is_feasible, &|j| j.value(mu)) {
+        return (chosen, None);
+    }
+    let chosen = best(&|_| true, &|j| j.value(mu) - j.map_penalty).unwrap_or(0);
+    (chosen, Some("no candidate is feasible; the one that breaks least was taken".to_owned()))
 }
 
 #[cfg(test)]

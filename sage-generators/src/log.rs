@@ -5,11 +5,17 @@ use sage_core::{
     generator::{Attack, Generator, Proposed},
     motion::{HORIZON, NOW, Trajectory},
     objective::Context,
+    registry::Entry,
     scene::Scene,
 };
+use serde::{Deserialize, Serialize};
+
+use crate::{Method, Setting};
 
 /// The recording; a frame in which the adversary was not seen repeats its last place.
-pub struct Log;
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Log {}
 
 impl Generator for Log {
     fn name(&self) -> String {
@@ -23,6 +29,27 @@ impl Generator for Log {
             chosen: 0,
             note: None,
         })
+    }
+}
+
+impl Method for Log {
+    fn is_steered(&self) -> bool {
+        false
+    }
+
+    fn generator(&self, _: &Setting) -> Result<Box<dyn Generator>, String> {
+        Ok(Box::new(*self))
+    }
+}
+
+impl Entry<dyn Method> for Log {
+    const NAME: &'static str = "log";
+    const SUMMARY: &'static str = "no attack: the recording";
+    const SOURCE: &'static str = "this project";
+    type Options = Self;
+
+    fn build(options: Self) -> Result<Box<dyn Method>, String> {
+        Ok(Box::new(options))
     }
 }
 

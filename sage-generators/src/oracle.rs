@@ -8,12 +8,16 @@ use sage_core::{
     Error,
     generator::{Attack, Generator, Proposed},
     objective::Context,
+    registry::Entry,
 };
+use serde::{Deserialize, Serialize};
 
-use crate::{choice::Judge, steered::in_scene};
+use crate::{Method, Setting, choice::Judge, steered::in_scene};
 
 /// The search.
 pub struct Oracle {
+    /// Name for tables.
+    pub name: String,
     /// Lays and decodes the goals.
     pub prior: Arc<dyn Backbone>,
     /// Who chooses among them.
@@ -22,7 +26,7 @@ pub struct Oracle {
 
 impl Generator for Oracle {
     fn name(&self) -> String {
-        "oracle search".to_owned()
+        self.name.clone()
     }
 
     fn generate(&self, ctx: &Context, _seed: u64) -> Result<Attack, Error> {
@@ -41,5 +45,32 @@ impl Generator for Oracle {
             Ok(Attack { candidates, chosen: 0, note })
         };
         attack().map_err(|error| in_scene(ctx, &error))
+    }
+}
+
+/// [`Oracle`] over the prior.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OracleMethod {}
+
+impl Method for OracleMethod {
+    fn is_steered(&self) -> bool {
+        true
+    }
+
+    fn generator(&self, setting: &Setting) -> Result<Box<dyn Generator>, String> {
+        let name = format!("oracle, choice {}", setting.label);
+        Ok(Box::new(Oracle { name, prior: setting.prior()?, judge: setting.judge()? }))
+    }
+}
+
+impl Entry<dyn Method> for OracleMethod {
+    const NAME: &'static str = "oracle";
+    const SUMMARY: &'static str = "the best of all goals: a ceiling";
+    const SOURCE: &'static str = "this project";
+    type Options = Self;
+
+    fn build(options: Self) -> Result<Box<dyn Method>, String> {
+        Ok(Box::new(options))
     }
 }

@@ -7,16 +7,22 @@ use sage_core::{
     Error,
     generator::{Attack, Generator, Proposed},
     objective::Context,
+    registry::Entry,
     seed::Rng,
 };
+use serde::{Deserialize, Serialize};
 
 use crate::{
+    Method, Setting,
     choice::{Judge, drivable},
+    method::check_candidates,
     steered::{SPARE, in_scene},
 };
 
 /// Goals drawn evenly, decoded by a prior.
 pub struct RandomGoals {
+    /// Name for tables.
+    pub name: String,
     /// Decodes the goals.
     pub prior: Arc<dyn Backbone>,
     /// Number of candidates.
@@ -27,7 +33,7 @@ pub struct RandomGoals {
 
 impl Generator for RandomGoals {
     fn name(&self) -> String {
-        "random goals".to_owned()
+        self.name.clone()
     }
 
     fn generate(&self, ctx: &Context, seed: u64) -> Result<Attack, Error> {
@@ -53,5 +59,43 @@ impl Generator for RandomGoals {
             Ok(Attack { candidates: paths.into_iter().zip(&modes).map(proposed).collect(), chosen, note })
         };
         attack().map_err(|error| in_scene(ctx, &error))
+    }
+}
+
+/// [`RandomGoals`] over the prior.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RandomMethod {
+    /// Number of candidates.
+    pub candidates: usize,
+}
+
+impl Default for RandomMethod {
+    fn default() -> Self {
+        Self { candidates: 32 }
+    }
+}
+
+impl Method for RandomMethod {
+    fn is_steered(&self) -> bool {
+        true
+    }
+
+    fn generator(&self, setting: &Setting) -> Result<Box<dyn Generator>, String> {
+        let (prior, judge) = (setting.prior()?, setting.judge()?);
+        let name = format!("random goals, choice {}", setting.label);
+        Ok(Box::new(RandomGoals { name, prior, candidates: self.candidates, judge }))
+    }
+}
+
+impl Entry<dyn Method> for RandomMethod {
+    const NAME: &'static str = "random";
+    const SUMMARY: &'static str = "random goals with the same choice";
+    const SOURCE: &'static str = "this project: what search alone does";
+    type Options = Self;
+
+    fn build(options: Self) -> Result<Box<dyn Method>, String> {
+        check_candidates(options.candidates)?;
+        Ok(Box::new(options))
     }
 }

@@ -10,10 +10,15 @@ use sage_core::{
     geometry::Point,
     motion::{HORIZON, NOW, Trajectory},
     objective::Context,
+    registry::Entry,
 };
+use serde::{Deserialize, Serialize};
+
+use crate::{Method, Setting};
 
 /// The rule.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Rule {
     /// Read the adversary's frames as the published code does, seen or not.
     pub raw: bool,
@@ -49,6 +54,27 @@ impl Generator for Rule {
             chosen: 0,
             note: None,
         })
+    }
+}
+
+impl Method for Rule {
+    fn is_steered(&self) -> bool {
+        false
+    }
+
+    fn generator(&self, _: &Setting) -> Result<Box<dyn Generator>, String> {
+        Ok(Box::new(*self))
+    }
+}
+
+impl Entry<dyn Method> for Rule {
+    const NAME: &'static str = "rule";
+    const SUMMARY: &'static str = "a Bezier curve that cuts in onto the ego's way";
+    const SOURCE: &'static str = "CAT's rule-based generator";
+    type Options = Self;
+
+    fn build(options: Self) -> Result<Box<dyn Method>, String> {
+        Ok(Box::new(options))
     }
 }
 

@@ -9,15 +9,22 @@ use sage_backbones::{
     backbone::to_world,
     candidates::{Selection, choose},
     candle::DType,
+    foresight::foreseeing,
 };
 use sage_core::{
     Error,
     generator::{Attack, Generator, Proposed},
     objective::Context,
+    registry::Entry,
     seed::Rng,
 };
+use serde::{Deserialize, Serialize};
 
-use crate::choice::{Judge, drivable};
+use crate::{
+    Method, Setting,
+    choice::{Judge, Judged, drivable},
+    method::check_candidates,
+};
 
 /// Modes looked at for each candidate: those that no car could drive are passed over.
 pub(crate) const SPARE: usize = 3;
@@ -50,32 +57,133 @@ impl Generator for Steered {
 
 impl Steered {
     fn attack(&self, ctx: &Context, seed: u64) -> Result<Attack, sage_backbones::Error> {
+        let (candidates, judged) = self.propose(ctx, seed)?;
+        let (chosen, note) = self.judge.choose(&judged);
+        Ok(Attack { candidates, chosen, note })
+    }
+
+    /// The candidates and what each is worth, for whoever chooses at several weights.
+    ///
+    /// *Errors*: those of the network.
+    pub fn propose(
+        &self,
+        ctx: &Context,
+        seed: u64,
+    ) -> Result<(Vec<Proposed>, Vec<Judged>), sage_backbones::Error> {
         let scene = ctx.scene();
-        let target = scene.adversary_index()?;
-        let features = self.network.features(scene, ctx.index(), target)?;
+        let features = foreseeing(&*self.prior, scene, ctx.index(), scene.adversary_index()?)?;
         let encoding = self.network.encode(Arc::new(features))?;
         let numbers = |network: &dyn Backbone| -> Result<Vec<f32>, sage_backbones::Error> {
             Ok(network.log_probs(&encoding)?.to_dtype(DType::F32)?.to_vec1()?)
         };
         let log_probs = numbers(&*self.network)?;
-        let under_prior = numbers(&*self.prior)?;
+        let under_prior = if self.judge.needs_surprise() { numbers(&*self.prior)? } else { Vec::new() };
         let ends = self.network.mode_ends(&encoding)?;
         let mut rng = Rng::new(seed, &scene.id, "candidates");
         let modes = choose(&log_probs, &ends, SPARE * self.candidates, self.selection, &mut rng);
         let paths = to_world(&self.network.trajectories(&encoding, &modes)?, encoding.features())?;
-        let kept = drivable(&paths, self.candidates, ctx);
-        let modes: Vec<usize> = kept.iter().map(|&k| modes[k]).collect();
-        let paths: Vec<_> = kept.iter().map(|&k| paths[k].clone()).collect();
-        let judge = |(path, &mode): (_, &usize)| self.judge.judge(path, -f64::from(under_prior[mode]), ctx);
-        let judged: Vec<_> = paths.iter().zip(&modes).map(judge).collect();
-        let (chosen, note) = self.judge.choose(&judged);
-        let proposed = |(trajectory, &mode): (_, &usize)| Proposed {
-            trajectory,
-            log_prob: Some(f64::from(log_probs[mode])),
-            goal: Some(encoding.features().frame.to_world(ends[mode].map(f64::from))),
-        };
-        let candidates = paths.into_iter().zip(&modes).map(proposed).collect();
-        Ok(Attack { candidates, chosen, note })
+        let (mut proposed, mut judged) = (Vec::new(), Vec::new());
+        for k in drivable(&paths, self.candidates, ctx) {
+            let mode = modes[k];
+            let surprise = under_prior.get(mode).map_or(0.0, |log_prob| -f64::from(*log_prob));
+            judged.push(self.judge.judge(&paths[k], surprise, ctx));
+            proposed.push(Proposed {
+                trajectory: paths[k].clone(),
+                log_prob: Some(f64::from(log_probs[mode])),
+                goal: Some(encoding.features().frame.to_world(ends[mode].map(f64::from))),
+            });
+        }
+        Ok((proposed, judged))
+    }
+}
+
+/// `sage`, and `prior`, the same over the untuned prior.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SteeredOptions {
+    /// Number of candidates.
+    pub candidates: usize,
+    /// Least distance of their ends, metres.
+    pub apart: f32,
+}
+
+impl Default for SteeredOptions {
+    fn default() -> Self {
+        Self { candidates: 32, apart: 6.0 }
+    }
+}
+
+impl SteeredOptions {
+    fn check(self) -> Result<Self, String> {
+        check_candidates(self.candidates)?;
+        if !(0.0..=100.0).contains(&self.apart) {
+            return Err(format!("`apart` is {}; expected 0 to 100 metres", self.apart));
+        }
+        Ok(self)
+    }
+
+    /// The generator over a network for a setting.
+    ///
+    /// *Errors*: a setting out of range.
+    pub fn over(self, name: String, network: Arc<dyn Backbone>, setting: &Setting) -> Result<Steered, String> {
+        Ok(Steered {
+            name,
+            network,
+            prior: setting.prior()?,
+            candidates: self.candidates,
+            selection: Selection::Nms { radius: self.apart },
+            judge: setting.judge()?,
+        })
+    }
+}
+
+/// SAGE.
+pub(crate) struct SageMethod(SteeredOptions);
+
+impl Method for SageMethod {
+    fn is_steered(&self) -> bool {
+        true
+    }
+
+    fn generator(&self, setting: &Setting) -> Result<Box<dyn Generator>, String> {
+        let name = format!("sage {}", setting.label);
+        Ok(Box::new(self.0.over(name, setting.mixture()?, setting)?))
+    }
+}
+
+impl Entry<dyn Method> for SageMethod {
+    const NAME: &'static str = "sage";
+    const SUMMARY: &'static str = "experts mixed at lambda, the best of their candidates";
+    const SOURCE: &'static str = "SAGE (ICLR 2026)";
+    type Options = SteeredOptions;
+
+    fn build(options: SteeredOptions) -> Result<Box<dyn Method>, String> {
+        Ok(Box::new(Self(options.check()?)))
+    }
+}
+
+/// The prior with SAGE's choice.
+pub(crate) struct PriorMethod(SteeredOptions);
+
+impl Method for PriorMethod {
+    fn is_steered(&self) -> bool {
+        true
+    }
+
+    fn generator(&self, setting: &Setting) -> Result<Box<dyn Generator>, String> {
+        let name = format!("prior, choice {}", setting.label);
+        Ok(Box::new(self.0.over(name, setting.prior()?, setting)?))
+    }
+}
+
+impl Entry<dyn Method> for PriorMethod {
+    const NAME: &'static str = "prior";
+    const SUMMARY: &'static str = "the untuned prior with the same choice";
+    const SOURCE: &'static str = "this project: what choice alone does";
+    type Options = SteeredOptions;
+
+    fn build(options: SteeredOptions) -> Result<Box<dyn Method>, String> {
+        Ok(Box::new(Self(options.check()?)))
     }
 }
 

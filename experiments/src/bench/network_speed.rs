@@ -22,7 +22,7 @@ use sage_data::Recording;
 use sage_generators::Choice;
 use sage_merging::{Dial, Experts, Merger, mergers};
 
-use crate::methods::{self, Choosing};
+use crate::methods::{self, Choosing, Place};
 
 use super::speed::{CANDIDATES, Timing, measure, timing};
 
@@ -127,8 +127,9 @@ fn steering(
     let [realistic, adversarial] = [1, 2].map(|seed| stirred(ours, seed));
     let experts = Experts::new(ours.rebuilt(ours.parameters().clone())?, realistic?, adversarial?)?;
     let merger = || -> Result<Box<dyn Merger>> { Ok(mergers()?.build_default("linear")?) };
-    let choosing = Choosing { choice: Choice::Natural, strict: false, mu: None };
-    let generator = methods::build("sage", 0.5, choosing, &experts, &*merger()?)?;
+    let choosing = Choosing { choice: Choice::Natural, strict: false };
+    let sage = sage_generators::methods()?.build_default("sage")?;
+    let generator = methods::build(&*sage, Place::at(0.5, None)?, choosing, &experts, &*merger()?)?;
     let mut attacks = Vec::new();
     for case in cases {
         let ctx = Context::new(&case.data.scene, &case.data.index, &ContextOptions::default())?;

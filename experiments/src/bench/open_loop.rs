@@ -13,18 +13,18 @@ use sage_core::{
     generator::Generator,
     geometry::distance,
     motion::{HORIZON, NOW, Trajectory},
-    objective::{Context, ContextOptions, Convention, Naturalness, Scorer, Scores},
+    objective::{CollisionKind, Context, ContextOptions, Convention, Naturalness, Scorer, Scores},
     seed::Rng,
     statistics::{self, Estimate},
 };
 use sage_generators::logged_future;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
 
 /// What one method did in one scene.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SceneRow {
     /// Scene.
     pub scene: String,
@@ -42,6 +42,10 @@ pub struct SceneRow {
     pub surprise: Option<f64>,
     /// The same of the log.
     pub surprise_log: Option<f64>,
+    /// What sort of accident it is.
+    pub kind: Option<CollisionKind>,
+    /// The chosen way, metres, world frame.
+    pub trajectory: Trajectory,
     /// Seconds to generate it.
     pub seconds: f64,
     /// What the generator has to say of its choice.
@@ -57,19 +61,19 @@ pub struct Column {
 }
 
 /// The columns, the paper's first.
-pub const COLUMNS: [Column; 17] = [
-    Column { name: "attack", value: |r| yes(r.paper.collision && r.paper.feasible) },
+pub const COLUMNS: &[Column] = &[
+    Column { name: "attack", value: |r| yes(is_attack(r)) },
     Column { name: "R_adv", value: |r| Some(r.paper.adversarial_reward) },
     Column { name: "P_beh", value: |r| Some(r.paper.behavior_penalty) },
     Column { name: "P_kin", value: |r| Some(r.paper.kinematic_penalty) },
     Column { name: "cross-line", value: |r| Some(r.paper.cross_line) },
     Column { name: "crash-object", value: |r| Some(r.paper.crash_object) },
+    Column { name: "WD speed", value: |r| r.paper.distances.wd_speed },
+    Column { name: "WD acceleration", value: |r| r.paper.distances.wd_acceleration },
+    Column { name: "WD yaw rate", value: |r| r.paper.distances.wd_yaw_rate },
     Column { name: "attack, feasible or not", value: |r| yes(r.paper.collision) },
     Column { name: "strictly feasible", value: |r| yes(r.paper.feasible_strict) },
-    Column { name: "release: attack", value: |r| yes(r.release.collision) },
-    Column { name: "release: R_adv", value: |r| Some(r.release.adversarial_reward) },
-    Column { name: "release: P_beh", value: |r| Some(r.release.behavior_penalty) },
-    Column { name: "release: P_kin", value: |r| Some(r.release.kinematic_penalty) },
+    Column { name: "impact m/s", value: |r| r.paper.criticality.impact_speed },
     Column { name: "lane m − log", value: |r| Some(r.natural.lane_distance - r.natural_log.lane_distance) },
     Column {
         name: "heading ° − log",
@@ -78,7 +82,18 @@ pub const COLUMNS: [Column; 17] = [
     Column { name: "against − log", value: |r| Some(r.natural.against_lane - r.natural_log.against_lane) },
     Column { name: "speeding − log", value: |r| Some(r.natural.speeding - r.natural_log.speeding) },
     Column { name: "surprise − log", value: |r| Some(r.surprise? - r.surprise_log?) },
+    Column { name: "release: attack", value: |r| yes(r.release.collision) },
+    Column { name: "release: R_adv", value: |r| Some(r.release.adversarial_reward) },
+    Column { name: "release: P_beh", value: |r| Some(r.release.behavior_penalty) },
+    Column { name: "release: P_kin", value: |r| Some(r.release.kinematic_penalty) },
+    Column { name: "release: cross-line", value: |r| Some(r.release.cross_line) },
+    Column { name: "release: crash-object", value: |r| Some(r.release.crash_object) },
 ];
+
+/// Whether a feasible way hits the ego.
+pub fn is_attack(row: &SceneRow) -> bool {
+    row.paper.collision && row.paper.feasible
+}
 
 fn yes(is: bool) -> Option<f64> {
     Some(f64::from(u8::from(is)))
@@ -113,16 +128,20 @@ fn one(data: &SceneData, generator: &dyn Generator, prior: &dyn Backbone, seed: 
     let log = logged_future(&data.scene)?;
     let [natural, natural_log] =
         [chosen, &log].map(|path| Naturalness::of(&ctx.candidate(path.clone()), &ctx));
+    let candidate = ctx.candidate(chosen.clone());
+    let paper = Scorer::new(&ctx).scores(&candidate);
     let [surprise, surprise_log] = surprises(data, prior, [chosen, &log])?;
     Ok(SceneRow {
         scene: data.name.clone(),
         method: generator.name(),
-        paper: Scorer::new(&ctx).scores(&ctx.candidate(chosen.clone())),
+        kind: CollisionKind::of(&candidate, &ctx, paper.collision_step, &paper.criticality),
+        paper,
         release: Scorer::new(&release).scores(&release.candidate(chosen.clone())),
         natural,
         natural_log,
         surprise,
         surprise_log,
+        trajectory: chosen.clone(),
         seconds,
         note: attack.note,
     })

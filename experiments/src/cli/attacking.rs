@@ -2,15 +2,20 @@
 
 use std::path::PathBuf;
 
+use anyhow::Result;
 use clap::{Args, ValueEnum};
+use sage_generators::Choice;
 
 use super::SplitArgs;
-use crate::methods::Choosing;
+use crate::{
+    methods::{Choosing, Place},
+    networks,
+};
 
 /// Make adversarial scenes: the adversary drives something else than it did, the rest stays.
 ///
-/// Lambda mixes the realistic (0) and the adversarial (1) expert and weighs what the choice prefers;
-/// several make a sweep, with one picture of all. Each scene comes out as native file, MetaDrive
+/// Lambda mixes the realistic (0) and the adversarial (1) expert and weighs what the choice prefers, 1
+/// by default; several make a sweep, with one picture of all. Each scene comes out as native file, MetaDrive
 /// pickle, SVG, and JSON with all candidates and their scores. A scene that fails is reported, and the
 /// others go on.
 #[derive(Debug, Args)]
@@ -23,9 +28,8 @@ pub(crate) struct GenerateArgs {
     /// Generator.
     #[arg(long, value_name = "NAME", default_value = "sage")]
     pub method: String,
-    /// Where between the experts: a number, several with commas, or from:to:step.
-    #[arg(long, value_name = "L", default_value = "1", value_parser = lambdas)]
-    pub lambda: Lambdas,
+    #[command(flatten)]
+    pub dial: DialArgs,
     #[command(flatten)]
     pub choosing: ChoosingArgs,
     /// What the choice weighs: the paper's preference, or also lanes and surprise.
@@ -72,17 +76,19 @@ pub(crate) struct OpenLoopArgs {
         long,
         value_name = "NAMES",
         value_delimiter = ',',
-        default_value = "sage,prior,random,oracle,cat,rule,log"
+        default_value = "sage,prior,most-likely,random,oracle,cat,rule,log"
     )]
     pub methods: Vec<String>,
-    /// Where between the experts: a number, several with commas, or from:to:step.
-    #[arg(long, value_name = "L", default_value = "0,0.5,1", value_parser = lambdas)]
-    pub lambda: Lambdas,
+    #[command(flatten)]
+    pub dial: DialArgs,
     #[command(flatten)]
     pub choosing: ChoosingArgs,
     /// What the choice weighs.
     #[arg(long, value_enum, default_value_t = ChoiceArg::Paper)]
     pub choice: ChoiceArg,
+    /// Let Rule read frames in which the adversary was not seen, as the published code does.
+    #[arg(long)]
+    pub raw: bool,
     /// Weights with experts: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
@@ -97,12 +103,98 @@ pub(crate) struct OpenLoopArgs {
     pub force: bool,
 }
 
-/// What the choice among candidates weighs, for every command that makes one.
-#[derive(Clone, Copy, Debug, Args)]
-pub(crate) struct ChoosingArgs {
+/// Fit the even dial of some experts: for each aggression the weight of the choice at which the attack
+/// rate lies on a straight line.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage calibrate scenes/ dev-scenes/ --splits splits.json --without-split train --weights experts/ --out experts/dial.json"
+)]
+pub(crate) struct CalibrateArgs {
+    /// Scene files and folders; made scenes without any.
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Number of scenes to make where no path is given.
+    #[arg(long, value_name = "N", default_value_t = 200)]
+    pub made: u64,
+    /// Weights with experts: procedural, waymo or a folder.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub weights: String,
+    /// Choices to fit a dial for, with commas.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "natural,paper")]
+    pub choice: Vec<ChoiceArg>,
+    /// Seed of candidates, and of made scenes.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// File to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Overwrite it.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Measure how the dial steers: attack rates along it, how even they are, and what lambda and mu each
+/// bring.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage bench dial target/data/womd_cat500/val --weights waymo --out dial/"
+)]
+pub(crate) struct DialBenchArgs {
+    /// Scene files and folders.
+    #[arg(required = true, value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Weights with experts and their dial: procedural, waymo or a folder.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub weights: String,
+    /// What the choice weighs.
+    #[arg(long, value_enum, default_value_t = ChoiceArg::Natural)]
+    pub choice: ChoiceArg,
+    /// Seed.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write into a folder that holds something.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Where the dial is put, for every command that turns it.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct DialArgs {
+    /// Where between the experts: a number, several with commas, or from:to:step.
+    #[arg(long, value_name = "L", value_parser = values)]
+    pub lambda: Option<Values>,
     /// Weight of the adversarial reward in the choice, 0 to 1; lambda by default.
     #[arg(long, value_name = "M")]
     pub mu: Option<f64>,
+    /// One even dial for both, 0 to 1: the attack rate rises in proportion. Same form as --lambda.
+    #[arg(long, value_name = "A", value_parser = values, conflicts_with_all = ["lambda", "mu"])]
+    pub aggression: Option<Values>,
+}
+
+impl DialArgs {
+    /// The places, lambda at `otherwise` if neither is given.
+    ///
+    /// *Errors*: one out of range; no even dial for these weights and this choice.
+    pub(crate) fn places(&self, weights: &str, choice: Choice, otherwise: &[f64]) -> Result<Vec<Place>> {
+        if let Some(values) = &self.aggression {
+            let dial = networks::load_dial(weights, choice)?;
+            return values.0.iter().map(|a| Place::of(&dial, *a)).collect();
+        }
+        let lambdas = self.lambda.as_ref().map_or(otherwise, |values| &values.0);
+        lambdas.iter().map(|lambda| Place::at(*lambda, self.mu)).collect()
+    }
+}
+
+/// What the choice among candidates weighs, for every command that makes one.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct ChoosingArgs {
     /// Which rule makes a candidate feasible.
     #[arg(long, value_enum, default_value_t = FeasibilityArg::Paper)]
     pub feasibility: FeasibilityArg,
@@ -111,17 +203,16 @@ pub(crate) struct ChoosingArgs {
 impl ChoosingArgs {
     /// With what is weighed beside the preference.
     pub(crate) fn with(self, choice: ChoiceArg) -> Choosing {
-        let strict = matches!(self.feasibility, FeasibilityArg::Strict);
-        Choosing { choice: choice.into(), strict, mu: self.mu }
+        Choosing { choice: choice.into(), strict: matches!(self.feasibility, FeasibilityArg::Strict) }
     }
 }
 
-/// One or more values of lambda.
+/// One or more places of a dial.
 #[derive(Clone, Debug)]
-pub(crate) struct Lambdas(pub Vec<f64>);
+pub(crate) struct Values(pub Vec<f64>);
 
 /// Parses `1`, `0,0.5,1` or `0:1:0.1`.
-fn lambdas(text: &str) -> Result<Lambdas, String> {
+fn values(text: &str) -> std::result::Result<Values, String> {
     let number = |text: &str| text.trim().parse::<f64>().map_err(|_| format!("`{text}` is not a number"));
     if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
         let [from, to, step] = [number(from)?, number(to)?, number(step)?];
@@ -131,9 +222,9 @@ fn lambdas(text: &str) -> Result<Lambdas, String> {
         }
         // Rounded, so that 0.3 is 0.3 and not three times 0.1.
         let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;
-        return Ok(Lambdas((0..=(count + 1e-9) as usize).map(at).collect()));
+        return Ok(Values((0..=(count + 1e-9) as usize).map(at).collect()));
     }
-    Ok(Lambdas(text.split(',').map(number).collect::<Result<_, _>>()?))
+    Ok(Values(text.split(',').map(number).collect::<std::result::Result<_, _>>()?))
 }
 
 /// Names of [`sage_generators::Choice`].
@@ -145,7 +236,7 @@ pub(crate) enum ChoiceArg {
     Natural,
 }
 
-impl From<ChoiceArg> for sage_generators::Choice {
+impl From<ChoiceArg> for Choice {
     fn from(name: ChoiceArg) -> Self {
         match name {
             ChoiceArg::Paper => Self::Paper,

@@ -82,6 +82,9 @@ pub(crate) struct FinetuneArgs {
     /// Weights of the prior: procedural, waymo, a folder or a file.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub prior: String,
+    /// Pairs of ego and adversary taken from each scene beside its own: more to tune on.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub roles: usize,
     /// Options of fine-tuning as a JSON file; what is left out keeps each expert's own.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,

@@ -1,84 +1,171 @@
 //! `sage bench open-loop`.
 
-use std::{fmt::Write as _, path::Path, time::Instant};
+use std::time::Instant;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
-    training::{Expectation, TunedScene},
+    training::{SceneData, TunedScene},
 };
-use sage_core::statistics::Estimate;
-use sage_merging::mergers;
-use serde_json::json;
+use sage_core::generator::Generator;
+use sage_merging::{Experts, Merger};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::{
     Outcome, Registries,
-    bench::open_loop::{self, COLUMNS, SceneRow},
+    bench::{
+        gallery,
+        open_loop::{self, SceneRow},
+        open_loop_report::{self as report, Policies, Table},
+    },
     cli::OpenLoopArgs,
-    methods, networks, output,
+    methods::{self, Place},
+    networks, output,
     progress::{self, Progress},
     scenes,
 };
 
+/// What is kept of one generator once it has run on all scenes, so that a run can go on.
+#[derive(Serialize, Deserialize)]
+struct Finished {
+    method: String,
+    rows: Vec<SceneRow>,
+    /// Scenes that failed, with their errors.
+    errors: Vec<(String, String)>,
+}
+
 pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    output::make_folder(&args.out, args.force)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
-    let merger = mergers()?.build_default("linear")?;
-    let scenes = scenes::read_split(&args.paths, args.split.splits.as_deref(), args.split.split.as_deref())?;
-    let mut runs = Vec::new();
-    for method in &args.methods {
-        let lambdas = if methods::is_steered(method) { &args.lambda.0[..] } else { &[1.0][..] };
-        for lambda in lambdas {
-            // A ceiling is a ceiling at one lambda.
-            if method != "oracle" || lambda == lambdas.last().unwrap_or(&1.0) {
-                runs.push(methods::build(
-                    method,
-                    *lambda,
-                    args.choosing.with(args.choice),
-                    &experts,
-                    &*merger,
-                )?);
-            }
-        }
-    }
+    let merger = registries.mergers.build_default("linear")?;
+    let places = args.dial.places(&args.weights, args.choice.into(), &[0.0, 0.5, 1.0])?;
+    let runs = generators(args, registries, &places, &experts, &*merger)?;
+    let scenes = scenes::read(&args.paths, &args.split, 0, args.seed)?;
+    let record = record(args, &experts, &scenes, &runs)?;
+    start(args, &record)?;
     let mut progress = Progress::new("ran", runs.len());
-    let mut table = Vec::new();
+    let mut table = Table::new();
     let mut failures = 0;
-    for generator in &runs {
-        let mut rows = Vec::new();
-        for (data, row) in
-            scenes.iter().zip(open_loop::run(&scenes, &**generator, experts.prior(), args.seed))
-        {
-            match row {
-                Ok(row) => rows.push(row),
-                Err(error) => {
-                    progress.say(&format!("error: {}: `{}`: {error:#}", generator.name(), data.name));
-                    failures += 1;
-                }
-            }
+    for (k, generator) in runs.iter().enumerate() {
+        let finished = one(args, k, &**generator, &scenes, experts.prior())?;
+        for (scene, error) in &finished.errors {
+            progress.say(&format!("error: {}: `{scene}`: {error}", finished.method));
         }
-        table.push((generator.name(), rows));
+        failures += finished.errors.len();
+        table.push((finished.method, finished.rows));
         progress.step();
     }
     progress.finish(&format!("{} rows on {} scenes", runs.len(), scenes.len()));
     if table.iter().all(|(_, rows)| rows.is_empty()) {
         bail!("no scene came out");
     }
-    let policies = policies(args, &experts, &*merger, &scenes)?;
-    write(args, &table, &policies, scenes.len(), clock.elapsed().as_secs_f64())?;
+    let policies = policies(&places, &experts, &*merger, &scenes)?;
+    let markdown = report::markdown(&table, &policies)?;
+    let file = |name: &str, text: &str| output::write_file(&args.out.join(name), text.as_bytes(), true);
+    file("table.md", &markdown)?;
+    file("table.csv", &report::csv(&table, &policies)?)?;
+    file("scenes.csv", &report::scenes_csv(&table)?)?;
+    gallery::write(&args.out, &scenes, &table, &markdown)?;
+    finish(args, &record, clock.elapsed().as_secs_f64())?;
+    output::print(&markdown)?;
+    progress::say(&format!(
+        "table.md, table.csv, scenes.csv, run.json and index.html with pictures are in `{}`",
+        args.out.display()
+    ));
     Ok(if failures == 0 { Outcome::Done } else { Outcome::Partial })
 }
 
-type Policies = Vec<(String, Vec<Expectation>)>;
-
-/// Expectations of the prior and of the mixtures.
-fn policies(
+/// The generators in the order of the table.
+fn generators(
     args: &OpenLoopArgs,
-    experts: &sage_merging::Experts,
-    merger: &dyn sage_merging::Merger,
-    scenes: &[sage_backbones::training::SceneData],
+    registries: &Registries,
+    places: &[Place],
+    experts: &Experts,
+    merger: &dyn Merger,
+) -> Result<Vec<Box<dyn Generator>>> {
+    let mut runs = Vec::new();
+    for name in &args.methods {
+        let options = if args.raw && name == "rule" { json!({"raw": true}) } else { json!({}) };
+        let method = registries.methods.build(name, &options)?;
+        // What is not steered, and a ceiling, stand once.
+        let once = !method.is_steered() || name == "oracle";
+        let places = if once { &places[places.len() - 1..] } else { places };
+        for place in places {
+            runs.push(methods::build(&*method, *place, args.choosing.with(args.choice), experts, merger)?);
+        }
+    }
+    Ok(runs)
+}
+
+/// Rows of one generator: kept ones where it ran before.
+fn one(
+    args: &OpenLoopArgs,
+    number: usize,
+    generator: &dyn Generator,
+    scenes: &[SceneData],
+    prior: &dyn Backbone,
+) -> Result<Finished> {
+    let file = args.out.join(KEPT).join(format!("{number:03}.json"));
+    if let Ok(text) = std::fs::read_to_string(&file) {
+        return serde_json::from_str(&text).with_context(|| {
+            format!("`{}` is not what this version keeps; remove it and run again", file.display())
+        });
+    }
+    let mut finished = Finished { method: generator.name(), rows: Vec::new(), errors: Vec::new() };
+    for (data, row) in scenes.iter().zip(open_loop::run(scenes, generator, prior, args.seed)) {
+        match row {
+            Ok(row) => finished.rows.push(row),
+            Err(error) => finished.errors.push((data.name.clone(), format!("{error:#}"))),
+        }
+    }
+    output::write_file(&file, serde_json::to_string(&finished)?.as_bytes(), true)?;
+    Ok(finished)
+}
+
+/// Folder of what is kept while a run goes on.
+const KEPT: &str = "rows";
+
+/// What tells one run from another.
+fn record(
+    args: &OpenLoopArgs,
+    experts: &Experts,
+    scenes: &[SceneData],
+    runs: &[Box<dyn Generator>],
+) -> Result<Value> {
+    let hash = |p: &sage_backbones::Parameters| p.hash();
+    Ok(json!({
+        "methods": runs.iter().map(|g| g.name()).collect::<Vec<_>>(),
+        "choice": format!("{:?}", args.choosing.with(args.choice)), "seed": args.seed,
+        "scenes": scenes::describe(scenes),
+        "weights": [hash(experts.prior().parameters())?, hash(experts.realistic())?, hash(experts.adversarial())?],
+        "version": env!("CARGO_PKG_VERSION"),
+    }))
+}
+
+/// Makes the folder, or goes on in one that holds the same run unfinished.
+fn start(args: &OpenLoopArgs, record: &Value) -> Result<()> {
+    let kept = args.out.join(KEPT);
+    if !output::start_run(&args.out, record, args.force)? && kept.exists() {
+        std::fs::remove_dir_all(&kept).with_context(|| format!("cannot clear `{}`", kept.display()))?;
+    }
+    std::fs::create_dir_all(&kept).with_context(|| format!("cannot make `{}`", kept.display()))
+}
+
+/// Says how long it took, and drops what was kept to go on from.
+fn finish(args: &OpenLoopArgs, record: &Value, seconds: f64) -> Result<()> {
+    output::finish_run(&args.out, record, &Value::Null, seconds)?;
+    let kept = args.out.join(KEPT);
+    std::fs::remove_dir_all(&kept).with_context(|| format!("cannot clear `{}`", kept.display()))
+}
+
+/// Expectations of the prior and of the mixtures at all λ.
+fn policies(
+    places: &[Place],
+    experts: &Experts,
+    merger: &dyn Merger,
+    scenes: &[SceneData],
 ) -> Result<Policies> {
     let prior = experts.prior();
     let prepare = |data| TunedScene::new(prior, data, false);
@@ -86,75 +173,10 @@ fn policies(
     let prepared: Vec<TunedScene> =
         prepared.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
     let mut policies = vec![("prior".to_owned(), open_loop::expectations(&prepared, prior)?)];
-    for lambda in &args.lambda.0 {
-        let network: Box<dyn Backbone> = prior.rebuilt(merger.merge(experts, *lambda)?)?;
-        policies.push((format!("sage {lambda:.2}"), open_loop::expectations(&prepared, &*network)?));
+    for place in places {
+        let network: Box<dyn Backbone> = prior.rebuilt(merger.merge(experts, place.lambda)?)?;
+        let all = open_loop::expectations(&prepared, &*network)?;
+        policies.push((format!("sage, lambda {:.2}", place.lambda), all));
     }
     Ok(policies)
-}
-
-fn write(
-    args: &OpenLoopArgs,
-    table: &[(String, Vec<SceneRow>)],
-    policies: &Policies,
-    scenes: usize,
-    seconds: f64,
-) -> Result<()> {
-    let interval = |e: Option<Estimate>| {
-        e.map_or("-".to_owned(), |e| format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high))
-    };
-    let mut markdown = String::new();
-    let mut csv = "method,measure,value,low,high,n\n".to_owned();
-    writeln!(markdown, "| method | N | {} |", COLUMNS.map(|c| c.name).join(" | "))?;
-    writeln!(markdown, "| --- | --- |{}", " --- |".repeat(COLUMNS.len()))?;
-    for (method, rows) in table {
-        write!(markdown, "| {method} | {} |", rows.len())?;
-        for column in &COLUMNS {
-            let estimate = open_loop::estimate(column, rows);
-            write!(markdown, " {} |", interval(estimate))?;
-            if let Some(e) = estimate {
-                writeln!(
-                    csv,
-                    "{method},{},{},{},{},{}",
-                    column.name.replace(',', ";"),
-                    e.value,
-                    e.low,
-                    e.high,
-                    e.n
-                )?;
-            }
-        }
-        writeln!(markdown)?;
-    }
-    writeln!(markdown, "\nWithout choice, expectations under the policy:\n")?;
-    writeln!(
-        markdown,
-        "| policy | N | feasible | feasible hit | R_adv | P_real |\n| --- | --- | --- | --- | --- | --- |"
-    )?;
-    for (policy, all) in policies {
-        let columns: [fn(&Expectation) -> f64; 4] =
-            [|e| e.feasible, |e| e.attack, |e| e.reward, |e| e.penalty];
-        let cells: Vec<String> = columns.map(|value| interval(open_loop::mean(all, value))).to_vec();
-        writeln!(markdown, "| {policy} | {} | {} |", all.len(), cells.join(" | "))?;
-    }
-    let rows: Result<Vec<String>, _> =
-        table.iter().flat_map(|(_, rows)| rows).map(serde_json::to_string).collect();
-    let record = json!({
-        "command": output::command(), "scenes": scenes, "seed": args.seed, "seconds": seconds,
-        "version": env!("CARGO_PKG_VERSION"),
-    });
-    let file =
-        |name: &str, text: &str| output::write_file(&args.out.join(Path::new(name)), text.as_bytes(), true);
-    file("table.md", &markdown)?;
-    file("table.csv", &csv)?;
-    file("scenes.jsonl", &(rows?.join("\n") + "\n"))?;
-    file("run.json", &format!("{record:#}\n"))?;
-    print(&markdown)?;
-    progress::say(&format!("table.md, table.csv, scenes.jsonl and run.json are in `{}`", args.out.display()));
-    Ok(())
-}
-
-fn print(text: &str) -> Result<()> {
-    use std::io::Write;
-    Ok(std::io::stdout().lock().write_all(text.as_bytes())?)
 }

@@ -14,23 +14,22 @@ use sage_data::{
     procedural::{self, Kind},
 };
 use sage_generators::{Choice, attacked};
-use sage_merging::mergers;
 
 use crate::{
     Outcome, Registries,
     cli::DemoArgs,
     commands::draw::drawn_path,
     drawing::{self, Picture},
-    methods::{self, Choosing},
+    methods::{self, Choosing, Place},
     networks, output, progress,
 };
 
 /// Where the dial is put.
-const LAMBDAS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
+const AGGRESSIONS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Scenes of each kind.
 const SCENES: u64 = 6;
 
-/// One scene with its attack at each lambda.
+/// One scene with its attack at each aggression.
 struct Steered {
     scene: Scene,
     attacks: Vec<(Attack, Scores)>,
@@ -39,10 +38,12 @@ struct Steered {
 pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     output::make_folder(&args.out, args.force)?;
     let experts = networks::load_experts(&registries.backbones, "procedural")?;
-    let merger = mergers()?.build_default("linear")?;
-    let choosing = Choosing { choice: Choice::Natural, strict: false, mu: None };
-    let build = |lambda| methods::build("sage", lambda, choosing, &experts, &*merger);
-    let generators = LAMBDAS.into_iter().map(build).collect::<Result<Vec<_>>>()?;
+    let merger = registries.mergers.build_default("linear")?;
+    let method = registries.methods.build_default("sage")?;
+    let choosing = Choosing { choice: Choice::Natural, strict: false };
+    let dial = networks::load_dial("procedural", choosing.choice)?;
+    let build = |a| methods::build(&*method, Place::of(&dial, a)?, choosing, &experts, &*merger);
+    let generators = AGGRESSIONS.into_iter().map(build).collect::<Result<Vec<_>>>()?;
     let numbers: Vec<(Kind, u64)> =
         Kind::ALL.into_iter().flat_map(|kind| (0..SCENES).map(move |number| (kind, number))).collect();
     let steer = |&(kind, number): &(Kind, u64)| steer(kind, number, args.seed, &generators);
@@ -55,7 +56,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     }
     print(&steered)?;
     progress::say(&format!(
-        "one scene of each kind, its attack at lambda 1 and a picture of all five are in `{}`; open the .svg files in a browser",
+        "one scene of each kind, its attack at aggression 1 and a picture of all five are in `{}`; open the .svg files in a browser",
         args.out.display()
     ));
     Ok(Outcome::Done)
@@ -88,8 +89,8 @@ fn keep(args: &DemoArgs, steered: &Steered) -> Result<()> {
         attacked.write(&path("-attacked.safetensors"))?;
         attacked.write(&path("-attacked.pkl"))?;
     }
-    let drawn = LAMBDAS.iter().zip(&steered.attacks).map(|(lambda, (attack, _))| {
-        drawn_path(format!("lambda {lambda:.2}"), &ctx, attack.trajectory().clone())
+    let drawn = AGGRESSIONS.iter().zip(&steered.attacks).map(|(a, (attack, _))| {
+        drawn_path(format!("aggression {a:.2}"), &ctx, attack.trajectory().clone())
     });
     let picture = Picture { title: scene.id.clone(), candidates: drawn.collect(), ..Picture::default() };
     output::write_file(&path(".svg"), drawing::draw(scene, &picture).as_bytes(), args.force)
@@ -99,8 +100,8 @@ fn print(steered: &[Steered]) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
-        "{:<8} {:>10} {:>8} {:>8} {:>8} {:>10}   {}",
-        "lambda",
+        "{:<10} {:>10} {:>8} {:>8} {:>8} {:>10}   {}",
+        "aggression",
         "attacked",
         "R_adv",
         "P_kin",
@@ -108,7 +109,7 @@ fn print(steered: &[Steered]) -> Result<()> {
         "feasible",
         Kind::ALL.map(|kind| format!("{:>11}", kind.name())).join(" ")
     )?;
-    for (slot, lambda) in LAMBDAS.into_iter().enumerate() {
+    for (slot, a) in AGGRESSIONS.into_iter().enumerate() {
         let scores: Vec<&Scores> = steered.iter().map(|s| &s.attacks[slot].1).collect();
         let mean = |value: &dyn Fn(&Scores) -> f64| {
             scores.iter().map(|s| value(s)).sum::<f64>() / scores.len() as f64
@@ -122,7 +123,7 @@ fn print(steered: &[Steered]) -> Result<()> {
         let kinds: Vec<String> = (0..Kind::ALL.len()).map(of_kind).collect();
         writeln!(
             out,
-            "{lambda:<8.2} {:>9.0}% {:>8.2} {:>8.2} {:>8.2} {:>9.0}%   {}",
+            "{a:<10.2} {:>9.0}% {:>8.2} {:>8.2} {:>8.2} {:>9.0}%   {}",
             100.0 * mean(&hits),
             mean(&|s| s.adversarial_reward),
             mean(&|s| s.kinematic_penalty),

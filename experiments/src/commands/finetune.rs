@@ -7,7 +7,9 @@ use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
     parameters::Header,
-    training::{Expectation, FinetuneOptions, FinetuneRow, SceneData, TunedScene, finetune},
+    training::{
+        Expectation, FinetuneOptions, FinetuneRow, Kept, SceneData, TunedScene, finetune, other_roles,
+    },
 };
 use serde_json::json;
 
@@ -20,19 +22,22 @@ fn experts() -> [(&'static str, FinetuneOptions); 2] {
 
 pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    output::make_folder(&args.out, args.force)?;
     let loaded = networks::load(&registries.backbones, &args.prior)?;
     networks::announce(&loaded);
     let prior = &*loaded.network;
-    let train = match args.paths.is_empty() {
-        true => scenes::make(args.made, args.seed),
-        false => scenes::read_split(&args.paths, args.split.splits.as_deref(), args.split.split.as_deref())?,
-    };
+    let train = scenes::read(&args.paths, &args.split, args.made, args.seed)?;
     let dev = match &args.dev {
         Some(dev) => scenes::read_all(std::slice::from_ref(dev))?,
         None => Vec::new(),
     };
     let data = scenes::describe(&train);
+    let record = json!({
+        "data": &data, "prior": prior.parameters().hash()?, "seed": args.seed, "roles": args.roles,
+        "config": args.config.as_ref().map(std::fs::read_to_string).transpose().ok().flatten(),
+        "version": env!("CARGO_PKG_VERSION"),
+    });
+    output::start_run(&args.out, &record, args.force)?;
+    let train = with_other_roles(train, args.roles);
     let (plain, dev) = (prepare(prior, &train, false)?, prepare(prior, &dev, false)?);
     let both = prepare(prior, &train, true)?;
     drop(train);
@@ -44,14 +49,17 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let count = plain.len();
     let all: Vec<TunedScene> = plain.into_iter().chain(both).collect();
     let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_reward,expected_penalty,seconds\n".to_owned();
-    let mut record = Vec::new();
+    let mut results = Vec::new();
     for (name, mut options) in experts() {
         if let Some(path) = &args.config {
             options = configured(path, &options)?;
         }
         options.seed = args.seed;
         let train = if options.mirror { &all[..] } else { &all[..count] };
-        let weights = finetune(prior, train, &options, |row| {
+        let state = args.out.join(format!("{name}.state"));
+        let identity = json!({"run": &record, "options": &options});
+        let kept = Kept { file: &state, identity };
+        let weights = finetune(prior, train, &options, Some(&kept), |row| {
             progress::say(&told(name, row));
             table += &csv(name, row);
         })?;
@@ -83,18 +91,19 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
                     before.penalty,
                     after.penalty,
                 ));
-                record.push(json!({"expert": name, "set": set, "scenes": scenes.len(), "prior": before, "tuned": after}));
+                results.push(json!({"expert": name, "set": set, "scenes": scenes.len(), "prior": before, "tuned": after}));
             }
         }
-        record.push(json!({"expert": name, "options": options}));
+        results.push(json!({"expert": name, "options": options}));
     }
     loaded.network.parameters().save(&loaded.header, &args.out.join(networks::PRIOR))?;
     output::write_file(&args.out.join("finetune.csv"), table.as_bytes(), true)?;
-    let record = json!({
-        "command": output::command(), "data": data, "experts": record, "seed": args.seed,
-        "seconds": clock.elapsed().as_secs_f64(), "version": env!("CARGO_PKG_VERSION"),
-    });
-    output::write_file(&args.out.join("run.json"), format!("{record:#}\n").as_bytes(), true)?;
+    let seconds = clock.elapsed().as_secs_f64();
+    output::finish_run(&args.out, &record, &json!({"experts": results}), seconds)?;
+    for (name, _) in experts() {
+        // What is no longer needed may stay.
+        let _ = std::fs::remove_file(args.out.join(format!("{name}.state")));
+    }
     progress::say(&format!(
         "prior and experts are in `{}` ({:.0} s)",
         args.out.display(),
@@ -113,6 +122,16 @@ fn configured(path: &std::path::Path, own: &FinetuneOptions) -> Result<FinetuneO
         all.extend(given);
     }
     serde_json::from_value(all).with_context(fail)
+}
+
+/// Beside each scene the same with so many other pairs of ego and adversary.
+fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
+    let beside = |data: &SceneData| -> Vec<SceneData> {
+        let roles = other_roles(&data.scene, most).into_iter().enumerate();
+        roles.map(|(k, scene)| SceneData::new(format!("{} roles {}", data.name, k + 1), scene)).collect()
+    };
+    let others: Vec<Vec<SceneData>> = scenes.par_iter().map(beside).collect();
+    scenes.into_iter().chain(others.into_iter().flatten()).collect()
 }
 
 fn prepare(prior: &dyn Backbone, scenes: &[SceneData], mirrored: bool) -> Result<Vec<TunedScene>> {

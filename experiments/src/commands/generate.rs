@@ -10,16 +10,16 @@ use sage_core::{
 };
 use sage_data::{Recording, folder};
 use sage_generators::attacked;
-use sage_merging::mergers;
 use serde::Serialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::{
     Outcome, Registries,
     cli::GenerateArgs,
     commands::draw::drawn_path,
     drawing::{self, Picture},
-    methods, networks, output, progress,
+    methods::{self, Place},
+    networks, output, progress,
 };
 
 #[derive(Serialize)]
@@ -39,16 +39,20 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         (None, Err(_)) => "procedural",
     };
     let experts = networks::load_experts(&registries.backbones, weights)?;
-    let merger = mergers()?.build_default("linear")?;
+    let merger = registries.mergers.build_default("linear")?;
     let choosing = args.choosing.with(args.choice);
-    let lambdas = if methods::is_steered(&args.method) { &args.lambda.0[..] } else { &[1.0][..] };
+    let method = registries.methods.build_default(&args.method)?;
+    let mut places = args.dial.places(weights, choosing.choice, &[1.0])?;
+    if !method.is_steered() {
+        places.truncate(1);
+    }
     let build =
-        |lambda: &f64| Ok((*lambda, methods::build(&args.method, *lambda, choosing, &experts, &*merger)?));
-    let generators = lambdas.iter().map(build).collect::<Result<Vec<_>>>()?;
+        |place: &Place| Ok((*place, methods::build(&*method, *place, choosing, &experts, &*merger)?));
+    let generators = places.iter().map(build).collect::<Result<Vec<_>>>()?;
     output::make_folder(&args.out, args.force)?;
     let mut failed = 0;
     for file in &files {
-        if let Err(error) = one(args, file, &generators) {
+        if let Err(error) = one(args, weights, file, &generators) {
             progress::say(&format!("error: `{}`: {error:#}", file.display()));
             failed += 1;
         }
@@ -68,7 +72,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     Ok(Outcome::Done)
 }
 
-fn one(args: &GenerateArgs, file: &Path, generators: &[(f64, Box<dyn Generator>)]) -> Result<()> {
+fn one(args: &GenerateArgs, weights: &str, file: &Path, generators: &[(Place, Box<dyn Generator>)]) -> Result<()> {
     let mut recording = Recording::read(file)?;
     recording.scene = recording.scene.with_roles(None, args.adversary.as_deref())?;
     let scene = recording.scene.clone();
@@ -77,18 +81,19 @@ fn one(args: &GenerateArgs, file: &Path, generators: &[(f64, Box<dyn Generator>)
     let scorer = Scorer::new(&ctx);
     let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let mut drawn = Vec::new();
-    for (lambda, generator) in generators {
+    for (place, generator) in generators {
         let clock = Instant::now();
         let attack = generator.generate(&ctx, args.seed)?;
         let seconds = clock.elapsed().as_secs_f64();
-        let name = if generators.len() > 1 { format!("{stem}-{lambda:.2}") } else { stem.clone() };
+        let name = if generators.len() > 1 { format!("{stem}-{}", place.file_label()) } else { stem.clone() };
         let scores = scorer.scores(&ctx.candidate(attack.trajectory().clone()));
-        report(args, &name, *lambda, &attack, &scores, seconds, &scorer, &ctx)?;
+        report(args, &name, *place, &attack, &scores, seconds, &scorer, &ctx)?;
         recording.scene = attacked(&scene, attack.trajectory())?;
+        recording.provenance = Some(provenance(args, weights, *place).to_string());
         for ending in ["safetensors", "pkl"] {
             recording.write(&args.out.join(format!("{name}.{ending}")))?;
         }
-        let label = if generators.len() > 1 { format!("lambda {lambda:.2}") } else { generator.name() };
+        let label = if generators.len() > 1 { place.long_label() } else { generator.name() };
         drawn.push(drawn_path(label, &ctx, attack.trajectory().clone()));
     }
     let picture = Picture { title: stem.clone(), candidates: drawn, ..Picture::default() };
@@ -96,11 +101,19 @@ fn one(args: &GenerateArgs, file: &Path, generators: &[(f64, Box<dyn Generator>)
     output::write_file(&path, drawing::draw(&scene, &picture).as_bytes(), true)
 }
 
+/// How a scene was attacked, for whoever finds the file.
+fn provenance(args: &GenerateArgs, weights: &str, place: Place) -> Value {
+    json!({
+        "by": concat!("sage ", env!("CARGO_PKG_VERSION")), "command": output::command(), "method": args.method,
+        "weights": weights, "lambda": place.lambda, "mu": place.mu, "aggression": place.aggression, "seed": args.seed,
+    })
+}
+
 #[allow(clippy::too_many_arguments)] // One row needs all of it, and nobody else calls it.
 fn report(
     args: &GenerateArgs,
     name: &str,
-    lambda: f64,
+    place: Place,
     attack: &Attack,
     scores: &Scores,
     seconds: f64,
@@ -114,7 +127,8 @@ fn report(
         trajectory: p.trajectory.clone(),
     });
     let row = json!({
-        "scene": name, "method": args.method, "lambda": lambda, "mu": args.choosing.mu.unwrap_or(lambda), "seed": args.seed,
+        "scene": name, "method": args.method, "lambda": place.lambda, "mu": place.mu, "aggression": place.aggression,
+        "seed": args.seed,
         "trajectory": attack.trajectory(), "chosen": attack.chosen, "feasible": scores.feasible,
         "reasons": scores.reasons, "note": attack.note, "scores": scores,
         "candidates": all.collect::<Vec<_>>(), "seconds": seconds,

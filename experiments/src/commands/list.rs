@@ -13,6 +13,8 @@ pub(crate) fn run(registries: &Registries, as_json: bool) -> Result<Outcome> {
     print(&mut out, &registries.rewards, as_json)?;
     print(&mut out, &registries.feasibilities, as_json)?;
     print(&mut out, &registries.backbones, as_json)?;
+    print(&mut out, &registries.mergers, as_json)?;
+    print(&mut out, &registries.methods, as_json)?;
     Ok(Outcome::Done)
 }
 

@@ -51,7 +51,9 @@ impl Head {
         })
     }
 
-    /// *Shapes*: `rows` (n, columns) describe goals at `ends`; result (n, 80, 2), target frame.
+    /// Where the ways lead at every so many steps.
+    ///
+    /// *Shapes*: `rows` (n, columns) describe goals at `ends`; result (n, 80 / `stride`, 2), target frame.
     pub(super) fn forward(
         &self,
         rows: &Tensor,
@@ -59,6 +61,7 @@ impl Head {
         elements: &Tensor,
         target: &Tensor,
         velocity: [f32; 2],
+        stride: usize,
     ) -> Result<Tensor> {
         let mut t = rows.clone();
         for layer in &self.goal {
@@ -67,8 +70,8 @@ impl Head {
         let seen = self.attention.forward(&t, elements)?;
         let out = self.decoder.forward_parts(&[target], &[&t, &seen])?;
         match self.kind {
-            HeadKind::Waypoints => out.reshape((ends.len(), HORIZON, 2)),
-            HeadKind::Bernstein => smooth_path::paths(&out, ends, velocity[0]),
+            HeadKind::Waypoints => smooth_path::every(&out.reshape((ends.len(), HORIZON, 2))?, stride),
+            HeadKind::Bernstein => smooth_path::places(&out, ends, velocity[0], stride),
         }
     }
 }

@@ -12,22 +12,6 @@ const AGENTS: usize = 32;
 /// Frames of history that become rows.
 const FRAMES: [usize; 6] = [0, 2, 4, 6, 8, NOW];
 
-/// Position and velocity of everybody but target and ego who is there *now*, nearest first.
-pub(super) fn others(scene: &Scene, target: usize, frame: &Frame) -> Vec<([f32; 2], [f32; 2])> {
-    let there =
-        scene.tracks.iter().enumerate().filter(|(k, t)| *k != target && *k != scene.ego && t.is_valid(NOW));
-    let mut all: Vec<([f32; 2], [f32; 2])> = there
-        .map(|(_, track)| {
-            let place = frame.to_local(track.point(NOW)).map(|x| x as f32);
-            (place, frame.turn_to_local(track.velocity[NOW]).map(|v| v as f32))
-        })
-        .collect();
-    let squared = |[x, y]: [f32; 2]| x * x + y * y;
-    all.sort_by(|a, b| squared(a.0).total_cmp(&squared(b.0)));
-    all.truncate(AGENTS);
-    all
-}
-
 /// Appends the rows of the target, the ego and then the nearest others that were seen in one of the
 /// frames, and the number of rows of each.
 pub(super) fn append(

@@ -12,7 +12,7 @@ use sage_core::{
     scene::{MapKind, Scene, Track, TrackKind},
 };
 
-use super::{EdgeGrid, Features, Frame, Table};
+use super::{EdgeGrid, Features, Frame, Outlook, Table};
 use crate::{Error, nn::Groups};
 
 /// Numbers of a row.
@@ -60,8 +60,8 @@ pub fn features(scene: &Scene, target: usize) -> Result<Features, Error> {
         agents,
         goals,
         goal_features,
-        ego: None,
-        others: Vec::new(),
+        half: [0.0; 2],
+        outlook: Outlook::default(),
         edges: Arc::new(EdgeGrid::empty()),
         has_lanes: true,
         label: None,

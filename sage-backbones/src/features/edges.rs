@@ -15,21 +15,29 @@ const REACH: f32 = 128.0;
 /// … and holds so many cells to a side.
 const CELLS: usize = (2.0 * REACH / CELL) as usize;
 
+/// Width of a coarse cell, metres.
+const COARSE: f32 = 8.0;
+/// Coarse cells to a side.
+const COARSE_CELLS: usize = (2.0 * REACH / COARSE) as usize;
+
 /// One bit a cell: whether a road boundary passes through it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EdgeGrid {
     bits: Vec<u64>,
+    /// Whether a boundary passes through a coarse cell or one beside it.
+    near: Vec<bool>,
 }
 
 impl EdgeGrid {
     /// A grid without any boundary.
     pub fn empty() -> Self {
-        Self { bits: Vec::new() }
+        Self { bits: Vec::new(), near: Vec::new() }
     }
 
     /// Marks the boundaries around a frame.
     pub(super) fn around(index: &SceneIndex, frame: &Frame) -> Self {
-        let mut grid = Self { bits: vec![0; CELLS * CELLS / 64] };
+        let mut grid =
+            Self { bits: vec![0; CELLS * CELLS / 64], near: vec![false; COARSE_CELLS * COARSE_CELLS] };
         let boundaries = index.boundaries();
         // The turned square lies within the circle around it.
         let reach = Aabb::around(frame.origin(), f64::from(REACH) * std::f64::consts::SQRT_2);
@@ -55,10 +63,33 @@ impl EdgeGrid {
         while t <= to {
             let share = if length > 0.0 { t / length } else { 0.0 };
             if let Some(cell) = cell((a[0] + share * dx) as f32, (a[1] + share * dy) as f32) {
-                self.bits[cell / 64] |= 1 << (cell % 64);
+                self.set(cell);
             }
             t += 0.5 * f64::from(CELL);
         }
+    }
+
+    fn set(&mut self, cell: usize) {
+        let (word, bit) = (cell / 64, 1 << (cell % 64));
+        if self.bits[word] & bit != 0 {
+            return;
+        }
+        self.bits[word] |= bit;
+        let [i, j] = [cell / CELLS, cell % CELLS].map(|k| k / (CELLS / COARSE_CELLS));
+        let around = |k: usize| k.saturating_sub(1)..(k + 2).min(COARSE_CELLS);
+        for i in around(i) {
+            self.near[i * COARSE_CELLS..][around(j)].fill(true);
+        }
+    }
+
+    /// Whether a boundary may lie within 8 m of a place.
+    #[inline]
+    pub fn is_near(&self, x: f32, y: f32) -> bool {
+        let [i, j] = [(x + REACH) / COARSE, (y + REACH) / COARSE];
+        // Beyond the grid too: a long car may reach into it.
+        let last = COARSE_CELLS as f32 - 1.0;
+        let cell = i.clamp(0.0, last) as usize * COARSE_CELLS + j.clamp(0.0, last) as usize;
+        self.near.get(cell).is_some_and(|near| *near)
     }
 
     /// Whether a boundary passes through the cell of a place.
@@ -70,13 +101,13 @@ impl EdgeGrid {
 
     /// What a target sees if left and right change places.
     pub(super) fn mirrored(&self) -> Self {
-        let mut twin = Self { bits: vec![0; self.bits.len()] };
+        let mut twin = Self { bits: vec![0; self.bits.len()], near: vec![false; self.near.len()] };
         if self.bits.is_empty() {
             return twin;
         }
         for cell in (0..CELLS * CELLS).filter(|cell| self.bits[cell / 64] & (1 << (cell % 64)) != 0) {
             let other = cell / CELLS * CELLS + (CELLS - 1 - cell % CELLS);
-            twin.bits[other / 64] |= 1 << (other % 64);
+            twin.set(other);
         }
         twin
     }

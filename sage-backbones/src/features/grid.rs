@@ -102,7 +102,7 @@ impl Grid {
         for point in &line[1..] {
             let b = frame.to_local([point[0], point[1]]);
             let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-            let length = dx.hypot(dy);
+            let length = (dx * dx + dy * dy).sqrt();
             if length > 0.0 {
                 let direction = [dx / length, dy / length];
                 let (from, to) = self.within(a, direction, length);

@@ -67,7 +67,8 @@ fn cut(line: &[[f64; 3]], feature: usize, frame: &Frame, ahead: f64, pieces: &mu
     for (k, point) in line.iter().enumerate() {
         let world = [point[0], point[1]];
         if let Some(before) = before {
-            along += sage_core::geometry::distance(before, world);
+            let [dx, dy] = [world[0] - before[0], world[1] - before[1]];
+            along += (dx * dx + dy * dy).sqrt();
         }
         before = Some(world);
         if k > 0 && k + 1 < line.len() && along - last_kept < STRETCH {
@@ -89,7 +90,7 @@ fn cut(line: &[[f64; 3]], feature: usize, frame: &Frame, ahead: f64, pieces: &mu
 /// Distance to the straight way ahead.
 fn from_way(p: &[f64; 3], ahead: f64) -> f64 {
     let dx = p[0] - p[0].clamp(0.0, ahead);
-    dx.hypot(p[1])
+    (dx * dx + p[1] * p[1]).sqrt()
 }
 
 /// Column of a kind; kinds without one are not looked at.

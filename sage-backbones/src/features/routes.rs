@@ -130,7 +130,8 @@ impl<'s> Roads<'s> {
             let mut sum = 0.0;
             for k in feature.points.clone().skip(1) {
                 let [a, b] = [map.points[k - 1], map.points[k]];
-                sum += distance([a[0], a[1]], [b[0], b[1]]);
+                let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+                sum += (dx * dx + dy * dy).sqrt();
                 along[k] = sum;
             }
         }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use candle_core::{Device, Tensor};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
     Error, Parameters,
@@ -36,11 +36,11 @@ pub struct EpochRow {
 
 /// State after an epoch.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Checkpoint {
+pub struct Checkpoint<Row = EpochRow> {
     /// What the run was asked to do; a run goes on only if it is the same.
     pub identity: serde_json::Value,
     /// Rows so far.
-    pub rows: Vec<EpochRow>,
+    pub rows: Vec<Row>,
     /// Steps of the optimiser.
     pub steps: u64,
 }
@@ -49,7 +49,7 @@ const FIRST: &str = "first moment/";
 const SECOND: &str = "second moment/";
 const NOTE: &str = "checkpoint";
 
-impl Checkpoint {
+impl<Row: Serialize + DeserializeOwned> Checkpoint<Row> {
     /// Writes weights and optimiser as one file.
     ///
     /// *Errors*: [`Error::Io`].

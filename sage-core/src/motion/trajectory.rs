@@ -4,8 +4,8 @@ use super::{HORIZON, MAX_COORDINATE};
 use crate::{Error, geometry::Point};
 
 /// [`HORIZON`] planned positions, finite, world frame, 10 Hz: frames 11 to 90.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
-#[serde(transparent)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "Vec<Point>", into = "Vec<Point>")]
 pub struct Trajectory(Vec<Point>);
 
 impl Trajectory {
@@ -28,6 +28,20 @@ impl Trajectory {
     /// The points, step 1 first.
     pub fn points(&self) -> &[Point] {
         &self.0
+    }
+}
+
+impl TryFrom<Vec<Point>> for Trajectory {
+    type Error = Error;
+
+    fn try_from(points: Vec<Point>) -> Result<Self, Error> {
+        Self::new("trajectory", points)
+    }
+}
+
+impl From<Trajectory> for Vec<Point> {
+    fn from(trajectory: Trajectory) -> Self {
+        trajectory.0
     }
 }
 

@@ -3,7 +3,7 @@
 //! All of them compare ego and adversary at the steps at which both are seen, velocities being
 //! backward differences. What cannot be measured is `None`, never 0.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{Candidate, Context, Encounter, Reward, adversarial::NoOptions};
 use crate::{
@@ -13,7 +13,7 @@ use crate::{
 };
 
 /// The measures of one candidate.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Criticality {
     /// Least time to collision before contact, seconds: the time until the boxes would touch if
     /// both kept velocity and heading. `None` if they never are on a collision course.
@@ -31,7 +31,7 @@ pub struct Criticality {
 }
 
 /// Sides of the ego.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum SideHit {
     /// Its front.

@@ -5,7 +5,7 @@
 //! neighbouring frames, each run of valid frames by itself. In `release` the valid frames are
 //! glued together as if they followed each other, and accelerations are norms of vectors.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{Candidate, Context, Convention};
 use crate::{
@@ -27,7 +27,7 @@ pub struct LoggedProfile {
 }
 
 /// Distances of a candidate from the log; `None` where the log holds nothing to compare with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DistributionDistances {
     /// Of speeds, m/s.
     pub wd_speed: Option<f64>,

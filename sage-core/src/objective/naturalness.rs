@@ -5,7 +5,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{Candidate, Context};
 use crate::geometry::{Nearest, Point, Segment, wrap_angle};
@@ -22,7 +22,7 @@ const BESIDE: f64 = 2.0;
 const TOLERANCE: f64 = 1.2;
 
 /// How a path lies to the lanes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Naturalness {
     /// Mean distance to the nearest motor lane along the driving, metres, at most 20.
     pub lane_distance: f64,

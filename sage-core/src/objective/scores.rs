@@ -1,6 +1,6 @@
 //! Everything that is measured of a candidate, in one row.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::{
     Candidate, Context, Convention, DistributionDistances, Encounter, Feasibility, LoggedProfile,
@@ -14,7 +14,7 @@ const CROSS_LINE: f64 = 50.0;
 const CRASH_OBJECT: f64 = 10.0;
 
 /// All measures of one candidate.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scores {
     /// Early contact with the ego, else closeness.
     pub adversarial_reward: f64,

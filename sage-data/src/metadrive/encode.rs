@@ -41,6 +41,17 @@ pub fn encode(scene: &Scene, source: &Document, path: &Path) -> Result<Document,
     Ok(document)
 }
 
+/// Puts a text into a file's metadata, in a copy of it: others may share the dict.
+pub(crate) fn annotate(document: &mut Document, key: &str, text: &str) {
+    let root = document.root();
+    let Some(metadata) = document.get(root, "metadata") else { return };
+    let metadata = document.push(document.node(metadata).clone());
+    let data = document.push_bytes(text.as_bytes());
+    let text = document.push(Node::Str(data));
+    document.set(metadata, key, text);
+    document.set(root, "metadata", metadata);
+}
+
 /// Writes the columns in which a track differs, into copies of its dicts: others may share them.
 fn write_track(document: &mut Document, changed: &Track, original: &Track) {
     let found = || {

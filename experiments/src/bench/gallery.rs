@@ -1,0 +1,114 @@
+//! Pictures of an open-loop run, and a page that shows them.
+
+use std::{fmt::Write as _, path::Path};
+
+use anyhow::Result;
+use sage_backbones::training::SceneData;
+use sage_core::objective::{CollisionKind, Context, ContextOptions};
+
+use super::{
+    open_loop::{SceneRow, is_attack},
+    open_loop_report::{Table, seconds},
+};
+use crate::{
+    commands::draw::drawn_path,
+    drawing::{self, Picture},
+    output,
+};
+
+/// Writes for each method its strongest and its median attack as SVG, and `index.html`, which shows them
+/// beside the table and opens from disk.
+///
+/// *Errors*: the folder cannot be written to.
+pub(crate) fn write(folder: &Path, scenes: &[SceneData], table: &Table, markdown: &str) -> Result<()> {
+    let mut cards = String::new();
+    for (k, (method, rows)) in table.iter().enumerate() {
+        writeln!(cards, "<h2>{}</h2>", escaped(method))?;
+        writeln!(cards, "<p>{:.1} ms a scene (median)</p><div class=row>", 1e3 * seconds(rows))?;
+        for (which, row) in cases(rows) {
+            let Some(data) = scenes.iter().find(|data| data.name == row.scene) else { continue };
+            let name = format!("{k:02}-{which}.svg");
+            output::write_file(&folder.join(&name), picture(data, method, row)?.as_bytes(), true)?;
+            let kind = row.kind.map_or("no contact", CollisionKind::name);
+            writeln!(
+                cards,
+                "<figure><a href=\"{name}\"><img src=\"{name}\" loading=lazy></a><figcaption>{which}: {}, {kind}, R_adv {:.2}</figcaption></figure>",
+                escaped(stem(&row.scene)),
+                row.paper.adversarial_reward,
+            )?;
+        }
+        writeln!(cards, "</div>")?;
+    }
+    let page = format!(
+        "<!doctype html><meta charset=utf-8><title>sage bench open-loop</title>\n<style>{STYLE}</style>\n<h1>sage bench open-loop</h1>\n<p><code>{}</code></p>\n{}{cards}",
+        escaped(&output::command()),
+        html_tables(markdown)?,
+    );
+    output::write_file(&folder.join("index.html"), page.as_bytes(), true)
+}
+
+const STYLE: &str = "body{font:15px sans-serif;margin:2em}table{border-collapse:collapse;font-size:12px;display:block;overflow-x:auto}td,th{border:1px solid #ccc;padding:2px 6px;white-space:nowrap}.row{display:flex;flex-wrap:wrap;gap:1em}figure{margin:0}img{width:560px;border:1px solid #ddd}";
+
+/// The strongest attack and the median one; the strongest way alone where nothing was attacked.
+fn cases(rows: &[SceneRow]) -> Vec<(&'static str, &SceneRow)> {
+    let mut attacks: Vec<&SceneRow> = rows.iter().filter(|row| is_attack(row)).collect();
+    if attacks.is_empty() {
+        attacks = rows.iter().collect();
+    }
+    attacks.sort_by(|a, b| b.paper.adversarial_reward.total_cmp(&a.paper.adversarial_reward));
+    match attacks[..] {
+        [] => Vec::new(),
+        [one] => vec![("strongest", one)],
+        _ => vec![("strongest", attacks[0]), ("median", attacks[attacks.len() / 2])],
+    }
+}
+
+fn picture(data: &SceneData, method: &str, row: &SceneRow) -> Result<String> {
+    let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
+    let drawn = drawn_path(method.to_owned(), &ctx, row.trajectory.clone());
+    let title = stem(&row.scene).to_owned();
+    Ok(drawing::draw(&data.scene, &Picture { title, candidates: vec![drawn], ..Picture::default() }))
+}
+
+fn stem(scene: &str) -> &str {
+    Path::new(scene).file_stem().and_then(|stem| stem.to_str()).unwrap_or(scene)
+}
+
+/// The tables and lines of a report as HTML.
+fn html_tables(markdown: &str) -> Result<String> {
+    let mut out = String::new();
+    let mut inside = false;
+    for line in markdown.lines() {
+        let is_row = line.starts_with('|');
+        if is_row != inside {
+            writeln!(out, "{}", if is_row { "<table>" } else { "</table>" })?;
+            inside = is_row;
+        }
+        if is_row && !line.starts_with("| ---") {
+            let cells = line.trim_matches('|').split('|').map(|cell| format!("<td>{}</td>", escaped(cell.trim())));
+            writeln!(out, "<tr>{}</tr>", cells.collect::<String>())?;
+        } else if !is_row && !line.is_empty() {
+            writeln!(out, "<p>{}</p>", escaped(line))?;
+        }
+    }
+    if inside {
+        writeln!(out, "</table>")?;
+    }
+    Ok(out)
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_becomes_html_and_names_cannot_break_out_of_it() {
+        let html = html_tables("Text <b>\n\n| a | b |\n| --- | --- |\n| <x> | 2 |\n").unwrap();
+        assert!(html.contains("<p>Text &lt;b&gt;</p>") && html.contains("<td>&lt;x&gt;</td><td>2</td>"));
+        assert_eq!((html.matches("<table>").count(), html.matches("</table>").count()), (1, 1));
+    }
+}

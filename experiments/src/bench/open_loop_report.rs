@@ -1,0 +1,136 @@
+//! What an open-loop run leaves behind: tables for people and for programs.
+
+use std::{collections::BTreeMap, fmt::Write as _};
+
+use anyhow::Result;
+use sage_backbones::training::Expectation;
+use sage_core::{
+    objective::CollisionKind,
+    statistics::{self, Estimate},
+};
+
+use super::open_loop::{self, COLUMNS, SceneRow, is_attack};
+
+/// A method with its rows.
+pub type Table = Vec<(String, Vec<SceneRow>)>;
+/// A policy with its expectations, a scene each.
+pub type Policies = Vec<(String, Vec<Expectation>)>;
+
+/// What an [`Expectation`] holds, by name.
+const EXPECTATIONS: [(&str, fn(&Expectation) -> f64); 4] = [
+    ("feasible", |e| e.feasible),
+    ("feasible hit", |e| e.attack),
+    ("R_adv", |e| e.reward),
+    ("P_real", |e| e.penalty),
+];
+
+/// `table.md`.
+///
+/// *Errors*: none that a caller can cause.
+pub fn markdown(table: &Table, policies: &Policies) -> Result<String> {
+    let mut out = String::new();
+    let columns: Vec<&str> = COLUMNS.iter().map(|c| c.name).collect();
+    writeln!(out, "| method | N | {} |", columns.join(" | "))?;
+    writeln!(out, "| --- | --- |{}", " --- |".repeat(COLUMNS.len()))?;
+    for (method, rows) in table {
+        let cells: Vec<String> = COLUMNS.iter().map(|c| cell(open_loop::estimate(c, rows))).collect();
+        writeln!(out, "| {method} | {} | {} |", rows.len(), cells.join(" | "))?;
+    }
+    writeln!(out, "\nSorts of feasible attacks, scenes:\n")?;
+    writeln!(out, "| method | {} | none |", CollisionKind::ALL.map(CollisionKind::name).join(" | "))?;
+    writeln!(out, "| --- |{}", " --- |".repeat(CollisionKind::ALL.len() + 1))?;
+    for (method, rows) in table {
+        let mut kinds: BTreeMap<CollisionKind, usize> = BTreeMap::new();
+        rows.iter().filter(|r| is_attack(r)).filter_map(|r| r.kind).for_each(|k| *kinds.entry(k).or_default() += 1);
+        let counts = CollisionKind::ALL.map(|kind| kinds.get(&kind).copied().unwrap_or(0));
+        let none = rows.len() - counts.iter().sum::<usize>();
+        let counts = counts.map(|n| n.to_string()).join(" | ");
+        writeln!(out, "| {method} | {counts} | {none} |")?;
+    }
+    if !policies.is_empty() {
+        writeln!(out, "\nWithout choice, expectations under the policy:\n")?;
+        writeln!(out, "| policy | N | {} |", EXPECTATIONS.map(|e| e.0).join(" | "))?;
+        writeln!(out, "| --- | --- |{}", " --- |".repeat(EXPECTATIONS.len()))?;
+        for (policy, all) in policies {
+            let cells = EXPECTATIONS.map(|(_, value)| cell(open_loop::mean(all, value)));
+            writeln!(out, "| {policy} | {} | {} |", all.len(), cells.join(" | "))?;
+        }
+    }
+    pairs(&mut out, table)?;
+    Ok(out)
+}
+
+/// Scenes that one method attacks and another does not, for all against the prior of the same place.
+fn pairs(out: &mut String, table: &Table) -> Result<()> {
+    let Some((_, prior)) = table.iter().rev().find(|(name, _)| name.starts_with("prior")) else {
+        return Ok(());
+    };
+    let name = &table.iter().rev().find(|(name, _)| name.starts_with("prior")).map_or("", |(n, _)| n);
+    writeln!(out, "\nScenes attacked feasibly, paired with `{name}`:\n")?;
+    writeln!(out, "| method | only this | only the prior | difference |\n| --- | --- | --- | --- |")?;
+    for (method, rows) in table {
+        let other = |row: &SceneRow| prior.iter().find(|p| p.scene == row.scene).is_some_and(is_attack);
+        let won = rows.iter().filter(|r| is_attack(r) && !other(r)).count();
+        let lost = rows.iter().filter(|r| !is_attack(r) && other(r)).count();
+        writeln!(out, "| {method} | {won} | {lost} | {:+} |", won as i64 - lost as i64)?;
+    }
+    Ok(())
+}
+
+/// `table.csv`: a row a method and measure.
+///
+/// *Errors*: none that a caller can cause.
+pub fn csv(table: &Table, policies: &Policies) -> Result<String> {
+    let mut out = "method,measure,value,low,high,n\n".to_owned();
+    let mut row = |method: &str, measure: &str, e: Option<Estimate>| -> Result<()> {
+        let Some(e) = e else { return Ok(()) };
+        let [method, measure] = [method, measure].map(|text| text.replace(',', ";"));
+        Ok(writeln!(out, "{method},{measure},{},{},{},{}", e.value, e.low, e.high, e.n)?)
+    };
+    for (method, rows) in table {
+        for column in COLUMNS {
+            row(method, column.name, open_loop::estimate(column, rows))?;
+        }
+    }
+    for (policy, all) in policies {
+        for (name, value) in EXPECTATIONS {
+            row(policy, &format!("without choice: {name}"), open_loop::mean(all, value))?;
+        }
+    }
+    Ok(out)
+}
+
+/// `scenes.csv`: a row a scene and method.
+///
+/// *Errors*: none that a caller can cause.
+pub fn scenes_csv(table: &Table) -> Result<String> {
+    let columns: Vec<String> = COLUMNS.iter().map(|c| c.name.replace(',', ";")).collect();
+    let mut out = format!("scene,method,kind,collision_step,{},seconds,note\n", columns.join(","));
+    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+    for (method, rows) in table {
+        for r in rows {
+            let values = COLUMNS.iter().map(|c| (c.value)(r).map_or(String::new(), |v| v.to_string()));
+            writeln!(
+                out,
+                "{},{},{},{},{},{:.6},{}",
+                quoted(&r.scene),
+                quoted(method),
+                r.kind.map_or("", CollisionKind::name),
+                r.paper.collision_step.map_or(String::new(), |step| step.to_string()),
+                values.collect::<Vec<_>>().join(","),
+                r.seconds,
+                quoted(r.note.as_deref().unwrap_or_default()),
+            )?;
+        }
+    }
+    Ok(out)
+}
+
+/// Median seconds of a generation, a method.
+pub fn seconds(rows: &[SceneRow]) -> f64 {
+    statistics::median(&rows.iter().map(|r| r.seconds).collect::<Vec<_>>()).unwrap_or(0.0)
+}
+
+fn cell(estimate: Option<Estimate>) -> String {
+    estimate.map_or("-".to_owned(), |e| format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high))
+}

@@ -1,0 +1,189 @@
+//! How a dial steers: attacks over λ and μ, how even they are, and which of the two does the work.
+//!
+//! Candidates depend on λ alone and μ only chooses among them, so each scene is judged once a λ.
+
+use anyhow::Result;
+use rayon::prelude::*;
+use sage_backbones::training::SceneData;
+use sage_core::{
+    objective::{Context, ContextOptions},
+    seed::Rng,
+    statistics::{self, Estimate},
+};
+use sage_generators::{
+    Aggression, Choice, Judged, Setting, SteeredOptions,
+    choice::best_at,
+};
+use sage_merging::{Experts, Merger};
+
+/// Resamples of an interval.
+const RESAMPLES: usize = 2000;
+
+/// Judged candidates of every scene at several λ.
+pub struct Steering {
+    lambdas: Vec<f64>,
+    /// By λ, then by scene.
+    judged: Vec<Vec<Vec<Judged>>>,
+}
+
+/// What the choice at some λ and μ comes to.
+pub struct Attacks {
+    /// 1 where a feasible way hits, a scene.
+    pub hits: Vec<f64>,
+    /// Adversarial reward, a scene.
+    pub rewards: Vec<f64>,
+}
+
+impl Attacks {
+    /// Share of scenes attacked.
+    pub fn rate(&self) -> f64 {
+        statistics::mean(&self.hits).unwrap_or(0.0)
+    }
+
+    /// Mean reward.
+    pub fn reward(&self) -> f64 {
+        statistics::mean(&self.rewards).unwrap_or(0.0)
+    }
+
+    /// Share of scenes attacked with its 95 % interval.
+    pub fn rate_estimate(&self) -> Option<Estimate> {
+        statistics::bootstrap_mean(&self.hits, RESAMPLES, &mut Rng::new(0, "attack", "dial"))
+    }
+
+    /// Mean reward with its 95 % interval.
+    pub fn reward_estimate(&self) -> Option<Estimate> {
+        statistics::bootstrap_mean(&self.rewards, RESAMPLES, &mut Rng::new(0, "reward", "dial"))
+    }
+}
+
+/// How well attack rates follow the straight line between their ends.
+#[derive(Clone, Copy, Debug)]
+pub struct Evenness {
+    /// Root of the mean squared distance from the line.
+    pub rms: f64,
+    /// Greatest distance.
+    pub worst: f64,
+    /// Greatest step down, scenes.
+    pub step_down: f64,
+    /// Last rate less the first.
+    pub span: f64,
+}
+
+impl Evenness {
+    /// Of attacks at evenly spaced places of a dial.
+    pub fn of(attacks: &[&Attacks]) -> Self {
+        let rates: Vec<f64> = attacks.iter().map(|a| a.rate()).collect();
+        let (low, high) = (rates[0], rates[rates.len() - 1]);
+        let line = |k: usize| low + (high - low) * k as f64 / (rates.len() - 1).max(1) as f64;
+        let off: Vec<f64> = rates.iter().enumerate().map(|(k, rate)| (rate - line(k)).abs()).collect();
+        let scenes = attacks[0].hits.len() as f64;
+        let down = rates.windows(2).map(|pair| pair[0] - pair[1]).fold(0.0, f64::max);
+        Self {
+            rms: (off.iter().map(|d| d * d).sum::<f64>() / off.len() as f64).sqrt(),
+            worst: off.iter().copied().fold(0.0, f64::max),
+            step_down: (down * scenes).round(),
+            span: high - low,
+        }
+    }
+}
+
+/// Share of λ in what turning both from 0 to 1 brings, by Shapley: the mean of what λ adds at μ = 0 and
+/// at μ = 1, over the whole. The rest is μ's.
+pub fn shapley_of_lambda(value: impl Fn(f64, f64) -> f64) -> f64 {
+    let [none, lambda, mu, both] = [value(0.0, 0.0), value(1.0, 0.0), value(0.0, 1.0), value(1.0, 1.0)];
+    0.5 * ((lambda - none) + (both - mu)) / (both - none)
+}
+
+impl Steering {
+    /// Judges the candidates of all scenes at some λ; `step` is called once a λ.
+    ///
+    /// *Errors*: the first scene that fails.
+    pub fn of(
+        scenes: &[SceneData],
+        experts: &Experts,
+        merger: &dyn Merger,
+        (choice, strict): (Choice, bool),
+        lambdas: &[f64],
+        seed: u64,
+        mut step: impl FnMut(),
+    ) -> Result<Self> {
+        let mut judged = Vec::with_capacity(lambdas.len());
+        for &lambda in lambdas {
+            let setting = Setting { experts, merger, lambda, mu: lambda, label: "", choice, strict };
+            let mixture = setting.mixture().map_err(anyhow::Error::msg)?;
+            let steered = SteeredOptions::default().over(String::new(), mixture, &setting);
+            let steered = steered.map_err(anyhow::Error::msg)?;
+            let one = |data: &SceneData| -> Result<Vec<Judged>> {
+                let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
+                Ok(steered.propose(&ctx, seed)?.1)
+            };
+            let all: Vec<_> = scenes.par_iter().with_max_len(1).map(one).collect();
+            judged.push(all.into_iter().collect::<Result<Vec<_>>>()?);
+            step();
+        }
+        Ok(Self { lambdas: lambdas.to_vec(), judged })
+    }
+
+    /// What the choice at a weight μ takes at one of the λ; `None` for a λ that was not asked for.
+    pub fn attacks(&self, lambda: f64, mu: f64) -> Option<Attacks> {
+        let k = self.lambdas.iter().position(|known| (known - lambda).abs() < 1e-9)?;
+        let chosen = |judged: &Vec<Judged>| judged[best_at(judged, mu).0];
+        let all: Vec<Judged> = self.judged[k].iter().map(chosen).collect();
+        let hit = |j: &Judged| f64::from(u8::from(j.hits && j.is_feasible()));
+        Some(Attacks {
+            hits: all.iter().map(hit).collect(),
+            rewards: all.iter().map(|j| j.reward).collect(),
+        })
+    }
+
+    /// The even dial for these scenes, from all λ, which must be evenly spaced.
+    ///
+    /// *Errors*: fewer than two λ.
+    pub fn fit(&self) -> Result<Aggression> {
+        let grid = mu_grid();
+        let rate = |lambda: f64, mu: f64| self.attacks(lambda, mu).map_or(0.0, |attacks| attacks.rate());
+        let rates: Vec<Vec<f64>> =
+            self.lambdas.iter().map(|l| grid.iter().map(|mu| rate(*l, *mu)).collect()).collect();
+        Aggression::fit(&grid, &rates).map_err(anyhow::Error::msg)
+    }
+}
+
+/// Values of μ that a dial is fitted from: fine where the attack rate rises, near 0.
+fn mu_grid() -> Vec<f64> {
+    let fine = (0..50).map(|k| f64::from(k) * 0.002);
+    let middle = (0..40).map(|k| 0.1 + f64::from(k) * 0.005);
+    let coarse = (0..=35).map(|k| 0.3 + f64::from(k) * 0.02);
+    fine.chain(middle).chain(coarse).map(|mu| (mu * 1e6).round() / 1e6).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn attacks(rate: f64) -> Attacks {
+        let hits = (0..10).map(|k| f64::from(u8::from(f64::from(k) < 10.0 * rate - 1e-9))).collect();
+        Attacks { hits, rewards: vec![rate; 10] }
+    }
+
+    #[test]
+    fn a_straight_rise_is_even_and_a_jump_is_not() {
+        let rise = [0.0, 0.2, 0.4, 0.6, 0.8].map(attacks);
+        let even = Evenness::of(&rise.each_ref());
+        assert!(even.rms < 1e-12 && even.step_down == 0.0 && (even.span - 0.8).abs() < 1e-12);
+        let jump = [0.0, 0.8, 0.7, 0.8].map(attacks);
+        let jump = Evenness::of(&jump.each_ref());
+        assert!((jump.worst - (0.8 - 0.8 / 3.0)).abs() < 1e-12 && jump.step_down == 1.0);
+    }
+
+    #[test]
+    fn shapley_divides_what_both_bring() {
+        assert!((shapley_of_lambda(|lambda, mu| 1.0 + lambda + 3.0 * mu) - 0.25).abs() < 1e-12);
+        assert!((shapley_of_lambda(|lambda, mu| lambda * mu) - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_grid_of_mu_rises_from_0_to_1() {
+        let grid = mu_grid();
+        assert!(grid[0] == 0.0 && grid[grid.len() - 1] == 1.0 && grid.windows(2).all(|p| p[0] < p[1]));
+    }
+}

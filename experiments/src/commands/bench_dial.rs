@@ -1,0 +1,142 @@
+//! `sage bench dial`.
+
+use std::fmt::Write as _;
+
+use anyhow::{Context as _, Result};
+use sage_core::statistics;
+use serde_json::json;
+
+use crate::{
+    Outcome, Registries,
+    bench::{
+        dial_chart::{self, Line},
+        steering::{Attacks, Evenness, Steering, shapley_of_lambda},
+    },
+    cli::DialBenchArgs,
+    commands::calibrate::places,
+    networks, output,
+    progress::{self, Progress},
+    scenes,
+};
+
+/// Values of λ and of μ at which each is shown with the other held.
+const LAMBDAS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
+const MUS: [f64; 8] = [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0];
+
+/// One way to turn the dial from 0 to 1.
+struct Way {
+    name: &'static str,
+    /// λ, μ and what came of it.
+    stops: Vec<(f64, f64, Attacks)>,
+}
+
+pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outcome> {
+    output::make_folder(&args.out, args.force)?;
+    let experts = networks::load_experts(&registries.backbones, &args.weights)?;
+    let merger = registries.mergers.build_default("linear")?;
+    let choice = args.choice.into();
+    let dial = networks::load_dial(&args.weights, choice)?;
+    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?);
+    let mut lambdas = places();
+    lambdas.extend(LAMBDAS.into_iter().filter(|l| !places().iter().any(|p| (p - l).abs() < 1e-9)));
+    let mut progress = Progress::new("judged", lambdas.len());
+    let step = || progress.step();
+    let steering = Steering::of(&scenes, &experts, &*merger, (choice, false), &lambdas, args.seed, step)?;
+    progress.finish(&format!("{} values of lambda on {} scenes", lambdas.len(), scenes.len()));
+    let attacks = |lambda: f64, mu: f64| steering.attacks(lambda, mu).context("a lambda was not judged");
+    let stops = |place: &dyn Fn(f64) -> Result<(f64, f64)>| -> Result<Vec<_>> {
+        let stop = |a: f64| {
+            let (lambda, mu) = place(a)?;
+            Ok((lambda, mu, attacks(lambda, mu)?))
+        };
+        places().into_iter().map(stop).collect()
+    };
+    let even = |a: f64| dial.place(a).map_err(anyhow::Error::msg);
+    let ways = [
+        Way { name: "aggression", stops: stops(&even)? },
+        Way { name: "lambda = mu", stops: stops(&|a| Ok((a, a)))? },
+    ];
+    let mut markdown = format!("Choice {}, {} scenes.\n\n", choice.name(), scenes.len());
+    let mut csv = "way,a,lambda,mu,measure,value,low,high,n\n".to_owned();
+    curves(&mut markdown, &mut csv, &ways)?;
+    let rate = |l: f64, m: f64| steering.attacks(l, m).map_or(f64::NAN, |a| a.rate());
+    let reward = |l: f64, m: f64| steering.attacks(l, m).map_or(f64::NAN, |a| a.reward());
+    held(&mut markdown, &rate, &reward)?;
+    let lines = ways.iter().map(|way| Line {
+        name: way.name,
+        rates: way.stops.iter().map(|(_, _, attacks)| attacks.rate()).collect(),
+    });
+    let file = |name: &str, text: &str| output::write_file(&args.out.join(name), text.as_bytes(), true);
+    file("dial.md", &markdown)?;
+    file("dial.csv", &csv)?;
+    file("dial.svg", &dial_chart::draw(&lines.collect::<Vec<_>>())?)?;
+    let record = json!({
+        "command": output::command(), "scenes": scenes.len(), "data": scenes::describe(&scenes),
+        "seed": args.seed, "choice": choice.name(), "version": env!("CARGO_PKG_VERSION"),
+    });
+    file("run.json", &format!("{record:#}\n"))?;
+    output::print(&markdown)?;
+    progress::say(&format!("dial.md, dial.csv, dial.svg and run.json are in `{}`", args.out.display()));
+    Ok(Outcome::Done)
+}
+
+/// Attack and reward along each way, and how even it is.
+fn curves(markdown: &mut String, csv: &mut String, ways: &[Way]) -> Result<()> {
+    for way in ways {
+        writeln!(markdown, "| {} | lambda | mu | attack | R_adv |\n| --- | --- | --- | --- | --- |", way.name)?;
+        for (a, (lambda, mu, attacks)) in places().into_iter().zip(&way.stops) {
+            let measures = [("attack", attacks.rate_estimate()), ("R_adv", attacks.reward_estimate())];
+            let mut cells = Vec::new();
+            for (measure, estimate) in measures {
+                let Some(e) = estimate else { continue };
+                cells.push(format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high));
+                writeln!(
+                    csv,
+                    "{},{a},{lambda},{mu},{measure},{},{},{},{}",
+                    way.name, e.value, e.low, e.high, e.n
+                )?;
+            }
+            writeln!(markdown, "| {a:.1} | {lambda:.2} | {mu:.4} | {} |", cells.join(" | "))?;
+        }
+        let attacks: Vec<&Attacks> = way.stops.iter().map(|(_, _, attacks)| attacks).collect();
+        let even = Evenness::of(&attacks);
+        let order = places();
+        let rank = |value: &dyn Fn(&Attacks) -> f64| {
+            let values: Vec<f64> = attacks.iter().map(|a| value(a)).collect();
+            statistics::rank_correlation(&order, &values)
+        };
+        writeln!(
+            markdown,
+            "\n{}: off the straight line by {:.1} points RMS and {:.1} at most; greatest step down {} scenes; span {:.1} points; rank correlation with attack {:.3}, with R_adv {:.3}.\n",
+            way.name,
+            100.0 * even.rms,
+            100.0 * even.worst,
+            even.step_down,
+            100.0 * even.span,
+            rank(&Attacks::rate),
+            rank(&Attacks::reward),
+        )?;
+    }
+    Ok(())
+}
+
+/// λ at held μ and μ at held λ, and what each brings of the whole.
+fn held(
+    markdown: &mut String,
+    rate: &dyn Fn(f64, f64) -> f64,
+    reward: &dyn Fn(f64, f64) -> f64,
+) -> Result<()> {
+    let head = MUS.map(|mu| format!("mu {mu}")).join(" | ");
+    writeln!(markdown, "Attack / R_adv:\n\n| lambda | {head} |\n| --- |{}", " --- |".repeat(MUS.len()))?;
+    for lambda in LAMBDAS {
+        let cells = MUS.map(|mu| format!("{:.2} / {:.2}", rate(lambda, mu), reward(lambda, mu)));
+        writeln!(markdown, "| {lambda} | {} |", cells.join(" | "))?;
+    }
+    writeln!(
+        markdown,
+        "\nShapley share of lambda in the whole span: {:.2} of the attack rate, {:.2} of R_adv; the rest is the choice's (mu).",
+        shapley_of_lambda(rate),
+        shapley_of_lambda(reward)
+    )?;
+    Ok(())
+}

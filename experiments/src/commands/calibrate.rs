@@ -1,0 +1,66 @@
+//! `sage calibrate`: the even dial of some experts.
+
+use anyhow::{Context as _, Result, bail};
+
+use crate::{
+    Outcome, Registries,
+    bench::steering::{Evenness, Steering},
+    cli::CalibrateArgs,
+    networks::{self, Dials, FittedDial},
+    output,
+    progress::{self, Progress},
+    scenes,
+};
+
+/// Places of the dial.
+pub(crate) const PLACES: usize = 11;
+
+/// Evenly spaced values from 0 to 1.
+pub(crate) fn places() -> Vec<f64> {
+    (0..PLACES).map(|k| k as f64 / (PLACES - 1) as f64).collect()
+}
+
+pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outcome> {
+    if args.out.exists() && !args.force {
+        bail!("`{}` exists; name another file or use --force", args.out.display());
+    }
+    let experts = networks::load_experts(&registries.backbones, &args.weights)?;
+    let merger = registries.mergers.build_default("linear")?;
+    let scenes = scenes::read(&args.paths, &args.split, args.made, args.seed)?;
+    let scenes = scenes::attackable(scenes);
+    let mut dials = Dials::default();
+    let mut progress = Progress::new("judged", PLACES * args.choice.len());
+    for choice in &args.choice {
+        let choice = (*choice).into();
+        let all = places();
+        let step = || progress.step();
+        let steering = Steering::of(&scenes, &experts, &*merger, (choice, false), &all, args.seed, step)?;
+        let mu = steering.fit()?;
+        let at = |a: &f64| -> Result<_> {
+            let (lambda, mu) = mu.place(*a).map_err(anyhow::Error::msg)?;
+            steering.attacks(lambda, mu).context("a place of the dial was not judged")
+        };
+        let attacks = all.iter().map(at).collect::<Result<Vec<_>>>()?;
+        let even = Evenness::of(&attacks.iter().collect::<Vec<_>>());
+        progress.say(&format!(
+            "choice {}: attack {:.0} % to {:.0} %, off the line by {:.1} points RMS and {:.1} at most",
+            choice.name(),
+            100.0 * attacks[0].rate(),
+            100.0 * attacks[attacks.len() - 1].rate(),
+            100.0 * even.rms,
+            100.0 * even.worst,
+        ));
+        let fitted = FittedDial {
+            mu,
+            attack: attacks.iter().map(|a| (a.rate() * 1e4).round() / 1e4).collect(),
+            data: scenes::describe(&scenes),
+            command: output::command(),
+        };
+        dials.by_choice.insert(choice.name().to_owned(), fitted);
+    }
+    progress.finish(&format!("{} choices on {} scenes", args.choice.len(), scenes.len()));
+    let text = serde_json::to_string_pretty(&dials)? + "\n";
+    output::write_file(&args.out, text.as_bytes(), args.force)?;
+    progress::say(&format!("the dial is `{}`; beside its experts `--aggression` finds it", args.out.display()));
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,237 @@
+//! How everybody else is expected to drive on: what a target can know *now* of where others will be.
+//!
+//! Whoever drives along a lane follows it at an even speed, straight on where it forks; whoever does
+//! not goes on straight; whoever stands stays. The ego gets several ways with weights once a network
+//! has predicted it ([`Outlook::foresee`]).
+
+use sage_core::{
+    geometry::{Aabb, Point, distance, wrap_angle},
+    motion::{DT, HORIZON, NOW, Trajectory},
+    scene::{Map, Scene, SceneIndex, Track, TrackKind},
+};
+
+use super::Frame;
+
+/// Steps from one look ahead to the next, and number of looks.
+pub const STRIDE: usize = 4;
+/// Number of looks ahead.
+pub const LOOKS: usize = HORIZON / STRIDE;
+/// Most others that are looked at, the nearest.
+const OTHERS: usize = 32;
+/// Slower than this is standing, m/s.
+const STANDING: f64 = 0.5;
+/// Farthest that a vehicle is from the middle of the lane it follows, metres …
+const BESIDE: f64 = 2.5;
+/// … and how far it may be turned from it, radians.
+const ALIGNED: f64 = 0.5;
+/// Most segments of lanes that one way passes.
+const PATIENCE: usize = 4096;
+
+/// How somebody may go on: with which probability, and at which acceleration, m/s². Roughly how recorded
+/// vehicles do.
+const MANNERS: [(f32, f64); 3] = [(0.5, 0.0), (0.3, -1.5), (0.2, 1.0)];
+
+/// One way that a road user may go, target frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Way {
+    /// How likely it is.
+    pub weight: f32,
+    /// Half of its length and width, metres.
+    pub half: [f32; 2],
+    /// Whether it stands *now*, and so stays.
+    pub stands: bool,
+    /// Centre and direction (cos, sin) at each look.
+    pub poses: [[f32; 4]; LOOKS],
+}
+
+/// Everybody else's ways.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outlook {
+    /// The ego's ways, the likeliest first; none if the ego is the target or not there *now*.
+    pub ego: Vec<Way>,
+    /// Ways of the others who are there *now*, the nearest first: one of who stands, [`MANNERS`] of
+    /// who drives.
+    pub others: Vec<Way>,
+}
+
+impl Outlook {
+    /// What a target expects of everybody else.
+    pub(super) fn of(scene: &Scene, index: &SceneIndex, target: usize, frame: &Frame) -> Self {
+        let there = |k: usize| k != target && scene.tracks[k].is_valid(NOW);
+        let ways = |k: usize| ahead(scene, index, &scene.tracks[k], frame);
+        let gap = |k: &usize| distance(scene.tracks[*k].point(NOW), frame.origin());
+        let mut others: Vec<usize> =
+            (0..scene.tracks.len()).filter(|&k| k != scene.ego && there(k)).collect();
+        others.sort_by(|a, b| gap(a).total_cmp(&gap(b)).then(a.cmp(b)));
+        others.truncate(OTHERS);
+        Self {
+            ego: if there(scene.ego) { ways(scene.ego) } else { Vec::new() },
+            others: others.into_iter().flat_map(ways).collect(),
+        }
+    }
+
+    /// Replaces what is expected of the ego by predicted futures with their log-probabilities.
+    pub fn foresee(&mut self, futures: &[(f32, &Trajectory)], frame: &Frame) {
+        let Some(known) = self.ego.first() else { return };
+        let (half, stands, [_, _, cos, sin]) = (known.half, known.stands, known.poses[0]);
+        let total: f32 = futures.iter().map(|(p, _)| p.exp()).sum();
+        let way = |(p, path): &(f32, &Trajectory)| {
+            let place = |step: usize| frame.to_local(path.points()[step]).map(|x| x as f32);
+            let (mut last, mut axis) = (place(0), [cos, sin]);
+            let mut poses = [[0.0; 4]; LOOKS];
+            for (look, pose) in poses.iter_mut().enumerate() {
+                let at = place((look + 1) * STRIDE - 1);
+                let [dx, dy] = [at[0] - last[0], at[1] - last[1]];
+                let length = dx.hypot(dy);
+                // Who does not move keeps its direction.
+                if length > 0.1 {
+                    axis = [dx / length, dy / length];
+                }
+                *pose = [at[0], at[1], axis[0], axis[1]];
+                last = at;
+            }
+            Way { weight: p.exp() / total, half, stands, poses }
+        };
+        if total > 0.0 && total.is_finite() {
+            self.ego = futures.iter().map(way).collect();
+        }
+    }
+
+    /// What the target would expect if left and right changed places.
+    pub(super) fn mirrored(&self) -> Self {
+        let mut twin = self.clone();
+        for way in twin.ego.iter_mut().chain(&mut twin.others) {
+            for pose in &mut way.poses {
+                pose[1] = -pose[1];
+                pose[3] = -pose[3];
+            }
+        }
+        twin
+    }
+}
+
+/// The ways a road user may go on, the likeliest first.
+fn ahead(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame) -> Vec<Way> {
+    let (start, velocity) = (track.point(NOW), track.velocity[NOW]);
+    let speed = velocity[0].hypot(velocity[1]).min(super::FASTEST);
+    let stands = speed < STANDING;
+    let follows = track.kind == TrackKind::Vehicle && !stands;
+    let lane = follows.then(|| OnLane::at(scene, index, start, track.heading[NOW])).flatten();
+    let heading = if stands { track.heading[NOW] } else { velocity[1].atan2(velocity[0]) };
+    let (sin, cos) = heading.sin_cos();
+    let half = [track.size[NOW][0], track.size[NOW][1]].map(|size| (0.5 * size) as f32);
+    let way = |(weight, acceleration): (f32, f64)| {
+        let mut lane = lane.clone();
+        let (mut gone, mut poses) = (0.0, [[0.0; 4]; LOOKS]);
+        for (look, pose) in poses.iter_mut().enumerate() {
+            let far = if stands { 0.0 } else { travelled(speed, acceleration, ((look + 1) * STRIDE) as f64 * DT) };
+            let (place, heading) = match &mut lane {
+                Some(lane) => lane.drive(far - gone),
+                None => ([start[0] + far * cos, start[1] + far * sin], heading),
+            };
+            gone = far;
+            let (sin, cos) = (heading - frame.heading()).sin_cos();
+            let [x, y] = frame.to_local(place);
+            *pose = [x as f32, y as f32, cos as f32, sin as f32];
+        }
+        Way { weight, half, stands, poses }
+    };
+    if stands { vec![way((1.0, 0.0))] } else { MANNERS.map(way).into() }
+}
+
+/// Metres gone after some seconds; who brakes stops.
+fn travelled(speed: f64, acceleration: f64, seconds: f64) -> f64 {
+    let seconds = if acceleration < 0.0 { seconds.min(speed / -acceleration) } else { seconds };
+    speed * seconds + 0.5 * acceleration * seconds * seconds
+}
+
+/// A place on a lane that moves along it and beyond it.
+#[derive(Clone)]
+struct OnLane<'m> {
+    map: &'m Map,
+    lane: usize,
+    /// Segment of the lane and metres along it.
+    segment: usize,
+    along: f64,
+    /// Metres left of the middle.
+    offset: f64,
+    /// Segments that may still be passed: a ring of lanes without length has no end.
+    left: usize,
+}
+
+impl<'m> OnLane<'m> {
+    /// The nearest motor lane that leads the way a vehicle is turned.
+    fn at(scene: &'m Scene, index: &SceneIndex, place: Point, heading: f64) -> Option<Self> {
+        let lanes = index.motor_lanes();
+        let mut best: Option<(f64, usize, f64)> = None;
+        for k in lanes.near(&Aabb::around(place, BESIDE)).flatten() {
+            let segment = &lanes.segments()[k];
+            let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
+            if wrap_angle(dy.atan2(dx) - heading).abs() > ALIGNED {
+                continue;
+            }
+            let share = segment.nearest_share(place);
+            let gap = distance(place, segment.at(share));
+            if gap <= BESIDE && best.is_none_or(|(least, ..)| gap < least) {
+                best = Some((gap, k, share));
+            }
+        }
+        let (_, k, share) = best?;
+        let segment = &lanes.segments()[k];
+        let lane = segment.feature as usize;
+        let map = &*scene.map;
+        let points = map.points_of(&map.features[lane]);
+        let first = points.windows(2).position(|w| [w[0][0], w[0][1]] == segment.a && [w[1][0], w[1][1]] == segment.b)?;
+        let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
+        let length = dx.hypot(dy).max(1e-9);
+        let offset = (dx * (place[1] - segment.a[1]) - dy * (place[0] - segment.a[0])) / length;
+        Some(Self { map, lane, segment: first, along: share * length, offset, left: PATIENCE })
+    }
+
+    /// Drives on by some metres; where it is then, and the direction there.
+    fn drive(&mut self, metres: f64) -> (Point, f64) {
+        self.along += metres;
+        loop {
+            let points = self.map.points_of(&self.map.features[self.lane]);
+            let (a, b) = (points[self.segment], points[self.segment + 1]);
+            let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
+            let length = dx.hypot(dy);
+            if self.along > length && self.left > 0 {
+                self.left -= 1;
+                if self.segment + 2 < points.len() {
+                    self.along -= length;
+                    self.segment += 1;
+                    continue;
+                }
+                if let Some(next) = self.straight_on([dx, dy]) {
+                    self.along -= length;
+                    (self.lane, self.segment) = (next, 0);
+                    continue;
+                }
+            }
+            let heading = dy.atan2(dx);
+            let (cos, sin) = if length > 0.0 { (dx / length, dy / length) } else { (1.0, 0.0) };
+            let place = [
+                a[0] + self.along * cos - self.offset * sin,
+                a[1] + self.along * sin + self.offset * cos,
+            ];
+            return (place, heading);
+        }
+    }
+
+    /// The exit that turns least over its whole length.
+    fn straight_on(&self, [dx, dy]: Point) -> Option<usize> {
+        let links = self.map.features[self.lane].lane.as_deref()?;
+        let heading = dy.atan2(dx);
+        let turn = |lane: &usize| {
+            let points = self.map.points_of(&self.map.features[*lane]);
+            let [a, b] = [points[points.len() - 2], points[points.len() - 1]];
+            wrap_angle((b[1] - a[1]).atan2(b[0] - a[0]) - heading).abs()
+        };
+        let known = |lane: &usize| {
+            self.map.features.get(*lane).is_some_and(|f| f.kind.is_motor_lane() && f.points.len() > 1)
+        };
+        let exits = links.exits.iter().copied().filter(known);
+        exits.min_by(|a, b| turn(a).total_cmp(&turn(b)))
+    }
+}

@@ -1,0 +1,153 @@
+//! One even dial for both weights.
+//!
+//! λ mixes the experts and μ weighs the choice; with μ = λ nearly all of the attack comes in the first
+//! tenth of the dial, since any hit outweighs a small difference of penalties. An [`Aggression`] gives
+//! for a in [0, 1] the place (λ, μ): λ = a, and μ from a table fitted such that the attack rate rises
+//! evenly.
+
+use serde::{Deserialize, Serialize};
+
+/// The table: μ at a = 0, 1/n, … 1.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
+pub struct Aggression {
+    mu: Vec<f64>,
+}
+
+impl Aggression {
+    /// A table from its values of μ.
+    ///
+    /// *Errors*: fewer than two, one outside [0, 1], or one smaller than the one before.
+    pub fn new(mu: Vec<f64>) -> Result<Self, String> {
+        if mu.len() < 2 {
+            return Err(format!("a dial of {} values of mu; expected at least 2", mu.len()));
+        }
+        if let Some(bad) = mu.iter().find(|m| !(0.0..=1.0).contains(*m)) {
+            return Err(format!("a dial with mu {bad}; expected 0 to 1"));
+        }
+        match mu.windows(2).find(|pair| pair[1] < pair[0]) {
+            Some(pair) => Err(format!("a dial whose mu falls from {} to {}", pair[0], pair[1])),
+            None => Ok(Self { mu }),
+        }
+    }
+
+    /// λ and μ at an aggression.
+    ///
+    /// *Errors*: one outside [0, 1].
+    pub fn place(&self, aggression: f64) -> Result<(f64, f64), String> {
+        if !(0.0..=1.0).contains(&aggression) {
+            return Err(format!("aggression is {aggression}; expected 0 (realistic) to 1 (adversarial)"));
+        }
+        let last = self.mu.len() - 1;
+        let at = aggression * last as f64;
+        let k = (at as usize).min(last - 1);
+        let share = at - k as f64;
+        Ok((aggression, (1.0 - share) * self.mu[k] + share * self.mu[k + 1]))
+    }
+
+    /// The table under which the attack rate comes nearest to a straight line from its first to its
+    /// last value, in least squares, μ never falling.
+    ///
+    /// `rates[k][m]` is the attack rate at λ = k/n under the m-th of the values `grid` of μ, which rise
+    /// from 0 to 1.
+    ///
+    /// *Errors*: rates of other shapes.
+    pub fn fit(grid: &[f64], rates: &[Vec<f64>]) -> Result<Self, String> {
+        let steps = rates.len();
+        if steps < 2 || grid.len() < 2 || rates.iter().any(|row| row.len() != grid.len()) {
+            return Err(format!("rates of {steps} places at {} values of mu cannot be fitted", grid.len()));
+        }
+        let last = grid.len() - 1;
+        let (low, high) = (rates[0][0], rates[steps - 1][last]);
+        let cost = |k: usize, m: usize| {
+            let line = low + (high - low) * k as f64 / (steps - 1) as f64;
+            (rates[k][m] - line).powi(2)
+        };
+        // Cheapest way to end at each m, and from which m it came; both ends are given.
+        let mut total: Vec<f64> = (0..=last).map(|m| if m == 0 { 0.0 } else { f64::INFINITY }).collect();
+        let mut from = Vec::with_capacity(steps);
+        for k in 1..steps {
+            let (mut best, mut came) = (0, vec![0; last + 1]);
+            let mut next = vec![f64::INFINITY; last + 1];
+            for m in 0..=last {
+                if total[m] < total[best] {
+                    best = m;
+                }
+                came[m] = best;
+                next[m] = total[best] + cost(k, m);
+            }
+            total = next;
+            from.push(came);
+        }
+        let mut chosen = vec![last];
+        for came in from.iter().rev() {
+            let next = came[chosen[chosen.len() - 1]];
+            chosen.push(next);
+        }
+        chosen.reverse();
+        Self::new(chosen.into_iter().map(|m| grid[m]).collect())
+    }
+}
+
+impl TryFrom<Vec<f64>> for Aggression {
+    type Error = String;
+
+    fn try_from(mu: Vec<f64>) -> Result<Self, String> {
+        Self::new(mu)
+    }
+}
+
+impl From<Aggression> for Vec<f64> {
+    fn from(dial: Aggression) -> Self {
+        dial.mu
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn between_its_values_a_table_is_straight_and_lambda_is_the_aggression() {
+        let dial = Aggression::new(vec![0.0, 0.1, 1.0]).unwrap();
+        assert_eq!(dial.place(0.0), Ok((0.0, 0.0)));
+        assert_eq!(dial.place(0.5), Ok((0.5, 0.1)));
+        assert_eq!(dial.place(1.0), Ok((1.0, 1.0)));
+        let (lambda, mu) = dial.place(0.75).unwrap();
+        assert!(lambda == 0.75 && (mu - 0.55).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_fit_makes_a_curved_rate_straight() {
+        // The rate jumps early in μ, as that of a best of many does.
+        let grid: Vec<f64> = (0..=200).map(|m| m as f64 / 200.0).collect();
+        let rate = |mu: f64| 0.1 + 0.8 * mu.powf(0.2);
+        let rates = vec![grid.iter().map(|mu| rate(*mu)).collect(); 11];
+        let dial = Aggression::fit(&grid, &rates).unwrap();
+        for k in 0..=10 {
+            let a = k as f64 / 10.0;
+            let (_, mu) = dial.place(a).unwrap();
+            // One step of the grid next to 0 is a third of the span: the fit is as good as the grid.
+            let line = 0.1 + 0.8 * a;
+            let best = grid.iter().map(|mu| (rate(*mu) - line).abs()).fold(f64::INFINITY, f64::min);
+            assert!((rate(mu) - line).abs() <= best + 1e-9, "a {a}: {} for {line}", rate(mu));
+        }
+    }
+
+    #[test]
+    fn a_rate_that_falls_with_mu_still_gives_a_rising_table() {
+        let grid = [0.0, 0.1, 0.5, 1.0];
+        let rates = vec![vec![0.0, 0.8, 0.4, 1.0], vec![0.0, 0.9, 0.5, 1.0], vec![0.0, 0.5, 0.6, 1.0]];
+        let mu: Vec<f64> = Aggression::fit(&grid, &rates).unwrap().into();
+        assert_eq!(mu, [0.0, 0.5, 1.0]);
+    }
+
+    #[test]
+    fn tables_and_places_out_of_range_are_refused() {
+        for mu in [vec![0.0], vec![0.0, 1.5], vec![0.0, 0.5, 0.4], vec![0.0, f64::NAN]] {
+            assert!(Aggression::new(mu).is_err());
+        }
+        let dial = Aggression::new(vec![0.0, 1.0]).unwrap();
+        assert!(dial.place(1.01).is_err() && dial.place(f64::NAN).is_err());
+    }
+}

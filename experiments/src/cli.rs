@@ -16,7 +16,7 @@ use sage_data::procedural::Kind;
 use crate::{Outcome, Registries, commands, threads};
 
 pub(crate) use attacking::{CalibrateArgs, DialBenchArgs, GenerateArgs, OpenLoopArgs};
-pub(crate) use learning::{FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
+pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 
 /// Steerable adversarial scenario generation for testing driving software.
 #[derive(Debug, Parser)]
@@ -265,6 +265,7 @@ enum BenchCommand {
     Prediction(PredictionArgs),
     OpenLoop(OpenLoopArgs),
     Dial(DialBenchArgs),
+    Experts(ExpertsArgs),
 }
 
 /// Time the parts that everything else waits for, on one core where the row names no threads.
@@ -333,6 +334,7 @@ impl Cli {
             Command::Generate(args) => commands::generate::run(&args, registries),
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
+            Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),
             Command::Bench(BenchCommand::Dial(args)) => commands::bench_dial::run(&args, registries),
             Command::Bench(BenchCommand::Prediction(args)) => {
                 commands::bench_prediction::run(&args, registries)

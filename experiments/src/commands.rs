@@ -1,6 +1,7 @@
 //! One file a command; each takes plain values and writes to stdout.
 
 pub(crate) mod bench_dial;
+pub(crate) mod bench_experts;
 pub(crate) mod bench_open_loop;
 pub(crate) mod bench_prediction;
 pub(crate) mod bench_speed;

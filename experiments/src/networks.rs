@@ -27,6 +27,9 @@ pub(crate) const DIAL_FILE: &str = "dial.json";
 /// File of a prior in a folder of weights.
 pub(crate) const PRIOR: &str = "prior.safetensors";
 
+/// Before the name of a backbone: its first weights, for a comparison.
+const UNTRAINED: &str = "untrained:";
+
 /// A network with what its file says.
 pub(crate) struct Loaded {
     pub(crate) network: Box<dyn Backbone>,
@@ -35,7 +38,8 @@ pub(crate) struct Loaded {
     pub(crate) name: String,
 }
 
-/// Loads the prior of a name: `procedural`, `waymo`, a folder, a file, or a backbone without weights.
+/// Loads the prior of a name: `procedural`, `waymo`, a folder, a file, a backbone without weights, or
+/// `untrained:` and a backbone.
 ///
 /// *Errors*: no such weights, or weights that do not fit their network.
 pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Loaded> {
@@ -45,6 +49,16 @@ pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Load
             bail!("`{name}` is a network without weights; name a folder of weights, `procedural` or `waymo`");
         }
         let header = Header { backbone: name.to_owned(), ..Header::default() };
+        return Ok(Loaded { network, header, name: name.to_owned() });
+    }
+    if let Some(backbone) = name.strip_prefix(UNTRAINED) {
+        let network = registry.build_default(backbone)?;
+        let header = Header {
+            backbone: backbone.to_owned(),
+            options: network.options().clone(),
+            command: "untrained".to_owned(),
+            ..Header::default()
+        };
         return Ok(Loaded { network, header, name: name.to_owned() });
     }
     let (parameters, header, from) = match name {

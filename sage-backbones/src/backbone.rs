@@ -119,6 +119,22 @@ pub trait Backbone: Send + Sync {
     /// *Errors*: an encoding of another network.
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error>;
 
+    /// Log-probabilities (chosen) of some modes if they were driven along given places instead of the
+    /// network's own paths: where a score depends on the path itself, it is that of these paths.
+    ///
+    /// *Shapes*: `places` (chosen, 20, 2), every fourth step, metres, target frame; `log_probs` (modes)
+    /// are those of [`Backbone::log_probs`].
+    /// *Errors*: an encoding of another network.
+    fn log_probs_along(
+        &self,
+        _encoding: &Encoding,
+        log_probs: &Tensor,
+        modes: &[usize],
+        _places: &Tensor,
+    ) -> Result<Tensor, Error> {
+        Ok(log_probs.index_select(&indices(modes)?, 0)?)
+    }
+
     /// What pretraining makes small.
     ///
     /// *Errors*: features of another network.
@@ -224,6 +240,15 @@ impl Loss {
         }
         Ok(Self { total, parts: values })
     }
+}
+
+/// Modes as a tensor of indices.
+///
+/// *Errors*: none on a CPU.
+pub fn indices(modes: &[usize]) -> candle_core::Result<Tensor> {
+    let modes: Vec<u32> = modes.iter().map(|&mode| mode as u32).collect();
+    let count = modes.len();
+    Tensor::from_vec(modes, count, &Device::Cpu)
 }
 
 /// A table as a tensor (rows, columns).

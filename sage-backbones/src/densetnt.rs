@@ -20,7 +20,7 @@ use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
+    backbone::{Backbone, Encoding, Loss, Role, Sample, indices, tensor},
     encoder::{Encoder, check_size},
     features::{Features, GOAL_COLUMNS, STRIDE, VECTOR_COLUMNS, cat},
     labels,
@@ -244,15 +244,29 @@ impl Backbone for DenseTnt {
         Ok(log_softmax(&scores)?)
     }
 
+    fn log_probs_along(
+        &self,
+        encoding: &Encoding,
+        log_probs: &Tensor,
+        modes: &[usize],
+        places: &Tensor,
+    ) -> Result<Tensor, Error> {
+        if let Some(branch) = self.scorer.steering()
+            && !branch.is_silent()?
+            && let Some(rows) = self.described(encoding)?
+        {
+            return Ok(branch.moved(log_probs, modes, rows, places, encoding.features())?);
+        }
+        Ok(log_probs.index_select(&indices(modes)?, 0)?)
+    }
+
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
         Ok(encoding.features().goals.clone())
     }
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         let [_, _, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
-        let index: Vec<u32> = modes.iter().map(|&mode| mode as u32).collect();
-        let index = Tensor::from_vec(index, modes.len(), goals.device())?;
-        let rows = goals.index_select(&index, 0)?;
+        let rows = goals.index_select(&indices(modes)?, 0)?;
         let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| encoding.features().goals[mode]).collect();
         self.decode(encoding, &rows, &ends, 1)
     }

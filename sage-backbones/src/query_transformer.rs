@@ -18,7 +18,7 @@ use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Encoding, Loss, Role, Sample, tensor},
+    backbone::{Backbone, Encoding, Loss, Role, Sample, indices, tensor},
     candidates::suppressed,
     encoder::{Encoder, check_size},
     features::{Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
@@ -130,6 +130,14 @@ impl QueryTransformer {
         self.parts.score_out.forward(&hidden)?.squeeze(1)
     }
 
+    /// What the steering branch sees of all paths.
+    fn described<'e>(&self, encoding: &'e Encoding, paths: &Tensor) -> Result<Option<&'e Tensor>, Error> {
+        encoding.described(|| {
+            let places = smooth_path::every(&paths.detach(), STRIDE)?;
+            Ok(steering_branch::describe(&places, encoding.features())?)
+        })
+    }
+
     fn constant(&self, values: Vec<f64>, shape: (usize, usize)) -> candle_core::Result<Tensor> {
         Tensor::from_vec(values, shape, &Device::Cpu)?.to_dtype(self.dtype)
     }
@@ -214,15 +222,27 @@ impl Backbone for QueryTransformer {
         let [queries, target, paths] = self.states(encoding)?;
         let mut scores = self.raw_scores(queries, target)?;
         if !self.parts.steering.is_silent()?
-            && let Some(rows) =
-                encoding.described(|| {
-                let places = smooth_path::every(&paths.detach(), STRIDE)?;
-                Ok(steering_branch::describe(&places, encoding.features())?)
-            })?
+            && let Some(rows) = self.described(encoding, paths)?
         {
             scores = (scores + self.parts.steering.forward(rows)?)?;
         }
         Ok(log_softmax(&scores)?)
+    }
+
+    fn log_probs_along(
+        &self,
+        encoding: &Encoding,
+        log_probs: &Tensor,
+        modes: &[usize],
+        places: &Tensor,
+    ) -> Result<Tensor, Error> {
+        let [.., paths] = self.states(encoding)?;
+        if !self.parts.steering.is_silent()?
+            && let Some(rows) = self.described(encoding, paths)?
+        {
+            return Ok(self.parts.steering.moved(log_probs, modes, rows, places, encoding.features())?);
+        }
+        Ok(log_probs.index_select(&indices(modes)?, 0)?)
     }
 
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
@@ -233,8 +253,7 @@ impl Backbone for QueryTransformer {
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         let [.., paths] = self.states(encoding)?;
-        let index: Vec<u32> = modes.iter().map(|&mode| mode as u32).collect();
-        Ok(paths.index_select(&Tensor::from_vec(index, modes.len(), &Device::Cpu)?, 0)?)
+        Ok(paths.index_select(&indices(modes)?, 0)?)
     }
 
     fn loss(&self, sample: &Sample) -> Result<Loss, Error> {

@@ -8,6 +8,7 @@
 use candle_core::{DType, Device, Result, Tensor};
 
 use crate::{
+    backbone::indices,
     features::{Features, LOOKS, STRIDE, Way},
     nn::{Linear, Mlp},
     parameters::Scope,
@@ -52,6 +53,23 @@ impl SteeringBranch {
     pub(crate) fn forward(&self, rows: &Tensor) -> Result<Tensor> {
         let x = self.second.forward(&self.first.forward(rows)?)?;
         self.last.forward(&x)?.squeeze(1)
+    }
+
+    /// Log-probabilities of some modes if they were driven along other places than those that
+    /// `described` rows (modes) tell of.
+    pub(crate) fn moved(
+        &self,
+        log_probs: &Tensor,
+        modes: &[usize],
+        described: &Tensor,
+        places: &Tensor,
+        features: &Features,
+    ) -> Result<Tensor> {
+        let index = indices(modes)?;
+        let log_probs = log_probs.index_select(&index, 0)?;
+        let Some(rows) = describe(places, features)? else { return Ok(log_probs) };
+        let own = self.forward(&described.index_select(&index, 0)?)?;
+        (log_probs - own)? + self.forward(&rows)?
     }
 }
 

@@ -16,6 +16,7 @@ mod oracle;
 mod random_goals;
 mod rule;
 mod steered;
+mod timing;
 
 pub use aggression::Aggression;
 pub use apply::attacked;

@@ -1,4 +1,4 @@
-//! Oracle search: the best of *all* goals of a prior, knowing the ego's way. A ceiling for anything
+//! Oracle search: the best of *all* goals of a prior at all paces, knowing the ego's way. A ceiling for anything
 //! that proposes from the same goals.
 
 use std::sync::Arc;
@@ -12,7 +12,12 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{Method, Setting, choice::Judge, steered::in_scene};
+use crate::{
+    Method, Setting,
+    choice::Judge,
+    steered::in_scene,
+    timing::{PACES, at_pace},
+};
 
 /// The search.
 pub struct Oracle {
@@ -36,10 +41,13 @@ impl Generator for Oracle {
             let encoding = self.prior.encode(Arc::new(features))?;
             let ends = self.prior.mode_ends(&encoding)?;
             let modes: Vec<usize> = (0..ends.len()).collect();
-            let mut paths = to_world(&self.prior.trajectories(&encoding, &modes)?, encoding.features())?;
+            let plain = to_world(&self.prior.trajectories(&encoding, &modes)?, encoding.features())?;
+            let origin = encoding.features().frame.origin();
+            let paced = PACES.iter().flat_map(|bend| plain.iter().map(|path| at_pace(path, origin, *bend)));
+            let mut paths = paced.collect::<Result<Vec<_>, Error>>()?;
             let judged: Vec<_> = paths.iter().map(|path| self.judge.judge(path, 0.0, ctx)).collect();
             let (best, note) = self.judge.choose(&judged);
-            let goal = Some(encoding.features().frame.to_world(ends[best].map(f64::from)));
+            let goal = Some(encoding.features().frame.to_world(ends[best % ends.len()].map(f64::from)));
             // One candidate: the thousands that lost are of no use to anyone.
             let candidates = vec![Proposed { trajectory: paths.swap_remove(best), log_prob: None, goal }];
             Ok(Attack { candidates, chosen: 0, note })

@@ -6,6 +6,7 @@ use sage_backbones::{Backbone, backbone::to_world};
 use sage_core::{
     Error,
     generator::{Attack, Generator, Proposed},
+    motion::Trajectory,
     objective::Context,
     registry::Entry,
     seed::Rng,
@@ -17,9 +18,10 @@ use crate::{
     choice::{Judge, drivable},
     method::check_candidates,
     steered::{SPARE, in_scene},
+    timing::{PACES, at_pace},
 };
 
-/// Goals drawn evenly, decoded by a prior.
+/// Goals and paces drawn evenly, decoded by a prior.
 pub struct RandomGoals {
     /// Name for tables.
     pub name: String,
@@ -46,6 +48,10 @@ impl Generator for RandomGoals {
             Rng::new(seed, &scene.id, "random goals").shuffle(&mut modes);
             modes.truncate(SPARE * self.candidates);
             let paths = to_world(&self.prior.trajectories(&encoding, &modes)?, encoding.features())?;
+            let origin = encoding.features().frame.origin();
+            let mut rng = Rng::new(seed, &scene.id, "random paces");
+            let mut pace = |path: &Trajectory| at_pace(path, origin, PACES[rng.below(PACES.len())]);
+            let paths = paths.iter().map(&mut pace).collect::<Result<Vec<_>, Error>>()?;
             let kept = drivable(&paths, self.candidates, ctx);
             let modes: Vec<usize> = kept.iter().map(|&k| modes[k]).collect();
             let paths: Vec<_> = kept.iter().map(|&k| paths[k].clone()).collect();

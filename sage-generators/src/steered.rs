@@ -6,14 +6,17 @@ use std::sync::Arc;
 
 use sage_backbones::{
     Backbone,
-    backbone::to_world,
+    backbone::{Encoding, to_world},
     candidates::{Selection, choose},
-    candle::DType,
+    candle::{DType, Device, Tensor},
+    features::{LOOKS, STRIDE},
     foresight::foreseeing,
 };
 use sage_core::{
     Error,
     generator::{Attack, Generator, Proposed},
+    geometry::distance,
+    motion::{HORIZON, Trajectory},
     objective::Context,
     registry::Entry,
     seed::Rng,
@@ -24,10 +27,21 @@ use crate::{
     Method, Setting,
     choice::{Judge, Judged, drivable},
     method::check_candidates,
+    timing::{PACES, at_pace},
 };
 
 /// Modes looked at for each candidate: those that no car could drive are passed over.
 pub(crate) const SPARE: usize = 3;
+
+/// Log of how rarely another pace than the network's own is taken where no path is preferred.
+const RARELY: f32 = -1.5;
+
+/// A mode at a pace.
+struct Paced {
+    mode: usize,
+    log_prob: f32,
+    path: Trajectory,
+}
 
 /// The generator over one network.
 pub struct Steered {
@@ -76,24 +90,78 @@ impl Steered {
         let numbers = |network: &dyn Backbone| -> Result<Vec<f32>, sage_backbones::Error> {
             Ok(network.log_probs(&encoding)?.to_dtype(DType::F32)?.to_vec1()?)
         };
-        let log_probs = numbers(&*self.network)?;
+        let log_probs = self.network.log_probs(&encoding)?;
         let under_prior = if self.judge.needs_surprise() { numbers(&*self.prior)? } else { Vec::new() };
         let ends = self.network.mode_ends(&encoding)?;
         let mut rng = Rng::new(seed, &scene.id, "candidates");
-        let modes = choose(&log_probs, &ends, SPARE * self.candidates, self.selection, &mut rng);
+        let policy = log_probs.to_dtype(DType::F32)?.to_vec1::<f32>()?;
+        let modes = choose(&policy, &ends, SPARE * self.candidates, self.selection, &mut rng);
         let paths = to_world(&self.network.trajectories(&encoding, &modes)?, encoding.features())?;
+        let paced = self.paced(&encoding, &log_probs, &modes, paths)?;
+        let paths: Vec<Trajectory> = paced.iter().map(|p| p.path.clone()).collect();
         let (mut proposed, mut judged) = (Vec::new(), Vec::new());
         for k in drivable(&paths, self.candidates, ctx) {
-            let mode = modes[k];
-            let surprise = under_prior.get(mode).map_or(0.0, |log_prob| -f64::from(*log_prob));
-            judged.push(self.judge.judge(&paths[k], surprise, ctx));
+            let Paced { mode, log_prob, path } = &paced[k];
+            let surprise = under_prior.get(*mode).map_or(0.0, |log_prob| -f64::from(*log_prob));
+            judged.push(self.judge.judge(path, surprise, ctx));
             proposed.push(Proposed {
-                trajectory: paths[k].clone(),
-                log_prob: Some(f64::from(log_probs[mode])),
-                goal: Some(encoding.features().frame.to_world(ends[mode].map(f64::from))),
+                trajectory: path.clone(),
+                log_prob: Some(f64::from(*log_prob)),
+                goal: Some(encoding.features().frame.to_world(ends[*mode].map(f64::from))),
             });
         }
         Ok((proposed, judged))
+    }
+
+    /// The modes at several paces, the likeliest first, those left out that are too much like a likelier
+    /// one at half time and at the end.
+    fn paced(
+        &self,
+        encoding: &Encoding,
+        log_probs: &Tensor,
+        modes: &[usize],
+        paths: Vec<Trajectory>,
+    ) -> Result<Vec<Paced>, sage_backbones::Error> {
+        let frame = encoding.features().frame;
+        let mut all = Vec::with_capacity(PACES.len() * modes.len());
+        let mut places = Vec::with_capacity(2 * LOOKS * PACES.len() * modes.len());
+        for bend in PACES {
+            for (&mode, path) in modes.iter().zip(&paths) {
+                let path = at_pace(path, frame.origin(), bend)?;
+                let looks = path.points().iter().skip(STRIDE - 1).step_by(STRIDE);
+                places.extend(looks.flat_map(|p| frame.to_local(*p)).map(|x| x as f32));
+                all.push(Paced { mode, log_prob: 0.0, path });
+            }
+        }
+        let chosen: Vec<usize> = all.iter().map(|p| p.mode).collect();
+        let places = Tensor::from_vec(places, (all.len(), LOOKS, 2), &Device::Cpu)?;
+        let places = places.to_dtype(log_probs.dtype())?;
+        let found = self.network.log_probs_along(encoding, log_probs, &chosen, &places)?;
+        for (k, (paced, log_prob)) in
+            all.iter_mut().zip(found.to_dtype(DType::F32)?.to_vec1::<f32>()?).enumerate()
+        {
+            paced.log_prob = if k < modes.len() { log_prob } else { log_prob + RARELY };
+        }
+        // Stable: of equals the plain pace comes first.
+        all.sort_by(|a, b| b.log_prob.total_cmp(&a.log_prob));
+        let mut kept: Vec<Paced> = Vec::with_capacity(modes.len());
+        let Selection::Nms { radius } = self.selection else { return Ok(all) };
+        for paced in all {
+            let gap = |step: usize, other: &Paced| {
+                distance(paced.path.points()[step], other.path.points()[step])
+            };
+            // Half the distance counts at half time.
+            let apart = |other: &Paced| {
+                gap(HORIZON - 1, other).max(2.0 * gap(HORIZON / 2 - 1, other)) >= f64::from(radius)
+            };
+            if kept.iter().all(apart) {
+                kept.push(paced);
+            }
+            if kept.len() == SPARE * self.candidates {
+                break;
+            }
+        }
+        Ok(kept)
     }
 }
 

@@ -79,7 +79,8 @@ pub(crate) struct FinetuneArgs {
     /// Number of scenes to make where no path is given.
     #[arg(long, value_name = "N", default_value_t = 200)]
     pub made: u64,
-    /// Weights of the prior: procedural, waymo, a folder or a file.
+    /// Weights of the prior: procedural, waymo, a folder or a file; untrained:densetnt for one that
+    /// has learnt nothing.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub prior: String,
     /// Pairs of ego and adversary taken from each scene beside its own: more to tune on.
@@ -97,6 +98,31 @@ pub(crate) struct FinetuneArgs {
     /// Write into a folder that holds something.
     #[arg(long)]
     pub force: bool,
+}
+
+/// Compare two ways to tune experts, each in several seeds, paired by scene.
+///
+/// What the policies do without choice, what the best of 32 candidates does, and how fast the
+/// adversarial experts learnt.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage bench experts target/data/womd_cat500/val --a hgpo-0,hgpo-1 --b dpo-0,dpo-1"
+)]
+pub(crate) struct ExpertsArgs {
+    /// Scene files and folders.
+    #[arg(required = true, value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Folders of experts of one sort, with commas.
+    #[arg(long, value_name = "DIRS", required = true, value_delimiter = ',')]
+    pub a: Vec<String>,
+    /// Folders of the other sort.
+    #[arg(long, value_name = "DIRS", required = true, value_delimiter = ',')]
+    pub b: Vec<String>,
+    /// Seed of the candidates.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
 }
 
 /// Predict what a vehicle of a scene may do in the next eight seconds.

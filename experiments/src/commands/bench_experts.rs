@@ -1,0 +1,150 @@
+//! `sage bench experts`: two ways to tune, several seeds each, paired by scene.
+
+use std::{fmt::Write as _, path::Path};
+
+use anyhow::{Context as _, Result, bail};
+use rayon::prelude::*;
+use sage_backbones::training::{Expectation, SceneData, TunedScene};
+use sage_core::{
+    seed::Rng,
+    statistics::{self, Estimate},
+};
+use sage_generators::Choice;
+
+use crate::{
+    Outcome, Registries,
+    bench::{open_loop, steering::Steering},
+    cli::ExpertsArgs,
+    networks, output,
+    progress::Progress,
+    scenes,
+};
+
+/// Resamples of an interval.
+const RESAMPLES: usize = 2000;
+
+/// What is measured of experts, a scene each.
+const MEASURES: [&str; 8] = [
+    "adversarial: feasible",
+    "adversarial: feasible hit",
+    "adversarial: R_adv",
+    "adversarial: P_real",
+    "realistic: feasible",
+    "realistic: feasible hit",
+    "realistic: P_real",
+    "best of 32 at lambda 1: attack",
+];
+
+/// Values of each measure, by scene.
+type Values = Vec<Vec<f64>>;
+
+pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome> {
+    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?);
+    let mut progress = Progress::new("measured", args.a.len() + args.b.len());
+    let mut group = |folders: &[String]| -> Result<Values> {
+        let mut all = Vec::new();
+        for folder in folders {
+            all.push(values(registries, folder, &scenes, args.seed)?);
+            progress.step();
+        }
+        Ok(mean_over_folders(&all))
+    };
+    let (a, b) = (group(&args.a)?, group(&args.b)?);
+    progress.finish(&format!("{} folders on {} scenes", args.a.len() + args.b.len(), scenes.len()));
+    let mut out = format!(
+        "A: {}; B: {}. Means over seeds, {} scenes, paired by scene.\n\n| measure | A | B | A − B | better in A | in B |\n| --- | --- | --- | --- | --- | --- |\n",
+        args.a.join(", "),
+        args.b.join(", "),
+        scenes.len()
+    );
+    for ((name, a), b) in MEASURES.iter().zip(&a).zip(&b) {
+        let gaps: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+        let more = |sign: f64| gaps.iter().filter(|gap| sign * **gap > 1e-9).count();
+        let cells = [a, b, &gaps].map(|values| cell(values, name));
+        writeln!(out, "| {name} | {} | {} | {} |", cells.join(" | "), more(1.0), more(-1.0))?;
+    }
+    learning(&mut out, args)?;
+    output::print(&out)?;
+    Ok(Outcome::Done)
+}
+
+/// All measures of the experts in a folder.
+fn values(registries: &Registries, folder: &str, scenes: &[SceneData], seed: u64) -> Result<Values> {
+    let experts = networks::load_experts(&registries.backbones, folder)?;
+    let merger = registries.mergers.build_default("linear")?;
+    let prior = experts.prior();
+    let prepared: Vec<_> =
+        scenes.par_iter().with_max_len(1).map(|data| TunedScene::new(prior, data, false)).collect();
+    let prepared: Vec<TunedScene> =
+        prepared.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+    let expectations = |lambda| -> Result<Vec<Expectation>> {
+        let network = prior.rebuilt(merger.merge(&experts, lambda)?)?;
+        open_loop::expectations(&prepared, &*network)
+    };
+    let (adversarial, realistic) = (expectations(1.0)?, expectations(0.0)?);
+    let of = |all: &[Expectation], value: fn(&Expectation) -> f64| all.iter().map(value).collect();
+    let choice = (Choice::Paper, false);
+    let steering = Steering::of(scenes, &experts, &*merger, choice, &[1.0], seed, || ())?;
+    let attacks = steering.attacks(1.0, 1.0).context("lambda 1 was not judged")?;
+    Ok(vec![
+        of(&adversarial, |e| e.feasible),
+        of(&adversarial, |e| e.attack),
+        of(&adversarial, |e| e.reward),
+        of(&adversarial, |e| e.penalty),
+        of(&realistic, |e| e.feasible),
+        of(&realistic, |e| e.attack),
+        of(&realistic, |e| e.penalty),
+        attacks.hits,
+    ])
+}
+
+fn mean_over_folders(all: &[Values]) -> Values {
+    let mean = |measure: usize, scene: usize| {
+        all.iter().map(|values| values[measure][scene]).sum::<f64>() / all.len() as f64
+    };
+    (0..MEASURES.len()).map(|m| (0..all[0][m].len()).map(|s| mean(m, s)).collect()).collect()
+}
+
+fn cell(values: &[f64], name: &str) -> String {
+    let estimate: Option<Estimate> =
+        statistics::bootstrap_mean(values, RESAMPLES, &mut Rng::new(0, name, "experts"));
+    estimate.map_or("-".to_owned(), |e| format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high))
+}
+
+/// Columns of `finetune.csv` that tell how fast the adversarial expert learnt.
+const LEARNING: [&str; 5] =
+    ["pairs", "pairs_by_feasibility", "expected_feasible", "expected_attack", "expected_reward"];
+
+/// What the adversarial experts were over training, means over seeds, from `finetune.csv`.
+fn learning(out: &mut String, args: &ExpertsArgs) -> Result<()> {
+    writeln!(out, "\nThe adversarial expert over training, on the scenes it was tuned on:\n")?;
+    writeln!(out, "| | epoch | {} |\n| --- | --- |{}", LEARNING.join(" | "), " --- |".repeat(LEARNING.len()))?;
+    for (name, folders) in [("A", &args.a), ("B", &args.b)] {
+        let curves = folders.iter().map(|folder| curve(Path::new(folder))).collect::<Result<Vec<_>>>()?;
+        for epoch in 0..curves.iter().map(Vec::len).min().unwrap_or(0) {
+            let mean = |k: usize| curves.iter().map(|c| c[epoch][k]).sum::<f64>() / curves.len() as f64;
+            let cells: Vec<String> = (0..LEARNING.len()).map(|k| format!("{:.3}", mean(k))).collect();
+            writeln!(out, "| {name} | {} | {} |", epoch + 1, cells.join(" | "))?;
+        }
+    }
+    Ok(())
+}
+
+/// Rows of the adversarial expert in `finetune.csv`, the columns of [`LEARNING`]; none without the file.
+fn curve(folder: &Path) -> Result<Vec<Vec<f64>>> {
+    let file = folder.join("finetune.csv");
+    let Ok(text) = std::fs::read_to_string(&file) else { return Ok(Vec::new()) };
+    let mut lines = text.lines();
+    let head: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+    let place = |name: &&str| head.iter().position(|column| column == name);
+    let Some(places) = LEARNING.iter().map(place).collect::<Option<Vec<_>>>() else {
+        bail!("`{}` has no columns {}", file.display(), LEARNING.join(", "));
+    };
+    let row = |line: &str| -> Result<Vec<f64>> {
+        let cells: Vec<&str> = line.split(',').collect();
+        let number = |&k: &usize| cells.get(k).and_then(|cell| cell.parse().ok());
+        let numbers: Option<Vec<f64>> = places.iter().map(number).collect();
+        numbers.with_context(|| format!("`{}`: row `{line}` is not of the head's columns", file.display()))
+    };
+    lines.filter(|line| line.starts_with("adversarial,")).map(row).collect()
+}

@@ -45,7 +45,7 @@ fn generate_changes_the_adversarys_future_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let scene = example();
-    for method in ["sage", "prior", "random", "oracle", "cat", "rule", "log"] {
+    for method in ["sage", "prior", "most-likely", "random", "oracle", "cat", "rule", "log"] {
         let arguments = ["generate", &scene, "--method", method, "--json", "--force", "--out", text(&out)];
         let output = sage(&[&arguments[..], &WEIGHTS].concat());
         let row: Value = serde_json::from_str(stdout(&output).trim()).unwrap();
@@ -70,7 +70,14 @@ fn generate_changes_the_adversarys_future_and_nothing_else() {
         let source = Recording::read(Path::new(&scene)).unwrap().scene;
         let adversary = source.adversary.unwrap();
         for ending in ["pkl", "safetensors"] {
-            let made = Recording::read(&out.join(format!("crossing.{ending}"))).unwrap().scene;
+            let made = Recording::read(&out.join(format!("crossing.{ending}"))).unwrap();
+            let document = made.document().unwrap().unwrap();
+            let metadata = document.get(document.root(), "metadata").unwrap();
+            let told =
+                document.get(metadata, sage_data::PROVENANCE).and_then(|id| document.text(id)).unwrap();
+            let told: Value = serde_json::from_str(told).unwrap();
+            assert_eq!((&told["method"], &told["seed"]), (&row["method"], &row["seed"]), "{ending}");
+            let made = made.scene;
             assert_eq!((made.frames, &made.map, made.ego), (source.frames, &source.map, source.ego));
             for (k, (a, b)) in made.tracks.iter().zip(&source.tracks).enumerate() {
                 if k != adversary {
@@ -135,7 +142,7 @@ fn generate_says_what_is_wrong_and_goes_on_with_the_other_scenes() {
     let other = folder.path().join("other");
     let wrong =
         |more: &[&str]| failure(&[&["generate", &scene, "--out", text(&other)][..], &WEIGHTS, more].concat());
-    assert!(wrong(&["--method", "none"]).contains("unknown method `none`; known: sage, prior"));
+    assert!(wrong(&["--method", "none"]).contains("unknown generator `none`"));
     assert!(wrong(&["--lambda", "1.5"]).contains("going beyond the experts comes later"));
     assert!(wrong(&["--mu", "2"]).contains("mu is 2; expected 0 to 1"));
     assert!(wrong(&["--adversary", "nobody"]).contains("no track `nobody`"));
@@ -248,8 +255,9 @@ fn open_loop_compares_methods_and_keeps_its_table() {
         "sage 0.00",
         "sage 1.00",
         "prior, choice 1.00",
-        "random goals",
-        "oracle search",
+        "most likely 1.00",
+        "random goals, choice 1.00",
+        "oracle, choice 1.00",
         "cat",
         "rule",
         "log",
@@ -257,9 +265,110 @@ fn open_loop_compares_methods_and_keeps_its_table() {
         assert!(table.contains(&format!("| {method} | 3 |")), "{method}: {table}");
     }
     assert!(table.contains("Without choice, expectations under the policy"));
-    for file in ["table.md", "table.csv", "scenes.jsonl", "run.json"] {
+    for file in ["table.md", "table.csv", "scenes.csv", "run.json", "index.html", "00-strongest.svg"] {
         assert!(out.join(file).is_file(), "{file}");
     }
     let csv = std::fs::read_to_string(out.join("table.csv")).unwrap();
     assert!(csv.starts_with("method,measure,value,low,high,n\n") && csv.contains("sage 1.00,attack,"));
+    let page = std::fs::read_to_string(out.join("index.html")).unwrap();
+    assert!(page.contains("<img src=\"00-strongest.svg\"") && !out.join("rows").exists());
+
+    // A run that was broken off goes on: what was kept is read, the rest is run.
+    let run = out.join("run.json");
+    let mut record: Value = serde_json::from_str(&std::fs::read_to_string(&run).unwrap()).unwrap();
+    record["seconds"] = Value::Null;
+    std::fs::write(&run, record.to_string()).unwrap();
+    std::fs::create_dir(out.join("rows")).unwrap();
+    let kept = r#"{"method": "kept", "rows": [], "errors": []}"#;
+    std::fs::write(out.join("rows/000.json"), kept).unwrap();
+    let again = sage(&[&arguments[..], &WEIGHTS].concat());
+    assert!(stdout(&again).contains("| kept | 0 |") && stderr(&again).contains("it goes on"));
+    assert!(stdout(&again).contains("| sage 1.00 | 3 |"));
+    let error = failure(&[&arguments[..], &WEIGHTS].concat());
+    assert!(error.contains("is not empty; give --force"), "a finished run is not gone on with: {error}");
+}
+
+#[test]
+fn one_dial_is_even_refitted_and_kept_beside_its_experts() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = example();
+    let out = folder.path().join("out");
+    let arguments = ["generate", &scene, "--aggression", "0:1:0.5", "--json", "--out", text(&out)];
+    let output = sage(&[&arguments[..], &WEIGHTS].concat());
+    let rows: Vec<Value> = stdout(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(rows.len(), 3);
+    for (row, a) in rows.iter().zip([0.0, 0.5, 1.0]) {
+        assert_eq!((row["aggression"].as_f64(), row["lambda"].as_f64()), (Some(a), Some(a)));
+    }
+    assert_eq!((rows[0]["mu"].as_f64(), rows[2]["mu"].as_f64()), (Some(0.0), Some(1.0)));
+    assert!(out.join("crossing-a0.50.pkl").is_file());
+    let both = ["generate", &scene, "--aggression", "1", "--lambda", "1", "--out", "x"];
+    assert_eq!(sage(&both).status.code(), Some(2));
+
+    let experts = folder.path().join("experts");
+    std::fs::create_dir(&experts).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
+    for file in ["prior", "realistic", "adversarial"].map(|name| format!("{name}.safetensors")) {
+        std::fs::copy(shipped.join(&file), experts.join(&file)).unwrap();
+    }
+    let other = folder.path().join("other");
+    let generate =
+        ["generate", &scene, "--weights", text(&experts), "--aggression", "0.3", "--out", text(&other)];
+    assert!(failure(&generate).contains("`sage calibrate` fits one"));
+    let dial = experts.join("dial.json");
+    let calibrate = [
+        "calibrate",
+        "--made",
+        "8",
+        "--weights",
+        text(&experts),
+        "--choice",
+        "natural",
+        "--out",
+        text(&dial),
+    ];
+    let output = sage(&calibrate);
+    assert!(output.status.success(), "{}", stderr(&output));
+    stdout(&sage(&generate));
+    assert!(failure(&calibrate).contains("exists"));
+
+    let scenes = folder.path().join("scenes");
+    stdout(&sage(&["scenes", "--count", "4", "--out", text(&scenes)]));
+    let report = folder.path().join("dial");
+    let output = sage(&["bench", "dial", text(&scenes), "--weights", text(&experts), "--out", text(&report)]);
+    assert!(stdout(&output).contains("Shapley share of lambda"), "{}", stdout(&output));
+    for file in ["dial.md", "dial.csv", "dial.svg", "run.json"] {
+        assert!(report.join(file).is_file(), "{file}");
+    }
+}
+
+#[test]
+fn a_broken_off_fine_tuning_goes_on_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("quick.json");
+    std::fs::write(&config, r#"{"epochs": 3, "candidates": 16}"#).unwrap();
+    let tune = |out: &Path| {
+        let arguments =
+            ["finetune", "--made", "4", "--roles", "1", "--config", text(&config), "--out", text(out)];
+        Command::new(env!("CARGO_BIN_EXE_sage")).args(arguments).env_remove("SAGE_WEIGHTS").spawn().unwrap()
+    };
+    let [whole, broken] = ["whole", "broken"].map(|name| folder.path().join(name));
+    assert!(tune(&whole).wait().unwrap().success());
+    let mut child = tune(&broken);
+    // Killed as soon as the first expert has a state to go on from.
+    while !broken.join("realistic.state").exists() && child.try_wait().unwrap().is_none() {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let _ = child.kill();
+    child.wait().unwrap();
+    assert!(tune(&broken).wait().unwrap().success());
+    for expert in ["realistic", "adversarial"] {
+        let [a, b] = [&whole, &broken].map(|dir| {
+            let file = dir.join(format!("{expert}.safetensors"));
+            sage_backbones::Parameters::load(&file).unwrap().0.hash().unwrap()
+        });
+        assert_eq!(a, b, "{expert}");
+    }
+    let table = |dir: &Path| std::fs::read_to_string(dir.join("finetune.csv")).unwrap().lines().count();
+    assert_eq!((table(&whole), table(&broken)), (7, 7));
 }

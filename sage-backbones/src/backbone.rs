@@ -108,6 +108,14 @@ pub trait Backbone: Send + Sync {
     /// *Errors*: an encoding of another network.
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error>;
 
+    /// Log-probabilities (chosen) of some modes, up to one number that all modes of the encoding share:
+    /// enough to compare them, and often far less work.
+    ///
+    /// *Errors*: an encoding of another network.
+    fn relative_log_probs(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
+        Ok(self.log_probs(encoding)?.index_select(&indices(modes)?, 0)?)
+    }
+
     /// Where each mode ends, metres, target frame: what suppression compares.
     ///
     /// *Errors*: an encoding of another network.

@@ -123,12 +123,17 @@ impl DenseTnt {
         ))
     }
 
-    /// Scores of goals before the softmax (n), given as rows of goal features.
+    /// Scores of goals before the softmax (n), without the steering branch: of all, or of some.
     ///
     /// *Errors*: an encoding of another network.
-    fn raw_scores(&self, encoding: &Encoding) -> Result<Tensor, Error> {
+    fn raw_scores(&self, encoding: &Encoding, modes: Option<&[usize]>) -> Result<Tensor, Error> {
         let [elements, target, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
-        Ok(self.scorer.forward(goals, elements, target)?)
+        Ok(match modes {
+            Some(modes) => {
+                self.scorer.forward(&goals.index_select(&indices(modes)?, 0)?, elements, target)?
+            }
+            None => self.scorer.forward(goals, elements, target)?,
+        })
     }
 
     /// Paths (n, 80 / `stride`, 2) to goals given as rows of goal features.
@@ -234,7 +239,7 @@ impl Backbone for DenseTnt {
     }
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
-        let mut scores = self.raw_scores(encoding)?;
+        let mut scores = self.raw_scores(encoding, None)?;
         if let Some(branch) = self.scorer.steering()
             && !branch.is_silent()?
             && let Some(rows) = self.described(encoding)?
@@ -242,6 +247,17 @@ impl Backbone for DenseTnt {
             scores = (scores + branch.forward(rows)?)?;
         }
         Ok(log_softmax(&scores)?)
+    }
+
+    fn relative_log_probs(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
+        let scores = self.raw_scores(encoding, Some(modes))?;
+        if let Some(branch) = self.scorer.steering()
+            && !branch.is_silent()?
+            && let Some(rows) = self.described(encoding)?
+        {
+            return Ok((scores + branch.forward(&rows.index_select(&indices(modes)?, 0)?)?)?);
+        }
+        Ok(scores)
     }
 
     fn log_probs_along(
@@ -274,7 +290,7 @@ impl Backbone for DenseTnt {
     fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
         let features = &sample.features;
         let encoding = self.encode(features.clone())?;
-        let log_probs = log_softmax(&self.raw_scores(&encoding)?)?;
+        let log_probs = log_softmax(&self.raw_scores(&encoding, None)?)?;
         let end = labels::end(&sample.future, &sample.valid);
         let (weights, path) = match &features.label {
             Some((label, row)) if !self.is_published() => {

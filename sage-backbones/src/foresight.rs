@@ -54,7 +54,8 @@ fn on_the_road(features: Features) -> Features {
         .filter(|&goal| {
             let [x, y] = features.goals[goal];
             let row = features.goal_features.row(goal);
-            row.get(GoalColumn::Reachable as usize).is_some_and(|on| *on > 0.0) || x * x + y * y < CLOSE * CLOSE
+            row.get(GoalColumn::Reachable as usize).is_some_and(|on| *on > 0.0)
+                || x * x + y * y < CLOSE * CLOSE
         })
         .collect();
     if keep.len() < 8 * FUTURES { features } else { features.with_goals(&keep) }

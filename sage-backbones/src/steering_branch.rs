@@ -147,7 +147,8 @@ impl Looks {
         let row = |k: usize| std::array::from_fn(|look| way.poses[look][k]);
         let (weight, stands, half) = (way.weight, way.stands, way.half);
         let (x, y, cos, sin) = (row(0), row(1), row(2), row(3));
-        Self { weight, stands, half, reach: half[0].hypot(half[1]), x, y, cos, sin, bounds: [0.0; 4] }.bounded()
+        Self { weight, stands, half, reach: half[0].hypot(half[1]), x, y, cos, sin, bounds: [0.0; 4] }
+            .bounded()
     }
 
     /// The target's own boxes along a path from the origin.

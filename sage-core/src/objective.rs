@@ -9,9 +9,9 @@
 mod adversarial;
 mod behavior;
 mod candidate;
+mod collision_kind;
 mod context;
 mod convention;
-mod collision_kind;
 pub mod criticality;
 mod distribution;
 mod kinematic;

@@ -54,7 +54,12 @@ impl Recording {
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
         if is_native(&bytes) {
             let scene = native::decode(&bytes, path)?;
-            return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes), provenance: None });
+            return Ok(Self {
+                path: path.to_owned(),
+                scene,
+                source: Source::Native(bytes),
+                provenance: None,
+            });
         }
         let source = parse(path, bytes)?;
         let scene = metadrive::decode(&source, path)?;

@@ -135,7 +135,7 @@ impl Judge {
         self.choice == Choice::Natural
     }
 
-    /// Judges one way; `surprise` is its −log p under the prior.
+    /// Judges one way; `surprise` is its −log p under the prior, up to what all candidates share.
     pub fn judge(&self, trajectory: &Trajectory, surprise: f64, ctx: &Context) -> Judged {
         let candidate = ctx.candidate(trajectory.clone());
         let encounter = Encounter::of(&candidate, ctx);

@@ -87,11 +87,7 @@ impl Steered {
         let scene = ctx.scene();
         let features = foreseeing(&*self.prior, scene, ctx.index(), scene.adversary_index()?)?;
         let encoding = self.network.encode(Arc::new(features))?;
-        let numbers = |network: &dyn Backbone| -> Result<Vec<f32>, sage_backbones::Error> {
-            Ok(network.log_probs(&encoding)?.to_dtype(DType::F32)?.to_vec1()?)
-        };
         let log_probs = self.network.log_probs(&encoding)?;
-        let under_prior = if self.judge.needs_surprise() { numbers(&*self.prior)? } else { Vec::new() };
         let ends = self.network.mode_ends(&encoding)?;
         let mut rng = Rng::new(seed, &scene.id, "candidates");
         let policy = log_probs.to_dtype(DType::F32)?.to_vec1::<f32>()?;
@@ -99,10 +95,11 @@ impl Steered {
         let paths = to_world(&self.network.trajectories(&encoding, &modes)?, encoding.features())?;
         let paced = self.paced(&encoding, &log_probs, &modes, paths)?;
         let paths: Vec<Trajectory> = paced.iter().map(|p| p.path.clone()).collect();
+        let kept = drivable(&paths, self.candidates, ctx);
+        let surprises = self.surprises(&encoding, kept.iter().map(|&k| paced[k].mode).collect())?;
         let (mut proposed, mut judged) = (Vec::new(), Vec::new());
-        for k in drivable(&paths, self.candidates, ctx) {
+        for (k, surprise) in kept.into_iter().zip(surprises) {
             let Paced { mode, log_prob, path } = &paced[k];
-            let surprise = under_prior.get(*mode).map_or(0.0, |log_prob| -f64::from(*log_prob));
             judged.push(self.judge.judge(path, surprise, ctx));
             proposed.push(Proposed {
                 trajectory: path.clone(),
@@ -111,6 +108,17 @@ impl Steered {
             });
         }
         Ok((proposed, judged))
+    }
+
+    /// −log p of modes under the prior, up to what they share: the choice compares them. Zeros where it
+    /// does not look at them.
+    fn surprises(&self, encoding: &Encoding, modes: Vec<usize>) -> Result<Vec<f64>, sage_backbones::Error> {
+        if !self.judge.needs_surprise() {
+            return Ok(vec![0.0; modes.len()]);
+        }
+        let log_probs = self.prior.relative_log_probs(encoding, &modes)?;
+        let log_probs = log_probs.to_dtype(DType::F64)?.to_vec1::<f64>()?;
+        Ok(log_probs.into_iter().map(|log_prob| -log_prob).collect())
     }
 
     /// The modes at several paces, the likeliest first, those left out that are too much like a likelier
@@ -147,9 +155,8 @@ impl Steered {
         let mut kept: Vec<Paced> = Vec::with_capacity(modes.len());
         let Selection::Nms { radius } = self.selection else { return Ok(all) };
         for paced in all {
-            let gap = |step: usize, other: &Paced| {
-                distance(paced.path.points()[step], other.path.points()[step])
-            };
+            let gap =
+                |step: usize, other: &Paced| distance(paced.path.points()[step], other.path.points()[step]);
             // Half the distance counts at half time.
             let apart = |other: &Paced| {
                 gap(HORIZON - 1, other).max(2.0 * gap(HORIZON / 2 - 1, other)) >= f64::from(radius)
@@ -193,7 +200,12 @@ impl SteeredOptions {
     /// The generator over a network for a setting.
     ///
     /// *Errors*: a setting out of range.
-    pub fn over(self, name: String, network: Arc<dyn Backbone>, setting: &Setting) -> Result<Steered, String> {
+    pub fn over(
+        self,
+        name: String,
+        network: Arc<dyn Backbone>,
+        setting: &Setting,
+    ) -> Result<Steered, String> {
         Ok(Steered {
             name,
             network,

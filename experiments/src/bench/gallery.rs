@@ -85,7 +85,8 @@ fn html_tables(markdown: &str) -> Result<String> {
             inside = is_row;
         }
         if is_row && !line.starts_with("| ---") {
-            let cells = line.trim_matches('|').split('|').map(|cell| format!("<td>{}</td>", escaped(cell.trim())));
+            let cells =
+                line.trim_matches('|').split('|').map(|cell| format!("<td>{}</td>", escaped(cell.trim())));
             writeln!(out, "<tr>{}</tr>", cells.collect::<String>())?;
         } else if !is_row && !line.is_empty() {
             writeln!(out, "<p>{}</p>", escaped(line))?;

@@ -41,7 +41,10 @@ pub fn markdown(table: &Table, policies: &Policies) -> Result<String> {
     writeln!(out, "| --- |{}", " --- |".repeat(CollisionKind::ALL.len() + 1))?;
     for (method, rows) in table {
         let mut kinds: BTreeMap<CollisionKind, usize> = BTreeMap::new();
-        rows.iter().filter(|r| is_attack(r)).filter_map(|r| r.kind).for_each(|k| *kinds.entry(k).or_default() += 1);
+        rows.iter()
+            .filter(|r| is_attack(r))
+            .filter_map(|r| r.kind)
+            .for_each(|k| *kinds.entry(k).or_default() += 1);
         let counts = CollisionKind::ALL.map(|kind| kinds.get(&kind).copied().unwrap_or(0));
         let none = rows.len() - counts.iter().sum::<usize>();
         let counts = counts.map(|n| n.to_string()).join(" | ");

@@ -10,10 +10,7 @@ use sage_core::{
     seed::Rng,
     statistics::{self, Estimate},
 };
-use sage_generators::{
-    Aggression, Choice, Judged, Setting, SteeredOptions,
-    choice::best_at,
-};
+use sage_generators::{Aggression, Choice, Judged, Setting, SteeredOptions, choice::best_at};
 use sage_merging::{Experts, Merger};
 
 /// Resamples of an interval.
@@ -130,10 +127,7 @@ impl Steering {
         let chosen = |judged: &Vec<Judged>| judged[best_at(judged, mu).0];
         let all: Vec<Judged> = self.judged[k].iter().map(chosen).collect();
         let hit = |j: &Judged| f64::from(u8::from(j.hits && j.is_feasible()));
-        Some(Attacks {
-            hits: all.iter().map(hit).collect(),
-            rewards: all.iter().map(|j| j.reward).collect(),
-        })
+        Some(Attacks { hits: all.iter().map(hit).collect(), rewards: all.iter().map(|j| j.reward).collect() })
     }
 
     /// The even dial for these scenes, from all λ, which must be evenly spaced.

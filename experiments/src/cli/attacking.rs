@@ -138,9 +138,7 @@ pub(crate) struct CalibrateArgs {
 /// Measure how the dial steers: attack rates along it, how even they are, and what lambda and mu each
 /// bring.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage bench dial target/data/womd_cat500/val --weights waymo --out dial/"
-)]
+#[command(after_help = "Example:\n  sage bench dial target/data/womd_cat500/val --weights waymo --out dial/")]
 pub(crate) struct DialBenchArgs {
     /// Scene files and folders.
     #[arg(required = true, value_name = "PATH")]

@@ -83,7 +83,11 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
 /// Attack and reward along each way, and how even it is.
 fn curves(markdown: &mut String, csv: &mut String, ways: &[Way]) -> Result<()> {
     for way in ways {
-        writeln!(markdown, "| {} | lambda | mu | attack | R_adv |\n| --- | --- | --- | --- | --- |", way.name)?;
+        writeln!(
+            markdown,
+            "| {} | lambda | mu | attack | R_adv |\n| --- | --- | --- | --- | --- |",
+            way.name
+        )?;
         for (a, (lambda, mu, attacks)) in places().into_iter().zip(&way.stops) {
             let measures = [("attack", attacks.rate_estimate()), ("R_adv", attacks.reward_estimate())];
             let mut cells = Vec::new();

@@ -118,7 +118,12 @@ const LEARNING: [&str; 5] =
 /// What the adversarial experts were over training, means over seeds, from `finetune.csv`.
 fn learning(out: &mut String, args: &ExpertsArgs) -> Result<()> {
     writeln!(out, "\nThe adversarial expert over training, on the scenes it was tuned on:\n")?;
-    writeln!(out, "| | epoch | {} |\n| --- | --- |{}", LEARNING.join(" | "), " --- |".repeat(LEARNING.len()))?;
+    writeln!(
+        out,
+        "| | epoch | {} |\n| --- | --- |{}",
+        LEARNING.join(" | "),
+        " --- |".repeat(LEARNING.len())
+    )?;
     for (name, folders) in [("A", &args.a), ("B", &args.b)] {
         let curves = folders.iter().map(|folder| curve(Path::new(folder))).collect::<Result<Vec<_>>>()?;
         for epoch in 0..curves.iter().map(Vec::len).min().unwrap_or(0) {

@@ -61,6 +61,9 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     progress.finish(&format!("{} choices on {} scenes", args.choice.len(), scenes.len()));
     let text = serde_json::to_string_pretty(&dials)? + "\n";
     output::write_file(&args.out, text.as_bytes(), args.force)?;
-    progress::say(&format!("the dial is `{}`; beside its experts `--aggression` finds it", args.out.display()));
+    progress::say(&format!(
+        "the dial is `{}`; beside its experts `--aggression` finds it",
+        args.out.display()
+    ));
     Ok(Outcome::Done)
 }

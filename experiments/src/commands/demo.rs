@@ -89,9 +89,10 @@ fn keep(args: &DemoArgs, steered: &Steered) -> Result<()> {
         attacked.write(&path("-attacked.safetensors"))?;
         attacked.write(&path("-attacked.pkl"))?;
     }
-    let drawn = AGGRESSIONS.iter().zip(&steered.attacks).map(|(a, (attack, _))| {
-        drawn_path(format!("aggression {a:.2}"), &ctx, attack.trajectory().clone())
-    });
+    let drawn = AGGRESSIONS
+        .iter()
+        .zip(&steered.attacks)
+        .map(|(a, (attack, _))| drawn_path(format!("aggression {a:.2}"), &ctx, attack.trajectory().clone()));
     let picture = Picture { title: scene.id.clone(), candidates: drawn.collect(), ..Picture::default() };
     output::write_file(&path(".svg"), drawing::draw(scene, &picture).as_bytes(), args.force)
 }

@@ -46,8 +46,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     if !method.is_steered() {
         places.truncate(1);
     }
-    let build =
-        |place: &Place| Ok((*place, methods::build(&*method, *place, choosing, &experts, &*merger)?));
+    let build = |place: &Place| Ok((*place, methods::build(&*method, *place, choosing, &experts, &*merger)?));
     let generators = places.iter().map(build).collect::<Result<Vec<_>>>()?;
     output::make_folder(&args.out, args.force)?;
     let mut failed = 0;
@@ -72,7 +71,12 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     Ok(Outcome::Done)
 }
 
-fn one(args: &GenerateArgs, weights: &str, file: &Path, generators: &[(Place, Box<dyn Generator>)]) -> Result<()> {
+fn one(
+    args: &GenerateArgs,
+    weights: &str,
+    file: &Path,
+    generators: &[(Place, Box<dyn Generator>)],
+) -> Result<()> {
     let mut recording = Recording::read(file)?;
     recording.scene = recording.scene.with_roles(None, args.adversary.as_deref())?;
     let scene = recording.scene.clone();

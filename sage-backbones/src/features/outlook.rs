@@ -124,7 +124,8 @@ fn ahead(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame) -> Vec
         let mut lane = lane.clone();
         let (mut gone, mut poses) = (0.0, [[0.0; 4]; LOOKS]);
         for (look, pose) in poses.iter_mut().enumerate() {
-            let far = if stands { 0.0 } else { travelled(speed, acceleration, ((look + 1) * STRIDE) as f64 * DT) };
+            let far =
+                if stands { 0.0 } else { travelled(speed, acceleration, ((look + 1) * STRIDE) as f64 * DT) };
             let (place, heading) = match &mut lane {
                 Some(lane) => lane.drive(far - gone),
                 None => ([start[0] + far * cos, start[1] + far * sin], heading),
@@ -181,7 +182,9 @@ impl<'m> OnLane<'m> {
         let lane = segment.feature as usize;
         let map = &*scene.map;
         let points = map.points_of(&map.features[lane]);
-        let first = points.windows(2).position(|w| [w[0][0], w[0][1]] == segment.a && [w[1][0], w[1][1]] == segment.b)?;
+        let first = points
+            .windows(2)
+            .position(|w| [w[0][0], w[0][1]] == segment.a && [w[1][0], w[1][1]] == segment.b)?;
         let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
         let length = dx.hypot(dy).max(1e-9);
         let offset = (dx * (place[1] - segment.a[1]) - dy * (place[0] - segment.a[0])) / length;
@@ -211,10 +214,8 @@ impl<'m> OnLane<'m> {
             }
             let heading = dy.atan2(dx);
             let (cos, sin) = if length > 0.0 { (dx / length, dy / length) } else { (1.0, 0.0) };
-            let place = [
-                a[0] + self.along * cos - self.offset * sin,
-                a[1] + self.along * sin + self.offset * cos,
-            ];
+            let place =
+                [a[0] + self.along * cos - self.offset * sin, a[1] + self.along * sin + self.offset * cos];
             return (place, heading);
         }
     }

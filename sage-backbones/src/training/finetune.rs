@@ -229,11 +229,7 @@ pub fn finetune(
 }
 
 /// Takes up the state of the same run, if one is kept; the rows so far.
-fn go_on(
-    trainer: &mut Trainer,
-    kept: Option<&Kept>,
-    config: AdamWConfig,
-) -> Result<Vec<FinetuneRow>, Error> {
+fn go_on(trainer: &mut Trainer, kept: Option<&Kept>, config: AdamWConfig) -> Result<Vec<FinetuneRow>, Error> {
     let Some(kept) = kept.filter(|kept| kept.file.is_file()) else { return Ok(Vec::new()) };
     let (state, weights, adam) = Checkpoint::<FinetuneRow>::load(kept.file, config)?;
     if state.identity != kept.identity {

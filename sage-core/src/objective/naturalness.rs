@@ -3,7 +3,7 @@
 //! `P_kin` and `P_beh` prefer a smooth cut across a junction to following the lane. These measures ask
 //! where the lanes are: the nearest one *along* the driving (its heading within 90°), and the nearest of all.
 
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
@@ -84,7 +84,12 @@ pub fn coarse_lane_distance(candidate: &Candidate, ctx: &Context) -> f64 {
 }
 
 fn nearest_along(ctx: &Context, place: Point, axis: Point) -> Option<Nearest> {
-    ctx.index().motor_lanes().nearest(place, FARTHEST, |segment| turn(segment, axis).abs() <= FRAC_PI_2)
+    // Within a quarter turn, without the cost of an angle for every segment looked at.
+    let along = |segment: &Segment| {
+        let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
+        (dx != 0.0 || dy != 0.0) && dx * axis[0] + dy * axis[1] >= 0.0
+    };
+    ctx.index().motor_lanes().nearest(place, FARTHEST, along)
 }
 
 /// Angle from a segment's direction to an axis, radians. A segment without length has none: it counts

@@ -64,7 +64,7 @@ enum Command {
 
 /// Make scenes of each kind, attack them from natural to aggressive, and draw the sweep.
 ///
-/// Prints how often the adversary hits the ego at each lambda, and how it drives; leaves scenes, attacked
+/// Prints how often the adversary hits the ego at each aggression, and how it drives; leaves scenes, attacked
 /// scenes and pictures. The weights are in the binary.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage demo --out demo")]

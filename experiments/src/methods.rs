@@ -4,6 +4,7 @@ use anyhow::{Result, bail};
 use sage_core::generator::Generator;
 use sage_generators::{Aggression, Choice, Method, Setting};
 use sage_merging::{Experts, Merger};
+use serde::Serialize;
 
 /// How candidates are chosen.
 #[derive(Clone, Copy, Debug)]
@@ -13,7 +14,7 @@ pub(crate) struct Choosing {
 }
 
 /// A place of the dial.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub(crate) struct Place {
     /// Where it was put as one dial, if it was.
     pub(crate) aggression: Option<f64>,
@@ -51,24 +52,30 @@ impl Place {
     /// As a table says it.
     pub(crate) fn label(&self) -> String {
         match self.aggression {
-            Some(aggression) => format!("a {aggression:.2}"),
-            None if self.mu == self.lambda => format!("{:.2}", self.lambda),
-            None => format!("{:.2} mu {:.3}", self.lambda, self.mu),
+            Some(aggression) => format!("a {}", short(aggression)),
+            None if self.mu == self.lambda => short(self.lambda),
+            None => format!("{} mu {}", short(self.lambda), short(self.mu)),
         }
     }
 
     /// As a picture says it.
     pub(crate) fn long_label(&self) -> String {
         match self.aggression {
-            Some(aggression) => format!("aggression {aggression:.2}"),
-            None => format!("lambda {:.2}", self.lambda),
+            Some(aggression) => format!("aggression {}", short(aggression)),
+            None => format!("lambda {}", short(self.lambda)),
         }
     }
 
     /// As the name of a file says it.
     pub(crate) fn file_label(&self) -> String {
-        self.aggression.map_or_else(|| format!("{:.2}", self.lambda), |a| format!("a{a:.2}"))
+        self.aggression.map_or_else(|| short(self.lambda), |a| format!("a{}", short(a)))
     }
+}
+
+/// Two digits where they say all, else as many as there are: other places have other labels.
+fn short(x: f64) -> String {
+    let two = format!("{x:.2}");
+    if two.parse() == Ok(x) { two } else { x.to_string() }
 }
 
 /// The generator of a method at a place.

@@ -30,6 +30,11 @@ pub(crate) const PRIOR: &str = "prior.safetensors";
 /// Before the name of a backbone: its first weights, for a comparison.
 const UNTRAINED: &str = "untrained:";
 
+/// Note in the file of an expert: which one it is.
+pub(crate) const EXPERT: &str = "expert";
+/// Note in the file of an expert: hash of the prior it was tuned from.
+pub(crate) const TUNED_FROM: &str = "prior";
+
 /// A network with what its file says.
 pub(crate) struct Loaded {
     pub(crate) network: Box<dyn Backbone>,
@@ -73,6 +78,9 @@ pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Load
             (parameters, header, path)
         }
     };
+    if let Some(expert) = header.notes.get(EXPERT) {
+        bail!("`{}` is the {expert} expert of a prior, no prior; name the folder it lies in", from.display());
+    }
     let network = registry
         .build(&header.backbone, &header.options)
         .with_context(|| format!("`{}` cannot be used", from.display()))?;
@@ -120,16 +128,25 @@ pub(crate) fn default_for(recording: &Recording) -> Result<&'static str> {
 pub(crate) fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Result<Experts> {
     let loaded = load(registry, name)?;
     announce(&loaded);
+    let prior = loaded.network.parameters().hash()?;
     let expert = |expert: &str, embedded: &[u8]| -> Result<Parameters> {
-        let file = format!("{expert}.safetensors");
-        if name == "procedural" {
-            return Ok(Parameters::from_bytes(embedded, Path::new(&file))?.0);
+        let mut path = PathBuf::from(format!("{expert}.safetensors"));
+        let (parameters, header) = if name == "procedural" {
+            Parameters::from_bytes(embedded, &path)?
+        } else {
+            path = find(name)?.with_file_name(&path);
+            if !path.is_file() {
+                bail!("`{}` is not there: `sage finetune` makes experts of a prior", path.display());
+            }
+            Parameters::load(&path)?
+        };
+        if header.notes.get(TUNED_FROM).is_some_and(|from| *from != prior) {
+            bail!(
+                "the {expert} expert `{}` was tuned from another one than the prior beside it",
+                path.display()
+            );
         }
-        let path = find(name)?.with_file_name(&file);
-        if !path.is_file() {
-            bail!("`{}` is not there: `sage finetune` makes experts of a prior", path.display());
-        }
-        Ok(Parameters::load(&path)?.0)
+        Ok(parameters)
     };
     let [realistic, adversarial] = [expert("realistic", REALISTIC)?, expert("adversarial", ADVERSARIAL)?];
     Experts::new(loaded.network, realistic, adversarial).with_context(|| format!("weights `{name}`"))
@@ -137,8 +154,8 @@ pub(crate) fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Res
 
 /// The even dial of some experts under a choice.
 ///
-/// *Errors*: none was fitted.
-pub(crate) fn load_dial(name: &str, choice: Choice) -> Result<Aggression> {
+/// *Errors*: none was fitted, or it was for other experts.
+pub(crate) fn load_dial(name: &str, experts: &Experts, choice: Choice) -> Result<Aggression> {
     let remedy = "`sage calibrate` fits one";
     let (text, from) = if name == "procedural" {
         (DIAL.to_owned(), "weights/procedural (in the binary)".to_owned())
@@ -152,7 +169,15 @@ pub(crate) fn load_dial(name: &str, choice: Choice) -> Result<Aggression> {
     let dial = dials.by_choice.into_iter().find(|(known, _)| *known == choice.name());
     let (_, fitted) =
         dial.with_context(|| format!("`{from}` has no dial for --choice {}: {remedy}", choice.name()))?;
+    if fitted.experts != hashes(experts)? {
+        bail!("the dial in `{from}` was fitted for other experts: {remedy}");
+    }
     Ok(fitted.mu)
+}
+
+/// What tells experts from others.
+pub(crate) fn hashes(experts: &Experts) -> Result<[String; 2]> {
+    Ok([experts.realistic().hash()?, experts.adversarial().hash()?])
 }
 
 /// What `dial.json` holds.
@@ -168,6 +193,8 @@ pub(crate) struct Dials {
 pub(crate) struct FittedDial {
     /// μ at evenly spaced aggressions.
     pub(crate) mu: Aggression,
+    /// Hashes of the realistic and the adversarial expert.
+    pub(crate) experts: [String; 2],
     /// Attack rate there on the scenes it was fitted on.
     pub(crate) attack: Vec<f64>,
     /// The scenes.

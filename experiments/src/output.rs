@@ -40,20 +40,51 @@ pub(crate) fn write_file(path: &Path, bytes: &[u8], force: bool) -> Result<()> {
 }
 
 /// Makes the folder of a run that can be gone on with; `record` tells it from others. Whether the
-/// folder holds the same run, unfinished.
+/// folder holds the same run, unfinished; with `force` it starts anew.
 ///
 /// *Errors*: it holds something else and `force` is not given, or the system refuses.
 pub(crate) fn start_run(folder: &Path, record: &Value, force: bool) -> Result<bool> {
+    if force {
+        begin(folder, record, force)?;
+        return Ok(false);
+    }
     let before = std::fs::read_to_string(folder.join(RUN)).ok();
     let before = before.and_then(|text| serde_json::from_str::<Value>(&text).ok());
     if before.is_some_and(|before| before["run"] == *record && before["seconds"].is_null()) {
         progress::say(&format!("note: `{}` holds this run unfinished; it goes on", folder.display()));
         return Ok(true);
     }
+    begin(folder, record, force)?;
+    Ok(false)
+}
+
+fn begin(folder: &Path, record: &Value, force: bool) -> Result<()> {
     make_folder(folder, force)?;
     let text = json!({"command": command(), "run": record, "seconds": null});
-    write_file(&folder.join(RUN), format!("{text:#}\n").as_bytes(), true)?;
-    Ok(false)
+    write_file(&folder.join(RUN), format!("{text:#}\n").as_bytes(), true)
+}
+
+/// What tells this build of the program from others: a run is gone on with by the same one only.
+pub(crate) fn program() -> String {
+    let bytes = std::env::current_exe().and_then(std::fs::read);
+    bytes.map_or_else(
+        |_| env!("CARGO_PKG_VERSION").to_owned(),
+        |bytes| blake3::hash(&bytes).to_hex()[..16].to_owned(),
+    )
+}
+
+/// Refuses an output file that cannot be written, before the work for it is done.
+///
+/// *Errors*: it exists and `force` is not given, or its folder is not there.
+pub(crate) fn check_file(path: &Path, force: bool) -> Result<()> {
+    if path.exists() && !force {
+        bail!("`{}` exists; name another file or give --force to write over it", path.display());
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    match folder.filter(|folder| !folder.is_dir()) {
+        Some(folder) => bail!("the folder `{}` is not there; make it first", folder.display()),
+        None => Ok(()),
+    }
 }
 
 /// Writes `run.json` of a run that is done.

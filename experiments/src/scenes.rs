@@ -1,6 +1,9 @@
 //! Many scenes in memory.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::HashSet,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context as _, Result, bail};
 use sage_backbones::training::SceneData;
@@ -26,6 +29,9 @@ pub(crate) fn read_all(paths: &[PathBuf]) -> Result<Vec<SceneData>> {
     for path in paths {
         files.extend(folder::scene_files(path)?);
     }
+    // A file named twice is one scene.
+    let mut seen = HashSet::new();
+    files.retain(|file| seen.insert(file.canonicalize().unwrap_or_else(|_| file.clone())));
     let mut progress = Progress::new("read", files.len());
     let mut scenes = Vec::with_capacity(files.len());
     folder::in_order(
@@ -59,9 +65,15 @@ pub(crate) fn make(count: u64, seed: u64) -> Vec<SceneData> {
 /// *Errors*: as [`read_all`]; no such split, or none of its scenes there.
 pub(crate) fn read(paths: &[PathBuf], split: &SplitArgs, made: u64, seed: u64) -> Result<Vec<SceneData>> {
     if paths.is_empty() {
+        if split.splits.is_some() {
+            bail!("--splits chooses among recorded scenes; name their folder");
+        }
         return Ok(make(made, seed));
     }
     let Some(file) = &split.splits else { return read_all(paths) };
+    if split.split.is_none() && split.without_split.is_none() {
+        bail!("--splits needs --split or --without-split to say which scenes count");
+    }
     let known = sage_data::split::read_splits(file)?;
     let names = |split: &Option<String>| -> Result<Option<&Vec<String>>> {
         let Some(split) = split else { return Ok(None) };
@@ -89,7 +101,9 @@ pub(crate) fn read(paths: &[PathBuf], split: &SplitArgs, made: u64, seed: u64) -
 }
 
 /// Those of the scenes that have an adversary in sight and an ego path; says how many have not.
-pub(crate) fn attackable(mut scenes: Vec<SceneData>) -> Vec<SceneData> {
+///
+/// *Errors*: none has.
+pub(crate) fn attackable(mut scenes: Vec<SceneData>) -> Result<Vec<SceneData>> {
     let all = scenes.len();
     scenes.retain(|data| {
         data.scene.adversary().is_ok_and(|adversary| adversary.is_valid(NOW))
@@ -101,7 +115,10 @@ pub(crate) fn attackable(mut scenes: Vec<SceneData>) -> Vec<SceneData> {
             all - scenes.len()
         ));
     }
-    scenes
+    if scenes.is_empty() {
+        bail!("none of {all} scenes has an adversary in sight at frame {NOW} and an ego path");
+    }
+    Ok(scenes)
 }
 
 /// Number of scenes and a hash of what they show, order included.

@@ -271,18 +271,19 @@ fn open_loop_compares_methods_and_keeps_its_table() {
     let csv = std::fs::read_to_string(out.join("table.csv")).unwrap();
     assert!(csv.starts_with("method,measure,value,low,high,n\n") && csv.contains("sage 1.00,attack,"));
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
-    assert!(page.contains("<img src=\"00-strongest.svg\"") && !out.join("rows").exists());
+    assert!(page.contains("<img src=\"00-strongest.svg\"") && !out.join(".sage-rows").exists());
 
     // A run that was broken off goes on: what was kept is read, the rest is run.
     let run = out.join("run.json");
     let mut record: Value = serde_json::from_str(&std::fs::read_to_string(&run).unwrap()).unwrap();
     record["seconds"] = Value::Null;
     std::fs::write(&run, record.to_string()).unwrap();
-    std::fs::create_dir(out.join("rows")).unwrap();
-    let kept = r#"{"method": "kept", "rows": [], "errors": []}"#;
-    std::fs::write(out.join("rows/000.json"), kept).unwrap();
+    std::fs::create_dir(out.join(".sage-rows")).unwrap();
+    let kept = r#"{"method": "sage 0.00", "rows": [], "errors": []}"#;
+    std::fs::write(out.join(".sage-rows/000.json"), kept).unwrap();
+    std::fs::write(out.join(".sage-rows/001.json"), "cut off").unwrap();
     let again = sage(&[&arguments[..], &WEIGHTS].concat());
-    assert!(stdout(&again).contains("| kept | 0 |") && stderr(&again).contains("it goes on"));
+    assert!(stdout(&again).contains("| sage 0.00 | 0 |") && stderr(&again).contains("it goes on"));
     assert!(stdout(&again).contains("| sage 1.00 | 3 |"));
     let error = failure(&[&arguments[..], &WEIGHTS].concat());
     assert!(error.contains("is not empty; give --force"), "a finished run is not gone on with: {error}");
@@ -371,4 +372,83 @@ fn a_broken_off_fine_tuning_goes_on_to_the_same_bits() {
     }
     let table = |dir: &Path| std::fs::read_to_string(dir.join("finetune.csv")).unwrap().lines().count();
     assert_eq!((table(&whole), table(&broken)), (7, 7));
+}
+
+#[test]
+fn a_generator_of_ones_own_runs_like_the_shipped_ones() {
+    let program = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join("own_generator");
+    let folder = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| {
+        let output = Command::new(&program).args(arguments).env_remove("SAGE_WEIGHTS").output().unwrap();
+        stdout(&output).to_owned()
+    };
+    assert!(run(&["list"]).contains("brakes straight on"));
+    let (scene, out) = (example(), folder.path().join("out"));
+    let generate = ["generate", &scene, "--method", "brake", "--lambda", "0,1", "--out", text(&out)];
+    assert_eq!(run(&[&generate[..], &WEIGHTS].concat()).lines().count(), 2);
+    assert!(out.join("crossing-1.00.pkl").is_file());
+}
+
+#[test]
+fn nothing_is_lost_where_names_meet() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = folder.path().join("scenes");
+    stdout(&sage(&["scenes", "--count", "2", "--out", text(&scenes)]));
+    let files = |dir: &Path| std::fs::read_dir(dir).unwrap().count();
+    let before = files(&scenes);
+    let over = ["generate", text(&scenes), "--force", "--out", text(&scenes)];
+    assert!(failure(&[&over[..], &WEIGHTS].concat()).contains("could be overwritten"));
+    let twins = folder.path().join("twins");
+    for side in ["a", "b"] {
+        std::fs::create_dir_all(twins.join(side)).unwrap();
+        std::fs::copy(example(), twins.join(side).join("s.pkl")).unwrap();
+    }
+    let out = folder.path().join("out");
+    let both = ["generate", text(&twins), "--out", text(&out)];
+    assert!(failure(&[&both[..], &WEIGHTS].concat()).contains("would become one file"));
+    assert_eq!(files(&scenes), before);
+    // Places that two digits do not tell apart have files of their own.
+    let scene = example();
+    let near = ["generate", &scene, "--lambda", "0.501,0.502", "--out", text(&out)];
+    stdout(&sage(&[&near[..], &WEIGHTS].concat()));
+    assert!(out.join("crossing-0.501.pkl").is_file() && out.join("crossing-0.502.pkl").is_file());
+    // What comes out of a made scene goes in again.
+    let attacked = folder.path().join("attacked");
+    let generate = ["generate", text(&scenes), "--out", text(&attacked)];
+    stdout(&sage(&[&generate[..], &WEIGHTS].concat()));
+    for entry in std::fs::read_dir(&attacked).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_some_and(|ending| ending == "safetensors") {
+            let made = Recording::read(&path).unwrap();
+            assert!(made.scene.notes.iter().any(|note| note.contains("sage_provenance")), "{path:?}");
+            assert!(made.to_pickle().is_ok() && made.to_native().is_ok(), "{path:?}");
+        }
+    }
+}
+
+#[test]
+fn what_can_fail_at_once_fails_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("config.json");
+    let out = folder.path().join("out");
+    let tune = ["finetune", "--made", "2", "--config", text(&config), "--out", text(&out)];
+    for (wrong, why) in [
+        (r#"{"epoch": 1}"#, "unknown field `epoch`"),
+        (r#"{"seed": 1}"#, "`seed` is given by --seed"),
+        (r#"{"epochs": 0}"#, "epochs"),
+    ] {
+        std::fs::write(&config, wrong).unwrap();
+        assert!(failure(&tune).contains(why), "{wrong}");
+        assert!(!out.exists(), "nothing was begun");
+    }
+    let far = folder.path().join("no/dial.json");
+    assert!(failure(&["calibrate", "--made", "2", "--out", text(&far)]).contains("make it first"));
+    let error = failure(&["calibrate", "--made", "0", "--out", text(&folder.path().join("d.json"))]);
+    assert!(error.contains("none of 0 scenes"), "{error}");
+    let scene = example();
+    let raw = ["bench", "open-loop", &scene, "--methods", "log", "--raw", "--out", text(&out)];
+    assert!(failure(&[&raw[..], &WEIGHTS].concat()).contains("--raw is for the method `rule`"));
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural/adversarial.safetensors");
+    let error = failure(&["generate", &scene, "--weights", text(&shipped), "--out", text(&out)]);
+    assert!(error.contains("is the adversarial expert of a prior, no prior"), "{error}");
 }

@@ -34,7 +34,7 @@ pub fn foreseeing(
     target: usize,
 ) -> Result<Features, Error> {
     let mut features = network.features(scene, index, target)?;
-    if std::env::var("NOFORE").is_ok() || target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
+    if target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
         return Ok(features);
     }
     let ego = network.features(scene, index, scene.ego)?;

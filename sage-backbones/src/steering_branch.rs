@@ -2,8 +2,8 @@
 //! fine-tuning steers by.
 //!
 //! It gives zero until it is fine-tuned, so that the base model knows nothing of it. What it sees is
-//! what the target could know *now*: the map, everybody's position and velocity driven on straight, the
-//! shape of the path itself; never the logged future.
+//! what the target could know *now*: the map, the ego's futures as a network predicts them, the others
+//! along their lanes, the shape of the path itself; never the logged future.
 
 use candle_core::{DType, Device, Result, Tensor};
 

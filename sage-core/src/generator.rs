@@ -7,7 +7,8 @@ use crate::{Error, geometry::Point, motion::Trajectory, objective::Context};
 pub struct Proposed {
     /// The 80 positions, world frame.
     pub trajectory: Trajectory,
-    /// How likely the generator's model finds it, if it has one.
+    /// How likely the generator's model finds it, if it has one: to compare candidates of one scene; where
+    /// paces are tried these do not sum to 1.
     pub log_prob: Option<f64>,
     /// Where it was meant to end, metres, world frame, if it was aimed.
     pub goal: Option<Point>,

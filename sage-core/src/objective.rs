@@ -32,7 +32,7 @@ pub use convention::Convention;
 pub use criticality::{Criticality, SideHit};
 pub use distribution::{DistributionDistances, LoggedProfile};
 pub use kinematic::{KinematicPenalty, kinematic_penalty};
-pub use map_feasibility::{AgentContact, EdgeContact, MapFeasibility, Violations};
+pub use map_feasibility::{AgentContact, EdgeContact, MapFeasibility, Violations, touches_boundary};
 pub use naturalness::{Naturalness, coarse_lane_distance};
 pub use others::OtherAgent;
 pub use preference::{Preference, PreferenceOptions};

@@ -22,7 +22,7 @@ pub struct Recording {
     /// What else the file holds.
     pub source: Source,
     /// How the scene came to differ from its source, for whoever reads the written file: it becomes
-    /// the text [`PROVENANCE`] in the metadata.
+    /// the text [`PROVENANCE`] in the metadata, or a note in a native file without a source.
     pub provenance: Option<String>,
 }
 
@@ -109,11 +109,16 @@ impl Recording {
     ///
     /// *Errors*: as [`Recording::to_pickle`].
     pub fn to_native(&self) -> Result<Vec<u8>, Error> {
-        let mut source = self.written()?;
-        if source.is_none() && self.provenance.is_some() {
-            source = Some(self.annotated(metadrive::fresh(&self.scene)));
+        let source = self.written()?;
+        match &self.provenance {
+            // Without a source there is no metadata to hold it: it becomes a note.
+            Some(text) if source.is_none() => {
+                let mut scene = self.scene.clone();
+                scene.notes.push(format!("{PROVENANCE}: {text}"));
+                native::encode(&scene, None, &self.path)
+            }
+            _ => native::encode(&self.scene, source.as_ref(), &self.path),
         }
-        native::encode(&self.scene, source.as_ref(), &self.path)
     }
 
     /// The source with the scene's tracks in place of its own.

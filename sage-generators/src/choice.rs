@@ -3,8 +3,8 @@
 use sage_core::{
     motion::Trajectory,
     objective::{
-        Context, Encounter, Feasibility, MapFeasibility, Rule, StrictFeasibility, Violations,
-        behavior_penalty, coarse_lane_distance, kinematic_penalty,
+        Context, Encounter, Feasibility, MapFeasibility, Rule, StrictFeasibility, behavior_penalty,
+        coarse_lane_distance, kinematic_penalty, touches_boundary,
     },
     registry::Entry,
 };
@@ -89,7 +89,7 @@ pub fn is_drivable(trajectory: &Trajectory, ctx: &Context) -> bool {
             && (speed * yaw_rate).abs() <= LIMITS.across
             && yaw_rate.abs() <= LIMITS.yaw_rate
     });
-    within && Violations::of(&candidate, ctx).boundary.is_none()
+    within && !touches_boundary(&candidate, ctx)
 }
 
 /// The first `most` of some paths that a car could drive, in their order; if they are fewer, the

@@ -64,6 +64,11 @@ pub trait Method: Send + Sync {
     /// Whether λ or μ changes what it does.
     fn is_steered(&self) -> bool;
 
+    /// Whether one row of a table says all: what is not steered, and ceilings.
+    fn stands_once(&self) -> bool {
+        !self.is_steered()
+    }
+
     /// The generator for a setting.
     ///
     /// *Errors*: a setting out of range.

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use crate::{
     Method, Setting,
     choice::Judge,
-    steered::in_scene,
+    steered::{in_scene, surprises},
     timing::{PACES, at_pace},
 };
 
@@ -45,7 +45,10 @@ impl Generator for Oracle {
             let origin = encoding.features().frame.origin();
             let paced = PACES.iter().flat_map(|bend| plain.iter().map(|path| at_pace(path, origin, *bend)));
             let mut paths = paced.collect::<Result<Vec<_>, Error>>()?;
-            let judged: Vec<_> = paths.iter().map(|path| self.judge.judge(path, 0.0, ctx)).collect();
+            let surprises = surprises(&self.judge, &*self.prior, &encoding, &modes)?;
+            // All goals at one pace, then at the next.
+            let judge = |(path, surprise): (_, &f64)| self.judge.judge(path, *surprise, ctx);
+            let judged: Vec<_> = paths.iter().zip(surprises.iter().cycle()).map(judge).collect();
             let (best, note) = self.judge.choose(&judged);
             let goal = Some(encoding.features().frame.to_world(ends[best % ends.len()].map(f64::from)));
             // One candidate: the thousands that lost are of no use to anyone.
@@ -63,6 +66,10 @@ pub struct OracleMethod {}
 
 impl Method for OracleMethod {
     fn is_steered(&self) -> bool {
+        true
+    }
+
+    fn stands_once(&self) -> bool {
         true
     }
 

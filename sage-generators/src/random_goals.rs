@@ -17,7 +17,7 @@ use crate::{
     Method, Setting,
     choice::{Judge, drivable},
     method::check_candidates,
-    steered::{SPARE, in_scene},
+    steered::{SPARE, in_scene, surprises},
     timing::{PACES, at_pace},
 };
 
@@ -55,7 +55,9 @@ impl Generator for RandomGoals {
             let kept = drivable(&paths, self.candidates, ctx);
             let modes: Vec<usize> = kept.iter().map(|&k| modes[k]).collect();
             let paths: Vec<_> = kept.iter().map(|&k| paths[k].clone()).collect();
-            let judged: Vec<_> = paths.iter().map(|path| self.judge.judge(path, 0.0, ctx)).collect();
+            let surprises = surprises(&self.judge, &*self.prior, &encoding, &modes)?;
+            let judge = |(path, surprise): (_, &f64)| self.judge.judge(path, *surprise, ctx);
+            let judged: Vec<_> = paths.iter().zip(&surprises).map(judge).collect();
             let (chosen, note) = self.judge.choose(&judged);
             let proposed = |(trajectory, &mode): (_, &usize)| Proposed {
                 trajectory,

@@ -96,7 +96,8 @@ impl Steered {
         let paced = self.paced(&encoding, &log_probs, &modes, paths)?;
         let paths: Vec<Trajectory> = paced.iter().map(|p| p.path.clone()).collect();
         let kept = drivable(&paths, self.candidates, ctx);
-        let surprises = self.surprises(&encoding, kept.iter().map(|&k| paced[k].mode).collect())?;
+        let of_kept: Vec<usize> = kept.iter().map(|&k| paced[k].mode).collect();
+        let surprises = surprises(&self.judge, &*self.prior, &encoding, &of_kept)?;
         let (mut proposed, mut judged) = (Vec::new(), Vec::new());
         for (k, surprise) in kept.into_iter().zip(surprises) {
             let Paced { mode, log_prob, path } = &paced[k];
@@ -108,17 +109,6 @@ impl Steered {
             });
         }
         Ok((proposed, judged))
-    }
-
-    /// −log p of modes under the prior, up to what they share: the choice compares them. Zeros where it
-    /// does not look at them.
-    fn surprises(&self, encoding: &Encoding, modes: Vec<usize>) -> Result<Vec<f64>, sage_backbones::Error> {
-        if !self.judge.needs_surprise() {
-            return Ok(vec![0.0; modes.len()]);
-        }
-        let log_probs = self.prior.relative_log_probs(encoding, &modes)?;
-        let log_probs = log_probs.to_dtype(DType::F64)?.to_vec1::<f64>()?;
-        Ok(log_probs.into_iter().map(|log_prob| -log_prob).collect())
     }
 
     /// The modes at several paces, the likeliest first, those left out that are too much like a likelier
@@ -265,6 +255,21 @@ impl Entry<dyn Method> for PriorMethod {
     fn build(options: SteeredOptions) -> Result<Box<dyn Method>, String> {
         Ok(Box::new(Self(options.check()?)))
     }
+}
+
+/// −log p of modes under a prior, up to what they share: a choice compares them. Zeros where it does not
+/// look at them.
+pub(crate) fn surprises(
+    judge: &Judge,
+    prior: &dyn Backbone,
+    encoding: &Encoding,
+    modes: &[usize],
+) -> Result<Vec<f64>, sage_backbones::Error> {
+    if !judge.needs_surprise() {
+        return Ok(vec![0.0; modes.len()]);
+    }
+    let log_probs = prior.relative_log_probs(encoding, modes)?.to_dtype(DType::F64)?.to_vec1::<f64>()?;
+    Ok(log_probs.into_iter().map(|log_prob| -log_prob).collect())
 }
 
 /// A network's error as one of its scene.

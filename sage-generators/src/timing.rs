@@ -12,7 +12,7 @@ pub(crate) const PACES: [f64; 3] = [0.0, 0.5, -0.5];
 
 /// A path from `start` at another pace.
 ///
-/// *Errors*: none for a path within bounds: what comes out lies between its points.
+/// *Errors*: a path so near the bounds of coordinates that its cubic goes beyond them.
 pub(crate) fn at_pace(path: &Trajectory, start: Point, bend: f64) -> Result<Trajectory, sage_core::Error> {
     if bend == 0.0 {
         return Ok(path.clone());

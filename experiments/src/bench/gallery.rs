@@ -49,7 +49,7 @@ pub(crate) fn write(folder: &Path, scenes: &[SceneData], table: &Table, markdown
 
 const STYLE: &str = "body{font:15px sans-serif;margin:2em}table{border-collapse:collapse;font-size:12px;display:block;overflow-x:auto}td,th{border:1px solid #ccc;padding:2px 6px;white-space:nowrap}.row{display:flex;flex-wrap:wrap;gap:1em}figure{margin:0}img{width:560px;border:1px solid #ddd}";
 
-/// The strongest attack and the median one; the strongest way alone where nothing was attacked.
+/// The strongest and the median attack, or way where nothing was attacked.
 fn cases(rows: &[SceneRow]) -> Vec<(&'static str, &SceneRow)> {
     let mut attacks: Vec<&SceneRow> = rows.iter().filter(|row| is_attack(row)).collect();
     if attacks.is_empty() {

@@ -36,11 +36,11 @@ pub struct SceneRow {
     pub release: Scores,
     /// How the chosen way lies to the lanes.
     pub natural: Naturalness,
-    /// The same of the log.
-    pub natural_log: Naturalness,
+    /// The same of the log, if the adversary was seen throughout: a filled gap is no driving.
+    pub natural_log: Option<Naturalness>,
     /// −log p under the prior of the goal nearest to its end.
     pub surprise: Option<f64>,
-    /// The same of the log.
+    /// The same of the log, if its end was seen.
     pub surprise_log: Option<f64>,
     /// What sort of accident it is.
     pub kind: Option<CollisionKind>,
@@ -58,36 +58,43 @@ pub struct Column {
     pub name: &'static str,
     /// Its value in a scene.
     pub value: fn(&SceneRow) -> Option<f64>,
+    /// Whether it says of each scene yes or no.
+    pub is_share: bool,
+}
+
+const fn share(name: &'static str, value: fn(&SceneRow) -> Option<f64>) -> Column {
+    Column { name, value, is_share: true }
+}
+
+const fn mean_of(name: &'static str, value: fn(&SceneRow) -> Option<f64>) -> Column {
+    Column { name, value, is_share: false }
 }
 
 /// The columns, the paper's first.
 pub const COLUMNS: &[Column] = &[
-    Column { name: "attack", value: |r| yes(is_attack(r)) },
-    Column { name: "R_adv", value: |r| Some(r.paper.adversarial_reward) },
-    Column { name: "P_beh", value: |r| Some(r.paper.behavior_penalty) },
-    Column { name: "P_kin", value: |r| Some(r.paper.kinematic_penalty) },
-    Column { name: "cross-line", value: |r| Some(r.paper.cross_line) },
-    Column { name: "crash-object", value: |r| Some(r.paper.crash_object) },
-    Column { name: "WD speed", value: |r| r.paper.distances.wd_speed },
-    Column { name: "WD acceleration", value: |r| r.paper.distances.wd_acceleration },
-    Column { name: "WD yaw rate", value: |r| r.paper.distances.wd_yaw_rate },
-    Column { name: "attack, feasible or not", value: |r| yes(r.paper.collision) },
-    Column { name: "strictly feasible", value: |r| yes(r.paper.feasible_strict) },
-    Column { name: "impact m/s", value: |r| r.paper.criticality.impact_speed },
-    Column { name: "lane m − log", value: |r| Some(r.natural.lane_distance - r.natural_log.lane_distance) },
-    Column {
-        name: "heading ° − log",
-        value: |r| Some(r.natural.heading_error? - r.natural_log.heading_error?),
-    },
-    Column { name: "against − log", value: |r| Some(r.natural.against_lane - r.natural_log.against_lane) },
-    Column { name: "speeding − log", value: |r| Some(r.natural.speeding - r.natural_log.speeding) },
-    Column { name: "surprise − log", value: |r| Some(r.surprise? - r.surprise_log?) },
-    Column { name: "release: attack", value: |r| yes(r.release.collision) },
-    Column { name: "release: R_adv", value: |r| Some(r.release.adversarial_reward) },
-    Column { name: "release: P_beh", value: |r| Some(r.release.behavior_penalty) },
-    Column { name: "release: P_kin", value: |r| Some(r.release.kinematic_penalty) },
-    Column { name: "release: cross-line", value: |r| Some(r.release.cross_line) },
-    Column { name: "release: crash-object", value: |r| Some(r.release.crash_object) },
+    share("attack", |r| yes(is_attack(r))),
+    mean_of("R_adv", |r| Some(r.paper.adversarial_reward)),
+    mean_of("P_beh", |r| Some(r.paper.behavior_penalty)),
+    mean_of("P_kin", |r| Some(r.paper.kinematic_penalty)),
+    mean_of("cross-line", |r| Some(r.paper.cross_line)),
+    mean_of("crash-object", |r| Some(r.paper.crash_object)),
+    mean_of("WD speed", |r| r.paper.distances.wd_speed),
+    mean_of("WD acceleration", |r| r.paper.distances.wd_acceleration),
+    mean_of("WD yaw rate", |r| r.paper.distances.wd_yaw_rate),
+    share("attack, feasible or not", |r| yes(r.paper.collision)),
+    share("strictly feasible", |r| yes(r.paper.feasible_strict)),
+    mean_of("impact m/s", |r| r.paper.criticality.impact_speed),
+    mean_of("lane m − log", |r| Some(r.natural.lane_distance - r.natural_log?.lane_distance)),
+    mean_of("heading ° − log", |r| Some(r.natural.heading_error? - r.natural_log?.heading_error?)),
+    mean_of("against − log", |r| Some(r.natural.against_lane - r.natural_log?.against_lane)),
+    mean_of("speeding − log", |r| Some(r.natural.speeding - r.natural_log?.speeding)),
+    mean_of("surprise − log", |r| Some(r.surprise? - r.surprise_log?)),
+    share("release: attack", |r| yes(r.release.collision)),
+    mean_of("release: R_adv", |r| Some(r.release.adversarial_reward)),
+    mean_of("release: P_beh", |r| Some(r.release.behavior_penalty)),
+    mean_of("release: P_kin", |r| Some(r.release.kinematic_penalty)),
+    mean_of("release: cross-line", |r| Some(r.release.cross_line)),
+    mean_of("release: crash-object", |r| Some(r.release.crash_object)),
 ];
 
 /// Whether a feasible way hits the ego.
@@ -99,9 +106,13 @@ fn yes(is: bool) -> Option<f64> {
     Some(f64::from(u8::from(is)))
 }
 
-/// Mean of a column over rows with its 95 % bootstrap interval over scenes.
+/// Mean of a column over rows with its 95 % interval over scenes: Wilson's for shares of scenes, a
+/// bootstrap for the rest.
 pub fn estimate(column: &Column, rows: &[SceneRow]) -> Option<Estimate> {
     let values: Vec<f64> = rows.iter().filter_map(column.value).collect();
+    if values.iter().all(|v| *v == 0.0 || *v == 1.0) && column.is_share {
+        return statistics::wilson(values.iter().filter(|v| **v == 1.0).count(), values.len());
+    }
     statistics::bootstrap_mean(&values, RESAMPLES, &mut Rng::new(0, column.name, "open loop"))
 }
 
@@ -126,6 +137,7 @@ fn one(data: &SceneData, generator: &dyn Generator, prior: &dyn Backbone, seed: 
     let seconds = clock.elapsed().as_secs_f64();
     let chosen = attack.trajectory();
     let log = logged_future(&data.scene)?;
+    let adversary = ctx.adversary();
     let [natural, natural_log] =
         [chosen, &log].map(|path| Naturalness::of(&ctx.candidate(path.clone()), &ctx));
     let candidate = ctx.candidate(chosen.clone());
@@ -138,9 +150,9 @@ fn one(data: &SceneData, generator: &dyn Generator, prior: &dyn Backbone, seed: 
         paper,
         release: Scorer::new(&release).scores(&release.candidate(chosen.clone())),
         natural,
-        natural_log,
+        natural_log: (adversary.count_valid(NOW + 1..NOW + 1 + HORIZON) == HORIZON).then_some(natural_log),
         surprise,
-        surprise_log,
+        surprise_log: surprise_log.filter(|_| adversary.is_valid(NOW + HORIZON)),
         trajectory: chosen.clone(),
         seconds,
         note: attack.note,

@@ -63,19 +63,25 @@ pub fn markdown(table: &Table, policies: &Policies) -> Result<String> {
     Ok(out)
 }
 
-/// Scenes that one method attacks and another does not, for all against the prior of the same place.
+/// Scenes that one method attacks and the prior of the same place does not, or that at the end of the
+/// dial for a method without a place.
 fn pairs(out: &mut String, table: &Table) -> Result<()> {
-    let Some((_, prior)) = table.iter().rev().find(|(name, _)| name.starts_with("prior")) else {
+    const PRIOR: &str = "prior, choice ";
+    let priors: Vec<(&str, &Vec<SceneRow>)> =
+        table.iter().filter_map(|(name, rows)| Some((name.strip_prefix(PRIOR)?, rows))).collect();
+    if priors.is_empty() {
         return Ok(());
-    };
-    let name = &table.iter().rev().find(|(name, _)| name.starts_with("prior")).map_or("", |(n, _)| n);
-    writeln!(out, "\nScenes attacked feasibly, paired with `{name}`:\n")?;
-    writeln!(out, "| method | only this | only the prior | difference |\n| --- | --- | --- | --- |")?;
+    }
+    writeln!(out, "\nScenes attacked feasibly, paired with the prior under the same choice:\n")?;
+    writeln!(out, "| method | against | only this | only the prior | difference |")?;
+    writeln!(out, "| --- | --- | --- | --- | --- |")?;
     for (method, rows) in table {
+        let of_place = priors.iter().find(|(place, _)| method.ends_with(&format!(" {place}")));
+        let Some((place, prior)) = of_place.or(priors.last()) else { continue };
         let other = |row: &SceneRow| prior.iter().find(|p| p.scene == row.scene).is_some_and(is_attack);
         let won = rows.iter().filter(|r| is_attack(r) && !other(r)).count();
         let lost = rows.iter().filter(|r| !is_attack(r) && other(r)).count();
-        writeln!(out, "| {method} | {won} | {lost} | {:+} |", won as i64 - lost as i64)?;
+        writeln!(out, "| {method} | {PRIOR}{place} | {won} | {lost} | {:+} |", won as i64 - lost as i64)?;
     }
     Ok(())
 }
@@ -87,7 +93,7 @@ pub fn csv(table: &Table, policies: &Policies) -> Result<String> {
     let mut out = "method,measure,value,low,high,n\n".to_owned();
     let mut row = |method: &str, measure: &str, e: Option<Estimate>| -> Result<()> {
         let Some(e) = e else { return Ok(()) };
-        let [method, measure] = [method, measure].map(|text| text.replace(',', ";"));
+        let [method, measure] = [method, measure].map(field);
         Ok(writeln!(out, "{method},{measure},{},{},{},{}", e.value, e.low, e.high, e.n)?)
     };
     for (method, rows) in table {
@@ -107,22 +113,21 @@ pub fn csv(table: &Table, policies: &Policies) -> Result<String> {
 ///
 /// *Errors*: none that a caller can cause.
 pub fn scenes_csv(table: &Table) -> Result<String> {
-    let columns: Vec<String> = COLUMNS.iter().map(|c| c.name.replace(',', ";")).collect();
+    let columns: Vec<String> = COLUMNS.iter().map(|c| field(c.name)).collect();
     let mut out = format!("scene,method,kind,collision_step,{},seconds,note\n", columns.join(","));
-    let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
     for (method, rows) in table {
         for r in rows {
             let values = COLUMNS.iter().map(|c| (c.value)(r).map_or(String::new(), |v| v.to_string()));
             writeln!(
                 out,
                 "{},{},{},{},{},{:.6},{}",
-                quoted(&r.scene),
-                quoted(method),
+                field(&r.scene),
+                field(method),
                 r.kind.map_or("", CollisionKind::name),
                 r.paper.collision_step.map_or(String::new(), |step| step.to_string()),
                 values.collect::<Vec<_>>().join(","),
                 r.seconds,
-                quoted(r.note.as_deref().unwrap_or_default()),
+                field(r.note.as_deref().unwrap_or_default()),
             )?;
         }
     }
@@ -132,6 +137,15 @@ pub fn scenes_csv(table: &Table) -> Result<String> {
 /// Median seconds of a generation, a method.
 pub fn seconds(rows: &[SceneRow]) -> f64 {
     statistics::median(&rows.iter().map(|r| r.seconds).collect::<Vec<_>>()).unwrap_or(0.0)
+}
+
+/// A text as a field of CSV, quoted where it must be.
+fn field(text: &str) -> String {
+    if text.contains([',', '"', '\n']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
 }
 
 fn cell(estimate: Option<Estimate>) -> String {

@@ -42,9 +42,9 @@ impl Attacks {
         statistics::mean(&self.rewards).unwrap_or(0.0)
     }
 
-    /// Share of scenes attacked with its 95 % interval.
+    /// Share of scenes attacked with its 95 % interval (Wilson).
     pub fn rate_estimate(&self) -> Option<Estimate> {
-        statistics::bootstrap_mean(&self.hits, RESAMPLES, &mut Rng::new(0, "attack", "dial"))
+        statistics::wilson(self.hits.iter().filter(|hit| **hit > 0.0).count(), self.hits.len())
     }
 
     /// Mean reward with its 95 % interval.
@@ -85,10 +85,10 @@ impl Evenness {
 }
 
 /// Share of λ in what turning both from 0 to 1 brings, by Shapley: the mean of what λ adds at μ = 0 and
-/// at μ = 1, over the whole. The rest is μ's.
-pub fn shapley_of_lambda(value: impl Fn(f64, f64) -> f64) -> f64 {
+/// at μ = 1, over the whole. The rest is μ's. `None` if both together bring nothing.
+pub fn shapley_of_lambda(value: impl Fn(f64, f64) -> f64) -> Option<f64> {
     let [none, lambda, mu, both] = [value(0.0, 0.0), value(1.0, 0.0), value(0.0, 1.0), value(1.0, 1.0)];
-    0.5 * ((lambda - none) + (both - mu)) / (both - none)
+    (both != none).then(|| 0.5 * ((lambda - none) + (both - mu)) / (both - none))
 }
 
 impl Steering {
@@ -171,8 +171,9 @@ mod tests {
 
     #[test]
     fn shapley_divides_what_both_bring() {
-        assert!((shapley_of_lambda(|lambda, mu| 1.0 + lambda + 3.0 * mu) - 0.25).abs() < 1e-12);
-        assert!((shapley_of_lambda(|lambda, mu| lambda * mu) - 0.5).abs() < 1e-12);
+        assert_eq!(shapley_of_lambda(|lambda, mu| 1.0 + lambda + 3.0 * mu), Some(0.25));
+        assert_eq!(shapley_of_lambda(|lambda, mu| lambda * mu), Some(0.5));
+        assert_eq!(shapley_of_lambda(|_, _| 1.0), None);
     }
 
     #[test]

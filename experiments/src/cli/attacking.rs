@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use sage_generators::Choice;
+use sage_merging::Experts;
 
 use super::SplitArgs;
 use crate::{
@@ -174,15 +175,29 @@ pub(crate) struct DialArgs {
     /// One even dial for both, 0 to 1: the attack rate rises in proportion. Same form as --lambda.
     #[arg(long, value_name = "A", value_parser = values, conflicts_with_all = ["lambda", "mu"])]
     pub aggression: Option<Values>,
+    /// How the experts' weights are mixed.
+    #[arg(long, value_name = "NAME", default_value = "linear")]
+    pub merger: String,
 }
 
 impl DialArgs {
+    /// Whether the user put the dial anywhere.
+    pub(crate) fn is_given(&self) -> bool {
+        self.lambda.is_some() || self.mu.is_some() || self.aggression.is_some()
+    }
+
     /// The places, lambda at `otherwise` if neither is given.
     ///
     /// *Errors*: one out of range; no even dial for these weights and this choice.
-    pub(crate) fn places(&self, weights: &str, choice: Choice, otherwise: &[f64]) -> Result<Vec<Place>> {
+    pub(crate) fn places(
+        &self,
+        weights: &str,
+        experts: &Experts,
+        choice: Choice,
+        otherwise: &[f64],
+    ) -> Result<Vec<Place>> {
         if let Some(values) = &self.aggression {
-            let dial = networks::load_dial(weights, choice)?;
+            let dial = networks::load_dial(weights, experts, choice)?;
             return values.0.iter().map(|a| Place::of(&dial, *a)).collect();
         }
         let lambdas = self.lambda.as_ref().map_or(otherwise, |values| &values.0);
@@ -215,8 +230,11 @@ fn values(text: &str) -> std::result::Result<Values, String> {
     if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
         let [from, to, step] = [number(from)?, number(to)?, number(step)?];
         let count = (to - from) / step;
-        if !(0.0..1000.0).contains(&count) {
-            return Err("expected from:to:step with at most 1000 steps".to_owned());
+        if count.is_nan() || count < 0.0 {
+            return Err(format!("the step {step} does not lead from {from} to {to}"));
+        }
+        if count > 1000.5 {
+            return Err(format!("{text} has more than 1000 steps"));
         }
         // Rounded, so that 0.3 is 0.3 and not three times 0.1.
         let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;

@@ -35,8 +35,8 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger = registries.mergers.build_default("linear")?;
     let choice = args.choice.into();
-    let dial = networks::load_dial(&args.weights, choice)?;
-    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?);
+    let dial = networks::load_dial(&args.weights, &experts, choice)?;
+    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?)?;
     let mut lambdas = places();
     lambdas.extend(LAMBDAS.into_iter().filter(|l| !places().iter().any(|p| (p - l).abs() < 1e-9)));
     let mut progress = Progress::new("judged", lambdas.len());
@@ -130,6 +130,7 @@ fn held(
     rate: &dyn Fn(f64, f64) -> f64,
     reward: &dyn Fn(f64, f64) -> f64,
 ) -> Result<()> {
+    let share = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{share:.2}"));
     let head = MUS.map(|mu| format!("mu {mu}")).join(" | ");
     writeln!(markdown, "Attack / R_adv:\n\n| lambda | {head} |\n| --- |{}", " --- |".repeat(MUS.len()))?;
     for lambda in LAMBDAS {
@@ -138,9 +139,9 @@ fn held(
     }
     writeln!(
         markdown,
-        "\nShapley share of lambda in the whole span: {:.2} of the attack rate, {:.2} of R_adv; the rest is the choice's (mu).",
-        shapley_of_lambda(rate),
-        shapley_of_lambda(reward)
+        "\nShapley share of lambda in the whole span: {} of the attack rate, {} of R_adv; the rest is the choice's (mu).",
+        share(shapley_of_lambda(rate)),
+        share(shapley_of_lambda(reward))
     )?;
     Ok(())
 }

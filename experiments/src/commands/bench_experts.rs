@@ -39,7 +39,11 @@ const MEASURES: [&str; 8] = [
 type Values = Vec<Vec<f64>>;
 
 pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome> {
-    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?);
+    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?)?;
+    // A folder that is not there is told now, not after the others are measured.
+    for folder in args.a.iter().chain(&args.b) {
+        networks::load_experts(&registries.backbones, folder)?;
+    }
     let mut progress = Progress::new("measured", args.a.len() + args.b.len());
     let mut group = |folders: &[String]| -> Result<Values> {
         let mut all = Vec::new();
@@ -52,7 +56,7 @@ pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome
     let (a, b) = (group(&args.a)?, group(&args.b)?);
     progress.finish(&format!("{} folders on {} scenes", args.a.len() + args.b.len(), scenes.len()));
     let mut out = format!(
-        "A: {}; B: {}. Means over seeds, {} scenes, paired by scene.\n\n| measure | A | B | A − B | better in A | in B |\n| --- | --- | --- | --- | --- | --- |\n",
+        "A: {}; B: {}. Means over seeds, {} scenes, paired by scene; intervals are over scenes, for these seeds.\n\n| measure | A | B | A − B | better in A | in B |\n| --- | --- | --- | --- | --- | --- |\n",
         args.a.join(", "),
         args.b.join(", "),
         scenes.len()
@@ -126,6 +130,10 @@ fn learning(out: &mut String, args: &ExpertsArgs) -> Result<()> {
     )?;
     for (name, folders) in [("A", &args.a), ("B", &args.b)] {
         let curves = folders.iter().map(|folder| curve(Path::new(folder))).collect::<Result<Vec<_>>>()?;
+        let curves: Vec<_> = curves.into_iter().filter(|curve| !curve.is_empty()).collect();
+        if curves.len() < folders.len() {
+            writeln!(out, "| {name} | of {} of {} folders | | | | | |", curves.len(), folders.len())?;
+        }
         for epoch in 0..curves.iter().map(Vec::len).min().unwrap_or(0) {
             let mean = |k: usize| curves.iter().map(|c| c[epoch][k]).sum::<f64>() / curves.len() as f64;
             let cells: Vec<String> = (0..LEARNING.len()).map(|k| format!("{:.3}", mean(k))).collect();

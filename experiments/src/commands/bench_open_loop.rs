@@ -39,11 +39,11 @@ struct Finished {
 pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
-    let merger = registries.mergers.build_default("linear")?;
-    let places = args.dial.places(&args.weights, args.choice.into(), &[0.0, 0.5, 1.0])?;
+    let merger = registries.mergers.build_default(&args.dial.merger)?;
+    let places = args.dial.places(&args.weights, &experts, args.choice.into(), &[0.0, 0.5, 1.0])?;
     let runs = generators(args, registries, &places, &experts, &*merger)?;
-    let scenes = scenes::read(&args.paths, &args.split, 0, args.seed)?;
-    let record = record(args, &experts, &scenes, &runs)?;
+    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?)?;
+    let record = record(args, &experts, &scenes, &runs, &places)?;
     start(args, &record)?;
     let mut progress = Progress::new("ran", runs.len());
     let mut table = Table::new();
@@ -85,13 +85,16 @@ fn generators(
     experts: &Experts,
     merger: &dyn Merger,
 ) -> Result<Vec<Box<dyn Generator>>> {
+    if args.raw && !args.methods.iter().any(|name| name == "rule") {
+        bail!("--raw is for the method `rule`, which is not among --methods");
+    }
     let mut runs = Vec::new();
     for name in &args.methods {
         let options = if args.raw && name == "rule" { json!({"raw": true}) } else { json!({}) };
         let method = registries.methods.build(name, &options)?;
-        // What is not steered, and a ceiling, stand once.
-        let once = !method.is_steered() || name == "oracle";
-        let places = if once { &places[places.len() - 1..] } else { places };
+        let hardest = places.iter().max_by(|a, b| a.mu.total_cmp(&b.mu));
+        let places: Vec<&Place> =
+            if method.stands_once() { hardest.into_iter().collect() } else { places.iter().collect() };
         for place in places {
             runs.push(methods::build(&*method, *place, args.choosing.with(args.choice), experts, merger)?);
         }
@@ -108,10 +111,9 @@ fn one(
     prior: &dyn Backbone,
 ) -> Result<Finished> {
     let file = args.out.join(KEPT).join(format!("{number:03}.json"));
-    if let Ok(text) = std::fs::read_to_string(&file) {
-        return serde_json::from_str(&text).with_context(|| {
-            format!("`{}` is not what this version keeps; remove it and run again", file.display())
-        });
+    let kept = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str(&text).ok());
+    if let Some(kept) = kept.filter(|kept: &Finished| kept.method == generator.name()) {
+        return Ok(kept);
     }
     let mut finished = Finished { method: generator.name(), rows: Vec::new(), errors: Vec::new() };
     for (data, row) in scenes.iter().zip(open_loop::run(scenes, generator, prior, args.seed)) {
@@ -125,7 +127,7 @@ fn one(
 }
 
 /// Folder of what is kept while a run goes on.
-const KEPT: &str = "rows";
+const KEPT: &str = ".sage-rows";
 
 /// What tells one run from another.
 fn record(
@@ -133,14 +135,15 @@ fn record(
     experts: &Experts,
     scenes: &[SceneData],
     runs: &[Box<dyn Generator>],
+    places: &[Place],
 ) -> Result<Value> {
     let hash = |p: &sage_backbones::Parameters| p.hash();
     Ok(json!({
         "methods": runs.iter().map(|g| g.name()).collect::<Vec<_>>(),
-        "choice": format!("{:?}", args.choosing.with(args.choice)), "seed": args.seed,
+        "merger": args.dial.merger, "choice": format!("{:?}", args.choosing.with(args.choice)), "seed": args.seed,
         "scenes": scenes::describe(scenes),
         "weights": [hash(experts.prior().parameters())?, hash(experts.realistic())?, hash(experts.adversarial())?],
-        "version": env!("CARGO_PKG_VERSION"),
+        "places": places, "raw": args.raw, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     }))
 }
 

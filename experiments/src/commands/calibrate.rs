@@ -1,6 +1,6 @@
 //! `sage calibrate`: the even dial of some experts.
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 
 use crate::{
     Outcome, Registries,
@@ -21,13 +21,11 @@ pub(crate) fn places() -> Vec<f64> {
 }
 
 pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outcome> {
-    if args.out.exists() && !args.force {
-        bail!("`{}` exists; name another file or use --force", args.out.display());
-    }
+    output::check_file(&args.out, args.force)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger = registries.mergers.build_default("linear")?;
     let scenes = scenes::read(&args.paths, &args.split, args.made, args.seed)?;
-    let scenes = scenes::attackable(scenes);
+    let scenes = scenes::attackable(scenes)?;
     let mut dials = Dials::default();
     let mut progress = Progress::new("judged", PLACES * args.choice.len());
     for choice in &args.choice {
@@ -50,8 +48,14 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
             100.0 * even.rms,
             100.0 * even.worst,
         ));
+        if attacks[attacks.len() - 1].rate() <= attacks[0].rate() {
+            progress.say(
+                "warning: the attack rate does not rise from one end to the other: the dial says nothing",
+            );
+        }
         let fitted = FittedDial {
             mu,
+            experts: networks::hashes(&experts)?,
             attack: attacks.iter().map(|a| (a.rate() * 1e4).round() / 1e4).collect(),
             data: scenes::describe(&scenes),
             command: output::command(),

@@ -41,7 +41,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     let merger = registries.mergers.build_default("linear")?;
     let method = registries.methods.build_default("sage")?;
     let choosing = Choosing { choice: Choice::Natural, strict: false };
-    let dial = networks::load_dial("procedural", choosing.choice)?;
+    let dial = networks::load_dial("procedural", &experts, choosing.choice)?;
     let build = |a| methods::build(&*method, Place::of(&dial, a)?, choosing, &experts, &*merger);
     let generators = AGGRESSIONS.into_iter().map(build).collect::<Result<Vec<_>>>()?;
     let numbers: Vec<(Kind, u64)> =

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
@@ -15,13 +15,23 @@ use serde_json::json;
 
 use crate::{Outcome, Registries, cli::FinetuneArgs, networks, output, progress, scenes};
 
-/// The experts with their names and tastes.
-fn experts() -> [(&'static str, FinetuneOptions); 2] {
-    [("realistic", FinetuneOptions::realistic()), ("adversarial", FinetuneOptions::default())]
+/// The experts with their names and tastes, as a config file changes them.
+fn experts(args: &FinetuneArgs) -> Result<[(&'static str, FinetuneOptions); 2]> {
+    let options = |own: FinetuneOptions| -> Result<FinetuneOptions> {
+        let options = match &args.config {
+            Some(path) => configured(path, &own)?,
+            None => own,
+        };
+        options.check()?;
+        Ok(FinetuneOptions { seed: args.seed, ..options })
+    };
+    let (realistic, adversarial) = (FinetuneOptions::realistic(), FinetuneOptions::default());
+    Ok([("realistic", options(realistic)?), ("adversarial", options(adversarial)?)])
 }
 
 pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
+    let experts = experts(args)?;
     let loaded = networks::load(&registries.backbones, &args.prior)?;
     networks::announce(&loaded);
     let prior = &*loaded.network;
@@ -33,16 +43,20 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let data = scenes::describe(&train);
     let record = json!({
         "data": &data, "prior": prior.parameters().hash()?, "seed": args.seed, "roles": args.roles,
-        "config": args.config.as_ref().map(std::fs::read_to_string).transpose().ok().flatten(),
-        "version": env!("CARGO_PKG_VERSION"),
+        "options": &experts, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
-    output::start_run(&args.out, &record, args.force)?;
+    if !output::start_run(&args.out, &record, args.force)? {
+        // What belonged to other experts would be taken for theirs.
+        for stale in ["realistic.state", "adversarial.state", networks::DIAL_FILE] {
+            let _ = std::fs::remove_file(args.out.join(stale));
+        }
+    }
     let train = with_other_roles(train, args.roles);
     let (plain, dev) = (prepare(prior, &train, false)?, prepare(prior, &dev, false)?);
     let both = prepare(prior, &train, true)?;
     drop(train);
     progress::say(&format!(
-        "every goal of {} scenes is decoded and judged ({:.0} s)",
+        "every goal of {} casts (a scene with an ego and an adversary) is decoded and judged ({:.0} s)",
         plain.len(),
         clock.elapsed().as_secs_f64()
     ));
@@ -50,16 +64,12 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let all: Vec<TunedScene> = plain.into_iter().chain(both).collect();
     let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_reward,expected_penalty,seconds\n".to_owned();
     let mut results = Vec::new();
-    for (name, mut options) in experts() {
-        if let Some(path) = &args.config {
-            options = configured(path, &options)?;
-        }
-        options.seed = args.seed;
+    for (name, options) in &experts {
         let train = if options.mirror { &all[..] } else { &all[..count] };
         let state = args.out.join(format!("{name}.state"));
-        let identity = json!({"run": &record, "options": &options});
+        let identity = json!({"run": &record, "expert": name});
         let kept = Kept { file: &state, identity };
-        let weights = finetune(prior, train, &options, Some(&kept), |row| {
+        let weights = finetune(prior, train, options, Some(&kept), |row| {
             progress::say(&told(name, row));
             table += &csv(name, row);
         })?;
@@ -72,15 +82,15 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
             license: loaded.header.license.clone(),
             ..Header::default()
         };
-        header.notes.insert("expert".to_owned(), name.to_owned());
-        header.notes.insert("prior".to_owned(), prior.parameters().hash()?);
-        header.notes.insert("options".to_owned(), serde_json::to_string(&options)?);
+        header.notes.insert(networks::EXPERT.to_owned(), (*name).to_owned());
+        header.notes.insert(networks::TUNED_FROM.to_owned(), prior.parameters().hash()?);
+        header.notes.insert("options".to_owned(), serde_json::to_string(options)?);
         weights.save(&header, &args.out.join(format!("{name}.safetensors")))?;
         let tuned = prior.rebuilt(weights)?;
         for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {
             if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
                 progress::say(&format!(
-                    "{name} on {set} ({} scenes), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
+                    "{name} on {set} ({} casts), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
                     scenes.len(),
                     before.feasible,
                     after.feasible,
@@ -91,7 +101,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
                     before.penalty,
                     after.penalty,
                 ));
-                results.push(json!({"expert": name, "set": set, "scenes": scenes.len(), "prior": before, "tuned": after}));
+                results.push(json!({"expert": name, "set": set, "casts": scenes.len(), "prior": before, "tuned": after}));
             }
         }
         results.push(json!({"expert": name, "options": options}));
@@ -100,7 +110,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     output::write_file(&args.out.join("finetune.csv"), table.as_bytes(), true)?;
     let seconds = clock.elapsed().as_secs_f64();
     output::finish_run(&args.out, &record, &json!({"experts": results}), seconds)?;
-    for (name, _) in experts() {
+    for (name, _) in &experts {
         // What is no longer needed may stay.
         let _ = std::fs::remove_file(args.out.join(format!("{name}.state")));
     }
@@ -117,6 +127,9 @@ fn configured(path: &std::path::Path, own: &FinetuneOptions) -> Result<FinetuneO
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read `{}`", path.display()))?;
     let fail = || format!("`{}`", path.display());
     let given: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&text).with_context(fail)?;
+    if given.contains_key("seed") {
+        bail!("`{}`: `seed` is given by --seed", path.display());
+    }
     let mut all = serde_json::to_value(own)?;
     if let Some(all) = all.as_object_mut() {
         all.extend(given);

@@ -1,8 +1,13 @@
 //! `sage generate`: adversarial scenes from recorded ones.
 
-use std::{io::Write, path::Path, time::Instant};
+use std::{
+    collections::HashMap,
+    io::{ErrorKind, Write},
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, bail};
 use sage_core::{
     generator::{Attack, Generator},
     objective::{Context, ContextOptions, Scorer, Scores},
@@ -39,21 +44,38 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         (None, Err(_)) => "procedural",
     };
     let experts = networks::load_experts(&registries.backbones, weights)?;
-    let merger = registries.mergers.build_default("linear")?;
+    let merger = registries.mergers.build_default(&args.dial.merger)?;
     let choosing = args.choosing.with(args.choice);
     let method = registries.methods.build_default(&args.method)?;
-    let mut places = args.dial.places(weights, choosing.choice, &[1.0])?;
+    let mut places = args.dial.places(weights, &experts, choosing.choice, &[1.0])?;
     if !method.is_steered() {
-        places.truncate(1);
+        if args.dial.is_given() {
+            progress::say(&format!(
+                "note: `{}` is not steered: lambda, mu and aggression change nothing",
+                args.method
+            ));
+        }
+        places = vec![Place::at(1.0, None)?];
+    }
+    if args.dial.aggression.is_some() && (args.method != "sage" || choosing.strict) {
+        progress::say(
+            "note: the even dial was fitted for `sage` under the paper's feasibility; here it may not be even",
+        );
     }
     let build = |place: &Place| Ok((*place, methods::build(&*method, *place, choosing, &experts, &*merger)?));
     let generators = places.iter().map(build).collect::<Result<Vec<_>>>()?;
+    check_names(args, &files)?;
     output::make_folder(&args.out, args.force)?;
     let mut failed = 0;
+    // Whoever reads the output may have seen enough; the files come all the same.
+    let mut heard = true;
     for file in &files {
-        if let Err(error) = one(args, weights, file, &generators) {
-            progress::say(&format!("error: `{}`: {error:#}", file.display()));
-            failed += 1;
+        match one(args, weights, file, &generators) {
+            Ok(lines) => heard = heard && tell(&lines)?,
+            Err(error) => {
+                progress::say(&format!("error: `{}`: {error:#}", file.display()));
+                failed += 1;
+            }
         }
     }
     if failed > 0 {
@@ -71,27 +93,69 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     Ok(Outcome::Done)
 }
 
+/// Name of a scene's output files.
+fn stem(file: &Path) -> String {
+    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Refuses what would lose a scene.
+///
+/// *Errors*: two scenes of one name, or output over an input.
+fn check_names(args: &GenerateArgs, files: &[PathBuf]) -> Result<()> {
+    let mut seen: HashMap<String, &Path> = HashMap::new();
+    for file in files {
+        if let Some(other) = seen.insert(stem(file), file) {
+            bail!(
+                "`{}` and `{}` would become one file; generate them into two folders",
+                other.display(),
+                file.display()
+            );
+        }
+        let folder = file.parent().and_then(|folder| folder.canonicalize().ok());
+        if folder.is_some() && folder == args.out.canonicalize().ok() {
+            bail!(
+                "`{}` lies in the output folder and could be overwritten; name another --out",
+                file.display()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Prints lines; whether anybody still reads them.
+///
+/// *Errors*: standard output is full.
+fn tell(lines: &[String]) -> Result<bool> {
+    let mut out = std::io::stdout().lock();
+    let written = lines.iter().try_for_each(|line| writeln!(out, "{line}")).and_then(|()| out.flush());
+    match written {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+        written => written.map(|()| true).context("cannot write to standard output"),
+    }
+}
+
+/// Attacks one scene at every place; the lines to print.
 fn one(
     args: &GenerateArgs,
     weights: &str,
     file: &Path,
     generators: &[(Place, Box<dyn Generator>)],
-) -> Result<()> {
+) -> Result<Vec<String>> {
     let mut recording = Recording::read(file)?;
     recording.scene = recording.scene.with_roles(None, args.adversary.as_deref())?;
     let scene = recording.scene.clone();
     let index = SceneIndex::new(scene.map.clone());
     let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
     let scorer = Scorer::new(&ctx);
-    let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let mut drawn = Vec::new();
+    let stem = stem(file);
+    let (mut drawn, mut lines) = (Vec::new(), Vec::new());
     for (place, generator) in generators {
         let clock = Instant::now();
         let attack = generator.generate(&ctx, args.seed)?;
         let seconds = clock.elapsed().as_secs_f64();
         let name = if generators.len() > 1 { format!("{stem}-{}", place.file_label()) } else { stem.clone() };
         let scores = scorer.scores(&ctx.candidate(attack.trajectory().clone()));
-        report(args, &name, *place, &attack, &scores, seconds, &scorer, &ctx)?;
+        lines.push(report(args, &name, *place, &attack, &scores, seconds, &scorer, &ctx)?);
         recording.scene = attacked(&scene, attack.trajectory())?;
         recording.provenance = Some(provenance(args, weights, *place).to_string());
         for ending in ["safetensors", "pkl"] {
@@ -102,7 +166,8 @@ fn one(
     }
     let picture = Picture { title: stem.clone(), candidates: drawn, ..Picture::default() };
     let path = args.out.join(format!("{stem}.svg"));
-    output::write_file(&path, drawing::draw(&scene, &picture).as_bytes(), true)
+    output::write_file(&path, drawing::draw(&scene, &picture).as_bytes(), true)?;
+    Ok(lines)
 }
 
 /// How a scene was attacked, for whoever finds the file.
@@ -123,7 +188,7 @@ fn report(
     seconds: f64,
     scorer: &Scorer,
     ctx: &Context,
-) -> Result<()> {
+) -> Result<String> {
     let all = attack.candidates.iter().map(|p| Candidate {
         log_prob: p.log_prob,
         goal: p.goal,
@@ -138,23 +203,19 @@ fn report(
         "candidates": all.collect::<Vec<_>>(), "seconds": seconds,
     });
     output::write_file(&args.out.join(format!("{name}.json")), row.to_string().as_bytes(), true)?;
-    let mut out = std::io::stdout().lock();
     if args.json {
-        writeln!(out, "{row}")?;
-    } else {
-        let hit = scores
-            .collision_step
-            .map_or("no contact".to_owned(), |step| format!("hits after {:.1} s", step as f64 / 10.0));
-        writeln!(
-            out,
-            "{name}: {hit}, R_adv {:.2}, P_kin {:.2}, P_beh {:.2}, {}{} ({:.0} ms)",
-            scores.adversarial_reward,
-            scores.kinematic_penalty,
-            scores.behavior_penalty,
-            if scores.feasible { "feasible" } else { "not feasible" },
-            attack.note.as_ref().map_or(String::new(), |note| format!("; {note}")),
-            1e3 * seconds
-        )?;
+        return Ok(row.to_string());
     }
-    out.flush().context("cannot write to standard output")
+    let hit = scores
+        .collision_step
+        .map_or("no contact".to_owned(), |step| format!("hits after {:.1} s", step as f64 / 10.0));
+    Ok(format!(
+        "{name}: {hit}, R_adv {:.2}, P_kin {:.2}, P_beh {:.2}, {}{} ({:.0} ms)",
+        scores.adversarial_reward,
+        scores.kinematic_penalty,
+        scores.behavior_penalty,
+        if scores.feasible { "feasible" } else { "not feasible" },
+        attack.note.as_ref().map_or(String::new(), |note| format!("; {note}")),
+        1e3 * seconds
+    ))
 }

@@ -127,7 +127,7 @@ impl FinetuneOptions {
 /// What one epoch of fine-tuning came to: means over scenes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FinetuneRow {
-    /// Number of the epoch, from 1; 0 is the prior.
+    /// Number of the epoch, from 1.
     pub epoch: u32,
     /// Loss.
     pub loss: f64,
@@ -231,7 +231,10 @@ pub fn finetune(
 /// Takes up the state of the same run, if one is kept; the rows so far.
 fn go_on(trainer: &mut Trainer, kept: Option<&Kept>, config: AdamWConfig) -> Result<Vec<FinetuneRow>, Error> {
     let Some(kept) = kept.filter(|kept| kept.file.is_file()) else { return Ok(Vec::new()) };
-    let (state, weights, adam) = Checkpoint::<FinetuneRow>::load(kept.file, config)?;
+    // A state that cannot be read is none: the run starts anew.
+    let Ok((state, weights, adam)) = Checkpoint::<FinetuneRow>::load(kept.file, config) else {
+        return Ok(Vec::new());
+    };
     if state.identity != kept.identity {
         return Ok(Vec::new());
     }

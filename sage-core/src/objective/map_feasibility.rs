@@ -58,6 +58,11 @@ impl Violations {
     }
 }
 
+/// Whether a candidate touches a road boundary: less work than all of [`Violations::of`].
+pub fn touches_boundary(candidate: &Candidate, ctx: &Context) -> bool {
+    first_edge_contact(candidate, ctx.index().boundaries()).is_some()
+}
+
 /// First step at which a map box touches a segment.
 pub(super) fn first_edge_contact(candidate: &Candidate, edges: &SegmentIndex) -> Option<EdgeContact> {
     for (chunk, bounds) in candidate.chunks().iter().enumerate() {

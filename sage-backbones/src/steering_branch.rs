@@ -157,8 +157,7 @@ impl Looks {
         let (x, y, cos, sin) = (zero, zero, zero, zero);
         let mut own = Self { weight: 1.0, stands: false, half, reach, x, y, cos, sin, bounds: [0.0; 4] };
         let (mut last, mut axis) = ([0.0, 0.0], [1.0, 0.0]);
-        for look in 0..LOOKS {
-            let at = path[look];
+        for (look, &at) in path.iter().enumerate() {
             let [dx, dy] = [at[0] - last[0], at[1] - last[1]];
             let squared = dx * dx + dy * dy;
             if squared > 0.0025 {

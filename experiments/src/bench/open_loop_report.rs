@@ -16,8 +16,10 @@ pub type Table = Vec<(String, Vec<SceneRow>)>;
 /// A policy with its expectations, a scene each.
 pub type Policies = Vec<(String, Vec<Expectation>)>;
 
+type Expected = fn(&Expectation) -> f64;
+
 /// What an [`Expectation`] holds, by name.
-const EXPECTATIONS: [(&str, fn(&Expectation) -> f64); 4] = [
+const EXPECTATIONS: [(&str, Expected); 4] = [
     ("feasible", |e| e.feasible),
     ("feasible hit", |e| e.attack),
     ("R_adv", |e| e.reward),

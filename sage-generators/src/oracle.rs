@@ -16,7 +16,7 @@ use crate::{
     Method, Setting,
     choice::Judge,
     steered::{in_scene, surprises},
-    timing::{PACES, at_pace},
+    timing::{Extended, PACES, Pace},
 };
 
 /// The search.
@@ -43,7 +43,9 @@ impl Generator for Oracle {
             let modes: Vec<usize> = (0..ends.len()).collect();
             let plain = to_world(&self.prior.trajectories(&encoding, &modes)?, encoding.features())?;
             let origin = encoding.features().frame.origin();
-            let paced = PACES.iter().flat_map(|bend| plain.iter().map(|path| at_pace(path, origin, *bend)));
+            let plain: Vec<Extended> = plain.iter().map(|path| Extended::new(path, origin)).collect();
+            let paces = PACES.map(Pace::new);
+            let paced = paces.iter().flat_map(|pace| plain.iter().map(|path| pace.whole(path)));
             let mut paths = paced.collect::<Result<Vec<_>, Error>>()?;
             let surprises = surprises(&self.judge, &*self.prior, &encoding, &modes)?;
             // All goals at one pace, then at the next.

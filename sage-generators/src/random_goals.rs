@@ -18,7 +18,7 @@ use crate::{
     choice::{Judge, drivable},
     method::check_candidates,
     steered::{SPARE, in_scene, surprises},
-    timing::{PACES, at_pace},
+    timing::{Extended, PACES, Pace},
 };
 
 /// Goals and paces drawn evenly, decoded by a prior.
@@ -50,7 +50,9 @@ impl Generator for RandomGoals {
             let paths = to_world(&self.prior.trajectories(&encoding, &modes)?, encoding.features())?;
             let origin = encoding.features().frame.origin();
             let mut rng = Rng::new(seed, &scene.id, "random paces");
-            let mut pace = |path: &Trajectory| at_pace(path, origin, PACES[rng.below(PACES.len())]);
+            let paces = PACES.map(Pace::new);
+            let mut pace =
+                |path: &Trajectory| paces[rng.below(paces.len())].whole(&Extended::new(path, origin));
             let paths = paths.iter().map(&mut pace).collect::<Result<Vec<_>, Error>>()?;
             let kept = drivable(&paths, self.candidates, ctx);
             let modes: Vec<usize> = kept.iter().map(|&k| modes[k]).collect();

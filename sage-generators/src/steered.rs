@@ -15,8 +15,8 @@ use sage_backbones::{
 use sage_core::{
     Error,
     generator::{Attack, Generator, Proposed},
-    geometry::distance,
-    motion::{HORIZON, Trajectory},
+    geometry::{Point, distance},
+    motion::HORIZON,
     objective::Context,
     registry::Entry,
     seed::Rng,
@@ -27,7 +27,7 @@ use crate::{
     Method, Setting,
     choice::{Judge, Judged, drivable},
     method::check_candidates,
-    timing::{PACES, at_pace},
+    timing::{Extended, PACES, Pace},
 };
 
 /// Modes looked at for each candidate: those that no car could drive are passed over.
@@ -38,9 +38,15 @@ const RARELY: f32 = -1.5;
 
 /// A mode at a pace.
 struct Paced {
+    /// Number of its path.
+    path: usize,
     mode: usize,
+    /// Number of its pace.
+    pace: usize,
     log_prob: f32,
-    path: Trajectory,
+    /// Where it is after half the time, and in the end.
+    half: Point,
+    end: Point,
 }
 
 /// The generator over one network.
@@ -93,19 +99,22 @@ impl Steered {
         let policy = log_probs.to_dtype(DType::F32)?.to_vec1::<f32>()?;
         let modes = choose(&policy, &ends, SPARE * self.candidates, self.selection, &mut rng);
         let paths = to_world(&self.network.trajectories(&encoding, &modes)?, encoding.features())?;
-        let paced = self.paced(&encoding, &log_probs, &modes, paths)?;
-        let paths: Vec<Trajectory> = paced.iter().map(|p| p.path.clone()).collect();
-        let kept = drivable(&paths, self.candidates, ctx);
+        let origin = encoding.features().frame.origin();
+        let paths: Vec<Extended> = paths.iter().map(|path| Extended::new(path, origin)).collect();
+        let paced = self.paced(&encoding, &log_probs, &modes, &paths)?;
+        let paces = PACES.map(Pace::new);
+        let driven = |p: &Paced| paces[p.pace].whole(&paths[p.path]);
+        let whole = paced.iter().map(driven).collect::<Result<Vec<_>, _>>()?;
+        let kept = drivable(&whole, self.candidates, ctx);
         let of_kept: Vec<usize> = kept.iter().map(|&k| paced[k].mode).collect();
         let surprises = surprises(&self.judge, &*self.prior, &encoding, &of_kept)?;
         let (mut proposed, mut judged) = (Vec::new(), Vec::new());
         for (k, surprise) in kept.into_iter().zip(surprises) {
-            let Paced { mode, log_prob, path } = &paced[k];
-            judged.push(self.judge.judge(path, surprise, ctx));
+            judged.push(self.judge.judge(&whole[k], surprise, ctx));
             proposed.push(Proposed {
-                trajectory: path.clone(),
-                log_prob: Some(f64::from(*log_prob)),
-                goal: Some(encoding.features().frame.to_world(ends[*mode].map(f64::from))),
+                trajectory: whole[k].clone(),
+                log_prob: Some(f64::from(paced[k].log_prob)),
+                goal: Some(encoding.features().frame.to_world(ends[paced[k].mode].map(f64::from))),
             });
         }
         Ok((proposed, judged))
@@ -118,40 +127,36 @@ impl Steered {
         encoding: &Encoding,
         log_probs: &Tensor,
         modes: &[usize],
-        paths: Vec<Trajectory>,
+        paths: &[Extended],
     ) -> Result<Vec<Paced>, sage_backbones::Error> {
         let frame = encoding.features().frame;
         let mut all = Vec::with_capacity(PACES.len() * modes.len());
         let mut places = Vec::with_capacity(2 * LOOKS * PACES.len() * modes.len());
-        for bend in PACES {
-            for (&mode, path) in modes.iter().zip(&paths) {
-                let path = at_pace(path, frame.origin(), bend)?;
-                let looks = path.points().iter().skip(STRIDE - 1).step_by(STRIDE);
-                places.extend(looks.flat_map(|p| frame.to_local(*p)).map(|x| x as f32));
-                all.push(Paced { mode, log_prob: 0.0, path });
+        for (number, bend) in PACES.into_iter().enumerate() {
+            let pace = Pace::new(bend);
+            for (path, &mode) in modes.iter().enumerate() {
+                let looks = (1..=LOOKS).map(|look| pace.at(&paths[path], look * STRIDE));
+                places.extend(looks.flat_map(|p| frame.to_local(p)).map(|x| x as f32));
+                let [half, end] = [HORIZON / 2, HORIZON].map(|step| pace.at(&paths[path], step));
+                all.push(Paced { path, mode, pace: number, log_prob: 0.0, half, end });
             }
         }
         let chosen: Vec<usize> = all.iter().map(|p| p.mode).collect();
         let places = Tensor::from_vec(places, (all.len(), LOOKS, 2), &Device::Cpu)?;
         let places = places.to_dtype(log_probs.dtype())?;
         let found = self.network.log_probs_along(encoding, log_probs, &chosen, &places)?;
-        for (k, (paced, log_prob)) in
-            all.iter_mut().zip(found.to_dtype(DType::F32)?.to_vec1::<f32>()?).enumerate()
-        {
-            paced.log_prob = if k < modes.len() { log_prob } else { log_prob + RARELY };
+        for (paced, log_prob) in all.iter_mut().zip(found.to_dtype(DType::F32)?.to_vec1::<f32>()?) {
+            paced.log_prob = if paced.pace == 0 { log_prob } else { log_prob + RARELY };
         }
         // Stable: of equals the plain pace comes first.
         all.sort_by(|a, b| b.log_prob.total_cmp(&a.log_prob));
-        let mut kept: Vec<Paced> = Vec::with_capacity(modes.len());
         let Selection::Nms { radius } = self.selection else { return Ok(all) };
+        let mut kept: Vec<Paced> = Vec::with_capacity(modes.len());
         for paced in all {
-            let gap =
-                |step: usize, other: &Paced| distance(paced.path.points()[step], other.path.points()[step]);
             // Half the distance counts at half time.
-            let apart = |other: &Paced| {
-                gap(HORIZON - 1, other).max(2.0 * gap(HORIZON / 2 - 1, other)) >= f64::from(radius)
-            };
-            if kept.iter().all(apart) {
+            let gap =
+                |other: &Paced| distance(paced.end, other.end).max(2.0 * distance(paced.half, other.half));
+            if kept.iter().all(|other| gap(other) >= f64::from(radius)) {
                 kept.push(paced);
             }
             if kept.len() == SPARE * self.candidates {

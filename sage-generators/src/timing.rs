@@ -10,33 +10,57 @@ use sage_core::{
 /// eighth of b of the whole time in the middle, and ends at `1 − b` of its last speed.
 pub(crate) const PACES: [f64; 3] = [0.0, 0.5, -0.5];
 
-/// A path from `start` at another pace.
-///
-/// *Errors*: a path so near the bounds of coordinates that its cubic goes beyond them.
-pub(crate) fn at_pace(path: &Trajectory, start: Point, bend: f64) -> Result<Trajectory, sage_core::Error> {
-    if bend == 0.0 {
-        return Ok(path.clone());
-    }
-    let known = |k: isize| match k {
-        // Before the start as after the end the path goes straight on.
-        ..0 => extrapolated(start, path.points()[0]),
-        0 => start,
-        k if k as usize <= HORIZON => path.points()[k as usize - 1],
-        _ => extrapolated(path.points()[HORIZON - 1], path.points()[HORIZON - 2]),
-    };
-    let at = |step: usize| {
-        let u = step as f64 / HORIZON as f64;
-        let along = HORIZON as f64 * (u + bend * u * u * (1.0 - u));
-        let k = (along.floor() as isize).clamp(0, HORIZON as isize - 1);
-        let corners = [-1, 0, 1, 2].map(|d| known(k + d));
-        [0, 1].map(|axis| catmull_rom(corners.map(|p| p[axis]), along - k as f64))
-    };
-    Trajectory::new("retimed path", (1..=HORIZON).map(at).collect())
+/// A pace made ready: for every step where it is on the way, as a step and a share of the next.
+pub(crate) struct Pace {
+    bend: f64,
+    places: Vec<(usize, f64)>,
 }
 
-/// The point that lies as far beyond `near` as `other` lies on its other side.
-fn extrapolated(near: Point, other: Point) -> Point {
-    [2.0 * near[0] - other[0], 2.0 * near[1] - other[1]]
+/// A path with its start before it, and one point more at either end, where it goes straight on.
+pub(crate) struct Extended(Vec<Point>);
+
+impl Extended {
+    /// Of a path from `start`.
+    pub(crate) fn new(path: &Trajectory, start: Point) -> Self {
+        let points = path.points();
+        let beyond = |near: Point, other: Point| [2.0 * near[0] - other[0], 2.0 * near[1] - other[1]];
+        let mut all = Vec::with_capacity(HORIZON + 3);
+        all.push(beyond(start, points[0]));
+        all.push(start);
+        all.extend_from_slice(points);
+        all.push(beyond(points[HORIZON - 1], points[HORIZON - 2]));
+        Self(all)
+    }
+}
+
+impl Pace {
+    /// The pace of a bend.
+    pub(crate) fn new(bend: f64) -> Self {
+        let place = |step: usize| {
+            let u = step as f64 / HORIZON as f64;
+            let along = HORIZON as f64 * (u + bend * u * u * (1.0 - u));
+            let k = (along.max(0.0) as usize).min(HORIZON - 1);
+            (k, along - k as f64)
+        };
+        Self { bend, places: (1..=HORIZON).map(place).collect() }
+    }
+
+    /// Where a path is at a step, 1 to 80, at this pace.
+    pub(crate) fn at(&self, path: &Extended, step: usize) -> Point {
+        if self.bend == 0.0 {
+            return path.0[step + 1];
+        }
+        let (k, t) = self.places[step - 1];
+        let corners = &path.0[k..k + 4];
+        [0, 1].map(|axis| catmull_rom([0, 1, 2, 3].map(|c| corners[c][axis]), t))
+    }
+
+    /// A whole path at this pace.
+    ///
+    /// *Errors*: a path so near the bounds of coordinates that its cubic goes beyond them.
+    pub(crate) fn whole(&self, path: &Extended) -> Result<Trajectory, sage_core::Error> {
+        Trajectory::new("retimed path", (1..=HORIZON).map(|step| self.at(path, step)).collect())
+    }
 }
 
 /// The cubic through the middle two of four evenly spaced values with the slopes of their neighbours:
@@ -55,6 +79,10 @@ mod tests {
             [12.0 * t - 0.5 * t * t, 0.3 * t * t]
         };
         Trajectory::new("test", (1..=HORIZON).map(at).collect()).unwrap()
+    }
+
+    fn at_pace(path: &Trajectory, start: Point, bend: f64) -> Result<Trajectory, sage_core::Error> {
+        Pace::new(bend).whole(&Extended::new(path, start))
     }
 
     #[test]

@@ -29,6 +29,9 @@ pub(crate) struct GenerateArgs {
     /// Generator.
     #[arg(long, value_name = "NAME", default_value = "sage")]
     pub method: String,
+    /// Its options as JSON, as `sage list` names them: '{"candidates": 64}'.
+    #[arg(long, value_name = "JSON")]
+    pub options: Option<String>,
     #[command(flatten)]
     pub dial: DialArgs,
     #[command(flatten)]

@@ -46,7 +46,9 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let experts = networks::load_experts(&registries.backbones, weights)?;
     let merger = registries.mergers.build_default(&args.dial.merger)?;
     let choosing = args.choosing.with(args.choice);
-    let method = registries.methods.build_default(&args.method)?;
+    let options = args.options.as_deref().map_or(Ok(json!({})), serde_json::from_str);
+    let options: Value = options.context("--options is not a JSON object")?;
+    let method = registries.methods.build(&args.method, &options)?;
     let mut places = args.dial.places(weights, &experts, choosing.choice, &[1.0])?;
     if !method.is_steered() {
         if args.dial.is_given() {

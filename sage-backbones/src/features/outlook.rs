@@ -49,7 +49,7 @@ pub struct Way {
 pub struct Outlook {
     /// The ego's ways, the likeliest first; none if the ego is the target or not there *now*.
     pub ego: Vec<Way>,
-    /// Ways of the others who are there *now*, the nearest first: one of who stands, [`MANNERS`] of
+    /// Ways of the others who are there *now*, the nearest first: one of who stands, three of
     /// who drives.
     pub others: Vec<Way>,
 }

@@ -24,7 +24,11 @@ pub(crate) fn write(folder: &Path, scenes: &[SceneData], table: &Table, markdown
     let mut cards = String::new();
     for (k, (method, rows)) in table.iter().enumerate() {
         writeln!(cards, "<h2>{}</h2>", escaped(method))?;
-        writeln!(cards, "<p>{:.1} ms a scene (median)</p><div class=row>", 1e3 * seconds(rows))?;
+        writeln!(
+            cards,
+            "<p>{:.1} ms a scene (median, with other scenes beside it on all threads)</p><div class=row>",
+            1e3 * seconds(rows)
+        )?;
         for (which, row) in cases(rows) {
             let Some(data) = scenes.iter().find(|data| data.name == row.scene) else { continue };
             let name = format!("{k:02}-{which}.svg");

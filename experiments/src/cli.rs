@@ -181,12 +181,8 @@ pub(crate) struct ConvertArgs {
     /// Format to write.
     #[arg(long, value_enum)]
     pub to: Format,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something.
-    #[arg(long)]
-    pub force: bool,
+    #[command(flatten)]
+    pub folder: FolderArgs,
 }
 
 /// Make scenes without any data: roads, traffic, and an ego and an adversary in conflict.
@@ -283,6 +279,17 @@ pub(crate) struct SpeedArgs {
     /// One JSON object a line.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Where a command writes that leaves more than one file.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct FolderArgs {
+    /// Folder to write into.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write into a folder that holds something; a run that was broken off there starts anew.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Which scenes of the given ones count.

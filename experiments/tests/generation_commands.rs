@@ -1,44 +1,15 @@
-//! `sage generate`, `finetune` and `bench open-loop` as a user runs them.
+//! `sage generate` and `bench open-loop` as a user runs them.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
+mod program;
 
+use std::path::{Path, PathBuf};
+
+use program::*;
 use sage_core::motion::NOW;
 use sage_data::Recording;
 use serde_json::Value;
-
-fn example() -> String {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/crossing.pkl").display().to_string()
-}
-
-fn sage(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_sage")).args(arguments).env_remove("SAGE_WEIGHTS").output().unwrap()
-}
-
-fn stdout(output: &Output) -> &str {
-    assert!(output.status.success(), "{}", stderr(output));
-    std::str::from_utf8(&output.stdout).unwrap()
-}
-
-fn stderr(output: &Output) -> &str {
-    std::str::from_utf8(&output.stderr).unwrap()
-}
-
-fn failure(arguments: &[&str]) -> String {
-    let output = sage(arguments);
-    assert_eq!(output.status.code(), Some(1), "{arguments:?}: {}", stderr(&output));
-    stderr(&output).to_owned()
-}
-
-fn text(path: &Path) -> &str {
-    path.to_str().unwrap()
-}
-
-const WEIGHTS: [&str; 2] = ["--weights", "procedural"];
 
 #[test]
 fn generate_changes_the_adversarys_future_and_nothing_else() {
@@ -111,9 +82,8 @@ fn a_sweep_is_steered_and_repeats_on_any_number_of_threads() {
         let arguments =
             ["generate", &scene, "--lambda", "0:1:0.25", "--json", "--threads", threads, "--out", text(&out)];
         let output = sage(&[&arguments[..], &WEIGHTS].concat());
-        let rows: Vec<Value> =
-            stdout(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-        rows.into_iter()
+        rows(&output)
+            .into_iter()
             .map(|row| (row["lambda"].clone(), row["trajectory"].clone(), row["scores"].clone()))
             .collect::<Vec<_>>()
     };
@@ -149,97 +119,6 @@ fn generate_says_what_is_wrong_and_goes_on_with_the_other_scenes() {
     assert_eq!(sage(&["generate", &scene, "--lambda", "x", "--out", "y"]).status.code(), Some(2));
     let error = failure(&[&["generate", &scene, "--out", text(&out)][..], &WEIGHTS].concat());
     assert!(error.contains("is not empty; give --force"), "{error}");
-}
-
-#[test]
-fn experts_are_tuned_from_either_network_merged_and_used() {
-    let folder = tempfile::tempdir().unwrap();
-    let config = folder.path().join("quick.json");
-    std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
-    for backbone in ["densetnt", "query-transformer"] {
-        let [prior, experts, out] =
-            ["prior", "experts", "out"].map(|part| folder.path().join(format!("{backbone}-{part}")));
-        let small = r#"{"hidden": 16, "rounds": 1}"#;
-        let arguments = [
-            "pretrain",
-            "--backbone",
-            backbone,
-            "--network",
-            small,
-            "--made",
-            "2",
-            "--epochs",
-            "1",
-            "--out",
-            text(&prior),
-        ];
-        stdout(&sage(&arguments));
-        let tune = |out: &Path, threads: &str| {
-            let arguments = [
-                "finetune",
-                "--made",
-                "4",
-                "--prior",
-                text(&prior),
-                "--config",
-                text(&config),
-                "--threads",
-                threads,
-                "--out",
-                text(out),
-            ];
-            let output = sage(&arguments);
-            assert!(output.status.success(), "{}", stderr(&output));
-            assert!(stderr(&output).contains("adversarial epoch 1: loss"), "{}", stderr(&output));
-        };
-        tune(&experts, "2");
-        let again = folder.path().join(format!("{backbone}-again"));
-        tune(&again, "1");
-        let weights = |dir: &Path| {
-            sage_backbones::Parameters::load(&dir.join("adversarial.safetensors")).unwrap().0.hash().unwrap()
-        };
-        assert_eq!(weights(&experts), weights(&again), "bits depend on the number of threads");
-        let scene = example();
-        let arguments =
-            ["generate", &scene, "--weights", text(&experts), "--lambda", "0.5", "--out", text(&out)];
-        assert!(stdout(&sage(&arguments)).starts_with("crossing: "));
-        // Experts of one prior do not go with another.
-        let other = folder.path().join(format!("{backbone}-other"));
-        std::fs::create_dir(&other).unwrap();
-        for file in ["realistic.safetensors", "adversarial.safetensors"] {
-            std::fs::copy(experts.join(file), other.join(file)).unwrap();
-        }
-        let stranger = folder.path().join(format!("{backbone}-stranger"));
-        let arguments = [
-            "pretrain",
-            "--backbone",
-            backbone,
-            "--network",
-            small,
-            "--made",
-            "2",
-            "--epochs",
-            "1",
-            "--seed",
-            "3",
-            "--out",
-            text(&stranger),
-        ];
-        stdout(&sage(&arguments));
-        std::fs::copy(stranger.join("prior.safetensors"), other.join("prior.safetensors")).unwrap();
-        let error = failure(&[
-            "generate",
-            &scene,
-            "--weights",
-            text(&other),
-            "--out",
-            text(&folder.path().join("x")),
-        ]);
-        assert!(
-            error.contains("the realistic expert") && error.contains("tuned from another one"),
-            "{error}"
-        );
-    }
 }
 
 #[test]
@@ -290,102 +169,14 @@ fn open_loop_compares_methods_and_keeps_its_table() {
 }
 
 #[test]
-fn one_dial_is_even_refitted_and_kept_beside_its_experts() {
-    let folder = tempfile::tempdir().unwrap();
-    let scene = example();
-    let out = folder.path().join("out");
-    let arguments = ["generate", &scene, "--aggression", "0:1:0.5", "--json", "--out", text(&out)];
-    let output = sage(&[&arguments[..], &WEIGHTS].concat());
-    let rows: Vec<Value> = stdout(&output).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!(rows.len(), 3);
-    for (row, a) in rows.iter().zip([0.0, 0.5, 1.0]) {
-        assert_eq!((row["aggression"].as_f64(), row["lambda"].as_f64()), (Some(a), Some(a)));
-    }
-    assert_eq!((rows[0]["mu"].as_f64(), rows[2]["mu"].as_f64()), (Some(0.0), Some(1.0)));
-    assert!(out.join("crossing-a0.50.pkl").is_file());
-    let both = ["generate", &scene, "--aggression", "1", "--lambda", "1", "--out", "x"];
-    assert_eq!(sage(&both).status.code(), Some(2));
-
-    let experts = folder.path().join("experts");
-    std::fs::create_dir(&experts).unwrap();
-    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
-    for file in ["prior", "realistic", "adversarial"].map(|name| format!("{name}.safetensors")) {
-        std::fs::copy(shipped.join(&file), experts.join(&file)).unwrap();
-    }
-    let other = folder.path().join("other");
-    let generate =
-        ["generate", &scene, "--weights", text(&experts), "--aggression", "0.3", "--out", text(&other)];
-    assert!(failure(&generate).contains("`sage calibrate` fits one"));
-    let dial = experts.join("dial.json");
-    let calibrate = [
-        "calibrate",
-        "--made",
-        "8",
-        "--weights",
-        text(&experts),
-        "--choice",
-        "natural",
-        "--out",
-        text(&dial),
-    ];
-    let output = sage(&calibrate);
-    assert!(output.status.success(), "{}", stderr(&output));
-    stdout(&sage(&generate));
-    assert!(failure(&calibrate).contains("exists"));
-
-    let scenes = folder.path().join("scenes");
-    stdout(&sage(&["scenes", "--count", "4", "--out", text(&scenes)]));
-    let report = folder.path().join("dial");
-    let output = sage(&["bench", "dial", text(&scenes), "--weights", text(&experts), "--out", text(&report)]);
-    assert!(stdout(&output).contains("Shapley share of lambda"), "{}", stdout(&output));
-    for file in ["dial.md", "dial.csv", "dial.svg", "run.json"] {
-        assert!(report.join(file).is_file(), "{file}");
-    }
-}
-
-#[test]
-fn a_broken_off_fine_tuning_goes_on_to_the_same_bits() {
-    let folder = tempfile::tempdir().unwrap();
-    let config = folder.path().join("quick.json");
-    std::fs::write(&config, r#"{"epochs": 3, "candidates": 16}"#).unwrap();
-    let tune = |out: &Path| {
-        let arguments =
-            ["finetune", "--made", "4", "--roles", "1", "--config", text(&config), "--out", text(out)];
-        Command::new(env!("CARGO_BIN_EXE_sage")).args(arguments).env_remove("SAGE_WEIGHTS").spawn().unwrap()
-    };
-    let [whole, broken] = ["whole", "broken"].map(|name| folder.path().join(name));
-    assert!(tune(&whole).wait().unwrap().success());
-    let mut child = tune(&broken);
-    // Killed as soon as the first expert has a state to go on from.
-    while !broken.join("realistic.state").exists() && child.try_wait().unwrap().is_none() {
-        std::thread::sleep(std::time::Duration::from_millis(5));
-    }
-    let _ = child.kill();
-    child.wait().unwrap();
-    assert!(tune(&broken).wait().unwrap().success());
-    for expert in ["realistic", "adversarial"] {
-        let [a, b] = [&whole, &broken].map(|dir| {
-            let file = dir.join(format!("{expert}.safetensors"));
-            sage_backbones::Parameters::load(&file).unwrap().0.hash().unwrap()
-        });
-        assert_eq!(a, b, "{expert}");
-    }
-    let table = |dir: &Path| std::fs::read_to_string(dir.join("finetune.csv")).unwrap().lines().count();
-    assert_eq!((table(&whole), table(&broken)), (7, 7));
-}
-
-#[test]
 fn a_generator_of_ones_own_runs_like_the_shipped_ones() {
-    let program = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join("own_generator");
+    let own = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join("own_generator");
     let folder = tempfile::tempdir().unwrap();
-    let run = |arguments: &[&str]| {
-        let output = Command::new(&program).args(arguments).env_remove("SAGE_WEIGHTS").output().unwrap();
-        stdout(&output).to_owned()
-    };
-    assert!(run(&["list"]).contains("brakes straight on"));
+    let try_it = |arguments: &[&str]| stdout(&run(&own, arguments)).to_owned();
+    assert!(try_it(&["list"]).contains("brakes straight on"));
     let (scene, out) = (example(), folder.path().join("out"));
     let generate = ["generate", &scene, "--method", "brake", "--lambda", "0,1", "--out", text(&out)];
-    assert_eq!(run(&[&generate[..], &WEIGHTS].concat()).lines().count(), 2);
+    assert_eq!(try_it(&[&generate[..], &WEIGHTS].concat()).lines().count(), 2);
     assert!(out.join("crossing-1.00.pkl").is_file());
 }
 
@@ -424,31 +215,4 @@ fn nothing_is_lost_where_names_meet() {
             assert!(made.to_pickle().is_ok() && made.to_native().is_ok(), "{path:?}");
         }
     }
-}
-
-#[test]
-fn what_can_fail_at_once_fails_at_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let config = folder.path().join("config.json");
-    let out = folder.path().join("out");
-    let tune = ["finetune", "--made", "2", "--config", text(&config), "--out", text(&out)];
-    for (wrong, why) in [
-        (r#"{"epoch": 1}"#, "unknown field `epoch`"),
-        (r#"{"seed": 1}"#, "`seed` is given by --seed"),
-        (r#"{"epochs": 0}"#, "epochs"),
-    ] {
-        std::fs::write(&config, wrong).unwrap();
-        assert!(failure(&tune).contains(why), "{wrong}");
-        assert!(!out.exists(), "nothing was begun");
-    }
-    let far = folder.path().join("no/dial.json");
-    assert!(failure(&["calibrate", "--made", "2", "--out", text(&far)]).contains("make it first"));
-    let error = failure(&["calibrate", "--made", "0", "--out", text(&folder.path().join("d.json"))]);
-    assert!(error.contains("none of 0 scenes"), "{error}");
-    let scene = example();
-    let raw = ["bench", "open-loop", &scene, "--methods", "log", "--raw", "--out", text(&out)];
-    assert!(failure(&[&raw[..], &WEIGHTS].concat()).contains("--raw is for the method `rule`"));
-    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural/adversarial.safetensors");
-    let error = failure(&["generate", &scene, "--weights", text(&shipped), "--out", text(&out)]);
-    assert!(error.contains("is the adversarial expert of a prior, no prior"), "{error}");
 }

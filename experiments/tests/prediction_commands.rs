@@ -2,43 +2,15 @@
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
+mod program;
+
 use std::{
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::Command,
 };
 
+use program::*;
 use serde_json::Value;
-
-fn example() -> String {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/crossing.pkl").display().to_string()
-}
-
-fn run(program: &Path, arguments: &[&str]) -> Output {
-    Command::new(program).args(arguments).env_remove("SAGE_WEIGHTS").output().unwrap()
-}
-
-fn sage(arguments: &[&str]) -> Output {
-    run(Path::new(env!("CARGO_BIN_EXE_sage")), arguments)
-}
-
-fn stdout(output: &Output) -> &str {
-    assert!(output.status.success(), "{}", stderr(output));
-    std::str::from_utf8(&output.stdout).unwrap()
-}
-
-fn stderr(output: &Output) -> &str {
-    std::str::from_utf8(&output.stderr).unwrap()
-}
-
-fn rows(output: &Output) -> Vec<Value> {
-    stdout(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
-}
-
-fn failure(arguments: &[&str]) -> String {
-    let output = sage(arguments);
-    assert_eq!(output.status.code(), Some(1), "{arguments:?}: {}", stderr(&output));
-    stderr(&output).to_owned()
-}
 
 #[test]
 fn predict_prints_candidates_and_draws_them() {

@@ -26,7 +26,7 @@ use crate::{
     labels,
     nn::log_softmax,
     parameters::{Scope, Wanted},
-    steering_branch::describe,
+    steering_branch::{SteeringBranch, describe},
 };
 use head::Head;
 use scorer::Scorer;
@@ -148,6 +148,17 @@ impl DenseTnt {
         Ok(self.head.forward(rows, ends, elements, target, encoding.features().velocity, stride)?)
     }
 
+    /// The steering branch and what it sees of all goals, unless it has nothing to say.
+    fn steering<'e>(
+        &'e self,
+        encoding: &'e Encoding,
+    ) -> Result<Option<(&'e SteeringBranch, &'e Tensor)>, Error> {
+        match self.scorer.steering() {
+            Some(branch) if !branch.is_silent()? => Ok(self.described(encoding)?.map(|rows| (branch, rows))),
+            _ => Ok(None),
+        }
+    }
+
     /// What the steering branch sees of all goals, made once an encoding and never trained through.
     fn described<'e>(&self, encoding: &'e Encoding) -> Result<Option<&'e Tensor>, Error> {
         encoding.described(|| {
@@ -240,10 +251,7 @@ impl Backbone for DenseTnt {
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let mut scores = self.raw_scores(encoding, None)?;
-        if let Some(branch) = self.scorer.steering()
-            && !branch.is_silent()?
-            && let Some(rows) = self.described(encoding)?
-        {
+        if let Some((branch, rows)) = self.steering(encoding)? {
             scores = (scores + branch.forward(rows)?)?;
         }
         Ok(log_softmax(&scores)?)
@@ -251,10 +259,7 @@ impl Backbone for DenseTnt {
 
     fn relative_log_probs(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         let scores = self.raw_scores(encoding, Some(modes))?;
-        if let Some(branch) = self.scorer.steering()
-            && !branch.is_silent()?
-            && let Some(rows) = self.described(encoding)?
-        {
+        if let Some((branch, rows)) = self.steering(encoding)? {
             return Ok((scores + branch.forward(&rows.index_select(&indices(modes)?, 0)?)?)?);
         }
         Ok(scores)
@@ -267,10 +272,7 @@ impl Backbone for DenseTnt {
         modes: &[usize],
         places: &Tensor,
     ) -> Result<Tensor, Error> {
-        if let Some(branch) = self.scorer.steering()
-            && !branch.is_silent()?
-            && let Some(rows) = self.described(encoding)?
-        {
+        if let Some((branch, rows)) = self.steering(encoding)? {
             return Ok(branch.moved(log_probs, modes, rows, places, encoding.features())?);
         }
         Ok(log_probs.index_select(&indices(modes)?, 0)?)

@@ -73,8 +73,8 @@ impl SteeringBranch {
     }
 }
 
-/// Rows of what the branch sees of paths given by their places at the looks ahead (n, 20, 2), target frame. Without an ego to look at, as when
-/// it is the target itself, there are none.
+/// Rows of what the branch sees of paths, given by their places at the looks ahead (n, 20, 2), target
+/// frame. Without an ego to look at, as when it is the target itself, there are none.
 pub(crate) fn describe(places: &Tensor, features: &Features) -> Result<Option<Tensor>> {
     if features.outlook.ego.is_empty() {
         return Ok(None);

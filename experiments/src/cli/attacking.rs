@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use sage_generators::Choice;
 use sage_merging::Experts;
 
-use super::SplitArgs;
+use super::{FolderArgs, SplitArgs};
 use crate::{
     methods::{Choosing, Place},
     networks,
@@ -52,12 +52,8 @@ pub(crate) struct GenerateArgs {
     /// One JSON object a scene and lambda.
     #[arg(long)]
     pub json: bool,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something.
-    #[arg(long)]
-    pub force: bool,
+    #[command(flatten)]
+    pub folder: FolderArgs,
 }
 
 /// Compare generators against a replayed ego: the paper's table and what it hides.
@@ -99,12 +95,8 @@ pub(crate) struct OpenLoopArgs {
     /// Seed.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something.
-    #[arg(long)]
-    pub force: bool,
+    #[command(flatten)]
+    pub folder: FolderArgs,
 }
 
 /// Fit the even dial of some experts: for each aggression the weight of the choice at which the attack
@@ -158,12 +150,8 @@ pub(crate) struct DialBenchArgs {
     /// Seed.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something.
-    #[arg(long)]
-    pub force: bool,
+    #[command(flatten)]
+    pub folder: FolderArgs,
 }
 
 /// Where the dial is put, for every command that turns it.

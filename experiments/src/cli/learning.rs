@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::SplitArgs;
+use super::{FolderArgs, SplitArgs};
 
 /// Train a motion prior from recorded scenes, or from made ones.
 ///
@@ -50,12 +50,8 @@ pub(crate) struct PretrainArgs {
     /// Licence to keep in the weights' header.
     #[arg(long, value_name = "TEXT")]
     pub license: Option<String>,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something, and start anew where a run was interrupted.
-    #[arg(long)]
-    pub force: bool,
+    #[command(flatten)]
+    pub folder: FolderArgs,
 }
 
 /// Tune a realistic and an adversarial expert from a prior, by preferences among its own candidates.
@@ -92,12 +88,8 @@ pub(crate) struct FinetuneArgs {
     /// Seed of candidates, pairs and order, and of made scenes.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// Folder to write into.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Write into a folder that holds something.
-    #[arg(long)]
-    pub force: bool,
+    #[command(flatten)]
+    pub folder: FolderArgs,
 }
 
 /// Compare two ways to tune experts, each in several seeds, paired by scene.

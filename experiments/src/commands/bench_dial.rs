@@ -31,7 +31,7 @@ struct Way {
 }
 
 pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outcome> {
-    output::make_folder(&args.out, args.force)?;
+    output::make_folder(&args.folder.out, args.folder.force)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger = registries.mergers.build_default("linear")?;
     let choice = args.choice.into();
@@ -66,7 +66,8 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
         name: way.name,
         rates: way.stops.iter().map(|(_, _, attacks)| attacks.rate()).collect(),
     });
-    let file = |name: &str, text: &str| output::write_file(&args.out.join(name), text.as_bytes(), true);
+    let file =
+        |name: &str, text: &str| output::write_file(&args.folder.out.join(name), text.as_bytes(), true);
     file("dial.md", &markdown)?;
     file("dial.csv", &csv)?;
     file("dial.svg", &dial_chart::draw(&lines.collect::<Vec<_>>())?)?;
@@ -76,7 +77,10 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     });
     file("run.json", &format!("{record:#}\n"))?;
     output::print(&markdown)?;
-    progress::say(&format!("dial.md, dial.csv, dial.svg and run.json are in `{}`", args.out.display()));
+    progress::say(&format!(
+        "dial.md, dial.csv, dial.svg and run.json are in `{}`",
+        args.folder.out.display()
+    ));
     Ok(Outcome::Done)
 }
 

@@ -3,7 +3,6 @@
 use std::{fmt::Write as _, path::Path};
 
 use anyhow::{Context as _, Result, bail};
-use rayon::prelude::*;
 use sage_backbones::training::{Expectation, SceneData, TunedScene};
 use sage_core::{
     seed::Rng,
@@ -77,10 +76,7 @@ fn values(registries: &Registries, folder: &str, scenes: &[SceneData], seed: u64
     let experts = networks::load_experts(&registries.backbones, folder)?;
     let merger = registries.mergers.build_default("linear")?;
     let prior = experts.prior();
-    let prepared: Vec<_> =
-        scenes.par_iter().with_max_len(1).map(|data| TunedScene::new(prior, data, false)).collect();
-    let prepared: Vec<TunedScene> =
-        prepared.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+    let prepared = TunedScene::all(prior, scenes, false)?;
     let expectations = |lambda| -> Result<Vec<Expectation>> {
         let network = prior.rebuilt(merger.merge(&experts, lambda)?)?;
         open_loop::expectations(&prepared, &*network)

@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use anyhow::{Context as _, Result, bail};
-use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
     training::{SceneData, TunedScene},
@@ -63,16 +62,17 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     }
     let policies = policies(&places, &experts, &*merger, &scenes)?;
     let markdown = report::markdown(&table, &policies)?;
-    let file = |name: &str, text: &str| output::write_file(&args.out.join(name), text.as_bytes(), true);
+    let file =
+        |name: &str, text: &str| output::write_file(&args.folder.out.join(name), text.as_bytes(), true);
     file("table.md", &markdown)?;
     file("table.csv", &report::csv(&table, &policies)?)?;
     file("scenes.csv", &report::scenes_csv(&table)?)?;
-    gallery::write(&args.out, &scenes, &table, &markdown)?;
+    gallery::write(&args.folder.out, &scenes, &table, &markdown)?;
     finish(args, &record, clock.elapsed().as_secs_f64())?;
     output::print(&markdown)?;
     progress::say(&format!(
         "table.md, table.csv, scenes.csv, run.json and index.html with pictures are in `{}`",
-        args.out.display()
+        args.folder.out.display()
     ));
     Ok(if failures == 0 { Outcome::Done } else { Outcome::Partial })
 }
@@ -110,7 +110,7 @@ fn one(
     scenes: &[SceneData],
     prior: &dyn Backbone,
 ) -> Result<Finished> {
-    let file = args.out.join(KEPT).join(format!("{number:03}.json"));
+    let file = args.folder.out.join(KEPT).join(format!("{number:03}.json"));
     let kept = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str(&text).ok());
     if let Some(kept) = kept.filter(|kept: &Finished| kept.method == generator.name()) {
         return Ok(kept);
@@ -149,8 +149,8 @@ fn record(
 
 /// Makes the folder, or goes on in one that holds the same run unfinished.
 fn start(args: &OpenLoopArgs, record: &Value) -> Result<()> {
-    let kept = args.out.join(KEPT);
-    if !output::start_run(&args.out, record, args.force)? && kept.exists() {
+    let kept = args.folder.out.join(KEPT);
+    if !output::start_run(&args.folder.out, record, args.folder.force)? && kept.exists() {
         std::fs::remove_dir_all(&kept).with_context(|| format!("cannot clear `{}`", kept.display()))?;
     }
     std::fs::create_dir_all(&kept).with_context(|| format!("cannot make `{}`", kept.display()))
@@ -158,8 +158,8 @@ fn start(args: &OpenLoopArgs, record: &Value) -> Result<()> {
 
 /// Says how long it took, and drops what was kept to go on from.
 fn finish(args: &OpenLoopArgs, record: &Value, seconds: f64) -> Result<()> {
-    output::finish_run(&args.out, record, &Value::Null, seconds)?;
-    let kept = args.out.join(KEPT);
+    output::finish_run(&args.folder.out, record, &Value::Null, seconds)?;
+    let kept = args.folder.out.join(KEPT);
     std::fs::remove_dir_all(&kept).with_context(|| format!("cannot clear `{}`", kept.display()))
 }
 
@@ -171,10 +171,7 @@ fn policies(
     scenes: &[SceneData],
 ) -> Result<Policies> {
     let prior = experts.prior();
-    let prepare = |data| TunedScene::new(prior, data, false);
-    let prepared: Vec<_> = scenes.par_iter().with_max_len(1).map(prepare).collect();
-    let prepared: Vec<TunedScene> =
-        prepared.into_iter().collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+    let prepared = TunedScene::all(prior, scenes, false)?;
     let mut policies = vec![("prior".to_owned(), open_loop::expectations(&prepared, prior)?)];
     for place in places {
         let network: Box<dyn Backbone> = prior.rebuilt(merger.merge(experts, place.lambda)?)?;

@@ -27,14 +27,14 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
             // What lies beside the folder keeps its name alone.
             let below = file.strip_prefix(root).map(Path::to_owned);
             let name = below.unwrap_or_else(|_| file.file_name().map(PathBuf::from).unwrap_or_default());
-            pairs.push((file, args.out.join(name).with_extension(ending)));
+            pairs.push((file, args.folder.out.join(name).with_extension(ending)));
         }
     }
     let distinct: HashSet<&PathBuf> = pairs.iter().map(|(_, to)| to).collect();
     if distinct.len() < pairs.len() {
         bail!("several inputs would become one file; convert them into folders of their own");
     }
-    output::make_folder(&args.out, args.force)?;
+    output::make_folder(&args.folder.out, args.folder.force)?;
     let files: Vec<PathBuf> = pairs.iter().map(|(from, _)| from.clone()).collect();
     let targets: HashMap<&Path, &Path> =
         pairs.iter().map(|(from, to)| (from.as_path(), to.as_path())).collect();
@@ -55,6 +55,10 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
         progress.step();
         Ok::<(), anyhow::Error>(())
     })?;
-    progress.finish(&format!("{} scenes in `{}`, {failed} failed", files.len() - failed, args.out.display()));
+    progress.finish(&format!(
+        "{} scenes in `{}`, {failed} failed",
+        files.len() - failed,
+        args.folder.out.display()
+    ));
     Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
 }

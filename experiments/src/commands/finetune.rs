@@ -45,15 +45,15 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         "data": &data, "prior": prior.parameters().hash()?, "seed": args.seed, "roles": args.roles,
         "options": &experts, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
-    if !output::start_run(&args.out, &record, args.force)? {
+    if !output::start_run(&args.folder.out, &record, args.folder.force)? {
         // What belonged to other experts would be taken for theirs.
         for stale in ["realistic.state", "adversarial.state", networks::DIAL_FILE] {
-            let _ = std::fs::remove_file(args.out.join(stale));
+            let _ = std::fs::remove_file(args.folder.out.join(stale));
         }
     }
     let train = with_other_roles(train, args.roles);
-    let (plain, dev) = (prepare(prior, &train, false)?, prepare(prior, &dev, false)?);
-    let both = prepare(prior, &train, true)?;
+    let (plain, dev) = (TunedScene::all(prior, &train, false)?, TunedScene::all(prior, &dev, false)?);
+    let both = TunedScene::all(prior, &train, true)?;
     drop(train);
     progress::say(&format!(
         "every goal of {} casts (a scene with an ego and an adversary) is decoded and judged ({:.0} s)",
@@ -66,7 +66,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let mut results = Vec::new();
     for (name, options) in &experts {
         let train = if options.mirror { &all[..] } else { &all[..count] };
-        let state = args.out.join(format!("{name}.state"));
+        let state = args.folder.out.join(format!("{name}.state"));
         let identity = json!({"run": &record, "expert": name});
         let kept = Kept { file: &state, identity };
         let weights = finetune(prior, train, options, Some(&kept), |row| {
@@ -85,7 +85,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         header.notes.insert(networks::EXPERT.to_owned(), (*name).to_owned());
         header.notes.insert(networks::TUNED_FROM.to_owned(), prior.parameters().hash()?);
         header.notes.insert("options".to_owned(), serde_json::to_string(options)?);
-        weights.save(&header, &args.out.join(format!("{name}.safetensors")))?;
+        weights.save(&header, &args.folder.out.join(format!("{name}.safetensors")))?;
         let tuned = prior.rebuilt(weights)?;
         for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {
             if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
@@ -106,17 +106,17 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         }
         results.push(json!({"expert": name, "options": options}));
     }
-    loaded.network.parameters().save(&loaded.header, &args.out.join(networks::PRIOR))?;
-    output::write_file(&args.out.join("finetune.csv"), table.as_bytes(), true)?;
+    loaded.network.parameters().save(&loaded.header, &args.folder.out.join(networks::PRIOR))?;
+    output::write_file(&args.folder.out.join("finetune.csv"), table.as_bytes(), true)?;
     let seconds = clock.elapsed().as_secs_f64();
-    output::finish_run(&args.out, &record, &json!({"experts": results}), seconds)?;
+    output::finish_run(&args.folder.out, &record, &json!({"experts": results}), seconds)?;
     for (name, _) in &experts {
         // What is no longer needed may stay.
-        let _ = std::fs::remove_file(args.out.join(format!("{name}.state")));
+        let _ = std::fs::remove_file(args.folder.out.join(format!("{name}.state")));
     }
     progress::say(&format!(
         "prior and experts are in `{}` ({:.0} s)",
-        args.out.display(),
+        args.folder.out.display(),
         clock.elapsed().as_secs_f64()
     ));
     Ok(Outcome::Done)
@@ -145,16 +145,6 @@ fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
     };
     let others: Vec<Vec<SceneData>> = scenes.par_iter().map(beside).collect();
     scenes.into_iter().chain(others.into_iter().flatten()).collect()
-}
-
-fn prepare(prior: &dyn Backbone, scenes: &[SceneData], mirrored: bool) -> Result<Vec<TunedScene>> {
-    let prepared: Vec<_> =
-        scenes.par_iter().with_max_len(1).map(|data| TunedScene::new(prior, data, mirrored)).collect();
-    let mut usable = Vec::with_capacity(scenes.len());
-    for scene in prepared {
-        usable.extend(scene?);
-    }
-    Ok(usable)
 }
 
 /// Mean expectations of the prior and of an expert.

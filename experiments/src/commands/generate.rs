@@ -67,7 +67,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let build = |place: &Place| Ok((*place, methods::build(&*method, *place, choosing, &experts, &*merger)?));
     let generators = places.iter().map(build).collect::<Result<Vec<_>>>()?;
     check_names(args, &files)?;
-    output::make_folder(&args.out, args.force)?;
+    output::make_folder(&args.folder.out, args.folder.force)?;
     let mut failed = 0;
     // Whoever reads the output may have seen enough; the files come all the same.
     let mut heard = true;
@@ -84,7 +84,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         progress::say(&format!(
             "{failed} of {} scenes failed; the others are in `{}`",
             files.len(),
-            args.out.display()
+            args.folder.out.display()
         ));
         return if failed == files.len() {
             Err(anyhow::anyhow!("no scene came out"))
@@ -114,7 +114,7 @@ fn check_names(args: &GenerateArgs, files: &[PathBuf]) -> Result<()> {
             );
         }
         let folder = file.parent().and_then(|folder| folder.canonicalize().ok());
-        if folder.is_some() && folder == args.out.canonicalize().ok() {
+        if folder.is_some() && folder == args.folder.out.canonicalize().ok() {
             bail!(
                 "`{}` lies in the output folder and could be overwritten; name another --out",
                 file.display()
@@ -161,13 +161,13 @@ fn one(
         recording.scene = attacked(&scene, attack.trajectory())?;
         recording.provenance = Some(provenance(args, weights, *place).to_string());
         for ending in ["safetensors", "pkl"] {
-            recording.write(&args.out.join(format!("{name}.{ending}")))?;
+            recording.write(&args.folder.out.join(format!("{name}.{ending}")))?;
         }
         let label = if generators.len() > 1 { place.long_label() } else { generator.name() };
         drawn.push(drawn_path(label, &ctx, attack.trajectory().clone()));
     }
     let picture = Picture { title: stem.clone(), candidates: drawn, ..Picture::default() };
-    let path = args.out.join(format!("{stem}.svg"));
+    let path = args.folder.out.join(format!("{stem}.svg"));
     output::write_file(&path, drawing::draw(&scene, &picture).as_bytes(), true)?;
     Ok(lines)
 }
@@ -204,7 +204,7 @@ fn report(
         "reasons": scores.reasons, "note": attack.note, "scores": scores,
         "candidates": all.collect::<Vec<_>>(), "seconds": seconds,
     });
-    output::write_file(&args.out.join(format!("{name}.json")), row.to_string().as_bytes(), true)?;
+    output::write_file(&args.folder.out.join(format!("{name}.json")), row.to_string().as_bytes(), true)?;
     if args.json {
         return Ok(row.to_string());
     }

@@ -33,10 +33,10 @@ const PACE: Duration = Duration::from_secs(10);
 pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let options = options(args)?;
-    let folder = &args.out;
-    let resumes = !args.force && folder.join(STATE).is_file();
-    output::make_folder(folder, args.force || holds_only_ours(folder))?;
-    if args.force && folder.join(STATE).is_file() {
+    let folder = &args.folder.out;
+    let resumes = !args.folder.force && folder.join(STATE).is_file();
+    output::make_folder(folder, args.folder.force || holds_only_ours(folder))?;
+    if args.folder.force && folder.join(STATE).is_file() {
         std::fs::remove_file(folder.join(STATE))
             .with_context(|| format!("cannot clear `{}`", folder.display()))?;
     }

@@ -27,8 +27,8 @@ const ALIGNED: f64 = 0.5;
 /// Most segments of lanes that one way passes.
 const PATIENCE: usize = 4096;
 
-/// How somebody may go on: with which probability, and at which acceleration, m/s². Roughly how recorded
-/// vehicles do.
+/// How somebody may go on: with which weight, and at which acceleration, m/s². Set by hand; what it is
+/// worth was measured on what is tuned with it.
 const MANNERS: [(f32, f64); 3] = [(0.5, 0.0), (0.3, -1.5), (0.2, 1.0)];
 
 /// One way that a road user may go, target frame.

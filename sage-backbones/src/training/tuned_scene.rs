@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use candle_core::{DType, Device, Tensor};
+use rayon::prelude::*;
 use sage_core::{
     objective::{
         Context, ContextOptions, Encounter, MapFeasibility, Rule, behavior_penalty, kinematic_penalty,
@@ -94,6 +95,15 @@ impl TunedScene {
         let reference = numbers(&prior.log_probs(&encoding)?)?;
         let name = if mirrored { format!("{} mirrored", data.name) } else { data.name.clone() };
         Ok(Some(Self { name, encoding, ends, table, reference }))
+    }
+
+    /// All scenes that can be attacked, in parallel and in their order.
+    ///
+    /// *Errors*: the first of the network.
+    pub fn all(prior: &dyn Backbone, scenes: &[SceneData], mirrored: bool) -> Result<Vec<Self>, Error> {
+        let one = |data| Self::new(prior, data, mirrored);
+        let found: Vec<_> = scenes.par_iter().with_max_len(1).map(one).collect();
+        found.into_iter().filter_map(Result::transpose).collect()
     }
 
     /// The encoding.

@@ -1,0 +1,50 @@
+//! The real binary, for tests that run it.
+
+#![allow(dead_code)] // Each test program uses a part of it.
+
+use std::{
+    path::Path,
+    process::{Command, Output},
+};
+
+use serde_json::Value;
+
+/// Weights that are in the binary, so that a test does not depend on others at hand.
+pub const WEIGHTS: [&str; 2] = ["--weights", "procedural"];
+
+pub fn example() -> String {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/crossing.pkl").display().to_string()
+}
+
+pub fn run(program: &Path, arguments: &[&str]) -> Output {
+    Command::new(program).args(arguments).env_remove("SAGE_WEIGHTS").output().unwrap()
+}
+
+pub fn sage(arguments: &[&str]) -> Output {
+    run(Path::new(env!("CARGO_BIN_EXE_sage")), arguments)
+}
+
+/// What a program printed that did its work.
+pub fn stdout(output: &Output) -> &str {
+    assert!(output.status.success(), "{}", stderr(output));
+    std::str::from_utf8(&output.stdout).unwrap()
+}
+
+pub fn stderr(output: &Output) -> &str {
+    std::str::from_utf8(&output.stderr).unwrap()
+}
+
+pub fn rows(output: &Output) -> Vec<Value> {
+    stdout(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// What the program says on failing.
+pub fn failure(arguments: &[&str]) -> String {
+    let output = sage(arguments);
+    assert_eq!(output.status.code(), Some(1), "{arguments:?}: {}", stderr(&output));
+    stderr(&output).to_owned()
+}
+
+pub fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}

@@ -83,7 +83,8 @@ fn panel(
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], color.stroke_width(2)));
     }
     if curves.len() > 1 {
-        chart.configure_series_labels().background_style(WHITE.mix(0.8)).draw()?;
+        let corner = SeriesLabelPosition::UpperRight;
+        chart.configure_series_labels().position(corner).background_style(WHITE.mix(0.8)).draw()?;
     }
     Ok(())
 }

@@ -20,4 +20,5 @@ pub use init::Init;
 pub use layers::{Attention, Linear, Mlp, ResCat};
 pub use norm_relu::norm_relu;
 pub use real::Real;
+pub(crate) use real::wide;
 pub use softmax::{log_softmax, softmax};

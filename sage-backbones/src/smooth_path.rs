@@ -4,6 +4,8 @@
 //! time, so that every path starts as the car drives, ends where it should and is smooth between. A
 //! network moves what is left over from a plain ramp.
 
+use std::sync::LazyLock;
+
 use candle_core::{Device, Result, Tensor};
 use sage_core::motion::{DT, HORIZON};
 
@@ -33,7 +35,7 @@ pub fn places(changes: &Tensor, ends: &[[f32; 2]], speed: f32, stride: usize) ->
     let constant = |values: Vec<f64>, shape: (usize, usize)| {
         Tensor::from_vec(values, shape, &Device::Cpu)?.to_dtype(dtype)
     };
-    let basis: Vec<f64> = basis().into_iter().skip(stride - 1).step_by(stride).collect();
+    let basis: Vec<f64> = BASIS.iter().copied().skip(stride - 1).step_by(stride).collect();
     let basis = constant(basis, (COEFFICIENTS, HORIZON / stride))?;
     // Takes the mean away, so that no change moves the end.
     let centre = constant(centring(), (FREE, COEFFICIENTS))?;
@@ -61,10 +63,10 @@ fn ramp(end: &[f32; 2], speed: f64, axis: usize) -> [f64; COEFFICIENTS] {
     let start = if axis == 0 { speed } else { 0.0 };
     let share = |k: usize| k as f64 / FREE as f64;
     let ratio = if start > 0.1 { mean / start } else { 1.0 };
-    let power = if (0.0..0.5).contains(&ratio) { fall(ratio) } else { 1.0 };
-    let mut coefficients = [0.0; COEFFICIENTS];
-    for (k, c) in coefficients.iter_mut().enumerate() {
-        *c = start * (1.0 - share(k)).powf(power);
+    let mut coefficients: [f64; COEFFICIENTS] = std::array::from_fn(|k| start * (1.0 - share(k)));
+    if (0.0..0.5).contains(&ratio) {
+        let power = fall(ratio);
+        coefficients = std::array::from_fn(|k| start * (1.0 - share(k)).powf(power));
     }
     let missing = mean * COEFFICIENTS as f64 - coefficients.iter().sum::<f64>();
     let total: f64 = (0..COEFFICIENTS).map(share).sum();
@@ -83,7 +85,7 @@ fn fall(mean: f64) -> f64 {
 
 /// Positions at the 80 steps for one unit of each velocity coefficient (10, 80): the integrals of
 /// the Bernstein polynomials of degree 9 over 8 s.
-fn basis() -> Vec<f64> {
+static BASIS: LazyLock<Vec<f64>> = LazyLock::new(|| {
     let degree = COEFFICIENTS as i32;
     let binomial = |k: i32| (0..k).fold(1.0, |b, j| b * f64::from(degree - j) / f64::from(j + 1));
     let mut out = Vec::with_capacity(COEFFICIENTS * HORIZON);
@@ -95,7 +97,7 @@ fn basis() -> Vec<f64> {
         }
     }
     out
-}
+});
 
 /// (9, 10): from nine changes to ten coefficients, the first untouched, the rest without their mean.
 fn centring() -> Vec<f64> {
@@ -112,11 +114,10 @@ fn centring() -> Vec<f64> {
 /// What moving the end by one metre along an axis adds to the position at the 80 steps: the velocity
 /// changes evenly.
 pub fn end_shift() -> Vec<f64> {
-    let basis = basis();
     let share = |k: usize| k as f64 / FREE as f64;
     let total: f64 = (0..COEFFICIENTS).map(share).sum();
     let unit = COEFFICIENTS as f64 / T / total;
-    let at = |step: usize| (0..COEFFICIENTS).map(|k| unit * share(k) * basis[k * HORIZON + step]).sum();
+    let at = |step: usize| (0..COEFFICIENTS).map(|k| unit * share(k) * BASIS[k * HORIZON + step]).sum();
     (0..HORIZON).map(at).collect()
 }
 

@@ -10,7 +10,7 @@ use candle_core::{DType, Device, Result, Tensor};
 use crate::{
     backbone::indices,
     features::{Features, LOOKS, STRIDE, Way},
-    nn::{Linear, Mlp},
+    nn::{Linear, Mlp, wide},
     parameters::Scope,
 };
 
@@ -85,14 +85,18 @@ pub(crate) fn describe(places: &Tensor, features: &Features) -> Result<Option<Te
     let (ego, others) = (table(&features.outlook.ego), table(&features.outlook.others));
     let reach = features.half[0].hypot(features.half[1]);
     let mut rows = Vec::with_capacity(n * COLUMNS);
-    for path in numbers.as_chunks::<2>().0.as_chunks::<LOOKS>().0 {
-        let first = rows.len();
-        let own = Looks::along(path, features.half, reach);
-        towards_ego(&own, &ego, features.speed(), &mut rows);
-        towards_others(&own, &others, &mut rows);
-        of_itself(&own, features, &mut rows);
-        debug_assert_eq!(rows.len() - first, COLUMNS);
-    }
+    wide(
+        #[inline(always)]
+        || {
+            for path in numbers.as_chunks::<2>().0.as_chunks::<LOOKS>().0 {
+                let own = Looks::along(path, features.half, reach);
+                towards_ego(&own, &ego, features.speed(), &mut rows);
+                towards_others(&own, &others, &mut rows);
+                of_itself(&own, features, &mut rows);
+            }
+        },
+    );
+    debug_assert_eq!(rows.len(), n * COLUMNS);
     Ok(Some(Tensor::from_vec(rows, (n, COLUMNS), &Device::Cpu)?.to_dtype(places.dtype())?))
 }
 
@@ -126,11 +130,13 @@ struct Clearance {
 const FAR: f32 = 10.0;
 
 /// Share of the looks that lie after one.
+#[inline(always)]
 fn early(look: usize) -> f32 {
     1.0 - (look + 1) as f32 / LOOKS as f32
 }
 
 /// The least of some numbers, four at a time.
+#[inline(always)]
 fn least(values: &[f32; LOOKS]) -> f32 {
     let less = |a: f32, b: f32| if b < a { b } else { a };
     let mut lanes = [f32::INFINITY; 4];
@@ -152,6 +158,7 @@ impl Looks {
     }
 
     /// The target's own boxes along a path from the origin.
+    #[inline(always)]
     fn along(path: &[[f32; 2]; LOOKS], half: [f32; 2], reach: f32) -> Self {
         let zero = [0.0; LOOKS];
         let (x, y, cos, sin) = (zero, zero, zero, zero);
@@ -171,6 +178,7 @@ impl Looks {
         own.bounded()
     }
 
+    #[inline(always)]
     fn bounded(mut self) -> Self {
         let most = |values: &[f32; LOOKS]| -least(&values.map(|v| -v));
         self.bounds = [least(&self.x), most(&self.x), least(&self.y), most(&self.y)];
@@ -178,6 +186,7 @@ impl Looks {
     }
 
     /// Whether two ways stay farther apart than gaps are told apart, wherever they are when.
+    #[inline(always)]
     fn is_far_from(&self, other: &Self, reach: f32) -> bool {
         let [a, b] = [&self.bounds, &other.bounds];
         let apart = reach + FAR;
@@ -185,6 +194,7 @@ impl Looks {
     }
 
     /// Gaps to another's boxes by separating axes: exact where they overlap.
+    #[inline(always)]
     fn clearance(&self, other: &Self) -> Clearance {
         const OPEN: Clearance = Clearance { gap: FAR, nearest: LOOKS - 1, touch: None };
         let ([hl, hw], [ol, ow]) = (self.half, other.half);
@@ -220,11 +230,14 @@ impl Looks {
 }
 
 /// Where the path is relative to the ego's likeliest way, how likely it meets the ego, when, and how.
+#[inline(always)]
 fn towards_ego(own: &Looks, ego: &[Looks], speed: f32, out: &mut Vec<f32>) {
     let likeliest = &ego[0];
-    for k in (1..LOOKS).step_by(2) {
-        out.extend([own.x[k] - likeliest.x[k], own.y[k] - likeliest.y[k]].map(signed_root));
+    let mut places = [0.0; 2 * PLACES];
+    for (place, k) in places.as_chunks_mut::<2>().0.iter_mut().zip((1..LOOKS).step_by(2)) {
+        *place = [own.x[k] - likeliest.x[k], own.y[k] - likeliest.y[k]];
     }
+    out.extend_from_slice(&places.map(signed_root));
     let (mut hit, mut near, mut soon) = (0.0, 0.0, 0.0);
     let (mut best, mut first) = (None::<Clearance>, None::<Clearance>);
     for way in ego {
@@ -266,6 +279,7 @@ fn towards_ego(own: &Looks, ego: &[Looks], speed: f32, out: &mut Vec<f32>) {
 }
 
 /// How near the path comes to those who stand and to those who drive, how likely it touches one, when.
+#[inline(always)]
 fn towards_others(own: &Looks, others: &[Looks], out: &mut Vec<f32>) {
     for stands in [true, false] {
         let (mut gap, mut free, mut soonest) = (FAR, 1.0, 0.0_f32);
@@ -282,6 +296,7 @@ fn towards_others(own: &Looks, others: &[Looks], out: &mut Vec<f32>) {
 }
 
 /// Whether the path touches an edge, and how it is driven.
+#[inline(always)]
 fn of_itself(own: &Looks, features: &Features, out: &mut Vec<f32>) {
     let (mut last, mut axis, mut speed) = ([0.0, 0.0], [1.0, 0.0], features.speed());
     let mut edge = None;
@@ -319,6 +334,7 @@ fn of_itself(own: &Looks, features: &Features, out: &mut Vec<f32>) {
     ]);
 }
 
+#[inline(always)]
 fn touches_edge(features: &Features, [x, y]: [f32; 2], [c, s]: [f32; 2]) -> bool {
     let [length, width] = features.half;
     if !features.edges.is_near(x, y) {
@@ -333,6 +349,7 @@ fn touches_edge(features: &Features, [x, y]: [f32; 2], [c, s]: [f32; 2]) -> bool
 }
 
 /// Keeps what is near apart and what is far together.
+#[inline(always)]
 fn signed_root(x: f32) -> f32 {
     0.7 * x / (1.0 + x.abs()).sqrt()
 }

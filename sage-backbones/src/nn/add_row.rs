@@ -41,11 +41,11 @@ impl CustomOp2 for AddRow {
             candle_core::bail!("add-row of {:?} and {:?}", x_layout.dims(), row_layout.dims());
         }
         by_dtype!(x.dtype(), T => {
-            let mut out = slice::<T>(x, x_layout)?.to_vec();
-            let row = slice::<T>(row, row_layout)?;
-            for line in out.chunks_exact_mut(d) {
-                for (y, b) in line.iter_mut().zip(row) {
-                    *y += *b;
+            let (x, row) = (slice::<T>(x, x_layout)?, slice::<T>(row, row_layout)?);
+            let mut out = vec![0 as T; x.len()];
+            for (x, y) in x.chunks_exact(d).zip(out.chunks_exact_mut(d)) {
+                for ((y, x), b) in y.iter_mut().zip(x).zip(row) {
+                    *y = *x + *b;
                 }
             }
             Ok((candle_core::WithDType::to_cpu_storage_owned(out), x_layout.shape().clone()))

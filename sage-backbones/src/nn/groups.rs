@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
 
-use super::real::{Real, by_dtype, slice, with_slice};
+use super::real::{Real, by_dtype, slice, wide, with_slice};
 
 /// Successive rows of a matrix that belong together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,16 +111,30 @@ impl<T: Real> TopTwo<T> {
     }
 }
 
+#[inline(always)]
 fn others_forward<T: Real>(x: &[T], d: usize, groups: &Groups) -> Vec<T> {
     let mut out = vec![T::zero(); 2 * x.len()];
-    let mut top = TopTwo::new(d);
+    let (mut first, mut second) = (vec![T::zero(); d], vec![T::zero(); d]);
     for group in groups.as_slice() {
-        top.find(x, d, group);
+        first.fill(T::zero());
+        second.fill(T::zero());
+        for row in x[group.start * d..group.seen * d].chunks_exact(d) {
+            for ((first, second), &value) in first.iter_mut().zip(&mut second).zip(row) {
+                let beaten = if value > *first { *first } else { value };
+                *second = beaten.larger(*second);
+                *first = value.larger(*first);
+            }
+        }
         for row in group.start..group.end {
             let (own, others) = out[2 * row * d..2 * (row + 1) * d].split_at_mut(d);
             own.copy_from_slice(&x[row * d..(row + 1) * d]);
-            for (k, other) in others.iter_mut().enumerate() {
-                *other = if top.first_row[k] == row as u32 { top.second[k] } else { top.first[k] };
+            if row >= group.seen {
+                others.copy_from_slice(&first);
+                continue;
+            }
+            for (((other, own), &first), &second) in others.iter_mut().zip(own).zip(&first).zip(&second) {
+                // Where two share the largest, the second is as large.
+                *other = if *own == first { second } else { first };
             }
         }
     }
@@ -198,7 +212,8 @@ impl CustomOp1 for MaxOfOthers {
     fn cpu_fwd(&self, x: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
         let d = columns(layout, &self.0)?;
         by_dtype!(x.dtype(), T => {
-            let out = others_forward::<T>(slice(x, layout)?, d, &self.0);
+            let x = slice(x, layout)?;
+            let out = wide(#[inline(always)] || others_forward::<T>(x, d, &self.0));
             Ok((candle_core::WithDType::to_cpu_storage_owned(out), (self.0.rows(), 2 * d).into()))
         })
     }

@@ -2,7 +2,7 @@
 
 use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
 
-use super::real::{BlockSums, Real, by_dtype, slice, sum, with_slice};
+use super::real::{BlockSums, Real, by_dtype, slice, sum, wide, with_slice};
 
 /// Added to the variance.
 const EPSILON: f64 = 1e-5;
@@ -20,16 +20,17 @@ pub fn norm_relu(x: &Tensor, bias: &Tensor, scale: &Tensor) -> Result<Tensor> {
 /// Mean and 1/√(variance + ε) of `z`.
 #[inline(always)]
 fn moments<T: Real>(z: &[T], squares: &mut [T]) -> (T, T) {
-    let n = T::from_f64(z.len() as f64);
-    let mean = sum(z) / n;
+    let share = T::one() / T::from_f64(z.len() as f64);
+    let mean = sum(z) * share;
     for (square, z) in squares.iter_mut().zip(z) {
         let d = *z - mean;
         *square = d * d;
     }
-    let variance = sum(squares) / n;
+    let variance = sum(squares) * share;
     (mean, T::one() / (variance + T::from_f64(EPSILON)).root())
 }
 
+#[inline(always)]
 fn forward<T: Real>(x: &[T], bias: &[T], scale: &[T]) -> Vec<T> {
     let d = bias.len();
     let (gamma, beta) = scale.split_at(d);
@@ -50,6 +51,7 @@ fn forward<T: Real>(x: &[T], bias: &[T], scale: &[T]) -> Vec<T> {
 }
 
 /// Gradients with respect to x, bias and scale.
+#[inline(always)]
 fn backward<T: Real>(x: &[T], bias: &[T], scale: &[T], y: &[T], dy: &[T]) -> [Vec<T>; 3] {
     let d = bias.len();
     let gamma = &scale[..d];
@@ -111,7 +113,8 @@ impl CustomOp3 for NormRelu {
             );
         }
         by_dtype!(x.dtype(), T => {
-            let out = forward::<T>(slice(x, x_layout)?, slice(bias, bias_layout)?, slice(scale, scale_layout)?);
+            let (x, bias, scale) = (slice(x, x_layout)?, slice(bias, bias_layout)?, slice(scale, scale_layout)?);
+            let out = wide(#[inline(always)] || forward::<T>(x, bias, scale));
             Ok((candle_core::WithDType::to_cpu_storage_owned(out), x_layout.shape().clone()))
         })
     }
@@ -130,7 +133,7 @@ impl CustomOp3 for NormRelu {
                 with_slice::<T, _>(bias, |bias| {
                     with_slice::<T, _>(scale, |scale| {
                         with_slice::<T, _>(result, |y| {
-                            with_slice::<T, _>(&gradient, |dy| backward(x, bias, scale, y, dy))
+                            with_slice::<T, _>(&gradient, |dy| wide(#[inline(always)] || backward(x, bias, scale, y, dy)))
                         })
                     })
                 })

@@ -77,6 +77,15 @@ pub(super) fn sum<T: Real>(items: &[T]) -> T {
     ((lanes[0] + lanes[4]) + (lanes[1] + lanes[5])) + ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7]))
 }
 
+/// Runs a loop compiled for the widest vectors that the processor has. The order of the operations stays,
+/// and with it every bit of the result.
+///
+/// What the loop calls has to be inlined into it.
+#[inline(always)]
+pub(crate) fn wide<R>(run: impl FnOnce() -> R) -> R {
+    pulp::Arch::new().dispatch(run)
+}
+
 /// Sums over the rows of a matrix, column by column, in blocks: a block in the matrix's own
 /// precision, the blocks in double. Where true sums are zero, Adam would turn the rounding of a
 /// plain sum into steps of full size.

@@ -2,7 +2,7 @@
 
 use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
 
-use super::real::{Real, by_dtype, slice, sum, with_slice};
+use super::real::{Real, by_dtype, slice, sum, wide, with_slice};
 
 struct Softmax {
     scale: f64,
@@ -38,16 +38,17 @@ fn largest<T: Real>(row: &[T]) -> T {
     rest.iter().chain(&lanes).fold(row[0], |best, x| x.larger(best))
 }
 
+#[inline(always)]
 fn softmax_rows<T: Real>(x: &[T], n: usize, scale: f64) -> Vec<T> {
-    let mut out = x.to_vec();
+    let mut out = vec![T::zero(); x.len()];
     let scale = T::from_f64(scale);
-    for row in out.chunks_exact_mut(n) {
-        let shift = largest(row) * scale;
-        for y in row.iter_mut() {
-            *y = (*y * scale - shift).exponential();
+    for (x, out) in x.chunks_exact(n).zip(out.chunks_exact_mut(n)) {
+        let shift = largest(x) * scale;
+        for (y, x) in out.iter_mut().zip(x) {
+            *y = (*x * scale - shift).exponential();
         }
-        let factor = T::one() / sum(row);
-        for y in row.iter_mut() {
+        let factor = T::one() / sum(out);
+        for y in out {
             *y *= factor;
         }
     }
@@ -55,6 +56,7 @@ fn softmax_rows<T: Real>(x: &[T], n: usize, scale: f64) -> Vec<T> {
 }
 
 /// `scale · y · (dy − Σ y dy)`.
+#[inline(always)]
 fn softmax_gradient<T: Real>(y: &[T], dy: &[T], n: usize, scale: f64) -> Vec<T> {
     let mut out = vec![T::zero(); y.len()];
     let scale = T::from_f64(scale);
@@ -118,7 +120,8 @@ impl CustomOp1 for Softmax {
     fn cpu_fwd(&self, x: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
         let n = width(layout)?;
         by_dtype!(x.dtype(), T => {
-            let out = softmax_rows::<T>(slice(x, layout)?, n, self.scale);
+            let x = slice(x, layout)?;
+            let out = wide(#[inline(always)] || softmax_rows::<T>(x, n, self.scale));
             Ok((candle_core::WithDType::to_cpu_storage_owned(out), layout.shape().clone()))
         })
     }
@@ -128,7 +131,7 @@ impl CustomOp1 for Softmax {
         let n = width(x.layout())?;
         by_dtype!(x.dtype(), T => {
             let dx = with_slice::<T, _>(result, |y| {
-                with_slice::<T, _>(&gradient, |dy| softmax_gradient(y, dy, n, self.scale))
+                with_slice::<T, _>(&gradient, |dy| wide(#[inline(always)] || softmax_gradient(y, dy, n, self.scale)))
             })??;
             Ok(Some(Tensor::from_vec(dx, x.shape(), x.device())?))
         })

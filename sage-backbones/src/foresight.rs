@@ -1,4 +1,4 @@
-//! A target that knows what a network expects of the ego.
+//! A target as steering sees it: it knows what a network expects of the ego, and half of its goals do.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::{
     Error,
     backbone::Backbone,
     candidates::Selection,
-    features::{Features, GoalColumn},
+    features::{CELL, Features, GOAL_COLUMNS, GoalColumn},
     prediction::predict,
 };
 
@@ -20,11 +20,12 @@ use crate::{
 const FUTURES: usize = 8;
 /// How far apart they end, metres.
 const APART: f32 = 4.0;
-/// Goals nearer than this are kept even off the road, metres.
+/// Goals of the ego nearer than this are all kept, metres.
 const CLOSE: f32 = 10.0;
 
-/// Looks around a target like [`Backbone::features`], and replaces what it expects of the ego by the
-/// futures that a network predicts for it from what can be seen *now*.
+/// Looks around a target like [`Backbone::features`], replaces what it expects of the ego by the futures
+/// that a network predicts for it from what can be seen *now*, and keeps every second goal of the
+/// lattice, as candidates end metres apart.
 ///
 /// *Errors*: those of the network.
 pub fn foreseeing(
@@ -33,7 +34,9 @@ pub fn foreseeing(
     index: &SceneIndex,
     target: usize,
 ) -> Result<Features, Error> {
-    let mut features = network.features(scene, index, target)?;
+    let features = network.features(scene, index, target)?;
+    let keep = passing(&features, |[i, j], _, _| (i + j) % 2 == 0);
+    let mut features = features.with_goals(&keep);
     if target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
         return Ok(features);
     }
@@ -47,16 +50,23 @@ pub fn foreseeing(
     Ok(features)
 }
 
-/// The same with the goals alone that lie along the road or close by, if these are enough: nothing
-/// else is likely, and it is half the work.
+/// The same with the goals alone that lie along the road, 4 m apart, or close by, if these are enough:
+/// nothing else is likely, and futures end so far apart anyway.
 fn on_the_road(features: Features) -> Features {
-    let keep: Vec<usize> = (0..features.modes())
-        .filter(|&goal| {
-            let [x, y] = features.goals[goal];
-            let row = features.goal_features.row(goal);
-            row.get(GoalColumn::Reachable as usize).is_some_and(|on| *on > 0.0)
-                || x * x + y * y < CLOSE * CLOSE
-        })
-        .collect();
+    let keep = passing(&features, |[i, j], [x, y], row| {
+        let is_on_road = row[GoalColumn::Reachable as usize] > 0.0;
+        x * x + y * y < CLOSE * CLOSE || (is_on_road && i % 2 == 0 && j % 2 == 0)
+    });
     if keep.len() < 8 * FUTURES { features } else { features.with_goals(&keep) }
+}
+
+/// Goals that pass a test of their lattice point, place and row; all goals of another kind of network.
+fn passing(features: &Features, pass: impl Fn([i32; 2], [f32; 2], &[f32]) -> bool) -> Vec<usize> {
+    let is_lattice = features.goal_features.columns == GOAL_COLUMNS;
+    let passes = |goal: &usize| {
+        let place = features.goals[*goal];
+        let point = place.map(|x| (x / CELL as f32).round() as i32);
+        !is_lattice || pass(point, place, features.goal_features.row(*goal))
+    };
+    (0..features.modes()).filter(passes).collect()
 }

@@ -1,9 +1,10 @@
 //! The choice among candidates: the best preference among the feasible.
 
 use sage_core::{
+    Error,
     motion::Trajectory,
     objective::{
-        Context, Encounter, Feasibility, MapFeasibility, Rule, StrictFeasibility, behavior_penalty,
+        Candidate, Context, Encounter, Feasibility, MapFeasibility, Rule, StrictFeasibility, behavior_penalty,
         coarse_lane_distance, kinematic_penalty, touches_boundary,
     },
     registry::Entry,
@@ -80,8 +81,7 @@ struct Limits {
 
 /// Whether a car could drive a path here: at every step within 7 m/s² along, 6 m/s² across and
 /// 0.8 rad/s, and over no road edge, which the driver knows as well as we do.
-pub fn is_drivable(trajectory: &Trajectory, ctx: &Context) -> bool {
-    let candidate = ctx.candidate(trajectory.clone());
+pub fn is_drivable(candidate: &Candidate, ctx: &Context) -> bool {
     let profile = candidate.profile();
     let mut steps = profile.speed.iter().zip(&profile.acceleration).zip(&profile.yaw_rate);
     let within = steps.all(|((speed, along), yaw_rate)| {
@@ -89,22 +89,33 @@ pub fn is_drivable(trajectory: &Trajectory, ctx: &Context) -> bool {
             && (speed * yaw_rate).abs() <= LIMITS.across
             && yaw_rate.abs() <= LIMITS.yaw_rate
     });
-    within && !touches_boundary(&candidate, ctx)
+    within && !touches_boundary(candidate, ctx)
 }
 
-/// The first `most` of some paths that a car could drive, in their order; if they are fewer, the
-/// others follow.
-pub fn drivable(paths: &[Trajectory], most: usize, ctx: &Context) -> Vec<usize> {
+/// The first `most` of some paths that a car could drive, with their numbers and in their order; if they
+/// are fewer, the others follow. What comes after the last of them is not asked for.
+///
+/// *Errors*: the first of a path.
+pub fn drivable(
+    paths: impl IntoIterator<Item = Result<Trajectory, Error>>,
+    most: usize,
+    ctx: &Context,
+) -> Result<Vec<(usize, Candidate)>, Error> {
     let (mut kept, mut others) = (Vec::with_capacity(most), Vec::new());
-    for (k, path) in paths.iter().enumerate() {
-        if kept.len() == most {
-            break;
+    let mut paths = paths.into_iter().enumerate();
+    while kept.len() < most
+        && let Some((number, path)) = paths.next()
+    {
+        let candidate = ctx.candidate(path?);
+        if is_drivable(&candidate, ctx) {
+            kept.push((number, candidate));
+        } else if others.len() < most {
+            others.push((number, candidate));
         }
-        if is_drivable(path, ctx) { kept.push(k) } else { others.push(k) }
     }
     let missing = most - kept.len();
     kept.extend(others.into_iter().take(missing));
-    kept
+    Ok(kept)
 }
 
 /// Judges candidates and chooses.
@@ -136,10 +147,9 @@ impl Judge {
     }
 
     /// Judges one way; `surprise` is its −log p under the prior, up to what all candidates share.
-    pub fn judge(&self, trajectory: &Trajectory, surprise: f64, ctx: &Context) -> Judged {
-        let candidate = ctx.candidate(trajectory.clone());
-        let encounter = Encounter::of(&candidate, ctx);
-        let costs = self.rule.violations(&candidate, ctx);
+    pub fn judge(&self, candidate: &Candidate, surprise: f64, ctx: &Context) -> Judged {
+        let encounter = Encounter::of(candidate, ctx);
+        let costs = self.rule.violations(candidate, ctx);
         let is_feasible = costs.is_empty();
         let cost = |rule: Rule| if rule == Rule::Agent { AGENT } else { EDGE };
         Judged {
@@ -150,7 +160,7 @@ impl Judge {
             unnatural: match self.choice {
                 // Only the feasible are compared by it.
                 Choice::Natural if is_feasible => {
-                    LANE * coarse_lane_distance(&candidate, ctx) + SURPRISE * surprise
+                    LANE * coarse_lane_distance(candidate, ctx) + SURPRISE * surprise
                 }
                 _ => 0.0,
             },
@@ -232,9 +242,14 @@ mod tests {
         let start = scene.adversary().unwrap().point(NOW);
         let leap = (1..=HORIZON).map(|t| [start[0] + 9.0 * t as f64, start[1]]).collect();
         let leap = Trajectory::new("leap", leap).unwrap();
-        assert!(is_drivable(&logged, &ctx) && !is_drivable(&leap, &ctx));
+        let is_drivable = |path: &Trajectory| is_drivable(&ctx.candidate(path.clone()), &ctx);
+        assert!(is_drivable(&logged) && !is_drivable(&leap));
         let paths = [leap.clone(), logged.clone(), leap, logged];
-        assert_eq!(drivable(&paths, 2, &ctx), [1, 3]);
-        assert_eq!(drivable(&paths, 3, &ctx), [1, 3, 0]);
+        let kept = |most| -> Vec<usize> {
+            let kept = drivable(paths.iter().cloned().map(Ok), most, &ctx).unwrap();
+            kept.into_iter().map(|(number, _)| number).collect()
+        };
+        assert_eq!(kept(2), [1, 3]);
+        assert_eq!(kept(3), [1, 3, 0]);
     }
 }

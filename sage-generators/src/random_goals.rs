@@ -6,8 +6,7 @@ use sage_backbones::{Backbone, backbone::to_world};
 use sage_core::{
     Error,
     generator::{Attack, Generator, Proposed},
-    motion::Trajectory,
-    objective::Context,
+    objective::{Candidate, Context},
     registry::Entry,
     seed::Rng,
 };
@@ -51,22 +50,24 @@ impl Generator for RandomGoals {
             let origin = encoding.features().frame.origin();
             let mut rng = Rng::new(seed, &scene.id, "random paces");
             let paces = PACES.map(Pace::new);
-            let mut pace =
-                |path: &Trajectory| paces[rng.below(paces.len())].whole(&Extended::new(path, origin));
-            let paths = paths.iter().map(&mut pace).collect::<Result<Vec<_>, Error>>()?;
-            let kept = drivable(&paths, self.candidates, ctx);
-            let modes: Vec<usize> = kept.iter().map(|&k| modes[k]).collect();
-            let paths: Vec<_> = kept.iter().map(|&k| paths[k].clone()).collect();
+            let driven = paths.iter().map(|path| {
+                let pace = &paces[rng.below(paces.len())];
+                pace.whole(&Extended::new(path, origin))
+            });
+            let kept = drivable(driven, self.candidates, ctx)?;
+            let modes: Vec<usize> = kept.iter().map(|(k, _)| modes[*k]).collect();
             let surprises = surprises(&self.judge, &*self.prior, &encoding, &modes)?;
-            let judge = |(path, surprise): (_, &f64)| self.judge.judge(path, *surprise, ctx);
-            let judged: Vec<_> = paths.iter().zip(&surprises).map(judge).collect();
+            let judge = |((_, candidate), surprise): (&(_, Candidate), &f64)| {
+                self.judge.judge(candidate, *surprise, ctx)
+            };
+            let judged: Vec<_> = kept.iter().zip(&surprises).map(judge).collect();
             let (chosen, note) = self.judge.choose(&judged);
-            let proposed = |(trajectory, &mode): (_, &usize)| Proposed {
-                trajectory,
+            let proposed = |((_, candidate), &mode): ((_, Candidate), &usize)| Proposed {
+                trajectory: candidate.into_trajectory(),
                 log_prob: None,
                 goal: Some(encoding.features().frame.to_world(ends[mode].map(f64::from))),
             };
-            Ok(Attack { candidates: paths.into_iter().zip(&modes).map(proposed).collect(), chosen, note })
+            Ok(Attack { candidates: kept.into_iter().zip(&modes).map(proposed).collect(), chosen, note })
         };
         attack().map_err(|error| in_scene(ctx, &error))
     }

@@ -101,18 +101,19 @@ impl Steered {
         let paths = to_world(&self.network.trajectories(&encoding, &modes)?, encoding.features())?;
         let origin = encoding.features().frame.origin();
         let paths: Vec<Extended> = paths.iter().map(|path| Extended::new(path, origin)).collect();
-        let paced = self.paced(&encoding, &log_probs, &modes, &paths)?;
         let paces = PACES.map(Pace::new);
-        let driven = |p: &Paced| paces[p.pace].whole(&paths[p.path]);
-        let whole = paced.iter().map(driven).collect::<Result<Vec<_>, _>>()?;
-        let kept = drivable(&whole, self.candidates, ctx);
-        let of_kept: Vec<usize> = kept.iter().map(|&k| paced[k].mode).collect();
+        let mut paced = all_paced(&paces, &modes, &paths, &policy);
+        self.follow(&mut paced, &encoding, &log_probs, &paces, &paths)?;
+        let paced = self.apart(paced);
+        let driven = paced.iter().map(|p| paces[p.pace].whole(&paths[p.path]));
+        let kept = drivable(driven, self.candidates, ctx)?;
+        let of_kept: Vec<usize> = kept.iter().map(|(k, _)| paced[*k].mode).collect();
         let surprises = surprises(&self.judge, &*self.prior, &encoding, &of_kept)?;
         let (mut proposed, mut judged) = (Vec::new(), Vec::new());
-        for (k, surprise) in kept.into_iter().zip(surprises) {
-            judged.push(self.judge.judge(&whole[k], surprise, ctx));
+        for ((k, candidate), surprise) in kept.into_iter().zip(surprises) {
+            judged.push(self.judge.judge(&candidate, surprise, ctx));
             proposed.push(Proposed {
-                trajectory: whole[k].clone(),
+                trajectory: candidate.into_trajectory(),
                 log_prob: Some(f64::from(paced[k].log_prob)),
                 goal: Some(encoding.features().frame.to_world(ends[paced[k].mode].map(f64::from))),
             });
@@ -120,38 +121,40 @@ impl Steered {
         Ok((proposed, judged))
     }
 
-    /// The modes at several paces, the likeliest first, those left out that are too much like a likelier
-    /// one at half time and at the end.
-    fn paced(
+    /// Sets the log-probability of modes at other paces than their own.
+    fn follow(
         &self,
+        all: &mut [Paced],
         encoding: &Encoding,
         log_probs: &Tensor,
-        modes: &[usize],
+        paces: &[Pace],
         paths: &[Extended],
-    ) -> Result<Vec<Paced>, sage_backbones::Error> {
+    ) -> Result<(), sage_backbones::Error> {
         let frame = encoding.features().frame;
-        let mut all = Vec::with_capacity(PACES.len() * modes.len());
-        let mut places = Vec::with_capacity(2 * LOOKS * PACES.len() * modes.len());
-        for (number, bend) in PACES.into_iter().enumerate() {
-            let pace = Pace::new(bend);
-            for (path, &mode) in modes.iter().enumerate() {
-                let looks = (1..=LOOKS).map(|look| pace.at(&paths[path], look * STRIDE));
-                places.extend(looks.flat_map(|p| frame.to_local(p)).map(|x| x as f32));
-                let [half, end] = [HORIZON / 2, HORIZON].map(|step| pace.at(&paths[path], step));
-                all.push(Paced { path, mode, pace: number, log_prob: 0.0, half, end });
-            }
+        let mut bent: Vec<&mut Paced> = all.iter_mut().filter(|p| !paces[p.pace].is_plain()).collect();
+        let mut places = Vec::with_capacity(2 * LOOKS * bent.len());
+        for paced in &bent {
+            let at = |look: usize| paces[paced.pace].at(&paths[paced.path], look * STRIDE);
+            places.extend((1..=LOOKS).flat_map(|look| frame.to_local(at(look)).map(|x| x as f32)));
         }
-        let chosen: Vec<usize> = all.iter().map(|p| p.mode).collect();
-        let places = Tensor::from_vec(places, (all.len(), LOOKS, 2), &Device::Cpu)?;
+        let modes: Vec<usize> = bent.iter().map(|p| p.mode).collect();
+        let places = Tensor::from_vec(places, (modes.len(), LOOKS, 2), &Device::Cpu)?;
         let places = places.to_dtype(log_probs.dtype())?;
-        let found = self.network.log_probs_along(encoding, log_probs, &chosen, &places)?;
-        for (paced, log_prob) in all.iter_mut().zip(found.to_dtype(DType::F32)?.to_vec1::<f32>()?) {
-            paced.log_prob = if paced.pace == 0 { log_prob } else { log_prob + RARELY };
+        let found = self.network.log_probs_along(encoding, log_probs, &modes, &places)?;
+        for (paced, log_prob) in bent.iter_mut().zip(found.to_dtype(DType::F32)?.to_vec1::<f32>()?) {
+            paced.log_prob = log_prob + RARELY;
         }
+        Ok(())
+    }
+
+    /// Modes at their paces, the likeliest first, those left out that are too much like a likelier one at
+    /// half time and at the end.
+    fn apart(&self, mut all: Vec<Paced>) -> Vec<Paced> {
         // Stable: of equals the plain pace comes first.
         all.sort_by(|a, b| b.log_prob.total_cmp(&a.log_prob));
-        let Selection::Nms { radius } = self.selection else { return Ok(all) };
-        let mut kept: Vec<Paced> = Vec::with_capacity(modes.len());
+        let Selection::Nms { radius } = self.selection else { return all };
+        let most = SPARE * self.candidates;
+        let mut kept: Vec<Paced> = Vec::with_capacity(most);
         for paced in all {
             // Half the distance counts at half time.
             let gap =
@@ -159,12 +162,22 @@ impl Steered {
             if kept.iter().all(|other| gap(other) >= f64::from(radius)) {
                 kept.push(paced);
             }
-            if kept.len() == SPARE * self.candidates {
+            if kept.len() == most {
                 break;
             }
         }
-        Ok(kept)
+        kept
     }
+}
+
+/// Modes at every pace, as likely as at their own.
+fn all_paced(paces: &[Pace], modes: &[usize], paths: &[Extended], log_probs: &[f32]) -> Vec<Paced> {
+    let paced = |number: usize, path: usize, mode: usize| {
+        let [half, end] = [HORIZON / 2, HORIZON].map(|step| paces[number].at(&paths[path], step));
+        Paced { path, mode, pace: number, log_prob: log_probs[mode], half, end }
+    };
+    let of_pace = |number| modes.iter().enumerate().map(move |(path, &mode)| paced(number, path, mode));
+    (0..paces.len()).flat_map(of_pace).collect()
 }
 
 /// `sage`, and `prior`, the same over the untuned prior.

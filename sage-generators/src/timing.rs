@@ -45,14 +45,19 @@ impl Pace {
         Self { bend, places: (1..=HORIZON).map(place).collect() }
     }
 
+    /// Whether it is the path's own.
+    pub(crate) fn is_plain(&self) -> bool {
+        self.bend == 0.0
+    }
+
     /// Where a path is at a step, 1 to 80, at this pace.
     pub(crate) fn at(&self, path: &Extended, step: usize) -> Point {
-        if self.bend == 0.0 {
+        if self.is_plain() {
             return path.0[step + 1];
         }
         let (k, t) = self.places[step - 1];
-        let corners = &path.0[k..k + 4];
-        [0, 1].map(|axis| catmull_rom([0, 1, 2, 3].map(|c| corners[c][axis]), t))
+        let [a, b, c, d] = [path.0[k], path.0[k + 1], path.0[k + 2], path.0[k + 3]];
+        [catmull_rom([a[0], b[0], c[0], d[0]], t), catmull_rom([a[1], b[1], c[1], d[1]], t)]
     }
 
     /// A whole path at this pace.

@@ -6,6 +6,7 @@ use sage_core::{
 };
 
 use super::{Frame, Routes};
+use crate::nn::wide;
 
 /// Distance of neighbouring goals, metres.
 pub const CELL: f64 = 2.0;
@@ -86,13 +87,19 @@ impl Grid {
     /// Marks the cells along all motor lanes.
     pub(super) fn mark_lanes(&mut self, scene: &Scene, routes: &Routes, frame: &Frame) {
         let map: &Map = &scene.map;
-        for (k, feature) in map.features.iter().enumerate() {
-            if feature.kind.is_motor_lane() {
-                self.mark_lane(k, map.points_of(feature), routes.reach(k).is_some(), frame);
-            }
-        }
+        wide(
+            #[inline(always)]
+            || {
+                for (k, feature) in map.features.iter().enumerate() {
+                    if feature.kind.is_motor_lane() {
+                        self.mark_lane(k, map.points_of(feature), routes.reach(k).is_some(), frame);
+                    }
+                }
+            },
+        );
     }
 
+    #[inline(always)]
     fn mark_lane(&mut self, lane: usize, line: &[[f64; 3]], reachable: bool, frame: &Frame) {
         let Some(first) = line.first() else { return };
         let mut along = 0.0;
@@ -105,7 +112,7 @@ impl Grid {
             let length = (dx * dx + dy * dy).sqrt();
             if length > 0.0 {
                 let direction = [dx / length, dy / length];
-                let (from, to) = self.within(a, direction, length);
+                let (from, to) = self.within(a, b, direction, length);
                 let mut t = f64::max(next, from);
                 while t <= to {
                     let place = [a[0] + t * direction[0], a[1] + t * direction[1]];
@@ -120,16 +127,18 @@ impl Grid {
     }
 
     /// The part of a straight stretch that lies over the lattice; an empty one if none does.
-    fn within(&self, a: Point, direction: Point, length: f64) -> (f64, f64) {
+    #[inline(always)]
+    fn within(&self, a: Point, b: Point, direction: Point, length: f64) -> (f64, f64) {
         let mut part = (0.0_f64, length);
         for k in 0..2 {
             let low = f64::from(self.min[k]) * CELL - LANE_REACH;
             let high = f64::from(self.min[k] + self.size[k]) * CELL + LANE_REACH;
-            if direction[k].abs() < 1e-9 {
-                if a[k] < low || a[k] > high {
-                    return (length, 0.0);
-                }
+            let is_inside = |x: f64| low <= x && x <= high;
+            if is_inside(a[k]) && is_inside(b[k]) {
                 continue;
+            }
+            if (a[k] < low && b[k] < low) || (a[k] > high && b[k] > high) || direction[k].abs() < 1e-9 {
+                return (length, 0.0);
             }
             let [s, t] = [(low - a[k]) / direction[k], (high - a[k]) / direction[k]];
             part = (part.0.max(s.min(t)), part.1.min(s.max(t)));
@@ -137,35 +146,36 @@ impl Grid {
         part
     }
 
+    #[inline(always)]
     fn mark(&mut self, lane: usize, place: Point, along: f64, direction: Point, reachable: bool) {
-        let low = place.map(|x| ((x - LANE_REACH) / CELL).ceil() as i32);
-        let high = place.map(|x| ((x + LANE_REACH) / CELL).floor() as i32);
-        let outside = (0..2).any(|k| high[k] < self.min[k] || low[k] >= self.min[k] + self.size[k]);
-        if outside {
-            return;
-        }
-        for i in low[0]..=high[0] {
-            for j in low[1]..=high[1] {
-                let away = [f64::from(i) * CELL - place[0], f64::from(j) * CELL - place[1]];
-                let squared = (away[0] * away[0] + away[1] * away[1]) as f32;
-                if squared > (LANE_REACH * LANE_REACH) as f32 {
+        // What of the lattice lies within reach; nothing, where the last comes before the first.
+        let [first, last] = [
+            [0, 1].map(|k| (((place[k] - LANE_REACH) / CELL).ceil() as i32 - self.min[k]).max(0)),
+            [0, 1].map(|k| {
+                (((place[k] + LANE_REACH) / CELL).floor() as i32 - self.min[k]).min(self.size[k] - 1)
+            }),
+        ];
+        let base = if reachable { 0.0 } else { DETOUR };
+        for i in first[0]..=last[0] {
+            let x = f64::from(self.min[0] + i) * CELL - place[0];
+            for j in first[1]..=last[1] {
+                let y = f64::from(self.min[1] + j) * CELL - place[1];
+                let squared = (x * x + y * y) as f32;
+                let index = i as usize * self.size[1] as usize + j as usize;
+                let cell = &mut self.cells[index];
+                if squared > (LANE_REACH * LANE_REACH) as f32 || base + squared >= cell.rank {
                     continue;
                 }
-                let rank = if reachable { squared } else { squared + DETOUR };
-                let Some(index) = self.index([i, j]) else { continue };
-                let cell = &mut self.cells[index];
-                if rank < cell.rank {
-                    if cell.rank.is_infinite() {
-                        self.marked.push(index as u32);
-                    }
-                    *cell = OnLane {
-                        rank,
-                        lane: lane as u32,
-                        along: (along + away[0] * direction[0] + away[1] * direction[1]) as f32,
-                        offset: (away[1] * direction[0] - away[0] * direction[1]) as f32,
-                        direction: direction.map(|x| x as f32),
-                    };
+                if cell.rank.is_infinite() {
+                    self.marked.push(index as u32);
                 }
+                *cell = OnLane {
+                    rank: base + squared,
+                    lane: lane as u32,
+                    along: (along + x * direction[0] + y * direction[1]) as f32,
+                    offset: (y * direction[0] - x * direction[1]) as f32,
+                    direction: direction.map(|x| x as f32),
+                };
             }
         }
     }

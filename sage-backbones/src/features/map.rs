@@ -23,8 +23,9 @@ pub(super) const SIGNED: [usize; 4] = [1, 3, 5, 29];
 struct Piece {
     rank: f64,
     feature: usize,
-    /// Points along it, target frame, with the distance from the line's start.
-    points: Vec<[f64; 3]>,
+    /// Points along it, target frame, with the distance from the line's start; the first `count` of them.
+    points: [[f64; 3]; ROWS + 1],
+    count: usize,
 }
 
 /// Appends the rows of the pieces and the number of rows of each.
@@ -43,25 +44,24 @@ pub(super) fn append(
             cut(scene.map.points_of(part), feature, frame, ahead, &mut pieces);
         }
     }
-    let by_rank = |a: &Piece, b: &Piece| a.rank.total_cmp(&b.rank);
     // Stable among equals: the order of the file.
-    pieces.sort_by(by_rank);
-    pieces.truncate(PIECES);
-    for piece in &pieces {
+    let mut order: Vec<&Piece> = pieces.iter().collect();
+    order.sort_by(|a, b| a.rank.total_cmp(&b.rank));
+    for piece in order.into_iter().take(PIECES) {
         lengths.push(write(scene, routes, piece, vectors));
     }
 }
 
 /// Cuts a polyline into pieces of [`ROWS`] stretches and keeps those within [`REACH`].
 fn cut(line: &[[f64; 3]], feature: usize, frame: &Frame, ahead: f64, pieces: &mut Vec<Piece>) {
-    let mut points: Vec<[f64; 3]> = Vec::with_capacity(ROWS + 1);
+    let (mut points, mut count) = ([[0.0; 3]; ROWS + 1], 0);
     let mut along = 0.0;
     let mut last_kept = 0.0;
     let mut before: Option<[f64; 2]> = None;
-    let mut push = |points: &[[f64; 3]]| {
-        let rank = points.iter().map(|p| from_way(p, ahead)).fold(f64::INFINITY, f64::min);
+    let mut push = |points: [[f64; 3]; ROWS + 1], count: usize| {
+        let rank = points[..count].iter().map(|p| from_way(p, ahead)).fold(f64::INFINITY, f64::min);
         if rank < REACH {
-            pieces.push(Piece { rank, feature, points: points.to_vec() });
+            pieces.push(Piece { rank, feature, points, count });
         }
     };
     for (k, point) in line.iter().enumerate() {
@@ -75,15 +75,16 @@ fn cut(line: &[[f64; 3]], feature: usize, frame: &Frame, ahead: f64, pieces: &mu
             continue;
         }
         let [x, y] = frame.to_local(world);
-        points.push([x, y, along]);
+        points[count] = [x, y, along];
+        count += 1;
         last_kept = along;
-        if points.len() == ROWS + 1 {
-            push(&points);
-            points.drain(..ROWS);
+        if count == ROWS + 1 {
+            push(points, count);
+            (points[0], count) = (points[ROWS], 1);
         }
     }
-    if points.len() > 1 || line.len() == 1 {
-        push(&points);
+    if count > 1 || line.len() == 1 {
+        push(points, count);
     }
 }
 
@@ -111,7 +112,7 @@ fn column(kind: &MapKind) -> Option<usize> {
 fn write(scene: &Scene, routes: &Routes, piece: &Piece, vectors: &mut Table) -> usize {
     let part = &scene.map.features[piece.feature];
     let single = [piece.points[0], piece.points[0]];
-    let pairs: &[[f64; 3]] = if piece.points.len() == 1 { &single } else { &piece.points };
+    let pairs = if piece.count == 1 { &single } else { &piece.points[..piece.count] };
     let light = routes.light(piece.feature);
     for (k, pair) in pairs.windows(2).enumerate() {
         let [a, b] = [pair[0], pair[1]];

@@ -58,6 +58,11 @@ impl Candidate {
         &self.trajectory
     }
 
+    /// The path alone.
+    pub fn into_trajectory(self) -> Trajectory {
+        self.trajectory
+    }
+
     /// Speed, heading and the rest, by the context's convention.
     pub fn profile(&self) -> &Profile {
         &self.profile

@@ -164,6 +164,13 @@ impl Features {
         twin
     }
 
+    /// The same with only the first pieces of the map: ours come the nearest first.
+    pub fn with_pieces(mut self, most: usize) -> Self {
+        self.groups = self.groups.first(self.agents + most);
+        self.vectors.values.truncate(self.groups.rows() * self.vectors.columns);
+        self
+    }
+
     /// The same surroundings with only some of the goals.
     pub fn with_goals(mut self, keep: &[usize]) -> Self {
         let mut features = Table { columns: self.goal_features.columns, values: Vec::new() };

@@ -1,4 +1,5 @@
-//! A target as steering sees it: it knows what a network expects of the ego, and half of its goals do.
+//! A target as steering sees it: it knows what a network expects of the ego, and its goals are as far
+//! apart as candidates need them.
 
 use std::sync::Arc;
 
@@ -22,10 +23,16 @@ const FUTURES: usize = 8;
 const APART: f32 = 4.0;
 /// Goals of the ego nearer than this are all kept, metres.
 const CLOSE: f32 = 10.0;
+/// Pieces of the map that the ego is predicted from, the nearest.
+const PIECES: usize = 64;
+/// All goals of the target that are nearer than this are kept, metres …
+const NEAR: f32 = 15.0;
+/// … every second up to this distance, and every fourth beyond.
+const FAR: f32 = 60.0;
 
 /// Looks around a target like [`Backbone::features`], replaces what it expects of the ego by the futures
-/// that a network predicts for it from what can be seen *now*, and keeps every second goal of the
-/// lattice, as candidates end metres apart.
+/// that a network predicts for it from what can be seen *now*, and thins its goals: candidates end
+/// metres apart anyway.
 ///
 /// *Errors*: those of the network.
 pub fn foreseeing(
@@ -34,14 +41,19 @@ pub fn foreseeing(
     index: &SceneIndex,
     target: usize,
 ) -> Result<Features, Error> {
-    let features = network.features(scene, index, target)?;
-    let keep = passing(&features, |[i, j], _, _| (i + j) % 2 == 0);
-    let mut features = features.with_goals(&keep);
+    let mut features = network.features(scene, index, target)?;
+    if has_lattice(&features) {
+        let keep = passing(&features, |[i, j], [x, y], _| match x * x + y * y {
+            squared if squared < NEAR * NEAR => true,
+            squared if squared < FAR * FAR => (i + j) % 2 == 0,
+            _ => i % 2 == 0 && j % 2 == 0,
+        });
+        features = features.with_goals(&keep);
+    }
     if target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
         return Ok(features);
     }
-    let ego = network.features(scene, index, scene.ego)?;
-    let ego = on_the_road(ego);
+    let ego = on_the_road(network.features(scene, index, scene.ego)?);
     let mut rng = Rng::new(0, &scene.id, "foresight");
     let all = predict(network, Arc::new(ego), FUTURES, Selection::Nms { radius: APART }, &mut rng)?;
     let futures: Vec<(f32, &Trajectory)> = all.iter().map(|p| (p.log_prob, &p.trajectory)).collect();
@@ -50,9 +62,13 @@ pub fn foreseeing(
     Ok(features)
 }
 
-/// The same with the goals alone that lie along the road, 4 m apart, or close by, if these are enough:
-/// nothing else is likely, and futures end so far apart anyway.
+/// The ego's nearer surroundings, and the goals alone that lie along the road, 4 m apart, or close by, if
+/// these are enough: nothing else is likely, and futures end so far apart anyway.
 fn on_the_road(features: Features) -> Features {
+    if !has_lattice(&features) {
+        return features;
+    }
+    let features = features.with_pieces(PIECES);
     let keep = passing(&features, |[i, j], [x, y], row| {
         let is_on_road = row[GoalColumn::Reachable as usize] > 0.0;
         x * x + y * y < CLOSE * CLOSE || (is_on_road && i % 2 == 0 && j % 2 == 0)
@@ -60,13 +76,17 @@ fn on_the_road(features: Features) -> Features {
     if keep.len() < 8 * FUTURES { features } else { features.with_goals(&keep) }
 }
 
-/// Goals that pass a test of their lattice point, place and row; all goals of another kind of network.
+/// Whether these are features of our own kind, and not of a published network.
+fn has_lattice(features: &Features) -> bool {
+    features.goal_features.columns == GOAL_COLUMNS
+}
+
+/// Goals that pass a test of their lattice point, place and row.
 fn passing(features: &Features, pass: impl Fn([i32; 2], [f32; 2], &[f32]) -> bool) -> Vec<usize> {
-    let is_lattice = features.goal_features.columns == GOAL_COLUMNS;
     let passes = |goal: &usize| {
         let place = features.goals[*goal];
         let point = place.map(|x| (x / CELL as f32).round() as i32);
-        !is_lattice || pass(point, place, features.goal_features.row(*goal))
+        pass(point, place, features.goal_features.row(*goal))
     };
     (0..features.modes()).filter(passes).collect()
 }

@@ -4,8 +4,8 @@ use sage_core::{
     Error,
     motion::Trajectory,
     objective::{
-        Candidate, Context, Encounter, Feasibility, MapFeasibility, Rule, StrictFeasibility, behavior_penalty,
-        coarse_lane_distance, kinematic_penalty, touches_boundary,
+        Candidate, Context, Encounter, Feasibility, MapFeasibility, Rule, StrictFeasibility,
+        behavior_penalty, coarse_lane_distance, kinematic_penalty, touches_boundary,
     },
     registry::Entry,
 };

@@ -38,6 +38,11 @@ impl Groups {
         Self(lengths.into_iter().map(group).collect())
     }
 
+    /// The first so many of them.
+    pub fn first(&self, most: usize) -> Self {
+        Self(self.0[..most.min(self.len())].into())
+    }
+
     /// The groups.
     pub fn as_slice(&self) -> &[Group] {
         &self.0

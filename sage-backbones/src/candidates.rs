@@ -61,7 +61,10 @@ pub fn suppressed(order: &[usize], ends: &[[f32; 2]], k: usize, radius: f32) -> 
             break;
         }
         let [x, y] = ends[mode];
-        let apart = |&other: &usize| (ends[other][0] - x).hypot(ends[other][1] - y) >= radius;
+        let apart = |&other: &usize| {
+            let [dx, dy] = [ends[other][0] - x, ends[other][1] - y];
+            dx * dx + dy * dy >= radius * radius
+        };
         if chosen.iter().all(apart) {
             chosen.push(mode);
         }

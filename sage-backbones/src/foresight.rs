@@ -1,5 +1,4 @@
-//! A target as steering sees it: it knows what a network expects of the ego, and its goals are as far
-//! apart as candidates need them.
+//! A target as steering sees it: it knows what a network expects of the ego.
 
 use std::sync::Arc;
 
@@ -21,18 +20,27 @@ use crate::{
 const FUTURES: usize = 8;
 /// How far apart they end, metres.
 const APART: f32 = 4.0;
-/// Goals of the ego nearer than this are all kept, metres.
+/// Goals of the ego nearer than this are kept even off the road, metres.
 const CLOSE: f32 = 10.0;
-/// Pieces of the map that the ego is predicted from, the nearest.
+/// Pieces of the map in a coarse view, the nearest.
 const PIECES: usize = 64;
-/// All goals of the target that are nearer than this are kept, metres …
+/// In a coarse view all goals of the target that are nearer than this are kept, metres …
 const NEAR: f32 = 15.0;
 /// … every second up to this distance, and every fourth beyond.
 const FAR: f32 = 60.0;
 
-/// Looks around a target like [`Backbone::features`], replaces what it expects of the ego by the futures
-/// that a network predicts for it from what can be seen *now*, and thins its goals: candidates end
-/// metres apart anyway.
+/// How closely to look.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// At every goal, from all pieces of the map: what policies are trained and measured on.
+    Full,
+    /// From the nearest half of the map, at goals that lie the farther apart the farther away they are:
+    /// enough for candidates, which end metres apart, in two thirds of the time (`docs/steering.md`).
+    Coarse,
+}
+
+/// Looks around a target like [`Backbone::features`], and replaces what it expects of the ego by the
+/// futures that a network predicts for it from what can be seen *now*.
 ///
 /// *Errors*: those of the network.
 pub fn foreseeing(
@@ -40,20 +48,19 @@ pub fn foreseeing(
     scene: &Scene,
     index: &SceneIndex,
     target: usize,
+    detail: Detail,
 ) -> Result<Features, Error> {
     let mut features = network.features(scene, index, target)?;
-    if has_lattice(&features) {
-        let keep = passing(&features, |[i, j], [x, y], _| match x * x + y * y {
-            squared if squared < NEAR * NEAR => true,
-            squared if squared < FAR * FAR => (i + j) % 2 == 0,
-            _ => i % 2 == 0 && j % 2 == 0,
-        });
-        features = features.with_goals(&keep);
+    if detail == Detail::Coarse && has_lattice(&features) {
+        features = coarse(features);
     }
     if target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
         return Ok(features);
     }
-    let ego = on_the_road(network.features(scene, index, scene.ego)?);
+    let mut ego = network.features(scene, index, scene.ego)?;
+    if has_lattice(&ego) {
+        ego = on_the_road(ego, detail);
+    }
     let mut rng = Rng::new(0, &scene.id, "foresight");
     let all = predict(network, Arc::new(ego), FUTURES, Selection::Nms { radius: APART }, &mut rng)?;
     let futures: Vec<(f32, &Trajectory)> = all.iter().map(|p| (p.log_prob, &p.trajectory)).collect();
@@ -62,16 +69,25 @@ pub fn foreseeing(
     Ok(features)
 }
 
-/// The ego's nearer surroundings, and the goals alone that lie along the road, 4 m apart, or close by, if
-/// these are enough: nothing else is likely, and futures end so far apart anyway.
-fn on_the_road(features: Features) -> Features {
-    if !has_lattice(&features) {
-        return features;
+fn coarse(features: Features) -> Features {
+    let keep = passing(&features, |[i, j], [x, y], _| match x * x + y * y {
+        squared if squared < NEAR * NEAR => true,
+        squared if squared < FAR * FAR => (i + j) % 2 == 0,
+        _ => i % 2 == 0 && j % 2 == 0,
+    });
+    features.with_pieces(PIECES).with_goals(&keep)
+}
+
+/// The same with the goals alone that lie along the road or close by, if these are enough: nothing
+/// else is likely, and it is half the work. In a coarse view they lie as far apart as futures.
+fn on_the_road(mut features: Features, detail: Detail) -> Features {
+    let is_coarse = detail == Detail::Coarse;
+    if is_coarse {
+        features = features.with_pieces(PIECES);
     }
-    let features = features.with_pieces(PIECES);
     let keep = passing(&features, |[i, j], [x, y], row| {
         let is_on_road = row[GoalColumn::Reachable as usize] > 0.0;
-        x * x + y * y < CLOSE * CLOSE || (is_on_road && i % 2 == 0 && j % 2 == 0)
+        x * x + y * y < CLOSE * CLOSE || (is_on_road && (!is_coarse || (i % 2 == 0 && j % 2 == 0)))
     });
     if keep.len() < 8 * FUTURES { features } else { features.with_goals(&keep) }
 }

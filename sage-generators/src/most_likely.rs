@@ -3,7 +3,11 @@
 use std::sync::Arc;
 
 use sage_backbones::{
-    Backbone, backbone::to_world, candidates::ranked, candle::DType, foresight::foreseeing,
+    Backbone,
+    backbone::to_world,
+    candidates::ranked,
+    candle::DType,
+    foresight::{Detail, foreseeing},
 };
 use sage_core::{
     Error,
@@ -33,7 +37,8 @@ impl Generator for MostLikely {
     fn generate(&self, ctx: &Context, _seed: u64) -> Result<Attack, Error> {
         let attack = || {
             let scene = ctx.scene();
-            let features = foreseeing(&*self.prior, scene, ctx.index(), scene.adversary_index()?)?;
+            let adversary = scene.adversary_index()?;
+            let features = foreseeing(&*self.prior, scene, ctx.index(), adversary, Detail::Full)?;
             let encoding = self.network.encode(Arc::new(features))?;
             let log_probs = self.network.log_probs(&encoding)?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
             let best = ranked(&log_probs)[0];

@@ -10,12 +10,12 @@ use sage_backbones::{
     candidates::{Selection, choose},
     candle::{DType, Device, Tensor},
     features::{LOOKS, STRIDE},
-    foresight::foreseeing,
+    foresight::{Detail, foreseeing},
 };
 use sage_core::{
     Error,
     generator::{Attack, Generator, Proposed},
-    geometry::{Point, distance},
+    geometry::Point,
     motion::HORIZON,
     objective::Context,
     registry::Entry,
@@ -91,7 +91,8 @@ impl Steered {
         seed: u64,
     ) -> Result<(Vec<Proposed>, Vec<Judged>), sage_backbones::Error> {
         let scene = ctx.scene();
-        let features = foreseeing(&*self.prior, scene, ctx.index(), scene.adversary_index()?)?;
+        let adversary = scene.adversary_index()?;
+        let features = foreseeing(&*self.prior, scene, ctx.index(), adversary, Detail::Coarse)?;
         let encoding = self.network.encode(Arc::new(features))?;
         let log_probs = self.network.log_probs(&encoding)?;
         let ends = self.network.mode_ends(&encoding)?;
@@ -155,11 +156,13 @@ impl Steered {
         let Selection::Nms { radius } = self.selection else { return all };
         let most = SPARE * self.candidates;
         let mut kept: Vec<Paced> = Vec::with_capacity(most);
+        let radius = f64::from(radius) * f64::from(radius);
         for paced in all {
             // Half the distance counts at half time.
-            let gap =
-                |other: &Paced| distance(paced.end, other.end).max(2.0 * distance(paced.half, other.half));
-            if kept.iter().all(|other| gap(other) >= f64::from(radius)) {
+            let is_apart = |other: &Paced| {
+                squared(paced.end, other.end) >= radius || 4.0 * squared(paced.half, other.half) >= radius
+            };
+            if kept.iter().all(is_apart) {
                 kept.push(paced);
             }
             if kept.len() == most {
@@ -168,6 +171,12 @@ impl Steered {
         }
         kept
     }
+}
+
+/// Squared distance.
+fn squared(a: Point, b: Point) -> f64 {
+    let [dx, dy] = [a[0] - b[0], a[1] - b[1]];
+    dx * dx + dy * dy
 }
 
 /// Modes at every pace, as likely as at their own.

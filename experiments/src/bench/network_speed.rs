@@ -5,9 +5,8 @@ use std::{hint::black_box, path::PathBuf, sync::Arc, time::Instant};
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_backbones::{
-    Backbone, Parameters, backbones,
+    Backbone, backbones,
     candidates::Selection,
-    candle::Tensor,
     features::Features,
     nn::AdamWConfig,
     prediction::predict,
@@ -15,14 +14,18 @@ use sage_backbones::{
 };
 use sage_core::{
     objective::{Context, ContextOptions},
+    registry::Registry,
     seed::Rng,
     statistics::median,
 };
 use sage_data::Recording;
 use sage_generators::Choice;
-use sage_merging::{Dial, Experts, Merger, mergers};
+use sage_merging::{Dial, Merger, mergers};
 
-use crate::methods::{self, Choosing, Place};
+use crate::{
+    methods::{self, Choosing, Place},
+    networks,
+};
 
 use super::speed::{CANDIDATES, Timing, measure, timing};
 
@@ -90,7 +93,7 @@ pub fn run(files: &[PathBuf], repeat: usize, mut report: impl FnMut(Timing) -> R
         None,
     ))?;
 
-    steering(&*ours, &cases, repeat, &mut report)?;
+    steering(&registry, &cases, repeat, &mut report)?;
 
     let batch = features(&*ours, &cases[0])?;
     for (name, threads) in [("32 predictions, one thread", 1), ("32 predictions, two threads", 2)] {
@@ -116,16 +119,14 @@ pub fn run(files: &[PathBuf], repeat: usize, mut report: impl FnMut(Timing) -> R
     Ok(())
 }
 
-/// Times a steered attack and a turn of the dial, with experts that differ from the prior by noise: the
-/// work is the same as with tuned ones.
+/// Times a steered attack and a turn of the dial, with the experts that are in the binary.
 fn steering(
-    ours: &dyn Backbone,
+    registry: &Registry<dyn Backbone>,
     cases: &[Case],
     repeat: usize,
     report: &mut impl FnMut(Timing) -> Result<()>,
 ) -> Result<()> {
-    let [realistic, adversarial] = [1, 2].map(|seed| stirred(ours, seed));
-    let experts = Experts::new(ours.rebuilt(ours.parameters().clone())?, realistic?, adversarial?)?;
+    let experts = networks::load_experts(registry, "procedural")?;
     let merger = || -> Result<Box<dyn Merger>> { Ok(mergers()?.build_default("linear")?) };
     let choosing = Choosing { choice: Choice::Natural, strict: false };
     let sage = sage_generators::methods()?.build_default("sage")?;
@@ -145,20 +146,6 @@ fn steering(
         (start.elapsed(), black_box(turned))
     });
     report(timing("lambda turned in place", turns, Some(1.0)))
-}
-
-/// The prior with noise on what fine-tuning moves.
-fn stirred(prior: &dyn Backbone, seed: u64) -> Result<Parameters> {
-    let stir = |(name, tensor): (&str, &Tensor)| -> Result<(String, Tensor)> {
-        if !prior.role(name).is_finetuned() {
-            return Ok((name.to_owned(), tensor.clone()));
-        }
-        let mut rng = Rng::new(seed, name, "bench noise");
-        let values: Vec<f32> = tensor.flatten_all()?.to_vec1()?;
-        let values = values.into_iter().map(|x| x + 0.01 * rng.normal() as f32).collect();
-        Ok((name.to_owned(), Tensor::from_vec(values, tensor.dims(), tensor.device())?))
-    };
-    prior.parameters().iter().map(stir).collect()
 }
 
 /// Features with exactly [`GOALS`] goals: those there are, over and over.

@@ -51,18 +51,18 @@ impl EdgeGrid {
 
     fn mark(&mut self, a: Point, b: Point) {
         let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-        let length = (dx * dx + dy * dy).sqrt();
-        let axis = if length > 0.0 { [dx / length, dy / length] } else { [0.0, 0.0] };
+        let length = dx.hypot(dy);
         // What can lie inside of a very long segment is its part near the target.
         let reach = f64::from(REACH) * 1.5;
         let (mut from, mut to) = (0.0, length);
         if length > 4.0 * reach {
-            let foot = -(a[0] * axis[0] + a[1] * axis[1]);
+            let foot = -(a[0] * dx + a[1] * dy) / length;
             (from, to) = ((foot - reach).max(0.0), (foot + reach).min(length));
         }
         let mut t = from;
         while t <= to {
-            if let Some(cell) = cell((a[0] + t * axis[0]) as f32, (a[1] + t * axis[1]) as f32) {
+            let share = if length > 0.0 { t / length } else { 0.0 };
+            if let Some(cell) = cell((a[0] + share * dx) as f32, (a[1] + share * dy) as f32) {
                 self.set(cell);
             }
             t += 0.5 * f64::from(CELL);

@@ -6,7 +6,7 @@
 
 use parry2d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
-use super::{Aabb, Point, cross, distance, dot, norm, sub};
+use super::{Aabb, Point, cross, dot, norm, sub};
 
 /// Segments under one leaf.
 const RUN: usize = 8;
@@ -140,22 +140,26 @@ impl SegmentIndex {
     pub fn nearest(&self, p: Point, reach: f64, accept: impl Fn(&Segment) -> bool) -> Option<Nearest> {
         let mut radius = reach.min(2.0);
         loop {
-            let mut best: Option<Nearest> = None;
+            // Squared until the end: most of the segments around are not the nearest.
+            let mut least = radius * radius;
+            let mut best: Option<(usize, f64)> = None;
             for run in self.near(&Aabb::around(p, radius)) {
                 for segment in run {
                     let candidate = &self.segments[segment];
                     let share = candidate.nearest_share(p);
-                    let distance = distance(p, candidate.at(share));
-                    let closer = best.is_none_or(|b| {
-                        distance < b.distance || (distance == b.distance && segment < b.segment)
-                    });
-                    if distance <= radius && closer && accept(candidate) {
-                        best = Some(Nearest { segment, share, distance });
+                    let away = sub(p, candidate.at(share));
+                    let squared = dot(away, away);
+                    let is_first = || best.is_none_or(|(other, _)| segment < other);
+                    if (squared < least || (squared == least && is_first())) && accept(candidate) {
+                        (least, best) = (squared, Some((segment, share)));
                     }
                 }
             }
-            if best.is_some() || radius >= reach {
-                return best;
+            if let Some((segment, share)) = best {
+                return Some(Nearest { segment, share, distance: least.sqrt() });
+            }
+            if radius >= reach {
+                return None;
             }
             radius = (2.0 * radius).min(reach);
         }

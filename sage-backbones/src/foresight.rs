@@ -22,20 +22,20 @@ const FUTURES: usize = 8;
 const APART: f32 = 4.0;
 /// Goals of the ego nearer than this are kept even off the road, metres.
 const CLOSE: f32 = 10.0;
-/// Pieces of the map in a coarse view, the nearest.
-const PIECES: usize = 64;
-/// In a coarse view all goals of the target that are nearer than this are kept, metres …
-const NEAR: f32 = 15.0;
-/// … every second up to this distance, and every fourth beyond.
-const FAR: f32 = 60.0;
+/// Pieces of the map in a coarse view, the nearest: around the target …
+const PIECES: usize = 96;
+/// … and around the ego.
+const EGO_PIECES: usize = 64;
+/// In a coarse view every second goal of the target is left out farther away than this, metres.
+const NEAR: f32 = 40.0;
 
 /// How closely to look.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
     /// At every goal, from all pieces of the map: what policies are trained and measured on.
     Full,
-    /// From the nearest half of the map, at goals that lie the farther apart the farther away they are:
-    /// enough for candidates, which end metres apart, in two thirds of the time (`docs/steering.md`).
+    /// From the nearer pieces of the map, at fewer of the farther goals: enough for candidates, which end
+    /// metres apart, and faster (`docs/steering.md`).
     Coarse,
 }
 
@@ -70,11 +70,7 @@ pub fn foreseeing(
 }
 
 fn coarse(features: Features) -> Features {
-    let keep = passing(&features, |[i, j], [x, y], _| match x * x + y * y {
-        squared if squared < NEAR * NEAR => true,
-        squared if squared < FAR * FAR => (i + j) % 2 == 0,
-        _ => i % 2 == 0 && j % 2 == 0,
-    });
+    let keep = passing(&features, |[i, j], [x, y], _| x * x + y * y < NEAR * NEAR || (i + j) % 2 == 0);
     features.with_pieces(PIECES).with_goals(&keep)
 }
 
@@ -83,7 +79,7 @@ fn coarse(features: Features) -> Features {
 fn on_the_road(mut features: Features, detail: Detail) -> Features {
     let is_coarse = detail == Detail::Coarse;
     if is_coarse {
-        features = features.with_pieces(PIECES);
+        features = features.with_pieces(EGO_PIECES);
     }
     let keep = passing(&features, |[i, j], [x, y], row| {
         let is_on_road = row[GoalColumn::Reachable as usize] > 0.0;

@@ -192,7 +192,7 @@ impl SegmentIndex {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::distance, *};
     use crate::seed::Rng;
 
     #[test]

@@ -137,8 +137,11 @@ impl Grid {
             if is_inside(a[k]) && is_inside(b[k]) {
                 continue;
             }
-            if (a[k] < low && b[k] < low) || (a[k] > high && b[k] > high) || direction[k].abs() < 1e-9 {
-                return (length, 0.0);
+            if direction[k].abs() < 1e-9 {
+                if !is_inside(a[k]) {
+                    return (length, 0.0);
+                }
+                continue;
             }
             let [s, t] = [(low - a[k]) / direction[k], (high - a[k]) / direction[k]];
             part = (part.0.max(s.min(t)), part.1.min(s.max(t)));

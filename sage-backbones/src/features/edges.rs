@@ -15,6 +15,9 @@ const REACH: f32 = 128.0;
 /// … and holds so many cells to a side.
 const CELLS: usize = (2.0 * REACH / CELL) as usize;
 
+/// In place of a cell for what lies outside of the grid.
+const OUTSIDE: u32 = u32::MAX;
+
 /// Width of a coarse cell, metres.
 const COARSE: f32 = 8.0;
 /// Coarse cells to a side.
@@ -50,8 +53,12 @@ impl EdgeGrid {
     }
 
     fn mark(&mut self, a: Point, b: Point) {
+        let is_beside = |k: usize| a[k].max(b[k]) < f64::from(-REACH) || a[k].min(b[k]) > f64::from(REACH);
+        if is_beside(0) || is_beside(1) {
+            return;
+        }
         let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-        let length = dx.hypot(dy);
+        let length = (dx * dx + dy * dy).sqrt();
         // What can lie inside of a very long segment is its part near the target.
         let reach = f64::from(REACH) * 1.5;
         let (mut from, mut to) = (0.0, length);
@@ -92,11 +99,16 @@ impl EdgeGrid {
         self.near.get(cell).is_some_and(|near| *near)
     }
 
-    /// Whether a boundary passes through the cell of a place.
-    #[inline]
-    pub fn holds(&self, x: f32, y: f32) -> bool {
-        cell(x, y)
-            .is_some_and(|cell| self.bits.get(cell / 64).is_some_and(|bits| bits & (1 << (cell % 64)) != 0))
+    /// Whether a boundary passes through the cells of some places.
+    #[inline(always)]
+    pub fn hold<const N: usize>(&self, x: &[f32; N], y: &[f32; N]) -> [bool; N] {
+        let mut cells = [OUTSIDE; N];
+        for ((cell, x), y) in cells.iter_mut().zip(x).zip(y) {
+            let [i, j] = [(x + REACH) / CELL, (y + REACH) / CELL];
+            let inside = i >= 0.0 && j >= 0.0 && i < CELLS as f32 && j < CELLS as f32;
+            *cell = if inside { i as u32 * CELLS as u32 + j as u32 } else { OUTSIDE };
+        }
+        cells.map(|cell| self.bits.get(cell as usize / 64).is_some_and(|bits| bits & (1 << (cell % 64)) != 0))
     }
 
     /// What a target sees if left and right change places.
@@ -113,7 +125,6 @@ impl EdgeGrid {
     }
 }
 
-#[inline]
 fn cell(x: f32, y: f32) -> Option<usize> {
     let [i, j] = [(x + REACH) / CELL, (y + REACH) / CELL];
     let inside = i >= 0.0 && j >= 0.0 && i < CELLS as f32 && j < CELLS as f32;
@@ -133,9 +144,10 @@ mod tests {
         let index = SceneIndex::new(Arc::new(Map { points, features: vec![feature] }));
         let grid = EdgeGrid::around(&index, &Frame::new([0.0, 0.0], 0.0));
         for x in [-100.0, 0.0, 77.3] {
-            assert!(grid.holds(x, 5.3) && !grid.holds(x, 4.4) && !grid.holds(x, -5.3));
-            assert!(grid.mirrored().holds(x, -5.3) && !grid.mirrored().holds(x, 5.3));
+            assert_eq!(grid.hold(&[x; 3], &[5.3, 4.4, -5.3]), [true, false, false]);
+            assert_eq!(grid.mirrored().hold(&[x; 2], &[-5.3, 5.3]), [true, false]);
         }
-        assert!(!grid.holds(f32::NAN, 5.3) && !grid.holds(1e9, 5.3));
+        assert_eq!(grid.hold(&[f32::NAN, 1e9, -128.1], &[5.3; 3]), [false; 3]);
+        assert_eq!(EdgeGrid::empty().hold(&[0.0], &[5.3]), [false]);
     }
 }

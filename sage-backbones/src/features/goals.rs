@@ -142,9 +142,9 @@ impl Reach {
         for i in (self.back / CELL) as i32..=cols {
             for j in -rows..=rows {
                 let [x, y] = [f64::from(i) * CELL, f64::from(j) * CELL];
-                let r = x.hypot(y);
+                let squared = x * x + y * y;
                 let coarse = i % 2 == 0 && j % 2 == 0;
-                let near = r <= 6.0 || (coarse && r <= 28.0 && x >= -8.0);
+                let near = squared <= 6.0 * 6.0 || (coarse && squared <= 28.0 * 28.0 && x >= -8.0);
                 let along = coarse && y.abs() <= 4.0 && x > 0.0 && x <= 1.25 * self.straight + 8.0;
                 let wedge = without_lanes && coarse && x >= 0.0 && y.abs() <= 0.5 * x + 4.0;
                 if (near || along || wedge) && self.holds([i, j]) {

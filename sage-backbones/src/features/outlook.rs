@@ -198,7 +198,7 @@ impl<'m> OnLane<'m> {
             let points = self.map.points_of(&self.map.features[self.lane]);
             let (a, b) = (points[self.segment], points[self.segment + 1]);
             let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-            let length = dx.hypot(dy);
+            let length = (dx * dx + dy * dy).sqrt();
             if self.along > length && self.left > 0 {
                 self.left -= 1;
                 if self.segment + 2 < points.len() {

@@ -1,0 +1,230 @@
+//! Rows of what the steering branch sees of paths.
+
+use std::f32::consts::FRAC_PI_2;
+
+use candle_core::{Device, Result, Tensor};
+
+use super::eight::{Boxes, Clearance, Eight, FAR, LANES, Lanes, NEVER, greater, lanes, less};
+use crate::{
+    features::{Features, LOOKS, STRIDE},
+    nn::wide,
+};
+
+/// Places along a car's middle line that are asked for an edge, shares of half its length.
+const ALONG: [f32; 3] = [-0.9, 0.0, 0.9];
+/// Relative positions to the ego's likeliest way that are seen: every second look.
+const PLACES: usize = LOOKS / 2;
+/// Inputs of the branch.
+pub(super) const COLUMNS: usize = 2 * PLACES + 27;
+/// Seconds between looks.
+const SPAN: f32 = STRIDE as f32 * 0.1;
+
+/// Rows of what the branch sees of paths, given by their places at the looks ahead (n, 20, 2), target
+/// frame. Without an ego to look at, as when it is the target itself, there are none.
+pub(crate) fn describe(places: &Tensor, features: &Features) -> Result<Option<Tensor>> {
+    if features.outlook.ego.is_empty() {
+        return Ok(None);
+    }
+    let n = places.dim(0)?;
+    let numbers = places.to_dtype(candle_core::DType::F32)?.flatten_all()?.to_vec1::<f32>()?;
+    let paths = numbers.as_chunks::<2>().0.as_chunks::<LOOKS>().0;
+    let table = |ways: &[_]| ways.iter().map(Boxes::of).collect::<Vec<_>>();
+    let (ego, others) = (table(&features.outlook.ego), table(&features.outlook.others));
+    let mut rows = vec![0.0; n * COLUMNS];
+    wide(
+        #[inline(always)]
+        || {
+            for (paths, rows) in paths.chunks(LANES).zip(rows.chunks_mut(LANES * COLUMNS)) {
+                let own = Eight::along(paths, features.half);
+                let mut columns = Columns { values: [[0.0; LANES]; COLUMNS], filled: 0 };
+                towards_ego(&own, &ego, features.speed(), &mut columns);
+                towards_others(&own, &others, &mut columns);
+                of_itself(&own, features, &mut columns);
+                columns.write(rows);
+            }
+        },
+    );
+    Ok(Some(Tensor::from_vec(rows, (n, COLUMNS), &Device::Cpu)?.to_dtype(places.dtype())?))
+}
+
+/// What is seen of eight paths, a column after the other.
+struct Columns {
+    values: [Lanes; COLUMNS],
+    filled: usize,
+}
+
+impl Columns {
+    #[inline(always)]
+    fn push<const N: usize>(&mut self, values: [Lanes; N]) {
+        self.values[self.filled..self.filled + N].copy_from_slice(&values);
+        self.filled += N;
+    }
+
+    /// As rows, a path after the other.
+    #[inline(always)]
+    fn write(&self, rows: &mut [f32]) {
+        debug_assert_eq!(self.filled, COLUMNS);
+        for (lane, row) in rows.chunks_exact_mut(COLUMNS).enumerate() {
+            for (number, column) in row.iter_mut().zip(&self.values) {
+                *number = column[lane];
+            }
+        }
+    }
+}
+
+/// Share of the looks that lie after one.
+#[inline(always)]
+fn early(look: f32) -> f32 {
+    1.0 - (look + 1.0) / NEVER
+}
+
+/// Where the path is relative to the ego's likeliest way, how likely it meets the ego, when, and how.
+#[inline(always)]
+fn towards_ego(own: &Eight, ego: &[Boxes], speed: f32, out: &mut Columns) {
+    let likeliest = &ego[0];
+    for k in (1..LOOKS).step_by(2) {
+        out.push([
+            lanes(|l| signed_root(own.x[k][l] - likeliest.x[k])),
+            lanes(|l| signed_root(own.y[k][l] - likeliest.y[k])),
+        ]);
+    }
+    let [mut hit, mut near, mut soon] = [[0.0; LANES]; 3];
+    let first = own.clearance(likeliest);
+    let (mut gap, mut nearest) = (first.gap, first.nearest);
+    for (k, way) in ego.iter().enumerate() {
+        let here = if k == 0 { first } else { own.clearance(way) };
+        for l in 0..LANES {
+            near[l] += way.weight / (1.0 + greater(here.gap[l], 0.0));
+            let meets = here.touch[l] < NEVER;
+            hit[l] += if meets { way.weight } else { 0.0 };
+            soon[l] += if meets { way.weight * early(here.touch[l]) } else { 0.0 };
+            nearest[l] = if here.gap[l] < gap[l] { here.nearest[l] } else { nearest[l] };
+            gap[l] = less(gap[l], here.gap[l]);
+        }
+    }
+    out.push([
+        hit.map(|hit| 2.0 * hit),
+        near.map(|near| 2.0 * near),
+        soon.map(|soon| 2.0 * soon),
+        gap.map(signed_root),
+        nearest.map(early),
+        first.gap.map(signed_root),
+        first.touch.map(|touch| if touch < NEVER { 1.0 } else { 0.0 }),
+        first.nearest.map(early),
+    ]);
+    as_they_meet(own, likeliest, &first, speed, out);
+}
+
+/// How fast the path and the ego's likeliest way are where they are nearest, and the path on the whole.
+#[inline(always)]
+fn as_they_meet(own: &Eight, likeliest: &Boxes, first: &Clearance, speed: f32, out: &mut Columns) {
+    let mut columns = [[0.0; LANES]; 4];
+    for l in 0..LANES {
+        let to = (first.nearest[l] as usize).max(1);
+        let from = to - 1;
+        let [vx, vy] = [own.x[to][l] - own.x[from][l], own.y[to][l] - own.y[from][l]].map(|d| d / SPAN);
+        let [ex, ey] =
+            [likeliest.x[to] - likeliest.x[from], likeliest.y[to] - likeliest.y[from]].map(|d| d / SPAN);
+        let [x, y] = [own.x[LOOKS - 1][l], own.y[LOOKS - 1][l]];
+        columns[0][l] = (vx - ex) / 10.0;
+        columns[1][l] = (vy - ey) / 10.0;
+        columns[2][l] = (ex * ex + ey * ey).sqrt() / 10.0;
+        columns[3][l] = ((x * x + y * y).sqrt() / 8.0 - speed) / 10.0;
+    }
+    out.push(columns);
+}
+
+/// How near the path comes to those who stand and to those who drive, how likely it touches one, when.
+#[inline(always)]
+fn towards_others(own: &Eight, others: &[Boxes], out: &mut Columns) {
+    for stands in [true, false] {
+        let [mut gap, mut free, mut soonest] = [[FAR; LANES], [1.0; LANES], [0.0; LANES]];
+        for way in others.iter().filter(|way| way.stands == stands) {
+            let here = own.clearance(way);
+            for l in 0..LANES {
+                gap[l] = less(gap[l], here.gap[l]);
+                free[l] *= if here.touch[l] < NEVER { 1.0 - way.weight } else { 1.0 };
+                // Zero where they never touch, and for the last look.
+                soonest[l] = greater(soonest[l], early(here.touch[l]));
+            }
+        }
+        out.push([
+            free.map(|free| 1.0 - free),
+            soonest,
+            gap.map(signed_root),
+            gap.map(|gap| 1.0 / (1.0 + greater(gap, 0.0))),
+        ]);
+    }
+}
+
+/// Whether the path touches an edge, and how it is driven.
+#[inline(always)]
+fn of_itself(own: &Eight, features: &Features, out: &mut Columns) {
+    let [mut last_x, mut last_y, mut last_cos, mut last_sin] =
+        [[0.0; LANES], [0.0; LANES], [1.0; LANES], [0.0; LANES]];
+    let mut speed = [features.speed(); LANES];
+    let [mut brake, mut gain, mut across, mut turned, mut restless] = [[0.0; LANES]; 5];
+    let mut edge = [NEVER; LANES];
+    for look in 0..LOOKS {
+        let (x, y, cos, sin) = (&own.x[look], &own.y[look], &own.cos[look], &own.sin[look]);
+        for l in 0..LANES {
+            let [dx, dy] = [x[l] - last_x[l], y[l] - last_y[l]];
+            let now = (dx * dx + dy * dy).sqrt() / SPAN;
+            let acceleration = (now - speed[l]) / SPAN;
+            brake[l] = greater(brake[l], -acceleration);
+            gain[l] = greater(gain[l], acceleration);
+            let turn_sin = last_cos[l] * sin[l] - last_sin[l] * cos[l];
+            let turn_cos = last_cos[l] * cos[l] + last_sin[l] * sin[l];
+            // The turn of one look is small: two terms of the arc sine do; a quarter turn is the most.
+            let small = turn_sin.abs() * (1.0 + turn_sin * turn_sin / 6.0);
+            let turn = if turn_cos > 0.0 { small } else { FRAC_PI_2 };
+            across[l] = greater(across[l], turn / SPAN * now);
+            turned[l] += turn;
+            restless[l] += turn / SPAN / (now + 0.5);
+            speed[l] = now;
+        }
+        let asks: [bool; LANES] =
+            std::array::from_fn(|l| edge[l] == NEVER && features.edges.is_near(x[l], y[l]));
+        if asks.contains(&true) {
+            let touches = touch_edge(features, [x, y], [cos, sin]);
+            edge = lanes(|l| if asks[l] && touches[l] { look as f32 } else { edge[l] });
+        }
+        (last_x, last_y, last_cos, last_sin) = (*x, *y, *cos, *sin);
+    }
+    let share = |values: Lanes, scale: f32| values.map(|value| less(value / scale, 4.0));
+    out.push([
+        edge.map(|edge| if edge < NEVER { 1.0 } else { 0.0 }),
+        edge.map(|edge| if edge < NEVER { early(edge) } else { 0.0 }),
+        share(brake, 4.0),
+        share(gain, 4.0),
+        share(across, 4.0),
+        share(turned, 2.0),
+        share(restless, 4.0),
+    ]);
+}
+
+/// Whether places along and across boxes lie on a road edge.
+#[inline(always)]
+fn touch_edge(features: &Features, [x, y]: [&Lanes; 2], [cos, sin]: [&Lanes; 2]) -> [bool; LANES] {
+    let [length, width] = features.half;
+    let mut touches = [false; LANES];
+    for share in ALONG {
+        let along = share * length;
+        for across in [-width, 0.0, width] {
+            let holds = features.edges.hold(
+                &lanes(|l| x[l] + along * cos[l] - across * sin[l]),
+                &lanes(|l| y[l] + along * sin[l] + across * cos[l]),
+            );
+            for (touches, holds) in touches.iter_mut().zip(holds) {
+                *touches |= holds;
+            }
+        }
+    }
+    touches
+}
+
+/// Keeps what is near apart and what is far together.
+#[inline(always)]
+fn signed_root(x: f32) -> f32 {
+    0.7 * x / (1.0 + x.abs()).sqrt()
+}

@@ -1,0 +1,181 @@
+//! Eight paths side by side, and how near they come to another's way: each operation is one of the
+//! processor on eight numbers.
+
+use crate::features::{LOOKS, Way};
+
+/// Paths in a pack.
+pub(super) const LANES: usize = 8;
+/// A number a path.
+pub(super) type Lanes = [f32; LANES];
+
+/// Gaps are told apart up to this, metres.
+pub(super) const FAR: f32 = 10.0;
+/// In place of a look where boxes never overlap.
+pub(super) const NEVER: f32 = LOOKS as f32;
+/// A step shorter than this, metres, keeps the heading.
+const STEP: f32 = 0.05;
+
+/// A number for each path.
+#[inline(always)]
+pub(super) fn lanes(of: impl FnMut(usize) -> f32) -> Lanes {
+    std::array::from_fn(of)
+}
+
+// These two take the first where the other is NaN, as one instruction does.
+#[inline(always)]
+pub(super) fn less(a: f32, b: f32) -> f32 {
+    if b < a { b } else { a }
+}
+
+#[inline(always)]
+pub(super) fn greater(a: f32, b: f32) -> f32 {
+    if b > a { b } else { a }
+}
+
+/// Somebody's boxes at the looks ahead.
+pub(super) struct Boxes {
+    pub(super) weight: f32,
+    pub(super) stands: bool,
+    half: [f32; 2],
+    /// Distance of a corner from the centre.
+    reach: f32,
+    pub(super) x: [f32; LOOKS],
+    pub(super) y: [f32; LOOKS],
+    cos: [f32; LOOKS],
+    sin: [f32; LOOKS],
+    /// Least and greatest x and y.
+    bounds: [f32; 4],
+}
+
+impl Boxes {
+    pub(super) fn of(way: &Way) -> Self {
+        let row = |k: usize| std::array::from_fn(|look| way.poses[look][k]);
+        let (x, y): ([f32; LOOKS], [f32; LOOKS]) = (row(0), row(1));
+        let least = |values: &[f32]| values.iter().copied().fold(f32::INFINITY, less);
+        let most = |values: &[f32]| values.iter().copied().fold(f32::NEG_INFINITY, greater);
+        Self {
+            weight: way.weight,
+            stands: way.stands,
+            half: way.half,
+            reach: way.half[0].hypot(way.half[1]),
+            bounds: [least(&x), most(&x), least(&y), most(&y)],
+            x,
+            y,
+            cos: row(2),
+            sin: row(3),
+        }
+    }
+}
+
+/// How near the boxes of eight paths come to another's at one of the looks.
+#[derive(Clone, Copy)]
+pub(super) struct Clearance {
+    /// Gap of the boxes, metres, at most [`FAR`]; negative where they overlap.
+    pub(super) gap: Lanes,
+    /// Look at which it is least; the last where the gap is open.
+    pub(super) nearest: Lanes,
+    /// First look at which they overlap, or [`NEVER`].
+    pub(super) touch: Lanes,
+}
+
+impl Clearance {
+    const OPEN: Self =
+        Self { gap: [FAR; LANES], nearest: [NEVER - 1.0; LANES], touch: [NEVER; LANES] };
+}
+
+/// A car's boxes along eight paths from the origin.
+pub(super) struct Eight {
+    half: [f32; 2],
+    reach: f32,
+    pub(super) x: [Lanes; LOOKS],
+    pub(super) y: [Lanes; LOOKS],
+    pub(super) cos: [Lanes; LOOKS],
+    pub(super) sin: [Lanes; LOOKS],
+    /// Least and greatest x and y of all of them.
+    bounds: [f32; 4],
+}
+
+impl Eight {
+    /// Up to eight paths; the last stands for those that are missing.
+    #[inline(always)]
+    pub(super) fn along(paths: &[[[f32; 2]; LOOKS]], half: [f32; 2]) -> Self {
+        let zero = [[0.0; LANES]; LOOKS];
+        let mut own = Self { half, reach: half[0].hypot(half[1]), x: zero, y: zero, cos: zero, sin: zero, bounds: [0.0; 4] };
+        for lane in 0..LANES {
+            for (look, [x, y]) in paths[lane.min(paths.len() - 1)].iter().enumerate() {
+                (own.x[look][lane], own.y[look][lane]) = (*x, *y);
+            }
+        }
+        let [mut last_x, mut last_y, mut cos, mut sin] = [[0.0; LANES], [0.0; LANES], [1.0; LANES], [0.0; LANES]];
+        for look in 0..LOOKS {
+            let (x, y) = (&own.x[look], &own.y[look]);
+            for l in 0..LANES {
+                let [dx, dy] = [x[l] - last_x[l], y[l] - last_y[l]];
+                let squared = dx * dx + dy * dy;
+                let step = squared.sqrt();
+                let moves = squared > STEP * STEP;
+                cos[l] = if moves { dx / step } else { cos[l] };
+                sin[l] = if moves { dy / step } else { sin[l] };
+            }
+            (last_x, last_y) = (*x, *y);
+            (own.cos[look], own.sin[look]) = (cos, sin);
+        }
+        let over = |values: &[Lanes; LOOKS], pick: fn(f32, f32) -> f32| {
+            let mut best = values[0];
+            for row in values {
+                best = lanes(|l| pick(best[l], row[l]));
+            }
+            best.into_iter().fold(best[0], pick)
+        };
+        own.bounds = [over(&own.x, less), over(&own.x, greater), over(&own.y, less), over(&own.y, greater)];
+        own
+    }
+
+    /// Gaps to another's boxes by separating axes: exact where they overlap.
+    #[inline(always)]
+    pub(super) fn clearance(&self, other: &Boxes) -> Clearance {
+        let ([hl, hw], [ol, ow]) = (self.half, other.half);
+        let apart = self.reach + other.reach + FAR;
+        let [a, b] = [&self.bounds, &other.bounds];
+        if a[0] > b[1] + apart || b[0] > a[1] + apart || a[2] > b[3] + apart || b[2] > a[3] + apart {
+            return Clearance::OPEN;
+        }
+        let mut squared = [f32::INFINITY; LANES];
+        for k in 0..LOOKS {
+            for l in 0..LANES {
+                let [dx, dy] = [other.x[k] - self.x[k][l], other.y[k] - self.y[k][l]];
+                squared[l] = less(squared[l], dx * dx + dy * dy);
+            }
+        }
+        if squared.iter().all(|squared| *squared > apart * apart) {
+            return Clearance::OPEN;
+        }
+        let Clearance { mut gap, mut nearest, mut touch } =
+            Clearance { gap: [f32::INFINITY; LANES], ..Clearance::OPEN };
+        for k in 0..LOOKS {
+            let (ox, oy, oc, os) = (other.x[k], other.y[k], other.cos[k], other.sin[k]);
+            let look = k as f32;
+            for l in 0..LANES {
+                let [dx, dy] = [ox - self.x[k][l], oy - self.y[k][l]];
+                let (c, s) = (self.cos[k][l], self.sin[k][l]);
+                let along = (c * oc + s * os).abs();
+                let across = (c * os - s * oc).abs();
+                let a = (dx * c + dy * s).abs() - hl - ol * along - ow * across;
+                let b = (dy * c - dx * s).abs() - hw - ol * across - ow * along;
+                let d = (dx * oc + dy * os).abs() - ol - hl * along - hw * across;
+                let e = (dy * oc - dx * os).abs() - ow - hl * across - hw * along;
+                let here = greater(greater(a, b), greater(d, e));
+                nearest[l] = if here < gap[l] { look } else { nearest[l] };
+                gap[l] = less(gap[l], here);
+                touch[l] = if here < 0.0 { less(touch[l], look) } else { touch[l] };
+            }
+        }
+        // Far paths get the same whichever others they lie beside.
+        let is_open = squared.map(|squared| squared > apart * apart);
+        Clearance {
+            gap: lanes(|l| if is_open[l] { FAR } else { less(gap[l], FAR) }),
+            nearest: lanes(|l| if is_open[l] { NEVER - 1.0 } else { nearest[l] }),
+            touch,
+        }
+    }
+}

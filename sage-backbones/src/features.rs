@@ -115,6 +115,7 @@ impl Features {
         let end = end.map(|end| frame.to_local(end).map(|x| x as f32));
         let goals = goals::Goals::around(scene, &routes, &frame, velocity, end);
         let [length, width, _] = scene.tracks[target].size[NOW];
+        let half = [length, width].map(|size| (0.5 * size) as f32);
         Ok(Self {
             frame,
             velocity,
@@ -123,13 +124,13 @@ impl Features {
             agents,
             goals: goals.points,
             goal_features: goals.features,
-            half: [length, width].map(|size| (0.5 * size) as f32),
+            half,
             outlook: Outlook::of(scene, index, target, &frame),
             // Only who could hit the ego is asked for edges.
             edges: Arc::new(if target == scene.ego {
                 EdgeGrid::empty()
             } else {
-                EdgeGrid::around(index, &frame)
+                EdgeGrid::around(index, &frame, half[0].hypot(half[1]))
             }),
             has_lanes: goals.on_lanes > 0,
             label: goals.label.map(|(end, row)| (end, Table { columns: GOAL_COLUMNS, values: row.to_vec() })),
@@ -166,7 +167,7 @@ impl Features {
 
     /// The same with only the first pieces of the map: ours come the nearest first.
     pub fn with_pieces(mut self, most: usize) -> Self {
-        self.groups = self.groups.first(self.agents + most);
+        self.groups = self.groups.first(self.agents.saturating_add(most));
         self.vectors.values.truncate(self.groups.rows() * self.vectors.columns);
         self
     }

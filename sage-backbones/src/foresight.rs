@@ -7,6 +7,7 @@ use sage_core::{
     scene::{Scene, SceneIndex},
     seed::Rng,
 };
+use serde::{Deserialize, Serialize};
 
 use crate::{
     Error,
@@ -22,21 +23,49 @@ const FUTURES: usize = 8;
 const APART: f32 = 4.0;
 /// Goals of the ego nearer than this are kept even off the road, metres.
 const CLOSE: f32 = 10.0;
-/// Pieces of the map in a coarse view, the nearest: around the target …
-const PIECES: usize = 96;
-/// … and around the ego.
-const EGO_PIECES: usize = 64;
-/// In a coarse view every second goal of the target is left out farther away than this, metres.
-const NEAR: f32 = 40.0;
+/// How closely to look. Candidates end metres apart, so they need less than what policies are trained and
+/// measured on ([`View::FULL`]): `docs/steering.md` says how the default was chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct View {
+    /// Most pieces of the map around the target, the nearest.
+    pub pieces: usize,
+    /// Every second goal of the target is left out farther away than this, metres.
+    pub near: f32,
+    /// Most pieces of the map around the ego.
+    pub ego_pieces: usize,
+    /// Of the ego's goals every so many-th is looked at, along and across.
+    pub ego_every: usize,
+}
 
-/// How closely to look.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Detail {
-    /// At every goal, from all pieces of the map: what policies are trained and measured on.
-    Full,
-    /// From the nearer pieces of the map, at fewer of the farther goals: enough for candidates, which end
-    /// metres apart, and faster (`docs/steering.md`).
-    Coarse,
+impl View {
+    /// All goals, from all pieces of the map.
+    pub const FULL: Self = Self { pieces: usize::MAX, near: f32::MAX, ego_pieces: usize::MAX, ego_every: 1 };
+
+    /// What is wrong with it, if something is.
+    ///
+    /// *Errors*: the field, its value and the range.
+    pub fn check(self) -> Result<Self, String> {
+        if self.pieces == 0 || self.ego_pieces == 0 {
+            return Err(format!(
+                "`pieces` is {} and `ego_pieces` {}; expected at least 1",
+                self.pieces, self.ego_pieces
+            ));
+        }
+        if !(self.near >= 0.0) {
+            return Err(format!("`near` is {}; expected 0 metres or more", self.near));
+        }
+        if !(1..=4).contains(&self.ego_every) {
+            return Err(format!("`ego_every` is {}; expected 1 to 4", self.ego_every));
+        }
+        Ok(self)
+    }
+}
+
+impl Default for View {
+    fn default() -> Self {
+        Self { pieces: 96, near: 40.0, ego_pieces: 64, ego_every: 2 }
+    }
 }
 
 /// Looks around a target like [`Backbone::features`], and replaces what it expects of the ego by the
@@ -48,18 +77,18 @@ pub fn foreseeing(
     scene: &Scene,
     index: &SceneIndex,
     target: usize,
-    detail: Detail,
+    view: View,
 ) -> Result<Features, Error> {
     let mut features = network.features(scene, index, target)?;
-    if detail == Detail::Coarse && has_lattice(&features) {
-        features = coarse(features);
+    if has_lattice(&features) {
+        features = thinned(features, view);
     }
     if target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
         return Ok(features);
     }
     let mut ego = network.features(scene, index, scene.ego)?;
     if has_lattice(&ego) {
-        ego = on_the_road(ego, detail);
+        ego = on_the_road(ego, view);
     }
     let mut rng = Rng::new(0, &scene.id, "foresight");
     let all = predict(network, Arc::new(ego), FUTURES, Selection::Nms { radius: APART }, &mut rng)?;
@@ -69,21 +98,24 @@ pub fn foreseeing(
     Ok(features)
 }
 
-fn coarse(features: Features) -> Features {
-    let keep = passing(&features, |[i, j], [x, y], _| x * x + y * y < NEAR * NEAR || (i + j) % 2 == 0);
-    features.with_pieces(PIECES).with_goals(&keep)
+fn thinned(mut features: Features, view: View) -> Features {
+    features = features.with_pieces(view.pieces);
+    if view.near == f32::MAX {
+        return features;
+    }
+    let keep =
+        passing(&features, |[i, j], [x, y], _| x * x + y * y < view.near * view.near || (i + j) % 2 == 0);
+    features.with_goals(&keep)
 }
 
 /// The same with the goals alone that lie along the road or close by, if these are enough: nothing
-/// else is likely, and it is half the work. In a coarse view they lie as far apart as futures.
-fn on_the_road(mut features: Features, detail: Detail) -> Features {
-    let is_coarse = detail == Detail::Coarse;
-    if is_coarse {
-        features = features.with_pieces(EGO_PIECES);
-    }
+/// else is likely, and it is half the work.
+fn on_the_road(mut features: Features, view: View) -> Features {
+    features = features.with_pieces(view.ego_pieces);
+    let every = view.ego_every as i32;
     let keep = passing(&features, |[i, j], [x, y], row| {
         let is_on_road = row[GoalColumn::Reachable as usize] > 0.0;
-        x * x + y * y < CLOSE * CLOSE || (is_on_road && (!is_coarse || (i % 2 == 0 && j % 2 == 0)))
+        x * x + y * y < CLOSE * CLOSE || (is_on_road && i % every == 0 && j % every == 0)
     });
     if keep.len() < 8 * FUTURES { features } else { features.with_goals(&keep) }
 }

@@ -8,7 +8,7 @@ use sage_backbones::{
     backbones,
     candle::{DType, Tensor},
     features::{Features, LOOKS, Outlook, STRIDE, Way},
-    foresight::{Detail, foreseeing},
+    foresight::{View, foreseeing},
 };
 use sage_core::{
     motion::{HORIZON, NOW},
@@ -131,7 +131,7 @@ fn a_network_foresees_the_ego_in_several_ways_and_never_by_its_log() {
     let index = SceneIndex::new(scene.map.clone());
     let network = backbones().unwrap().build_default("densetnt").unwrap();
     let adversary = scene.adversary.unwrap();
-    let ways = |scene: &Scene| foreseeing(&*network, scene, &index, adversary, Detail::Full).unwrap().outlook;
+    let ways = |scene: &Scene| foreseeing(&*network, scene, &index, adversary, View::FULL).unwrap().outlook;
     let foreseen: Outlook = ways(&scene);
     assert!(foreseen.ego.len() > 3 && sums_to_one(&foreseen.ego));
     assert!(foreseen.ego.windows(2).all(|w| w[0].weight >= w[1].weight), "the likeliest first");
@@ -161,7 +161,7 @@ fn a_mode_along_its_own_path_has_its_own_log_probability() {
             weights.insert(name, (tensor + noise).unwrap());
         }
         let network = plain.rebuilt(weights).unwrap();
-        let features = foreseeing(&*network, &scene, &index, scene.adversary.unwrap(), Detail::Full).unwrap();
+        let features = foreseeing(&*network, &scene, &index, scene.adversary.unwrap(), View::FULL).unwrap();
         let encoding = network.encode(Arc::new(features)).unwrap();
         let log_probs = network.log_probs(&encoding).unwrap();
         let modes = [3, 11, 0];

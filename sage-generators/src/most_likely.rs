@@ -7,7 +7,7 @@ use sage_backbones::{
     backbone::to_world,
     candidates::ranked,
     candle::DType,
-    foresight::{Detail, foreseeing},
+    foresight::{View, foreseeing},
 };
 use sage_core::{
     Error,
@@ -38,7 +38,7 @@ impl Generator for MostLikely {
         let attack = || {
             let scene = ctx.scene();
             let adversary = scene.adversary_index()?;
-            let features = foreseeing(&*self.prior, scene, ctx.index(), adversary, Detail::Full)?;
+            let features = foreseeing(&*self.prior, scene, ctx.index(), adversary, View::FULL)?;
             let encoding = self.network.encode(Arc::new(features))?;
             let log_probs = self.network.log_probs(&encoding)?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
             let best = ranked(&log_probs)[0];

@@ -10,7 +10,7 @@ use sage_backbones::{
     candidates::{Selection, choose},
     candle::{DType, Device, Tensor},
     features::{LOOKS, STRIDE},
-    foresight::{Detail, foreseeing},
+    foresight::{View, foreseeing},
 };
 use sage_core::{
     Error,
@@ -61,6 +61,8 @@ pub struct Steered {
     pub candidates: usize,
     /// How they are taken from the network's modes.
     pub selection: Selection,
+    /// How closely the scene is looked at for them.
+    pub view: View,
     /// Who chooses among them.
     pub judge: Judge,
 }
@@ -92,7 +94,7 @@ impl Steered {
     ) -> Result<(Vec<Proposed>, Vec<Judged>), sage_backbones::Error> {
         let scene = ctx.scene();
         let adversary = scene.adversary_index()?;
-        let features = foreseeing(&*self.prior, scene, ctx.index(), adversary, Detail::Coarse)?;
+        let features = foreseeing(&*self.prior, scene, ctx.index(), adversary, self.view)?;
         let encoding = self.network.encode(Arc::new(features))?;
         let log_probs = self.network.log_probs(&encoding)?;
         let ends = self.network.mode_ends(&encoding)?;
@@ -197,11 +199,13 @@ pub struct SteeredOptions {
     pub candidates: usize,
     /// Least distance of their ends, metres.
     pub apart: f32,
+    /// How closely the scene is looked at for them.
+    pub view: View,
 }
 
 impl Default for SteeredOptions {
     fn default() -> Self {
-        Self { candidates: 32, apart: 6.0 }
+        Self { candidates: 32, apart: 6.0, view: View::default() }
     }
 }
 
@@ -211,6 +215,7 @@ impl SteeredOptions {
         if !(0.0..=100.0).contains(&self.apart) {
             return Err(format!("`apart` is {}; expected 0 to 100 metres", self.apart));
         }
+        self.view.check().map_err(|problem| format!("`view`: {problem}"))?;
         Ok(self)
     }
 
@@ -229,6 +234,7 @@ impl SteeredOptions {
             prior: setting.prior()?,
             candidates: self.candidates,
             selection: Selection::Nms { radius: self.apart },
+            view: self.view,
             judge: setting.judge()?,
         })
     }

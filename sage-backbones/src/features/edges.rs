@@ -19,7 +19,7 @@ const CELLS: usize = (2.0 * REACH / CELL) as usize;
 const OUTSIDE: u32 = u32::MAX;
 
 /// Width of a coarse cell, metres.
-const COARSE: f32 = 8.0;
+const COARSE: f32 = 2.0;
 /// Coarse cells to a side.
 const COARSE_CELLS: usize = (2.0 * REACH / COARSE) as usize;
 
@@ -27,20 +27,25 @@ const COARSE_CELLS: usize = (2.0 * REACH / COARSE) as usize;
 #[derive(Clone, Debug, PartialEq)]
 pub struct EdgeGrid {
     bits: Vec<u64>,
-    /// Whether a boundary passes through a coarse cell or one beside it.
+    /// Whether a boundary passes within so many coarse cells, along and across.
     near: Vec<bool>,
+    ring: usize,
 }
 
 impl EdgeGrid {
     /// A grid without any boundary.
     pub fn empty() -> Self {
-        Self { bits: Vec::new(), near: Vec::new() }
+        Self { bits: Vec::new(), near: Vec::new(), ring: 0 }
     }
 
-    /// Marks the boundaries around a frame.
-    pub(super) fn around(index: &SceneIndex, frame: &Frame) -> Self {
-        let mut grid =
-            Self { bits: vec![0; CELLS * CELLS / 64], near: vec![false; COARSE_CELLS * COARSE_CELLS] };
+    /// Nothing is marked.
+    fn blank(ring: usize) -> Self {
+        Self { bits: vec![0; CELLS * CELLS / 64], near: vec![false; COARSE_CELLS * COARSE_CELLS], ring }
+    }
+
+    /// Marks the boundaries around a frame, for boxes that reach so many metres from their centre.
+    pub(super) fn around(index: &SceneIndex, frame: &Frame, box_reach: f32) -> Self {
+        let mut grid = Self::blank(((box_reach / COARSE) as usize).min(COARSE_CELLS) + 1);
         let boundaries = index.boundaries();
         // The turned square lies within the circle around it.
         let reach = Aabb::around(frame.origin(), f64::from(REACH) * std::f64::consts::SQRT_2);
@@ -83,13 +88,13 @@ impl EdgeGrid {
         }
         self.bits[word] |= bit;
         let [i, j] = [cell / CELLS, cell % CELLS].map(|k| k / (CELLS / COARSE_CELLS));
-        let around = |k: usize| k.saturating_sub(1)..(k + 2).min(COARSE_CELLS);
+        let around = |k: usize| k.saturating_sub(self.ring)..(k + self.ring + 1).min(COARSE_CELLS);
         for i in around(i) {
             self.near[i * COARSE_CELLS..][around(j)].fill(true);
         }
     }
 
-    /// Whether a boundary may lie within 8 m of a place.
+    /// Whether a boundary may lie under a box around a place.
     #[inline]
     pub fn is_near(&self, x: f32, y: f32) -> bool {
         let [i, j] = [(x + REACH) / COARSE, (y + REACH) / COARSE];
@@ -113,10 +118,10 @@ impl EdgeGrid {
 
     /// What a target sees if left and right change places.
     pub(super) fn mirrored(&self) -> Self {
-        let mut twin = Self { bits: vec![0; self.bits.len()], near: vec![false; self.near.len()] };
         if self.bits.is_empty() {
-            return twin;
+            return self.clone();
         }
+        let mut twin = Self::blank(self.ring);
         for cell in (0..CELLS * CELLS).filter(|cell| self.bits[cell / 64] & (1 << (cell % 64)) != 0) {
             let other = cell / CELLS * CELLS + (CELLS - 1 - cell % CELLS);
             twin.set(other);
@@ -142,11 +147,12 @@ mod tests {
         let points = vec![[-3e6, 5.2, 0.0], [3e6, 5.2, 0.0]];
         let feature = MapFeature { id: "e".into(), kind: MapKind::EdgeBoundary, points: 0..2, lane: None };
         let index = SceneIndex::new(Arc::new(Map { points, features: vec![feature] }));
-        let grid = EdgeGrid::around(&index, &Frame::new([0.0, 0.0], 0.0));
+        let grid = EdgeGrid::around(&index, &Frame::new([0.0, 0.0], 0.0), 3.0);
         for x in [-100.0, 0.0, 77.3] {
             assert_eq!(grid.hold(&[x; 3], &[5.3, 4.4, -5.3]), [true, false, false]);
             assert_eq!(grid.mirrored().hold(&[x; 2], &[-5.3, 5.3]), [true, false]);
         }
+        assert!(grid.is_near(0.0, 2.3) && grid.is_near(0.0, 8.2) && !grid.is_near(0.0, -3.0));
         assert_eq!(grid.hold(&[f32::NAN, 1e9, -128.1], &[5.3; 3]), [false; 3]);
         assert_eq!(EdgeGrid::empty().hold(&[0.0], &[5.3]), [false]);
     }

@@ -16,7 +16,7 @@ use super::SceneData;
 use crate::{
     Error,
     backbone::{Backbone, Encoding, to_world},
-    foresight::{Detail, foreseeing},
+    foresight::{View, foreseeing},
 };
 
 /// What every goal of a scene is worth.
@@ -56,7 +56,7 @@ impl TunedScene {
         if !data.scene.tracks[adversary].is_valid(sage_core::motion::NOW) {
             return Ok(None);
         }
-        let features = foreseeing(prior, &data.scene, &data.index, adversary, Detail::Full)?;
+        let features = foreseeing(prior, &data.scene, &data.index, adversary, View::FULL)?;
         let features = match mirrored.then(|| prior.mirrored(&features)) {
             Some(None) => return Ok(None),
             Some(Some(mirrored)) => mirrored,

@@ -1,9 +1,11 @@
 //! A row added to every row of a matrix, with a fast gradient: candle sums over the first axis
 //! fifty times slower than over the last.
 
-use candle_core::{CpuStorage, CustomOp2, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
+use candle_core::{
+    CpuStorage, CustomOp2, InplaceOp2, Layout, Result, Shape, Tensor, backend::BackendStorage as _,
+};
 
-use super::real::{BlockSums, Real, by_dtype, slice, with_slice};
+use super::real::{BlockSums, Real, by_dtype, slice, slice_mut, with_slice};
 
 struct AddRow;
 
@@ -14,6 +16,32 @@ pub fn add_row(x: &Tensor, row: &Tensor) -> Result<Tensor> {
     x.contiguous()?.apply_op2(&row.contiguous()?, AddRow)
 }
 
+/// [`add_row`] to numbers that nobody else reads: they are written over if no gradient needs them.
+pub(super) fn add_row_to_own(x: Tensor, row: &Tensor) -> Result<Tensor> {
+    if x.track_op() || row.track_op() {
+        return add_row(&x, row);
+    }
+    x.inplace_op2(&row.contiguous()?, &AddRow)?;
+    Ok(x)
+}
+
+/// The number of columns, if the row has as many.
+fn columns(x: &Layout, row: &Layout) -> Result<usize> {
+    let d = row.shape().elem_count();
+    if x.dims().last() != Some(&d) {
+        candle_core::bail!("add-row of {:?} and {:?}", x.dims(), row.dims());
+    }
+    Ok(d)
+}
+
+fn add<T: Real>(x: &mut [T], row: &[T], d: usize) {
+    for x in x.chunks_exact_mut(d) {
+        for (x, b) in x.iter_mut().zip(row) {
+            *x += *b;
+        }
+    }
+}
+
 fn column_sums<T: Real>(rows: &[T], d: usize) -> Vec<T> {
     let mut sums = BlockSums::new(d);
     for row in rows.chunks_exact(d) {
@@ -22,6 +50,26 @@ fn column_sums<T: Real>(rows: &[T], d: usize) -> Vec<T> {
         }
     }
     sums.finish()
+}
+
+impl InplaceOp2 for AddRow {
+    fn name(&self) -> &'static str {
+        "add-row"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &mut CpuStorage,
+        x_layout: &Layout,
+        row: &CpuStorage,
+        row_layout: &Layout,
+    ) -> Result<()> {
+        let d = columns(x_layout, row_layout)?;
+        by_dtype!(x.dtype(), T => {
+            add(slice_mut::<T>(x, x_layout)?, slice(row, row_layout)?, d);
+            Ok(())
+        })
+    }
 }
 
 impl CustomOp2 for AddRow {
@@ -36,18 +84,10 @@ impl CustomOp2 for AddRow {
         row: &CpuStorage,
         row_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let d = row_layout.shape().elem_count();
-        if x_layout.dims().last() != Some(&d) {
-            candle_core::bail!("add-row of {:?} and {:?}", x_layout.dims(), row_layout.dims());
-        }
+        let d = columns(x_layout, row_layout)?;
         by_dtype!(x.dtype(), T => {
-            let (x, row) = (slice::<T>(x, x_layout)?, slice::<T>(row, row_layout)?);
-            let mut out = vec![0 as T; x.len()];
-            for (x, y) in x.chunks_exact(d).zip(out.chunks_exact_mut(d)) {
-                for ((y, x), b) in y.iter_mut().zip(x).zip(row) {
-                    *y = *x + *b;
-                }
-            }
+            let mut out = slice::<T>(x, x_layout)?.to_vec();
+            add(&mut out, slice(row, row_layout)?, d);
             Ok((candle_core::WithDType::to_cpu_storage_owned(out), x_layout.shape().clone()))
         })
     }

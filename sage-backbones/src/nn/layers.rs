@@ -5,7 +5,7 @@
 
 use candle_core::{Result, Tensor};
 
-use super::{Init, add_row, norm_relu, softmax};
+use super::{Init, add_row::add_row_to_own, norm_relu::norm_relu_of_own, softmax::softmax_of_own};
 use crate::parameters::Scope;
 
 /// `W x + b`.
@@ -37,7 +37,7 @@ impl Linear {
 
     /// *Shapes*: `x` (n, inputs); result (n, outputs).
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        add_row(&x.matmul(&self.weight.t()?)?, &self.bias)
+        add_row_to_own(x.matmul(&self.weight.t()?)?, &self.bias)
     }
 
     /// `W x + b` for an input that comes in parts side by side, each with rows of its own or with
@@ -46,7 +46,7 @@ impl Linear {
     /// *Shapes*: `rows` (n, a), (n, b), …; `shared` (1, c), …, in this order along the inputs.
     pub fn forward_parts(&self, shared: &[&Tensor], rows: &[&Tensor]) -> Result<Tensor> {
         let (product, row) = self.parts(shared, rows)?;
-        add_row(&product, &row)
+        add_row_to_own(product, &row)
     }
 
     /// The product over `rows`, and what to add to each row of it. The shared parts come first.
@@ -96,19 +96,19 @@ impl Mlp {
     }
 
     // Stacked each time: a copy kept from the start would miss every step of training.
-    fn finish(&self, product: &Tensor, row: &Tensor) -> Result<Tensor> {
-        norm_relu(product, row, &Tensor::stack(&[&self.gamma, &self.beta], 0)?)
+    fn finish(&self, product: Tensor, row: &Tensor) -> Result<Tensor> {
+        norm_relu_of_own(product, row, &Tensor::stack(&[&self.gamma, &self.beta], 0)?)
     }
 
     /// *Shapes*: `x` (n, inputs); result (n, outputs).
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        self.finish(&x.matmul(&self.linear.weight.t()?)?, &self.linear.bias)
+        self.finish(x.matmul(&self.linear.weight.t()?)?, &self.linear.bias)
     }
 
     /// As [`Linear::forward_parts`].
     pub fn forward_parts(&self, shared: &[&Tensor], rows: &[&Tensor]) -> Result<Tensor> {
         let (product, row) = self.linear.parts(shared, rows)?;
-        self.finish(&product, &row)
+        self.finish(product, &row)
     }
 
     /// The same for rows (n, a) with one shared row (1, b) behind them along the inputs.
@@ -117,7 +117,7 @@ impl Mlp {
         let weight = &self.linear.weight;
         let product = rows.matmul(&weight.narrow(1, 0, a)?.t()?)?;
         let row = (self.linear.bias.unsqueeze(0)? + shared.matmul(&weight.narrow(1, a, b)?.t()?)?)?;
-        self.finish(&product, &row)
+        self.finish(product, &row)
     }
 }
 
@@ -174,7 +174,7 @@ impl Attention {
     pub fn recall(&self, queries: &Tensor, memory: &Memory) -> Result<Tensor> {
         let q = self.query.forward(queries)?;
         let scale = 1.0 / (q.dim(1)? as f64).sqrt();
-        softmax(&q.matmul(&memory.keys)?, scale)?.matmul(&memory.values)
+        softmax_of_own(q.matmul(&memory.keys)?, scale)?.matmul(&memory.values)
     }
 
     /// *Shapes*: `queries` (n, inputs), `states` (m, inputs); result (n, width).

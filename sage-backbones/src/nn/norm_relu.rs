@@ -1,8 +1,10 @@
 //! `max(0, γ · norm(x + b) + β)` in one pass: the bias, the layer norm and the ReLU after a product.
 
-use candle_core::{CpuStorage, CustomOp3, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
+use candle_core::{
+    CpuStorage, CustomOp3, InplaceOp3, Layout, Result, Shape, Tensor, backend::BackendStorage as _,
+};
 
-use super::real::{BlockSums, Real, by_dtype, slice, sum, wide, with_slice};
+use super::real::{BlockSums, Real, by_dtype, slice, slice_mut, sum, wide, with_slice};
 
 /// Added to the variance.
 const EPSILON: f64 = 1e-5;
@@ -15,6 +17,15 @@ struct NormRelu;
 /// *Shapes*: `x` (n, d), `bias` (d) or (1, d), `scale` (2, d) = γ over β; result (n, d).
 pub fn norm_relu(x: &Tensor, bias: &Tensor, scale: &Tensor) -> Result<Tensor> {
     x.contiguous()?.apply_op3(&bias.contiguous()?, &scale.contiguous()?, NormRelu)
+}
+
+/// [`norm_relu`] of numbers that nobody else reads: they are written over if no gradient needs them.
+pub(super) fn norm_relu_of_own(x: Tensor, bias: &Tensor, scale: &Tensor) -> Result<Tensor> {
+    if x.track_op() || bias.track_op() || scale.track_op() {
+        return norm_relu(&x, bias, scale);
+    }
+    x.inplace_op3(&bias.contiguous()?, &scale.contiguous()?, &NormRelu)?;
+    Ok(x)
 }
 
 /// Mean and 1/√(variance + ε) of `z`.
@@ -31,14 +42,13 @@ fn moments<T: Real>(z: &[T], squares: &mut [T]) -> (T, T) {
 }
 
 #[inline(always)]
-fn forward<T: Real>(x: &[T], bias: &[T], scale: &[T]) -> Vec<T> {
+fn forward<T: Real>(x: &mut [T], bias: &[T], scale: &[T]) {
     let d = bias.len();
     let (gamma, beta) = scale.split_at(d);
-    let mut out = vec![T::zero(); x.len()];
     let mut squares = vec![T::zero(); d];
-    for (x, y) in x.chunks_exact(d).zip(out.chunks_exact_mut(d)) {
-        for ((y, x), b) in y.iter_mut().zip(x).zip(bias) {
-            *y = *x + *b;
+    for y in x.chunks_exact_mut(d) {
+        for (y, b) in y.iter_mut().zip(bias) {
+            *y = *y + *b;
         }
         let (mean, inverse) = moments(y, &mut squares);
         for ((y, gamma), beta) in y.iter_mut().zip(gamma).zip(beta) {
@@ -47,7 +57,15 @@ fn forward<T: Real>(x: &[T], bias: &[T], scale: &[T]) -> Vec<T> {
             *y = if value < T::zero() { T::zero() } else { value };
         }
     }
-    out
+}
+
+/// Whether the shapes fit.
+fn check(x: &Layout, bias: &Layout, scale: &Layout) -> Result<()> {
+    let d = bias.shape().elem_count();
+    if x.dims().last() != Some(&d) || scale.shape().elem_count() != 2 * d {
+        candle_core::bail!("norm-relu of {:?} with bias {:?} and scale {:?}", x.dims(), bias.dims(), scale.dims());
+    }
+    Ok(())
 }
 
 /// Gradients with respect to x, bias and scale.
@@ -89,6 +107,30 @@ fn backward<T: Real>(x: &[T], bias: &[T], scale: &[T], y: &[T], dy: &[T]) -> [Ve
     [dx, dbias, dscale]
 }
 
+impl InplaceOp3 for NormRelu {
+    fn name(&self) -> &'static str {
+        "norm-relu"
+    }
+
+    fn cpu_fwd(
+        &self,
+        x: &mut CpuStorage,
+        x_layout: &Layout,
+        bias: &CpuStorage,
+        bias_layout: &Layout,
+        scale: &CpuStorage,
+        scale_layout: &Layout,
+    ) -> Result<()> {
+        check(x_layout, bias_layout, scale_layout)?;
+        by_dtype!(x.dtype(), T => {
+            let (bias, scale) = (slice::<T>(bias, bias_layout)?, slice(scale, scale_layout)?);
+            let x = slice_mut(x, x_layout)?;
+            wide(#[inline(always)] || forward(x, bias, scale));
+            Ok(())
+        })
+    }
+}
+
 impl CustomOp3 for NormRelu {
     fn name(&self) -> &'static str {
         "norm-relu"
@@ -103,18 +145,11 @@ impl CustomOp3 for NormRelu {
         scale: &CpuStorage,
         scale_layout: &Layout,
     ) -> Result<(CpuStorage, Shape)> {
-        let d = bias_layout.shape().elem_count();
-        if x_layout.dims().last() != Some(&d) || scale_layout.shape().elem_count() != 2 * d {
-            candle_core::bail!(
-                "norm-relu of {:?} with bias {:?} and scale {:?}",
-                x_layout.dims(),
-                bias_layout.dims(),
-                scale_layout.dims()
-            );
-        }
+        check(x_layout, bias_layout, scale_layout)?;
         by_dtype!(x.dtype(), T => {
-            let (x, bias, scale) = (slice(x, x_layout)?, slice(bias, bias_layout)?, slice(scale, scale_layout)?);
-            let out = wide(#[inline(always)] || forward::<T>(x, bias, scale));
+            let (bias, scale) = (slice::<T>(bias, bias_layout)?, slice(scale, scale_layout)?);
+            let mut out = slice(x, x_layout)?.to_vec();
+            wide(#[inline(always)] || forward(&mut out, bias, scale));
             Ok((candle_core::WithDType::to_cpu_storage_owned(out), x_layout.shape().clone()))
         })
     }

@@ -10,6 +10,8 @@ pub trait Real: WithDType {
     fn exponential(self) -> Self;
     /// The larger of two numbers; either one if the other is NaN.
     fn larger(self, other: Self) -> Self;
+    /// The numbers of a storage, if they are of this type.
+    fn numbers(storage: &mut CpuStorage) -> Option<&mut [Self]>;
 }
 
 impl Real for f32 {
@@ -41,6 +43,13 @@ impl Real for f32 {
     fn larger(self, other: Self) -> Self {
         if self > other { self } else { other }
     }
+
+    fn numbers(storage: &mut CpuStorage) -> Option<&mut [Self]> {
+        match storage {
+            CpuStorage::F32(numbers) => Some(numbers),
+            _ => None,
+        }
+    }
 }
 
 impl Real for f64 {
@@ -57,6 +66,13 @@ impl Real for f64 {
     #[inline(always)]
     fn larger(self, other: Self) -> Self {
         if self > other { self } else { other }
+    }
+
+    fn numbers(storage: &mut CpuStorage) -> Option<&mut [Self]> {
+        match storage {
+            CpuStorage::F64(numbers) => Some(numbers),
+            _ => None,
+        }
     }
 }
 
@@ -133,6 +149,17 @@ pub(super) fn slice<'a, T: Real>(storage: &'a CpuStorage, layout: &Layout) -> Re
         .contiguous_offsets()
         .ok_or(candle_core::Error::RequiresContiguous { op: "a layer of sage-backbones" })?;
     Ok(&all[start..end])
+}
+
+/// The same to write to.
+pub(super) fn slice_mut<'a, T: Real>(storage: &'a mut CpuStorage, layout: &Layout) -> Result<&'a mut [T]> {
+    let (start, end) = layout
+        .contiguous_offsets()
+        .ok_or(candle_core::Error::RequiresContiguous { op: "a layer of sage-backbones" })?;
+    match T::numbers(storage) {
+        Some(all) => Ok(&mut all[start..end]),
+        None => candle_core::bail!("numbers of two types in one layer"),
+    }
 }
 
 /// Calls `f` with the numbers of a contiguous tensor on the CPU.

@@ -1,8 +1,10 @@
 //! Softmax and log-softmax over the last axis.
 
-use candle_core::{CpuStorage, CustomOp1, Layout, Result, Shape, Tensor, backend::BackendStorage as _};
+use candle_core::{
+    CpuStorage, CustomOp1, InplaceOp1, Layout, Result, Shape, Tensor, backend::BackendStorage as _,
+};
 
-use super::real::{Real, by_dtype, slice, sum, wide, with_slice};
+use super::real::{Real, by_dtype, slice, slice_mut, sum, wide, with_slice};
 
 struct Softmax {
     scale: f64,
@@ -15,6 +17,15 @@ struct LogSoftmax;
 /// *Shapes*: `x` (…, n); result the same.
 pub fn softmax(x: &Tensor, scale: f64) -> Result<Tensor> {
     x.contiguous()?.apply_op1(Softmax { scale })
+}
+
+/// [`softmax`] of numbers that nobody else reads: they are written over if no gradient needs them.
+pub(super) fn softmax_of_own(x: Tensor, scale: f64) -> Result<Tensor> {
+    if x.track_op() {
+        return softmax(&x, scale);
+    }
+    x.inplace_op1(&Softmax { scale })?;
+    Ok(x)
 }
 
 /// `x − log Σ exp x` of every row.
@@ -39,20 +50,18 @@ fn largest<T: Real>(row: &[T]) -> T {
 }
 
 #[inline(always)]
-fn softmax_rows<T: Real>(x: &[T], n: usize, scale: f64) -> Vec<T> {
-    let mut out = vec![T::zero(); x.len()];
+fn softmax_rows<T: Real>(x: &mut [T], n: usize, scale: f64) {
     let scale = T::from_f64(scale);
-    for (x, out) in x.chunks_exact(n).zip(out.chunks_exact_mut(n)) {
-        let shift = largest(x) * scale;
-        for (y, x) in out.iter_mut().zip(x) {
-            *y = (*x * scale - shift).exponential();
+    for row in x.chunks_exact_mut(n) {
+        let shift = largest(row) * scale;
+        for x in row.iter_mut() {
+            *x = (*x * scale - shift).exponential();
         }
-        let factor = T::one() / sum(out);
-        for y in out {
-            *y *= factor;
+        let factor = T::one() / sum(row);
+        for x in row {
+            *x *= factor;
         }
     }
-    out
 }
 
 /// `scale · y · (dy − Σ y dy)`.
@@ -120,8 +129,8 @@ impl CustomOp1 for Softmax {
     fn cpu_fwd(&self, x: &CpuStorage, layout: &Layout) -> Result<(CpuStorage, Shape)> {
         let n = width(layout)?;
         by_dtype!(x.dtype(), T => {
-            let x = slice(x, layout)?;
-            let out = wide(#[inline(always)] || softmax_rows::<T>(x, n, self.scale));
+            let mut out = slice::<T>(x, layout)?.to_vec();
+            wide(#[inline(always)] || softmax_rows(&mut out, n, self.scale));
             Ok((candle_core::WithDType::to_cpu_storage_owned(out), layout.shape().clone()))
         })
     }
@@ -134,6 +143,21 @@ impl CustomOp1 for Softmax {
                 with_slice::<T, _>(&gradient, |dy| wide(#[inline(always)] || softmax_gradient(y, dy, n, self.scale)))
             })??;
             Ok(Some(Tensor::from_vec(dx, x.shape(), x.device())?))
+        })
+    }
+}
+
+impl InplaceOp1 for Softmax {
+    fn name(&self) -> &'static str {
+        "softmax"
+    }
+
+    fn cpu_fwd(&self, x: &mut CpuStorage, layout: &Layout) -> Result<()> {
+        let n = width(layout)?;
+        by_dtype!(x.dtype(), T => {
+            let x = slice_mut::<T>(x, layout)?;
+            wide(#[inline(always)] || softmax_rows(x, n, self.scale));
+            Ok(())
         })
     }
 }

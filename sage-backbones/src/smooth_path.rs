@@ -31,22 +31,23 @@ pub fn paths(changes: &Tensor, ends: &[[f32; 2]], speed: f32) -> Result<Tensor> 
 ///
 /// *Shapes*: as [`paths`], but for (n, 80 / `stride`, 2).
 pub fn places(changes: &Tensor, ends: &[[f32; 2]], speed: f32, stride: usize) -> Result<Tensor> {
-    let (n, dtype) = (ends.len(), changes.dtype());
+    let (n, dtype, steps) = (ends.len(), changes.dtype(), HORIZON / stride);
     let constant = |values: Vec<f64>, shape: (usize, usize)| {
         Tensor::from_vec(values, shape, &Device::Cpu)?.to_dtype(dtype)
     };
-    let basis: Vec<f64> = BASIS.iter().copied().skip(stride - 1).step_by(stride).collect();
-    let basis = constant(basis, (COEFFICIENTS, HORIZON / stride))?;
-    // Takes the mean away, so that no change moves the end.
-    let centre = constant(centring(), (FREE, COEFFICIENTS))?;
-    let mut axes = Vec::with_capacity(2);
-    for axis in 0..2 {
-        let base: Vec<f64> = ends.iter().flat_map(|end| ramp(end, f64::from(speed), axis)).collect();
-        let change = changes.narrow(1, axis * FREE, FREE)?.matmul(&centre)?;
-        let coefficients = (constant(base, (n, COEFFICIENTS))? + (change * UNIT)?)?;
-        axes.push(coefficients.matmul(&basis)?);
+    let mut base = Vec::with_capacity(n * 2 * COEFFICIENTS);
+    // Goals on a lattice come line by line: those of a line have one ramp along x.
+    let mut along: Option<(f32, [f64; COEFFICIENTS])> = None;
+    for end in ends {
+        let known = along.filter(|(x, _)| x.to_bits() == end[0].to_bits());
+        let (_, ramp_x) = *along.insert(known.unwrap_or_else(|| (end[0], ramp(end[0], f64::from(speed)))));
+        base.extend(ramp_x);
+        base.extend(ramp(end[1], 0.0));
     }
-    Tensor::stack(&axes, 2)
+    let moved = changes.matmul(&constant(centring(), (CHANGES, 2 * COEFFICIENTS))?)?;
+    let coefficients = (constant(base, (n, 2 * COEFFICIENTS))? + moved)?;
+    let paths = coefficients.matmul(&constant(basis(stride), (2 * COEFFICIENTS, 2 * steps))?)?;
+    paths.reshape((n, steps, 2))
 }
 
 /// Every so many steps of paths (n, 80, 2), the last among them.
@@ -56,11 +57,10 @@ pub fn every(paths: &Tensor, stride: usize) -> Result<Tensor> {
     paths.index_select(&Tensor::from_vec(steps, count, &Device::Cpu)?, 1)
 }
 
-/// Velocity coefficients that lead straight from the present velocity (along x) to an end. Along x
-/// the velocity changes evenly, or falls faster at first where an even change would go into reverse.
-fn ramp(end: &[f32; 2], speed: f64, axis: usize) -> [f64; COEFFICIENTS] {
-    let mean = f64::from(end[axis]) / T;
-    let start = if axis == 0 { speed } else { 0.0 };
+/// Velocity coefficients along one axis that lead straight from a speed to an end. The velocity changes
+/// evenly, or falls faster at first where an even change would go into reverse.
+fn ramp(end: f32, start: f64) -> [f64; COEFFICIENTS] {
+    let mean = f64::from(end) / T;
     let share = |k: usize| k as f64 / FREE as f64;
     let ratio = if start > 0.1 { mean / start } else { 1.0 };
     let mut coefficients: [f64; COEFFICIENTS] = std::array::from_fn(|k| start * (1.0 - share(k)));
@@ -99,13 +99,32 @@ static BASIS: LazyLock<Vec<f64>> = LazyLock::new(|| {
     out
 });
 
-/// (9, 10): from nine changes to ten coefficients, the first untouched, the rest without their mean.
+/// (20, 2 · steps): from the coefficients along x, then along y, to places x, y at every so many steps.
+fn basis(stride: usize) -> Vec<f64> {
+    let steps = HORIZON / stride;
+    let mut out = vec![0.0; 2 * COEFFICIENTS * 2 * steps];
+    for axis in 0..2 {
+        for k in 0..COEFFICIENTS {
+            for step in 0..steps {
+                let row = axis * COEFFICIENTS + k;
+                out[row * 2 * steps + 2 * step + axis] = BASIS[k * HORIZON + (step + 1) * stride - 1];
+            }
+        }
+    }
+    out
+}
+
+/// (18, 20): along each axis from nine changes to ten coefficients, the first untouched, the rest without
+/// their mean, so that no change moves the end.
 fn centring() -> Vec<f64> {
-    let mut out = vec![0.0; FREE * COEFFICIENTS];
-    for row in 0..FREE {
-        for column in 0..FREE {
-            let own = if row == column { 1.0 } else { 0.0 };
-            out[row * COEFFICIENTS + column + 1] = own - 1.0 / FREE as f64;
+    let mut out = vec![0.0; CHANGES * 2 * COEFFICIENTS];
+    for axis in 0..2 {
+        for row in 0..FREE {
+            for column in 0..FREE {
+                let own = if row == column { 1.0 } else { 0.0 };
+                let [row, column] = [axis * FREE + row, axis * COEFFICIENTS + column + 1];
+                out[row * 2 * COEFFICIENTS + column] = UNIT * (own - 1.0 / FREE as f64);
+            }
         }
     }
     out

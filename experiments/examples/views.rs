@@ -125,8 +125,7 @@ fn steered(weights: &Path, view: View) -> Result<Vec<Steered>> {
 fn in_scene(file: &Path, views: &[Vec<Steered>]) -> Result<Vec<Vec<Seen>>> {
     let scene = Recording::read(file)?.scene;
     let index = SceneIndex::new(scene.map.clone());
-    index.boundaries();
-    index.motor_lanes();
+    index.build_all();
     let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
     let mut least = vec![f64::INFINITY; views.len()];
     for _ in 0..TURNS {

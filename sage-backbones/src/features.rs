@@ -111,7 +111,7 @@ impl Features {
         let mut lengths = Vec::with_capacity(160);
         agents::append(scene, target, &frame, &mut vectors, &mut lengths);
         let agents = lengths.len();
-        map::append(scene, &routes, &frame, velocity[0], &mut vectors, &mut lengths);
+        map::append(scene, index, &routes, &frame, velocity[0], &mut vectors, &mut lengths);
         let end = end.map(|end| frame.to_local(end).map(|x| x as f32));
         let goals = goals::Goals::around(scene, &routes, &frame, velocity, end);
         let [length, width, _] = scene.tracks[target].size[NOW];

@@ -64,7 +64,7 @@ impl View {
 
 impl Default for View {
     fn default() -> Self {
-        Self { pieces: 96, near: 40.0, ego_pieces: 64, ego_every: 2 }
+        Self { pieces: 128, near: 60.0, ego_pieces: 64, ego_every: 2 }
     }
 }
 

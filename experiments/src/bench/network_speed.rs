@@ -55,7 +55,7 @@ pub fn run(files: &[PathBuf], repeat: usize, mut report: impl FnMut(Timing) -> R
     let mut cases = Vec::new();
     for file in chosen {
         let data = SceneData::new(file.display().to_string(), Recording::read(file)?.scene);
-        data.index.motor_lanes();
+        data.index.build_all();
         let usable = Examples::of(std::slice::from_ref(&data));
         let target = usable.list().iter().find(|e| Some(e.track) == data.scene.adversary).map(|e| e.track);
         cases.extend(target.map(|target| Case { data, target }));

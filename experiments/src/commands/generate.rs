@@ -147,9 +147,7 @@ fn one(
     recording.scene = recording.scene.with_roles(None, args.adversary.as_deref())?;
     let scene = recording.scene.clone();
     let index = SceneIndex::new(scene.map.clone());
-    // Built now, so that the clock tells of the attack alone.
-    index.boundaries();
-    index.motor_lanes();
+    index.build_all();
     let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
     let scorer = Scorer::new(&ctx);
     let stem = stem(file);

@@ -1,7 +1,7 @@
 //! Rows of the map: lanes, lines, edges and areas in short pieces, the nearest to where the target
 //! is heading.
 
-use sage_core::scene::{LightState, MapKind, Scene};
+use sage_core::scene::{LightState, MapKind, Scene, SceneIndex};
 
 use super::{Frame, Routes, Table, VECTOR_COLUMNS};
 
@@ -31,6 +31,7 @@ struct Piece {
 /// Appends the rows of the pieces and the number of rows of each.
 pub(super) fn append(
     scene: &Scene,
+    index: &SceneIndex,
     routes: &Routes,
     frame: &Frame,
     speed: f32,
@@ -41,7 +42,8 @@ pub(super) fn append(
     let mut pieces = Vec::with_capacity(256);
     for (feature, part) in scene.map.features.iter().enumerate() {
         if column(&part.kind).is_some() {
-            cut(scene.map.points_of(part), feature, frame, ahead, &mut pieces);
+            let along = &index.along()[part.points.clone()];
+            cut(scene.map.points_of(part), along, feature, frame, ahead, &mut pieces);
         }
     }
     // Stable among equals: the order of the file.
@@ -52,29 +54,29 @@ pub(super) fn append(
     }
 }
 
-/// Cuts a polyline into pieces of [`ROWS`] stretches and keeps those within [`REACH`].
-fn cut(line: &[[f64; 3]], feature: usize, frame: &Frame, ahead: f64, pieces: &mut Vec<Piece>) {
+/// Cuts a polyline, given with the distances along it, into pieces of [`ROWS`] stretches and keeps those
+/// within [`REACH`].
+fn cut(
+    line: &[[f64; 3]],
+    along: &[f64],
+    feature: usize,
+    frame: &Frame,
+    ahead: f64,
+    pieces: &mut Vec<Piece>,
+) {
     let (mut points, mut count) = ([[0.0; 3]; ROWS + 1], 0);
-    let mut along = 0.0;
     let mut last_kept = 0.0;
-    let mut before: Option<[f64; 2]> = None;
     let mut push = |points: [[f64; 3]; ROWS + 1], count: usize| {
         let rank = points[..count].iter().map(|p| from_way(p, ahead)).fold(f64::INFINITY, f64::min);
         if rank < REACH {
             pieces.push(Piece { rank, feature, points, count });
         }
     };
-    for (k, point) in line.iter().enumerate() {
-        let world = [point[0], point[1]];
-        if let Some(before) = before {
-            let [dx, dy] = [world[0] - before[0], world[1] - before[1]];
-            along += (dx * dx + dy * dy).sqrt();
-        }
-        before = Some(world);
+    for (k, (point, &along)) in line.iter().zip(along).enumerate() {
         if k > 0 && k + 1 < line.len() && along - last_kept < STRETCH {
             continue;
         }
-        let [x, y] = frame.to_local(world);
+        let [x, y] = frame.to_local([point[0], point[1]]);
         points[count] = [x, y, along];
         count += 1;
         last_kept = along;

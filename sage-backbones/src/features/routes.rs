@@ -48,7 +48,7 @@ pub struct Routes {
 struct Roads<'s> {
     map: &'s Map,
     /// Distance along its lane of each point of the map, metres.
-    along: Vec<f64>,
+    along: &'s [f64],
     /// Where the stop line of a lane whose light is red or yellow lies along it, metres.
     stops: Vec<Option<f64>>,
 }
@@ -81,7 +81,7 @@ impl Routes {
     /// Ways from a place with a heading (cheapest first, over exits and neighbours).
     pub fn from(scene: &Scene, index: &SceneIndex, position: Point, heading: f64) -> Self {
         let lights = lights(scene);
-        let roads = Roads::new(scene, &lights);
+        let roads = Roads::new(scene, index, &lights);
         let mut reach: Vec<Option<Reach>> = vec![None; scene.map.features.len()];
         let mut heap = BinaryHeap::new();
         for (lane, along) in roads.starts(index, position, heading) {
@@ -123,19 +123,9 @@ fn lights(scene: &Scene) -> Vec<Option<(usize, LightState)>> {
 }
 
 impl<'s> Roads<'s> {
-    fn new(scene: &'s Scene, lights: &[Option<(usize, LightState)>]) -> Self {
+    fn new(scene: &'s Scene, index: &'s SceneIndex, lights: &[Option<(usize, LightState)>]) -> Self {
         let map = &*scene.map;
-        let mut along = vec![0.0; map.points.len()];
-        for feature in map.features.iter().filter(|f| f.kind.is_motor_lane()) {
-            let mut sum = 0.0;
-            for k in feature.points.clone().skip(1) {
-                let [a, b] = [map.points[k - 1], map.points[k]];
-                let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
-                sum += (dx * dx + dy * dy).sqrt();
-                along[k] = sum;
-            }
-        }
-        let mut roads = Self { map, along, stops: vec![None; map.features.len()] };
+        let mut roads = Self { map, along: index.along(), stops: vec![None; map.features.len()] };
         for (lane, light) in lights.iter().enumerate() {
             if let Some((light, LightState::Stop | LightState::Caution)) = light {
                 let line = scene.lights[*light].stop_point;

@@ -1,4 +1,4 @@
-//! Trees over the map, each built when it is first asked for.
+//! What is looked up in the map again and again, each built when it is first asked for.
 
 use std::sync::{Arc, OnceLock};
 
@@ -11,6 +11,7 @@ pub struct SceneIndex {
     boundaries: OnceLock<SegmentIndex>,
     medians: OnceLock<SegmentIndex>,
     motor_lanes: OnceLock<SegmentIndex>,
+    along: OnceLock<Vec<f64>>,
     height_span: OnceLock<f64>,
 }
 
@@ -22,6 +23,7 @@ impl SceneIndex {
             boundaries: OnceLock::new(),
             medians: OnceLock::new(),
             motor_lanes: OnceLock::new(),
+            along: OnceLock::new(),
             height_span: OnceLock::new(),
         }
     }
@@ -44,6 +46,29 @@ impl SceneIndex {
     /// Centre lines of lanes for motor vehicles.
     pub fn motor_lanes(&self) -> &SegmentIndex {
         self.motor_lanes.get_or_init(|| self.build(MapKind::is_motor_lane))
+    }
+
+    /// Distance of each point of the map along its feature from the feature's first point, metres, in the
+    /// plane.
+    pub fn along(&self) -> &[f64] {
+        self.along.get_or_init(|| {
+            let points = &self.map.points;
+            let mut along = vec![0.0; points.len()];
+            for feature in &self.map.features {
+                for k in feature.points.clone().skip(1) {
+                    let [dx, dy] = [points[k][0] - points[k - 1][0], points[k][1] - points[k - 1][1]];
+                    along[k] = along[k - 1] + (dx * dx + dy * dy).sqrt();
+                }
+            }
+            along
+        })
+    }
+
+    /// Builds now what looking around and scoring ask for, so that a clock tells of these alone.
+    pub fn build_all(&self) {
+        self.boundaries();
+        self.motor_lanes();
+        self.along();
     }
 
     /// Difference of the greatest and the least height in the map, metres; 0 for an empty one.

@@ -79,14 +79,14 @@ fn run(args: &[String]) -> Result<()> {
         };
         let times: Vec<f64> =
             seen.iter().map(|scene| scene[k][2].milliseconds / scene[0][2].milliseconds).collect();
-        let digits = |values: Vec<f64>| {
-            values.iter().map(|x| format!("{x:.3}")).collect::<Vec<_>>().join(" / ")
-        };
+        let digits =
+            |values: Vec<f64>| values.iter().map(|x| format!("{x:.3}")).collect::<Vec<_>>().join(" / ");
         println!(
             "| {} | {:.2} ({:.2} ms) | {} | {} | {} | {} |",
             serde_json::to_string(view)?,
             median(&times).unwrap_or(f64::NAN),
-            median(&seen.iter().map(|scene| scene[k][2].milliseconds).collect::<Vec<_>>()).unwrap_or(f64::NAN),
+            median(&seen.iter().map(|scene| scene[k][2].milliseconds).collect::<Vec<_>>())
+                .unwrap_or(f64::NAN),
             digits(over(&|a, full| f64::from(u8::from(most_apart(&a.chosen, &full.chosen) <= SAME)))),
             digits(over(&|a, full| mean_distance(&a.chosen, &full.chosen))),
             digits(over(&|a, full| a.reward - full.reward)),

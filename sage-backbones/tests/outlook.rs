@@ -183,3 +183,27 @@ fn a_mode_along_its_own_path_has_its_own_log_probability() {
         assert!((0..3).any(|k| (moved[k] - own[k]).abs() > 1e-3), "{name}: another path, another score");
     }
 }
+
+#[test]
+fn a_coarser_view_sees_a_part_of_what_the_full_one_sees() {
+    let scene = generate(Kind::FourWay, 3, 0).unwrap();
+    let index = SceneIndex::new(scene.map.clone());
+    let network = backbones().unwrap().build_default("densetnt").unwrap();
+    let see = |view| foreseeing(&*network, &scene, &index, scene.adversary.unwrap(), view).unwrap();
+    let (full, plain) = (see(View::FULL), look(&scene));
+    assert_eq!((&full.goals, full.groups.len()), (&plain.goals, plain.groups.len()));
+    let coarse = see(View { pieces: 20, near: 30.0, ..View::FULL });
+    assert_eq!(coarse.groups.len(), full.agents + 20);
+    assert!(coarse.goals.iter().all(|goal| full.goals.contains(goal)));
+    let within = |goals: &[[f32; 2]]| goals.iter().filter(|[x, y]| x * x + y * y < 900.0).count();
+    assert_eq!(within(&coarse.goals), within(&full.goals));
+    let beyond = |features: &Features| (features.modes() - within(&features.goals)) as f64;
+    assert!((0.4..0.6).contains(&(beyond(&coarse) / beyond(&full))));
+    for (view, field) in [
+        (View { pieces: 0, ..View::FULL }, "pieces"),
+        (View { near: f32::NAN, ..View::FULL }, "near"),
+        (View { ego_every: 0, ..View::FULL }, "ego_every"),
+    ] {
+        assert!(view.check().unwrap_err().contains(field));
+    }
+}

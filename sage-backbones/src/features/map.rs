@@ -56,14 +56,7 @@ pub(super) fn append(
 
 /// Cuts a polyline, given with the distances along it, into pieces of [`ROWS`] stretches and keeps those
 /// within [`REACH`].
-fn cut(
-    line: &[[f64; 3]],
-    along: &[f64],
-    feature: usize,
-    frame: &Frame,
-    ahead: f64,
-    pieces: &mut Vec<Piece>,
-) {
+fn cut(line: &[[f64; 3]], along: &[f64], feature: usize, frame: &Frame, ahead: f64, pieces: &mut Vec<Piece>) {
     let (mut points, mut count) = ([[0.0; 3]; ROWS + 1], 0);
     let mut last_kept = 0.0;
     let mut push = |points: [[f64; 3]; ROWS + 1], count: usize| {

@@ -206,3 +206,49 @@ impl ResCat {
         self.fc.forward_parts(shared, &rows)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use candle_core::{DType, Device, Var};
+
+    fn noise(shape: (usize, usize)) -> Tensor {
+        Tensor::randn(0.0_f32, 1.0, shape, &Device::Cpu).unwrap()
+    }
+
+    /// All numbers, rows beneath one another.
+    fn bits(tensor: &Tensor) -> Vec<u32> {
+        let numbers = tensor.to_dtype(DType::F32).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
+        numbers.into_iter().map(f32::to_bits).collect()
+    }
+
+    #[test]
+    fn with_and_without_gradients_layers_give_the_same_bits_and_leave_their_inputs_alone() {
+        let x = noise((7, 6));
+        let before = bits(&x);
+        let plain = Linear { weight: noise((5, 6)), bias: noise((1, 5)).squeeze(0).unwrap() };
+        let tracked = Linear {
+            weight: Var::from_tensor(&plain.weight).unwrap().as_tensor().clone(),
+            bias: Var::from_tensor(&plain.bias).unwrap().as_tensor().clone(),
+        };
+        let mlp = |linear: &Linear| Mlp {
+            linear: linear.clone(),
+            gamma: Tensor::full(1.5_f32, 5, &Device::Cpu).unwrap(),
+            beta: Tensor::full(-0.2_f32, 5, &Device::Cpu).unwrap(),
+        };
+        let attention = |linear: &Linear| Attention {
+            query: linear.clone(),
+            key: linear.clone(),
+            value: linear.clone(),
+            has_key_bias: true,
+        };
+        let (own, other) = (plain.forward(&x).unwrap(), tracked.forward(&x).unwrap());
+        assert!(!own.track_op() && other.track_op());
+        assert_eq!(bits(&own), bits(&other));
+        assert_eq!(bits(&mlp(&plain).forward(&x).unwrap()), bits(&mlp(&tracked).forward(&x).unwrap()));
+        let [a, b] = [&plain, &tracked].map(|linear| attention(linear).forward(&x, &x).unwrap());
+        assert_eq!(bits(&a), bits(&b));
+        assert_eq!(bits(&x), before);
+        assert_eq!(bits(&plain.bias), bits(&tracked.bias));
+    }
+}

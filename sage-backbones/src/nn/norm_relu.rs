@@ -63,7 +63,12 @@ fn forward<T: Real>(x: &mut [T], bias: &[T], scale: &[T]) {
 fn check(x: &Layout, bias: &Layout, scale: &Layout) -> Result<()> {
     let d = bias.shape().elem_count();
     if x.dims().last() != Some(&d) || scale.shape().elem_count() != 2 * d {
-        candle_core::bail!("norm-relu of {:?} with bias {:?} and scale {:?}", x.dims(), bias.dims(), scale.dims());
+        candle_core::bail!(
+            "norm-relu of {:?} with bias {:?} and scale {:?}",
+            x.dims(),
+            bias.dims(),
+            scale.dims()
+        );
     }
     Ok(())
 }

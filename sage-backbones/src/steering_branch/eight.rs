@@ -79,8 +79,7 @@ pub(super) struct Clearance {
 }
 
 impl Clearance {
-    const OPEN: Self =
-        Self { gap: [FAR; LANES], nearest: [NEVER - 1.0; LANES], touch: [NEVER; LANES] };
+    const OPEN: Self = Self { gap: [FAR; LANES], nearest: [NEVER - 1.0; LANES], touch: [NEVER; LANES] };
 }
 
 /// A car's boxes along eight paths from the origin.
@@ -100,13 +99,22 @@ impl Eight {
     #[inline(always)]
     pub(super) fn along(paths: &[[[f32; 2]; LOOKS]], half: [f32; 2]) -> Self {
         let zero = [[0.0; LANES]; LOOKS];
-        let mut own = Self { half, reach: half[0].hypot(half[1]), x: zero, y: zero, cos: zero, sin: zero, bounds: [0.0; 4] };
+        let mut own = Self {
+            half,
+            reach: half[0].hypot(half[1]),
+            x: zero,
+            y: zero,
+            cos: zero,
+            sin: zero,
+            bounds: [0.0; 4],
+        };
         for lane in 0..LANES {
             for (look, [x, y]) in paths[lane.min(paths.len() - 1)].iter().enumerate() {
                 (own.x[look][lane], own.y[look][lane]) = (*x, *y);
             }
         }
-        let [mut last_x, mut last_y, mut cos, mut sin] = [[0.0; LANES], [0.0; LANES], [1.0; LANES], [0.0; LANES]];
+        let [mut last_x, mut last_y, mut cos, mut sin] =
+            [[0.0; LANES], [0.0; LANES], [1.0; LANES], [0.0; LANES]];
         for look in 0..LOOKS {
             let (x, y) = (&own.x[look], &own.y[look]);
             for l in 0..LANES {
@@ -176,6 +184,82 @@ impl Eight {
             gap: lanes(|l| if is_open[l] { FAR } else { less(gap[l], FAR) }),
             nearest: lanes(|l| if is_open[l] { NEVER - 1.0 } else { nearest[l] }),
             touch,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sage_core::{geometry::OrientedBox, seed::Rng};
+
+    const HALF: [f32; 2] = [2.4, 1.0];
+
+    /// A winding path from the origin.
+    fn path(rng: &mut Rng) -> [[f32; 2]; LOOKS] {
+        let (mut at, mut heading) = ([0.0, 0.0], rng.uniform(-3.0, 3.0));
+        let (speed, turn) = (rng.uniform(0.0, 6.0), rng.uniform(-0.3, 0.3));
+        std::array::from_fn(|_| {
+            heading += turn;
+            at = [at[0] + speed * heading.cos(), at[1] + speed * heading.sin()];
+            at.map(|x| x as f32)
+        })
+    }
+
+    fn way(rng: &mut Rng) -> Way {
+        let places = path(rng);
+        let from = [rng.uniform(-30.0, 30.0) as f32, rng.uniform(-30.0, 30.0) as f32];
+        let poses = places.map(|[x, y]| {
+            let (sin, cos) = (rng.uniform(-3.0, 3.0) as f32).sin_cos();
+            [x + from[0], y + from[1], cos, sin]
+        });
+        Way { weight: 0.5, half: [2.0, 0.9], stands: false, poses }
+    }
+
+    fn oriented([x, y]: [f32; 2], [cos, sin]: [f32; 2], [length, width]: [f32; 2]) -> OrientedBox {
+        OrientedBox {
+            center: [f64::from(x), f64::from(y)],
+            axis: [f64::from(cos), f64::from(sin)],
+            half_length: f64::from(length),
+            half_width: f64::from(width),
+        }
+    }
+
+    #[test]
+    fn boxes_touch_when_the_boxes_of_scoring_do() {
+        let mut rng = Rng::new(1, "eight", "touch");
+        let (mut touching, mut open) = (0, 0);
+        for _ in 0..400 {
+            let paths: [_; LANES] = std::array::from_fn(|_| path(&mut rng));
+            let (own, way) = (Eight::along(&paths, HALF), way(&mut rng));
+            let found = own.clearance(&Boxes::of(&way));
+            for l in 0..LANES {
+                let touch = (0..LOOKS).find(|&k| {
+                    let [x, y, cos, sin] = way.poses[k];
+                    let own = oriented([own.x[k][l], own.y[k][l]], [own.cos[k][l], own.sin[k][l]], HALF);
+                    own.intersects(&oriented([x, y], [cos, sin], way.half))
+                });
+                assert_eq!(touch.map_or(NEVER, |k| k as f32), found.touch[l]);
+                assert_eq!(touch.is_some(), found.gap[l] < 0.0);
+                touching += usize::from(touch.is_some());
+                open += usize::from(found.gap[l] == FAR);
+            }
+        }
+        assert!(touching > 100 && open > 100, "{touching} touch, {open} are far off");
+    }
+
+    #[test]
+    fn what_is_found_of_a_path_does_not_depend_on_its_neighbours() {
+        let mut rng = Rng::new(2, "eight", "alone");
+        for _ in 0..100 {
+            let paths: [_; LANES] = std::array::from_fn(|_| path(&mut rng));
+            let other = Boxes::of(&way(&mut rng));
+            let together = Eight::along(&paths, HALF).clearance(&other);
+            for l in 0..LANES {
+                let alone = Eight::along(&paths[l..=l], HALF).clearance(&other);
+                let bits = |c: &Clearance, l: usize| [c.gap[l], c.nearest[l], c.touch[l]].map(f32::to_bits);
+                assert_eq!(bits(&alone, 0), bits(&together, l));
+            }
         }
     }
 }

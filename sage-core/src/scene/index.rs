@@ -85,3 +85,20 @@ impl SceneIndex {
         SegmentIndex::build(self.map.polylines(wanted))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::MapFeature;
+
+    #[test]
+    fn distances_along_a_feature_begin_anew_with_each() {
+        let points =
+            vec![[0.0, 0.0, 5.0], [3.0, 4.0, 0.0], [3.0, 6.0, 0.0], [9.0, 9.0, 0.0], [9.0, 10.0, 0.0]];
+        let feature =
+            |id: &str, points| MapFeature { id: id.into(), kind: MapKind::EdgeBoundary, points, lane: None };
+        let features = vec![feature("a", 0..3), feature("none", 3..3), feature("b", 3..5)];
+        let index = SceneIndex::new(Arc::new(Map { points, features }));
+        assert_eq!(index.along(), [0.0, 5.0, 7.0, 0.0, 1.0]);
+    }
+}

@@ -48,7 +48,7 @@ fn forward<T: Real>(x: &mut [T], bias: &[T], scale: &[T]) {
     let mut squares = vec![T::zero(); d];
     for y in x.chunks_exact_mut(d) {
         for (y, b) in y.iter_mut().zip(bias) {
-            *y = *y + *b;
+            *y += *b;
         }
         let (mean, inverse) = moments(y, &mut squares);
         for ((y, gamma), beta) in y.iter_mut().zip(gamma).zip(beta) {

@@ -119,8 +119,8 @@ fn towards_ego(own: &Eight, ego: &[Boxes], speed: f32, out: &mut Columns) {
 #[inline(always)]
 fn as_they_meet(own: &Eight, likeliest: &Boxes, first: &Clearance, speed: f32, out: &mut Columns) {
     let mut columns = [[0.0; LANES]; 4];
-    for l in 0..LANES {
-        let to = (first.nearest[l] as usize).max(1);
+    for (l, nearest) in first.nearest.iter().enumerate() {
+        let to = (*nearest as usize).max(1);
         let from = to - 1;
         let [vx, vy] = [own.x[to][l] - own.x[from][l], own.y[to][l] - own.y[from][l]].map(|d| d / SPAN);
         let [ex, ey] =

@@ -150,9 +150,9 @@ impl Eight {
         }
         let mut squared = [f32::INFINITY; LANES];
         for k in 0..LOOKS {
-            for l in 0..LANES {
+            for (l, squared) in squared.iter_mut().enumerate() {
                 let [dx, dy] = [other.x[k] - self.x[k][l], other.y[k] - self.y[k][l]];
-                squared[l] = less(squared[l], dx * dx + dy * dy);
+                *squared = less(*squared, dx * dx + dy * dy);
             }
         }
         if squared.iter().all(|squared| *squared > apart * apart) {

@@ -25,7 +25,7 @@ fn networks(c: &mut Criterion) {
     let scene = Recording::read(&path).expect("the scene is there").scene;
     let target = scene.adversary.expect("it has an adversary");
     let data = SceneData::new("bench", scene);
-    data.index.motor_lanes();
+    data.index.build_all();
     let registry = backbones().expect("no two of one name");
     let mut group = c.benchmark_group("networks");
     group.sample_size(20);

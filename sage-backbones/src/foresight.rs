@@ -23,6 +23,7 @@ const FUTURES: usize = 8;
 const APART: f32 = 4.0;
 /// Goals of the ego nearer than this are kept even off the road, metres.
 const CLOSE: f32 = 10.0;
+
 /// How closely to look. Candidates end metres apart, so they need less than what policies are trained and
 /// measured on ([`View::FULL`]): `docs/steering.md` says how the default was chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

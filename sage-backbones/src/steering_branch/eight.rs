@@ -12,8 +12,8 @@ pub(super) type Lanes = [f32; LANES];
 pub(super) const FAR: f32 = 10.0;
 /// In place of a look where boxes never overlap.
 pub(super) const NEVER: f32 = LOOKS as f32;
-/// A step shorter than this, metres, keeps the heading.
-const STEP: f32 = 0.05;
+/// A step of no more than this keeps the heading, metres squared: 5 cm.
+const STEP_SQUARED: f32 = 0.0025;
 
 /// A number for each path.
 #[inline(always)]
@@ -121,7 +121,7 @@ impl Eight {
                 let [dx, dy] = [x[l] - last_x[l], y[l] - last_y[l]];
                 let squared = dx * dx + dy * dy;
                 let step = squared.sqrt();
-                let moves = squared > STEP * STEP;
+                let moves = squared > STEP_SQUARED;
                 cos[l] = if moves { dx / step } else { cos[l] };
                 sin[l] = if moves { dy / step } else { sin[l] };
             }

@@ -49,7 +49,7 @@ impl SceneIndex {
     }
 
     /// Distance of each point of the map along its feature from the feature's first point, metres, in the
-    /// plane.
+    /// plane. No two features share a point.
     pub fn along(&self) -> &[f64] {
         self.along.get_or_init(|| {
             let points = &self.map.points;

@@ -304,6 +304,9 @@ pub(crate) struct SplitArgs {
     /// A split whose scenes are left out.
     #[arg(long, value_name = "NAME", requires = "splits")]
     pub without_split: Option<String>,
+    /// Names of the scenes that count, with commas; all by default.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub scenes: Vec<String>,
 }
 
 impl Cli {

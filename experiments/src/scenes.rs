@@ -60,44 +60,61 @@ pub(crate) fn make(count: u64, seed: u64) -> Vec<SceneData> {
     (0..count).into_par_iter().filter_map(made).collect()
 }
 
-/// Scenes under some paths, of which a splits file may take some; without any path, made ones.
+/// Scenes under some paths, of which a splits file or names may take some; without any path, made ones.
 ///
-/// *Errors*: as [`read_all`]; no such split, or none of its scenes there.
+/// *Errors*: as [`read_all`]; no such split, or a scene that is not there.
 pub(crate) fn read(paths: &[PathBuf], split: &SplitArgs, made: u64, seed: u64) -> Result<Vec<SceneData>> {
     if paths.is_empty() {
-        if split.splits.is_some() {
-            bail!("--splits chooses among recorded scenes; name their folder");
+        if split.splits.is_some() || !split.scenes.is_empty() {
+            bail!("--splits and --scenes choose among recorded scenes; name their folder");
         }
         return Ok(make(made, seed));
     }
-    let Some(file) = &split.splits else { return read_all(paths) };
+    if split.splits.is_none() && split.scenes.is_empty() {
+        return read_all(paths);
+    }
+    let mut files = Vec::new();
+    for path in paths {
+        files.extend(folder::scene_files(path)?);
+    }
+    let is_named = |file: &Path, name: &String| file.file_stem().is_some_and(|stem| stem == name.as_str());
+    let among = |names: &[String], file: &Path| names.iter().any(|name| is_named(file, name));
+    if let Some(missing) = split.scenes.iter().find(|name| !files.iter().any(|file| is_named(file, name))) {
+        bail!("no scene `{missing}` among the {} given", files.len());
+    }
+    if let Some(file) = &split.splits {
+        let (with, without) = splits(file, split)?;
+        files.retain(|file| {
+            with.as_ref().is_none_or(|names| among(names, file))
+                && !without.as_ref().is_some_and(|names| among(names, file))
+        });
+    }
+    if !split.scenes.is_empty() {
+        files.retain(|file| among(&split.scenes, file));
+    }
+    if files.is_empty() {
+        bail!("none of the scenes that --splits and --scenes leave is there");
+    }
+    read_all(&files)
+}
+
+/// The scenes of the split that is taken, and of the one that is left out.
+///
+/// *Errors*: neither is named, or the file does not know it.
+fn splits(file: &Path, split: &SplitArgs) -> Result<(Option<Vec<String>>, Option<Vec<String>>)> {
     if split.split.is_none() && split.without_split.is_none() {
         bail!("--splits needs --split or --without-split to say which scenes count");
     }
     let known = sage_data::split::read_splits(file)?;
-    let names = |split: &Option<String>| -> Result<Option<&Vec<String>>> {
+    let names = |split: &Option<String>| -> Result<Option<Vec<String>>> {
         let Some(split) = split else { return Ok(None) };
         let found = known.get(split).with_context(|| {
             let all: Vec<&str> = known.keys().map(String::as_str).collect();
             format!("`{}` has no split `{split}`; known: {}", file.display(), all.join(", "))
         })?;
-        Ok(Some(found))
+        Ok(Some(found.clone()))
     };
-    let (with, without) = (names(&split.split)?, names(&split.without_split)?);
-    let mut files = Vec::new();
-    for path in paths {
-        files.extend(folder::scene_files(path)?);
-    }
-    let among = |names: &Vec<String>, file: &Path| {
-        file.file_stem().is_some_and(|stem| names.iter().any(|name| stem == name.as_str()))
-    };
-    files.retain(|file| {
-        with.is_none_or(|names| among(names, file)) && !without.is_some_and(|names| among(names, file))
-    });
-    if files.is_empty() {
-        bail!("none of the scenes that `{}` leaves is there", file.display());
-    }
-    read_all(&files)
+    Ok((names(&split.split)?, names(&split.without_split)?))
 }
 
 /// Those of the scenes that have an adversary in sight and an ego path; says how many have not.

@@ -216,3 +216,25 @@ fn nothing_is_lost_where_names_meet() {
         }
     }
 }
+
+#[test]
+fn a_table_of_some_scenes_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenes, out) = (folder.path().join("scenes"), folder.path().join("table"));
+    stdout(&sage(&["scenes", "--count", "3", "--out", text(&scenes)]));
+    let mut names: Vec<String> = std::fs::read_dir(&scenes)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|ending| ending == "safetensors"))
+        .map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned())
+        .collect();
+    names.sort();
+    let table = |names: &str| {
+        let places = ["--data", text(&scenes), "--scenes", names, "--out", text(&out)];
+        sage(&[&["bench", "open-loop", "--methods", "log"], &places[..], &WEIGHTS].concat())
+    };
+    let unknown = table(&format!("{},nobody", names[0]));
+    assert!(!unknown.status.success());
+    assert!(String::from_utf8_lossy(&unknown.stderr).contains("no scene `nobody` among the 3 given"));
+    assert!(stdout(&table(&names[..2].join(","))).contains("| log | 2 |"));
+}

@@ -67,8 +67,11 @@ pub(crate) struct GenerateArgs {
 )]
 pub(crate) struct OpenLoopArgs {
     /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
+    #[arg(required_unless_present = "data", value_name = "PATH")]
     pub paths: Vec<PathBuf>,
+    /// The same as an option.
+    #[arg(long, value_name = "DIR")]
+    pub data: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
     /// Generators, with commas.

@@ -41,7 +41,8 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let merger = registries.mergers.build_default(&args.dial.merger)?;
     let places = args.dial.places(&args.weights, &experts, args.choice.into(), &[0.0, 0.5, 1.0])?;
     let runs = generators(args, registries, &places, &experts, &*merger)?;
-    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?)?;
+    let paths = [&args.paths[..], &args.data].concat();
+    let scenes = scenes::attackable(scenes::read(&paths, &args.split, 0, args.seed)?)?;
     let record = record(args, &experts, &scenes, &runs, &places)?;
     start(args, &record)?;
     let mut progress = Progress::new("ran", runs.len());

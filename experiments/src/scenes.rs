@@ -83,7 +83,11 @@ pub(crate) fn read(paths: &[PathBuf], split: &SplitArgs, made: u64, seed: u64) -
         bail!("no scene `{missing}` among the {} given", files.len());
     }
     if let Some(file) = &split.splits {
-        let (with, without) = splits(file, split)?;
+        if split.split.is_none() && split.without_split.is_none() {
+            bail!("--splits needs --split or --without-split to say which scenes count");
+        }
+        let with = names_in(file, split.split.as_deref())?;
+        let without = names_in(file, split.without_split.as_deref())?;
         files.retain(|file| {
             with.as_ref().is_none_or(|names| among(names, file))
                 && !without.as_ref().is_some_and(|names| among(names, file))
@@ -98,23 +102,15 @@ pub(crate) fn read(paths: &[PathBuf], split: &SplitArgs, made: u64, seed: u64) -
     read_all(&files)
 }
 
-/// The scenes of the split that is taken, and of the one that is left out.
+/// The scenes of a split, if one is named.
 ///
-/// *Errors*: neither is named, or the file does not know it.
-fn splits(file: &Path, split: &SplitArgs) -> Result<(Option<Vec<String>>, Option<Vec<String>>)> {
-    if split.split.is_none() && split.without_split.is_none() {
-        bail!("--splits needs --split or --without-split to say which scenes count");
-    }
-    let known = sage_data::split::read_splits(file)?;
-    let names = |split: &Option<String>| -> Result<Option<Vec<String>>> {
-        let Some(split) = split else { return Ok(None) };
-        let found = known.get(split).with_context(|| {
-            let all: Vec<&str> = known.keys().map(String::as_str).collect();
-            format!("`{}` has no split `{split}`; known: {}", file.display(), all.join(", "))
-        })?;
-        Ok(Some(found.clone()))
-    };
-    Ok((names(&split.split)?, names(&split.without_split)?))
+/// *Errors*: the file cannot be read or does not know it.
+fn names_in(file: &Path, split: Option<&str>) -> Result<Option<Vec<String>>> {
+    let Some(split) = split else { return Ok(None) };
+    let mut known = sage_data::split::read_splits(file)?;
+    let all = known.keys().cloned().collect::<Vec<_>>().join(", ");
+    let found = known.remove(split);
+    found.with_context(|| format!("`{}` has no split `{split}`; known: {all}", file.display())).map(Some)
 }
 
 /// Those of the scenes that have an adversary in sight and an ego path; says how many have not.

@@ -10,10 +10,10 @@
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // A program of its own: its table, its progress.
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{path::Path, time::Instant};
 
 use anyhow::{Context as _, Result};
-use sage_backbones::{Backbone, Parameters, backbones, candidates::Selection, foresight::View};
+use sage_backbones::{Parameters, backbones, foresight::View};
 use sage_core::{
     generator::Generator as _,
     geometry::distance,
@@ -23,7 +23,7 @@ use sage_core::{
     statistics::median,
 };
 use sage_data::{Recording, folder};
-use sage_generators::{Choice, Judge, Steered};
+use sage_generators::{Choice, Setting, Steered, SteeredOptions};
 use sage_merging::{Experts, mergers};
 
 /// As in the program.
@@ -55,7 +55,8 @@ fn run(args: &[String]) -> Result<()> {
         let view: View = serde_json::from_str(view).with_context(|| format!("view `{view}`"))?;
         all.push(view.check().map_err(anyhow::Error::msg)?);
     }
-    let generators = all.iter().map(|view| steered(Path::new(weights), *view)).collect::<Result<Vec<_>>>()?;
+    let experts = experts(Path::new(weights))?;
+    let generators = all.iter().map(|view| steered(&experts, *view)).collect::<Result<Vec<_>>>()?;
     let files = folder::scene_files(scenes.as_ref())?;
     let mut seen: Vec<Vec<Vec<Seen>>> = Vec::new();
     for (k, file) in files.iter().enumerate() {
@@ -63,7 +64,7 @@ fn run(args: &[String]) -> Result<()> {
         seen.push(in_scene(file, &generators).with_context(|| format!("`{}`", file.display()))?);
     }
     eprintln!();
-    println!("| view | time | same choice | mean distance m | R_adv − full | attack | ");
+    println!("| view | time | same choice | mean distance m | R_adv − full | attack |");
     println!("| --- | --- | --- | --- | --- | --- |");
     for (k, view) in all.iter().enumerate() {
         let over = |of: &dyn Fn(&Seen, &Seen) -> f64| -> Vec<f64> {
@@ -92,29 +93,32 @@ fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// A view's generators at the places of the dial.
-fn steered(weights: &Path, view: View) -> Result<Vec<Steered>> {
+/// The prior with its experts in a folder.
+fn experts(weights: &Path) -> Result<Experts> {
     let load = |name: &str| Parameters::load(&weights.join(format!("{name}.safetensors")));
     let (prior, header) = load("prior")?;
-    let prior = || -> Result<Box<dyn Backbone>> {
-        let network = backbones()?.build(&header.backbone, &header.options)?;
-        Ok(network.with_parameters(prior.clone(), "the prior")?)
-    };
-    let experts = Experts::new(prior()?, load("realistic")?.0, load("adversarial")?.0)?;
+    let network = backbones()?.build(&header.backbone, &header.options)?;
+    let prior = network.with_parameters(prior, "the prior")?;
+    Ok(Experts::new(prior, load("realistic")?.0, load("adversarial")?.0)?)
+}
+
+/// A view's generators at the places of the dial.
+fn steered(experts: &Experts, view: View) -> Result<Vec<Steered>> {
     let merger = mergers()?.build_default("linear")?;
-    let shared: Arc<dyn Backbone> = Arc::from(prior()?);
-    let at = |lambda: f64| -> Result<Steered> {
-        Ok(Steered {
-            name: String::new(),
-            network: Arc::from(experts.prior().rebuilt(merger.merge(&experts, lambda)?)?),
-            prior: shared.clone(),
-            candidates: 32,
-            selection: Selection::Nms { radius: 6.0 },
-            view,
-            judge: Judge::new(Choice::Natural, lambda, false).map_err(anyhow::Error::msg)?,
-        })
+    let options = SteeredOptions { view, ..SteeredOptions::default() };
+    let at = |lambda: f64| {
+        let setting = Setting {
+            experts,
+            merger: &*merger,
+            lambda,
+            mu: lambda,
+            label: "",
+            choice: Choice::Natural,
+            strict: false,
+        };
+        options.over(String::new(), setting.mixture()?, &setting)
     };
-    PLACES.into_iter().map(at).collect()
+    PLACES.into_iter().map(at).collect::<Result<_, String>>().map_err(anyhow::Error::msg)
 }
 
 /// What each view gives at each place.

@@ -15,9 +15,6 @@ const REACH: f32 = 128.0;
 /// … and holds so many cells to a side.
 const CELLS: usize = (2.0 * REACH / CELL) as usize;
 
-/// In place of a cell for what lies outside of the grid.
-const OUTSIDE: u32 = u32::MAX;
-
 /// Width of a coarse cell, metres.
 const COARSE: f32 = 2.0;
 /// Coarse cells to a side.
@@ -104,16 +101,11 @@ impl EdgeGrid {
         self.near.get(cell).is_some_and(|near| *near)
     }
 
-    /// Whether a boundary passes through the cells of some places.
-    #[inline(always)]
-    pub fn hold<const N: usize>(&self, x: &[f32; N], y: &[f32; N]) -> [bool; N] {
-        let mut cells = [OUTSIDE; N];
-        for ((cell, x), y) in cells.iter_mut().zip(x).zip(y) {
-            let [i, j] = [(x + REACH) / CELL, (y + REACH) / CELL];
-            let inside = i >= 0.0 && j >= 0.0 && i < CELLS as f32 && j < CELLS as f32;
-            *cell = if inside { i as u32 * CELLS as u32 + j as u32 } else { OUTSIDE };
-        }
-        cells.map(|cell| self.bits.get(cell as usize / 64).is_some_and(|bits| bits & (1 << (cell % 64)) != 0))
+    /// Whether a boundary passes through the cell of a place.
+    #[inline]
+    pub fn holds(&self, x: f32, y: f32) -> bool {
+        cell(x, y)
+            .is_some_and(|cell| self.bits.get(cell / 64).is_some_and(|bits| bits & (1 << (cell % 64)) != 0))
     }
 
     /// What a target sees if left and right change places.
@@ -130,6 +122,7 @@ impl EdgeGrid {
     }
 }
 
+#[inline]
 fn cell(x: f32, y: f32) -> Option<usize> {
     let [i, j] = [(x + REACH) / CELL, (y + REACH) / CELL];
     let inside = i >= 0.0 && j >= 0.0 && i < CELLS as f32 && j < CELLS as f32;
@@ -149,11 +142,11 @@ mod tests {
         let index = SceneIndex::new(Arc::new(Map { points, features: vec![feature] }));
         let grid = EdgeGrid::around(&index, &Frame::new([0.0, 0.0], 0.0), 3.0);
         for x in [-100.0, 0.0, 77.3] {
-            assert_eq!(grid.hold(&[x; 3], &[5.3, 4.4, -5.3]), [true, false, false]);
-            assert_eq!(grid.mirrored().hold(&[x; 2], &[-5.3, 5.3]), [true, false]);
+            assert!(grid.holds(x, 5.3) && !grid.holds(x, 4.4) && !grid.holds(x, -5.3));
+            assert!(grid.mirrored().holds(x, -5.3) && !grid.mirrored().holds(x, 5.3));
         }
         assert!(grid.is_near(0.0, 2.3) && grid.is_near(0.0, 8.2) && !grid.is_near(0.0, -3.0));
-        assert_eq!(grid.hold(&[f32::NAN, 1e9, -128.1], &[5.3; 3]), [false; 3]);
-        assert_eq!(EdgeGrid::empty().hold(&[0.0], &[5.3]), [false]);
+        assert!(![f32::NAN, 1e9, -128.1].iter().any(|x| grid.holds(*x, 5.3)));
+        assert!(!EdgeGrid::empty().holds(0.0, 5.3));
     }
 }

@@ -183,11 +183,10 @@ fn of_itself(own: &Eight, features: &Features, out: &mut Columns) {
             restless[l] += turn / SPAN / (now + 0.5);
             speed[l] = now;
         }
-        let asks: [bool; LANES] =
-            std::array::from_fn(|l| edge[l] == NEVER && features.edges.is_near(x[l], y[l]));
-        if asks.contains(&true) {
-            let touches = touch_edge(features, [x, y], [cos, sin]);
-            edge = lanes(|l| if asks[l] && touches[l] { look as f32 } else { edge[l] });
+        for (l, edge) in edge.iter_mut().enumerate() {
+            if *edge == NEVER && touches_edge(features, [x[l], y[l]], [cos[l], sin[l]]) {
+                *edge = look as f32;
+            }
         }
         (last_x, last_y, last_cos, last_sin) = (*x, *y, *cos, *sin);
     }
@@ -203,24 +202,17 @@ fn of_itself(own: &Eight, features: &Features, out: &mut Columns) {
     ]);
 }
 
-/// Whether places along and across boxes lie on a road edge.
+/// Whether places along and across a box lie on a road edge.
 #[inline(always)]
-fn touch_edge(features: &Features, [x, y]: [&Lanes; 2], [cos, sin]: [&Lanes; 2]) -> [bool; LANES] {
+fn touches_edge(features: &Features, [x, y]: [f32; 2], [c, s]: [f32; 2]) -> bool {
     let [length, width] = features.half;
-    let mut touches = [false; LANES];
-    for share in ALONG {
-        let along = share * length;
-        for across in [-width, 0.0, width] {
-            let holds = features.edges.hold(
-                &lanes(|l| x[l] + along * cos[l] - across * sin[l]),
-                &lanes(|l| y[l] + along * sin[l] + across * cos[l]),
-            );
-            for (touches, holds) in touches.iter_mut().zip(holds) {
-                *touches |= holds;
-            }
-        }
-    }
-    touches
+    features.edges.is_near(x, y)
+        && ALONG.iter().any(|share| {
+            let along = share * length;
+            [-width, 0.0, width]
+                .iter()
+                .any(|across| features.edges.holds(x + along * c - across * s, y + along * s + across * c))
+        })
 }
 
 /// Keeps what is near apart and what is far together.

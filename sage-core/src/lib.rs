@@ -20,6 +20,7 @@
 //! ```
 
 pub mod error;
+pub mod files;
 pub mod generator;
 pub mod geometry;
 pub mod motion;

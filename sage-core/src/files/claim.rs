@@ -1,0 +1,240 @@
+//! One run at a time in an output folder, or at an output file.
+
+use std::{
+    fs::{File, OpenOptions, TryLockError},
+    io::{self, ErrorKind, Read, Write},
+    path::{Path, PathBuf},
+};
+
+use super::write::{Registered, ignore_missing, remove_stale};
+
+/// Name of the file that is locked while a run writes into its folder.
+const LOCK: &str = ".sage-lock";
+/// Times that a lock is tried for while other runs come and go.
+const TRIES: usize = 100;
+/// Most that is read of the text in which a run says who it is, bytes.
+const HOLDER: u64 = 2048;
+
+/// The right to write into a folder or to one file, held by one run at a time.
+///
+/// It is a lock of the operating system on a separate file, which is removed at the end. A killed
+/// process loses its lock, so what it leaves behind keeps nobody out.
+#[derive(Debug)]
+pub struct Claim {
+    lock: PathBuf,
+    // In this order: the file is closed, and with it unlocked, after its name is gone.
+    _file: File,
+    _entry: Registered,
+}
+
+/// Why a folder cannot be claimed.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ClaimError {
+    /// Another run holds it.
+    #[error("`{}` is in use by another run ({holder}); wait for its end or name another output", path.display())]
+    Held {
+        /// Folder or file.
+        path: PathBuf,
+        /// What the other run says of itself.
+        holder: String,
+    },
+    /// It cannot be written to.
+    #[error("cannot write into `{}`", folder.display())]
+    Io {
+        /// The folder.
+        folder: PathBuf,
+        /// What the system says.
+        #[source]
+        source: io::Error,
+    },
+}
+
+impl Claim {
+    /// Claims a folder, which must exist, and removes the temporary files that killed runs left in it.
+    /// `holder` tells other runs who has it.
+    ///
+    /// *Errors*: [`ClaimError`].
+    pub fn folder(folder: &Path, holder: &str) -> Result<Self, ClaimError> {
+        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
+        let claim = Self::lock(folder, folder.join(LOCK), folder, holder)?;
+        claim.clean(folder).map_err(fail)?;
+        Ok(claim)
+    }
+
+    /// Claims one output file, which need not exist; others of its folder stay free.
+    ///
+    /// *Errors*: [`ClaimError`].
+    pub fn file(path: &Path, holder: &str) -> Result<Self, ClaimError> {
+        let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
+        // A hash, since the name alone may be as long as names can be.
+        let name = path.file_name().unwrap_or_default().as_encoded_bytes();
+        let name = format!("{LOCK}-{}", &blake3::hash(name).to_hex()[..16]);
+        let claim = Self::lock(path, folder.join(name), folder, holder)?;
+        claim.clean(folder).map_err(fail)?;
+        Ok(claim)
+    }
+
+    /// Removes the temporary files that killed runs left in a folder inside the claimed one.
+    ///
+    /// *Errors*: those of the system.
+    pub fn clean(&self, folder: &Path) -> io::Result<()> {
+        remove_stale(folder)
+    }
+
+    /// Whether a name in a claimed folder is that of the lock.
+    pub fn is_lock(name: &std::ffi::OsStr) -> bool {
+        name == LOCK
+    }
+
+    fn lock(what: &Path, lock: PathBuf, folder: &Path, holder: &str) -> Result<Self, ClaimError> {
+        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
+        let held = |holder| ClaimError::Held { path: what.to_owned(), holder };
+        for _ in 0..TRIES {
+            match OpenOptions::new().write(true).create_new(true).open(&lock) {
+                Ok(file) => {
+                    match file.try_lock() {
+                        Ok(()) => {}
+                        Err(TryLockError::WouldBlock) => return Err(held(read_holder(&lock))),
+                        // A file system without locks: exclusive creation has to do.
+                        Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => {}
+                        Err(TryLockError::Error(error)) => return Err(fail(error)),
+                    }
+                    // Another run may have taken the new file for a stale one and removed it.
+                    if !is_at(&file, &lock) {
+                        continue;
+                    }
+                    let entry = Registered::new(&lock);
+                    let claim = Self { lock, _file: file, _entry: entry };
+                    let text = format!("process {}: {holder}\n", std::process::id());
+                    // Also the test that the folder can be written to at all.
+                    (&claim._file).write_all(text.as_bytes()).map_err(fail)?;
+                    return Ok(claim);
+                }
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {
+                    remove_if_stale(&lock).map_err(fail)?.map_or(Ok(()), |holder| Err(held(holder)))?;
+                }
+                Err(error) => return Err(fail(error)),
+            }
+        }
+        Err(held("others come and go all the time".to_owned()))
+    }
+}
+
+impl Drop for Claim {
+    fn drop(&mut self) {
+        // If it cannot be removed, the next run finds it unlocked.
+        let _ = std::fs::remove_file(&self.lock);
+    }
+}
+
+/// Removes the lock of a killed run; who holds it, if somebody does.
+fn remove_if_stale(lock: &Path) -> io::Result<Option<String>> {
+    let found = match std::fs::symlink_metadata(lock) {
+        Ok(found) => found,
+        Err(error) => return ignore_missing(Err(error)).map(|()| None),
+    };
+    if !found.is_file() {
+        let problem = format!("`{}` is no regular file; remove it", lock.display());
+        return Err(io::Error::new(ErrorKind::InvalidInput, problem));
+    }
+    let file = match File::open(lock) {
+        Ok(file) => file,
+        Err(error) => return ignore_missing(Err(error)).map(|()| None),
+    };
+    match file.try_lock() {
+        Ok(()) if is_at(&file, lock) => ignore_missing(std::fs::remove_file(lock)).map(|()| None),
+        Ok(()) => Ok(None),
+        Err(TryLockError::WouldBlock) => Ok(Some(read_holder(lock))),
+        Err(TryLockError::Error(error)) => Err(error),
+    }
+}
+
+/// Whether an open file is still the one of that name.
+fn is_at(file: &File, path: &Path) -> bool {
+    let same = || {
+        let open = same_file::Handle::from_file(file.try_clone()?)?;
+        Ok::<_, io::Error>(open == same_file::Handle::from_path(path)?)
+    };
+    same().unwrap_or(false)
+}
+
+fn read_holder(lock: &Path) -> String {
+    let mut text = String::new();
+    let read = File::open(lock).and_then(|file| file.take(HOLDER).read_to_string(&mut text));
+    match read {
+        Ok(_) if !text.trim().is_empty() => text.trim().to_owned(),
+        _ => "which has just begun".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_has_one_holder_at_a_time_and_no_trace_after() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = Claim::folder(folder.path(), "sage first").unwrap();
+        let error = Claim::folder(folder.path(), "sage second").unwrap_err().to_string();
+        assert!(error.contains(&format!("process {}: sage first", std::process::id())), "{error}");
+        drop(first);
+        drop(Claim::folder(folder.path(), "sage third").unwrap());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn files_of_one_folder_are_claimed_apart() {
+        let folder = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
+        let first = Claim::file(&a, "a").unwrap();
+        assert!(Claim::file(&a, "a again").is_err());
+        let second = Claim::file(&b, "b").unwrap();
+        drop((first, second));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn what_a_killed_run_left_is_taken_over() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in [LOCK, ".sage-x.part"] {
+            std::fs::write(folder.path().join(name), "process 1: gone").unwrap();
+        }
+        drop(Claim::folder(folder.path(), "next").unwrap());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_planted_link_is_not_written_through() {
+        let folder = tempfile::tempdir().unwrap();
+        let victim = folder.path().join("victim");
+        std::fs::write(&victim, "mine").unwrap();
+        std::os::unix::fs::symlink(&victim, folder.path().join(LOCK)).unwrap();
+        assert!(Claim::folder(folder.path(), "me").unwrap_err().to_string().contains("cannot write"));
+        assert_eq!(std::fs::read(&victim).unwrap(), b"mine");
+    }
+
+    #[test]
+    fn many_at_once_never_hold_it_together() {
+        use std::sync::atomic::{AtomicUsize, Ordering};
+        let folder = tempfile::tempdir().unwrap();
+        let (inside, claimed) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    for _ in 0..200 {
+                        let Ok(claim) = Claim::folder(folder.path(), "one of many") else { continue };
+                        assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0);
+                        claimed.fetch_add(1, Ordering::SeqCst);
+                        inside.fetch_sub(1, Ordering::SeqCst);
+                        drop(claim);
+                    }
+                });
+            }
+        });
+        assert!(claimed.load(Ordering::SeqCst) > 0);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+}

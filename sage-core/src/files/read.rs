@@ -1,0 +1,133 @@
+//! Reading with a limit. Devices and sockets are refused; a pipe is read once, to its end.
+
+use std::{
+    fs::{File, FileType, Metadata},
+    io::{self, ErrorKind, Read},
+    path::Path,
+};
+
+/// Standard input, as a path on the command line.
+const STANDARD_INPUT: &str = "-";
+
+/// Reads a regular file whole. For files that a program finds, such as those inside a folder.
+///
+/// *Errors*: those of the system; [`ErrorKind::InvalidInput`] for a folder, pipe, device or socket;
+/// [`ErrorKind::FileTooLarge`] beyond `limit` bytes.
+pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    // A pipe without a writer would block when it is opened, so the kind is asked for before.
+    let found = std::fs::metadata(path)?;
+    if !found.is_file() {
+        return Err(wrong_kind(found.file_type(), "expected a regular file"));
+    }
+    read_open(File::open(path)?, Some(&found), limit)
+}
+
+/// Reads a path that the user named: a regular file, a pipe (such as a process substitution), or `-`
+/// for standard input.
+///
+/// *Errors*: as [`read`], but pipes are read to their end.
+pub fn read_argument(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    if path.to_str() == Some(STANDARD_INPUT) {
+        return read_open(io::stdin().lock(), None, limit);
+    }
+    let found = std::fs::metadata(path)?;
+    if !found.is_file() && !is_pipe(found.file_type()) {
+        return Err(wrong_kind(found.file_type(), "expected a file, a pipe, or - for standard input"));
+    }
+    read_open(File::open(path)?, Some(&found), limit)
+}
+
+/// [`read`] for text.
+///
+/// *Errors*: as [`read`], and [`ErrorKind::InvalidData`] for text that is not UTF-8.
+pub fn read_text(path: &Path, limit: u64) -> io::Result<String> {
+    text(read(path, limit)?)
+}
+
+/// [`read_argument`] for text.
+///
+/// *Errors*: as [`read_argument`], and [`ErrorKind::InvalidData`] for text that is not UTF-8.
+pub fn read_argument_text(path: &Path, limit: u64) -> io::Result<String> {
+    text(read_argument(path, limit)?)
+}
+
+fn text(bytes: Vec<u8>) -> io::Result<String> {
+    String::from_utf8(bytes).map_err(|_| io::Error::new(ErrorKind::InvalidData, "the text is not UTF-8"))
+}
+
+fn read_open(source: impl Read, found: Option<&Metadata>, limit: u64) -> io::Result<Vec<u8>> {
+    let size = found.map_or(0, Metadata::len);
+    if size > limit {
+        return Err(too_large(limit));
+    }
+    let mut bytes = Vec::with_capacity(usize::try_from(size).unwrap_or(0));
+    // Neither a pipe nor a file that grows tells its size, so the limit is kept while reading as well.
+    source.take(limit + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit { Err(too_large(limit)) } else { Ok(bytes) }
+}
+
+fn too_large(limit: u64) -> io::Error {
+    io::Error::new(ErrorKind::FileTooLarge, format!("it holds more than {limit} bytes, the most that is read"))
+}
+
+fn wrong_kind(found: FileType, expected: &str) -> io::Error {
+    io::Error::new(ErrorKind::InvalidInput, format!("it is {}; {expected}", kind(found)))
+}
+
+#[cfg(unix)]
+fn is_pipe(found: FileType) -> bool {
+    use std::os::unix::fs::FileTypeExt;
+    found.is_fifo()
+}
+
+#[cfg(not(unix))]
+fn is_pipe(_: FileType) -> bool {
+    false
+}
+
+#[cfg(unix)]
+fn kind(found: FileType) -> &'static str {
+    use std::os::unix::fs::FileTypeExt;
+    if found.is_dir() {
+        "a folder"
+    } else if found.is_fifo() {
+        "a pipe"
+    } else if found.is_socket() {
+        "a socket"
+    } else {
+        "a device"
+    }
+}
+
+#[cfg(not(unix))]
+fn kind(found: FileType) -> &'static str {
+    if found.is_dir() { "a folder" } else { "no regular file" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_read_up_to_the_limit_and_not_beyond() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("five");
+        std::fs::write(&path, "12345").unwrap();
+        assert_eq!(read(&path, 5).unwrap(), b"12345");
+        assert_eq!(read(&path, 4).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        assert_eq!(read_text(&path, 5).unwrap(), "12345");
+        std::fs::write(&path, [0xff]).unwrap();
+        assert_eq!(read_text(&path, 5).unwrap_err().kind(), ErrorKind::InvalidData);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn folders_and_devices_are_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        for (path, kind) in [(folder.path(), "a folder"), (Path::new("/dev/zero"), "a device")] {
+            for read in [read, read_argument] {
+                assert!(read(path, 10).unwrap_err().to_string().contains(kind), "{}", path.display());
+            }
+        }
+    }
+}

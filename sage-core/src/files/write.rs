@@ -1,0 +1,204 @@
+//! Atomic writes: a file appears whole under its name, or not at all.
+
+use std::{
+    collections::BTreeSet,
+    fs::File,
+    io::{self, ErrorKind, Write},
+    path::{Path, PathBuf},
+    sync::{Mutex, PoisonError},
+};
+
+use tempfile::{Builder, NamedTempFile};
+
+/// How the names of unfinished files begin and end; random letters stand between.
+const PREFIX: &str = ".sage-";
+const SUFFIX: &str = ".part";
+
+/// What to do where a file of the name exists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Existing {
+    /// Replace it.
+    Replace,
+    /// Refuse to write.
+    Keep,
+}
+
+/// Writes a file under a temporary name in the same folder, waits until it is on the disk, and renames
+/// it. The temporary file is created exclusively, so that no planted link is followed, and removed if
+/// anything fails. A link of the final name is replaced, not followed.
+///
+/// *Errors*: those of the system; [`ErrorKind::AlreadyExists`] with [`Existing::Keep`];
+/// [`ErrorKind::InvalidInput`] if the path names a folder, a pipe or a device.
+pub fn write(path: &Path, bytes: &[u8], existing: Existing) -> io::Result<()> {
+    if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
+        let problem = "it is no regular file; name a file, or - where the command takes it";
+        return Err(io::Error::new(ErrorKind::InvalidInput, problem));
+    }
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let unfinished = Unfinished::create(folder)?;
+    (&unfinished.file).write_all(bytes)?;
+    unfinished.file.as_file().sync_all()?;
+    unfinished.rename(path, existing)?;
+    sync_folder(folder)
+}
+
+/// A temporary file that is registered to go when the process is told to stop.
+struct Unfinished {
+    file: NamedTempFile,
+    _entry: Registered,
+}
+
+impl Unfinished {
+    fn create(folder: &Path) -> io::Result<Self> {
+        let mut builder = Builder::new();
+        builder.prefix(PREFIX).suffix(SUFFIX);
+        // As for any new file: what the user's umask leaves. The default would keep others from reading it.
+        #[cfg(unix)]
+        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+        let file = builder.tempfile_in(folder)?;
+        // Held so that another run's cleaning passes it over. Without locks there is nothing to hold.
+        let _ = file.as_file().try_lock();
+        let entry = Registered::new(file.path());
+        Ok(Self { file, _entry: entry })
+    }
+
+    fn rename(self, path: &Path, existing: Existing) -> io::Result<()> {
+        match existing {
+            Existing::Replace => self.file.persist(path),
+            Existing::Keep => self.file.persist_noclobber(path),
+        }
+        .map(drop)
+        .map_err(|error| error.error)
+    }
+}
+
+/// Makes a rename last: on Unix a folder is a file of names that has to reach the disk as well.
+#[cfg(unix)]
+fn sync_folder(folder: &Path) -> io::Result<()> {
+    match File::open(folder)?.sync_all() {
+        // Some file systems have no such call for folders.
+        Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
+        done => done,
+    }
+}
+
+#[cfg(not(unix))]
+fn sync_folder(_: &Path) -> io::Result<()> {
+    Ok(())
+}
+
+/// Removes temporary files that killed runs left in a folder; those of live runs stay.
+pub(super) fn remove_stale(folder: &Path) -> io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let is_ours = name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX));
+        if !is_ours || !entry.file_type()?.is_file() {
+            continue;
+        }
+        let path = entry.path();
+        let is_live = File::open(&path).is_ok_and(|file| {
+            matches!(file.try_lock_shared(), Err(std::fs::TryLockError::WouldBlock))
+        });
+        if !is_live {
+            ignore_missing(std::fs::remove_file(&path))?;
+        }
+    }
+    Ok(())
+}
+
+pub(super) fn ignore_missing(outcome: io::Result<()>) -> io::Result<()> {
+    match outcome {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
+        other => other,
+    }
+}
+
+/// Files to remove if the process is told to stop. Global, because a signal is.
+static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// An entry of [`UNFINISHED`].
+#[derive(Debug)]
+pub(super) struct Registered(PathBuf);
+
+impl Registered {
+    pub(super) fn new(path: &Path) -> Self {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).insert(path.to_owned());
+        Self(path.to_owned())
+    }
+}
+
+impl Drop for Registered {
+    fn drop(&mut self) {
+        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.0);
+    }
+}
+
+/// Removes all unfinished files and locks of this process, for a handler of signals that ends the
+/// process next. No other can be begun from then on: who tries waits for the end.
+pub fn discard_unfinished() {
+    let all = UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner);
+    for path in all.iter() {
+        // What cannot be removed is cleaned by the next run.
+        let _ = std::fs::remove_file(path);
+    }
+    std::mem::forget(all);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn names(folder: &Path) -> Vec<String> {
+        let mut names: Vec<String> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+            .collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn a_file_is_whole_and_nothing_is_left_beside_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        write(&path, b"one", Existing::Keep).unwrap();
+        let refused = write(&path, b"two", Existing::Keep).unwrap_err();
+        assert_eq!(refused.kind(), ErrorKind::AlreadyExists);
+        assert_eq!(std::fs::read(&path).unwrap(), b"one");
+        write(&path, b"two", Existing::Replace).unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"two");
+        assert!(write(&folder.path().join("no/a"), b"", Existing::Replace).is_err());
+        assert_eq!(names(folder.path()), ["a"]);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_is_replaced_and_a_device_refused() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let folder = tempfile::tempdir().unwrap();
+        let [victim, link] = ["victim", "link"].map(|name| folder.path().join(name));
+        std::fs::write(&victim, "mine").unwrap();
+        symlink(&victim, &link).unwrap();
+        write(&link, b"new", Existing::Replace).unwrap();
+        assert_eq!((std::fs::read(&victim).unwrap(), std::fs::read(&link).unwrap()), (b"mine".into(), b"new".into()));
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
+        assert_eq!(mode(&link), mode(&victim), "what the umask leaves, as for any file");
+        symlink("/dev/null", folder.path().join("null")).unwrap();
+        let error = write(&folder.path().join("null"), b"", Existing::Replace).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::InvalidInput);
+    }
+
+    #[test]
+    fn only_stale_leftovers_are_removed() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in [".sage-abc.part", "mine.part", ".sage-notes"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let live = Unfinished::create(folder.path()).unwrap();
+        remove_stale(folder.path()).unwrap();
+        assert!(live.file.path().exists());
+        drop(live);
+        assert_eq!(names(folder.path()), [".sage-notes", "mine.part"]);
+    }
+}

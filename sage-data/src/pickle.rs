@@ -7,6 +7,7 @@
 
 mod document;
 mod global;
+mod keys;
 mod machine;
 mod nesting;
 mod numpy;
@@ -72,6 +73,9 @@ pub enum PickleProblem {
         /// Bytes that are there.
         left: usize,
     },
+    /// An opcode that goes on after the end of its frame, or a frame inside a frame.
+    #[error("a value crosses the end of its frame, or a frame lies in another")]
+    Frame,
     /// The stack does not hold what the opcode needs.
     #[error("opcode {0} finds nothing to work on")]
     Stack(&'static str),
@@ -91,6 +95,12 @@ pub enum PickleProblem {
     /// Text that is not UTF-8.
     #[error("text is not UTF-8")]
     Text,
+    /// A string of Python 2 that Python 3 does not read.
+    #[error("a string of Python 2 is not ASCII")]
+    NotAscii,
+    /// A dict or set with two equal keys, which no pickler writes.
+    #[error("a dict or set holds the key {0} twice")]
+    DuplicateKey(String),
     /// An array whose shape, type and bytes do not fit.
     #[error("array of shape {shape:?} and type {dtype} needs {needed} bytes; it has {found}")]
     ArraySize {

@@ -67,7 +67,10 @@ fn read_open(source: impl Read, found: Option<&Metadata>, limit: u64) -> io::Res
 }
 
 fn too_large(limit: u64) -> io::Error {
-    io::Error::new(ErrorKind::FileTooLarge, format!("it holds more than {limit} bytes, the most that is read"))
+    io::Error::new(
+        ErrorKind::FileTooLarge,
+        format!("it holds more than {limit} bytes, the most that is read"),
+    )
 }
 
 fn wrong_kind(found: FileType, expected: &str) -> io::Error {

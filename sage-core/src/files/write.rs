@@ -97,9 +97,8 @@ pub(super) fn remove_stale(folder: &Path) -> io::Result<()> {
             continue;
         }
         let path = entry.path();
-        let is_live = File::open(&path).is_ok_and(|file| {
-            matches!(file.try_lock_shared(), Err(std::fs::TryLockError::WouldBlock))
-        });
+        let is_live = File::open(&path)
+            .is_ok_and(|file| matches!(file.try_lock_shared(), Err(std::fs::TryLockError::WouldBlock)));
         if !is_live {
             ignore_missing(std::fs::remove_file(&path))?;
         }
@@ -181,7 +180,10 @@ mod tests {
         std::fs::write(&victim, "mine").unwrap();
         symlink(&victim, &link).unwrap();
         write(&link, b"new", Existing::Replace).unwrap();
-        assert_eq!((std::fs::read(&victim).unwrap(), std::fs::read(&link).unwrap()), (b"mine".into(), b"new".into()));
+        assert_eq!(
+            (std::fs::read(&victim).unwrap(), std::fs::read(&link).unwrap()),
+            (b"mine".into(), b"new".into())
+        );
         let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
         assert_eq!(mode(&link), mode(&victim), "what the umask leaves, as for any file");
         symlink("/dev/null", folder.path().join("null")).unwrap();

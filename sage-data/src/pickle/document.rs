@@ -41,9 +41,9 @@ pub enum Node {
     None,
     /// True or False.
     Bool(bool),
-    /// An int of at most 64 bits.
+    /// An int that fits 64 bits.
     Int(i64),
-    /// A longer int: little-endian two's complement.
+    /// A larger int: little-endian two's complement.
     BigInt(Span),
     /// A float.
     Float(f64),
@@ -61,7 +61,7 @@ pub enum Node {
     Set(Vec<Id>),
     /// A frozenset.
     FrozenSet(Vec<Id>),
-    /// A dict, in the order of insertion. Of equal keys the last holds.
+    /// A dict, in the order of insertion; no two keys are equal.
     Dict(Vec<(Id, Id)>),
     /// A collections.defaultdict; whether its factory is `int` or none.
     DefaultDict {
@@ -80,6 +80,8 @@ pub enum Node {
     Global(Global),
     /// An array whose state has not come yet; never left in a finished document.
     Unbuilt,
+    /// A numpy type whose state has not come yet; never left in a finished document.
+    UnbuiltDtype(Dtype),
 }
 
 impl Node {
@@ -102,10 +104,11 @@ impl Node {
             Self::Dtype(_) => "a numpy type",
             Self::Global(_) => "a global",
             Self::Unbuilt => "an array without state",
+            Self::UnbuiltDtype(_) => "a numpy type without state",
         }
     }
 
-    /// Whether Python could use it as a key.
+    /// Whether Python could use it as a key, as far as its kind tells: tuples are as what they hold.
     pub(super) fn is_hashable(&self) -> bool {
         !matches!(
             self,
@@ -116,6 +119,7 @@ impl Node {
                 | Self::ByteArray(_)
                 | Self::Array(_)
                 | Self::Unbuilt
+                | Self::UnbuiltDtype(_)
         )
     }
 }

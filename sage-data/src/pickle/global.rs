@@ -1,7 +1,7 @@
 //! The functions and classes that a scene file may name. Nothing else is let in, and none is run.
 
 /// Globals that scene files use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Global {
     /// `numpy.core.multiarray._reconstruct` and its `_core` twin.
     Reconstruct,
@@ -26,7 +26,11 @@ pub enum Global {
 }
 
 impl Global {
-    pub(super) fn from_name(module: &[u8], name: &[u8]) -> Option<Self> {
+    /// The global of a name. `__builtin__` is Python 2's module: Python 3 knows it in protocol 2 alone.
+    pub(super) fn from_name(module: &[u8], name: &[u8], protocol: u8) -> Option<Self> {
+        if module == b"__builtin__" && protocol > 2 {
+            return None;
+        }
         Some(match (module, name) {
             (b"numpy.core.multiarray" | b"numpy._core.multiarray", b"_reconstruct") => Self::Reconstruct,
             (b"numpy.core.numeric" | b"numpy._core.numeric", b"_frombuffer") => Self::FromBuffer,

@@ -4,6 +4,11 @@
 //! the file names. Every opcode takes at least one byte and makes at most one value, values, stack,
 //! marks and memo have limits of their own, and lengths are checked against what is left of the
 //! file before anything is reserved.
+//!
+//! Stack, marks, memo and opcodes behave as in CPython's C unpickler (`Modules/_pickle.c`): what is
+//! accepted here has the value that Python would see. Where Python is laxer, a file is refused.
+
+use std::collections::HashSet;
 
 use super::{
     Document, Global, Id, LEAST_NODES, MAX_MARKS, MAX_NODES, Node, PickleError, PickleProblem as Problem,
@@ -24,6 +29,7 @@ impl Document {
     pub fn parse(bytes: Vec<u8>) -> Result<Self, PickleError> {
         let mut machine = Machine {
             at: 0,
+            end: bytes.len(),
             size: bytes.len(),
             nodes: Vec::with_capacity((bytes.len() / 32).min(1 << 16)),
             limit: (bytes.len() / 2).clamp(LEAST_NODES, MAX_NODES),
@@ -31,13 +37,20 @@ impl Document {
             stack: Vec::with_capacity(256),
             marks: Vec::new(),
             memo: Vec::new(),
+            memo_entries: 0,
+            protocol: 0,
+            unhashable_tuples: HashSet::new(),
             copied: 0,
         };
         machine.nodes.extend([Node::None, Node::Bool(false), Node::Bool(true)]);
         let mut opcode_at = 0;
         let root = machine.run(&mut opcode_at).map_err(|kind| PickleError { offset: opcode_at, kind })?;
         let document = Self { bytes: machine.document, nodes: machine.nodes, root, file_size: machine.size };
-        document.check_nesting().map_err(|kind| PickleError { offset: opcode_at, kind })?;
+        let check = || {
+            document.check_nesting()?;
+            document.check_keys()
+        };
+        check().map_err(|kind| PickleError { offset: opcode_at, kind })?;
         Ok(document)
     }
 }
@@ -47,12 +60,20 @@ pub(super) struct Machine {
     pub(super) document: Vec<u8>,
     pub(super) size: usize,
     at: usize,
+    /// End of the frame, or of the file between frames.
+    end: usize,
     pub(super) nodes: Vec<Node>,
     /// Most values, entries of the stack, and entries of the memo.
     limit: usize,
     stack: Vec<Id>,
     marks: Vec<usize>,
     memo: Vec<Id>,
+    /// Entries of the memo in use: MEMOIZE stores at this number, gaps or not.
+    memo_entries: usize,
+    /// What the last PROTO said.
+    pub(super) protocol: u8,
+    /// Tuples that hold something without a hash.
+    unhashable_tuples: HashSet<Id>,
     /// Bytes copied out of shared values so far.
     pub(super) copied: usize,
 }
@@ -72,12 +93,20 @@ impl Machine {
                     if !(2..=5).contains(&protocol) {
                         return Err(Problem::Protocol(protocol));
                     }
+                    self.protocol = protocol;
                 }
-                // Frames only group bytes; what they hold is checked opcode by opcode.
                 op::FRAME => {
-                    self.take(8)?;
+                    let needed = self.length::<8>()?;
+                    let left = self.size - self.at;
+                    if needed > left as u64 {
+                        return Err(Problem::Truncated { needed, left });
+                    }
+                    if self.at < self.end && self.end < self.size {
+                        return Err(Problem::Frame);
+                    }
+                    self.end = self.at + needed as usize;
                 }
-                op::STOP => return self.stack.pop().ok_or(Problem::Empty),
+                op::STOP => return self.pop(code).map_err(|_| Problem::Empty),
                 op::MARK if self.marks.len() == MAX_MARKS => return Err(Problem::Depth),
                 op::MARK => self.marks.push(self.stack.len()),
                 op::POP => {
@@ -150,11 +179,13 @@ impl Machine {
                     })?;
                 }
                 op::SHORT_BINSTRING | op::BINSTRING => {
-                    // Python 2's str: text if it is ASCII, bytes otherwise.
+                    // Python 2's str, which Python 3 takes for text if it is ASCII, and refuses otherwise.
                     let n = if code == op::BINSTRING { self.length::<4>()? } else { u64::from(self.byte()?) };
                     let span = self.span(n)?;
-                    let ascii = self.slice(span).is_ascii();
-                    self.push(if ascii { Node::Str(span) } else { Node::Bytes(span) })?;
+                    if !self.slice(span).is_ascii() {
+                        return Err(Problem::NotAscii);
+                    }
+                    self.push(Node::Str(span))?;
                 }
                 op::EMPTY_LIST => self.push(Node::List(Vec::new()))?,
                 op::EMPTY_TUPLE => self.push(Node::Tuple(Vec::new()))?,
@@ -164,19 +195,19 @@ impl Machine {
                     let start = self.stack.len().checked_sub(usize::from(code - op::TUPLE1) + 1);
                     let start = start.filter(|s| *s >= self.floor()).ok_or(Problem::Stack(op::name(code)))?;
                     let items = self.stack.split_off(start);
-                    self.push(Node::Tuple(items))?;
+                    self.tuple(items)?;
                 }
                 op::TUPLE | op::LIST | op::FROZENSET => {
                     let mark = self.mark(code)?;
                     let items = self.stack.split_off(mark);
-                    self.push(match code {
-                        op::TUPLE => Node::Tuple(items),
-                        op::LIST => Node::List(items),
+                    match code {
+                        op::TUPLE => self.tuple(items)?,
+                        op::LIST => self.push(Node::List(items))?,
                         _ => {
-                            self.check_keys(items.iter())?;
-                            Node::FrozenSet(items)
+                            self.check_hashable(items.iter())?;
+                            self.push(Node::FrozenSet(items))?;
                         }
-                    })?;
+                    }
                 }
                 op::DICT => {
                     let mark = self.mark(code)?;
@@ -200,7 +231,7 @@ impl Machine {
                     let mark = self.mark(code)?;
                     let set = self.below(mark, code)?;
                     let items = self.stack.split_off(mark);
-                    self.check_keys(items.iter())?;
+                    self.check_hashable(items.iter())?;
                     match &mut self.nodes[set.0 as usize] {
                         Node::Set(held) => held.extend(items),
                         other => return Err(kind("the target of ADDITEMS", other, "a set")),
@@ -217,23 +248,10 @@ impl Machine {
                     let dict = self.below(mark, code)?;
                     self.insert_pairs(code, mark, dict)?;
                 }
-                op::MEMOIZE => {
-                    let top = self.top(code)?;
-                    if self.memo.len() >= self.limit {
-                        return Err(Problem::TooMuch(self.limit));
-                    }
-                    self.memo.push(top);
-                }
+                op::MEMOIZE => self.memoize(code, self.memo_entries as u64)?,
                 op::BINPUT | op::LONG_BINPUT => {
                     let k = if code == op::BINPUT { u64::from(self.byte()?) } else { self.length::<4>()? };
-                    // A pickler numbers what it stores.
-                    let place =
-                        usize::try_from(k).ok().filter(|k| *k < self.limit).ok_or(Problem::Memo(k))?;
-                    let top = self.top(code)?;
-                    if place >= self.memo.len() {
-                        self.memo.resize(place + 1, EMPTY);
-                    }
-                    self.memo[place] = top;
+                    self.memoize(code, k)?;
                 }
                 op::BINGET | op::LONG_BINGET => {
                     let k = if code == op::BINGET { u64::from(self.byte()?) } else { self.length::<4>()? };
@@ -272,13 +290,27 @@ impl Machine {
     // --- bytes ---
 
     fn take(&mut self, n: u64) -> Result<usize, Problem> {
-        let left = self.size - self.at;
-        if n > left as u64 {
-            return Err(Problem::Truncated { needed: n, left });
+        if n > (self.end - self.at) as u64 {
+            self.leave_frame(n)?;
         }
         let start = self.at;
         self.at += n as usize;
         Ok(start)
+    }
+
+    /// Goes on after a frame that was read to its end. What an opcode reads lies in one frame: across
+    /// its end Python sees other bytes in a file than in memory.
+    #[cold]
+    fn leave_frame(&mut self, needed: u64) -> Result<(), Problem> {
+        let left = self.size - self.at;
+        if needed > left as u64 {
+            return Err(Problem::Truncated { needed, left });
+        }
+        if self.at < self.end {
+            return Err(Problem::Frame);
+        }
+        self.end = self.size;
+        Ok(())
     }
 
     #[inline]
@@ -312,7 +344,10 @@ impl Machine {
     }
 
     fn line(&mut self) -> Result<Span, Problem> {
-        let rest = &self.document[self.at..self.size];
+        if self.at == self.end {
+            self.end = self.size;
+        }
+        let rest = &self.document[self.at..self.end];
         let end = rest.iter().position(|b| *b == b'\n');
         let len = end.ok_or(Problem::Truncated { needed: rest.len() as u64 + 1, left: rest.len() })?;
         let start = self.take(len as u64 + 1)?;
@@ -374,8 +409,36 @@ impl Machine {
         }
     }
 
-    pub(super) fn check_keys<'k>(&self, mut keys: impl Iterator<Item = &'k Id>) -> Result<(), Problem> {
-        match keys.find(|id| !self.nodes[id.0 as usize].is_hashable()) {
+    /// Stores the top of the stack at a place of the memo, over what is there.
+    fn memoize(&mut self, code: u8, place: u64) -> Result<(), Problem> {
+        let top = self.top(code)?;
+        // A pickler numbers what it stores.
+        let index = usize::try_from(place).ok().filter(|k| *k < self.limit).ok_or(Problem::Memo(place))?;
+        if index >= self.memo.len() {
+            self.memo.resize(index + 1, EMPTY);
+        }
+        let before = std::mem::replace(&mut self.memo[index], top);
+        self.memo_entries += usize::from(before == EMPTY);
+        Ok(())
+    }
+
+    fn tuple(&mut self, items: Vec<Id>) -> Result<(), Problem> {
+        let is_hashable = items.iter().all(|item| self.is_hashable(*item));
+        self.push(Node::Tuple(items))?;
+        if !is_hashable {
+            self.unhashable_tuples.insert(Id(self.nodes.len() as u32 - 1));
+        }
+        Ok(())
+    }
+
+    /// Whether Python can use a value as a key. A tuple cannot change, so that what was true when it
+    /// was made stays true.
+    fn is_hashable(&self, id: Id) -> bool {
+        self.nodes[id.0 as usize].is_hashable() && !self.unhashable_tuples.contains(&id)
+    }
+
+    pub(super) fn check_hashable<'k>(&self, mut keys: impl Iterator<Item = &'k Id>) -> Result<(), Problem> {
+        match keys.find(|id| !self.is_hashable(**id)) {
             Some(id) => Err(kind("a key", &self.nodes[id.0 as usize], "a value that can be a key")),
             None => Ok(()),
         }
@@ -385,7 +448,7 @@ impl Machine {
         if !(self.stack.len() - mark).is_multiple_of(2) {
             return Err(Problem::Stack(op::name(code)));
         }
-        self.check_keys(self.stack[mark..].iter().step_by(2))?;
+        self.check_hashable(self.stack[mark..].iter().step_by(2))?;
         match &mut self.nodes[dict.0 as usize] {
             Node::Dict(held) | Node::DefaultDict { entries: held, .. } => {
                 held.extend(self.stack[mark..].chunks_exact(2).map(|pair| (pair[0], pair[1])));
@@ -401,12 +464,15 @@ impl Machine {
     fn long(&mut self, n: u64) -> Result<(), Problem> {
         let span = self.span(n)?;
         let raw = self.slice(span);
-        if raw.len() > 8 {
+        let negative = raw.last().is_some_and(|b| b & 0x80 != 0);
+        let fill = if negative { 0xff } else { 0 };
+        let in_use = raw.iter().rposition(|b| *b != fill).map_or(0, |last| last + 1);
+        // The highest bit in use must still tell the sign.
+        if in_use > 8 || (in_use == 8 && (raw[7] & 0x80 != 0) != negative) {
             return self.push(Node::BigInt(span));
         }
-        let negative = raw.last().is_some_and(|b| b & 0x80 != 0);
-        let mut le = [if negative { 0xff } else { 0 }; 8];
-        le[..raw.len()].copy_from_slice(raw);
+        let mut le = [fill; 8];
+        le[..in_use].copy_from_slice(&raw[..in_use]);
         self.push(Node::Int(i64::from_le_bytes(le)))
     }
 
@@ -420,7 +486,7 @@ impl Machine {
 
     fn global(&mut self, module: Span, name: Span) -> Result<(), Problem> {
         let (module, name) = (self.slice(module), self.slice(name));
-        match Global::from_name(module, name) {
+        match Global::from_name(module, name, self.protocol) {
             Some(global) => self.push(Node::Global(global)),
             None => {
                 let shown = |raw: &[u8]| raw[..raw.len().min(60)].escape_ascii().to_string();

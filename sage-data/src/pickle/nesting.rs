@@ -67,6 +67,7 @@ impl Document {
             Node::List(_) | Node::Tuple(_) | Node::Set(_) | Node::FrozenSet(_) => Ok(true),
             Node::Dict(_) | Node::DefaultDict { .. } => Ok(true),
             Node::Unbuilt => unfinished("an array without state", "a finished array"),
+            Node::UnbuiltDtype(_) => unfinished("a numpy type without state", "a finished type"),
             Node::Global(_) => unfinished("a function or class", "plain data"),
             _ => Ok(false),
         }

@@ -50,7 +50,7 @@ impl Dtype {
     }
 
     /// Letter of the kind.
-    pub(super) fn letter(self) -> char {
+    pub fn letter(self) -> char {
         match self.kind {
             ElementKind::Bool => 'b',
             ElementKind::Int => 'i',

@@ -2,6 +2,10 @@
 //!
 //! Arrays come as a function call that makes an empty one and a state that fills it (or, from
 //! protocol 5 on, as one call with a buffer); their elements stay where they are in the file.
+//!
+//! Arguments and states are taken in the form in which numpy writes them and in no other: what numpy
+//! would make of another form depends on its version. A type is used once it has its state, and gets
+//! one once, because Python's arrays share their type and would all change with it.
 
 use super::{
     Array, Dtype, Id, Node, PickleProblem as Problem, Span,
@@ -23,15 +27,35 @@ impl Machine {
         };
         let arguments: Vec<Id> = arguments.iter().take(5).copied().collect();
         let made = match (function, &arguments[..]) {
-            (Global::Reconstruct, [_, _, _]) => Node::Unbuilt,
-            (Global::Dtype, [name, ..]) => Node::Dtype(self.dtype_name(*name)?),
+            (Global::Reconstruct, [class, shape, letter]) => {
+                self.check_empty_array(*class, *shape, *letter)?;
+                Node::Unbuilt
+            }
+            (Global::Dtype, [name, align, copy]) => {
+                if self.flag(*align) != Some(false) || self.flag(*copy) != Some(true) {
+                    return Err(form("the arguments of numpy.dtype", "(name, False, True)"));
+                }
+                Node::UnbuiltDtype(self.dtype_name(*name)?)
+            }
             (Global::Scalar, [dtype, data]) => self.scalar(*dtype, *data)?,
             (Global::FromBuffer, [data, dtype, shape, order]) => {
-                let fortran = matches!(self.node(*order), Node::Str(s) if self.slice(*s) == b"F");
-                let array = self.array_of(*shape, *dtype, fortran, *data)?;
+                if !matches!(self.node(*data), Node::Bytes(_) | Node::ByteArray(_)) {
+                    return Err(kind("the buffer of an array", self.node(*data), "bytes or a bytearray"));
+                }
+                let fortran = match self.str_bytes(*order) {
+                    Some(b"C") => false,
+                    Some(b"F") => true,
+                    _ => return Err(form("the order of an array", "`C` or `F`")),
+                };
+                let array = self.array_of(*shape, *dtype, fortran, self.data(*data)?)?;
                 Node::Array(Box::new(Array { from_buffer: true, ..array }))
             }
-            (Global::Encode, [text, _]) => Node::Bytes(self.encode(*text)?),
+            (Global::Encode, [text, encoding]) => {
+                if self.str_bytes(*encoding) != Some(b"latin1") {
+                    return Err(form("the encoding of _codecs.encode", "`latin1`"));
+                }
+                Node::Bytes(self.encode(*text)?)
+            }
             (Global::DefaultDict, []) => Node::DefaultDict { int_factory: false, entries: Vec::new() },
             (Global::DefaultDict, [factory]) => {
                 let int_factory = match self.node(*factory) {
@@ -45,7 +69,7 @@ impl Machine {
             (Global::Set, []) => Node::Set(Vec::new()),
             (Global::Set, [items]) => match self.node(*items) {
                 Node::List(items) | Node::Tuple(items) => {
-                    self.check_keys(items.iter())?;
+                    self.check_hashable(items.iter())?;
                     let cost = items.len() * size_of::<Id>();
                     let set = Node::Set(items.clone());
                     self.pay(cost)?;
@@ -78,26 +102,80 @@ impl Machine {
         };
         let state: Vec<Id> = state.iter().take(9).copied().collect();
         let built = match (self.node(target), &state[..]) {
-            (Node::Unbuilt, [_, shape, dtype, fortran, data]) => {
-                let fortran = match self.node(*fortran) {
-                    Node::Bool(x) => *x,
-                    Node::Int(x) => *x != 0,
-                    other => return Err(kind("the order flag of an array", other, "a bool")),
+            (Node::Unbuilt, [version, shape, dtype, fortran, data]) => {
+                let Some(fortran) = self.flag(*fortran).filter(|_| self.is_int(*version, 1)) else {
+                    return Err(form("the state of an array", "(1, shape, type, order flag, bytes)"));
                 };
-                Node::Array(Box::new(self.array_of(*shape, *dtype, fortran, *data)?))
+                let data = match self.node(*data) {
+                    Node::ByteArray(_) => {
+                        return Err(kind("the data of an array", self.node(*data), "bytes"));
+                    }
+                    _ => self.data(*data)?,
+                };
+                Node::Array(Box::new(self.array_of(*shape, *dtype, fortran, data)?))
             }
-            (Node::Dtype(dtype), [_, order, ..]) => {
-                let big_endian = match self.node(*order) {
-                    Node::Str(s) => self.slice(*s) == b">",
-                    Node::Bytes(s) => self.slice(*s) == b">",
-                    other => return Err(kind("the byte order of a type", other, "a str")),
+            (Node::UnbuiltDtype(dtype), [version, order, subtype, names, fields, size, alignment, flags]) => {
+                let is_plain =
+                    [subtype, names, fields].iter().all(|id| matches!(self.node(**id), Node::None))
+                        && self.is_int(*version, 3)
+                        && [size, alignment].iter().all(|id| self.is_int(**id, -1))
+                        && self.is_int(*flags, 0);
+                if !is_plain {
+                    return Err(form("the state of a numpy type", "(3, order, None, None, None, -1, -1, 0)"));
+                }
+                let order = match self.node(*order) {
+                    Node::Bytes(order) => Some(self.slice(*order)),
+                    _ => self.str_bytes(*order),
+                };
+                let big_endian = match order {
+                    Some(b">") => true,
+                    Some(b"<" | b"=" | b"|") => false,
+                    _ => return Err(form("the byte order of a numpy type", "`<`, `>`, `=` or `|`")),
                 };
                 Node::Dtype(Dtype { big_endian, ..*dtype })
             }
-            (other, _) => return Err(kind("the target of BUILD", other, "an array or a numpy type")),
+            (Node::Unbuilt | Node::UnbuiltDtype(_), _) => {
+                return Err(form("the state of an array or numpy type", "as many values as numpy writes"));
+            }
+            (other, _) => return Err(kind("the target of BUILD", other, "a new array or numpy type")),
         };
         self.nodes[target.0 as usize] = built;
         Ok(())
+    }
+
+    /// `_reconstruct(ndarray, (0,), b'b')` makes an array to be filled; nothing else is asked for.
+    fn check_empty_array(&self, class: Id, shape: Id, letter: Id) -> Result<(), Problem> {
+        let is_class = matches!(self.node(class), Node::Global(Global::NdArray));
+        let is_empty = matches!(self.node(shape), Node::Tuple(n) if n.len() == 1 && self.is_int(n[0], 0));
+        let is_letter = match self.node(letter) {
+            Node::Bytes(letter) | Node::Str(letter) => self.slice(*letter) == b"b",
+            _ => false,
+        };
+        if is_class && is_empty && is_letter {
+            Ok(())
+        } else {
+            Err(form("the arguments of _reconstruct", "(numpy.ndarray, (0,), b'b')"))
+        }
+    }
+
+    fn str_bytes(&self, id: Id) -> Option<&[u8]> {
+        match self.node(id) {
+            Node::Str(span) => Some(self.slice(*span)),
+            _ => None,
+        }
+    }
+
+    fn is_int(&self, id: Id, value: i64) -> bool {
+        matches!(self.node(id), Node::Int(x) if *x == value)
+    }
+
+    /// A bool, which older versions write as 0 or 1.
+    fn flag(&self, id: Id) -> Option<bool> {
+        match self.node(id) {
+            Node::Bool(x) => Some(*x),
+            Node::Int(x @ (0 | 1)) => Some(*x == 1),
+            _ => None,
+        }
     }
 
     fn dtype_name(&self, name: Id) -> Result<Dtype, Problem> {
@@ -105,7 +183,9 @@ impl Machine {
             Node::Str(span) | Node::Bytes(span) => self.slice(*span),
             other => return Err(kind("the name of a numpy type", other, "a str")),
         };
+        // The byte order comes with the state.
         Dtype::from_name(raw)
+            .filter(|_| raw[0].is_ascii_alphabetic())
             .ok_or_else(|| Problem::Dtype(String::from_utf8_lossy(&raw[..raw.len().min(20)]).into_owned()))
     }
 
@@ -119,22 +199,26 @@ impl Machine {
     fn data(&self, id: Id) -> Result<Span, Problem> {
         match self.node(id) {
             Node::Bytes(span) | Node::ByteArray(span) => Ok(*span),
-            // Python 2 writes the bytes of an array as str, and ASCII ones look like text.
-            Node::Str(span) => Ok(*span),
+            // Python 2 writes the bytes of an array as str. Beyond ASCII its bytes are not the text's.
+            Node::Str(span) if self.slice(*span).is_ascii() => Ok(*span),
             other => Err(kind("the data of an array", other, "bytes")),
         }
     }
 
     fn scalar(&self, dtype: Id, data: Id) -> Result<Node, Problem> {
-        let (dtype, data) = (self.dtype(dtype)?, self.data(data)?);
+        let dtype = self.dtype(dtype)?;
+        if let other @ Node::ByteArray(_) = self.node(data) {
+            return Err(kind("the data of a numpy scalar", other, "bytes"));
+        }
+        let data = self.data(data)?;
         if data.len != u32::from(dtype.size) {
             return Err(array_size(&[], dtype, u64::from(dtype.size), data));
         }
         Ok(Node::Scalar(dtype, data))
     }
 
-    fn array_of(&self, shape: Id, dtype: Id, fortran: bool, data: Id) -> Result<Array, Problem> {
-        let (dtype, data) = (self.dtype(dtype)?, self.data(data)?);
+    fn array_of(&self, shape: Id, dtype: Id, fortran: bool, data: Span) -> Result<Array, Problem> {
+        let dtype = self.dtype(dtype)?;
         let Node::Tuple(lengths) = self.node(shape) else {
             return Err(kind("the shape of an array", self.node(shape), "a tuple"));
         };
@@ -170,6 +254,11 @@ impl Machine {
         self.document.extend_from_slice(&bytes);
         Ok(Span { start, len: bytes.len() as u32 })
     }
+}
+
+/// An error for what has not the form in which numpy and Python write it.
+fn form(what: &'static str, expected: &'static str) -> Problem {
+    Problem::Kind { what, found: "something else", expected }
 }
 
 fn array_size(shape: &[u64], dtype: Dtype, needed: u64, data: Span) -> Problem {

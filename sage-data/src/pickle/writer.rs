@@ -167,7 +167,7 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
         let document = self.document;
         match document.node(id) {
             // Unfinished objects never get past the reader.
-            Node::None | Node::Unbuilt | Node::Global(_) => self.out.push(op::NONE),
+            Node::None | Node::Unbuilt | Node::UnbuiltDtype(_) | Node::Global(_) => self.out.push(op::NONE),
             Node::Bool(x) => self.out.push(if *x { op::NEWTRUE } else { op::NEWFALSE }),
             Node::Int(x) => self.int(*x),
             Node::BigInt(span) => {

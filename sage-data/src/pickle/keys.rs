@@ -1,0 +1,201 @@
+//! Keys of dicts and sets: no two of one container may be equal.
+//!
+//! Of equal keys Python keeps the first key and the last value. No pickler writes such a container, so
+//! it is refused rather than imitated. Values that Python might take for equal count as equal here:
+//! `1`, `1.0`, `True` and a numpy scalar of 1 are one key.
+
+use std::collections::{HashMap, HashSet};
+
+use super::{Document, ElementKind, Global, Id, Node, PickleProblem as Problem};
+
+/// Up to so many keys are compared pair by pair.
+const FEW: usize = 8;
+
+/// What decides whether two keys are equal.
+#[derive(PartialEq, Eq, Hash)]
+enum Key<'d> {
+    None,
+    Int(i64),
+    /// Bits of a number that is no 64-bit integer; −0 is the integer 0, and NaN is like any NaN.
+    Float(u64),
+    Str(&'d [u8]),
+    Bytes(&'d [u8]),
+    /// Numbers of the items, by [`Classes`]; sorted for a frozenset.
+    Tuple(Vec<u32>),
+    FrozenSet(Vec<u32>),
+    Dtype(char, u8, bool),
+    Global(Global),
+}
+
+/// A number for each value: equal keys have equal ones.
+struct Classes(Vec<u32>);
+
+impl Document {
+    /// Refuses a dict or set with two keys that Python takes for one.
+    pub(super) fn check_keys(&self) -> Result<(), Problem> {
+        let mut classes = None;
+        let mut texts = HashSet::new();
+        for node in &self.nodes {
+            match node {
+                Node::Dict(v) | Node::DefaultDict { entries: v, .. } => {
+                    self.check_distinct(v.iter().map(|(key, _)| *key), &mut texts, &mut classes)?;
+                }
+                Node::Set(v) | Node::FrozenSet(v) => {
+                    self.check_distinct(v.iter().copied(), &mut texts, &mut classes)?;
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    fn check_distinct<'d>(
+        &'d self,
+        keys: impl ExactSizeIterator<Item = Id> + Clone,
+        texts: &mut HashSet<&'d [u8]>,
+        classes: &mut Option<Classes>,
+    ) -> Result<(), Problem> {
+        let twice = |id: Id| Problem::DuplicateKey(self.describe(id));
+        let text = |id: Id| match self.node(id) {
+            Node::Str(span) => Some(self.bytes(*span)),
+            _ => None,
+        };
+        if !keys.clone().all(|id| text(id).is_some()) {
+            let Classes(classes) = classes.get_or_insert_with(|| self.classes());
+            let mut seen = HashSet::with_capacity(keys.len());
+            return match keys.clone().find(|id| !seen.insert(classes[id.0 as usize])) {
+                Some(id) => Err(twice(id)),
+                None => Ok(()),
+            };
+        }
+        if keys.len() <= FEW {
+            let mut rest = keys;
+            while let Some(id) = rest.next() {
+                if let Some(other) = rest.clone().find(|other| text(*other) == text(id)) {
+                    return Err(twice(other));
+                }
+            }
+            return Ok(());
+        }
+        texts.clear();
+        match keys.clone().find(|id| text(*id).is_some_and(|text| !texts.insert(text))) {
+            Some(id) => Err(twice(id)),
+            None => Ok(()),
+        }
+    }
+
+    /// Classes of all values. A tuple or frozenset comes after its items, so one pass does.
+    fn classes(&self) -> Classes {
+        let mut known: HashMap<Key, u32> = HashMap::new();
+        let mut classes: Vec<u32> = Vec::with_capacity(self.nodes.len());
+        for node in &self.nodes {
+            let of_items = |items: &[Id]| items.iter().map(|id| classes[id.0 as usize]).collect::<Vec<_>>();
+            let key = match node {
+                Node::Tuple(items) => Some(Key::Tuple(of_items(items))),
+                Node::FrozenSet(items) => {
+                    let mut items = of_items(items);
+                    items.sort_unstable();
+                    Some(Key::FrozenSet(items))
+                }
+                node => self.plain_key(node),
+            };
+            let next = known.len() as u32;
+            // What cannot be a key is in a class that nobody asks for.
+            classes.push(key.map_or(u32::MAX, |key| *known.entry(key).or_insert(next)));
+        }
+        Classes(classes)
+    }
+
+    fn plain_key(&self, node: &Node) -> Option<Key<'_>> {
+        Some(match node {
+            Node::None => Key::None,
+            Node::Bool(x) => Key::Int(i64::from(*x)),
+            Node::Int(x) => Key::Int(*x),
+            Node::BigInt(span) => number(big(self.bytes(*span))),
+            Node::Float(x) => number(*x),
+            Node::Scalar(dtype, span) => {
+                let bytes = self.bytes(*span);
+                let is_integer = matches!(dtype.kind, ElementKind::Int | ElementKind::Uint);
+                let whole = is_integer.then(|| dtype.integer(bytes)).flatten();
+                whole.map_or_else(|| number(dtype.read(bytes).next().unwrap_or(f64::NAN)), Key::Int)
+            }
+            Node::Str(span) => Key::Str(self.bytes(*span)),
+            Node::Bytes(span) => Key::Bytes(self.bytes(*span)),
+            Node::Dtype(dtype) => Key::Dtype(dtype.letter(), dtype.size, dtype.big_endian && dtype.size > 1),
+            Node::Global(global) => Key::Global(*global),
+            _ => return None,
+        })
+    }
+}
+
+/// A number as a key. 2⁶³ and beyond are no 64-bit integers.
+fn number(x: f64) -> Key<'static> {
+    const END: f64 = 9_223_372_036_854_775_808.0;
+    if x.fract() == 0.0 && (-END..END).contains(&x) {
+        Key::Int(x as i64)
+    } else if x.is_nan() {
+        Key::Float(f64::NAN.to_bits())
+    } else {
+        Key::Float(x.to_bits())
+    }
+}
+
+/// A large int, rounded: two of them that round to one number count as equal.
+fn big(bytes: &[u8]) -> f64 {
+    let negative = bytes.last().is_some_and(|b| b & 0x80 != 0);
+    let digit = |b: &u8| f64::from(if negative { !*b } else { *b });
+    let magnitude = bytes.iter().rev().fold(0.0, |sum, b| sum * 256.0 + digit(b));
+    if negative { -magnitude - 1.0 } else { magnitude }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pickle::PickleError;
+
+    fn parse(body: &[u8]) -> Result<Document, PickleError> {
+        Document::parse([b"\x80\x04", body, b"."].concat())
+    }
+
+    #[test]
+    fn equal_keys_are_refused_however_they_are_written() {
+        let float = |x: f64| [b"G".as_slice(), &x.to_be_bytes()].concat();
+        let one = float(1.0);
+        let long_one = [b"\x8a\x09\x01".as_slice(), &[0; 8]].concat();
+        let pair = |item: &[u8]| [item, b"\x85"].concat();
+        let set = |item: &[u8]| [b"(", item, b"\x91"].concat();
+        for (a, b) in [
+            (b"\x8c\x01a".as_slice(), b"U\x01a".as_slice()),
+            (b"K\x01", b"\x88"),
+            (b"K\x01", &one),
+            (b"M\x01\x00", &long_one),
+            (b"K\x00", &float(-0.0)),
+            (&pair(b"K\x01"), &pair(&one)),
+            (&set(b"N"), &set(b"N")),
+        ] {
+            let dict = parse(&[b"}(", a, b"N", b, b"Nu"].concat());
+            let set = parse(&[b"\x8f(", a, b, b"\x90"].concat());
+            for error in [dict.unwrap_err(), set.unwrap_err()] {
+                assert!(matches!(error.kind, Problem::DuplicateKey(_)), "{error}");
+            }
+        }
+        assert!(parse(b"}(\x8c\x01aNC\x01aNK\x01NK\x02N\x8c\x00NN\x85NNNu").is_ok(), "these are distinct");
+    }
+
+    #[test]
+    fn many_keys_are_told_apart_by_their_text() {
+        let mut body = b"}(".to_vec();
+        for k in 0..50u8 {
+            body.extend([0x8c, 1, k, b'N']);
+        }
+        assert!(parse(&[&body[..], b"u"].concat()).is_ok());
+        assert!(parse(&[&body[..], b"\x8c\x01\x07Nu"].concat()).is_err());
+    }
+
+    #[test]
+    fn a_tuple_that_holds_a_list_is_no_key() {
+        assert!(parse(b"}]\x85Ns").is_err());
+        assert!(parse(b"}]\x85\x85Ns").is_err());
+        assert!(parse(b"}N\x85\x85Ns").is_ok());
+    }
+}

@@ -1,0 +1,659 @@
+//! Pickle programs from a number: mostly valid, rich in memo gaps, shared values and numpy objects.
+//!
+//! A model of the stack and of the memo says what an opcode would find, so that most programs run; it
+//! need not be right, since both readers say what they make of the result.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use sage_core::seed::Rng;
+
+/// A program and what is in it.
+pub struct Program {
+    pub bytes: Vec<u8>,
+    /// Its opcodes; empty if bytes were changed afterwards.
+    pub opcodes: BTreeSet<u8>,
+    /// Whether a MEMOIZE follows a gap in the memo.
+    pub memoizes_after_gap: bool,
+}
+
+/// Opcodes that the reader knows, `BUILD` to `SETITEMS`, as in `src/pickle/opcode.rs`.
+pub const OPCODES: &[u8] = b"(.012GJKMNRTUXabcehj]qrst)u}ld\
+    \x80\x85\x86\x87\x88\x89\x8a\x8bBC\x8c\x8d\x8e\x8f\x90\x91\x93\x94\x95\x96";
+
+/// Globals that the reader knows, by what they are good for, as module and name.
+const NAMES: [(Kind, &str, &str); 9] = [
+    (Kind::Reconstruct, "numpy.core.multiarray", "_reconstruct"),
+    (Kind::Reconstruct, "numpy._core.multiarray", "_reconstruct"),
+    (Kind::FromBuffer, "numpy.core.numeric", "_frombuffer"),
+    (Kind::ScalarType, "numpy.core.multiarray", "scalar"),
+    (Kind::NdArray, "numpy", "ndarray"),
+    (Kind::DtypeType, "numpy", "dtype"),
+    (Kind::Encode, "_codecs", "encode"),
+    (Kind::DefaultDictType, "collections", "defaultdict"),
+    (Kind::SetType, "builtins", "set"),
+];
+
+/// What the model knows of a value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Key,
+    Str,
+    Bytes,
+    Other,
+    List,
+    Dict,
+    Set,
+    Reconstruct,
+    FromBuffer,
+    ScalarType,
+    NdArray,
+    DtypeType,
+    Encode,
+    DefaultDictType,
+    SetType,
+    Int,
+}
+
+impl Kind {
+    fn is_plain(self) -> bool {
+        matches!(
+            self,
+            Self::Key | Self::Str | Self::Bytes | Self::Other | Self::List | Self::Dict | Self::Set
+        )
+    }
+}
+
+/// A value of the model: its kind, and how many values it would be without sharing.
+#[derive(Clone, Copy)]
+struct Value {
+    kind: Kind,
+    size: usize,
+}
+
+/// Largest value, in parts: shared values grow with every opcode.
+const LARGEST: usize = 300;
+
+struct Writer {
+    rng: Rng,
+    out: Vec<u8>,
+    opcodes: BTreeSet<u8>,
+    stack: Vec<Value>,
+    marks: Vec<usize>,
+    memo: BTreeMap<u32, Value>,
+    memoizes_after_gap: bool,
+    protocol: u8,
+}
+
+/// The program of a number.
+pub fn program(number: u64) -> Program {
+    let rng = Rng::new(number, "pickle program", "differential");
+    let mut w = Writer {
+        rng,
+        out: Vec::new(),
+        opcodes: BTreeSet::new(),
+        stack: Vec::new(),
+        marks: Vec::new(),
+        memo: BTreeMap::new(),
+        memoizes_after_gap: false,
+        protocol: 0,
+    };
+    w.protocol = 2 + w.rng.below(4) as u8;
+    w.op(0x80);
+    w.out.push(w.protocol);
+    let framed = w.rng.below(4) == 0;
+    if framed {
+        w.op(0x95);
+        w.out.extend([0; 8]);
+    }
+    let start = w.out.len();
+    for _ in 0..2 + w.rng.below(24) {
+        w.step();
+    }
+    w.end();
+    if framed {
+        let length = (w.out.len() - start) as u64;
+        // Some frames claim more than there is.
+        let length = if w.rng.below(8) == 0 { length + 1 } else { w.rng.below(length as usize + 1) as u64 };
+        w.out[start - 8..start].copy_from_slice(&length.to_le_bytes());
+    }
+    if w.rng.below(6) == 0 {
+        for _ in 0..1 + w.rng.below(3) {
+            let at = w.rng.below(w.out.len());
+            w.out[at] = match w.rng.below(3) {
+                0 => OPCODES[w.rng.below(OPCODES.len())],
+                1 => w.out[at] ^ (1 << w.rng.below(8)),
+                _ => w.rng.below(8) as u8,
+            };
+        }
+        w.opcodes.clear();
+        w.memoizes_after_gap = false;
+    }
+    Program { bytes: w.out, opcodes: w.opcodes, memoizes_after_gap: w.memoizes_after_gap }
+}
+
+impl Writer {
+    fn op(&mut self, code: u8) {
+        self.out.push(code);
+        self.opcodes.insert(code);
+    }
+
+    fn push(&mut self, kind: Kind, size: usize) {
+        self.stack.push(Value { kind, size });
+    }
+
+    fn floor(&self) -> usize {
+        self.marks.last().copied().unwrap_or(0)
+    }
+
+    /// Values above the last mark.
+    fn open(&self) -> &[Value] {
+        &self.stack[self.floor()..]
+    }
+
+    fn step(&mut self) {
+        match self.rng.below(30) {
+            0..8 => self.literal(),
+            8..10 => self.empty_container(),
+            10..12 => {
+                self.op(b'(');
+                self.marks.push(self.stack.len());
+            }
+            12..15 => self.close(),
+            15 => self.few(),
+            16 | 17 => self.add_one(),
+            18..22 => self.store(),
+            22..24 => self.recall(),
+            24 => self.drop_or_double(),
+            25 | 26 => self.numpy(),
+            27 => self.call(),
+            28 if self.rng.below(3) == 0 => {
+                let code = OPCODES[self.rng.below(OPCODES.len())];
+                self.op(code);
+            }
+            _ => self.literal(),
+        }
+    }
+
+    fn key_text(&mut self) -> Vec<u8> {
+        let length = 1 + self.rng.below(3);
+        (0..length).map(|_| b'a' + self.rng.below(26) as u8).collect()
+    }
+
+    fn literal(&mut self) {
+        let mut kind = Kind::Key;
+        match self.rng.below(18) {
+            0 => self.op(b'N'),
+            1 => self.op(0x88),
+            2 => self.op(0x89),
+            3 => {
+                self.op(b'G');
+                let x = [0.0, -0.0, 1.0, 1.5, -2.25e300, f64::NAN, f64::INFINITY, 255.0][self.rng.below(8)];
+                self.out.extend(x.to_be_bytes());
+            }
+            4 => {
+                self.op(b'J');
+                let x = self.rng.bits() as u32;
+                self.out.extend(x.to_le_bytes());
+            }
+            5 => {
+                self.op(b'K');
+                let x = self.rng.bits() as u8;
+                self.out.push(x);
+            }
+            6 => {
+                self.op(b'M');
+                let x = self.rng.bits() as u16;
+                self.out.extend(x.to_le_bytes());
+            }
+            7 | 8 => {
+                let length = self.rng.below(12);
+                if self.rng.below(2) == 0 {
+                    self.op(0x8a);
+                    self.out.push(length as u8);
+                } else {
+                    self.op(0x8b);
+                    self.out.extend((length as u32).to_le_bytes());
+                }
+                // Fillings that make long spellings of short numbers.
+                let fill = [0, 0xff, 0x80, self.rng.bits() as u8][self.rng.below(4)];
+                for _ in 0..length {
+                    let x = if self.rng.below(3) == 0 { self.rng.bits() as u8 } else { fill };
+                    self.out.push(x);
+                }
+            }
+            9 | 10 => {
+                let raw = self.key_text();
+                let (code, width) = [(b'C', 1), (b'B', 4), (0x8e, 8), (0x96, 8)][self.rng.below(4)];
+                self.counted(code, width, &raw);
+                kind = if code == 0x96 { Kind::Other } else { Kind::Bytes };
+            }
+            11 => {
+                let mut raw = self.key_text();
+                if self.rng.below(8) == 0 {
+                    raw.push(0xe9);
+                }
+                let (code, width) = [(b'U', 1), (b'T', 4)][self.rng.below(2)];
+                self.counted(code, width, &raw);
+                kind = Kind::Str;
+            }
+            _ => {
+                let mut raw = self.key_text();
+                match self.rng.below(16) {
+                    0 => raw.extend("é".bytes()),
+                    1 => raw.extend([0xed, 0xa0, 0x80]),
+                    2 => raw.push(0),
+                    _ => {}
+                }
+                let (code, width) = [(0x8c, 1), (b'X', 4), (0x8d, 8)][self.rng.below(3)];
+                self.counted(code, width, &raw);
+                kind = Kind::Str;
+            }
+        }
+        self.push(kind, 1);
+    }
+
+    fn counted(&mut self, code: u8, width: usize, raw: &[u8]) {
+        self.op(code);
+        self.out.extend(&(raw.len() as u64).to_le_bytes()[..width]);
+        self.out.extend(raw);
+    }
+
+    fn word(&mut self, text: &str) {
+        self.counted(0x8c, 1, text.as_bytes());
+    }
+
+    fn empty_container(&mut self) {
+        let (code, kind) =
+            [(b']', Kind::List), (b')', Kind::Key), (b'}', Kind::Dict), (0x8f, Kind::Set)][self.rng.below(4)];
+        self.op(code);
+        self.push(kind, 1);
+    }
+
+    /// Ends the values above the last mark, in one of the ways that they allow.
+    fn close(&mut self) {
+        let Some(&mark) = self.marks.last() else { return };
+        let items = self.open().to_vec();
+        let size = 1 + items.iter().map(|v| v.size).sum::<usize>();
+        let below =
+            mark.checked_sub(1).filter(|b| *b >= self.marks.iter().rev().nth(1).copied().unwrap_or(0));
+        let below = below.map(|b| self.stack[b].kind);
+        let plain = items.iter().all(|v| v.kind.is_plain());
+        let is_key = |v: &Value| matches!(v.kind, Kind::Key | Kind::Str | Kind::Bytes);
+        let (keys, pairs) =
+            (items.iter().all(is_key), items.len() % 2 == 0 && items.iter().step_by(2).all(is_key));
+        let mut ways: Vec<(u8, Option<Kind>)> = vec![(b'1', None)];
+        if plain && size < LARGEST {
+            ways.extend([(b't', Some(if keys { Kind::Key } else { Kind::Other })), (b'l', Some(Kind::List))]);
+            if pairs {
+                ways.push((b'd', Some(Kind::Dict)));
+            }
+            if keys {
+                ways.push((0x91, Some(Kind::Key)));
+            }
+            match below {
+                Some(Kind::List) => ways.extend([(b'e', None); 3]),
+                Some(Kind::Dict) if pairs => ways.extend([(b'u', None); 3]),
+                Some(Kind::Set) if keys => ways.extend([(0x90, None); 3]),
+                _ => {}
+            }
+        }
+        let (code, made) = ways[self.rng.below(ways.len())];
+        self.op(code);
+        self.marks.pop();
+        self.stack.truncate(mark);
+        match made {
+            Some(kind) => self.push(kind, size),
+            None if code != b'1' => self.grow_top(size),
+            None => {}
+        }
+    }
+
+    fn grow_top(&mut self, size: usize) {
+        if let Some(top) = self.stack.last_mut() {
+            top.size += size;
+        }
+    }
+
+    /// TUPLE1 to TUPLE3.
+    fn few(&mut self) {
+        let n = 1 + self.rng.below(3);
+        let open = self.open();
+        if open.len() < n {
+            return self.literal();
+        }
+        let items = &open[open.len() - n..];
+        let size = 1 + items.iter().map(|v| v.size).sum::<usize>();
+        if size > LARGEST || !items.iter().all(|v| v.kind.is_plain()) {
+            return;
+        }
+        let keys = items.iter().all(|v| matches!(v.kind, Kind::Key | Kind::Str | Kind::Bytes));
+        self.op(0x84 + n as u8);
+        self.stack.truncate(self.stack.len() - n);
+        self.push(if keys { Kind::Key } else { Kind::Other }, size);
+    }
+
+    /// APPEND or SETITEM with new literals, if the top takes them.
+    fn add_one(&mut self) {
+        match self.open().last().map(|v| v.kind) {
+            Some(Kind::List) => {
+                self.literal();
+                self.maybe_store();
+                self.op(b'a');
+                self.stack.pop();
+                self.grow_top(1);
+            }
+            Some(Kind::Dict) => {
+                self.literal();
+                self.maybe_store();
+                self.literal();
+                self.op(b's');
+                self.stack.truncate(self.stack.len() - 2);
+                self.grow_top(2);
+            }
+            _ => self.empty_container(),
+        }
+    }
+
+    fn maybe_store(&mut self) {
+        if self.rng.below(3) == 0 {
+            self.store();
+        }
+    }
+
+    fn store(&mut self) {
+        let Some(top) = self.open().last().copied() else { return self.literal() };
+        let next = self.memo.len() as u32;
+        let place = match self.rng.below(5) {
+            0..3 => {
+                self.op(0x94);
+                self.memoizes_after_gap |= self.memo.keys().next_back().is_some_and(|last| *last >= next);
+                next
+            }
+            3 => {
+                let place = self.rng.below(10) as u8;
+                self.op(b'q');
+                self.out.push(place);
+                u32::from(place)
+            }
+            _ => {
+                let most = if self.rng.below(4) == 0 { 3000 } else { 10 };
+                let place = self.rng.below(most) as u32;
+                self.op(b'r');
+                self.out.extend(place.to_le_bytes());
+                place
+            }
+        };
+        self.memo.insert(place, top);
+    }
+
+    fn recall(&mut self) {
+        if self.memo.is_empty() {
+            return self.store();
+        }
+        let (place, value) = {
+            let entry = self.rng.below(self.memo.len());
+            self.memo.iter().nth(entry).map(|(p, v)| (*p, *v)).expect("it is not empty")
+        };
+        if value.size > LARGEST / 4 {
+            return;
+        }
+        match u8::try_from(place) {
+            Ok(place) if self.rng.below(2) == 0 => {
+                self.op(b'h');
+                self.out.push(place);
+            }
+            _ => {
+                self.op(b'j');
+                self.out.extend(place.to_le_bytes());
+            }
+        }
+        self.stack.push(value);
+    }
+
+    fn drop_or_double(&mut self) {
+        let top = self.open().last().copied();
+        match top {
+            Some(top) if self.rng.below(2) == 0 && top.size < LARGEST / 4 => {
+                self.op(b'2');
+                self.stack.push(top);
+            }
+            Some(_) => {
+                self.op(b'0');
+                self.stack.pop();
+            }
+            None if !self.marks.is_empty() => {
+                self.op(b'0');
+                self.marks.pop();
+            }
+            None => {}
+        }
+    }
+
+    /// Names a global, by either opcode; memo entries may come between module and name.
+    fn global(&mut self, kind: Kind) {
+        let of_kind: Vec<_> = NAMES.iter().filter(|(k, ..)| *k == kind).collect();
+        let (_, mut module, name) = *of_kind[self.rng.below(of_kind.len())];
+        // Python 2's name of the module, right in protocol 2 and wrong later.
+        if module == "builtins" && (self.protocol == 2 || self.rng.below(8) == 0) {
+            module = "__builtin__";
+        }
+        if self.rng.below(4) == 0 {
+            self.op(b'c');
+            self.out.extend(format!("{module}\n{name}\n").bytes());
+            self.push(kind, 1);
+        } else {
+            self.word(module);
+            self.push(Kind::Str, 1);
+            self.maybe_store();
+            self.word(name);
+            self.push(Kind::Str, 1);
+            self.maybe_store();
+            self.op(0x93);
+            self.stack.truncate(self.stack.len() - 2);
+            self.push(kind, 1);
+        }
+        self.maybe_store();
+    }
+
+    /// REDUCE of `n` arguments on top of a global.
+    fn reduce(&mut self, n: usize, kind: Kind) {
+        self.op(b'R');
+        self.stack.truncate(self.stack.len() - 1 - n.min(1));
+        self.push(kind, 1);
+    }
+
+    /// A numpy type with its state, whole or with a fault.
+    fn dtype(&mut self) -> usize {
+        let (name, size) =
+            [("f8", 8), ("f4", 4), ("i8", 8), ("u2", 2), ("b1", 1), ("f2", 2)][self.rng.below(6)];
+        let fault = if self.rng.below(8) == 0 { self.rng.below(6) } else { 9 };
+        self.global(Kind::DtypeType);
+        let name = if fault == 0 { format!(">{name}") } else { name.to_owned() };
+        self.word(&name);
+        if fault == 1 {
+            self.op(0x85);
+        } else {
+            self.op(if fault == 2 { 0x88 } else { 0x89 });
+            self.op(if fault == 3 { 0x89 } else { 0x88 });
+            self.op(0x87);
+        }
+        self.push(Kind::Other, 1);
+        self.reduce(1, Kind::Other);
+        self.maybe_store();
+        for _ in 0..if fault == 4 { 2 } else { 1 } {
+            self.op(b'(');
+            self.out.extend([b'K', 3]);
+            let order = [">", "<", "|", "="][self.rng.below(if fault == 5 { 4 } else { 3 })];
+            self.word(order);
+            self.op(b'N');
+            self.op(b'N');
+            self.op(b'N');
+            for _ in 0..2 {
+                self.op(b'J');
+                self.out.extend((-1i32).to_le_bytes());
+            }
+            self.out.extend([b'K', 0]);
+            self.op(b't');
+            self.op(b'b');
+        }
+        size
+    }
+
+    fn shape_and_data(&mut self, size: usize) -> (Vec<u8>, Vec<u8>) {
+        let (rows, columns) = (self.rng.below(3), 1 + self.rng.below(2));
+        let count = rows * columns * size + usize::from(self.rng.below(20) == 0);
+        let data = (0..count).map(|_| self.rng.below(128) as u8).collect();
+        (vec![b'K', rows as u8, b'K', columns as u8, 0x86], data)
+    }
+
+    fn numpy(&mut self) {
+        if self.stack.len() > 40 {
+            return;
+        }
+        match self.rng.below(4) {
+            0 => {
+                self.dtype();
+            }
+            1 => {
+                self.global(Kind::ScalarType);
+                let size = self.dtype();
+                let data: Vec<u8> = (0..size).map(|_| self.rng.below(128) as u8).collect();
+                let (code, width) = [(b'C', 1), (b'U', 1), (0x96, 8)][self.rng.below(20).saturating_sub(17)];
+                self.counted(code, width, &data);
+                self.op(0x86);
+                self.stack.pop();
+                self.push(Kind::Other, 1);
+                self.reduce(1, Kind::Key);
+            }
+            2 => {
+                self.global(Kind::FromBuffer);
+                self.op(b'(');
+                let place = self.out.len();
+                self.marks.push(self.stack.len());
+                let (code, width) = [(0x96, 8), (b'C', 1), (b'U', 1)][self.rng.below(20).saturating_sub(17)];
+                self.counted(code, width, b"");
+                let size = self.dtype();
+                self.stack.pop();
+                let (shape, data) = self.shape_and_data(size);
+                // The buffer comes before the type that says how long it is.
+                let head = 1 + width;
+                self.out.splice(place + head..place + head, data.iter().copied());
+                self.out.splice(
+                    place + 1..place + head,
+                    (data.len() as u64).to_le_bytes()[..width].iter().copied(),
+                );
+                self.out.extend(shape);
+                let order = ["C", "F", "A"][self.rng.below(11) / 5];
+                self.word(order);
+                self.op(b't');
+                self.marks.pop();
+                self.push(Kind::Other, 1);
+                self.reduce(1, Kind::Other);
+            }
+            _ => {
+                self.global(Kind::Reconstruct);
+                self.global(Kind::NdArray);
+                let length = u8::from(self.rng.below(20) == 0);
+                self.out.extend([b'K', length, 0x85]);
+                self.counted(b'C', 1, b"b");
+                self.op(0x87);
+                self.stack.pop();
+                self.push(Kind::Other, 1);
+                self.reduce(1, Kind::Other);
+                self.maybe_store();
+                self.op(b'(');
+                let version = 1 + u8::from(self.rng.below(20) == 0);
+                self.out.extend([b'K', version]);
+                let before = self.out.len();
+                self.marks.push(self.stack.len());
+                let size = self.dtype();
+                self.stack.pop();
+                self.marks.pop();
+                let (shape, data) = self.shape_and_data(size);
+                self.out.splice(before..before, shape);
+                let fortran = [0x89, 0x88][self.rng.below(2)];
+                self.op(fortran);
+                let (code, width) = [(b'C', 1), (b'U', 1), (0x96, 8)][self.rng.below(20).saturating_sub(17)];
+                self.counted(code, width, &data);
+                self.op(b't');
+                self.op(b'b');
+            }
+        }
+        self.maybe_store();
+    }
+
+    /// The calls that make something else than numpy's objects.
+    fn call(&mut self) {
+        match self.rng.below(3) {
+            0 => {
+                self.global(Kind::Encode);
+                let raw = if self.rng.below(2) == 0 { "é".to_owned() } else { "ab".to_owned() };
+                self.word(&raw);
+                let encoding = if self.rng.below(10) == 0 { "utf-8" } else { "latin1" };
+                self.word(encoding);
+                self.op(0x86);
+                self.push(Kind::Other, 1);
+                self.reduce(1, Kind::Bytes);
+            }
+            1 => {
+                self.global(Kind::DefaultDictType);
+                match self.rng.below(3) {
+                    0 => self.op(b')'),
+                    1 => {
+                        self.op(b'N');
+                        self.op(0x85);
+                    }
+                    _ => {
+                        let (module, name) = match (self.protocol, self.rng.below(2)) {
+                            (2, 0) => ("__builtin__", "long"),
+                            (2, _) => ("__builtin__", "int"),
+                            _ => ("builtins", "int"),
+                        };
+                        self.op(b'c');
+                        self.out.extend(format!("{module}\n{name}\n").bytes());
+                        self.push(Kind::Int, 1);
+                        self.stack.pop();
+                        self.op(0x85);
+                    }
+                }
+                self.push(Kind::Other, 1);
+                self.reduce(1, Kind::Dict);
+            }
+            _ => {
+                self.global(Kind::SetType);
+                self.op(b']');
+                self.op(b'(');
+                for _ in 0..self.rng.below(4) {
+                    let text = String::from_utf8(self.key_text()).expect("it is ASCII");
+                    self.word(&text);
+                }
+                self.op(b'e');
+                self.op(0x85);
+                self.push(Kind::Other, 1);
+                self.reduce(1, Kind::Set);
+            }
+        }
+        self.maybe_store();
+    }
+
+    /// One value out of what is on the stack, and STOP.
+    fn end(&mut self) {
+        while !self.marks.is_empty() {
+            self.close();
+        }
+        while self.stack.last().is_some_and(|top| !top.kind.is_plain()) {
+            self.op(b'0');
+            self.stack.pop();
+        }
+        if self.stack.is_empty() {
+            self.literal();
+        }
+        if self.rng.below(40) == 0 {
+            self.op(b'(');
+        }
+        self.op(b'.');
+        if self.rng.below(10) == 0 {
+            self.out.extend(b"what follows is not read");
+        }
+    }
+}

@@ -27,12 +27,10 @@ pub enum Error {
         source: std::io::Error,
     },
     /// It is larger than any scene.
-    #[error("`{}` holds {size} bytes; scene files are at most {limit}", path.display())]
+    #[error("`{}` holds more than {limit} bytes; no scene file does", path.display())]
     TooLarge {
         /// The file.
         path: PathBuf,
-        /// Its size in bytes.
-        size: u64,
         /// Largest size that is read.
         limit: u64,
     },

@@ -3,7 +3,7 @@
 use std::{
     cmp::Ordering,
     collections::{HashMap, HashSet},
-    path::{Path, PathBuf},
+    path::{Component, Path, PathBuf},
 };
 
 use rayon::prelude::*;
@@ -26,7 +26,7 @@ const ENDINGS: [&str; 2] = [".pkl", ".safetensors"];
 /// and `.safetensors` below the folder.
 ///
 /// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for one
-/// without scenes, [`Error::Field`] for a summary that lists files outside the folder.
+/// without scenes, [`Error::Field`] for a summary whose names are not those of files.
 pub fn scene_files(path: &Path) -> Result<Vec<PathBuf>, Error> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);
@@ -88,7 +88,7 @@ fn is_scene_name(name: &str) -> bool {
 
 fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
     let table =
-        |path: &Path| -> Result<Document, Error> { recording::parse(path, recording::read_bounded(path)?) };
+        |path: &Path| -> Result<Document, Error> { recording::parse(path, recording::read_inside(path)?) };
     let field = |path: &Path, field: String, found: String, expected: &str| Error::Field {
         path: path.to_owned(),
         field,
@@ -127,16 +127,38 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
             })?,
             None => "",
         };
-        let relative = Path::new(folder).join(name);
-        // A mapping may point beside the folder (ScenarioNet merges data sets that way), but an
-        // absolute name would let a summary name any file of the machine.
-        if relative.is_absolute() {
-            let found = format!("`{}`", relative.display());
-            return Err(field(summary, name.to_owned(), found, "a path relative to the folder"));
+        let wrong = |found: String, expected| field(summary, name.escape_debug().to_string(), found, expected);
+        if !is_plain_name(name) {
+            return Err(wrong(format!("`{}`", name.escape_debug()), "a file name without a folder"));
         }
-        files.push(root.join(relative));
+        // A mapping may point beside the folder, since ScenarioNet merges data sets that way, but an
+        // absolute one would let a summary name any file of the machine.
+        if Path::new(folder).has_root() || Path::new(folder).is_absolute() {
+            let found = format!("in `{}`", folder.escape_debug());
+            return Err(wrong(found, "a folder relative to the summary's"));
+        }
+        let file = root.join(folder).join(name);
+        if std::fs::metadata(&file).is_ok_and(|found| !found.is_file()) {
+            return Err(wrong("a folder, pipe or device".to_owned(), "a regular file"));
+        }
+        files.push(file);
     }
     Ok(files)
+}
+
+/// Whether a name is that of a file, with no way into another folder on any system.
+fn is_plain_name(name: &str) -> bool {
+    let mut parts = Path::new(name).components();
+    matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None))
+        && !name.contains(['/', '\\', '\0'])
+}
+
+/// Where a file lies below a folder; its bare name if it lies elsewhere. Never leads out of a folder
+/// that it is joined to.
+pub fn name_below(root: &Path, file: &Path) -> PathBuf {
+    let is_down = |below: &&Path| below.components().all(|part| matches!(part, Component::Normal(_)));
+    let below = file.strip_prefix(root).ok().filter(is_down);
+    below.map_or_else(|| file.file_name().map(PathBuf::from).unwrap_or_default(), Path::to_owned)
 }
 
 /// Order in which `2.pkl` comes before `10.pkl`.
@@ -164,6 +186,19 @@ pub fn natural_order(a: &str, b: &str) -> Ordering {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_stay_in_their_folder() {
+        for bad in ["", ".", "..", "../a.pkl", "a/b.pkl", "/a.pkl", "a\\b.pkl", "a/", "./a.pkl"] {
+            assert!(!is_plain_name(bad), "{bad}");
+        }
+        assert!(is_plain_name("sd_a..b.pkl"));
+        let below = |file: &str| name_below(Path::new("in"), Path::new(file));
+        assert_eq!(below("in/part/a.pkl"), Path::new("part/a.pkl"));
+        for elsewhere in ["in/../other/a.pkl", "in/part/../../a.pkl", "/a.pkl", "other/a.pkl"] {
+            assert_eq!(below(elsewhere), Path::new("a.pkl"), "{elsewhere}");
+        }
+    }
 
     #[test]
     fn numbers_in_names_order_by_value() {

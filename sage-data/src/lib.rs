@@ -14,6 +14,7 @@
 pub mod checks;
 mod error;
 pub mod folder;
+mod format;
 pub mod metadrive;
 mod native;
 pub mod pickle;
@@ -22,4 +23,5 @@ mod recording;
 pub mod split;
 
 pub use error::Error;
+pub use format::Format;
 pub use recording::{PROVENANCE, Recording, Source};

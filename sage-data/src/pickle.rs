@@ -45,10 +45,13 @@ pub struct PickleError {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PickleProblem {
+    /// There is nothing in the file.
+    #[error("the file is empty")]
+    EmptyFile,
     /// The file does not begin like a pickle.
     #[error("not a pickle: the first byte is {first:#04x}, expected 0x80 (PROTO)")]
     NotAPickle {
-        /// First byte of the file, 0 if it is empty.
+        /// First byte of the file.
         first: u8,
     },
     /// A protocol outside 2 to 5.

@@ -5,9 +5,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use sage_core::scene::Scene;
+use sage_core::{
+    files::{self, Existing},
+    scene::Scene,
+};
 
-use crate::{Error, metadrive, native, pickle::Document};
+use crate::{Error, Format, metadrive, native, pickle::Document};
 
 /// Largest scene file that is read, bytes. The largest of the public ones hold 2 MB.
 pub(crate) const MAX_FILE: u64 = 256 << 20;
@@ -52,7 +55,7 @@ impl Recording {
     ///
     /// *Errors*: as [`Recording::read`].
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
-        if is_native(&bytes) {
+        if Format::of(&bytes) == Some(Format::Native) {
             let scene = native::decode(&bytes, path)?;
             return Ok(Self {
                 path: path.to_owned(),
@@ -134,27 +137,16 @@ impl Recording {
         document
     }
 
-    /// Writes the recording under a temporary name and renames it: as a native file if the name
-    /// ends in `.safetensors`, as a MetaDrive pickle otherwise.
+    /// Writes the recording whole or not at all, over what is there: as a native file if the name ends
+    /// in `.safetensors`, as a MetaDrive pickle otherwise.
     ///
     /// *Errors*: [`Error::Write`], or as [`Recording::to_pickle`].
     pub fn write(&self, path: &Path) -> Result<(), Error> {
-        let fail = |source| Error::Write { path: path.to_owned(), source };
         let native = path.extension().is_some_and(|ending| ending == "safetensors");
         let bytes = if native { self.to_native()? } else { self.to_pickle()? };
-        let mut name = path.as_os_str().to_owned();
-        name.push(".part");
-        let part = PathBuf::from(name);
-        std::fs::write(&part, bytes).map_err(fail)?;
-        std::fs::rename(&part, path).map_err(fail)
+        files::write(path, &bytes, Existing::Replace)
+            .map_err(|source| Error::Write { path: path.to_owned(), source })
     }
-}
-
-/// Whether bytes are safetensors: a length of eight bytes, then a brace. The first byte of the
-/// length can be that of a pickle, but then no pickle's next bytes make a length this small.
-fn is_native(bytes: &[u8]) -> bool {
-    let Some((length, [b'{', ..])) = bytes.split_first_chunk::<8>() else { return false };
-    bytes[0] != 0x80 || u64::from_le_bytes(*length) <= bytes.len() as u64
 }
 
 /// The values of a pickle file.
@@ -162,20 +154,19 @@ pub(crate) fn parse(path: &Path, bytes: Vec<u8>) -> Result<Document, Error> {
     Document::parse(bytes).map_err(|problem| Error::Pickle { path: path.to_owned(), problem })
 }
 
-/// A file's bytes, if it is no larger than [`MAX_FILE`].
+/// The bytes of a scene file that the user named or a folder holds.
 pub(crate) fn read_bounded(path: &Path) -> Result<Vec<u8>, Error> {
-    use std::io::Read;
-    let fail = |source| Error::Read { path: path.to_owned(), source };
-    let file = std::fs::File::open(path).map_err(fail)?;
-    let size = file.metadata().map_err(fail)?.len();
-    if size > MAX_FILE {
-        return Err(Error::TooLarge { path: path.to_owned(), size, limit: MAX_FILE });
-    }
-    let mut bytes = Vec::with_capacity(size as usize);
-    // A pipe has no size to ask for, so the limit is kept while reading as well.
-    file.take(MAX_FILE + 1).read_to_end(&mut bytes).map_err(fail)?;
-    if bytes.len() as u64 > MAX_FILE {
-        return Err(Error::TooLarge { path: path.to_owned(), size: bytes.len() as u64, limit: MAX_FILE });
-    }
-    Ok(bytes)
+    read_with(path, files::read_argument)
+}
+
+/// The bytes of a file that lies in a folder: nothing but a regular file.
+pub(crate) fn read_inside(path: &Path) -> Result<Vec<u8>, Error> {
+    read_with(path, files::read)
+}
+
+fn read_with(path: &Path, read: fn(&Path, u64) -> std::io::Result<Vec<u8>>) -> Result<Vec<u8>, Error> {
+    read(path, MAX_FILE).map_err(|source| match source.kind() {
+        std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MAX_FILE },
+        _ => Error::Read { path: path.to_owned(), source },
+    })
 }

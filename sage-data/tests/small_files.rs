@@ -238,7 +238,7 @@ fn a_summary_says_which_files_are_scenes() {
 #[test]
 fn files_that_are_no_pickles_say_so() {
     let parse = |bytes: &[u8]| Document::parse(bytes.to_vec()).map(|_| ()).unwrap_err().kind.to_string();
-    assert!(parse(b"").starts_with("not a pickle"));
+    assert_eq!(parse(b""), "the file is empty");
     assert!(parse(b"PK\x03\x04").starts_with("not a pickle: the first byte is 0x50"));
     assert!(parse(b"\x80\x06N.").contains("protocol 6"));
     assert!(parse(b"\x80\x04").contains("ends inside a value"));
@@ -283,4 +283,27 @@ fn python_opens_native_files_with_one_import() {
         Ok(run) => assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr)),
         Err(_) => eprintln!("left out: no python3 at hand"),
     }
+}
+
+#[test]
+fn no_native_file_begins_like_a_pickle() {
+    let mut recording = Recording::read(&data("small_p4_core.pkl")).unwrap();
+    let header = |recording: &Recording| {
+        let bytes = recording.to_native().unwrap();
+        let length = u64::from_le_bytes(*bytes.first_chunk().unwrap());
+        assert_eq!(Recording::from_bytes(Path::new("x"), bytes).unwrap().scene, recording.scene);
+        length
+    };
+    // 0x10280: the bytes 0x80 0x02 of a pickle. Headers grow by eight bytes.
+    let taboo = 0x1_0280;
+    recording.scene.notes.push(String::new());
+    let missing = (taboo - header(&recording)) as usize;
+    let lengths: Vec<u64> = (0..24)
+        .map(|more| {
+            *recording.scene.notes.last_mut().unwrap() = "n".repeat(missing - 12 + more);
+            header(&recording)
+        })
+        .collect();
+    assert!(lengths.contains(&(taboo - 8)) && lengths.contains(&(taboo + 8)), "{lengths:?}");
+    assert!(!lengths.contains(&taboo), "{lengths:?}");
 }

@@ -6,7 +6,7 @@ use safetensors::{Dtype, tensor::TensorView};
 use sage_core::scene::{Lane, Scene, Track};
 
 use super::{Header, KEY, Link, VERSION, source};
-use crate::{Error, pickle::Document};
+use crate::{Error, Format, pickle::Document};
 
 /// A tensor in the making.
 pub(super) struct Packed {
@@ -35,10 +35,21 @@ pub(crate) fn encode(scene: &Scene, original: Option<&Document>, path: &Path) ->
         .iter()
         .map(|t| TensorView::new(t.dtype, t.shape.clone(), &t.data).map(|view| (t.name, view)))
         .collect();
-    let metadata = HashMap::from([(KEY.to_owned(), header)]);
-    safetensors::serialize(views.map_err(|e| fail(e.to_string()))?, Some(metadata))
-        .map_err(|e| fail(e.to_string()))
+    let views = views.map_err(|e| fail(e.to_string()))?;
+    let serialize = |header: &str| {
+        let metadata = HashMap::from([(KEY.to_owned(), header.to_owned())]);
+        safetensors::serialize(views.clone(), Some(metadata)).map_err(|e| fail(e.to_string()))
+    };
+    let bytes = serialize(&header)?;
+    if Format::of(&bytes) == Some(Format::Native) {
+        return Ok(bytes);
+    }
+    // The length of the header begins like a pickle. Eight more bytes are another length.
+    serialize(&(header + &" ".repeat(PADDING)))
 }
+
+/// Alignment of safetensors headers, bytes.
+const PADDING: usize = 8;
 
 fn header(scene: &Scene) -> Header {
     let map = &scene.map;

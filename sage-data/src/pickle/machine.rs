@@ -80,7 +80,7 @@ pub(super) struct Machine {
 
 impl Machine {
     fn run(&mut self, opcode_at: &mut usize) -> Result<Id, Problem> {
-        let first = self.document.first().copied().unwrap_or(0);
+        let first = *self.document.first().ok_or(Problem::EmptyFile)?;
         if first != op::PROTO {
             return Err(Problem::NotAPickle { first });
         }

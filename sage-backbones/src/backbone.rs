@@ -259,6 +259,21 @@ pub fn indices(modes: &[usize]) -> candle_core::Result<Tensor> {
     Tensor::from_vec(modes, count, &Device::Cpu)
 }
 
+/// Log-probabilities as numbers, 32 or 64 bits.
+///
+/// *Errors*: [`Error::Training`] with the first mode whose log-probability is not finite: nothing that is
+/// chosen by it means anything.
+pub fn finite<T: candle_core::WithDType + Into<f64>>(log_probs: &Tensor) -> Result<Vec<T>, Error> {
+    let values = log_probs.detach().to_dtype(T::DTYPE)?.flatten_all()?.to_vec1::<T>()?;
+    match values.iter().position(|x| !Into::<f64>::into(*x).is_finite()) {
+        Some(mode) => Err(Error::Training(format!(
+            "mode {mode} has log-probability {}; the weights or the scene are broken",
+            Into::<f64>::into(values[mode])
+        ))),
+        None => Ok(values),
+    }
+}
+
 /// A table as a tensor (rows, columns).
 pub fn tensor(table: &Table, dtype: DType) -> candle_core::Result<Tensor> {
     Tensor::from_slice(&table.values, (table.rows(), table.columns), &Device::Cpu)?.to_dtype(dtype)

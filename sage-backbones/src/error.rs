@@ -15,7 +15,7 @@ pub enum Error {
     #[error("network: {0}")]
     Tensor(candle_core::Error),
     /// Weights that do not fit the network.
-    #[error("{what}: {}", problems.join("; "))]
+    #[error("{what}: {}", first(problems))]
     Weights {
         /// The file, or where the weights come from.
         what: String,
@@ -70,5 +70,17 @@ impl Error {
             .get(track)
             .map_or_else(|| track.to_string(), |t| t.id.escape_debug().to_string());
         Self::Agent { scene: data.name.clone(), agent, source: Box::new(self) }
+    }
+}
+
+/// Problems named in a message; there may be one for each of hundreds of tensors.
+const NAMED: usize = 6;
+
+/// The first problems and the number of the others.
+fn first(problems: &[String]) -> String {
+    let named = problems[..problems.len().min(NAMED)].join("; ");
+    match problems.len().saturating_sub(NAMED) {
+        0 => named,
+        more => format!("{named}; and {more} more like these"),
     }
 }

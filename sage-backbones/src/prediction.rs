@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use candle_core::DType;
 use sage_core::{
     geometry::Point,
     motion::{HORIZON, Trajectory},
@@ -11,7 +10,7 @@ use sage_core::{
 
 use crate::{
     Error,
-    backbone::{Backbone, Encoding, to_world},
+    backbone::{Backbone, Encoding, finite, to_world},
     candidates::{Selection, choose},
     features::Features,
 };
@@ -53,10 +52,7 @@ pub fn propose(
     selection: Selection,
     rng: &mut Rng,
 ) -> Result<Vec<Predicted>, Error> {
-    let log_probs = network.log_probs(encoding)?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
-    if let Some(bad) = log_probs.iter().find(|p| p.is_nan()) {
-        return Err(Error::Training(format!("a mode has log-probability {bad}: the weights are broken")));
-    }
+    let log_probs: Vec<f32> = finite(&network.log_probs(encoding)?)?;
     let ends = network.mode_ends(encoding)?;
     let modes = choose(&log_probs, &ends, k, selection, rng);
     let features = encoding.features();

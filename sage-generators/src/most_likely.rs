@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use sage_backbones::{
     Backbone,
-    backbone::to_world,
+    backbone::{finite, to_world},
     candidates::ranked,
-    candle::DType,
     foresight::{View, foreseeing},
 };
 use sage_core::{
@@ -40,7 +39,7 @@ impl Generator for MostLikely {
             let adversary = scene.adversary_index()?;
             let features = foreseeing(&*self.prior, scene, ctx.index(), adversary, View::FULL)?;
             let encoding = self.network.encode(Arc::new(features))?;
-            let log_probs = self.network.log_probs(&encoding)?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
+            let log_probs: Vec<f32> = finite(&self.network.log_probs(&encoding)?)?;
             let best = ranked(&log_probs)[0];
             let end = self.network.mode_ends(&encoding)?[best];
             let mut paths = to_world(&self.network.trajectories(&encoding, &[best])?, encoding.features())?;

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use sage_backbones::{
     Backbone,
-    backbone::{Encoding, to_world},
+    backbone::{Encoding, finite, to_world},
     candidates::{Selection, choose},
-    candle::{DType, Device, Tensor},
+    candle::{Device, Tensor},
     features::{LOOKS, STRIDE},
     foresight::{View, foreseeing},
 };
@@ -99,7 +99,7 @@ impl Steered {
         let log_probs = self.network.log_probs(&encoding)?;
         let ends = self.network.mode_ends(&encoding)?;
         let mut rng = Rng::new(seed, &scene.id, "candidates");
-        let policy = log_probs.to_dtype(DType::F32)?.to_vec1::<f32>()?;
+        let policy: Vec<f32> = finite(&log_probs)?;
         let modes = choose(&policy, &ends, SPARE * self.candidates, self.selection, &mut rng);
         let paths = to_world(&self.network.trajectories(&encoding, &modes)?, encoding.features())?;
         let origin = encoding.features().frame.origin();
@@ -144,7 +144,7 @@ impl Steered {
         let places = Tensor::from_vec(places, (modes.len(), LOOKS, 2), &Device::Cpu)?;
         let places = places.to_dtype(log_probs.dtype())?;
         let found = self.network.log_probs_along(encoding, log_probs, &modes, &places)?;
-        for (paced, log_prob) in bent.iter_mut().zip(found.to_dtype(DType::F32)?.to_vec1::<f32>()?) {
+        for (paced, log_prob) in bent.iter_mut().zip(finite::<f32>(&found)?) {
             paced.log_prob = log_prob + RARELY;
         }
         Ok(())
@@ -301,7 +301,7 @@ pub(crate) fn surprises(
     if !judge.needs_surprise() {
         return Ok(vec![0.0; modes.len()]);
     }
-    let log_probs = prior.relative_log_probs(encoding, modes)?.to_dtype(DType::F64)?.to_vec1::<f64>()?;
+    let log_probs: Vec<f64> = finite(&prior.relative_log_probs(encoding, modes)?)?;
     Ok(log_probs.into_iter().map(|log_prob| -log_prob).collect())
 }
 

@@ -6,7 +6,7 @@ use anyhow::Result;
 use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
-    candle::DType,
+    backbone::finite,
     training::{Expectation, SceneData, TunedScene},
 };
 use sage_core::{
@@ -167,7 +167,7 @@ fn surprises(data: &SceneData, prior: &dyn Backbone, paths: [&Trajectory; 2]) ->
     }
     let features = prior.features(&data.scene, &data.index, adversary)?;
     let encoding = prior.encode(features.into())?;
-    let log_probs = prior.log_probs(&encoding)?.to_dtype(DType::F64)?.to_vec1::<f64>()?;
+    let log_probs: Vec<f64> = finite(&prior.log_probs(&encoding)?)?;
     let ends = prior.mode_ends(&encoding)?;
     let surprise = |path: &Trajectory| {
         let end = encoding.features().frame.to_local(path.points()[HORIZON - 1]);

@@ -2,12 +2,12 @@
 
 use std::{
     collections::{BTreeMap, HashMap},
-    io::{Read, Write},
     path::Path,
 };
 
 use candle_core::{Device, Tensor};
 use safetensors::SafeTensors;
+use sage_core::files::{self, Existing};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -63,7 +63,7 @@ impl Parameters {
 
     /// Reads what [`Parameters::to_bytes`] makes; `path` is for messages.
     ///
-    /// *Errors*: [`Error::Format`].
+    /// *Errors*: [`Error::Format`], also for a number that is not finite, with its tensor.
     pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<(Self, Header), Error> {
         let fail = |problem: String| Error::Format { path: path.to_owned(), problem };
         let broken = |e: safetensors::SafeTensorError| {
@@ -78,70 +78,46 @@ impl Parameters {
         let file = SafeTensors::deserialize(bytes).map_err(broken)?;
         let mut parameters = Self::default();
         for (name, view) in file.iter() {
+            let of_type = |problem: String| fail(format!("tensor `{}` {problem}", name.escape_debug()));
             let tensor = match view.dtype() {
                 safetensors::Dtype::F32 => numbers(view.data(), f32::from_le_bytes),
                 safetensors::Dtype::F64 => numbers(view.data(), f64::from_le_bytes),
-                other => {
-                    let name = name.escape_debug();
-                    return Err(fail(format!("tensor `{name}` holds {other:?}; expected F32 or F64")));
-                }
+                other => return Err(of_type(format!("holds {other:?}; expected F32 or F64"))),
             };
-            parameters.insert(name, tensor?.reshape(view.shape())?);
+            let tensor = tensor.map_err(of_type)?;
+            parameters.insert(name, tensor.reshape(view.shape())?);
         }
         Ok((parameters, header))
     }
 
-    /// Writes the file: under a temporary name first, so that no half of one is ever found.
+    /// Writes the file whole or not at all, over what is there.
     ///
     /// *Errors*: [`Error::Io`].
     pub fn save(&self, header: &Header, path: &Path) -> Result<(), Error> {
-        write_whole(path, &self.to_bytes(header)?)
+        let io = |source| Error::Io { verb: "write", path: path.to_owned(), source };
+        files::write(path, &self.to_bytes(header)?, Existing::Replace).map_err(io)
     }
 
     /// Reads a file.
     ///
     /// *Errors*: [`Error::Io`], [`Error::Format`].
     pub fn load(path: &Path) -> Result<(Self, Header), Error> {
-        Self::from_bytes(&read_whole(path, LIMIT)?, path)
+        let io = |source| Error::Io { verb: "read", path: path.to_owned(), source };
+        Self::from_bytes(&files::read(path, LIMIT).map_err(io)?, path)
     }
 }
 
-fn numbers<const N: usize, T: candle_core::WithDType>(
+/// A tensor of finite numbers.
+fn numbers<const N: usize, T: candle_core::WithDType + Into<f64>>(
     bytes: &[u8],
     read: impl Fn([u8; N]) -> T,
-) -> candle_core::Result<Tensor> {
+) -> Result<Tensor, String> {
     let (chunks, _) = bytes.as_chunks::<N>();
     let values: Vec<T> = chunks.iter().map(|chunk| read(*chunk)).collect();
-    let count = values.len();
-    Tensor::from_vec(values, count, &Device::Cpu)
-}
-
-/// Reads a file of at most `limit` bytes.
-pub(crate) fn read_whole(path: &Path, limit: u64) -> Result<Vec<u8>, Error> {
-    let io = |source| Error::Io { verb: "read", path: path.to_owned(), source };
-    let mut bytes = Vec::new();
-    std::fs::File::open(path).map_err(io)?.take(limit + 1).read_to_end(&mut bytes).map_err(io)?;
-    if bytes.len() as u64 > limit {
-        let problem = format!("is larger than {limit} bytes");
-        return Err(Error::Format { path: path.to_owned(), problem });
+    if let Some(place) = values.iter().position(|x| !Into::<f64>::into(*x).is_finite()) {
+        let value: f64 = values[place].into();
+        return Err(format!("holds {value} at place {place}; expected finite numbers: train or copy it again"));
     }
-    Ok(bytes)
-}
-
-/// Writes a file under a temporary name beside it, then renames it.
-pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let io = |source| Error::Io { verb: "write", path: path.to_owned(), source };
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let temporary = path.with_file_name(format!(".{name}.{}", std::process::id()));
-    let write = || {
-        let mut file = std::fs::File::create(&temporary)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        std::fs::rename(&temporary, path)
-    };
-    write().map_err(|source| {
-        // What is left of it is of no use to anyone.
-        let _ = std::fs::remove_file(&temporary);
-        io(source)
-    })
+    let count = values.len();
+    Tensor::from_vec(values, count, &Device::Cpu).map_err(|error| error.to_string())
 }

@@ -8,7 +8,7 @@
 
 use std::{path::Path, time::Instant};
 
-use candle_core::{DType, Device, Tensor};
+use candle_core::{Device, Tensor};
 use rayon::prelude::*;
 use sage_core::{
     preference_pairs::{Judged, Pairing, preference_pairs},
@@ -24,7 +24,7 @@ use super::{
 };
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Loss},
+    backbone::{Backbone, Loss, finite},
     candidates::{Selection, choose},
     nn::AdamWConfig,
     parameters::Header,
@@ -245,7 +245,9 @@ fn go_on(trainer: &mut Trainer, kept: Option<&Kept>, config: AdamWConfig) -> Res
 
 fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch: u32) -> Result<Part, Error> {
     let log_probs = trainer.network().log_probs(&scene.encoding)?;
-    let policy: Vec<f32> = log_probs.detach().to_dtype(DType::F32)?.to_vec1()?;
+    let what = format!("epoch {epoch}, scene `{}`", scene.name);
+    let policy: Vec<f32> =
+        finite(&log_probs).map_err(|error| Error::Training(format!("{what}: {error}")))?;
     let mut rng = Rng::new(options.seed, &scene.name, &format!("candidates of epoch {epoch}"));
     let chosen = choose(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
     let judged: Vec<Judged> = chosen
@@ -294,7 +296,7 @@ fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch:
     row.loss = loss.parts[0].1;
     row.margin = values.iter().sum::<f64>() / count as f64;
     row.accuracy = values.iter().filter(|m| **m > 0.0).count() as f64 / count as f64;
-    let gradient = trainer.gradient(&loss, &format!("epoch {epoch}, scene `{}`", scene.name))?;
+    let gradient = trainer.gradient(&loss, &what)?;
     Ok(Part { gradient: Some(gradient), row })
 }
 

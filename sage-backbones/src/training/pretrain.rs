@@ -7,7 +7,6 @@ use std::{
     time::Instant,
 };
 
-use candle_core::DType;
 use rayon::prelude::*;
 use sage_core::{seed::Rng, statistics};
 use serde::{Deserialize, Serialize};
@@ -17,7 +16,7 @@ use super::{
     samples::{Example, recorded},
 };
 use crate::{
-    Error, Parameters, backbone::Backbone, candidates::Selection, labels, nn::AdamWConfig,
+    Error, Parameters, backbone::{Backbone, finite}, candidates::Selection, labels, nn::AdamWConfig,
     parameters::Header, prediction::propose,
 };
 
@@ -313,7 +312,7 @@ impl Run<'_> {
             let nms = Selection::Nms { radius: self.options.radius };
             let named = |error: Error| error.of(data, example.track);
             let six = propose(&*network, &encoding, 6, nms, &mut Rng::new(0, "", "")).map_err(named)?;
-            let log_probs = network.log_probs(&encoding)?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
+            let log_probs: Vec<f32> = finite(&network.log_probs(&encoding)?).map_err(named)?;
             let ends = network.mode_ends(&encoding)?;
             let nearest = labels::nearest(&ends, labels::end(&sample.future, &sample.valid).position);
             let distances = truth.distances(six.iter().map(|p| p.trajectory.points()));

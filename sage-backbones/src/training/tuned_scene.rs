@@ -15,7 +15,7 @@ use serde::Serialize;
 use super::SceneData;
 use crate::{
     Error,
-    backbone::{Backbone, Encoding, to_world},
+    backbone::{Backbone, Encoding, finite, to_world},
     foresight::{View, foreseeing},
 };
 
@@ -70,7 +70,7 @@ impl TunedScene {
             let sides = Tensor::new(&[1.0, -1.0], &Device::Cpu)?.to_dtype(paths.dtype())?;
             paths = paths.broadcast_mul(&sides)?;
         }
-        let paths = to_world(&paths, encoding.features())?;
+        let paths = to_world(&paths, encoding.features()).map_err(|error| error.of(data, adversary))?;
         let rule = MapFeasibility::build(Default::default()).map_err(Error::Training)?;
         let mut table = GoalTable {
             reward: Vec::with_capacity(modes.len()),
@@ -92,7 +92,7 @@ impl TunedScene {
             table.map_penalty.push(costs.sum());
             table.feasible.push(broken.is_empty());
         }
-        let reference = numbers(&prior.log_probs(&encoding)?)?;
+        let reference = finite(&prior.log_probs(&encoding)?).map_err(|error| error.of(data, adversary))?;
         let name = if mirrored { format!("{} mirrored", data.name) } else { data.name.clone() };
         Ok(Some(Self { name, encoding, ends, table, reference }))
     }
@@ -147,7 +147,7 @@ impl TunedScene {
     ///
     /// *Errors*: those of the network.
     pub fn expectation(&self, policy: &dyn Backbone) -> Result<Expectation, Error> {
-        Ok(self.weigh(&numbers(&policy.log_probs(&self.encoding)?)?))
+        Ok(self.weigh(&finite::<f64>(&policy.log_probs(&self.encoding)?)?))
     }
 
     pub(super) fn weigh(&self, log_probs: &[f64]) -> Expectation {

@@ -1,9 +1,10 @@
 //! Files of candidate trajectories, and the scenes they are for.
 
-use std::{io::Read, path::Path};
+use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
 use sage_core::{
+    files,
     geometry::Point,
     motion::{HORIZON, NOW, Trajectory},
     objective::EgoPath,
@@ -39,15 +40,7 @@ pub(crate) struct Named {
 /// *Errors*: what is wrong, with the file, the candidate and the value.
 pub(crate) fn read(path: &Path) -> Result<Vec<Named>> {
     let file = path.display();
-    let mut text = String::new();
-    let read = match path.to_str() {
-        Some("-") => std::io::stdin().take(LIMIT + 1).read_to_string(&mut text),
-        _ => std::fs::File::open(path).and_then(|file| file.take(LIMIT + 1).read_to_string(&mut text)),
-    };
-    read.with_context(|| format!("cannot read `{file}`"))?;
-    if text.len() as u64 > LIMIT {
-        bail!("`{file}` holds more than {LIMIT} bytes; take it in parts");
-    }
+    let text = files::read_argument_text(path, LIMIT).with_context(|| format!("cannot read `{file}`"))?;
     let rows: Vec<Row> = serde_json::from_str(&text).with_context(|| {
         format!(r#"`{file}` is not a JSON list of {{"name", "trajectory": [[x, y] × {HORIZON}], "ego": optional}}"#)
     })?;

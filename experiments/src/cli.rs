@@ -18,6 +18,11 @@ use crate::{Outcome, Registries, commands, threads};
 pub(crate) use attacking::{CalibrateArgs, DialBenchArgs, GenerateArgs, OpenLoopArgs};
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 
+/// Most procedural scenes that a command makes to learn from or to measure on.
+pub(crate) const MOST_MADE: u64 = 100_000;
+/// Most procedural scenes that are written to a folder at once.
+const MOST_COUNT: u64 = 10_000_000;
+
 /// Steerable adversarial scenario generation for testing driving software.
 #[derive(Debug, Parser)]
 #[command(name = "sage", version, max_term_width = 100)]
@@ -197,7 +202,7 @@ pub(crate) struct ScenesArgs {
     #[arg(long, value_name = "KIND", value_parser = kinds())]
     pub kind: Vec<Kind>,
     /// Number of scenes.
-    #[arg(long, value_name = "N", default_value_t = 6)]
+    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u64).range(..=MOST_COUNT))]
     pub count: u64,
     /// Seed.
     #[arg(long, value_name = "S", default_value_t = 1)]

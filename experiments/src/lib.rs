@@ -23,6 +23,8 @@ mod networks;
 mod output;
 mod progress;
 mod scenes;
+mod signals;
+mod terminal;
 mod threads;
 
 use std::{io, process::ExitCode};
@@ -84,6 +86,7 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
     if let Some(code) = cli.needs_networks().then(threads::run_anew).flatten() {
         return code;
     }
+    signals::clean_up_when_stopped();
     let outcome = registries().map_err(anyhow::Error::from).and_then(|registries| cli.execute(&registries));
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

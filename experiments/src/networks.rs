@@ -5,9 +5,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context as _, Result, bail};
-use sage_backbones::{Backbone, Parameters, parameters::Header};
-use sage_core::registry::Registry;
+use anyhow::{Context as _, Result, bail, ensure};
+use sage_backbones::{Backbone, Parameters, candle::DType, parameters::Header};
+use sage_core::{files, registry::Registry};
 use sage_data::Recording;
 use sage_generators::{Aggression, Choice};
 use sage_merging::Experts;
@@ -24,6 +24,10 @@ const ADVERSARIAL: &[u8] = include_bytes!("../../weights/procedural/adversarial.
 const DIAL: &str = include_str!("../../weights/procedural/dial.json");
 /// File of the even dial in a folder of weights.
 pub(crate) const DIAL_FILE: &str = "dial.json";
+/// Largest file of a dial that is read, bytes.
+const DIAL_LIMIT: u64 = 16 << 20;
+/// Variable of the environment: the folder of weights trained on recorded scenes.
+const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
 /// File of a prior in a folder of weights.
 pub(crate) const PRIOR: &str = "prior.safetensors";
 
@@ -81,6 +85,7 @@ pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Load
     if let Some(expert) = header.notes.get(EXPERT) {
         bail!("`{}` is the {expert} expert of a prior, no prior; name the folder it lies in", from.display());
     }
+    check_type(&parameters, &from)?;
     let network = registry
         .build(&header.backbone, &header.options)
         .with_context(|| format!("`{}` cannot be used", from.display()))?;
@@ -88,12 +93,25 @@ pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Load
     Ok(Loaded { network, header, name: name.to_owned() })
 }
 
+/// Refuses weights that the commands do not compute with.
+fn check_type(parameters: &Parameters, from: &Path) -> Result<()> {
+    match parameters.iter().find(|(_, tensor)| tensor.dtype() != DType::F32) {
+        Some((name, tensor)) => bail!(
+            "`{}`: tensor `{}` holds {:?}; the commands compute with F32: convert the weights",
+            from.display(),
+            name.escape_debug(),
+            tensor.dtype()
+        ),
+        None => Ok(()),
+    }
+}
+
 /// The file of weights of a name.
 fn find(name: &str) -> Result<PathBuf> {
     if name == "waymo" {
-        return waymo().with_context(|| {
+        return waymo()?.with_context(|| {
             format!(
-                "no weights `waymo`: neither `weights/waymo/{PRIOR}` nor a file of that name in the folder that SAGE_WEIGHTS gives; use --weights procedural, or a folder"
+                "no weights `waymo`: there is no `weights/waymo/{PRIOR}` here, and {WEIGHTS_VARIABLE} names no folder; use --weights procedural, or a folder"
             )
         });
     }
@@ -108,18 +126,28 @@ fn find(name: &str) -> Result<PathBuf> {
 }
 
 /// Weights trained on recorded scenes, if they are at hand.
-fn waymo() -> Option<PathBuf> {
-    let beside = std::env::var_os("SAGE_WEIGHTS").map(PathBuf::from);
-    let folders = beside.iter().flat_map(|dir| [dir.join("waymo"), dir.clone()]);
-    folders.chain([PathBuf::from("weights/waymo")]).map(|dir| dir.join(PRIOR)).find(|file| file.is_file())
+///
+/// *Errors*: the variable names a folder without them.
+fn waymo() -> Result<Option<PathBuf>> {
+    let file = |folder: PathBuf| Some(folder.join(PRIOR)).filter(|file| file.is_file());
+    match std::env::var_os(WEIGHTS_VARIABLE).filter(|folder| !folder.is_empty()).map(PathBuf::from) {
+        Some(folder) => match file(folder.join("waymo")).or_else(|| file(folder.clone())) {
+            Some(found) => Ok(Some(found)),
+            None => bail!(
+                "{WEIGHTS_VARIABLE} is `{}`, which holds neither `waymo/{PRIOR}` nor `{PRIOR}`; correct or unset it",
+                folder.display()
+            ),
+        },
+        None => Ok(file(PathBuf::from("weights/waymo"))),
+    }
 }
 
 /// Weights for a scene where the user names none: `waymo` for a recording if they are at hand.
 ///
-/// *Errors*: a native file whose source is damaged.
+/// *Errors*: a native file whose source is damaged; a variable that names no weights.
 pub(crate) fn default_for(recording: &Recording) -> Result<&'static str> {
     let is_recorded = !recording.is_made()?;
-    Ok(if is_recorded && waymo().is_some() { "waymo" } else { "procedural" })
+    Ok(if waymo()?.is_some() && is_recorded { "waymo" } else { "procedural" })
 }
 
 /// Loads a prior with its experts: `procedural`, `waymo`, or a folder that `sage finetune` made.
@@ -140,16 +168,29 @@ pub(crate) fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Res
             }
             Parameters::load(&path)?
         };
-        if header.notes.get(TUNED_FROM).is_some_and(|from| *from != prior) {
-            bail!(
-                "the {expert} expert `{}` was tuned from another one than the prior beside it",
-                path.display()
-            );
-        }
+        check_type(&parameters, &path)?;
+        check_origin(expert, &header, &prior).with_context(|| format!("`{}`", path.display()))?;
         Ok(parameters)
     };
     let [realistic, adversarial] = [expert("realistic", REALISTIC)?, expert("adversarial", ADVERSARIAL)?];
     Experts::new(loaded.network, realistic, adversarial).with_context(|| format!("weights `{name}`"))
+}
+
+/// Compares what an expert's file says of itself with its place and the prior beside it.
+fn check_origin(expert: &str, header: &Header, prior: &str) -> Result<()> {
+    let remedy = "make the experts anew with `sage finetune`";
+    let (Some(says), Some(from)) = (header.notes.get(EXPERT), header.notes.get(TUNED_FROM)) else {
+        bail!("it does not say which expert it is and of which prior: {remedy}");
+    };
+    ensure!(
+        says == expert,
+        "it says that it is the {says} expert, where the {expert} one belongs: the files were swapped or renamed"
+    );
+    ensure!(
+        from == prior,
+        "the {expert} expert was tuned from another prior ({from}) than the one beside it ({prior}): {remedy}"
+    );
+    Ok(())
 }
 
 /// The even dial of some experts under a choice.
@@ -161,7 +202,7 @@ pub(crate) fn load_dial(name: &str, experts: &Experts, choice: Choice) -> Result
         (DIAL.to_owned(), "weights/procedural (in the binary)".to_owned())
     } else {
         let path = find(name)?.with_file_name(DIAL_FILE);
-        let text = std::fs::read_to_string(&path)
+        let text = files::read_text(&path, DIAL_LIMIT)
             .with_context(|| format!("no dial `{}`: {remedy}", path.display()))?;
         (text, path.display().to_string())
     };

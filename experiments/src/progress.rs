@@ -5,12 +5,14 @@ use std::{
     time::{Duration, Instant},
 };
 
+use crate::terminal;
+
 /// Time between two renewals.
 const PACE: Duration = Duration::from_millis(200);
 
 /// Says a line on stderr. Nobody there to hear it is no reason to stop.
 pub(crate) fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{text}");
+    let _ = writeln!(std::io::stderr(), "{}", terminal::harmless(text));
 }
 
 /// Counts work done.

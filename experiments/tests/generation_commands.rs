@@ -157,15 +157,16 @@ fn open_loop_compares_methods_and_keeps_its_table() {
     let mut record: Value = serde_json::from_str(&std::fs::read_to_string(&run).unwrap()).unwrap();
     record["seconds"] = Value::Null;
     std::fs::write(&run, record.to_string()).unwrap();
-    std::fs::create_dir(out.join(".sage-rows")).unwrap();
-    let kept = r#"{"method": "sage 0.00", "rows": [], "errors": []}"#;
-    std::fs::write(out.join(".sage-rows/000.json"), kept).unwrap();
-    std::fs::write(out.join(".sage-rows/001.json"), "cut off").unwrap();
+    let results = out.join(".sage-rows");
+    std::fs::create_dir(&results).unwrap();
+    std::fs::write(results.join("000000.json"), "cut off").unwrap();
     let again = sage(&[&arguments[..], &WEIGHTS].concat());
-    assert!(stdout(&again).contains("| sage 0.00 | 0 |") && stderr(&again).contains("it goes on"));
-    assert!(stdout(&again).contains("| sage 1.00 | 3 |"));
-    let error = failure(&[&arguments[..], &WEIGHTS].concat());
-    assert!(error.contains("is not empty; give --force"), "a finished run is not gone on with: {error}");
+    assert!(stdout(&again) == table && stderr(&again).contains("it goes on"));
+    assert!(!results.exists());
+    let done = sage(&[&arguments[..], &WEIGHTS].concat());
+    assert!(stdout(&done) == table && stderr(&done).contains("it is done"), "{}", stderr(&done));
+    let error = failure(&[&arguments[..], &WEIGHTS, &["--seed", "1"]].concat());
+    assert!(error.contains("is not empty"), "another run needs --force: {error}");
 }
 
 #[test]

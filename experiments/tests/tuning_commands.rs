@@ -70,7 +70,7 @@ fn experts_are_tuned_from_either_network_merged_and_used() {
             text(&folder.path().join("x")),
         ]);
         assert!(
-            error.contains("the realistic expert") && error.contains("tuned from another one"),
+            error.contains("the realistic expert") && error.contains("tuned from another prior"),
             "{error}"
         );
     }

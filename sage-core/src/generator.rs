@@ -1,6 +1,6 @@
 //! What every generator of adversarial scenes offers.
 
-use crate::{Error, geometry::Point, motion::Trajectory, objective::Context};
+use crate::{Error, geometry::Point, motion::Trajectory, objective::Context, scene::Scene};
 
 /// One way that a generator thought of.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,6 +26,25 @@ pub struct Attack {
 }
 
 impl Attack {
+    /// Refuses an attack that means nothing: a choice that is not among the candidates, or a
+    /// log-probability or goal that is not finite. Trajectories are checked when they are made.
+    ///
+    /// *Errors*: [`Error::Scene`] with the candidate at fault.
+    pub fn check(&self, scene: &Scene) -> Result<(), Error> {
+        let fail = |problem: String| Err(Error::Scene { scene: scene.id.clone(), problem });
+        if self.chosen >= self.candidates.len() {
+            let (chosen, count) = (self.chosen, self.candidates.len());
+            return fail(format!("the generator chose candidate {chosen} of {count}"));
+        }
+        for (k, candidate) in self.candidates.iter().enumerate() {
+            let values = candidate.goal.into_iter().flatten().chain(candidate.log_prob);
+            if let Some(value) = values.into_iter().find(|x| !x.is_finite()) {
+                return fail(format!("candidate {k} has a goal or log-probability of {value}"));
+            }
+        }
+        Ok(())
+    }
+
     /// The chosen way.
     pub fn trajectory(&self) -> &Trajectory {
         &self.candidates[self.chosen].trajectory

@@ -127,7 +127,8 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
             })?,
             None => "",
         };
-        let wrong = |found: String, expected| field(summary, name.escape_debug().to_string(), found, expected);
+        let wrong =
+            |found: String, expected| field(summary, name.escape_debug().to_string(), found, expected);
         if !is_plain_name(name) {
             return Err(wrong(format!("`{}`", name.escape_debug()), "a file name without a folder"));
         }

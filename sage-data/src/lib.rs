@@ -24,4 +24,4 @@ pub mod split;
 
 pub use error::Error;
 pub use format::Format;
-pub use recording::{PROVENANCE, Recording, Source};
+pub use recording::{MAX_FILE, PROVENANCE, Recording, Source};

@@ -7,13 +7,18 @@ use std::{
 
 use sage_core::{
     files::{self, Existing},
+    geometry::distance,
     scene::Scene,
 };
 
 use crate::{Error, Format, metadrive, native, pickle::Document};
 
 /// Largest scene file that is read, bytes. The largest of the public ones hold 2 MB.
-pub(crate) const MAX_FILE: u64 = 256 << 20;
+pub const MAX_FILE: u64 = 256 << 20;
+
+/// Longest that the lines of a map may be together, metres. Of 30 public maps none has more than 21 km.
+/// Without a limit a small file could make every search among lines slow.
+const MAX_LINES: f64 = 16e6;
 
 /// A scene and what its file holds beyond it.
 #[derive(Clone, Debug)]
@@ -27,6 +32,21 @@ pub struct Recording {
     /// How the scene came to differ from its source, for whoever reads the written file: it becomes
     /// the text [`PROVENANCE`] in the metadata, or a note in a native file without a source.
     pub provenance: Option<String>,
+}
+
+/// Refuses a map whose lines are too long together.
+fn check_lines(scene: &Scene, path: &Path) -> Result<(), Error> {
+    let lines = scene.map.polylines(|_| true).flat_map(|(_, points)| points.windows(2));
+    let length: f64 = lines.map(|w| distance([w[0][0], w[0][1]], [w[1][0], w[1][1]])).sum();
+    if length <= MAX_LINES {
+        return Ok(());
+    }
+    Err(Error::Field {
+        path: path.to_owned(),
+        field: "map_features".to_owned(),
+        found: format!("lines of {:.0} km together", 1e-3 * length),
+        expected: format!("at most {:.0} km", 1e-3 * MAX_LINES),
+    })
 }
 
 /// Key of a written file's metadata that tells how the scene was made from its source.
@@ -57,6 +77,7 @@ impl Recording {
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
         if Format::of(&bytes) == Some(Format::Native) {
             let scene = native::decode(&bytes, path)?;
+            check_lines(&scene, path)?;
             return Ok(Self {
                 path: path.to_owned(),
                 scene,
@@ -66,6 +87,7 @@ impl Recording {
         }
         let source = parse(path, bytes)?;
         let scene = metadrive::decode(&source, path)?;
+        check_lines(&scene, path)?;
         Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source), provenance: None })
     }
 

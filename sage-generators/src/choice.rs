@@ -148,23 +148,67 @@ impl Judge {
 
     /// Judges one way; `surprise` is its −log p under the prior, up to what all candidates share.
     pub fn judge(&self, candidate: &Candidate, surprise: f64, ctx: &Context) -> Judged {
-        let encounter = Encounter::of(candidate, ctx);
         let costs = self.rule.violations(candidate, ctx);
         let is_feasible = costs.is_empty();
         let cost = |rule: Rule| if rule == Rule::Agent { AGENT } else { EDGE };
+        let at_best = self.at_best(candidate, surprise, ctx);
         Judged {
-            reward: encounter.reward(ctx.convention()),
-            penalty: kinematic_penalty(candidate.profile()) + behavior_penalty(candidate.profile()),
             map_penalty: costs.iter().map(|reason| cost(reason.rule)).sum(),
-            hits: encounter.contact.is_some(),
             unnatural: match self.choice {
                 // Only the feasible are compared by it.
                 Choice::Natural if is_feasible => {
-                    LANE * coarse_lane_distance(candidate, ctx) + SURPRISE * surprise
+                    LANE * coarse_lane_distance(candidate, ctx) + at_best.unnatural
                 }
                 _ => 0.0,
             },
+            ..at_best
         }
+    }
+
+    /// What a way is worth if it touches nothing and keeps to the lanes: the map is not asked.
+    fn at_best(&self, candidate: &Candidate, surprise: f64, ctx: &Context) -> Judged {
+        let encounter = Encounter::of(candidate, ctx);
+        Judged {
+            reward: encounter.reward(ctx.convention()),
+            penalty: kinematic_penalty(candidate.profile()) + behavior_penalty(candidate.profile()),
+            map_penalty: 0.0,
+            hits: encounter.contact.is_some(),
+            unnatural: match self.choice {
+                Choice::Natural => SURPRISE * surprise,
+                Choice::Paper => 0.0,
+            },
+        }
+    }
+
+    /// Judges many paths with their surprises and chooses as [`Judge::choose`] does, the most promising
+    /// first: what can no longer win is not asked what it touches.
+    pub fn search<'p>(
+        &self,
+        ways: impl Iterator<Item = (&'p Trajectory, f64)>,
+        ctx: &Context,
+    ) -> (usize, Option<String>) {
+        let at_best = |(path, surprise): (&Trajectory, f64)| {
+            self.at_best(&ctx.candidate(path.clone()), surprise, ctx).value(self.mu)
+        };
+        let ways: Vec<_> = ways.collect();
+        let mut order: Vec<(f64, usize)> = ways.iter().map(|&way| at_best(way)).zip(0..).collect();
+        order.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (mut most, mut judged) = (f64::NEG_INFINITY, Vec::new());
+        for (at_best, k) in order {
+            if at_best < most {
+                break;
+            }
+            let (path, surprise) = ways[k];
+            let j = self.judge(&ctx.candidate(path.clone()), surprise, ctx);
+            if j.is_feasible() {
+                most = most.max(j.value(self.mu));
+            }
+            judged.push((k, j));
+        }
+        judged.sort_by_key(|(k, _)| *k);
+        let (numbers, judged): (Vec<_>, Vec<_>) = judged.into_iter().unzip();
+        let (chosen, note) = self.choose(&judged);
+        (numbers.get(chosen).copied().unwrap_or(0), note)
     }
 
     /// The best of the feasible, the first of equals; if none is, the one that breaks least, and a note.

@@ -7,7 +7,6 @@ use sage_backbones::{Backbone, backbone::to_world};
 use sage_core::{
     Error,
     generator::{Attack, Generator, Proposed},
-    motion::Trajectory,
     objective::Context,
     registry::Entry,
 };
@@ -50,11 +49,7 @@ impl Generator for Oracle {
             let mut paths = paced.collect::<Result<Vec<_>, Error>>()?;
             let surprises = surprises(&self.judge, &*self.prior, &encoding, &modes)?;
             // All goals at one pace, then at the next.
-            let judge = |(path, surprise): (&Trajectory, &f64)| {
-                self.judge.judge(&ctx.candidate(path.clone()), *surprise, ctx)
-            };
-            let judged: Vec<_> = paths.iter().zip(surprises.iter().cycle()).map(judge).collect();
-            let (best, note) = self.judge.choose(&judged);
+            let (best, note) = self.judge.search(paths.iter().zip(surprises.iter().copied().cycle()), ctx);
             let goal = Some(encoding.features().frame.to_world(ends[best % ends.len()].map(f64::from)));
             // One candidate: the thousands that lost are of no use to anyone.
             let candidates = vec![Proposed { trajectory: paths.swap_remove(best), log_prob: None, goal }];

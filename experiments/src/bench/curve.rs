@@ -1,12 +1,12 @@
 //! The curves of a training run, as CSV and as a picture.
 
-use std::{fmt::Write as _, path::Path};
+use std::fmt::Write as _;
 
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
 use sage_backbones::training::EpochRow;
 
-use crate::output;
+use crate::output::Folder;
 
 /// Size of the picture, pixels.
 const SIZE: (u32, u32) = (720, 360);
@@ -14,7 +14,7 @@ const SIZE: (u32, u32) = (720, 360);
 /// Writes `curve.csv` and `curve.svg` into a folder.
 ///
 /// *Errors*: the folder cannot be written to.
-pub(crate) fn write(folder: &Path, rows: &[EpochRow]) -> Result<()> {
+pub(crate) fn write(folder: &Folder, rows: &[EpochRow]) -> Result<()> {
     let mut csv = "epoch,steps,goal_loss,path_loss,gradient,rate,min_fde6_m,surprise,seconds\n".to_owned();
     for r in rows {
         writeln!(
@@ -23,9 +23,9 @@ pub(crate) fn write(folder: &Path, rows: &[EpochRow]) -> Result<()> {
             r.epoch, r.steps, r.goal, r.path, r.gradient, r.rate, r.min_fde6, r.surprise, r.seconds
         )?;
     }
-    output::write_file(&folder.join("curve.csv"), csv.as_bytes(), true)?;
+    folder.write("curve.csv", csv.as_bytes())?;
     let picture = draw(rows).map_err(|e| anyhow!("the curve cannot be drawn: {e}"))?;
-    output::write_file(&folder.join("curve.svg"), picture.as_bytes(), true)
+    folder.write("curve.svg", picture.as_bytes())
 }
 
 fn draw(rows: &[EpochRow]) -> Result<String, Box<dyn std::error::Error>> {

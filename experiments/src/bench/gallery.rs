@@ -1,6 +1,6 @@
 //! Pictures of an open-loop run, and a page that shows them.
 
-use std::{fmt::Write as _, path::Path};
+use std::{collections::HashSet, fmt::Write as _, path::Path};
 
 use anyhow::Result;
 use sage_backbones::training::SceneData;
@@ -13,14 +13,18 @@ use super::{
 use crate::{
     commands::draw::drawn_path,
     drawing::{self, Picture},
-    output,
+    output::{self, Folder},
+    scenes::Scenes,
 };
 
 /// Writes for each method its strongest and its median attack as SVG, and `index.html`, which shows them
 /// beside the table and opens from disk.
 ///
 /// *Errors*: the folder cannot be written to.
-pub(crate) fn write(folder: &Path, scenes: &[SceneData], table: &Table, markdown: &str) -> Result<()> {
+pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &str) -> Result<()> {
+    let cases: Vec<_> = table.iter().map(|(_, rows)| cases(rows)).collect();
+    let shown: HashSet<&str> = cases.iter().flatten().map(|(_, row)| &row.scene[..]).collect();
+    let scenes = scenes.by_name(&shown)?;
     let mut cards = String::new();
     for (k, (method, rows)) in table.iter().enumerate() {
         writeln!(cards, "<h2>{}</h2>", escaped(method))?;
@@ -29,10 +33,10 @@ pub(crate) fn write(folder: &Path, scenes: &[SceneData], table: &Table, markdown
             "<p>{:.1} ms a scene (median, with other scenes beside it on all threads)</p><div class=row>",
             1e3 * seconds(rows)
         )?;
-        for (which, row) in cases(rows) {
-            let Some(data) = scenes.iter().find(|data| data.name == row.scene) else { continue };
+        for (which, row) in &cases[k] {
+            let Some(data) = scenes.get(&row.scene) else { continue };
             let name = format!("{k:02}-{which}.svg");
-            output::write_file(&folder.join(&name), picture(data, method, row)?.as_bytes(), true)?;
+            folder.write(&name, picture(data, method, row)?.as_bytes())?;
             let kind = row.kind.map_or("no contact", CollisionKind::name);
             writeln!(
                 cards,
@@ -48,7 +52,7 @@ pub(crate) fn write(folder: &Path, scenes: &[SceneData], table: &Table, markdown
         escaped(&output::command()),
         html_tables(markdown)?,
     );
-    output::write_file(&folder.join("index.html"), page.as_bytes(), true)
+    folder.write("index.html", page.as_bytes())
 }
 
 const STYLE: &str = "body{font:15px sans-serif;margin:2em}table{border-collapse:collapse;font-size:12px;display:block;overflow-x:auto}td,th{border:1px solid #ccc;padding:2px 6px;white-space:nowrap}.row{display:flex;flex-wrap:wrap;gap:1em}figure{margin:0}img{width:560px;border:1px solid #ddd}";

@@ -18,7 +18,6 @@ use sage_core::{
     seed::Rng,
     statistics::median,
 };
-use sage_data::Recording;
 use sage_generators::Choice;
 use sage_merging::{Dial, Merger, mergers};
 
@@ -27,7 +26,7 @@ use crate::{
     networks,
 };
 
-use super::speed::{CANDIDATES, Timing, measure, timing};
+use super::speed::{CANDIDATES, Data, Timing, measure, timing};
 
 /// Goals that published times are of.
 const GOALS: usize = 2000;
@@ -45,7 +44,8 @@ struct Case {
 /// Times the default network and the published one.
 ///
 /// *Errors*: a scene that cannot be read, or none with an adversary to predict.
-pub fn run(files: &[PathBuf], repeat: usize, mut report: impl FnMut(Timing) -> Result<()>) -> Result<()> {
+pub(super) fn run(data: &Data, repeat: usize, mut report: impl FnMut(Timing) -> Result<()>) -> Result<()> {
+    let files = data.files();
     let is_published =
         |file: &&PathBuf| PUBLISHED.iter().any(|name| file.file_stem().is_some_and(|stem| stem == *name));
     let mut chosen: Vec<&PathBuf> = files.iter().filter(is_published).collect();
@@ -54,7 +54,7 @@ pub fn run(files: &[PathBuf], repeat: usize, mut report: impl FnMut(Timing) -> R
     }
     let mut cases = Vec::new();
     for file in chosen {
-        let data = SceneData::new(file.display().to_string(), Recording::read(file)?.scene);
+        let data = SceneData::new(file.display().to_string(), data.scene(file)?);
         data.index.build_all();
         let usable = Examples::of(std::slice::from_ref(&data));
         let target = usable.list().iter().find(|e| Some(e.track) == data.scene.adversary).map(|e| e.track);

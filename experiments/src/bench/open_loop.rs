@@ -3,7 +3,6 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
     backbone::finite,
@@ -116,17 +115,10 @@ pub fn estimate(column: &Column, rows: &[SceneRow]) -> Option<Estimate> {
     statistics::bootstrap_mean(&values, RESAMPLES, &mut Rng::new(0, column.name, "open loop"))
 }
 
-/// Runs one generator on all scenes; a scene that fails gives its error.
-pub fn run(
-    scenes: &[SceneData],
-    generator: &dyn Generator,
-    prior: &dyn Backbone,
-    seed: u64,
-) -> Vec<Result<SceneRow>> {
-    scenes.par_iter().with_max_len(1).map(|data| one(data, generator, prior, seed)).collect()
-}
-
-fn one(data: &SceneData, generator: &dyn Generator, prior: &dyn Backbone, seed: u64) -> Result<SceneRow> {
+/// Runs one generator on one scene.
+///
+/// *Errors*: those of the generator.
+pub fn run(data: &SceneData, generator: &dyn Generator, prior: &dyn Backbone, seed: u64) -> Result<SceneRow> {
     let context = |convention| {
         let options = ContextOptions { convention, ..ContextOptions::default() };
         Context::new(&data.scene, &data.index, &options)
@@ -135,6 +127,7 @@ fn one(data: &SceneData, generator: &dyn Generator, prior: &dyn Backbone, seed: 
     let clock = Instant::now();
     let attack = generator.generate(&ctx, seed)?;
     let seconds = clock.elapsed().as_secs_f64();
+    attack.check(&data.scene)?;
     let chosen = attack.trajectory();
     let log = logged_future(&data.scene)?;
     let adversary = ctx.adversary();
@@ -177,12 +170,16 @@ fn surprises(data: &SceneData, prior: &dyn Backbone, paths: [&Trajectory; 2]) ->
     Ok(paths.map(surprise))
 }
 
-/// Expectations under a policy, without any choice, over the scenes.
+/// Expectations under policies of one prior, without any choice; `None` if the scene cannot be attacked.
 ///
-/// *Errors*: those of the network.
-pub fn expectations(prepared: &[TunedScene], policy: &dyn Backbone) -> Result<Vec<Expectation>> {
-    let all: Vec<_> = prepared.par_iter().with_max_len(1).map(|scene| scene.expectation(policy)).collect();
-    all.into_iter().map(|e| Ok(e?)).collect()
+/// *Errors*: those of the networks.
+pub fn expectations<'n>(
+    data: &SceneData,
+    prior: &dyn Backbone,
+    policies: impl Iterator<Item = &'n dyn Backbone>,
+) -> Result<Option<Vec<Expectation>>> {
+    let Some(prepared) = TunedScene::new(prior, data, false)? else { return Ok(None) };
+    Ok(Some(policies.map(|policy| prepared.expectation(policy)).collect::<Result<_, _>>()?))
 }
 
 /// Mean and interval of one number of expectations.

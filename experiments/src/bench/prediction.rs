@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
-use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
     candidates::Selection,
@@ -19,6 +18,8 @@ use sage_core::{
 };
 use serde::Serialize;
 
+use crate::scenes::Scenes;
+
 /// Numbers of candidates that are measured.
 const KS: [usize; 3] = [1, 6, 32];
 /// Resamples of an interval.
@@ -29,7 +30,7 @@ const ON_LANE: f64 = 2.0;
 const JUDGED: usize = 32;
 
 /// Something that predicts.
-pub enum Method<'n> {
+pub(crate) enum Method<'n> {
     /// Straight on at the present velocity.
     ConstantVelocity,
     /// A prior, with the distance that its candidates keep from each other, metres.
@@ -117,26 +118,22 @@ struct OfScene {
 /// Measures methods on all vehicles that are valid *now* and at the last step.
 ///
 /// *Errors*: those of a network.
-pub fn run(scenes: &[SceneData], methods: &[Method], mut done: impl FnMut(&str)) -> Result<Report> {
-    let examples = Examples::of(scenes).filter(|e| e.is_whole);
-    if examples.list().is_empty() {
+pub(crate) fn run(scenes: &Scenes, methods: &[Method], done: impl FnMut()) -> Result<Report> {
+    let of_scene = |data: &SceneData| -> Result<Vec<OfScene>> {
+        let examples = Examples::of(std::slice::from_ref(data)).filter(|e| e.is_whole);
+        methods.iter().map(|method| measure(method, data, examples.list())).collect()
+    };
+    let found = scenes.map(of_scene, done)?;
+    if found.iter().flatten().all(|scene| scene.vehicles.is_empty()) {
         bail!("none of {} scenes shows a vehicle that is valid at frames 10 and 90", scenes.len());
     }
-    let mut by_scene: Vec<Vec<Example>> = vec![Vec::new(); scenes.len()];
-    for example in examples.list() {
-        by_scene[example.scene].push(*example);
-    }
     let mut report = Report { rows: Vec::new(), quality: Vec::new() };
-    for method in methods {
-        let of_scene = |(data, examples): (&SceneData, &Vec<Example>)| measure(method, data, examples);
-        let found: Vec<Result<OfScene>> =
-            scenes.par_iter().zip(&by_scene).with_max_len(1).map(of_scene).collect();
-        let found = found.into_iter().collect::<Result<Vec<_>>>()?;
+    for (k, method) in methods.iter().enumerate() {
+        let found: Vec<&OfScene> = found.iter().map(|scene| &scene[k]).collect();
         report.rows.extend(rows(method.name(), &found));
         if matches!(method, Method::Prior { .. }) {
             report.quality.extend(quality(method.name(), &found));
         }
-        done(method.name());
     }
     Ok(report)
 }
@@ -224,7 +221,7 @@ fn judge(data: &SceneData, top: Vec<Predicted>, random: Vec<Trajectory>, into: &
     Ok(())
 }
 
-fn rows(method: &str, found: &[OfScene]) -> Vec<Row> {
+fn rows(method: &str, found: &[&OfScene]) -> Vec<Row> {
     let mut rows = Vec::new();
     for (agents, only_interest) in [("interest", true), ("all", false)] {
         for (motion, only_moving) in [("any", false), ("moving", true)] {
@@ -237,7 +234,7 @@ fn rows(method: &str, found: &[OfScene]) -> Vec<Row> {
                             .filter(|v| (v.of_interest || !only_interest) && (v.moves || !only_moving));
                         chosen.map(|v| value(&v.distances[slot])).collect()
                     };
-                    let groups: Vec<Vec<f64>> = found.iter().map(of_scene).collect();
+                    let groups: Vec<Vec<f64>> = found.iter().copied().map(of_scene).collect();
                     statistics::bootstrap_grouped(&groups, RESAMPLES, &mut Rng::new(0, agents, "prediction"))
                 };
                 if let (Some(min_ade), Some(min_fde), Some(miss), Some(miss_womd)) = (
@@ -255,7 +252,7 @@ fn rows(method: &str, found: &[OfScene]) -> Vec<Row> {
     rows
 }
 
-fn quality(method: &str, found: &[OfScene]) -> Option<Quality> {
+fn quality(method: &str, found: &[&OfScene]) -> Option<Quality> {
     let estimate = |groups: Vec<Vec<f64>>| {
         statistics::bootstrap_grouped(&groups, RESAMPLES, &mut Rng::new(0, "quality", "prediction"))
     };
@@ -266,7 +263,7 @@ fn quality(method: &str, found: &[OfScene]) -> Option<Quality> {
     let kinematic: Vec<f64> = found.iter().flat_map(|s| s.kinematic.iter().copied()).collect();
     Some(Quality {
         method: method.to_owned(),
-        ends_on_lanes: estimate(found.iter().map(on_lanes).collect())?,
+        ends_on_lanes: estimate(found.iter().copied().map(on_lanes).collect())?,
         median_kinematic: statistics::median(&kinematic),
         feasible: estimate(found.iter().map(|s| s.feasible.clone()).collect()),
         feasible_random: estimate(found.iter().map(|s| s.feasible_random.clone()).collect()),

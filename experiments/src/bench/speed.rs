@@ -10,6 +10,7 @@ use std::{
 
 use anyhow::{Context as _, Result, bail};
 use sage_core::{
+    files,
     motion::{DT, HORIZON, NOW, Trajectory},
     objective::{
         Candidate, Context, ContextOptions, Encounter, Feasibility, Scorer, behavior_penalty,
@@ -20,7 +21,7 @@ use sage_core::{
     seed::Rng,
     statistics::{median, quantile},
 };
-use sage_data::{Recording, checks::Summary, folder, pickle::Document};
+use sage_data::{MAX_FILE, Recording, checks::Summary, folder, pickle::Document};
 use serde::Serialize;
 
 use super::network_speed;
@@ -50,18 +51,60 @@ pub struct Timing {
     pub target_ms: Option<f64>,
 }
 
-/// Times everything on a folder of scenes.
+/// Scenes to measure on.
+pub struct Data {
+    files: Vec<PathBuf>,
+    /// The bytes of a single file: a pipe can be read once.
+    held: Option<Vec<u8>>,
+}
+
+impl Data {
+    /// A file, a pipe, or the scenes of a folder.
+    ///
+    /// *Errors*: it cannot be read or listed.
+    pub fn of(path: &Path) -> Result<Self> {
+        if path.is_dir() {
+            return Ok(Self { files: folder::scene_files(path)?, held: None });
+        }
+        let bytes = files::read_argument(path, MAX_FILE);
+        Ok(Self::one(path.to_owned(), bytes.with_context(|| format!("cannot read `{}`", path.display()))?))
+    }
+
+    /// One scene by its bytes.
+    pub fn one(path: PathBuf, bytes: Vec<u8>) -> Self {
+        Self { files: vec![path], held: Some(bytes) }
+    }
+
+    /// Names of the files.
+    pub(super) fn files(&self) -> &[PathBuf] {
+        &self.files
+    }
+
+    fn bytes(&self, path: &Path) -> Result<Vec<u8>> {
+        match &self.held {
+            Some(bytes) => Ok(bytes.clone()),
+            None => files::read(path, MAX_FILE).with_context(|| format!("cannot read `{}`", path.display())),
+        }
+    }
+
+    /// One of the scenes.
+    pub(super) fn scene(&self, path: &Path) -> Result<Scene> {
+        Ok(Recording::from_bytes(path, self.bytes(path)?)?.scene)
+    }
+}
+
+/// Times everything on some scenes.
 ///
 /// *Errors*: a scene that cannot be read.
-pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Result<()>) -> Result<()> {
+pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()>) -> Result<()> {
     let repeat = repeat as usize;
+    let files = data.files();
     // Scene 0 is the one that published times are of.
     let zero = files.iter().find(|file| file.file_stem().is_some_and(|stem| stem == "0"));
     let first = zero.or(files.first()).context("no scene to measure")?;
-    let bytes = std::fs::read(first).with_context(|| format!("cannot read `{}`", first.display()))?;
-
-    // Only what our reader takes for plain values goes on to Python, whose reader runs what it reads.
-    Recording::from_bytes(first, bytes.clone())?;
+    // Python's reader runs what it reads, so it gets what we write from plain values, never the file. Both
+    // read the same bytes.
+    let bytes = Recording::from_bytes(first, data.bytes(first)?)?.to_pickle()?;
     // By turns, so that both see the same machine: its speed changes from second to second.
     let (mut python, mut loads) = (Vec::new(), Vec::new());
     for _ in 0..TURNS {
@@ -99,7 +142,7 @@ pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Res
     let (mut indexing, mut contexts, mut scoring, mut full, mut inspecting) =
         (vec![], vec![], vec![], vec![], vec![]);
     for path in chosen {
-        let scene = Recording::read(&path)?.scene;
+        let scene = data.scene(&path)?;
         if scene.frames <= NOW + HORIZON || scene.adversary.is_none() {
             continue;
         }
@@ -149,7 +192,7 @@ pub fn run(files: &[PathBuf], repeat: u32, mut report: impl FnMut(Timing) -> Res
     report(timing("every measure of `score`, 32 candidates, median of scenes", full, None))?;
     report(timing("summary and warnings of a scene, median of scenes", inspecting, None))?;
 
-    network_speed::run(files, repeat, &mut report)?;
+    network_speed::run(data, repeat, &mut report)?;
 
     if files.len() > 1 {
         let start = Instant::now();
@@ -223,7 +266,8 @@ pub(super) fn timing(name: &'static str, times: Vec<f64>, target_ms: Option<f64>
     Timing { name, n: times.len(), median_ms: at(0.5), min_ms: at(0.0), p90_ms: at(0.9), target_ms }
 }
 
-/// Times of CPython's own reader, milliseconds; `None` without Python and numpy.
+/// Times of CPython's own reader, milliseconds; `None` without Python and numpy. The pickle must be one
+/// that we wrote.
 fn python_loads(pickle: &[u8], repeat: usize) -> Option<Vec<f64>> {
     const PROGRAM: &str = "import pickle, sys, time\n\
         import numpy\n\
@@ -231,12 +275,9 @@ fn python_loads(pickle: &[u8], repeat: usize) -> Option<Vec<f64>> {
         pickle.loads(data)\n\
         for _ in range(int(sys.argv[1])):\n\
         \x20   start = time.perf_counter(); value = pickle.loads(data); print((time.perf_counter() - start) * 1e3)\n";
-    // Native files are none of Python's pickles.
-    if pickle.first() != Some(&0x80) {
-        return None;
-    }
     let mut child = Command::new("python3")
-        .args(["-c", PROGRAM])
+        // Isolated: no module of the current folder takes the place of numpy.
+        .args(["-I", "-c", PROGRAM])
         .arg(repeat.to_string())
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

@@ -2,24 +2,25 @@
 //!
 //! Candidates depend on λ alone and μ only chooses among them, so each scene is judged once a λ.
 
-use anyhow::Result;
-use rayon::prelude::*;
+use anyhow::{Context as _, Result};
 use sage_backbones::training::SceneData;
 use sage_core::{
     objective::{Context, ContextOptions},
     seed::Rng,
     statistics::{self, Estimate},
 };
-use sage_generators::{Aggression, Choice, Judged, Setting, SteeredOptions, choice::best_at};
+use sage_generators::{Aggression, Choice, Judged, Setting, Steered, SteeredOptions, choice::best_at};
 use sage_merging::{Experts, Merger};
+
+use crate::scenes::Scenes;
 
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
 
 /// Judged candidates of every scene at several λ.
-pub struct Steering {
+pub(crate) struct Steering {
     lambdas: Vec<f64>,
-    /// By λ, then by scene.
+    /// By scene, then by λ.
     judged: Vec<Vec<Vec<Judged>>>,
 }
 
@@ -92,40 +93,41 @@ pub fn shapley_of_lambda(value: impl Fn(f64, f64) -> f64) -> Option<f64> {
 }
 
 impl Steering {
-    /// Judges the candidates of all scenes at some λ; `step` is called once a λ.
+    /// Judges the candidates of all scenes at some λ; `done` is called after each scene.
     ///
     /// *Errors*: the first scene that fails.
-    pub fn of(
-        scenes: &[SceneData],
+    pub(crate) fn of(
+        scenes: &Scenes,
         experts: &Experts,
         merger: &dyn Merger,
         (choice, strict): (Choice, bool),
         lambdas: &[f64],
         seed: u64,
-        mut step: impl FnMut(),
+        done: impl FnMut(),
     ) -> Result<Self> {
-        let mut judged = Vec::with_capacity(lambdas.len());
-        for &lambda in lambdas {
+        let steered = |&lambda: &f64| -> Result<Steered> {
             let setting = Setting { experts, merger, lambda, mu: lambda, label: "", choice, strict };
             let mixture = setting.mixture().map_err(anyhow::Error::msg)?;
-            let steered = SteeredOptions::default().over(String::new(), mixture, &setting);
-            let steered = steered.map_err(anyhow::Error::msg)?;
-            let one = |data: &SceneData| -> Result<Vec<Judged>> {
-                let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
-                Ok(steered.propose(&ctx, seed)?.1)
+            SteeredOptions::default().over(String::new(), mixture, &setting).map_err(anyhow::Error::msg)
+        };
+        let steered = lambdas.iter().map(steered).collect::<Result<Vec<_>>>()?;
+        let one = |data: &SceneData| -> Result<Vec<Vec<Judged>>> {
+            let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
+            let propose = |steered: &Steered| -> Result<Vec<Judged>> {
+                let (_, judged) =
+                    steered.propose(&ctx, seed).with_context(|| format!("scene `{}`", data.name))?;
+                Ok(judged)
             };
-            let all: Vec<_> = scenes.par_iter().with_max_len(1).map(one).collect();
-            judged.push(all.into_iter().collect::<Result<Vec<_>>>()?);
-            step();
-        }
-        Ok(Self { lambdas: lambdas.to_vec(), judged })
+            steered.iter().map(propose).collect()
+        };
+        Ok(Self { lambdas: lambdas.to_vec(), judged: scenes.map(one, done)? })
     }
 
     /// What the choice at a weight μ takes at one of the λ; `None` for a λ that was not asked for.
     pub fn attacks(&self, lambda: f64, mu: f64) -> Option<Attacks> {
         let k = self.lambdas.iter().position(|known| (known - lambda).abs() < 1e-9)?;
-        let chosen = |judged: &Vec<Judged>| judged[best_at(judged, mu).0];
-        let all: Vec<Judged> = self.judged[k].iter().map(chosen).collect();
+        let chosen = |judged: &Vec<Vec<Judged>>| judged[k][best_at(&judged[k], mu).0];
+        let all: Vec<Judged> = self.judged.iter().map(chosen).collect();
         let hit = |j: &Judged| f64::from(u8::from(j.hits && j.is_feasible()));
         Some(Attacks { hits: all.iter().map(hit).collect(), rewards: all.iter().map(|j| j.reward).collect() })
     }

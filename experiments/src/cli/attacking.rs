@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use sage_generators::Choice;
 use sage_merging::Experts;
 
-use super::{FolderArgs, SplitArgs};
+use super::{FolderArgs, MOST_MADE, SplitArgs};
 use crate::{
     methods::{Choosing, Place},
     networks,
@@ -115,7 +115,7 @@ pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     pub split: SplitArgs,
     /// Number of scenes to make where no path is given.
-    #[arg(long, value_name = "N", default_value_t = 200)]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_MADE))]
     pub made: u64,
     /// Weights with experts: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
@@ -161,13 +161,13 @@ pub(crate) struct DialBenchArgs {
 #[derive(Clone, Debug, Args)]
 pub(crate) struct DialArgs {
     /// Where between the experts: a number, several with commas, or from:to:step.
-    #[arg(long, value_name = "L", value_parser = values)]
+    #[arg(long, value_name = "L", value_parser = values, allow_hyphen_values = true)]
     pub lambda: Option<Values>,
     /// Weight of the adversarial reward in the choice, 0 to 1; lambda by default.
-    #[arg(long, value_name = "M")]
+    #[arg(long, value_name = "M", value_parser = number, allow_hyphen_values = true)]
     pub mu: Option<f64>,
     /// One even dial for both, 0 to 1: the attack rate rises in proportion. Same form as --lambda.
-    #[arg(long, value_name = "A", value_parser = values, conflicts_with_all = ["lambda", "mu"])]
+    #[arg(long, value_name = "A", value_parser = values, allow_hyphen_values = true, conflicts_with_all = ["lambda", "mu"])]
     pub aggression: Option<Values>,
     /// How the experts' weights are mixed.
     #[arg(long, value_name = "NAME", default_value = "linear")]
@@ -178,6 +178,20 @@ impl DialArgs {
     /// Whether the user put the dial anywhere.
     pub(crate) fn is_given(&self) -> bool {
         self.lambda.is_some() || self.mu.is_some() || self.aggression.is_some()
+    }
+
+    /// Refuses values out of range, before anything is read.
+    ///
+    /// *Errors*: the first of them.
+    pub(crate) fn check(&self) -> Result<()> {
+        for lambda in self.lambda.iter().flat_map(|values| &values.0) {
+            Place::at(*lambda, self.mu)?;
+        }
+        Place::at(1.0, self.mu)?;
+        match self.aggression.iter().flat_map(|values| &values.0).find(|a| !(0.0..=1.0).contains(*a)) {
+            Some(aggression) => bail!("aggression is {aggression}; expected 0 (natural) to 1"),
+            None => Ok(()),
+        }
     }
 
     /// The places, lambda at `otherwise` if neither is given.
@@ -218,21 +232,34 @@ impl ChoosingArgs {
 #[derive(Clone, Debug)]
 pub(crate) struct Values(pub Vec<f64>);
 
+/// Parses a finite number.
+fn number(text: &str) -> std::result::Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(format!("`{text}` is not a finite number")),
+    }
+}
+
+/// Most values of a sweep.
+const MOST_VALUES: usize = 1001;
+
 /// Parses `1`, `0,0.5,1` or `0:1:0.1`.
 fn values(text: &str) -> std::result::Result<Values, String> {
-    let number = |text: &str| text.trim().parse::<f64>().map_err(|_| format!("`{text}` is not a number"));
     if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
         let [from, to, step] = [number(from)?, number(to)?, number(step)?];
         let count = (to - from) / step;
-        if count.is_nan() || count < 0.0 {
+        if step == 0.0 || count < 0.0 {
             return Err(format!("the step {step} does not lead from {from} to {to}"));
         }
-        if count > 1000.5 {
-            return Err(format!("{text} has more than 1000 steps"));
+        if count >= MOST_VALUES as f64 {
+            return Err(format!("{text} has more than {} steps", MOST_VALUES - 1));
         }
         // Rounded, so that 0.3 is 0.3 and not three times 0.1.
         let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;
         return Ok(Values((0..=(count + 1e-9) as usize).map(at).collect()));
+    }
+    if text.split(',').count() > MOST_VALUES {
+        return Err(format!("more than {MOST_VALUES} values"));
     }
     Ok(Values(text.split(',').map(number).collect::<std::result::Result<_, _>>()?))
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::{FolderArgs, SplitArgs};
+use super::{FolderArgs, MOST_MADE, SplitArgs};
 
 /// Train a motion prior from recorded scenes, or from made ones.
 ///
@@ -24,7 +24,7 @@ pub(crate) struct PretrainArgs {
     #[arg(long, value_name = "DIR")]
     pub dev: Option<PathBuf>,
     /// Number of scenes to make where no path is given.
-    #[arg(long, value_name = "N", default_value_t = 1200)]
+    #[arg(long, value_name = "N", default_value_t = 1200, value_parser = clap::value_parser!(u64).range(..=MOST_MADE))]
     pub made: u64,
     /// Network to train; `sage list` shows them.
     #[arg(long, value_name = "NAME", default_value = "densetnt")]
@@ -73,14 +73,14 @@ pub(crate) struct FinetuneArgs {
     #[arg(long, value_name = "DIR")]
     pub dev: Option<PathBuf>,
     /// Number of scenes to make where no path is given.
-    #[arg(long, value_name = "N", default_value_t = 200)]
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_MADE))]
     pub made: u64,
     /// Weights of the prior: procedural, waymo, a folder or a file; untrained:densetnt for one that
     /// has learnt nothing.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub prior: String,
     /// Pairs of ego and adversary taken from each scene beside its own: more to tune on.
-    #[arg(long, value_name = "N", default_value_t = 3)]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = roles)]
     pub roles: usize,
     /// Options of fine-tuning as a JSON file; what is left out keeps each expert's own.
     #[arg(long, value_name = "FILE")]
@@ -197,6 +197,16 @@ pub(crate) enum SelectArg {
 fn radius(text: &str) -> Result<f32, String> {
     let radius: f32 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
     if (0.0..=1000.0).contains(&radius) { Ok(radius) } else { Err("expected 0 to 1000 m".to_owned()) }
+}
+
+/// Most pairs of ego and adversary that are taken from a scene beside its own.
+const MOST_ROLES: usize = 64;
+
+fn roles(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n @ 0..=MOST_ROLES) => Ok(n),
+        _ => Err(format!("expected 0 to {MOST_ROLES}")),
+    }
 }
 
 fn count(text: &str) -> Result<usize, String> {

@@ -14,9 +14,10 @@ use crate::{
     },
     cli::DialBenchArgs,
     commands::calibrate::places,
-    networks, output,
+    networks,
+    output::{self, Folder},
     progress::{self, Progress},
-    scenes,
+    scenes::Scenes,
 };
 
 /// Values of λ and of μ at which each is shown with the other held.
@@ -31,15 +32,15 @@ struct Way {
 }
 
 pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outcome> {
-    output::make_folder(&args.folder.out, args.folder.force)?;
+    let out = Folder::make(&args.folder.out, args.folder.force)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger = registries.mergers.build_default("linear")?;
     let choice = args.choice.into();
     let dial = networks::load_dial(&args.weights, &experts, choice)?;
-    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?)?;
+    let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
     let mut lambdas = places();
     lambdas.extend(LAMBDAS.into_iter().filter(|l| !places().iter().any(|p| (p - l).abs() < 1e-9)));
-    let mut progress = Progress::new("judged", lambdas.len());
+    let mut progress = Progress::new("judged", scenes.len());
     let step = || progress.step();
     let steering = Steering::of(&scenes, &experts, &*merger, (choice, false), &lambdas, args.seed, step)?;
     progress.finish(&format!("{} values of lambda on {} scenes", lambdas.len(), scenes.len()));
@@ -66,13 +67,12 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
         name: way.name,
         rates: way.stops.iter().map(|(_, _, attacks)| attacks.rate()).collect(),
     });
-    let file =
-        |name: &str, text: &str| output::write_file(&args.folder.out.join(name), text.as_bytes(), true);
+    let file = |name: &str, text: &str| out.write(name, text.as_bytes());
     file("dial.md", &markdown)?;
     file("dial.csv", &csv)?;
     file("dial.svg", &dial_chart::draw(&lines.collect::<Vec<_>>())?)?;
     let record = json!({
-        "command": output::command(), "scenes": scenes.len(), "data": scenes::describe(&scenes),
+        "command": output::command(), "scenes": scenes.len(), "data": scenes.describe(),
         "seed": args.seed, "choice": choice.name(), "version": env!("CARGO_PKG_VERSION"),
     });
     file("run.json", &format!("{record:#}\n"))?;

@@ -3,8 +3,9 @@
 use std::{fmt::Write as _, path::Path};
 
 use anyhow::{Context as _, Result, bail};
-use sage_backbones::training::{Expectation, SceneData, TunedScene};
+use sage_backbones::training::{Expectation, SceneData};
 use sage_core::{
+    files,
     seed::Rng,
     statistics::{self, Estimate},
 };
@@ -16,7 +17,7 @@ use crate::{
     cli::ExpertsArgs,
     networks, output,
     progress::Progress,
-    scenes,
+    scenes::Scenes,
 };
 
 /// Resamples of an interval.
@@ -38,11 +39,11 @@ const MEASURES: [&str; 8] = [
 type Values = Vec<Vec<f64>>;
 
 pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome> {
-    let scenes = scenes::attackable(scenes::read(&args.paths, &args.split, 0, args.seed)?)?;
     // A folder that is not there is told now, not after the others are measured.
     for folder in args.a.iter().chain(&args.b) {
         networks::load_experts(&registries.backbones, folder)?;
     }
+    let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
     let mut progress = Progress::new("measured", args.a.len() + args.b.len());
     let mut group = |folders: &[String]| -> Result<Values> {
         let mut all = Vec::new();
@@ -72,16 +73,17 @@ pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome
 }
 
 /// All measures of the experts in a folder.
-fn values(registries: &Registries, folder: &str, scenes: &[SceneData], seed: u64) -> Result<Values> {
+fn values(registries: &Registries, folder: &str, scenes: &Scenes, seed: u64) -> Result<Values> {
     let experts = networks::load_experts(&registries.backbones, folder)?;
     let merger = registries.mergers.build_default("linear")?;
     let prior = experts.prior();
-    let prepared = TunedScene::all(prior, scenes, false)?;
-    let expectations = |lambda| -> Result<Vec<Expectation>> {
-        let network = prior.rebuilt(merger.merge(&experts, lambda)?)?;
-        open_loop::expectations(&prepared, &*network)
+    let network = |lambda| prior.rebuilt(merger.merge(&experts, lambda)?);
+    let policies = [network(1.0)?, network(0.0)?];
+    let expectations = |data: &SceneData| -> Result<Option<Vec<Expectation>>> {
+        open_loop::expectations(data, prior, policies.iter().map(|network| &**network))
     };
-    let (adversarial, realistic) = (expectations(1.0)?, expectations(0.0)?);
+    let (adversarial, realistic): (Vec<_>, Vec<_>) =
+        scenes.map(expectations, || ())?.into_iter().flatten().map(|both| (both[0], both[1])).unzip();
     let of = |all: &[Expectation], value: fn(&Expectation) -> f64| all.iter().map(value).collect();
     let choice = (Choice::Paper, false);
     let steering = Steering::of(scenes, &experts, &*merger, choice, &[1.0], seed, || ())?;
@@ -111,6 +113,8 @@ fn cell(values: &[f64], name: &str) -> String {
     estimate.map_or("-".to_owned(), |e| format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high))
 }
 
+/// Largest `finetune.csv` that is read, bytes.
+const CURVE_LIMIT: u64 = 64 << 20;
 /// Columns of `finetune.csv` that tell how fast the adversarial expert learnt.
 const LEARNING: [&str; 5] =
     ["pairs", "pairs_by_feasibility", "expected_feasible", "expected_attack", "expected_reward"];
@@ -142,7 +146,7 @@ fn learning(out: &mut String, args: &ExpertsArgs) -> Result<()> {
 /// Rows of the adversarial expert in `finetune.csv`, the columns of [`LEARNING`]; none without the file.
 fn curve(folder: &Path) -> Result<Vec<Vec<f64>>> {
     let file = folder.join("finetune.csv");
-    let Ok(text) = std::fs::read_to_string(&file) else { return Ok(Vec::new()) };
+    let Ok(text) = files::read_text(&file, CURVE_LIMIT) else { return Ok(Vec::new()) };
     let mut lines = text.lines();
     let head: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
     let place = |name: &&str| head.iter().position(|column| column == name);

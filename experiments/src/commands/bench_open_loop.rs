@@ -1,13 +1,13 @@
 //! `sage bench open-loop`.
 
-use std::time::Instant;
+use std::{path::PathBuf, time::Instant};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use sage_backbones::{
     Backbone,
-    training::{SceneData, TunedScene},
+    training::{Expectation, SceneData},
 };
-use sage_core::generator::Generator;
+use sage_core::{files, generator::Generator};
 use sage_merging::{Experts, Merger};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -21,18 +21,29 @@ use crate::{
     },
     cli::OpenLoopArgs,
     methods::{self, Place},
-    networks, output,
+    networks,
+    output::{self, Run, State},
     progress::{self, Progress},
-    scenes,
+    scenes::Scenes,
 };
 
-/// What is kept of one generator once it has run on all scenes, so that a run can go on.
+/// Folder of the results that a run goes on from if it was broken off.
+const RESULTS: &str = ".sage-rows";
+/// Scenes whose results are kept together.
+const WINDOW: usize = 16;
+/// Largest file of results that is read, bytes.
+const RESULTS_LIMIT: u64 = 256 << 20;
+/// The table, for people.
+const TABLE: &str = "table.md";
+
+/// What came of one scene.
 #[derive(Serialize, Deserialize)]
-struct Finished {
-    method: String,
-    rows: Vec<SceneRow>,
-    /// Scenes that failed, with their errors.
-    errors: Vec<(String, String)>,
+struct SceneResult {
+    scene: String,
+    /// A row a generator, or its error.
+    rows: Vec<Result<SceneRow, String>>,
+    /// Expectations under each policy, without any choice.
+    expectations: Option<Vec<Expectation>>,
 }
 
 pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcome> {
@@ -40,42 +51,76 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger = registries.mergers.build_default(&args.dial.merger)?;
     let places = args.dial.places(&args.weights, &experts, args.choice.into(), &[0.0, 0.5, 1.0])?;
-    let runs = generators(args, registries, &places, &experts, &*merger)?;
+    let generators = generators(args, registries, &places, &experts, &*merger)?;
+    let policies = policies(&places, &experts, &*merger)?;
     let paths = [&args.paths[..], &args.data].concat();
-    let scenes = scenes::attackable(scenes::read(&paths, &args.split, 0, args.seed)?)?;
-    let record = record(args, &experts, &scenes, &runs, &places)?;
-    start(args, &record)?;
-    let mut progress = Progress::new("ran", runs.len());
-    let mut table = Table::new();
-    let mut failures = 0;
-    for (k, generator) in runs.iter().enumerate() {
-        let finished = one(args, k, &**generator, &scenes, experts.prior())?;
-        for (scene, error) in &finished.errors {
-            progress.say(&format!("error: {}: `{scene}`: {error}", finished.method));
-        }
-        failures += finished.errors.len();
-        table.push((finished.method, finished.rows));
-        progress.step();
+    let scenes = Scenes::of(&paths, &args.split, 0, args.seed)?.attackable()?;
+    let identity = identity(args, &experts, &scenes, &generators, &places)?;
+    let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[])?;
+    if state == State::Done {
+        output::print(&files::read_text(&run.folder().path().join(TABLE), RESULTS_LIMIT)?)?;
+        return Ok(Outcome::Done);
     }
-    progress.finish(&format!("{} rows on {} scenes", runs.len(), scenes.len()));
+    let results = run.folder().inner(RESULTS.as_ref())?;
+    let one = |data: &SceneData| -> Result<SceneResult> {
+        let row = |generator: &dyn Generator| {
+            let row = open_loop::run(data, generator, experts.prior(), args.seed);
+            row.map_err(|error| format!("{error:#}"))
+        };
+        let networks = policies.iter().map(|(_, network)| &**network);
+        Ok(SceneResult {
+            scene: data.name.clone(),
+            rows: generators.iter().map(|generator| row(&**generator)).collect(),
+            expectations: open_loop::expectations(data, experts.prior(), networks)?,
+        })
+    };
+    let mut progress = Progress::new("ran", scenes.len());
+    let mut all: Vec<SceneResult> = Vec::with_capacity(scenes.len());
+    for (number, window) in scenes.windows(WINDOW).enumerate() {
+        all.extend(results_of(&run, results.join(format!("{number:06}.json")), &window, &one, || {
+            progress.step()
+        })?);
+    }
+    progress.finish(&format!("{} rows on {} scenes", generators.len(), scenes.len()));
+    let failures = report_errors(&all, &generators);
+    let table = table(&all, &generators);
     if table.iter().all(|(_, rows)| rows.is_empty()) {
         bail!("no scene came out");
     }
-    let policies = policies(&places, &experts, &*merger, &scenes)?;
-    let markdown = report::markdown(&table, &policies)?;
-    let file =
-        |name: &str, text: &str| output::write_file(&args.folder.out.join(name), text.as_bytes(), true);
-    file("table.md", &markdown)?;
-    file("table.csv", &report::csv(&table, &policies)?)?;
-    file("scenes.csv", &report::scenes_csv(&table)?)?;
-    gallery::write(&args.folder.out, &scenes, &table, &markdown)?;
-    finish(args, &record, clock.elapsed().as_secs_f64())?;
+    let expectations = by_policy(&all, &policies);
+    let markdown = report::markdown(&table, &expectations)?;
+    let folder = run.folder();
+    folder.write("table.csv", report::csv(&table, &expectations)?.as_bytes())?;
+    folder.write("scenes.csv", report::scenes_csv(&table)?.as_bytes())?;
+    gallery::write(folder, &scenes, &table, &markdown)?;
+    folder.write(TABLE, markdown.as_bytes())?;
+    run.finish(&Value::Null, clock.elapsed().as_secs_f64())?;
     output::print(&markdown)?;
     progress::say(&format!(
         "table.md, table.csv, scenes.csv, run.json and index.html with pictures are in `{}`",
         args.folder.out.display()
     ));
     Ok(if failures == 0 { Outcome::Done } else { Outcome::Partial })
+}
+
+/// Results of some scenes: those in the file if a run before left them there, else new ones.
+fn results_of(
+    run: &Run,
+    file: PathBuf,
+    scenes: &Scenes,
+    one: &(impl Fn(&SceneData) -> Result<SceneResult> + Sync),
+    mut done: impl FnMut(),
+) -> Result<Vec<SceneResult>> {
+    let before = files::read_text(&file, RESULTS_LIMIT).ok();
+    let before = before.and_then(|text| serde_json::from_str::<Vec<SceneResult>>(&text).ok());
+    if let Some(before) = before {
+        before.iter().for_each(|_| done());
+        return Ok(before);
+    }
+    let results = scenes.map(one, done)?;
+    let name = file.strip_prefix(run.folder().path()).unwrap_or(&file).display().to_string();
+    run.folder().write(&name, serde_json::to_string(&results)?.as_bytes())?;
+    Ok(results)
 }
 
 /// The generators in the order of the table.
@@ -89,7 +134,7 @@ fn generators(
     if args.raw && !args.methods.iter().any(|name| name == "rule") {
         bail!("--raw is for the method `rule`, which is not among --methods");
     }
-    let mut runs = Vec::new();
+    let mut generators = Vec::new();
     for name in &args.methods {
         let options = if args.raw && name == "rule" { json!({"raw": true}) } else { json!({}) };
         let method = registries.methods.build(name, &options)?;
@@ -97,87 +142,68 @@ fn generators(
         let places: Vec<&Place> =
             if method.stands_once() { hardest.into_iter().collect() } else { places.iter().collect() };
         for place in places {
-            runs.push(methods::build(&*method, *place, args.choosing.with(args.choice), experts, merger)?);
+            let choosing = args.choosing.with(args.choice);
+            generators.push(methods::build(&*method, *place, choosing, experts, merger)?);
         }
     }
-    Ok(runs)
+    Ok(generators)
 }
 
-/// Rows of one generator: kept ones where it ran before.
-fn one(
-    args: &OpenLoopArgs,
-    number: usize,
-    generator: &dyn Generator,
-    scenes: &[SceneData],
-    prior: &dyn Backbone,
-) -> Result<Finished> {
-    let file = args.folder.out.join(KEPT).join(format!("{number:03}.json"));
-    let kept = std::fs::read_to_string(&file).ok().and_then(|text| serde_json::from_str(&text).ok());
-    if let Some(kept) = kept.filter(|kept: &Finished| kept.method == generator.name()) {
-        return Ok(kept);
+/// The prior and the mixtures at all λ, by name.
+fn policies(
+    places: &[Place],
+    experts: &Experts,
+    merger: &dyn Merger,
+) -> Result<Vec<(String, Box<dyn Backbone>)>> {
+    let prior = experts.prior();
+    let mut policies = vec![("prior".to_owned(), prior.rebuilt(prior.parameters().clone())?)];
+    for place in places {
+        let network = prior.rebuilt(merger.merge(experts, place.lambda)?)?;
+        policies.push((format!("sage, lambda {:.2}", place.lambda), network));
     }
-    let mut finished = Finished { method: generator.name(), rows: Vec::new(), errors: Vec::new() };
-    for (data, row) in scenes.iter().zip(open_loop::run(scenes, generator, prior, args.seed)) {
-        match row {
-            Ok(row) => finished.rows.push(row),
-            Err(error) => finished.errors.push((data.name.clone(), format!("{error:#}"))),
-        }
-    }
-    output::write_file(&file, serde_json::to_string(&finished)?.as_bytes(), true)?;
-    Ok(finished)
+    Ok(policies)
 }
-
-/// Folder of what is kept while a run goes on.
-const KEPT: &str = ".sage-rows";
 
 /// What tells one run from another.
-fn record(
+fn identity(
     args: &OpenLoopArgs,
     experts: &Experts,
-    scenes: &[SceneData],
-    runs: &[Box<dyn Generator>],
+    scenes: &Scenes,
+    generators: &[Box<dyn Generator>],
     places: &[Place],
 ) -> Result<Value> {
     let hash = |p: &sage_backbones::Parameters| p.hash();
     Ok(json!({
-        "methods": runs.iter().map(|g| g.name()).collect::<Vec<_>>(),
+        "methods": generators.iter().map(|g| g.name()).collect::<Vec<_>>(),
         "merger": args.dial.merger, "choice": format!("{:?}", args.choosing.with(args.choice)), "seed": args.seed,
-        "scenes": scenes::describe(scenes),
+        "scenes": scenes.describe(),
         "weights": [hash(experts.prior().parameters())?, hash(experts.realistic())?, hash(experts.adversarial())?],
         "places": places, "raw": args.raw, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     }))
 }
 
-/// Makes the folder, or goes on in one that holds the same run unfinished.
-fn start(args: &OpenLoopArgs, record: &Value) -> Result<()> {
-    let kept = args.folder.out.join(KEPT);
-    if !output::start_run(&args.folder.out, record, args.folder.force)? && kept.exists() {
-        std::fs::remove_dir_all(&kept).with_context(|| format!("cannot clear `{}`", kept.display()))?;
+/// Says which generator failed in which scene; how many times.
+fn report_errors(all: &[SceneResult], generators: &[Box<dyn Generator>]) -> usize {
+    let mut failures = 0;
+    for result in all {
+        for (row, generator) in result.rows.iter().zip(generators) {
+            if let Err(error) = row {
+                progress::say(&format!("error: {}: `{}`: {error}", generator.name(), result.scene));
+                failures += 1;
+            }
+        }
     }
-    std::fs::create_dir_all(&kept).with_context(|| format!("cannot make `{}`", kept.display()))
+    failures
 }
 
-/// Says how long it took, and drops what was kept to go on from.
-fn finish(args: &OpenLoopArgs, record: &Value, seconds: f64) -> Result<()> {
-    output::finish_run(&args.folder.out, record, &Value::Null, seconds)?;
-    let kept = args.folder.out.join(KEPT);
-    std::fs::remove_dir_all(&kept).with_context(|| format!("cannot clear `{}`", kept.display()))
+/// Rows by generator.
+fn table(all: &[SceneResult], generators: &[Box<dyn Generator>]) -> Table {
+    let rows = |k: usize| all.iter().filter_map(move |result| result.rows.get(k)?.as_ref().ok().cloned());
+    generators.iter().enumerate().map(|(k, generator)| (generator.name(), rows(k).collect())).collect()
 }
 
-/// Expectations of the prior and of the mixtures at all λ.
-fn policies(
-    places: &[Place],
-    experts: &Experts,
-    merger: &dyn Merger,
-    scenes: &[SceneData],
-) -> Result<Policies> {
-    let prior = experts.prior();
-    let prepared = TunedScene::all(prior, scenes, false)?;
-    let mut policies = vec![("prior".to_owned(), open_loop::expectations(&prepared, prior)?)];
-    for place in places {
-        let network: Box<dyn Backbone> = prior.rebuilt(merger.merge(experts, place.lambda)?)?;
-        let all = open_loop::expectations(&prepared, &*network)?;
-        policies.push((format!("sage, lambda {:.2}", place.lambda), all));
-    }
-    Ok(policies)
+/// Expectations by policy.
+fn by_policy(all: &[SceneResult], policies: &[(String, Box<dyn Backbone>)]) -> Policies {
+    let of = |k: usize| all.iter().filter_map(move |result| result.expectations.as_ref()?.get(k).copied());
+    policies.iter().enumerate().map(|(k, (name, _))| (name.clone(), of(k).collect())).collect()
 }

@@ -11,13 +11,14 @@ use crate::{
     cli::PredictionArgs,
     networks,
     progress::Progress,
-    scenes,
+    scenes::Scenes,
+    terminal,
 };
 
 pub(crate) fn run(args: &PredictionArgs, registries: &Registries) -> Result<Outcome> {
     let weights = args.weights.iter().map(|name| networks::load(&registries.backbones, name));
     let weights = weights.collect::<Result<Vec<_>>>()?;
-    let scenes = scenes::read_all(&args.paths)?;
+    let scenes = Scenes::under(&args.paths)?;
     let mut methods = vec![Method::ConstantVelocity];
     for loaded in &weights {
         for radius in &args.radius {
@@ -28,8 +29,8 @@ pub(crate) fn run(args: &PredictionArgs, registries: &Registries) -> Result<Outc
             methods.push(Method::Prior { name, network: &*loaded.network, radius: *radius });
         }
     }
-    let mut progress = Progress::new("measured", methods.len());
-    let report = prediction::run(&scenes, &methods, |_| progress.step())?;
+    let mut progress = Progress::new("measured", scenes.len());
+    let report = prediction::run(&scenes, &methods, || progress.step())?;
     progress.finish(&format!("{} methods on {} scenes", methods.len(), scenes.len()));
     if args.json { json(&report) } else { table(&report) }?;
     Ok(Outcome::Done)
@@ -38,12 +39,10 @@ pub(crate) fn run(args: &PredictionArgs, registries: &Registries) -> Result<Outc
 fn json(report: &Report) -> Result<()> {
     let mut out = std::io::stdout().lock();
     for row in &report.rows {
-        serde_json::to_writer(&mut out, row)?;
-        writeln!(out)?;
+        terminal::json_line(&mut out, row)?;
     }
     for row in &report.quality {
-        serde_json::to_writer(&mut out, row)?;
-        writeln!(out)?;
+        terminal::json_line(&mut out, row)?;
     }
     Ok(())
 }
@@ -58,7 +57,7 @@ fn table(report: &Report) -> Result<()> {
         writeln!(
             out,
             "| {} | {} | {} | {} | {} | {} | {} | {} | {} |",
-            row.method,
+            terminal::harmless_name(&row.method),
             row.agents,
             row.motion,
             row.min_fde.n,
@@ -81,7 +80,7 @@ fn table(report: &Report) -> Result<()> {
         writeln!(
             out,
             "| {} | {} | {} | {} | {} |",
-            row.method,
+            terminal::harmless_name(&row.method),
             share(&row.ends_on_lanes),
             row.median_kinematic.map_or("-".to_owned(), |p| format!("{p:.3}")),
             row.feasible.as_ref().map_or("-".to_owned(), share),

@@ -2,24 +2,22 @@
 
 use std::io::Write;
 
-use anyhow::{Context, Result};
-use sage_data::folder;
+use anyhow::Result;
 
-use crate::{Outcome, bench::speed, cli::SpeedArgs};
+use crate::{
+    Outcome,
+    bench::speed::{self, Data},
+    cli::SpeedArgs,
+    terminal,
+};
 
 /// A scene that ships with the binary, for a measurement without any data.
 const BUILT_IN: &[u8] = include_bytes!("../../../examples/crossing.pkl");
 
 pub(crate) fn run(args: &SpeedArgs) -> Result<Outcome> {
-    let mut temporary = None;
-    let files = match &args.data {
-        Some(data) => folder::scene_files(data)?,
-        None => {
-            let path = std::env::temp_dir().join(format!("sage-bench-{}.pkl", std::process::id()));
-            std::fs::write(&path, BUILT_IN).with_context(|| format!("cannot write `{}`", path.display()))?;
-            temporary = Some(path.clone());
-            vec![path]
-        }
+    let data = match &args.data {
+        Some(data) => Data::of(data)?,
+        None => Data::one("crossing.pkl".into(), BUILT_IN.to_vec()),
     };
     let mut out = std::io::stdout().lock();
     if !args.json {
@@ -29,10 +27,9 @@ pub(crate) fn run(args: &SpeedArgs) -> Result<Outcome> {
             "what", "n", "median ms", "min ms", "p90 ms", "target ms", "ratio"
         )?;
     }
-    let outcome = speed::run(&files, args.repeat, |timing| {
+    speed::run(&data, args.repeat, |timing| {
         if args.json {
-            serde_json::to_writer(&mut out, &timing)?;
-            writeln!(out)?;
+            terminal::json_line(&mut out, &timing)?;
         } else {
             let target = timing.target_ms.map_or("-".to_owned(), |t| format!("{t:.3}"));
             let ratio = timing.target_ms.map_or("-".to_owned(), |t| format!("{:.2}", timing.median_ms / t));
@@ -44,10 +41,6 @@ pub(crate) fn run(args: &SpeedArgs) -> Result<Outcome> {
         }
         out.flush()?;
         Ok(())
-    });
-    if let Some(path) = temporary {
-        // Nobody waits for the file; a failure to remove it is no failure to measure.
-        let _ = std::fs::remove_file(path);
-    }
-    outcome.map(|()| Outcome::Done)
+    })?;
+    Ok(Outcome::Done)
 }

@@ -7,9 +7,9 @@ use crate::{
     bench::steering::{Evenness, Steering},
     cli::CalibrateArgs,
     networks::{self, Dials, FittedDial},
-    output,
+    output::{self, OutputFile},
     progress::{self, Progress},
-    scenes,
+    scenes::Scenes,
 };
 
 /// Places of the dial.
@@ -21,13 +21,12 @@ pub(crate) fn places() -> Vec<f64> {
 }
 
 pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outcome> {
-    output::check_file(&args.out, args.force)?;
+    let out = OutputFile::claim(&args.out, args.force)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger = registries.mergers.build_default("linear")?;
-    let scenes = scenes::read(&args.paths, &args.split, args.made, args.seed)?;
-    let scenes = scenes::attackable(scenes)?;
+    let scenes = Scenes::of(&args.paths, &args.split, args.made, args.seed)?.attackable()?;
     let mut dials = Dials::default();
-    let mut progress = Progress::new("judged", PLACES * args.choice.len());
+    let mut progress = Progress::new("judged", scenes.len() * args.choice.len());
     for choice in &args.choice {
         let choice = (*choice).into();
         let all = places();
@@ -57,14 +56,14 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
             mu,
             experts: networks::hashes(&experts)?,
             attack: attacks.iter().map(|a| (a.rate() * 1e4).round() / 1e4).collect(),
-            data: scenes::describe(&scenes),
+            data: scenes.describe(),
             command: output::command(),
         };
         dials.by_choice.insert(choice.name().to_owned(), fitted);
     }
     progress.finish(&format!("{} choices on {} scenes", args.choice.len(), scenes.len()));
     let text = serde_json::to_string_pretty(&dials)? + "\n";
-    output::write_file(&args.out, text.as_bytes(), args.force)?;
+    out.write(text.as_bytes())?;
     progress::say(&format!(
         "the dial is `{}`; beside its experts `--aggression` finds it",
         args.out.display()

@@ -3,6 +3,7 @@
 use std::{
     collections::{HashMap, HashSet},
     path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 use anyhow::{Result, bail};
@@ -11,54 +12,97 @@ use sage_data::{Recording, folder};
 use crate::{
     Outcome,
     cli::{ConvertArgs, Format},
-    output,
+    output::{self, Folder},
     progress::Progress,
 };
+
+/// An input, and its output below the output folder.
+struct Pair {
+    from: PathBuf,
+    to: PathBuf,
+}
 
 pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     let ending = match args.to {
         Format::Native => "safetensors",
         Format::Pickle => "pkl",
     };
-    let mut pairs: Vec<(PathBuf, PathBuf)> = Vec::new();
+    let mut pairs: Vec<Pair> = Vec::new();
     for path in &args.paths {
         let root = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
-        for file in folder::scene_files(path)? {
-            // What lies beside the folder keeps its name alone.
-            let below = file.strip_prefix(root).map(Path::to_owned);
-            let name = below.unwrap_or_else(|_| file.file_name().map(PathBuf::from).unwrap_or_default());
-            pairs.push((file, args.folder.out.join(name).with_extension(ending)));
+        for from in folder::scene_files(path)? {
+            let to = output::scene_name(&folder::name_below(root, &from)).with_extension(ending);
+            pairs.push(Pair { from, to });
         }
     }
-    let distinct: HashSet<&PathBuf> = pairs.iter().map(|(_, to)| to).collect();
+    let distinct: HashSet<&PathBuf> = pairs.iter().map(|pair| &pair.to).collect();
     if distinct.len() < pairs.len() {
         bail!("several inputs would become one file; convert them into folders of their own");
     }
-    output::make_folder(&args.folder.out, args.folder.force)?;
-    let files: Vec<PathBuf> = pairs.iter().map(|(from, _)| from.clone()).collect();
-    let targets: HashMap<&Path, &Path> =
-        pairs.iter().map(|(from, to)| (from.as_path(), to.as_path())).collect();
-    let convert = |from: &Path| -> Result<()> {
-        let Some(to) = targets.get(from) else { return Ok(()) };
-        if let Some(parent) = to.parent() {
-            std::fs::create_dir_all(parent)?;
+    let out = Folder::make(&args.folder.out, args.folder.force)?;
+    keep_inputs(&pairs, &out)?;
+    let folders: HashSet<&Path> = pairs.iter().filter_map(|pair| pair.to.parent()).collect();
+    for folder in folders {
+        out.inner(folder)?;
+    }
+    let files: Vec<PathBuf> = pairs.iter().map(|pair| pair.from.clone()).collect();
+    let targets: HashMap<&Path, PathBuf> =
+        pairs.iter().map(|pair| (pair.from.as_path(), out.path().join(&pair.to))).collect();
+    let is_full = AtomicBool::new(false);
+    let convert = |from: &Path| -> Option<Result<()>> {
+        if is_full.load(Ordering::Relaxed) {
+            return None;
         }
-        Ok(Recording::read(from)?.write(to)?)
+        let done = Recording::read(from).and_then(|scene| scene.write(&targets[from]));
+        let done = done.map_err(anyhow::Error::from);
+        if done.as_ref().is_err_and(output::is_disk_full) {
+            is_full.store(true, Ordering::Relaxed);
+        }
+        Some(done)
     };
     let mut progress = Progress::new("converted", files.len());
-    let mut failed = 0;
+    let (mut whole, mut failed, mut full) = (0, 0, None);
     folder::in_order(&files, convert, |_, result| {
-        if let Err(error) = result {
-            failed += 1;
-            progress.say(&format!("error: {error:#}"));
-        }
         progress.step();
+        match result {
+            Some(Ok(())) => whole += 1,
+            Some(Err(error)) if output::is_disk_full(&error) => full = Some(error),
+            Some(Err(error)) => {
+                failed += 1;
+                progress.say(&format!("error: {error:#}"));
+            }
+            None => {}
+        }
         Ok::<(), anyhow::Error>(())
     })?;
-    progress.finish(&format!(
-        "{} scenes in `{}`, {failed} failed",
-        files.len() - failed,
-        args.folder.out.display()
-    ));
+    let place = args.folder.out.display();
+    if let Some(error) = full {
+        let sum = format!(
+            "{whole} of {} scenes are whole in `{place}`; free space and start again with --force",
+            files.len()
+        );
+        return Err(error.context(sum));
+    }
+    progress.finish(&format!("{whole} scenes in `{place}`, {failed} failed"));
     Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
+}
+
+/// Refuses an output that would take the place of an input.
+fn keep_inputs(pairs: &[Pair], out: &Folder) -> Result<()> {
+    // By its own name and by what a link leads to.
+    let mut inputs: HashSet<PathBuf> = HashSet::new();
+    for Pair { from, .. } in pairs {
+        inputs.extend(from.canonicalize());
+        let folder = from.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        inputs
+            .extend(folder.canonicalize().ok().zip(from.file_name()).map(|(folder, name)| folder.join(name)));
+    }
+    let root = out.path().canonicalize()?;
+    match pairs.iter().find(|pair| inputs.contains(&root.join(&pair.to))) {
+        Some(pair) => bail!(
+            "`{}` would take the place of an input; name another --out",
+            out.path().join(&pair.to).display()
+        ),
+        None => Ok(()),
+    }
 }

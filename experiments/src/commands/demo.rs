@@ -21,7 +21,9 @@ use crate::{
     commands::draw::drawn_path,
     drawing::{self, Picture},
     methods::{self, Choosing, Place},
-    networks, output, progress,
+    networks,
+    output::Folder,
+    progress,
 };
 
 /// Where the dial is put.
@@ -36,7 +38,7 @@ struct Steered {
 }
 
 pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
-    output::make_folder(&args.out, args.force)?;
+    let out = Folder::make(&args.out, args.force)?;
     let experts = networks::load_experts(&registries.backbones, "procedural")?;
     let merger = registries.mergers.build_default("linear")?;
     let method = registries.methods.build_default("sage")?;
@@ -51,7 +53,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     let steered = steered.into_iter().collect::<Result<Vec<_>>>()?;
     for ((_, number), steered) in numbers.iter().zip(&steered) {
         if *number == 0 {
-            keep(args, steered)?;
+            keep(&out, steered)?;
         }
     }
     print(&steered)?;
@@ -78,11 +80,11 @@ fn steer(kind: Kind, number: u64, seed: u64, generators: &[Box<dyn Generator>]) 
 }
 
 /// Writes the scene, its strongest attack as a scene of its own, and a picture of the sweep.
-fn keep(args: &DemoArgs, steered: &Steered) -> Result<()> {
+fn keep(out: &Folder, steered: &Steered) -> Result<()> {
     let scene = &steered.scene;
     let index = SceneIndex::new(scene.map.clone());
     let ctx = Context::new(scene, &index, &ContextOptions::default())?;
-    let path = |ending: &str| args.out.join(format!("{}{ending}", scene.id));
+    let path = |ending: &str| out.path().join(format!("{}{ending}", scene.id));
     Recording::made(scene.clone()).write(&path(".safetensors"))?;
     if let Some((strongest, _)) = steered.attacks.last() {
         let attacked = Recording::made(attacked(scene, strongest.trajectory())?);
@@ -94,7 +96,7 @@ fn keep(args: &DemoArgs, steered: &Steered) -> Result<()> {
         .zip(&steered.attacks)
         .map(|(a, (attack, _))| drawn_path(format!("aggression {a:.2}"), &ctx, attack.trajectory().clone()));
     let picture = Picture { title: scene.id.clone(), candidates: drawn.collect(), ..Picture::default() };
-    output::write_file(&path(".svg"), drawing::draw(scene, &picture).as_bytes(), args.force)
+    out.write(&format!("{}.svg", scene.id), drawing::draw(scene, &picture).as_bytes())
 }
 
 fn print(steered: &[Steered]) -> Result<()> {

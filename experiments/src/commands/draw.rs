@@ -1,8 +1,6 @@
 //! `sage draw`: a scene, and candidates for its adversary, from above.
 
-use std::path::Path;
-
-use anyhow::{Context as _, Result};
+use anyhow::Result;
 use sage_core::{
     objective::{Context, ContextOptions, Encounter},
     scene::{Scene, SceneIndex},
@@ -13,10 +11,11 @@ use crate::{
     candidates::Named,
     cli::DrawArgs,
     drawing::{self, DrawnPath, Picture},
-    output,
+    output::OutputFile,
 };
 
 pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
+    let out = OutputFile::claim(&args.out, args.force)?;
     let scene = candidates::read_scene(&args.scene, args.ego.as_deref(), args.adversary.as_deref())?;
     if let Some(frame) = args.frame.filter(|frame| *frame >= scene.frames) {
         anyhow::bail!("`{}` has no frame {frame}; its last is {}", args.scene.display(), scene.frames - 1);
@@ -30,7 +29,7 @@ pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
         candidates: drawn(&scene, candidates)?,
         whole_map: args.whole_map,
     };
-    write(&args.out, &drawing::draw(&scene, &picture), args.force)?;
+    out.write(drawing::draw(&scene, &picture).as_bytes())?;
     Ok(Outcome::Done)
 }
 
@@ -59,8 +58,4 @@ pub(crate) fn drawn_path(
     let points =
         std::iter::once(candidate.start().position).chain(candidate.trajectory().points().iter().copied());
     DrawnPath { name, points: points.collect(), contact }
-}
-
-fn write(path: &Path, text: &str, force: bool) -> Result<()> {
-    output::write_file(path, text.as_bytes(), force).with_context(|| format!("picture `{}`", path.display()))
 }

@@ -13,7 +13,17 @@ use sage_backbones::{
 };
 use serde_json::json;
 
-use crate::{Outcome, Registries, cli::FinetuneArgs, networks, output, progress, scenes};
+use crate::{
+    Outcome, Registries,
+    cli::FinetuneArgs,
+    networks,
+    output::{self, Run, State},
+    progress,
+    scenes::{self, Scenes},
+};
+
+/// States of the experts, which are there only while they are tuned.
+const STATES: [&str; 2] = ["realistic.state", "adversarial.state"];
 
 /// The experts with their names and tastes, as a config file changes them.
 fn experts(args: &FinetuneArgs) -> Result<[(&'static str, FinetuneOptions); 2]> {
@@ -35,22 +45,23 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let loaded = networks::load(&registries.backbones, &args.prior)?;
     networks::announce(&loaded);
     let prior = &*loaded.network;
-    let train = scenes::read(&args.paths, &args.split, args.made, args.seed)?;
+    let train = Scenes::of(&args.paths, &args.split, args.made, args.seed)?.hold()?;
     let dev = match &args.dev {
-        Some(dev) => scenes::read_all(std::slice::from_ref(dev))?,
+        Some(dev) => Scenes::under(std::slice::from_ref(dev))?.hold()?,
         None => Vec::new(),
     };
     let data = scenes::describe(&train);
-    let record = json!({
+    let identity = json!({
         "data": &data, "prior": prior.parameters().hash()?, "seed": args.seed, "roles": args.roles,
         "options": &experts, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
-    if !output::start_run(&args.folder.out, &record, args.folder.force)? {
-        // What belonged to other experts would be taken for theirs.
-        for stale in ["realistic.state", "adversarial.state", networks::DIAL_FILE] {
-            let _ = std::fs::remove_file(args.folder.out.join(stale));
-        }
+    // The dial of other experts would be taken for theirs.
+    let outdated = [networks::DIAL_FILE];
+    let (run, state) = Run::start(&args.folder.out, identity.clone(), args.folder.force, &STATES, &outdated)?;
+    if state == State::Done {
+        return Ok(Outcome::Done);
     }
+    let folder = run.folder();
     let train = with_other_roles(train, args.roles);
     let (plain, dev) = (TunedScene::all(prior, &train, false)?, TunedScene::all(prior, &dev, false)?);
     let both = TunedScene::all(prior, &train, true)?;
@@ -66,8 +77,8 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let mut results = Vec::new();
     for (name, options) in &experts {
         let train = if options.mirror { &all[..] } else { &all[..count] };
-        let state = args.folder.out.join(format!("{name}.state"));
-        let identity = json!({"run": &record, "expert": name});
+        let state = folder.path().join(format!("{name}.state"));
+        let identity = json!({"run": &identity, "expert": name});
         let kept = Kept { file: &state, identity };
         let weights = finetune(prior, train, options, Some(&kept), |row| {
             progress::say(&told(name, row));
@@ -85,7 +96,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         header.notes.insert(networks::EXPERT.to_owned(), (*name).to_owned());
         header.notes.insert(networks::TUNED_FROM.to_owned(), prior.parameters().hash()?);
         header.notes.insert("options".to_owned(), serde_json::to_string(options)?);
-        weights.save(&header, &args.folder.out.join(format!("{name}.safetensors")))?;
+        weights.save(&header, &folder.path().join(format!("{name}.safetensors")))?;
         let tuned = prior.rebuilt(weights)?;
         for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {
             if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
@@ -106,14 +117,9 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         }
         results.push(json!({"expert": name, "options": options}));
     }
-    loaded.network.parameters().save(&loaded.header, &args.folder.out.join(networks::PRIOR))?;
-    output::write_file(&args.folder.out.join("finetune.csv"), table.as_bytes(), true)?;
-    let seconds = clock.elapsed().as_secs_f64();
-    output::finish_run(&args.folder.out, &record, &json!({"experts": results}), seconds)?;
-    for (name, _) in &experts {
-        // What is no longer needed may stay.
-        let _ = std::fs::remove_file(args.folder.out.join(format!("{name}.state")));
-    }
+    loaded.network.parameters().save(&loaded.header, &folder.path().join(networks::PRIOR))?;
+    folder.write("finetune.csv", table.as_bytes())?;
+    run.finish(&json!({"experts": results}), clock.elapsed().as_secs_f64())?;
     progress::say(&format!(
         "prior and experts are in `{}` ({:.0} s)",
         args.folder.out.display(),
@@ -124,7 +130,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
 
 /// Options from a file over an expert's own: keys left out keep theirs.
 fn configured(path: &std::path::Path, own: &FinetuneOptions) -> Result<FinetuneOptions> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+    let text = output::read_config(path)?;
     let fail = || format!("`{}`", path.display());
     let given: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&text).with_context(fail)?;
     if given.contains_key("seed") {

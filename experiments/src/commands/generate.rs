@@ -14,7 +14,7 @@ use sage_core::{
     scene::SceneIndex,
 };
 use sage_data::{Recording, folder};
-use sage_generators::attacked;
+use sage_generators::{Method, attacked};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -24,7 +24,9 @@ use crate::{
     commands::draw::drawn_path,
     drawing::{self, Picture},
     methods::{self, Place},
-    networks, output, progress,
+    networks,
+    output::{self, Folder},
+    progress, terminal,
 };
 
 #[derive(Serialize)]
@@ -35,69 +37,135 @@ struct Candidate {
     scores: Scores,
 }
 
+/// Generators at all places over one set of weights.
+struct Generators {
+    weights: String,
+    places: Vec<(Place, Box<dyn Generator>)>,
+}
+
+/// What each scene is attacked with. Weights are those that the user names, or by each scene's origin: what
+/// a scene gets does not depend on those beside it.
+struct Choice<'a> {
+    args: &'a GenerateArgs,
+    registries: &'a Registries,
+    method: Box<dyn Method>,
+    loaded: Vec<Generators>,
+}
+
+impl Choice<'_> {
+    /// The generators for a scene.
+    ///
+    /// *Errors*: weights that cannot be used.
+    fn for_scene(&mut self, recording: &Recording) -> Result<&Generators> {
+        let weights = match &self.args.weights {
+            Some(weights) => weights.as_str(),
+            None => networks::default_for(recording)?,
+        };
+        let known = self.loaded.iter().position(|generators| generators.weights == weights);
+        let number = match known {
+            Some(number) => number,
+            None => {
+                self.loaded.push(self.load(weights)?);
+                self.loaded.len() - 1
+            }
+        };
+        Ok(&self.loaded[number])
+    }
+
+    fn load(&self, weights: &str) -> Result<Generators> {
+        let args = self.args;
+        let experts = networks::load_experts(&self.registries.backbones, weights)?;
+        let merger = self.registries.mergers.build_default(&args.dial.merger)?;
+        let choosing = args.choosing.with(args.choice);
+        let places = if self.method.is_steered() {
+            args.dial.places(weights, &experts, choosing.choice, &[1.0])?
+        } else {
+            vec![Place::at(1.0, None)?]
+        };
+        let build =
+            |place: Place| Ok((place, methods::build(&*self.method, place, choosing, &experts, &*merger)?));
+        let places = places.into_iter().map(build).collect::<Result<Vec<_>>>()?;
+        Ok(Generators { weights: weights.to_owned(), places })
+    }
+}
+
 pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcome> {
-    let files = folder::scene_files(&args.scene)?;
-    let first = Recording::read(&files[0]);
-    let weights = match (&args.weights, &first) {
-        (Some(weights), _) => weights.as_str(),
-        (None, Ok(recording)) => networks::default_for(recording)?,
-        (None, Err(_)) => "procedural",
-    };
-    let experts = networks::load_experts(&registries.backbones, weights)?;
-    let merger = registries.mergers.build_default(&args.dial.merger)?;
-    let choosing = args.choosing.with(args.choice);
     let options = args.options.as_deref().map_or(Ok(json!({})), serde_json::from_str);
     let options: Value = options.context("--options is not a JSON object")?;
     let method = registries.methods.build(&args.method, &options)?;
-    let mut places = args.dial.places(weights, &experts, choosing.choice, &[1.0])?;
-    if !method.is_steered() {
-        if args.dial.is_given() {
-            progress::say(&format!(
-                "note: `{}` is not steered: lambda, mu and aggression change nothing",
-                args.method
-            ));
-        }
-        places = vec![Place::at(1.0, None)?];
+    registries.mergers.get(&args.dial.merger)?;
+    args.dial.check()?;
+    say_what_changes_nothing(args, &*method);
+    let mut choice = Choice { args, registries, method, loaded: Vec::new() };
+    if let Some(weights) = &args.weights {
+        choice.loaded.push(choice.load(weights)?);
     }
-    if args.dial.aggression.is_some() && (args.method != "sage" || choosing.strict) {
-        progress::say(
-            "note: the even dial was fitted for `sage` under the paper's feasibility; here it may not be even",
-        );
-    }
-    let build = |place: &Place| Ok((*place, methods::build(&*method, *place, choosing, &experts, &*merger)?));
-    let generators = places.iter().map(build).collect::<Result<Vec<_>>>()?;
+    let files = folder::scene_files(&args.scene)?;
     check_names(args, &files)?;
-    output::make_folder(&args.folder.out, args.folder.force)?;
+    let out = Folder::make(&args.folder.out, args.folder.force)?;
     let mut failed = 0;
     // Whoever reads the output may have seen enough; the files come all the same.
     let mut heard = true;
-    for file in &files {
-        match one(args, weights, file, &generators) {
+    for (number, file) in files.iter().enumerate() {
+        let mut attack = || -> Result<Result<Vec<String>>> {
+            let recording = match Recording::read(file) {
+                Ok(recording) => recording,
+                Err(error) => return Ok(Err(error.into())),
+            };
+            // Weights that cannot be used fail every scene.
+            let generators = choice.for_scene(&recording)?;
+            Ok(one(args, &out, generators, file, recording))
+        };
+        match attack()? {
             Ok(lines) => heard = heard && tell(&lines)?,
+            Err(error) if output::is_disk_full(&error) => {
+                let whole = number - failed;
+                return Err(error.context(format!(
+                    "{whole} of {} scenes are whole in `{}`; free space and start again with --force",
+                    files.len(),
+                    args.folder.out.display()
+                )));
+            }
             Err(error) => {
                 progress::say(&format!("error: `{}`: {error:#}", file.display()));
                 failed += 1;
             }
         }
     }
-    if failed > 0 {
-        progress::say(&format!(
-            "{failed} of {} scenes failed; the others are in `{}`",
-            files.len(),
-            args.folder.out.display()
-        ));
-        return if failed == files.len() {
-            Err(anyhow::anyhow!("no scene came out"))
-        } else {
+    match failed {
+        0 => Ok(Outcome::Done),
+        all if all == files.len() => {
+            bail!(
+                "no scene came out of {}",
+                if all == 1 { "1 file".to_owned() } else { format!("{all} files") }
+            )
+        }
+        some => {
+            let place = args.folder.out.display();
+            progress::say(&format!("{some} of {} scenes failed; the others are in `{place}`", files.len()));
             Ok(Outcome::Partial)
-        };
+        }
     }
-    Ok(Outcome::Done)
+}
+
+fn say_what_changes_nothing(args: &GenerateArgs, method: &dyn Method) {
+    let strict = args.choosing.with(args.choice).strict;
+    if !method.is_steered() && args.dial.is_given() {
+        progress::say(&format!(
+            "note: `{}` is not steered: lambda, mu and aggression change nothing",
+            args.method
+        ));
+    }
+    if args.dial.aggression.is_some() && (args.method != "sage" || strict) {
+        progress::say(
+            "note: the even dial was fitted for `sage` under the paper's feasibility; here it may not be even",
+        );
+    }
 }
 
 /// Name of a scene's output files.
 fn stem(file: &Path) -> String {
-    file.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    output::scene_name(file).file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Refuses what would lose a scene.
@@ -129,7 +197,7 @@ fn check_names(args: &GenerateArgs, files: &[PathBuf]) -> Result<()> {
 /// *Errors*: standard output is full.
 fn tell(lines: &[String]) -> Result<bool> {
     let mut out = std::io::stdout().lock();
-    let written = lines.iter().try_for_each(|line| writeln!(out, "{line}")).and_then(|()| out.flush());
+    let written = lines.iter().try_for_each(|line| out.write_all(line.as_bytes())).and_then(|()| out.flush());
     match written {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
         written => written.map(|()| true).context("cannot write to standard output"),
@@ -139,11 +207,11 @@ fn tell(lines: &[String]) -> Result<bool> {
 /// Attacks one scene at every place; the lines to print.
 fn one(
     args: &GenerateArgs,
-    weights: &str,
+    out: &Folder,
+    Generators { weights, places }: &Generators,
     file: &Path,
-    generators: &[(Place, Box<dyn Generator>)],
+    mut recording: Recording,
 ) -> Result<Vec<String>> {
-    let mut recording = Recording::read(file)?;
     recording.scene = recording.scene.with_roles(None, args.adversary.as_deref())?;
     let scene = recording.scene.clone();
     let index = SceneIndex::new(scene.map.clone());
@@ -152,24 +220,24 @@ fn one(
     let scorer = Scorer::new(&ctx);
     let stem = stem(file);
     let (mut drawn, mut lines) = (Vec::new(), Vec::new());
-    for (place, generator) in generators {
+    for (place, generator) in places {
         let clock = Instant::now();
         let attack = generator.generate(&ctx, args.seed)?;
         let seconds = clock.elapsed().as_secs_f64();
-        let name = if generators.len() > 1 { format!("{stem}-{}", place.file_label()) } else { stem.clone() };
+        attack.check(&scene)?;
+        let name = if places.len() > 1 { format!("{stem}-{}", place.file_label()) } else { stem.clone() };
         let scores = scorer.scores(&ctx.candidate(attack.trajectory().clone()));
-        lines.push(report(args, &name, *place, &attack, &scores, seconds, &scorer, &ctx)?);
+        lines.push(report(args, out, &name, *place, &attack, &scores, seconds, &scorer, &ctx)?);
         recording.scene = attacked(&scene, attack.trajectory())?;
         recording.provenance = Some(provenance(args, weights, *place).to_string());
         for ending in ["safetensors", "pkl"] {
-            recording.write(&args.folder.out.join(format!("{name}.{ending}")))?;
+            recording.write(&out.path().join(format!("{name}.{ending}")))?;
         }
-        let label = if generators.len() > 1 { place.long_label() } else { generator.name() };
+        let label = if places.len() > 1 { place.long_label() } else { generator.name() };
         drawn.push(drawn_path(label, &ctx, attack.trajectory().clone()));
     }
     let picture = Picture { title: stem.clone(), candidates: drawn, ..Picture::default() };
-    let path = args.folder.out.join(format!("{stem}.svg"));
-    output::write_file(&path, drawing::draw(&scene, &picture).as_bytes(), true)?;
+    out.write(&format!("{stem}.svg"), drawing::draw(&scene, &picture).as_bytes())?;
     Ok(lines)
 }
 
@@ -184,6 +252,7 @@ fn provenance(args: &GenerateArgs, weights: &str, place: Place) -> Value {
 #[allow(clippy::too_many_arguments)] // One row needs all of it, and nobody else calls it.
 fn report(
     args: &GenerateArgs,
+    out: &Folder,
     name: &str,
     place: Place,
     attack: &Attack,
@@ -205,15 +274,18 @@ fn report(
         "reasons": scores.reasons, "note": attack.note, "scores": scores,
         "candidates": all.collect::<Vec<_>>(), "seconds": seconds,
     });
-    output::write_file(&args.folder.out.join(format!("{name}.json")), row.to_string().as_bytes(), true)?;
+    out.write(&format!("{name}.json"), row.to_string().as_bytes())?;
     if args.json {
-        return Ok(row.to_string());
+        let mut line = Vec::new();
+        terminal::json_line(&mut line, &row)?;
+        return Ok(String::from_utf8_lossy(&line).into_owned());
     }
     let hit = scores
         .collision_step
         .map_or("no contact".to_owned(), |step| format!("hits after {:.1} s", step as f64 / 10.0));
     Ok(format!(
-        "{name}: {hit}, R_adv {:.2}, P_kin {:.2}, P_beh {:.2}, {}{} ({:.0} ms)",
+        "{}: {hit}, R_adv {:.2}, P_kin {:.2}, P_beh {:.2}, {}{} ({:.0} ms)\n",
+        terminal::harmless_name(name),
         scores.adversarial_reward,
         scores.kinematic_penalty,
         scores.behavior_penalty,

@@ -15,7 +15,7 @@ use sage_data::{
 };
 use serde_json::json;
 
-use crate::{Outcome, cli::InspectArgs, progress};
+use crate::{Outcome, cli::InspectArgs, output, progress, terminal};
 
 /// What is kept of a scene once it is read.
 struct Row {
@@ -48,6 +48,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
 
 /// Name of a scene: its file's, without the ending.
 fn scene_name(path: &Path) -> String {
+    let path = output::scene_name(path);
     path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
@@ -120,7 +121,7 @@ impl<W: Write> Report<W> {
                 progress::say(&format!("error: {error}"));
                 if self.json {
                     let row = json!({ "scene": scene_name(path), "error": error });
-                    writeln!(self.out, "{row}")?;
+                    terminal::json_line(&mut self.out, &row)?;
                 }
                 return Ok(());
             }
@@ -133,9 +134,7 @@ impl<W: Write> Report<W> {
             *self.total.warnings.entry(warning.kind).or_default() += 1;
         }
         if self.json {
-            serde_json::to_writer(&mut self.out, &summary)?;
-            writeln!(self.out)?;
-            return Ok(());
+            return Ok(terminal::json_line(&mut self.out, &summary)?);
         }
         let kind = |name: &str| summary.tracks.get(name).copied().unwrap_or(0);
         let (vehicles, peds, cyclists) = (kind("VEHICLE"), kind("PEDESTRIAN"), kind("CYCLIST"));
@@ -144,7 +143,7 @@ impl<W: Write> Report<W> {
         writeln!(
             self.out,
             "{:<14} {:<18} {:>6} {:>8} {:>5} {:>5} {:>5} {:>8} {:>7} {:>6}  {:<10} {:<10} {:>5} {:>6}  {}",
-            summary.scene,
+            terminal::harmless_name(&summary.scene),
             summary.id.escape_debug().to_string(),
             summary.frames,
             vehicles,

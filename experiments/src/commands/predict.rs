@@ -20,7 +20,9 @@ use crate::{
     Outcome, Registries,
     cli::{PredictArgs, SelectArg},
     drawing::{self, DrawnPath, Picture},
-    networks, output, progress,
+    networks,
+    output::OutputFile,
+    progress, terminal,
 };
 
 #[derive(Serialize)]
@@ -32,6 +34,7 @@ struct Row<'p> {
 }
 
 pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome> {
+    let out = args.out.as_deref().map(|path| OutputFile::claim(path, args.force)).transpose()?;
     let recording = Recording::read(&args.scene)?;
     let weights = match args.weights.as_deref() {
         Some(weights) => weights,
@@ -63,12 +66,12 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     if predicted.len() < args.k {
         progress::say(&format!("note: the network knows {} futures of this agent", predicted.len()));
     }
-    if let Some(path) = &args.out {
+    if let Some(out) = &out {
         scene.adversary = Some(target).filter(|t| *t != scene.ego).or(scene.adversary);
         let title = args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let picture = Picture { title, candidates: drawn(&scene, target, &predicted), ..Picture::default() };
-        output::write_file(path, drawing::draw(&scene, &picture).as_bytes(), args.force)?;
-        if path.to_str() == Some("-") {
+        out.write(drawing::draw(&scene, &picture).as_bytes())?;
+        if out.is_stdout() {
             return Ok(Outcome::Done);
         }
     }
@@ -88,8 +91,7 @@ fn print(predicted: &[Predicted], as_json: bool) -> Result<()> {
     for (k, Predicted { log_prob, goal, trajectory, .. }) in predicted.iter().enumerate() {
         if as_json {
             let row = Row { rank: k + 1, log_prob: *log_prob, goal: *goal, trajectory };
-            serde_json::to_writer(&mut out, &row)?;
-            writeln!(out)?;
+            terminal::json_line(&mut out, &row)?;
             continue;
         }
         let points = trajectory.points();

@@ -1,9 +1,6 @@
 //! `sage pretrain`: a prior from recorded or made scenes.
 
-use std::{
-    path::Path,
-    time::{Duration, Instant},
-};
+use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
 use sage_backbones::{
@@ -18,13 +15,13 @@ use crate::{
     bench::curve,
     cli::PretrainArgs,
     networks::{self, PRIOR},
-    output, progress, scenes,
+    output::{self, Folder, Run, State},
+    progress,
+    scenes::{self, Scenes},
 };
 
 /// State of training in its folder.
 const STATE: &str = "last.safetensors";
-/// What a training leaves in its folder.
-const OURS: [&str; 5] = [STATE, PRIOR, "curve.csv", "curve.svg", "run.json"];
 /// Made scenes that validate where no recorded ones do.
 const HELD_OUT: u64 = 60;
 /// Time between two lines about steps.
@@ -33,13 +30,6 @@ const PACE: Duration = Duration::from_secs(10);
 pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let options = options(args)?;
-    let folder = &args.folder.out;
-    let resumes = !args.folder.force && folder.join(STATE).is_file();
-    output::make_folder(folder, args.folder.force || holds_only_ours(folder))?;
-    if args.folder.force && folder.join(STATE).is_file() {
-        std::fs::remove_file(folder.join(STATE))
-            .with_context(|| format!("cannot clear `{}`", folder.display()))?;
-    }
     let given = args.network.as_deref().unwrap_or("{}");
     let given = serde_json::from_str(given).with_context(|| format!("--network: `{given}` is not JSON"))?;
     let mut network = registries.backbones.build(&args.backbone, &given)?;
@@ -49,15 +39,16 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         network = network.with_parameters(parameters, &format!("weights `{from}`"))?;
     }
     let train = if args.paths.is_empty() {
-        scenes::make(args.made, options.seed)
+        Scenes::procedural(args.made, options.seed)
     } else {
-        scenes::read_all(&args.paths)?
+        Scenes::under(&args.paths)?
     };
     let dev = match &args.dev {
-        Some(dev) => scenes::read_all(std::slice::from_ref(dev))?,
+        Some(dev) => Scenes::under(std::slice::from_ref(dev))?,
         // Any other seed makes other scenes.
-        None => scenes::make(HELD_OUT, !options.seed),
+        None => Scenes::procedural(HELD_OUT, !options.seed),
     };
+    let (train, dev) = (train.hold()?, dev.hold()?);
     let header = Header {
         backbone: network.name().to_owned(),
         options: network.options().clone(),
@@ -67,34 +58,39 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         license: args.license.clone().unwrap_or_default(),
         notes: [("start".to_owned(), started(args, &*network)?)].into(),
     };
+    let identity = json!({
+        "backbone": &header.backbone, "network": &header.options, "options": options, "data": &header.data,
+        "start": &header.notes["start"], "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
+    });
+    let outdated = [STATE, PRIOR, "curve.csv", "curve.svg"];
+    let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[], &outdated)?;
+    if state == State::Done {
+        return Ok(Outcome::Done);
+    }
+    let folder = run.folder();
     progress::say(&format!(
         "{} network `{}` ({} numbers), {} scenes, validation on {}",
-        if resumes { "going on with" } else { "training" },
+        if state == State::Unfinished { "going on with" } else { "training" },
         network.name(),
         network.parameters().numbers(),
         train.len(),
         dev.len()
     ));
     let mut watcher = Watcher::new(folder, options.epochs);
-    let done = pretrain(&*network, &train, &dev, &options, &header, folder, &mut watcher)?;
+    let done = pretrain(&*network, &train, &dev, &options, &header, folder.path(), &mut watcher)?;
     watcher.outcome?;
     let rows = done.rows;
     let best =
         rows.iter().min_by(|a, b| a.surprise.total_cmp(&b.surprise)).context("no epoch was asked for")?;
     curve::write(folder, &rows)?;
-    let record = json!({
-        "command": header.command, "options": options, "network": header.options, "data": header.data,
-        "best": best, "epochs": rows.len(), "seconds": clock.elapsed().as_secs_f64(),
-        "version": env!("CARGO_PKG_VERSION"),
-    });
-    output::write_file(&folder.join("run.json"), format!("{record:#}\n").as_bytes(), true)?;
+    run.finish(&json!({"best": best, "epochs": rows.len()}), clock.elapsed().as_secs_f64())?;
     progress::say(&format!(
         "best of {} epochs: {} with surprise {:.3} and minFDE6 {:.2} m; its weights are `{}`",
         rows.len(),
         best.epoch,
         best.surprise,
         best.min_fde6,
-        folder.join(PRIOR).display()
+        folder.path().join(PRIOR).display()
     ));
     Ok(Outcome::Done)
 }
@@ -105,21 +101,10 @@ fn started(args: &PretrainArgs, network: &dyn Backbone) -> Result<String> {
     Ok(format!("{from} ({})", network.parameters().hash()?))
 }
 
-/// Whether a folder holds nothing but what an interrupted training leaves there.
-fn holds_only_ours(folder: &Path) -> bool {
-    let Ok(entries) = std::fs::read_dir(folder) else { return false };
-    entries.flatten().all(|entry| {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        OURS.contains(&name.trim_end_matches(".part"))
-            || OURS.iter().any(|ours| name.starts_with(&format!(".{ours}.")))
-    })
-}
-
 fn options(args: &PretrainArgs) -> Result<PretrainOptions> {
     let mut options: PretrainOptions = match &args.config {
         Some(path) => {
-            let text =
-                std::fs::read_to_string(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+            let text = output::read_config(path)?;
             serde_json::from_str(&text).with_context(|| format!("`{}`", path.display()))?
         }
         None => PretrainOptions::default(),
@@ -133,12 +118,13 @@ fn options(args: &PretrainArgs) -> Result<PretrainOptions> {
     if let Some(rate) = args.rate {
         options.rate = rate;
     }
+    options.check()?;
     Ok(options)
 }
 
 /// Reports steps and epochs, and keeps the curve.
 struct Watcher<'f> {
-    folder: &'f Path,
+    folder: &'f Folder,
     epochs: u32,
     rows: Vec<EpochRow>,
     shown: Instant,
@@ -147,7 +133,7 @@ struct Watcher<'f> {
 }
 
 impl<'f> Watcher<'f> {
-    fn new(folder: &'f Path, epochs: u32) -> Self {
+    fn new(folder: &'f Folder, epochs: u32) -> Self {
         let now = Instant::now();
         Self { folder, epochs, rows: Vec::new(), shown: now, outcome: Ok(()) }
     }

@@ -12,7 +12,7 @@ use sage_data::{
 use crate::{
     Outcome,
     cli::{Format, ScenesArgs},
-    output,
+    output::Folder,
     progress::Progress,
 };
 
@@ -21,7 +21,7 @@ const WINDOW: u64 = 64;
 
 pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
     let kinds = if args.kind.is_empty() { &Kind::ALL[..] } else { &args.kind };
-    output::make_folder(&args.out, args.force)?;
+    let out = Folder::make(&args.out, args.force)?;
     let ending = match args.format {
         Format::Native => "safetensors",
         Format::Pickle => "pkl",
@@ -36,7 +36,7 @@ pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
                 let scene = procedural::generate(kind, args.seed, number).with_context(|| {
                     format!("no {} scene came of seed {} number {number}", kind.name(), args.seed)
                 })?;
-                let path: PathBuf = args.out.join(format!("{}.{ending}", scene.id));
+                let path: PathBuf = out.path().join(format!("{}.{ending}", scene.id));
                 Ok(Recording::made(scene).write(&path)?)
             })
             .collect();

@@ -12,6 +12,7 @@ use serde::Serialize;
 use crate::{
     Outcome, candidates,
     cli::{ScoreArgs, SizesArg},
+    terminal,
 };
 
 #[derive(Serialize)]
@@ -61,9 +62,7 @@ struct Table<W> {
 impl<W: Write> Table<W> {
     fn row(&mut self, row: &Row) -> Result<()> {
         if self.json {
-            serde_json::to_writer(&mut self.out, row)?;
-            writeln!(self.out)?;
-            return Ok(());
+            return Ok(terminal::json_line(&mut self.out, row)?);
         }
         if self.rows == 0 {
             writeln!(

@@ -59,11 +59,15 @@ impl View {
     }
 }
 
-/// Douglas and Peucker's simplification with a tolerance of a third of a pixel.
+/// Douglas and Peucker's simplification with a tolerance of a third of a pixel, in pieces: its worst case
+/// takes the square of the number of points.
 fn simplified(points: &[Point]) -> Vec<Point> {
     const TOLERANCE: f64 = 0.33;
+    const PIECE: usize = 2048;
     let mut keep = vec![false; points.len()];
-    let mut open = vec![(0, points.len().saturating_sub(1))];
+    let end = points.len().saturating_sub(1);
+    let mut open: Vec<(usize, usize)> =
+        (0..=end).step_by(PIECE).map(|first| (first, (first + PIECE).min(end))).collect();
     while let Some((first, last)) = open.pop() {
         (keep[first], keep[last]) = (true, true);
         let (a, b) = (points[first], points[last]);

@@ -116,7 +116,9 @@ fn numbers<const N: usize, T: candle_core::WithDType + Into<f64>>(
     let values: Vec<T> = chunks.iter().map(|chunk| read(*chunk)).collect();
     if let Some(place) = values.iter().position(|x| !Into::<f64>::into(*x).is_finite()) {
         let value: f64 = values[place].into();
-        return Err(format!("holds {value} at place {place}; expected finite numbers: train or copy it again"));
+        return Err(format!(
+            "holds {value} at place {place}; expected finite numbers: train or copy it again"
+        ));
     }
     let count = values.len();
     Tensor::from_vec(values, count, &Device::Cpu).map_err(|error| error.to_string())

@@ -246,8 +246,7 @@ fn go_on(trainer: &mut Trainer, kept: Option<&Kept>, config: AdamWConfig) -> Res
 fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch: u32) -> Result<Part, Error> {
     let log_probs = trainer.network().log_probs(&scene.encoding)?;
     let what = format!("epoch {epoch}, scene `{}`", scene.name);
-    let policy: Vec<f32> =
-        finite(&log_probs).map_err(|error| Error::Training(format!("{what}: {error}")))?;
+    let policy: Vec<f32> = finite(&log_probs).map_err(|error| Error::Training(format!("{what}: {error}")))?;
     let mut rng = Rng::new(options.seed, &scene.name, &format!("candidates of epoch {epoch}"));
     let chosen = choose(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
     let judged: Vec<Judged> = chosen

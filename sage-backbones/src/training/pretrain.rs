@@ -16,8 +16,13 @@ use super::{
     samples::{Example, recorded},
 };
 use crate::{
-    Error, Parameters, backbone::{Backbone, finite}, candidates::Selection, labels, nn::AdamWConfig,
-    parameters::Header, prediction::propose,
+    Error, Parameters,
+    backbone::{Backbone, finite},
+    candidates::Selection,
+    labels,
+    nn::AdamWConfig,
+    parameters::Header,
+    prediction::propose,
 };
 
 /// How a prior is trained.

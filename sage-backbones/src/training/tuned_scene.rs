@@ -10,7 +10,7 @@ use sage_core::{
     },
     registry::Entry,
 };
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::SceneData;
 use crate::{
@@ -113,7 +113,7 @@ impl TunedScene {
 }
 
 /// Expectations under a policy over the goals of a scene.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Expectation {
     /// Probability of a feasible path.
     pub feasible: f64,

@@ -3,6 +3,12 @@
 //! parry's tree over every segment takes 10 ms to build for 20 000 of them, so its leaves here are
 //! runs of [`RUN`] successive segments of one polyline: an eighth of the leaves, and a run's
 //! segments lie side by side in memory for the exact tests that follow.
+//!
+//! The bounds of a long slanting segment meet much that it is far from, so runs longer than [`LONG`]
+//! lie under leaves of short pieces instead: thousands of parallel diagonals cost no more than what of
+//! them is near.
+
+use std::ops::Range;
 
 use parry2d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
@@ -10,6 +16,12 @@ use super::{Aabb, Point, cross, dot, norm, sub};
 
 /// Segments under one leaf.
 const RUN: usize = 8;
+/// Longest run under one leaf, and longest piece of a segment, metres …
+const LONG: f64 = 64.0;
+/// … unless that made more pieces than this: with lines of over 16 000 km, which no file that is read has.
+const MOST_PIECES: f64 = 250e3;
+/// By how much the bounds of a piece are wider than it: more than any rounding, metres.
+const SLACK: f64 = 1e-6;
 
 /// One straight piece of a polyline.
 #[derive(Clone, Copy, Debug)]
@@ -57,6 +69,15 @@ impl Segment {
         self.z[0] + share * (self.z[1] - self.z[0])
     }
 
+    /// Bounds of its pieces of at most some length.
+    fn pieces(self, length: f64) -> impl Iterator<Item = Aabb> {
+        let count = (norm(sub(self.b, self.a)) / length).ceil().max(1.0);
+        (0..count as usize).map(move |k| {
+            let [from, to] = [k, k + 1].map(|k| Aabb::around(self.at(k as f64 / count), SLACK));
+            from.union(&to)
+        })
+    }
+
     /// Unit direction; zero for a segment without length.
     fn direction(&self) -> Point {
         let d = sub(self.b, self.a);
@@ -88,8 +109,10 @@ pub enum Side {
 /// Segments of many polylines with a tree of bounds.
 pub struct SegmentIndex {
     segments: Vec<Segment>,
-    runs: Vec<std::ops::Range<u32>>,
+    runs: Vec<Range<u32>>,
     tree: Bvh,
+    /// Whether a run may lie under several leaves.
+    is_cut: bool,
 }
 
 impl SegmentIndex {
@@ -97,8 +120,8 @@ impl SegmentIndex {
     /// points has no segment and is left out.
     pub fn build<'a>(polylines: impl IntoIterator<Item = (u32, &'a [[f64; 3]])>) -> Self {
         let mut segments = Vec::new();
+        // No run goes on from one polyline to the next.
         let mut runs = Vec::new();
-        let mut bounds = Vec::new();
         for (feature, points) in polylines {
             let first = segments.len();
             let last = points.len().saturating_sub(2);
@@ -109,15 +132,35 @@ impl SegmentIndex {
                 feature,
                 joined: [k > 0, k < last],
             }));
-            for start in (first..segments.len()).step_by(RUN) {
-                let end = (start + RUN).min(segments.len());
-                runs.push(start as u32..end as u32);
-                let all = segments[start..end].iter().fold(Aabb::EMPTY, |all, s| all.union(&s.aabb()));
-                bounds.push(all.to_parry());
-            }
+            let starts = (first..segments.len()).step_by(RUN);
+            runs.extend(starts.map(|start| start as u32..(start + RUN).min(segments.len()) as u32));
         }
+        let bounds_of = |run: &Range<u32>| {
+            let run = &segments[run.start as usize..run.end as usize];
+            run.iter().fold(Aabb::EMPTY, |all, s| all.union(&s.aabb()))
+        };
+        let is_long = |all: &Aabb| (0..2).any(|k| all.max[k] - all.min[k] > LONG);
+        let mut bounds: Vec<Aabb> = runs.iter().map(bounds_of).collect();
+        let is_cut = bounds.iter().any(is_long);
+        if is_cut {
+            let total: f64 = segments.iter().map(|s| norm(sub(s.b, s.a))).sum();
+            let piece = LONG.max(total / MOST_PIECES);
+            let whole = runs.into_iter().zip(bounds);
+            (runs, bounds) = whole
+                .flat_map(|(run, all)| {
+                    let cut = is_long(&all);
+                    let pieces = cut.then(|| {
+                        run.clone().flat_map(|k| {
+                            segments[k as usize].pieces(piece).map(move |bounds| (k..k + 1, bounds))
+                        })
+                    });
+                    pieces.into_iter().flatten().chain((!cut).then_some((run, all)))
+                })
+                .unzip();
+        }
+        let bounds: Vec<_> = bounds.into_iter().map(Aabb::to_parry).collect();
         let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &bounds);
-        Self { segments, runs, tree }
+        Self { segments, runs, tree, is_cut }
     }
 
     /// All segments, polyline after polyline.
@@ -126,10 +169,15 @@ impl SegmentIndex {
     }
 
     /// Runs of segments whose bounds meet `bounds`.
-    pub fn near(&self, bounds: &Aabb) -> impl Iterator<Item = std::ops::Range<usize>> {
+    pub fn near(&self, bounds: &Aabb) -> impl Iterator<Item = Range<usize>> {
         let bounds = bounds.to_parry();
-        let leaves: Vec<u32> =
+        let mut leaves: Vec<u32> =
             if self.runs.is_empty() { Vec::new() } else { self.tree.intersect_aabb(&bounds).collect() };
+        if self.is_cut {
+            // Leaves of one segment follow one another.
+            leaves.sort_unstable();
+            leaves.dedup_by_key(|leaf| self.runs[*leaf as usize].start);
+        }
         leaves.into_iter().map(|leaf| {
             let run = &self.runs[leaf as usize];
             run.start as usize..run.end as usize
@@ -192,7 +240,10 @@ impl SegmentIndex {
 
 #[cfg(test)]
 mod tests {
-    use super::{super::distance, *};
+    use super::{
+        super::{OrientedBox, distance},
+        *,
+    };
     use crate::seed::Rng;
 
     #[test]
@@ -232,6 +283,26 @@ mod tests {
             let all: Vec<usize> =
                 (0..index.segments().len()).filter(|&k| index.segments()[k].aabb().meets(&bounds)).collect();
             assert_eq!(found, all);
+        }
+    }
+
+    #[test]
+    fn long_segments_are_found_once_and_only_near_them() {
+        let mut rng = Rng::new(3, "segments", "long");
+        let lines: Vec<[[f64; 3]; 2]> = (0..200)
+            .map(|_| [0, 1].map(|_| [rng.uniform(-900.0, 900.0), rng.uniform(-900.0, 900.0), 0.0]))
+            .collect();
+        let index = SegmentIndex::build(lines.iter().enumerate().map(|(k, line)| (k as u32, &line[..])));
+        for _ in 0..500 {
+            let car =
+                OrientedBox::new([rng.uniform(-900.0, 900.0), rng.uniform(-900.0, 900.0)], 0.5, 40.0, 30.0);
+            let touched = |k: &usize| {
+                let segment = &index.segments()[*k];
+                car.intersects_segment(segment.a, segment.b)
+            };
+            let near: Vec<usize> = index.near(&car.aabb()).flatten().collect();
+            assert!(near.len() < 60, "{} of 200", near.len());
+            assert!((0..200).filter(touched).eq(near.into_iter().filter(touched)));
         }
     }
 

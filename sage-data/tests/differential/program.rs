@@ -280,7 +280,7 @@ impl Writer {
         let plain = items.iter().all(|v| v.kind.is_plain());
         let is_key = |v: &Value| matches!(v.kind, Kind::Key | Kind::Str | Kind::Bytes);
         let (keys, pairs) =
-            (items.iter().all(is_key), items.len() % 2 == 0 && items.iter().step_by(2).all(is_key));
+            (items.iter().all(is_key), items.len().is_multiple_of(2) && items.iter().step_by(2).all(is_key));
         let mut ways: Vec<(u8, Option<Kind>)> = vec![(b'1', None)];
         if plain && size < LARGEST {
             ways.extend([(b't', Some(if keys { Kind::Key } else { Kind::Other })), (b'l', Some(Kind::List))]);

@@ -32,11 +32,11 @@ struct Way {
 }
 
 pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outcome> {
-    let out = Folder::make(&args.folder.out, args.folder.force)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger = registries.mergers.build_default("linear")?;
     let choice = args.choice.into();
     let dial = networks::load_dial(&args.weights, &experts, choice)?;
+    let out = Folder::make(&args.folder.out, args.folder.force)?;
     let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
     let mut lambdas = places();
     lambdas.extend(LAMBDAS.into_iter().filter(|l| !places().iter().any(|p| (p - l).abs() < 1e-9)));

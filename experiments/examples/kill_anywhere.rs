@@ -1,0 +1,52 @@
+//! Kills `sage` at random moments, runs the same command again, and compares what is left with an
+//! uninterrupted run.
+//!
+//! ```sh
+//! cargo build --release && cargo run --release -p experiments --example kill_anywhere -- 100 [COMMAND …]
+//! ```
+//! Commands are pretrain, finetune, generate, convert, open-loop and calibrate, all by default. Ends with an
+//! error at the first difference.
+
+#![allow(clippy::print_stderr)] // A program of its own, read by a person.
+
+use std::{path::PathBuf, process::ExitCode};
+
+#[path = "../tests/interruption/mod.rs"]
+mod interruption;
+
+use interruption::{COMMANDS, Case};
+
+fn main() -> ExitCode {
+    let mut arguments = std::env::args().skip(1);
+    let Some(count) = arguments.next().and_then(|n| n.parse::<u64>().ok()) else {
+        eprintln!("usage: kill_anywhere COUNT [COMMAND …]");
+        return ExitCode::from(2);
+    };
+    let chosen: Vec<String> = arguments.collect();
+    let own = std::env::current_exe().unwrap_or_default();
+    let program: PathBuf = own.ancestors().nth(2).unwrap_or(&own).join("sage");
+    if !program.is_file() {
+        eprintln!("`{}` is not there: build it first", program.display());
+        return ExitCode::FAILURE;
+    }
+    for name in COMMANDS.iter().filter(|name| chosen.is_empty() || chosen.iter().any(|c| c == *name)) {
+        let Ok(folder) = tempfile::tempdir() else {
+            eprintln!("no temporary folder can be made");
+            return ExitCode::FAILURE;
+        };
+        let case = Case::new(&program, name, folder.path());
+        let (expected, time) = case.whole();
+        for number in 0..count {
+            if let Err(problem) = case.kill_and_run_again(number, time, &expected) {
+                eprintln!("error: {name}: {problem}");
+                return ExitCode::FAILURE;
+            }
+        }
+        eprintln!(
+            "{name}: {count} kills within {:.1} s, {} files the same each time",
+            time.as_secs_f64(),
+            expected.len()
+        );
+    }
+    ExitCode::SUCCESS
+}

@@ -1,0 +1,407 @@
+//! Runs that are killed, run twice at once, or run out of disk: nothing is lost, nothing half-made stays.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod hostile;
+mod interruption;
+mod program;
+
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Output, Stdio},
+};
+
+use interruption::Case;
+use program::*;
+use sage_core::files::Claim;
+use sage_data::Recording;
+
+/// Times that each command is killed here; `kill_anywhere` does it as often as wanted.
+const KILLS: u64 = 3;
+
+fn killed(name: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let case = Case::new(Path::new(env!("CARGO_BIN_EXE_sage")), name, folder.path());
+    let (expected, time) = case.whole();
+    for number in 0..KILLS {
+        case.kill_and_run_again(number, time, &expected)
+            .unwrap_or_else(|problem| panic!("{name}: {problem}"));
+    }
+}
+
+#[test]
+fn a_killed_pretrain_goes_on_to_the_same_files() {
+    killed("pretrain");
+}
+
+#[test]
+fn a_killed_finetune_goes_on_to_the_same_files() {
+    killed("finetune");
+}
+
+#[test]
+fn a_killed_generate_is_made_anew_to_the_same_files() {
+    killed("generate");
+}
+
+#[test]
+fn a_killed_convert_is_made_anew_to_the_same_files() {
+    killed("convert");
+}
+
+#[test]
+fn a_killed_open_loop_goes_on_to_the_same_files() {
+    killed("open-loop");
+}
+
+#[test]
+fn a_killed_calibrate_is_made_anew_to_the_same_files() {
+    killed("calibrate");
+}
+
+/// Hidden files of a folder: locks and unfinished files.
+fn hidden(folder: &Path) -> Vec<String> {
+    hostile::snapshot(folder).into_keys().filter(|name| name.contains(".sage-")).collect()
+}
+
+#[test]
+fn a_folder_or_file_in_use_is_refused_and_told_whose_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let scene = example();
+    let (out, dial, picture) = (at("out"), at("dial.json"), at("a.svg"));
+    std::fs::create_dir(&out).unwrap();
+    let first = Claim::folder(&out, "sage of somebody else").unwrap();
+    let files = [&dial, &picture].map(|path| Claim::file(path, "sage of somebody else").unwrap());
+    let out = text(&out);
+    for command in [
+        vec!["pretrain", "--made", "1", "--out", out],
+        vec!["finetune", "--made", "1", "--out", out],
+        vec!["generate", &scene, "--weights", "procedural", "--out", out],
+        vec!["convert", &scene, "--to", "native", "--out", out],
+        vec!["scenes", "--count", "1", "--out", out],
+        vec!["demo", "--out", out],
+        vec!["bench", "open-loop", &scene, "--methods", "log", "--out", out],
+        vec!["bench", "dial", &scene, "--out", out],
+        vec!["calibrate", &scene, "--out", text(&dial)],
+        vec!["draw", &scene, "--out", text(&picture)],
+        vec!["predict", &scene, "--weights", "procedural", "--out", text(&picture)],
+    ] {
+        for more in [&[][..], &["--force"]] {
+            let error = failure(&[&command[..], more].concat());
+            let holder = format!("process {}: sage of somebody else", std::process::id());
+            assert!(
+                error.contains("is in use by another run") && error.contains(&holder),
+                "{command:?}: {error}"
+            );
+        }
+    }
+    drop((first, files));
+    assert_eq!(hostile::snapshot(folder.path()).len(), 0, "nobody wrote anything");
+    stdout(&sage(&["draw", &scene, "--out", text(&picture)]));
+}
+
+#[test]
+fn of_two_runs_at_once_one_works_and_one_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("prior");
+    let run = |seed: &str| {
+        Command::new(env!("CARGO_BIN_EXE_sage"))
+            .args([
+                "pretrain",
+                "--made",
+                "2",
+                "--epochs",
+                "1",
+                "--network",
+                r#"{"hidden": 16}"#,
+                "--seed",
+                seed,
+            ])
+            .args(["--out", text(&out)])
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    };
+    let both = ["1", "2"].map(run).map(|child| child.wait_with_output().unwrap());
+    let worked: Vec<&Output> = both.iter().filter(|output| output.status.success()).collect();
+    let refused: Vec<&Output> = both.iter().filter(|output| !output.status.success()).collect();
+    assert_eq!((worked.len(), refused.len()), (1, 1), "{both:?}");
+    let said = stderr(refused[0]);
+    assert!(said.contains("is in use by another run") || said.contains("is not empty"), "{said}");
+    assert!(stderr(worked[0]).contains("best of 1 epochs"));
+    assert!(hidden(&out).is_empty());
+}
+
+#[test]
+fn files_that_are_not_its_own_keep_pretrain_out() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["prior.safetensors", "run.json", "curve.csv", "curve.svg", "last.safetensors"] {
+        let out = folder.path().join(name.replace('.', "-"));
+        std::fs::create_dir(&out).unwrap();
+        std::fs::write(out.join(name), "mine").unwrap();
+        let error = failure(&["pretrain", "--made", "1", "--epochs", "1", "--out", text(&out)]);
+        assert!(error.contains("is not empty") && error.contains("--force"), "{error}");
+        assert_eq!(hostile::snapshot(&out), [(name.to_owned(), b"mine".to_vec())].into());
+    }
+}
+
+#[test]
+fn a_finished_run_is_told_from_another_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let config = at("quick.json");
+    std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
+    let small = r#"{"hidden": 16, "rounds": 1}"#;
+    for (command, other) in [
+        (vec!["pretrain", "--made", "2", "--epochs", "1", "--network", small, "--out", &at("prior")], "3"),
+        (vec!["finetune", "--made", "2", "--roles", "0", "--config", &config, "--out", &at("experts")], "3"),
+        (vec!["bench", "open-loop", &example(), "--methods", "log", "--out", &at("table")], "3"),
+    ] {
+        let first = sage(&command);
+        stdout(&first);
+        let out = PathBuf::from(command.last().unwrap());
+        let before = hostile::snapshot(&out);
+        let again = sage(&command);
+        assert_eq!(stdout(&again), stdout(&first), "what is printed is printed again");
+        assert!(stderr(&again).contains("holds this run, and it is done"), "{}", stderr(&again));
+        assert_eq!(hostile::snapshot(&out), before);
+        let error = failure(&[&command[..], &["--seed", other]].concat());
+        assert!(error.contains("is not empty and holds no run of the same options"), "{error}");
+        assert_eq!(hostile::snapshot(&out), before);
+    }
+}
+
+#[test]
+fn how_a_command_was_run_changes_no_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = example();
+    let files = |name: &str, how: &[&str]| {
+        let out = folder.path().join(name);
+        let generate = ["generate", &scene, "--aggression", "0,1", "--out", text(&out)];
+        stdout(&sage(&[&generate[..], &WEIGHTS, how].concat()));
+        let mut files = hostile::snapshot(&out);
+        files.retain(|name, _| !name.ends_with(".json"));
+        assert_eq!(files.len(), 5);
+        files
+    };
+    let plain = files("plain", &["--threads", "1"]);
+    assert!(plain == files("threads", &["--threads=2", "--json"]));
+    assert!(plain == files("plain", &["--force", "--threads", "2"]));
+    let experts = |name: &str, how: &[&str]| {
+        let config = folder.path().join("quick.json");
+        std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
+        let out = folder.path().join(name);
+        let tune =
+            ["finetune", "--made", "2", "--roles", "0", "--config", text(&config), "--out", text(&out)];
+        stdout(&sage(&[&tune[..], how].concat()));
+        let mut files = hostile::snapshot(&out);
+        files.retain(|name, _| name.ends_with(".safetensors"));
+        files
+    };
+    assert!(experts("one", &["--threads", "1"]) == experts("two", &["--threads", "2", "--force"]));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_that_is_told_to_stop_cleans_up() {
+    use std::os::unix::process::ExitStatusExt;
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = folder.path().join("scenes");
+    stdout(&sage(&["scenes", "--count", "12", "--out", text(&scenes)]));
+    for (number, signal) in [("TERM", 15), ("INT", 2), ("TERM", 15)].into_iter().enumerate() {
+        let out = folder.path().join(format!("out{number}"));
+        let mut child = Command::new(env!("CARGO_BIN_EXE_sage"))
+            .args(["generate", text(&scenes), "--lambda", "0:1:0.1", "--out", text(&out)])
+            .args(WEIGHTS)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        // The first picture says that the run is in the middle of its work.
+        while !out.join("straight-1-0.svg").exists() && child.try_wait().unwrap().is_none() {
+            std::thread::yield_now();
+        }
+        let kill = ["-s", signal.0, &child.id().to_string()].map(str::to_owned);
+        assert!(Command::new("kill").args(kill).status().unwrap().success());
+        assert_eq!(child.wait().unwrap().signal(), Some(signal.1));
+        assert_eq!(hidden(&out), Vec::<String>::new());
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn planted_links_are_not_followed() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("out")).unwrap();
+    std::fs::write(at("victim"), "mine").unwrap();
+    for name in ["crossing.safetensors", "crossing.pkl", "crossing.svg", "crossing.json"] {
+        symlink(at("victim"), at("out").join(format!("{name}.part"))).unwrap();
+        symlink(at("victim"), at("out").join(name)).unwrap();
+    }
+    let generate = ["generate", &example(), "--force", "--out", text(&at("out"))].map(str::to_owned);
+    let generate: Vec<&str> = generate.iter().map(String::as_str).collect();
+    stdout(&sage(&[&generate[..], &WEIGHTS].concat()));
+    assert_eq!(std::fs::read(at("victim")).unwrap(), b"mine");
+    assert!(Recording::read(&at("out/crossing.pkl")).is_ok() && !at("out/crossing.pkl").is_symlink());
+    // A lock that is a link is no lock.
+    symlink(at("victim"), at("out/.sage-lock")).unwrap();
+    let error = failure(&[&generate[..], &WEIGHTS].concat());
+    assert!(error.contains("is no regular file; remove it"), "{error}");
+    assert_eq!(std::fs::read(at("victim")).unwrap(), b"mine");
+    // Nothing is written to the system's folder of temporary files.
+    let output = Command::new(env!("CARGO_BIN_EXE_sage"))
+        .args(["bench", "speed", "--repeat", "1"])
+        .env("TMPDIR", at("nowhere"))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+}
+
+/// A small disk, or a stand-in: a limit on the size of files.
+#[cfg(unix)]
+struct SmallDisk {
+    folder: tempfile::TempDir,
+    is_mounted: bool,
+}
+
+#[cfg(unix)]
+impl SmallDisk {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mount = ["-t", "tmpfs", "-o", "size=2m", "tmpfs", text(folder.path())];
+        let is_mounted =
+            Command::new("mount").args(mount).stderr(Stdio::null()).status().is_ok_and(|s| s.success());
+        Self { folder, is_mounted }
+    }
+
+    /// Runs the binary with its output there.
+    fn run(&self, arguments: &[&str]) -> Output {
+        let limit = if self.is_mounted { "unlimited" } else { "20" };
+        Command::new("bash")
+            .args(["-c", "trap '' XFSZ; ulimit -f \"$0\"; exec \"$@\"", limit, env!("CARGO_BIN_EXE_sage")])
+            .args(arguments)
+            .output()
+            .unwrap()
+    }
+
+    /// Uses up what is left.
+    fn fill(&self) {
+        let _ = std::fs::write(self.folder.path().join("filler"), vec![0; 4 << 20]);
+    }
+}
+
+#[cfg(unix)]
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        if self.is_mounted {
+            let _ = Command::new("umount").arg(self.folder.path()).status();
+        }
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_full_disk_stops_the_run_and_leaves_whole_files_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = folder.path().join("scenes");
+    stdout(&sage(&["scenes", "--count", "12", "--format", "pickle", "--out", text(&scenes)]));
+    let disk = SmallDisk::new();
+    let out = disk.folder.path().join("out");
+    let config = folder.path().join("quick.json");
+    std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
+    for command in [
+        vec!["generate", text(&scenes), "--weights", "procedural"],
+        vec!["convert", text(&scenes), "--to", "pickle"],
+        vec!["scenes", "--count", "40"],
+        vec!["demo"],
+        vec!["pretrain", text(&scenes), "--epochs", "1", "--network", r#"{"hidden": 128, "rounds": 3}"#],
+    ] {
+        let output = disk.run(&[&command[..], &["--out", text(&out)]].concat());
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
+        assert!(said.contains("cannot write"), "{command:?}: {said}");
+        if ["generate", "convert"].contains(&command[0]) {
+            assert!(said.contains("of 12 scenes are whole in") && said.contains("free space"), "{said}");
+            assert_eq!(said.matches("error:").count(), 1, "it stops at the first: {said}");
+        }
+        let files = hostile::snapshot(&out);
+        assert!(hidden(&out).is_empty(), "{command:?}: {:?}", files.keys());
+        for (name, bytes) in files {
+            let path = out.join(&name);
+            match name.rsplit('.').next().unwrap() {
+                "pkl" => drop(Recording::from_bytes(&path, bytes).unwrap()),
+                "safetensors" if command[0] == "pretrain" => {
+                    drop(sage_backbones::Parameters::from_bytes(&bytes, &path).unwrap());
+                }
+                "safetensors" => drop(Recording::from_bytes(&path, bytes).unwrap()),
+                "json" => drop(serde_json::from_slice::<serde_json::Value>(&bytes).unwrap()),
+                "svg" => assert!(bytes.ends_with(b"</svg>\n") || bytes.ends_with(b"</svg>"), "{name}"),
+                _ => {}
+            }
+        }
+        std::fs::remove_dir_all(&out).unwrap();
+    }
+    if !disk.is_mounted {
+        return eprintln!("left out: a disk that is full from the start needs a mount");
+    }
+    // A disk that is full already is told before any work.
+    disk.fill();
+    let dial = disk.folder.path().join("dial.json");
+    for command in [
+        vec!["calibrate", text(&scenes), "--out", text(&dial)],
+        vec!["generate", text(&scenes), "--weights", "procedural", "--out", text(&out)],
+        vec!["finetune", text(&scenes), "--config", text(&config), "--out", text(&out)],
+        vec!["bench", "open-loop", text(&scenes), "--methods", "log", "--out", text(&out)],
+    ] {
+        let output = disk.run(&command);
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
+        assert!(said.contains("cannot write into"), "{command:?}: {said}");
+        assert!(!said.contains("epoch") && !said.contains("choice"), "the work was done for nothing: {said}");
+    }
+    assert_eq!(hidden(disk.folder.path()), Vec::<String>::new());
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn memory_does_not_grow_with_the_number_of_scenes() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = folder.path().join("scenes");
+    stdout(&sage(&["scenes", "--count", "40", "--out", text(&scenes)]));
+    let names: Vec<String> = hostile::snapshot(&scenes)
+        .into_keys()
+        .map(|name| name.trim_end_matches(".safetensors").to_owned())
+        .collect();
+    // The peak of a process's memory is kept by the system until somebody asks, while it lives.
+    let peak = |name: &str, command: &[&str], count: usize| -> f64 {
+        let out = folder.path().join(format!("{name}-{count}"));
+        let chosen = names[..count].join(",");
+        let arguments =
+            [command, &[text(&scenes), "--scenes", &chosen, "--threads", "1", "--out", text(&out)]];
+        let script = "import resource, subprocess, sys; code = subprocess.call(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL); print(code, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)";
+        let output = Command::new("python3")
+            .args(["-I", "-c", script, env!("CARGO_BIN_EXE_sage")])
+            .args(arguments.concat())
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        let numbers: Vec<f64> = said.split_whitespace().map(|x| x.parse().unwrap()).collect();
+        assert_eq!(numbers[0], 0.0, "{name}");
+        numbers[1] / 1024.0
+    };
+    if !Command::new("python3").args(["-I", "-c", ""]).output().is_ok_and(|run| run.status.success()) {
+        return eprintln!("left out: the peak of memory is asked for by python3");
+    }
+    for (name, command) in [
+        ("table", vec!["bench", "open-loop", "--methods", "log,random", "--lambda", "1"]),
+        ("dial", vec!["bench", "dial"]),
+        ("calibrate", vec!["calibrate", "--choice", "paper"]),
+    ] {
+        let [few, many] = [8, 40].map(|count| peak(name, &command, count));
+        let growth = (many - few) / 32.0;
+        assert!(growth < 0.5, "{name}: {few:.0} MiB with 8 scenes, {many:.0} with 40");
+    }
+}

@@ -8,8 +8,11 @@ use std::collections::{HashMap, HashSet};
 
 use super::{Document, ElementKind, Global, Id, Node, PickleProblem as Problem};
 
-/// Up to so many keys are compared pair by pair.
-const FEW: usize = 8;
+/// Up to so many keys are told apart by a bit each of [`BITS`]; where two share one, and beyond, they are
+/// sorted.
+const FEW: usize = 64;
+/// Bits of which each key takes one.
+const BITS: usize = 1024;
 
 /// What decides whether two keys are equal.
 #[derive(PartialEq, Eq, Hash)]
@@ -30,13 +33,27 @@ enum Key<'d> {
 /// A number for each value: equal keys have equal ones.
 struct Classes(Vec<u32>);
 
+/// A number of a text, equal for equal texts, with well-mixed low bits.
+fn signature(text: &[u8]) -> u64 {
+    let word = |bytes: &[u8]| {
+        let mut word = [0; 8];
+        word[..bytes.len()].copy_from_slice(bytes);
+        u64::from_le_bytes(word)
+    };
+    let (head, tail) = match text.len() {
+        0..8 => (word(text), 0),
+        n => (word(&text[..8]), word(&text[n - 8..])),
+    };
+    ((head ^ tail.rotate_left(29)).wrapping_add(text.len() as u64)).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32
+}
+
 impl Document {
-    /// Refuses a dict or set with two keys that Python takes for one.
-    pub(super) fn check_keys(&self) -> Result<(), Problem> {
+    /// Refuses two keys that Python takes for one in any of some dicts and sets.
+    pub(super) fn check_keys(&self, keyed: &[Id]) -> Result<(), Problem> {
         let mut classes = None;
-        let mut texts = HashSet::new();
-        for node in &self.nodes {
-            match node {
+        let mut texts = Vec::new();
+        for id in keyed {
+            match self.node(*id) {
                 Node::Dict(v) | Node::DefaultDict { entries: v, .. } => {
                     self.check_distinct(v.iter().map(|(key, _)| *key), &mut texts, &mut classes)?;
                 }
@@ -52,34 +69,40 @@ impl Document {
     fn check_distinct<'d>(
         &'d self,
         keys: impl ExactSizeIterator<Item = Id> + Clone,
-        texts: &mut HashSet<&'d [u8]>,
+        texts: &mut Vec<(Option<&'d str>, Id)>,
         classes: &mut Option<Classes>,
     ) -> Result<(), Problem> {
-        let twice = |id: Id| Problem::DuplicateKey(self.describe(id));
-        let text = |id: Id| match self.node(id) {
-            Node::Str(span) => Some(self.bytes(*span)),
-            _ => None,
-        };
-        if !keys.clone().all(|id| text(id).is_some()) {
-            let Classes(classes) = classes.get_or_insert_with(|| self.classes());
-            let mut seen = HashSet::with_capacity(keys.len());
-            return match keys.clone().find(|id| !seen.insert(classes[id.0 as usize])) {
-                Some(id) => Err(twice(id)),
-                None => Ok(()),
-            };
+        let mut taken = [0u64; BITS / 64];
+        let mut may_be_twice = keys.len() > FEW;
+        for id in keys.clone() {
+            let Node::Str(span) = self.node(id) else { return self.check_values(keys, classes) };
+            let bit = signature(self.bytes(*span)) as usize % BITS;
+            let (word, bit) = (bit / 64, 1 << (bit % 64));
+            may_be_twice |= taken[word] & bit != 0;
+            taken[word] |= bit;
         }
-        if keys.len() <= FEW {
-            let mut rest = keys;
-            while let Some(id) = rest.next() {
-                if let Some(other) = rest.clone().find(|other| text(*other) == text(id)) {
-                    return Err(twice(other));
-                }
-            }
+        if !may_be_twice {
             return Ok(());
         }
         texts.clear();
-        match keys.clone().find(|id| text(*id).is_some_and(|text| !texts.insert(text))) {
-            Some(id) => Err(twice(id)),
+        texts.extend(keys.clone().map(|id| (self.text(id), id)));
+        texts.sort_unstable();
+        match texts.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            Some(pair) => Err(Problem::DuplicateKey(self.describe(pair[1].1))),
+            None => Ok(()),
+        }
+    }
+
+    /// The same for keys of any kind.
+    fn check_values(
+        &self,
+        mut keys: impl ExactSizeIterator<Item = Id>,
+        classes: &mut Option<Classes>,
+    ) -> Result<(), Problem> {
+        let Classes(classes) = classes.get_or_insert_with(|| self.classes());
+        let mut seen = HashSet::with_capacity(keys.len());
+        match keys.find(|id| !seen.insert(classes[id.0 as usize])) {
+            Some(id) => Err(Problem::DuplicateKey(self.describe(id))),
             None => Ok(()),
         }
     }
@@ -187,9 +210,12 @@ mod tests {
         let mut body = b"}(".to_vec();
         for k in 0..50u8 {
             body.extend([0x8c, 1, k, b'N']);
+            body.extend([b"\x8c\x0da long text ".as_slice(), &[k, b'N']].concat());
         }
         assert!(parse(&[&body[..], b"u"].concat()).is_ok());
-        assert!(parse(&[&body[..], b"\x8c\x01\x07Nu"].concat()).is_err());
+        for twice in [b"\x8c\x01\x07Nu".as_slice(), b"\x8c\x0da long text \x07Nu"] {
+            assert!(parse(&[&body[..], twice].concat()).is_err());
+        }
     }
 
     #[test]

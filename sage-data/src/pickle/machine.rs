@@ -16,7 +16,7 @@ use super::{
 };
 
 /// Values that every document starts with, so that common ones cost nothing.
-const NONE: Id = Id(0);
+pub(super) const NONE: Id = Id(0);
 const FALSE: Id = Id(1);
 const TRUE: Id = Id(2);
 /// No entry in the memo.
@@ -39,18 +39,15 @@ impl Document {
             memo: Vec::new(),
             memo_entries: 0,
             protocol: 0,
-            unhashable_tuples: HashSet::new(),
+            hashable_tuples: HashSet::new(),
             copied: 0,
         };
         machine.nodes.extend([Node::None, Node::Bool(false), Node::Bool(true)]);
         let mut opcode_at = 0;
         let root = machine.run(&mut opcode_at).map_err(|kind| PickleError { offset: opcode_at, kind })?;
         let document = Self { bytes: machine.document, nodes: machine.nodes, root, file_size: machine.size };
-        let check = || {
-            document.check_nesting()?;
-            document.check_keys()
-        };
-        check().map_err(|kind| PickleError { offset: opcode_at, kind })?;
+        let checked = document.check_nesting().and_then(|keyed| document.check_keys(&keyed));
+        checked.map_err(|kind| PickleError { offset: opcode_at, kind })?;
         Ok(document)
     }
 }
@@ -72,15 +69,15 @@ pub(super) struct Machine {
     memo_entries: usize,
     /// What the last PROTO said.
     pub(super) protocol: u8,
-    /// Tuples that hold something without a hash.
-    unhashable_tuples: HashSet<Id>,
+    /// Tuples that were used as keys, and those in them.
+    hashable_tuples: HashSet<Id>,
     /// Bytes copied out of shared values so far.
     pub(super) copied: usize,
 }
 
 impl Machine {
     fn run(&mut self, opcode_at: &mut usize) -> Result<Id, Problem> {
-        let first = *self.document.first().ok_or(Problem::EmptyFile)?;
+        let first = *self.document.first().ok_or_else(|| Problem::EmptyFile)?;
         if first != op::PROTO {
             return Err(Problem::NotAPickle { first });
         }
@@ -193,18 +190,19 @@ impl Machine {
                 op::EMPTY_SET => self.push(Node::Set(Vec::new()))?,
                 op::TUPLE1 | op::TUPLE2 | op::TUPLE3 => {
                     let start = self.stack.len().checked_sub(usize::from(code - op::TUPLE1) + 1);
-                    let start = start.filter(|s| *s >= self.floor()).ok_or(Problem::Stack(op::name(code)))?;
+                    let start =
+                        start.filter(|s| *s >= self.floor()).ok_or_else(|| Problem::Stack(op::name(code)))?;
                     let items = self.stack.split_off(start);
-                    self.tuple(items)?;
+                    self.push(Node::Tuple(items))?;
                 }
                 op::TUPLE | op::LIST | op::FROZENSET => {
                     let mark = self.mark(code)?;
                     let items = self.stack.split_off(mark);
                     match code {
-                        op::TUPLE => self.tuple(items)?,
+                        op::TUPLE => self.push(Node::Tuple(items))?,
                         op::LIST => self.push(Node::List(items))?,
                         _ => {
-                            self.check_hashable(items.iter())?;
+                            self.check_hashable(&items)?;
                             self.push(Node::FrozenSet(items))?;
                         }
                     }
@@ -231,7 +229,7 @@ impl Machine {
                     let mark = self.mark(code)?;
                     let set = self.below(mark, code)?;
                     let items = self.stack.split_off(mark);
-                    self.check_hashable(items.iter())?;
+                    self.check_hashable(&items)?;
                     match &mut self.nodes[set.0 as usize] {
                         Node::Set(held) => held.extend(items),
                         other => return Err(kind("the target of ADDITEMS", other, "a set")),
@@ -239,7 +237,7 @@ impl Machine {
                 }
                 op::SETITEM => {
                     let mark = self.stack.len().checked_sub(2).filter(|m| *m >= self.floor());
-                    let mark = mark.ok_or(Problem::Stack(op::name(code)))?;
+                    let mark = mark.ok_or_else(|| Problem::Stack(op::name(code)))?;
                     let dict = self.below(mark, code)?;
                     self.insert_pairs(code, mark, dict)?;
                 }
@@ -256,7 +254,7 @@ impl Machine {
                 op::BINGET | op::LONG_BINGET => {
                     let k = if code == op::BINGET { u64::from(self.byte()?) } else { self.length::<4>()? };
                     let found = usize::try_from(k).ok().and_then(|k| self.memo.get(k)).copied();
-                    let id = found.filter(|id| *id != EMPTY).ok_or(Problem::Memo(k))?;
+                    let id = found.filter(|id| *id != EMPTY).ok_or_else(|| Problem::Memo(k))?;
                     self.push_id(id)?;
                 }
                 op::GLOBAL => {
@@ -349,7 +347,8 @@ impl Machine {
         }
         let rest = &self.document[self.at..self.end];
         let end = rest.iter().position(|b| *b == b'\n');
-        let len = end.ok_or(Problem::Truncated { needed: rest.len() as u64 + 1, left: rest.len() })?;
+        let len =
+            end.ok_or_else(|| Problem::Truncated { needed: rest.len() as u64 + 1, left: rest.len() })?;
         let start = self.take(len as u64 + 1)?;
         Ok(Span { start: start as u32, len: len as u32 })
     }
@@ -384,22 +383,22 @@ impl Machine {
         if self.stack.len() <= self.floor() {
             return Err(Problem::Stack(op::name(code)));
         }
-        self.stack.pop().ok_or(Problem::Stack(op::name(code)))
+        self.stack.pop().ok_or_else(|| Problem::Stack(op::name(code)))
     }
 
     fn top(&self, code: u8) -> Result<Id, Problem> {
         let open = self.stack.len() > self.floor();
-        self.stack.last().copied().filter(|_| open).ok_or(Problem::Stack(op::name(code)))
+        self.stack.last().copied().filter(|_| open).ok_or_else(|| Problem::Stack(op::name(code)))
     }
 
     fn mark(&mut self, code: u8) -> Result<usize, Problem> {
-        self.marks.pop().ok_or(Problem::Stack(op::name(code)))
+        self.marks.pop().ok_or_else(|| Problem::Stack(op::name(code)))
     }
 
     /// The value just under a place of the stack.
     fn below(&self, place: usize, code: u8) -> Result<Id, Problem> {
         let under = place.checked_sub(1).filter(|p| *p >= self.floor());
-        under.map(|p| self.stack[p]).ok_or(Problem::Stack(op::name(code)))
+        under.map(|p| self.stack[p]).ok_or_else(|| Problem::Stack(op::name(code)))
     }
 
     fn list(&mut self, id: Id) -> Result<&mut Vec<Id>, Problem> {
@@ -410,11 +409,15 @@ impl Machine {
     }
 
     /// Stores the top of the stack at a place of the memo, over what is there.
+    #[inline(always)] // A twentieth of the time that reading takes.
     fn memoize(&mut self, code: u8, place: u64) -> Result<(), Problem> {
         let top = self.top(code)?;
         // A pickler numbers what it stores.
-        let index = usize::try_from(place).ok().filter(|k| *k < self.limit).ok_or(Problem::Memo(place))?;
-        if index >= self.memo.len() {
+        let index =
+            usize::try_from(place).ok().filter(|k| *k < self.limit).ok_or_else(|| Problem::Memo(place))?;
+        if index == self.memo.len() {
+            self.memo.push(EMPTY);
+        } else if index > self.memo.len() {
             self.memo.resize(index + 1, EMPTY);
         }
         let before = std::mem::replace(&mut self.memo[index], top);
@@ -422,23 +425,37 @@ impl Machine {
         Ok(())
     }
 
-    fn tuple(&mut self, items: Vec<Id>) -> Result<(), Problem> {
-        let is_hashable = items.iter().all(|item| self.is_hashable(*item));
-        self.push(Node::Tuple(items))?;
-        if !is_hashable {
-            self.unhashable_tuples.insert(Id(self.nodes.len() as u32 - 1));
+    /// Whether Python can use a value as a key: a tuple is one if all that it holds are. The walk keeps a
+    /// list, not the call stack, and looks at each tuple once, since it cannot change.
+    fn is_hashable(&mut self, id: Id) -> bool {
+        let mut open = vec![id];
+        let mut seen = HashSet::new();
+        while let Some(id) = open.pop() {
+            match &self.nodes[id.0 as usize] {
+                Node::Tuple(items) => {
+                    if self.hashable_tuples.insert(id) {
+                        seen.insert(id);
+                        open.extend(items);
+                    }
+                }
+                node if node.is_hashable() => {}
+                _ => {
+                    self.hashable_tuples.retain(|id| !seen.contains(id));
+                    return false;
+                }
+            }
         }
-        Ok(())
+        true
     }
 
-    /// Whether Python can use a value as a key. A tuple cannot change, so that what was true when it
-    /// was made stays true.
-    fn is_hashable(&self, id: Id) -> bool {
-        self.nodes[id.0 as usize].is_hashable() && !self.unhashable_tuples.contains(&id)
-    }
-
-    pub(super) fn check_hashable<'k>(&self, mut keys: impl Iterator<Item = &'k Id>) -> Result<(), Problem> {
-        match keys.find(|id| !self.is_hashable(**id)) {
+    /// Refuses keys that Python cannot hash.
+    pub(super) fn check_hashable(&mut self, keys: &[Id]) -> Result<(), Problem> {
+        // Nearly all keys are text.
+        let is_plain = |id: &Id| matches!(self.nodes[id.0 as usize], Node::Str(_));
+        if keys.iter().all(is_plain) {
+            return Ok(());
+        }
+        match keys.iter().find(|id| !self.is_hashable(**id)) {
             Some(id) => Err(kind("a key", &self.nodes[id.0 as usize], "a value that can be a key")),
             None => Ok(()),
         }
@@ -448,7 +465,11 @@ impl Machine {
         if !(self.stack.len() - mark).is_multiple_of(2) {
             return Err(Problem::Stack(op::name(code)));
         }
-        self.check_hashable(self.stack[mark..].iter().step_by(2))?;
+        let is_plain = |id: &Id| matches!(self.nodes[id.0 as usize], Node::Str(_));
+        if !self.stack[mark..].iter().step_by(2).all(is_plain) {
+            let keys: Vec<Id> = self.stack[mark..].iter().step_by(2).copied().collect();
+            self.check_hashable(&keys)?;
+        }
         match &mut self.nodes[dict.0 as usize] {
             Node::Dict(held) | Node::DefaultDict { entries: held, .. } => {
                 held.extend(self.stack[mark..].chunks_exact(2).map(|pair| (pair[0], pair[1])));
@@ -478,7 +499,10 @@ impl Machine {
 
     fn text(&mut self, n: u64) -> Result<(), Problem> {
         let span = self.span(n)?;
-        if std::str::from_utf8(self.slice(span)).is_err() {
+        // Names are short and plain, which is seen without a call.
+        let raw = self.slice(span);
+        let is_plain = raw.len() <= 32 && raw.iter().fold(0, |all, byte| all | byte) < 0x80;
+        if !is_plain && std::str::from_utf8(raw).is_err() {
             return Err(Problem::Text);
         }
         self.push(Node::Str(span))

@@ -1,5 +1,7 @@
 //! What a finished document promises: no value holds itself, none nests too deep, none is half made.
 
+use std::slice::Iter;
+
 use super::{Document, Id, MAX_DEPTH, Node, PickleProblem as Problem};
 
 /// What is known of a value during the walk.
@@ -13,42 +15,70 @@ enum State {
 }
 
 /// A container on the path.
-struct Step {
+struct Step<'d> {
     id: Id,
-    next_child: usize,
+    children: Children<'d>,
     /// Levels of the deepest child so far.
     below: usize,
 }
 
+/// What is left of a container's values; keys and values of a dict take turns.
+enum Children<'d> {
+    Items(Iter<'d, Id>),
+    Entries(Iter<'d, (Id, Id)>, Option<Id>),
+}
+
+impl Children<'_> {
+    #[inline]
+    fn next(&mut self) -> Option<Id> {
+        match self {
+            Self::Items(items) => items.next().copied(),
+            Self::Entries(entries, value) => value.take().or_else(|| {
+                let (key, next) = *entries.next()?;
+                *value = Some(next);
+                Some(key)
+            }),
+        }
+    }
+}
+
 impl Document {
-    /// Refuses cycles, deep nesting and unfinished values among what the root reaches. Shared
-    /// values are walked once, and the path is a list, not the call stack.
-    pub(super) fn check_nesting(&self) -> Result<(), Problem> {
+    /// Refuses cycles, deep nesting and unfinished values among what the root reaches; its dicts and sets.
+    /// Shared values are walked once, and the path is a list, not the call stack.
+    pub(super) fn check_nesting(&self) -> Result<Vec<Id>, Problem> {
+        let mut keyed = Vec::new();
         let mut states = vec![State::New; self.nodes.len()];
         let mut path: Vec<Step> = Vec::with_capacity(MAX_DEPTH);
         let mut next = Some(self.root);
         loop {
             if let Some(id) = next {
-                let levels = match states[id.0 as usize] {
+                match states[id.0 as usize] {
                     State::Open => return Err(Problem::Cycle),
-                    State::Walked(levels) => usize::from(levels),
-                    State::New if self.is_container(id)? => {
-                        states[id.0 as usize] = State::Open;
-                        path.push(Step { id, next_child: 0, below: 0 });
-                        0
+                    State::Walked(levels) => {
+                        let levels = usize::from(levels);
+                        if path.len() + levels > MAX_DEPTH {
+                            return Err(Problem::Depth);
+                        }
+                        if let Some(parent) = path.last_mut() {
+                            parent.below = parent.below.max(levels);
+                        }
                     }
-                    State::New => 0,
-                };
-                if path.len() + levels > MAX_DEPTH {
-                    return Err(Problem::Depth);
-                }
-                if let (State::Walked(_), Some(parent)) = (states[id.0 as usize], path.last_mut()) {
-                    parent.below = parent.below.max(levels);
+                    State::New => {
+                        if let Some(children) = self.children(id)? {
+                            if path.len() == MAX_DEPTH {
+                                return Err(Problem::Depth);
+                            }
+                            states[id.0 as usize] = State::Open;
+                            if !matches!(self.node(id), Node::List(_) | Node::Tuple(_)) {
+                                keyed.push(id);
+                            }
+                            path.push(Step { id, children, below: 0 });
+                        }
+                    }
                 }
             }
-            let Some(step) = path.last_mut() else { return Ok(()) };
-            next = self.child(step.id, step.next_child);
-            step.next_child += 1;
+            let Some(step) = path.last_mut() else { return Ok(keyed) };
+            next = step.children.next();
             if next.is_none() {
                 let levels = step.below + 1;
                 states[step.id.0 as usize] = State::Walked(levels as u8);
@@ -60,28 +90,20 @@ impl Document {
         }
     }
 
-    /// Whether a value holds others.
-    fn is_container(&self, id: Id) -> Result<bool, Problem> {
+    /// What a value holds; `None` if it holds nothing.
+    fn children(&self, id: Id) -> Result<Option<Children<'_>>, Problem> {
         let unfinished = |found, expected| Err(Problem::Kind { what: "a value", found, expected });
         match self.node(id) {
-            Node::List(_) | Node::Tuple(_) | Node::Set(_) | Node::FrozenSet(_) => Ok(true),
-            Node::Dict(_) | Node::DefaultDict { .. } => Ok(true),
+            Node::List(v) | Node::Tuple(v) | Node::Set(v) | Node::FrozenSet(v) => {
+                Ok(Some(Children::Items(v.iter())))
+            }
+            Node::Dict(v) | Node::DefaultDict { entries: v, .. } => {
+                Ok(Some(Children::Entries(v.iter(), None)))
+            }
             Node::Unbuilt => unfinished("an array without state", "a finished array"),
             Node::UnbuiltDtype(_) => unfinished("a numpy type without state", "a finished type"),
             Node::Global(_) => unfinished("a function or class", "plain data"),
-            _ => Ok(false),
-        }
-    }
-
-    /// A value in a container by place; keys and values of a dict take turns.
-    fn child(&self, id: Id, place: usize) -> Option<Id> {
-        match self.node(id) {
-            Node::List(v) | Node::Tuple(v) | Node::Set(v) | Node::FrozenSet(v) => v.get(place).copied(),
-            Node::Dict(v) | Node::DefaultDict { entries: v, .. } => {
-                let (key, value) = *v.get(place / 2)?;
-                Some(if place.is_multiple_of(2) { key } else { value })
-            }
-            _ => None,
+            _ => Ok(None),
         }
     }
 }

@@ -10,8 +10,11 @@
 use super::{
     Array, Dtype, Id, Node, PickleProblem as Problem, Span,
     global::Global,
-    machine::{Machine, kind},
+    machine::{Machine, NONE, kind},
 };
+
+/// Most axes of an array; scenes have two.
+const MAX_AXES: usize = 8;
 
 impl Machine {
     fn node(&self, id: Id) -> &Node {
@@ -25,8 +28,8 @@ impl Machine {
         let Node::Tuple(arguments) = self.node(arguments) else {
             return Err(kind("the arguments of REDUCE", self.node(arguments), "a tuple"));
         };
-        let arguments: Vec<Id> = arguments.iter().take(5).copied().collect();
-        let made = match (function, &arguments[..]) {
+        let (arguments, count) = first::<5>(arguments);
+        let made = match (function, &arguments[..count]) {
             (Global::Reconstruct, [class, shape, letter]) => {
                 self.check_empty_array(*class, *shape, *letter)?;
                 Node::Unbuilt
@@ -69,11 +72,10 @@ impl Machine {
             (Global::Set, []) => Node::Set(Vec::new()),
             (Global::Set, [items]) => match self.node(*items) {
                 Node::List(items) | Node::Tuple(items) => {
-                    self.check_hashable(items.iter())?;
-                    let cost = items.len() * size_of::<Id>();
-                    let set = Node::Set(items.clone());
-                    self.pay(cost)?;
-                    set
+                    let items = items.clone();
+                    self.pay(items.len() * size_of::<Id>())?;
+                    self.check_hashable(&items)?;
+                    Node::Set(items)
                 }
                 other => return Err(kind("the items of a set", other, "a list")),
             },
@@ -100,8 +102,8 @@ impl Machine {
         let Node::Tuple(state) = self.node(state) else {
             return Err(kind("the state of BUILD", self.node(state), "a tuple"));
         };
-        let state: Vec<Id> = state.iter().take(9).copied().collect();
-        let built = match (self.node(target), &state[..]) {
+        let (state, count) = first::<9>(state);
+        let built = match (self.node(target), &state[..count]) {
             (Node::Unbuilt, [version, shape, dtype, fortran, data]) => {
                 let Some(fortran) = self.flag(*fortran).filter(|_| self.is_int(*version, 1)) else {
                     return Err(form("the state of an array", "(1, shape, type, order flag, bytes)"));
@@ -222,22 +224,22 @@ impl Machine {
         let Node::Tuple(lengths) = self.node(shape) else {
             return Err(kind("the shape of an array", self.node(shape), "a tuple"));
         };
-        let mut shape = Vec::with_capacity(lengths.len().min(8));
-        for length in lengths {
-            match self.node(*length) {
-                Node::Int(n) if *n >= 0 && shape.len() < 8 => shape.push(*n as u64),
-                other => {
+        let mut axes = [0u64; MAX_AXES];
+        for (axis, length) in lengths.iter().enumerate() {
+            match (self.node(*length), axes.get_mut(axis)) {
+                (Node::Int(n), Some(slot)) if *n >= 0 => *slot = *n as u64,
+                (other, _) => {
                     return Err(kind("a length in the shape of an array", other, "an int of at least 0"));
                 }
             }
         }
-        let needed = shape.iter().try_fold(u64::from(dtype.size), |n, length| n.checked_mul(*length));
+        let axes = &axes[..lengths.len()];
+        let needed = axes.iter().try_fold(u64::from(dtype.size), |n, length| n.checked_mul(*length));
         let needed = needed.unwrap_or(u64::MAX);
-        if needed != u64::from(data.len) {
-            return Err(array_size(&shape, dtype, needed, data));
-        }
-        let short: Option<Vec<u32>> = shape.iter().map(|n| u32::try_from(*n).ok()).collect();
-        let shape = short.ok_or_else(|| array_size(&shape, dtype, needed, data))?;
+        let short = |n: &u64| u32::try_from(*n).ok();
+        let shape: Option<Vec<u32>> =
+            (needed == u64::from(data.len)).then(|| axes.iter().map(short).collect()).flatten();
+        let shape = shape.ok_or_else(|| array_size(axes, dtype, needed, data))?;
         Ok(Array { dtype, shape, fortran, from_buffer: false, data })
     }
 
@@ -254,6 +256,14 @@ impl Machine {
         self.document.extend_from_slice(&bytes);
         Ok(Span { start, len: bytes.len() as u32 })
     }
+}
+
+/// The first values of a tuple, and how many there are: without an allocation for each array.
+fn first<const N: usize>(items: &[Id]) -> ([Id; N], usize) {
+    let mut first = [NONE; N];
+    let count = items.len().min(N);
+    first[..count].copy_from_slice(&items[..count]);
+    (first, count)
 }
 
 /// An error for what has not the form in which numpy and Python write it.

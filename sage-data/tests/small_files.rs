@@ -8,6 +8,7 @@ use std::{
     process::Command,
 };
 
+use sage_core::scene::Neighbor;
 use sage_core::{
     motion::NOW,
     scene::{AdversaryOrigin, LightState, MapKind, TrackKind},
@@ -306,4 +307,37 @@ fn no_native_file_begins_like_a_pickle() {
         .collect();
     assert!(lengths.contains(&(taboo - 8)) && lengths.contains(&(taboo + 8)), "{lengths:?}");
     assert!(!lengths.contains(&taboo), "{lengths:?}");
+}
+
+#[test]
+fn lane_links_to_points_that_are_not_there_are_left_out_or_refused() {
+    let recording = Recording::read(Path::new("../examples/crossing.pkl")).unwrap();
+    let map = recording.scene.map.clone();
+    let (own, lane) = map.features.iter().enumerate().find(|(_, f)| f.lane.is_some()).unwrap();
+    let beyond = lane.points.len();
+    let link = |own_range: [usize; 2], other_range: [usize; 2]| {
+        let mut scene = recording.scene.clone();
+        let mut map = (*map).clone();
+        let neighbor = Neighbor { lane: own, own: own_range, other: other_range };
+        map.features[own].lane.as_mut().unwrap().neighbors[0].push(neighbor);
+        scene.map = map.into();
+        Recording::made(scene)
+    };
+    let read = |bytes: Vec<u8>| Recording::from_bytes(Path::new("x"), bytes);
+    assert!(read(link([0, beyond - 1], [0, beyond - 1]).to_native().unwrap()).is_ok());
+    for (own_range, other_range) in [([0, beyond], [0, 0]), ([0, 0], [beyond, 0]), ([1 << 40, 0], [0, 0])] {
+        let made = link(own_range, other_range);
+        let error = read(made.to_native().unwrap()).unwrap_err().to_string();
+        assert!(
+            error.contains("`lane.links`") && error.contains("ranges of points that these have"),
+            "{error}"
+        );
+        let scene = read(made.to_pickle().unwrap()).unwrap().scene;
+        assert!(
+            scene.notes.iter().any(|note| note.starts_with("1 lane links name points")),
+            "{:?}",
+            scene.notes
+        );
+        assert_eq!(scene.map, map);
+    }
 }

@@ -30,16 +30,45 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
     let axes = paper::profile(points, &start).axis;
     let (height, size) = (track.position[last][2], track.size[last]);
     let mut before: Point = start.position;
+    // An adversary that was last seen earlier had more than a frame for its first step.
+    let mut elapsed = (NOW + 1 - last) as f64 * DT;
     for (frame, (&[x, y], axis)) in (NOW + 1..).zip(points.iter().zip(&axes)) {
         track.position[frame] = [x, y, height];
         track.heading[frame] = axis[1].atan2(axis[0]);
-        track.velocity[frame] = [(x - before[0]) / DT, (y - before[1]) / DT];
+        track.velocity[frame] = [(x - before[0]) / elapsed, (y - before[1]) / elapsed];
         track.size[frame] = size;
         track.valid[frame] = true;
-        before = [x, y];
+        (before, elapsed) = ([x, y], DT);
     }
     for frame in NOW + HORIZON + 1..scene.frames {
         track.valid[frame] = false;
     }
     Ok(scene)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sage_data::procedural::{self, Kind};
+
+    #[test]
+    fn an_adversary_that_was_out_of_sight_does_not_leap() {
+        let mut scene = procedural::generate(Kind::Straight, 1, 0).unwrap();
+        let adversary = scene.adversary.unwrap();
+        for unseen in [0, 1, 3] {
+            let track = &mut scene.tracks[adversary];
+            for frame in NOW + 1 - unseen..=NOW {
+                track.valid[frame] = false;
+            }
+            // 8 m/s along x from where it was last seen.
+            let last = NOW - unseen;
+            let [x, y] = track.point(last);
+            let points = (NOW + 1..=NOW + HORIZON).map(|f| [x + 0.8 * (f - last) as f64, y]).collect();
+            let made = attacked(&scene, &Trajectory::new("straight", points).unwrap()).unwrap();
+            for frame in [NOW + 1, NOW + 2, NOW + HORIZON] {
+                let [vx, vy] = made.tracks[adversary].velocity[frame];
+                assert!((vx - 8.0).abs() < 1e-9 && vy.abs() < 1e-9, "{unseen} unseen, frame {frame}: {vx}");
+            }
+        }
+    }
 }

@@ -3,6 +3,8 @@
 //! Used by the tests (three kills a command) and by `cargo run --release -p experiments --example
 //! kill_anywhere` (as many as wanted).
 
+#![allow(dead_code)] // The test and the example use a part each.
+
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},

@@ -151,6 +151,11 @@ impl Map {
         &self.points[feature.points.clone()]
     }
 
+    /// Whether a feature has both points of an index range.
+    pub fn has_points(&self, feature: usize, range: [usize; 2]) -> bool {
+        self.features.get(feature).is_some_and(|feature| range[0].max(range[1]) < feature.points.len())
+    }
+
     /// Features of the kinds that `wanted` accepts, with their index and points.
     pub fn polylines(&self, wanted: impl Fn(&MapKind) -> bool) -> impl Iterator<Item = (u32, &[[f64; 3]])> {
         self.features

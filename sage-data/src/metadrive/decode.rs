@@ -282,6 +282,18 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
             false => Ok(None),
         })
         .collect::<Result<_, Error>>()?;
+    let mut left_out = 0;
+    let lanes: Vec<_> = lanes
+        .into_iter()
+        .enumerate()
+        .map(|(k, mut lane)| {
+            left_out += lane.as_deref_mut().map_or(0, |lane| leave_out_of_range(lane, k, &map));
+            lane
+        })
+        .collect();
+    if left_out > 0 {
+        notes.push(format!("{left_out} lane links name points that are not there and are left out"));
+    }
     for (feature, lane) in map.features.iter_mut().zip(lanes) {
         feature.lane = lane;
     }
@@ -290,6 +302,22 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         map.points.shrink_to_fit();
     }
     Ok(map)
+}
+
+/// Drops the links of a lane, by its number, to points that are not there; how many.
+fn leave_out_of_range(lane: &mut Lane, own: usize, map: &Map) -> usize {
+    let links = |lane: &Lane| {
+        lane.neighbors.iter().map(Vec::len).sum::<usize>()
+            + lane.boundaries.iter().map(Vec::len).sum::<usize>()
+    };
+    let before = links(lane);
+    for side in &mut lane.neighbors {
+        side.retain(|n| map.has_points(own, n.own) && map.has_points(n.lane, n.other));
+    }
+    for side in &mut lane.boundaries {
+        side.retain(|b| map.has_points(own, b.own));
+    }
+    before - links(lane)
 }
 
 /// Features by id, while lanes are linked to them.

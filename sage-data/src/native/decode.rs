@@ -1,6 +1,6 @@
 //! Tensors read as a scene, with every check that a scene promises.
 
-use std::{collections::HashSet, path::Path, sync::Arc};
+use std::{collections::HashSet, ops::Range, path::Path, sync::Arc};
 
 use safetensors::{Dtype, SafeTensors, tensor::Metadata};
 use sage_core::{
@@ -72,32 +72,24 @@ impl<'b> Tensors<'b> {
 
     /// Rows of `N` finite numbers of a tensor of this shape.
     fn rows<const N: usize>(&self, name: &str, shape: &[usize], limit: f64) -> Result<Vec<[f64; N]>, Error> {
+        self.columns::<N>(name, shape, limit)?.read(0..shape.iter().product::<usize>() / N)
+    }
+
+    /// A tensor of this shape whose rows are read as they are needed.
+    fn columns<'n, const N: usize>(
+        &'n self,
+        name: &'n str,
+        shape: &[usize],
+        limit: f64,
+    ) -> Result<Columns<'n, N>, Error> {
         let tensor = self.required(name)?;
         if tensor.shape != shape {
             return Err(self.error(name, format!("of shape {:?}", tensor.shape), format!("shape {shape:?}")));
         }
-        let mut rows: Vec<[f64; N]> = Vec::with_capacity(shape.iter().product::<usize>() / N);
         match tensor.dtype {
-            Dtype::F32 => rows.extend(tensor.data.chunks_exact(4 * N).map(|raw| {
-                let cells = raw.as_chunks::<4>().0;
-                std::array::from_fn(|k| f64::from(f32::from_le_bytes(cells[k])))
-            })),
-            Dtype::F64 => rows.extend(tensor.data.chunks_exact(8 * N).map(|raw| {
-                let cells = raw.as_chunks::<8>().0;
-                std::array::from_fn(|k| f64::from_le_bytes(cells[k]))
-            })),
-            other => return Err(self.error(name, format!("of type {other:?}"), "type F32 or F64")),
+            Dtype::F32 | Dtype::F64 => Ok(Columns { file: self, name, tensor, limit }),
+            other => Err(self.error(name, format!("of type {other:?}"), "type F32 or F64")),
         }
-        // NaN fails the comparison as well.
-        let is_bad = |x: &f64| !(x.abs() <= limit);
-        if rows.iter().flatten().fold(false, |bad, x| bad | is_bad(x)) {
-            let culprit =
-                rows.iter().enumerate().find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
-            let (row, value) = culprit.unwrap_or((0, &f64::NAN));
-            let expected = format!("a finite number within ±{limit:e}");
-            return Err(self.error(&format!("{name}/{row}"), value.to_string(), expected));
-        }
-        Ok(rows)
     }
 
     /// Bytes of a tensor of this type and shape.
@@ -123,6 +115,46 @@ impl<'b> Tensors<'b> {
                 Err(self.error(name, found, format!("type I64 and shape [n, {N}]")))
             }
         }
+    }
+}
+
+/// A tensor of floats as rows of `N`.
+struct Columns<'n, const N: usize> {
+    file: &'n Tensors<'n>,
+    name: &'n str,
+    tensor: Tensor<'n>,
+    /// Largest magnitude of a number.
+    limit: f64,
+}
+
+impl<const N: usize> Columns<'_, N> {
+    /// Some rows, each as what `make` makes of it.
+    /// Some of the rows.
+    fn read(&self, rows: Range<usize>) -> Result<Vec<[f64; N]>, Error> {
+        let mut read: Vec<[f64; N]> = Vec::with_capacity(rows.len());
+        let bytes = |size: usize| &self.tensor.data[rows.start * N * size..rows.end * N * size];
+        if self.tensor.dtype == Dtype::F32 {
+            read.extend(bytes(4).chunks_exact(4 * N).map(|raw| {
+                let cells = raw.as_chunks::<4>().0;
+                std::array::from_fn(|k| f64::from(f32::from_le_bytes(cells[k])))
+            }));
+        } else {
+            read.extend(bytes(8).chunks_exact(8 * N).map(|raw| {
+                let cells = raw.as_chunks::<8>().0;
+                std::array::from_fn(|k| f64::from_le_bytes(cells[k]))
+            }));
+        }
+        // NaN fails the comparison as well.
+        let is_bad = |x: &f64| !(x.abs() <= self.limit);
+        if read.as_flattened().iter().fold(false, |bad, x| bad | is_bad(x)) {
+            let culprit =
+                read.iter().enumerate().find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
+            let (row, value) = culprit.unwrap_or((0, &f64::NAN));
+            let field = format!("{}/{}", self.name, rows.start + row);
+            let expected = format!("a finite number within ±{:e}", self.limit);
+            return Err(self.file.error(&field, value.to_string(), expected));
+        }
+        Ok(read)
     }
 }
 
@@ -173,9 +205,9 @@ pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<Scene, Error> {
 
 fn tracks(file: &Tensors, header: &Header) -> Result<Vec<Track>, Error> {
     let (n, frames) = (header.tracks.len(), header.frames);
-    let position = file.rows::<3>("tracks.position", &[n, frames, 3], MAX_COORDINATE)?;
-    let velocity = file.rows::<2>("tracks.velocity", &[n, frames, 2], MAX_COORDINATE)?;
-    let column = |name: &str| file.rows::<1>(name, &[n, frames], MAX_COORDINATE);
+    let position = file.columns::<3>("tracks.position", &[n, frames, 3], MAX_COORDINATE)?;
+    let velocity = file.columns::<2>("tracks.velocity", &[n, frames, 2], MAX_COORDINATE)?;
+    let column = |name| file.columns::<1>(name, &[n, frames], MAX_COORDINATE);
     let (heading, length) = (column("tracks.heading")?, column("tracks.length")?);
     let (width, height) = (column("tracks.width")?, column("tracks.height")?);
     let valid = file.bytes("tracks.valid", Dtype::BOOL, &[n, frames])?;
@@ -186,13 +218,15 @@ fn tracks(file: &Tensors, header: &Header) -> Result<Vec<Track>, Error> {
             return Err(file.error("tracks", format!("`{id}` twice"), "one track an id"));
         }
         let of = k * frames..(k + 1) * frames;
+        let [length, width, height] =
+            [length.read(of.clone())?, width.read(of.clone())?, height.read(of.clone())?];
         let track = Track {
             id: id.clone(),
             kind: TrackKind::from_name(kind),
-            position: position[of.clone()].to_vec(),
-            heading: heading[of.clone()].iter().map(|[h]| *h).collect(),
-            velocity: velocity[of.clone()].to_vec(),
-            size: of.clone().map(|f| [length[f][0], width[f][0], height[f][0]]).collect(),
+            position: position.read(of.clone())?,
+            heading: heading.read(of.clone())?.into_flattened(),
+            velocity: velocity.read(of.clone())?,
+            size: (length.iter().zip(width).zip(height)).map(|((l, w), h)| [l[0], w[0], h[0]]).collect(),
             valid: valid[of].iter().map(|v| *v != 0).collect(),
         };
         let bad =
@@ -244,21 +278,34 @@ fn map(file: &Tensors, header: &Header) -> Result<Map, Error> {
         let slot = slot.ok_or_else(|| file.error("lanes", feature.to_string(), "a feature, once"))?;
         slot.lane = Some(Box::new(lane));
     }
-    let count = features.len();
+    let mut map = Map { points, features };
     for row in file.integers::<7>("lane.links")? {
-        let wrong = || file.error("lane.links", format!("{row:?}"), "lane, link 0 to 5, feature, two ranges");
+        let wrong = || {
+            let expected = "lane, link 0 to 5, feature, and two ranges of points that these have";
+            file.error("lane.links", format!("{row:?}"), expected)
+        };
         let index = |k: usize| usize::try_from(row[k]).map_err(|_| wrong());
-        let (other, own, range) = (index(2)?, [index(3)?, index(4)?], [index(5)?, index(6)?]);
-        let lane = features.get_mut(index(0)?).and_then(|f| f.lane.as_deref_mut());
-        let (Some(lane), true) = (lane, other < count) else { return Err(wrong()) };
-        match Link::from_code(row[1]).ok_or_else(wrong)? {
+        let (own, other) = (index(0)?, index(2)?);
+        let [own_range, other_range] = [[index(3)?, index(4)?], [index(5)?, index(6)?]];
+        let link = Link::from_code(row[1]).ok_or_else(wrong)?;
+        let is_there = other < map.features.len()
+            && match link {
+                Link::Entry | Link::Exit => true,
+                Link::Boundary(_) => map.has_points(own, own_range),
+                Link::Neighbor(_) => map.has_points(own, own_range) && map.has_points(other, other_range),
+            };
+        let lane = map.features.get_mut(own).and_then(|f| f.lane.as_deref_mut());
+        let (Some(lane), true) = (lane, is_there) else { return Err(wrong()) };
+        match link {
             Link::Entry => lane.entries.push(other),
             Link::Exit => lane.exits.push(other),
-            Link::Neighbor(side) => lane.neighbors[side].push(Neighbor { lane: other, own, other: range }),
-            Link::Boundary(side) => lane.boundaries[side].push(Boundary { feature: other, own }),
+            Link::Neighbor(side) => {
+                lane.neighbors[side].push(Neighbor { lane: other, own: own_range, other: other_range });
+            }
+            Link::Boundary(side) => lane.boundaries[side].push(Boundary { feature: other, own: own_range }),
         }
     }
-    Ok(Map { points, features })
+    Ok(map)
 }
 
 fn lights(file: &Tensors, header: &Header) -> Result<Vec<TrafficLight>, Error> {

@@ -77,7 +77,7 @@ pub(super) struct Machine {
 
 impl Machine {
     fn run(&mut self, opcode_at: &mut usize) -> Result<Id, Problem> {
-        let first = *self.document.first().ok_or_else(|| Problem::EmptyFile)?;
+        let first = *self.document.first().ok_or(Problem::EmptyFile)?;
         if first != op::PROTO {
             return Err(Problem::NotAPickle { first });
         }
@@ -254,7 +254,7 @@ impl Machine {
                 op::BINGET | op::LONG_BINGET => {
                     let k = if code == op::BINGET { u64::from(self.byte()?) } else { self.length::<4>()? };
                     let found = usize::try_from(k).ok().and_then(|k| self.memo.get(k)).copied();
-                    let id = found.filter(|id| *id != EMPTY).ok_or_else(|| Problem::Memo(k))?;
+                    let id = found.filter(|id| *id != EMPTY).ok_or(Problem::Memo(k))?;
                     self.push_id(id)?;
                 }
                 op::GLOBAL => {
@@ -413,8 +413,7 @@ impl Machine {
     fn memoize(&mut self, code: u8, place: u64) -> Result<(), Problem> {
         let top = self.top(code)?;
         // A pickler numbers what it stores.
-        let index =
-            usize::try_from(place).ok().filter(|k| *k < self.limit).ok_or_else(|| Problem::Memo(place))?;
+        let index = usize::try_from(place).ok().filter(|k| *k < self.limit).ok_or(Problem::Memo(place))?;
         if index == self.memo.len() {
             self.memo.push(EMPTY);
         } else if index > self.memo.len() {

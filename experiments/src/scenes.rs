@@ -26,7 +26,7 @@ use crate::{
 
 /// Scenes worked on between two hand-overs of results.
 const WINDOW: usize = 64;
-/// Most memory for scenes that training holds at once, bytes. A recorded scene takes 1 to 2 MB.
+/// Most memory for scenes that training holds at once, bytes. A recorded scene takes about 3 MB.
 const HELD_LIMIT: usize = 8 << 30;
 
 /// A list of scenes.

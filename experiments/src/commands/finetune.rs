@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result, bail, ensure};
 use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
@@ -22,6 +22,8 @@ use crate::{
     scenes::{self, Scenes},
 };
 
+/// Most scenes that are held encoded with all their goals, about 12 GB.
+const MOST_PREPARED: usize = 8192;
 /// States of the experts, which are there only while they are tuned.
 const STATES: [&str; 2] = ["realistic.state", "adversarial.state"];
 
@@ -63,6 +65,13 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     }
     let folder = run.folder();
     let train = with_other_roles(train, args.roles);
+    let prepared = 2 * train.len() + dev.len();
+    ensure!(
+        prepared <= MOST_PREPARED,
+        "{} pairs of ego and adversary, each in two mirror images, and {} to report on are {prepared}, and at most {MOST_PREPARED} are held in memory (1.5 MB each): take fewer scenes or a smaller --roles",
+        train.len(),
+        dev.len()
+    );
     let (plain, dev) = (TunedScene::all(prior, &train, false)?, TunedScene::all(prior, &dev, false)?);
     let both = TunedScene::all(prior, &train, true)?;
     drop(train);

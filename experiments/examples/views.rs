@@ -24,7 +24,7 @@ use sage_core::{
 };
 use sage_data::{Recording, folder};
 use sage_generators::{Choice, Setting, Steered, SteeredOptions};
-use sage_merging::{Experts, mergers};
+use sage_merging::{ExpertFile, Experts, mergers};
 
 /// As in the program.
 #[global_allocator]
@@ -95,11 +95,12 @@ fn run(args: &[String]) -> Result<()> {
 
 /// The prior with its experts in a folder.
 fn experts(weights: &Path) -> Result<Experts> {
-    let load = |name: &str| Parameters::load(&weights.join(format!("{name}.safetensors")));
-    let (prior, header) = load("prior")?;
+    let file = |name: &str| weights.join(format!("{name}.safetensors"));
+    let (prior, header) = Parameters::load(&file("prior"))?;
     let network = backbones()?.build(&header.backbone, &header.options)?;
     let prior = network.with_parameters(prior, "the prior")?;
-    Ok(Experts::new(prior, load("realistic")?.0, load("adversarial")?.0)?)
+    let [realistic, adversarial] = ["realistic", "adversarial"].map(|name| ExpertFile::load(file(name)));
+    Ok(Experts::of_files(prior, realistic?, adversarial?)?)
 }
 
 /// A view's generators at the places of the dial.

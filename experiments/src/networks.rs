@@ -5,12 +5,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, bail};
 use sage_backbones::{Backbone, Parameters, candle::DType, parameters::Header};
 use sage_core::{files, registry::Registry};
 use sage_data::Recording;
 use sage_generators::{Aggression, Choice};
-use sage_merging::Experts;
+use sage_merging::{ExpertFile, Experts};
 use serde::{Deserialize, Serialize};
 
 use crate::progress;
@@ -33,11 +33,6 @@ pub(crate) const PRIOR: &str = "prior.safetensors";
 
 /// Before the name of a backbone: its first weights, for a comparison.
 const UNTRAINED: &str = "untrained:";
-
-/// Note in the file of an expert: which one it is.
-pub(crate) const EXPERT: &str = "expert";
-/// Note in the file of an expert: hash of the prior it was tuned from.
-pub(crate) const TUNED_FROM: &str = "prior";
 
 /// A network with what its file says.
 pub(crate) struct Loaded {
@@ -82,7 +77,7 @@ pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Load
             (parameters, header, path)
         }
     };
-    if let Some(expert) = header.notes.get(EXPERT) {
+    if let Some(expert) = header.notes.get(ExpertFile::EXPERT) {
         bail!("`{}` is the {expert} expert of a prior, no prior; name the folder it lies in", from.display());
     }
     check_type(&parameters, &from)?;
@@ -156,41 +151,21 @@ pub(crate) fn default_for(recording: &Recording) -> Result<&'static str> {
 pub(crate) fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Result<Experts> {
     let loaded = load(registry, name)?;
     announce(&loaded);
-    let prior = loaded.network.parameters().hash()?;
-    let expert = |expert: &str, embedded: &[u8]| -> Result<Parameters> {
-        let mut path = PathBuf::from(format!("{expert}.safetensors"));
-        let (parameters, header) = if name == "procedural" {
-            Parameters::from_bytes(embedded, &path)?
-        } else {
-            path = find(name)?.with_file_name(&path);
-            if !path.is_file() {
-                bail!("`{}` is not there: `sage finetune` makes experts of a prior", path.display());
-            }
-            Parameters::load(&path)?
-        };
-        check_type(&parameters, &path)?;
-        check_origin(expert, &header, &prior).with_context(|| format!("`{}`", path.display()))?;
-        Ok(parameters)
+    let file = |expert: &str, embedded: &[u8]| -> Result<ExpertFile> {
+        let name_of_file = format!("{expert}.safetensors");
+        if name == "procedural" {
+            let path = PathBuf::from(name_of_file);
+            let (parameters, header) = Parameters::from_bytes(embedded, &path)?;
+            return Ok(ExpertFile { path, parameters, header });
+        }
+        let path = find(name)?.with_file_name(name_of_file);
+        if !path.is_file() {
+            bail!("`{}` is not there: `sage finetune` makes experts of a prior", path.display());
+        }
+        Ok(ExpertFile::load(path)?)
     };
-    let [realistic, adversarial] = [expert("realistic", REALISTIC)?, expert("adversarial", ADVERSARIAL)?];
-    Experts::new(loaded.network, realistic, adversarial).with_context(|| format!("weights `{name}`"))
-}
-
-/// Compares what an expert's file says of itself with its place and the prior beside it.
-fn check_origin(expert: &str, header: &Header, prior: &str) -> Result<()> {
-    let remedy = "make the experts anew with `sage finetune`";
-    let (Some(says), Some(from)) = (header.notes.get(EXPERT), header.notes.get(TUNED_FROM)) else {
-        bail!("it does not say which expert it is and of which prior: {remedy}");
-    };
-    ensure!(
-        says == expert,
-        "it says that it is the {says} expert, where the {expert} one belongs: the files were swapped or renamed"
-    );
-    ensure!(
-        from == prior,
-        "the {expert} expert was tuned from another prior ({from}) than the one beside it ({prior}): {remedy}"
-    );
-    Ok(())
+    let (realistic, adversarial) = (file("realistic", REALISTIC)?, file("adversarial", ADVERSARIAL)?);
+    Experts::of_files(loaded.network, realistic, adversarial).with_context(|| format!("weights `{name}`"))
 }
 
 /// The even dial of some experts under a choice.

@@ -1,8 +1,11 @@
 //! Two experts tuned from one prior.
 
+use std::path::PathBuf;
+
 use sage_backbones::{
     Backbone, Error, Parameters,
-    candle::{Device, Tensor},
+    candle::{DType, Device, Tensor},
+    parameters::Header,
 };
 
 use crate::check;
@@ -15,7 +18,72 @@ pub struct Experts {
     adversarial: Parameters,
 }
 
+/// What the file of an expert holds.
+pub struct ExpertFile {
+    /// The file, for messages.
+    pub path: PathBuf,
+    /// The weights.
+    pub parameters: Parameters,
+    /// What the file says of them.
+    pub header: Header,
+}
+
+impl ExpertFile {
+    /// Note in the header: which expert it is, `realistic` or `adversarial`.
+    pub const EXPERT: &str = "expert";
+    /// Note in the header: hash of the prior that it was tuned from.
+    pub const PRIOR: &str = "prior";
+
+    /// Reads a file.
+    ///
+    /// *Errors*: as [`Parameters::load`].
+    pub fn load(path: PathBuf) -> Result<Self, Error> {
+        let (parameters, header) = Parameters::load(&path)?;
+        Ok(Self { path, parameters, header })
+    }
+
+    /// The weights, if the file is that expert of that prior.
+    fn checked(self, expert: &str, prior: &str) -> Result<Parameters, Error> {
+        let remedy = "make the experts anew with `sage finetune`";
+        let notes = &self.header.notes;
+        let foreign = self.parameters.iter().find(|(_, tensor)| tensor.dtype() != DType::F32);
+        let problem = match (notes.get(Self::EXPERT), notes.get(Self::PRIOR), foreign) {
+            (None, ..) | (_, None, _) => {
+                format!("it does not say which expert it is and of which prior: {remedy}")
+            }
+            (Some(says), ..) if says != expert => format!(
+                "it says that it is the {says} expert, where the {expert} one belongs: the files were swapped or renamed"
+            ),
+            (_, Some(from), _) if from != prior => format!(
+                "the {expert} expert was tuned from another prior ({from}) than the one beside it ({prior}): {remedy}"
+            ),
+            (.., Some((name, tensor))) => format!(
+                "tensor `{}` holds {:?}; experts are mixed in F32: convert the weights",
+                name.escape_debug(),
+                tensor.dtype()
+            ),
+            (.., None) => return Ok(self.parameters),
+        };
+        Err(Error::Format { path: self.path, problem })
+    }
+}
+
 impl Experts {
+    /// The experts of a prior from their files.
+    ///
+    /// *Errors*: [`Error::Format`] for a file that is another expert, of another prior, or does not say so;
+    /// else as [`Experts::new`].
+    pub fn of_files(
+        prior: Box<dyn Backbone>,
+        realistic: ExpertFile,
+        adversarial: ExpertFile,
+    ) -> Result<Self, Error> {
+        let hash = prior.parameters().hash()?;
+        let realistic = realistic.checked("realistic", &hash)?;
+        let adversarial = adversarial.checked("adversarial", &hash)?;
+        Self::new(prior, realistic, adversarial)
+    }
+
     /// Checks and takes the three.
     ///
     /// *Errors*: [`Error::Weights`] for an expert of another network, or of another prior, with each

@@ -13,7 +13,7 @@ use sage_backbones::{Error, Parameters};
 use sage_core::registry::Registry;
 
 pub use dial::Dial;
-pub use experts::Experts;
+pub use experts::{ExpertFile, Experts};
 pub use linear::Linear;
 pub use preference_vector::PreferenceVector;
 

@@ -11,6 +11,7 @@ use sage_backbones::{
         Expectation, FinetuneOptions, FinetuneRow, Kept, SceneData, TunedScene, finetune, other_roles,
     },
 };
+use sage_merging::ExpertFile;
 use serde_json::json;
 
 use crate::{
@@ -102,8 +103,8 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
             license: loaded.header.license.clone(),
             ..Header::default()
         };
-        header.notes.insert(networks::EXPERT.to_owned(), (*name).to_owned());
-        header.notes.insert(networks::TUNED_FROM.to_owned(), prior.parameters().hash()?);
+        header.notes.insert(ExpertFile::EXPERT.to_owned(), (*name).to_owned());
+        header.notes.insert(ExpertFile::PRIOR.to_owned(), prior.parameters().hash()?);
         header.notes.insert("options".to_owned(), serde_json::to_string(options)?);
         weights.save(&header, &folder.path().join(format!("{name}.safetensors")))?;
         let tuned = prior.rebuilt(weights)?;

@@ -16,7 +16,7 @@ use serde::Deserialize;
 use crate::progress;
 
 /// Largest file of candidates, bytes: tens of thousands of trajectories.
-const LIMIT: u64 = 256 << 20;
+const LIMIT: u64 = 64 << 20;
 
 /// A candidate as it stands in the file.
 #[derive(Deserialize)]

@@ -18,6 +18,7 @@ mod candidates;
 mod cli;
 mod commands;
 pub mod drawing;
+mod input;
 mod methods;
 mod networks;
 mod output;
@@ -82,7 +83,10 @@ pub enum Outcome {
 
 /// Runs the command line of this process: 0 done, 1 failed, 2 bad use.
 pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return told(&error),
+    };
     if let Some(code) = cli.needs_networks().then(threads::run_anew).flatten() {
         return code;
     }
@@ -97,6 +101,19 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
             progress::say(&format!("error: {error:#}"));
             ExitCode::FAILURE
         }
+    }
+}
+
+/// Says what is wrong with the command line, or the help that was asked for.
+fn told(error: &clap::Error) -> ExitCode {
+    if error.use_stderr() {
+        // It repeats what was typed, and file names may be among that.
+        progress::say(error.render().to_string().trim_end());
+        return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+    }
+    match error.print() {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => ExitCode::FAILURE,
+        _ => ExitCode::SUCCESS,
     }
 }
 

@@ -8,7 +8,6 @@ use std::{
 use anyhow::{Context as _, Result, bail};
 use sage_backbones::{Backbone, Parameters, candle::DType, parameters::Header};
 use sage_core::{files, registry::Registry};
-use sage_data::Recording;
 use sage_generators::{Aggression, Choice};
 use sage_merging::{ExpertFile, Experts};
 use serde::{Deserialize, Serialize};
@@ -139,10 +138,9 @@ fn waymo() -> Result<Option<PathBuf>> {
 
 /// Weights for a scene where the user names none: `waymo` for a recording if they are at hand.
 ///
-/// *Errors*: a native file whose source is damaged; a variable that names no weights.
-pub(crate) fn default_for(recording: &Recording) -> Result<&'static str> {
-    let is_recorded = !recording.is_made()?;
-    Ok(if waymo()?.is_some() && is_recorded { "waymo" } else { "procedural" })
+/// *Errors*: a variable that names no weights.
+pub(crate) fn default_for(is_made: bool) -> Result<&'static str> {
+    Ok(if waymo()?.is_some() && !is_made { "waymo" } else { "procedural" })
 }
 
 /// Loads a prior with its experts: `procedural`, `waymo`, or a folder that `sage finetune` made.

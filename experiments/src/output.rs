@@ -5,6 +5,7 @@ mod command_line;
 mod run;
 
 use std::{
+    collections::HashSet,
     io::{self, Write},
     path::{Component, Path, PathBuf},
 };
@@ -76,10 +77,18 @@ impl Folder {
         if !name.components().all(|part| matches!(part, Component::Normal(_))) {
             bail!("`{}` does not lie in `{}`", path.display(), self.path.display());
         }
-        std::fs::create_dir_all(&path).with_context(fail)?;
-        let [outer, inner] = [&self.path, &path].map(|path| path.canonicalize());
-        if !inner.with_context(fail)?.starts_with(outer.with_context(fail)?) {
-            bail!("`{}` is a link that leads out of `{}`", path.display(), self.path.display());
+        let root = self.path.canonicalize().with_context(fail)?;
+        let mut made = self.path.clone();
+        for part in name.components() {
+            made.push(part);
+            match std::fs::create_dir(&made) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                done => done.with_context(fail)?,
+            }
+            // Looked at before anything is made below it.
+            if !made.canonicalize().with_context(fail)?.starts_with(&root) {
+                bail!("`{}` is a link that leads out of `{}`", made.display(), self.path.display());
+            }
         }
         self.claim.clean(&path).with_context(fail)?;
         Ok(path)
@@ -90,7 +99,7 @@ impl Folder {
 pub(crate) struct OutputFile {
     path: PathBuf,
     existing: Existing,
-    _claim: Option<Claim>,
+    claim: Option<Claim>,
 }
 
 impl OutputFile {
@@ -101,20 +110,21 @@ impl OutputFile {
     pub(crate) fn claim(path: &Path, force: bool) -> Result<Self> {
         let existing = if force { Existing::Replace } else { Existing::Keep };
         if path.to_str() == Some("-") {
-            return Ok(Self { path: path.to_owned(), existing, _claim: None });
+            return Ok(Self { path: path.to_owned(), existing, claim: None });
         }
+        refuse_link(path)?;
         refuse_existing(path, force)?;
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             bail!("the folder `{}` is not there; make it first", folder.display());
         }
         let claim = Claim::file(path, &command())?;
-        Ok(Self { path: path.to_owned(), existing, _claim: Some(claim) })
+        Ok(Self { path: path.to_owned(), existing, claim: Some(claim) })
     }
 
     /// Whether it is standard output.
     pub(crate) fn is_stdout(&self) -> bool {
-        self._claim.is_none()
+        self.claim.is_none()
     }
 
     /// Writes it.
@@ -131,6 +141,14 @@ impl OutputFile {
     }
 }
 
+/// Refuses a link, such as /dev/stdout: what would be written is unclear, the link or what it leads to.
+fn refuse_link(path: &Path) -> Result<()> {
+    if path.is_symlink() {
+        bail!("`{}` is a link; name the file itself, or - for standard output", path.display());
+    }
+    Ok(())
+}
+
 fn refuse_existing(path: &Path, force: bool) -> Result<()> {
     if !force && path.symlink_metadata().is_ok() {
         bail!("`{}` exists; give --force to write over it, or name another file", path.display());
@@ -138,19 +156,36 @@ fn refuse_existing(path: &Path, force: bool) -> Result<()> {
     Ok(())
 }
 
-/// A scene's file as output is named after it: standard input has a name of its own.
-pub(crate) fn scene_name(file: &Path) -> PathBuf {
-    if file.to_str() == Some("-") { PathBuf::from("stdin") } else { file.to_owned() }
-}
-
-/// Largest file of options that is read, bytes.
-const CONFIG_LIMIT: u64 = 1 << 20;
-
-/// Text of a file of options that the user named.
+/// Refuses an output folder in which an input lies, by its own name or by what a link leads to, or that lies
+/// in a folder of inputs, where the next run would read what this one wrote.
 ///
-/// *Errors*: it cannot be read, or is larger than any.
-pub(crate) fn read_config(path: &Path) -> Result<String> {
-    files::read_argument_text(path, CONFIG_LIMIT).with_context(|| format!("cannot read `{}`", path.display()))
+/// *Errors*: the first such input.
+pub(crate) fn keep_inputs(
+    given: &[PathBuf],
+    files: &[PathBuf],
+    out: &Folder,
+    outputs: &[PathBuf],
+) -> Result<()> {
+    let root = out.path().canonicalize()?;
+    let place = |file: &Path| -> Option<PathBuf> {
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        Some(folder.canonicalize().ok()?.join(file.file_name()?))
+    };
+    let inputs: HashSet<PathBuf> =
+        files.iter().flat_map(|file| [place(file), file.canonicalize().ok()]).flatten().collect();
+    if let Some(output) = outputs.iter().find(|output| inputs.contains(&root.join(output))) {
+        let path = out.path().join(output);
+        bail!("`{}` would take the place of an input; name another --out", path.display());
+    }
+    let is_around = |path: &&PathBuf| path.is_dir() && path.canonicalize().is_ok_and(|p| root.starts_with(p));
+    match given.iter().find(is_around) {
+        Some(path) => bail!(
+            "`{}` lies in the input folder `{}`; name another --out",
+            out.path().display(),
+            path.display()
+        ),
+        None => Ok(()),
+    }
 }
 
 /// Whether an error says that nothing more can be written: then there is no point in going on.

@@ -99,6 +99,11 @@ impl Scenes {
         Ok(Self { entries })
     }
 
+    /// Names, as results tell them.
+    pub(crate) fn names(&self) -> Vec<String> {
+        self.entries.iter().map(Entry::name).collect()
+    }
+
     /// Number of scenes.
     pub(crate) fn len(&self) -> usize {
         self.entries.len()
@@ -213,12 +218,8 @@ impl Scenes {
     /// *Errors*: one that cannot be read.
     pub(crate) fn by_name(&self, names: &HashSet<&str>) -> Result<BTreeMap<String, Arc<SceneData>>> {
         let mut found = BTreeMap::new();
-        for entry in
-            self.entries.iter().filter(|entry| entry.name().is_none_or(|name| names.contains(&name[..])))
-        {
-            if let Some(data) = entry.load()?.filter(|data| names.contains(&data.name[..])) {
-                found.insert(data.name.clone(), data);
-            }
+        for entry in self.entries.iter().filter(|entry| names.contains(&entry.name()[..])) {
+            found.extend(entry.load()?.map(|data| (data.name.clone(), data)));
         }
         Ok(found)
     }
@@ -236,8 +237,9 @@ impl Entry {
             Origin::File(file) => read(file)?,
             Origin::Held(data) => return Ok(Some(data.clone())),
             Origin::Procedural(number, seed) => {
-                let kind = Kind::ALL[(number % Kind::ALL.len() as u64) as usize];
-                let Some(scene) = procedural::generate(kind, *seed, *number) else { return Ok(None) };
+                let Some(scene) = procedural::generate(kind_of(*number), *seed, *number) else {
+                    return Ok(None);
+                };
                 SceneData::new(scene.id.clone(), scene)
             }
         };
@@ -247,14 +249,19 @@ impl Entry {
         Ok(Some(Arc::new(data)))
     }
 
-    /// Its name, where that is known without reading it.
-    fn name(&self) -> Option<String> {
+    /// Its name.
+    fn name(&self) -> String {
         match &self.origin {
-            Origin::File(file) => Some(file.display().to_string()),
-            Origin::Held(data) => Some(data.name.clone()),
-            Origin::Procedural(..) => None,
+            Origin::File(file) => file.display().to_string(),
+            Origin::Held(data) => data.name.clone(),
+            Origin::Procedural(number, seed) => format!("{}-{seed}-{number}", kind_of(*number).name()),
         }
     }
+}
+
+/// Kind of a procedural scene by its number: they take turns.
+fn kind_of(number: u64) -> Kind {
+    Kind::ALL[(number % Kind::ALL.len() as u64) as usize]
 }
 
 /// About what a scene takes in memory with its search trees, bytes.

@@ -189,7 +189,7 @@ fn nothing_is_lost_where_names_meet() {
     let files = |dir: &Path| std::fs::read_dir(dir).unwrap().count();
     let before = files(&scenes);
     let over = ["generate", text(&scenes), "--force", "--out", text(&scenes)];
-    assert!(failure(&[&over[..], &WEIGHTS].concat()).contains("could be overwritten"));
+    assert!(failure(&[&over[..], &WEIGHTS].concat()).contains("would take the place of an input"));
     let twins = folder.path().join("twins");
     for side in ["a", "b"] {
         std::fs::create_dir_all(twins.join(side)).unwrap();

@@ -178,6 +178,88 @@ fn convert_never_replaces_its_input() {
 
 #[cfg(unix)]
 #[test]
+fn generate_never_replaces_its_input() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for dir in ["in", "links"] {
+        std::fs::create_dir(at(dir)).unwrap();
+    }
+    std::fs::copy(example(), at("in/a.pkl")).unwrap();
+    symlink(at("in/a.pkl"), at("links/a.pkl")).unwrap();
+    let before = hostile::snapshot(folder.path());
+    for (input, out) in
+        [("a.pkl", "."), ("../links", "."), ("../links/a.pkl", "../in"), (".", "out"), (".", ".")]
+    {
+        let output = Command::new(env!("CARGO_BIN_EXE_sage"))
+            .args(["generate", input, "--force", "--out", out])
+            .args(WEIGHTS)
+            .current_dir(at("in"))
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(1), "{input} {out}");
+        let said = stderr(&output);
+        let is_told =
+            said.contains("would take the place of an input") || said.contains("lies in the input folder");
+        assert!(is_told, "{said}");
+        assert_eq!(hostile::snapshot(folder.path()), before);
+    }
+}
+
+#[test]
+fn a_scene_whose_source_is_damaged_keeps_no_other_from_being_attacked() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("in")).unwrap();
+    let mut native = Recording::read(Path::new(&example())).unwrap().to_native().unwrap();
+    // The source begins with its PROTO, which is changed to an opcode that there is not.
+    let source = native.windows(3).rposition(|w| w == b"\x80\x04}").unwrap();
+    native[source + 2] = 0xff;
+    std::fs::write(at("in/1.safetensors"), native).unwrap();
+    std::fs::copy(example(), at("in/2.pkl")).unwrap();
+    let output = sage(&["generate", text(&at("in")), "--out", text(&at("out"))]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("1 of 2 scenes failed"), "{}", stderr(&output));
+    assert!(at("out/2.pkl").is_file());
+}
+
+#[cfg(unix)]
+#[test]
+fn arguments_that_are_no_text_are_no_reason_to_panic() {
+    use std::{ffi::OsStr, os::unix::ffi::OsStrExt};
+    let folder = tempfile::tempdir().unwrap();
+    let odd = folder.path().join(OsStr::from_bytes(b"x\xff.pkl"));
+    std::fs::copy(example(), &odd).unwrap();
+    let out = folder.path().join("out");
+    let run = Command::new(env!("CARGO_BIN_EXE_sage"))
+        .arg("convert")
+        .arg(&odd)
+        .args(["--to", "native", "--out", text(&out)])
+        .output()
+        .unwrap();
+    assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 1);
+    // What was typed is repeated in messages, and steers nothing.
+    let run = sage(&["inspect", "--e\u{1b}[31mx"]);
+    assert_eq!(run.status.code(), Some(2));
+    assert!(!stderr(&run).contains('\u{1b}'), "{}", stderr(&run));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_output_file_that_is_a_link_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("link");
+    std::os::unix::fs::symlink(folder.path().join("nowhere"), &link).unwrap();
+    for more in [&[][..], &["--force"]] {
+        let error = failure(&[&["draw", &example(), "--out", text(&link)], more].concat());
+        assert!(error.contains("is a link; name the file itself"), "{error}");
+    }
+    assert!(link.is_symlink());
+}
+
+#[cfg(unix)]
+#[test]
 fn links_are_read_and_never_written_through() {
     use std::os::unix::fs::symlink;
     let folder = tempfile::tempdir().unwrap();
@@ -207,9 +289,11 @@ fn links_are_read_and_never_written_through() {
     std::fs::create_dir(at("in/part")).unwrap();
     std::fs::copy(example(), at("in/part/b.pkl")).unwrap();
     symlink(at("victim"), at("out/part")).unwrap();
+    std::fs::create_dir(at("in/part/deep")).unwrap();
+    std::fs::copy(example(), at("in/part/deep/c.pkl")).unwrap();
     let (code, said) = convert(&at("out"), &["--force"]);
     assert!(code == 1 && said.contains("leads out of"), "{said}");
-    assert_eq!(hostile::snapshot(&at("victim")).len(), 1);
+    assert_eq!(std::fs::read_dir(at("victim")).unwrap().count(), 1, "not even a folder is made there");
 }
 
 /// The embedded experts as a folder.

@@ -173,6 +173,42 @@ fn a_finished_run_is_told_from_another_one() {
 }
 
 #[test]
+fn a_run_without_its_results_is_not_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("table");
+    let table = ["bench", "open-loop", &example(), "--methods", "log", "--out", text(&out)];
+    let first = stdout(&sage(&table)).to_owned();
+    std::fs::remove_file(out.join("table.md")).unwrap();
+    // Results of a part of the scenes, of others or of other generators are no results.
+    for kept in ["[]", r#"[{"scene": "other", "rows": [], "expectations": null}]"#] {
+        std::fs::create_dir_all(out.join(".sage-rows")).unwrap();
+        std::fs::write(out.join(".sage-rows/000000.json"), kept).unwrap();
+        let again = sage(&table);
+        assert!(stdout(&again) == first && stderr(&again).contains("it goes on"), "{}", stderr(&again));
+        std::fs::remove_file(out.join("table.md")).unwrap();
+    }
+    // A run that is begun anew is not done before it is, wherever it is broken off.
+    let force = sage(&[&table[..], &["--force"]].concat());
+    assert_eq!(stdout(&force), first);
+}
+
+#[test]
+fn files_written_at_once_into_one_folder_are_all_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    std::thread::scope(|scope| {
+        for number in 0..4 {
+            let picture = folder.path().join(format!("{number}.svg"));
+            scope.spawn(move || {
+                for _ in 0..15 {
+                    stdout(&sage(&["draw", &example(), "--force", "--out", text(&picture)]));
+                }
+            });
+        }
+    });
+    assert_eq!(hostile::snapshot(folder.path()).len(), 4);
+}
+
+#[test]
 fn how_a_command_was_run_changes_no_byte() {
     let folder = tempfile::tempdir().unwrap();
     let scene = example();

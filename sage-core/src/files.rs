@@ -14,14 +14,8 @@ pub use write::{Existing, discard_unfinished, write};
 
 use std::io::ErrorKind;
 
-/// Whether an error means that nothing more can be written there: the disk or the quota is full, the
-/// file may not grow further, or the file system is read-only.
+/// Whether an error means that nothing more can be written there: the disk or the quota is full, or the
+/// file may not grow further.
 pub fn is_disk_full(error: &std::io::Error) -> bool {
-    matches!(
-        error.kind(),
-        ErrorKind::StorageFull
-            | ErrorKind::QuotaExceeded
-            | ErrorKind::FileTooLarge
-            | ErrorKind::ReadOnlyFilesystem
-    )
+    matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge)
 }

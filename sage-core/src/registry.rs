@@ -96,6 +96,10 @@ impl<T: ?Sized> Registry<T> {
     /// out of range.
     pub fn build(&self, name: &str, options: &Value) -> Result<Box<T>, Error> {
         let entry = self.get(name)?;
+        if !options.is_object() {
+            let problem = format!("`{options}` is no JSON object of options by name");
+            return Err(Error::Options { kind: self.kind, name: entry.name, problem });
+        }
         (entry.build)(options).map_err(|problem| Error::Options {
             kind: self.kind,
             name: entry.name,

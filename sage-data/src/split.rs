@@ -10,12 +10,16 @@ use crate::Error;
 /// Split name to scene names, in the order of the file.
 pub type Splits = BTreeMap<String, Vec<String>>;
 
+/// Largest split file that is read, bytes.
+const LIMIT: u64 = 16 << 20;
+
 /// Reads a split file.
 ///
 /// *Errors*: [`Error::Read`]; [`Error::Field`] if it is not such a JSON object.
 pub fn read_splits(path: &Path) -> Result<Splits, Error> {
     use serde_json::Value;
-    let bytes = crate::recording::read_bounded(path)?;
+    let bytes = sage_core::files::read_argument(path, LIMIT)
+        .map_err(|source| Error::Read { path: path.to_owned(), source })?;
     let fail = |field: &str, found: String, expected: &str| Error::Field {
         path: path.to_owned(),
         field: field.to_owned(),

@@ -15,6 +15,7 @@ use crate::{
     drawing::{self, Picture},
     output::{self, Folder},
     scenes::Scenes,
+    terminal,
 };
 
 /// Writes for each method its strongest and its median attack as SVG, and `index.html`, which shows them
@@ -107,6 +108,7 @@ fn html_tables(markdown: &str) -> Result<String> {
 }
 
 fn escaped(text: &str) -> String {
+    let text = terminal::harmless(text);
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

@@ -9,6 +9,8 @@ use sage_core::{
     statistics::{self, Estimate},
 };
 
+use crate::terminal;
+
 use super::open_loop::{self, COLUMNS, SceneRow, is_attack};
 
 /// A method with its rows.
@@ -123,7 +125,7 @@ pub fn scenes_csv(table: &Table) -> Result<String> {
             writeln!(
                 out,
                 "{},{},{},{},{},{:.6},{}",
-                field(&r.scene),
+                field(&terminal::harmless_name(&r.scene)),
                 field(method),
                 r.kind.map_or("", CollisionKind::name),
                 r.paper.collision_step.map_or(String::new(), |step| step.to_string()),

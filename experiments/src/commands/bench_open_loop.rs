@@ -35,6 +35,8 @@ const WINDOW: usize = 16;
 const RESULTS_LIMIT: u64 = 256 << 20;
 /// The table, for people.
 const TABLE: &str = "table.md";
+/// What a run leaves, pictures aside.
+const FILES: [&str; 4] = [TABLE, "table.csv", "scenes.csv", "index.html"];
 
 /// What came of one scene.
 #[derive(Serialize, Deserialize)]
@@ -56,7 +58,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let paths = [&args.paths[..], &args.data].concat();
     let scenes = Scenes::of(&paths, &args.split, 0, args.seed)?.attackable()?;
     let identity = identity(args, &experts, &scenes, &generators, &places)?;
-    let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[])?;
+    let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[], &FILES)?;
     if state == State::Done {
         output::print(&files::read_text(&run.folder().path().join(TABLE), RESULTS_LIMIT)?)?;
         return Ok(Outcome::Done);
@@ -77,9 +79,14 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let mut progress = Progress::new("ran", scenes.len());
     let mut all: Vec<SceneResult> = Vec::with_capacity(scenes.len());
     for (number, window) in scenes.windows(WINDOW).enumerate() {
-        all.extend(results_of(&run, results.join(format!("{number:06}.json")), &window, &one, || {
-            progress.step()
-        })?);
+        all.extend(results_of(
+            &run,
+            results.join(format!("{number:06}.json")),
+            &window,
+            generators.len(),
+            &one,
+            || progress.step(),
+        )?);
     }
     progress.finish(&format!("{} rows on {} scenes", generators.len(), scenes.len()));
     let failures = report_errors(&all, &generators);
@@ -108,12 +115,17 @@ fn results_of(
     run: &Run,
     file: PathBuf,
     scenes: &Scenes,
+    generators: usize,
     one: &(impl Fn(&SceneData) -> Result<SceneResult> + Sync),
     mut done: impl FnMut(),
 ) -> Result<Vec<SceneResult>> {
     let before = files::read_text(&file, RESULTS_LIMIT).ok();
     let before = before.and_then(|text| serde_json::from_str::<Vec<SceneResult>>(&text).ok());
-    if let Some(before) = before {
+    let fits = |before: &Vec<SceneResult>| {
+        let names = before.iter().map(|result| &result.scene);
+        names.eq(&scenes.names()) && before.iter().all(|result| result.rows.len() == generators)
+    };
+    if let Some(before) = before.filter(fits) {
         before.iter().for_each(|_| done());
         return Ok(before);
     }
@@ -176,7 +188,7 @@ fn identity(
     Ok(json!({
         "methods": generators.iter().map(|g| g.name()).collect::<Vec<_>>(),
         "merger": args.dial.merger, "choice": format!("{:?}", args.choosing.with(args.choice)), "seed": args.seed,
-        "scenes": scenes.describe(),
+        "scenes": scenes.describe(), "names": scenes.names(),
         "weights": [hash(experts.prior().parameters())?, hash(experts.realistic())?, hash(experts.adversarial())?],
         "places": places, "raw": args.raw, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     }))

@@ -12,6 +12,7 @@ use sage_data::{Recording, folder};
 use crate::{
     Outcome,
     cli::{ConvertArgs, Format},
+    input,
     output::{self, Folder},
     progress::Progress,
 };
@@ -31,7 +32,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     for path in &args.paths {
         let root = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
         for from in folder::scene_files(path)? {
-            let to = output::scene_name(&folder::name_below(root, &from)).with_extension(ending);
+            let to = input::scene_name(&folder::name_below(root, &from)).with_extension(ending);
             pairs.push(Pair { from, to });
         }
     }
@@ -40,12 +41,13 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
         bail!("several inputs would become one file; convert them into folders of their own");
     }
     let out = Folder::make(&args.folder.out, args.folder.force)?;
-    keep_inputs(&pairs, &out)?;
+    let (files, outputs): (Vec<_>, Vec<_>) =
+        pairs.iter().map(|pair| (pair.from.clone(), pair.to.clone())).unzip();
+    output::keep_inputs(&args.paths, &files, &out, &outputs)?;
     let folders: HashSet<&Path> = pairs.iter().filter_map(|pair| pair.to.parent()).collect();
     for folder in folders {
         out.inner(folder)?;
     }
-    let files: Vec<PathBuf> = pairs.iter().map(|pair| pair.from.clone()).collect();
     let targets: HashMap<&Path, PathBuf> =
         pairs.iter().map(|pair| (pair.from.as_path(), out.path().join(&pair.to))).collect();
     let is_full = AtomicBool::new(false);
@@ -85,24 +87,4 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     }
     progress.finish(&format!("{whole} scenes in `{place}`, {failed} failed"));
     Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
-}
-
-/// Refuses an output that would take the place of an input.
-fn keep_inputs(pairs: &[Pair], out: &Folder) -> Result<()> {
-    // By its own name and by what a link leads to.
-    let mut inputs: HashSet<PathBuf> = HashSet::new();
-    for Pair { from, .. } in pairs {
-        inputs.extend(from.canonicalize());
-        let folder = from.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        inputs
-            .extend(folder.canonicalize().ok().zip(from.file_name()).map(|(folder, name)| folder.join(name)));
-    }
-    let root = out.path().canonicalize()?;
-    match pairs.iter().find(|pair| inputs.contains(&root.join(&pair.to))) {
-        Some(pair) => bail!(
-            "`{}` would take the place of an input; name another --out",
-            out.path().join(&pair.to).display()
-        ),
-        None => Ok(()),
-    }
 }

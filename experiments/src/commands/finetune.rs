@@ -17,7 +17,7 @@ use serde_json::json;
 use crate::{
     Outcome, Registries,
     cli::FinetuneArgs,
-    networks,
+    input, networks,
     output::{self, Run, State},
     progress,
     scenes::{self, Scenes},
@@ -25,6 +25,9 @@ use crate::{
 
 /// Most scenes that are held encoded with all their goals, about 12 GB.
 const MOST_PREPARED: usize = 8192;
+/// What it leaves.
+const RESULTS: [&str; 4] =
+    [networks::PRIOR, "realistic.safetensors", "adversarial.safetensors", "finetune.csv"];
 /// States of the experts, which are there only while they are tuned.
 const STATES: [&str; 2] = ["realistic.state", "adversarial.state"];
 
@@ -60,7 +63,8 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     });
     // The dial of other experts would be taken for theirs.
     let outdated = [networks::DIAL_FILE];
-    let (run, state) = Run::start(&args.folder.out, identity.clone(), args.folder.force, &STATES, &outdated)?;
+    let (run, state) =
+        Run::start(&args.folder.out, identity.clone(), args.folder.force, &STATES, &outdated, &RESULTS)?;
     if state == State::Done {
         return Ok(Outcome::Done);
     }
@@ -140,7 +144,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
 
 /// Options from a file over an expert's own: keys left out keep theirs.
 fn configured(path: &std::path::Path, own: &FinetuneOptions) -> Result<FinetuneOptions> {
-    let text = output::read_config(path)?;
+    let text = input::read_config(path)?;
     let fail = || format!("`{}`", path.display());
     let given: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&text).with_context(fail)?;
     if given.contains_key("seed") {

@@ -23,6 +23,7 @@ use crate::{
     cli::GenerateArgs,
     commands::draw::drawn_path,
     drawing::{self, Picture},
+    input,
     methods::{self, Place},
     networks,
     output::{self, Folder},
@@ -56,10 +57,10 @@ impl Choice<'_> {
     /// The generators for a scene.
     ///
     /// *Errors*: weights that cannot be used.
-    fn for_scene(&mut self, recording: &Recording) -> Result<&Generators> {
+    fn for_scene(&mut self, is_made: bool) -> Result<&Generators> {
         let weights = match &self.args.weights {
             Some(weights) => weights.as_str(),
-            None => networks::default_for(recording)?,
+            None => networks::default_for(is_made)?,
         };
         let known = self.loaded.iter().position(|generators| generators.weights == weights);
         let number = match known {
@@ -101,8 +102,16 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         choice.loaded.push(choice.load(weights)?);
     }
     let files = folder::scene_files(&args.scene)?;
-    check_names(args, &files)?;
+    check_names(&files)?;
     let out = Folder::make(&args.folder.out, args.folder.force)?;
+    // Any input in the output folder, whatever the names of the outputs will be.
+    let names: Vec<PathBuf> = files
+        .iter()
+        .flat_map(|file| [Some(file.clone()), file.canonicalize().ok()])
+        .flatten()
+        .filter_map(|file| file.file_name().map(PathBuf::from))
+        .collect();
+    output::keep_inputs(std::slice::from_ref(&args.scene), &files, &out, &names)?;
     let mut failed = 0;
     // Whoever reads the output may have seen enough; the files come all the same.
     let mut heard = true;
@@ -112,8 +121,12 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
                 Ok(recording) => recording,
                 Err(error) => return Ok(Err(error.into())),
             };
+            let is_made = match recording.is_made() {
+                Ok(is_made) => is_made,
+                Err(error) => return Ok(Err(error.into())),
+            };
             // Weights that cannot be used fail every scene.
-            let generators = choice.for_scene(&recording)?;
+            let generators = choice.for_scene(is_made)?;
             Ok(one(args, &out, generators, file, recording))
         };
         match attack()? {
@@ -127,7 +140,13 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
                 )));
             }
             Err(error) => {
-                progress::say(&format!("error: `{}`: {error:#}", file.display()));
+                let (file, error) = (format!("`{}`", file.display()), format!("{error:#}"));
+                let is_named = error.contains(&file);
+                progress::say(&if is_named {
+                    format!("error: {error}")
+                } else {
+                    format!("error: {file}: {error}")
+                });
                 failed += 1;
             }
         }
@@ -165,26 +184,19 @@ fn say_what_changes_nothing(args: &GenerateArgs, method: &dyn Method) {
 
 /// Name of a scene's output files.
 fn stem(file: &Path) -> String {
-    output::scene_name(file).file_stem().unwrap_or_default().to_string_lossy().into_owned()
+    input::scene_name(file).file_stem().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// Refuses what would lose a scene.
 ///
-/// *Errors*: two scenes of one name, or output over an input.
-fn check_names(args: &GenerateArgs, files: &[PathBuf]) -> Result<()> {
+/// *Errors*: two scenes of one name.
+fn check_names(files: &[PathBuf]) -> Result<()> {
     let mut seen: HashMap<String, &Path> = HashMap::new();
     for file in files {
         if let Some(other) = seen.insert(stem(file), file) {
             bail!(
                 "`{}` and `{}` would become one file; generate them into two folders",
                 other.display(),
-                file.display()
-            );
-        }
-        let folder = file.parent().and_then(|folder| folder.canonicalize().ok());
-        if folder.is_some() && folder == args.folder.out.canonicalize().ok() {
-            bail!(
-                "`{}` lies in the output folder and could be overwritten; name another --out",
                 file.display()
             );
         }

@@ -15,7 +15,7 @@ use sage_data::{
 };
 use serde_json::json;
 
-use crate::{Outcome, cli::InspectArgs, output, progress, terminal};
+use crate::{Outcome, cli::InspectArgs, input, progress, terminal};
 
 /// What is kept of a scene once it is read.
 struct Row {
@@ -48,7 +48,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
 
 /// Name of a scene: its file's, without the ending.
 fn scene_name(path: &Path) -> String {
-    let path = output::scene_name(path);
+    let path = input::scene_name(path);
     path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 

@@ -14,6 +14,7 @@ use crate::{
     Outcome, Registries,
     bench::curve,
     cli::PretrainArgs,
+    input,
     networks::{self, PRIOR},
     output::{self, Folder, Run, State},
     progress,
@@ -63,7 +64,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         "start": &header.notes["start"], "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
     let outdated = [STATE, PRIOR, "curve.csv", "curve.svg"];
-    let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[], &outdated)?;
+    let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[], &outdated, &outdated)?;
     if state == State::Done {
         return Ok(Outcome::Done);
     }
@@ -104,7 +105,7 @@ fn started(args: &PretrainArgs, network: &dyn Backbone) -> Result<String> {
 fn options(args: &PretrainArgs) -> Result<PretrainOptions> {
     let mut options: PretrainOptions = match &args.config {
         Some(path) => {
-            let text = output::read_config(path)?;
+            let text = input::read_config(path)?;
             serde_json::from_str(&text).with_context(|| format!("`{}`", path.display()))?
         }
         None => PretrainOptions::default(),

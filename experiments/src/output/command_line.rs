@@ -7,7 +7,7 @@ const HOW: [(&str, bool); 4] = [("--threads", true), ("--out", true), ("--force"
 /// The command that this process runs, without the path of the program and without flags that change
 /// nothing of the result.
 pub(crate) fn command() -> String {
-    told(std::env::args().skip(1))
+    told(std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()))
 }
 
 fn told(arguments: impl Iterator<Item = String>) -> String {

@@ -13,7 +13,7 @@ use crate::progress;
 /// What a run was and how long it took.
 const RECORD: &str = "run.json";
 /// Largest record that is read, bytes.
-const RECORD_LIMIT: u64 = 64 << 20;
+const RECORD_LIMIT: u64 = 4 << 20;
 
 /// A run and its folder.
 pub(crate) struct Run {
@@ -37,7 +37,8 @@ pub(crate) enum State {
 
 impl Run {
     /// Makes or finds the folder of a run. With `force` it begins anew, whatever is there. `passing` are
-    /// files that are there only while it lasts, `outdated` others that a new run must not find.
+    /// files that are there only while it lasts, `outdated` others that a new run must not find, `results` what
+    /// a run that is done has left.
     ///
     /// *Errors*: the folder holds something else and `force` is not given, another run has it, or the
     /// system refuses.
@@ -47,9 +48,10 @@ impl Run {
         force: bool,
         passing: &'static [&'static str],
         outdated: &[&str],
+        results: &[&str],
     ) -> Result<(Self, State)> {
         let run = Self { folder: Folder::claim(path)?, identity, passing };
-        let state = if force { State::New } else { run.state() };
+        let state = if force { State::New } else { run.state(results) };
         match state {
             State::New
                 if !force && !run.folder.holds_at_most(if run.has_begun() { &[RECORD] } else { &[] })? =>
@@ -60,6 +62,8 @@ impl Run {
                 );
             }
             State::New => {
+                // First, so that a folder in which results are missing never says that it is done.
+                run.remove(RECORD)?;
                 for name in passing.iter().chain(outdated) {
                     run.remove(name)?;
                 }
@@ -88,10 +92,11 @@ impl Run {
         self.read_record().is_some_and(|record| record["run"].is_object() && record["seconds"].is_null())
     }
 
-    fn state(&self) -> State {
+    fn state(&self, results: &[&str]) -> State {
+        let are_there = results.iter().all(|name| self.folder.path().join(name).is_file());
         match self.read_record().filter(|record| record["run"] == self.identity) {
             None => State::New,
-            Some(record) if record["seconds"].is_null() => State::Unfinished,
+            Some(record) if record["seconds"].is_null() || !are_there => State::Unfinished,
             Some(_) => State::Done,
         }
     }

@@ -17,6 +17,9 @@ use crate::Error;
 /// Largest file of weights that is read, bytes.
 pub const LIMIT: u64 = 1 << 30;
 
+/// Largest header of a file of weights, bytes: thousands of tensors.
+const HEADER_LIMIT: u64 = 4 << 20;
+
 /// Key of the header among the file's metadata: a single one, so that equal weights are equal bytes.
 const KEY: &str = "sage";
 
@@ -69,6 +72,12 @@ impl Parameters {
         let broken = |e: safetensors::SafeTensorError| {
             fail(format!("is no whole file of weights ({e}); copy or train it again"))
         };
+        let header = bytes.first_chunk::<8>().map_or(0, |length| u64::from_le_bytes(*length));
+        if (HEADER_LIMIT..=bytes.len() as u64).contains(&header) {
+            return Err(fail(format!(
+                "has a header of {header} bytes; the largest that is read has {HEADER_LIMIT}"
+            )));
+        }
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
         let json = metadata.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(|| {
             fail("has no `sage` header, which says what network its tensors belong to".to_owned())

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::write::{Registered, ignore_missing, remove_stale};
+use super::write::{Registered, ignore_missing, is_at, remove_stale};
 
 /// Name of the file that is locked while a run writes into its folder.
 const LOCK: &str = ".sage-lock";
@@ -151,21 +151,13 @@ fn remove_if_stale(lock: &Path) -> io::Result<Option<String>> {
     }
 }
 
-/// Whether an open file is still the one of that name.
-fn is_at(file: &File, path: &Path) -> bool {
-    let same = || {
-        let open = same_file::Handle::from_file(file.try_clone()?)?;
-        Ok::<_, io::Error>(open == same_file::Handle::from_path(path)?)
-    };
-    same().unwrap_or(false)
-}
-
 fn read_holder(lock: &Path) -> String {
     let mut text = String::new();
     let read = File::open(lock).and_then(|file| file.take(HOLDER).read_to_string(&mut text));
-    match read {
-        Ok(_) if !text.trim().is_empty() => text.trim().to_owned(),
-        _ => "which has just begun".to_owned(),
+    // One line: what stands in the file may be anybody's.
+    match text.lines().next().filter(|line| read.is_ok() && !line.trim().is_empty()) {
+        Some(line) => line.to_owned(),
+        None => "which does not say who it is".to_owned(),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeSet,
-    fs::File,
+    fs::{File, TryLockError},
     io::{self, ErrorKind, Write},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
@@ -55,11 +55,22 @@ impl Unfinished {
         // As for any new file: what the user's umask leaves. The default would keep others from reading it.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let file = builder.tempfile_in(folder)?;
-        // Held so that another run's cleaning passes it over. Without locks there is nothing to hold.
-        let _ = file.as_file().try_lock();
-        let entry = Registered::new(file.path());
-        Ok(Self { file, _entry: entry })
+        loop {
+            let file = builder.tempfile_in(folder)?;
+            // Held so that another run's cleaning passes it over.
+            match file.as_file().try_lock() {
+                Err(TryLockError::Error(error)) if error.kind() != ErrorKind::Unsupported => {
+                    return Err(error);
+                }
+                Err(TryLockError::WouldBlock) => continue,
+                _ => {}
+            }
+            // Before it was held, another run may have taken it for a leftover.
+            if is_at(file.as_file(), file.path()) {
+                let entry = Registered::new(file.path());
+                return Ok(Self { file, _entry: entry });
+            }
+        }
     }
 
     fn rename(self, path: &Path, existing: Existing) -> io::Result<()> {
@@ -70,6 +81,15 @@ impl Unfinished {
         .map(drop)
         .map_err(|error| error.error)
     }
+}
+
+/// Whether an open file is still the one of that name.
+pub(super) fn is_at(file: &File, path: &Path) -> bool {
+    let same = || {
+        let open = same_file::Handle::from_file(file.try_clone()?)?;
+        Ok::<_, io::Error>(open == same_file::Handle::from_path(path)?)
+    };
+    same().unwrap_or(false)
 }
 
 /// Makes a rename last: on Unix a folder is a file of names that has to reach the disk as well.
@@ -97,9 +117,9 @@ pub(super) fn remove_stale(folder: &Path) -> io::Result<()> {
             continue;
         }
         let path = entry.path();
-        let is_live = File::open(&path)
-            .is_ok_and(|file| matches!(file.try_lock_shared(), Err(std::fs::TryLockError::WouldBlock)));
-        if !is_live {
+        // Removed while it is held, so that its maker sees that it is gone.
+        let Ok(file) = File::open(&path) else { continue };
+        if !matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
             ignore_missing(std::fs::remove_file(&path))?;
         }
     }

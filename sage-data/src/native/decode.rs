@@ -128,7 +128,6 @@ struct Columns<'n, const N: usize> {
 }
 
 impl<const N: usize> Columns<'_, N> {
-    /// Some rows, each as what `make` makes of it.
     /// Some of the rows.
     fn read(&self, rows: Range<usize>) -> Result<Vec<[f64; N]>, Error> {
         let mut read: Vec<[f64; N]> = Vec::with_capacity(rows.len());

@@ -46,14 +46,14 @@ struct Generators {
 
 /// What each scene is attacked with. Weights are those that the user names, or by each scene's origin: what
 /// a scene gets does not depend on those beside it.
-struct Choice<'a> {
+struct GeneratorSets<'a> {
     args: &'a GenerateArgs,
     registries: &'a Registries,
     method: Box<dyn Method>,
     loaded: Vec<Generators>,
 }
 
-impl Choice<'_> {
+impl GeneratorSets<'_> {
     /// The generators for a scene.
     ///
     /// *Errors*: weights that cannot be used.
@@ -97,9 +97,9 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     registries.mergers.get(&args.dial.merger)?;
     args.dial.check()?;
     say_what_changes_nothing(args, &*method);
-    let mut choice = Choice { args, registries, method, loaded: Vec::new() };
+    let mut sets = GeneratorSets { args, registries, method, loaded: Vec::new() };
     if let Some(weights) = &args.weights {
-        choice.loaded.push(choice.load(weights)?);
+        sets.loaded.push(sets.load(weights)?);
     }
     let files = folder::scene_files(&args.scene)?;
     check_names(&files)?;
@@ -116,22 +116,10 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     // Whoever reads the output may have seen enough; the files come all the same.
     let mut heard = true;
     for (number, file) in files.iter().enumerate() {
-        let mut attack = || -> Result<Result<Vec<String>>> {
-            let recording = match Recording::read(file) {
-                Ok(recording) => recording,
-                Err(error) => return Ok(Err(error.into())),
-            };
-            let is_made = match recording.is_made() {
-                Ok(is_made) => is_made,
-                Err(error) => return Ok(Err(error.into())),
-            };
-            // Weights that cannot be used fail every scene.
-            let generators = choice.for_scene(is_made)?;
-            Ok(one(args, &out, generators, file, recording))
-        };
-        match attack()? {
+        match attempt(args, &out, &mut sets, file) {
             Ok(lines) => heard = heard && tell(&lines)?,
-            Err(error) if output::is_disk_full(&error) => {
+            Err(Failure::Run(error)) => return Err(error),
+            Err(Failure::Scene(error)) if output::is_disk_full(&error) => {
                 let whole = number - failed;
                 return Err(error.context(format!(
                     "{whole} of {} scenes are whole in `{}`; free space and start again with --force",
@@ -139,7 +127,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
                     args.folder.out.display()
                 )));
             }
-            Err(error) => {
+            Err(Failure::Scene(error)) => {
                 let (file, error) = (format!("`{}`", file.display()), format!("{error:#}"));
                 let is_named = error.contains(&file);
                 progress::say(&if is_named {
@@ -165,6 +153,29 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
             Ok(Outcome::Partial)
         }
     }
+}
+
+/// What a failure ends.
+enum Failure {
+    /// The scene: the others go on.
+    Scene(anyhow::Error),
+    /// The run: no scene could be attacked.
+    Run(anyhow::Error),
+}
+
+/// Reads a scene and attacks it at every place; the lines to print.
+fn attempt(
+    args: &GenerateArgs,
+    out: &Folder,
+    sets: &mut GeneratorSets,
+    file: &Path,
+) -> Result<Vec<String>, Failure> {
+    let recording = Recording::read(file).map_err(|error| Failure::Scene(error.into()))?;
+    // Where the user names weights, nobody asks where the scene is from.
+    let is_made =
+        args.weights.is_some() || recording.is_made().map_err(|error| Failure::Scene(error.into()))?;
+    let generators = sets.for_scene(is_made).map_err(Failure::Run)?;
+    one(args, out, generators, file, recording).map_err(Failure::Scene)
 }
 
 fn say_what_changes_nothing(args: &GenerateArgs, method: &dyn Method) {

@@ -7,6 +7,7 @@
 
 mod document;
 mod global;
+mod input;
 mod keys;
 mod machine;
 mod nesting;

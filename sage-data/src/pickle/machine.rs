@@ -56,9 +56,9 @@ pub(super) struct Machine {
     /// The file, followed by bytes that `_codecs.encode` decoded.
     pub(super) document: Vec<u8>,
     pub(super) size: usize,
-    at: usize,
+    pub(super) at: usize,
     /// End of the frame, or of the file between frames.
-    end: usize,
+    pub(super) end: usize,
     pub(super) nodes: Vec<Node>,
     /// Most values, entries of the stack, and entries of the memo.
     limit: usize,
@@ -285,76 +285,6 @@ impl Machine {
         }
     }
 
-    // --- bytes ---
-
-    fn take(&mut self, n: u64) -> Result<usize, Problem> {
-        if n > (self.end - self.at) as u64 {
-            self.leave_frame(n)?;
-        }
-        let start = self.at;
-        self.at += n as usize;
-        Ok(start)
-    }
-
-    /// Goes on after a frame that was read to its end. What an opcode reads lies in one frame: across
-    /// its end Python sees other bytes in a file than in memory.
-    #[cold]
-    fn leave_frame(&mut self, needed: u64) -> Result<(), Problem> {
-        let left = self.size - self.at;
-        if needed > left as u64 {
-            return Err(Problem::Truncated { needed, left });
-        }
-        if self.at < self.end {
-            return Err(Problem::Frame);
-        }
-        self.end = self.size;
-        Ok(())
-    }
-
-    #[inline]
-    fn byte(&mut self) -> Result<u8, Problem> {
-        let start = self.take(1)?;
-        Ok(self.document[start])
-    }
-
-    #[inline]
-    fn array<const N: usize>(&mut self) -> Result<[u8; N], Problem> {
-        let start = self.take(N as u64)?;
-        let mut raw = [0; N];
-        raw.copy_from_slice(&self.document[start..start + N]);
-        Ok(raw)
-    }
-
-    fn length<const N: usize>(&mut self) -> Result<u64, Problem> {
-        let mut raw = [0; 8];
-        raw[..N].copy_from_slice(&self.array::<N>()?);
-        Ok(u64::from_le_bytes(raw))
-    }
-
-    fn span(&mut self, n: u64) -> Result<Span, Problem> {
-        let start = self.take(n)?;
-        // Files are below 4 GiB, so both fit.
-        Ok(Span { start: start as u32, len: n as u32 })
-    }
-
-    pub(super) fn slice(&self, span: Span) -> &[u8] {
-        &self.document[span.start as usize..(span.start + span.len) as usize]
-    }
-
-    fn line(&mut self) -> Result<Span, Problem> {
-        if self.at == self.end {
-            self.end = self.size;
-        }
-        let rest = &self.document[self.at..self.end];
-        let end = rest.iter().position(|b| *b == b'\n');
-        let len =
-            end.ok_or_else(|| Problem::Truncated { needed: rest.len() as u64 + 1, left: rest.len() })?;
-        let start = self.take(len as u64 + 1)?;
-        Ok(Span { start: start as u32, len: len as u32 })
-    }
-
-    // --- stack ---
-
     /// Lowest place that the current mark leaves open.
     fn floor(&self) -> usize {
         self.marks.last().copied().unwrap_or(0)
@@ -478,8 +408,6 @@ impl Machine {
         self.stack.truncate(mark);
         Ok(())
     }
-
-    // --- values ---
 
     fn long(&mut self, n: u64) -> Result<(), Problem> {
         let span = self.span(n)?;

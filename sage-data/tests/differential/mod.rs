@@ -5,6 +5,7 @@
 //! stand-ins for all globals.
 
 mod canonical;
+mod globals;
 mod program;
 
 use std::{

@@ -20,22 +20,9 @@ pub struct Program {
 pub const OPCODES: &[u8] = b"(.012GJKMNRTUXabcehj]qrst)u}ld\
     \x80\x85\x86\x87\x88\x89\x8a\x8bBC\x8c\x8d\x8e\x8f\x90\x91\x93\x94\x95\x96";
 
-/// Globals that the reader knows, by what they are good for, as module and name.
-const NAMES: [(Kind, &str, &str); 9] = [
-    (Kind::Reconstruct, "numpy.core.multiarray", "_reconstruct"),
-    (Kind::Reconstruct, "numpy._core.multiarray", "_reconstruct"),
-    (Kind::FromBuffer, "numpy.core.numeric", "_frombuffer"),
-    (Kind::ScalarType, "numpy.core.multiarray", "scalar"),
-    (Kind::NdArray, "numpy", "ndarray"),
-    (Kind::DtypeType, "numpy", "dtype"),
-    (Kind::Encode, "_codecs", "encode"),
-    (Kind::DefaultDictType, "collections", "defaultdict"),
-    (Kind::SetType, "builtins", "set"),
-];
-
 /// What the model knows of a value.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Kind {
+pub(super) enum Kind {
     Key,
     Str,
     Bytes,
@@ -65,23 +52,23 @@ impl Kind {
 
 /// A value of the model: its kind, and how many values it would be without sharing.
 #[derive(Clone, Copy)]
-struct Value {
-    kind: Kind,
-    size: usize,
+pub(super) struct Value {
+    pub(super) kind: Kind,
+    pub(super) size: usize,
 }
 
 /// Largest value, in parts: shared values grow with every opcode.
 const LARGEST: usize = 300;
 
-struct Writer {
-    rng: Rng,
-    out: Vec<u8>,
-    opcodes: BTreeSet<u8>,
-    stack: Vec<Value>,
-    marks: Vec<usize>,
-    memo: BTreeMap<u32, Value>,
-    memoizes_after_gap: bool,
-    protocol: u8,
+pub(super) struct Writer {
+    pub(super) rng: Rng,
+    pub(super) out: Vec<u8>,
+    pub(super) opcodes: BTreeSet<u8>,
+    pub(super) stack: Vec<Value>,
+    pub(super) marks: Vec<usize>,
+    pub(super) memo: BTreeMap<u32, Value>,
+    pub(super) memoizes_after_gap: bool,
+    pub(super) protocol: u8,
 }
 
 /// The program of a number.
@@ -132,12 +119,12 @@ pub fn program(number: u64) -> Program {
 }
 
 impl Writer {
-    fn op(&mut self, code: u8) {
+    pub(super) fn op(&mut self, code: u8) {
         self.out.push(code);
         self.opcodes.insert(code);
     }
 
-    fn push(&mut self, kind: Kind, size: usize) {
+    pub(super) fn push(&mut self, kind: Kind, size: usize) {
         self.stack.push(Value { kind, size });
     }
 
@@ -174,7 +161,7 @@ impl Writer {
         }
     }
 
-    fn key_text(&mut self) -> Vec<u8> {
+    pub(super) fn key_text(&mut self) -> Vec<u8> {
         let length = 1 + self.rng.below(3);
         (0..length).map(|_| b'a' + self.rng.below(26) as u8).collect()
     }
@@ -252,13 +239,13 @@ impl Writer {
         self.push(kind, 1);
     }
 
-    fn counted(&mut self, code: u8, width: usize, raw: &[u8]) {
+    pub(super) fn counted(&mut self, code: u8, width: usize, raw: &[u8]) {
         self.op(code);
         self.out.extend(&(raw.len() as u64).to_le_bytes()[..width]);
         self.out.extend(raw);
     }
 
-    fn word(&mut self, text: &str) {
+    pub(super) fn word(&mut self, text: &str) {
         self.counted(0x8c, 1, text.as_bytes());
     }
 
@@ -354,7 +341,7 @@ impl Writer {
         }
     }
 
-    fn maybe_store(&mut self) {
+    pub(super) fn maybe_store(&mut self) {
         if self.rng.below(3) == 0 {
             self.store();
         }
@@ -427,213 +414,6 @@ impl Writer {
             }
             None => {}
         }
-    }
-
-    /// Names a global, by either opcode; memo entries may come between module and name.
-    fn global(&mut self, kind: Kind) {
-        let of_kind: Vec<_> = NAMES.iter().filter(|(k, ..)| *k == kind).collect();
-        let (_, mut module, name) = *of_kind[self.rng.below(of_kind.len())];
-        // Python 2's name of the module, right in protocol 2 and wrong later.
-        if module == "builtins" && (self.protocol == 2 || self.rng.below(8) == 0) {
-            module = "__builtin__";
-        }
-        if self.rng.below(4) == 0 {
-            self.op(b'c');
-            self.out.extend(format!("{module}\n{name}\n").bytes());
-            self.push(kind, 1);
-        } else {
-            self.word(module);
-            self.push(Kind::Str, 1);
-            self.maybe_store();
-            self.word(name);
-            self.push(Kind::Str, 1);
-            self.maybe_store();
-            self.op(0x93);
-            self.stack.truncate(self.stack.len() - 2);
-            self.push(kind, 1);
-        }
-        self.maybe_store();
-    }
-
-    /// REDUCE of `n` arguments on top of a global.
-    fn reduce(&mut self, n: usize, kind: Kind) {
-        self.op(b'R');
-        self.stack.truncate(self.stack.len() - 1 - n.min(1));
-        self.push(kind, 1);
-    }
-
-    /// A numpy type with its state, whole or with a fault.
-    fn dtype(&mut self) -> usize {
-        let (name, size) =
-            [("f8", 8), ("f4", 4), ("i8", 8), ("u2", 2), ("b1", 1), ("f2", 2)][self.rng.below(6)];
-        let fault = if self.rng.below(8) == 0 { self.rng.below(6) } else { 9 };
-        self.global(Kind::DtypeType);
-        let name = if fault == 0 { format!(">{name}") } else { name.to_owned() };
-        self.word(&name);
-        if fault == 1 {
-            self.op(0x85);
-        } else {
-            self.op(if fault == 2 { 0x88 } else { 0x89 });
-            self.op(if fault == 3 { 0x89 } else { 0x88 });
-            self.op(0x87);
-        }
-        self.push(Kind::Other, 1);
-        self.reduce(1, Kind::Other);
-        self.maybe_store();
-        for _ in 0..if fault == 4 { 2 } else { 1 } {
-            self.op(b'(');
-            self.out.extend([b'K', 3]);
-            let order = [">", "<", "|", "="][self.rng.below(if fault == 5 { 4 } else { 3 })];
-            self.word(order);
-            self.op(b'N');
-            self.op(b'N');
-            self.op(b'N');
-            for _ in 0..2 {
-                self.op(b'J');
-                self.out.extend((-1i32).to_le_bytes());
-            }
-            self.out.extend([b'K', 0]);
-            self.op(b't');
-            self.op(b'b');
-        }
-        size
-    }
-
-    fn shape_and_data(&mut self, size: usize) -> (Vec<u8>, Vec<u8>) {
-        let (rows, columns) = (self.rng.below(3), 1 + self.rng.below(2));
-        let count = rows * columns * size + usize::from(self.rng.below(20) == 0);
-        let data = (0..count).map(|_| self.rng.below(128) as u8).collect();
-        (vec![b'K', rows as u8, b'K', columns as u8, 0x86], data)
-    }
-
-    fn numpy(&mut self) {
-        if self.stack.len() > 40 {
-            return;
-        }
-        match self.rng.below(4) {
-            0 => {
-                self.dtype();
-            }
-            1 => {
-                self.global(Kind::ScalarType);
-                let size = self.dtype();
-                let data: Vec<u8> = (0..size).map(|_| self.rng.below(128) as u8).collect();
-                let (code, width) = [(b'C', 1), (b'U', 1), (0x96, 8)][self.rng.below(20).saturating_sub(17)];
-                self.counted(code, width, &data);
-                self.op(0x86);
-                self.stack.pop();
-                self.push(Kind::Other, 1);
-                self.reduce(1, Kind::Key);
-            }
-            2 => {
-                self.global(Kind::FromBuffer);
-                self.op(b'(');
-                let place = self.out.len();
-                self.marks.push(self.stack.len());
-                let (code, width) = [(0x96, 8), (b'C', 1), (b'U', 1)][self.rng.below(20).saturating_sub(17)];
-                self.counted(code, width, b"");
-                let size = self.dtype();
-                self.stack.pop();
-                let (shape, data) = self.shape_and_data(size);
-                // The buffer comes before the type that says how long it is.
-                let head = 1 + width;
-                self.out.splice(place + head..place + head, data.iter().copied());
-                self.out.splice(
-                    place + 1..place + head,
-                    (data.len() as u64).to_le_bytes()[..width].iter().copied(),
-                );
-                self.out.extend(shape);
-                let order = ["C", "F", "A"][self.rng.below(11) / 5];
-                self.word(order);
-                self.op(b't');
-                self.marks.pop();
-                self.push(Kind::Other, 1);
-                self.reduce(1, Kind::Other);
-            }
-            _ => {
-                self.global(Kind::Reconstruct);
-                self.global(Kind::NdArray);
-                let length = u8::from(self.rng.below(20) == 0);
-                self.out.extend([b'K', length, 0x85]);
-                self.counted(b'C', 1, b"b");
-                self.op(0x87);
-                self.stack.pop();
-                self.push(Kind::Other, 1);
-                self.reduce(1, Kind::Other);
-                self.maybe_store();
-                self.op(b'(');
-                let version = 1 + u8::from(self.rng.below(20) == 0);
-                self.out.extend([b'K', version]);
-                let before = self.out.len();
-                self.marks.push(self.stack.len());
-                let size = self.dtype();
-                self.stack.pop();
-                self.marks.pop();
-                let (shape, data) = self.shape_and_data(size);
-                self.out.splice(before..before, shape);
-                let fortran = [0x89, 0x88][self.rng.below(2)];
-                self.op(fortran);
-                let (code, width) = [(b'C', 1), (b'U', 1), (0x96, 8)][self.rng.below(20).saturating_sub(17)];
-                self.counted(code, width, &data);
-                self.op(b't');
-                self.op(b'b');
-            }
-        }
-        self.maybe_store();
-    }
-
-    /// The calls that make something else than numpy's objects.
-    fn call(&mut self) {
-        match self.rng.below(3) {
-            0 => {
-                self.global(Kind::Encode);
-                let raw = if self.rng.below(2) == 0 { "é".to_owned() } else { "ab".to_owned() };
-                self.word(&raw);
-                let encoding = if self.rng.below(10) == 0 { "utf-8" } else { "latin1" };
-                self.word(encoding);
-                self.op(0x86);
-                self.push(Kind::Other, 1);
-                self.reduce(1, Kind::Bytes);
-            }
-            1 => {
-                self.global(Kind::DefaultDictType);
-                match self.rng.below(3) {
-                    0 => self.op(b')'),
-                    1 => {
-                        self.op(b'N');
-                        self.op(0x85);
-                    }
-                    _ => {
-                        let (module, name) = match (self.protocol, self.rng.below(2)) {
-                            (2, 0) => ("__builtin__", "long"),
-                            (2, _) => ("__builtin__", "int"),
-                            _ => ("builtins", "int"),
-                        };
-                        self.op(b'c');
-                        self.out.extend(format!("{module}\n{name}\n").bytes());
-                        self.push(Kind::Int, 1);
-                        self.stack.pop();
-                        self.op(0x85);
-                    }
-                }
-                self.push(Kind::Other, 1);
-                self.reduce(1, Kind::Dict);
-            }
-            _ => {
-                self.global(Kind::SetType);
-                self.op(b']');
-                self.op(b'(');
-                for _ in 0..self.rng.below(4) {
-                    let text = String::from_utf8(self.key_text()).expect("it is ASCII");
-                    self.word(&text);
-                }
-                self.op(b'e');
-                self.op(0x85);
-                self.push(Kind::Other, 1);
-                self.reduce(1, Kind::Set);
-            }
-        }
-        self.maybe_store();
     }
 
     /// One value out of what is on the stack, and STOP.

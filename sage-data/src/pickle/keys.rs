@@ -2,17 +2,59 @@
 //!
 //! Of equal keys Python keeps the first key and the last value. No pickler writes such a container, so
 //! it is refused rather than imitated. Values that Python might take for equal count as equal here:
-//! `1`, `1.0`, `True` and a numpy scalar of 1 are one key.
+//! `1`, `1.0`, `True` and a numpy scalar of 1 are one key. What cannot be a key is refused where it is
+//! used as one.
 
 use std::collections::{HashMap, HashSet};
 
-use super::{Document, ElementKind, Global, Id, Node, PickleProblem as Problem};
+use super::{
+    Document, ElementKind, Global, Id, Node, PickleProblem as Problem,
+    machine::{Machine, kind},
+};
 
 /// Up to so many keys are told apart by a bit each of [`BITS`]; where two share one, and beyond, their
 /// signatures are sorted.
 const FEW: usize = 64;
 /// Bits of which each key takes one.
 const BITS: usize = 1024;
+
+impl Machine {
+    /// Whether Python can use a value as a key: a tuple is one if all that it holds are. The walk keeps a
+    /// list, not the call stack, and looks at each tuple once, since it cannot change.
+    fn is_hashable(&mut self, id: Id) -> bool {
+        let mut open = vec![id];
+        let mut seen = HashSet::new();
+        while let Some(id) = open.pop() {
+            match &self.nodes[id.0 as usize] {
+                Node::Tuple(items) => {
+                    if self.hashable_tuples.insert(id) {
+                        seen.insert(id);
+                        open.extend(items);
+                    }
+                }
+                node if node.is_hashable() => {}
+                _ => {
+                    self.hashable_tuples.retain(|id| !seen.contains(id));
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// Refuses keys that Python cannot hash.
+    pub(super) fn check_hashable(&mut self, keys: &[Id]) -> Result<(), Problem> {
+        // Nearly all keys are text.
+        let is_plain = |id: &Id| matches!(self.nodes[id.0 as usize], Node::Str(_));
+        if keys.iter().all(is_plain) {
+            return Ok(());
+        }
+        match keys.iter().find(|id| !self.is_hashable(**id)) {
+            Some(id) => Err(kind("a key", &self.nodes[id.0 as usize], "a value that can be a key")),
+            None => Ok(()),
+        }
+    }
+}
 
 /// What decides whether two keys are equal.
 #[derive(PartialEq, Eq, Hash)]

@@ -70,7 +70,7 @@ pub(super) struct Machine {
     /// What the last PROTO said.
     pub(super) protocol: u8,
     /// Tuples that were used as keys, and those in them.
-    hashable_tuples: HashSet<Id>,
+    pub(super) hashable_tuples: HashSet<Id>,
     /// Bytes copied out of shared values so far.
     pub(super) copied: usize,
 }
@@ -352,42 +352,6 @@ impl Machine {
         let before = std::mem::replace(&mut self.memo[index], top);
         self.memo_entries += usize::from(before == EMPTY);
         Ok(())
-    }
-
-    /// Whether Python can use a value as a key: a tuple is one if all that it holds are. The walk keeps a
-    /// list, not the call stack, and looks at each tuple once, since it cannot change.
-    fn is_hashable(&mut self, id: Id) -> bool {
-        let mut open = vec![id];
-        let mut seen = HashSet::new();
-        while let Some(id) = open.pop() {
-            match &self.nodes[id.0 as usize] {
-                Node::Tuple(items) => {
-                    if self.hashable_tuples.insert(id) {
-                        seen.insert(id);
-                        open.extend(items);
-                    }
-                }
-                node if node.is_hashable() => {}
-                _ => {
-                    self.hashable_tuples.retain(|id| !seen.contains(id));
-                    return false;
-                }
-            }
-        }
-        true
-    }
-
-    /// Refuses keys that Python cannot hash.
-    pub(super) fn check_hashable(&mut self, keys: &[Id]) -> Result<(), Problem> {
-        // Nearly all keys are text.
-        let is_plain = |id: &Id| matches!(self.nodes[id.0 as usize], Node::Str(_));
-        if keys.iter().all(is_plain) {
-            return Ok(());
-        }
-        match keys.iter().find(|id| !self.is_hashable(**id)) {
-            Some(id) => Err(kind("a key", &self.nodes[id.0 as usize], "a value that can be a key")),
-            None => Ok(()),
-        }
     }
 
     fn insert_pairs(&mut self, code: u8, mark: usize, dict: Id) -> Result<(), Problem> {

@@ -1,0 +1,280 @@
+//! Scene files and data sets.
+
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
+
+use sage_data::Recording;
+
+use crate::{hostile, program::*, quick};
+
+fn has_python() -> bool {
+    Command::new("python3").args(["-I", "-c", ""]).output().is_ok_and(|run| run.status.success())
+}
+
+/// Loads a pickle as a careless program does, with a stand-in for numpy.
+const LOAD: &str = "
+import pickle, sys, types
+class Anything:
+    def __init__(self, *arguments): pass
+    def __setstate__(self, state): pass
+for name in ('numpy', 'numpy.core', 'numpy.core.multiarray'):
+    sys.modules[name] = types.ModuleType(name)
+    sys.modules[name].__getattr__ = lambda name: Anything
+pickle.load(open(sys.argv[1], 'rb'))
+";
+
+#[test]
+fn no_command_runs_what_is_in_a_scene_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let scene = PathBuf::from(example());
+    let marker = at("marker");
+    std::fs::create_dir(at("scenes")).unwrap();
+    let files = [
+        (at("scenes/memo.pkl"), hostile::memo(&scene, &marker)),
+        (at("scenes/polyglot.pkl"), hostile::polyglot(&scene, &marker)),
+    ];
+    for (path, bytes) in &files {
+        std::fs::write(path, bytes).unwrap();
+        // They are what they claim to be: Python runs them.
+        if has_python() {
+            Command::new("python3").args(["-I", "-c", LOAD, text(path)]).output().unwrap();
+            assert!(marker.exists(), "{} does nothing to Python", path.display());
+            std::fs::remove_file(&marker).unwrap();
+        }
+    }
+    let candidates = scene.with_extension("json").display().to_string();
+    for (number, (path, _)) in files.iter().enumerate() {
+        let file = text(path);
+        let out = |name: &str| at(&format!("{name}-{number}")).display().to_string();
+        let commands: Vec<Vec<String>> = [
+            vec!["inspect", file],
+            vec!["score", file, "--candidates", &candidates],
+            vec!["draw", file, "--out", &out("picture.svg")],
+            vec!["convert", file, "--to", "native", "--out", &out("native")],
+            vec!["convert", file, "--to", "pickle", "--out", &out("pickle")],
+            vec!["generate", file, "--weights", "procedural", "--out", &out("attacked")],
+            vec!["predict", file, "--weights", "procedural"],
+            vec!["pretrain", file, "--epochs", "1", "--out", &out("prior")],
+            vec!["finetune", file, "--out", &out("experts")],
+            vec!["calibrate", file, "--out", &out("dial.json")],
+            vec!["bench", "speed", "--data", file, "--repeat", "1"],
+            vec!["bench", "prediction", file],
+            vec!["bench", "open-loop", file, "--methods", "log", "--out", &out("table")],
+            vec!["bench", "dial", file, "--out", &out("dial")],
+        ]
+        .map(|command| command.into_iter().map(str::to_owned).collect())
+        .into();
+        for command in commands {
+            let arguments: Vec<&str> = command.iter().map(String::as_str).collect();
+            let (code, said) = quick(&arguments);
+            assert_eq!(code, 1, "{command:?}: {said}");
+            assert!(said.contains("is not allowed") || said.contains("at byte"), "{command:?}: {said}");
+            assert!(!marker.exists(), "{command:?} ran the file");
+        }
+    }
+    let (_, said) = quick(&["bench", "speed", "--data", text(&at("scenes")), "--repeat", "1"]);
+    assert!(!marker.exists(), "{said}");
+}
+
+#[test]
+fn python_is_given_what_we_wrote_and_runs_no_module_of_the_current_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let marker = folder.path().join("marker");
+    for module in ["numpy", "pickle"] {
+        let code = format!("open({:?}, 'w')\n", text(&marker));
+        std::fs::write(folder.path().join(format!("{module}.py")), code).unwrap();
+    }
+    let output = Command::new(env!("CARGO_BIN_EXE_sage"))
+        .args(["bench", "speed", "--repeat", "1"])
+        .current_dir(&folder)
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(!marker.exists());
+}
+
+#[test]
+fn convert_writes_inside_its_folder_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let scene = PathBuf::from(example());
+    let convert = |input: &Path, to: &str, out: &Path, more: &[&str]| -> (i32, String) {
+        let arguments = ["convert", text(input), "--to", to, "--out", text(out)];
+        quick(&[&arguments[..], more].concat())
+    };
+    // Keys that climb.
+    hostile::traversal(&scene, &at("traversal/data"), &at("traversal/victim"));
+    let before = hostile::snapshot(&at("traversal"));
+    for out in ["traversal/out", "traversal/data/out"] {
+        for more in [&[][..], &["--force"]] {
+            let (code, said) = convert(&at("traversal/data"), "native", &at(out), more);
+            assert_eq!(code, 1, "{said}");
+            assert!(said.contains("`../victim/secret.pkl`; expected a file name without a folder"), "{said}");
+        }
+    }
+    assert_eq!(hostile::snapshot(&at("traversal")), before);
+    // So do other commands that read the folder.
+    let (code, _) = quick(&["inspect", text(&at("traversal/data"))]);
+    assert_eq!(code, 1);
+    // A merged set maps beside its folder: it is read from there, and written to --out.
+    for (name, mapped) in [("merged", "../waymo"), ("absolute", text(&at("waymo")))] {
+        std::fs::create_dir_all(at(name)).unwrap();
+        std::fs::create_dir_all(at("waymo")).unwrap();
+        std::fs::copy(&scene, at("waymo/a.pkl")).unwrap();
+        hostile::summary(&at(name), &[("a.pkl", mapped)]);
+        let out = at(&format!("{name}-out"));
+        let (code, said) = convert(&at(name), "native", &out, &[]);
+        if mapped.starts_with('/') {
+            assert_eq!(code, 1);
+            assert!(said.contains("relative to the summary's"), "{said}");
+        } else {
+            assert_eq!(code, 0, "{said}");
+            assert_eq!(hostile::snapshot(&out).keys().collect::<Vec<_>>(), ["a.safetensors"]);
+        }
+    }
+    assert_eq!(hostile::snapshot(&at("waymo")).len(), 1);
+}
+
+#[test]
+fn convert_never_replaces_its_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir_all(at("in/part")).unwrap();
+    std::fs::copy(example(), at("in/part/a.pkl")).unwrap();
+    let before = hostile::snapshot(&at("in"));
+    for out in ["in", "in/../in", "in/part/.."] {
+        let arguments = ["convert", text(&at("in")), "--to", "pickle", "--force", "--out", text(&at(out))]
+            .map(str::to_owned);
+        let (code, said) = quick(&arguments.each_ref().map(String::as_str));
+        assert_eq!(code, 1, "{said}");
+        assert!(said.contains("would take the place of an input"), "{said}");
+        assert_eq!(hostile::snapshot(&at("in")), before);
+    }
+    let file = at("in/part/a.pkl");
+    let (code, _) =
+        quick(&["convert", text(&file), "--to", "pickle", "--force", "--out", text(&at("in/part"))]);
+    assert_eq!((code, hostile::snapshot(&at("in"))), (1, before));
+}
+
+#[cfg(unix)]
+#[test]
+fn generate_never_replaces_its_input() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for dir in ["in", "links"] {
+        std::fs::create_dir(at(dir)).unwrap();
+    }
+    std::fs::copy(example(), at("in/a.pkl")).unwrap();
+    symlink(at("in/a.pkl"), at("links/a.pkl")).unwrap();
+    let before = hostile::snapshot(folder.path());
+    for (input, out) in
+        [("a.pkl", "."), ("../links", "."), ("../links/a.pkl", "../in"), (".", "out"), (".", ".")]
+    {
+        let output = Command::new(env!("CARGO_BIN_EXE_sage"))
+            .args(["generate", input, "--force", "--out", out])
+            .args(WEIGHTS)
+            .current_dir(at("in"))
+            .output()
+            .unwrap();
+        assert_eq!(output.status.code(), Some(1), "{input} {out}");
+        let said = stderr(&output);
+        let is_told =
+            said.contains("would take the place of an input") || said.contains("lies in the input folder");
+        assert!(is_told, "{said}");
+        assert_eq!(hostile::snapshot(folder.path()), before);
+    }
+}
+
+#[test]
+fn a_scene_whose_source_is_damaged_keeps_no_other_from_being_attacked() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("in")).unwrap();
+    let mut native = Recording::read(Path::new(&example())).unwrap().to_native().unwrap();
+    // The source begins with its PROTO, which is changed to an opcode that there is not.
+    let source = native.windows(3).rposition(|w| w == b"\x80\x04}").unwrap();
+    native[source + 2] = 0xff;
+    std::fs::write(at("in/1.safetensors"), native).unwrap();
+    std::fs::copy(example(), at("in/2.pkl")).unwrap();
+    let output = sage(&["generate", text(&at("in")), "--out", text(&at("out"))]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("1 of 2 scenes failed"), "{}", stderr(&output));
+    assert!(at("out/2.pkl").is_file());
+}
+
+#[cfg(unix)]
+#[test]
+fn arguments_that_are_no_text_are_no_reason_to_panic() {
+    use std::{ffi::OsStr, os::unix::ffi::OsStrExt};
+    let folder = tempfile::tempdir().unwrap();
+    let odd = folder.path().join(OsStr::from_bytes(b"x\xff.pkl"));
+    std::fs::copy(example(), &odd).unwrap();
+    let out = folder.path().join("out");
+    let run = Command::new(env!("CARGO_BIN_EXE_sage"))
+        .arg("convert")
+        .arg(&odd)
+        .args(["--to", "native", "--out", text(&out)])
+        .output()
+        .unwrap();
+    assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 1);
+    // What was typed is repeated in messages, and steers nothing.
+    let run = sage(&["inspect", "--e\u{1b}[31mx"]);
+    assert_eq!(run.status.code(), Some(2));
+    assert!(!stderr(&run).contains('\u{1b}'), "{}", stderr(&run));
+}
+
+#[cfg(unix)]
+#[test]
+fn an_output_file_that_is_a_link_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let link = folder.path().join("link");
+    std::os::unix::fs::symlink(folder.path().join("nowhere"), &link).unwrap();
+    for more in [&[][..], &["--force"]] {
+        let error = failure(&[&["draw", &example(), "--out", text(&link)], more].concat());
+        assert!(error.contains("is a link; name the file itself"), "{error}");
+    }
+    assert!(link.is_symlink());
+}
+
+#[cfg(unix)]
+#[test]
+fn links_are_read_and_never_written_through() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    for dir in ["originals", "in", "victim", "out"] {
+        std::fs::create_dir(at(dir)).unwrap();
+    }
+    std::fs::copy(example(), at("originals/a.pkl")).unwrap();
+    symlink(at("originals/a.pkl"), at("in/a.pkl")).unwrap();
+    let convert = |out: &Path, more: &[&str]| {
+        quick(&[&["convert", text(&at("in")), "--to", "pickle", "--out", text(out)], more].concat())
+    };
+    assert_eq!(convert(&at("plain"), &[]).0, 0, "a link as input is readable");
+    // Over the original behind the link, or over the link itself.
+    let before = hostile::snapshot(&at("originals"));
+    for out in ["originals", "in"] {
+        let (code, said) = convert(&at(out), &["--force"]);
+        assert!(code == 1 && said.contains("the place of an input"), "{said}");
+    }
+    assert!(at("in/a.pkl").is_symlink());
+    assert_eq!(hostile::snapshot(&at("originals")), before);
+    // Links planted in the output folder: a file's is replaced, a folder's is refused.
+    std::fs::write(at("victim/b.txt"), "mine").unwrap();
+    symlink(at("victim/b.txt"), at("out/a.pkl")).unwrap();
+    assert_eq!(convert(&at("out"), &["--force"]).0, 0);
+    assert_eq!(std::fs::read(at("victim/b.txt")).unwrap(), b"mine");
+    std::fs::create_dir(at("in/part")).unwrap();
+    std::fs::copy(example(), at("in/part/b.pkl")).unwrap();
+    symlink(at("victim"), at("out/part")).unwrap();
+    std::fs::create_dir(at("in/part/deep")).unwrap();
+    std::fs::copy(example(), at("in/part/deep/c.pkl")).unwrap();
+    let (code, said) = convert(&at("out"), &["--force"]);
+    assert!(code == 1 && said.contains("leads out of"), "{said}");
+    assert_eq!(std::fs::read_dir(at("victim")).unwrap().count(), 1, "not even a folder is made there");
+}

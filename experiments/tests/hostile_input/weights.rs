@@ -1,0 +1,203 @@
+//! Weights.
+
+use std::{
+    path::Path,
+    process::{Command, Output},
+};
+
+use sage_backbones::Parameters;
+use sage_data::Recording;
+use serde_json::Value;
+
+use crate::{experts, program::*, quick};
+
+/// Changes one number of a tensor's bytes in a file of weights.
+fn spoil(file: &Path, tensor: &str, value: f32) {
+    let mut bytes = std::fs::read(file).unwrap();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header: Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    let start = 8 + length + header[tensor]["data_offsets"][0].as_u64().unwrap() as usize;
+    bytes[start..start + 4].copy_from_slice(&value.to_le_bytes());
+    std::fs::write(file, bytes).unwrap();
+}
+
+#[test]
+fn a_number_that_is_none_in_any_tensor_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let experts = experts(folder.path());
+    let out = folder.path().join("out").display().to_string();
+    let dial = folder.path().join("dial.json").display().to_string();
+    let scene = example();
+    let weights = ["--weights", text(&experts)];
+    for (file, value) in [("adversarial", f32::NAN), ("realistic", f32::INFINITY), ("prior", f32::NAN)] {
+        let path = experts.join(format!("{file}.safetensors"));
+        let (parameters, _) = Parameters::load(&path).unwrap();
+        let names: Vec<String> = parameters.iter().map(|(name, _)| name.to_owned()).collect();
+        let whole = std::fs::read(&path).unwrap();
+        for tensor in [&names[0], &names[names.len() / 2], &names[names.len() - 1]] {
+            spoil(&path, tensor, value);
+            for command in [
+                vec!["generate", &scene, "--out", &out],
+                vec!["calibrate", &scene, "--out", &dial],
+                vec!["bench", "dial", &scene, "--out", &out],
+                vec!["bench", "open-loop", &scene, "--out", &out],
+            ] {
+                let (code, said) = quick(&[&command[..], &weights].concat());
+                assert_eq!(code, 1, "{command:?}: {said}");
+                let named = said.contains(&format!("{file}.safetensors")) && said.contains(&**tensor);
+                assert!(named && said.contains("expected finite numbers"), "{command:?}: {said}");
+            }
+            std::fs::write(&path, &whole).unwrap();
+        }
+    }
+    assert!(!Path::new(&out).exists() && !Path::new(&dial).exists());
+}
+
+#[test]
+fn weights_that_overflow_are_told_with_the_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let experts = experts(folder.path());
+    // Finite, and too large for what is computed with it.
+    let path = experts.join("adversarial.safetensors");
+    let (parameters, _) = Parameters::load(&path).unwrap();
+    let (prior, _) = Parameters::load(&experts.join("prior.safetensors")).unwrap();
+    let tuned: Vec<String> = parameters
+        .iter()
+        .filter(|(name, tensor)| {
+            let numbers =
+                |t: &sage_backbones::candle::Tensor| t.flatten_all().unwrap().to_vec1::<f32>().unwrap();
+            numbers(tensor) != numbers(prior.get(name).unwrap())
+        })
+        .map(|(name, _)| name.to_owned())
+        .collect();
+    for tensor in &tuned {
+        spoil(&path, tensor, 3e38);
+    }
+    let out = folder.path().join("out").display().to_string();
+    let (code, said) = quick(&["generate", &example(), "--weights", text(&experts), "--out", &out]);
+    assert_eq!(code, 1, "{said}");
+    assert!(said.contains("crossing") && said.contains("mode") && said.contains("log-probability"), "{said}");
+}
+
+#[test]
+fn experts_in_the_wrong_place_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let experts = experts(folder.path());
+    let at = |name: &str| experts.join(format!("{name}.safetensors"));
+    let out = folder.path().join("out").display().to_string();
+    let generate = || quick(&["generate", &example(), "--weights", text(&experts), "--force", "--out", &out]);
+    assert_eq!(generate().0, 0);
+    // Exchanged.
+    let [realistic, adversarial] = ["realistic", "adversarial"].map(|name| std::fs::read(at(name)).unwrap());
+    std::fs::write(at("realistic"), &adversarial).unwrap();
+    std::fs::write(at("adversarial"), &realistic).unwrap();
+    let (code, said) = generate();
+    assert!(code == 1 && said.contains("it says that it is the adversarial expert"), "{said}");
+    // One of them twice.
+    std::fs::write(at("adversarial"), &adversarial).unwrap();
+    assert_eq!(generate().0, 1);
+    std::fs::write(at("realistic"), &realistic).unwrap();
+    assert_eq!(generate().0, 0);
+    // Without a word of what it is, or of which prior.
+    let (parameters, header) = Parameters::load(&at("adversarial")).unwrap();
+    for note in ["expert", "prior"] {
+        let mut header = header.clone();
+        header.notes.remove(note);
+        parameters.save(&header, &at("adversarial")).unwrap();
+        let (code, said) = generate();
+        assert!(code == 1 && said.contains("does not say which expert it is and of which prior"), "{said}");
+    }
+    let mut header = header;
+    header.notes.insert("prior".to_owned(), "0000000000000000".to_owned());
+    parameters.save(&header, &at("adversarial")).unwrap();
+    let (code, said) = generate();
+    assert!(code == 1 && said.contains("was tuned from another prior"), "{said}");
+}
+
+#[test]
+fn weights_of_another_type_or_shape_are_told_in_a_few_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let experts = experts(folder.path());
+    let out = folder.path().join("out").display().to_string();
+    let generate = || quick(&["generate", &example(), "--weights", text(&experts), "--force", "--out", &out]);
+    for name in ["adversarial", "prior"] {
+        let path = experts.join(format!("{name}.safetensors"));
+        let (parameters, header) = Parameters::load(&path).unwrap();
+        parameters.to_dtype(sage_backbones::candle::DType::F64).unwrap().save(&header, &path).unwrap();
+        let (code, said) = generate();
+        assert!(code == 1 && said.contains("holds F64; ") && said.contains("convert the weights"), "{said}");
+        parameters.save(&header, &path).unwrap();
+    }
+    let path = experts.join("prior.safetensors");
+    let (parameters, mut header) = Parameters::load(&path).unwrap();
+    header.options["hidden"] = 16.into();
+    parameters.save(&header, &path).unwrap();
+    let (code, said) = generate();
+    assert!(code == 1 && said.contains("more like these"), "{said}");
+    assert!(said.len() < 2000, "{} bytes: {said}", said.len());
+}
+
+#[test]
+fn each_scene_gets_the_weights_of_its_own_origin() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    // A folder that says it is `waymo`, with the weights that are in the binary.
+    let weights = experts(folder.path());
+    std::fs::create_dir(at("weights")).unwrap();
+    std::fs::rename(&weights, at("weights/waymo")).unwrap();
+    let generate = |input: &Path, out: &str| -> Output {
+        let arguments = ["generate", text(input), "--out", text(&at(out))].map(str::to_owned);
+        Command::new(env!("CARGO_BIN_EXE_sage"))
+            .args(arguments)
+            .env("SAGE_WEIGHTS", at("weights"))
+            .output()
+            .unwrap()
+    };
+    std::fs::create_dir(at("scenes")).unwrap();
+    std::fs::copy(example(), at("scenes/recorded.pkl")).unwrap();
+    let told = |out: &str, scene: &str| -> Value {
+        let made = Recording::read(&at(out).join(format!("{scene}.pkl"))).unwrap();
+        let document = made.document().unwrap().unwrap();
+        let metadata = document.get(document.root(), "metadata").unwrap();
+        let told = document.get(metadata, sage_data::PROVENANCE).and_then(|id| document.text(id)).unwrap();
+        serde_json::from_str(told).unwrap()
+    };
+    assert!(generate(&at("scenes"), "alone").status.success());
+    assert_eq!(told("alone", "recorded")["weights"], "waymo");
+    // Neither a broken file nor a procedural scene before it changes that.
+    std::fs::write(at("scenes/0bad.pkl"), "no scene").unwrap();
+    stdout(&sage(&["scenes", "--count", "1", "--kind", "curve", "--out", text(&at("made"))]));
+    std::fs::copy(at("made/curve-1-0.safetensors"), at("scenes/1made.safetensors")).unwrap();
+    let output = generate(&at("scenes"), "mixed");
+    assert_eq!(output.status.code(), Some(1), "one file is no scene");
+    for weights in ["waymo", "procedural"] {
+        assert!(stderr(&output).contains(&format!("weights `{weights}`")), "{}", stderr(&output));
+    }
+    assert_eq!(told("mixed", "recorded"), told("alone", "recorded"));
+    for ending in ["pkl", "safetensors"] {
+        let read = |out: &str| std::fs::read(at(out).join(format!("recorded.{ending}"))).unwrap();
+        assert!(read("mixed") == read("alone"), "the attack depends on the folder");
+    }
+    assert_eq!(told("mixed", "1made")["weights"], "procedural");
+}
+
+#[test]
+fn a_variable_that_points_nowhere_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let nowhere = folder.path().join("nowhere");
+    let out = folder.path().join("out").display().to_string();
+    for command in [
+        vec!["generate", &example(), "--out", &out],
+        vec!["generate", &example(), "--weights", "waymo", "--out", &out],
+        vec!["predict", &example()],
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_sage"))
+            .args(&command)
+            .env("SAGE_WEIGHTS", &nowhere)
+            .output()
+            .unwrap();
+        let said = stderr(&output);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        assert!(said.contains("SAGE_WEIGHTS is `") && said.contains("correct or unset it"), "{said}");
+    }
+}

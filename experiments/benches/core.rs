@@ -1,7 +1,7 @@
 //! The parts that everything else waits for. On the shipped scene; on real ones if `SAGE_DATA`
 //! names the unpacked folder.
 
-use std::{hint::black_box, path::PathBuf};
+use std::{hint::black_box, path::PathBuf, sync::Arc};
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use experiments::bench::speed::{CANDIDATES, arcs, rewards_and_feasibility};
@@ -36,7 +36,7 @@ fn reading(c: &mut Criterion) {
 }
 
 fn scoring(c: &mut Criterion) {
-    let scene = Recording::read(&scene_file()).expect("it is a scene").scene;
+    let scene = Arc::new(Recording::read(&scene_file()).expect("it is a scene").scene);
     let index = SceneIndex::new(scene.map.clone());
     let options = ContextOptions::default();
     let mut group = c.benchmark_group("scoring");

@@ -9,7 +9,7 @@ use sage_backbones::{
     candidates::Selection,
     nn::AdamWConfig,
     prediction::predict,
-    training::{SceneData, Trainer, recorded_sample},
+    training::{SceneData, Trainer, recorded_sample, trainable},
 };
 use sage_core::seed::Rng;
 use sage_data::Recording;
@@ -31,7 +31,7 @@ fn networks(c: &mut Criterion) {
     group.sample_size(20);
     for name in ["densetnt", "query-transformer", "lane-graph"] {
         let network = registry.build_default(name).expect("its defaults are sound");
-        let look = || network.features(&data.scene, &data.index, target);
+        let look = || network.features(&data.observe()?, target, None);
         let features = Arc::new(look().expect("the adversary is there now"));
         group.bench_function(format!("{name}: look around"), |b| b.iter(look));
         group.bench_function(format!("{name}: 32 candidates"), |b| {
@@ -39,12 +39,13 @@ fn networks(c: &mut Criterion) {
         });
     }
     let network = registry.build_default("densetnt").expect("its defaults are sound");
-    let sample = recorded_sample(&data, target, &*network).expect("the adversary is there now");
+    let sample = recorded_sample(&data, target, trainable(&*network).expect("it learns"))
+        .expect("the adversary is there now");
     let trained = |name: &str| network.role(name).is_pretrained();
     let mut trainer = Trainer::new(&*network, trained, AdamWConfig::default()).expect("it is a CPU");
     group.bench_function("densetnt: forward, backward, update", |b| {
         b.iter(|| {
-            let loss = trainer.network().loss(&sample)?;
+            let loss = trainer.trainable()?.loss(&sample)?;
             let gradient = trainer.gradient(&loss, "bench")?;
             trainer.update(&[gradient], 1e-4, 5.0)
         });

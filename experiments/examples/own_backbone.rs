@@ -9,19 +9,18 @@
 use std::{process::ExitCode, sync::Arc};
 
 use sage_backbones::{
-    Backbone, Error, Parameters,
-    backbone::{Encoding, Loss, Role, Sample, tensor},
+    Backbone, Error, MotionModel, Parameters, Trainable,
+    backbone::{Loss, Role, Sample, tensor},
     candle::{Result as CandleResult, Tensor},
+    encoding::Encoding,
     features::{Features, GOAL_COLUMNS},
+    forecast::EgoForecast,
     labels,
     nn::{Linear, Mlp, log_softmax},
     parameters::{Scope, Wanted},
     smooth_path,
 };
-use sage_core::{
-    registry::Entry,
-    scene::{Scene, SceneIndex},
-};
+use sage_core::{generator::Observation, registry::Entry};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -94,22 +93,28 @@ impl Backbone for GoalScorer {
         Ok(Box::new(Self::over(self.options.clone(), self.wanted.clone(), parameters)?))
     }
 
-    fn role(&self, name: &str) -> Role {
-        // The softmax over goals does not see what is added to all of them.
-        if name == "last.bias" { Role::WithoutEffect } else { Role::Scoring }
+    fn trainable(&self) -> Option<&dyn Trainable> {
+        Some(self)
     }
+}
 
-    fn features(&self, scene: &Scene, index: &SceneIndex, target: usize) -> Result<Features, Error> {
-        Features::of(scene, index, target)
+impl MotionModel for GoalScorer {
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, Error> {
+        Features::of(now, target, ego)
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         let goals = tensor(&features.goal_features, self.parts.last.weight.dtype())?;
-        Ok(Encoding::new(features, vec![goals]))
+        Ok(Encoding::new(self, features, vec![goals]))
     }
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
-        let [goals] = encoding.states() else { return Err(encoding.foreign()) };
+        let [goals] = encoding.states_of(self)?;
         let hidden = self.parts.second.forward(&self.parts.first.forward(goals)?)?;
         Ok(log_softmax(&self.parts.last.forward(&hidden)?.squeeze(1)?)?)
     }
@@ -119,11 +124,18 @@ impl Backbone for GoalScorer {
     }
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
-        let [goals] = encoding.states() else { return Err(encoding.foreign()) };
+        let [goals] = encoding.states_of(self)?;
         let features = encoding.features();
         let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| features.goals[mode]).collect();
         let changes = Tensor::zeros((modes.len(), smooth_path::CHANGES), goals.dtype(), goals.device())?;
         Ok(smooth_path::paths(&changes, &ends, features.velocity[0])?)
+    }
+}
+
+impl Trainable for GoalScorer {
+    fn role_of(&self, name: &str) -> Role {
+        // The softmax over goals does not see what is added to all of them.
+        if name == "last.bias" { Role::WithoutEffect } else { Role::Scoring }
     }
 
     fn loss(&self, sample: &Sample) -> Result<Loss, Error> {

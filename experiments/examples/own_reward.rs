@@ -1,13 +1,15 @@
-//! `sage` with a reward of your own: one type, one line.
+//! `sage` with a reward of your own: one type, one line. It is a column of `score` and of tables, and a term of
+//! any objective: of `generate --selection` and of `finetune --config`.
 //!
 //! ```sh
-//! cargo run --release -p experiments --example own_reward -- list
+//! cargo run --release -p experiments --example own_reward -- score examples/crossing.pkl \
+//!     --candidates examples/crossing.json
 //! ```
 
 use std::process::ExitCode;
 
 use sage_core::{
-    objective::{Candidate, Context, Reward},
+    objective::{Reward, Situation},
     registry::Entry,
 };
 use serde::{Deserialize, Serialize};
@@ -44,10 +46,12 @@ impl Entry<dyn Reward> for NearMiss {
 }
 
 impl Reward for NearMiss {
-    fn score(&self, candidate: &Candidate, ctx: &Context) -> f64 {
-        let pairs = candidate.boxes().iter().zip(ctx.ego_boxes());
-        let gaps = pairs.filter_map(|(adversary, ego)| ego.as_ref().map(|ego| adversary.distance(ego)));
-        (-gaps.fold(f64::INFINITY, f64::min) / self.0.scale).exp()
+    fn score(&self, situation: &Situation) -> Option<f64> {
+        let pairs = situation.candidate.boxes().iter().zip(situation.ego.boxes());
+        let gaps = pairs.filter_map(|(adversary, ego)| Some(adversary.distance(ego.as_ref()?)));
+        // Where the two are never seen together nothing can be said.
+        let least = gaps.min_by(f64::total_cmp)?;
+        Some((-least / self.0.scale).exp())
     }
 }
 

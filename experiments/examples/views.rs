@@ -5,26 +5,30 @@
 //!     weights/waymo target/data/womd_cat500/dev '{}' '{"near": 1e9}' > views.md
 //! ```
 //!
-//! The views are `sage_backbones::foresight::View` as JSON. Times are ratios to the full view, taken in
+//! The views are `sage_backbones::forecast::View` as JSON. Times are ratios to the full view, taken in
 //! turn with it; the rest is read at λ = μ = 0, 0.5 and 1 with the natural choice.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // A program of its own: its table, its progress.
 
-use std::{path::Path, time::Instant};
+use std::{path::Path, sync::Arc, time::Instant};
 
 use anyhow::{Context as _, Result};
-use sage_backbones::{Parameters, backbones, foresight::View};
+use sage_backbones::{backbones, forecast::View, weights::Weights};
 use sage_core::{
-    generator::Generator as _,
+    generator::{Mixture, Observation, Proposal, Proposer},
     geometry::distance,
     motion::Trajectory,
-    objective::{Context, ContextOptions},
+    objective::{Context, ContextOptions, Objective, ObjectiveSpec, feasibilities, rewards},
     scene::SceneIndex,
     statistics::median,
 };
 use sage_data::{Recording, folder};
-use sage_generators::{Choice, Setting, Steered, SteeredOptions};
-use sage_merging::{ExpertFile, Experts, mergers};
+use sage_generators::{
+    GeneratorInputs, ProposerKind,
+    proposers::MixedExperts,
+    select::{Best, Selector},
+};
+use sage_merging::{ExpertSet, mergers};
 
 /// As in the program.
 #[global_allocator]
@@ -53,15 +57,22 @@ fn run(args: &[String]) -> Result<()> {
     let mut all = vec![View::FULL];
     for view in views {
         let view: View = serde_json::from_str(view).with_context(|| format!("view `{view}`"))?;
-        all.push(view.check().map_err(anyhow::Error::msg)?);
+        all.push(view.check()?);
     }
-    let experts = experts(Path::new(weights))?;
-    let generators = all.iter().map(|view| steered(&experts, *view)).collect::<Result<Vec<_>>>()?;
+    let (experts, _) = ExpertSet::load(&Weights::at(Path::new(weights)), &backbones()?)?;
+    let natural = ObjectiveSpec::preset("natural").context("it is shipped")?;
+    let inputs = GeneratorInputs {
+        experts: Some(experts),
+        merger: mergers()?.build_default("linear")?.into(),
+        seed: 0,
+        selection: Arc::new(Objective::new(&natural, &rewards()?, &feasibilities()?)?),
+    };
+    let proposers = all.iter().map(|view| proposer(&inputs, *view)).collect::<Result<Vec<_>>>()?;
     let files = folder::scene_files(scenes.as_ref())?;
     let mut seen: Vec<Vec<Vec<Seen>>> = Vec::new();
     for (k, file) in files.iter().enumerate() {
         eprint!("\r{} of {}", k + 1, files.len());
-        seen.push(in_scene(file, &generators).with_context(|| format!("`{}`", file.display()))?);
+        seen.push(in_scene(file, &inputs, &proposers).with_context(|| format!("`{}`", file.display()))?);
     }
     eprintln!();
     println!("| view | time | same choice | mean distance m | R_adv − full | attack |");
@@ -93,56 +104,44 @@ fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// The prior with its experts in a folder.
-fn experts(weights: &Path) -> Result<Experts> {
-    let file = |name: &str| weights.join(format!("{name}.safetensors"));
-    let (prior, header) = Parameters::load(&file("prior"))?;
-    let network = backbones()?.build(&header.backbone, &header.options)?;
-    let prior = network.with_parameters(prior, "the prior")?;
-    let [realistic, adversarial] = ["realistic", "adversarial"].map(|name| ExpertFile::load(file(name)));
-    Ok(Experts::of_files(prior, realistic?, adversarial?)?)
-}
-
-/// A view's generators at the places of the dial.
-fn steered(experts: &Experts, view: View) -> Result<Vec<Steered>> {
-    let merger = mergers()?.build_default("linear")?;
-    let options = SteeredOptions { view, ..SteeredOptions::default() };
-    let at = |lambda: f64| {
-        let setting = Setting {
-            experts,
-            merger: &*merger,
-            lambda,
-            mu: lambda,
-            label: "",
-            choice: Choice::Natural,
-            strict: false,
-        };
-        options.over(String::new(), setting.mixture()?, &setting)
-    };
-    PLACES.into_iter().map(at).collect::<Result<_, String>>().map_err(anyhow::Error::msg)
+/// A view's proposer.
+fn proposer(inputs: &GeneratorInputs, view: View) -> Result<Box<dyn Proposer>> {
+    let options = serde_json::from_value::<MixedExperts>(serde_json::json!({"view": view}))?;
+    Ok(options.build(inputs)?)
 }
 
 /// What each view gives at each place.
-fn in_scene(file: &Path, views: &[Vec<Steered>]) -> Result<Vec<Vec<Seen>>> {
-    let scene = Recording::read(file)?.scene;
+fn in_scene(file: &Path, inputs: &GeneratorInputs, views: &[Box<dyn Proposer>]) -> Result<Vec<Vec<Seen>>> {
+    let scene = Arc::new(Recording::read(file)?.scene);
     let index = SceneIndex::new(scene.map.clone());
     index.build_all();
     let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
+    let now = Observation::of(&scene, &index)?;
+    let best = Best::new(inputs.selection.clone());
+    let propose = |view: &dyn Proposer, lambda: f64| -> Result<(Vec<Proposal>, usize)> {
+        let proposals = view.prepare(&now)?.propose(&Mixture::between(lambda), 0)?;
+        let chosen = best.select(&proposals, &ctx, lambda)?.chosen;
+        Ok((proposals, chosen))
+    };
     let mut least = vec![f64::INFINITY; views.len()];
     for _ in 0..TURNS {
         for (view, least) in views.iter().zip(&mut least) {
             let clock = Instant::now();
-            view[PLACES.len() - 1].generate(&ctx, 0)?;
+            propose(&**view, PLACES[PLACES.len() - 1])?;
             *least = least.min(1e3 * clock.elapsed().as_secs_f64());
         }
     }
-    let see = |generator: &Steered, milliseconds: f64| -> Result<Seen> {
-        let (candidates, judged) = generator.propose(&ctx, 0)?;
-        let (chosen, _) = generator.judge.choose(&judged);
-        let (hits, reward) = (judged[chosen].hits && judged[chosen].is_feasible(), judged[chosen].reward);
-        Ok(Seen { chosen: candidates[chosen].trajectory.clone(), hits, reward, milliseconds })
+    let see = |view: &dyn Proposer, lambda: f64, milliseconds: f64| -> Result<Seen> {
+        let (mut proposals, chosen) = propose(view, lambda)?;
+        let Proposal { trajectory, nll, .. } = proposals.swap_remove(chosen);
+        let candidate = ctx.candidate(trajectory.clone()).with_nll(nll);
+        let evaluation = inputs.selection.evaluate(&candidate, &ctx);
+        let (hits, reward) = (evaluation.is_attack(), evaluation.adversarial);
+        Ok(Seen { chosen: trajectory, hits, reward, milliseconds })
     };
-    let of_view = |(view, least): (&Vec<Steered>, &f64)| view.iter().map(|g| see(g, *least)).collect();
+    let of_view = |(view, least): (&Box<dyn Proposer>, &f64)| {
+        PLACES.into_iter().map(|lambda| see(&**view, lambda, *least)).collect()
+    };
     views.iter().zip(&least).map(of_view).collect()
 }
 

@@ -7,7 +7,7 @@ use sage_core::{
     files,
     geometry::Point,
     motion::{HORIZON, NOW, Trajectory},
-    objective::EgoPath,
+    objective::EgoPaths,
     scene::{AdversaryOrigin, Scene},
 };
 use sage_data::Recording;
@@ -32,7 +32,7 @@ pub(crate) struct Named {
     pub(crate) name: String,
     pub(crate) trajectory: Trajectory,
     /// The ego's path, if it is not the logged one.
-    pub(crate) ego: Option<EgoPath>,
+    pub(crate) ego: Option<EgoPaths>,
 }
 
 /// Reads a JSON list of candidates; `-` is standard input.
@@ -54,7 +54,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Named>> {
 }
 
 /// An ego path of positions, or of positions with headings; all rows of one sort.
-fn ego_path(what: &str, rows: &[Vec<f64>]) -> Result<EgoPath> {
+fn ego_path(what: &str, rows: &[Vec<f64>]) -> Result<EgoPaths> {
     let with_heading = rows.first().is_some_and(|row| row.len() == 3);
     let width = if with_heading { 3 } else { 2 };
     for (k, row) in rows.iter().enumerate() {
@@ -69,10 +69,8 @@ fn ego_path(what: &str, rows: &[Vec<f64>]) -> Result<EgoPath> {
         }
     }
     let positions = rows.iter().map(|row| [row[0], row[1]]).collect();
-    Ok(EgoPath {
-        positions: Trajectory::new(&format!("{what}: `ego`"), positions)?,
-        headings: with_heading.then(|| rows.iter().map(|row| row[2]).collect()),
-    })
+    let headings = with_heading.then(|| rows.iter().map(|row| row[2]).collect());
+    Ok(EgoPaths::one(&format!("{what}: `ego`"), positions, headings)?)
 }
 
 /// Reads a scene with the roles that the user names, and says on stderr who is who where the file

@@ -338,7 +338,7 @@ impl Cli {
             Command::Demo(args) => commands::demo::run(&args, registries),
             Command::List { json } => commands::list::run(registries, json),
             Command::Inspect(args) => commands::inspect::run(&args),
-            Command::Score(args) => commands::score::run(&args),
+            Command::Score(args) => commands::score::run(&args, registries),
             Command::Draw(args) => commands::draw::run(&args),
             Command::Convert(args) => commands::convert::run(&args),
             Command::Scenes(args) => commands::scenes::run(&args),

@@ -18,12 +18,15 @@ mod candidates;
 mod cli;
 mod commands;
 pub mod drawing;
+mod generators;
 mod input;
-mod methods;
 mod networks;
+mod operating_point;
 mod output;
+mod part;
 mod progress;
 mod scenes;
+mod selection;
 mod signals;
 mod terminal;
 mod threads;
@@ -38,10 +41,11 @@ use sage_core::{
     objective::{self, Feasibility, Reward},
     registry::Registry,
 };
-use sage_generators::{Method, methods};
+use sage_generators::{GeneratorKind, generators};
 use sage_merging::{Merger, mergers};
 
 pub use cli::Cli;
+pub use operating_point::{Place, RowKey};
 
 /// The parts that commands can name.
 pub struct Registries {
@@ -51,10 +55,10 @@ pub struct Registries {
     pub feasibilities: Registry<dyn Feasibility>,
     /// Motion prediction networks.
     pub backbones: Registry<dyn Backbone>,
-    /// Mixtures of two experts.
+    /// Ways to mix experts.
     pub mergers: Registry<dyn Merger>,
     /// Generators of adversarial scenes.
-    pub methods: Registry<dyn Method>,
+    pub generators: Registry<dyn GeneratorKind>,
 }
 
 impl Registries {
@@ -67,7 +71,7 @@ impl Registries {
             feasibilities: objective::feasibilities()?,
             backbones: backbones()?,
             mergers: mergers()?,
-            methods: methods()?,
+            generators: generators()?,
         })
     }
 }

@@ -205,7 +205,7 @@ impl Scenes {
                 // Only a pipe's scene is shared.
                 held.push(
                     Arc::try_unwrap(data)
-                        .unwrap_or_else(|data| SceneData::new(data.name.clone(), data.scene.clone())),
+                        .unwrap_or_else(|data| SceneData::new(data.name.clone(), (*data.scene).clone())),
                 );
             }
         }

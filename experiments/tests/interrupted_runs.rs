@@ -396,7 +396,10 @@ fn a_full_disk_stops_the_run_and_leaves_whole_files_alone() {
         let said = stderr(&output);
         assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
         assert!(said.contains("cannot write into"), "{command:?}: {said}");
-        assert!(!said.contains("epoch") && !said.contains("choice"), "the work was done for nothing: {said}");
+        assert!(
+            !said.contains("epoch") && !said.contains("selection"),
+            "the work was done for nothing: {said}"
+        );
     }
     assert_eq!(hidden(disk.folder.path()), Vec::<String>::new());
 }
@@ -434,7 +437,7 @@ fn memory_does_not_grow_with_the_number_of_scenes() {
     for (name, command) in [
         ("table", vec!["bench", "open-loop", "--methods", "log,random", "--lambda", "1"]),
         ("dial", vec!["bench", "dial"]),
-        ("calibrate", vec!["calibrate", "--choice", "paper"]),
+        ("calibrate", vec!["calibrate", "--selection", "paper-selection"]),
     ] {
         let [few, many] = [8, 40].map(|count| peak(name, &command, count));
         let growth = (many - few) / 32.0;

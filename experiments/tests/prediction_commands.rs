@@ -164,26 +164,3 @@ fn bench_prediction_compares_with_constant_velocity() {
     let json = sage(&["bench", "prediction", &example(), "--weights", "lane-graph", "--json"]);
     assert!(rows(&json).iter().any(|row| row["method"] == "lane-graph" && row["min_fde"]["n"].is_u64()));
 }
-
-#[test]
-fn a_backbone_of_ones_own_is_trained_by_name() {
-    let program = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join("own_backbone");
-    if !program.exists() {
-        return eprintln!("left out: `{}` is built by `cargo test --workspace` alone", program.display());
-    }
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("own").display().to_string();
-    let output = run(
-        &program,
-        &["pretrain", "--backbone", "goal-scorer", "--made", "1", "--epochs", "1", "--out", &out],
-    );
-    assert!(output.status.success(), "{}", stderr(&output));
-    let found = rows(&run(&program, &["predict", &example(), "--weights", &out, "--json", "--k", "4"]));
-    assert_eq!(found.len(), 4);
-    let shipped = sage(&["predict", &example(), "--weights", &out]);
-    assert!(
-        stderr(&shipped).contains("unknown backbone `goal-scorer`; known: densetnt"),
-        "{}",
-        stderr(&shipped)
-    );
-}

@@ -110,7 +110,7 @@ fn one_dial_is_even_refitted_and_kept_beside_its_experts() {
         "8",
         "--weights",
         text(&experts),
-        "--choice",
+        "--selection",
         "natural",
         "--out",
         text(&dial),
@@ -181,8 +181,8 @@ fn what_can_fail_at_once_fails_at_once() {
     let error = failure(&["calibrate", "--made", "0", "--out", text(&folder.path().join("d.json"))]);
     assert!(error.contains("none of 0 scenes"), "{error}");
     let scene = example();
-    let raw = ["bench", "open-loop", &scene, "--methods", "log", "--raw", "--out", text(&out)];
-    assert!(failure(&[&raw[..], &WEIGHTS].concat()).contains("--raw is for the method `rule`"));
+    let wrong = ["bench", "open-loop", &scene, "--methods", r#"log,rule{"row": true}"#, "--out", text(&out)];
+    assert!(failure(&[&wrong[..], &WEIGHTS].concat()).contains("unknown field `row`, expected `raw`"));
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural/adversarial.safetensors");
     let error = failure(&["generate", &scene, "--weights", text(&shipped), "--out", text(&out)]);
     assert!(error.contains("is the adversarial expert of a prior, no prior"), "{error}");

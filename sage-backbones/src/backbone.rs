@@ -1,20 +1,23 @@
-//! What every motion prediction network offers to the parts above it.
+//! What every motion prediction network offers to the parts above it: [`MotionModel`] proposes,
+//! [`Backbone`] has parameters, [`Trainable`] learns.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use candle_core::{DType, Device, Tensor};
 use sage_core::{
+    generator::Observation,
     geometry::Point,
     motion::{HORIZON, Trajectory},
     registry::Registry,
-    scene::{Scene, SceneIndex},
 };
 use serde_json::Value;
 
 use crate::{
     Error, Parameters,
     densetnt::{Cat, DenseTnt},
+    encoding::Encoding,
     features::{Features, Table},
+    forecast::EgoForecast,
     lane_graph::LaneGraph,
     parameters::Wanted,
     query_transformer::QueryTransformer,
@@ -47,55 +50,22 @@ impl Role {
     }
 }
 
-/// A probabilistic motion model of one target agent: modes with probabilities, and a path for each.
+/// A probabilistic motion model of one target agent: modes with probabilities, and a path for each. It is
+/// all that proposing needs; a mixture of several networks' outputs is one too.
 ///
 /// Implementations are pure: the same parameters and features give the same bits on any thread.
 /// Where a tensor of the parameters is a variable, results carry gradients back to it.
-pub trait Backbone: Send + Sync {
-    /// Name in the registry.
-    fn name(&self) -> &'static str;
-
-    /// Its options, as the registry takes them.
-    fn options(&self) -> &Value;
-
-    /// Names, shapes and first values of its parameters, sorted by name.
-    fn wanted(&self) -> &[Wanted];
-
-    /// Its parameters.
-    fn parameters(&self) -> &Parameters;
-
-    /// The same network over other parameters, which have been checked against [`Backbone::wanted`].
+pub trait MotionModel: Send + Sync {
+    /// What a target, a track of the observation that is valid *now*, has around it. `ego` is a forecast of
+    /// the ego, if whoever asks has one; without it the ego is expected to go on as it does.
     ///
-    /// *Errors*: [`Error::Tensor`] if they do not fit.
-    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error>;
-
-    /// What a parameter is for.
-    fn role(&self, name: &str) -> Role;
-
-    /// Looks around a target, a track of the scene that is valid *now*.
-    ///
-    /// *Errors*: [`Error::Core`] if it is not.
-    fn features(&self, scene: &Scene, index: &SceneIndex, target: usize) -> Result<Features, Error>;
-
-    /// The same for a target whose end after 8 s is known (metres, world frame), so that
-    /// [`Backbone::loss`] can decode the way to just there. Without need for it, as above.
-    ///
-    /// *Errors*: as [`Backbone::features`].
-    fn labelled_features(
+    /// *Errors*: [`Error::Core`] if the target is not valid *now*.
+    fn features(
         &self,
-        scene: &Scene,
-        index: &SceneIndex,
+        now: &Observation,
         target: usize,
-        _end: Point,
-    ) -> Result<Features, Error> {
-        self.features(scene, index, target)
-    }
-
-    /// What the target would see if left and right changed places, where the network's features know
-    /// it. Their frame must have y to the left: training mirrors futures so.
-    fn mirrored(&self, _features: &Features) -> Option<Features> {
-        None
-    }
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, Error>;
 
     /// Reads the surroundings once; scores and paths come from what it gives.
     ///
@@ -128,10 +98,10 @@ pub trait Backbone: Send + Sync {
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error>;
 
     /// Log-probabilities (chosen) of some modes if they were driven along given places instead of the
-    /// network's own paths: where a score depends on the path itself, it is that of these paths.
+    /// model's own paths: where a score depends on the path itself, it is that of these paths.
     ///
     /// *Shapes*: `places` (chosen, 20, 2), every fourth step, metres, target frame; `log_probs` (modes)
-    /// are those of [`Backbone::log_probs`].
+    /// are those of [`MotionModel::log_probs`].
     /// *Errors*: an encoding of another network.
     fn log_probs_along(
         &self,
@@ -142,11 +112,31 @@ pub trait Backbone: Send + Sync {
     ) -> Result<Tensor, Error> {
         Ok(log_probs.index_select(&indices(modes)?, 0)?)
     }
+}
 
-    /// What pretraining makes small.
+/// A motion model with a name, options and parameters.
+pub trait Backbone: MotionModel {
+    /// Name in the registry.
+    fn name(&self) -> &'static str;
+
+    /// Its options, as the registry takes them.
+    fn options(&self) -> &Value;
+
+    /// Names, shapes and first values of its parameters, sorted by name.
+    fn wanted(&self) -> &[Wanted];
+
+    /// Its parameters.
+    fn parameters(&self) -> &Parameters;
+
+    /// The same network over other parameters, which have been checked against [`Backbone::wanted`].
     ///
-    /// *Errors*: features of another network.
-    fn loss(&self, sample: &Sample) -> Result<Loss, Error>;
+    /// *Errors*: [`Error::Tensor`] if they do not fit.
+    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error>;
+
+    /// How it is trained; `None` for one that has nothing to learn.
+    fn trainable(&self) -> Option<&dyn Trainable> {
+        None
+    }
 
     /// The same network over other parameters.
     ///
@@ -160,6 +150,40 @@ pub trait Backbone: Send + Sync {
             Err(Error::Weights { what: what.to_owned(), problems })
         }
     }
+
+    /// What a parameter is for; unused if there is nothing to train.
+    fn role(&self, name: &str) -> Role {
+        self.trainable().map_or(Role::Unused, |trainable| trainable.role_of(name))
+    }
+}
+
+/// What training asks of a backbone beside its results.
+///
+/// Law, tested for every backbone: encodings, mode ends and trajectories depend on [`Role::Prior`] alone, so
+/// they stay valid while fine-tuning, or λ, moves the rest.
+pub trait Trainable: Backbone {
+    /// What a parameter is for.
+    fn role_of(&self, name: &str) -> Role;
+
+    /// Features of a target whose end after 8 s is known (metres, world frame), so that
+    /// [`Trainable::loss`] can decode the path to just there. Without need for it, as
+    /// [`MotionModel::features`].
+    ///
+    /// *Errors*: as [`MotionModel::features`].
+    fn labelled_features(&self, now: &Observation, target: usize, _end: Point) -> Result<Features, Error> {
+        self.features(now, target, None)
+    }
+
+    /// What the target would see if left and right changed places, where the network's features know
+    /// it. Their frame must have y to the left: training mirrors futures so.
+    fn mirrored(&self, _features: &Features) -> Option<Features> {
+        None
+    }
+
+    /// What pretraining makes small.
+    ///
+    /// *Errors*: features of another network.
+    fn loss(&self, sample: &Sample) -> Result<Loss, Error>;
 }
 
 /// The backbones this crate ships. Add a line here to make a new one known everywhere.
@@ -171,49 +195,6 @@ pub fn backbones() -> Result<Registry<dyn Backbone>, sage_core::Error> {
         .with::<QueryTransformer>()?
         .with::<LaneGraph>()?
         .with::<Cat>()
-}
-
-/// What a network keeps of one target's surroundings.
-pub struct Encoding {
-    features: Arc<Features>,
-    states: Vec<Tensor>,
-    described: OnceLock<Option<Tensor>>,
-}
-
-impl Encoding {
-    /// An encoding of states that only its network knows to read.
-    pub fn new(features: Arc<Features>, states: Vec<Tensor>) -> Self {
-        Self { features, states, described: OnceLock::new() }
-    }
-
-    /// What was encoded.
-    pub fn features(&self) -> &Features {
-        &self.features
-    }
-
-    /// The network's states.
-    pub fn states(&self) -> &[Tensor] {
-        &self.states
-    }
-
-    /// What a steering branch sees of all modes, made by `make` when it is first asked for.
-    ///
-    /// *Errors*: those of `make`.
-    pub fn described(
-        &self,
-        make: impl FnOnce() -> Result<Option<Tensor>, Error>,
-    ) -> Result<Option<&Tensor>, Error> {
-        if self.described.get().is_none() {
-            // Two threads may both make it: the bits are the same.
-            let _ = self.described.set(make()?);
-        }
-        Ok(self.described.get().and_then(Option::as_ref))
-    }
-
-    /// The error of a network that finds states it did not make.
-    pub fn foreign(&self) -> Error {
-        Error::Training("this encoding was made by another network; encode the features again".to_owned())
-    }
 }
 
 /// A recorded future to learn from.

@@ -10,19 +10,17 @@ mod scorer;
 use std::sync::Arc;
 
 use candle_core::{DType, Tensor};
-use sage_core::{
-    geometry::Point,
-    registry::Entry,
-    scene::{Scene, SceneIndex},
-};
+use sage_core::{generator::Observation, geometry::Point, registry::Entry};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Encoding, Loss, Role, Sample, indices, tensor},
+    backbone::{Backbone, Loss, MotionModel, Role, Sample, Trainable, indices, tensor},
     encoder::{Encoder, check_size},
+    encoding::Encoding,
     features::{Features, GOAL_COLUMNS, STRIDE, VECTOR_COLUMNS, cat},
+    forecast::EgoForecast,
     labels,
     nn::log_softmax,
     parameters::{Scope, Wanted},
@@ -118,6 +116,7 @@ impl DenseTnt {
         let encoded = self.encoder.forward(&vectors, &features.groups, features.agents, padding_keys)?;
         let goals = tensor(&features.goal_features, self.dtype)?;
         Ok(Encoding::new(
+            self,
             features.clone(),
             vec![encoded.elements, encoded.target, goals, encoded.polylines, encoded.graph],
         ))
@@ -127,7 +126,7 @@ impl DenseTnt {
     ///
     /// *Errors*: an encoding of another network.
     fn raw_scores(&self, encoding: &Encoding, modes: Option<&[usize]>) -> Result<Tensor, Error> {
-        let [elements, target, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
+        let [elements, target, goals] = encoding.states_of(self)?;
         Ok(match modes {
             Some(modes) => {
                 self.scorer.forward(&goals.index_select(&indices(modes)?, 0)?, elements, target)?
@@ -144,7 +143,7 @@ impl DenseTnt {
         ends: &[[f32; 2]],
         stride: usize,
     ) -> Result<Tensor, Error> {
-        let [elements, target, ..] = encoding.states() else { return Err(encoding.foreign()) };
+        let [elements, target] = encoding.states_of(self)?;
         Ok(self.head.forward(rows, ends, elements, target, encoding.features().velocity, stride)?)
     }
 
@@ -162,7 +161,7 @@ impl DenseTnt {
     /// What the steering branch sees of all goals, made once an encoding and never trained through.
     fn described<'e>(&self, encoding: &'e Encoding) -> Result<Option<&'e Tensor>, Error> {
         encoding.described(|| {
-            let [_, _, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
+            let [_, _, goals] = encoding.states_of(self)?;
             let places = self.decode(encoding, goals, &encoding.features().goals, STRIDE)?.detach();
             Ok(describe(&places, encoding.features())?)
         })
@@ -207,7 +206,13 @@ impl Backbone for DenseTnt {
         Ok(Box::new(Self::build(self.name, self.options.clone(), self.shape, wanted, parameters)?))
     }
 
-    fn role(&self, name: &str) -> Role {
+    fn trainable(&self) -> Option<&dyn Trainable> {
+        Some(self)
+    }
+}
+
+impl Trainable for DenseTnt {
+    fn role_of(&self, name: &str) -> Role {
         const DEAD: [&str; 3] = ["laneGCN_L2L.", "laneGCN_L2A.", "decoder.decoder."];
         let among = name.starts_with("global_graph.") || name.starts_with("rounds.");
         if DEAD.iter().any(|dead| name.starts_with(dead)) || (among && name.ends_with("key.bias")) {
@@ -223,26 +228,49 @@ impl Backbone for DenseTnt {
         }
     }
 
-    fn features(&self, scene: &Scene, index: &SceneIndex, target: usize) -> Result<Features, Error> {
-        if self.is_published() { cat::features(scene, target) } else { Features::of(scene, index, target) }
-    }
-
-    fn labelled_features(
-        &self,
-        scene: &Scene,
-        index: &SceneIndex,
-        target: usize,
-        end: Point,
-    ) -> Result<Features, Error> {
+    fn labelled_features(&self, now: &Observation, target: usize, end: Point) -> Result<Features, Error> {
         if self.is_published() {
-            cat::features(scene, target)
+            cat::features(now.scene(), target)
         } else {
-            Features::with_label(scene, index, target, Some(end))
+            Features::with_label(now, target, end)
         }
     }
 
     fn mirrored(&self, features: &Features) -> Option<Features> {
         (!self.is_published()).then(|| features.mirrored())
+    }
+
+    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
+        let features = &sample.features;
+        let encoding = self.encode(features.clone())?;
+        let log_probs = log_softmax(&self.raw_scores(&encoding, None)?)?;
+        let end = labels::end(&sample.future, &sample.valid);
+        let (weights, path) = match &features.label {
+            Some((label, row)) if !self.is_published() => {
+                let row = tensor(row, self.dtype)?;
+                (labels::soft(&features.goals, end), self.decode(&encoding, &row, &[*label], 1)?)
+            }
+            _ => {
+                let nearest = labels::nearest(&features.goals, end.position);
+                let mut hard = vec![0.0; features.modes()];
+                hard[nearest] = 1.0;
+                (hard, self.trajectories(&encoding, &[nearest])?)
+            }
+        };
+        let goals = labels::cross_entropy(&log_probs, &weights)?;
+        let path = labels::smooth_l1(&path, sample)?;
+        Loss::of(vec![("goal", goals), ("path", path)])
+    }
+}
+
+impl MotionModel for DenseTnt {
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, Error> {
+        if self.is_published() { cat::features(now.scene(), target) } else { Features::of(now, target, ego) }
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
@@ -283,32 +311,10 @@ impl Backbone for DenseTnt {
     }
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
-        let [_, _, goals, ..] = encoding.states() else { return Err(encoding.foreign()) };
+        let [_, _, goals] = encoding.states_of(self)?;
         let rows = goals.index_select(&indices(modes)?, 0)?;
         let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| encoding.features().goals[mode]).collect();
         self.decode(encoding, &rows, &ends, 1)
-    }
-
-    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
-        let features = &sample.features;
-        let encoding = self.encode(features.clone())?;
-        let log_probs = log_softmax(&self.raw_scores(&encoding, None)?)?;
-        let end = labels::end(&sample.future, &sample.valid);
-        let (weights, path) = match &features.label {
-            Some((label, row)) if !self.is_published() => {
-                let row = tensor(row, self.dtype)?;
-                (labels::soft(&features.goals, end), self.decode(&encoding, &row, &[*label], 1)?)
-            }
-            _ => {
-                let nearest = labels::nearest(&features.goals, end.position);
-                let mut hard = vec![0.0; features.modes()];
-                hard[nearest] = 1.0;
-                (hard, self.trajectories(&encoding, &[nearest])?)
-            }
-        };
-        let goals = labels::cross_entropy(&log_probs, &weights)?;
-        let path = labels::smooth_l1(&path, sample)?;
-        Loss::of(vec![("goal", goals), ("path", path)])
     }
 }
 

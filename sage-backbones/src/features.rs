@@ -15,13 +15,9 @@ mod routes;
 
 use std::{f32::consts::PI, sync::Arc};
 
-use sage_core::{
-    geometry::Point,
-    motion::NOW,
-    scene::{Scene, SceneIndex},
-};
+use sage_core::{generator::Observation, geometry::Point, motion::NOW, scene::Scene};
 
-use crate::{Error, nn::Groups};
+use crate::{Error, forecast::EgoForecast, nn::Groups};
 
 pub use edges::EdgeGrid;
 pub use frame::Frame;
@@ -57,9 +53,20 @@ impl Table {
     }
 }
 
+/// Which network's rows features hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Layout {
+    /// Ours: goals on a lattice along the lanes, with columns of their own.
+    Lattice,
+    /// Those of the published network.
+    Published,
+}
+
 /// The surroundings of one target agent.
 #[derive(Clone, Debug)]
 pub struct Features {
+    /// Which network's rows these are.
+    pub layout: Layout,
     /// Where the target is.
     pub frame: Frame,
     /// Its velocity *now* in its frame, m/s.
@@ -88,22 +95,27 @@ pub struct Features {
 }
 
 impl Features {
-    /// Looks around one agent of a scene.
+    /// Looks around one agent. A forecast of the ego takes the place of its going on as it does.
     ///
     /// *Errors*: [`Error::Core`] if the agent does not exist or is not valid *now*.
-    pub fn of(scene: &Scene, index: &SceneIndex, target: usize) -> Result<Self, Error> {
-        Self::with_label(scene, index, target, None)
+    pub fn of(now: &Observation, target: usize, ego: Option<&EgoForecast>) -> Result<Self, Error> {
+        Self::new(now, target, ego, None)
     }
 
     /// The same with a row for the place (world frame) where the agent is after 8 s.
     ///
     /// *Errors*: as [`Features::of`].
-    pub fn with_label(
-        scene: &Scene,
-        index: &SceneIndex,
+    pub fn with_label(now: &Observation, target: usize, end: Point) -> Result<Self, Error> {
+        Self::new(now, target, None, Some(end))
+    }
+
+    fn new(
+        now: &Observation,
         target: usize,
+        ego: Option<&EgoForecast>,
         end: Option<Point>,
     ) -> Result<Self, Error> {
+        let (scene, index) = (&**now.scene(), &**now.index());
         let (frame, velocity) = target_frame(scene, target)?;
         let routes = Routes::from(scene, index, scene.tracks[target].point(NOW), frame.heading());
         let mut vectors =
@@ -117,6 +129,7 @@ impl Features {
         let [length, width, _] = scene.tracks[target].size[NOW];
         let half = [length, width].map(|size| (0.5 * size) as f32);
         Ok(Self {
+            layout: Layout::Lattice,
             frame,
             velocity,
             vectors,
@@ -125,7 +138,7 @@ impl Features {
             goals: goals.points,
             goal_features: goals.features,
             half,
-            outlook: Outlook::of(scene, index, target, &frame),
+            outlook: Outlook::of(scene, index, target, &frame, ego),
             // Only who could hit the ego is asked for edges.
             edges: Arc::new(if target == scene.ego {
                 EdgeGrid::empty()

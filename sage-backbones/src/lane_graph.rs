@@ -8,19 +8,20 @@ use std::sync::Arc;
 
 use candle_core::{Device, Tensor};
 use sage_core::{
+    generator::Observation,
     geometry::Point,
     motion::{DT, HORIZON},
     registry::Entry,
-    scene::{Scene, SceneIndex},
 };
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Encoding, Loss, Role, Sample},
+    backbone::{Backbone, MotionModel},
+    encoding::Encoding,
     features::{Features, GoalColumn},
-    labels,
+    forecast::EgoForecast,
     nn::log_softmax,
     parameters::Wanted,
 };
@@ -90,21 +91,20 @@ impl Backbone for LaneGraph {
     fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
         Ok(Box::new(Self { options: self.options.clone(), json: self.json.clone(), parameters }))
     }
+}
 
-    fn role(&self, _name: &str) -> Role {
-        Role::Unused
-    }
-
-    fn features(&self, scene: &Scene, index: &SceneIndex, target: usize) -> Result<Features, Error> {
-        Features::of(scene, index, target)
-    }
-
-    fn mirrored(&self, features: &Features) -> Option<Features> {
-        Some(features.mirrored())
+impl MotionModel for LaneGraph {
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, Error> {
+        Features::of(now, target, ego)
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
-        Ok(Encoding::new(features, Vec::new()))
+        Ok(Encoding::new(self, features, Vec::new()))
     }
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
@@ -129,16 +129,6 @@ impl Backbone for LaneGraph {
         };
         let numbers: Vec<f32> = modes.iter().flat_map(path).flatten().map(|x| x as f32).collect();
         Ok(Tensor::from_vec(numbers, (modes.len(), HORIZON, 2), &Device::Cpu)?)
-    }
-
-    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
-        let features = &sample.features;
-        let encoding = self.encode(features.clone())?;
-        let end = labels::end(&sample.future, &sample.valid);
-        let nearest = labels::nearest(&features.goals, end.position);
-        let goals = labels::cross_entropy(&self.log_probs(&encoding)?, &labels::soft(&features.goals, end))?;
-        let path = labels::smooth_l1(&self.trajectories(&encoding, &[nearest])?, sample)?;
-        Loss::of(vec![("goal", goals), ("path", path)])
     }
 }
 

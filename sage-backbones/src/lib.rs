@@ -1,8 +1,8 @@
 //! Motion prediction: what a car may do next, learned from recordings.
 //!
 //! - [`features::Features`] is what one target sees of a scene, with the goals it could reach.
-//! - [`Backbone`] is a network over it: modes with probabilities, and a path for each. Those shipped
-//!   are in [`backbones`]: DenseTNT in our arrangement and in the published one, a query transformer,
+//! - [`MotionModel`] proposes from it: modes with probabilities, and a path for each; a [`Backbone`] has
+//!   parameters beside, and a [`Trainable`] one learns. Those shipped are in [`backbones`]: DenseTNT in our arrangement and in the published one, a query transformer,
 //!   and a prior over the lane graph without weights.
 //! - [`prediction::predict`] chooses candidates; [`training::pretrain`] learns a prior.
 //!
@@ -11,13 +11,14 @@
 //!
 //! ```
 //! use sage_backbones::{backbones, candidates::Selection, prediction::predict};
-//! use sage_core::{scene::SceneIndex, seed::Rng};
+//! use sage_core::{generator::Observation, scene::SceneIndex, seed::Rng};
 //! use sage_data::procedural::{Kind, generate};
 //!
 //! let scene = generate(Kind::FourWay, 1, 0).ok_or("no scene came of the seed")?;
 //! let index = SceneIndex::new(scene.map.clone());
 //! let network = backbones()?.build_default("lane-graph")?;
-//! let features = network.features(&scene, &index, scene.adversary_index()?)?;
+//! let now = Observation::of(&scene, &index)?;
+//! let features = network.features(&now, scene.adversary_index()?, None)?;
 //! let mut rng = Rng::new(0, &scene.id, "prediction");
 //! let six = predict(&*network, features.into(), 6, Selection::Nms { radius: 5.0 }, &mut rng)?;
 //! assert_eq!(six.len(), 6);
@@ -28,9 +29,10 @@ pub mod backbone;
 pub mod candidates;
 pub mod densetnt;
 mod encoder;
+pub mod encoding;
 mod error;
 pub mod features;
-pub mod foresight;
+pub mod forecast;
 pub mod labels;
 pub mod lane_graph;
 pub mod nn;
@@ -40,8 +42,9 @@ pub mod query_transformer;
 pub mod smooth_path;
 mod steering_branch;
 pub mod training;
+pub mod weights;
 
-pub use backbone::{Backbone, backbones};
+pub use backbone::{Backbone, MotionModel, Trainable, backbones};
 /// Tensors, for networks of your own: the version that the layers here work with.
 pub use candle_core as candle;
 pub use error::Error;

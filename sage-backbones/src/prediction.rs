@@ -10,8 +10,9 @@ use sage_core::{
 
 use crate::{
     Error,
-    backbone::{Backbone, Encoding, finite, to_world},
+    backbone::{MotionModel, finite, to_world},
     candidates::{Selection, choose},
+    encoding::Encoding,
     features::Features,
 };
 
@@ -32,7 +33,7 @@ pub struct Predicted {
 ///
 /// *Errors*: those of the network; [`Error::Training`] if its probabilities are not finite.
 pub fn predict(
-    network: &dyn Backbone,
+    network: &dyn MotionModel,
     features: Arc<Features>,
     k: usize,
     selection: Selection,
@@ -46,7 +47,7 @@ pub fn predict(
 ///
 /// *Errors*: as [`predict`].
 pub fn propose(
-    network: &dyn Backbone,
+    network: &dyn MotionModel,
     encoding: &Encoding,
     k: usize,
     selection: Selection,

@@ -8,20 +8,18 @@
 use std::sync::Arc;
 
 use candle_core::{DType, Device, Tensor};
-use sage_core::{
-    motion::HORIZON,
-    registry::Entry,
-    scene::{Scene, SceneIndex},
-};
+use sage_core::{generator::Observation, motion::HORIZON, registry::Entry};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Encoding, Loss, Role, Sample, indices, tensor},
+    backbone::{Backbone, Loss, MotionModel, Role, Sample, Trainable, indices, tensor},
     candidates::suppressed,
     encoder::{Encoder, check_size},
+    encoding::Encoding,
     features::{Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
+    forecast::EgoForecast,
     labels,
     nn::{Attention, Linear, Mlp, log_softmax},
     parameters::{Scope, Wanted},
@@ -119,9 +117,8 @@ impl QueryTransformer {
     }
 
     /// The three states of an encoding: queries, the target, paths of all modes.
-    fn states<'e>(&self, encoding: &'e Encoding) -> Result<[&'e Tensor; 3], Error> {
-        let [queries, target, paths] = encoding.states() else { return Err(encoding.foreign()) };
-        Ok([queries, target, paths])
+    fn states<'e>(&self, encoding: &'e Encoding) -> Result<&'e [Tensor; 3], Error> {
+        encoding.states_of(self)
     }
 
     /// Scores before the softmax, without the steering branch.
@@ -175,7 +172,13 @@ impl Backbone for QueryTransformer {
         Ok(Box::new(Self::build(options, self.shape.clone(), wanted, parameters)?))
     }
 
-    fn role(&self, name: &str) -> Role {
+    fn trainable(&self) -> Option<&dyn Trainable> {
+        Some(self)
+    }
+}
+
+impl Trainable for QueryTransformer {
+    fn role_of(&self, name: &str) -> Role {
         let among = name.starts_with("rounds.") || name.contains(".queries.");
         match name {
             "score.out.bias" => Role::WithoutEffect,
@@ -192,12 +195,37 @@ impl Backbone for QueryTransformer {
         }
     }
 
-    fn features(&self, scene: &Scene, index: &SceneIndex, target: usize) -> Result<Features, Error> {
-        Features::of(scene, index, target)
-    }
-
     fn mirrored(&self, features: &Features) -> Option<Features> {
         Some(features.mirrored())
+    }
+
+    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
+        let encoding = self.encode(sample.features.clone())?;
+        let [queries, target, paths] = self.states(&encoding)?;
+        let end = labels::end(&sample.future, &sample.valid);
+        let ends = self.mode_ends(&encoding)?;
+        let features = &sample.features;
+        let anchor_ends: Vec<[f32; 2]> =
+            anchors(features).into_iter().map(|goal| features.goals[goal]).collect();
+        // The path that ends nearest learns the way, and so does the one whose anchor is nearest, or
+        // far queries would never learn anything.
+        let winners = [labels::nearest(&ends, end.position), labels::nearest(&anchor_ends, end.position)];
+        let log_probs = log_softmax(&self.raw_scores(queries, target)?)?;
+        let goals = labels::cross_entropy(&log_probs, &labels::soft(&ends, end))?;
+        let path = |mode: usize| labels::smooth_l1(&paths.narrow(0, mode, 1)?, sample);
+        let way = (path(winners[0])? + (path(winners[1])? * 0.3)?)?;
+        Loss::of(vec![("goal", goals), ("path", way)])
+    }
+}
+
+impl MotionModel for QueryTransformer {
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, Error> {
+        Features::of(now, target, ego)
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
@@ -215,7 +243,7 @@ impl Backbone for QueryTransformer {
             queries = (queries + change)?;
         }
         let paths = self.paths(&queries, &anchors, &features)?;
-        Ok(Encoding::new(features, vec![queries, encoded.target, paths]))
+        Ok(Encoding::new(self, features, vec![queries, encoded.target, paths]))
     }
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
@@ -254,24 +282,6 @@ impl Backbone for QueryTransformer {
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         let [.., paths] = self.states(encoding)?;
         Ok(paths.index_select(&indices(modes)?, 0)?)
-    }
-
-    fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
-        let encoding = self.encode(sample.features.clone())?;
-        let [queries, target, paths] = self.states(&encoding)?;
-        let end = labels::end(&sample.future, &sample.valid);
-        let ends = self.mode_ends(&encoding)?;
-        let features = &sample.features;
-        let anchor_ends: Vec<[f32; 2]> =
-            anchors(features).into_iter().map(|goal| features.goals[goal]).collect();
-        // The path that ends nearest learns the way, and so does the one whose anchor is nearest, or
-        // far queries would never learn anything.
-        let winners = [labels::nearest(&ends, end.position), labels::nearest(&anchor_ends, end.position)];
-        let log_probs = log_softmax(&self.raw_scores(queries, target)?)?;
-        let goals = labels::cross_entropy(&log_probs, &labels::soft(&ends, end))?;
-        let path = |mode: usize| labels::smooth_l1(&paths.narrow(0, mode, 1)?, sample);
-        let way = (path(winners[0])? + (path(winners[1])? * 0.3)?)?;
-        Loss::of(vec![("goal", goals), ("path", way)])
     }
 }
 

@@ -12,9 +12,10 @@ use sage_backbones::{
     features::{Features, GOAL_COLUMNS, VECTOR_COLUMNS},
     parameters::Header,
     prediction::{predict, propose},
-    training::{Examples, SceneData, recorded_sample},
+    training::{Examples, SceneData, recorded_sample, trainable},
 };
 use sage_core::{
+    generator::Observation,
     geometry::distance,
     motion::{HORIZON, NOW},
     scene::{Map, Scene, SceneIndex},
@@ -39,7 +40,7 @@ fn scene(kind: Kind) -> SceneData {
 
 fn features(network: &dyn Backbone, data: &SceneData) -> Arc<Features> {
     let target = data.scene.adversary.unwrap();
-    Arc::new(network.features(&data.scene, &data.index, target).unwrap())
+    Arc::new(network.features(&data.observe().unwrap(), target, None).unwrap())
 }
 
 fn numbers(tensor: &Tensor) -> Vec<f64> {
@@ -90,8 +91,9 @@ fn every_parameter_that_pretraining_moves_gets_a_gradient_and_no_other_does() {
         let mut largest = vec![0.0_f64; variables.len()];
         for kind in [Kind::FourWay, Kind::Roundabout] {
             let data = scene(kind);
-            let sample = recorded_sample(&data, data.scene.adversary.unwrap(), &*traced).unwrap();
-            let store = traced.loss(&sample).unwrap().total.backward().unwrap();
+            let sample =
+                recorded_sample(&data, data.scene.adversary.unwrap(), trainable(&*traced).unwrap()).unwrap();
+            let store = trainable(&*traced).unwrap().loss(&sample).unwrap().total.backward().unwrap();
             for (slot, (name, variable)) in variables.iter().enumerate() {
                 let role = network.role(name);
                 match store.get(variable).map(numbers) {
@@ -138,16 +140,47 @@ fn fine_tuning_reaches_what_it_moves_and_the_prior_is_silent_about_the_ego() {
 }
 
 #[test]
+fn encodings_and_trajectories_stay_valid_while_what_fine_tuning_moves_changes() {
+    let data = scene(Kind::FourWay);
+    for network in all() {
+        let noisy = stirred(&*network, DType::F32);
+        let tuned = network.parameters().iter().map(|(name, own)| {
+            let moved = network.role(name).is_finetuned();
+            (name.to_owned(), if moved { noisy.get(name).unwrap() } else { own }.clone())
+        });
+        let tuned = network.rebuilt(tuned.collect()).unwrap();
+        let features = features(&*network, &data);
+        let [own, other] = [&network, &tuned].map(|model| model.encode(features.clone()).unwrap());
+        for (a, b) in own.states().iter().zip(other.states()) {
+            assert_eq!(numbers(a), numbers(b), "{}: states", network.name());
+        }
+        assert_eq!(network.mode_ends(&own).unwrap(), tuned.mode_ends(&own).unwrap());
+        let [a, b] = [&network, &tuned].map(|model| model.trajectories(&own, &[0, 5, 9]).unwrap());
+        assert_eq!(numbers(&a), numbers(&b), "{}: trajectories", network.name());
+        // An encoding of one is one of the other, and the law says something: scores do change.
+        let [a, b] = [&own, &other].map(|encoding| numbers(&tuned.log_probs(encoding).unwrap()));
+        assert_eq!(a, b);
+        if !network.wanted().is_empty() {
+            assert_ne!(a, numbers(&network.log_probs(&own).unwrap()), "{}", network.name());
+        }
+    }
+}
+
+#[test]
 fn gradients_agree_with_finite_differences_in_double_precision() {
     let data = scene(Kind::TJunction);
     for name in ["densetnt", "query-transformer"] {
         let network = network(name);
         let weights = stirred(&*network, DType::F64);
-        let sample = recorded_sample(&data, data.scene.adversary.unwrap(), &*network).unwrap();
-        let loss =
-            |weights: Parameters| numbers(&network.rebuilt(weights).unwrap().loss(&sample).unwrap().total)[0];
+        let sample =
+            recorded_sample(&data, data.scene.adversary.unwrap(), trainable(&*network).unwrap()).unwrap();
+        let total = |weights: Parameters| {
+            let network = network.rebuilt(weights).unwrap();
+            trainable(&*network).unwrap().loss(&sample).unwrap().total
+        };
+        let loss = |weights: Parameters| numbers(&total(weights))[0];
         let (traced, variables) = weights.variables(|name| network.role(name).is_pretrained()).unwrap();
-        let store = network.rebuilt(traced).unwrap().loss(&sample).unwrap().total.backward().unwrap();
+        let store = total(traced).backward().unwrap();
         for (name, variable) in variables.iter() {
             // The second network's labels follow its paths and count as given: what moves the paths
             // moves them too.
@@ -214,7 +247,8 @@ fn change(
 }
 
 fn look(scene: &Scene) -> Features {
-    Features::of(scene, &SceneIndex::new(scene.map.clone()), scene.adversary.unwrap()).unwrap()
+    let now = Observation::of(scene, &SceneIndex::new(scene.map.clone())).unwrap();
+    Features::of(&now, scene.adversary.unwrap(), None).unwrap()
 }
 
 fn share_that_agrees(a: &[f32], b: &[f32]) -> f64 {
@@ -336,13 +370,13 @@ fn absurd_speeds_and_maps_cost_no_more_than_plain_ones() {
 fn an_agent_that_is_not_there_now_is_refused_by_name() {
     let mut data = scene(Kind::Curve);
     let target = data.scene.adversary.unwrap();
-    data.scene.tracks[target].valid[NOW] = false;
+    Arc::make_mut(&mut data.scene).tracks[target].valid[NOW] = false;
     let id = data.scene.tracks[target].id.clone();
     for network in all() {
-        let error = network.features(&data.scene, &data.index, target).unwrap_err().to_string();
+        let error = network.features(&data.observe().unwrap(), target, None).unwrap_err().to_string();
         assert!(error.contains(&format!("agent `{id}` is not valid at frame 10")), "{error}");
     }
-    assert!(network("densetnt").features(&data.scene, &data.index, 999).is_err());
+    assert!(network("densetnt").features(&data.observe().unwrap(), 999, None).is_err());
     assert!(!Examples::of(&[data]).list().iter().any(|e| e.track == target));
 }
 

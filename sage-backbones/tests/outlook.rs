@@ -8,9 +8,10 @@ use sage_backbones::{
     backbones,
     candle::{DType, Tensor},
     features::{Features, LOOKS, Outlook, STRIDE, Way},
-    foresight::{View, foreseeing},
+    forecast::{View, features_with_forecast},
 };
 use sage_core::{
+    generator::Observation,
     motion::{HORIZON, NOW},
     scene::{Scene, SceneIndex},
     seed::Rng,
@@ -18,7 +19,8 @@ use sage_core::{
 use sage_data::procedural::{Kind, generate};
 
 fn look(scene: &Scene) -> Features {
-    Features::of(scene, &SceneIndex::new(scene.map.clone()), scene.adversary.unwrap()).unwrap()
+    let now = Observation::of(scene, &SceneIndex::new(scene.map.clone())).unwrap();
+    Features::of(&now, scene.adversary.unwrap(), None).unwrap()
 }
 
 fn sums_to_one(ways: &[Way]) -> bool {
@@ -120,7 +122,8 @@ fn a_ring_of_lanes_without_length_ends() {
     }
     scene.map = Arc::new(map);
     let index = SceneIndex::new(scene.map.clone());
-    let features = Features::of(&scene, &index, scene.adversary.unwrap()).unwrap();
+    let features =
+        Features::of(&Observation::of(&scene, &index).unwrap(), scene.adversary.unwrap(), None).unwrap();
     let finite = |way: &Way| way.poses.iter().flatten().all(|x| x.is_finite());
     assert!(features.outlook.ego.iter().chain(&features.outlook.others).all(finite));
 }
@@ -131,7 +134,10 @@ fn a_network_foresees_the_ego_in_several_ways_and_never_by_its_log() {
     let index = SceneIndex::new(scene.map.clone());
     let network = backbones().unwrap().build_default("densetnt").unwrap();
     let adversary = scene.adversary.unwrap();
-    let ways = |scene: &Scene| foreseeing(&*network, scene, &index, adversary, View::FULL).unwrap().outlook;
+    let ways = |scene: &Scene| {
+        let now = Observation::of(scene, &index).unwrap();
+        features_with_forecast(&*network, &now, adversary, View::FULL).unwrap().outlook
+    };
     let foreseen: Outlook = ways(&scene);
     assert!(foreseen.ego.len() > 3 && sums_to_one(&foreseen.ego));
     assert!(foreseen.ego.windows(2).all(|w| w[0].weight >= w[1].weight), "the likeliest first");
@@ -161,7 +167,8 @@ fn a_mode_along_its_own_path_has_its_own_log_probability() {
             weights.insert(name, (tensor + noise).unwrap());
         }
         let network = plain.rebuilt(weights).unwrap();
-        let features = foreseeing(&*network, &scene, &index, scene.adversary.unwrap(), View::FULL).unwrap();
+        let now = Observation::of(&scene, &index).unwrap();
+        let features = features_with_forecast(&*network, &now, scene.adversary.unwrap(), View::FULL).unwrap();
         let encoding = network.encode(Arc::new(features)).unwrap();
         let log_probs = network.log_probs(&encoding).unwrap();
         let modes = [3, 11, 0];
@@ -189,7 +196,8 @@ fn a_coarser_view_sees_a_part_of_what_the_full_one_sees() {
     let scene = generate(Kind::FourWay, 3, 0).unwrap();
     let index = SceneIndex::new(scene.map.clone());
     let network = backbones().unwrap().build_default("densetnt").unwrap();
-    let see = |view| foreseeing(&*network, &scene, &index, scene.adversary.unwrap(), view).unwrap();
+    let now = Observation::of(&scene, &index).unwrap();
+    let see = |view| features_with_forecast(&*network, &now, scene.adversary.unwrap(), view).unwrap();
     let (full, plain) = (see(View::FULL), look(&scene));
     assert_eq!((&full.goals, full.groups.len()), (&plain.goals, plain.groups.len()));
     let coarse = see(View { pieces: 20, near: 30.0, ..View::FULL });
@@ -204,6 +212,6 @@ fn a_coarser_view_sees_a_part_of_what_the_full_one_sees() {
         (View { near: f32::NAN, ..View::FULL }, "near"),
         (View { ego_every: 0, ..View::FULL }, "ego_every"),
     ] {
-        assert!(view.check().unwrap_err().contains(field));
+        assert!(view.check().unwrap_err().to_string().contains(field));
     }
 }

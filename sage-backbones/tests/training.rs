@@ -1,14 +1,16 @@
 //! Training: the same bits on any number of threads and across interruptions, and honest failures.
 #![allow(clippy::unwrap_used)]
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 use candle_core::{Device, Tensor};
 use sage_backbones::{
     Backbone, Error, Parameters, backbones,
     nn::AdamWConfig,
     parameters::Header,
-    training::{EpochRow, Examples, Observer, PretrainOptions, Pretrained, SceneData, Trainer, pretrain},
+    training::{
+        EpochRow, Examples, Observer, PretrainOptions, Pretrained, SceneData, Trainer, pretrain, trainable,
+    },
 };
 use sage_data::procedural::{Kind, generate};
 
@@ -76,8 +78,8 @@ fn three_steps_give_the_same_bits_on_one_two_and_three_threads() {
                 let mut trainer = Trainer::new(&*network, moved, AdamWConfig::default()).unwrap();
                 for batch in examples.list().chunks(7).take(3) {
                     let gradient = |example: &_| {
-                        let sample = examples.sample(example, trainer.network(), true)?;
-                        trainer.gradient(&trainer.network().loss(&sample)?, "test")
+                        let sample = examples.sample(example, trainer.trainable()?, true)?;
+                        trainer.gradient(&trainer.trainable().unwrap().loss(&sample)?, "test")
                     };
                     let gradients = trainer.gradients(batch, gradient).unwrap();
                     trainer.update(&gradients, 1e-3, 5.0).unwrap();
@@ -146,8 +148,8 @@ fn a_gradient_that_is_not_finite_names_its_tensor() {
     let network = network("densetnt");
     let trainer = Trainer::new(&*network, |_| true, AdamWConfig::default()).unwrap();
     let examples = Examples::of(&data);
-    let sample = examples.sample(&examples.list()[0], trainer.network(), false).unwrap();
-    let mut loss = trainer.network().loss(&sample).unwrap();
+    let sample = examples.sample(&examples.list()[0], trainer.trainable().unwrap(), false).unwrap();
+    let mut loss = trainer.trainable().unwrap().loss(&sample).unwrap();
     loss.total = (loss.total * f64::INFINITY).unwrap();
     let error = trainer.gradient(&loss, "epoch 2, step 5, scene `x`").err().unwrap().to_string();
     assert!(error.starts_with("epoch 2, step 5, scene `x`: the gradient of `decoder."), "{error}");
@@ -157,7 +159,7 @@ fn a_gradient_that_is_not_finite_names_its_tensor() {
 fn scenes_without_a_vehicle_to_learn_from_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut still = scenes(1, 3);
-    for track in &mut still[0].scene.tracks {
+    for track in &mut Arc::make_mut(&mut still[0].scene).tracks {
         track.valid.fill(false);
     }
     let network = network("densetnt");
@@ -202,7 +204,7 @@ fn options_out_of_range_are_refused_by_name() {
 fn scenes_without_a_vehicle_to_validate_on_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut short = scenes(1, 4);
-    for track in &mut short[0].scene.tracks {
+    for track in &mut Arc::make_mut(&mut short[0].scene).tracks {
         track.valid[90] = false;
     }
     let mut silent = Silent::new(usize::MAX);
@@ -226,8 +228,10 @@ fn the_published_network_trains_too() {
     let network = backbones().unwrap().build_default("densetnt-cat").unwrap();
     let examples = Examples::of(&data);
     // It has no mirror image: the sample comes as it is.
-    let sample = examples.sample(&examples.list()[0], &*network, true).unwrap();
-    assert!(network.loss(&sample).unwrap().parts.iter().all(|(_, loss)| loss.is_finite()));
+    let sample = examples.sample(&examples.list()[0], trainable(&*network).unwrap(), true).unwrap();
+    assert!(
+        trainable(&*network).unwrap().loss(&sample).unwrap().parts.iter().all(|(_, loss)| loss.is_finite())
+    );
 }
 
 #[test]

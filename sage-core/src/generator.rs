@@ -1,65 +1,83 @@
 //! What every generator of adversarial scenes offers.
+//!
+//! Most are a [`Proposer`], which sees an [`Observation`] and nothing after it, and a selection among its
+//! proposals that may know the ego's path. Optimisers and rules implement [`Generator`] directly.
 
-use crate::{Error, geometry::Point, motion::Trajectory, objective::Context, scene::Scene};
+mod attack;
+mod observation;
+mod operating_point;
 
-/// One way that a generator thought of.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Proposed {
-    /// The 80 positions, world frame.
-    pub trajectory: Trajectory,
-    /// How likely the generator's model finds it, if it has one: to compare candidates of one scene; where
-    /// paces are tried these do not sum to 1.
-    pub log_prob: Option<f64>,
-    /// Where it was meant to end, metres, world frame, if it was aimed.
-    pub goal: Option<Point>,
+use std::fmt;
+
+use crate::{Error, objective::Context};
+
+pub use attack::{Attack, Note, Proposal};
+pub use observation::Observation;
+pub use operating_point::{Mixture, OperatingPoint};
+
+/// What a generator knows beyond what can be seen *now*.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Knowledge {
+    /// The path that the ego will take.
+    pub ego_future: bool,
+    /// What was recorded of the others after *now*.
+    pub others_future: bool,
+    /// What was recorded of the adversary itself after *now*.
+    pub own_future: bool,
 }
 
-/// What a generator gives for one scene.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Attack {
-    /// All that it thought of, at least one.
-    pub candidates: Vec<Proposed>,
-    /// Index of the one it chose.
-    pub chosen: usize,
-    /// Why the choice is not what it should be, if so: none was feasible, nothing could hit, …
-    pub note: Option<String>,
+impl Knowledge {
+    /// Nothing but what can be seen *now*.
+    pub const NOW: Self = Self { ego_future: false, others_future: false, own_future: false };
+
+    /// What either knows.
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            ego_future: self.ego_future || other.ego_future,
+            others_future: self.others_future || other.others_future,
+            own_future: self.own_future || other.own_future,
+        }
+    }
 }
 
-impl Attack {
-    /// Refuses an attack that means nothing: a choice that is not among the candidates, or a
-    /// log-probability or goal that is not finite. Trajectories are checked when they are made.
+impl fmt::Display for Knowledge {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let known = [
+            (self.ego_future, "ego's path"),
+            (self.others_future, "others' log"),
+            (self.own_future, "adversary's log"),
+        ];
+        let known: Vec<&str> = known.into_iter().filter(|(known, _)| *known).map(|(_, what)| what).collect();
+        f.write_str(if known.is_empty() { "now alone" } else { "" })?;
+        f.write_str(&known.join(", "))
+    }
+}
+
+/// Proposes trajectories for the adversary from what can be seen *now*.
+///
+/// Implementations are pure: the same observation, mixture and seed give the same bits on any thread.
+pub trait Proposer: Send + Sync {
+    /// Does once a scene whatever the mixture does not change.
     ///
-    /// *Errors*: [`Error::Scene`] with the candidate at fault.
-    pub fn check(&self, scene: &Scene) -> Result<(), Error> {
-        let fail = |problem: String| Err(Error::Scene { scene: scene.id.clone(), problem });
-        if self.chosen >= self.candidates.len() {
-            let (chosen, count) = (self.chosen, self.candidates.len());
-            return fail(format!("the generator chose candidate {chosen} of {count}"));
-        }
-        for (k, candidate) in self.candidates.iter().enumerate() {
-            let values = candidate.goal.into_iter().flatten().chain(candidate.log_prob);
-            if let Some(value) = values.into_iter().find(|x| !x.is_finite()) {
-                return fail(format!("candidate {k} has a goal or log-probability of {value}"));
-            }
-        }
-        Ok(())
-    }
+    /// *Errors*: [`Error::Scene`] for a scene that it cannot work with.
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error>;
+}
 
-    /// The chosen way.
-    pub fn trajectory(&self) -> &Trajectory {
-        &self.candidates[self.chosen].trajectory
-    }
+/// A scene that a proposer has prepared.
+pub trait PreparedScene {
+    /// Proposals at a mixture of experts, at least one, the likeliest first where they have probabilities.
+    ///
+    /// *Errors*: [`Error::Scene`] for a network that gives no numbers.
+    fn propose(&self, at: &Mixture, seed: u64) -> Result<Vec<Proposal>, Error>;
 }
 
 /// Makes the adversary of a scene do something else than it did.
 ///
-/// Implementations are pure: the same context and seed give the same bits on any thread.
+/// Implementations are pure: the same context, operating points and seed give the same bits on any thread,
+/// and an operating point's attack does not depend on those beside it.
 pub trait Generator: Send + Sync {
-    /// Its name with what tells it from its siblings, for tables.
-    fn name(&self) -> String;
-
-    /// Candidates for the adversary of a context, and the choice among them.
+    /// An attack for each operating point, in their order.
     ///
     /// *Errors*: [`Error::Scene`] for a scene that it cannot work with.
-    fn generate(&self, ctx: &Context, seed: u64) -> Result<Attack, Error>;
+    fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, Error>;
 }

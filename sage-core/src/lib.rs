@@ -10,11 +10,11 @@
 //! future is frames 11 to 90.
 //!
 //! ```
-//! use sage_core::motion::{Start, kinematics::paper};
+//! use sage_core::motion::{Pose, kinematics::paper};
 //!
 //! // 8 m/s straight ahead: nothing to punish beyond the floor of the formula.
 //! let points: Vec<[f64; 2]> = (1..=80).map(|t| [0.8 * t as f64, 0.0]).collect();
-//! let start = Start { position: [0.0, 0.0], heading: 0.0 };
+//! let start = Pose { position: [0.0, 0.0], heading: 0.0 };
 //! let profile = paper::profile(&points, &start);
 //! assert!((profile.speed[40] - 8.0).abs() < 1e-9);
 //! ```

@@ -3,9 +3,11 @@
 pub mod bicycle;
 pub mod idm;
 pub mod kinematics;
-mod trajectory;
+mod pose;
+pub(crate) mod trajectory;
 
-pub use trajectory::{Start, Trajectory};
+pub use pose::{Pose, State};
+pub use trajectory::Trajectory;
 
 /// Duration of a frame, seconds (10 Hz).
 pub const DT: f64 = 0.1;

@@ -2,10 +2,12 @@
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
+use std::sync::Arc;
+
 use approx::assert_relative_eq;
 use sage_core::{
     motion::{NOW, Trajectory},
-    objective::{Context, ContextOptions, EgoPath, Rule, Scorer, Scores, criticality::SideHit},
+    objective::{Context, ContextOptions, EgoPaths, Scorer, Scores, criticality::SideHit},
     scene::{AdversaryOrigin, Map, MapFeature, MapKind, Scene, SceneIndex, Track, TrackKind},
 };
 
@@ -75,7 +77,7 @@ fn road(adversary: Track, others: Vec<Track>) -> Scene {
 
 fn score(scene: &Scene, at: impl Fn(f64) -> [f64; 2]) -> Scores {
     let index = SceneIndex::new(scene.map.clone());
-    let ctx = Context::new(scene, &index, &ContextOptions::default()).unwrap();
+    let ctx = Context::new(&Arc::new(scene.clone()), &index, &ContextOptions::default()).unwrap();
     let path = Trajectory::new("path", (1..=80).map(|t| at(0.1 * t as f64)).collect()).unwrap();
     Scorer::new(&ctx).scores(&ctx.candidate(path))
 }
@@ -172,10 +174,10 @@ fn edges_and_agents_are_named_with_their_step() {
     let s = score(&scene, |t| [20.5 + 10.0 * t, -4.0]);
     assert_eq!((s.feasible, s.crash_object, s.cross_line), (false, 10.0, 0.0));
     let reason = &s.reasons[0];
-    assert_eq!((reason.rule, reason.step, &reason.with[..]), (Rule::Agent, 36, "parked"));
+    assert_eq!((&*reason.rule, reason.step, &reason.with[..]), ("agent", 36, "parked"));
     // Over the right edge at 2 m/s sideways: side at −5 − 0.2 t reaches −8 …
     let s = score(&scene, |t| [20.0 + t, -4.0 - 2.0 * t]);
-    assert_eq!((s.cross_line, s.reasons[0].rule, &s.reasons[0].with[..]), (50.0, Rule::RoadEdge, "right"));
+    assert_eq!((s.cross_line, &*s.reasons[0].rule, &s.reasons[0].with[..]), (50.0, "road_edge", "right"));
     assert!(!s.feasible_strict);
 }
 
@@ -185,8 +187,8 @@ fn strict_sees_the_jump_and_the_field_beyond_the_edge() {
     let scene = road(car("a", [20.0, 3.0], [0.0, 100.0]), vec![]);
     let s = score(&scene, |t| [20.0, 3.0 + 100.0 * t]);
     assert!(s.feasible, "{:?}", s.reasons);
-    let rules: Vec<Rule> = s.reasons_strict.iter().map(|r| r.rule).collect();
-    assert_eq!(rules, [Rule::RoadEdge, Rule::OffRoad]);
+    let rules: Vec<&str> = s.reasons_strict.iter().map(|r| &*r.rule).collect();
+    assert_eq!(rules, ["road_edge", "off_road"]);
     assert_eq!(s.reasons_strict[0].step, 1);
 }
 
@@ -213,13 +215,13 @@ fn strict_leaves_bridges_out() {
 #[test]
 fn an_ego_path_without_headings_turns_as_it_drives() {
     let scene = road(car("a", [30.0, 5.5], [0.0, 0.0]), vec![]);
-    let index = SceneIndex::new(scene.map.clone());
+    let (index, scene) = (SceneIndex::new(scene.map.clone()), Arc::new(scene));
     let path = |at: fn(f64) -> [f64; 2]| {
         Trajectory::new("p", (1..=80).map(|t| at(0.1 * t as f64)).collect()).unwrap()
     };
     let positions = path(|t| [30.0, -40.0 + 10.0 * t]);
     let contact = |headings: Option<Vec<f64>>| {
-        let ego = Some(EgoPath { positions: positions.clone(), headings });
+        let ego = Some(EgoPaths::one("ego", positions.points().to_vec(), headings).unwrap());
         let ctx = Context::new(&scene, &index, &ContextOptions { ego, ..ContextOptions::default() }).unwrap();
         Scorer::new(&ctx).scores(&ctx.candidate(path(|_| [30.0, 5.5]))).collision_step
     };

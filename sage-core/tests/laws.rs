@@ -4,6 +4,8 @@
 
 mod scenes;
 
+use std::sync::Arc;
+
 use sage_core::{
     geometry::{OrientedBox, distance},
     motion::{NOW, Trajectory},
@@ -15,7 +17,7 @@ use scenes::{candidate, moved, moved_path, scene};
 fn score(scene: &Scene, path: &Trajectory, convention: Convention) -> Scores {
     let index = SceneIndex::new(scene.map.clone());
     let options = ContextOptions { convention, ..ContextOptions::default() };
-    let ctx = Context::new(scene, &index, &options).unwrap();
+    let ctx = Context::new(&Arc::new(scene.clone()), &index, &options).unwrap();
     Scorer::new(&ctx).scores(&ctx.candidate(path.clone()))
 }
 
@@ -86,7 +88,7 @@ fn close(found: f64, expected: f64, tolerance: f64, what: &str) {
 fn the_fast_path_equals_the_plain_one() {
     let (mut hits, mut edges, mut agents) = (0, 0, 0);
     for seed in 0..300 {
-        let scene = scene(seed);
+        let scene = Arc::new(scene(seed));
         let index = SceneIndex::new(scene.map.clone());
         let ctx = Context::new(&scene, &index, &ContextOptions::default()).unwrap();
         for k in 0..8 {
@@ -121,7 +123,7 @@ fn is_near_tie(scene: &Scene, path: &Trajectory, convention: Convention) -> bool
             track.size.iter_mut().for_each(|s| *s = [s[0] + by, s[1] + by, s[2]]);
         }
         let s = score(&scene, path, convention);
-        (s.collision_step, s.reasons.iter().map(|r| (r.step, r.rule)).collect::<Vec<_>>())
+        (s.collision_step, s.reasons.iter().map(|r| (r.step, r.rule.clone())).collect::<Vec<_>>())
     };
     resized(1e-6) != resized(-1e-6)
 }
@@ -202,13 +204,13 @@ fn release_does_not_change_when_the_scene_is_moved() {
 #[test]
 fn an_encounter_is_the_same_from_both_sides() {
     for seed in 0..100 {
-        let scene = scene(seed);
+        let scene = Arc::new(scene(seed));
         let index = SceneIndex::new(scene.map.clone());
         let ctx = Context::new(&scene, &index, &ContextOptions::default()).unwrap();
         for k in 0..4 {
             let c = ctx.candidate(candidate(&scene, k));
-            let ego: Vec<OrientedBox> = (1..=80).map(|t| *ctx.ego_box(t).unwrap()).collect();
-            assert_eq!(Encounter::follow(&ego, c.boxes().iter().map(Some)), Encounter::of(&c, &ctx));
+            let ego: Vec<OrientedBox> = (1..=80).map(|t| *ctx.ego().box_at(t).unwrap()).collect();
+            assert_eq!(Encounter::follow(&ego, c.boxes().iter().map(Some)), Encounter::of(&c, ctx.ego()));
         }
     }
 }

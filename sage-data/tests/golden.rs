@@ -6,6 +6,7 @@
 mod real;
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use sage_core::{
     motion::Trajectory,
@@ -80,7 +81,9 @@ fn published_and_independent_values_come_out() {
     let mut scenes = HashMap::new();
     for entry in &golden.entries {
         let path = data.join(&entry.split).join(format!("{}.pkl", entry.scene));
-        scenes.entry(entry.scene).or_insert_with(|| sage_data::Recording::read(&path).unwrap().scene);
+        scenes
+            .entry(entry.scene)
+            .or_insert_with(|| Arc::new(sage_data::Recording::read(&path).unwrap().scene));
     }
     for entry in &golden.entries {
         let what = |field: &str| format!("scene {} {}: {field}", entry.scene, entry.kind);
@@ -143,7 +146,7 @@ fn published_and_independent_values_come_out() {
         }
         // The fixture's least distance runs over all steps, ours to the contact.
         if !expected.collision {
-            let least = Encounter::of(&candidate, &ctx).least_distance;
+            let least = Encounter::of(&candidate, ctx.ego()).least_distance;
             close(&what("min_distance"), least, expected.min_distance);
         }
     }

@@ -6,7 +6,7 @@ mod real;
 
 use sage_core::{
     motion::{
-        Start,
+        Pose,
         kinematics::{paper, release},
     },
     objective::{behavior_penalty, kinematic_penalty, release_reward},
@@ -86,7 +86,7 @@ fn made_up_paths_have_the_published_values() {
         close(&format!("{name} P_kin"), &[kinematic_penalty(&profile)], &[case.kinematic_penalty], 1e-12);
         close(&format!("{name} P_beh"), &[behavior_penalty(&profile)], &[case.behavior_penalty], 1e-12);
         if let Some(expected) = &case.paper {
-            let start = Start { position: expected.p0, heading: expected.psi_log };
+            let start = Pose { position: expected.p0, heading: expected.psi_log };
             let profile = paper::profile(&case.trajectory, &start);
             close(&format!("{name} paper speed"), &profile.speed, &expected.speed, 1e-12);
             close(&format!("{name} paper heading"), &profile.heading, &expected.heading, 1e-12);

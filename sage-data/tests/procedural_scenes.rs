@@ -5,6 +5,7 @@
 mod real;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use sage_core::{
     geometry::{distance, wrap_angle},
@@ -46,7 +47,7 @@ fn every_scene_passes_the_checks_of_recorded_ones_in_both_formats() {
 
 #[test]
 fn the_logs_are_clean_and_some_simple_attack_hits() {
-    for scene in scenes(20) {
+    for scene in scenes(20).map(Arc::new) {
         let index = SceneIndex::new(scene.map.clone());
         let ctx = Context::new(&scene, &index, &ContextOptions::default()).unwrap();
         let scorer = Scorer::new(&ctx);
@@ -57,8 +58,8 @@ fn the_logs_are_clean_and_some_simple_attack_hits() {
         let logged = scorer.scores(&ctx.candidate(log(scene.adversary.unwrap())));
         assert!(logged.feasible && !logged.collision, "{}: {:?}", scene.id, logged.reasons);
         let ego =
-            scene.clone().with_roles(Some(&scene.adversary().unwrap().id), Some(&scene.ego().id)).unwrap();
-        let swapped = Context::new(&ego, &index, &ContextOptions::default()).unwrap();
+            (*scene).clone().with_roles(Some(&scene.adversary().unwrap().id), Some(&scene.ego().id)).unwrap();
+        let swapped = Context::new(&Arc::new(ego), &index, &ContextOptions::default()).unwrap();
         let logged = Scorer::new(&swapped).scores(&swapped.candidate(log(scene.ego)));
         assert!(logged.feasible && !logged.collision, "{}: {:?}", scene.id, logged.reasons);
         let hits = procedural::attacks(&scene).into_iter().any(|(_, path)| {

@@ -9,6 +9,7 @@ use std::{
     collections::{BTreeMap, HashMap},
     path::{Path, PathBuf},
     process::Command,
+    sync::Arc,
 };
 
 use sage_core::{
@@ -177,7 +178,9 @@ fn recorded_drivers_break_the_strict_rule_no_more_than_the_papers() {
             }
             let mut turned = scene.clone();
             (turned.ego, turned.adversary) = (other, Some(one));
-            let Ok(ctx) = Context::new(&turned, &index, &ContextOptions::default()) else { continue };
+            let Ok(ctx) = Context::new(&Arc::new(turned), &index, &ContextOptions::default()) else {
+                continue;
+            };
             let points = (NOW + 1..=NOW + HORIZON).map(|f| track.point(f)).collect();
             let scores = Scorer::new(&ctx).scores(&ctx.candidate(Trajectory::new("log", points).unwrap()));
             found.push((scores.feasible, scores.feasible_strict));

@@ -7,6 +7,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::Error;
+
 /// The table: μ at a = 0, 1/n, … 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
@@ -18,15 +20,15 @@ impl Aggression {
     /// A table from its values of μ.
     ///
     /// *Errors*: fewer than two, one outside [0, 1], or one smaller than the one before.
-    pub fn new(mu: Vec<f64>) -> Result<Self, String> {
+    pub fn new(mu: Vec<f64>) -> Result<Self, Error> {
         if mu.len() < 2 {
-            return Err(format!("a dial of {} values of mu; expected at least 2", mu.len()));
+            return fail(format!("a dial of {} values of mu; expected at least 2", mu.len()));
         }
         if let Some(bad) = mu.iter().find(|m| !(0.0..=1.0).contains(*m)) {
-            return Err(format!("a dial with mu {bad}; expected 0 to 1"));
+            return fail(format!("a dial with mu {bad}; expected 0 to 1"));
         }
         match mu.windows(2).find(|pair| pair[1] < pair[0]) {
-            Some(pair) => Err(format!("a dial whose mu falls from {} to {}", pair[0], pair[1])),
+            Some(pair) => fail(format!("a dial whose mu falls from {} to {}", pair[0], pair[1])),
             None => Ok(Self { mu }),
         }
     }
@@ -34,9 +36,9 @@ impl Aggression {
     /// λ and μ at an aggression.
     ///
     /// *Errors*: one outside [0, 1].
-    pub fn place(&self, aggression: f64) -> Result<(f64, f64), String> {
+    pub fn place(&self, aggression: f64) -> Result<(f64, f64), Error> {
         if !(0.0..=1.0).contains(&aggression) {
-            return Err(format!("aggression is {aggression}; expected 0 (realistic) to 1 (adversarial)"));
+            return fail(format!("aggression is {aggression}; expected 0 (realistic) to 1 (adversarial)"));
         }
         let last = self.mu.len() - 1;
         let at = aggression * last as f64;
@@ -52,10 +54,10 @@ impl Aggression {
     /// from 0 to 1.
     ///
     /// *Errors*: rates of other shapes.
-    pub fn fit(grid: &[f64], rates: &[Vec<f64>]) -> Result<Self, String> {
+    pub fn fit(grid: &[f64], rates: &[Vec<f64>]) -> Result<Self, Error> {
         let steps = rates.len();
         if steps < 2 || grid.len() < 2 || rates.iter().any(|row| row.len() != grid.len()) {
-            return Err(format!("rates of {steps} places at {} values of mu cannot be fitted", grid.len()));
+            return fail(format!("rates of {steps} places at {} values of mu cannot be fitted", grid.len()));
         }
         let last = grid.len() - 1;
         let (low, high) = (rates[0][0], rates[steps - 1][last]);
@@ -89,10 +91,14 @@ impl Aggression {
     }
 }
 
-impl TryFrom<Vec<f64>> for Aggression {
-    type Error = String;
+fn fail<T>(problem: String) -> Result<T, Error> {
+    Err(Error::Dial { problem })
+}
 
-    fn try_from(mu: Vec<f64>) -> Result<Self, String> {
+impl TryFrom<Vec<f64>> for Aggression {
+    type Error = Error;
+
+    fn try_from(mu: Vec<f64>) -> Result<Self, Error> {
         Self::new(mu)
     }
 }
@@ -110,9 +116,9 @@ mod tests {
     #[test]
     fn between_its_values_a_table_is_straight_and_lambda_is_the_aggression() {
         let dial = Aggression::new(vec![0.0, 0.1, 1.0]).unwrap();
-        assert_eq!(dial.place(0.0), Ok((0.0, 0.0)));
-        assert_eq!(dial.place(0.5), Ok((0.5, 0.1)));
-        assert_eq!(dial.place(1.0), Ok((1.0, 1.0)));
+        assert_eq!(dial.place(0.0).unwrap(), (0.0, 0.0));
+        assert_eq!(dial.place(0.5).unwrap(), (0.5, 0.1));
+        assert_eq!(dial.place(1.0).unwrap(), (1.0, 1.0));
         let (lambda, mu) = dial.place(0.75).unwrap();
         assert!(lambda == 0.75 && (mu - 0.55).abs() < 1e-12);
     }

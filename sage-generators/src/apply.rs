@@ -2,7 +2,7 @@
 
 use sage_core::{
     geometry::Point,
-    motion::{DT, HORIZON, NOW, Start, Trajectory, kinematics::paper},
+    motion::{DT, HORIZON, NOW, Pose, Trajectory, kinematics::paper},
     scene::Scene,
 };
 
@@ -25,7 +25,7 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
     let mut scene = scene.clone();
     let track = &mut scene.tracks[adversary];
     let last = (0..=NOW).rev().find(|f| track.is_valid(*f)).unwrap_or(NOW);
-    let start = Start { position: track.point(last), heading: track.heading[last] };
+    let start = Pose { position: track.point(last), heading: track.heading[last] };
     let points = attack.points();
     let axes = paper::profile(points, &start).axis;
     let (height, size) = (track.position[last][2], track.size[last]);

@@ -1,31 +1,31 @@
 //! Generators of adversarial scenes: what the adversary should do to get the ego into trouble.
 //!
-//! Each is a [`sage_core::generator::Generator`]: [`Steered`] is SAGE (and, over a prior, the row that
-//! tells what choice alone does), [`Cat`], [`Rule`], and the floors and ceilings of a table:
-//! [`Log`], [`MostLikely`], [`RandomGoals`], [`Oracle`]. [`methods`] builds them by name; an
-//! [`Aggression`] makes one even dial of the two weights.
+//! Each is a [`sage_core::generator::Generator`], built by name from [`generators`] and
+//! [`GeneratorInputs`]. Most are a [`Pair`]: a proposer ([`proposers`]), which sees what can be seen *now*, and a
+//! selector ([`select`]), which may know the ego's path. [`Rule`] and [`Log`] are generators by themselves. An
+//! [`Aggression`] makes one even dial of λ and μ.
 
 mod aggression;
 mod apply;
-mod cat;
-pub mod choice;
+mod dial;
+mod drivable;
+mod error;
+mod kind;
 mod log;
-mod method;
-mod most_likely;
-mod oracle;
-mod random_goals;
+mod mixtures;
+mod pair;
+pub mod proposers;
 mod rule;
-mod steered;
+pub mod select;
 mod timing;
 
 pub use aggression::Aggression;
 pub use apply::attacked;
-pub use cat::{Cat, CatChoice, EgoPaths, cat_plan, cat_select};
-pub use choice::{Choice, Judge, Judged};
+pub use dial::{DIAL_FILE, Dials, FittedDial, hashes};
+pub use drivable::{drivable, is_drivable};
+pub use error::Error;
+pub use kind::{Facts, GeneratorInputs, GeneratorKind, generators};
 pub use log::{Log, logged_future};
-pub use method::{Method, Setting, methods};
-pub use most_likely::MostLikely;
-pub use oracle::Oracle;
-pub use random_goals::RandomGoals;
+pub use mixtures::Mixtures;
+pub use pair::{Pair, ProposerKind};
 pub use rule::{Rule, bezier};
-pub use steered::{Steered, SteeredOptions};

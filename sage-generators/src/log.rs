@@ -2,7 +2,7 @@
 
 use sage_core::{
     Error,
-    generator::{Attack, Generator, Proposed},
+    generator::{Attack, Generator, Knowledge, OperatingPoint, Proposal},
     motion::{HORIZON, NOW, Trajectory},
     objective::Context,
     registry::Entry,
@@ -10,7 +10,7 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{Method, Setting};
+use crate::{Facts, GeneratorInputs, GeneratorKind};
 
 /// The recording; a frame in which the adversary was not seen repeats its last place.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
@@ -18,37 +18,29 @@ use crate::{Method, Setting};
 pub struct Log {}
 
 impl Generator for Log {
-    fn name(&self) -> String {
-        "log".to_owned()
-    }
-
-    fn generate(&self, ctx: &Context, _seed: u64) -> Result<Attack, Error> {
-        let trajectory = logged_future(ctx.scene())?;
-        Ok(Attack {
-            candidates: vec![Proposed { trajectory, log_prob: None, goal: None }],
-            chosen: 0,
-            note: None,
-        })
+    fn attacks(&self, ctx: &Context, at: &[OperatingPoint], _: u64) -> Result<Vec<Attack>, Error> {
+        let attack = Attack::only(Proposal::of(logged_future(ctx.scene())?));
+        Ok(vec![attack; at.len()])
     }
 }
 
-impl Method for Log {
-    fn is_steered(&self) -> bool {
-        false
+impl GeneratorKind for Log {
+    fn facts(&self) -> Facts {
+        Facts::without_dial(Knowledge { ego_future: false, others_future: false, own_future: true })
     }
 
-    fn generator(&self, _: &Setting) -> Result<Box<dyn Generator>, String> {
+    fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         Ok(Box::new(*self))
     }
 }
 
-impl Entry<dyn Method> for Log {
+impl Entry<dyn GeneratorKind> for Log {
     const NAME: &'static str = "log";
     const SUMMARY: &'static str = "no attack: the recording";
     const SOURCE: &'static str = "this project";
     type Options = Self;
 
-    fn build(options: Self) -> Result<Box<dyn Method>, String> {
+    fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
         Ok(Box::new(options))
     }
 }

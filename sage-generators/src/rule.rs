@@ -6,7 +6,7 @@
 
 use sage_core::{
     Error,
-    generator::{Attack, Generator, Proposed},
+    generator::{Attack, Generator, Knowledge, OperatingPoint, Proposal},
     geometry::Point,
     motion::{HORIZON, NOW, Trajectory},
     objective::Context,
@@ -14,7 +14,7 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{Method, Setting};
+use crate::{Facts, GeneratorInputs, GeneratorKind};
 
 /// The rule.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
@@ -25,13 +25,18 @@ pub struct Rule {
 }
 
 impl Generator for Rule {
-    fn name(&self) -> String {
-        if self.raw { "rule (raw)" } else { "rule" }.to_owned()
+    fn attacks(&self, ctx: &Context, at: &[OperatingPoint], _: u64) -> Result<Vec<Attack>, Error> {
+        let attack = Attack::only(Proposal::of(self.trajectory(ctx)?));
+        Ok(vec![attack; at.len()])
     }
+}
 
-    fn generate(&self, ctx: &Context, _seed: u64) -> Result<Attack, Error> {
+impl Rule {
+    fn trajectory(&self, ctx: &Context) -> Result<Trajectory, Error> {
         let track = ctx.adversary();
-        let ego: Vec<Point> = ctx.ego_positions().to_vec();
+        let mut ego: Vec<Point> = ctx.ego().positions().to_vec();
+        // An ego that is gone early counts as standing there.
+        ego.resize(HORIZON, *ego.last().unwrap_or(&ctx.scene().ego().point(NOW)));
         // The frame itself, or the nearest that was seen, an earlier one of two.
         let place = |frame: usize| {
             if self.raw || track.is_valid(frame) {
@@ -48,32 +53,27 @@ impl Generator for Rule {
             let [a, b] = [future[future.len() - 2], future[future.len() - 1]];
             future.push([2.0 * b[0] - a[0], 2.0 * b[1] - a[1]]);
         }
-        let trajectory = Trajectory::new("rule", future)?;
-        Ok(Attack {
-            candidates: vec![Proposed { trajectory, log_prob: None, goal: None }],
-            chosen: 0,
-            note: None,
-        })
+        Trajectory::new("rule", future)
     }
 }
 
-impl Method for Rule {
-    fn is_steered(&self) -> bool {
-        false
+impl GeneratorKind for Rule {
+    fn facts(&self) -> Facts {
+        Facts::without_dial(Knowledge { ego_future: true, others_future: false, own_future: true })
     }
 
-    fn generator(&self, _: &Setting) -> Result<Box<dyn Generator>, String> {
+    fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         Ok(Box::new(*self))
     }
 }
 
-impl Entry<dyn Method> for Rule {
+impl Entry<dyn GeneratorKind> for Rule {
     const NAME: &'static str = "rule";
     const SUMMARY: &'static str = "a Bezier curve that cuts in onto the ego's way";
     const SOURCE: &'static str = "CAT's rule-based generator";
     type Options = Self;
 
-    fn build(options: Self) -> Result<Box<dyn Method>, String> {
+    fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
         Ok(Box::new(options))
     }
 }

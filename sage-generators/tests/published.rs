@@ -5,7 +5,7 @@
 //! project: with `SAGE_DATA` set, they are compared too.
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 use safetensors::{Dtype, SafeTensors};
 use sage_core::{
@@ -14,7 +14,10 @@ use sage_core::{
     objective::{Context, ContextOptions, Convention, behavior_penalty, kinematic_penalty, release_reward},
     scene::SceneIndex,
 };
-use sage_generators::{EgoPaths, bezier, cat_plan, cat_select, logged_future};
+use sage_generators::{
+    bezier, logged_future,
+    select::{cat_plan, cat_select},
+};
 
 struct Case<'f> {
     file: &'f SafeTensors<'f>,
@@ -51,8 +54,7 @@ fn the_eight_cases_choose_score_and_plan_as_published() {
         let case = Case { file: &file, number };
         let (candidates, ego) = (case.paths("candidates"), case.paths("ego"));
         let candidates: Vec<&[Point]> = candidates.iter().map(Vec::as_slice).collect();
-        let ego =
-            EgoPaths { paths: ego.iter().map(Vec::as_slice).collect(), weights: case.numbers("ego_prob") };
+        let ego: Vec<_> = ego.iter().map(Vec::as_slice).zip(case.numbers("ego_prob")).collect();
         let found = cat_select(
             &candidates,
             &case.numbers("log_prob"),
@@ -82,7 +84,7 @@ fn the_eight_cases_choose_score_and_plan_as_published() {
 
 /// The rule's own 79 points in `release`, as the check values are of.
 fn released(path: &Path) -> [f64; 3] {
-    let scene = sage_data::Recording::read(path).unwrap().scene;
+    let scene = Arc::new(sage_data::Recording::read(path).unwrap().scene);
     let index = SceneIndex::new(scene.map.clone());
     let options = ContextOptions { convention: Convention::Release, ..ContextOptions::default() };
     let ctx = Context::new(&scene, &index, &options).unwrap();
@@ -92,7 +94,7 @@ fn released(path: &Path) -> [f64; 3] {
         track.point(seen.min_by_key(|f| (f.abs_diff(frame), *f)).unwrap())
     };
     let first = if track.is_valid(11) { track.point(11) } else { track.point(10) };
-    let ego = ctx.ego_positions();
+    let ego = ctx.ego().positions();
     let future = bezier(first, at(31), ego);
     assert_eq!(future.len(), 79);
     let (reward, _) = release_reward(&future, ctx.size(), ego, ctx.ego_size());

@@ -1,25 +1,34 @@
-//! Weight interpolation: `(1 − λ) θ_real + λ θ_adv`.
+//! Weight interpolation: `(1 − λ) θ_real + λ θ_adv`, and `Σ w_i θ_i` for more experts.
+//!
+//! Laws: at a corner the expert's own numbers, bit for bit; a number that all experts share is left as it is;
+//! continuous in the weights.
 
 use sage_core::registry::Entry;
 use serde::{Deserialize, Serialize};
 
-use crate::Merger;
+use crate::{Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet, merger::mix_numbers};
 
 /// The paper's mixture.
+#[derive(Clone, Copy)]
 pub struct Linear;
 
-/// [`Linear`] has no options.
+/// It has no options.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct LinearOptions {}
+pub struct NoOptions {}
 
-impl Merger for Linear {
-    fn name(&self) -> &'static str {
-        <Self as Entry<dyn Merger>>::NAME
+impl TensorMerger for Linear {
+    fn prepare(&self, _: &ExpertSet, _: u64) -> Result<Box<dyn TensorRule>, Error> {
+        Ok(Box::new(*self))
     }
+}
 
-    fn mix(&self, _prior: f32, realistic: f32, adversarial: f32, lambda: f64) -> f32 {
-        ((1.0 - lambda) * f64::from(realistic) + lambda * f64::from(adversarial)) as f32
+impl TensorRule for Linear {
+    fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
+        mix_numbers(tensor, at, out, |numbers, _| {
+            let terms = numbers.iter().zip(at).map(|(x, weight)| weight * f64::from(*x));
+            terms.reduce(|sum, term| sum + term).unwrap_or(0.0)
+        });
     }
 }
 
@@ -27,9 +36,9 @@ impl Entry<dyn Merger> for Linear {
     const NAME: &'static str = "linear";
     const SUMMARY: &'static str = "weight interpolation, (1 − λ) realistic + λ adversarial";
     const SOURCE: &'static str = "SAGE (ICLR 2026)";
-    type Options = LinearOptions;
+    type Options = NoOptions;
 
-    fn build(_: LinearOptions) -> Result<Box<dyn Merger>, String> {
+    fn build(_: NoOptions) -> Result<Box<dyn Merger>, String> {
         Ok(Box::new(Self))
     }
 }

@@ -1,29 +1,30 @@
-//! Preference vectors: `θ_prior + (1 − λ) (θ_real − θ_prior) + λ (θ_adv − θ_prior)`.
+//! Preference vectors: `θ_prior + Σ w_i (θ_i − θ_prior)`.
 //!
-//! The same line as [`crate::Linear`] seen from the prior, and the form that goes on to more experts
-//! and beyond them.
+//! On the simplex the same line as [`crate::Linear`] seen from the prior, with the same laws. Its form goes on
+//! beyond the experts.
 
 use sage_core::registry::Entry;
-use serde::{Deserialize, Serialize};
 
-use crate::Merger;
+use crate::{
+    Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet, linear::NoOptions, merger::mix_numbers,
+};
 
 /// The vector form.
+#[derive(Clone, Copy)]
 pub struct PreferenceVector;
 
-/// [`PreferenceVector`] has no options.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PreferenceVectorOptions {}
-
-impl Merger for PreferenceVector {
-    fn name(&self) -> &'static str {
-        <Self as Entry<dyn Merger>>::NAME
+impl TensorMerger for PreferenceVector {
+    fn prepare(&self, _: &ExpertSet, _: u64) -> Result<Box<dyn TensorRule>, Error> {
+        Ok(Box::new(*self))
     }
+}
 
-    fn mix(&self, prior: f32, realistic: f32, adversarial: f32, lambda: f64) -> f32 {
-        let [prior, realistic, adversarial] = [prior, realistic, adversarial].map(f64::from);
-        (prior + (1.0 - lambda) * (realistic - prior) + lambda * (adversarial - prior)) as f32
+impl TensorRule for PreferenceVector {
+    fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
+        mix_numbers(tensor, at, out, |numbers, prior| {
+            let prior = f64::from(prior);
+            numbers.iter().zip(at).fold(prior, |sum, (x, weight)| sum + weight * (f64::from(*x) - prior))
+        });
     }
 }
 
@@ -31,9 +32,9 @@ impl Entry<dyn Merger> for PreferenceVector {
     const NAME: &'static str = "preference-vector";
     const SUMMARY: &'static str = "the prior plus the mixture of what each expert moved";
     const SOURCE: &'static str = "SAGE (ICLR 2026), after task arithmetic (Ilharco et al. 2023)";
-    type Options = PreferenceVectorOptions;
+    type Options = NoOptions;
 
-    fn build(_: PreferenceVectorOptions) -> Result<Box<dyn Merger>, String> {
+    fn build(_: NoOptions) -> Result<Box<dyn Merger>, String> {
         Ok(Box::new(Self))
     }
 }

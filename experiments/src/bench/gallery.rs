@@ -23,11 +23,12 @@ use crate::{
 ///
 /// *Errors*: the folder cannot be written to.
 pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &str) -> Result<()> {
-    let cases: Vec<_> = table.iter().map(|(_, rows)| cases(rows)).collect();
+    let cases: Vec<_> = table.rows.iter().map(|(.., rows)| cases(rows)).collect();
     let shown: HashSet<&str> = cases.iter().flatten().map(|(_, row)| &row.scene[..]).collect();
     let scenes = scenes.by_name(&shown)?;
     let mut cards = String::new();
-    for (k, (method, rows)) in table.iter().enumerate() {
+    for (k, (key, _, rows)) in table.rows.iter().enumerate() {
+        let method = &key.label();
         writeln!(cards, "<h2>{}</h2>", escaped(method))?;
         writeln!(
             cards,

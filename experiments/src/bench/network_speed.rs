@@ -10,21 +10,18 @@ use sage_backbones::{
     features::Features,
     nn::AdamWConfig,
     prediction::predict,
-    training::{Examples, SceneData, Trainer, recorded_sample},
+    training::{Examples, SceneData, Trainer, recorded_sample, trainable},
 };
 use sage_core::{
+    generator::{Mixture, OperatingPoint},
     objective::{Context, ContextOptions},
     registry::Registry,
     seed::Rng,
     statistics::median,
 };
-use sage_generators::Choice;
-use sage_merging::{Dial, Merger, mergers};
+use sage_merging::{InterpolatedModel, Merger, mergers};
 
-use crate::{
-    methods::{self, Choosing, Place},
-    networks,
-};
+use crate::{Registries, generators, networks, selection};
 
 use super::speed::{CANDIDATES, Data, Timing, measure, timing};
 
@@ -67,7 +64,7 @@ pub(super) fn run(data: &Data, repeat: usize, mut report: impl FnMut(Timing) -> 
 
     report(timing(
         "look around one target, median of scenes",
-        over(&cases, repeat, |case| Ok(ours.features(&case.data.scene, &case.data.index, case.target)?))?,
+        over(&cases, repeat, |case| Ok(ours.features(&case.data.observe()?, case.target, None)?))?,
         Some(1.0),
     ))?;
     report(timing(
@@ -127,22 +124,31 @@ fn steering(
     report: &mut impl FnMut(Timing) -> Result<()>,
 ) -> Result<()> {
     let experts = networks::load_experts(registry, "procedural")?;
-    let merger = || -> Result<Box<dyn Merger>> { Ok(mergers()?.build_default("linear")?) };
-    let choosing = Choosing { choice: Choice::Natural, strict: false };
-    let sage = sage_generators::methods()?.build_default("sage")?;
-    let generator = methods::build(&*sage, Place::at(0.5, None)?, choosing, &experts, &*merger()?)?;
-    let mut attacks = Vec::new();
+    let registries = Registries::shipped()?;
+    let merger: Arc<dyn Merger> = mergers()?.build_default("linear")?.into();
+    let selection = selection::Selection::of(&registries, "natural", None)?;
+    let inputs = generators::inputs(Some(&experts), &merger, &selection, 0);
+    let sage = registries.generators.build_default("sage")?.build(&inputs)?;
+    let at = |lambda: f64| OperatingPoint { mixture: Mixture::between(lambda), mu: lambda };
+    let sweep: Vec<OperatingPoint> = (0..11).map(|k| at(f64::from(k) / 10.0)).collect();
+    let (mut attacks, mut sweeps) = (Vec::new(), Vec::new());
     for case in cases {
         let ctx = Context::new(&case.data.scene, &case.data.index, &ContextOptions::default())?;
-        attacks.extend(over(std::slice::from_ref(case), repeat, |_| Ok(generator.generate(&ctx, 0)?))?);
+        let case = std::slice::from_ref(case);
+        attacks.extend(over(case, repeat, |_| Ok(sage.attacks(&ctx, &[at(0.5)], 0)?))?);
+        sweeps.extend(over(case, repeat.div_ceil(4), |_| Ok(sage.attacks(&ctx, &sweep, 0)?))?);
     }
+    let further: Vec<f64> = sweeps.iter().zip(&attacks).map(|(all, one)| (all - one) / 10.0).collect();
     report(timing("attack: indexed scene to chosen trajectory, median of scenes", attacks, Some(10.0)))?;
-    let mut dial = Dial::new(&experts, merger()?)?;
+    report(timing("attack: each further lambda of eleven, median of scenes", further, None))?;
+    let linear = merger.tensors().context("linear mixes weights")?;
+    let mut model = InterpolatedModel::new(&experts, linear, 0)?;
     let mut lambda = 0.0;
     let turns = measure(repeat, || {
         lambda = (lambda + 0.37) % 1.0;
+        let at = Mixture::between(lambda);
         let start = Instant::now();
-        let turned = dial.turn(lambda);
+        let turned = model.set(&at);
         (start.elapsed(), black_box(turned))
     });
     report(timing("lambda turned in place", turns, Some(1.0)))
@@ -150,7 +156,7 @@ fn steering(
 
 /// Features with exactly [`GOALS`] goals: those there are, over and over.
 fn features(network: &dyn Backbone, case: &Case) -> Result<Arc<Features>> {
-    let features = network.features(&case.data.scene, &case.data.index, case.target)?;
+    let features = network.features(&case.data.observe()?, case.target, None)?;
     let keep: Vec<usize> = (0..features.modes()).cycle().take(GOALS).collect();
     Ok(Arc::new(features.with_goals(&keep)))
 }
@@ -184,14 +190,14 @@ fn forward(network: &dyn Backbone, cases: &[Case], repeat: usize) -> Result<Vec<
 fn step(network: &dyn Backbone, cases: &[Case], repeat: usize) -> Result<Vec<f64>> {
     let mut medians = Vec::new();
     for case in cases {
-        let mut sample = recorded_sample(&case.data, case.target, network)?;
+        let mut sample = recorded_sample(&case.data, case.target, trainable(network)?)?;
         let all = Arc::unwrap_or_clone(sample.features);
         let keep: Vec<usize> = (0..all.modes()).cycle().take(GOALS).collect();
         sample.features = Arc::new(all.with_goals(&keep));
         let mut trainer =
             Trainer::new(network, |name| network.role(name).is_pretrained(), AdamWConfig::default())?;
         medians.extend(over(std::slice::from_ref(case), repeat, |_| {
-            let loss = trainer.network().loss(&sample)?;
+            let loss = trainer.trainable()?.loss(&sample)?;
             let gradient = trainer.gradient(&loss, "bench")?;
             Ok(trainer.update(&[gradient], 1e-4, 5.0)?)
         })?);

@@ -1,23 +1,29 @@
 //! The table of generators against a replayed ego: the paper's columns and what they hide.
 
-use std::time::Instant;
+use std::{sync::Arc, time::Instant};
 
 use anyhow::Result;
 use sage_backbones::{
-    Backbone,
+    Backbone, MotionModel,
     backbone::finite,
-    training::{Expectation, SceneData, TunedScene},
+    features::Frame,
+    training::{Expectation, Measures, SceneData, TunedScene},
 };
 use sage_core::{
-    generator::Generator,
+    generator::{Attack, Note},
     geometry::distance,
     motion::{HORIZON, NOW, Trajectory},
-    objective::{CollisionKind, Context, ContextOptions, Convention, Naturalness, Scorer, Scores},
+    objective::{
+        CollisionKind, Context, ContextOptions, Convention, FurtherMeasures, Naturalness, Scorer, Scores,
+        Situation,
+    },
     seed::Rng,
     statistics::{self, Estimate},
 };
 use sage_generators::logged_future;
 use serde::{Deserialize, Serialize};
+
+use crate::{generators::BuiltGenerator, operating_point::RowKey};
 
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
@@ -27,8 +33,8 @@ const RESAMPLES: usize = 2000;
 pub struct SceneRow {
     /// Scene.
     pub scene: String,
-    /// Method with its lambda.
-    pub method: String,
+    /// The generator, and where its dials were put.
+    pub key: RowKey,
     /// Scores in the `paper` convention.
     pub paper: Scores,
     /// Scores in the `release` convention.
@@ -45,10 +51,10 @@ pub struct SceneRow {
     pub kind: Option<CollisionKind>,
     /// The chosen way, metres, world frame.
     pub trajectory: Trajectory,
-    /// Seconds to generate it.
+    /// Seconds to generate it: an even share of what all operating points of the generator took.
     pub seconds: f64,
     /// What the generator has to say of its choice.
-    pub note: Option<String>,
+    pub note: Option<Note>,
 }
 
 /// One column of the table: a name and what it takes from a row; none where it was not measured.
@@ -56,17 +62,51 @@ pub struct Column {
     /// Its name.
     pub name: &'static str,
     /// Its value in a scene.
-    pub value: fn(&SceneRow) -> Option<f64>,
+    pub value: Value,
     /// Whether it says of each scene yes or no.
     pub is_share: bool,
 }
 
+/// How a column takes its value from a row.
+#[derive(Clone, Copy)]
+pub enum Value {
+    /// A measure of ours.
+    Of(fn(&SceneRow) -> Option<f64>),
+    /// The further reward of the column's name.
+    Reward,
+    /// Whether the further rule of the column's name is kept.
+    Rule,
+}
+
+impl Column {
+    /// Its value in a scene; none where it was not measured.
+    pub fn of(&self, row: &SceneRow) -> Option<f64> {
+        match self.value {
+            Value::Of(value) => value(row),
+            Value::Reward => row.paper.rewards.get(self.name).copied().flatten(),
+            Value::Rule => row.paper.rules.get(self.name).and_then(|broken| yes(broken.is_empty())),
+        }
+    }
+}
+
+/// The columns of a table: ours, then a mean for each further reward and a share for each further rule.
+pub(crate) fn columns(further: &FurtherMeasures) -> Vec<Column> {
+    let own = COLUMNS.iter().map(|c| Column { name: c.name, value: c.value, is_share: c.is_share });
+    let rewards = further.rewards().filter(|name| !SHOWN.contains(name));
+    let rewards = rewards.map(|name| Column { name, value: Value::Reward, is_share: false });
+    let rules = further.rules().map(|name| Column { name, value: Value::Rule, is_share: true });
+    own.chain(rewards).chain(rules).collect()
+}
+
+/// Rewards that columns of ours show already, in another form.
+const SHOWN: [&str; 3] = ["realism", "lane-distance", "nll"];
+
 const fn share(name: &'static str, value: fn(&SceneRow) -> Option<f64>) -> Column {
-    Column { name, value, is_share: true }
+    Column { name, value: Value::Of(value), is_share: true }
 }
 
 const fn mean_of(name: &'static str, value: fn(&SceneRow) -> Option<f64>) -> Column {
-    Column { name, value, is_share: false }
+    Column { name, value: Value::Of(value), is_share: false }
 }
 
 /// The columns, the paper's first.
@@ -108,78 +148,122 @@ fn yes(is: bool) -> Option<f64> {
 /// Mean of a column over rows with its 95 % interval over scenes: Wilson's for shares of scenes, a
 /// bootstrap for the rest.
 pub fn estimate(column: &Column, rows: &[SceneRow]) -> Option<Estimate> {
-    let values: Vec<f64> = rows.iter().filter_map(column.value).collect();
+    let values: Vec<f64> = rows.iter().filter_map(|row| column.of(row)).collect();
     if values.iter().all(|v| *v == 0.0 || *v == 1.0) && column.is_share {
         return statistics::wilson(values.iter().filter(|v| **v == 1.0).count(), values.len());
     }
     statistics::bootstrap_mean(&values, RESAMPLES, &mut Rng::new(0, column.name, "open loop"))
 }
 
-/// Runs one generator on one scene.
-///
-/// *Errors*: those of the generator.
-pub fn run(data: &SceneData, generator: &dyn Generator, prior: &dyn Backbone, seed: u64) -> Result<SceneRow> {
-    let context = |convention| {
-        let options = ContextOptions { convention, ..ContextOptions::default() };
-        Context::new(&data.scene, &data.index, &options)
-    };
-    let (ctx, release) = (context(Convention::Paper)?, context(Convention::Release)?);
-    let clock = Instant::now();
-    let attack = generator.generate(&ctx, seed)?;
-    let seconds = clock.elapsed().as_secs_f64();
-    attack.check(&data.scene)?;
-    let chosen = attack.trajectory();
-    let log = logged_future(&data.scene)?;
-    let adversary = ctx.adversary();
-    let [natural, natural_log] =
-        [chosen, &log].map(|path| Naturalness::of(&ctx.candidate(path.clone()), &ctx));
-    let candidate = ctx.candidate(chosen.clone());
-    let paper = Scorer::new(&ctx).scores(&candidate);
-    let [surprise, surprise_log] = surprises(data, prior, [chosen, &log])?;
-    Ok(SceneRow {
-        scene: data.name.clone(),
-        method: generator.name(),
-        kind: CollisionKind::of(&candidate, &ctx, paper.collision_step, &paper.criticality),
-        paper,
-        release: Scorer::new(&release).scores(&release.candidate(chosen.clone())),
-        natural,
-        natural_log: (adversary.count_valid(NOW + 1..NOW + 1 + HORIZON) == HORIZON).then_some(natural_log),
-        surprise,
-        surprise_log: surprise_log.filter(|_| adversary.is_valid(NOW + HORIZON)),
-        trajectory: chosen.clone(),
-        seconds,
-        note: attack.note,
-    })
+/// A scene made ready for the rows of all generators.
+pub(crate) struct MeasuredScene<'d> {
+    data: &'d SceneData,
+    ctx: Context,
+    release: Context,
+    further: &'d FurtherMeasures,
+    natural_log: Naturalness,
+    likelihood: Option<PriorOfAdversary>,
+    surprise_log: Option<f64>,
 }
 
-/// −log p of the goals nearest to the ends of two paths; none if the adversary is not there *now*.
-fn surprises(data: &SceneData, prior: &dyn Backbone, paths: [&Trajectory; 2]) -> Result<[Option<f64>; 2]> {
-    let adversary = data.scene.adversary_index()?;
-    if !data.scene.tracks[adversary].is_valid(NOW) {
-        return Ok([None; 2]);
+impl<'d> MeasuredScene<'d> {
+    /// Prepares contexts in both conventions, the log, and the prior's view of the adversary.
+    ///
+    /// *Errors*: a scene that cannot be attacked; those of the prior.
+    pub(crate) fn new(
+        data: &'d SceneData,
+        prior: &dyn Backbone,
+        further: &'d FurtherMeasures,
+    ) -> Result<Self> {
+        let context = |convention| {
+            let options = ContextOptions { convention, ..ContextOptions::default() };
+            Context::new(&data.scene, &data.index, &options)
+        };
+        let (ctx, release) = (context(Convention::Paper)?, context(Convention::Release)?);
+        let log = logged_future(&data.scene)?;
+        let natural_log = Naturalness::of(&ctx.candidate(log.clone()), &ctx);
+        let likelihood = PriorOfAdversary::of(data, prior)?;
+        let surprise_log = likelihood.as_ref().and_then(|prior| prior.surprise(&log));
+        Ok(Self { data, ctx, release, further, natural_log, likelihood, surprise_log })
     }
-    let features = prior.features(&data.scene, &data.index, adversary)?;
-    let encoding = prior.encode(features.into())?;
-    let log_probs: Vec<f64> = finite(&prior.log_probs(&encoding)?)?;
-    let ends = prior.mode_ends(&encoding)?;
-    let surprise = |path: &Trajectory| {
-        let end = encoding.features().frame.to_local(path.points()[HORIZON - 1]);
-        let gap = |k: &usize| distance(ends[*k].map(f64::from), end);
-        (0..ends.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))).map(|k| -log_probs[k])
-    };
-    Ok(paths.map(surprise))
+
+    /// Runs a generator at all its operating points; a row for each.
+    ///
+    /// *Errors*: those of the generator.
+    pub(crate) fn rows(&self, built: &BuiltGenerator, seed: u64) -> Result<Vec<SceneRow>> {
+        let clock = Instant::now();
+        let attacks = built.generator.attacks(&self.ctx, &built.points, seed)?;
+        let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
+        let rows = built.keys.iter().zip(attacks);
+        rows.map(|(key, attack)| self.row(key.clone(), attack, seconds)).collect()
+    }
+
+    fn row(&self, key: RowKey, attack: Attack, seconds: f64) -> Result<SceneRow> {
+        let Self { data, ctx, release, natural_log, .. } = self;
+        attack.check(&data.scene)?;
+        let chosen = attack.trajectory();
+        let adversary = ctx.adversary();
+        let candidate = ctx.candidate(chosen.clone());
+        let paper = Scorer::with(ctx, self.further).scores(&candidate);
+        let situation = Situation::new(&candidate, ctx.ego(), ctx);
+        Ok(SceneRow {
+            scene: data.name.clone(),
+            key,
+            kind: CollisionKind::of(&situation, &paper.criticality),
+            paper,
+            release: Scorer::new(release).scores(&release.candidate(chosen.clone())),
+            natural: Naturalness::of(&candidate, ctx),
+            natural_log: (adversary.count_valid(NOW + 1..NOW + 1 + HORIZON) == HORIZON)
+                .then_some(*natural_log),
+            surprise: self.likelihood.as_ref().and_then(|prior| prior.surprise(chosen)),
+            surprise_log: self.surprise_log.filter(|_| adversary.is_valid(NOW + HORIZON)),
+            trajectory: chosen.clone(),
+            seconds,
+            note: attack.note,
+        })
+    }
+}
+
+/// How likely the prior finds each of the adversary's goals.
+struct PriorOfAdversary {
+    frame: Frame,
+    ends: Vec<[f32; 2]>,
+    log_probs: Vec<f64>,
+}
+
+impl PriorOfAdversary {
+    /// None if the adversary is not there *now*.
+    fn of(data: &SceneData, prior: &dyn Backbone) -> Result<Option<Self>> {
+        let adversary = data.scene.adversary_index()?;
+        if !data.scene.tracks[adversary].is_valid(NOW) {
+            return Ok(None);
+        }
+        let features = prior.features(&data.observe()?, adversary, None)?;
+        let encoding = prior.encode(features.into())?;
+        let log_probs: Vec<f64> = finite(&prior.log_probs(&encoding)?)?;
+        let ends = prior.mode_ends(&encoding)?;
+        Ok(Some(Self { frame: encoding.features().frame, ends, log_probs }))
+    }
+
+    /// −log p of the goal nearest to the end of a path.
+    fn surprise(&self, path: &Trajectory) -> Option<f64> {
+        let end = self.frame.to_local(path.points()[HORIZON - 1]);
+        let gap = |k: &usize| distance(self.ends[*k].map(f64::from), end);
+        (0..self.ends.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))).map(|k| -self.log_probs[k])
+    }
 }
 
 /// Expectations under policies of one prior, without any choice; `None` if the scene cannot be attacked.
 ///
 /// *Errors*: those of the networks.
-pub fn expectations<'n>(
+pub fn expectations(
     data: &SceneData,
     prior: &dyn Backbone,
-    policies: impl Iterator<Item = &'n dyn Backbone>,
+    policies: &[Arc<dyn MotionModel>],
+    measures: &Measures,
 ) -> Result<Option<Vec<Expectation>>> {
-    let Some(prepared) = TunedScene::new(prior, data, false)? else { return Ok(None) };
-    Ok(Some(policies.map(|policy| prepared.expectation(policy)).collect::<Result<_, _>>()?))
+    let Some(prepared) = TunedScene::new(prior, data, false, measures)? else { return Ok(None) };
+    Ok(Some(policies.iter().map(|policy| prepared.expectation(&**policy)).collect::<Result<_, _>>()?))
 }
 
 /// Mean and interval of one number of expectations.

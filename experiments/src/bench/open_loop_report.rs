@@ -5,16 +5,23 @@ use std::{collections::BTreeMap, fmt::Write as _};
 use anyhow::Result;
 use sage_backbones::training::Expectation;
 use sage_core::{
+    generator::{Knowledge, Note},
     objective::CollisionKind,
     statistics::{self, Estimate},
 };
 
-use crate::terminal;
+use super::open_loop::{self, Column, SceneRow, is_attack};
+use crate::{
+    operating_point::{Place, RowKey},
+    terminal,
+};
 
-use super::open_loop::{self, COLUMNS, SceneRow, is_attack};
+/// What a table shows: columns, and for each generator and place what it knows and its rows.
+pub(crate) struct Table {
+    pub columns: Vec<Column>,
+    pub rows: Vec<(RowKey, Knowledge, Vec<SceneRow>)>,
+}
 
-/// A method with its rows.
-pub type Table = Vec<(String, Vec<SceneRow>)>;
 /// A policy with its expectations, a scene each.
 pub type Policies = Vec<(String, Vec<Expectation>)>;
 
@@ -31,19 +38,20 @@ const EXPECTATIONS: [(&str, Expected); 4] = [
 /// `table.md`.
 ///
 /// *Errors*: none that a caller can cause.
-pub fn markdown(table: &Table, policies: &Policies) -> Result<String> {
+pub(crate) fn markdown(table: &Table, policies: &Policies) -> Result<String> {
     let mut out = String::new();
-    let columns: Vec<&str> = COLUMNS.iter().map(|c| c.name).collect();
-    writeln!(out, "| method | N | {} |", columns.join(" | "))?;
-    writeln!(out, "| --- | --- |{}", " --- |".repeat(COLUMNS.len()))?;
-    for (method, rows) in table {
-        let cells: Vec<String> = COLUMNS.iter().map(|c| cell(open_loop::estimate(c, rows))).collect();
-        writeln!(out, "| {method} | {} | {} |", rows.len(), cells.join(" | "))?;
+    let columns: Vec<&str> = table.columns.iter().map(|c| c.name).collect();
+    writeln!(out, "| method | N | {} | knows beyond now |", columns.join(" | "))?;
+    writeln!(out, "| --- | --- | --- |{}", " --- |".repeat(columns.len()))?;
+    for (key, knows, rows) in &table.rows {
+        let cells: Vec<String> = table.columns.iter().map(|c| cell(open_loop::estimate(c, rows))).collect();
+        let knows = if *knows == Knowledge::NOW { "-".to_owned() } else { knows.to_string() };
+        writeln!(out, "| {} | {} | {} | {knows} |", key.label(), rows.len(), cells.join(" | "))?;
     }
     writeln!(out, "\nSorts of feasible attacks, scenes:\n")?;
     writeln!(out, "| method | {} | none |", CollisionKind::ALL.map(CollisionKind::name).join(" | "))?;
     writeln!(out, "| --- |{}", " --- |".repeat(CollisionKind::ALL.len() + 1))?;
-    for (method, rows) in table {
+    for (key, _, rows) in &table.rows {
         let mut kinds: BTreeMap<CollisionKind, usize> = BTreeMap::new();
         rows.iter()
             .filter(|r| is_attack(r))
@@ -52,7 +60,7 @@ pub fn markdown(table: &Table, policies: &Policies) -> Result<String> {
         let counts = CollisionKind::ALL.map(|kind| kinds.get(&kind).copied().unwrap_or(0));
         let none = rows.len() - counts.iter().sum::<usize>();
         let counts = counts.map(|n| n.to_string()).join(" | ");
-        writeln!(out, "| {method} | {counts} | {none} |")?;
+        writeln!(out, "| {} | {counts} | {none} |", key.label())?;
     }
     if !policies.is_empty() {
         writeln!(out, "\nWithout choice, expectations under the policy:\n")?;
@@ -67,25 +75,27 @@ pub fn markdown(table: &Table, policies: &Policies) -> Result<String> {
     Ok(out)
 }
 
-/// Scenes that one method attacks and the prior of the same place does not, or that at the end of the
-/// dial for a method without a place.
+/// Scenes that one generator attacks and the prior at the same place does not, or the prior at the largest μ
+/// for a generator without a place, or another one.
 fn pairs(out: &mut String, table: &Table) -> Result<()> {
-    const PRIOR: &str = "prior, choice ";
-    let priors: Vec<(&str, &Vec<SceneRow>)> =
-        table.iter().filter_map(|(name, rows)| Some((name.strip_prefix(PRIOR)?, rows))).collect();
-    if priors.is_empty() {
-        return Ok(());
-    }
+    let priors: Vec<(&Place, &Vec<SceneRow>)> = table
+        .rows
+        .iter()
+        .filter(|(key, ..)| key.method == "prior")
+        .filter_map(|(key, _, rows)| Some((key.place.as_ref()?, rows)))
+        .collect();
+    let Some(hardest) = priors.iter().max_by(|a, b| a.0.mu.total_cmp(&b.0.mu)) else { return Ok(()) };
     writeln!(out, "\nScenes attacked feasibly, paired with the prior under the same choice:\n")?;
     writeln!(out, "| method | against | only this | only the prior | difference |")?;
     writeln!(out, "| --- | --- | --- | --- | --- |")?;
-    for (method, rows) in table {
-        let of_place = priors.iter().find(|(place, _)| method.ends_with(&format!(" {place}")));
-        let Some((place, prior)) = of_place.or(priors.last()) else { continue };
+    for (key, _, rows) in &table.rows {
+        let same = priors.iter().find(|(place, _)| key.place.as_ref() == Some(*place));
+        let (place, prior) = same.unwrap_or(hardest);
         let other = |row: &SceneRow| prior.iter().find(|p| p.scene == row.scene).is_some_and(is_attack);
         let won = rows.iter().filter(|r| is_attack(r) && !other(r)).count();
         let lost = rows.iter().filter(|r| !is_attack(r) && other(r)).count();
-        writeln!(out, "| {method} | {PRIOR}{place} | {won} | {lost} | {:+} |", won as i64 - lost as i64)?;
+        let difference = won as i64 - lost as i64;
+        writeln!(out, "| {} | prior {} | {won} | {lost} | {difference:+} |", key.label(), place.label())?;
     }
     Ok(())
 }
@@ -93,16 +103,16 @@ fn pairs(out: &mut String, table: &Table) -> Result<()> {
 /// `table.csv`: a row a method and measure.
 ///
 /// *Errors*: none that a caller can cause.
-pub fn csv(table: &Table, policies: &Policies) -> Result<String> {
+pub(crate) fn csv(table: &Table, policies: &Policies) -> Result<String> {
     let mut out = "method,measure,value,low,high,n\n".to_owned();
     let mut row = |method: &str, measure: &str, e: Option<Estimate>| -> Result<()> {
         let Some(e) = e else { return Ok(()) };
         let [method, measure] = [method, measure].map(field);
         Ok(writeln!(out, "{method},{measure},{},{},{},{}", e.value, e.low, e.high, e.n)?)
     };
-    for (method, rows) in table {
-        for column in COLUMNS {
-            row(method, column.name, open_loop::estimate(column, rows))?;
+    for (key, _, rows) in &table.rows {
+        for column in &table.columns {
+            row(&key.label(), column.name, open_loop::estimate(column, rows))?;
         }
     }
     for (policy, all) in policies {
@@ -116,22 +126,23 @@ pub fn csv(table: &Table, policies: &Policies) -> Result<String> {
 /// `scenes.csv`: a row a scene and method.
 ///
 /// *Errors*: none that a caller can cause.
-pub fn scenes_csv(table: &Table) -> Result<String> {
-    let columns: Vec<String> = COLUMNS.iter().map(|c| field(c.name)).collect();
+pub(crate) fn scenes_csv(table: &Table) -> Result<String> {
+    let columns: Vec<String> = table.columns.iter().map(|c| field(c.name)).collect();
     let mut out = format!("scene,method,kind,collision_step,{},seconds,note\n", columns.join(","));
-    for (method, rows) in table {
+    for (key, _, rows) in &table.rows {
+        let method = key.label();
         for r in rows {
-            let values = COLUMNS.iter().map(|c| (c.value)(r).map_or(String::new(), |v| v.to_string()));
+            let values = table.columns.iter().map(|c| c.of(r).map_or(String::new(), |v| v.to_string()));
             writeln!(
                 out,
                 "{},{},{},{},{},{:.6},{}",
                 field(&terminal::harmless_name(&r.scene)),
-                field(method),
+                field(&method),
                 r.kind.map_or("", CollisionKind::name),
                 r.paper.collision_step.map_or(String::new(), |step| step.to_string()),
                 values.collect::<Vec<_>>().join(","),
                 r.seconds,
-                field(r.note.as_deref().unwrap_or_default()),
+                field(&r.note.as_ref().map(Note::to_string).unwrap_or_default()),
             )?;
         }
     }

@@ -153,7 +153,7 @@ fn measure(method: &Method, data: &SceneData, examples: &[Example]) -> Result<Of
             }
             Method::Prior { network, radius, .. } => {
                 let name = |error: sage_backbones::Error| error.of(data, example.track);
-                let features = network.features(&data.scene, &data.index, example.track).map_err(name)?;
+                let features = network.features(&data.observe()?, example.track, None).map_err(name)?;
                 let encoding = network.encode(Arc::new(features))?;
                 let nms = Selection::Nms { radius: *radius };
                 let propose = |k, selection| {
@@ -194,7 +194,7 @@ fn distances(truth: &Recorded, candidates: &[Predicted]) -> Distances {
 
 fn random_modes(
     network: &dyn Backbone,
-    encoding: &sage_backbones::backbone::Encoding,
+    encoding: &sage_backbones::encoding::Encoding,
     scene: &str,
 ) -> Result<Vec<Trajectory>> {
     let modes = network.mode_ends(encoding)?.len();

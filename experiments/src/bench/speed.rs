@@ -5,6 +5,7 @@ use std::{
     io::Write,
     path::{Path, PathBuf},
     process::{Command, Stdio},
+    sync::Arc,
     time::Instant,
 };
 
@@ -12,10 +13,7 @@ use anyhow::{Context as _, Result, bail};
 use sage_core::{
     files,
     motion::{DT, HORIZON, NOW, Trajectory},
-    objective::{
-        Candidate, Context, ContextOptions, Encounter, Feasibility, Scorer, behavior_penalty,
-        kinematic_penalty,
-    },
+    objective::{Candidate, Context, ContextOptions, Encounter, Feasibility, Scorer, realism_penalty},
     registry::Registry,
     scene::{Scene, SceneIndex},
     seed::Rng,
@@ -142,7 +140,7 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
     let (mut indexing, mut contexts, mut scoring, mut full, mut inspecting) =
         (vec![], vec![], vec![], vec![], vec![]);
     for path in chosen {
-        let scene = data.scene(&path)?;
+        let scene = Arc::new(data.scene(&path)?);
         if scene.frames <= NOW + HORIZON || scene.adversary.is_none() {
             continue;
         }
@@ -214,8 +212,8 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
 pub fn rewards_and_feasibility(ctx: &Context, rule: &dyn Feasibility, trajectories: &[Trajectory]) -> f64 {
     let value = |trajectory: &Trajectory| {
         let candidate: Candidate = ctx.candidate(trajectory.clone());
-        let reward = Encounter::of(&candidate, ctx).reward(ctx.convention());
-        let penalty = kinematic_penalty(candidate.profile()) + behavior_penalty(candidate.profile());
+        let reward = Encounter::of(&candidate, ctx.ego()).reward(ctx.convention());
+        let penalty = realism_penalty(candidate.profile());
         let feasible = rule.is_feasible(&candidate, ctx);
         reward - penalty + f64::from(u8::from(feasible))
     };

@@ -2,26 +2,29 @@
 //!
 //! Candidates depend on λ alone and μ only chooses among them, so each scene is judged once a λ.
 
-use anyhow::{Context as _, Result};
+use std::sync::Arc;
+
+use anyhow::Result;
 use sage_backbones::training::SceneData;
 use sage_core::{
-    objective::{Context, ContextOptions},
+    generator::{Mixture, Proposal},
+    objective::{Context, ContextOptions, Evaluation, Objective},
     seed::Rng,
     statistics::{self, Estimate},
 };
-use sage_generators::{Aggression, Choice, Judged, Setting, Steered, SteeredOptions, choice::best_at};
-use sage_merging::{Experts, Merger};
+use sage_generators::{Aggression, GeneratorInputs, ProposerKind, proposers::MixedExperts, select::best_of};
 
 use crate::scenes::Scenes;
 
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
 
-/// Judged candidates of every scene at several λ.
+/// Evaluated candidates of every scene at several λ.
 pub(crate) struct Steering {
     lambdas: Vec<f64>,
+    objective: Arc<Objective>,
     /// By scene, then by λ.
-    judged: Vec<Vec<Vec<Judged>>>,
+    evaluations: Vec<Vec<Vec<Evaluation>>>,
 }
 
 /// What the choice at some λ and μ comes to.
@@ -93,43 +96,47 @@ pub fn shapley_of_lambda(value: impl Fn(f64, f64) -> f64) -> Option<f64> {
 }
 
 impl Steering {
-    /// Judges the candidates of all scenes at some λ; `done` is called after each scene.
+    /// Evaluates SAGE's candidates of all scenes at some λ; `done` is called after each scene.
     ///
     /// *Errors*: the first scene that fails.
     pub(crate) fn of(
         scenes: &Scenes,
-        experts: &Experts,
-        merger: &dyn Merger,
-        (choice, strict): (Choice, bool),
+        inputs: &GeneratorInputs,
         lambdas: &[f64],
         seed: u64,
         done: impl FnMut(),
     ) -> Result<Self> {
-        let steered = |&lambda: &f64| -> Result<Steered> {
-            let setting = Setting { experts, merger, lambda, mu: lambda, label: "", choice, strict };
-            let mixture = setting.mixture().map_err(anyhow::Error::msg)?;
-            SteeredOptions::default().over(String::new(), mixture, &setting).map_err(anyhow::Error::msg)
-        };
-        let steered = lambdas.iter().map(steered).collect::<Result<Vec<_>>>()?;
-        let one = |data: &SceneData| -> Result<Vec<Vec<Judged>>> {
+        let proposer = MixedExperts::default().build(inputs)?;
+        let experts = inputs.experts("sage")?;
+        let mixtures =
+            lambdas.iter().map(|lambda| experts.between(*lambda)).collect::<Result<Vec<_>, _>>()?;
+        let objective = inputs.selection.clone();
+        let one = |data: &SceneData| -> Result<Vec<Vec<Evaluation>>> {
             let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
-            let propose = |steered: &Steered| -> Result<Vec<Judged>> {
-                let (_, judged) =
-                    steered.propose(&ctx, seed).with_context(|| format!("scene `{}`", data.name))?;
-                Ok(judged)
+            let prepared = proposer.prepare(&data.observe()?)?;
+            let evaluate = |proposal: Proposal| {
+                let candidate = ctx.candidate(proposal.trajectory).with_nll(proposal.nll);
+                objective.evaluate(&candidate, &ctx)
             };
-            steered.iter().map(propose).collect()
+            let at = |mixture: &Mixture| -> Result<Vec<Evaluation>> {
+                Ok(prepared.propose(mixture, seed)?.into_iter().map(evaluate).collect())
+            };
+            mixtures.iter().map(at).collect()
         };
-        Ok(Self { lambdas: lambdas.to_vec(), judged: scenes.map(one, done)? })
+        let evaluations = scenes.map(one, done)?;
+        Ok(Self { lambdas: lambdas.to_vec(), objective: objective.clone(), evaluations })
     }
 
     /// What the choice at a weight μ takes at one of the λ; `None` for a λ that was not asked for.
     pub fn attacks(&self, lambda: f64, mu: f64) -> Option<Attacks> {
         let k = self.lambdas.iter().position(|known| (known - lambda).abs() < 1e-9)?;
-        let chosen = |judged: &Vec<Vec<Judged>>| judged[k][best_at(&judged[k], mu).0];
-        let all: Vec<Judged> = self.judged.iter().map(chosen).collect();
-        let hit = |j: &Judged| f64::from(u8::from(j.hits && j.is_feasible()));
-        Some(Attacks { hits: all.iter().map(hit).collect(), rewards: all.iter().map(|j| j.reward).collect() })
+        let chosen = |scene: &Vec<Vec<Evaluation>>| best_of(&scene[k], &self.objective, mu).chosen;
+        let all: Vec<&Evaluation> = self.evaluations.iter().map(|scene| &scene[k][chosen(scene)]).collect();
+        let hit = |e: &&Evaluation| f64::from(u8::from(e.is_attack()));
+        Some(Attacks {
+            hits: all.iter().map(hit).collect(),
+            rewards: all.iter().map(|e| e.adversarial).collect(),
+        })
     }
 
     /// The even dial for these scenes, from all λ, which must be evenly spaced.
@@ -140,7 +147,7 @@ impl Steering {
         let rate = |lambda: f64, mu: f64| self.attacks(lambda, mu).map_or(0.0, |attacks| attacks.rate());
         let rates: Vec<Vec<f64>> =
             self.lambdas.iter().map(|l| grid.iter().map(|mu| rate(*l, *mu)).collect()).collect();
-        Aggression::fit(&grid, &rates).map_err(anyhow::Error::msg)
+        Ok(Aggression::fit(&grid, &rates)?)
     }
 }
 

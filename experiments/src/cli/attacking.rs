@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use clap::{Args, ValueEnum};
-use sage_generators::Choice;
-use sage_merging::Experts;
+use clap::Args;
+use sage_generators::Aggression;
+use sage_merging::Range;
 
 use super::{FolderArgs, MOST_MADE, SplitArgs};
 use crate::{
-    methods::{Choosing, Place},
-    networks,
+    operating_point::Place,
+    part::{Part, Parts},
 };
 
 /// Make adversarial scenes: the adversary drives something else than it did, the rest stays.
@@ -28,17 +28,19 @@ pub(crate) struct GenerateArgs {
     pub scene: PathBuf,
     /// Generator.
     #[arg(long, value_name = "NAME", default_value = "sage")]
-    pub method: String,
-    /// Its options as JSON, as `sage list` names them: '{"candidates": 64}'.
+    pub method: Part,
+    /// Its options as JSON, as `sage list` names them: '{"candidates": 64}'. The same as
+    /// --method 'sage{"candidates": 64}'.
     #[arg(long, value_name = "JSON")]
     pub options: Option<String>,
     #[command(flatten)]
     pub dial: DialArgs,
+    /// What the choice among candidates makes large: an objective by name, as `sage list` shows them, or a
+    /// JSON file.
+    #[arg(long, value_name = "NAME", default_value = "natural")]
+    pub selection: String,
     #[command(flatten)]
-    pub choosing: ChoosingArgs,
-    /// What the choice weighs: the paper's preference, or also lanes and surprise.
-    #[arg(long, value_enum, default_value_t = ChoiceArg::Natural)]
-    pub choice: ChoiceArg,
+    pub rule: FeasibilityArgs,
     /// Take this track as the adversary.
     #[arg(long, value_name = "ID")]
     pub adversary: Option<String>,
@@ -74,24 +76,16 @@ pub(crate) struct OpenLoopArgs {
     pub data: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Generators, with commas.
-    #[arg(
-        long,
-        value_name = "NAMES",
-        value_delimiter = ',',
-        default_value = "sage,prior,most-likely,random,oracle,cat,rule,log"
-    )]
-    pub methods: Vec<String>,
+    /// Generators, with commas; with options as NAME{"option": value}.
+    #[arg(long, value_name = "NAMES", default_value = "sage,prior,most-likely,random,oracle,cat,rule,log")]
+    pub methods: Parts,
     #[command(flatten)]
     pub dial: DialArgs,
+    /// What the choice among candidates makes large: an objective by name or a JSON file.
+    #[arg(long, value_name = "NAME", default_value = "paper-selection")]
+    pub selection: String,
     #[command(flatten)]
-    pub choosing: ChoosingArgs,
-    /// What the choice weighs.
-    #[arg(long, value_enum, default_value_t = ChoiceArg::Paper)]
-    pub choice: ChoiceArg,
-    /// Let Rule read frames in which the adversary was not seen, as the published code does.
-    #[arg(long)]
-    pub raw: bool,
+    pub rule: FeasibilityArgs,
     /// Weights with experts: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
@@ -120,9 +114,11 @@ pub(crate) struct CalibrateArgs {
     /// Weights with experts: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
-    /// Choices to fit a dial for, with commas.
-    #[arg(long, value_enum, value_delimiter = ',', default_value = "natural,paper")]
-    pub choice: Vec<ChoiceArg>,
+    /// Selections to fit a dial for, with commas: objectives by name, or JSON files.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "natural,paper-selection")]
+    pub selection: Vec<String>,
+    #[command(flatten)]
+    pub merging: MergerArgs,
     /// Seed of candidates, and of made scenes.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
@@ -147,9 +143,11 @@ pub(crate) struct DialBenchArgs {
     /// Weights with experts and their dial: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
-    /// What the choice weighs.
-    #[arg(long, value_enum, default_value_t = ChoiceArg::Natural)]
-    pub choice: ChoiceArg,
+    /// What the choice among candidates makes large: an objective by name or a JSON file.
+    #[arg(long, value_name = "NAME", default_value = "natural")]
+    pub selection: String,
+    #[command(flatten)]
+    pub merging: MergerArgs,
     /// Seed.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
@@ -157,75 +155,99 @@ pub(crate) struct DialBenchArgs {
     pub folder: FolderArgs,
 }
 
-/// Where the dial is put, for every command that turns it.
+/// Where the dials are put, for every command that turns them.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct DialArgs {
     /// Where between the experts: a number, several with commas, or from:to:step.
     #[arg(long, value_name = "L", value_parser = values, allow_hyphen_values = true)]
     pub lambda: Option<Values>,
-    /// Weight of the adversarial reward in the choice, 0 to 1; lambda by default.
+    /// Weight mu of the selection, 0 to 1; lambda by default.
     #[arg(long, value_name = "M", value_parser = number, allow_hyphen_values = true)]
     pub mu: Option<f64>,
     /// One even dial for both, 0 to 1: the attack rate rises in proportion. Same form as --lambda.
     #[arg(long, value_name = "A", value_parser = values, allow_hyphen_values = true, conflicts_with_all = ["lambda", "mu"])]
     pub aggression: Option<Values>,
-    /// How the experts' weights are mixed.
+    /// Weights of any experts, by name: realistic=0.5,adversarial=0.3,lawful=0.2. Mu is the adversarial one's
+    /// weight unless given.
+    #[arg(long, value_name = "NAME=W,...", value_parser = mix, conflicts_with_all = ["lambda", "aggression"])]
+    pub mix: Option<Mix>,
+    #[command(flatten)]
+    pub merging: MergerArgs,
+}
+
+/// What mixes experts, for every command that does.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct MergerArgs {
+    /// How the experts are mixed; with options as NAME{"option": value}.
     #[arg(long, value_name = "NAME", default_value = "linear")]
-    pub merger: String,
+    pub merger: Part,
 }
 
 impl DialArgs {
-    /// Whether the user put the dial anywhere.
+    /// Whether the user put the dials anywhere.
     pub(crate) fn is_given(&self) -> bool {
-        self.lambda.is_some() || self.mu.is_some() || self.aggression.is_some()
+        self.lambda.is_some() || self.mu.is_some() || self.aggression.is_some() || self.mix.is_some()
     }
 
     /// Refuses values out of range, before anything is read.
     ///
     /// *Errors*: the first of them.
-    pub(crate) fn check(&self) -> Result<()> {
+    pub(crate) fn check(&self, range: Range) -> Result<()> {
         for lambda in self.lambda.iter().flat_map(|values| &values.0) {
-            Place::at(*lambda, self.mu)?;
+            Place::at(*lambda, self.mu, range)?;
         }
-        Place::at(1.0, self.mu)?;
+        Place::at(1.0, self.mu, range)?;
         match self.aggression.iter().flat_map(|values| &values.0).find(|a| !(0.0..=1.0).contains(*a)) {
             Some(aggression) => bail!("aggression is {aggression}; expected 0 (natural) to 1"),
             None => Ok(()),
         }
     }
 
-    /// The places, lambda at `otherwise` if neither is given.
+    /// The places, lambda at `otherwise` if nothing is given.
     ///
-    /// *Errors*: one out of range; no even dial for these weights and this choice.
+    /// *Errors*: one out of range; no dial for these weights and this selection.
     pub(crate) fn places(
         &self,
-        weights: &str,
-        experts: &Experts,
-        choice: Choice,
+        dial: impl FnOnce() -> Result<Aggression>,
+        range: Range,
         otherwise: &[f64],
     ) -> Result<Vec<Place>> {
         if let Some(values) = &self.aggression {
-            let dial = networks::load_dial(weights, experts, choice)?;
+            let dial = dial()?;
             return values.0.iter().map(|a| Place::of(&dial, *a)).collect();
         }
+        if let Some(Mix(mix)) = &self.mix {
+            return Ok(vec![Place::mixed(mix, self.mu)?]);
+        }
         let lambdas = self.lambda.as_ref().map_or(otherwise, |values| &values.0);
-        lambdas.iter().map(|lambda| Place::at(*lambda, self.mu)).collect()
+        lambdas.iter().map(|lambda| Place::at(*lambda, self.mu, range)).collect()
     }
 }
 
-/// What the choice among candidates weighs, for every command that makes one.
-#[derive(Clone, Copy, Debug, Args)]
-pub(crate) struct ChoosingArgs {
-    /// Which rule makes a candidate feasible.
-    #[arg(long, value_enum, default_value_t = FeasibilityArg::Paper)]
-    pub feasibility: FeasibilityArg,
+/// Weights of experts by name.
+#[derive(Clone, Debug)]
+pub(crate) struct Mix(pub Vec<(String, f64)>);
+
+fn mix(text: &str) -> std::result::Result<Mix, String> {
+    let mut weights: Vec<(String, f64)> = Vec::new();
+    for part in text.split(',') {
+        let (name, weight) = part.split_once('=').ok_or(format!("`{part}` is not NAME=WEIGHT"))?;
+        let name = name.trim();
+        if weights.iter().any(|(known, _)| known == name) {
+            return Err(format!("`{name}` is weighed twice"));
+        }
+        weights.push((name.to_owned(), number(weight)?));
+    }
+    Ok(Mix(weights))
 }
 
-impl ChoosingArgs {
-    /// With what is weighed beside the preference.
-    pub(crate) fn with(self, choice: ChoiceArg) -> Choosing {
-        Choosing { choice: choice.into(), strict: matches!(self.feasibility, FeasibilityArg::Strict) }
-    }
+/// What the choice among candidates makes large, for every command that makes one.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct FeasibilityArgs {
+    /// Which rule makes a candidate feasible, in place of the selection's; with options as
+    /// NAME{"option": value}.
+    #[arg(long, value_name = "NAME")]
+    pub feasibility: Option<Part>,
 }
 
 /// One or more places of a dial.
@@ -262,31 +284,4 @@ fn values(text: &str) -> std::result::Result<Values, String> {
         return Err(format!("more than {MOST_VALUES} values"));
     }
     Ok(Values(text.split(',').map(number).collect::<std::result::Result<_, _>>()?))
-}
-
-/// Names of [`sage_generators::Choice`].
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum ChoiceArg {
-    /// As in the paper.
-    Paper,
-    /// With a little for keeping to lanes and for what cars usually do.
-    Natural,
-}
-
-impl From<ChoiceArg> for Choice {
-    fn from(name: ChoiceArg) -> Self {
-        match name {
-            ChoiceArg::Paper => Self::Paper,
-            ChoiceArg::Natural => Self::Natural,
-        }
-    }
-}
-
-/// Names of the feasibility rules.
-#[derive(Clone, Copy, Debug, ValueEnum)]
-pub(crate) enum FeasibilityArg {
-    /// No box touches an edge or anybody else at a frame.
-    Paper,
-    /// Also between frames, and on the drivable side.
-    Strict,
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::{FolderArgs, MOST_MADE, SplitArgs};
+use super::{FolderArgs, MOST_MADE, SplitArgs, attacking::MergerArgs};
 
 /// Train a motion prior from recorded scenes, or from made ones.
 ///
@@ -116,6 +116,8 @@ pub(crate) struct ExpertsArgs {
     /// Seed of the candidates.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
+    #[command(flatten)]
+    pub merging: MergerArgs,
 }
 
 /// Predict what a vehicle of a scene may do in the next eight seconds.

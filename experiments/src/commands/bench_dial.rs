@@ -1,9 +1,10 @@
 //! `sage bench dial`.
 
-use std::fmt::Write as _;
+use std::{fmt::Write as _, sync::Arc};
 
 use anyhow::{Context as _, Result};
 use sage_core::statistics;
+use sage_merging::Merger;
 use serde_json::json;
 
 use crate::{
@@ -14,10 +15,11 @@ use crate::{
     },
     cli::DialBenchArgs,
     commands::calibrate::places,
-    networks,
+    generators, networks,
     output::{self, Folder},
     progress::{self, Progress},
     scenes::Scenes,
+    selection::Selection,
 };
 
 /// Values of λ and of μ at which each is shown with the other held.
@@ -32,19 +34,21 @@ struct Way {
 }
 
 pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outcome> {
+    let selection = Selection::of(registries, &args.selection, None)?;
+    let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
-    let merger = registries.mergers.build_default("linear")?;
-    let choice = args.choice.into();
-    let dial = networks::load_dial(&args.weights, &experts, choice)?;
+    let merger_name = args.merging.merger.to_string();
+    let dial = networks::load_dial(&args.weights, &experts, &selection.name, &merger_name)?;
+    let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
     let out = Folder::make(&args.folder.out, args.folder.force)?;
     let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
     let mut lambdas = places();
     lambdas.extend(LAMBDAS.into_iter().filter(|l| !places().iter().any(|p| (p - l).abs() < 1e-9)));
-    let mut progress = Progress::new("judged", scenes.len());
+    let mut progress = Progress::new("evaluated", scenes.len());
     let step = || progress.step();
-    let steering = Steering::of(&scenes, &experts, &*merger, (choice, false), &lambdas, args.seed, step)?;
+    let steering = Steering::of(&scenes, &inputs, &lambdas, args.seed, step)?;
     progress.finish(&format!("{} values of lambda on {} scenes", lambdas.len(), scenes.len()));
-    let attacks = |lambda: f64, mu: f64| steering.attacks(lambda, mu).context("a lambda was not judged");
+    let attacks = |lambda: f64, mu: f64| steering.attacks(lambda, mu).context("a lambda was not evaluated");
     let stops = |place: &dyn Fn(f64) -> Result<(f64, f64)>| -> Result<Vec<_>> {
         let stop = |a: f64| {
             let (lambda, mu) = place(a)?;
@@ -52,12 +56,12 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
         };
         places().into_iter().map(stop).collect()
     };
-    let even = |a: f64| dial.place(a).map_err(anyhow::Error::msg);
+    let even = |a: f64| Ok(dial.place(a)?);
     let ways = [
         Way { name: "aggression", stops: stops(&even)? },
         Way { name: "lambda = mu", stops: stops(&|a| Ok((a, a)))? },
     ];
-    let mut markdown = format!("Choice {}, {} scenes.\n\n", choice.name(), scenes.len());
+    let mut markdown = format!("Selection {}, {} scenes.\n\n", selection.name, scenes.len());
     let mut csv = "way,a,lambda,mu,measure,value,low,high,n\n".to_owned();
     curves(&mut markdown, &mut csv, &ways)?;
     let rate = |l: f64, m: f64| steering.attacks(l, m).map_or(f64::NAN, |a| a.rate());
@@ -73,7 +77,7 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     file("dial.svg", &dial_chart::draw(&lines.collect::<Vec<_>>())?)?;
     let record = json!({
         "command": output::command(), "scenes": scenes.len(), "data": scenes.describe(),
-        "seed": args.seed, "choice": choice.name(), "version": env!("CARGO_PKG_VERSION"),
+        "seed": args.seed, "selection": selection.objective.spec(), "merger": merger_name, "version": env!("CARGO_PKG_VERSION"),
     });
     file("run.json", &format!("{record:#}\n"))?;
     output::print(&markdown)?;

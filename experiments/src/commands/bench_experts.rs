@@ -1,23 +1,24 @@
 //! `sage bench experts`: two ways to tune, several seeds each, paired by scene.
 
-use std::{fmt::Write as _, path::Path};
+use std::{fmt::Write as _, path::Path, sync::Arc};
 
 use anyhow::{Context as _, Result, bail};
-use sage_backbones::training::{Expectation, SceneData};
+use sage_backbones::training::{Expectation, Measures, SceneData};
 use sage_core::{
     files,
     seed::Rng,
     statistics::{self, Estimate},
 };
-use sage_generators::Choice;
+use sage_merging::Merger;
 
 use crate::{
     Outcome, Registries,
     bench::{open_loop, steering::Steering},
     cli::ExpertsArgs,
-    networks, output,
+    generators, networks, output,
     progress::Progress,
     scenes::Scenes,
+    selection::Selection,
 };
 
 /// Resamples of an interval.
@@ -48,7 +49,7 @@ pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome
     let mut group = |folders: &[String]| -> Result<Values> {
         let mut all = Vec::new();
         for folder in folders {
-            all.push(values(registries, folder, &scenes, args.seed)?);
+            all.push(values(registries, folder, &scenes, args)?);
             progress.step();
         }
         Ok(mean_over_folders(&all))
@@ -73,21 +74,22 @@ pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome
 }
 
 /// All measures of the experts in a folder.
-fn values(registries: &Registries, folder: &str, scenes: &Scenes, seed: u64) -> Result<Values> {
+fn values(registries: &Registries, folder: &str, scenes: &Scenes, args: &ExpertsArgs) -> Result<Values> {
     let experts = networks::load_experts(&registries.backbones, folder)?;
-    let merger = registries.mergers.build_default("linear")?;
-    let prior = experts.prior();
-    let network = |lambda| prior.rebuilt(merger.merge(&experts, lambda)?);
-    let policies = [network(1.0)?, network(0.0)?];
+    let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
+    let model = |lambda| merger.merge(&experts, &experts.between(lambda)?, args.seed);
+    let policies = [model(1.0)?, model(0.0)?];
+    let measures = Measures::of(&[], &registries.rewards, &registries.feasibilities)?;
     let expectations = |data: &SceneData| -> Result<Option<Vec<Expectation>>> {
-        open_loop::expectations(data, prior, policies.iter().map(|network| &**network))
+        open_loop::expectations(data, &**experts.prior(), &policies, &measures)
     };
     let (adversarial, realistic): (Vec<_>, Vec<_>) =
         scenes.map(expectations, || ())?.into_iter().flatten().map(|both| (both[0], both[1])).unzip();
     let of = |all: &[Expectation], value: fn(&Expectation) -> f64| all.iter().map(value).collect();
-    let choice = (Choice::Paper, false);
-    let steering = Steering::of(scenes, &experts, &*merger, choice, &[1.0], seed, || ())?;
-    let attacks = steering.attacks(1.0, 1.0).context("lambda 1 was not judged")?;
+    let selection = Selection::of(registries, "paper-selection", None)?;
+    let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
+    let steering = Steering::of(scenes, &inputs, &[1.0], args.seed, || ())?;
+    let attacks = steering.attacks(1.0, 1.0).context("lambda 1 was not evaluated")?;
     Ok(vec![
         of(&adversarial, |e| e.feasible),
         of(&adversarial, |e| e.attack),

@@ -1,30 +1,34 @@
 //! `sage bench open-loop`.
 
-use std::{path::PathBuf, time::Instant};
+use std::{path::PathBuf, sync::Arc, time::Instant};
 
 use anyhow::{Result, bail};
 use sage_backbones::{
-    Backbone,
-    training::{Expectation, SceneData},
+    MotionModel,
+    training::{Expectation, Measures, SceneData},
 };
-use sage_core::{files, generator::Generator};
-use sage_merging::{Experts, Merger};
+use sage_core::{files, generator::Knowledge, objective::FurtherMeasures};
+use sage_generators::GeneratorInputs;
+use sage_merging::{ExpertSet, Merger};
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use crate::{
     Outcome, Registries,
     bench::{
         gallery,
-        open_loop::{self, SceneRow},
+        open_loop::{self, MeasuredScene, SceneRow},
         open_loop_report::{self as report, Policies, Table},
     },
     cli::OpenLoopArgs,
-    methods::{self, Place},
+    generators::{self, BuiltGenerator},
     networks,
+    operating_point::{Place, RowKey},
     output::{self, Run, State},
+    part::Part,
     progress::{self, Progress},
     scenes::Scenes,
+    selection::Selection,
 };
 
 /// Folder of the results that a run goes on from if it was broken off.
@@ -42,40 +46,48 @@ const FILES: [&str; 4] = [TABLE, "table.csv", "scenes.csv", "index.html"];
 #[derive(Serialize, Deserialize)]
 struct SceneResult {
     scene: String,
-    /// A row a generator, or its error.
-    rows: Vec<Result<SceneRow, String>>,
+    /// For each generator a row an operating point, or its error.
+    rows: Vec<Result<Vec<SceneRow>, String>>,
     /// Expectations under each policy, without any choice.
     expectations: Option<Vec<Expectation>>,
 }
 
 pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
+    let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
+    let merger: Arc<dyn Merger> = args.dial.merging.merger.build(&registries.mergers)?.into();
+    args.dial.check(merger.range())?;
+    let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities)?;
+    let measures = Measures::of(&[], &registries.rewards, &registries.feasibilities)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
-    let merger = registries.mergers.build_default(&args.dial.merger)?;
-    let places = args.dial.places(&args.weights, &experts, args.choice.into(), &[0.0, 0.5, 1.0])?;
-    let generators = generators(args, registries, &places, &experts, &*merger)?;
-    let policies = policies(&places, &experts, &*merger)?;
+    let merger_name = args.dial.merging.merger.to_string();
+    let dial = || networks::load_dial(&args.weights, &experts, &selection.name, &merger_name);
+    let places = args.dial.places(dial, merger.range(), &[0.0, 0.5, 1.0])?;
+    let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
+    let generators = generators(args, registries, &inputs, &places)?;
+    let policies = policies(&places, &experts, &*merger, args.seed)?;
     let paths = [&args.paths[..], &args.data].concat();
     let scenes = Scenes::of(&paths, &args.split, 0, args.seed)?.attackable()?;
-    let identity = identity(args, &experts, &scenes, &generators, &places)?;
+    let identity = identity(args, &experts, &selection, &scenes, &places)?;
     let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[], &FILES)?;
     if state == State::Done {
         output::print(&files::read_text(&run.folder().path().join(TABLE), RESULTS_LIMIT)?)?;
         return Ok(Outcome::Done);
     }
     let results = run.folder().inner(RESULTS.as_ref())?;
+    let models: Vec<Arc<dyn MotionModel>> = policies.iter().map(|(_, model)| model.clone()).collect();
     let one = |data: &SceneData| -> Result<SceneResult> {
-        let row = |generator: &dyn Generator| {
-            let row = open_loop::run(data, generator, experts.prior(), args.seed);
-            row.map_err(|error| format!("{error:#}"))
-        };
-        let networks = policies.iter().map(|(_, network)| &**network);
+        let prior = &**experts.prior();
+        let scene = MeasuredScene::new(data, prior, &further)?;
+        let rows =
+            |built: &BuiltGenerator| scene.rows(built, args.seed).map_err(|error| format!("{error:#}"));
         Ok(SceneResult {
             scene: data.name.clone(),
-            rows: generators.iter().map(|generator| row(&**generator)).collect(),
-            expectations: open_loop::expectations(data, experts.prior(), networks)?,
+            rows: generators.iter().map(rows).collect(),
+            expectations: open_loop::expectations(data, prior, &models, &measures)?,
         })
     };
+    let count: usize = generators.iter().map(|built| built.keys.len()).sum();
     let mut progress = Progress::new("ran", scenes.len());
     let mut all: Vec<SceneResult> = Vec::with_capacity(scenes.len());
     for (number, window) in scenes.windows(WINDOW).enumerate() {
@@ -88,10 +100,10 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
             || progress.step(),
         )?);
     }
-    progress.finish(&format!("{} rows on {} scenes", generators.len(), scenes.len()));
+    progress.finish(&format!("{count} rows on {} scenes", scenes.len()));
     let failures = report_errors(&all, &generators);
-    let table = table(&all, &generators);
-    if table.iter().all(|(_, rows)| rows.is_empty()) {
+    let table = Table { columns: open_loop::columns(&further), rows: table_rows(&all, &generators) };
+    if table.rows.iter().all(|(.., rows)| rows.is_empty()) {
         bail!("no scene came out");
     }
     let expectations = by_policy(&all, &policies);
@@ -135,43 +147,34 @@ fn results_of(
     Ok(results)
 }
 
-/// The generators in the order of the table.
+/// The generators in the order of the table; of a ceiling its strongest place alone.
 fn generators(
     args: &OpenLoopArgs,
     registries: &Registries,
+    inputs: &GeneratorInputs,
     places: &[Place],
-    experts: &Experts,
-    merger: &dyn Merger,
-) -> Result<Vec<Box<dyn Generator>>> {
-    if args.raw && !args.methods.iter().any(|name| name == "rule") {
-        bail!("--raw is for the method `rule`, which is not among --methods");
-    }
-    let mut generators = Vec::new();
-    for name in &args.methods {
-        let options = if args.raw && name == "rule" { json!({"raw": true}) } else { json!({}) };
-        let method = registries.methods.build(name, &options)?;
-        let hardest = places.iter().max_by(|a, b| a.mu.total_cmp(&b.mu));
-        let places: Vec<&Place> =
-            if method.stands_once() { hardest.into_iter().collect() } else { places.iter().collect() };
-        for place in places {
-            let choosing = args.choosing.with(args.choice);
-            generators.push(methods::build(&*method, *place, choosing, experts, merger)?);
-        }
-    }
-    Ok(generators)
+) -> Result<Vec<BuiltGenerator>> {
+    let hardest = places.iter().max_by(|a, b| a.mu.total_cmp(&b.mu));
+    let hardest: Vec<Place> = hardest.into_iter().cloned().collect();
+    let build = |part: &Part| {
+        let is_ceiling = part.build(&registries.generators)?.facts().is_ceiling;
+        BuiltGenerator::new(part, registries, inputs, if is_ceiling { &hardest } else { places })
+    };
+    args.methods.0.iter().map(build).collect()
 }
 
-/// The prior and the mixtures at all λ, by name.
+/// The prior and the mixtures at all places, by name.
 fn policies(
     places: &[Place],
-    experts: &Experts,
+    experts: &ExpertSet,
     merger: &dyn Merger,
-) -> Result<Vec<(String, Box<dyn Backbone>)>> {
-    let prior = experts.prior();
-    let mut policies = vec![("prior".to_owned(), prior.rebuilt(prior.parameters().clone())?)];
+    seed: u64,
+) -> Result<Vec<(String, Arc<dyn MotionModel>)>> {
+    let prior: Arc<dyn MotionModel> = experts.prior().clone();
+    let mut policies = vec![("prior".to_owned(), prior)];
     for place in places {
-        let network = prior.rebuilt(merger.merge(experts, place.lambda)?)?;
-        policies.push((format!("sage, lambda {:.2}", place.lambda), network));
+        let model = merger.merge(experts, &place.point(Some(experts))?.mixture, seed)?;
+        policies.push((format!("sage, {}", place.mixture_label()), model));
     }
     Ok(policies)
 }
@@ -179,28 +182,28 @@ fn policies(
 /// What tells one run from another.
 fn identity(
     args: &OpenLoopArgs,
-    experts: &Experts,
+    experts: &ExpertSet,
+    selection: &Selection,
     scenes: &Scenes,
-    generators: &[Box<dyn Generator>],
     places: &[Place],
 ) -> Result<Value> {
-    let hash = |p: &sage_backbones::Parameters| p.hash();
+    let hashes = experts.experts().iter().map(|(name, weights)| Ok((name.clone(), weights.hash()?.into())));
     Ok(json!({
-        "methods": generators.iter().map(|g| g.name()).collect::<Vec<_>>(),
-        "merger": args.dial.merger, "choice": format!("{:?}", args.choosing.with(args.choice)), "seed": args.seed,
-        "scenes": scenes.describe(), "names": scenes.names(),
-        "weights": [hash(experts.prior().parameters())?, hash(experts.realistic())?, hash(experts.adversarial())?],
-        "places": places, "raw": args.raw, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
+        "methods": args.methods.0.iter().map(Part::to_string).collect::<Vec<_>>(),
+        "merger": args.dial.merging.merger.to_string(), "selection": selection.objective.spec(), "seed": args.seed,
+        "scenes": scenes.describe(), "names": scenes.names(), "prior": experts.prior().parameters().hash()?,
+        "experts": hashes.collect::<Result<Map<String, Value>>>()?,
+        "places": places, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     }))
 }
 
 /// Says which generator failed in which scene; how many times.
-fn report_errors(all: &[SceneResult], generators: &[Box<dyn Generator>]) -> usize {
+fn report_errors(all: &[SceneResult], generators: &[BuiltGenerator]) -> usize {
     let mut failures = 0;
     for result in all {
-        for (row, generator) in result.rows.iter().zip(generators) {
-            if let Err(error) = row {
-                progress::say(&format!("error: {}: `{}`: {error}", generator.name(), result.scene));
+        for (rows, built) in result.rows.iter().zip(generators) {
+            if let Err(error) = rows {
+                progress::say(&format!("error: {}: `{}`: {error}", built.keys[0].method, result.scene));
                 failures += 1;
             }
         }
@@ -208,14 +211,20 @@ fn report_errors(all: &[SceneResult], generators: &[Box<dyn Generator>]) -> usiz
     failures
 }
 
-/// Rows by generator.
-fn table(all: &[SceneResult], generators: &[Box<dyn Generator>]) -> Table {
-    let rows = |k: usize| all.iter().filter_map(move |result| result.rows.get(k)?.as_ref().ok().cloned());
-    generators.iter().enumerate().map(|(k, generator)| (generator.name(), rows(k).collect())).collect()
+/// Rows by generator and place.
+fn table_rows(all: &[SceneResult], generators: &[BuiltGenerator]) -> Vec<(RowKey, Knowledge, Vec<SceneRow>)> {
+    let mut table = Vec::new();
+    for (k, built) in generators.iter().enumerate() {
+        for (place, key) in built.keys.iter().enumerate() {
+            let row = |result: &SceneResult| result.rows.get(k)?.as_ref().ok()?.get(place).cloned();
+            table.push((key.clone(), built.facts.knows, all.iter().filter_map(row).collect()));
+        }
+    }
+    table
 }
 
 /// Expectations by policy.
-fn by_policy(all: &[SceneResult], policies: &[(String, Box<dyn Backbone>)]) -> Policies {
+fn by_policy(all: &[SceneResult], policies: &[(String, Arc<dyn MotionModel>)]) -> Policies {
     let of = |k: usize| all.iter().filter_map(move |result| result.expectations.as_ref()?.get(k).copied());
     policies.iter().enumerate().map(|(k, (name, _))| (name.clone(), of(k).collect())).collect()
 }

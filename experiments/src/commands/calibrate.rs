@@ -1,15 +1,20 @@
 //! `sage calibrate`: the even dial of some experts.
 
+use std::sync::Arc;
+
 use anyhow::{Context as _, Result};
+use sage_generators::{Dials, FittedDial, hashes};
+use sage_merging::Merger;
 
 use crate::{
     Outcome, Registries,
     bench::steering::{Evenness, Steering},
     cli::CalibrateArgs,
-    networks::{self, Dials, FittedDial},
+    generators, networks,
     output::{self, OutputFile},
     progress::{self, Progress},
     scenes::Scenes,
+    selection::Selection,
 };
 
 /// Places of the dial.
@@ -22,26 +27,28 @@ pub(crate) fn places() -> Vec<f64> {
 
 pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outcome> {
     let out = OutputFile::claim(&args.out, args.force)?;
+    let selections = args.selection.iter().map(|name| Selection::of(registries, name, None));
+    let selections = selections.collect::<Result<Vec<_>>>()?;
+    let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
-    let merger = registries.mergers.build_default("linear")?;
     let scenes = Scenes::of(&args.paths, &args.split, args.made, args.seed)?.attackable()?;
     let mut dials = Dials::default();
-    let mut progress = Progress::new("judged", scenes.len() * args.choice.len());
-    for choice in &args.choice {
-        let choice = (*choice).into();
+    let mut progress = Progress::new("evaluated", scenes.len() * selections.len());
+    for selection in &selections {
         let all = places();
         let step = || progress.step();
-        let steering = Steering::of(&scenes, &experts, &*merger, (choice, false), &all, args.seed, step)?;
+        let inputs = generators::inputs(Some(&experts), &merger, selection, args.seed);
+        let steering = Steering::of(&scenes, &inputs, &all, args.seed, step)?;
         let mu = steering.fit()?;
         let at = |a: &f64| -> Result<_> {
-            let (lambda, mu) = mu.place(*a).map_err(anyhow::Error::msg)?;
+            let (lambda, mu) = mu.place(*a)?;
             steering.attacks(lambda, mu).context("a place of the dial was not judged")
         };
         let attacks = all.iter().map(at).collect::<Result<Vec<_>>>()?;
         let even = Evenness::of(&attacks.iter().collect::<Vec<_>>());
         progress.say(&format!(
-            "choice {}: attack {:.0} % to {:.0} %, off the line by {:.1} points RMS and {:.1} at most",
-            choice.name(),
+            "selection {}: attack {:.0} % to {:.0} %, off the line by {:.1} points RMS and {:.1} at most",
+            selection.name,
             100.0 * attacks[0].rate(),
             100.0 * attacks[attacks.len() - 1].rate(),
             100.0 * even.rms,
@@ -54,14 +61,15 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
         }
         let fitted = FittedDial {
             mu,
-            experts: networks::hashes(&experts)?,
+            experts: hashes(&experts)?,
+            merger: args.merging.merger.to_string(),
             attack: attacks.iter().map(|a| (a.rate() * 1e4).round() / 1e4).collect(),
             data: scenes.describe(),
             command: output::command(),
         };
-        dials.by_choice.insert(choice.name().to_owned(), fitted);
+        dials.0.insert(selection.name.clone(), fitted);
     }
-    progress.finish(&format!("{} choices on {} scenes", args.choice.len(), scenes.len()));
+    progress.finish(&format!("{} selections on {} scenes", selections.len(), scenes.len()));
     let text = serde_json::to_string_pretty(&dials)? + "\n";
     out.write(text.as_bytes())?;
     progress::say(&format!(

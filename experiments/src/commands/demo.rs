@@ -1,11 +1,11 @@
 //! `sage demo`: made scenes, attacked from natural to aggressive, with pictures.
 
-use std::io::Write;
+use std::{io::Write, sync::Arc};
 
 use anyhow::{Context as _, Result};
 use rayon::prelude::*;
 use sage_core::{
-    generator::{Attack, Generator},
+    generator::Attack,
     objective::{Context, ContextOptions, Scorer, Scores},
     scene::{Scene, SceneIndex},
 };
@@ -13,17 +13,20 @@ use sage_data::{
     Recording,
     procedural::{self, Kind},
 };
-use sage_generators::{Choice, attacked};
+use sage_generators::attacked;
+use sage_merging::Merger;
 
 use crate::{
     Outcome, Registries,
     cli::DemoArgs,
     commands::draw::drawn_path,
     drawing::{self, Picture},
-    methods::{self, Choosing, Place},
+    generators::{self, BuiltGenerator},
     networks,
+    operating_point::Place,
     output::Folder,
     progress,
+    selection::Selection,
 };
 
 /// Where the dial is put.
@@ -33,22 +36,23 @@ const SCENES: u64 = 6;
 
 /// One scene with its attack at each aggression.
 struct Steered {
-    scene: Scene,
+    scene: Arc<Scene>,
     attacks: Vec<(Attack, Scores)>,
 }
 
 pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     let out = Folder::make(&args.out, args.force)?;
     let experts = networks::load_experts(&registries.backbones, "procedural")?;
-    let merger = registries.mergers.build_default("linear")?;
-    let method = registries.methods.build_default("sage")?;
-    let choosing = Choosing { choice: Choice::Natural, strict: false };
-    let dial = networks::load_dial("procedural", &experts, choosing.choice)?;
-    let build = |a| methods::build(&*method, Place::of(&dial, a)?, choosing, &experts, &*merger);
-    let generators = AGGRESSIONS.into_iter().map(build).collect::<Result<Vec<_>>>()?;
+    let merger: Arc<dyn Merger> = registries.mergers.build_default("linear")?.into();
+    let selection = Selection::of(registries, "natural", None)?;
+    let dial = networks::load_dial("procedural", &experts, &selection.name, "linear")?;
+    let places = AGGRESSIONS.map(|a| Place::of(&dial, a)).into_iter().collect::<Result<Vec<_>>>()?;
+    let inputs = generators::inputs(Some(&experts), &merger, &selection, 0);
+    let sage =
+        BuiltGenerator::new(&"sage".parse().map_err(anyhow::Error::msg)?, registries, &inputs, &places)?;
     let numbers: Vec<(Kind, u64)> =
         Kind::ALL.into_iter().flat_map(|kind| (0..SCENES).map(move |number| (kind, number))).collect();
-    let steer = |&(kind, number): &(Kind, u64)| steer(kind, number, args.seed, &generators);
+    let steer = |&(kind, number): &(Kind, u64)| steer(kind, number, args.seed, &sage);
     let steered: Vec<Result<Steered>> = numbers.par_iter().with_max_len(1).map(steer).collect();
     let steered = steered.into_iter().collect::<Result<Vec<_>>>()?;
     for ((_, number), steered) in numbers.iter().zip(&steered) {
@@ -64,19 +68,18 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn steer(kind: Kind, number: u64, seed: u64, generators: &[Box<dyn Generator>]) -> Result<Steered> {
+fn steer(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> Result<Steered> {
     let scene = procedural::generate(kind, seed, number)
         .with_context(|| format!("no {} scene came of seed {seed}", kind.name()))?;
-    let index = SceneIndex::new(scene.map.clone());
+    let (index, scene) = (SceneIndex::new(scene.map.clone()), Arc::new(scene));
     let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
     let scorer = Scorer::new(&ctx);
-    let attack = |generator: &dyn Generator| {
-        let attack = generator.generate(&ctx, seed)?;
+    let scored = |attack: Attack| {
         let scores = scorer.scores(&ctx.candidate(attack.trajectory().clone()));
-        Ok((attack, scores))
+        (attack, scores)
     };
-    let attacks = generators.iter().map(|generator| attack(&**generator)).collect::<Result<_>>()?;
-    Ok(Steered { scene, attacks })
+    let attacks = sage.generator.attacks(&ctx, &sage.points, seed)?;
+    Ok(Steered { scene, attacks: attacks.into_iter().map(scored).collect() })
 }
 
 /// Writes the scene, its strongest attack as a scene of its own, and a picture of the sweep.
@@ -85,7 +88,7 @@ fn keep(out: &Folder, steered: &Steered) -> Result<()> {
     let index = SceneIndex::new(scene.map.clone());
     let ctx = Context::new(scene, &index, &ContextOptions::default())?;
     let path = |ending: &str| out.path().join(format!("{}{ending}", scene.id));
-    Recording::made(scene.clone()).write(&path(".safetensors"))?;
+    Recording::made((**scene).clone()).write(&path(".safetensors"))?;
     if let Some((strongest, _)) = steered.attacks.last() {
         let attacked = Recording::made(attacked(scene, strongest.trajectory())?);
         attacked.write(&path("-attacked.safetensors"))?;

@@ -1,5 +1,7 @@
 //! `sage draw`: a scene, and candidates for its adversary, from above.
 
+use std::sync::Arc;
+
 use anyhow::Result;
 use sage_core::{
     objective::{Context, ContextOptions, Encounter},
@@ -20,6 +22,7 @@ pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
     if let Some(frame) = args.frame.filter(|frame| *frame >= scene.frames) {
         anyhow::bail!("`{}` has no frame {frame}; its last is {}", args.scene.display(), scene.frames - 1);
     }
+    let scene = Arc::new(scene);
     let candidates = args.candidates.as_deref().map(candidates::read).transpose()?.unwrap_or_default();
     let title = args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let picture = Picture {
@@ -34,7 +37,7 @@ pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
 }
 
 /// Candidates with the place where they touch the ego.
-fn drawn(scene: &Scene, candidates: Vec<Named>) -> Result<Vec<DrawnPath>> {
+fn drawn(scene: &Arc<Scene>, candidates: Vec<Named>) -> Result<Vec<DrawnPath>> {
     let index = SceneIndex::new(scene.map.clone());
     let draw = |named: Named| {
         let options = ContextOptions { ego: named.ego, ..ContextOptions::default() };
@@ -51,8 +54,8 @@ pub(crate) fn drawn_path(
     trajectory: sage_core::motion::Trajectory,
 ) -> DrawnPath {
     let candidate = ctx.candidate(trajectory);
-    let contact = Encounter::of(&candidate, ctx).contact.and_then(|step| {
-        let ego = ctx.ego_box(step)?;
+    let contact = Encounter::of(&candidate, ctx.ego()).contact.and_then(|step| {
+        let ego = ctx.ego().box_at(step)?;
         Some((step, *ego, candidate.boxes()[step - 1]))
     });
     let points =

@@ -1,6 +1,6 @@
-//! `sage finetune`: a realistic and an adversarial expert from a prior.
+//! `sage finetune`: experts from a prior, a realistic and an adversarial one unless a config names others.
 
-use std::time::Instant;
+use std::{path::Path, time::Instant};
 
 use anyhow::{Context as _, Result, bail, ensure};
 use rayon::prelude::*;
@@ -8,11 +8,15 @@ use sage_backbones::{
     Backbone,
     parameters::Header,
     training::{
-        Expectation, FinetuneOptions, FinetuneRow, Kept, SceneData, TunedScene, finetune, other_roles,
+        Expectation, FinetuneOptions, FinetuneRow, Kept, Measures, SceneData, TunedScene, finetune,
+        other_roles,
     },
+    weights::PRIOR_FILE,
 };
-use sage_merging::ExpertFile;
-use serde_json::json;
+use sage_core::objective::{Objective, ObjectiveSpec};
+use sage_generators::DIAL_FILE;
+use sage_merging::{ADVERSARIAL, ExpertFile, REALISTIC};
+use serde_json::{Map, Value, json};
 
 use crate::{
     Outcome, Registries,
@@ -25,29 +29,85 @@ use crate::{
 
 /// Most scenes that are held encoded with all their goals, about 12 GB.
 const MOST_PREPARED: usize = 8192;
-/// What it leaves.
-const RESULTS: [&str; 4] =
-    [networks::PRIOR, "realistic.safetensors", "adversarial.safetensors", "finetune.csv"];
-/// States of the experts, which are there only while they are tuned.
-const STATES: [&str; 2] = ["realistic.state", "adversarial.state"];
+/// An expert to be tuned.
+struct Expert {
+    name: String,
+    options: FinetuneOptions,
+    objective: Objective,
+}
 
-/// The experts with their names and tastes, as a config file changes them.
-fn experts(args: &FinetuneArgs) -> Result<[(&'static str, FinetuneOptions); 2]> {
-    let options = |own: FinetuneOptions| -> Result<FinetuneOptions> {
-        let options = match &args.config {
-            Some(path) => configured(path, &own)?,
-            None => own,
-        };
-        options.check()?;
-        Ok(FinetuneOptions { seed: args.seed, ..options })
+/// The experts, as a config file changes them: its options are for all of them, and those under `experts` for
+/// one by name. Without `experts` there are the realistic and the adversarial one.
+fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> {
+    let mut shared = match &args.config {
+        Some(path) => read_config(path)?,
+        None => Map::new(),
     };
-    let (realistic, adversarial) = (FinetuneOptions::realistic(), FinetuneOptions::default());
-    Ok([("realistic", options(realistic)?), ("adversarial", options(adversarial)?)])
+    let both = || [REALISTIC, ADVERSARIAL].map(|name| (name.to_owned(), json!({}))).into_iter().collect();
+    let own: Map<String, Value> = match shared.remove("experts") {
+        None => both(),
+        Some(Value::Object(experts)) if !experts.is_empty() => experts,
+        Some(other) => bail!("`experts` is `{other}`; expected an object of options by name"),
+    };
+    let place = args.config.as_ref().map_or(String::new(), |path| format!("`{}`: ", path.display()));
+    let mut experts = Vec::with_capacity(own.len());
+    for (name, own) in own {
+        check_name(&name)?;
+        let base = if name == REALISTIC { FinetuneOptions::realistic() } else { FinetuneOptions::default() };
+        let mut all = serde_json::to_value(base)?;
+        if let Some(all) = all.as_object_mut() {
+            all.extend(shared.clone());
+            let own =
+                own.as_object().with_context(|| format!("{place}expert `{name}`: expected an object"))?;
+            all.extend(own.clone());
+            if let Some(Value::String(preset)) = all.get("objective") {
+                let spec = ObjectiveSpec::preset(preset);
+                let spec =
+                    spec.with_context(|| format!("{place}no objective `{preset}`; `sage list` has them"))?;
+                all.insert("objective".to_owned(), serde_json::to_value(spec)?);
+            }
+        }
+        let fail = || format!("{place}expert `{name}`");
+        let options: FinetuneOptions = serde_json::from_value(all).with_context(fail)?;
+        options.check().with_context(fail)?;
+        let objective = Objective::new(&options.objective, &registries.rewards, &registries.feasibilities);
+        let objective = objective.with_context(fail)?;
+        experts.push(Expert { name, options: FinetuneOptions { seed: args.seed, ..options }, objective });
+    }
+    // The realistic one first, as ever.
+    experts.sort_by_key(|expert| (expert.name != REALISTIC, expert.name != ADVERSARIAL, expert.name.clone()));
+    Ok(experts)
+}
+
+/// Refuses names that cannot be files of their own beside the prior.
+fn check_name(name: &str) -> Result<()> {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '_';
+    if name.is_empty() || name.len() > 40 || !name.chars().all(is_plain) || ["prior", "last"].contains(&name)
+    {
+        bail!("an expert cannot be named `{}`: expected letters, digits, - and _", name.escape_debug());
+    }
+    Ok(())
+}
+
+fn read_config(path: &Path) -> Result<Map<String, Value>> {
+    let text = input::read_config(path)?;
+    let config: Map<String, Value> =
+        serde_json::from_str(&text).with_context(|| format!("`{}`", path.display()))?;
+    if config.contains_key("seed") {
+        bail!("`{}`: `seed` is given by --seed", path.display());
+    }
+    Ok(config)
 }
 
 pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    let experts = experts(args)?;
+    let experts = experts(args, registries)?;
+    let objectives: Vec<&Objective> = experts.iter().map(|expert| &expert.objective).collect();
+    let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities)?;
+    let states: Vec<String> = experts.iter().map(|expert| format!("{}.state", expert.name)).collect();
+    let mut results: Vec<String> =
+        experts.iter().map(|expert| format!("{}.safetensors", expert.name)).collect();
+    results.extend([PRIOR_FILE.to_owned(), "finetune.csv".to_owned()]);
     let loaded = networks::load(&registries.backbones, &args.prior)?;
     networks::announce(&loaded);
     let prior = &*loaded.network;
@@ -57,14 +117,24 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         None => Vec::new(),
     };
     let data = scenes::describe(&train);
+    let options: Map<String, Value> = experts
+        .iter()
+        .map(|expert| Ok((expert.name.clone(), serde_json::to_value(&expert.options)?)))
+        .collect::<Result<_>>()?;
     let identity = json!({
         "data": &data, "prior": prior.parameters().hash()?, "seed": args.seed, "roles": args.roles,
-        "options": &experts, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
+        "options": options, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
     // The dial of other experts would be taken for theirs.
-    let outdated = [networks::DIAL_FILE];
-    let (run, state) =
-        Run::start(&args.folder.out, identity.clone(), args.folder.force, &STATES, &outdated, &RESULTS)?;
+    let outdated = [DIAL_FILE];
+    let (run, state) = Run::start(
+        &args.folder.out,
+        identity.clone(),
+        args.folder.force,
+        &states.iter().map(String::as_str).collect::<Vec<_>>(),
+        &outdated,
+        &results.iter().map(String::as_str).collect::<Vec<_>>(),
+    )?;
     if state == State::Done {
         return Ok(Outcome::Done);
     }
@@ -77,8 +147,9 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         train.len(),
         dev.len()
     );
-    let (plain, dev) = (TunedScene::all(prior, &train, false)?, TunedScene::all(prior, &dev, false)?);
-    let both = TunedScene::all(prior, &train, true)?;
+    let (plain, dev) =
+        (TunedScene::all(prior, &train, false, &measures)?, TunedScene::all(prior, &dev, false, &measures)?);
+    let both = TunedScene::all(prior, &train, true, &measures)?;
     drop(train);
     progress::say(&format!(
         "every goal of {} casts (a scene with an ego and an adversary) is decoded and judged ({:.0} s)",
@@ -88,13 +159,13 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let count = plain.len();
     let all: Vec<TunedScene> = plain.into_iter().chain(both).collect();
     let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_reward,expected_penalty,seconds\n".to_owned();
-    let mut results = Vec::new();
-    for (name, options) in &experts {
+    let mut told_results = Vec::new();
+    for Expert { name, options, objective } in &experts {
         let train = if options.mirror { &all[..] } else { &all[..count] };
         let state = folder.path().join(format!("{name}.state"));
         let identity = json!({"run": &identity, "expert": name});
-        let kept = Kept { file: &state, identity };
-        let weights = finetune(prior, train, options, Some(&kept), |row| {
+        let kept = Kept { file: &state, identity, header: Header::default() };
+        let weights = finetune(prior, train, &measures, objective, options, Some(&kept), |row| {
             progress::say(&told(name, row));
             table += &csv(name, row);
         })?;
@@ -107,7 +178,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
             license: loaded.header.license.clone(),
             ..Header::default()
         };
-        header.notes.insert(ExpertFile::EXPERT.to_owned(), (*name).to_owned());
+        header.notes.insert(ExpertFile::EXPERT.to_owned(), name.clone());
         header.notes.insert(ExpertFile::PRIOR.to_owned(), prior.parameters().hash()?);
         header.notes.insert("options".to_owned(), serde_json::to_string(options)?);
         weights.save(&header, &folder.path().join(format!("{name}.safetensors")))?;
@@ -126,35 +197,20 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
                     before.penalty,
                     after.penalty,
                 ));
-                results.push(json!({"expert": name, "set": set, "casts": scenes.len(), "prior": before, "tuned": after}));
+                told_results.push(json!({"expert": name, "set": set, "casts": scenes.len(), "prior": before, "tuned": after}));
             }
         }
-        results.push(json!({"expert": name, "options": options}));
+        told_results.push(json!({"expert": name, "options": options}));
     }
-    loaded.network.parameters().save(&loaded.header, &folder.path().join(networks::PRIOR))?;
+    loaded.network.parameters().save(&loaded.header, &folder.path().join(PRIOR_FILE))?;
     folder.write("finetune.csv", table.as_bytes())?;
-    run.finish(&json!({"experts": results}), clock.elapsed().as_secs_f64())?;
+    run.finish(&json!({"experts": told_results}), clock.elapsed().as_secs_f64())?;
     progress::say(&format!(
         "prior and experts are in `{}` ({:.0} s)",
         args.folder.out.display(),
         clock.elapsed().as_secs_f64()
     ));
     Ok(Outcome::Done)
-}
-
-/// Options from a file over an expert's own: keys left out keep theirs.
-fn configured(path: &std::path::Path, own: &FinetuneOptions) -> Result<FinetuneOptions> {
-    let text = input::read_config(path)?;
-    let fail = || format!("`{}`", path.display());
-    let given: serde_json::Map<String, serde_json::Value> = serde_json::from_str(&text).with_context(fail)?;
-    if given.contains_key("seed") {
-        bail!("`{}`: `seed` is given by --seed", path.display());
-    }
-    let mut all = serde_json::to_value(own)?;
-    if let Some(all) = all.as_object_mut() {
-        all.extend(given);
-    }
-    serde_json::from_value(all).with_context(fail)
 }
 
 /// Beside each scene the same with so many other pairs of ego and adversary.

@@ -4,30 +4,35 @@ use std::{
     collections::HashMap,
     io::{ErrorKind, Write},
     path::{Path, PathBuf},
+    sync::Arc,
     time::Instant,
 };
 
 use anyhow::{Context as _, Result, bail};
 use sage_core::{
-    generator::{Attack, Generator},
-    objective::{Context, ContextOptions, Scorer, Scores},
+    generator::{Attack, Note},
+    objective::{Context, ContextOptions, FurtherMeasures, Scorer, Scores},
     scene::SceneIndex,
 };
 use sage_data::{Recording, folder};
-use sage_generators::{Method, attacked};
+use sage_generators::{Facts, attacked};
+use sage_merging::Merger;
 use serde::Serialize;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use crate::{
     Outcome, Registries,
     cli::GenerateArgs,
     commands::draw::drawn_path,
     drawing::{self, Picture},
-    input,
-    methods::{self, Place},
-    networks,
+    generators::{self, BuiltGenerator},
+    input, networks,
+    operating_point::Place,
     output::{self, Folder},
-    progress, terminal,
+    part::Part,
+    progress,
+    selection::Selection,
+    terminal,
 };
 
 #[derive(Serialize)]
@@ -38,10 +43,12 @@ struct Candidate {
     scores: Scores,
 }
 
-/// Generators at all places over one set of weights.
-struct Generators {
-    weights: String,
-    places: Vec<(Place, Box<dyn Generator>)>,
+/// The generator with all its operating points over one set of weights; none for one that needs no experts.
+struct OverWeights {
+    weights: Option<String>,
+    built: BuiltGenerator,
+    /// Where the dials are put, for files and rows: λ and μ even where they change nothing.
+    places: Vec<Place>,
 }
 
 /// What each scene is attacked with. Weights are those that the user names, or by each scene's origin: what
@@ -49,20 +56,25 @@ struct Generators {
 struct GeneratorSets<'a> {
     args: &'a GenerateArgs,
     registries: &'a Registries,
-    method: Box<dyn Method>,
-    loaded: Vec<Generators>,
+    method: Part,
+    facts: Facts,
+    merger: Arc<dyn Merger>,
+    selection: Selection,
+    further: FurtherMeasures,
+    loaded: Vec<OverWeights>,
 }
 
 impl GeneratorSets<'_> {
-    /// The generators for a scene.
+    /// Number of what a scene is attacked with.
     ///
     /// *Errors*: weights that cannot be used.
-    fn for_scene(&mut self, is_made: bool) -> Result<&Generators> {
+    fn for_scene(&mut self, is_made: bool) -> Result<usize> {
         let weights = match &self.args.weights {
-            Some(weights) => weights.as_str(),
-            None => networks::default_for(is_made)?,
+            _ if !self.facts.needs_experts => None,
+            Some(weights) => Some(weights.as_str()),
+            None => Some(networks::default_for(is_made)?),
         };
-        let known = self.loaded.iter().position(|generators| generators.weights == weights);
+        let known = self.loaded.iter().position(|over| over.weights.as_deref() == weights);
         let number = match known {
             Some(number) => number,
             None => {
@@ -70,36 +82,50 @@ impl GeneratorSets<'_> {
                 self.loaded.len() - 1
             }
         };
-        Ok(&self.loaded[number])
+        Ok(number)
     }
 
-    fn load(&self, weights: &str) -> Result<Generators> {
+    fn load(&self, weights: Option<&str>) -> Result<OverWeights> {
         let args = self.args;
-        let experts = networks::load_experts(&self.registries.backbones, weights)?;
-        let merger = self.registries.mergers.build_default(&args.dial.merger)?;
-        let choosing = args.choosing.with(args.choice);
-        let places = if self.method.is_steered() {
-            args.dial.places(weights, &experts, choosing.choice, &[1.0])?
-        } else {
-            vec![Place::at(1.0, None)?]
+        let load = |name| networks::load_experts(&self.registries.backbones, name);
+        let experts = weights.map(load).transpose()?;
+        let dial = || {
+            let weights = weights.unwrap_or("procedural");
+            let merger = args.dial.merging.merger.to_string();
+            match &experts {
+                Some(experts) => networks::load_dial(weights, experts, &self.selection.name, &merger),
+                None => networks::load_dial(weights, &load(weights)?, &self.selection.name, &merger),
+            }
         };
-        let build =
-            |place: Place| Ok((place, methods::build(&*self.method, place, choosing, &experts, &*merger)?));
-        let places = places.into_iter().map(build).collect::<Result<Vec<_>>>()?;
-        Ok(Generators { weights: weights.to_owned(), places })
+        let range = self.merger.range();
+        let places = if self.facts.has_dial() {
+            args.dial.places(dial, range, &[1.0])?
+        } else {
+            vec![Place::at(1.0, None, range)?]
+        };
+        let inputs = generators::inputs(experts.as_ref(), &self.merger, &self.selection, args.seed);
+        let built = BuiltGenerator::new(&self.method, self.registries, &inputs, &places)?;
+        Ok(OverWeights { weights: weights.map(str::to_owned), built, places })
     }
 }
 
 pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcome> {
-    let options = args.options.as_deref().map_or(Ok(json!({})), serde_json::from_str);
-    let options: Value = options.context("--options is not a JSON object")?;
-    let method = registries.methods.build(&args.method, &options)?;
-    registries.mergers.get(&args.dial.merger)?;
-    args.dial.check()?;
-    say_what_changes_nothing(args, &*method);
-    let mut sets = GeneratorSets { args, registries, method, loaded: Vec::new() };
-    if let Some(weights) = &args.weights {
-        sets.loaded.push(sets.load(weights)?);
+    let mut method = args.method.clone();
+    if let Some(options) = &args.options {
+        let options: Map<String, Value> =
+            serde_json::from_str(options).context("--options is not a JSON object")?;
+        method.options.extend(options);
+    }
+    let facts = method.build(&registries.generators)?.facts();
+    let merger: Arc<dyn Merger> = args.dial.merging.merger.build(&registries.mergers)?.into();
+    args.dial.check(merger.range())?;
+    let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
+    say_what_changes_nothing(args, &facts);
+    let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities)?;
+    let mut sets =
+        GeneratorSets { args, registries, method, facts, merger, selection, further, loaded: Vec::new() };
+    if args.weights.is_some() {
+        sets.for_scene(true)?;
     }
     let files = folder::scene_files(&args.scene)?;
     check_names(&files)?;
@@ -174,19 +200,19 @@ fn attempt(
     // Where the user names weights, nobody asks where the scene is from.
     let is_made =
         args.weights.is_some() || recording.is_made().map_err(|error| Failure::Scene(error.into()))?;
-    let generators = sets.for_scene(is_made).map_err(Failure::Run)?;
-    one(args, out, generators, file, recording).map_err(Failure::Scene)
+    let number = sets.for_scene(is_made).map_err(Failure::Run)?;
+    one(args, out, sets, number, file, recording).map_err(Failure::Scene)
 }
 
-fn say_what_changes_nothing(args: &GenerateArgs, method: &dyn Method) {
-    let strict = args.choosing.with(args.choice).strict;
-    if !method.is_steered() && args.dial.is_given() {
+fn say_what_changes_nothing(args: &GenerateArgs, facts: &Facts) {
+    if !facts.has_dial() && args.dial.is_given() {
         progress::say(&format!(
             "note: `{}` is not steered: lambda, mu and aggression change nothing",
             args.method
         ));
     }
-    if args.dial.aggression.is_some() && (args.method != "sage" || strict) {
+    let is_paper = args.rule.feasibility.as_ref().is_none_or(|rule| *rule == Part::paper());
+    if args.dial.aggression.is_some() && (args.method.name != "sage" || !is_paper) {
         progress::say(
             "note: the even dial was fitted for `sage` under the paper's feasibility; here it may not be even",
         );
@@ -231,32 +257,34 @@ fn tell(lines: &[String]) -> Result<bool> {
 fn one(
     args: &GenerateArgs,
     out: &Folder,
-    Generators { weights, places }: &Generators,
+    sets: &GeneratorSets,
+    number: usize,
     file: &Path,
     mut recording: Recording,
 ) -> Result<Vec<String>> {
+    let OverWeights { weights, built, places } = &sets.loaded[number];
     recording.scene = recording.scene.with_roles(None, args.adversary.as_deref())?;
-    let scene = recording.scene.clone();
+    let scene = Arc::new(recording.scene.clone());
     let index = SceneIndex::new(scene.map.clone());
     index.build_all();
     let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
-    let scorer = Scorer::new(&ctx);
+    let scorer = Scorer::with(&ctx, &sets.further);
     let stem = stem(file);
+    let clock = Instant::now();
+    let attacks = built.generator.attacks(&ctx, &built.points, args.seed)?;
+    let seconds = clock.elapsed().as_secs_f64() / places.len() as f64;
     let (mut drawn, mut lines) = (Vec::new(), Vec::new());
-    for (place, generator) in places {
-        let clock = Instant::now();
-        let attack = generator.generate(&ctx, args.seed)?;
-        let seconds = clock.elapsed().as_secs_f64();
+    for (place, attack) in places.iter().zip(attacks) {
         attack.check(&scene)?;
         let name = if places.len() > 1 { format!("{stem}-{}", place.file_label()) } else { stem.clone() };
-        let scores = scorer.scores(&ctx.candidate(attack.trajectory().clone()));
-        lines.push(report(args, out, &name, *place, &attack, &scores, seconds, &scorer, &ctx)?);
+        let report = Report { sets, scorer: &scorer, ctx: &ctx, name: &name, place, seconds };
+        lines.push(report.write(args, out, &attack)?);
         recording.scene = attacked(&scene, attack.trajectory())?;
-        recording.provenance = Some(provenance(args, weights, *place).to_string());
+        recording.provenance = Some(provenance(args, weights.as_deref(), place).to_string());
         for ending in ["safetensors", "pkl"] {
             recording.write(&out.path().join(format!("{name}.{ending}")))?;
         }
-        let label = if places.len() > 1 { place.long_label() } else { generator.name() };
+        let label = if places.len() > 1 { place.long_label() } else { built.keys[0].label() };
         drawn.push(drawn_path(label, &ctx, attack.trajectory().clone()));
     }
     let picture = Picture { title: stem.clone(), candidates: drawn, ..Picture::default() };
@@ -265,55 +293,74 @@ fn one(
 }
 
 /// How a scene was attacked, for whoever finds the file.
-fn provenance(args: &GenerateArgs, weights: &str, place: Place) -> Value {
-    json!({
-        "by": concat!("sage ", env!("CARGO_PKG_VERSION")), "command": output::command(), "method": args.method,
+fn provenance(args: &GenerateArgs, weights: Option<&str>, place: &Place) -> Value {
+    let mut row = json!({
+        "by": concat!("sage ", env!("CARGO_PKG_VERSION")), "command": output::command(), "method": args.method.name,
         "weights": weights, "lambda": place.lambda, "mu": place.mu, "aggression": place.aggression, "seed": args.seed,
-    })
+    });
+    add_mix(&mut row, place);
+    row
 }
 
-#[allow(clippy::too_many_arguments)] // One row needs all of it, and nobody else calls it.
-fn report(
-    args: &GenerateArgs,
-    out: &Folder,
-    name: &str,
-    place: Place,
-    attack: &Attack,
-    scores: &Scores,
-    seconds: f64,
-    scorer: &Scorer,
-    ctx: &Context,
-) -> Result<String> {
-    let all = attack.candidates.iter().map(|p| Candidate {
-        log_prob: p.log_prob,
-        goal: p.goal,
-        scores: scorer.scores(&ctx.candidate(p.trajectory.clone())),
-        trajectory: p.trajectory.clone(),
-    });
-    let row = json!({
-        "scene": name, "method": args.method, "lambda": place.lambda, "mu": place.mu, "aggression": place.aggression,
-        "seed": args.seed,
-        "trajectory": attack.trajectory(), "chosen": attack.chosen, "feasible": scores.feasible,
-        "reasons": scores.reasons, "note": attack.note, "scores": scores,
-        "candidates": all.collect::<Vec<_>>(), "seconds": seconds,
-    });
-    out.write(&format!("{name}.json"), row.to_string().as_bytes())?;
-    if args.json {
-        let mut line = Vec::new();
-        terminal::json_line(&mut line, &row)?;
-        return Ok(String::from_utf8_lossy(&line).into_owned());
+/// Names the mixture's weights where there is no λ.
+fn add_mix(row: &mut Value, place: &Place) {
+    if !place.mix.is_empty() {
+        row["mix"] = place.mix.iter().map(|(name, weight)| (name.clone(), json!(weight))).collect();
     }
-    let hit = scores
-        .collision_step
-        .map_or("no contact".to_owned(), |step| format!("hits after {:.1} s", step as f64 / 10.0));
-    Ok(format!(
-        "{}: {hit}, R_adv {:.2}, P_kin {:.2}, P_beh {:.2}, {}{} ({:.0} ms)\n",
-        terminal::harmless_name(name),
-        scores.adversarial_reward,
-        scores.kinematic_penalty,
-        scores.behavior_penalty,
-        if scores.feasible { "feasible" } else { "not feasible" },
-        attack.note.as_ref().map_or(String::new(), |note| format!("; {note}")),
-        1e3 * seconds
-    ))
+}
+
+/// What is reported of one attack.
+struct Report<'r> {
+    sets: &'r GeneratorSets<'r>,
+    scorer: &'r Scorer<'r>,
+    ctx: &'r Context,
+    name: &'r str,
+    place: &'r Place,
+    /// Seconds a place, when all were worked on together.
+    seconds: f64,
+}
+
+impl Report<'_> {
+    /// Writes the attack with all its candidates as JSON; the line to print.
+    fn write(&self, args: &GenerateArgs, out: &Folder, attack: &Attack) -> Result<String> {
+        let Self { sets, scorer, ctx, name, place, seconds } = self;
+        let chosen = ctx.candidate(attack.trajectory().clone());
+        let scores = scorer.scores(&chosen);
+        // By the rule of the selection, whatever the scores beside it tell of.
+        let violations = sets.selection.objective.rule().violations(&chosen, ctx);
+        let all = attack.candidates.iter().map(|p| Candidate {
+            log_prob: p.log_prob,
+            goal: p.goal,
+            scores: scorer.scores(&ctx.candidate(p.trajectory.clone())),
+            trajectory: p.trajectory.clone(),
+        });
+        let note = attack.note.as_ref().map(Note::to_string);
+        let mut row = json!({
+            "scene": name, "method": args.method.name, "lambda": place.lambda, "mu": place.mu,
+            "aggression": place.aggression, "seed": args.seed,
+            "trajectory": attack.trajectory(), "chosen": attack.chosen, "feasible": violations.is_empty(),
+            "reasons": violations, "note": note, "scores": scores,
+            "candidates": all.collect::<Vec<_>>(), "seconds": seconds,
+        });
+        add_mix(&mut row, place);
+        out.write(&format!("{name}.json"), row.to_string().as_bytes())?;
+        if args.json {
+            let mut line = Vec::new();
+            terminal::json_line(&mut line, &row)?;
+            return Ok(String::from_utf8_lossy(&line).into_owned());
+        }
+        let hit = scores
+            .collision_step
+            .map_or("no contact".to_owned(), |step| format!("hits after {:.1} s", step as f64 / 10.0));
+        Ok(format!(
+            "{}: {hit}, R_adv {:.2}, P_kin {:.2}, P_beh {:.2}, {}{} ({:.0} ms)\n",
+            terminal::harmless_name(name),
+            scores.adversarial_reward,
+            scores.kinematic_penalty,
+            scores.behavior_penalty,
+            if violations.is_empty() { "feasible" } else { "not feasible" },
+            note.map_or(String::new(), |note| format!("; {note}")),
+            1e3 * seconds
+        ))
+    }
 }

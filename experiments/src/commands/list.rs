@@ -3,8 +3,12 @@
 use std::io::Write;
 
 use anyhow::Result;
-use sage_core::registry::Registry;
-use serde_json::json;
+use sage_core::{
+    objective::{ObjectiveSpec, PRESETS},
+    registry::Registry,
+};
+use sage_generators::GeneratorKind;
+use serde_json::{Value, json};
 
 use crate::{Outcome, Registries};
 
@@ -12,10 +16,52 @@ pub(crate) fn run(registries: &Registries, as_json: bool) -> Result<Outcome> {
     let mut out = std::io::stdout().lock();
     print(&mut out, &registries.rewards, as_json)?;
     print(&mut out, &registries.feasibilities, as_json)?;
+    objectives(&mut out, as_json)?;
     print(&mut out, &registries.backbones, as_json)?;
     print(&mut out, &registries.mergers, as_json)?;
-    print(&mut out, &registries.methods, as_json)?;
+    generators(&mut out, &registries.generators, as_json)?;
     Ok(Outcome::Done)
+}
+
+/// Presets that `--selection` and `finetune --config` take by name.
+fn objectives(out: &mut impl Write, as_json: bool) -> Result<()> {
+    if !as_json {
+        writeln!(out, "objective (--selection NAME, or a JSON file)")?;
+    }
+    for (name, summary) in PRESETS {
+        if as_json {
+            let spec = ObjectiveSpec::preset(name);
+            writeln!(
+                out,
+                "{}",
+                json!({"kind": "objective", "name": name, "summary": summary, "spec": spec})
+            )?;
+        } else {
+            writeln!(out, "  {name:<22} {summary}")?;
+        }
+    }
+    Ok(())
+}
+
+/// Generators, with what each knows beyond what can be seen now.
+fn generators(out: &mut impl Write, registry: &Registry<dyn GeneratorKind>, as_json: bool) -> Result<()> {
+    if !as_json {
+        writeln!(out, "{}", registry.kind())?;
+    }
+    for entry in registry.entries() {
+        let knows = registry.build_default(entry.name)?.facts().knows.to_string();
+        if as_json {
+            let row = json!({
+                "kind": registry.kind(), "name": entry.name, "summary": entry.summary,
+                "source": entry.source, "options": entry.defaults, "knows": knows,
+            });
+            writeln!(out, "{row}")?;
+        } else {
+            writeln!(out, "  {:<22} {} (knows {knows})", entry.name, entry.summary)?;
+            options(out, &entry.defaults)?;
+        }
+    }
+    Ok(())
 }
 
 fn print<T: ?Sized>(out: &mut impl Write, registry: &Registry<T>, as_json: bool) -> Result<()> {
@@ -31,13 +77,17 @@ fn print<T: ?Sized>(out: &mut impl Write, registry: &Registry<T>, as_json: bool)
             writeln!(out, "{row}")?;
         } else {
             writeln!(out, "  {:<22} {}", entry.name, entry.summary)?;
-            let options = entry.defaults.as_object().filter(|options| !options.is_empty());
-            if let Some(options) = options {
-                let words: Vec<String> =
-                    options.iter().map(|(key, value)| format!("{key} = {value}")).collect();
-                writeln!(out, "  {:<22}   options: {}", "", words.join(", "))?;
-            }
+            options(out, &entry.defaults)?;
         }
+    }
+    Ok(())
+}
+
+fn options(out: &mut impl Write, defaults: &Value) -> Result<()> {
+    let options = defaults.as_object().filter(|options| !options.is_empty());
+    if let Some(options) = options {
+        let words: Vec<String> = options.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+        writeln!(out, "  {:<22}   options: {}", "", words.join(", "))?;
     }
     Ok(())
 }

@@ -8,6 +8,7 @@ use sage_backbones::{
     prediction::{Predicted, predict},
 };
 use sage_core::{
+    generator::Observation,
     geometry::Point,
     motion::{NOW, Trajectory},
     scene::{Scene, SceneIndex, TrackKind},
@@ -49,7 +50,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     }
     .with_context(|| format!("`{}`", args.scene.display()))?;
     let index = SceneIndex::new(scene.map.clone());
-    let features = loaded.network.features(&scene, &index, target)?;
+    let features = loaded.network.features(&Observation::of(&scene, &index)?, target, None)?;
     if !features.has_lanes {
         progress::say("note: no motor lane is within reach of the agent; goals lie on a plain grid");
     }

@@ -7,6 +7,7 @@ use sage_backbones::{
     Backbone,
     parameters::Header,
     training::{EpochRow, Observer, PretrainOptions, pretrain},
+    weights::PRIOR_FILE,
 };
 use serde_json::json;
 
@@ -14,8 +15,7 @@ use crate::{
     Outcome, Registries,
     bench::curve,
     cli::PretrainArgs,
-    input,
-    networks::{self, PRIOR},
+    input, networks,
     output::{self, Folder, Run, State},
     progress,
     scenes::{self, Scenes},
@@ -63,7 +63,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         "backbone": &header.backbone, "network": &header.options, "options": options, "data": &header.data,
         "start": &header.notes["start"], "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
-    let outdated = [STATE, PRIOR, "curve.csv", "curve.svg"];
+    let outdated = [STATE, PRIOR_FILE, "curve.csv", "curve.svg"];
     let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[], &outdated, &outdated)?;
     if state == State::Done {
         return Ok(Outcome::Done);
@@ -91,7 +91,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         best.epoch,
         best.surprise,
         best.min_fde6,
-        folder.path().join(PRIOR).display()
+        folder.path().join(PRIOR_FILE).display()
     ));
     Ok(Outcome::Done)
 }

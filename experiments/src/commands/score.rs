@@ -1,16 +1,16 @@
 //! `sage score`: everything that is measured of candidate trajectories.
 
-use std::io::Write;
+use std::{io::Write, sync::Arc};
 
 use anyhow::Result;
 use sage_core::{
-    objective::{Context, ContextOptions, Scorer, Scores, Sizes},
+    objective::{Context, ContextOptions, FurtherMeasures, Scorer, Scores, Sizes},
     scene::SceneIndex,
 };
 use serde::Serialize;
 
 use crate::{
-    Outcome, candidates,
+    Outcome, Registries, candidates,
     cli::{ScoreArgs, SizesArg},
     terminal,
 };
@@ -22,10 +22,11 @@ struct Row<'r> {
     scores: Scores,
 }
 
-pub(crate) fn run(args: &ScoreArgs) -> Result<Outcome> {
+pub(crate) fn run(args: &ScoreArgs, registries: &Registries) -> Result<Outcome> {
+    let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities)?;
     let scene = candidates::read_scene(&args.scene, args.ego.as_deref(), args.adversary.as_deref())?;
     let candidates = candidates::read(&args.candidates)?;
-    let index = SceneIndex::new(scene.map.clone());
+    let (index, scene) = (SceneIndex::new(scene.map.clone()), Arc::new(scene));
     let options = ContextOptions {
         convention: args.convention.into(),
         sizes: match args.sizes {
@@ -36,38 +37,43 @@ pub(crate) fn run(args: &ScoreArgs) -> Result<Outcome> {
     };
     // Built when the first candidate asks for it: a short scene has no logged ego path to offer.
     let mut logged: Option<Context> = None;
-    let mut table = Table { out: std::io::stdout().lock(), json: args.json, rows: 0 };
+    let mut table = Table { out: std::io::stdout().lock(), json: args.json, rows: 0, further: &further };
     for candidate in candidates {
         let own;
         let ctx = match (candidate.ego, &mut logged) {
             (None, Some(ctx)) => &*ctx,
             (None, slot) => &*slot.insert(Context::new(&scene, &index, &options)?),
-            (ego, _) => {
+            (Some(ego), Some(ctx)) => {
+                own = ctx.with_ego(&ego)?;
+                &own
+            }
+            (ego, None) => {
                 own = Context::new(&scene, &index, &ContextOptions { ego, ..options.clone() })?;
                 &own
             }
         };
-        let scores = Scorer::new(ctx).scores(&ctx.candidate(candidate.trajectory));
+        let scores = Scorer::with(ctx, &further).scores(&ctx.candidate(candidate.trajectory));
         table.row(&Row { name: &candidate.name, scores })?;
     }
     Ok(Outcome::Done)
 }
 
-struct Table<W> {
+struct Table<'f, W> {
     out: W,
     json: bool,
     rows: usize,
+    further: &'f FurtherMeasures,
 }
 
-impl<W: Write> Table<W> {
+impl<W: Write> Table<'_, W> {
     fn row(&mut self, row: &Row) -> Result<()> {
         if self.json {
             return Ok(terminal::json_line(&mut self.out, row)?);
         }
         if self.rows == 0 {
-            writeln!(
+            write!(
                 self.out,
-                "{:<22} {:>6} {:>4} {:>7} {:>7} {:>4} {:>5} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}  broken rules",
+                "{:<22} {:>6} {:>4} {:>7} {:>7} {:>4} {:>5} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}",
                 "candidate",
                 "R_adv",
                 "hit",
@@ -86,6 +92,10 @@ impl<W: Write> Table<W> {
                 "wd_a",
                 "wd_yaw"
             )?;
+            for name in self.further.rewards().chain(self.further.rules()) {
+                write!(self.out, " {name:>width$}", width = column(name))?;
+            }
+            writeln!(self.out, "  broken rules")?;
         }
         self.rows += 1;
         let s = &row.scores;
@@ -95,10 +105,20 @@ impl<W: Write> Table<W> {
             .reasons_strict
             .iter()
             .chain(s.reasons.iter().filter(|r| !s.reasons_strict.contains(r)))
-            .map(|r| format!("{} {} at step {}", r.rule.words(), r.with.escape_debug(), r.step))
+            .chain(s.rules.values().flatten())
+            .map(|v| format!("{} {} at step {}", v.words(), v.with.escape_debug(), v.step))
             .collect();
+        let mut further = String::new();
+        for name in self.further.rewards() {
+            let value = number(s.rewards.get(name).copied().flatten(), 3);
+            further += &format!(" {value:>width$}", width = column(name));
+        }
+        for name in self.further.rules() {
+            let is_kept = yes(s.rules.get(name).is_none_or(Vec::is_empty));
+            further += &format!(" {is_kept:>width$}", width = column(name));
+        }
         let line = format!(
-            "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}  {}",
+            "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}  {}",
             row.name.escape_debug().to_string(),
             s.adversarial_reward,
             s.collision_step.map_or("-".to_owned(), |step| step.to_string()),
@@ -121,4 +141,9 @@ impl<W: Write> Table<W> {
         writeln!(self.out, "{}", line.trim_end())?;
         Ok(())
     }
+}
+
+/// Width of a further measure's column.
+fn column(name: &str) -> usize {
+    name.len().max(6)
 }

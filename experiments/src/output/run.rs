@@ -21,7 +21,7 @@ pub(crate) struct Run {
     /// What tells it from others.
     identity: Value,
     /// Files and folders that are there only while it lasts.
-    passing: &'static [&'static str],
+    passing: Vec<String>,
 }
 
 /// What a folder holds of a run.
@@ -46,11 +46,12 @@ impl Run {
         path: &Path,
         identity: Value,
         force: bool,
-        passing: &'static [&'static str],
+        passing: &[&str],
         outdated: &[&str],
         results: &[&str],
     ) -> Result<(Self, State)> {
-        let run = Self { folder: Folder::claim(path)?, identity, passing };
+        let owned = passing.iter().map(|name| (*name).to_owned()).collect();
+        let run = Self { folder: Folder::claim(path)?, identity, passing: owned };
         let state = if force { State::New } else { run.state(results) };
         match state {
             State::New

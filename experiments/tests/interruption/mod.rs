@@ -50,7 +50,7 @@ impl Case {
             "open-loop" => {
                 (&["bench", "open-loop", "scenes", "--methods", "sage,rule,log", "--lambda", "1"], false)
             }
-            "calibrate" => (&["calibrate", "scenes", "--choice", "paper"], true),
+            "calibrate" => (&["calibrate", "scenes", "--selection", "paper-selection"], true),
             other => panic!("no case for `{other}`"),
         };
         let arguments = arguments.iter().map(|a| (*a).to_owned()).collect();

@@ -12,7 +12,7 @@ use sage_core::{
     scene::{MapKind, Scene, Track, TrackKind},
 };
 
-use super::{EdgeGrid, Features, Frame, Outlook, Table};
+use super::{EdgeGrid, Features, Frame, Layout, Outlook, Table};
 use crate::{Error, nn::Groups};
 
 /// Numbers of a row.
@@ -53,6 +53,7 @@ pub fn features(scene: &Scene, target: usize) -> Result<Features, Error> {
     let goals = lattice();
     let goal_features = Table { columns: 2, values: goals.iter().flatten().copied().collect() };
     Ok(Features {
+        layout: Layout::Published,
         frame,
         velocity: frame.turn_to_local(track.velocity[NOW]).map(|v| v as f32),
         vectors,

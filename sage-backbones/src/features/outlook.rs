@@ -2,7 +2,7 @@
 //!
 //! Whoever drives along a lane follows it at an even speed, straight on where it forks; whoever does
 //! not goes on straight; whoever stands stays. The ego gets several ways with weights once a network
-//! has predicted it ([`Outlook::foresee`]).
+//! has predicted it ([`EgoForecast`]).
 
 use sage_core::{
     geometry::{Aabb, Point, distance, wrap_angle},
@@ -11,6 +11,7 @@ use sage_core::{
 };
 
 use super::Frame;
+use crate::forecast::EgoForecast;
 
 /// Steps from one look ahead to the next, and number of looks.
 pub const STRIDE: usize = 4;
@@ -56,7 +57,13 @@ pub struct Outlook {
 
 impl Outlook {
     /// What a target expects of everybody else.
-    pub(super) fn of(scene: &Scene, index: &SceneIndex, target: usize, frame: &Frame) -> Self {
+    pub(super) fn of(
+        scene: &Scene,
+        index: &SceneIndex,
+        target: usize,
+        frame: &Frame,
+        forecast: Option<&EgoForecast>,
+    ) -> Self {
         let there = |k: usize| k != target && scene.tracks[k].is_valid(NOW);
         let ways = |k: usize| ahead(scene, index, &scene.tracks[k], frame);
         let gap = |k: &usize| distance(scene.tracks[*k].point(NOW), frame.origin());
@@ -64,36 +71,10 @@ impl Outlook {
             (0..scene.tracks.len()).filter(|&k| k != scene.ego && there(k)).collect();
         others.sort_by(|a, b| gap(a).total_cmp(&gap(b)).then(a.cmp(b)));
         others.truncate(OTHERS);
+        let going_on = if there(scene.ego) { ways(scene.ego) } else { Vec::new() };
         Self {
-            ego: if there(scene.ego) { ways(scene.ego) } else { Vec::new() },
+            ego: forecast.and_then(|forecast| foreseen(&going_on, forecast, frame)).unwrap_or(going_on),
             others: others.into_iter().flat_map(ways).collect(),
-        }
-    }
-
-    /// Replaces what is expected of the ego by predicted futures with their log-probabilities.
-    pub fn foresee(&mut self, futures: &[(f32, &Trajectory)], frame: &Frame) {
-        let Some(known) = self.ego.first() else { return };
-        let (half, stands, [_, _, cos, sin]) = (known.half, known.stands, known.poses[0]);
-        let total: f32 = futures.iter().map(|(p, _)| p.exp()).sum();
-        let way = |(p, path): &(f32, &Trajectory)| {
-            let place = |step: usize| frame.to_local(path.points()[step]).map(|x| x as f32);
-            let (mut last, mut axis) = (place(0), [cos, sin]);
-            let mut poses = [[0.0; 4]; LOOKS];
-            for (look, pose) in poses.iter_mut().enumerate() {
-                let at = place((look + 1) * STRIDE - 1);
-                let [dx, dy] = [at[0] - last[0], at[1] - last[1]];
-                let length = dx.hypot(dy);
-                // Who does not move keeps its direction.
-                if length > 0.1 {
-                    axis = [dx / length, dy / length];
-                }
-                *pose = [at[0], at[1], axis[0], axis[1]];
-                last = at;
-            }
-            Way { weight: p.exp() / total, half, stands, poses }
-        };
-        if total > 0.0 && total.is_finite() {
-            self.ego = futures.iter().map(way).collect();
         }
     }
 
@@ -108,6 +89,31 @@ impl Outlook {
         }
         twin
     }
+}
+
+/// The ego's ways as a forecast has them; `None` if it says nothing, or the ego is not there.
+fn foreseen(going_on: &[Way], forecast: &EgoForecast, frame: &Frame) -> Option<Vec<Way>> {
+    let known = going_on.first()?;
+    let (half, stands, [_, _, cos, sin]) = (known.half, known.stands, known.poses[0]);
+    let total: f32 = forecast.futures().map(|(p, _)| p.exp()).sum();
+    let way = |(p, path): (f32, &Trajectory)| {
+        let place = |step: usize| frame.to_local(path.points()[step]).map(|x| x as f32);
+        let (mut last, mut axis) = (place(0), [cos, sin]);
+        let mut poses = [[0.0; 4]; LOOKS];
+        for (look, pose) in poses.iter_mut().enumerate() {
+            let at = place((look + 1) * STRIDE - 1);
+            let [dx, dy] = [at[0] - last[0], at[1] - last[1]];
+            let length = dx.hypot(dy);
+            // Who does not move keeps its direction.
+            if length > 0.1 {
+                axis = [dx / length, dy / length];
+            }
+            *pose = [at[0], at[1], axis[0], axis[1]];
+            last = at;
+        }
+        Way { weight: p.exp() / total, half, stands, poses }
+    };
+    (total > 0.0 && total.is_finite()).then(|| forecast.futures().map(way).collect())
 }
 
 /// The ways a road user may go on, the likeliest first.

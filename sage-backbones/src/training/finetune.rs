@@ -4,43 +4,35 @@
 //! ([`sage_core::preference_pairs`]); the loss of a pair is `−ln σ(kl_beta · (Δ − Δ_ref))`, with `Δ` the
 //! difference of the log-probabilities of winner and loser, both models at the same goals. What the
 //! policy cannot move is made once: encodings, the paths of all goals, and with them what every goal
-//! is worth.
-
-use std::{path::Path, time::Instant};
+//! is worth to the experts' objectives.
 
 use candle_core::{Device, Tensor};
-use rayon::prelude::*;
 use sage_core::{
+    objective::{Objective, ObjectiveSpec},
     preference_pairs::{Judged, Pairing, preference_pairs},
     seed::Rng,
 };
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 
 use super::{
-    Checkpoint, Gradient, Trainer,
+    Gradient, Trainer,
+    epochs::{self, Course, Epoch, Kept, Plan},
+    goal_table::{Measures, Taste},
     pretrain::check,
-    tuned_scene::{GoalTable, TunedScene, numbers},
+    tuned_scene::{TunedScene, numbers},
 };
 use crate::{
     Error, Parameters,
     backbone::{Backbone, Loss, finite},
     candidates::{Selection, choose},
-    nn::AdamWConfig,
-    parameters::Header,
 };
 
 /// How an expert is tuned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FinetuneOptions {
-    /// Weight of the adversarial reward.
-    pub w_adv: f64,
-    /// Weight of the penalties for driving unlike a car.
-    pub w_real: f64,
-    /// Weight of a touched edge (50) and a touched agent (10) in the reward: 0 where feasibility
-    /// ranks first.
-    pub w_map: f64,
+    /// What it prefers.
+    pub objective: ObjectiveSpec,
     /// How pairs are made.
     pub pairing: Pairing,
     /// Least difference of two rewards.
@@ -75,9 +67,7 @@ impl Default for FinetuneOptions {
     /// The adversarial expert's.
     fn default() -> Self {
         Self {
-            w_adv: 0.9,
-            w_real: 0.1,
-            w_map: 0.0,
+            objective: preset("paper-adversarial"),
             pairing: Pairing::Hierarchical,
             margin: 0.2,
             max_pairs: 64,
@@ -102,9 +92,6 @@ impl FinetuneOptions {
     /// *Errors*: [`Error::Training`] with the option and its value.
     pub fn check(&self) -> Result<(), Error> {
         check(&[
-            ("w_adv", self.w_adv, 0.0, 1e6),
-            ("w_real", self.w_real, 0.0, 1e6),
-            ("w_map", self.w_map, 0.0, 1e6),
             ("margin", self.margin, 0.0, 1e6),
             ("max_pairs", self.max_pairs as f64, 1.0, 1e6),
             ("candidates", self.candidates as f64, 2.0, 1e4),
@@ -120,8 +107,16 @@ impl FinetuneOptions {
     /// The realistic expert's. The paper gives it a tenth of the adversarial reward; since a hit is worth
     /// ten times what penalties differ by, that made it an attacker too.
     pub fn realistic() -> Self {
-        Self { w_adv: 0.0, w_real: 0.9, ..Self::default() }
+        Self { objective: preset("realistic"), ..Self::default() }
     }
+}
+
+fn preset(name: &str) -> ObjectiveSpec {
+    ObjectiveSpec::preset(name).unwrap_or_else(|| ObjectiveSpec {
+        terms: Vec::new(),
+        feasibility: Default::default(),
+        violation_weight: 0.0,
+    })
 }
 
 /// What one epoch of fine-tuning came to: means over scenes.
@@ -159,91 +154,98 @@ pub struct FinetuneRow {
     pub seconds: f64,
 }
 
-/// One scene's part of a step, and what it says of the policy.
-struct Part {
-    gradient: Option<Gradient>,
-    row: FinetuneRow,
-}
-
-/// Where the state of a run is kept after each epoch, so that it can go on.
-pub struct Kept<'p> {
-    /// The file.
-    pub file: &'p Path,
-    /// What tells this run from others: one with another is not gone on with.
-    pub identity: Value,
-}
-
-/// Tunes an expert from a prior on scenes that were prepared with it. `heard` gets a row an epoch, those
-/// of a run that is gone on with too.
+/// Tunes an expert from a prior on scenes that were prepared with it and measured for its objective. `heard`
+/// gets a row an epoch, those of a run that is gone on with too.
 ///
 /// *Errors*: [`Error::Training`] without scenes, or for a number that is not finite, with epoch,
-/// scene and tensor; [`Error::Io`] if the state cannot be kept.
+/// scene and tensor; [`Error::Io`] if the state cannot be kept; [`Error::Format`] for a state that is damaged
+/// or of another run.
 pub fn finetune(
     prior: &dyn Backbone,
     scenes: &[TunedScene],
+    measures: &Measures,
+    objective: &Objective,
     options: &FinetuneOptions,
     kept: Option<&Kept>,
-    mut heard: impl FnMut(&FinetuneRow),
+    heard: impl FnMut(&FinetuneRow) + Sync,
 ) -> Result<Parameters, Error> {
     options.check()?;
     if scenes.is_empty() {
         return Err(Error::Training("no scene has an adversary and an ego path to tune on".to_owned()));
     }
-    let config = AdamWConfig { weight_decay: options.weight_decay, ..AdamWConfig::default() };
-    let mut trainer = Trainer::new(prior, |name| prior.role(name).is_finetuned(), config)?;
-    let mut rows = go_on(&mut trainer, kept, config)?;
-    rows.iter().for_each(&mut heard);
-    let steps = u64::from(options.epochs) * scenes.len().div_ceil(options.batch) as u64;
-    for epoch in rows.len() as u32 + 1..=options.epochs {
-        let clock = Instant::now();
-        let mut order: Vec<usize> = (0..scenes.len()).collect();
-        Rng::new(options.seed, &format!("epoch {epoch}"), "order of fine-tuning").shuffle(&mut order);
-        let mut sum = FinetuneRow::default();
-        for batch in order.chunks(options.batch) {
-            let part = |&k: &usize| part(&trainer, &scenes[k], options, epoch);
-            let parts: Vec<Result<Part, Error>> = batch.par_iter().with_max_len(1).map(part).collect();
-            let parts = parts.into_iter().collect::<Result<Vec<_>, _>>()?;
-            let rate = options.rate * schedule(trainer.adam.steps, steps, options.warm_up);
-            let mut gradients = Vec::with_capacity(parts.len());
-            for part in parts {
-                add(&mut sum, &part.row);
-                gradients.extend(part.gradient);
-            }
-            // A batch without pairs says nothing: no step.
-            if !gradients.is_empty() {
-                trainer.update(&gradients, rate, options.clip)?;
-            }
-        }
-        let mut row = mean(&sum, scenes.len());
-        row.epoch = epoch;
-        row.seconds = clock.elapsed().as_secs_f64();
-        heard(&row);
-        rows.push(row);
-        if let Some(kept) = kept {
-            let (identity, rows, steps) = (kept.identity.clone(), rows.clone(), trainer.adam.steps);
-            let state = Checkpoint { identity, rows, steps };
-            state.save(&trainer.weights()?, &trainer.adam, &Header::default(), kept.file)?;
-        }
-    }
+    let plan = Plan {
+        epochs: options.epochs,
+        batch: options.batch,
+        clip: options.clip,
+        weight_decay: options.weight_decay,
+    };
+    let mut trainer = Trainer::new(prior, |name| prior.role(name).is_finetuned(), plan.config())?;
+    let mut course = Preferences { scenes, taste: measures.places(objective)?, options, heard };
+    epochs::run(&mut course, &mut trainer, &plan, kept)?;
     trainer.weights()
 }
 
-/// Takes up the state of the same run, if one is kept; the rows so far.
-fn go_on(trainer: &mut Trainer, kept: Option<&Kept>, config: AdamWConfig) -> Result<Vec<FinetuneRow>, Error> {
-    let Some(kept) = kept.filter(|kept| kept.file.is_file()) else { return Ok(Vec::new()) };
-    // A state that cannot be read is none: the run starts anew.
-    let Ok((state, weights, adam)) = Checkpoint::<FinetuneRow>::load(kept.file, config) else {
-        return Ok(Vec::new());
-    };
-    if state.identity != kept.identity {
-        return Ok(Vec::new());
-    }
-    trainer.set_weights(&weights)?;
-    trainer.adam = adam;
-    Ok(state.rows)
+/// Pairs of candidates of prepared scenes, and who hears of the epochs.
+struct Preferences<'s, H> {
+    scenes: &'s [TunedScene],
+    taste: Taste<'s>,
+    options: &'s FinetuneOptions,
+    heard: H,
 }
 
-fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch: u32) -> Result<Part, Error> {
+impl<H: FnMut(&FinetuneRow) + Sync> Course for Preferences<'_, H> {
+    /// Number of the scene.
+    type Item = usize;
+    type Note = FinetuneRow;
+    type Row = FinetuneRow;
+
+    fn items(&self, epoch: u32) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.scenes.len()).collect();
+        Rng::new(self.options.seed, &format!("epoch {epoch}"), "order of fine-tuning").shuffle(&mut order);
+        order
+    }
+
+    fn rate(&self, step: u64, steps: u64) -> f64 {
+        self.options.rate * schedule(step, steps, self.options.warm_up)
+    }
+
+    fn learn(
+        &self,
+        trainer: &Trainer,
+        scene: &usize,
+        epoch: u32,
+        _step: usize,
+    ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
+        part(trainer, &self.scenes[*scene], &self.taste, self.options, epoch)
+    }
+
+    fn row(&mut self, _: &Trainer, epoch: Epoch<FinetuneRow>) -> Result<FinetuneRow, Error> {
+        let mut sum = FinetuneRow::default();
+        epoch.notes.iter().for_each(|note| add(&mut sum, note));
+        let mut row = mean(&sum, self.scenes.len());
+        row.epoch = epoch.number;
+        row.seconds = epoch.clock.elapsed().as_secs_f64();
+        Ok(row)
+    }
+
+    fn finished(&mut self, _: &Trainer, _: &[FinetuneRow], row: &FinetuneRow) -> Result<(), Error> {
+        (self.heard)(row);
+        Ok(())
+    }
+
+    fn resumed(&mut self, rows: &[FinetuneRow]) {
+        rows.iter().for_each(&mut self.heard);
+    }
+}
+
+/// Gradient of one scene, and what it says of the policy.
+fn part(
+    trainer: &Trainer,
+    scene: &TunedScene,
+    taste: &Taste,
+    options: &FinetuneOptions,
+    epoch: u32,
+) -> Result<(Option<Gradient>, FinetuneRow), Error> {
     let log_probs = trainer.network().log_probs(&scene.encoding)?;
     let what = format!("epoch {epoch}, scene `{}`", scene.name);
     let policy: Vec<f32> = finite(&log_probs).map_err(|error| Error::Training(format!("{what}: {error}")))?;
@@ -252,19 +254,19 @@ fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch:
     let judged: Vec<Judged> = chosen
         .iter()
         .map(|&goal| Judged {
-            reward: preference(&scene.table, goal, options),
-            is_feasible: scene.table.feasible[goal],
+            reward: scene.table.value(goal, taste),
+            is_feasible: scene.table.is_feasible(goal),
         })
         .collect();
     let pairs = preference_pairs(&judged, options.pairing, options.max_pairs, options.margin, &mut rng);
     let policy: Vec<f64> = policy.iter().map(|p| f64::from(*p)).collect();
     let now = scene.weigh(&policy);
-    let feasible = chosen.iter().filter(|&&goal| scene.table.feasible[goal]);
+    let feasible = chosen.iter().filter(|&&goal| scene.table.is_feasible(goal));
     let mut row = FinetuneRow {
         pairs: pairs.len() as f64,
         pairs_by_feasibility: pairs.iter().filter(|p| p.by_feasibility).count() as f64,
         feasible: feasible.clone().count() as f64 / chosen.len().max(1) as f64,
-        best_reward: feasible.map(|&goal| scene.table.reward[goal]).fold(0.0, f64::max),
+        best_reward: feasible.map(|&goal| scene.table.reward(goal)).fold(0.0, f64::max),
         kl: now.kl,
         without_pairs: f64::from(u8::from(pairs.is_empty())),
         expected_feasible: now.feasible,
@@ -274,7 +276,7 @@ fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch:
         ..FinetuneRow::default()
     };
     if pairs.is_empty() {
-        return Ok(Part { gradient: None, row });
+        return Ok((None, row));
     }
     let goals = |pick: fn(&sage_core::preference_pairs::Pair) -> usize| -> Vec<u32> {
         pairs.iter().map(|pair| chosen[pick(pair)] as u32).collect()
@@ -296,14 +298,7 @@ fn part(trainer: &Trainer, scene: &TunedScene, options: &FinetuneOptions, epoch:
     row.margin = values.iter().sum::<f64>() / count as f64;
     row.accuracy = values.iter().filter(|m| **m > 0.0).count() as f64 / count as f64;
     let gradient = trainer.gradient(&loss, &what)?;
-    Ok(Part { gradient: Some(gradient), row })
-}
-
-/// What an expert thinks of a goal.
-fn preference(table: &GoalTable, goal: usize, options: &FinetuneOptions) -> f64 {
-    options.w_adv * table.reward[goal]
-        - options.w_real * table.penalty[goal]
-        - options.w_map * table.map_penalty[goal]
+    Ok((Some(gradient), row))
 }
 
 /// `−ln σ(x) = max(0, −x) + ln(1 + e^−|x|)`.

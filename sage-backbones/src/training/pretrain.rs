@@ -1,26 +1,22 @@
 //! Learning the prior from recorded futures.
 
-use std::{
-    collections::HashMap,
-    path::{Path, PathBuf},
-    sync::Arc,
-    time::Instant,
-};
+use std::{collections::HashMap, path::Path, sync::Arc};
 
 use rayon::prelude::*;
 use sage_core::{seed::Rng, statistics};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Checkpoint, EpochRow, Examples, Gradient, SceneData, Trainer,
+    EpochRow, Examples, Gradient, SceneData, Trainer,
+    epochs::{self, Course, Epoch, Kept, Plan},
     samples::{Example, recorded},
+    step::trainable,
 };
 use crate::{
     Error, Parameters,
     backbone::{Backbone, finite},
     candidates::Selection,
     labels,
-    nn::AdamWConfig,
     parameters::Header,
     prediction::propose,
 };
@@ -140,10 +136,9 @@ pub fn pretrain(
     options: &PretrainOptions,
     header: &Header,
     folder: &Path,
-    observer: &mut dyn Observer,
+    observer: &mut (dyn Observer + Sync),
 ) -> Result<Pretrained, Error> {
     options.check()?;
-    let config = AdamWConfig { weight_decay: options.weight_decay, ..AdamWConfig::default() };
     if !network.wanted().iter().any(|w| network.role(&w.name).is_pretrained()) {
         return Err(Error::Training(format!("backbone `{}` has nothing to train", network.name())));
     }
@@ -162,110 +157,111 @@ pub fn pretrain(
             dev.len()
         )));
     }
-    let mut run = Run {
-        trainer: Trainer::new(network, |name| network.role(name).is_pretrained(), config)?,
-        options,
-        moving,
-        standing,
-        held_out,
-        state: Checkpoint {
-            identity: serde_json::json!({
-                "backbone": network.name(), "network": network.options(), "options": options, "data": header.data,
-                "start": network.parameters().hash()?,
-            }),
-            rows: Vec::new(),
-            steps: 0,
-        },
+    let plan = Plan {
+        epochs: options.epochs,
+        batch: options.batch,
+        clip: options.clip,
+        weight_decay: options.weight_decay,
     };
+    let identity = serde_json::json!({
+        "backbone": network.name(), "network": network.options(), "options": options, "data": header.data,
+        "start": network.parameters().hash()?,
+    });
     let last = folder.join("last.safetensors");
     let best = folder.join("prior.safetensors");
-    run.resume(&last, config)?;
-    if !run.state.rows.is_empty() {
-        observer.resumed(&run.state.rows);
-    }
-    while (run.state.rows.len() as u32) < options.epochs {
-        let Some(row) = run.epoch(observer)? else {
-            let best = if run.state.rows.is_empty() { None } else { Some(Parameters::load(&best)?.0) };
-            return Ok(Pretrained { best, rows: run.state.rows, stopped: true });
-        };
-        let weights = run.trainer.weights()?;
-        let least = run.state.rows.iter().map(|r| r.surprise).fold(f64::INFINITY, f64::min);
-        if row.surprise < least || run.state.rows.is_empty() {
-            weights.save(header, &best)?;
-        }
-        run.state.rows.push(row.clone());
-        run.state.steps = run.trainer.adam.steps;
-        run.state.save(&weights, &run.trainer.adam, header, &last)?;
-        observer.epoch(&row);
-    }
-    let best = Some(Parameters::load(&best)?.0);
-    Ok(Pretrained { best, rows: run.state.rows, stopped: false })
+    let kept = Kept { file: &last, identity, header: header.clone() };
+    let mut trainer = Trainer::new(network, |name| network.role(name).is_pretrained(), plan.config())?;
+    let mut course = Futures { options, moving, standing, held_out, best: &best, header, observer };
+    let (rows, stopped) = epochs::run(&mut course, &mut trainer, &plan, Some(&kept))?;
+    let best = if rows.is_empty() { None } else { Some(Parameters::load(&best)?.0) };
+    Ok(Pretrained { best, rows, stopped })
 }
 
-struct Run<'d> {
-    trainer: Trainer,
+/// Recorded futures, and who hears of them.
+struct Futures<'d> {
     options: &'d PretrainOptions,
     moving: Examples<'d>,
     standing: Examples<'d>,
     held_out: Examples<'d>,
-    state: Checkpoint,
+    /// Where the best weights so far are written.
+    best: &'d Path,
+    header: &'d Header,
+    observer: &'d mut (dyn Observer + Sync),
 }
 
-impl Run<'_> {
-    fn resume(&mut self, path: &Path, config: AdamWConfig) -> Result<(), Error> {
-        if !path.exists() {
-            return Ok(());
+impl Course for Futures<'_> {
+    /// An example, and whether it is mirrored.
+    type Item = (Example, bool);
+    /// Losses over goals and paths.
+    type Note = [f64; 2];
+    type Row = EpochRow;
+
+    /// The moving vehicles and some of the standing ones.
+    fn items(&self, epoch: u32) -> Vec<(Example, bool)> {
+        self.order(epoch)
+    }
+
+    fn rate(&self, step: u64, steps: u64) -> f64 {
+        self.options.rate * schedule(step, steps, self.options.warm_up)
+    }
+
+    fn learn(
+        &self,
+        trainer: &Trainer,
+        (example, mirrored): &(Example, bool),
+        epoch: u32,
+        step: usize,
+    ) -> Result<(Option<Gradient>, [f64; 2]), Error> {
+        let data = self.moving.scene(example);
+        let network = trainer.trainable()?;
+        let sample = self.moving.sample(example, network, *mirrored)?;
+        let loss = network.loss(&sample).map_err(|error| error.of(data, example.track))?;
+        let agent = data.scene.tracks[example.track].id.escape_debug();
+        let what = format!("epoch {epoch}, step {step}, scene `{}`, agent `{agent}`", data.name);
+        let gradient = trainer.gradient(&loss, &what)?;
+        let part = |name: &str| gradient.parts.iter().find(|p| p.0 == name).map_or(0.0, |p| p.1);
+        let parts = [part("goal"), part("path")];
+        Ok((Some(gradient), parts))
+    }
+
+    fn stepped(&mut self, epoch: u32, step: usize, steps: usize, gradients: &[Gradient]) -> bool {
+        let loss: f64 = gradients.iter().map(|g| g.loss).sum();
+        self.observer.step(epoch, step, steps, loss / gradients.len() as f64);
+        self.observer.stops()
+    }
+
+    fn row(&mut self, trainer: &Trainer, epoch: Epoch<[f64; 2]>) -> Result<EpochRow, Error> {
+        let (min_fde6, surprise) = self.validate(trainer)?;
+        let items = epoch.notes.len() as f64;
+        let sum = |k: usize| epoch.notes.iter().fold(0.0, |sum, note| sum + note[k]);
+        Ok(EpochRow {
+            epoch: epoch.number,
+            steps: trainer.adam.steps,
+            goal: sum(0) / items,
+            path: sum(1) / items,
+            gradient: epoch.lengths / epoch.steps as f64,
+            rate: epoch.rate,
+            min_fde6,
+            surprise,
+            seconds: epoch.clock.elapsed().as_secs_f64(),
+        })
+    }
+
+    fn finished(&mut self, trainer: &Trainer, before: &[EpochRow], row: &EpochRow) -> Result<(), Error> {
+        let least = before.iter().map(|r| r.surprise).fold(f64::INFINITY, f64::min);
+        if row.surprise < least || before.is_empty() {
+            trainer.weights()?.save(self.header, self.best)?;
         }
-        let (state, weights, adam) = Checkpoint::load(path, config)?;
-        if state.identity != self.state.identity {
-            let problem = "belongs to a run with other options or data; give another folder or remove it";
-            return Err(Error::Format { path: PathBuf::from(path), problem: problem.to_owned() });
-        }
-        self.trainer.set_weights(&weights)?;
-        self.trainer.adam = adam;
-        self.state = state;
+        self.observer.epoch(row);
         Ok(())
     }
 
-    /// One pass over the moving vehicles and some of the standing ones; `None` if it was stopped.
-    fn epoch(&mut self, observer: &mut dyn Observer) -> Result<Option<EpochRow>, Error> {
-        let clock = Instant::now();
-        let number = self.state.rows.len() as u32 + 1;
-        let mut order = self.order(number);
-        let steps = order.len().div_ceil(self.options.batch);
-        let whole = u64::from(self.options.epochs) * steps as u64;
-        let mut sums = [0.0; 3];
-        let mut rate = 0.0;
-        for (k, batch) in order.chunks_mut(self.options.batch).enumerate() {
-            rate = self.options.rate * schedule(self.trainer.adam.steps, whole, self.options.warm_up);
-            let gradients = self.trainer.gradients(batch, |item| self.gradient(item, number, k + 1))?;
-            let length = self.trainer.update(&gradients, rate, self.options.clip)?;
-            let loss: f64 = gradients.iter().map(|g| g.loss).sum();
-            for gradient in &gradients {
-                sums[0] += gradient.parts.iter().find(|p| p.0 == "goal").map_or(0.0, |p| p.1);
-                sums[1] += gradient.parts.iter().find(|p| p.0 == "path").map_or(0.0, |p| p.1);
-            }
-            sums[2] += length;
-            observer.step(number, k + 1, steps, loss / batch.len() as f64);
-            if observer.stops() {
-                return Ok(None);
-            }
-        }
-        let (min_fde6, surprise) = self.validate()?;
-        let items = order.len() as f64;
-        Ok(Some(EpochRow {
-            epoch: number,
-            steps: self.trainer.adam.steps,
-            goal: sums[0] / items,
-            path: sums[1] / items,
-            gradient: sums[2] / steps as f64,
-            rate,
-            min_fde6,
-            surprise,
-            seconds: clock.elapsed().as_secs_f64(),
-        }))
+    fn resumed(&mut self, rows: &[EpochRow]) {
+        self.observer.resumed(rows);
     }
+}
 
+impl Futures<'_> {
     /// Examples of an epoch in their order, each with whether it is mirrored and whether it moves.
     fn order(&self, epoch: u32) -> Vec<(Example, bool)> {
         let mut rng = Rng::new(self.options.seed, &format!("epoch {epoch}"), "order of training");
@@ -292,31 +288,18 @@ impl Run<'_> {
         order
     }
 
-    fn gradient(
-        &self,
-        (example, mirrored): &(Example, bool),
-        epoch: u32,
-        step: usize,
-    ) -> Result<Gradient, Error> {
-        let data = self.moving.scene(example);
-        let sample = self.moving.sample(example, self.trainer.network(), *mirrored)?;
-        let loss = self.trainer.network().loss(&sample).map_err(|error| error.of(data, example.track))?;
-        let agent = data.scene.tracks[example.track].id.escape_debug();
-        let what = format!("epoch {epoch}, step {step}, scene `{}`, agent `{agent}`", data.name);
-        self.trainer.gradient(&loss, &what)
-    }
-
     /// Mean least end distance of six goals, and mean surprise, over the held-out examples.
-    fn validate(&self) -> Result<(f64, f64), Error> {
-        let network = self.trainer.frozen()?;
+    fn validate(&self, trainer: &Trainer) -> Result<(f64, f64), Error> {
+        let frozen = trainer.frozen()?;
+        let network = trainable(&*frozen)?;
         let one = |example: &Example| -> Result<(f64, f64), Error> {
-            let sample = self.held_out.sample(example, &*network, false)?;
+            let sample = self.held_out.sample(example, network, false)?;
             let data = self.held_out.scene(example);
             let truth = recorded(&data.scene.tracks[example.track]);
             let encoding = network.encode(Arc::clone(&sample.features))?;
             let nms = Selection::Nms { radius: self.options.radius };
             let named = |error: Error| error.of(data, example.track);
-            let six = propose(&*network, &encoding, 6, nms, &mut Rng::new(0, "", "")).map_err(named)?;
+            let six = propose(network, &encoding, 6, nms, &mut Rng::new(0, "", "")).map_err(named)?;
             let log_probs: Vec<f32> = finite(&network.log_probs(&encoding)?).map_err(named)?;
             let ends = network.mode_ends(&encoding)?;
             let nearest = labels::nearest(&ends, labels::end(&sample.future, &sample.valid).position);

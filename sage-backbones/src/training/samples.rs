@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use sage_core::{
+    generator::Observation,
     geometry::{Point, distance},
     motion::{HORIZON, NOW},
     scene::{Scene, SceneIndex, Track, TrackKind},
@@ -10,7 +11,7 @@ use sage_core::{
 
 use crate::{
     Error,
-    backbone::{Backbone, Sample},
+    backbone::{Sample, Trainable},
     features::Frame,
     labels,
     prediction::Recorded,
@@ -26,15 +27,22 @@ pub struct SceneData {
     /// Name for messages.
     pub name: String,
     /// The scene.
-    pub scene: Scene,
+    pub scene: Arc<Scene>,
     /// Its index.
-    pub index: SceneIndex,
+    pub index: Arc<SceneIndex>,
 }
 
 impl SceneData {
     /// Indexes a scene.
     pub fn new(name: impl Into<String>, scene: Scene) -> Self {
-        Self { name: name.into(), index: SceneIndex::new(scene.map.clone()), scene }
+        Self { name: name.into(), index: SceneIndex::new(scene.map.clone()), scene: Arc::new(scene) }
+    }
+
+    /// What can be seen of it *now*.
+    ///
+    /// *Errors*: as [`Observation::of`].
+    pub fn observe(&self) -> Result<Observation, Error> {
+        Ok(Observation::of(&self.scene, &self.index)?)
     }
 }
 
@@ -93,7 +101,12 @@ impl<'d> Examples<'d> {
     /// What a network learns from an example, mirrored if the network knows how.
     ///
     /// *Errors*: those of the network's features.
-    pub fn sample(&self, example: &Example, network: &dyn Backbone, mirrored: bool) -> Result<Sample, Error> {
+    pub fn sample(
+        &self,
+        example: &Example,
+        network: &dyn Trainable,
+        mirrored: bool,
+    ) -> Result<Sample, Error> {
         let data = self.scene(example);
         let mut sample =
             recorded_sample(data, example.track, network).map_err(|error| error.of(data, example.track))?;
@@ -108,13 +121,12 @@ impl<'d> Examples<'d> {
 /// What a network learns from one track of a scene, which must be valid *now*.
 ///
 /// *Errors*: those of the network's features.
-pub fn recorded_sample(data: &SceneData, track: usize, network: &dyn Backbone) -> Result<Sample, Error> {
-    let SceneData { scene, index, .. } = data;
-    let recorded = &scene.tracks[track];
+pub fn recorded_sample(data: &SceneData, track: usize, network: &dyn Trainable) -> Result<Sample, Error> {
+    let recorded = &data.scene.tracks[track];
     let frame = Frame::new(recorded.point(NOW), recorded.heading[NOW]);
     let (seen, valid) = future(recorded, |p| frame.to_local(p));
     let end = frame.to_world(labels::end(&seen, &valid).position.map(f64::from));
-    let features = network.labelled_features(scene, index, track, end)?;
+    let features = network.labelled_features(&data.observe()?, track, end)?;
     // Networks may look from frames of their own.
     let (future, _) = future(recorded, |p| features.frame.to_local(p));
     Ok(Sample { features: Arc::new(features), future, valid })

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use crate::{
     Error,
-    backbone::{Backbone, Loss},
+    backbone::{Backbone, Loss, Trainable},
     nn::{AdamW, AdamWConfig},
     parameters::{Parameters, Variables},
 };
@@ -16,6 +16,14 @@ pub struct Trainer {
     variables: Variables,
     /// The optimiser's state.
     pub adam: AdamW,
+}
+
+/// A backbone as something that learns.
+///
+/// *Errors*: [`Error::Training`] if it has nothing to learn.
+pub fn trainable(network: &dyn Backbone) -> Result<&dyn Trainable, Error> {
+    let nothing = || Error::Training(format!("backbone `{}` has nothing to train", network.name()));
+    network.trainable().ok_or_else(nothing)
 }
 
 /// Gradient of one item: one list of numbers a variable, in the order of the names.
@@ -43,6 +51,13 @@ impl Trainer {
     /// The network, whose results carry gradients.
     pub fn network(&self) -> &dyn Backbone {
         &*self.network
+    }
+
+    /// The network as something that learns.
+    ///
+    /// *Errors*: [`Error::Training`] if it has nothing to learn.
+    pub fn trainable(&self) -> Result<&dyn Trainable, Error> {
+        trainable(&*self.network)
     }
 
     /// A network over the present weights that carries none; it follows further steps.

@@ -4,7 +4,7 @@
 //! the yaw rate v cos β tan δ / (l_f + l_r) (Kong et al., IV 2015). Steps are integrated exactly
 //! for constant speed and steering within the step.
 
-use crate::geometry::Point;
+use super::State;
 
 /// Axles of a car.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,17 +13,6 @@ pub struct Bicycle {
     pub front: f64,
     /// Distance from the centre to the rear axle, m, > 0.
     pub rear: f64,
-}
-
-/// State of a car.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BicycleState {
-    /// Centre, m.
-    pub position: Point,
-    /// Direction of the body, rad.
-    pub heading: f64,
-    /// Speed of the centre, m/s, ≥ 0.
-    pub speed: f64,
 }
 
 impl Bicycle {
@@ -39,7 +28,7 @@ impl Bicycle {
 
     /// The state after `dt` seconds of constant steering (rad, |δ| < π/2) and acceleration
     /// (m/s²). A braking car stops at 0 m/s; it does not roll back.
-    pub fn step(&self, state: &BicycleState, steering: f64, acceleration: f64, dt: f64) -> BicycleState {
+    pub fn step(&self, state: &State, steering: f64, acceleration: f64, dt: f64) -> State {
         let speed = (state.speed + acceleration * dt).max(0.0);
         // A car that stops within the step covers v² / (2 |a|), not half of v · dt.
         let length = if speed > 0.0 || acceleration >= 0.0 {
@@ -52,7 +41,7 @@ impl Bicycle {
         // Chord of an arc of this length and turn.
         let half = 0.5 * turn;
         let chord = if half.abs() < 1e-6 { length } else { length * half.sin() / half };
-        BicycleState {
+        State {
             position: [state.position[0] + chord * course.cos(), state.position[1] + chord * course.sin()],
             heading: state.heading + turn,
             speed,
@@ -73,7 +62,7 @@ mod tests {
         let rate = CAR.yaw_rate(8.0, steering);
         let steps = 1000;
         let dt = std::f64::consts::TAU / rate / steps as f64;
-        let mut state = BicycleState { position: [3.0, -2.0], heading: 0.4, speed: 8.0 };
+        let mut state = State { position: [3.0, -2.0], heading: 0.4, speed: 8.0 };
         for _ in 0..steps {
             state = CAR.step(&state, steering, 0.0, dt);
         }
@@ -84,7 +73,7 @@ mod tests {
 
     #[test]
     fn braking_stops_after_v_squared_over_two_a() {
-        let mut state = BicycleState { position: [0.0, 0.0], heading: 0.0, speed: 10.0 };
+        let mut state = State { position: [0.0, 0.0], heading: 0.0, speed: 10.0 };
         for _ in 0..40 {
             state = CAR.step(&state, 0.0, -4.0, 0.1);
         }
@@ -94,7 +83,7 @@ mod tests {
 
     #[test]
     fn acceleration_covers_the_parabola() {
-        let state = BicycleState { position: [0.0, 0.0], heading: std::f64::consts::FRAC_PI_2, speed: 2.0 };
+        let state = State { position: [0.0, 0.0], heading: std::f64::consts::FRAC_PI_2, speed: 2.0 };
         let after = CAR.step(&state, 0.0, 3.0, 0.5);
         assert_relative_eq!(after.position[1], 2.0 * 0.5 + 0.5 * 3.0 * 0.25, epsilon = 1e-12);
         assert_relative_eq!(after.speed, 3.5);

@@ -17,12 +17,8 @@ impl Trajectory {
         if points.len() != HORIZON {
             return Err(Error::Length { what: what.to_owned(), found: points.len(), expected: HORIZON });
         }
-        // NaN fails the comparison as well.
-        let bad = |p: &Point| !(p[0].abs() <= MAX_COORDINATE && p[1].abs() <= MAX_COORDINATE);
-        match points.iter().position(bad) {
-            Some(index) => Err(Error::NotFinite { what: what.to_owned(), index, point: points[index] }),
-            None => Ok(Self(points)),
-        }
+        check_points(what, &points)?;
+        Ok(Self(points))
     }
 
     /// The points, step 1 first.
@@ -45,13 +41,16 @@ impl From<Trajectory> for Vec<Point> {
     }
 }
 
-/// Where a car is *now*: the pose that its first planned step leaves from.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Start {
-    /// Position at frame 10, metres.
-    pub position: Point,
-    /// Logged heading at frame 10, radians.
-    pub heading: f64,
+/// Refuses points that are no places.
+///
+/// *Errors*: [`Error::NotFinite`] for the first.
+pub(crate) fn check_points(what: &str, points: &[Point]) -> Result<(), Error> {
+    // NaN fails the comparison as well.
+    let bad = |p: &Point| !(p[0].abs() <= MAX_COORDINATE && p[1].abs() <= MAX_COORDINATE);
+    match points.iter().position(bad) {
+        Some(index) => Err(Error::NotFinite { what: what.to_owned(), index, point: points[index] }),
+        None => Ok(()),
+    }
 }
 
 #[cfg(test)]

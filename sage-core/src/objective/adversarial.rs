@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, Context, Convention, Reward};
+use super::{Candidate, Convention, EgoPath, Reward, Situation};
 use crate::{
     geometry::{OrientedBox, Point},
     motion::kinematics::release,
@@ -51,9 +51,9 @@ impl Encounter {
         Self { contact: None, least_distance: least2.sqrt(), steps }
     }
 
-    /// The encounter of a candidate with the context's ego.
-    pub fn of(candidate: &Candidate, ctx: &Context) -> Self {
-        Self::follow(candidate.boxes(), ctx.ego_boxes().iter().map(Option::as_ref))
+    /// The encounter of a candidate with an ego path.
+    pub fn of(candidate: &Candidate, ego: &EgoPath) -> Self {
+        Self::follow(candidate.boxes(), ego.boxes().iter().map(Option::as_ref))
     }
 
     /// The adversarial reward of this encounter.
@@ -104,7 +104,7 @@ impl Entry<dyn Reward> for AdversarialReward {
 }
 
 impl Reward for AdversarialReward {
-    fn score(&self, candidate: &Candidate, ctx: &Context) -> f64 {
-        Encounter::of(candidate, ctx).reward(ctx.convention())
+    fn score(&self, situation: &Situation) -> Option<f64> {
+        Some(situation.encounter.reward(situation.ctx.convention()))
     }
 }

@@ -5,7 +5,7 @@
 //! code's.
 
 use super::{
-    Candidate, Context, Reward,
+    Reward, Situation,
     adversarial::NoOptions,
     kinematic::{LEAST_POINTS, softplus},
 };
@@ -43,7 +43,11 @@ impl Entry<dyn Reward> for BehaviorPenalty {
 }
 
 impl Reward for BehaviorPenalty {
-    fn score(&self, candidate: &Candidate, _: &Context) -> f64 {
-        behavior_penalty(candidate.profile())
+    fn score(&self, situation: &Situation) -> Option<f64> {
+        Some(behavior_penalty(situation.candidate.profile()))
+    }
+
+    fn depends_on_ego(&self) -> bool {
+        false
     }
 }

@@ -4,7 +4,7 @@ use super::{Convention, others::CHUNK};
 use crate::{
     geometry::{Aabb, OrientedBox, Point},
     motion::{
-        HORIZON, Start, Trajectory,
+        HORIZON, Pose, Trajectory,
         kinematics::{Profile, paper, release},
     },
 };
@@ -13,7 +13,8 @@ use crate::{
 pub struct Candidate {
     trajectory: Trajectory,
     profile: Profile,
-    start: Start,
+    start: Pose,
+    nll: Option<f64>,
     boxes: Vec<OrientedBox>,
     mirrored: Option<Vec<OrientedBox>>,
     bounds: Aabb,
@@ -23,7 +24,7 @@ pub struct Candidate {
 impl Candidate {
     pub(super) fn new(
         trajectory: Trajectory,
-        start: Start,
+        start: Pose,
         [length, width]: [f64; 2],
         convention: Convention,
         mirror: bool,
@@ -50,7 +51,17 @@ impl Candidate {
             chunks[step / CHUNK] = chunks[step / CHUNK].union(&b.aabb());
         }
         let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
-        Self { trajectory, profile, start, boxes, mirrored, bounds, chunks }
+        Self { trajectory, profile, start, nll: None, boxes, mirrored, bounds, chunks }
+    }
+
+    /// The same with the negative log-likelihood under the prior, nats, if whoever proposed it knows.
+    pub fn with_nll(self, nll: Option<f64>) -> Self {
+        Self { nll, ..self }
+    }
+
+    /// Negative log-likelihood under the prior, up to what the candidates of a scene share, nats.
+    pub fn nll(&self) -> Option<f64> {
+        self.nll
     }
 
     /// The planned positions.
@@ -69,7 +80,7 @@ impl Candidate {
     }
 
     /// Pose at *now*.
-    pub fn start(&self) -> &Start {
+    pub fn start(&self) -> &Pose {
         &self.start
     }
 

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, Context, Criticality, SideHit};
+use super::{Criticality, SideHit, Situation};
 
 /// Sorts of accidents, told by the ego's side that is hit and how the two are turned to each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -42,15 +42,10 @@ impl CollisionKind {
         }
     }
 
-    /// That of a candidate which touches the ego at a step; `None` without contact.
-    pub fn of(
-        candidate: &Candidate,
-        ctx: &Context,
-        step: Option<usize>,
-        criticality: &Criticality,
-    ) -> Option<Self> {
-        let step = step?;
-        let ([a, b], [c, d]) = (ctx.ego_box(step)?.axis, candidate.boxes()[step - 1].axis);
+    /// That of a candidate which touches the ego; `None` without contact.
+    pub fn of(situation: &Situation, criticality: &Criticality) -> Option<Self> {
+        let step = situation.encounter.contact?;
+        let ([a, b], [c, d]) = (situation.ego.box_at(step)?.axis, situation.candidate.boxes()[step - 1].axis);
         let turn = (a * d - b * c).atan2(a * c + b * d).abs();
         Some(Self::told_by(criticality.side_hit?, turn))
     }

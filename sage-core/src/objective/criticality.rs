@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, Context, Encounter, Reward, adversarial::NoOptions};
+use super::{Candidate, EgoPath, Reward, Situation, adversarial::NoOptions};
 use crate::{
     geometry::{OrientedBox, Point, cross, dot, norm, sub},
     motion::{DT, HORIZON},
@@ -57,18 +57,19 @@ impl SideHit {
 }
 
 impl Criticality {
-    /// All measures of a candidate whose encounter with the ego is known.
-    pub fn of(candidate: &Candidate, ctx: &Context, encounter: &Encounter) -> Self {
-        let (time_to_collision, required_deceleration) = approach(candidate, ctx, encounter);
+    /// All measures of a candidate against an ego path.
+    pub fn of(situation: &Situation) -> Self {
+        let Situation { candidate, ego: path, encounter, .. } = situation;
+        let (time_to_collision, required_deceleration) = approach(situation);
         let at_contact = |step: usize| {
-            let ego = ctx.ego_box(step)?;
-            let speed = ctx.ego_velocity(step).map(|v| norm(sub(candidate.velocity(step), v)));
+            let ego = path.box_at(step)?;
+            let speed = path.velocity(step).map(|v| norm(sub(candidate.velocity(step), v)));
             Some((speed, side_hit(ego, &candidate.boxes()[step - 1])))
         };
         let contact = encounter.contact.and_then(at_contact);
         Self {
             time_to_collision,
-            post_encroachment_time: post_encroachment_time(candidate, ctx),
+            post_encroachment_time: post_encroachment_time(candidate, path),
             required_deceleration,
             impact_speed: contact.and_then(|(speed, _)| speed),
             side_hit: contact.map(|(_, side)| side),
@@ -77,12 +78,12 @@ impl Criticality {
 }
 
 /// Least time to collision and greatest required deceleration before contact.
-fn approach(candidate: &Candidate, ctx: &Context, encounter: &Encounter) -> (Option<f64>, Option<f64>) {
+fn approach(Situation { candidate, ego: path, encounter, .. }: &Situation) -> (Option<f64>, Option<f64>) {
     let end = encounter.contact.unwrap_or(HORIZON + 1);
     let mut least: Option<f64> = None;
     let mut hardest: Option<f64> = None;
     for step in 1..end {
-        let (Some(ego), Some(ego_velocity)) = (ctx.ego_box(step), ctx.ego_velocity(step)) else { continue };
+        let (Some(ego), Some(ego_velocity)) = (path.box_at(step), path.velocity(step)) else { continue };
         let relative = sub(candidate.velocity(step), ego_velocity);
         if let Some(time) = time_to_touch(ego, &candidate.boxes()[step - 1], relative) {
             least = Some(least.map_or(time, |t| t.min(time)));
@@ -124,9 +125,9 @@ pub fn time_to_touch(ego: &OrientedBox, other: &OrientedBox, velocity: Point) ->
 }
 
 /// Least time between the two being at one place, seconds.
-fn post_encroachment_time(candidate: &Candidate, ctx: &Context) -> Option<f64> {
+fn post_encroachment_time(candidate: &Candidate, path: &EgoPath) -> Option<f64> {
     let mut least: Option<usize> = None;
-    for (s, ego) in ctx.ego_boxes().iter().enumerate() {
+    for (s, ego) in path.boxes().iter().enumerate() {
         let Some(ego) = ego else { continue };
         let reach = least.map_or(HORIZON, |gap| gap.saturating_sub(1));
         let steps = s.saturating_sub(reach)..(s + reach + 1).min(HORIZON);
@@ -203,8 +204,8 @@ impl Entry<dyn Reward> for ImpactSpeed {
 }
 
 impl Reward for ImpactSpeed {
-    fn score(&self, candidate: &Candidate, ctx: &Context) -> f64 {
-        Criticality::of(candidate, ctx, &Encounter::of(candidate, ctx)).impact_speed.unwrap_or(0.0)
+    fn score(&self, situation: &Situation) -> Option<f64> {
+        Some(Criticality::of(situation).impact_speed.unwrap_or(0.0))
     }
 }
 
@@ -223,8 +224,8 @@ impl Entry<dyn Reward> for RequiredDeceleration {
 }
 
 impl Reward for RequiredDeceleration {
-    fn score(&self, candidate: &Candidate, ctx: &Context) -> f64 {
-        approach(candidate, ctx, &Encounter::of(candidate, ctx)).1.unwrap_or(0.0)
+    fn score(&self, situation: &Situation) -> Option<f64> {
+        Some(approach(situation).1.unwrap_or(0.0))
     }
 }
 

@@ -11,7 +11,7 @@ use super::{Candidate, Context, Convention};
 use crate::{
     geometry::Point,
     motion::{
-        HORIZON, NOW, Start,
+        HORIZON, NOW, Pose,
         kinematics::{paper, release},
     },
     scene::Track,
@@ -53,7 +53,7 @@ impl LoggedProfile {
             let run: Vec<Point> =
                 (frame..=NOW + HORIZON).take_while(|&f| track.is_valid(f)).map(|f| track.point(f)).collect();
             if let [first, rest @ ..] = &run[..] {
-                let start = Start { position: *first, heading: track.heading[frame] };
+                let start = Pose { position: *first, heading: track.heading[frame] };
                 let profile = paper::profile(rest, &start);
                 out.speed.extend(profile.speed);
                 out.acceleration.extend(profile.acceleration);

@@ -4,7 +4,7 @@
 //! `sp(x) = ln(1 + e^x)`. Its floor, for a straight drive at constant speed or a standing car, is
 //! 1.8724. Source: the paper's realism section.
 
-use super::{Candidate, Context, Reward, adversarial::NoOptions};
+use super::{Reward, Situation, adversarial::NoOptions};
 use crate::{motion::kinematics::Profile, registry::Entry};
 
 /// Weight of each term.
@@ -22,6 +22,16 @@ pub(super) const LEAST_POINTS: usize = 5;
 #[inline]
 pub(super) fn softplus(x: f64) -> f64 {
     x.max(0.0) + (-x.abs()).exp().ln_1p()
+}
+
+/// Whether a profile stays within what the penalty takes a car to be able to do, at every step.
+pub fn is_within_limits(profile: &Profile) -> bool {
+    let mut steps = profile.speed.iter().zip(&profile.acceleration).zip(&profile.yaw_rate);
+    steps.all(|((speed, acceleration), yaw_rate)| {
+        acceleration.abs() <= ACCELERATION
+            && (speed * yaw_rate).abs() <= LATERAL
+            && yaw_rate.abs() <= YAW_RATE
+    })
 }
 
 /// P_kin of a profile; 0 below five points.
@@ -55,8 +65,12 @@ impl Entry<dyn Reward> for KinematicPenalty {
 }
 
 impl Reward for KinematicPenalty {
-    fn score(&self, candidate: &Candidate, _: &Context) -> f64 {
-        kinematic_penalty(candidate.profile())
+    fn score(&self, situation: &Situation) -> Option<f64> {
+        Some(kinematic_penalty(situation.candidate.profile()))
+    }
+
+    fn depends_on_ego(&self) -> bool {
+        false
     }
 }
 

@@ -9,10 +9,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Candidate, Context, Feasibility, Reason, Rule,
+    Candidate, Context, Feasibility, Violation,
     others::{CHUNK, OtherAgent},
+    violation::{AGENT, AGENT_COST, EDGE_COST, MEDIAN, ROAD_EDGE},
 };
-use crate::{geometry::SegmentIndex, motion::HORIZON, registry::Entry};
+use crate::{geometry::SegmentIndex, motion::HORIZON, registry::Entry, scene::SceneIndex};
 
 /// First touch of a map feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,8 +60,8 @@ impl Violations {
 }
 
 /// Whether a candidate touches a road boundary: less work than all of [`Violations::of`].
-pub fn touches_boundary(candidate: &Candidate, ctx: &Context) -> bool {
-    first_edge_contact(candidate, ctx.index().boundaries()).is_some()
+pub fn touches_boundary(candidate: &Candidate, index: &SceneIndex) -> bool {
+    first_edge_contact(candidate, index.boundaries()).is_some()
 }
 
 /// First step at which a map box touches a segment.
@@ -133,33 +134,33 @@ impl Entry<dyn Feasibility> for MapFeasibility {
 }
 
 impl Feasibility for MapFeasibility {
-    fn violations(&self, candidate: &Candidate, ctx: &Context) -> Vec<Reason> {
+    fn violations(&self, candidate: &Candidate, ctx: &Context) -> Vec<Violation> {
         let edge = |contact: EdgeContact, rule| {
-            reason(candidate, ctx, rule, contact.step, Touched::Feature(contact.feature))
+            touching_feature(candidate, ctx, rule, contact.step, contact.feature)
         };
-        let boundary =
-            first_edge_contact(candidate, ctx.index().boundaries()).map(|c| edge(c, Rule::RoadEdge));
+        let boundary = first_edge_contact(candidate, ctx.index().boundaries()).map(|c| edge(c, ROAD_EDGE));
         let median = (self.0.medians)
             .then(|| first_edge_contact(candidate, ctx.index().medians()))
             .flatten()
-            .map(|c| edge(c, Rule::Median));
+            .map(|c| edge(c, MEDIAN));
         let agent = first_agent_contact(candidate, ctx, |_| true)
-            .map(|c| reason(candidate, ctx, Rule::Agent, c.step, Touched::Track(c.track)));
+            .map(|c| touching_agent(candidate, ctx, c.step, c.track));
         [boundary, median, agent].into_iter().flatten().collect()
     }
 }
 
-/// What was touched, by index.
-pub(super) enum Touched {
-    Feature(usize),
-    Track(usize),
+/// A rule broken by touching, or going beyond, a map feature.
+pub(super) fn touching_feature(
+    candidate: &Candidate,
+    ctx: &Context,
+    rule: &'static str,
+    step: usize,
+    feature: usize,
+) -> Violation {
+    Violation::at(candidate, step, rule, EDGE_COST, &*ctx.index().map().features[feature].id)
 }
 
-/// A broken rule in words that leave the context.
-pub(super) fn reason(candidate: &Candidate, ctx: &Context, rule: Rule, step: usize, with: Touched) -> Reason {
-    let with = match with {
-        Touched::Feature(k) => ctx.index().map().features[k].id.clone(),
-        Touched::Track(k) => ctx.scene().tracks[k].id.clone(),
-    };
-    Reason { rule, step, place: candidate.trajectory().points()[step - 1], with }
+/// The rule broken by touching another road user.
+pub(super) fn touching_agent(candidate: &Candidate, ctx: &Context, step: usize, track: usize) -> Violation {
+    Violation::at(candidate, step, AGENT, AGENT_COST, &*ctx.scene().tracks[track].id)
 }

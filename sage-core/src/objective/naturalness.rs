@@ -7,8 +7,11 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, Context};
-use crate::geometry::{Nearest, Point, Segment, wrap_angle};
+use super::{Candidate, Context, Reward, Situation, adversarial::NoOptions};
+use crate::{
+    geometry::{Nearest, Point, Segment, wrap_angle},
+    registry::Entry,
+};
 
 /// Lanes farther away than this are not looked for, metres; distances are capped at it.
 const FARTHEST: f64 = 20.0;
@@ -81,6 +84,34 @@ pub fn coarse_lane_distance(candidate: &Candidate, ctx: &Context) -> f64 {
     let steps = (3..points.len()).step_by(4);
     let count = steps.clone().count();
     steps.map(distance).sum::<f64>() / count as f64
+}
+
+/// Lane distance as a reward.
+pub struct LaneDistance;
+
+impl Entry<dyn Reward> for LaneDistance {
+    const NAME: &'static str = "lane-distance";
+    const SUMMARY: &'static str = "mean distance to the nearest lane along the driving, metres, at most 20";
+    const SOURCE: &'static str = "this project";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn Reward>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl Reward for LaneDistance {
+    fn score(&self, situation: &Situation) -> Option<f64> {
+        Some(coarse_lane_distance(situation.candidate, situation.ctx))
+    }
+
+    fn depends_on_ego(&self) -> bool {
+        false
+    }
+
+    fn slow_range(&self) -> Option<[f64; 2]> {
+        Some([0.0, FARTHEST])
+    }
 }
 
 fn nearest_along(ctx: &Context, place: Point, axis: Point) -> Option<Nearest> {

@@ -1,17 +1,21 @@
 //! Everything that is measured of a candidate, in one row.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Candidate, Context, Convention, DistributionDistances, Encounter, Feasibility, LoggedProfile,
-    MapFeasibility, Reason, StrictFeasibility, behavior_penalty, criticality::Criticality, kinematic_penalty,
+    AdversarialReward, BehaviorPenalty, Candidate, Context, DistributionDistances, EgoPath, Feasibility,
+    KinematicPenalty, LoggedProfile, MapFeasibility, Reward, Situation, StrictFeasibility, Violation,
+    behavior_penalty,
+    criticality::{Criticality, ImpactSpeed, RequiredDeceleration},
+    kinematic_penalty,
+    violation::{AGENT, ROAD_EDGE},
 };
-use crate::objective::Rule;
-
-/// Value of `cross_line` where a boundary is touched (published code).
-const CROSS_LINE: f64 = 50.0;
-/// Value of `crash_object` where another agent is hit (published code).
-const CRASH_OBJECT: f64 = 10.0;
+use crate::{
+    Error,
+    registry::{Entry, Registry},
+};
 
 /// All measures of one candidate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,52 +39,110 @@ pub struct Scores {
     /// Whether the strict rule holds as well.
     pub feasible_strict: bool,
     /// Broken rules of `feasible`.
-    pub reasons: Vec<Reason>,
+    pub reasons: Vec<Violation>,
     /// Broken rules of `feasible_strict`.
-    pub reasons_strict: Vec<Reason>,
+    pub reasons_strict: Vec<Violation>,
     /// Distances from the logged future.
     #[serde(flatten)]
     pub distances: DistributionDistances,
     /// How close and how bad the encounter is.
     #[serde(flatten)]
     pub criticality: Criticality,
+    /// Further rewards by name; `None` where one cannot be measured.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub rewards: BTreeMap<String, Option<f64>>,
+    /// Broken rules of further feasibility rules, by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub rules: BTreeMap<String, Vec<Violation>>,
 }
 
-/// Measures candidates of one context.
-pub struct Scorer<'c, 's> {
-    ctx: &'c Context<'s>,
+/// Rewards and rules that are measured beside the fields of [`Scores`].
+#[derive(Default)]
+pub struct FurtherMeasures {
+    rewards: Vec<(&'static str, Box<dyn Reward>)>,
+    rules: Vec<(&'static str, Box<dyn Feasibility>)>,
+}
+
+impl FurtherMeasures {
+    /// Whatever is registered, with default options, but for what [`Scores`] has a field of its own for.
+    ///
+    /// *Errors*: [`Error::Options`] for an entry that its own defaults do not suit.
+    pub fn of(rewards: &Registry<dyn Reward>, rules: &Registry<dyn Feasibility>) -> Result<Self, Error> {
+        let known = [
+            AdversarialReward::NAME,
+            KinematicPenalty::NAME,
+            BehaviorPenalty::NAME,
+            ImpactSpeed::NAME,
+            RequiredDeceleration::NAME,
+            <MapFeasibility as Entry<dyn Feasibility>>::NAME,
+            <StrictFeasibility as Entry<dyn Feasibility>>::NAME,
+        ];
+        Ok(Self { rewards: all_but(rewards, &known)?, rules: all_but(rules, &known)? })
+    }
+
+    /// Names of the rewards.
+    pub fn rewards(&self) -> impl Iterator<Item = &'static str> {
+        self.rewards.iter().map(|(name, _)| *name)
+    }
+
+    /// Names of the rules.
+    pub fn rules(&self) -> impl Iterator<Item = &'static str> {
+        self.rules.iter().map(|(name, _)| *name)
+    }
+}
+
+fn all_but<T: ?Sized>(registry: &Registry<T>, known: &[&str]) -> Result<Vec<(&'static str, Box<T>)>, Error> {
+    let further = registry.entries().iter().filter(|entry| !known.contains(&entry.name));
+    further.map(|entry| Ok((entry.name, registry.build_default(entry.name)?))).collect()
+}
+
+/// Measures candidates of one context against its first ego path.
+pub struct Scorer<'c> {
+    ctx: &'c Context,
+    ego: &'c EgoPath,
     logged: LoggedProfile,
     map: MapFeasibility,
     strict: StrictFeasibility,
+    further: Option<&'c FurtherMeasures>,
 }
 
-impl<'c, 's> Scorer<'c, 's> {
+impl<'c> Scorer<'c> {
     /// A scorer with the default rules.
-    pub fn new(ctx: &'c Context<'s>) -> Self {
+    pub fn new(ctx: &'c Context) -> Self {
         let (map, strict) = (MapFeasibility::default(), StrictFeasibility::default());
-        Self { ctx, logged: LoggedProfile::of(ctx), map, strict }
+        Self { ctx, ego: ctx.ego(), logged: LoggedProfile::of(ctx), map, strict, further: None }
+    }
+
+    /// With further measures.
+    pub fn with(ctx: &'c Context, further: &'c FurtherMeasures) -> Self {
+        Self { further: Some(further), ..Self::new(ctx) }
     }
 
     /// All measures of a candidate.
     pub fn scores(&self, candidate: &Candidate) -> Scores {
         let ctx = self.ctx;
-        let convention: Convention = ctx.convention();
-        let encounter = Encounter::of(candidate, ctx);
+        let situation = Situation::new(candidate, self.ego, ctx);
         let reasons = self.map.violations(candidate, ctx);
         let reasons_strict = self.strict.violations(candidate, ctx);
-        let broken = |rule: Rule| reasons.iter().any(|r| r.rule == rule);
+        let cost = |rule: &str| {
+            reasons.iter().filter(|v| v.rule == rule).map(|v| v.cost).fold(0.0, |sum, cost| sum + cost)
+        };
+        let rewards = self.further.iter().flat_map(|further| &further.rewards);
+        let rules = self.further.iter().flat_map(|further| &further.rules);
         Scores {
-            adversarial_reward: encounter.reward(convention),
-            collision: encounter.contact.is_some(),
-            collision_step: encounter.contact,
+            adversarial_reward: situation.encounter.reward(ctx.convention()),
+            collision: situation.encounter.contact.is_some(),
+            collision_step: situation.encounter.contact,
             kinematic_penalty: kinematic_penalty(candidate.profile()),
             behavior_penalty: behavior_penalty(candidate.profile()),
-            cross_line: if broken(Rule::RoadEdge) { CROSS_LINE } else { 0.0 },
-            crash_object: if broken(Rule::Agent) { CRASH_OBJECT } else { 0.0 },
+            cross_line: cost(ROAD_EDGE),
+            crash_object: cost(AGENT),
             feasible: reasons.is_empty(),
             feasible_strict: reasons_strict.is_empty(),
-            distances: self.logged.distances(candidate, convention),
-            criticality: Criticality::of(candidate, ctx, &encounter),
+            distances: self.logged.distances(candidate, ctx.convention()),
+            criticality: Criticality::of(&situation),
+            rewards: rewards.map(|(name, reward)| ((*name).to_owned(), reward.score(&situation))).collect(),
+            rules: rules.map(|(name, rule)| ((*name).to_owned(), rule.violations(candidate, ctx))).collect(),
             reasons,
             reasons_strict,
         }

@@ -14,8 +14,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Candidate, Context, Feasibility, OtherAgent, Reason, Rule,
-    map_feasibility::{Touched, reason},
+    Candidate, Context, Feasibility, OtherAgent, Violation,
+    map_feasibility::{touching_agent, touching_feature},
+    violation::{MEDIAN, OFF_ROAD, ROAD_EDGE},
 };
 use crate::{
     geometry::{OrientedBox, Point, Segment, SegmentIndex, Side, SweptBox, boxes_meet_between},
@@ -63,7 +64,7 @@ impl Entry<dyn Feasibility> for StrictFeasibility {
 }
 
 impl Feasibility for StrictFeasibility {
-    fn violations(&self, candidate: &Candidate, ctx: &Context) -> Vec<Reason> {
+    fn violations(&self, candidate: &Candidate, ctx: &Context) -> Vec<Violation> {
         let boxes: Vec<OrientedBox> =
             std::iter::once(candidate.box_now()).chain(candidate.boxes().iter().copied()).collect();
         let heights = self.heights(candidate, ctx);
@@ -74,13 +75,13 @@ impl Feasibility for StrictFeasibility {
         let agent = self.swept_agent(&boxes, &heights, ctx);
         let off_road = self.off_road(candidate, &heights, edges);
         let feature = |found: Option<(usize, u32)>, rule| {
-            found.map(|(step, k)| reason(candidate, ctx, rule, step, Touched::Feature(k as usize)))
+            found.map(|(step, k)| touching_feature(candidate, ctx, rule, step, k as usize))
         };
         [
-            feature(boundary, Rule::RoadEdge),
-            feature(median, Rule::Median),
-            agent.map(|(step, track)| reason(candidate, ctx, Rule::Agent, step, Touched::Track(track))),
-            feature(off_road, Rule::OffRoad),
+            feature(boundary, ROAD_EDGE),
+            feature(median, MEDIAN),
+            agent.map(|(step, track)| touching_agent(candidate, ctx, step, track)),
+            feature(off_road, OFF_ROAD),
         ]
         .into_iter()
         .flatten()

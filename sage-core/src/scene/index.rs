@@ -17,15 +17,15 @@ pub struct SceneIndex {
 
 impl SceneIndex {
     /// An index of a map; costs nothing until it is asked.
-    pub fn new(map: Arc<Map>) -> Self {
-        Self {
+    pub fn new(map: Arc<Map>) -> Arc<Self> {
+        Arc::new(Self {
             map,
             boundaries: OnceLock::new(),
             medians: OnceLock::new(),
             motor_lanes: OnceLock::new(),
             along: OnceLock::new(),
             height_span: OnceLock::new(),
-        }
+        })
     }
 
     /// The map that is indexed.

@@ -1,5 +1,7 @@
 //! Ego and adversary: two cars whose ways conflict, and a check that trouble is possible.
 
+use std::sync::Arc;
+
 use sage_core::{
     geometry::{Point, distance, wrap_angle},
     motion::{DT, HORIZON, NOW, Trajectory},
@@ -170,32 +172,39 @@ pub(super) fn choose(scene: &mut Scene, cars: usize, middle: Point) -> bool {
     pairs.into_iter().take(PAIRS).any(|(_, ego, adversary)| works(scene, &index, ego, adversary))
 }
 
-fn works(scene: &mut Scene, index: &SceneIndex, ego: usize, adversary: usize) -> bool {
+fn works(scene: &mut Scene, index: &Arc<SceneIndex>, ego: usize, adversary: usize) -> bool {
     let log = |track: &Track| {
         Trajectory::new("log", (NOW + 1..=NOW + HORIZON).map(|f| track.point(f)).collect()).ok()
     };
-    let rule = MapFeasibility::default();
-    // The ego's own log, judged as if it were the adversary's.
-    (scene.ego, scene.adversary) = (adversary, Some(ego));
-    let swapped = is_clean(scene, index, &rule, log(&scene.tracks[ego]));
     (scene.ego, scene.adversary) = (ego, Some(adversary));
-    if !swapped || !is_clean(scene, index, &rule, log(&scene.tracks[adversary])) {
+    let swapped = Arc::new(Scene { ego: adversary, adversary: Some(ego), ..scene.clone() });
+    let scene = Arc::new(scene.clone());
+    let rule = MapFeasibility::default();
+    // The ego's own log, checked as if it were the adversary's.
+    if !is_clean(&swapped, index, &rule, log(&scene.tracks[ego]))
+        || !is_clean(&scene, index, &rule, log(&scene.tracks[adversary]))
+    {
         return false;
     }
-    let Ok(ctx) = Context::new(scene, index, &ContextOptions::default()) else { return false };
-    attacks(scene).into_iter().any(|(_, path)| {
+    let Ok(ctx) = Context::new(&scene, index, &ContextOptions::default()) else { return false };
+    attacks(&scene).into_iter().any(|(_, path)| {
         let candidate = ctx.candidate(path);
-        Encounter::of(&candidate, &ctx).contact.is_some() && rule.is_feasible(&candidate, &ctx)
+        Encounter::of(&candidate, ctx.ego()).contact.is_some() && rule.is_feasible(&candidate, &ctx)
     })
 }
 
 /// Whether a logged path is feasible and touches nobody.
-fn is_clean(scene: &Scene, index: &SceneIndex, rule: &MapFeasibility, path: Option<Trajectory>) -> bool {
+fn is_clean(
+    scene: &Arc<Scene>,
+    index: &Arc<SceneIndex>,
+    rule: &MapFeasibility,
+    path: Option<Trajectory>,
+) -> bool {
     let (Some(path), Ok(ctx)) = (path, Context::new(scene, index, &ContextOptions::default())) else {
         return false;
     };
     let candidate = ctx.candidate(path);
-    Encounter::of(&candidate, &ctx).contact.is_none() && rule.is_feasible(&candidate, &ctx)
+    Encounter::of(&candidate, ctx.ego()).contact.is_none() && rule.is_feasible(&candidate, &ctx)
 }
 
 /// Whether any two vehicles of a scene touch at a frame.

@@ -9,6 +9,7 @@ mod native;
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
+    sync::Arc,
     time::Instant,
 };
 
@@ -170,7 +171,8 @@ fn score(scene: &Scene) {
     let index = SceneIndex::new(scene.map.clone());
     for convention in [Convention::Paper, Convention::Release] {
         let options = ContextOptions { convention, ..ContextOptions::default() };
-        let ctx = Context::new(scene, &index, &options).expect("it has an adversary and all frames");
+        let ctx = Context::new(&Arc::new(scene.clone()), &index, &options)
+            .expect("it has an adversary and all frames");
         let s = Scorer::new(&ctx).scores(&ctx.candidate(log.clone()));
         for value in [s.adversarial_reward, s.kinematic_penalty, s.behavior_penalty] {
             assert!(value.is_finite(), "{convention:?}: {s:?}");

@@ -8,14 +8,14 @@
 use super::Profile;
 use crate::{
     geometry::{norm, sub, wrap_angle},
-    motion::{DT, Start},
+    motion::{DT, Pose},
 };
 
 /// Speed from which a step shows where a car is heading, m/s.
 pub const MOVING: f64 = 0.5;
 
 /// Profile of `points` that leave from `start`.
-pub fn profile(points: &[[f64; 2]], start: &Start) -> Profile {
+pub fn profile(points: &[[f64; 2]], start: &Pose) -> Profile {
     let n = points.len();
     let mut p = Profile {
         speed: Vec::with_capacity(n),
@@ -73,7 +73,7 @@ mod tests {
         let turn = 2.0 * (1.0f64 / 40.0).asin();
         let at = |k: f64| [20.0 * (k * turn).sin(), 20.0 - 20.0 * (k * turn).cos()];
         let points: Vec<_> = (1..=80).map(|k| at(k as f64)).collect();
-        let p = profile(&points, &Start { position: at(0.0), heading: 0.0 });
+        let p = profile(&points, &Pose { position: at(0.0), heading: 0.0 });
         assert_relative_eq!(p.speed[50], 10.0, max_relative = 1e-12);
         assert_relative_eq!(p.yaw_rate[50], turn / DT, max_relative = 1e-9);
         assert_relative_eq!(p.total_turn, 79.0 * turn, max_relative = 1e-9);
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn standing_car_keeps_its_logged_heading_and_has_no_yaw_rate() {
-        let p = profile(&[[3.0, 4.0]; 80], &Start { position: [3.0, 4.0], heading: 2.5 });
+        let p = profile(&[[3.0, 4.0]; 80], &Pose { position: [3.0, 4.0], heading: 2.5 });
         assert!(p.heading.iter().all(|&h| h == 2.5) && p.yaw_rate.iter().all(|&w| w == 0.0));
     }
 
@@ -90,7 +90,7 @@ mod tests {
     fn steps_before_the_first_moving_one_take_its_heading() {
         let points: Vec<_> =
             (0..80).map(|k| [0.0, if k < 30 { 0.0 } else { -0.2 * (k - 29) as f64 }]).collect();
-        let p = profile(&points, &Start { position: [0.0, 0.0], heading: 1.0 });
+        let p = profile(&points, &Pose { position: [0.0, 0.0], heading: 1.0 });
         assert!(p.heading.iter().all(|&h| (h + std::f64::consts::FRAC_PI_2).abs() < 1e-12));
         assert_relative_eq!(p.axis[0][1], -1.0);
     }
@@ -105,7 +105,7 @@ mod tests {
                 [x, jitter]
             })
             .collect();
-        let p = profile(&points, &Start { position: [-0.5, 0.0], heading: 0.0 });
+        let p = profile(&points, &Pose { position: [-0.5, 0.0], heading: 0.0 });
         assert!(p.yaw_rate.iter().all(|w| w.abs() < 0.5), "{:?}", p.yaw_rate);
     }
 }

@@ -1,20 +1,20 @@
-//! A target as steering sees it: it knows what a network expects of the ego.
+//! What a network expects of the ego, as an input for those who look at a target beside it.
 
 use std::sync::Arc;
 
 use sage_core::{
+    generator::Observation,
     motion::{NOW, Trajectory},
-    scene::{Scene, SceneIndex},
     seed::Rng,
 };
 use serde::{Deserialize, Serialize};
 
 use crate::{
     Error,
-    backbone::Backbone,
+    backbone::MotionModel,
     candidates::Selection,
-    features::{CELL, Features, GOAL_COLUMNS, GoalColumn},
-    prediction::predict,
+    features::{CELL, Features, GoalColumn, Layout},
+    prediction::{Predicted, predict},
 };
 
 /// Futures of the ego that are looked at.
@@ -46,18 +46,19 @@ impl View {
     /// What is wrong with it, if something is.
     ///
     /// *Errors*: the field, its value and the range.
-    pub fn check(self) -> Result<Self, String> {
+    pub fn check(self) -> Result<Self, Error> {
+        let fail = |problem| Err(Error::Training(problem));
         if self.pieces == 0 || self.ego_pieces == 0 {
-            return Err(format!(
+            return fail(format!(
                 "`pieces` is {} and `ego_pieces` {}; expected at least 1",
                 self.pieces, self.ego_pieces
             ));
         }
         if !(self.near >= 0.0) {
-            return Err(format!("`near` is {}; expected 0 metres or more", self.near));
+            return fail(format!("`near` is {}; expected 0 metres or more", self.near));
         }
         if !(1..=4).contains(&self.ego_every) {
-            return Err(format!("`ego_every` is {}; expected 1 to 4", self.ego_every));
+            return fail(format!("`ego_every` is {}; expected 1 to 4", self.ego_every));
         }
         Ok(self)
     }
@@ -69,34 +70,57 @@ impl Default for View {
     }
 }
 
-/// Looks around a target like [`Backbone::features`], and replaces what it expects of the ego by the
-/// futures that a network predicts for it from what can be seen *now*.
+/// What a network expects of the ego from what can be seen *now*: futures with log-probabilities.
+#[derive(Clone, Debug)]
+pub struct EgoForecast(Vec<Predicted>);
+
+impl EgoForecast {
+    /// Futures from elsewhere, the likeliest first.
+    pub fn new(futures: Vec<Predicted>) -> Self {
+        Self(futures)
+    }
+
+    /// Predicts the ego, unless it is the target or not seen *now*.
+    ///
+    /// *Errors*: those of the network.
+    pub fn of(
+        model: &dyn MotionModel,
+        now: &Observation,
+        target: usize,
+        view: View,
+    ) -> Result<Option<Self>, Error> {
+        let scene = now.scene();
+        if target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
+            return Ok(None);
+        }
+        let mut ego = model.features(now, scene.ego, None)?;
+        if ego.layout == Layout::Lattice {
+            ego = on_the_road(ego, view);
+        }
+        let mut rng = Rng::new(0, &scene.id, "foresight");
+        let nms = Selection::Nms { radius: APART };
+        Ok(Some(Self(predict(model, Arc::new(ego), FUTURES, nms, &mut rng)?)))
+    }
+
+    /// Log-probability and trajectory of each future.
+    pub fn futures(&self) -> impl Iterator<Item = (f32, &Trajectory)> {
+        self.0.iter().map(|future| (future.log_prob, &future.trajectory))
+    }
+}
+
+/// Features of a target with the model's own forecast of the ego, as closely as a view looks: what
+/// fine-tuning and proposing look at.
 ///
 /// *Errors*: those of the network.
-pub fn foreseeing(
-    network: &dyn Backbone,
-    scene: &Scene,
-    index: &SceneIndex,
+pub fn features_with_forecast(
+    model: &dyn MotionModel,
+    now: &Observation,
     target: usize,
     view: View,
 ) -> Result<Features, Error> {
-    let mut features = network.features(scene, index, target)?;
-    if has_lattice(&features) {
-        features = thinned(features, view);
-    }
-    if target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
-        return Ok(features);
-    }
-    let mut ego = network.features(scene, index, scene.ego)?;
-    if has_lattice(&ego) {
-        ego = on_the_road(ego, view);
-    }
-    let mut rng = Rng::new(0, &scene.id, "foresight");
-    let all = predict(network, Arc::new(ego), FUTURES, Selection::Nms { radius: APART }, &mut rng)?;
-    let futures: Vec<(f32, &Trajectory)> = all.iter().map(|p| (p.log_prob, &p.trajectory)).collect();
-    let frame = features.frame;
-    features.outlook.foresee(&futures, &frame);
-    Ok(features)
+    let forecast = EgoForecast::of(model, now, target, view)?;
+    let features = model.features(now, target, forecast.as_ref())?;
+    Ok(if features.layout == Layout::Lattice { thinned(features, view) } else { features })
 }
 
 fn thinned(mut features: Features, view: View) -> Features {
@@ -119,11 +143,6 @@ fn on_the_road(mut features: Features, view: View) -> Features {
         x * x + y * y < CLOSE * CLOSE || (is_on_road && i % every == 0 && j % every == 0)
     });
     if keep.len() < 8 * FUTURES { features } else { features.with_goals(&keep) }
-}
-
-/// Whether these are features of our own kind, and not of a published network.
-fn has_lattice(features: &Features) -> bool {
-    features.goal_features.columns == GOAL_COLUMNS
 }
 
 /// Goals that pass a test of their lattice point, place and row.

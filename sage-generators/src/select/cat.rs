@@ -1,28 +1,20 @@
 //! CAT's selection: the candidate that most probably collides early.
 //!
-//! Among 32 candidates some way apart, the one of largest `p · 0.99^(f+1)`, f the first compared frame
-//! with contact; if none makes contact, the one that comes nearest. The published code's habits are kept:
-//! ranks from the seventh on count as equally likely, every fifth frame is compared, contact is crossing
-//! edges (a box inside another is none), distances are cut to whole metres. Source: CAT (Zhang et al. 2023).
+//! The one of largest `p · 0.99^(f+1)`, f the first compared frame with contact; if none makes contact, the one
+//! that comes nearest. The published code's habits are kept: ranks from the seventh on count as equally likely,
+//! every fifth frame is compared, contact is crossing edges (a box inside another is none), distances are cut
+//! to whole metres. Source: CAT (Zhang et al. 2023).
 
-use std::sync::Arc;
-
-use sage_backbones::{
-    Backbone, candidates::Selection, features::cat::suppression_radius, prediction::predict,
-};
 use sage_core::{
     Error,
-    generator::{Attack, Generator, Proposed},
+    generator::{Knowledge, Note, Proposal},
     geometry::{OrientedBox, Point, cross, distance, sub},
     motion::{HISTORY, NOW},
     objective::Context,
-    registry::Entry,
-    seed::Rng,
 };
 
-use serde::{Deserialize, Serialize};
-
-use crate::{Method, Setting, method::check_candidates, steered::in_scene};
+use super::{Selection, Selector, SelectorKind};
+use crate::GeneratorInputs;
 
 /// Ranks from this one on are made equally likely, from 0.
 const FLATTENED: usize = 6;
@@ -33,85 +25,31 @@ const COMPARED: usize = 16;
 /// What a compared frame of delay takes off.
 const DECAY: f64 = 0.99;
 
-/// CAT over a prior.
-pub struct Cat {
-    /// Proposes the candidates.
-    pub prior: Arc<dyn Backbone>,
-    /// Number of candidates.
-    pub candidates: usize,
+/// The selection.
+pub struct CatSelector;
+
+impl SelectorKind for CatSelector {
+    const KNOWS: Knowledge = Knowledge { ego_future: true, others_future: false, own_future: false };
+    const DEPENDS_ON_MU: bool = false;
+
+    fn build(_: &GeneratorInputs) -> Box<dyn Selector> {
+        Box::new(Self)
+    }
 }
 
-impl Generator for Cat {
-    fn name(&self) -> String {
-        "cat".to_owned()
-    }
-
-    fn generate(&self, ctx: &Context, seed: u64) -> Result<Attack, Error> {
-        let attack = || {
-            let scene = ctx.scene();
-            let features = Arc::new(self.prior.features(scene, ctx.index(), scene.adversary_index()?)?);
-            let nms = Selection::Nms { radius: suppression_radius(features.speed()) };
-            let mut rng = Rng::new(seed, &scene.id, "candidates");
-            predict(&*self.prior, features, self.candidates, nms, &mut rng)
-        };
-        let found = attack().map_err(|error| in_scene(ctx, &error))?;
-        let log_probs: Vec<f64> = found.iter().map(|p| f64::from(p.log_prob)).collect();
-        let paths: Vec<&[Point]> = found.iter().map(|p| p.trajectory.points()).collect();
-        let ego = EgoPaths { paths: vec![ctx.ego_positions()], weights: vec![1.0] };
+impl Selector for CatSelector {
+    fn select(&self, proposals: &[Proposal], ctx: &Context, _: f64) -> Result<Selection, Error> {
+        let log_probs = proposals.iter().map(|p| p.log_prob).collect::<Option<Vec<f64>>>();
+        let log_probs = log_probs.ok_or_else(|| Error::Scene {
+            scene: ctx.scene().id.clone(),
+            problem: "CAT selects by probability, and a proposal has none".to_owned(),
+        })?;
+        let paths: Vec<&[Point]> = proposals.iter().map(|p| p.trajectory.points()).collect();
+        let ego: Vec<_> = ctx.egos().iter().map(|ego| (ego.positions(), ego.weight())).collect();
         let choice = cat_select(&paths, &log_probs, &ego, ctx.size(), ctx.ego_size());
-        let proposed = |p: sage_backbones::prediction::Predicted| Proposed {
-            trajectory: p.trajectory,
-            log_prob: Some(f64::from(p.log_prob)),
-            goal: Some(p.goal),
-        };
-        let note = (!choice.collides)
-            .then(|| "no candidate makes contact; the one that comes nearest was taken".to_owned());
-        Ok(Attack { candidates: found.into_iter().map(proposed).collect(), chosen: choice.chosen, note })
+        let note = (!choice.collides).then_some(Note::NoContact);
+        Ok(Selection { chosen: choice.chosen, note })
     }
-}
-
-/// [`Cat`] over the prior.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CatMethod {
-    /// Number of candidates.
-    pub candidates: usize,
-}
-
-impl Default for CatMethod {
-    fn default() -> Self {
-        Self { candidates: 32 }
-    }
-}
-
-impl Method for CatMethod {
-    fn is_steered(&self) -> bool {
-        false
-    }
-
-    fn generator(&self, setting: &Setting) -> Result<Box<dyn Generator>, String> {
-        Ok(Box::new(Cat { prior: setting.prior()?, candidates: self.candidates }))
-    }
-}
-
-impl Entry<dyn Method> for CatMethod {
-    const NAME: &'static str = "cat";
-    const SUMMARY: &'static str = "collision probability over the prior's candidates";
-    const SOURCE: &'static str = "Zhang et al. 2023 (CAT)";
-    type Options = Self;
-
-    fn build(options: Self) -> Result<Box<dyn Method>, String> {
-        check_candidates(options.candidates)?;
-        Ok(Box::new(options))
-    }
-}
-
-/// Paths that the ego may take, with their weights.
-pub struct EgoPaths<'p> {
-    /// Positions from frame 11 on; a path may end early.
-    pub paths: Vec<&'p [Point]>,
-    /// One a path, not normalised.
-    pub weights: Vec<f64>,
 }
 
 /// What CAT's selection finds.
@@ -131,21 +69,22 @@ pub struct CatChoice {
     pub first_contact: Vec<Vec<Option<usize>>>,
 }
 
-/// CAT's selection among candidates in descending order of log-probability. Sizes are length and width.
+/// CAT's selection among candidates in descending order of log-probability, against the ego's paths with their
+/// weights. Sizes are length and width.
 pub fn cat_select(
     candidates: &[&[Point]],
     log_probs: &[f64],
-    ego: &EgoPaths,
+    ego: &[(&[Point], f64)],
     size: [f64; 2],
     ego_size: [f64; 2],
 ) -> CatChoice {
     let probabilities = flattened(log_probs);
     let boxes: Vec<Vec<OrientedBox>> = candidates.iter().map(|path| boxes(path, size)).collect();
-    let egos: Vec<Vec<OrientedBox>> = ego.paths.iter().map(|path| self::boxes(path, ego_size)).collect();
+    let egos: Vec<Vec<OrientedBox>> = ego.iter().map(|(path, _)| self::boxes(path, ego_size)).collect();
     let mut scores = vec![0.0; candidates.len()];
     let mut whole_metres = vec![1_000_000; candidates.len()];
     let mut first_contact = Vec::new();
-    for (ego, weight) in egos.iter().zip(&ego.weights) {
+    for (ego, (_, weight)) in egos.iter().zip(ego) {
         let mut of_path = Vec::with_capacity(candidates.len());
         for (k, adversary) in boxes.iter().enumerate() {
             let (contact, nearest) = meet(adversary, ego);

@@ -1,0 +1,49 @@
+//! `sage` with a merger of your own, for any number of experts: the one that moved a number farthest has it.
+//!
+//! ```sh
+//! cargo run --release -p experiments --example own_merger -- generate examples/crossing.pkl \
+//!     --weights procedural --merger strongest --lambda 0.5 --out strongest
+//! ```
+
+use std::process::ExitCode;
+
+use sage_core::registry::Entry;
+use sage_merging::{Error, ExpertSet, Merger, NoOptions, TensorMerger, TensorRule, TensorSet};
+
+/// Every number is that of the expert that moved it farthest from the prior, by weight.
+struct Strongest;
+
+impl TensorMerger for Strongest {
+    fn prepare(&self, _: &ExpertSet, _: u64) -> Result<Box<dyn TensorRule>, Error> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl TensorRule for Strongest {
+    fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
+        for (k, out) in out.iter_mut().enumerate() {
+            let moved = |expert: usize| f64::from(tensor.experts[expert][k] - tensor.prior[k]) * at[expert];
+            let farthest = (0..at.len()).max_by(|a, b| moved(*a).abs().total_cmp(&moved(*b).abs()));
+            *out = tensor.prior[k] + farthest.map_or(0.0, moved) as f32;
+        }
+    }
+}
+
+impl Entry<dyn Merger> for Strongest {
+    const NAME: &'static str = "strongest";
+    const SUMMARY: &'static str = "each number from the expert that moved it farthest";
+    const SOURCE: &'static str = "this example";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn Merger>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+fn main() -> ExitCode {
+    experiments::run(|| {
+        let mut registries = experiments::Registries::shipped()?;
+        registries.mergers = registries.mergers.with::<Strongest>()?;
+        Ok(registries)
+    })
+}

@@ -1,0 +1,94 @@
+//! `sage` with a proposer of your own and the shipped selector: straight on at many decelerations, the best of
+//! which is chosen as for any other generator. It needs no experts.
+//!
+//! ```sh
+//! cargo run --release -p experiments --example own_proposer -- generate examples/crossing.pkl \
+//!     --method straight-on --lambda 0:1:0.5 --out straight
+//! ```
+
+use std::process::ExitCode;
+
+use sage_core::{
+    Error,
+    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    motion::{DT, HORIZON, NOW, Trajectory},
+};
+use sage_generators::{GeneratorInputs, Pair, ProposerKind, select::Best};
+use serde::{Deserialize, Serialize};
+
+/// Its options.
+#[derive(Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct StraightOn {
+    /// Number of candidates.
+    candidates: usize,
+}
+
+impl Default for StraightOn {
+    fn default() -> Self {
+        Self { candidates: 16 }
+    }
+}
+
+impl ProposerKind for StraightOn {
+    const NAME: &'static str = "straight-on";
+    const SUMMARY: &'static str = "straight on, at many decelerations";
+    const SOURCE: &'static str = "this example";
+    const USES_MIXTURE: bool = false;
+    const NEEDS_EXPERTS: bool = false;
+
+    fn check(&self) -> Result<(), String> {
+        if self.candidates > 0 { Ok(()) } else { Err("`candidates` must be above 0".to_owned()) }
+    }
+
+    fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Proposer>, sage_generators::Error> {
+        Ok(Box::new(Decelerations { count: self.candidates }))
+    }
+}
+
+struct Decelerations {
+    count: usize,
+}
+
+impl Proposer for Decelerations {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+        let track = now.scene().adversary()?;
+        let [vx, vy] = track.velocity[NOW];
+        let (start, heading) = (track.point(NOW), track.heading[NOW]);
+        Ok(Box::new(Straight { start, heading, speed: vx.hypot(vy), count: self.count }))
+    }
+}
+
+struct Straight {
+    start: [f64; 2],
+    heading: f64,
+    speed: f64,
+    count: usize,
+}
+
+impl PreparedScene for Straight {
+    fn propose(&self, _: &Mixture, _: u64) -> Result<Vec<Proposal>, Error> {
+        let Self { start: [x, y], heading, speed, count } = *self;
+        let (sin, cos) = heading.sin_cos();
+        let proposal = |k: usize| {
+            // From −2 to 6 m/s² of braking.
+            let rate = -2.0 + 8.0 * k as f64 / count as f64;
+            let at = |step: usize| {
+                let t = step as f64 * DT;
+                let t = if rate > 0.0 { t.min(speed / rate) } else { t };
+                let gone = speed * t - 0.5 * rate * t * t;
+                [x + gone * cos, y + gone * sin]
+            };
+            Ok(Proposal::of(Trajectory::new("straight", (1..=HORIZON).map(at).collect())?))
+        };
+        (0..count).map(proposal).collect()
+    }
+}
+
+fn main() -> ExitCode {
+    experiments::run(|| {
+        let mut registries = experiments::Registries::shipped()?;
+        registries.generators = registries.generators.with::<Pair<StraightOn, Best>>()?;
+        Ok(registries)
+    })
+}

@@ -1,0 +1,148 @@
+//! Where the user puts the dials, and what rows of results are of.
+
+use anyhow::{Result, bail};
+use sage_core::generator::{Mixture, OperatingPoint};
+use sage_generators::Aggression;
+use sage_merging::{ADVERSARIAL, ExpertSet, Range};
+use serde::{Deserialize, Serialize};
+
+/// Where the dials were put.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// Both by one even dial, if so.
+    pub aggression: Option<f64>,
+    /// Between the realistic and the adversarial expert; none for a mixture by name.
+    pub lambda: Option<f64>,
+    /// Weights of named experts, if they were given.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mix: Vec<(String, f64)>,
+    /// Weight μ of the selection.
+    pub mu: f64,
+}
+
+impl Place {
+    /// At a lambda, with μ the same or another.
+    ///
+    /// *Errors*: one out of range.
+    pub(crate) fn at(lambda: f64, mu: Option<f64>, range: Range) -> Result<Self> {
+        if range == Range::Simplex && !(0.0..=1.0).contains(&lambda) {
+            bail!(
+                "lambda is {lambda}; expected 0 (realistic) to 1 (adversarial): this merger does not go beyond the experts"
+            );
+        }
+        Ok(Self {
+            aggression: None,
+            lambda: Some(lambda),
+            mix: Vec::new(),
+            mu: checked(mu.unwrap_or(lambda))?,
+        })
+    }
+
+    /// At an aggression.
+    ///
+    /// *Errors*: one out of range.
+    pub(crate) fn of(dial: &Aggression, aggression: f64) -> Result<Self> {
+        let (lambda, mu) = dial.place(aggression)?;
+        Ok(Self { aggression: Some(aggression), lambda: Some(lambda), mix: Vec::new(), mu })
+    }
+
+    /// At weights of named experts; μ is the adversarial one's weight unless given.
+    ///
+    /// *Errors*: a μ out of range.
+    pub(crate) fn mixed(mix: &[(String, f64)], mu: Option<f64>) -> Result<Self> {
+        let adversarial = mix.iter().find(|(name, _)| name == ADVERSARIAL).map_or(0.0, |(_, weight)| *weight);
+        Ok(Self {
+            aggression: None,
+            lambda: None,
+            mix: mix.to_vec(),
+            mu: checked(mu.unwrap_or(adversarial))?,
+        })
+    }
+
+    /// For a generator: λ lies between the two experts of a set, if there is one.
+    ///
+    /// *Errors*: an expert that the set does not hold.
+    pub(crate) fn point(&self, experts: Option<&ExpertSet>) -> Result<OperatingPoint> {
+        let mixture = match (experts, self.lambda) {
+            (Some(experts), Some(lambda)) => experts.between(lambda)?,
+            (Some(experts), None) => {
+                let weights: Vec<(&str, f64)> = self.mix.iter().map(|(name, w)| (&name[..], *w)).collect();
+                experts.mixture(&weights)?
+            }
+            (None, Some(lambda)) => Mixture::between(lambda),
+            (None, None) => Mixture::new(self.mix.iter().map(|(_, weight)| *weight).collect()),
+        };
+        Ok(OperatingPoint { mixture, mu: self.mu })
+    }
+
+    /// As a table says it.
+    pub(crate) fn label(&self) -> String {
+        match (self.aggression, self.lambda) {
+            (Some(aggression), _) => format!("a {}", short(aggression)),
+            (None, Some(lambda)) if self.mu == lambda => short(lambda),
+            (None, Some(lambda)) => format!("{} mu {}", short(lambda), short(self.mu)),
+            (None, None) => format!("{} mu {}", self.mixture_label(), short(self.mu)),
+        }
+    }
+
+    /// As a picture says it.
+    pub(crate) fn long_label(&self) -> String {
+        match (self.aggression, self.lambda) {
+            (Some(aggression), _) => format!("aggression {}", short(aggression)),
+            (None, Some(lambda)) => format!("lambda {}", short(lambda)),
+            (None, None) => self.mixture_label(),
+        }
+    }
+
+    /// As the name of a file says it.
+    pub(crate) fn file_label(&self) -> String {
+        match (self.aggression, self.lambda) {
+            (Some(aggression), _) => format!("a{}", short(aggression)),
+            (None, Some(lambda)) => short(lambda),
+            (None, None) => self.mixture_label().replace(',', "-"),
+        }
+    }
+
+    /// The mixture alone, as a policy without choice is named.
+    pub(crate) fn mixture_label(&self) -> String {
+        match self.lambda {
+            Some(lambda) => format!("lambda {}", short(lambda)),
+            None => {
+                let weights = self.mix.iter().map(|(name, weight)| format!("{name}={}", short(*weight)));
+                weights.collect::<Vec<_>>().join(",")
+            }
+        }
+    }
+}
+
+fn checked(mu: f64) -> Result<f64> {
+    if !(0.0..=1.0).contains(&mu) {
+        bail!("mu is {mu}; expected 0 to 1");
+    }
+    Ok(mu)
+}
+
+/// Two digits where they say all, else as many as there are: other places have other labels.
+fn short(x: f64) -> String {
+    let two = format!("{x:.2}");
+    if two.parse() == Ok(x) { two } else { x.to_string() }
+}
+
+/// What a row of results is of: a generator, and where its dials were put if it has any.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RowKey {
+    /// The generator as the user named it.
+    pub method: String,
+    /// Where its dials were put; none if they change nothing.
+    pub place: Option<Place>,
+}
+
+impl RowKey {
+    /// As a table says it.
+    pub fn label(&self) -> String {
+        match &self.place {
+            Some(place) => format!("{} {}", self.method, place.label()),
+            None => self.method.clone(),
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! Parts that the user names: `NAME`, or `NAME{"option": value}`.
+
+use std::{fmt, str::FromStr};
+
+use anyhow::Result;
+use sage_core::{objective::PartSpec, registry::Registry};
+use serde_json::{Map, Value};
+
+/// A part of some registry, with options.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Part {
+    pub(crate) name: String,
+    pub(crate) options: Map<String, Value>,
+}
+
+impl Part {
+    /// Builds it.
+    ///
+    /// *Errors*: a name that is not registered, options that the part refuses.
+    pub(crate) fn build<T: ?Sized>(&self, registry: &Registry<T>) -> Result<Box<T>> {
+        Ok(registry.build(&self.name, &Value::Object(self.options.clone()))?)
+    }
+
+    /// The paper's feasibility rule.
+    pub(crate) fn paper() -> Self {
+        Self { name: PartSpec::default().name, options: Map::new() }
+    }
+
+    /// As an objective names it.
+    pub(crate) fn spec(&self) -> PartSpec {
+        PartSpec { name: self.name.clone(), options: self.options.clone() }
+    }
+}
+
+impl FromStr for Part {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (name, options) = text.find('{').map_or((text, "{}"), |at| text.split_at(at));
+        let options = serde_json::from_str(options)
+            .map_err(|error| format!("`{options}` is no JSON object of options: {error}"))?;
+        Ok(Self { name: name.trim().to_owned(), options })
+    }
+}
+
+impl fmt::Display for Part {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.name)?;
+        if self.options.is_empty() {
+            return Ok(());
+        }
+        write!(f, "{}", Value::Object(self.options.clone()))
+    }
+}
+
+/// Several parts with commas between them.
+#[derive(Clone, Debug)]
+pub(crate) struct Parts(pub(crate) Vec<Part>);
+
+impl FromStr for Parts {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        // Commas within options do not count; braces within their texts are not expected to.
+        let mut depth = 0_usize;
+        let mut parts = vec![String::new()];
+        for letter in text.chars() {
+            match letter {
+                '{' => depth += 1,
+                '}' => depth = depth.saturating_sub(1),
+                ',' if depth == 0 => {
+                    parts.push(String::new());
+                    continue;
+                }
+                _ => {}
+            }
+            if let Some(last) = parts.last_mut() {
+                last.push(letter);
+            }
+        }
+        Ok(Self(parts.iter().map(|part| part.parse()).collect::<Result<_, _>>()?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_is_a_name_with_or_without_options() {
+        let part: Part = "linear".parse().unwrap();
+        assert_eq!((part.name.as_str(), part.options.len()), ("linear", 0));
+        let part: Part = r#"strict{"height_gap": 2.5}"#.parse().unwrap();
+        assert_eq!(part.options["height_gap"], 2.5);
+        assert_eq!(part.to_string(), r#"strict{"height_gap":2.5}"#);
+        assert!("strict{2}".parse::<Part>().unwrap_err().contains("no JSON object"));
+        let Parts(all) = r#"sage{"candidates": 8, "apart": 3.0},rule"#.parse().unwrap();
+        assert_eq!([&*all[0].name, &*all[1].name], ["sage", "rule"]);
+        assert_eq!(all[0].options["candidates"], 8);
+    }
+}

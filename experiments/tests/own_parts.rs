@@ -1,0 +1,220 @@
+//! Parts from outside, as `docs/adding-a-*.md` describe them: each example program does the whole of it.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod program;
+
+use std::path::{Path, PathBuf};
+
+use program::*;
+use serde_json::Value;
+
+/// An example program; none where only the tests of this crate were built.
+fn own(name: &str) -> Option<PathBuf> {
+    let program = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join(name);
+    if !program.exists() {
+        eprintln!("left out: `{}` is built by `cargo test --workspace` alone", program.display());
+        return None;
+    }
+    Some(program)
+}
+
+fn crossing() -> String {
+    example().replace("crossing.pkl", "crossing.json")
+}
+
+#[test]
+fn a_reward_is_a_column_of_score_a_term_of_objectives_and_a_column_of_the_table() {
+    let Some(program) = own("own_reward") else { return };
+    let (scene, candidates) = (example(), crossing());
+    let list = run(&program, &["list"]);
+    assert!(stdout(&list).contains("near-miss") && stdout(&list).contains("options: scale = 5.0"));
+    let score = ["score", &scene, "--candidates", &candidates];
+    let header = run(&program, &score);
+    assert!(stdout(&header).lines().next().unwrap().contains(" near-miss "), "{}", stdout(&header));
+    let scored = rows(&run(&program, &[&score[..], &["--json"]].concat()));
+    let value = |row: &Value| row["rewards"]["near-miss"].as_f64().unwrap();
+    assert!(scored.iter().all(|row| (0.0..=1.0).contains(&value(row))));
+    let hit = scored.iter().find(|row| row["collision"] == true).unwrap();
+    assert_eq!(value(hit), 1.0, "boxes that touch have no gap");
+
+    // Selected by it alone, with a sign: as near as can be, and as far as can be.
+    let folder = tempfile::tempdir().unwrap();
+    let chosen = |name: &str, weight: f64| {
+        let file = folder.path().join(format!("{name}.json"));
+        let spec = format!(
+            r#"{{"terms": [{{"name": "near-miss", "weight": {weight}, "options": {{"scale": 30}}}}]}}"#
+        );
+        std::fs::write(&file, spec).unwrap();
+        let out = folder.path().join(name);
+        let generate = ["generate", &scene, "--selection", text(&file), "--json", "--out", text(&out)];
+        let row = rows(&run(&program, &[&generate[..], &WEIGHTS].concat())).remove(0);
+        row["scores"]["rewards"]["near-miss"].as_f64().unwrap()
+    };
+    assert!(chosen("near", 1.0) > chosen("far", -1.0));
+
+    // Tuned for it: the expert says so, and the table has a column.
+    let config = folder.path().join("tune.json");
+    let objective =
+        r#"{"terms": [{"name": "near-miss", "weight": 1.0}, {"name": "realism", "weight": -0.1}]}"#;
+    let tune = format!(
+        r#"{{"epochs": 1, "candidates": 16, "experts": {{"realistic": {{}}, "adversarial": {{"objective": {objective}}}}}}}"#
+    );
+    std::fs::write(&config, tune).unwrap();
+    let experts = folder.path().join("experts");
+    let finetune =
+        ["finetune", "--made", "2", "--roles", "0", "--config", text(&config), "--out", text(&experts)];
+    let done = run(&program, &finetune);
+    assert!(done.status.success(), "{}", stderr(&done));
+    let file = experts.join("adversarial.safetensors");
+    let (_, header) = sage_backbones::Parameters::load(&file).unwrap();
+    assert!(header.notes["options"].contains("near-miss"), "{:?}", header.notes);
+    let table = folder.path().join("table");
+    let bench = ["bench", "open-loop", &scene, "--methods", "sage,log", "--lambda", "1"];
+    let output = run(&program, &[&bench[..], &["--weights", text(&experts), "--out", text(&table)]].concat());
+    assert!(stdout(&output).lines().next().unwrap().contains("| near-miss |"), "{}", stdout(&output));
+    assert!(std::fs::read_to_string(table.join("table.csv")).unwrap().contains("sage 1.00,near-miss,"));
+}
+
+#[test]
+fn a_feasibility_rule_with_a_name_and_cost_of_its_own_changes_what_is_chosen() {
+    let Some(program) = own("own_feasibility") else { return };
+    let scene = example();
+    let folder = tempfile::tempdir().unwrap();
+    let chosen = |name: &str, rule: &str| -> Value {
+        let out = folder.path().join(name);
+        let generate = ["generate", &scene, "--feasibility", rule, "--json", "--out", text(&out)];
+        rows(&run(&program, &[&generate[..], &WEIGHTS].concat())).remove(0)
+    };
+    let top = |row: &Value| {
+        let points = row["trajectory"].as_array().unwrap();
+        let at = |k: usize| [0, 1].map(|axis| points[k][axis].as_f64().unwrap());
+        (1..points.len())
+            .map(|k| (at(k)[0] - at(k - 1)[0]).hypot(at(k)[1] - at(k - 1)[1]) / 0.1)
+            .fold(0.0, f64::max)
+    };
+    let free = chosen("free", "paper");
+    let limit = 0.8 * top(&free);
+    let slow = chosen("slow", &format!(r#"speed-limit{{"limit": {limit}}}"#));
+    assert!(free["trajectory"] != slow["trajectory"]);
+    assert!(slow["feasible"] == false || top(&slow) <= limit, "{} over {limit}", top(&slow));
+    // Where nothing is feasible its own cost and name are told.
+    let never = chosen("never", r#"speed-limit{"limit": 0.001, "cost": 7.0}"#);
+    assert_eq!(never["feasible"], false);
+    let broken = never["reasons"].as_array().unwrap().iter().find(|v| v["rule"] == "speed_limit").unwrap();
+    assert_eq!(broken["cost"], 7.0);
+    assert!(never["note"].as_str().unwrap().contains("no candidate is feasible"));
+    let score = run(&program, &["score", &scene, "--candidates", &crossing(), "--json"]);
+    assert!(rows(&score).iter().all(|row| row["rules"]["speed-limit"].is_array()));
+    let wrong = run(
+        &program,
+        &[
+            "generate",
+            &scene,
+            "--feasibility",
+            "speed-limit{\"limt\": 3}",
+            "--out",
+            text(&folder.path().join("x")),
+        ],
+    );
+    assert!(stderr(&wrong).contains("unknown field `limt`"), "{}", stderr(&wrong));
+}
+
+#[test]
+fn a_merger_mixes_three_experts() {
+    let Some(program) = own("own_merger") else { return };
+    let scene = example();
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("tune.json");
+    let lawful = r#"{"objective": {"terms": [{"name": "lane-distance", "weight": -1.0}, {"name": "realism", "weight": -0.5}]}}"#;
+    let tune = format!(
+        r#"{{"epochs": 1, "candidates": 16, "experts": {{"lawful": {lawful}, "adversarial": {{}}, "realistic": {{}}}}}}"#
+    );
+    std::fs::write(&config, tune).unwrap();
+    let experts = folder.path().join("experts");
+    let finetune =
+        ["finetune", "--made", "2", "--roles", "0", "--config", text(&config), "--out", text(&experts)];
+    let done = sage(&finetune);
+    assert!(done.status.success(), "{}", stderr(&done));
+    assert!(experts.join("lawful.safetensors").is_file());
+    let generate = |out: &str, more: &[&str]| {
+        let out = folder.path().join(out);
+        let all = ["generate", &scene, "--weights", text(&experts), "--json", "--out", text(&out)];
+        run(&program, &[&all[..], more].concat())
+    };
+    let mix = ["--mix", "realistic=0.5,adversarial=0.3,lawful=0.2"];
+    let [own, linear, soup] = ["strongest", "linear", "uniform-soup"].map(|merger| {
+        let row = rows(&generate(merger, &[&mix[..], &["--merger", merger]].concat())).remove(0);
+        assert_eq!((row["mu"].as_f64(), row["mix"]["lawful"].as_f64()), (Some(0.3), Some(0.2)), "{row}");
+        row["candidates"].clone()
+    });
+    assert!(own != linear && linear != soup);
+    // λ stays what it was: between two of them.
+    let lambda = rows(&generate("lambda", &["--lambda", "0.3"])).remove(0);
+    let named = ["--mix", "realistic=0.7,adversarial=0.3"];
+    assert_eq!(lambda["candidates"], rows(&generate("named", &named)).remove(0)["candidates"]);
+    let wrong = |more: &[&str]| stderr(&generate("wrong", more)).to_owned();
+    assert!(
+        wrong(&["--mix", "kind=1"]).contains("no expert `kind`; there are realistic, adversarial, lawful")
+    );
+    assert!(wrong(&["--mix", "lawful=0.4,realistic=0.4"]).contains("sum to 1"));
+    assert!(wrong(&["--mix", "lawful"]).contains("is not NAME=WEIGHT"));
+    assert!(wrong(&["--merger", r#"strongest{"by": 2}"#]).contains("unknown field `by`"));
+}
+
+#[test]
+fn a_backbone_is_trained_by_name() {
+    let Some(program) = own("own_backbone") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("own").display().to_string();
+    let pretrain = ["pretrain", "--backbone", "goal-scorer", "--made", "1", "--epochs", "1", "--out", &out];
+    let output = run(&program, &pretrain);
+    assert!(output.status.success(), "{}", stderr(&output));
+    let found = rows(&run(&program, &["predict", &example(), "--weights", &out, "--json", "--k", "4"]));
+    assert_eq!(found.len(), 4);
+    let shipped = sage(&["predict", &example(), "--weights", &out]);
+    let said = stderr(&shipped);
+    assert!(said.contains("unknown backbone `goal-scorer`; known: densetnt"), "{said}");
+}
+
+#[test]
+fn a_generator_needs_no_experts_and_follows_the_dial() {
+    let Some(program) = own("own_generator") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    assert!(stdout(&run(&program, &["list"])).contains("brakes straight on (knows now alone)"));
+    let (scene, out) = (example(), folder.path().join("out"));
+    let generate = ["generate", &scene, "--method", "brake", "--lambda", "0,1", "--out", text(&out)];
+    let output = run(&program, &generate);
+    assert_eq!(stdout(&output).lines().count(), 2);
+    assert!(!stderr(&output).contains("weights"), "no experts are loaded: {}", stderr(&output));
+    assert!(out.join("crossing-1.00.pkl").is_file());
+    let table = folder.path().join("table");
+    let bench =
+        ["bench", "open-loop", &scene, "--methods", "brake", "--lambda", "0,1", "--out", text(&table)];
+    let output = run(&program, &[&bench[..], &WEIGHTS].concat());
+    assert!(stdout(&output).contains("| brake 1.00 | 1 |"), "{}", stdout(&output));
+}
+
+#[test]
+fn a_proposer_goes_with_the_shipped_selector() {
+    let Some(program) = own("own_proposer") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (example(), folder.path().join("out"));
+    let generate = [
+        "generate",
+        &scene,
+        "--method",
+        r#"straight-on{"candidates": 9}"#,
+        "--lambda",
+        "0,1",
+        "--json",
+        "--out",
+        text(&out),
+    ];
+    let output = run(&program, &generate);
+    let rows = rows(&output);
+    assert!(!stderr(&output).contains("weights"), "{}", stderr(&output));
+    assert!(rows.iter().all(|row| row["candidates"].as_array().unwrap().len() == 9));
+    let reward = |k: usize| rows[k]["scores"]["adversarial_reward"].as_f64().unwrap();
+    assert!(reward(1) >= reward(0));
+}

@@ -1,0 +1,157 @@
+//! What every goal of a scene is worth to the objectives of some experts.
+
+use sage_core::{
+    objective::{Evaluation, Feasibility, Objective, ObjectiveSpec, PartSpec, Reward, Weight},
+    registry::Registry,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::Error;
+
+/// What is measured of every goal: the terms of the experts' objectives, and what tables report.
+pub struct Measures {
+    union: Objective,
+    /// Places of R_adv and P_real among its terms.
+    reported: [usize; 2],
+}
+
+impl Measures {
+    /// Those of some objectives, which must share their feasibility rule; of none, what tables report under
+    /// the paper's rule.
+    ///
+    /// *Errors*: [`Error::Core`] for objectives of two rules.
+    pub fn of(
+        objectives: &[&Objective],
+        rewards: &Registry<dyn Reward>,
+        rules: &Registry<dyn Feasibility>,
+    ) -> Result<Self, Error> {
+        let rule = objectives.first().map_or_else(PartSpec::default, |o| o.spec().feasibility.clone());
+        let spec =
+            ObjectiveSpec::preset("paper-selection").map(|spec| ObjectiveSpec { feasibility: rule, ..spec });
+        let missing = || Error::Training("the paper's objective is not there".to_owned());
+        let reported = Objective::new(&spec.ok_or_else(missing)?, rewards, rules)?;
+        let all: Vec<&Objective> = objectives.iter().copied().chain([&reported]).collect();
+        let union = Objective::union(&all)?.ok_or_else(missing)?;
+        let Some(Ok(reported)) = reported.places_in(&union).map(<[usize; 2]>::try_from) else {
+            return Err(missing());
+        };
+        Ok(Self { union, reported })
+    }
+
+    /// The objective that measures them all.
+    pub(super) fn objective(&self) -> &Objective {
+        &self.union
+    }
+
+    /// Where the terms of an expert's objective stand.
+    ///
+    /// *Errors*: [`Error::Training`] for an objective that was not among the measured ones, or whose weights
+    /// depend on μ: an expert has none.
+    pub(super) fn places<'o>(&self, objective: &'o Objective) -> Result<Taste<'o>, Error> {
+        let by_mu = objective.spec().terms.iter().find(|term| matches!(term.weight, Weight::Linear { .. }));
+        if let Some(term) = by_mu {
+            return Err(Error::Training(format!(
+                "the weight of `{}` depends on mu; an expert's weights are plain numbers",
+                term.name
+            )));
+        }
+        let places = objective.places_in(&self.union);
+        let places = places.ok_or_else(|| {
+            Error::Training("the goals were measured for other objectives than the expert's".to_owned())
+        })?;
+        Ok(Taste { objective, places })
+    }
+}
+
+/// An expert's objective over measured goals.
+pub(super) struct Taste<'o> {
+    objective: &'o Objective,
+    places: Vec<usize>,
+}
+
+/// What every goal of a scene is worth.
+#[derive(Default)]
+pub struct GoalTable {
+    /// Values of all terms, goal by goal.
+    terms: Vec<Vec<Option<f64>>>,
+    /// R_adv and P_real.
+    reported: Vec<[f64; 2]>,
+    /// Cost of the rules that it breaks.
+    cost: Vec<f64>,
+    /// Whether no rule is broken.
+    feasible: Vec<bool>,
+    /// Whether it hits the ego.
+    hits: Vec<bool>,
+}
+
+impl GoalTable {
+    pub(super) fn push(&mut self, evaluation: Evaluation, measures: &Measures) {
+        let reported = measures.reported.map(|place| evaluation.terms[place].unwrap_or(0.0));
+        self.reported.push(reported);
+        self.cost.push(evaluation.cost());
+        self.feasible.push(evaluation.is_feasible());
+        self.hits.push(evaluation.contact.is_some());
+        self.terms.push(evaluation.terms);
+    }
+
+    /// Whether a goal's trajectory breaks no rule.
+    pub fn is_feasible(&self, goal: usize) -> bool {
+        self.feasible[goal]
+    }
+
+    /// Adversarial reward of a goal's trajectory.
+    pub fn reward(&self, goal: usize) -> f64 {
+        self.reported[goal][0]
+    }
+
+    /// What a goal is worth to an expert.
+    pub(super) fn value(&self, goal: usize, taste: &Taste) -> f64 {
+        let terms: Vec<Option<f64>> = taste.places.iter().map(|place| self.terms[goal][*place]).collect();
+        taste.objective.value_of(&terms, self.cost[goal], 0.0)
+    }
+
+    /// Expectations under a policy, given as log-probabilities beside those of the prior.
+    pub(super) fn expectation(&self, log_probs: &[f64], reference: &[f64]) -> Expectation {
+        let mut sum = Expectation::default();
+        for (goal, log_prob) in log_probs.iter().enumerate() {
+            let p = log_prob.exp();
+            let [reward, penalty] = self.reported[goal];
+            sum.feasible += p * f64::from(u8::from(self.feasible[goal]));
+            sum.attack += p * f64::from(u8::from(self.feasible[goal] && self.hits[goal]));
+            sum.reward += p * reward;
+            sum.penalty += p * penalty;
+            sum.kl += p * (log_prob - reference[goal]);
+        }
+        sum
+    }
+}
+
+/// Expectations under a policy over the goals of a scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Expectation {
+    /// Probability of a feasible path.
+    pub feasible: f64,
+    /// Probability of a feasible path that hits the ego.
+    pub attack: f64,
+    /// Mean adversarial reward.
+    pub reward: f64,
+    /// Mean penalty for driving unlike a car.
+    pub penalty: f64,
+    /// Divergence from the prior, nats.
+    pub kl: f64,
+}
+
+impl Expectation {
+    /// Mean over scenes; `None` of none.
+    pub fn mean(all: &[Self]) -> Option<Self> {
+        let n = all.len() as f64;
+        let mean = |value: fn(&Self) -> f64| all.iter().map(value).sum::<f64>() / n;
+        (!all.is_empty()).then(|| Self {
+            feasible: mean(|e| e.feasible),
+            attack: mean(|e| e.attack),
+            reward: mean(|e| e.reward),
+            penalty: mean(|e| e.penalty),
+            kl: mean(|e| e.kl),
+        })
+    }
+}

@@ -1,0 +1,80 @@
+//! What can be seen *now*: eleven frames, and nothing after them.
+
+use std::sync::Arc;
+
+use crate::{
+    Error,
+    motion::{HISTORY, NOW},
+    scene::{Scene, SceneIndex, Track, TrafficLight},
+};
+
+/// A scene that ends *now*, with its map. Whoever predicts or proposes is given this: it holds no future
+/// that could be looked at.
+#[derive(Clone)]
+pub struct Observation {
+    scene: Arc<Scene>,
+    index: Arc<SceneIndex>,
+}
+
+impl Observation {
+    /// Frames 0 to 10 of a scene: *now* is frame 10, as everywhere.
+    ///
+    /// *Errors*: [`Error::Scene`] for a scene with fewer frames, which no reader gives.
+    pub fn of(scene: &Scene, index: &Arc<SceneIndex>) -> Result<Self, Error> {
+        Self::at(scene, index, NOW)
+    }
+
+    /// The eleven frames of a scene that end at some frame, as if that were *now*.
+    ///
+    /// *Errors*: [`Error::Scene`] if the scene does not have them.
+    pub fn at(scene: &Scene, index: &Arc<SceneIndex>, now: usize) -> Result<Self, Error> {
+        if now + 1 < HISTORY || now >= scene.frames {
+            return Err(Error::Scene {
+                scene: scene.id.clone(),
+                problem: format!(
+                    "frame {now} cannot be now: expected {} to {}",
+                    HISTORY - 1,
+                    scene.frames.saturating_sub(1)
+                ),
+            });
+        }
+        let first = now + 1 - HISTORY;
+        let track = |track: &Track| Track {
+            id: track.id.clone(),
+            kind: track.kind.clone(),
+            position: track.position[first..=now].to_vec(),
+            heading: track.heading[first..=now].to_vec(),
+            velocity: track.velocity[first..=now].to_vec(),
+            size: track.size[first..=now].to_vec(),
+            valid: track.valid[first..=now].to_vec(),
+        };
+        let light = |light: &TrafficLight| TrafficLight {
+            lane: light.lane.clone(),
+            stop_point: light.stop_point,
+            states: light.states.get(first..=now).unwrap_or_default().to_vec(),
+        };
+        let scene = Scene {
+            id: scene.id.clone(),
+            frames: HISTORY,
+            timestamps: scene.timestamps.get(first..=now).unwrap_or_default().to_vec(),
+            tracks: scene.tracks.iter().map(track).collect(),
+            map: scene.map.clone(),
+            lights: scene.lights.iter().map(light).collect(),
+            ego: scene.ego,
+            adversary: scene.adversary,
+            adversary_origin: scene.adversary_origin,
+            notes: Vec::new(),
+        };
+        Ok(Self { scene: Arc::new(scene), index: index.clone() })
+    }
+
+    /// The eleven frames as a scene; *now* is its last frame, 10.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scene
+    }
+
+    /// The map's search trees.
+    pub fn index(&self) -> &Arc<SceneIndex> {
+        &self.index
+    }
+}

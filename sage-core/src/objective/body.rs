@@ -1,0 +1,61 @@
+//! The adversary's body: what makes a planned trajectory a candidate.
+
+use super::{Candidate, Convention, Sizes};
+use crate::{
+    Error,
+    geometry::distance,
+    motion::{DT, NOW, Pose, Trajectory, kinematics::paper},
+    scene::Scene,
+};
+
+/// Pose *now*, size, and the convention by which trajectories are read. It knows nothing of the future of
+/// an adversary that was seen by *now*.
+#[derive(Clone, Copy, Debug)]
+pub struct Body {
+    start: Option<Pose>,
+    /// Heading of the valid frame of history nearest to now.
+    last_heading: f64,
+    /// Length and width, metres.
+    pub(super) size: [f64; 2],
+    pub(super) convention: Convention,
+    pub(super) mirrored: bool,
+}
+
+impl Body {
+    /// The adversary of a scene with its logged size, in the `paper` convention.
+    ///
+    /// *Errors*: [`Error::Scene`] if the scene has no adversary.
+    pub fn of(scene: &Scene) -> Result<Self, Error> {
+        let (_, size) = Sizes::Logged.of(scene, scene.adversary_index()?);
+        Self::new(scene, size, Convention::Paper, false)
+    }
+
+    pub(super) fn new(
+        scene: &Scene,
+        size: [f64; 2],
+        convention: Convention,
+        mirrored: bool,
+    ) -> Result<Self, Error> {
+        let track = scene.adversary()?;
+        let start =
+            track.is_valid(NOW).then(|| Pose { position: track.point(NOW), heading: track.heading[NOW] });
+        let seen = (0..track.valid.len()).filter(|&f| track.is_valid(f));
+        let nearest = seen.min_by_key(|f| (*f > NOW, f.abs_diff(NOW)));
+        let last_heading = nearest.map_or(0.0, |frame| track.heading[frame]);
+        Ok(Self { start, last_heading, size, convention, mirrored })
+    }
+
+    /// Prepares a trajectory for scoring. Where the adversary is not valid *now*, its position is
+    /// extrapolated from the first two planned points, and so is its heading if they move; if not,
+    /// it is the last that was seen.
+    pub fn candidate(&self, trajectory: Trajectory) -> Candidate {
+        let start = self.start.unwrap_or_else(|| {
+            let [a, b] = [trajectory.points()[0], trajectory.points()[1]];
+            let position = [2.0 * a[0] - b[0], 2.0 * a[1] - b[1]];
+            let moves = distance(a, b) / DT >= paper::MOVING;
+            let heading = if moves { (b[1] - a[1]).atan2(b[0] - a[0]) } else { self.last_heading };
+            Pose { position, heading }
+        });
+        Candidate::new(trajectory, start, self.size, self.convention, self.mirrored)
+    }
+}

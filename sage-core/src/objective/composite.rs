@@ -1,0 +1,199 @@
+//! An objective: weighted rewards and a feasibility rule, evaluated once a candidate.
+
+use std::sync::Arc;
+
+use serde_json::Value;
+
+use super::{
+    Candidate, Context, Feasibility, ObjectiveSpec, PartSpec, Reward, Situation, TermSpec, Violation, Weight,
+};
+use crate::{Error, registry::Registry};
+
+/// What fine-tuning, selection and search make large.
+#[derive(Clone)]
+pub struct Objective {
+    spec: ObjectiveSpec,
+    terms: Vec<Term>,
+    rule: Arc<dyn Feasibility>,
+}
+
+#[derive(Clone)]
+struct Term {
+    reward: Arc<dyn Reward>,
+    weight: Weight,
+    only_feasible: bool,
+}
+
+/// What an objective found of a candidate; its value at any μ follows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluation {
+    /// Value of each term, a mean over the ego's paths; `None` where it was not measured, or not asked for.
+    pub terms: Vec<Option<f64>>,
+    /// Broken rules.
+    pub violations: Vec<Violation>,
+    /// First step with contact with the ego on its first path, 1 to 80.
+    pub contact: Option<usize>,
+    /// Adversarial reward against that path, whether or not it is a term.
+    pub adversarial: f64,
+}
+
+impl Evaluation {
+    /// Whether no rule is broken.
+    pub fn is_feasible(&self) -> bool {
+        self.violations.is_empty()
+    }
+
+    /// Whether it hits the ego without breaking a rule.
+    pub fn is_attack(&self) -> bool {
+        self.contact.is_some() && self.is_feasible()
+    }
+
+    /// Cost of the broken rules.
+    pub fn cost(&self) -> f64 {
+        self.violations.iter().fold(0.0, |sum, violation| sum + violation.cost)
+    }
+}
+
+impl Objective {
+    /// The objective of a spec.
+    ///
+    /// *Errors*: [`Error::Unknown`] for a name that is not registered, [`Error::Options`] for options that a
+    /// part refuses, or a weight that is no number.
+    pub fn new(
+        spec: &ObjectiveSpec,
+        rewards: &Registry<dyn Reward>,
+        rules: &Registry<dyn Feasibility>,
+    ) -> Result<Self, Error> {
+        let fail = |name, problem| Err(Error::Options { kind: "objective", name, problem });
+        if spec.terms.is_empty() {
+            return fail("terms", "there is none; expected at least one".to_owned());
+        }
+        if !(spec.violation_weight >= 0.0 && spec.violation_weight.is_finite()) {
+            let found = spec.violation_weight;
+            return fail("violation_weight", format!("it is {found}; expected a finite number, 0 or more"));
+        }
+        let mut terms = Vec::with_capacity(spec.terms.len());
+        for term in &spec.terms {
+            if !term.weight.is_finite() {
+                return fail("weight", format!("that of `{}` is not finite", term.name));
+            }
+            let reward = rewards.build(&term.name, &Value::Object(term.options.clone()))?;
+            terms.push(Term {
+                reward: reward.into(),
+                weight: term.weight,
+                only_feasible: term.only_feasible,
+            });
+        }
+        let PartSpec { name, options } = &spec.feasibility;
+        let rule = rules.build(name, &Value::Object(options.clone()))?.into();
+        Ok(Self { spec: spec.clone(), terms, rule })
+    }
+
+    /// One objective that measures every term of several once. Its weights mean nothing.
+    ///
+    /// *Errors*: [`Error::Options`] if they differ in their feasibility rule.
+    pub fn union(objectives: &[&Self]) -> Result<Option<Self>, Error> {
+        let Some((first, others)) = objectives.split_first() else { return Ok(None) };
+        let mut union = (*first).clone();
+        for other in others {
+            if other.spec.feasibility != first.spec.feasibility {
+                let [a, b] = [first, other].map(|objective| &objective.spec.feasibility.name);
+                let problem = format!("objectives that are measured together have the rules `{a}` and `{b}`");
+                return Err(Error::Options { kind: "objective", name: "feasibility", problem });
+            }
+            for (spec, term) in other.spec.terms.iter().zip(&other.terms) {
+                if !union.spec.terms.iter().any(|known| known.measures_as(spec)) {
+                    union.spec.terms.push(spec.clone());
+                    union.terms.push(term.clone());
+                }
+            }
+        }
+        Ok(Some(union))
+    }
+
+    /// Where each of its terms stands among those of a [`Objective::union`]; `None` if one is not there.
+    pub fn places_in(&self, union: &Self) -> Option<Vec<usize>> {
+        let place = |term: &TermSpec| union.spec.terms.iter().position(|known| known.measures_as(term));
+        self.spec.terms.iter().map(place).collect()
+    }
+
+    /// The spec it was built from.
+    pub fn spec(&self) -> &ObjectiveSpec {
+        &self.spec
+    }
+
+    /// The rule that makes a candidate feasible.
+    pub fn rule(&self) -> &dyn Feasibility {
+        &*self.rule
+    }
+
+    /// Whether a term needs the negative log-likelihood of candidates under the prior.
+    pub fn needs_prior(&self) -> bool {
+        self.terms.iter().any(|term| term.reward.needs_prior())
+    }
+
+    /// Measures a candidate.
+    pub fn evaluate(&self, candidate: &Candidate, ctx: &Context) -> Evaluation {
+        let violations = self.rule.violations(candidate, ctx);
+        let is_feasible = violations.is_empty();
+        let situations = situations(candidate, ctx);
+        let value = |term: &Term| {
+            if term.only_feasible && !is_feasible { None } else { term.mean(&situations) }
+        };
+        Evaluation {
+            terms: self.terms.iter().map(value).collect(),
+            contact: situations[0].encounter.contact,
+            adversarial: situations[0].encounter.reward(ctx.convention()),
+            violations,
+        }
+    }
+
+    /// Value of an evaluated candidate at a weight μ: the sum of what was measured, less the costs of broken
+    /// rules where the objective weighs them.
+    pub fn value(&self, evaluation: &Evaluation, mu: f64) -> f64 {
+        self.value_of(&evaluation.terms, evaluation.cost(), mu)
+    }
+
+    /// The same from the values of its terms and the cost of broken rules.
+    pub fn value_of(&self, terms: &[Option<f64>], cost: f64, mu: f64) -> f64 {
+        let measured = self.terms.iter().zip(terms).filter_map(|(term, value)| Some((term, (*value)?)));
+        let value = measured.fold(0.0, |sum, (term, value)| sum + term.weight.at(mu) * value);
+        value - self.spec.violation_weight * cost
+    }
+
+    /// The most that a candidate can be worth at a weight μ: slow terms at their best, no rule broken.
+    pub fn value_at_most(&self, candidate: &Candidate, ctx: &Context, mu: f64) -> f64 {
+        let situations = situations(candidate, ctx);
+        let best = |term: &Term| {
+            let weight = term.weight.at(mu);
+            match term.reward.slow_range() {
+                Some([_, most]) if weight > 0.0 => Some(most),
+                Some([least, _]) => Some(least),
+                None => term.mean(&situations),
+            }
+        };
+        let terms: Vec<Option<f64>> = self.terms.iter().map(best).collect();
+        self.value_of(&terms, 0.0, mu)
+    }
+}
+
+fn situations<'a>(candidate: &'a Candidate, ctx: &'a Context) -> Vec<Situation<'a>> {
+    ctx.egos().iter().map(|ego| Situation::new(candidate, ego, ctx)).collect()
+}
+
+impl Term {
+    /// Mean over the ego's paths in which it can be measured, by their weights.
+    fn mean(&self, situations: &[Situation]) -> Option<f64> {
+        if situations.len() == 1 || !self.reward.depends_on_ego() {
+            return self.reward.score(&situations[0]);
+        }
+        let (mut sum, mut total) = (0.0, 0.0);
+        for situation in situations {
+            if let Some(value) = self.reward.score(situation) {
+                sum += situation.ego.weight() * value;
+                total += situation.ego.weight();
+            }
+        }
+        (total > 0.0).then(|| sum / total)
+    }
+}

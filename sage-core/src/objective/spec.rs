@@ -1,0 +1,218 @@
+//! What an objective is made of, as a JSON file says it.
+//!
+//! ```json
+//! {"terms": [{"name": "adversarial", "weight": {"mu0": 0, "mu1": 1}}, {"name": "realism", "weight": -0.5}],
+//!  "feasibility": {"name": "paper"}}
+//! ```
+
+use serde::{Deserialize, Serialize, de::Error as _};
+use serde_json::{Map, Value};
+
+/// Weighted terms, one feasibility rule, and what broken rules cost.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ObjectiveSpec {
+    /// What is weighed.
+    pub terms: Vec<TermSpec>,
+    /// What makes a candidate feasible; the paper's rule unless given.
+    #[serde(default)]
+    pub feasibility: PartSpec,
+    /// Weight of the costs of broken rules in the value, ≥ 0. 0, the default, where feasibility ranks first.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub violation_weight: f64,
+}
+
+/// One weighted reward.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TermSpec {
+    /// Name in the registry of rewards.
+    pub name: String,
+    /// Its weight; negative for a penalty.
+    pub weight: Weight,
+    /// Its options; those left out keep their defaults.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub options: Map<String, Value>,
+    /// Whether it is measured of feasible candidates alone, and of others not at all.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub only_feasible: bool,
+}
+
+impl TermSpec {
+    /// Whether another term has the same value for every candidate, whatever its weight.
+    pub(super) fn measures_as(&self, other: &Self) -> bool {
+        self.name == other.name && self.options == other.options && self.only_feasible == other.only_feasible
+    }
+}
+
+/// A part of a registry by name, with options.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartSpec {
+    /// Name in the registry.
+    pub name: String,
+    /// Its options; those left out keep their defaults.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub options: Map<String, Value>,
+}
+
+impl Default for PartSpec {
+    /// The paper's feasibility rule.
+    fn default() -> Self {
+        Self::named("paper")
+    }
+}
+
+impl PartSpec {
+    /// A part with its default options.
+    pub fn named(name: &str) -> Self {
+        Self { name: name.to_owned(), options: Map::new() }
+    }
+}
+
+/// A weight: one number, or one at μ = 0 and one at μ = 1 with the straight line between.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Weight {
+    /// The same at every μ.
+    Constant(f64),
+    /// Linear in μ.
+    Linear {
+        /// At μ = 0.
+        mu0: f64,
+        /// At μ = 1.
+        mu1: f64,
+    },
+}
+
+impl Weight {
+    /// Its value at a μ.
+    pub fn at(self, mu: f64) -> f64 {
+        match self {
+            Self::Constant(weight) => weight,
+            Self::Linear { mu0, mu1 } => (1.0 - mu) * mu0 + mu * mu1,
+        }
+    }
+
+    pub(super) fn is_finite(self) -> bool {
+        match self {
+            Self::Constant(weight) => weight.is_finite(),
+            Self::Linear { mu0, mu1 } => mu0.is_finite() && mu1.is_finite(),
+        }
+    }
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Line {
+    mu0: f64,
+    mu1: f64,
+}
+
+impl Serialize for Weight {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match *self {
+            Self::Constant(weight) => serializer.serialize_f64(weight),
+            Self::Linear { mu0, mu1 } => Line { mu0, mu1 }.serialize(serializer),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Weight {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match Value::deserialize(deserializer)? {
+            Value::Number(number) => Ok(Self::Constant(number.as_f64().unwrap_or(f64::NAN))),
+            line @ Value::Object(_) => {
+                let Line { mu0, mu1 } = Line::deserialize(line).map_err(D::Error::custom)?;
+                Ok(Self::Linear { mu0, mu1 })
+            }
+            other => Err(D::Error::custom(format!(
+                r#"weight is `{other}`; expected a number or {{"mu0": number, "mu1": number}}"#
+            ))),
+        }
+    }
+}
+
+fn is_zero(weight: &f64) -> bool {
+    *weight == 0.0
+}
+
+/// Objectives that ship, by name, with what each is for.
+pub const PRESETS: [(&str, &str); 5] = [
+    ("paper-selection", "the paper's choice among candidates: mu · adversarial − (1 − mu) · realism"),
+    ("natural", "the same, with a little for keeping to lanes and for what cars usually do"),
+    ("paper-adversarial", "the paper's adversarial expert: 0.9 · adversarial − 0.1 · realism"),
+    ("paper-realistic", "the paper's realistic expert: 0.1 · adversarial − 0.9 · realism"),
+    ("realistic", "the shipped realistic expert: realism alone"),
+];
+
+/// Weight of a metre of mean lane distance in `natural`.
+const LANE: f64 = -0.1;
+/// Weight of a nat of negative log-likelihood in `natural`.
+const LIKELIHOOD: f64 = -0.05;
+
+impl ObjectiveSpec {
+    /// The preset of a name; [`PRESETS`] lists them.
+    pub fn preset(name: &str) -> Option<Self> {
+        let constant = Weight::Constant;
+        let paper = |adversarial, realism| vec![term("adversarial", adversarial), term("realism", realism)];
+        let selection =
+            || paper(Weight::Linear { mu0: 0.0, mu1: 1.0 }, Weight::Linear { mu0: -1.0, mu1: 0.0 });
+        let terms = match name {
+            "paper-selection" => selection(),
+            "natural" => {
+                let mut terms = selection();
+                // Where nothing is feasible, nothing is natural.
+                let among_feasible = |name, weight| TermSpec { only_feasible: true, ..term(name, weight) };
+                terms.push(among_feasible("lane-distance", constant(LANE)));
+                terms.push(among_feasible("nll", constant(LIKELIHOOD)));
+                terms
+            }
+            "paper-adversarial" => paper(constant(0.9), constant(-0.1)),
+            "paper-realistic" => paper(constant(0.1), constant(-0.9)),
+            "realistic" => vec![term("realism", constant(-0.9))],
+            _ => return None,
+        };
+        Some(Self { terms, feasibility: PartSpec::default(), violation_weight: 0.0 })
+    }
+}
+
+fn term(name: &str, weight: Weight) -> TermSpec {
+    TermSpec { name: name.to_owned(), weight, options: Map::new(), only_feasible: false }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_spec_is_what_was_written_and_unknown_keys_are_named() {
+        let text = r#"{"terms": [{"name": "adversarial", "weight": {"mu0": 0, "mu1": 1}}, {"name": "realism", "weight": -1}]}"#;
+        let spec: ObjectiveSpec = serde_json::from_str(text).unwrap();
+        assert_eq!(spec.feasibility.name, "paper");
+        assert_eq!(spec.terms[0].weight.at(0.25), 0.25);
+        assert_eq!(spec.terms[1].weight.at(0.25), -1.0);
+        let again: ObjectiveSpec = serde_json::from_value(serde_json::to_value(&spec).unwrap()).unwrap();
+        assert_eq!(again, spec);
+        for (bad, said) in [
+            (r#"{"terms": [], "rule": "paper"}"#, "`rule`"),
+            (r#"{"terms": [{"name": "a", "wieght": 1}]}"#, "`wieght`"),
+            (r#"{"terms": [{"name": "a", "weight": {"mu0": 1, "mu2": 2}}]}"#, "`mu2`"),
+            (r#"{"terms": [{"name": "a", "weight": "much"}]}"#, "expected a number or"),
+        ] {
+            let error = serde_json::from_str::<ObjectiveSpec>(bad).unwrap_err().to_string();
+            assert!(error.contains(said), "{error}");
+        }
+    }
+
+    #[test]
+    fn every_preset_is_there_and_the_paper_weighs_by_mu() {
+        for (name, _) in PRESETS {
+            assert!(ObjectiveSpec::preset(name).is_some(), "{name}");
+        }
+        assert_eq!(ObjectiveSpec::preset("none"), None);
+        let terms = ObjectiveSpec::preset("paper-selection").unwrap().terms;
+        for mu in [0.0, 0.3, 0.77, 1.0] {
+            assert_eq!([terms[0].weight.at(mu), terms[1].weight.at(mu)], [mu, -(1.0 - mu)]);
+        }
+    }
+}

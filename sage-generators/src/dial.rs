@@ -1,0 +1,76 @@
+//! Dials fitted for some experts: `dial.json` beside their weights.
+
+use std::collections::BTreeMap;
+
+use sage_backbones::weights::Weights;
+use sage_merging::{ADVERSARIAL, ExpertSet, REALISTIC};
+use serde::{Deserialize, Serialize};
+
+use crate::{Aggression, Error};
+
+/// File of the dials in a folder of weights.
+pub const DIAL_FILE: &str = "dial.json";
+/// Largest file of dials that is read, bytes.
+const LIMIT: u64 = 16 << 20;
+/// What makes a dial.
+const REMEDY: &str = "`sage calibrate` fits one";
+
+/// What `dial.json` holds: a dial a selection.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Dials(pub BTreeMap<String, FittedDial>);
+
+/// A dial with what it was fitted on.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct FittedDial {
+    /// μ at evenly spaced aggressions.
+    pub mu: Aggression,
+    /// Hashes of the realistic and the adversarial expert.
+    pub experts: [String; 2],
+    /// The merger it was fitted for.
+    #[serde(default = "linear")]
+    pub merger: String,
+    /// Attack rate there on the scenes it was fitted on.
+    pub attack: Vec<f64>,
+    /// The scenes.
+    pub data: String,
+    /// The command.
+    pub command: String,
+}
+
+fn linear() -> String {
+    "linear".to_owned()
+}
+
+impl FittedDial {
+    /// The dial for a selection beside some weights.
+    ///
+    /// *Errors*: none was fitted, or it was for other experts.
+    pub fn load(weights: &Weights, experts: &ExpertSet, selection: &str) -> Result<Self, Error> {
+        let fail = |problem| Err(Error::Dial { problem });
+        let from = weights.path(DIAL_FILE);
+        let from = from.display();
+        if !weights.has(DIAL_FILE) {
+            return fail(format!("there is no dial `{from}`: {REMEDY}"));
+        }
+        let text = weights.text(DIAL_FILE, LIMIT)?;
+        let mut dials: Dials = match serde_json::from_str(&text) {
+            Ok(dials) => dials,
+            Err(error) => return fail(format!("`{from}`: {error}")),
+        };
+        let Some(dial) = dials.0.remove(selection) else {
+            return fail(format!("`{from}` has no dial for the selection `{selection}`: {REMEDY}"));
+        };
+        if dial.experts != hashes(experts)? {
+            return fail(format!("the dial in `{from}` was fitted for other experts: {REMEDY}"));
+        }
+        Ok(dial)
+    }
+}
+
+/// What tells the two experts of a dial from others.
+///
+/// *Errors*: a set without them.
+pub fn hashes(experts: &ExpertSet) -> Result<[String; 2], Error> {
+    Ok([experts.expert(REALISTIC)?.hash()?, experts.expert(ADVERSARIAL)?.hash()?])
+}

@@ -1,0 +1,54 @@
+//! Models of a set of experts, built once a mixture and shared by all threads.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use sage_backbones::MotionModel;
+use sage_core::generator::Mixture;
+use sage_merging::{Error, ExpertSet, Merger};
+
+/// Most models that are kept, about 1 MB each; the one that was built first goes.
+const KEPT: usize = 128;
+
+/// Models at mixtures of experts.
+#[derive(Clone)]
+pub struct Mixtures(Arc<Source>);
+
+enum Source {
+    Mixed { experts: ExpertSet, merger: Arc<dyn Merger>, seed: u64, built: Mutex<Vec<Built>> },
+    Always(Arc<dyn MotionModel>),
+}
+
+type Built = (Mixture, Arc<dyn MotionModel>);
+
+impl Mixtures {
+    /// Mixtures of experts by a merger.
+    pub fn new(experts: ExpertSet, merger: Arc<dyn Merger>, seed: u64) -> Self {
+        Self(Arc::new(Source::Mixed { experts, merger, seed, built: Mutex::default() }))
+    }
+
+    /// One model, whatever the mixture.
+    pub fn always(model: Arc<dyn MotionModel>) -> Self {
+        Self(Arc::new(Source::Always(model)))
+    }
+
+    /// The model at a mixture.
+    ///
+    /// *Errors*: one that the merger does not take, or experts that it cannot mix.
+    pub fn at(&self, mixture: &Mixture) -> Result<Arc<dyn MotionModel>, Error> {
+        let (experts, merger, seed, built) = match &*self.0 {
+            Source::Mixed { experts, merger, seed, built } => (experts, merger, *seed, built),
+            Source::Always(model) => return Ok(model.clone()),
+        };
+        // A thread that panicked left whole models behind.
+        let mut built = built.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((_, model)) = built.iter().find(|(known, _)| known == mixture) {
+            return Ok(model.clone());
+        }
+        let model = merger.merge(experts, mixture, seed)?;
+        if built.len() == KEPT {
+            built.remove(0);
+        }
+        built.push((mixture.clone(), model.clone()));
+        Ok(model)
+    }
+}

@@ -1,0 +1,116 @@
+//! A generator of two parts: a proposer, which sees what can be seen *now*, and a selector, which may know the
+//! ego's path.
+
+use std::marker::PhantomData;
+
+use sage_core::{
+    Error as CoreError,
+    generator::{Attack, Generator, Knowledge, Mixture, Observation, OperatingPoint, Proposal, Proposer},
+    objective::Context,
+    registry::Entry,
+};
+use serde::{Serialize, de::DeserializeOwned};
+
+use crate::{
+    Error, Facts, GeneratorInputs, GeneratorKind,
+    select::{Selector, SelectorKind},
+};
+
+/// A kind of proposer. Its value is its options; mark them `#[serde(default, deny_unknown_fields)]`.
+pub trait ProposerKind: Default + Serialize + DeserializeOwned + Send + Sync + 'static {
+    /// Name of the generator.
+    const NAME: &'static str;
+    /// What it does, in one line.
+    const SUMMARY: &'static str;
+    /// Where it comes from.
+    const SOURCE: &'static str;
+    /// Whether proposals depend on the mixture of experts.
+    const USES_MIXTURE: bool;
+    /// Whether it needs a prior and experts.
+    const NEEDS_EXPERTS: bool = true;
+    /// Whether it proposes all that there is: a ceiling, whose losers are of no use to anyone.
+    const IS_EXHAUSTIVE: bool = false;
+
+    /// Refuses options out of range.
+    ///
+    /// *Errors*: the option, its value and the range.
+    fn check(&self) -> Result<(), String> {
+        Ok(())
+    }
+
+    /// The proposer.
+    ///
+    /// *Errors*: inputs that it needs and was not given.
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, Error>;
+}
+
+/// A kind of generator: a proposer and who selects among its proposals.
+pub struct Pair<P, S> {
+    proposer: P,
+    selector: PhantomData<fn() -> S>,
+}
+
+impl<P: ProposerKind, S: SelectorKind> Entry<dyn GeneratorKind> for Pair<P, S> {
+    const NAME: &'static str = P::NAME;
+    const SUMMARY: &'static str = P::SUMMARY;
+    const SOURCE: &'static str = P::SOURCE;
+    type Options = P;
+
+    fn build(proposer: P) -> Result<Box<dyn GeneratorKind>, String> {
+        proposer.check()?;
+        Ok(Box::new(Self { proposer, selector: PhantomData }))
+    }
+}
+
+impl<P: ProposerKind, S: SelectorKind> GeneratorKind for Pair<P, S> {
+    fn facts(&self) -> Facts {
+        Facts {
+            knows: Knowledge::NOW.and(S::KNOWS),
+            depends_on_lambda: P::USES_MIXTURE,
+            depends_on_mu: S::DEPENDS_ON_MU,
+            needs_experts: P::NEEDS_EXPERTS,
+            is_ceiling: P::IS_EXHAUSTIVE,
+        }
+    }
+
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, Error> {
+        Ok(Box::new(ProposeAndSelect {
+            proposer: self.proposer.build(inputs)?,
+            selector: S::build(inputs),
+            uses_mixture: P::USES_MIXTURE,
+            lists_candidates: !P::IS_EXHAUSTIVE,
+        }))
+    }
+}
+
+struct ProposeAndSelect {
+    proposer: Box<dyn Proposer>,
+    selector: Box<dyn Selector>,
+    uses_mixture: bool,
+    lists_candidates: bool,
+}
+
+impl Generator for ProposeAndSelect {
+    fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, CoreError> {
+        let prepared = self.proposer.prepare(&Observation::of(ctx.scene(), ctx.index())?)?;
+        let mut last: Option<(&Mixture, Vec<Proposal>)> = None;
+        let mut attacks = Vec::with_capacity(at.len());
+        for point in at {
+            // Another μ alone needs no other proposals.
+            let known = last.take().filter(|(mixture, _)| !self.uses_mixture || **mixture == point.mixture);
+            let proposals = match known {
+                Some((_, proposals)) => proposals,
+                None => prepared.propose(&point.mixture, seed)?,
+            };
+            let selection = self.selector.select(&proposals, ctx, point.mu)?;
+            let (candidates, chosen) = if self.lists_candidates {
+                (proposals.clone(), selection.chosen)
+            } else {
+                (vec![proposals[selection.chosen].clone()], 0)
+            };
+            attacks.push(Attack { candidates, chosen, note: selection.note });
+            last = Some((&point.mixture, proposals));
+        }
+        Ok(attacks)
+    }
+}

@@ -1,0 +1,63 @@
+//! Who proposes trajectories from what can be seen *now*.
+
+mod all_goals;
+mod cat_goals;
+mod mixed_experts;
+mod most_likely;
+mod random_goals;
+
+use std::sync::Arc;
+
+use sage_backbones::{Backbone, backbone::finite, encoding::Encoding};
+use sage_core::{Error, generator::Observation, geometry::Point, scene::Scene};
+
+pub use all_goals::AllGoals;
+pub use cat_goals::CatGoals;
+pub use mixed_experts::{MixedExperts, Prior, ProposalOptions};
+pub use most_likely::MostLikely;
+pub use random_goals::RandomGoals;
+
+/// Modes looked at for each candidate: those that no car could drive are passed over.
+const SPARE: usize = 3;
+
+/// The adversary's surroundings by the prior alone, encoded.
+fn encoded(prior: &dyn Backbone, now: &Observation) -> Result<Encoding, sage_backbones::Error> {
+    let adversary = now.scene().adversary_index()?;
+    prior.encode(Arc::new(prior.features(now, adversary, None)?))
+}
+
+/// Where a mode ends in the world.
+fn goal(encoding: &Encoding, end: [f32; 2]) -> Point {
+    encoding.features().frame.to_world(end.map(f64::from))
+}
+
+/// −log p of modes under a prior, up to what they share; nothing where nobody asks for it.
+fn nll(
+    prior: &dyn Backbone,
+    encoding: &Encoding,
+    modes: &[usize],
+    is_asked_for: bool,
+) -> Result<Vec<Option<f64>>, sage_backbones::Error> {
+    if !is_asked_for {
+        return Ok(vec![None; modes.len()]);
+    }
+    let log_probs: Vec<f64> = finite(&prior.relative_log_probs(encoding, modes)?)?;
+    Ok(log_probs.into_iter().map(|log_prob| Some(-log_prob)).collect())
+}
+
+/// A network's error as one of its scene.
+fn in_scene(scene: &Scene, error: impl Into<crate::Error>) -> Error {
+    match error.into() {
+        crate::Error::Core(error) | crate::Error::Network(sage_backbones::Error::Core(error)) => error,
+        other => Error::Scene { scene: scene.id.clone(), problem: other.to_string() },
+    }
+}
+
+/// Refuses a number of candidates that is no number of candidates.
+fn check_candidates(candidates: usize) -> Result<(), String> {
+    if (1..=1024).contains(&candidates) {
+        Ok(())
+    } else {
+        Err(format!("`candidates` is {candidates}; expected 1 to 1024"))
+    }
+}

@@ -1,0 +1,80 @@
+//! All goals of a prior at all speed profiles: with a choice that knows the ego's path an oracle search, a
+//! ceiling for anything that proposes from the same goals.
+
+use std::sync::Arc;
+
+use sage_backbones::{Backbone, backbone::to_world, encoding::Encoding};
+use sage_core::{
+    Error,
+    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    scene::Scene,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{encoded, goal, in_scene, nll};
+use crate::{
+    GeneratorInputs,
+    pair::ProposerKind,
+    timing::{Extended, PACES, Pace},
+};
+
+/// It has no options.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AllGoals {}
+
+impl ProposerKind for AllGoals {
+    const NAME: &'static str = "oracle";
+    const SUMMARY: &'static str = "the best of all goals: a ceiling";
+    const SOURCE: &'static str = "this project";
+    const USES_MIXTURE: bool = false;
+    const IS_EXHAUSTIVE: bool = true;
+
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
+        let (prior, with_nll) = (inputs.prior(Self::NAME)?, inputs.selection.needs_prior());
+        Ok(Box::new(Decoder { prior, with_nll }))
+    }
+}
+
+#[derive(Clone)]
+struct Decoder {
+    prior: Arc<dyn Backbone>,
+    with_nll: bool,
+}
+
+impl Proposer for Decoder {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+        let encoding = encoded(&*self.prior, now).map_err(|error| in_scene(now.scene(), error))?;
+        Ok(Box::new(Encoded { decoder: self.clone(), encoding, scene: now.scene().clone() }))
+    }
+}
+
+struct Encoded {
+    decoder: Decoder,
+    encoding: Encoding,
+    scene: Arc<Scene>,
+}
+
+impl PreparedScene for Encoded {
+    /// All goals at one speed profile, then at the next.
+    fn propose(&self, _: &Mixture, _: u64) -> Result<Vec<Proposal>, Error> {
+        let Self { decoder: Decoder { prior, with_nll }, encoding, .. } = self;
+        let propose = || -> Result<Vec<Proposal>, sage_backbones::Error> {
+            let ends = prior.mode_ends(encoding)?;
+            let modes: Vec<usize> = (0..ends.len()).collect();
+            let plain = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
+            let origin = encoding.features().frame.origin();
+            let plain: Vec<Extended> = plain.iter().map(|path| Extended::new(path, origin)).collect();
+            let nll = nll(&**prior, encoding, &modes, *with_nll)?;
+            let paces = PACES.map(Pace::new);
+            let at_every_pace = paces.iter().flat_map(|pace| {
+                plain.iter().zip(&ends).zip(&nll).map(|((path, end), nll)| {
+                    let goal = Some(goal(encoding, *end));
+                    Ok(Proposal { trajectory: pace.whole(path)?, log_prob: None, goal, nll: *nll })
+                })
+            });
+            at_every_pace.collect()
+        };
+        propose().map_err(|error| in_scene(&self.scene, error))
+    }
+}

@@ -1,0 +1,86 @@
+//! CAT's candidates: the prior's likeliest modes, some way apart.
+
+use std::sync::Arc;
+
+use sage_backbones::{
+    Backbone,
+    candidates::Selection,
+    encoding::Encoding,
+    features::cat::suppression_radius,
+    prediction::{Predicted, propose},
+};
+use sage_core::{
+    Error,
+    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    scene::Scene,
+    seed::Rng,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{check_candidates, encoded, in_scene};
+use crate::{GeneratorInputs, pair::ProposerKind};
+
+/// Options of CAT's proposer.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CatGoals {
+    /// Number of candidates.
+    pub candidates: usize,
+}
+
+impl Default for CatGoals {
+    fn default() -> Self {
+        Self { candidates: 32 }
+    }
+}
+
+impl ProposerKind for CatGoals {
+    const NAME: &'static str = "cat";
+    const SUMMARY: &'static str = "collision probability over the prior's candidates";
+    const SOURCE: &'static str = "Zhang et al. 2023 (CAT)";
+    const USES_MIXTURE: bool = false;
+
+    fn check(&self) -> Result<(), String> {
+        check_candidates(self.candidates)
+    }
+
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
+        Ok(Box::new(OfPrior { prior: inputs.prior(Self::NAME)?, candidates: self.candidates }))
+    }
+}
+
+struct OfPrior {
+    prior: Arc<dyn Backbone>,
+    candidates: usize,
+}
+
+impl Proposer for OfPrior {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+        let encoding = encoded(&*self.prior, now).map_err(|error| in_scene(now.scene(), error))?;
+        let (prior, candidates) = (self.prior.clone(), self.candidates);
+        Ok(Box::new(Encoded { prior, candidates, encoding, scene: now.scene().clone() }))
+    }
+}
+
+struct Encoded {
+    prior: Arc<dyn Backbone>,
+    candidates: usize,
+    encoding: Encoding,
+    scene: Arc<Scene>,
+}
+
+impl PreparedScene for Encoded {
+    fn propose(&self, _: &Mixture, seed: u64) -> Result<Vec<Proposal>, Error> {
+        let nms = Selection::Nms { radius: suppression_radius(self.encoding.features().speed()) };
+        let mut rng = Rng::new(seed, &self.scene.id, "candidates");
+        let found = propose(&*self.prior, &self.encoding, self.candidates, nms, &mut rng);
+        let proposal = |p: Predicted| Proposal {
+            trajectory: p.trajectory,
+            log_prob: Some(f64::from(p.log_prob)),
+            goal: Some(p.goal),
+            nll: None,
+        };
+        let found = found.map_err(|error| in_scene(&self.scene, error))?;
+        Ok(found.into_iter().map(proposal).collect())
+    }
+}

@@ -1,0 +1,81 @@
+//! The most likely mode of the mixed experts alone: what the policy itself wants.
+
+use std::sync::Arc;
+
+use sage_backbones::{
+    Backbone,
+    backbone::{finite, to_world},
+    candidates::ranked,
+    encoding::Encoding,
+    forecast::{View, features_with_forecast},
+};
+use sage_core::{
+    Error,
+    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    scene::Scene,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{goal, in_scene};
+use crate::{GeneratorInputs, mixtures::Mixtures, pair::ProposerKind};
+
+/// It has no options.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MostLikely {}
+
+impl ProposerKind for MostLikely {
+    const NAME: &'static str = "most-likely";
+    const SUMMARY: &'static str = "the mixed experts' most likely goal, without choice";
+    const SOURCE: &'static str = "this project: what the policy alone does";
+    const USES_MIXTURE: bool = true;
+
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
+        let (prior, models) = (inputs.prior(Self::NAME)?, inputs.mixtures(Self::NAME)?);
+        Ok(Box::new(OfPolicy { prior, models }))
+    }
+}
+
+struct OfPolicy {
+    prior: Arc<dyn Backbone>,
+    models: Mixtures,
+}
+
+impl Proposer for OfPolicy {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+        let encode = || {
+            let adversary = now.scene().adversary_index()?;
+            let features = features_with_forecast(&*self.prior, now, adversary, View::FULL)?;
+            self.prior.encode(Arc::new(features))
+        };
+        let encoding = encode().map_err(|error| in_scene(now.scene(), error))?;
+        let (prior, models) = (self.prior.clone(), self.models.clone());
+        Ok(Box::new(Encoded { prior, models, encoding, scene: now.scene().clone() }))
+    }
+}
+
+struct Encoded {
+    prior: Arc<dyn Backbone>,
+    models: Mixtures,
+    encoding: Encoding,
+    scene: Arc<Scene>,
+}
+
+impl PreparedScene for Encoded {
+    fn propose(&self, at: &Mixture, _: u64) -> Result<Vec<Proposal>, Error> {
+        let propose = || -> Result<Proposal, crate::Error> {
+            let (encoding, model) = (&self.encoding, self.models.at(at)?);
+            let log_probs: Vec<f32> = finite(&model.log_probs(encoding)?)?;
+            let best = ranked(&log_probs)[0];
+            let end = self.prior.mode_ends(encoding)?[best];
+            let mut paths = to_world(&model.trajectories(encoding, &[best])?, encoding.features())?;
+            Ok(Proposal {
+                trajectory: paths.swap_remove(0),
+                log_prob: Some(f64::from(log_probs[best])),
+                goal: Some(goal(encoding, end)),
+                nll: None,
+            })
+        };
+        Ok(vec![propose().map_err(|error| in_scene(&self.scene, error))?])
+    }
+}

@@ -1,0 +1,107 @@
+//! Random goals at random speed profiles: what a table owes to search alone.
+
+use std::sync::Arc;
+
+use sage_backbones::{Backbone, backbone::to_world, encoding::Encoding};
+use sage_core::{
+    Error,
+    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    objective::Body,
+    seed::Rng,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{SPARE, check_candidates, encoded, goal, in_scene, nll};
+use crate::{
+    GeneratorInputs,
+    drivable::drivable,
+    pair::ProposerKind,
+    timing::{Extended, PACES, Pace},
+};
+
+/// Options of random goals.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RandomGoals {
+    /// Number of candidates.
+    pub candidates: usize,
+}
+
+impl Default for RandomGoals {
+    fn default() -> Self {
+        Self { candidates: 32 }
+    }
+}
+
+impl ProposerKind for RandomGoals {
+    const NAME: &'static str = "random";
+    const SUMMARY: &'static str = "random goals with the same choice";
+    const SOURCE: &'static str = "this project: what search alone does";
+    const USES_MIXTURE: bool = false;
+
+    fn check(&self) -> Result<(), String> {
+        check_candidates(self.candidates)
+    }
+
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
+        Ok(Box::new(Decoder {
+            prior: inputs.prior(Self::NAME)?,
+            candidates: self.candidates,
+            with_nll: inputs.selection.needs_prior(),
+        }))
+    }
+}
+
+#[derive(Clone)]
+struct Decoder {
+    prior: Arc<dyn Backbone>,
+    candidates: usize,
+    with_nll: bool,
+}
+
+impl Proposer for Decoder {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+        let encoding = encoded(&*self.prior, now).map_err(|error| in_scene(now.scene(), error))?;
+        let body = Body::of(now.scene())?;
+        Ok(Box::new(Encoded { decoder: self.clone(), encoding, body, now: now.clone() }))
+    }
+}
+
+struct Encoded {
+    decoder: Decoder,
+    encoding: Encoding,
+    body: Body,
+    now: Observation,
+}
+
+impl PreparedScene for Encoded {
+    fn propose(&self, _: &Mixture, seed: u64) -> Result<Vec<Proposal>, Error> {
+        let Self { decoder: Decoder { prior, candidates, with_nll }, encoding, body, now } = self;
+        let id = &now.scene().id;
+        let propose = || -> Result<Vec<Proposal>, sage_backbones::Error> {
+            let ends = prior.mode_ends(encoding)?;
+            let mut modes: Vec<usize> = (0..ends.len()).collect();
+            Rng::new(seed, id, "random goals").shuffle(&mut modes);
+            modes.truncate(SPARE * candidates);
+            let paths = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
+            let origin = encoding.features().frame.origin();
+            let mut rng = Rng::new(seed, id, "random paces");
+            let paces = PACES.map(Pace::new);
+            let driven = paths.iter().map(|path| {
+                let pace = &paces[rng.below(paces.len())];
+                pace.whole(&Extended::new(path, origin))
+            });
+            let kept = drivable(driven, *candidates, body, now.index())?;
+            let modes: Vec<usize> = kept.iter().map(|(k, _)| modes[*k]).collect();
+            let nll = nll(&**prior, encoding, &modes, *with_nll)?;
+            let proposal = |(((_, trajectory), mode), nll): (((usize, _), &usize), _)| Proposal {
+                trajectory,
+                log_prob: None,
+                goal: Some(goal(encoding, ends[*mode])),
+                nll,
+            };
+            Ok(kept.into_iter().zip(&modes).zip(nll).map(proposal).collect())
+        };
+        propose().map_err(|error| in_scene(now.scene(), error))
+    }
+}

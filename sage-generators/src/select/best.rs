@@ -1,0 +1,161 @@
+//! The best of the feasible proposals by an objective.
+
+use std::sync::Arc;
+
+use sage_core::{
+    Error,
+    generator::{Knowledge, Note, Proposal},
+    objective::{Context, Evaluation, Objective},
+};
+
+use super::{Selection, Selector, SelectorKind};
+use crate::GeneratorInputs;
+
+/// Chooses by an objective, which knows the ego's path and, for what must not be touched, the others' log.
+pub struct Best(Arc<Objective>);
+
+impl Best {
+    /// By an objective.
+    pub fn new(objective: Arc<Objective>) -> Self {
+        Self(objective)
+    }
+}
+
+impl SelectorKind for Best {
+    const KNOWS: Knowledge = Knowledge { ego_future: true, others_future: true, own_future: false };
+    const DEPENDS_ON_MU: bool = true;
+
+    fn build(inputs: &GeneratorInputs) -> Box<dyn Selector> {
+        Box::new(Self::new(inputs.selection.clone()))
+    }
+}
+
+impl Selector for Best {
+    /// The most promising are evaluated first; what can no longer win is not asked what it touches.
+    fn select(&self, proposals: &[Proposal], ctx: &Context, mu: f64) -> Result<Selection, Error> {
+        let objective = &*self.0;
+        let candidate =
+            |proposal: &Proposal| ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
+        let at_most = |proposal: &Proposal| objective.value_at_most(&candidate(proposal), ctx, mu);
+        let mut order: Vec<(f64, usize)> = proposals.iter().map(at_most).zip(0..).collect();
+        order.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let (mut most, mut evaluated) = (f64::NEG_INFINITY, Vec::new());
+        for (at_most, k) in order {
+            if at_most < most {
+                break;
+            }
+            let evaluation = objective.evaluate(&candidate(&proposals[k]), ctx);
+            if evaluation.is_feasible() {
+                most = most.max(objective.value(&evaluation, mu));
+            }
+            evaluated.push((k, evaluation));
+        }
+        evaluated.sort_by_key(|(k, _)| *k);
+        let (numbers, evaluations): (Vec<usize>, Vec<Evaluation>) = evaluated.into_iter().unzip();
+        let Selection { chosen, note } = best_of(&evaluations, objective, mu);
+        Ok(Selection { chosen: numbers.get(chosen).copied().unwrap_or(0), note })
+    }
+}
+
+/// The best of the feasible at a weight μ, the first of equals; if none is feasible, the one that is worth
+/// most less the cost of what it breaks, and a note.
+pub fn best_of(evaluations: &[Evaluation], objective: &Objective, mu: f64) -> Selection {
+    let best = |value: &dyn Fn(&Evaluation) -> Option<f64>| {
+        let mut best: Option<(usize, f64)> = None;
+        for (k, evaluation) in evaluations.iter().enumerate() {
+            let Some(value) = value(evaluation) else { continue };
+            if best.is_none_or(|(_, most)| value > most) {
+                best = Some((k, value));
+            }
+        }
+        best.map(|(k, _)| k)
+    };
+    if let Some(chosen) = best(&|e| e.is_feasible().then(|| objective.value(e, mu))) {
+        return Selection { chosen, note: None };
+    }
+    let chosen = best(&|e| Some(objective.value(e, mu) - e.cost())).unwrap_or(0);
+    Selection { chosen, note: Some(Note::NoneFeasible) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use sage_core::{
+        motion::{HORIZON, NOW, Trajectory},
+        objective::{ContextOptions, ObjectiveSpec, Violation, feasibilities, rewards},
+        scene::SceneIndex,
+    };
+
+    fn objective(name: &str) -> Objective {
+        let spec = ObjectiveSpec::preset(name).unwrap();
+        Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap()).unwrap()
+    }
+
+    fn evaluation(reward: f64, penalty: f64, cost: f64) -> Evaluation {
+        let violation =
+            Violation { rule: "wall".into(), cost, step: 1, place: [0.0; 2], with: String::new() };
+        let violations = if cost > 0.0 { vec![violation] } else { Vec::new() };
+        Evaluation {
+            terms: vec![Some(reward), Some(penalty)],
+            violations,
+            contact: None,
+            adversarial: reward,
+        }
+    }
+
+    #[test]
+    fn the_best_of_the_feasible_is_chosen_and_the_first_of_equals() {
+        let all = [
+            evaluation(9.0, 2.0, 50.0),
+            evaluation(3.0, 2.5, 0.0),
+            evaluation(5.0, 9.0, 0.0),
+            evaluation(5.0, 9.0, 0.0),
+        ];
+        let chosen = |mu| best_of(&all, &objective("paper-selection"), mu);
+        assert_eq!(chosen(1.0), Selection { chosen: 2, note: None });
+        assert_eq!(chosen(0.0).chosen, 1, "the gentlest");
+        assert_eq!(chosen(0.5).chosen, 1);
+    }
+
+    #[test]
+    fn where_nothing_is_feasible_the_least_violating_is_taken_and_said() {
+        let all = [evaluation(9.0, 2.0, 60.0), evaluation(3.0, 2.0, 10.0), evaluation(9.0, 2.0, 50.0)];
+        let selection = best_of(&all, &objective("paper-selection"), 1.0);
+        assert_eq!(selection, Selection { chosen: 1, note: Some(Note::NoneFeasible) });
+    }
+
+    #[test]
+    fn passing_over_what_cannot_win_changes_nothing() {
+        let kinds = [sage_data::procedural::Kind::FourWay, sage_data::procedural::Kind::Merge];
+        for (seed, kind) in (0..6).zip(kinds.into_iter().cycle()) {
+            let Some(scene) = sage_data::procedural::generate(kind, seed, 0) else { continue };
+            let (index, scene) = (SceneIndex::new(scene.map.clone()), Arc::new(scene));
+            let ctx = Context::new(&scene, &index, &ContextOptions::default()).unwrap();
+            let track = scene.adversary().unwrap();
+            let ([x, y], [vx, vy]) = (track.point(NOW), track.velocity[NOW]);
+            let bent = |k: usize| {
+                let (a, b) = (0.2 + 0.1 * (k % 8) as f64, 0.02 * (k / 8) as f64 - 0.05);
+                let at = |t: usize| {
+                    let t = 0.1 * t as f64;
+                    [x + a * t * (vx - b * t * vy), y + a * t * (vy + b * t * vx)]
+                };
+                let path = (1..=HORIZON).map(at).collect();
+                let trajectory = Trajectory::new("bent", path).unwrap();
+                Proposal { nll: Some(k as f64 / 7.0), ..Proposal::of(trajectory) }
+            };
+            let proposals: Vec<Proposal> = (0..40).map(bent).collect();
+            for name in ["paper-selection", "natural"] {
+                let objective = Arc::new(objective(name));
+                let all: Vec<Evaluation> = proposals
+                    .iter()
+                    .map(|p| ctx.candidate(p.trajectory.clone()).with_nll(p.nll))
+                    .map(|candidate| objective.evaluate(&candidate, &ctx))
+                    .collect();
+                for mu in [0.0, 0.1, 0.5, 1.0] {
+                    let found = Best::new(objective.clone()).select(&proposals, &ctx, mu).unwrap();
+                    assert_eq!(found, best_of(&all, &objective, mu), "{name}, seed {seed}, mu {mu}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,244 @@
+//! Any number of experts tuned from one prior.
+
+use std::{path::PathBuf, sync::Arc};
+
+use sage_backbones::{
+    Backbone, Parameters,
+    candle::{DType, Tensor},
+    parameters::Header,
+    weights::Weights,
+};
+use sage_core::{generator::Mixture, registry::Registry};
+
+use crate::{Error, TensorSet};
+
+/// The expert at λ = 0.
+pub const REALISTIC: &str = "realistic";
+/// The expert at λ = 1.
+pub const ADVERSARIAL: &str = "adversarial";
+
+/// A prior and its experts, checked: the same tensors, and those that fine-tuning leaves alone the
+/// same bits in all of them.
+#[derive(Clone)]
+pub struct ExpertSet {
+    prior: Arc<dyn Backbone>,
+    experts: Arc<[(String, Parameters)]>,
+}
+
+/// What the file of an expert holds.
+pub struct ExpertFile {
+    /// The file, for messages.
+    pub path: PathBuf,
+    /// The weights.
+    pub parameters: Parameters,
+    /// What the file says of them.
+    pub header: Header,
+}
+
+impl ExpertFile {
+    /// Note in the header: which expert it is, such as `realistic` or `adversarial`.
+    pub const EXPERT: &str = sage_backbones::weights::EXPERT_NOTE;
+    /// Note in the header: hash of the prior that it was tuned from.
+    pub const PRIOR: &str = "prior";
+
+    /// The weights, if the file is that expert of that prior.
+    fn checked(self, expert: &str, prior: &str) -> Result<Parameters, Error> {
+        let remedy = "make the experts anew with `sage finetune`";
+        let notes = &self.header.notes;
+        let foreign = self.parameters.iter().find(|(_, tensor)| tensor.dtype() != DType::F32);
+        let problem = match (notes.get(Self::EXPERT), notes.get(Self::PRIOR), foreign) {
+            (None, ..) | (_, None, _) => {
+                format!("it does not say which expert it is and of which prior: {remedy}")
+            }
+            (Some(says), ..) if says != expert => format!(
+                "it says that it is the {says} expert, where the {expert} one belongs: the files were swapped or renamed"
+            ),
+            (_, Some(from), _) if from != prior => format!(
+                "the {expert} expert was tuned from another prior ({from}) than the one beside it ({prior}): {remedy}"
+            ),
+            (.., Some((name, tensor))) => format!(
+                "tensor `{}` holds {:?}; experts are mixed in F32: convert the weights",
+                name.escape_debug(),
+                tensor.dtype()
+            ),
+            (.., None) => return Ok(self.parameters),
+        };
+        Err(sage_backbones::Error::Format { path: self.path, problem }.into())
+    }
+}
+
+/// A tensor that fine-tuning moved in some expert, in numbers.
+pub(crate) struct Moved {
+    pub name: String,
+    pub shape: Vec<usize>,
+    pub prior: Vec<f32>,
+    experts: Vec<Vec<f32>>,
+}
+
+impl Moved {
+    pub fn set(&self) -> TensorSet<'_> {
+        TensorSet { name: &self.name, prior: &self.prior, experts: &self.experts }
+    }
+}
+
+impl ExpertSet {
+    /// A prior with its experts from where its weights lie: the realistic and the adversarial one, then any
+    /// other whose file says so, by name.
+    ///
+    /// *Errors*: those of [`Weights::prior`], and of [`ExpertSet::of_files`].
+    pub fn load(weights: &Weights, registry: &Registry<dyn Backbone>) -> Result<(Self, Header), Error> {
+        let (prior, header) = weights.prior(registry)?;
+        let mut files = Vec::new();
+        for name in [REALISTIC, ADVERSARIAL] {
+            let file = format!("{name}.safetensors");
+            let path = weights.path(&file);
+            if !weights.has(&file) {
+                let problem = "is not there: `sage finetune` makes experts of a prior".to_owned();
+                return Err(sage_backbones::Error::Format { path, problem }.into());
+            }
+            let (parameters, header) = weights.tensors(&file)?;
+            files.push((name.to_owned(), ExpertFile { path, parameters, header }));
+        }
+        for file in weights.tensor_files() {
+            let Some(name) = file.strip_suffix(".safetensors") else { continue };
+            if [REALISTIC, ADVERSARIAL].contains(&name) {
+                continue;
+            }
+            // Whatever else lies there is none of ours.
+            let Ok((parameters, header)) = weights.tensors(&file) else { continue };
+            if header.notes.get(ExpertFile::EXPERT).is_some_and(|expert| expert == name) {
+                let path = weights.path(&file);
+                files.push((name.to_owned(), ExpertFile { path, parameters, header }));
+            }
+        }
+        Ok((Self::of_files(prior.into(), files)?, header))
+    }
+
+    /// The experts of a prior from their files, by the names under which they were looked for.
+    ///
+    /// *Errors*: a file that is another expert, of another prior, or does not say so; else as
+    /// [`ExpertSet::new`].
+    pub fn of_files(
+        prior: Arc<dyn Backbone>,
+        files: impl IntoIterator<Item = (String, ExpertFile)>,
+    ) -> Result<Self, Error> {
+        let hash = prior.parameters().hash()?;
+        let checked = files.into_iter().map(|(name, file)| {
+            let parameters = file.checked(&name, &hash)?;
+            Ok((name, parameters))
+        });
+        let experts = checked.collect::<Result<Vec<_>, Error>>()?;
+        Self::new(prior, experts)
+    }
+
+    /// Checks and takes a prior and named experts, in the order in which mixtures weigh them.
+    ///
+    /// *Errors*: no expert, or two of a name; weights of another network, or of another prior, with each
+    /// tensor at fault.
+    pub fn new(prior: Arc<dyn Backbone>, experts: Vec<(String, Parameters)>) -> Result<Self, Error> {
+        let names: Vec<&str> = experts.iter().map(|(name, _)| name.as_str()).collect();
+        let twice = names.iter().enumerate().find(|(k, name)| names[..*k].contains(name));
+        if let Some((_, name)) = twice {
+            return Err(Error::Mixture { problem: format!("there are two experts `{name}`") });
+        }
+        if names.is_empty() {
+            return Err(Error::Mixture { problem: "there is no expert to mix".to_owned() });
+        }
+        for (name, expert) in &experts {
+            let mut problems = expert.faults(prior.wanted());
+            if problems.is_empty() {
+                problems = moved_in_vain(&*prior, expert)?;
+            }
+            if !problems.is_empty() {
+                let what = format!("the {name} expert");
+                return Err(sage_backbones::Error::Weights { what, problems }.into());
+            }
+        }
+        Ok(Self { prior, experts: experts.into() })
+    }
+
+    /// The prior.
+    pub fn prior(&self) -> &Arc<dyn Backbone> {
+        &self.prior
+    }
+
+    /// Names of the experts, in the order of a mixture's weights.
+    pub fn names(&self) -> Vec<&str> {
+        self.experts.iter().map(|(name, _)| name.as_str()).collect()
+    }
+
+    /// Names and weights of the experts.
+    pub fn experts(&self) -> &[(String, Parameters)] {
+        &self.experts
+    }
+
+    /// The weights of an expert.
+    ///
+    /// *Errors*: [`Error::Expert`].
+    pub fn expert(&self, name: &str) -> Result<&Parameters, Error> {
+        Ok(&self.experts[self.place(name)?].1)
+    }
+
+    fn place(&self, name: &str) -> Result<usize, Error> {
+        let place = self.experts.iter().position(|(known, _)| known == name);
+        place.ok_or_else(|| Error::Expert {
+            name: name.to_owned(),
+            known: self.experts.iter().map(|(name, _)| name.clone()).collect(),
+        })
+    }
+
+    /// The mixture at λ: 1 − λ of the realistic expert, λ of the adversarial one, nothing of others.
+    ///
+    /// *Errors*: [`Error::Expert`] if the set lacks one of the two.
+    pub fn between(&self, lambda: f64) -> Result<Mixture, Error> {
+        self.mixture(&[(REALISTIC, 1.0 - lambda), (ADVERSARIAL, lambda)])
+    }
+
+    /// The mixture of named weights; an expert that is not named has none.
+    ///
+    /// *Errors*: [`Error::Expert`] for a name that the set does not hold.
+    pub fn mixture<'n>(
+        &self,
+        weights: impl IntoIterator<Item = &'n (&'n str, f64)>,
+    ) -> Result<Mixture, Error> {
+        let mut all = vec![0.0; self.experts.len()];
+        for (name, weight) in weights {
+            all[self.place(name)?] = *weight;
+        }
+        Ok(Mixture::new(all))
+    }
+
+    /// Tensors that are not the prior's in some expert, sorted by name.
+    pub(crate) fn moved(&self) -> Result<Vec<Moved>, Error> {
+        let mut moved = Vec::new();
+        for (name, tensor) in self.prior.parameters().iter() {
+            let prior = numbers(tensor)?;
+            let of = |(_, expert): &(String, Parameters)| match expert.get(name) {
+                Some(tensor) => numbers(tensor),
+                None => Ok(prior.clone()),
+            };
+            let experts = self.experts.iter().map(of).collect::<Result<Vec<_>, _>>()?;
+            if experts.iter().any(|expert| *expert != prior) {
+                moved.push(Moved { name: name.to_owned(), shape: tensor.dims().to_vec(), prior, experts });
+            }
+        }
+        Ok(moved)
+    }
+}
+
+fn numbers(tensor: &Tensor) -> Result<Vec<f32>, Error> {
+    Ok(tensor.flatten_all()?.to_vec1()?)
+}
+
+/// Tensors that differ from the prior's though fine-tuning does not move them: the mark of an expert
+/// of another prior.
+fn moved_in_vain(prior: &dyn Backbone, expert: &Parameters) -> Result<Vec<String>, Error> {
+    let mut problems = Vec::new();
+    for (name, own) in expert.iter() {
+        let Some(base) = prior.parameters().get(name) else { continue };
+        if !prior.role(name).is_finetuned() && numbers(own)? != numbers(base)? {
+            problems.push(format!("tensor `{name}` is not the prior's: it was tuned from another one"));
+        }
+    }
+    Ok(problems)
+}

@@ -1,0 +1,176 @@
+//! From a set of experts and a point among them to a model that proposes.
+
+use std::sync::Arc;
+
+use sage_backbones::{
+    MotionModel, Parameters,
+    candle::{Device, Tensor},
+};
+use sage_core::{generator::Mixture, registry::Registry};
+
+use crate::{Error, ExpertSet, Linear, PreferenceVector, UniformSoup};
+
+/// Makes a model of a set of experts.
+///
+/// What mixes weights implements [`TensorMerger`] and is a merger thereby; what mixes outputs holds the
+/// experts, and implements this.
+pub trait Merger: Send + Sync {
+    /// Which mixtures it takes.
+    fn range(&self) -> Range;
+
+    /// The model at a mixture, which is within its range.
+    ///
+    /// *Errors*: experts that it cannot mix.
+    fn model(&self, experts: &ExpertSet, at: &Mixture, seed: u64) -> Result<Arc<dyn MotionModel>, Error>;
+
+    /// How it mixes weights, if it does: what drives one model in place.
+    fn tensors(&self) -> Option<&dyn TensorMerger> {
+        None
+    }
+}
+
+impl dyn Merger + '_ {
+    /// The model at a mixture.
+    ///
+    /// *Errors*: [`Error::Mixture`] for one that it does not take; those of [`Merger::model`].
+    pub fn merge(&self, experts: &ExpertSet, at: &Mixture, seed: u64) -> Result<Arc<dyn MotionModel>, Error> {
+        self.range().check(experts, at)?;
+        self.model(experts, at, seed)
+    }
+}
+
+/// Mixtures that a merger takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Range {
+    /// Weights of at least 0 that sum to 1.
+    Simplex,
+    /// Any finite weights: beyond the experts too.
+    Beyond,
+}
+
+impl Range {
+    /// Refuses a mixture.
+    ///
+    /// *Errors*: [`Error::Mixture`].
+    pub fn check(self, experts: &ExpertSet, at: &Mixture) -> Result<(), Error> {
+        self.check_weights(experts.names().len(), at)
+    }
+
+    pub(crate) fn check_weights(self, experts: usize, at: &Mixture) -> Result<(), Error> {
+        let fail = |problem| Err(Error::Mixture { problem });
+        let weights = at.weights();
+        if weights.len() != experts {
+            return fail(format!("a mixture of {} weights for {experts} experts", weights.len()));
+        }
+        match (self, at.lambda()) {
+            (Self::Simplex, Some(lambda)) if !at.is_on_simplex() => fail(format!(
+                "lambda is {lambda}; expected 0 (realistic) to 1 (adversarial): this merger does not go beyond the experts"
+            )),
+            (Self::Simplex, None) if !at.is_on_simplex() => {
+                fail(format!("the mixture is {weights:?}; expected weights of 0 or more that sum to 1"))
+            }
+            (Self::Beyond, _) if !weights.iter().all(|weight| weight.is_finite()) => {
+                fail(format!("the mixture is {weights:?}; expected finite weights"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// One tensor of the prior and of every expert, flattened.
+pub struct TensorSet<'t> {
+    /// Its name.
+    pub name: &'t str,
+    /// The prior's numbers.
+    pub prior: &'t [f32],
+    /// Each expert's numbers, in the order of the set.
+    pub experts: &'t [Vec<f32>],
+}
+
+/// Mixes weights, tensor by tensor.
+pub trait TensorMerger: Send + Sync {
+    /// Which mixtures it takes.
+    fn range(&self) -> Range {
+        Range::Simplex
+    }
+
+    /// Prepares what it needs to know of all tensors together, such as a threshold.
+    ///
+    /// *Errors*: experts that it cannot mix.
+    fn prepare(&self, experts: &ExpertSet, seed: u64) -> Result<Box<dyn TensorRule>, Error>;
+}
+
+/// How a prepared [`TensorMerger`] mixes one tensor.
+///
+/// It is asked for tensors that fine-tuning moved in some expert; the others stay the prior's.
+pub trait TensorRule: Send + Sync {
+    /// Writes a tensor at a mixture, given by its weights.
+    fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]);
+}
+
+impl<T: TensorMerger> Merger for T {
+    fn range(&self) -> Range {
+        TensorMerger::range(self)
+    }
+
+    fn model(&self, experts: &ExpertSet, at: &Mixture, seed: u64) -> Result<Arc<dyn MotionModel>, Error> {
+        let weights = merged_weights(self, experts, at, seed)?;
+        let model: Arc<dyn sage_backbones::Backbone> = experts.prior().rebuilt(weights)?.into();
+        Ok(model)
+    }
+
+    fn tensors(&self) -> Option<&dyn TensorMerger> {
+        Some(self)
+    }
+}
+
+/// All weights at a mixture.
+///
+/// *Errors*: [`Error::Mixture`] for one out of range; experts that cannot be mixed.
+pub fn merged_weights(
+    merger: &dyn TensorMerger,
+    experts: &ExpertSet,
+    at: &Mixture,
+    seed: u64,
+) -> Result<Parameters, Error> {
+    merger.range().check(experts, at)?;
+    let rule = merger.prepare(experts, seed)?;
+    let mut weights = experts.prior().parameters().clone();
+    for moved in experts.moved()? {
+        let mut out = vec![0.0; moved.prior.len()];
+        rule.merge(&moved.set(), at.weights(), &mut out);
+        weights.insert(&*moved.name, Tensor::from_vec(out, moved.shape.as_slice(), &Device::Cpu)?);
+    }
+    Ok(weights)
+}
+
+/// The mergers this crate ships. Add a line here to make a new one known everywhere.
+///
+/// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
+pub fn mergers() -> Result<Registry<dyn Merger>, sage_core::Error> {
+    Registry::new("merger").with::<Linear>()?.with::<PreferenceVector>()?.with::<UniformSoup>()
+}
+
+/// Mixes a tensor number by number, for mergers whose corners are the experts: at a corner the expert's own
+/// numbers, and a number that all experts share as it is. `mix` gets a number of each expert and the prior's.
+pub fn mix_numbers(tensor: &TensorSet, at: &[f64], out: &mut [f32], mix: impl Fn(&[f32], f32) -> f64) {
+    if let Some(corner) = corner(at) {
+        out.copy_from_slice(&tensor.experts[corner]);
+        return;
+    }
+    let mut numbers = vec![0.0; tensor.experts.len()];
+    for (k, out) in out.iter_mut().enumerate() {
+        for (number, expert) in numbers.iter_mut().zip(tensor.experts) {
+            *number = expert[k];
+        }
+        let first = numbers[0];
+        let is_shared = numbers.iter().all(|number| *number == first);
+        *out = if is_shared { first } else { mix(&numbers, tensor.prior[k]) as f32 };
+    }
+}
+
+/// The expert whose weight is 1 while all others are 0.
+fn corner(at: &[f64]) -> Option<usize> {
+    let corner = at.iter().position(|weight| *weight == 1.0)?;
+    at.iter().enumerate().all(|(k, weight)| k == corner || *weight == 0.0).then_some(corner)
+}

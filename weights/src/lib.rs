@@ -1,0 +1,9 @@
+//! A prior and experts trained on procedural scenes, with their dial, as files by name.
+
+/// Files of the folder `weights/procedural`.
+pub const PROCEDURAL: &[(&str, &[u8])] = &[
+    ("prior.safetensors", include_bytes!("../procedural/prior.safetensors")),
+    ("realistic.safetensors", include_bytes!("../procedural/realistic.safetensors")),
+    ("adversarial.safetensors", include_bytes!("../procedural/adversarial.safetensors")),
+    ("dial.json", include_bytes!("../procedural/dial.json")),
+];

@@ -1,6 +1,6 @@
 //! Parts from outside, as `docs/adding-a-*.md` describe them: each example program does the whole of it.
 
-#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 
 mod program;
 

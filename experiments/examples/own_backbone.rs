@@ -13,8 +13,7 @@ use sage_backbones::{
     backbone::{Loss, Role, Sample, tensor},
     candle::{Result as CandleResult, Tensor},
     encoding::Encoding,
-    features::{Features, GOAL_COLUMNS},
-    forecast::EgoForecast,
+    features::{EgoForecast, Features, GOAL_COLUMNS},
     labels,
     nn::{Linear, Mlp, log_softmax},
     parameters::{Scope, Wanted},
@@ -110,11 +109,11 @@ impl MotionModel for GoalScorer {
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         let goals = tensor(&features.goal_features, self.parts.last.weight.dtype())?;
-        Ok(Encoding::new(self, features, vec![goals]))
+        Ok(Encoding::new(self.tag(), features, vec![goals]))
     }
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
-        let [goals] = encoding.states_of(self)?;
+        let [goals] = encoding.states_of(self.tag())?;
         let hidden = self.parts.second.forward(&self.parts.first.forward(goals)?)?;
         Ok(log_softmax(&self.parts.last.forward(&hidden)?.squeeze(1)?)?)
     }
@@ -124,7 +123,7 @@ impl MotionModel for GoalScorer {
     }
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
-        let [goals] = encoding.states_of(self)?;
+        let [goals] = encoding.states_of(self.tag())?;
         let features = encoding.features();
         let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| features.goals[mode]).collect();
         let changes = Tensor::zeros((modes.len(), smooth_path::CHANGES), goals.dtype(), goals.device())?;

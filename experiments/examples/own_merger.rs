@@ -7,8 +7,8 @@
 
 use std::process::ExitCode;
 
-use sage_core::registry::Entry;
-use sage_merging::{Error, ExpertSet, Merger, NoOptions, TensorMerger, TensorRule, TensorSet};
+use sage_core::registry::{Entry, NoOptions};
+use sage_merging::{Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet};
 
 /// Every number is that of the expert that moved it farthest from the prior, by weight.
 struct Strongest;

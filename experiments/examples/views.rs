@@ -139,9 +139,8 @@ fn in_scene(file: &Path, inputs: &GeneratorInputs, views: &[Box<dyn Proposer>]) 
         let (hits, reward) = (evaluation.is_attack(), evaluation.adversarial);
         Ok(Seen { chosen: trajectory, hits, reward, milliseconds })
     };
-    let of_view = |view: &dyn Proposer, least: f64| {
-        PLACES.into_iter().map(|lambda| see(view, lambda, least)).collect()
-    };
+    let of_view =
+        |view: &dyn Proposer, least: f64| PLACES.into_iter().map(|lambda| see(view, lambda, least)).collect();
     views.iter().zip(&least).map(|(view, least)| of_view(&**view, *least)).collect()
 }
 

@@ -9,3 +9,4 @@ pub(crate) mod open_loop_report;
 pub(crate) mod prediction;
 pub mod speed;
 pub(crate) mod steering;
+mod timing;

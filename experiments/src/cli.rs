@@ -5,15 +5,12 @@ mod learning;
 
 use std::path::PathBuf;
 
-use anyhow::Result;
 use clap::{
     Args, Parser, Subcommand, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
 };
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
-
-use crate::{Outcome, Registries, commands, threads};
 
 pub(crate) use attacking::{CalibrateArgs, DialBenchArgs, GenerateArgs, OpenLoopArgs};
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
@@ -28,14 +25,14 @@ const MOST_COUNT: u64 = 10_000_000;
 #[command(name = "sage", version, max_term_width = 100)]
 pub struct Cli {
     #[command(subcommand)]
-    command: Command,
+    pub(crate) command: Command,
     /// Threads to work with; all cores by default. Results do not depend on it.
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    threads: Option<u16>,
+    pub(crate) threads: Option<u16>,
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {
+pub(crate) enum Command {
     Demo(DemoArgs),
     /// List the rewards, rules and other parts that commands can name.
     #[command(after_help = "Example:\n  sage list --json")]
@@ -261,7 +258,7 @@ pub(crate) enum SizesArg {
 }
 
 #[derive(Debug, Subcommand)]
-enum BenchCommand {
+pub(crate) enum BenchCommand {
     Speed(SpeedArgs),
     Prediction(PredictionArgs),
     OpenLoop(OpenLoopArgs),
@@ -327,34 +324,5 @@ impl Cli {
                 | Command::Generate(_)
                 | Command::Bench(_)
         )
-    }
-
-    /// Runs the command.
-    ///
-    /// *Errors*: whatever kept it from doing its work, with the file or part at fault.
-    pub fn execute(self, registries: &Registries) -> Result<Outcome> {
-        threads::build_pool(self.threads)?;
-        match self.command {
-            Command::Demo(args) => commands::demo::run(&args, registries),
-            Command::List { json } => commands::list::run(registries, json),
-            Command::Inspect(args) => commands::inspect::run(&args),
-            Command::Score(args) => commands::score::run(&args, registries),
-            Command::Draw(args) => commands::draw::run(&args),
-            Command::Convert(args) => commands::convert::run(&args),
-            Command::Scenes(args) => commands::scenes::run(&args),
-            Command::Pretrain(args) => commands::pretrain::run(&args, registries),
-            Command::Finetune(args) => commands::finetune::run(&args, registries),
-            Command::Calibrate(args) => commands::calibrate::run(&args, registries),
-            Command::Predict(args) => commands::predict::run(&args, registries),
-            Command::Generate(args) => commands::generate::run(&args, registries),
-            Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
-            Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
-            Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),
-            Command::Bench(BenchCommand::Dial(args)) => commands::bench_dial::run(&args, registries),
-            Command::Bench(BenchCommand::Prediction(args)) => {
-                commands::bench_prediction::run(&args, registries)
-            }
-            Command::Completions { shell } => commands::completions::run(shell),
-        }
     }
 }

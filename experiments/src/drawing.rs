@@ -1,5 +1,6 @@
 //! Pictures: one module that everything draws with.
 
+mod candidate;
 mod legend;
 mod map_layer;
 mod palette;
@@ -8,4 +9,5 @@ mod scene;
 mod svg;
 mod view;
 
+pub(crate) use candidate::drawn_path;
 pub use scene::{DrawnPath, Picture, draw};

@@ -17,6 +17,7 @@ pub mod bench;
 mod candidates;
 mod cli;
 mod commands;
+mod dispatch;
 pub mod drawing;
 mod generators;
 mod input;

@@ -8,19 +8,14 @@ use sage_core::{
     generator::Observation,
     geometry::Point,
     motion::{HORIZON, Trajectory},
-    registry::Registry,
 };
 use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    densetnt::{Cat, DenseTnt},
-    encoding::Encoding,
-    features::{Features, Table},
-    forecast::EgoForecast,
-    lane_graph::LaneGraph,
+    encoding::{Encoding, NetworkTag},
+    features::{EgoForecast, Features, Table},
     parameters::Wanted,
-    query_transformer::QueryTransformer,
 };
 
 /// What a parameter is for.
@@ -133,6 +128,11 @@ pub trait Backbone: MotionModel {
     /// *Errors*: [`Error::Tensor`] if they do not fit.
     fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error>;
 
+    /// What marks its encodings as its own: name and options.
+    fn tag(&self) -> NetworkTag<'_> {
+        NetworkTag { name: self.name(), options: self.options() }
+    }
+
     /// How it is trained; `None` for one that has nothing to learn.
     fn trainable(&self) -> Option<&dyn Trainable> {
         None
@@ -184,17 +184,6 @@ pub trait Trainable: Backbone {
     ///
     /// *Errors*: features of another network.
     fn loss(&self, sample: &Sample) -> Result<Loss, Error>;
-}
-
-/// The backbones this crate ships. Add a line here to make a new one known everywhere.
-///
-/// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
-pub fn backbones() -> Result<Registry<dyn Backbone>, sage_core::Error> {
-    Registry::new("backbone")
-        .with::<DenseTnt>()?
-        .with::<QueryTransformer>()?
-        .with::<LaneGraph>()?
-        .with::<Cat>()
 }
 
 /// A recorded future to learn from.

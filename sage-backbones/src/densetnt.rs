@@ -19,8 +19,7 @@ use crate::{
     backbone::{Backbone, Loss, MotionModel, Role, Sample, Trainable, indices, tensor},
     encoder::{Encoder, check_size},
     encoding::Encoding,
-    features::{Features, GOAL_COLUMNS, STRIDE, VECTOR_COLUMNS, cat},
-    forecast::EgoForecast,
+    features::{EgoForecast, Features, GOAL_COLUMNS, STRIDE, VECTOR_COLUMNS, cat},
     labels,
     nn::log_softmax,
     parameters::{Scope, Wanted},
@@ -116,7 +115,7 @@ impl DenseTnt {
         let encoded = self.encoder.forward(&vectors, &features.groups, features.agents, padding_keys)?;
         let goals = tensor(&features.goal_features, self.dtype)?;
         Ok(Encoding::new(
-            self,
+            self.tag(),
             features.clone(),
             vec![encoded.elements, encoded.target, goals, encoded.polylines, encoded.graph],
         ))
@@ -126,7 +125,7 @@ impl DenseTnt {
     ///
     /// *Errors*: an encoding of another network.
     fn raw_scores(&self, encoding: &Encoding, modes: Option<&[usize]>) -> Result<Tensor, Error> {
-        let [elements, target, goals] = encoding.states_of(self)?;
+        let [elements, target, goals] = encoding.states_of(self.tag())?;
         Ok(match modes {
             Some(modes) => {
                 self.scorer.forward(&goals.index_select(&indices(modes)?, 0)?, elements, target)?
@@ -143,7 +142,7 @@ impl DenseTnt {
         ends: &[[f32; 2]],
         stride: usize,
     ) -> Result<Tensor, Error> {
-        let [elements, target] = encoding.states_of(self)?;
+        let [elements, target] = encoding.states_of(self.tag())?;
         Ok(self.head.forward(rows, ends, elements, target, encoding.features().velocity, stride)?)
     }
 
@@ -161,7 +160,7 @@ impl DenseTnt {
     /// What the steering branch sees of all goals, made once an encoding and never trained through.
     fn described<'e>(&self, encoding: &'e Encoding) -> Result<Option<&'e Tensor>, Error> {
         encoding.described(|| {
-            let [_, _, goals] = encoding.states_of(self)?;
+            let [_, _, goals] = encoding.states_of(self.tag())?;
             let places = self.decode(encoding, goals, &encoding.features().goals, STRIDE)?.detach();
             Ok(describe(&places, encoding.features())?)
         })
@@ -311,7 +310,7 @@ impl MotionModel for DenseTnt {
     }
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
-        let [_, _, goals] = encoding.states_of(self)?;
+        let [_, _, goals] = encoding.states_of(self.tag())?;
         let rows = goals.index_select(&indices(modes)?, 0)?;
         let ends: Vec<[f32; 2]> = modes.iter().map(|&mode| encoding.features().goals[mode]).collect();
         self.decode(encoding, &rows, &ends, 1)

@@ -5,7 +5,16 @@ use std::sync::{Arc, OnceLock};
 use candle_core::Tensor;
 use serde_json::Value;
 
-use crate::{Error, backbone::Backbone, features::Features};
+use crate::{Error, features::Features};
+
+/// What marks encodings as a network's own: only one of the same name and options reads them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NetworkTag<'n> {
+    /// Name in the registry.
+    pub name: &'static str,
+    /// Options.
+    pub options: &'n Value,
+}
 
 /// States of one target's surroundings, tagged with the network that can read them.
 pub struct Encoding {
@@ -17,10 +26,10 @@ pub struct Encoding {
 }
 
 impl Encoding {
-    /// States that only a network of the same name and options knows to read.
-    pub fn new(network: &dyn Backbone, features: Arc<Features>, states: Vec<Tensor>) -> Self {
-        let (name, options) = (network.name(), network.options().clone());
-        Self { features, network: name, options, states, described: OnceLock::new() }
+    /// States that only the network of a tag knows to read.
+    pub fn new(network: NetworkTag, features: Arc<Features>, states: Vec<Tensor>) -> Self {
+        let (network, options) = (network.name, network.options.clone());
+        Self { features, network, options, states, described: OnceLock::new() }
     }
 
     /// What was encoded.
@@ -31,8 +40,8 @@ impl Encoding {
     /// The states, for the network that made them.
     ///
     /// *Errors*: [`Error::Training`] if another one did.
-    pub fn states_of<const N: usize>(&self, network: &dyn Backbone) -> Result<&[Tensor; N], Error> {
-        let is_its_own = self.network == network.name() && self.options == *network.options();
+    pub fn states_of<const N: usize>(&self, network: NetworkTag) -> Result<&[Tensor; N], Error> {
+        let is_its_own = network == NetworkTag { name: self.network, options: &self.options };
         self.states.first_chunk().filter(|_| is_its_own).ok_or_else(|| {
             Error::Training(format!(
                 "this encoding was made by another network, `{}`; encode the features again",

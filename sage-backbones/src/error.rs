@@ -2,8 +2,6 @@
 
 use std::path::PathBuf;
 
-use crate::training::SceneData;
-
 /// An error of `sage-backbones`.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -58,18 +56,6 @@ pub enum Error {
 impl From<candle_core::Error> for Error {
     fn from(error: candle_core::Error) -> Self {
         Self::Tensor(error)
-    }
-}
-
-impl Error {
-    /// The same error, with the agent that it is about.
-    pub fn of(self, data: &SceneData, track: usize) -> Self {
-        let agent = data
-            .scene
-            .tracks
-            .get(track)
-            .map_or_else(|| track.to_string(), |t| t.id.escape_debug().to_string());
-        Self::Agent { scene: data.name.clone(), agent, source: Box::new(self) }
     }
 }
 

@@ -17,13 +17,13 @@ use std::{f32::consts::PI, sync::Arc};
 
 use sage_core::{generator::Observation, geometry::Point, motion::NOW, scene::Scene};
 
-use crate::{Error, forecast::EgoForecast, nn::Groups};
+use crate::{Error, nn::Groups};
 
 pub use edges::EdgeGrid;
 pub use frame::Frame;
 pub use goals::{GOAL_COLUMNS, GoalColumn};
 pub use grid::{CELL, LANE_REACH};
-pub use outlook::{LOOKS, Outlook, STRIDE, Way};
+pub use outlook::{EgoForecast, LOOKS, Outlook, STRIDE, Way};
 pub use routes::Routes;
 
 /// Nothing on a road is faster, m/s: what a file says beyond it is cut.

@@ -2,19 +2,15 @@
 
 use std::sync::Arc;
 
-use sage_core::{
-    generator::Observation,
-    motion::{NOW, Trajectory},
-    seed::Rng,
-};
+use sage_core::{generator::Observation, motion::NOW, seed::Rng};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     Error,
     backbone::MotionModel,
     candidates::Selection,
-    features::{CELL, Features, GoalColumn, Layout},
-    prediction::{Predicted, predict},
+    features::{CELL, EgoForecast, Features, GoalColumn, Layout},
+    prediction::predict,
 };
 
 /// Futures of the ego that are looked at.
@@ -70,42 +66,27 @@ impl Default for View {
     }
 }
 
-/// What a network expects of the ego from what can be seen *now*: futures with log-probabilities.
-#[derive(Clone, Debug)]
-pub struct EgoForecast(Vec<Predicted>);
-
-impl EgoForecast {
-    /// Futures from elsewhere, the likeliest first.
-    pub fn new(futures: Vec<Predicted>) -> Self {
-        Self(futures)
+/// A model's forecast of the ego as an input for a target beside it; none if the ego is the target or not seen
+/// *now*.
+///
+/// *Errors*: those of the network.
+pub fn ego_forecast(
+    model: &dyn MotionModel,
+    now: &Observation,
+    target: usize,
+    view: View,
+) -> Result<Option<EgoForecast>, Error> {
+    let scene = now.scene();
+    if target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
+        return Ok(None);
     }
-
-    /// Predicts the ego, unless it is the target or not seen *now*.
-    ///
-    /// *Errors*: those of the network.
-    pub fn of(
-        model: &dyn MotionModel,
-        now: &Observation,
-        target: usize,
-        view: View,
-    ) -> Result<Option<Self>, Error> {
-        let scene = now.scene();
-        if target == scene.ego || !scene.tracks[scene.ego].is_valid(NOW) {
-            return Ok(None);
-        }
-        let mut ego = model.features(now, scene.ego, None)?;
-        if ego.layout == Layout::Lattice {
-            ego = on_the_road(ego, view);
-        }
-        let mut rng = Rng::new(0, &scene.id, "foresight");
-        let nms = Selection::Nms { radius: APART };
-        Ok(Some(Self(predict(model, Arc::new(ego), FUTURES, nms, &mut rng)?)))
+    let mut ego = model.features(now, scene.ego, None)?;
+    if ego.layout == Layout::Lattice {
+        ego = on_the_road(ego, view);
     }
-
-    /// Log-probability and trajectory of each future.
-    pub fn futures(&self) -> impl Iterator<Item = (f32, &Trajectory)> {
-        self.0.iter().map(|future| (future.log_prob, &future.trajectory))
-    }
+    let mut rng = Rng::new(0, &scene.id, "foresight");
+    let futures = predict(model, Arc::new(ego), FUTURES, Selection::Nms { radius: APART }, &mut rng)?;
+    Ok(Some(EgoForecast::new(futures.into_iter().map(|f| (f.log_prob, f.trajectory)).collect())))
 }
 
 /// Features of a target with the model's own forecast of the ego, as closely as a view looks: what
@@ -118,7 +99,7 @@ pub fn features_with_forecast(
     target: usize,
     view: View,
 ) -> Result<Features, Error> {
-    let forecast = EgoForecast::of(model, now, target, view)?;
+    let forecast = ego_forecast(model, now, target, view)?;
     let features = model.features(now, target, forecast.as_ref())?;
     Ok(if features.layout == Layout::Lattice { thinned(features, view) } else { features })
 }

@@ -20,8 +20,7 @@ use crate::{
     Error, Parameters,
     backbone::{Backbone, MotionModel},
     encoding::Encoding,
-    features::{Features, GoalColumn},
-    forecast::EgoForecast,
+    features::{EgoForecast, Features, GoalColumn},
     nn::log_softmax,
     parameters::Wanted,
 };
@@ -104,7 +103,7 @@ impl MotionModel for LaneGraph {
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
-        Ok(Encoding::new(self, features, Vec::new()))
+        Ok(Encoding::new(self.tag(), features, Vec::new()))
     }
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {

@@ -44,8 +44,24 @@ mod steering_branch;
 pub mod training;
 pub mod weights;
 
-pub use backbone::{Backbone, MotionModel, Trainable, backbones};
+pub use backbone::{Backbone, MotionModel, Trainable};
 /// Tensors, for networks of your own: the version that the layers here work with.
 pub use candle_core as candle;
 pub use error::Error;
 pub use parameters::Parameters;
+
+use densetnt::{Cat, DenseTnt};
+use lane_graph::LaneGraph;
+use query_transformer::QueryTransformer;
+use sage_core::registry::Registry;
+
+/// The backbones this crate ships. Add a line here to make a new one known everywhere.
+///
+/// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
+pub fn backbones() -> Result<Registry<dyn Backbone>, sage_core::Error> {
+    Registry::new("backbone")
+        .with::<DenseTnt>()?
+        .with::<QueryTransformer>()?
+        .with::<LaneGraph>()?
+        .with::<Cat>()
+}

@@ -7,7 +7,6 @@
 mod adamw;
 mod add_row;
 mod groups;
-mod init;
 mod layers;
 mod norm_relu;
 mod real;
@@ -16,7 +15,6 @@ mod softmax;
 pub use adamw::{AdamW, AdamWConfig, Moments};
 pub use add_row::add_row;
 pub use groups::{Group, Groups, max_of_others, max_of_rows};
-pub use init::Init;
 pub use layers::{Attention, Linear, Mlp, ResCat};
 pub use norm_relu::norm_relu;
 pub use real::Real;

@@ -1,6 +1,7 @@
 //! Named tensors: the weights of a network.
 
 mod file;
+mod init;
 mod scope;
 
 use std::collections::BTreeMap;
@@ -10,6 +11,7 @@ use candle_core::{DType, Tensor, Var};
 use crate::Error;
 
 pub use file::{Header, LIMIT};
+pub use init::Init;
 pub use scope::{Scope, Wanted};
 
 /// The weights of a network, sorted by name.

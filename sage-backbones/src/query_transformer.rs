@@ -18,8 +18,7 @@ use crate::{
     candidates::suppressed,
     encoder::{Encoder, check_size},
     encoding::Encoding,
-    features::{Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
-    forecast::EgoForecast,
+    features::{EgoForecast, Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
     labels,
     nn::{Attention, Linear, Mlp, log_softmax},
     parameters::{Scope, Wanted},
@@ -118,7 +117,7 @@ impl QueryTransformer {
 
     /// The three states of an encoding: queries, the target, paths of all modes.
     fn states<'e>(&self, encoding: &'e Encoding) -> Result<&'e [Tensor; 3], Error> {
-        encoding.states_of(self)
+        encoding.states_of(self.tag())
     }
 
     /// Scores before the softmax, without the steering branch.
@@ -243,7 +242,7 @@ impl MotionModel for QueryTransformer {
             queries = (queries + change)?;
         }
         let paths = self.paths(&queries, &anchors, &features)?;
-        Ok(Encoding::new(self, features, vec![queries, encoded.target, paths]))
+        Ok(Encoding::new(self.tag(), features, vec![queries, encoded.target, paths]))
     }
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {

@@ -1,6 +1,6 @@
 //! What can go wrong with scenes, candidates and options, by what a caller can do about it.
 
-use crate::motion::MAX_COORDINATE;
+use crate::geometry::MAX_COORDINATE;
 
 /// An error of `sage-core`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -15,6 +15,10 @@ pub use sweep::{SweptBox, boxes_meet_between};
 /// A position or a vector in the plane, metres.
 pub type Point = [f64; 2];
 
+/// Largest coordinate accepted, metres. Beyond it a 64-bit float resolves no more than 15 nm, and
+/// no projection of the Earth needs more.
+pub const MAX_COORDINATE: f64 = 1e8;
+
 /// `a − b`.
 #[inline]
 pub fn sub(a: Point, b: Point) -> Point {

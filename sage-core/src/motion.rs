@@ -7,7 +7,7 @@ mod pose;
 pub(crate) mod trajectory;
 
 pub use pose::{Pose, State};
-pub use trajectory::Trajectory;
+pub use trajectory::{Trajectory, backward_velocity};
 
 /// Duration of a frame, seconds (10 Hz).
 pub const DT: f64 = 0.1;
@@ -17,6 +17,5 @@ pub const HISTORY: usize = 11;
 pub const NOW: usize = 10;
 /// Planned steps T; step t (1 to T) is frame `NOW + t`.
 pub const HORIZON: usize = 80;
-/// Largest coordinate accepted, metres. Beyond it a 64-bit float resolves no more than 15 nm, and
-/// no projection of the Earth needs more.
-pub const MAX_COORDINATE: f64 = 1e8;
+
+pub use crate::geometry::MAX_COORDINATE;

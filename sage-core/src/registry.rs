@@ -23,6 +23,11 @@ pub trait Entry<T: ?Sized> {
     fn build(options: Self::Options) -> Result<Box<T>, String>;
 }
 
+/// Options of a part that has none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, serde::Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct NoOptions {}
+
 /// What a registry knows of one entry.
 pub struct Registered<T: ?Sized> {
     /// Name, unique in the registry.

@@ -7,6 +7,7 @@
 
 mod decode;
 mod encode;
+mod packed;
 mod source;
 
 pub(crate) use decode::decode;

@@ -6,16 +6,10 @@ use sage_backbones::{Backbone, MotionModel};
 use sage_core::{
     generator::{Generator, Knowledge},
     objective::Objective,
-    registry::Registry,
 };
 use sage_merging::{ExpertSet, Merger};
 
-use crate::{
-    Error, Log, Pair, Rule,
-    mixtures::Mixtures,
-    proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, RandomGoals},
-    select::{Best, CatSelector, First},
-};
+use crate::{Error, mixtures::Mixtures};
 
 /// What generators are built from. Cloning shares it.
 #[derive(Clone)]
@@ -104,19 +98,4 @@ pub trait GeneratorKind: Send + Sync {
     ///
     /// *Errors*: inputs that it needs and was not given.
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, Error>;
-}
-
-/// The generators this crate ships. Add a line here to make a new one known everywhere.
-///
-/// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
-pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
-    Registry::new("generator")
-        .with::<Pair<MixedExperts, Best>>()?
-        .with::<Pair<Prior, Best>>()?
-        .with::<Pair<MostLikely, First>>()?
-        .with::<Pair<RandomGoals, Best>>()?
-        .with::<Pair<AllGoals, Best>>()?
-        .with::<Pair<CatGoals, CatSelector>>()?
-        .with::<Rule>()?
-        .with::<Log>()
 }

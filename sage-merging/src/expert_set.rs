@@ -10,7 +10,7 @@ use sage_backbones::{
 };
 use sage_core::{generator::Mixture, registry::Registry};
 
-use crate::{Error, TensorSet};
+use crate::Error;
 
 /// The expert at λ = 0.
 pub const REALISTIC: &str = "realistic";
@@ -65,6 +65,16 @@ impl ExpertFile {
         };
         Err(sage_backbones::Error::Format { path: self.path, problem }.into())
     }
+}
+
+/// One tensor of the prior and of every expert, flattened.
+pub struct TensorSet<'t> {
+    /// Its name.
+    pub name: &'t str,
+    /// The prior's numbers.
+    pub prior: &'t [f32],
+    /// Each expert's numbers, in the order of the set.
+    pub experts: &'t [Vec<f32>],
 }
 
 /// A tensor that fine-tuning moved in some expert, in numbers.

@@ -14,9 +14,18 @@ mod preference_vector;
 mod uniform_soup;
 
 pub use error::Error;
-pub use expert_set::{ADVERSARIAL, ExpertFile, ExpertSet, REALISTIC};
+pub use expert_set::{ADVERSARIAL, ExpertFile, ExpertSet, REALISTIC, TensorSet};
 pub use interpolated::InterpolatedModel;
-pub use linear::{Linear, NoOptions};
-pub use merger::{Merger, Range, TensorMerger, TensorRule, TensorSet, merged_weights, mergers, mix_numbers};
+pub use linear::Linear;
+pub use merger::{Merger, Range, TensorMerger, TensorRule, merged_weights, mix_numbers};
 pub use preference_vector::PreferenceVector;
 pub use uniform_soup::UniformSoup;
+
+use sage_core::registry::Registry;
+
+/// The mergers this crate ships. Add a line here to make a new one known everywhere.
+///
+/// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
+pub fn mergers() -> Result<Registry<dyn Merger>, sage_core::Error> {
+    Registry::new("merger").with::<Linear>()?.with::<PreferenceVector>()?.with::<UniformSoup>()
+}

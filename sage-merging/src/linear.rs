@@ -3,19 +3,13 @@
 //! Laws: at a corner the expert's own numbers, bit for bit; a number that all experts share is left as it is;
 //! continuous in the weights.
 
-use sage_core::registry::Entry;
-use serde::{Deserialize, Serialize};
+use sage_core::registry::{Entry, NoOptions};
 
 use crate::{Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet, merger::mix_numbers};
 
 /// The paper's mixture.
 #[derive(Clone, Copy)]
 pub struct Linear;
-
-/// It has no options.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct NoOptions {}
 
 impl TensorMerger for Linear {
     fn prepare(&self, _: &ExpertSet, _: u64) -> Result<Box<dyn TensorRule>, Error> {

@@ -6,9 +6,9 @@ use sage_backbones::{
     MotionModel, Parameters,
     candle::{Device, Tensor},
 };
-use sage_core::{generator::Mixture, registry::Registry};
+use sage_core::generator::Mixture;
 
-use crate::{Error, ExpertSet, Linear, PreferenceVector, UniformSoup};
+use crate::{Error, ExpertSet, TensorSet};
 
 /// Makes a model of a set of experts.
 ///
@@ -77,16 +77,6 @@ impl Range {
     }
 }
 
-/// One tensor of the prior and of every expert, flattened.
-pub struct TensorSet<'t> {
-    /// Its name.
-    pub name: &'t str,
-    /// The prior's numbers.
-    pub prior: &'t [f32],
-    /// Each expert's numbers, in the order of the set.
-    pub experts: &'t [Vec<f32>],
-}
-
 /// Mixes weights, tensor by tensor.
 pub trait TensorMerger: Send + Sync {
     /// Which mixtures it takes.
@@ -142,13 +132,6 @@ pub fn merged_weights(
         weights.insert(&*moved.name, Tensor::from_vec(out, moved.shape.as_slice(), &Device::Cpu)?);
     }
     Ok(weights)
-}
-
-/// The mergers this crate ships. Add a line here to make a new one known everywhere.
-///
-/// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
-pub fn mergers() -> Result<Registry<dyn Merger>, sage_core::Error> {
-    Registry::new("merger").with::<Linear>()?.with::<PreferenceVector>()?.with::<UniformSoup>()
 }
 
 /// Mixes a tensor number by number, for mergers whose corners are the experts: at a corner the expert's own

@@ -3,11 +3,9 @@
 //! On the simplex the same line as [`crate::Linear`] seen from the prior, with the same laws. Its form goes on
 //! beyond the experts.
 
-use sage_core::registry::Entry;
+use sage_core::registry::{Entry, NoOptions};
 
-use crate::{
-    Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet, linear::NoOptions, merger::mix_numbers,
-};
+use crate::{Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet, merger::mix_numbers};
 
 /// The vector form.
 #[derive(Clone, Copy)]

@@ -1,9 +1,9 @@
 //! Uniform soup: the mean of all experts, whatever the mixture. Its law: the order of the experts does not
 //! matter beyond rounding.
 
-use sage_core::registry::Entry;
+use sage_core::registry::{Entry, NoOptions};
 
-use crate::{Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet, linear::NoOptions};
+use crate::{Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet};
 
 /// The mean of all experts.
 #[derive(Clone, Copy)]

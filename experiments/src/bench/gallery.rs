@@ -11,8 +11,7 @@ use super::{
     open_loop_report::{Table, seconds},
 };
 use crate::{
-    commands::draw::drawn_path,
-    drawing::{self, Picture},
+    drawing::{self, Picture, drawn_path},
     output::{self, Folder},
     scenes::Scenes,
     terminal,

@@ -23,7 +23,7 @@ use sage_merging::{InterpolatedModel, Merger, mergers};
 
 use crate::{Registries, generators, networks, selection};
 
-use super::speed::{CANDIDATES, Data, Timing, measure, timing};
+use super::timing::{CANDIDATES, Data, Timing, measure, timing};
 
 /// Goals that published times are of.
 const GOALS: usize = 2000;

@@ -19,8 +19,7 @@ use sage_merging::Merger;
 use crate::{
     Outcome, Registries,
     cli::DemoArgs,
-    commands::draw::drawn_path,
-    drawing::{self, Picture},
+    drawing::{self, Picture, drawn_path},
     generators::{self, BuiltGenerator},
     networks,
     operating_point::Place,

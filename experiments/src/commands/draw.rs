@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use sage_core::{
-    objective::{Context, ContextOptions, Encounter},
+    objective::{Context, ContextOptions},
     scene::{Scene, SceneIndex},
 };
 
@@ -12,7 +12,7 @@ use crate::{
     Outcome, candidates,
     candidates::Named,
     cli::DrawArgs,
-    drawing::{self, DrawnPath, Picture},
+    drawing::{self, DrawnPath, Picture, drawn_path},
     output::OutputFile,
 };
 
@@ -45,20 +45,4 @@ fn drawn(scene: &Arc<Scene>, candidates: Vec<Named>) -> Result<Vec<DrawnPath>> {
         Ok(drawn_path(named.name, &ctx, named.trajectory))
     };
     candidates.into_iter().map(draw).collect()
-}
-
-/// One candidate of a context, ready to be drawn.
-pub(crate) fn drawn_path(
-    name: String,
-    ctx: &Context,
-    trajectory: sage_core::motion::Trajectory,
-) -> DrawnPath {
-    let candidate = ctx.candidate(trajectory);
-    let contact = Encounter::of(&candidate, ctx.ego()).contact.and_then(|step| {
-        let ego = ctx.ego().box_at(step)?;
-        Some((step, *ego, candidate.boxes()[step - 1]))
-    });
-    let points =
-        std::iter::once(candidate.start().position).chain(candidate.trajectory().points().iter().copied());
-    DrawnPath { name, points: points.collect(), contact }
 }

@@ -23,8 +23,7 @@ use serde_json::{Map, Value, json};
 use crate::{
     Outcome, Registries,
     cli::GenerateArgs,
-    commands::draw::drawn_path,
-    drawing::{self, Picture},
+    drawing::{self, Picture, drawn_path},
     generators::{self, BuiltGenerator},
     input, networks,
     operating_point::Place,

@@ -11,7 +11,6 @@ use sage_core::{
 };
 
 use super::Frame;
-use crate::forecast::EgoForecast;
 
 /// Steps from one look ahead to the next, and number of looks.
 pub const STRIDE: usize = 4;
@@ -43,6 +42,22 @@ pub struct Way {
     pub stands: bool,
     /// Centre and direction (cos, sin) at each look.
     pub poses: [[f32; 4]; LOOKS],
+}
+
+/// What somebody expects of the ego: futures with log-probabilities, the likeliest first.
+#[derive(Clone, Debug)]
+pub struct EgoForecast(Vec<(f32, Trajectory)>);
+
+impl EgoForecast {
+    /// Futures of the ego, world frame.
+    pub fn new(futures: Vec<(f32, Trajectory)>) -> Self {
+        Self(futures)
+    }
+
+    /// Log-probability and trajectory of each future.
+    pub fn futures(&self) -> impl Iterator<Item = (f32, &Trajectory)> {
+        self.0.iter().map(|(log_prob, trajectory)| (*log_prob, trajectory))
+    }
 }
 
 /// Everybody else's ways.

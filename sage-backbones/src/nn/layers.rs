@@ -5,8 +5,8 @@
 
 use candle_core::{Result, Tensor};
 
-use super::{Init, add_row::add_row_to_own, norm_relu::norm_relu_of_own, softmax::softmax_of_own};
-use crate::parameters::Scope;
+use super::{add_row::add_row_to_own, norm_relu::norm_relu_of_own, softmax::softmax_of_own};
+use crate::parameters::{Init, Scope};
 
 /// `W x + b`.
 #[derive(Clone, Debug)]

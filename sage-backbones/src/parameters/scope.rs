@@ -4,8 +4,7 @@ use std::{cell::RefCell, rc::Rc};
 
 use candle_core::{DType, Device, Result, Tensor};
 
-use super::Parameters;
-use crate::nn::Init;
+use super::{Init, Parameters};
 
 /// A tensor that a network asks for.
 #[derive(Clone, Debug, PartialEq)]

@@ -46,6 +46,18 @@ impl SceneData {
     }
 }
 
+impl Error {
+    /// The same error, with the agent that it is about.
+    pub fn of(self, data: &SceneData, track: usize) -> Self {
+        let agent = data
+            .scene
+            .tracks
+            .get(track)
+            .map_or_else(|| track.to_string(), |t| t.id.escape_debug().to_string());
+        Self::Agent { scene: data.name.clone(), agent, source: Box::new(self) }
+    }
+}
+
 /// One vehicle of one scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Example {

@@ -1,6 +1,6 @@
 //! Planned positions of one car.
 
-use super::{HORIZON, MAX_COORDINATE};
+use super::{DT, HORIZON, MAX_COORDINATE};
 use crate::{Error, geometry::Point};
 
 /// [`HORIZON`] planned positions, finite, world frame, 10 Hz: frames 11 to 90.
@@ -51,6 +51,13 @@ pub(crate) fn check_points(what: &str, points: &[Point]) -> Result<(), Error> {
         Some(index) => Err(Error::NotFinite { what: what.to_owned(), index, point: points[index] }),
         None => Ok(()),
     }
+}
+
+/// Backward difference of a path at a step, 1 to its length, m/s.
+pub fn backward_velocity(points: &[Point], start: Point, step: usize) -> Point {
+    let before = if step == 1 { start } else { points[step - 2] };
+    let now = points[step - 1];
+    [(now[0] - before[0]) / DT, (now[1] - before[1]) / DT]
 }
 
 #[cfg(test)]

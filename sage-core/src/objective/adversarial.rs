@@ -1,72 +1,11 @@
-//! Adversarial reward: an early contact with the ego, else closeness.
-//!
-//! `10 (1 − t / T)` at the first contact, `t` = 1…T in `paper` (0 at the last step, though it is a
-//! contact) and 0…T−1 in `release`; without contact `exp(−0.2 d)` with the least distance `d` of
-//! the centres, which `release` cuts to 0 beyond 20 m. Source: the paper's reward section;
-//! differences of the published code.
+//! Adversarial reward: an early contact with the ego, else closeness, as [`Encounter::reward`] has it.
 
-use serde::{Deserialize, Serialize};
-
-use super::{Candidate, Convention, EgoPath, Reward, Situation};
+use super::{Convention, Encounter, Reward, Situation};
 use crate::{
     geometry::{OrientedBox, Point},
     motion::kinematics::release,
-    registry::Entry,
+    registry::{Entry, NoOptions},
 };
-
-/// Reward of a contact at once.
-const CONTACT: f64 = 10.0;
-/// Decay of closeness with distance, 1/m.
-const DECAY: f64 = 0.2;
-/// Distance beyond which the published code gives nothing, metres.
-const RELEASE_REACH: f64 = 20.0;
-
-/// How two paths meet.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Encounter {
-    /// First step with contact, from 1.
-    pub contact: Option<usize>,
-    /// Least distance of the centres up to the contact, metres; infinite if never seen together.
-    pub least_distance: f64,
-    /// Steps compared.
-    pub steps: usize,
-}
-
-impl Encounter {
-    /// Follows two sequences of boxes, step by step, to the first contact or the shorter one's end.
-    pub fn follow<'b>(
-        adversary: &[OrientedBox],
-        ego: impl ExactSizeIterator<Item = Option<&'b OrientedBox>>,
-    ) -> Self {
-        let steps = adversary.len().min(ego.len());
-        let mut least2 = f64::INFINITY;
-        for (step, (a, e)) in adversary.iter().zip(ego).enumerate() {
-            let Some(e) = e else { continue };
-            let d = [a.center[0] - e.center[0], a.center[1] - e.center[1]];
-            least2 = least2.min(d[0] * d[0] + d[1] * d[1]);
-            if a.intersects(e) {
-                return Self { contact: Some(step + 1), least_distance: least2.sqrt(), steps };
-            }
-        }
-        Self { contact: None, least_distance: least2.sqrt(), steps }
-    }
-
-    /// The encounter of a candidate with an ego path.
-    pub fn of(candidate: &Candidate, ego: &EgoPath) -> Self {
-        Self::follow(candidate.boxes(), ego.boxes().iter().map(Option::as_ref))
-    }
-
-    /// The adversarial reward of this encounter.
-    pub fn reward(&self, convention: Convention) -> f64 {
-        let horizon = self.steps as f64;
-        match (self.contact, convention) {
-            (Some(step), Convention::Paper) => CONTACT * (1.0 - step as f64 / horizon),
-            (Some(step), Convention::Release) => CONTACT * (1.0 - (step - 1) as f64 / horizon),
-            (None, Convention::Release) if self.least_distance > RELEASE_REACH => 0.0,
-            (None, _) => (-DECAY * self.least_distance).exp(),
-        }
-    }
-}
 
 /// The published reward of two paths of any lengths, with headings from the paths alone: reward
 /// and whether they touch. Below two common points 0 and no.
@@ -86,11 +25,6 @@ pub fn release_reward(adversary: &[Point], size: [f64; 2], ego: &[Point], ego_si
 
 /// The paper's R_adv.
 pub struct AdversarialReward;
-
-/// It has no options.
-#[derive(Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct NoOptions {}
 
 impl Entry<dyn Reward> for AdversarialReward {
     const NAME: &'static str = "adversarial";

@@ -6,10 +6,12 @@
 
 use super::{
     Reward, Situation,
-    adversarial::NoOptions,
     kinematic::{LEAST_POINTS, softplus},
 };
-use crate::{motion::kinematics::Profile, registry::Entry};
+use crate::{
+    motion::kinematics::Profile,
+    registry::{Entry, NoOptions},
+};
 
 /// Weight of the total turn.
 const TURN_WEIGHT: f64 = 5.0;

@@ -4,7 +4,7 @@ use super::{Convention, others::CHUNK};
 use crate::{
     geometry::{Aabb, OrientedBox, Point},
     motion::{
-        HORIZON, Pose, Trajectory,
+        HORIZON, Pose, Trajectory, backward_velocity,
         kinematics::{Profile, paper, release},
     },
 };
@@ -103,7 +103,7 @@ impl Candidate {
 
     /// Velocity at a step, 1 to 80, by backward difference, m/s.
     pub fn velocity(&self, step: usize) -> Point {
-        super::context::velocity(self.trajectory.points(), self.start.position, step)
+        backward_velocity(self.trajectory.points(), self.start.position, step)
     }
 
     /// Bounds of all map boxes.

@@ -8,8 +8,7 @@ use super::{
 };
 use crate::{
     Error,
-    geometry::Point,
-    motion::{DT, Trajectory},
+    motion::Trajectory,
     scene::{Scene, SceneIndex, Track},
 };
 
@@ -38,7 +37,7 @@ pub struct Context {
     adversary: usize,
     body: Body,
     ego_size: [f64; 2],
-    pub(super) egos: Arc<[EgoPath]>,
+    egos: Arc<[EgoPath]>,
     others: Arc<[OtherAgent]>,
 }
 
@@ -69,6 +68,15 @@ impl Context {
             egos: egos.into(),
             others,
         })
+    }
+
+    /// The same scene, convention and sizes with other ego paths: index and other road users are shared.
+    ///
+    /// *Errors*: none for paths that were given; see [`Context::new`].
+    pub fn with_ego(&self, ego: &EgoPaths) -> Result<Self, Error> {
+        let reading = Reading { convention: self.convention(), size: self.ego_size };
+        let egos = ego::ready(Some(ego), &self.scene, reading)?.into();
+        Ok(Self { egos, ..self.clone() })
     }
 
     /// Prepares a trajectory for scoring, as [`Body::candidate`].
@@ -129,11 +137,4 @@ impl Context {
             Convention::Release => &self.others[..self.others.len().min(RELEASE_AGENTS)],
         }
     }
-}
-
-/// Backward difference of a path at a step, 1 to its length, m/s.
-pub(super) fn velocity(points: &[Point], start: Point, step: usize) -> Point {
-    let before = if step == 1 { start } else { points[step - 2] };
-    let now = points[step - 1];
-    [(now[0] - before[0]) / DT, (now[1] - before[1]) / DT]
 }

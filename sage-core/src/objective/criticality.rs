@@ -5,11 +5,11 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, EgoPath, Reward, Situation, adversarial::NoOptions};
+use super::{Candidate, EgoPath, Reward, Situation};
 use crate::{
     geometry::{OrientedBox, Point, cross, dot, norm, sub},
     motion::{DT, HORIZON},
-    registry::Entry,
+    registry::{Entry, NoOptions},
 };
 
 /// The measures of one candidate.

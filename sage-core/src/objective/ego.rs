@@ -1,11 +1,11 @@
 //! The ego as an adversary meets it: one path or several with weights.
 
-use super::{Context, Convention, context::velocity};
+use super::Convention;
 use crate::{
     Error,
     geometry::{OrientedBox, Point},
     motion::{
-        HORIZON, NOW, Pose,
+        HORIZON, NOW, Pose, backward_velocity,
         kinematics::{paper, release},
         trajectory::check_points,
     },
@@ -98,7 +98,7 @@ impl EgoPath {
     /// Its velocity at a step, 1 to 80, by backward difference, m/s; `None` at a gap.
     pub fn velocity(&self, step: usize) -> Option<Point> {
         let seen = self.boxes[step - 1].is_some() && (step == 1 || self.boxes[step - 2].is_some());
-        seen.then(|| velocity(&self.positions, self.start, step))
+        seen.then(|| backward_velocity(&self.positions, self.start, step))
     }
 }
 
@@ -191,16 +191,4 @@ fn logged(scene: &Scene, reading: Reading) -> Result<EgoPath, Error> {
     let boxes = boxes(&positions, Some(&headings), ego, reading);
     let seen = boxes.into_iter().zip(NOW + 1..).map(|(b, frame)| ego.is_valid(frame).then_some(b)).collect();
     Ok(EgoPath { weight: 1.0, start: ego.point(NOW), positions, boxes: seen })
-}
-
-impl Context {
-    /// The same scene, convention and sizes with other ego paths: index and other road users are shared.
-    ///
-    /// *Errors*: none for paths that were given; see [`Context::new`].
-    pub fn with_ego(&self, ego: &EgoPaths) -> Result<Self, Error> {
-        let reading = Reading { convention: self.convention(), size: self.ego_size() };
-        let mut sibling = self.clone();
-        sibling.egos = ready(Some(ego), self.scene(), reading)?.into();
-        Ok(sibling)
-    }
 }

@@ -4,8 +4,11 @@
 //! `sp(x) = ln(1 + e^x)`. Its floor, for a straight drive at constant speed or a standing car, is
 //! 1.8724. Source: the paper's realism section.
 
-use super::{Reward, Situation, adversarial::NoOptions};
-use crate::{motion::kinematics::Profile, registry::Entry};
+use super::{Reward, Situation};
+use crate::{
+    motion::kinematics::Profile,
+    registry::{Entry, NoOptions},
+};
 
 /// Weight of each term.
 const WEIGHT: f64 = 5.0;

@@ -3,8 +3,8 @@
 //! Candidates of one scene are compared, so the number is known only up to what all of them share. A
 //! trajectory from elsewhere, from a file for instance, has none.
 
-use super::{Reward, Situation, adversarial::NoOptions};
-use crate::registry::Entry;
+use super::{Reward, Situation};
+use crate::registry::{Entry, NoOptions};
 
 /// −log p under the prior.
 pub struct NegativeLogLikelihood;

@@ -7,10 +7,10 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, Context, Reward, Situation, adversarial::NoOptions};
+use super::{Candidate, Context, Reward, Situation};
 use crate::{
     geometry::{Nearest, Point, Segment, wrap_angle},
-    registry::Entry,
+    registry::{Entry, NoOptions},
 };
 
 /// Lanes farther away than this are not looked for, metres; distances are capped at it.

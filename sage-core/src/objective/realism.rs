@@ -1,7 +1,10 @@
 //! Realism penalty `P_real = P_kin + P_beh`. Source: the paper's realism section.
 
-use super::{Reward, Situation, adversarial::NoOptions, behavior_penalty, kinematic_penalty};
-use crate::{motion::kinematics::Profile, registry::Entry};
+use super::{Reward, Situation, behavior_penalty, kinematic_penalty};
+use crate::{
+    motion::kinematics::Profile,
+    registry::{Entry, NoOptions},
+};
 
 /// P_real of a profile.
 pub fn realism_penalty(profile: &Profile) -> f64 {

@@ -5,16 +5,12 @@ use std::{collections::HashMap, path::Path};
 use safetensors::{Dtype, tensor::TensorView};
 use sage_core::scene::{Lane, Scene, Track};
 
-use super::{Header, KEY, Link, VERSION, source};
+use super::{
+    Header, KEY, Link, VERSION,
+    packed::{Packed, floats, integers},
+    source,
+};
 use crate::{Error, Format, pickle::Document};
-
-/// A tensor in the making.
-pub(super) struct Packed {
-    pub(super) name: &'static str,
-    pub(super) dtype: Dtype,
-    pub(super) shape: Vec<usize>,
-    pub(super) data: Vec<u8>,
-}
 
 /// The bytes of a native file. The same scene and source give the same bytes.
 ///
@@ -114,22 +110,6 @@ fn tensors(scene: &Scene) -> Vec<Packed> {
             data: states.collect(),
         },
     ]
-}
-
-/// 32-bit floats where they hold every value exactly, 64-bit ones otherwise.
-fn floats(name: &'static str, shape: Vec<usize>, values: Vec<f64>) -> Packed {
-    let exact = values.iter().all(|x| f64::from(*x as f32).to_bits() == x.to_bits());
-    let (dtype, data) = if exact {
-        (Dtype::F32, values.iter().flat_map(|x| (*x as f32).to_le_bytes()).collect())
-    } else {
-        (Dtype::F64, values.iter().flat_map(|x| x.to_le_bytes()).collect())
-    };
-    Packed { name, dtype, shape, data }
-}
-
-pub(super) fn integers(name: &'static str, width: usize, values: Vec<i64>) -> Packed {
-    let shape = vec![values.len() / width, width];
-    Packed { name, dtype: Dtype::I64, shape, data: values.iter().flat_map(|x| x.to_le_bytes()).collect() }
 }
 
 /// Rows of lane, link, other feature, own range, other range.

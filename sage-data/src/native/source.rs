@@ -12,7 +12,7 @@ use sage_core::scene::Scene;
 use super::{
     PACKED,
     decode::Tensors,
-    encode::{Packed, integers},
+    packed::{Packed, integers},
 };
 use crate::{
     Error,
@@ -66,7 +66,8 @@ pub(super) fn pack(document: &Document, scene: &Scene, tensors: &[Packed]) -> Ve
 pub(crate) fn document(bytes: &[u8], path: &Path) -> Result<Option<Document>, Error> {
     let file = Tensors::open(path, bytes)?;
     let Some(pickle) = file.find("source.pickle") else { return Ok(None) };
-    let mut document = crate::recording::parse(path, pickle.data.to_vec())?;
+    let parsed = Document::parse(pickle.data.to_vec());
+    let mut document = parsed.map_err(|problem| Error::Pickle { path: path.to_owned(), problem })?;
     let order: Vec<Id> = arrays(&document).collect();
     let mut budget = bytes.len();
     for row in file.integers::<WIDTH>("source.arrays")? {

@@ -1,0 +1,40 @@
+//! From a command line to the command that does its work.
+
+use anyhow::Result;
+
+use crate::{
+    Outcome, Registries,
+    cli::{BenchCommand, Cli, Command},
+    commands, threads,
+};
+
+impl Cli {
+    /// Runs the command.
+    ///
+    /// *Errors*: whatever kept it from doing its work, with the file or part at fault.
+    pub fn execute(self, registries: &Registries) -> Result<Outcome> {
+        threads::build_pool(self.threads)?;
+        match self.command {
+            Command::Demo(args) => commands::demo::run(&args, registries),
+            Command::List { json } => commands::list::run(registries, json),
+            Command::Inspect(args) => commands::inspect::run(&args),
+            Command::Score(args) => commands::score::run(&args, registries),
+            Command::Draw(args) => commands::draw::run(&args),
+            Command::Convert(args) => commands::convert::run(&args),
+            Command::Scenes(args) => commands::scenes::run(&args),
+            Command::Pretrain(args) => commands::pretrain::run(&args, registries),
+            Command::Finetune(args) => commands::finetune::run(&args, registries),
+            Command::Calibrate(args) => commands::calibrate::run(&args, registries),
+            Command::Predict(args) => commands::predict::run(&args, registries),
+            Command::Generate(args) => commands::generate::run(&args, registries),
+            Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
+            Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
+            Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),
+            Command::Bench(BenchCommand::Dial(args)) => commands::bench_dial::run(&args, registries),
+            Command::Bench(BenchCommand::Prediction(args)) => {
+                commands::bench_prediction::run(&args, registries)
+            }
+            Command::Completions { shell } => commands::completions::run(shell),
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! Candidates as they are drawn: with the place where they touch the ego.
+
+use sage_core::{
+    motion::Trajectory,
+    objective::{Context, Encounter},
+};
+
+use super::DrawnPath;
+
+/// One candidate of a context, ready to be drawn.
+pub(crate) fn drawn_path(name: String, ctx: &Context, trajectory: Trajectory) -> DrawnPath {
+    let candidate = ctx.candidate(trajectory);
+    let contact = Encounter::of(&candidate, ctx.ego()).contact.and_then(|step| {
+        let ego = ctx.ego().box_at(step)?;
+        Some((step, *ego, candidate.boxes()[step - 1]))
+    });
+    let points =
+        std::iter::once(candidate.start().position).chain(candidate.trajectory().points().iter().copied());
+    DrawnPath { name, points: points.collect(), contact }
+}

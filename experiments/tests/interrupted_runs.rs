@@ -147,6 +147,37 @@ fn files_that_are_not_its_own_keep_pretrain_out() {
 }
 
 #[test]
+fn a_damaged_state_is_refused_with_the_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("quick.json");
+    std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
+    let small = r#"{"hidden": 16, "rounds": 1}"#;
+    for (name, state, more) in [
+        ("pretrain", "last.safetensors", vec!["--epochs", "1", "--network", small]),
+        ("finetune", "realistic.state", vec!["--roles", "0", "--config", text(&config)]),
+    ] {
+        let out = folder.path().join(name);
+        let arguments = [&[name, "--made", "2", "--out", text(&out)][..], &more].concat();
+        assert!(sage(&arguments).status.success());
+        // As if it had been broken off, and then its state was spoiled.
+        let record = out.join("run.json");
+        let mut run: serde_json::Value = serde_json::from_slice(&std::fs::read(&record).unwrap()).unwrap();
+        run["seconds"] = serde_json::Value::Null;
+        std::fs::write(&record, run.to_string()).unwrap();
+        let state = out.join(state);
+        for damage in
+            [&b"cut off"[..], &[8, 0, 0, 0, 0, 0, 0, 0, b'{', b'}', b' ', b' ', b' ', b' ', b' ', b' ']]
+        {
+            std::fs::write(&state, damage).unwrap();
+            let error = failure(&arguments);
+            assert!(error.contains(text(&state)) && error.contains("remove it"), "{name}: {error}");
+        }
+        std::fs::remove_file(&state).unwrap();
+        assert!(sage(&arguments).status.success(), "{name} begins anew");
+    }
+}
+
+#[test]
 fn a_finished_run_is_told_from_another_one() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();

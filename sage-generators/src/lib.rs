@@ -4,6 +4,41 @@
 //! [`GeneratorInputs`]. Most are a [`Pair`]: a proposer ([`proposers`]), which sees what can be seen *now*, and a
 //! selector ([`select`]), which may know the ego's path. [`Rule`] and [`Log`] are generators by themselves. An
 //! [`Aggression`] makes one even dial of λ and μ.
+//!
+//! From a scene to an attack, with the weights that a program carries ([`Weights::at`] names a folder):
+//!
+//! ```
+//! use std::sync::Arc;
+//!
+//! use sage_backbones::{backbones, weights::Weights};
+//! use sage_core::{
+//!     generator::OperatingPoint,
+//!     objective::{Context, ContextOptions, Objective, ObjectiveSpec, feasibilities, rewards},
+//!     scene::SceneIndex,
+//! };
+//! use sage_data::procedural::{Kind, generate};
+//! use sage_generators::{GeneratorInputs, generators};
+//! use sage_merging::{ExpertSet, mergers};
+//!
+//! let weights = Weights::Carried { name: "procedural", files: sage_weights::PROCEDURAL };
+//! let (experts, _) = ExpertSet::load(&weights, &backbones()?)?;
+//! let natural = ObjectiveSpec::preset("natural").ok_or("no such preset")?;
+//! let inputs = GeneratorInputs {
+//!     experts: Some(experts),
+//!     merger: mergers()?.build_default("linear")?.into(),
+//!     seed: 0,
+//!     selection: Arc::new(Objective::new(&natural, &rewards()?, &feasibilities()?)?),
+//! };
+//! let sage = generators()?.build_default("sage")?.build(&inputs)?;
+//!
+//! let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene came of the seed")?);
+//! let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
+//! let attacks = sage.attacks(&ctx, &[0.0, 1.0].map(|lambda| OperatingPoint::at(lambda, lambda)), 0)?;
+//! assert_eq!((attacks.len(), attacks[1].candidates.len()), (2, 32));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! [`Weights::at`]: sage_backbones::weights::Weights::at
 
 mod aggression;
 mod apply;

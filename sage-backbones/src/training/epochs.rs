@@ -153,12 +153,20 @@ fn resume<Row: Serialize + DeserializeOwned>(
     if !kept.file.exists() {
         return Ok(Vec::new());
     }
-    let (state, weights, adam) = Checkpoint::<Row>::load(kept.file, config)?;
+    let fail = |problem: String| Error::Format { path: kept.file.to_owned(), problem };
+    let (state, weights, adam) = match Checkpoint::<Row>::load(kept.file, config) {
+        Err(Error::Format { problem, .. }) => {
+            return Err(fail(format!("{problem}; remove it, and the run begins anew")));
+        }
+        loaded => loaded?,
+    };
     if state.identity != kept.identity {
         let problem = "belongs to a run with other options or data; give another folder or remove it";
-        return Err(Error::Format { path: kept.file.to_owned(), problem: problem.to_owned() });
+        return Err(fail(problem.to_owned()));
     }
-    trainer.set_weights(&weights)?;
+    trainer
+        .set_weights(&weights)
+        .map_err(|error| fail(format!("{error}; remove it, and the run begins anew")))?;
     trainer.adam = adam;
     Ok(state.rows)
 }

@@ -1,5 +1,7 @@
 //! Seeded scenes for laws: a bent road with edges and traffic at random.
 
+#![allow(dead_code)] // Each test program uses a part of it.
+
 use std::sync::Arc;
 
 use sage_core::{

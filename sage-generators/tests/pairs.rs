@@ -1,0 +1,125 @@
+//! What must hold for every generator that ships, over the experts that ship.
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+use std::sync::Arc;
+
+use sage_backbones::{backbones, weights::Weights};
+use sage_core::{
+    generator::{Knowledge, Observation, OperatingPoint},
+    motion::NOW,
+    objective::{Context, ContextOptions, Objective, ObjectiveSpec, feasibilities, rewards},
+    scene::{Scene, SceneIndex},
+};
+use sage_data::procedural::{Kind, generate};
+use sage_generators::{GeneratorInputs, ProposerKind, generators, proposers::MixedExperts};
+use sage_merging::{ExpertSet, mergers};
+
+fn inputs(selection: &str) -> GeneratorInputs {
+    let weights = Weights::Carried { name: "procedural", files: sage_weights::PROCEDURAL };
+    let (experts, _) = ExpertSet::load(&weights, &backbones().unwrap()).unwrap();
+    let spec = ObjectiveSpec::preset(selection).unwrap();
+    let selection = Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap()).unwrap();
+    GeneratorInputs {
+        experts: Some(experts),
+        merger: mergers().unwrap().build_default("linear").unwrap().into(),
+        seed: 0,
+        selection: Arc::new(selection),
+    }
+}
+
+fn context(scene: &Arc<Scene>) -> Context {
+    Context::new(scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default()).unwrap()
+}
+
+/// The scene with another future of everybody.
+fn with_another_future(scene: &Scene) -> Scene {
+    let mut other = scene.clone();
+    for track in &mut other.tracks {
+        for frame in NOW + 1..track.position.len() {
+            track.position[frame][0] += 3.0;
+            track.heading[frame] += 0.3;
+        }
+    }
+    other
+}
+
+#[test]
+fn an_operating_point_does_not_depend_on_those_beside_it() {
+    let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
+    let ctx = context(&scene);
+    let inputs = inputs("natural");
+    let points = [0.0, 0.5, 1.0, 0.5].map(|lambda| OperatingPoint::at(lambda, 0.5 * lambda));
+    let registry = generators().unwrap();
+    for entry in registry.entries() {
+        let generator = registry.build_default(entry.name).unwrap().build(&inputs).unwrap();
+        let together = generator.attacks(&ctx, &points, 3).unwrap();
+        assert_eq!(together.len(), points.len(), "{}", entry.name);
+        for (point, attack) in points.iter().zip(&together) {
+            attack.check(&scene).unwrap();
+            let alone = generator.attacks(&ctx, std::slice::from_ref(point), 3).unwrap();
+            assert_eq!(alone[0], *attack, "{} at {point:?}", entry.name);
+        }
+        assert_eq!(together[1], together[3], "{}", entry.name);
+    }
+}
+
+#[test]
+fn who_knows_nothing_after_now_is_not_moved_by_it() {
+    let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
+    let other = Arc::new(with_another_future(&scene));
+    let [ctx, changed] = [&scene, &other].map(context);
+    let (inputs, at) = (inputs("paper-selection"), [OperatingPoint::at(1.0, 1.0)]);
+    let registry = generators().unwrap();
+    let mut checked = 0;
+    for entry in registry.entries() {
+        let kind = registry.build_default(entry.name).unwrap();
+        let generator = kind.build(&inputs).unwrap();
+        let [a, b] = [&ctx, &changed].map(|ctx| generator.attacks(ctx, &at, 0).unwrap());
+        if kind.facts().knows == Knowledge::NOW {
+            assert_eq!(a, b, "{}", entry.name);
+            checked += 1;
+        } else if !kind.facts().is_ceiling && kind.facts().needs_experts {
+            // What was proposed is the same; what was chosen of it may differ.
+            assert_eq!(a[0].candidates, b[0].candidates, "{}", entry.name);
+        } else if !kind.facts().needs_experts {
+            assert_ne!(a, b, "{} says that it knows more", entry.name);
+        }
+    }
+    assert_eq!(checked, 1, "most-likely");
+}
+
+#[test]
+fn any_frame_may_be_now() {
+    let scene = generate(Kind::Merge, 5, 1).unwrap();
+    let index = SceneIndex::new(scene.map.clone());
+    let proposer = MixedExperts::default().build(&inputs("paper-selection")).unwrap();
+    for now in [NOW, 25, 60] {
+        let seen = Observation::at(&scene, &index, now).unwrap();
+        let adversary = seen.scene().adversary().unwrap();
+        assert_eq!(adversary.point(NOW), scene.adversary().unwrap().point(now));
+        if !adversary.is_valid(NOW) {
+            continue;
+        }
+        let at = OperatingPoint::at(0.5, 0.5).mixture;
+        let proposals = proposer.prepare(&seen).unwrap().propose(&at, 0).unwrap();
+        assert_eq!(proposals.len(), 32);
+        let [x, y] = adversary.point(NOW);
+        let far = |p: [f64; 2]| (p[0] - x).hypot(p[1] - y);
+        assert!(proposals.iter().all(|p| far(p.trajectory.points()[0]) < 4.0), "from where it is at {now}");
+    }
+    assert!(Observation::at(&scene, &index, 9).is_err() && Observation::at(&scene, &index, 9999).is_err());
+}
+
+#[test]
+fn what_is_missing_is_named() {
+    let none = GeneratorInputs { experts: None, ..inputs("natural") };
+    let registry = generators().unwrap();
+    for entry in registry.entries() {
+        let kind = registry.build_default(entry.name).unwrap();
+        let built = kind.build(&none);
+        assert_eq!(built.is_err(), kind.facts().needs_experts, "{}", entry.name);
+        if let Err(error) = built {
+            assert!(error.to_string().starts_with(&format!("generator `{}` needs", entry.name)), "{error}");
+        }
+    }
+}

@@ -99,7 +99,7 @@ pub(crate) fn columns(further: &FurtherMeasures) -> Vec<Column> {
 }
 
 /// Rewards that columns of ours show already, in another form.
-const SHOWN: [&str; 3] = ["realism", "lane-distance", "nll"];
+const SHOWN: [&str; 1] = ["lane-distance"];
 
 const fn share(name: &'static str, value: fn(&SceneRow) -> Option<f64>) -> Column {
     Column { name, value: Value::Of(value), is_share: true }

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     AdversarialReward, BehaviorPenalty, Candidate, Context, DistributionDistances, EgoPath, Feasibility,
-    KinematicPenalty, LoggedProfile, MapFeasibility, Reward, Situation, StrictFeasibility, Violation,
-    behavior_penalty,
+    KinematicPenalty, LoggedProfile, MapFeasibility, RealismPenalty, Reward, Situation, StrictFeasibility,
+    Violation, behavior_penalty,
     criticality::{Criticality, ImpactSpeed, RequiredDeceleration},
     kinematic_penalty,
     violation::{AGENT, ROAD_EDGE},
@@ -72,12 +72,16 @@ impl FurtherMeasures {
             AdversarialReward::NAME,
             KinematicPenalty::NAME,
             BehaviorPenalty::NAME,
+            RealismPenalty::NAME,
             ImpactSpeed::NAME,
             RequiredDeceleration::NAME,
             <MapFeasibility as Entry<dyn Feasibility>>::NAME,
             <StrictFeasibility as Entry<dyn Feasibility>>::NAME,
         ];
-        Ok(Self { rewards: all_but(rewards, &known)?, rules: all_but(rules, &known)? })
+        let mut rewards = all_but(rewards, &known)?;
+        // What a prior says of a trajectory is known to who proposed it alone.
+        rewards.retain(|(_, reward)| !reward.needs_prior());
+        Ok(Self { rewards, rules: all_but(rules, &known)? })
     }
 
     /// Names of the rewards.

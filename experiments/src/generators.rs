@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use sage_core::generator::{Generator, OperatingPoint};
 use sage_generators::{Facts, GeneratorInputs};
 use sage_merging::{ExpertSet, Merger};
@@ -35,15 +35,32 @@ impl BuiltGenerator {
         places: &[Place],
     ) -> Result<Self> {
         let kind = part.build(&registries.generators)?;
-        let (facts, method) = (kind.facts(), part.to_string());
+        let facts = kind.facts();
+        let key =
+            |place: Option<Place>| RowKey { method: part.name.clone(), options: part.options.clone(), place };
         let (keys, points) = if facts.has_dial() {
-            let key = |place: &Place| RowKey { method: method.clone(), place: Some(place.clone()) };
+            let key = |place: &Place| {
+                let mu = if facts.depends_on_mu { None } else { place.lambda };
+                key(Some(Place { mu: mu.unwrap_or(place.mu), ..place.clone() }))
+            };
             let points = places.iter().map(|place| place.point(inputs.experts.as_ref()));
-            (places.iter().map(key).collect(), points.collect::<Result<_>>()?)
+            let keys: Vec<RowKey> = places.iter().map(key).collect();
+            refuse_twice(&keys)?;
+            (keys, points.collect::<Result<_>>()?)
         } else {
-            (vec![RowKey { method, place: None }], vec![OperatingPoint::at(1.0, 1.0)])
+            (vec![key(None)], vec![OperatingPoint::at(1.0, 1.0)])
         };
         Ok(Self { facts, generator: kind.build(inputs)?, keys, points })
+    }
+}
+
+/// Refuses rows that are the same.
+///
+/// *Errors*: the first that is there twice.
+pub(crate) fn refuse_twice(keys: &[RowKey]) -> Result<()> {
+    match keys.iter().enumerate().find(|(k, key)| keys[..*k].contains(key)) {
+        Some((_, key)) => bail!("`{}` is asked for twice", key.label()),
+        None => Ok(()),
     }
 }
 

@@ -12,7 +12,7 @@ use sage_core::registry::Registry;
 use sage_generators::{Aggression, FittedDial};
 use sage_merging::ExpertSet;
 
-use crate::progress;
+use crate::{progress, selection::Selection};
 
 /// Variable of the environment: the folder of weights trained on recorded scenes.
 const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
@@ -120,10 +120,10 @@ pub(crate) fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Res
 pub(crate) fn load_dial(
     name: &str,
     experts: &ExpertSet,
-    selection: &str,
+    selection: &Selection,
     merger: &str,
 ) -> Result<Aggression> {
-    let dial = FittedDial::load(&find(name)?, experts, selection)?;
+    let dial = FittedDial::load(&find(name)?, experts, &selection.name, selection.objective.spec())?;
     if dial.merger != merger {
         progress::say(&format!(
             "warning: the dial was fitted for the merger `{}`; under `{merger}` it may not be even",

@@ -5,6 +5,9 @@ use sage_core::generator::{Mixture, OperatingPoint};
 use sage_generators::Aggression;
 use sage_merging::{ADVERSARIAL, ExpertSet, Range};
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::part::Part;
 
 /// Where the dials were put.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,11 +28,7 @@ impl Place {
     ///
     /// *Errors*: one out of range.
     pub(crate) fn at(lambda: f64, mu: Option<f64>, range: Range) -> Result<Self> {
-        if range == Range::Simplex && !(0.0..=1.0).contains(&lambda) {
-            bail!(
-                "lambda is {lambda}; expected 0 (realistic) to 1 (adversarial): this merger does not go beyond the experts"
-            );
-        }
+        range.check_weights(2, &Mixture::between(lambda))?;
         Ok(Self {
             aggression: None,
             lambda: Some(lambda),
@@ -131,8 +130,11 @@ fn short(x: f64) -> String {
 /// What a row of results is of: a generator, and where its dials were put if it has any.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RowKey {
-    /// The generator as the user named it.
+    /// Name of the generator.
     pub method: String,
+    /// Its options, where they are not the default ones.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub options: Map<String, Value>,
     /// Where its dials were put; none if they change nothing.
     pub place: Option<Place>,
 }
@@ -140,9 +142,10 @@ pub struct RowKey {
 impl RowKey {
     /// As a table says it.
     pub fn label(&self) -> String {
+        let part = Part { name: self.method.clone(), options: self.options.clone() };
         match &self.place {
-            Some(place) => format!("{} {}", self.method, place.label()),
-            None => self.method.clone(),
+            Some(place) => format!("{part} {}", place.label()),
+            None => part.to_string(),
         }
     }
 }

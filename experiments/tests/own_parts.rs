@@ -153,6 +153,8 @@ fn a_merger_mixes_three_experts() {
     let lambda = rows(&generate("lambda", &["--lambda", "0.3"])).remove(0);
     let named = ["--mix", "realistic=0.7,adversarial=0.3"];
     assert_eq!(lambda["candidates"], rows(&generate("named", &named)).remove(0)["candidates"]);
+    let sum = stderr(&generate("sum", &["--mix", "realistic=0.5,adversarial=0.3"])).to_owned();
+    assert!(sum.contains("sum to 1"), "{sum}");
     let wrong = |more: &[&str]| stderr(&generate("wrong", more)).to_owned();
     assert!(
         wrong(&["--mix", "kind=1"]).contains("no expert `kind`; there are realistic, adversarial, lawful")
@@ -160,6 +162,106 @@ fn a_merger_mixes_three_experts() {
     assert!(wrong(&["--mix", "lawful=0.4,realistic=0.4"]).contains("sum to 1"));
     assert!(wrong(&["--mix", "lawful"]).contains("is not NAME=WEIGHT"));
     assert!(wrong(&["--merger", r#"strongest{"by": 2}"#]).contains("unknown field `by`"));
+    // A further expert that is renamed or damaged is refused like the first two.
+    std::fs::rename(experts.join("lawful.safetensors"), experts.join("polite.safetensors")).unwrap();
+    assert!(wrong(&["--lambda", "1"]).contains("it says that it is the lawful expert"));
+    std::fs::write(experts.join("polite.safetensors"), "cut off").unwrap();
+    assert!(wrong(&["--lambda", "1"]).contains("polite.safetensors"));
+}
+
+#[test]
+fn a_set_needs_no_realistic_expert_and_a_likelihood_teaches() {
+    let (scene, folder) = (example(), tempfile::tempdir().unwrap());
+    let tune = |name: &str, objective: &str| {
+        let (config, out) = (folder.path().join(format!("{name}.json")), folder.path().join(name));
+        let text_of = format!(
+            r#"{{"epochs": 1, "candidates": 16, "experts": {{"usual": {{"objective": {objective}}}}}}}"#
+        );
+        std::fs::write(&config, text_of).unwrap();
+        let done = sage(&[
+            "finetune",
+            "--made",
+            "2",
+            "--roles",
+            "0",
+            "--config",
+            text(&config),
+            "--out",
+            text(&out),
+        ]);
+        (out, done)
+    };
+    let (out, done) = tune("usual", r#"{"terms": [{"name": "nll", "weight": -1.0}]}"#);
+    let said = stderr(&done);
+    let pairs = said.lines().find(|line| line.starts_with("usual epoch 1")).unwrap();
+    let number = |after: &str| -> f64 {
+        let rest = pairs.split(after).nth(1).unwrap();
+        rest.trim_start().split([' ', ',']).next().unwrap().parse().unwrap()
+    };
+    assert!(number("pairs") > number("("), "likelihood makes pairs of its own: {pairs}");
+    let generate = |more: &[&str]| {
+        let to = folder.path().join("attacked");
+        let all = ["generate", &scene, "--weights", text(&out), "--force", "--out", text(&to)];
+        sage(&[&all[..], more].concat())
+    };
+    stdout(&generate(&["--mix", "usual=1"]));
+    assert!(stderr(&generate(&["--lambda", "1"])).contains("no expert `realistic`; there are usual"));
+    let (_, refused) = tune("by-mu", r#""natural""#);
+    assert!(stderr(&refused).contains("expert `usual`: the weight of term `adversarial` depends on mu"));
+}
+
+#[test]
+fn a_dial_is_for_the_terms_it_was_fitted_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let experts = folder.path().join("experts");
+    std::fs::create_dir(&experts).unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
+    for file in ["prior", "realistic", "adversarial"].map(|name| format!("{name}.safetensors")) {
+        std::fs::copy(shipped.join(&file), experts.join(&file)).unwrap();
+    }
+    let selection = folder.path().join("mine.json");
+    let spec = |weight: f64| {
+        let terms = format!(
+            r#"{{"terms": [{{"name": "adversarial", "weight": {{"mu0": 0, "mu1": 1}}}}, {{"name": "realism", "weight": {weight}}}]}}"#
+        );
+        std::fs::write(&selection, terms).unwrap();
+    };
+    spec(-1.0);
+    let dial = experts.join("dial.json");
+    let calibrate =
+        ["calibrate", "--made", "4", "--weights", text(&experts), "--selection", text(&selection)];
+    let done = sage(&[&calibrate[..], &["--out", text(&dial)]].concat());
+    assert!(done.status.success(), "{}", stderr(&done));
+    let generate = |file: &Path, out: &str| {
+        let out = folder.path().join(out);
+        let scene = example();
+        let arguments = ["generate", &scene, "--weights", text(&experts), "--selection", text(file)];
+        sage(&[&arguments[..], &["--aggression", "0.5", "--out", text(&out)]].concat())
+    };
+    // The same terms under another name, and other terms under the same name.
+    let copy = folder.path().join("copy.json");
+    std::fs::copy(&selection, &copy).unwrap();
+    stdout(&generate(&copy, "copied"));
+    spec(-2.0);
+    let refused = generate(&selection, "other");
+    assert!(stderr(&refused).contains("has no dial for the selection"), "{}", stderr(&refused));
+    // The merger is part of it: another one is used with a warning.
+    spec(-1.0);
+    let warned = sage(&[
+        "generate",
+        &example(),
+        "--weights",
+        text(&experts),
+        "--selection",
+        text(&selection),
+        "--merger",
+        "uniform-soup",
+        "--aggression",
+        "0.5",
+        "--out",
+        text(&folder.path().join("soup")),
+    ]);
+    assert!(stderr(&warned).contains("was fitted for the merger `linear`"), "{}", stderr(&warned));
 }
 
 #[test]

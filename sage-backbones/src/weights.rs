@@ -40,6 +40,14 @@ impl Weights {
         }
     }
 
+    /// Whether a name is that of the prior's own file.
+    pub fn is_prior(&self, name: &str) -> bool {
+        match self {
+            Self::File(prior) => prior.file_name().is_some_and(|own| own == name),
+            Self::Carried { .. } => name == PRIOR_FILE,
+        }
+    }
+
     /// Whether there is a file of a name beside the prior.
     pub fn has(&self, name: &str) -> bool {
         match self {

@@ -13,7 +13,7 @@ use crate::{Error, objective::Context};
 
 pub use attack::{Attack, Note, Proposal};
 pub use observation::Observation;
-pub use operating_point::{Mixture, OperatingPoint};
+pub use operating_point::{Mixture, OperatingPoint, corner};
 
 /// What a generator knows beyond what can be seen *now*.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -64,7 +64,7 @@ pub trait Proposer: Send + Sync {
 }
 
 /// A scene that a proposer has prepared.
-pub trait PreparedScene {
+pub trait PreparedScene: Send + Sync {
     /// Proposals at a mixture of experts, at least one, the likeliest first where they have probabilities.
     ///
     /// *Errors*: [`Error::Scene`] for a network that gives no numbers.

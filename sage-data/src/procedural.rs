@@ -16,13 +16,13 @@ use std::sync::Arc;
 
 use sage_core::{
     geometry::{Point, distance},
-    motion::{DT, HORIZON, NOW},
+    motion::{DT, HORIZON, NOW, Pose},
     scene::{AdversaryOrigin, LightState, MapKind, Scene, Track, TrackKind, TrafficLight},
     seed::Rng,
 };
 
 use crate::checks::warnings;
-use curve::{Pose, end_pose};
+use curve::end_pose;
 use network::Network;
 use traffic::{Seen, Traffic, spawn};
 
@@ -126,7 +126,7 @@ fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
     if roles::anybody_touches(&scene) {
         return None;
     }
-    let worth_it = roles::choose(&mut scene, cars, place.at) && warnings(&scene).is_empty();
+    let worth_it = roles::choose(&mut scene, cars, place.position) && warnings(&scene).is_empty();
     worth_it.then_some(scene)
 }
 
@@ -162,7 +162,7 @@ fn track(id: usize, kind: TrackKind, size: [f64; 3], seen: &[Seen], place: &Pose
     for seen in seen {
         let (at, heading, v) = seen.unwrap_or(([0.0, 0.0], 0.0, 0.0));
         let heading = sage_core::geometry::wrap_angle(heading + place.heading);
-        let [x, y] = place.shifted(at[0], at[1]).at;
+        let [x, y] = place.shifted(at[0], at[1]).position;
         let valid = seen.is_some();
         let keep = |x: f64| if valid { x } else { 0.0 };
         track.position.push([keep(x), keep(y), keep(0.5 * size[2])]);
@@ -196,10 +196,10 @@ fn bystanders(net: &Network, tracks: &mut Vec<Track>, place: &Pose, rng: &mut Rn
         let walks = k >= cars;
         let aside = along.shifted(0.0, if walks { -2.2 } else { -rng.uniform(3.5, 12.0) });
         let room = if walks { 4.0 } else { 6.0 };
-        if !off_the_road(aside.at, room) || places.iter().any(|p| distance(*p, aside.at) < 7.0) {
+        if !off_the_road(aside.position, room) || places.iter().any(|p| distance(*p, aside.position) < 7.0) {
             continue;
         }
-        places.push(aside.at);
+        places.push(aside.position);
         let (kind, size, speed, heading) = if walks {
             let back = if rng.below(2) == 0 { 0.0 } else { std::f64::consts::PI };
             (TrackKind::Pedestrian, [0.7, 0.7, 1.75], rng.uniform(0.8, 1.5), aside.heading + back)
@@ -214,11 +214,11 @@ fn bystanders(net: &Network, tracks: &mut Vec<Track>, place: &Pose, rng: &mut Rn
         };
         let seen = |f: usize| {
             let moved = Pose { heading, ..aside }.shifted(speed * DT * f as f64, 0.0);
-            Some((moved.at, heading, speed))
+            Some((moved.position, heading, speed))
         };
         let seen: Vec<Seen> = (0..FRAMES).map(seen).collect();
         // Who walks on must not come into the road either.
-        let last = seen[FRAMES - 1].map_or(aside.at, |(at, ..)| at);
+        let last = seen[FRAMES - 1].map_or(aside.position, |(at, ..)| at);
         if off_the_road(last, 3.5) {
             tracks.push(track(tracks.len(), kind, size, &seen, place));
         }
@@ -238,7 +238,7 @@ fn lights(
         for &k in &junction.crossing {
             let Some((_, arm)) = net.lanes[k].crossing else { continue };
             let first = net.lanes[k].points[0];
-            let [x, y] = place.shifted(first[0], first[1]).at;
+            let [x, y] = place.shifted(first[0], first[1]).position;
             let state = |s: &[usize; 2]| {
                 [LightState::Go, LightState::Caution, LightState::Stop][s[junction.phases[arm]]]
             };

@@ -33,13 +33,22 @@ impl Aggression {
         }
     }
 
+    /// Refuses what is no place on a dial.
+    ///
+    /// *Errors*: an aggression outside [0, 1].
+    pub fn check(aggression: f64) -> Result<(), Error> {
+        if (0.0..=1.0).contains(&aggression) {
+            Ok(())
+        } else {
+            fail(format!("aggression is {aggression}; expected 0 (realistic) to 1 (adversarial)"))
+        }
+    }
+
     /// λ and μ at an aggression.
     ///
     /// *Errors*: one outside [0, 1].
     pub fn place(&self, aggression: f64) -> Result<(f64, f64), Error> {
-        if !(0.0..=1.0).contains(&aggression) {
-            return fail(format!("aggression is {aggression}; expected 0 (realistic) to 1 (adversarial)"));
-        }
+        Self::check(aggression)?;
         let last = self.mu.len() - 1;
         let at = aggression * last as f64;
         let k = (at as usize).min(last - 1);

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use sage_backbones::weights::Weights;
+use sage_core::objective::ObjectiveSpec;
 use sage_merging::{ADVERSARIAL, ExpertSet, REALISTIC};
 use serde::{Deserialize, Serialize};
 
@@ -30,6 +31,10 @@ pub struct FittedDial {
     /// The merger it was fitted for.
     #[serde(default = "linear")]
     pub merger: String,
+    /// The objective of the selection that it was fitted for; none in files of earlier versions, whose names
+    /// are those of presets.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub objective: Option<ObjectiveSpec>,
     /// Attack rate there on the scenes it was fitted on.
     pub attack: Vec<f64>,
     /// The scenes.
@@ -43,10 +48,16 @@ fn linear() -> String {
 }
 
 impl FittedDial {
-    /// The dial for a selection beside some weights.
+    /// The dial for a selection beside some weights: one that was fitted for the same terms, whatever it is
+    /// called, under whichever rule.
     ///
     /// *Errors*: none was fitted, or it was for other experts.
-    pub fn load(weights: &Weights, experts: &ExpertSet, selection: &str) -> Result<Self, Error> {
+    pub fn load(
+        weights: &Weights,
+        experts: &ExpertSet,
+        selection: &str,
+        objective: &ObjectiveSpec,
+    ) -> Result<Self, Error> {
         let fail = |problem| Err(Error::Dial { problem });
         let from = weights.path(DIAL_FILE);
         let from = from.display();
@@ -54,11 +65,18 @@ impl FittedDial {
             return fail(format!("there is no dial `{from}`: {REMEDY}"));
         }
         let text = weights.text(DIAL_FILE, LIMIT)?;
-        let mut dials: Dials = match serde_json::from_str(&text) {
+        let dials: Dials = match serde_json::from_str(&text) {
             Ok(dials) => dials,
             Err(error) => return fail(format!("`{from}`: {error}")),
         };
-        let Some(dial) = dials.0.remove(selection) else {
+        let weighs_the_same = |known: &ObjectiveSpec| {
+            known.terms == objective.terms && known.violation_weight == objective.violation_weight
+        };
+        let is_for = |(name, dial): &(String, Self)| match &dial.objective {
+            Some(known) => weighs_the_same(known),
+            None => ObjectiveSpec::preset(name).is_some_and(|known| weighs_the_same(&known)),
+        };
+        let Some((_, dial)) = dials.0.into_iter().find(is_for) else {
             return fail(format!("`{from}` has no dial for the selection `{selection}`: {REMEDY}"));
         };
         if dial.experts != hashes(experts)? {

@@ -92,35 +92,33 @@ impl Moved {
 }
 
 impl ExpertSet {
-    /// A prior with its experts from where its weights lie: the realistic and the adversarial one, then any
-    /// other whose file says so, by name.
+    /// A prior with its experts from where its weights lie: all files beside it that say that they are one, the
+    /// realistic and the adversarial one first, others by name.
     ///
-    /// *Errors*: those of [`Weights::prior`], and of [`ExpertSet::of_files`].
+    /// *Errors*: those of [`Weights::prior`], and of [`ExpertSet::of_files`]; no expert, or a file of tensors
+    /// that cannot be read.
     pub fn load(weights: &Weights, registry: &Registry<dyn Backbone>) -> Result<(Self, Header), Error> {
         let (prior, header) = weights.prior(registry)?;
         let mut files = Vec::new();
-        for name in [REALISTIC, ADVERSARIAL] {
-            let file = format!("{name}.safetensors");
-            let path = weights.path(&file);
-            if !weights.has(&file) {
-                let problem = "is not there: `sage finetune` makes experts of a prior".to_owned();
-                return Err(sage_backbones::Error::Format { path, problem }.into());
-            }
-            let (parameters, header) = weights.tensors(&file)?;
-            files.push((name.to_owned(), ExpertFile { path, parameters, header }));
-        }
         for file in weights.tensor_files() {
             let Some(name) = file.strip_suffix(".safetensors") else { continue };
-            if [REALISTIC, ADVERSARIAL].contains(&name) {
+            let path = weights.path(&file);
+            if weights.is_prior(&file) {
                 continue;
             }
-            // Whatever else lies there is none of ours.
-            let Ok((parameters, header)) = weights.tensors(&file) else { continue };
-            if header.notes.get(ExpertFile::EXPERT).is_some_and(|expert| expert == name) {
-                let path = weights.path(&file);
+            let (parameters, header) = weights.tensors(&file)?;
+            // An expert that does not say so is refused; other states of training are none.
+            let is_expert = header.notes.contains_key(ExpertFile::EXPERT);
+            if is_expert || [REALISTIC, ADVERSARIAL].contains(&name) {
                 files.push((name.to_owned(), ExpertFile { path, parameters, header }));
             }
         }
+        if files.is_empty() {
+            let path = weights.path(&format!("{REALISTIC}.safetensors"));
+            let problem = "is not there: `sage finetune` makes experts of a prior".to_owned();
+            return Err(sage_backbones::Error::Format { path, problem }.into());
+        }
+        files.sort_by_key(|(name, _)| (name != REALISTIC, name != ADVERSARIAL, name.clone()));
         Ok((Self::of_files(prior.into(), files)?, header))
     }
 

@@ -6,7 +6,7 @@ use sage_backbones::{
     MotionModel, Parameters,
     candle::{Device, Tensor},
 };
-use sage_core::generator::Mixture;
+use sage_core::generator::{Mixture, corner};
 
 use crate::{Error, ExpertSet, TensorSet};
 
@@ -56,17 +56,20 @@ impl Range {
         self.check_weights(experts.names().len(), at)
     }
 
-    pub(crate) fn check_weights(self, experts: usize, at: &Mixture) -> Result<(), Error> {
+    /// The same for a number of experts.
+    ///
+    /// *Errors*: [`Error::Mixture`].
+    pub fn check_weights(self, experts: usize, at: &Mixture) -> Result<(), Error> {
         let fail = |problem| Err(Error::Mixture { problem });
         let weights = at.weights();
         if weights.len() != experts {
             return fail(format!("a mixture of {} weights for {experts} experts", weights.len()));
         }
         match (self, at.lambda()) {
-            (Self::Simplex, Some(lambda)) if !at.is_on_simplex() => fail(format!(
+            (Self::Simplex, Some(lambda)) if !(0.0..=1.0).contains(&lambda) => fail(format!(
                 "lambda is {lambda}; expected 0 (realistic) to 1 (adversarial): this merger does not go beyond the experts"
             )),
-            (Self::Simplex, None) if !at.is_on_simplex() => {
+            (Self::Simplex, _) if !at.is_on_simplex() => {
                 fail(format!("the mixture is {weights:?}; expected weights of 0 or more that sum to 1"))
             }
             (Self::Beyond, _) if !weights.iter().all(|weight| weight.is_finite()) => {
@@ -134,8 +137,8 @@ pub fn merged_weights(
     Ok(weights)
 }
 
-/// Mixes a tensor number by number, for mergers whose corners are the experts: at a corner the expert's own
-/// numbers, and a number that all experts share as it is. `mix` gets a number of each expert and the prior's.
+/// Mixes a tensor number by number, for mergers on the simplex whose corners are the experts: at a corner the
+/// expert's own numbers, and a number that all experts share as it is. `mix` gets a number of each expert and the prior's.
 pub fn mix_numbers(tensor: &TensorSet, at: &[f64], out: &mut [f32], mix: impl Fn(&[f32], f32) -> f64) {
     if let Some(corner) = corner(at) {
         out.copy_from_slice(&tensor.experts[corner]);
@@ -150,10 +153,4 @@ pub fn mix_numbers(tensor: &TensorSet, at: &[f64], out: &mut [f32], mix: impl Fn
         let is_shared = numbers.iter().all(|number| *number == first);
         *out = if is_shared { first } else { mix(&numbers, tensor.prior[k]) as f32 };
     }
-}
-
-/// The expert whose weight is 1 while all others are 0.
-fn corner(at: &[f64]) -> Option<usize> {
-    let corner = at.iter().position(|weight| *weight == 1.0)?;
-    at.iter().enumerate().all(|(k, weight)| k == corner || *weight == 0.0).then_some(corner)
 }

@@ -1,7 +1,6 @@
 //! Preference vectors: `θ_prior + Σ w_i (θ_i − θ_prior)`.
 //!
-//! On the simplex the same line as [`crate::Linear`] seen from the prior, with the same laws. Its form goes on
-//! beyond the experts.
+//! On the simplex the same mixture as [`crate::Linear`] seen from the prior, with the same laws.
 
 use sage_core::registry::{Entry, NoOptions};
 

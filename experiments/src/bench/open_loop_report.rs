@@ -78,24 +78,25 @@ pub(crate) fn markdown(table: &Table, policies: &Policies) -> Result<String> {
 /// Scenes that one generator attacks and the prior at the same place does not, or the prior at the largest μ
 /// for a generator without a place, or another one.
 fn pairs(out: &mut String, table: &Table) -> Result<()> {
-    let priors: Vec<(&Place, &Vec<SceneRow>)> = table
+    let priors: Vec<(&RowKey, &Place, &Vec<SceneRow>)> = table
         .rows
         .iter()
         .filter(|(key, ..)| key.method == "prior")
-        .filter_map(|(key, _, rows)| Some((key.place.as_ref()?, rows)))
+        .filter_map(|(key, _, rows)| Some((key, key.place.as_ref()?, rows)))
         .collect();
-    let Some(hardest) = priors.iter().max_by(|a, b| a.0.mu.total_cmp(&b.0.mu)) else { return Ok(()) };
+    let Some(hardest) = priors.iter().max_by(|a, b| a.1.mu.total_cmp(&b.1.mu)) else { return Ok(()) };
     writeln!(out, "\nScenes attacked feasibly, paired with the prior under the same choice:\n")?;
     writeln!(out, "| method | against | only this | only the prior | difference |")?;
     writeln!(out, "| --- | --- | --- | --- | --- |")?;
     for (key, _, rows) in &table.rows {
-        let same = priors.iter().find(|(place, _)| key.place.as_ref() == Some(*place));
-        let (place, prior) = same.unwrap_or(hardest);
+        let same_place = || priors.iter().filter(|(_, place, _)| key.place.as_ref() == Some(*place));
+        let same = same_place().find(|(prior, ..)| prior.options == key.options);
+        let (against, _, prior) = same.or_else(|| same_place().next()).unwrap_or(hardest);
         let other = |row: &SceneRow| prior.iter().find(|p| p.scene == row.scene).is_some_and(is_attack);
         let won = rows.iter().filter(|r| is_attack(r) && !other(r)).count();
         let lost = rows.iter().filter(|r| !is_attack(r) && other(r)).count();
         let difference = won as i64 - lost as i64;
-        writeln!(out, "| {} | prior {} | {won} | {lost} | {difference:+} |", key.label(), place.label())?;
+        writeln!(out, "| {} | {} | {won} | {lost} | {difference:+} |", key.label(), against.label())?;
     }
     Ok(())
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use anyhow::Result;
 use sage_backbones::training::SceneData;
 use sage_core::{
-    generator::{Mixture, Proposal},
+    generator::Proposal,
     objective::{Context, ContextOptions, Evaluation, Objective},
     seed::Rng,
     statistics::{self, Estimate},
@@ -96,35 +96,45 @@ pub fn shapley_of_lambda(value: impl Fn(f64, f64) -> f64) -> Option<f64> {
 }
 
 impl Steering {
-    /// Evaluates SAGE's candidates of all scenes at some λ; `done` is called after each scene.
+    /// Evaluates SAGE's candidates of all scenes at some λ, by several objectives; `done` is called after each
+    /// scene. What is proposed depends on none of them.
     ///
     /// *Errors*: the first scene that fails.
     pub(crate) fn of(
         scenes: &Scenes,
         inputs: &GeneratorInputs,
+        objectives: &[Arc<Objective>],
         lambdas: &[f64],
         seed: u64,
         done: impl FnMut(),
-    ) -> Result<Self> {
-        let proposer = MixedExperts::default().build(inputs)?;
+    ) -> Result<Vec<Self>> {
+        // Whoever needs the prior's likelihood gets it.
+        let needs_prior = objectives.iter().find(|objective| objective.needs_prior());
+        let selection = needs_prior.unwrap_or(&inputs.selection).clone();
+        let proposer = MixedExperts::default().build(&GeneratorInputs { selection, ..inputs.clone() })?;
         let experts = inputs.experts("sage")?;
         let mixtures =
             lambdas.iter().map(|lambda| experts.between(*lambda)).collect::<Result<Vec<_>, _>>()?;
-        let objective = inputs.selection.clone();
-        let one = |data: &SceneData| -> Result<Vec<Vec<Evaluation>>> {
+        let one = |data: &SceneData| -> Result<Vec<Vec<Vec<Evaluation>>>> {
             let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
             let prepared = proposer.prepare(&data.observe()?)?;
-            let evaluate = |proposal: Proposal| {
-                let candidate = ctx.candidate(proposal.trajectory).with_nll(proposal.nll);
-                objective.evaluate(&candidate, &ctx)
-            };
-            let at = |mixture: &Mixture| -> Result<Vec<Evaluation>> {
-                Ok(prepared.propose(mixture, seed)?.into_iter().map(evaluate).collect())
-            };
-            mixtures.iter().map(at).collect()
+            let mut by_objective = vec![Vec::with_capacity(mixtures.len()); objectives.len()];
+            for mixture in &mixtures {
+                let candidate = |p: Proposal| ctx.candidate(p.trajectory).with_nll(p.nll);
+                let all: Vec<_> = prepared.propose(mixture, seed)?.into_iter().map(candidate).collect();
+                for (objective, found) in objectives.iter().zip(&mut by_objective) {
+                    found.push(all.iter().map(|c| objective.evaluate(c, &ctx)).collect());
+                }
+            }
+            Ok(by_objective)
         };
-        let evaluations = scenes.map(one, done)?;
-        Ok(Self { lambdas: lambdas.to_vec(), objective: objective.clone(), evaluations })
+        let mut scenes = scenes.map(one, done)?;
+        let of_objective = |(k, objective): (usize, &Arc<Objective>)| Self {
+            lambdas: lambdas.to_vec(),
+            objective: objective.clone(),
+            evaluations: scenes.iter_mut().map(|scene| std::mem::take(&mut scene[k])).collect(),
+        };
+        Ok(objectives.iter().enumerate().map(of_objective).collect())
     }
 
     /// What the choice at a weight μ takes at one of the λ; `None` for a λ that was not asked for.

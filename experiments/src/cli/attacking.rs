@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::Args;
+use sage_core::generator::Mixture;
 use sage_generators::Aggression;
 use sage_merging::Range;
 
@@ -118,6 +119,8 @@ pub(crate) struct CalibrateArgs {
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "natural,paper-selection")]
     pub selection: Vec<String>,
     #[command(flatten)]
+    pub rule: FeasibilityArgs,
+    #[command(flatten)]
     pub merging: MergerArgs,
     /// Seed of candidates, and of made scenes.
     #[arg(long, value_name = "S", default_value_t = 0)]
@@ -146,6 +149,8 @@ pub(crate) struct DialBenchArgs {
     /// What the choice among candidates makes large: an objective by name or a JSON file.
     #[arg(long, value_name = "NAME", default_value = "natural")]
     pub selection: String,
+    #[command(flatten)]
+    pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
     /// Seed.
@@ -184,11 +189,6 @@ pub(crate) struct MergerArgs {
 }
 
 impl DialArgs {
-    /// Whether the user put the dials anywhere.
-    pub(crate) fn is_given(&self) -> bool {
-        self.lambda.is_some() || self.mu.is_some() || self.aggression.is_some() || self.mix.is_some()
-    }
-
     /// Refuses values out of range, before anything is read.
     ///
     /// *Errors*: the first of them.
@@ -197,10 +197,11 @@ impl DialArgs {
             Place::at(*lambda, self.mu, range)?;
         }
         Place::at(1.0, self.mu, range)?;
-        match self.aggression.iter().flat_map(|values| &values.0).find(|a| !(0.0..=1.0).contains(*a)) {
-            Some(aggression) => bail!("aggression is {aggression}; expected 0 (natural) to 1"),
-            None => Ok(()),
+        if let Some(Mix(mix)) = &self.mix {
+            range.check_weights(mix.len(), &Mixture::new(mix.iter().map(|(_, weight)| *weight).collect()))?;
+            Place::mixed(mix, self.mu)?;
         }
+        Ok(self.aggression.iter().flat_map(|values| &values.0).try_for_each(|a| Aggression::check(*a))?)
     }
 
     /// The places, lambda at `otherwise` if nothing is given.

@@ -54,9 +54,10 @@ pub(crate) struct PretrainArgs {
     pub folder: FolderArgs,
 }
 
-/// Tune a realistic and an adversarial expert from a prior, by preferences among its own candidates.
+/// Tune experts from a prior, by preferences among its own candidates: a realistic and an adversarial one.
 ///
-/// Feasible beats infeasible, then better beats worse by each expert's own reward (HGPO). Encoder and
+/// Feasible beats infeasible, then better beats worse by each expert's own objective (HGPO). A --config names other
+/// objectives, or other experts: {"experts": {"lawful": {"objective": …}, …}}. Encoder and
 /// paths stay the prior's. The same command goes on where it was interrupted. Scenes are held in memory with
 /// all their goals: about 12 MB each with three --roles. The folder gets `prior.safetensors`, `realistic.safetensors`,
 /// `adversarial.safetensors`, `finetune.csv` and `run.json`; name it with `--weights` from then on.

@@ -34,11 +34,11 @@ struct Way {
 }
 
 pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outcome> {
-    let selection = Selection::of(registries, &args.selection, None)?;
+    let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
     let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger_name = args.merging.merger.to_string();
-    let dial = networks::load_dial(&args.weights, &experts, &selection.name, &merger_name)?;
+    let dial = networks::load_dial(&args.weights, &experts, &selection, &merger_name)?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
     let out = Folder::make(&args.folder.out, args.folder.force)?;
     let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
@@ -46,7 +46,9 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     lambdas.extend(LAMBDAS.into_iter().filter(|l| !places().iter().any(|p| (p - l).abs() < 1e-9)));
     let mut progress = Progress::new("evaluated", scenes.len());
     let step = || progress.step();
-    let steering = Steering::of(&scenes, &inputs, &lambdas, args.seed, step)?;
+    let objectives = [inputs.selection.clone()];
+    let mut steering = Steering::of(&scenes, &inputs, &objectives, &lambdas, args.seed, step)?;
+    let steering = steering.pop().context("one objective, one result")?;
     progress.finish(&format!("{} values of lambda on {} scenes", lambdas.len(), scenes.len()));
     let attacks = |lambda: f64, mu: f64| steering.attacks(lambda, mu).context("a lambda was not evaluated");
     let stops = |place: &dyn Fn(f64) -> Result<(f64, f64)>| -> Result<Vec<_>> {

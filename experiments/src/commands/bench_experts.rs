@@ -88,7 +88,9 @@ fn values(registries: &Registries, folder: &str, scenes: &Scenes, args: &Experts
     let of = |all: &[Expectation], value: fn(&Expectation) -> f64| all.iter().map(value).collect();
     let selection = Selection::of(registries, "paper-selection", None)?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
-    let steering = Steering::of(scenes, &inputs, &[1.0], args.seed, || ())?;
+    let objectives = [inputs.selection.clone()];
+    let steering = Steering::of(scenes, &inputs, &objectives, &[1.0], args.seed, || ())?.pop();
+    let steering = steering.context("one objective, one result")?;
     let attacks = steering.attacks(1.0, 1.0).context("lambda 1 was not evaluated")?;
     Ok(vec![
         of(&adversarial, |e| e.feasible),

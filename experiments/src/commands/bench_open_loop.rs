@@ -57,15 +57,19 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
     let merger: Arc<dyn Merger> = args.dial.merging.merger.build(&registries.mergers)?.into();
     args.dial.check(merger.range())?;
-    let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities)?;
+    let spec = Some(selection.objective.spec());
+    let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, spec)?;
     let measures = Measures::of(&[], &registries.rewards, &registries.feasibilities)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger_name = args.dial.merging.merger.to_string();
-    let dial = || networks::load_dial(&args.weights, &experts, &selection.name, &merger_name);
+    let dial = || networks::load_dial(&args.weights, &experts, &selection, &merger_name);
     let places = args.dial.places(dial, merger.range(), &[0.0, 0.5, 1.0])?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
     let generators = generators(args, registries, &inputs, &places)?;
-    let policies = policies(&places, &experts, &*merger, args.seed)?;
+    // Without a network among the generators nobody asks what its policy does.
+    let has_network = generators.iter().any(|built| built.facts.needs_experts);
+    let places_of_policies = if has_network { &places[..] } else { &[] };
+    let policies = policies(places_of_policies, &experts, &*merger, args.seed)?;
     let paths = [&args.paths[..], &args.data].concat();
     let scenes = Scenes::of(&paths, &args.split, 0, args.seed)?.attackable()?;
     let identity = identity(args, &experts, &selection, &scenes, &places)?;
@@ -84,7 +88,10 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
         Ok(SceneResult {
             scene: data.name.clone(),
             rows: generators.iter().map(rows).collect(),
-            expectations: open_loop::expectations(data, prior, &models, &measures)?,
+            expectations: match &models[..] {
+                [] => None,
+                models => open_loop::expectations(data, prior, models, &measures)?,
+            },
         })
     };
     let count: usize = generators.iter().map(|built| built.keys.len()).sum();
@@ -160,7 +167,10 @@ fn generators(
         let is_ceiling = part.build(&registries.generators)?.facts().is_ceiling;
         BuiltGenerator::new(part, registries, inputs, if is_ceiling { &hardest } else { places })
     };
-    args.methods.0.iter().map(build).collect()
+    let built = args.methods.0.iter().map(build).collect::<Result<Vec<_>>>()?;
+    let keys: Vec<RowKey> = built.iter().flat_map(|built| built.keys.clone()).collect();
+    generators::refuse_twice(&keys)?;
+    Ok(built)
 }
 
 /// The prior and the mixtures at all places, by name.
@@ -171,6 +181,9 @@ fn policies(
     seed: u64,
 ) -> Result<Vec<(String, Arc<dyn MotionModel>)>> {
     let prior: Arc<dyn MotionModel> = experts.prior().clone();
+    if places.is_empty() {
+        return Ok(Vec::new());
+    }
     let mut policies = vec![("prior".to_owned(), prior)];
     for place in places {
         let model = merger.merge(experts, &place.point(Some(experts))?.mixture, seed)?;

@@ -1,8 +1,8 @@
 //! `sage calibrate`: the even dial of some experts.
 
-use std::sync::Arc;
+use std::{collections::HashSet, sync::Arc};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, ensure};
 use sage_generators::{Dials, FittedDial, hashes};
 use sage_merging::Merger;
 
@@ -27,22 +27,26 @@ pub(crate) fn places() -> Vec<f64> {
 
 pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outcome> {
     let out = OutputFile::claim(&args.out, args.force)?;
-    let selections = args.selection.iter().map(|name| Selection::of(registries, name, None));
+    let rule = args.rule.feasibility.as_ref();
+    let selections = args.selection.iter().map(|name| Selection::of(registries, name, rule));
     let selections = selections.collect::<Result<Vec<_>>>()?;
+    let names: HashSet<&str> = selections.iter().map(|selection| &selection.name[..]).collect();
+    ensure!(names.len() == selections.len(), "a selection is named twice");
     let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let scenes = Scenes::of(&args.paths, &args.split, args.made, args.seed)?.attackable()?;
     let mut dials = Dials::default();
-    let mut progress = Progress::new("evaluated", scenes.len() * selections.len());
-    for selection in &selections {
-        let all = places();
-        let step = || progress.step();
-        let inputs = generators::inputs(Some(&experts), &merger, selection, args.seed);
-        let steering = Steering::of(&scenes, &inputs, &all, args.seed, step)?;
+    let mut progress = Progress::new("evaluated", scenes.len());
+    let all = places();
+    let inputs = generators::inputs(Some(&experts), &merger, &selections[0], args.seed);
+    let objectives: Vec<_> = selections.iter().map(|s| Arc::new(s.objective.clone())).collect();
+    let step = || progress.step();
+    let steerings = Steering::of(&scenes, &inputs, &objectives, &all, args.seed, step)?;
+    for (selection, steering) in selections.iter().zip(steerings) {
         let mu = steering.fit()?;
         let at = |a: &f64| -> Result<_> {
             let (lambda, mu) = mu.place(*a)?;
-            steering.attacks(lambda, mu).context("a place of the dial was not judged")
+            steering.attacks(lambda, mu).context("a place of the dial was not evaluated")
         };
         let attacks = all.iter().map(at).collect::<Result<Vec<_>>>()?;
         let even = Evenness::of(&attacks.iter().collect::<Vec<_>>());
@@ -63,6 +67,7 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
             mu,
             experts: hashes(&experts)?,
             merger: args.merging.merger.to_string(),
+            objective: Some(selection.objective.spec().clone()),
             attack: attacks.iter().map(|a| (a.rate() * 1e4).round() / 1e4).collect(),
             data: scenes.describe(),
             command: output::command(),

@@ -34,7 +34,7 @@ const AGGRESSIONS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 const SCENES: u64 = 6;
 
 /// One scene with its attack at each aggression.
-struct Steered {
+struct AttackedScene {
     scene: Arc<Scene>,
     attacks: Vec<(Attack, Scores)>,
 }
@@ -44,7 +44,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     let experts = networks::load_experts(&registries.backbones, "procedural")?;
     let merger: Arc<dyn Merger> = registries.mergers.build_default("linear")?.into();
     let selection = Selection::of(registries, "natural", None)?;
-    let dial = networks::load_dial("procedural", &experts, &selection.name, "linear")?;
+    let dial = networks::load_dial("procedural", &experts, &selection, "linear")?;
     let places = AGGRESSIONS.map(|a| Place::of(&dial, a)).into_iter().collect::<Result<Vec<_>>>()?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, 0);
     let sage =
@@ -52,7 +52,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     let numbers: Vec<(Kind, u64)> =
         Kind::ALL.into_iter().flat_map(|kind| (0..SCENES).map(move |number| (kind, number))).collect();
     let steer = |&(kind, number): &(Kind, u64)| steer(kind, number, args.seed, &sage);
-    let steered: Vec<Result<Steered>> = numbers.par_iter().with_max_len(1).map(steer).collect();
+    let steered: Vec<Result<AttackedScene>> = numbers.par_iter().with_max_len(1).map(steer).collect();
     let steered = steered.into_iter().collect::<Result<Vec<_>>>()?;
     for ((_, number), steered) in numbers.iter().zip(&steered) {
         if *number == 0 {
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn steer(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> Result<Steered> {
+fn steer(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> Result<AttackedScene> {
     let scene = procedural::generate(kind, seed, number)
         .with_context(|| format!("no {} scene came of seed {seed}", kind.name()))?;
     let (index, scene) = (SceneIndex::new(scene.map.clone()), Arc::new(scene));
@@ -78,11 +78,11 @@ fn steer(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> Result<St
         (attack, scores)
     };
     let attacks = sage.generator.attacks(&ctx, &sage.points, seed)?;
-    Ok(Steered { scene, attacks: attacks.into_iter().map(scored).collect() })
+    Ok(AttackedScene { scene, attacks: attacks.into_iter().map(scored).collect() })
 }
 
 /// Writes the scene, its strongest attack as a scene of its own, and a picture of the sweep.
-fn keep(out: &Folder, steered: &Steered) -> Result<()> {
+fn keep(out: &Folder, steered: &AttackedScene) -> Result<()> {
     let scene = &steered.scene;
     let index = SceneIndex::new(scene.map.clone());
     let ctx = Context::new(scene, &index, &ContextOptions::default())?;
@@ -101,7 +101,7 @@ fn keep(out: &Folder, steered: &Steered) -> Result<()> {
     out.write(&format!("{}.svg", scene.id), drawing::draw(scene, &picture).as_bytes())
 }
 
-fn print(steered: &[Steered]) -> Result<()> {
+fn print(steered: &[AttackedScene]) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(
         out,

@@ -72,6 +72,7 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> 
         options.check().with_context(fail)?;
         let objective = Objective::new(&options.objective, &registries.rewards, &registries.feasibilities);
         let objective = objective.with_context(fail)?;
+        Measures::check(&objective).with_context(fail)?;
         experts.push(Expert { name, options: FinetuneOptions { seed: args.seed, ..options }, objective });
     }
     // The realistic one first, as ever.
@@ -103,7 +104,8 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let clock = Instant::now();
     let experts = experts(args, registries)?;
     let objectives: Vec<&Objective> = experts.iter().map(|expert| &expert.objective).collect();
-    let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities)?;
+    let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities);
+    let measures = measures.context("the experts of one run")?;
     let states: Vec<String> = experts.iter().map(|expert| format!("{}.state", expert.name)).collect();
     let mut results: Vec<String> =
         experts.iter().map(|expert| format!("{}.safetensors", expert.name)).collect();

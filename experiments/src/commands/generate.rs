@@ -1,14 +1,14 @@
 //! `sage generate`: adversarial scenes from recorded ones.
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, HashSet},
     io::{ErrorKind, Write},
     path::{Path, PathBuf},
     sync::Arc,
     time::Instant,
 };
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     generator::{Attack, Note},
     objective::{Context, ContextOptions, FurtherMeasures, Scorer, Scores},
@@ -92,8 +92,8 @@ impl GeneratorSets<'_> {
             let weights = weights.unwrap_or("procedural");
             let merger = args.dial.merging.merger.to_string();
             match &experts {
-                Some(experts) => networks::load_dial(weights, experts, &self.selection.name, &merger),
-                None => networks::load_dial(weights, &load(weights)?, &self.selection.name, &merger),
+                Some(experts) => networks::load_dial(weights, experts, &self.selection, &merger),
+                None => networks::load_dial(weights, &load(weights)?, &self.selection, &merger),
             }
         };
         let range = self.merger.range();
@@ -102,6 +102,8 @@ impl GeneratorSets<'_> {
         } else {
             vec![Place::at(1.0, None, range)?]
         };
+        let labels: HashSet<String> = places.iter().map(Place::file_label).collect();
+        ensure!(labels.len() == places.len(), "two places of the dial would become one file");
         let inputs = generators::inputs(experts.as_ref(), &self.merger, &self.selection, args.seed);
         let built = BuiltGenerator::new(&self.method, self.registries, &inputs, &places)?;
         Ok(OverWeights { weights: weights.map(str::to_owned), built, places })
@@ -120,7 +122,8 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     args.dial.check(merger.range())?;
     let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
     say_what_changes_nothing(args, &facts);
-    let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities)?;
+    let spec = Some(selection.objective.spec());
+    let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, spec)?;
     let mut sets =
         GeneratorSets { args, registries, method, facts, merger, selection, further, loaded: Vec::new() };
     if args.weights.is_some() {
@@ -204,14 +207,23 @@ fn attempt(
 }
 
 fn say_what_changes_nothing(args: &GenerateArgs, facts: &Facts) {
-    if !facts.has_dial() && args.dial.is_given() {
-        progress::say(&format!(
-            "note: `{}` is not steered: lambda, mu and aggression change nothing",
-            args.method
-        ));
+    let dial = &args.dial;
+    let follows_mixture = facts.depends_on_lambda || facts.depends_on_mu;
+    let given = [
+        ("--lambda", dial.lambda.is_some() && !follows_mixture),
+        ("--mix", dial.mix.is_some() && !follows_mixture),
+        ("--aggression", dial.aggression.is_some() && !follows_mixture),
+        ("--mu", dial.mu.is_some() && !facts.depends_on_mu),
+        ("--merger", dial.merging.merger.name != "linear" && !facts.depends_on_lambda),
+        ("--selection", args.selection != "natural" && !facts.depends_on_mu),
+        ("--weights", args.weights.is_some() && !facts.needs_experts),
+    ];
+    let idle: Vec<&str> = given.into_iter().filter(|(_, is_idle)| *is_idle).map(|(name, _)| name).collect();
+    if !idle.is_empty() {
+        progress::say(&format!("note: `{}` does not depend on {}", args.method, idle.join(", ")));
     }
     let is_paper = args.rule.feasibility.as_ref().is_none_or(|rule| *rule == Part::paper());
-    if args.dial.aggression.is_some() && (args.method.name != "sage" || !is_paper) {
+    if dial.aggression.is_some() && facts.has_dial() && (args.method.name != "sage" || !is_paper) {
         progress::say(
             "note: the even dial was fitted for `sage` under the paper's feasibility; here it may not be even",
         );
@@ -279,7 +291,7 @@ fn one(
         let report = Report { sets, scorer: &scorer, ctx: &ctx, name: &name, place, seconds };
         lines.push(report.write(args, out, &attack)?);
         recording.scene = attacked(&scene, attack.trajectory())?;
-        recording.provenance = Some(provenance(args, weights.as_deref(), place).to_string());
+        recording.provenance = Some(provenance(args, sets, weights.as_deref(), place).to_string());
         for ending in ["safetensors", "pkl"] {
             recording.write(&out.path().join(format!("{name}.{ending}")))?;
         }
@@ -292,20 +304,27 @@ fn one(
 }
 
 /// How a scene was attacked, for whoever finds the file.
-fn provenance(args: &GenerateArgs, weights: Option<&str>, place: &Place) -> Value {
+fn provenance(args: &GenerateArgs, sets: &GeneratorSets, weights: Option<&str>, place: &Place) -> Value {
     let mut row = json!({
-        "by": concat!("sage ", env!("CARGO_PKG_VERSION")), "command": output::command(), "method": args.method.name,
-        "weights": weights, "lambda": place.lambda, "mu": place.mu, "aggression": place.aggression, "seed": args.seed,
+        "by": concat!("sage ", env!("CARGO_PKG_VERSION")), "command": output::command(), "weights": weights,
+        "seed": args.seed,
     });
-    add_mix(&mut row, place);
+    describe(&mut row, args, sets, place);
     row
 }
 
-/// Names the mixture's weights where there is no λ.
-fn add_mix(row: &mut Value, place: &Place) {
+/// Adds what was asked for.
+fn describe(row: &mut Value, args: &GenerateArgs, sets: &GeneratorSets, place: &Place) {
+    row["method"] = json!(sets.method.name);
+    row["options"] = json!(sets.method.options);
+    row["lambda"] = json!(place.lambda);
+    row["mu"] = json!(place.mu);
+    row["aggression"] = json!(place.aggression);
     if !place.mix.is_empty() {
         row["mix"] = place.mix.iter().map(|(name, weight)| (name.clone(), json!(weight))).collect();
     }
+    row["merger"] = json!(args.dial.merging.merger.to_string());
+    row["selection"] = json!(sets.selection.objective.spec());
 }
 
 /// What is reported of one attack.
@@ -335,13 +354,12 @@ impl Report<'_> {
         });
         let note = attack.note.as_ref().map(Note::to_string);
         let mut row = json!({
-            "scene": name, "method": args.method.name, "lambda": place.lambda, "mu": place.mu,
-            "aggression": place.aggression, "seed": args.seed,
+            "scene": name, "seed": args.seed,
             "trajectory": attack.trajectory(), "chosen": attack.chosen, "feasible": violations.is_empty(),
             "reasons": violations, "note": note, "scores": scores,
             "candidates": all.collect::<Vec<_>>(), "seconds": seconds,
         });
-        add_mix(&mut row, place);
+        describe(&mut row, args, sets, place);
         out.write(&format!("{name}.json"), row.to_string().as_bytes())?;
         if args.json {
             let mut line = Vec::new();

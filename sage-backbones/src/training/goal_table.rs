@@ -43,18 +43,26 @@ impl Measures {
         &self.union
     }
 
+    /// Refuses an objective that no expert can be tuned for: an expert has no μ.
+    ///
+    /// *Errors*: [`Error::Training`] for a weight that depends on μ.
+    pub fn check(objective: &Objective) -> Result<(), Error> {
+        let by_mu = objective.spec().terms.iter().find(|term| matches!(term.weight, Weight::Linear { .. }));
+        match by_mu {
+            Some(term) => Err(Error::Training(format!(
+                "the weight of term `{}` depends on mu; an expert's weights are plain numbers",
+                term.name
+            ))),
+            None => Ok(()),
+        }
+    }
+
     /// Where the terms of an expert's objective stand.
     ///
-    /// *Errors*: [`Error::Training`] for an objective that was not among the measured ones, or whose weights
-    /// depend on μ: an expert has none.
+    /// *Errors*: [`Error::Training`] for an objective that was not among the measured ones, or that
+    /// [`Measures::check`] refuses.
     pub(super) fn places<'o>(&self, objective: &'o Objective) -> Result<Taste<'o>, Error> {
-        let by_mu = objective.spec().terms.iter().find(|term| matches!(term.weight, Weight::Linear { .. }));
-        if let Some(term) = by_mu {
-            return Err(Error::Training(format!(
-                "the weight of `{}` depends on mu; an expert's weights are plain numbers",
-                term.name
-            )));
-        }
+        Self::check(objective)?;
         let places = objective.places_in(&self.union);
         let places = places.ok_or_else(|| {
             Error::Training("the goals were measured for other objectives than the expert's".to_owned())

@@ -64,11 +64,13 @@ impl TunedScene {
             paths = paths.broadcast_mul(&sides)?;
         }
         let paths = to_world(&paths, encoding.features()).map_err(|error| error.of(data, adversary))?;
+        let reference: Vec<f64> =
+            finite(&prior.log_probs(&encoding)?).map_err(|error| error.of(data, adversary))?;
         let mut table = GoalTable::default();
-        for path in paths {
-            table.push(measures.objective().evaluate(&ctx.candidate(path), &ctx), measures);
+        for (path, log_prob) in paths.into_iter().zip(&reference) {
+            let candidate = ctx.candidate(path).with_nll(Some(-log_prob));
+            table.push(measures.objective().evaluate(&candidate, &ctx), measures);
         }
-        let reference = finite(&prior.log_probs(&encoding)?).map_err(|error| error.of(data, adversary))?;
         let name = if mirrored { format!("{} mirrored", data.name) } else { data.name.clone() };
         Ok(Some(Self { name, encoding, ends, table, reference }))
     }

@@ -41,10 +41,14 @@ impl Mixture {
 
     /// The expert whose weight is 1 while all others are 0.
     pub fn corner(&self) -> Option<usize> {
-        let corner = self.0.iter().position(|weight| *weight == 1.0)?;
-        let others = self.0.iter().enumerate().filter(|(k, _)| *k != corner);
-        others.into_iter().all(|(_, weight)| *weight == 0.0).then_some(corner)
+        corner(&self.0)
     }
+}
+
+/// The one of some weights that is 1 while all others are 0.
+pub fn corner(weights: &[f64]) -> Option<usize> {
+    let corner = weights.iter().position(|weight| *weight == 1.0)?;
+    weights.iter().enumerate().all(|(k, weight)| k == corner || *weight == 0.0).then_some(corner)
 }
 
 /// What a generator is asked for: how experts are mixed, and how a selection weighs.

@@ -11,6 +11,25 @@ pub struct Pose {
     pub heading: f64,
 }
 
+impl Pose {
+    /// A pose by its numbers.
+    pub fn new(x: f64, y: f64, heading: f64) -> Self {
+        Self { position: [x, y], heading }
+    }
+
+    /// The pose moved by some metres forward and to the left.
+    pub fn shifted(&self, forward: f64, left: f64) -> Self {
+        let (s, c) = self.heading.sin_cos();
+        let [x, y] = self.position;
+        Self { position: [x + forward * c - left * s, y + forward * s + left * c], ..*self }
+    }
+
+    /// The pose looking back.
+    pub fn turned(&self) -> Self {
+        Self { heading: self.heading + std::f64::consts::PI, ..*self }
+    }
+}
+
 /// A car that moves: the pose of its centre, and the centre's speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
@@ -20,4 +39,11 @@ pub struct State {
     pub heading: f64,
     /// Speed, m/s, ≥ 0.
     pub speed: f64,
+}
+
+impl State {
+    /// Where it is.
+    pub fn pose(&self) -> Pose {
+        Pose { position: self.position, heading: self.heading }
+    }
 }

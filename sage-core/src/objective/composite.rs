@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::{
     Candidate, Context, Feasibility, ObjectiveSpec, PartSpec, Reward, Situation, TermSpec, Violation, Weight,
@@ -97,8 +97,14 @@ impl Objective {
         let mut union = (*first).clone();
         for other in others {
             if other.spec.feasibility != first.spec.feasibility {
-                let [a, b] = [first, other].map(|objective| &objective.spec.feasibility.name);
-                let problem = format!("objectives that are measured together have the rules `{a}` and `{b}`");
+                let rule = |PartSpec { name, options }: &PartSpec| {
+                    let options = if options.is_empty() { String::new() } else { json!(options).to_string() };
+                    format!("{name}{options}")
+                };
+                let [a, b] = [first, other].map(|objective| rule(&objective.spec.feasibility));
+                let problem = format!(
+                    "objectives that are measured together have the rules `{a}` and `{b}`; expected one"
+                );
                 return Err(Error::Options { kind: "objective", name: "feasibility", problem });
             }
             for (spec, term) in other.spec.terms.iter().zip(&other.terms) {
@@ -164,13 +170,12 @@ impl Objective {
     /// The most that a candidate can be worth at a weight μ: slow terms at their best, no rule broken.
     pub fn value_at_most(&self, candidate: &Candidate, ctx: &Context, mu: f64) -> f64 {
         let situations = situations(candidate, ctx);
+        // A slow term that cannot be measured would add nothing.
         let best = |term: &Term| {
+            let Some([least, most]) = term.reward.slow_range() else { return term.mean(&situations) };
             let weight = term.weight.at(mu);
-            match term.reward.slow_range() {
-                Some([_, most]) if weight > 0.0 => Some(most),
-                Some([least, _]) => Some(least),
-                None => term.mean(&situations),
-            }
+            let best = if weight > 0.0 { most } else { least };
+            (weight * best > 0.0).then_some(best)
         };
         let terms: Vec<Option<f64>> = self.terms.iter().map(best).collect();
         self.value_of(&terms, 0.0, mu)
@@ -182,14 +187,19 @@ fn situations<'a>(candidate: &'a Candidate, ctx: &'a Context) -> Vec<Situation<'
 }
 
 impl Term {
+    /// A value that is not finite was not measured: nothing can be compared with it.
+    fn score(&self, situation: &Situation) -> Option<f64> {
+        self.reward.score(situation).filter(|value| value.is_finite())
+    }
+
     /// Mean over the ego's paths in which it can be measured, by their weights.
     fn mean(&self, situations: &[Situation]) -> Option<f64> {
         if situations.len() == 1 || !self.reward.depends_on_ego() {
-            return self.reward.score(&situations[0]);
+            return self.score(&situations[0]);
         }
         let (mut sum, mut total) = (0.0, 0.0);
         for situation in situations {
-            if let Some(value) = self.reward.score(situation) {
+            if let Some(value) = self.score(situation) {
                 sum += situation.ego.weight() * value;
                 total += situation.ego.weight();
             }

@@ -45,7 +45,8 @@ impl EgoPaths {
     ) -> Result<Self, Error> {
         let length = |found, expected| Error::Length { what: what.to_owned(), found, expected };
         if positions.is_empty() || positions.len() > HORIZON {
-            return Err(length(positions.len(), HORIZON));
+            let problem = format!("{what} has {} points; expected 1 to {HORIZON}", positions.len());
+            return Err(Error::Options { kind: "ego path", name: "positions", problem });
         }
         check_points(what, &positions)?;
         if let Some(headings) = &headings {

@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
 
 use super::{
     AdversarialReward, BehaviorPenalty, Candidate, Context, DistributionDistances, EgoPath, Feasibility,
-    KinematicPenalty, LoggedProfile, MapFeasibility, RealismPenalty, Reward, Situation, StrictFeasibility,
-    Violation, behavior_penalty,
+    KinematicPenalty, LoggedProfile, MapFeasibility, ObjectiveSpec, RealismPenalty, Reward, Situation,
+    StrictFeasibility, Violation, behavior_penalty,
     criticality::{Criticality, ImpactSpeed, RequiredDeceleration},
     kinematic_penalty,
     violation::{AGENT, ROAD_EDGE},
@@ -64,10 +65,18 @@ pub struct FurtherMeasures {
 }
 
 impl FurtherMeasures {
-    /// Whatever is registered, with default options, but for what [`Scores`] has a field of its own for.
+    /// Whatever is registered, but for what [`Scores`] has a field of its own for. A part that a selection
+    /// names has the selection's options, any other its defaults.
     ///
-    /// *Errors*: [`Error::Options`] for an entry that its own defaults do not suit.
-    pub fn of(rewards: &Registry<dyn Reward>, rules: &Registry<dyn Feasibility>) -> Result<Self, Error> {
+    /// *Errors*: [`Error::Options`] for an entry that its options do not suit.
+    pub fn of(
+        rewards: &Registry<dyn Reward>,
+        rules: &Registry<dyn Feasibility>,
+        selection: Option<&ObjectiveSpec>,
+    ) -> Result<Self, Error> {
+        let terms = selection.iter().flat_map(|spec| &spec.terms).map(|term| (&term.name, &term.options));
+        let rule = selection.map(|spec| (&spec.feasibility.name, &spec.feasibility.options));
+        let given: Vec<_> = terms.chain(rule).collect();
         let known = [
             AdversarialReward::NAME,
             KinematicPenalty::NAME,
@@ -78,10 +87,10 @@ impl FurtherMeasures {
             <MapFeasibility as Entry<dyn Feasibility>>::NAME,
             <StrictFeasibility as Entry<dyn Feasibility>>::NAME,
         ];
-        let mut rewards = all_but(rewards, &known)?;
+        let mut rewards = all_but(rewards, &known, &given)?;
         // What a prior says of a trajectory is known to who proposed it alone.
         rewards.retain(|(_, reward)| !reward.needs_prior());
-        Ok(Self { rewards, rules: all_but(rules, &known)? })
+        Ok(Self { rewards, rules: all_but(rules, &known, &given)? })
     }
 
     /// Names of the rewards.
@@ -95,9 +104,18 @@ impl FurtherMeasures {
     }
 }
 
-fn all_but<T: ?Sized>(registry: &Registry<T>, known: &[&str]) -> Result<Vec<(&'static str, Box<T>)>, Error> {
+/// The entries that are not known already, with the options that were given under their names.
+fn all_but<T: ?Sized>(
+    registry: &Registry<T>,
+    known: &[&str],
+    given: &[(&String, &Map<String, Value>)],
+) -> Result<Vec<(&'static str, Box<T>)>, Error> {
     let further = registry.entries().iter().filter(|entry| !known.contains(&entry.name));
-    further.map(|entry| Ok((entry.name, registry.build_default(entry.name)?))).collect()
+    let build = |name: &'static str| match given.iter().find(|(given, _)| *given == name) {
+        Some((_, options)) => registry.build(name, &Value::Object((*options).clone())),
+        None => registry.build_default(name),
+    };
+    further.map(|entry| Ok((entry.name, build(entry.name)?))).collect()
 }
 
 /// Measures candidates of one context against its first ego path.

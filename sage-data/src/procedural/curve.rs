@@ -1,34 +1,12 @@
 //! Planar curves as dense polylines.
 
-use sage_core::geometry::{Point, distance};
+use sage_core::{
+    geometry::{Point, distance},
+    motion::Pose,
+};
 
 /// Distance of neighbouring points, metres, as in recorded maps.
 pub(super) const STEP: f64 = 0.5;
-
-/// A position and a direction of travel.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Pose {
-    pub(super) at: Point,
-    /// Radians.
-    pub(super) heading: f64,
-}
-
-impl Pose {
-    pub(super) fn new(x: f64, y: f64, heading: f64) -> Self {
-        Self { at: [x, y], heading }
-    }
-
-    /// The pose moved by (forward, left).
-    pub(super) fn shifted(&self, forward: f64, left: f64) -> Self {
-        let (s, c) = self.heading.sin_cos();
-        Self { at: [self.at[0] + forward * c - left * s, self.at[1] + forward * s + left * c], ..*self }
-    }
-
-    /// The pose looking back.
-    pub(super) fn turned(&self) -> Self {
-        Self { heading: self.heading + std::f64::consts::PI, ..*self }
-    }
-}
 
 /// An arc of constant curvature (1/m, left positive), dense; straight for 0. Returns its points
 /// and the pose at its end.
@@ -40,18 +18,18 @@ pub(super) fn arc(start: &Pose, length: f64, curvature: f64) -> (Vec<Point>, Pos
         let half = 0.5 * turn;
         let chord = if half.abs() < 1e-9 { s } else { s * half.sin() / half };
         let along = start.heading + half;
-        let at = [start.at[0] + chord * along.cos(), start.at[1] + chord * along.sin()];
-        Pose { at, heading: start.heading + turn }
+        let position = [start.position[0] + chord * along.cos(), start.position[1] + chord * along.sin()];
+        Pose { position, heading: start.heading + turn }
     };
-    ((0..=n).map(|k| pose(k).at).collect(), pose(n))
+    ((0..=n).map(|k| pose(k).position).collect(), pose(n))
 }
 
 /// A cubic that leaves one pose and arrives at another, dense.
 pub(super) fn bezier(from: &Pose, to: &Pose) -> Vec<Point> {
     // Handles of this length make a right angle a quarter circle.
-    let reach = 0.39 * distance(from.at, to.at);
-    let (a, d) = (from.at, to.at);
-    let (b, c) = (from.shifted(reach, 0.0).at, to.shifted(-reach, 0.0).at);
+    let reach = 0.39 * distance(from.position, to.position);
+    let (a, d) = (from.position, to.position);
+    let (b, c) = (from.shifted(reach, 0.0).position, to.shifted(-reach, 0.0).position);
     let at = |t: f64| {
         let u = 1.0 - t;
         let w = [u * u * u, 3.0 * u * u * t, 3.0 * u * t * t, t * t * t];
@@ -96,11 +74,11 @@ pub(super) fn beside(points: &[Point], left: f64) -> Vec<Point> {
 /// Direction of a line at its end.
 pub(super) fn end_pose(points: &[Point]) -> Pose {
     let [.., a, b] = points else { return Pose::new(0.0, 0.0, 0.0) };
-    Pose { at: *b, heading: (b[1] - a[1]).atan2(b[0] - a[0]) }
+    Pose { position: *b, heading: (b[1] - a[1]).atan2(b[0] - a[0]) }
 }
 
 /// Direction of a line at its start.
 pub(super) fn start_pose(points: &[Point]) -> Pose {
     let [a, b, ..] = points else { return Pose::new(0.0, 0.0, 0.0) };
-    Pose { at: *a, heading: (b[1] - a[1]).atan2(b[0] - a[0]) }
+    Pose { position: *a, heading: (b[1] - a[1]).atan2(b[0] - a[0]) }
 }

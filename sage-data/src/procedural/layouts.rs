@@ -1,10 +1,10 @@
 //! The six kinds of scene as networks.
 
-use sage_core::{geometry::Point, seed::Rng};
+use sage_core::{geometry::Point, motion::Pose, seed::Rng};
 
 use super::{
     Kind,
-    curve::{Pose, arc, beside, bezier, end_pose, resampled},
+    curve::{arc, beside, bezier, end_pose, resampled},
     network::{Arm, LANE, Network, Section, circle_clockwise},
 };
 
@@ -49,7 +49,7 @@ fn opening(section: &Section) -> f64 {
 
 /// Arms in counter-clockwise order around a place.
 fn around(center: Point, mut arms: Vec<Arm>) -> Vec<Arm> {
-    let angle = |arm: &Arm| (arm.out.at[1] - center[1]).atan2(arm.out.at[0] - center[0]);
+    let angle = |arm: &Arm| (arm.out.position[1] - center[1]).atan2(arm.out.position[0] - center[0]);
     arms.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
     arms
 }
@@ -74,7 +74,7 @@ fn side_street(
     // Side streets bend outward, away from the middle of the scene and from each other.
     let outward = if left { -rng.uniform(0.005, 0.028) } else { rng.uniform(0.005, 0.028) };
     let ([side_arm, _], _) = road(net, &away.shifted(mouth, 0.0), rng.uniform(35.0, 60.0), outward, &side);
-    let arms = around(center.at, vec![arm, next, side_arm]);
+    let arms = around(center.position, vec![arm, next, side_arm]);
     let minor =
         arms.iter().position(|a| a.entering.len() == 1 && (a.out.heading - away.heading).abs() < 1e-9);
     net.junction(&arms, &minor.into_iter().collect::<Vec<_>>(), false);
@@ -138,7 +138,7 @@ fn is_vertical(arm: &Arm) -> bool {
 fn crosswalk(net: &mut Network, arm: &Arm) {
     let corner = |out: f64, side: usize| {
         let left = if side == 0 { arm.reach[0] } else { -arm.reach[1] };
-        arm.out.shifted(out, left).at
+        arm.out.shifted(out, left).position
     };
     let polygon = vec![corner(-0.5, 0), corner(-3.5, 0), corner(-3.5, 1), corner(-0.5, 1)];
     net.areas.push((sage_core::scene::MapKind::Crosswalk, polygon));
@@ -151,7 +151,7 @@ fn roundabout(net: &mut Network, rng: &mut Rng) {
     let mouth = radius + 16.0;
     let half = 0.62 * RIGHT * 0.55;
     let on_ring =
-        |angle: f64| Pose { at: [radius * angle.cos(), radius * angle.sin()], heading: angle + RIGHT };
+        |angle: f64| Pose { position: [radius * angle.cos(), radius * angle.sin()], heading: angle + RIGHT };
     let mut arms = Vec::new();
     for k in 0..4 {
         let angle = k as f64 * RIGHT + rng.uniform(-0.06, 0.06);
@@ -197,7 +197,7 @@ fn roundabout(net: &mut Network, rng: &mut Rng) {
         let (next_angle, next) = &arms[(k + 1) % 4];
         let next_angle = next_angle + if k == 3 { 4.0 * RIGHT } else { 0.0 };
         let outer = radius + 0.5 * LANE + 1.2;
-        let on_outer = |a: f64| Pose { at: [outer * a.cos(), outer * a.sin()], heading: a + RIGHT };
+        let on_outer = |a: f64| Pose { position: [outer * a.cos(), outer * a.sin()], heading: a + RIGHT };
         let inward = arm.out.shifted(0.0, arm.reach[0]).turned();
         let outward = next.out.shifted(0.0, -next.reach[1]);
         let mut edge = bezier(&inward, &on_outer(angle + 1.25 * half));

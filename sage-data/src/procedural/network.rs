@@ -5,10 +5,11 @@
 
 use sage_core::{
     geometry::Point,
+    motion::Pose,
     scene::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor},
 };
 
-use super::curve::{Pose, beside, bezier, end_pose, resampled, start_pose};
+use super::curve::{beside, bezier, end_pose, resampled, start_pose};
 
 /// Width of a lane for cars, metres.
 pub(super) const LANE: f64 = 3.5;
@@ -236,7 +237,7 @@ impl Network {
         let put = |map: &mut Map, kind: MapKind, points: &[Point]| {
             let first = map.points.len();
             map.points.extend(points.iter().map(|p| {
-                let [x, y] = place.shifted(p[0], p[1]).at;
+                let [x, y] = place.shifted(p[0], p[1]).position;
                 [x, y, height]
             }));
             let id = map.features.len().to_string();

@@ -124,7 +124,7 @@ fn bad_use_ends_with_2_and_says_what_is_wrong() {
         (["--lambda", "-0.5"], "lambda is -0.5; expected 0 (realistic) to 1 (adversarial)"),
         (["--lambda", "-0.5,0.5"], "lambda is -0.5"),
         (["--mu", "-1"], "mu is -1; expected 0 to 1"),
-        (["--aggression", "-0.5"], "aggression is -0.5; expected 0 (natural) to 1"),
+        (["--aggression", "-0.5"], "aggression is -0.5; expected 0 (realistic) to 1"),
         (["--options", "[1"], "--options is not a JSON object"),
         (["--merger", "none"], "unknown merger `none`"),
     ] {

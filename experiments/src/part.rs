@@ -61,11 +61,15 @@ impl FromStr for Parts {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // Commas within options do not count; braces within their texts are not expected to.
-        let mut depth = 0_usize;
+        // Commas within options do not count, nor does anything within their texts.
+        let (mut depth, mut is_text, mut is_escaped) = (0_usize, false, false);
         let mut parts = vec![String::new()];
         for letter in text.chars() {
             match letter {
+                _ if is_escaped => is_escaped = false,
+                '\\' if is_text => is_escaped = true,
+                '"' => is_text = !is_text,
+                _ if is_text => {}
                 '{' => depth += 1,
                 '}' => depth = depth.saturating_sub(1),
                 ',' if depth == 0 => {
@@ -97,5 +101,7 @@ mod tests {
         let Parts(all) = r#"sage{"candidates": 8, "apart": 3.0},rule"#.parse().unwrap();
         assert_eq!([&*all[0].name, &*all[1].name], ["sage", "rule"]);
         assert_eq!(all[0].options["candidates"], 8);
+        let Parts(all) = r#"a{"text": "},\"{,"},b"#.parse().unwrap();
+        assert_eq!((all.len(), &all[0].options["text"]), (2, &Value::from("},\"{,")));
     }
 }

@@ -67,7 +67,7 @@ impl Range {
         }
         match (self, at.lambda()) {
             (Self::Simplex, Some(lambda)) if !(0.0..=1.0).contains(&lambda) => fail(format!(
-                "lambda is {lambda}; expected 0 (realistic) to 1 (adversarial): this merger does not go beyond the experts"
+                "lambda is {lambda:?}; expected 0 (realistic) to 1 (adversarial): this merger does not go beyond the experts"
             )),
             (Self::Simplex, _) if !at.is_on_simplex() => {
                 fail(format!("the mixture is {weights:?}; expected weights of 0 or more that sum to 1"))

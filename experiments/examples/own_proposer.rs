@@ -37,8 +37,12 @@ impl ProposerKind for StraightOn {
     const USES_MIXTURE: bool = false;
     const NEEDS_EXPERTS: bool = false;
 
-    fn check(&self) -> Result<(), String> {
-        if self.candidates > 0 { Ok(()) } else { Err("`candidates` must be above 0".to_owned()) }
+    fn check(&self) -> Result<(), Error> {
+        if self.candidates > 0 {
+            Ok(())
+        } else {
+            Err(Self::refused("`candidates` must be above 0".to_owned()))
+        }
     }
 
     fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Proposer>, sage_generators::Error> {

@@ -33,9 +33,14 @@ pub trait ProposerKind: Default + Serialize + DeserializeOwned + Send + Sync + '
 
     /// Refuses options out of range.
     ///
-    /// *Errors*: the option, its value and the range.
-    fn check(&self) -> Result<(), String> {
+    /// *Errors*: [`CoreError::Options`] with the option, its value and the range.
+    fn check(&self) -> Result<(), CoreError> {
         Ok(())
+    }
+
+    /// The error of an option out of range, for [`ProposerKind::check`].
+    fn refused(problem: String) -> CoreError {
+        CoreError::Options { kind: "generator", name: Self::NAME, problem }
     }
 
     /// The proposer.
@@ -57,8 +62,12 @@ impl<P: ProposerKind, S: SelectorKind> Entry<dyn GeneratorKind> for Pair<P, S> {
     type Options = P;
 
     fn build(proposer: P) -> Result<Box<dyn GeneratorKind>, String> {
-        proposer.check()?;
-        Ok(Box::new(Self { proposer, selector: PhantomData }))
+        match proposer.check() {
+            // Whoever builds it says which part it is.
+            Err(CoreError::Options { problem, .. }) => Err(problem),
+            Err(other) => Err(other.to_string()),
+            Ok(()) => Ok(Box::new(Self { proposer, selector: PhantomData })),
+        }
     }
 }
 

@@ -17,6 +17,8 @@ pub use mixed_experts::{MixedExperts, Prior, ProposalOptions};
 pub use most_likely::MostLikely;
 pub use random_goals::RandomGoals;
 
+use crate::pair::ProposerKind;
+
 /// Modes looked at for each candidate: those that no car could drive are passed over.
 const SPARE: usize = 3;
 
@@ -54,10 +56,10 @@ fn in_scene(scene: &Scene, error: impl Into<crate::Error>) -> Error {
 }
 
 /// Refuses a number of candidates that is no number of candidates.
-fn check_candidates(candidates: usize) -> Result<(), String> {
+fn check_candidates<P: ProposerKind>(candidates: usize) -> Result<(), Error> {
     if (1..=1024).contains(&candidates) {
         Ok(())
     } else {
-        Err(format!("`candidates` is {candidates}; expected 1 to 1024"))
+        Err(P::refused(format!("`candidates` is {candidates}; expected 1 to 1024")))
     }
 }

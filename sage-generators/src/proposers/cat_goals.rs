@@ -40,8 +40,8 @@ impl ProposerKind for CatGoals {
     const SOURCE: &'static str = "Zhang et al. 2023 (CAT)";
     const USES_MIXTURE: bool = false;
 
-    fn check(&self) -> Result<(), String> {
-        check_candidates(self.candidates)
+    fn check(&self) -> Result<(), Error> {
+        check_candidates::<Self>(self.candidates)
     }
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {

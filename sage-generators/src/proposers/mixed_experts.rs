@@ -53,12 +53,12 @@ impl Default for ProposalOptions {
 }
 
 impl ProposalOptions {
-    fn check(&self) -> Result<(), String> {
-        check_candidates(self.candidates)?;
+    fn check<P: ProposerKind>(&self) -> Result<(), Error> {
+        check_candidates::<P>(self.candidates)?;
         if !(0.0..=100.0).contains(&self.apart) {
-            return Err(format!("`apart` is {}; expected 0 to 100 metres", self.apart));
+            return Err(P::refused(format!("`apart` is {}; expected 0 to 100 metres", self.apart)));
         }
-        self.view.check().map_err(|error| format!("`view`: {error}")).map(|_| ())
+        self.view.check().map_err(|error| P::refused(format!("`view`: {error}"))).map(|_| ())
     }
 
     fn over(
@@ -83,8 +83,8 @@ impl ProposerKind for MixedExperts {
     const SOURCE: &'static str = "SAGE (ICLR 2026)";
     const USES_MIXTURE: bool = true;
 
-    fn check(&self) -> Result<(), String> {
-        self.0.check()
+    fn check(&self) -> Result<(), Error> {
+        self.0.check::<Self>()
     }
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
@@ -103,8 +103,8 @@ impl ProposerKind for Prior {
     const SOURCE: &'static str = "this project: what choice alone does";
     const USES_MIXTURE: bool = false;
 
-    fn check(&self) -> Result<(), String> {
-        self.0.check()
+    fn check(&self) -> Result<(), Error> {
+        self.0.check::<Self>()
     }
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {

@@ -39,8 +39,8 @@ impl ProposerKind for RandomGoals {
     const SOURCE: &'static str = "this project: what search alone does";
     const USES_MIXTURE: bool = false;
 
-    fn check(&self) -> Result<(), String> {
-        check_candidates(self.candidates)
+    fn check(&self) -> Result<(), Error> {
+        check_candidates::<Self>(self.candidates)
     }
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {

@@ -13,13 +13,13 @@ use sage_backbones::{
     backbone::{Loss, Role, Sample, tensor},
     candle::{Result as CandleResult, Tensor},
     encoding::Encoding,
-    features::{EgoForecast, Features, GOAL_COLUMNS},
+    features::{Features, GOAL_COLUMNS},
     labels,
     nn::{Linear, Mlp, log_softmax},
     parameters::{Scope, Wanted},
     smooth_path,
 };
-use sage_core::{generator::Observation, registry::Entry};
+use sage_core::registry::Entry;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -98,15 +98,6 @@ impl Backbone for GoalScorer {
 }
 
 impl MotionModel for GoalScorer {
-    fn features(
-        &self,
-        now: &Observation,
-        target: usize,
-        ego: Option<&EgoForecast>,
-    ) -> Result<Features, Error> {
-        Features::of(now, target, ego)
-    }
-
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         let goals = tensor(&features.goal_features, self.parts.last.weight.dtype())?;
         Ok(Encoding::new(self.tag(), features, vec![goals]))

@@ -52,7 +52,8 @@ impl Role {
 /// Where a tensor of the parameters is a variable, results carry gradients back to it.
 pub trait MotionModel: Send + Sync {
     /// What a target, a track of the observation that is valid *now*, has around it. `ego` is a forecast of
-    /// the ego, if whoever asks has one; without it the ego is expected to go on as it does.
+    /// the ego, if whoever asks has one; without it the ego is expected to go on as it does. Ours, unless a
+    /// network has features of its own.
     ///
     /// *Errors*: [`Error::Core`] if the target is not valid *now*.
     fn features(
@@ -60,7 +61,9 @@ pub trait MotionModel: Send + Sync {
         now: &Observation,
         target: usize,
         ego: Option<&EgoForecast>,
-    ) -> Result<Features, Error>;
+    ) -> Result<Features, Error> {
+        Features::of(now, target, ego)
+    }
 
     /// Reads the surroundings once; scores and paths come from what it gives.
     ///

@@ -8,7 +8,6 @@ use std::sync::Arc;
 
 use candle_core::{Device, Tensor};
 use sage_core::{
-    generator::Observation,
     geometry::Point,
     motion::{DT, HORIZON},
     registry::Entry,
@@ -20,7 +19,7 @@ use crate::{
     Error, Parameters,
     backbone::{Backbone, MotionModel},
     encoding::Encoding,
-    features::{EgoForecast, Features, GoalColumn},
+    features::{Features, GoalColumn},
     nn::log_softmax,
     parameters::Wanted,
 };
@@ -93,15 +92,6 @@ impl Backbone for LaneGraph {
 }
 
 impl MotionModel for LaneGraph {
-    fn features(
-        &self,
-        now: &Observation,
-        target: usize,
-        ego: Option<&EgoForecast>,
-    ) -> Result<Features, Error> {
-        Features::of(now, target, ego)
-    }
-
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         Ok(Encoding::new(self.tag(), features, Vec::new()))
     }

@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use candle_core::{DType, Device, Tensor};
-use sage_core::{generator::Observation, motion::HORIZON, registry::Entry};
+use sage_core::{motion::HORIZON, registry::Entry};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -18,7 +18,7 @@ use crate::{
     candidates::suppressed,
     encoder::{Encoder, check_size},
     encoding::Encoding,
-    features::{EgoForecast, Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
+    features::{Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
     labels,
     nn::{Attention, Linear, Mlp, log_softmax},
     parameters::{Scope, Wanted},
@@ -218,15 +218,6 @@ impl Trainable for QueryTransformer {
 }
 
 impl MotionModel for QueryTransformer {
-    fn features(
-        &self,
-        now: &Observation,
-        target: usize,
-        ego: Option<&EgoForecast>,
-    ) -> Result<Features, Error> {
-        Features::of(now, target, ego)
-    }
-
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         let vectors = tensor(&features.vectors, self.dtype)?;
         let encoded = self.parts.encoder.forward(&vectors, &features.groups, features.agents, 0)?;

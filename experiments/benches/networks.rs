@@ -41,7 +41,7 @@ fn networks(c: &mut Criterion) {
     let network = registry.build_default("densetnt").expect("its defaults are sound");
     let sample = recorded_sample(&data, target, trainable(&*network).expect("it learns"))
         .expect("the adversary is there now");
-    let trained = |name: &str| network.role(name).is_pretrained();
+    let trained = |name: &str| network.parameter_group(name).is_pretrained();
     let mut trainer = Trainer::new(&*network, trained, AdamWConfig::default()).expect("it is a CPU");
     group.bench_function("densetnt: forward, backward, update", |b| {
         b.iter(|| {

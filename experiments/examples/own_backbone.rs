@@ -3,20 +3,20 @@
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_backbone -- pretrain --backbone goal-scorer \
-//!     --made 20 --epochs 2 --out own-prior
+//!     --procedural 20 --epochs 2 --out own-prior
 //! ```
 
 use std::{process::ExitCode, sync::Arc};
 
 use sage_backbones::{
     Backbone, Error, MotionModel, Parameters, Trainable,
-    backbone::{Loss, Role, Sample, tensor},
+    backbone::{Loss, ParameterGroup, Sample, tensor},
     candle::{Result as CandleResult, Tensor},
     encoding::Encoding,
     features::{Features, GOAL_COLUMNS},
     labels,
     nn::{Linear, Mlp, log_softmax},
-    parameters::{Scope, Wanted},
+    parameters::{ParameterSpec, Scope},
     smooth_path,
 };
 use sage_core::registry::Entry;
@@ -58,16 +58,16 @@ impl Parts {
 struct GoalScorer {
     options: Options,
     json: Value,
-    wanted: Arc<[Wanted]>,
+    specs: Arc<[ParameterSpec]>,
     parameters: Parameters,
     parts: Parts,
 }
 
 impl GoalScorer {
-    fn over(options: Options, wanted: Arc<[Wanted]>, parameters: Parameters) -> Result<Self, Error> {
+    fn over(options: Options, specs: Arc<[ParameterSpec]>, parameters: Parameters) -> Result<Self, Error> {
         let parts = Parts::new(&Scope::of(&parameters), options.hidden)?;
         let json = serde_json::to_value(&options).unwrap_or_default();
-        Ok(Self { options, json, wanted, parameters, parts })
+        Ok(Self { options, json, specs, parameters, parts })
     }
 }
 
@@ -80,16 +80,16 @@ impl Backbone for GoalScorer {
         &self.json
     }
 
-    fn wanted(&self) -> &[Wanted] {
-        &self.wanted
+    fn parameter_specs(&self) -> &[ParameterSpec] {
+        &self.specs
     }
 
     fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
-        Ok(Box::new(Self::over(self.options.clone(), self.wanted.clone(), parameters)?))
+    fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
+        Ok(Box::new(Self::over(self.options.clone(), self.specs.clone(), parameters)?))
     }
 
     fn trainable(&self) -> Option<&dyn Trainable> {
@@ -123,9 +123,9 @@ impl MotionModel for GoalScorer {
 }
 
 impl Trainable for GoalScorer {
-    fn role_of(&self, name: &str) -> Role {
+    fn group_of(&self, name: &str) -> ParameterGroup {
         // The softmax over goals does not see what is added to all of them.
-        if name == "last.bias" { Role::WithoutEffect } else { Role::Scoring }
+        if name == "last.bias" { ParameterGroup::WithoutEffect } else { ParameterGroup::Scoring }
     }
 
     fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
@@ -147,9 +147,9 @@ impl Entry<dyn Backbone> for GoalScorer {
             return Err("`hidden` must be above 0".to_owned());
         }
         let build = || {
-            let wanted = Scope::list(|scope| Parts::new(scope, options.hidden))?;
-            let parameters = Parameters::start(&wanted, options.seed)?;
-            Self::over(options.clone(), wanted.into(), parameters)
+            let specs = Scope::list(|scope| Parts::new(scope, options.hidden))?;
+            let parameters = Parameters::start(&specs, options.seed)?;
+            Self::over(options.clone(), specs.into(), parameters)
         };
         Ok(Box::new(build().map_err(|e| e.to_string())?))
     }

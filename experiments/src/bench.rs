@@ -1,5 +1,6 @@
 //! Benchmarks.
 
+pub(crate) mod attack_grid;
 pub(crate) mod curve;
 pub(crate) mod dial_chart;
 pub(crate) mod gallery;
@@ -8,5 +9,4 @@ pub(crate) mod open_loop;
 pub(crate) mod open_loop_report;
 pub(crate) mod prediction;
 pub mod speed;
-pub(crate) mod steering;
 mod timing;

@@ -16,7 +16,7 @@ pub(crate) use attacking::{CalibrateArgs, DialBenchArgs, GenerateArgs, OpenLoopA
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 
 /// Most procedural scenes that a command makes to learn from or to measure on.
-pub(crate) const MOST_MADE: u64 = 100_000;
+pub(crate) const MOST_PROCEDURAL: u64 = 100_000;
 /// Most procedural scenes that are written to a folder at once.
 const MOST_COUNT: u64 = 10_000_000;
 

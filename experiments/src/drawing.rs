@@ -7,7 +7,7 @@ mod palette;
 mod road_users;
 mod scene;
 mod svg;
-mod view;
+mod viewport;
 
 pub(crate) use candidate::drawn_path;
 pub use scene::{DrawnPath, Picture, draw};

@@ -9,7 +9,7 @@ use sage_merging::{ExpertSet, Merger};
 
 use crate::{
     Registries,
-    operating_point::{Place, RowKey},
+    operating_point::{OperatingPointSpec, RowKey},
     part::Part,
     selection::Selection,
 };
@@ -18,33 +18,36 @@ use crate::{
 pub(crate) struct BuiltGenerator {
     pub(crate) facts: Facts,
     pub(crate) generator: Box<dyn Generator>,
-    /// What its results are of; one without a place if it has no dial.
+    /// What its results are of; one without an operating point if it depends on none.
     pub(crate) keys: Vec<RowKey>,
     /// The operating point of each.
     pub(crate) points: Vec<OperatingPoint>,
 }
 
 impl BuiltGenerator {
-    /// Builds a generator for some places of the dials.
+    /// Builds a generator for some operating points.
     ///
     /// *Errors*: a name that is not registered, options or inputs that do not suit it.
     pub(crate) fn new(
         part: &Part,
         registries: &Registries,
         inputs: &GeneratorInputs,
-        places: &[Place],
+        specs: &[OperatingPointSpec],
     ) -> Result<Self> {
         let kind = part.build(&registries.generators)?;
         let facts = kind.facts();
-        let key =
-            |place: Option<Place>| RowKey { method: part.name.clone(), options: part.options.clone(), place };
-        let (keys, points) = if facts.has_dial() {
-            let key = |place: &Place| {
-                let mu = if facts.depends_on_mu { None } else { place.lambda };
-                key(Some(Place { mu: mu.unwrap_or(place.mu), ..place.clone() }))
+        let key = |point: Option<OperatingPointSpec>| RowKey {
+            method: part.name.clone(),
+            options: part.options.clone(),
+            point,
+        };
+        let (keys, points) = if facts.uses_operating_point() {
+            let key = |spec: &OperatingPointSpec| {
+                let mu = if facts.depends_on_mu { None } else { spec.lambda };
+                key(Some(OperatingPointSpec { mu: mu.unwrap_or(spec.mu), ..spec.clone() }))
             };
-            let points = places.iter().map(|place| place.point(inputs.experts.as_ref()));
-            let keys: Vec<RowKey> = places.iter().map(key).collect();
+            let points = specs.iter().map(|spec| spec.point(inputs.experts.as_ref()));
+            let keys: Vec<RowKey> = specs.iter().map(key).collect();
             refuse_twice(&keys)?;
             (keys, points.collect::<Result<_>>()?)
         } else {

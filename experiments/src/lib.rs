@@ -46,7 +46,7 @@ use sage_generators::{GeneratorKind, generators};
 use sage_merging::{Merger, mergers};
 
 pub use cli::Cli;
-pub use operating_point::{Place, RowKey};
+pub use operating_point::{OperatingPointSpec, RowKey};
 
 /// The parts that commands can name.
 pub struct Registries {

@@ -35,7 +35,7 @@ pub(crate) struct Loaded {
 pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Loaded> {
     if let Ok(entry) = registry.get(name) {
         let network = registry.build_default(entry.name)?;
-        if !network.wanted().is_empty() {
+        if !network.parameter_specs().is_empty() {
             bail!("`{name}` is a network without weights; name a folder of weights, `procedural` or `waymo`");
         }
         let header = Header { backbone: name.to_owned(), ..Header::default() };
@@ -100,8 +100,8 @@ fn waymo() -> Result<Option<PathBuf>> {
 /// Weights for a scene where the user names none: `waymo` for a recording if they are at hand.
 ///
 /// *Errors*: a variable that names no weights.
-pub(crate) fn default_for(is_made: bool) -> Result<&'static str> {
-    Ok(if waymo()?.is_some() && !is_made { "waymo" } else { "procedural" })
+pub(crate) fn default_for(is_procedural: bool) -> Result<&'static str> {
+    Ok(if waymo()?.is_some() && !is_procedural { "waymo" } else { "procedural" })
 }
 
 /// Loads a prior with its experts: `procedural`, `waymo`, or a folder that `sage finetune` made.

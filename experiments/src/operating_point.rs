@@ -1,4 +1,4 @@
-//! Where the user puts the dials, and what rows of results are of.
+//! Operating points as users name them, and the keys of result rows.
 
 use anyhow::{Result, bail};
 use sage_core::generator::{Mixture, OperatingPoint};
@@ -9,10 +9,10 @@ use serde_json::{Map, Value};
 
 use crate::part::Part;
 
-/// Where the dials were put.
+/// An operating point as the user gives it: by λ, by aggression, or by weights of named experts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Place {
-    /// Both by one even dial, if so.
+pub struct OperatingPointSpec {
+    /// Aggression, if λ and μ follow from it.
     pub aggression: Option<f64>,
     /// Between the realistic and the adversarial expert; none for a mixture by name.
     pub lambda: Option<f64>,
@@ -23,7 +23,7 @@ pub struct Place {
     pub mu: f64,
 }
 
-impl Place {
+impl OperatingPointSpec {
     /// At a lambda, with μ the same or another.
     ///
     /// *Errors*: one out of range.
@@ -41,7 +41,7 @@ impl Place {
     ///
     /// *Errors*: one out of range.
     pub(crate) fn of(dial: &Aggression, aggression: f64) -> Result<Self> {
-        let (lambda, mu) = dial.place(aggression)?;
+        let (lambda, mu) = dial.lambda_and_mu(aggression)?;
         Ok(Self { aggression: Some(aggression), lambda: Some(lambda), mix: Vec::new(), mu })
     }
 
@@ -121,13 +121,13 @@ fn checked(mu: f64) -> Result<f64> {
     Ok(mu)
 }
 
-/// Two digits where they say all, else as many as there are: other places have other labels.
+/// Two digits where they say all, else as many as there are: other points have other labels.
 fn short(x: f64) -> String {
     let two = format!("{x:.2}");
     if two.parse() == Ok(x) { two } else { x.to_string() }
 }
 
-/// What a row of results is of: a generator, and where its dials were put if it has any.
+/// What a row of results is of: a generator, and its operating point if it depends on one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RowKey {
     /// Name of the generator.
@@ -135,16 +135,16 @@ pub struct RowKey {
     /// Its options, where they are not the default ones.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub options: Map<String, Value>,
-    /// Where its dials were put; none if they change nothing.
-    pub place: Option<Place>,
+    /// Its operating point; none if it does not depend on one.
+    pub point: Option<OperatingPointSpec>,
 }
 
 impl RowKey {
     /// As a table says it.
     pub fn label(&self) -> String {
         let part = Part { name: self.method.clone(), options: self.options.clone() };
-        match &self.place {
-            Some(place) => format!("{part} {}", place.label()),
+        match &self.point {
+            Some(point) => format!("{part} {}", point.label()),
             None => part.to_string(),
         }
     }

@@ -107,7 +107,7 @@ fn score_gives_every_measure() {
             "crash_object",
             "feasible",
             "feasible_strict",
-            "reasons",
+            "violations",
             "wd_speed",
             "wd_acceleration",
             "wd_yaw_rate",
@@ -126,7 +126,7 @@ fn score_gives_every_measure() {
         let reward = if convention == "paper" { 6.375 } else { 6.5 };
         assert!((meet["adversarial_reward"].as_f64().unwrap() - reward).abs() < 1e-12);
         assert_eq!((&kerb["cross_line"], &kerb["feasible"]), (&50.0.into(), &false.into()));
-        assert_eq!(kerb["reasons"][0]["rule"], "road_edge");
+        assert_eq!(kerb["violations"][0]["rule"], "road_edge");
     }
     let wide = sage(&[&arguments[..], &["--sizes", "metadrive"]].concat());
     assert!(wide.status.success());

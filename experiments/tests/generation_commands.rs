@@ -27,7 +27,7 @@ fn generate_changes_the_adversarys_future_and_nothing_else() {
             "seed",
             "chosen",
             "feasible",
-            "reasons",
+            "violations",
             "scores",
             "candidates",
             "seconds",

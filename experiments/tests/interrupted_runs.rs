@@ -40,12 +40,12 @@ fn a_killed_finetune_goes_on_to_the_same_files() {
 }
 
 #[test]
-fn a_killed_generate_is_made_anew_to_the_same_files() {
+fn a_killed_generate_is_procedural_anew_to_the_same_files() {
     killed("generate");
 }
 
 #[test]
-fn a_killed_convert_is_made_anew_to_the_same_files() {
+fn a_killed_convert_is_procedural_anew_to_the_same_files() {
     killed("convert");
 }
 
@@ -55,7 +55,7 @@ fn a_killed_open_loop_goes_on_to_the_same_files() {
 }
 
 #[test]
-fn a_killed_calibrate_is_made_anew_to_the_same_files() {
+fn a_killed_calibrate_is_procedural_anew_to_the_same_files() {
     killed("calibrate");
 }
 
@@ -75,8 +75,8 @@ fn a_folder_or_file_in_use_is_refused_and_told_whose_it_is() {
     let files = [&dial, &picture].map(|path| Claim::file(path, "sage of somebody else").unwrap());
     let out = text(&out);
     for command in [
-        vec!["pretrain", "--made", "1", "--out", out],
-        vec!["finetune", "--made", "1", "--out", out],
+        vec!["pretrain", "--procedural", "1", "--out", out],
+        vec!["finetune", "--procedural", "1", "--out", out],
         vec!["generate", &scene, "--weights", "procedural", "--out", out],
         vec!["convert", &scene, "--to", "native", "--out", out],
         vec!["scenes", "--count", "1", "--out", out],
@@ -109,7 +109,7 @@ fn of_two_runs_at_once_one_works_and_one_is_refused() {
         Command::new(env!("CARGO_BIN_EXE_sage"))
             .args([
                 "pretrain",
-                "--made",
+                "--procedural",
                 "2",
                 "--epochs",
                 "1",
@@ -140,7 +140,7 @@ fn files_that_are_not_its_own_keep_pretrain_out() {
         let out = folder.path().join(name.replace('.', "-"));
         std::fs::create_dir(&out).unwrap();
         std::fs::write(out.join(name), "mine").unwrap();
-        let error = failure(&["pretrain", "--made", "1", "--epochs", "1", "--out", text(&out)]);
+        let error = failure(&["pretrain", "--procedural", "1", "--epochs", "1", "--out", text(&out)]);
         assert!(error.contains("is not empty") && error.contains("--force"), "{error}");
         assert_eq!(hostile::snapshot(&out), [(name.to_owned(), b"mine".to_vec())].into());
     }
@@ -157,7 +157,7 @@ fn a_damaged_state_is_refused_with_the_remedy() {
         ("finetune", "realistic.state", vec!["--roles", "0", "--config", text(&config)]),
     ] {
         let out = folder.path().join(name);
-        let arguments = [&[name, "--made", "2", "--out", text(&out)][..], &more].concat();
+        let arguments = [&[name, "--procedural", "2", "--out", text(&out)][..], &more].concat();
         assert!(sage(&arguments).status.success());
         // As if it had been broken off, and then its state was spoiled.
         let record = out.join("run.json");
@@ -185,8 +185,24 @@ fn a_finished_run_is_told_from_another_one() {
     std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
     let small = r#"{"hidden": 16, "rounds": 1}"#;
     for (command, other) in [
-        (vec!["pretrain", "--made", "2", "--epochs", "1", "--network", small, "--out", &at("prior")], "3"),
-        (vec!["finetune", "--made", "2", "--roles", "0", "--config", &config, "--out", &at("experts")], "3"),
+        (
+            vec!["pretrain", "--procedural", "2", "--epochs", "1", "--network", small, "--out", &at("prior")],
+            "3",
+        ),
+        (
+            vec![
+                "finetune",
+                "--procedural",
+                "2",
+                "--roles",
+                "0",
+                "--config",
+                &config,
+                "--out",
+                &at("experts"),
+            ],
+            "3",
+        ),
         (vec!["bench", "open-loop", &example(), "--methods", "log", "--out", &at("table")], "3"),
     ] {
         let first = sage(&command);
@@ -260,7 +276,7 @@ fn how_a_command_was_run_changes_no_byte() {
         std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
         let out = folder.path().join(name);
         let tune =
-            ["finetune", "--made", "2", "--roles", "0", "--config", text(&config), "--out", text(&out)];
+            ["finetune", "--procedural", "2", "--roles", "0", "--config", text(&config), "--out", text(&out)];
         stdout(&sage(&[&tune[..], how].concat()));
         let mut files = hostile::snapshot(&out);
         files.retain(|name, _| name.ends_with(".safetensors"));

@@ -63,7 +63,7 @@ fn a_reward_is_a_column_of_score_a_term_of_objectives_and_a_column_of_the_table(
     std::fs::write(&config, tune).unwrap();
     let experts = folder.path().join("experts");
     let finetune =
-        ["finetune", "--made", "2", "--roles", "0", "--config", text(&config), "--out", text(&experts)];
+        ["finetune", "--procedural", "2", "--roles", "0", "--config", text(&config), "--out", text(&experts)];
     let done = run(&program, &finetune);
     assert!(done.status.success(), "{}", stderr(&done));
     let file = experts.join("adversarial.safetensors");
@@ -101,7 +101,7 @@ fn a_feasibility_rule_with_a_name_and_cost_of_its_own_changes_what_is_chosen() {
     // Where nothing is feasible its own cost and name are told.
     let never = chosen("never", r#"speed-limit{"limit": 0.001, "cost": 7.0}"#);
     assert_eq!(never["feasible"], false);
-    let broken = never["reasons"].as_array().unwrap().iter().find(|v| v["rule"] == "speed_limit").unwrap();
+    let broken = never["violations"].as_array().unwrap().iter().find(|v| v["rule"] == "speed_limit").unwrap();
     assert_eq!(broken["cost"], 7.0);
     assert!(never["note"].as_str().unwrap().contains("no candidate is feasible"));
     let score = run(&program, &["score", &scene, "--candidates", &crossing(), "--json"]);
@@ -133,7 +133,7 @@ fn a_merger_mixes_three_experts() {
     std::fs::write(&config, tune).unwrap();
     let experts = folder.path().join("experts");
     let finetune =
-        ["finetune", "--made", "2", "--roles", "0", "--config", text(&config), "--out", text(&experts)];
+        ["finetune", "--procedural", "2", "--roles", "0", "--config", text(&config), "--out", text(&experts)];
     let done = sage(&finetune);
     assert!(done.status.success(), "{}", stderr(&done));
     assert!(experts.join("lawful.safetensors").is_file());
@@ -180,7 +180,7 @@ fn a_set_needs_no_realistic_expert_and_a_likelihood_teaches() {
         std::fs::write(&config, text_of).unwrap();
         let done = sage(&[
             "finetune",
-            "--made",
+            "--procedural",
             "2",
             "--roles",
             "0",
@@ -229,7 +229,7 @@ fn a_dial_is_for_the_terms_it_was_fitted_for() {
     spec(-1.0);
     let dial = experts.join("dial.json");
     let calibrate =
-        ["calibrate", "--made", "4", "--weights", text(&experts), "--selection", text(&selection)];
+        ["calibrate", "--procedural", "4", "--weights", text(&experts), "--selection", text(&selection)];
     let done = sage(&[&calibrate[..], &["--out", text(&dial)]].concat());
     assert!(done.status.success(), "{}", stderr(&done));
     let generate = |file: &Path, out: &str| {
@@ -269,7 +269,8 @@ fn a_backbone_is_trained_by_name() {
     let Some(program) = own("own_backbone") else { return };
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("own").display().to_string();
-    let pretrain = ["pretrain", "--backbone", "goal-scorer", "--made", "1", "--epochs", "1", "--out", &out];
+    let pretrain =
+        ["pretrain", "--backbone", "goal-scorer", "--procedural", "1", "--epochs", "1", "--out", &out];
     let output = run(&program, &pretrain);
     assert!(output.status.success(), "{}", stderr(&output));
     let found = rows(&run(&program, &["predict", &example(), "--weights", &out, "--json", "--k", "4"]));

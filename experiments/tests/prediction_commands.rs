@@ -76,7 +76,8 @@ fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
     let small = r#"{"hidden": 16, "rounds": 1}"#;
     let train = |out: &str, more: &[&str]| {
         sage(
-            &[&["pretrain", "--made", "2", "--epochs", "2", "--network", small, "--out", out], more].concat(),
+            &[&["pretrain", "--procedural", "2", "--epochs", "2", "--network", small, "--out", out], more]
+                .concat(),
         )
     };
     let output = train(&out, &[]);
@@ -87,7 +88,7 @@ fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
     }
     let record: Value =
         serde_json::from_slice(&std::fs::read(Path::new(&out).join("run.json")).unwrap()).unwrap();
-    assert!(record["command"].as_str().unwrap().starts_with("sage pretrain --made 2"));
+    assert!(record["command"].as_str().unwrap().starts_with("sage pretrain --procedural 2"));
     let csv = std::fs::read_to_string(Path::new(&out).join("curve.csv")).unwrap();
     assert_eq!(csv.lines().count(), 3, "{csv}");
 
@@ -106,7 +107,7 @@ fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
     // A killed run goes on to the same weights.
     let killed = folder.path().join("killed").display().to_string();
     let mut child = Command::new(env!("CARGO_BIN_EXE_sage"))
-        .args(["pretrain", "--made", "2", "--epochs", "2", "--network", small, "--out", &killed])
+        .args(["pretrain", "--procedural", "2", "--epochs", "2", "--network", small, "--out", &killed])
         .stderr(std::process::Stdio::null())
         .spawn()
         .unwrap();
@@ -126,7 +127,7 @@ fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
     assert_eq!(found.len(), 3);
     let error = failure(&[
         "pretrain",
-        "--made",
+        "--procedural",
         "1",
         "--from",
         &out,
@@ -144,11 +145,11 @@ fn pretrain_refuses_what_it_cannot_learn_from() {
     let out = folder.path().join("out").display().to_string();
     let error = failure(&["pretrain", empty.to_str().unwrap(), "--out", &out]);
     assert!(error.contains("empty"), "{error}");
-    let error = failure(&["pretrain", "--made", "0", "--out", &out]);
+    let error = failure(&["pretrain", "--procedural", "0", "--out", &out]);
     assert!(error.contains("none of 0 scenes"), "{error}");
     let error = failure(&["pretrain", "--backbone", "none", "--out", &out]);
     assert!(error.contains("unknown backbone `none`; known: densetnt"), "{error}");
-    let error = failure(&["pretrain", "--backbone", "lane-graph", "--made", "1", "--out", &out]);
+    let error = failure(&["pretrain", "--backbone", "lane-graph", "--procedural", "1", "--out", &out]);
     assert!(error.contains("has nothing to train"), "{error}");
     let error = failure(&["pretrain", "--network", r#"{"hiden": 3}"#, "--out", &out]);
     assert!(error.contains("`hiden`") && error.contains("`hidden`"), "{error}");

@@ -19,14 +19,14 @@ fn experts_are_tuned_from_either_network_merged_and_used() {
         let small = r#"{"hidden": 16, "rounds": 1}"#;
         let pretrain = |out: &Path, seed: &str| {
             let network = ["pretrain", "--backbone", backbone, "--network", small];
-            let run = ["--made", "2", "--epochs", "1", "--seed", seed, "--out", text(out)];
+            let run = ["--procedural", "2", "--epochs", "1", "--seed", seed, "--out", text(out)];
             stdout(&sage(&[&network[..], &run].concat()));
         };
         pretrain(&prior, "0");
         let tune = |out: &Path, threads: &str| {
             let arguments = [
                 "finetune",
-                "--made",
+                "--procedural",
                 "4",
                 "--prior",
                 text(&prior),
@@ -106,7 +106,7 @@ fn one_dial_is_even_refitted_and_kept_beside_its_experts() {
     let dial = experts.join("dial.json");
     let calibrate = [
         "calibrate",
-        "--made",
+        "--procedural",
         "8",
         "--weights",
         text(&experts),
@@ -137,7 +137,7 @@ fn a_broken_off_fine_tuning_goes_on_to_the_same_bits() {
     std::fs::write(&config, r#"{"epochs": 3, "candidates": 16}"#).unwrap();
     let tune = |out: &Path| {
         let arguments =
-            ["finetune", "--made", "4", "--roles", "1", "--config", text(&config), "--out", text(out)];
+            ["finetune", "--procedural", "4", "--roles", "1", "--config", text(&config), "--out", text(out)];
         Command::new(env!("CARGO_BIN_EXE_sage")).args(arguments).env_remove("SAGE_WEIGHTS").spawn().unwrap()
     };
     let [whole, broken] = ["whole", "broken"].map(|name| folder.path().join(name));
@@ -166,7 +166,7 @@ fn what_can_fail_at_once_fails_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("config.json");
     let out = folder.path().join("out");
-    let tune = ["finetune", "--made", "2", "--config", text(&config), "--out", text(&out)];
+    let tune = ["finetune", "--procedural", "2", "--config", text(&config), "--out", text(&out)];
     for (wrong, why) in [
         (r#"{"epoch": 1}"#, "unknown field `epoch`"),
         (r#"{"seed": 1}"#, "`seed` is given by --seed"),
@@ -177,8 +177,8 @@ fn what_can_fail_at_once_fails_at_once() {
         assert!(!out.exists(), "nothing was begun");
     }
     let far = folder.path().join("no/dial.json");
-    assert!(failure(&["calibrate", "--made", "2", "--out", text(&far)]).contains("make it first"));
-    let error = failure(&["calibrate", "--made", "0", "--out", text(&folder.path().join("d.json"))]);
+    assert!(failure(&["calibrate", "--procedural", "2", "--out", text(&far)]).contains("make it first"));
+    let error = failure(&["calibrate", "--procedural", "0", "--out", text(&folder.path().join("d.json"))]);
     assert!(error.contains("none of 0 scenes"), "{error}");
     let scene = example();
     let wrong = ["bench", "open-loop", &scene, "--methods", r#"log,rule{"row": true}"#, "--out", text(&out)];

@@ -15,45 +15,20 @@ use crate::{
     Error, Parameters,
     encoding::{Encoding, NetworkTag},
     features::{EgoForecast, Features, Table},
-    parameters::Wanted,
+    parameters::ParameterSpec,
 };
 
-/// What a parameter is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
-    /// Part of the prior that fine-tuning leaves alone: encoder and decoder of paths.
-    Prior,
-    /// Scores modes: pretraining moves it, and fine-tuning too.
-    Scoring,
-    /// Zero in the prior; fine-tuning alone moves it.
-    Steering,
-    /// Read, but without effect on any result: its gradient is rounding.
-    WithoutEffect,
-    /// Kept for the sake of files, read by nothing.
-    Unused,
-}
+pub use crate::parameter_group::ParameterGroup;
 
-impl Role {
-    /// Whether pretraining moves it.
-    pub fn is_pretrained(self) -> bool {
-        matches!(self, Self::Prior | Self::Scoring)
-    }
-
-    /// Whether fine-tuning moves it.
-    pub fn is_finetuned(self) -> bool {
-        matches!(self, Self::Scoring | Self::Steering)
-    }
-}
-
-/// A probabilistic motion model of one target agent: modes with probabilities, and a path for each. It is
-/// all that proposing needs; a mixture of several networks' outputs is one too.
+/// A probabilistic motion model of one target agent: modes with probabilities and trajectories. Proposers need
+/// no more; a mixture of several networks' outputs is a motion model too.
 ///
 /// Implementations are pure: the same parameters and features give the same bits on any thread.
 /// Where a tensor of the parameters is a variable, results carry gradients back to it.
 pub trait MotionModel: Send + Sync {
-    /// What a target, a track of the observation that is valid *now*, has around it. `ego` is a forecast of
-    /// the ego, if whoever asks has one; without it the ego is expected to go on as it does. Ours, unless a
-    /// network has features of its own.
+    /// Features of a target, a track of the observation that is valid *now*. `ego` is a forecast of the ego;
+    /// without one the ego is assumed to keep to its lane at several accelerations. The default is our features;
+    /// a network may bring its own.
     ///
     /// *Errors*: [`Error::Core`] if the target is not valid *now*.
     fn features(
@@ -65,7 +40,7 @@ pub trait MotionModel: Send + Sync {
         Features::of(now, target, ego)
     }
 
-    /// Reads the surroundings once; scores and paths come from what it gives.
+    /// Encodes the features once; scores and trajectories are computed from the encoding.
     ///
     /// *Errors*: [`Error::Tensor`] for features of another network.
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error>;
@@ -84,21 +59,21 @@ pub trait MotionModel: Send + Sync {
         Ok(self.log_probs(encoding)?.index_select(&indices(modes)?, 0)?)
     }
 
-    /// Where each mode ends, metres, target frame: what suppression compares.
+    /// End point of each mode, metres, target frame: what non-maximum suppression compares.
     ///
     /// *Errors*: an encoding of another network.
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error>;
 
-    /// Paths of some modes.
+    /// Trajectories of some modes.
     ///
     /// *Shapes*: (chosen, 80, 2), metres, target frame.
     /// *Errors*: an encoding of another network.
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error>;
 
-    /// Log-probabilities (chosen) of some modes if they were driven along given places instead of the
-    /// model's own paths: where a score depends on the path itself, it is that of these paths.
+    /// Log-probabilities (chosen) of some modes with other trajectories than the model's own. They differ from
+    /// [`MotionModel::log_probs`] only where a score depends on the trajectory.
     ///
-    /// *Shapes*: `places` (chosen, 20, 2), every fourth step, metres, target frame; `log_probs` (modes)
+    /// *Shapes*: `points` (chosen, 20, 2), every fourth step, metres, target frame; `log_probs` (modes)
     /// are those of [`MotionModel::log_probs`].
     /// *Errors*: an encoding of another network.
     fn log_probs_along(
@@ -106,7 +81,7 @@ pub trait MotionModel: Send + Sync {
         _encoding: &Encoding,
         log_probs: &Tensor,
         modes: &[usize],
-        _places: &Tensor,
+        _points: &Tensor,
     ) -> Result<Tensor, Error> {
         Ok(log_probs.index_select(&indices(modes)?, 0)?)
     }
@@ -121,17 +96,17 @@ pub trait Backbone: MotionModel {
     fn options(&self) -> &Value;
 
     /// Names, shapes and first values of its parameters, sorted by name.
-    fn wanted(&self) -> &[Wanted];
+    fn parameter_specs(&self) -> &[ParameterSpec];
 
     /// Its parameters.
     fn parameters(&self) -> &Parameters;
 
-    /// The same network over other parameters, which have been checked against [`Backbone::wanted`].
+    /// The same network with other parameters, which fit [`Backbone::parameter_specs`].
     ///
-    /// *Errors*: [`Error::Tensor`] if they do not fit.
-    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error>;
+    /// *Errors*: [`Error::Tensor`] if they do not.
+    fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error>;
 
-    /// What marks its encodings as its own: name and options.
+    /// Name and options, which mark its encodings.
     fn tag(&self) -> NetworkTag<'_> {
         NetworkTag { name: self.name(), options: self.options() }
     }
@@ -141,35 +116,35 @@ pub trait Backbone: MotionModel {
         None
     }
 
-    /// The same network over other parameters.
+    /// The same network with other parameters, which are checked first.
     ///
     /// *Errors*: [`Error::Weights`] with every missing, extra and misshapen tensor; `what` names
     /// where they come from.
-    fn with_parameters(&self, parameters: Parameters, what: &str) -> Result<Box<dyn Backbone>, Error> {
-        let problems = parameters.faults(self.wanted());
+    fn load_parameters(&self, parameters: Parameters, what: &str) -> Result<Box<dyn Backbone>, Error> {
+        let problems = parameters.mismatches(self.parameter_specs());
         if problems.is_empty() {
-            self.rebuilt(parameters)
+            self.with_parameters(parameters)
         } else {
             Err(Error::Weights { what: what.to_owned(), problems })
         }
     }
 
-    /// What a parameter is for; unused if there is nothing to train.
-    fn role(&self, name: &str) -> Role {
-        self.trainable().map_or(Role::Unused, |trainable| trainable.role_of(name))
+    /// Group of a parameter; [`ParameterGroup::Unused`] if there is nothing to train.
+    fn parameter_group(&self, name: &str) -> ParameterGroup {
+        self.trainable().map_or(ParameterGroup::Unused, |trainable| trainable.group_of(name))
     }
 }
 
 /// What training asks of a backbone beside its results.
 ///
-/// Law, tested for every backbone: encodings, mode ends and trajectories depend on [`Role::Prior`] alone, so
-/// they stay valid while fine-tuning, or λ, moves the rest.
+/// Law, tested for every backbone: encodings, mode ends and trajectories depend on [`ParameterGroup::Prior`] alone, so
+/// they stay valid while fine-tuning, or λ, changes the rest.
 pub trait Trainable: Backbone {
-    /// What a parameter is for.
-    fn role_of(&self, name: &str) -> Role;
+    /// Group of a parameter.
+    fn group_of(&self, name: &str) -> ParameterGroup;
 
-    /// Features of a target whose end after 8 s is known (metres, world frame), so that
-    /// [`Trainable::loss`] can decode the path to just there. Without need for it, as
+    /// Features of a target with its recorded end point after 8 s (metres, world frame), so that
+    /// [`Trainable::loss`] can decode the trajectory to that point. By default those of
     /// [`MotionModel::features`].
     ///
     /// *Errors*: as [`MotionModel::features`].
@@ -177,13 +152,13 @@ pub trait Trainable: Backbone {
         self.features(now, target, None)
     }
 
-    /// What the target would see if left and right changed places, where the network's features know
-    /// it. Their frame must have y to the left: training mirrors futures so.
+    /// Features of the mirrored scene (left and right swapped), if the network's features can be mirrored.
+    /// Their frame must have y to the left, because training mirrors futures so.
     fn mirrored(&self, _features: &Features) -> Option<Features> {
         None
     }
 
-    /// What pretraining makes small.
+    /// The loss that pretraining minimises.
     ///
     /// *Errors*: features of another network.
     fn loss(&self, sample: &Sample) -> Result<Loss, Error>;
@@ -192,7 +167,7 @@ pub trait Trainable: Backbone {
 /// A recorded future to learn from.
 #[derive(Clone, Debug)]
 pub struct Sample {
-    /// What the target sees.
+    /// Features of the target.
     pub features: Arc<Features>,
     /// Positions at the 80 steps, metres, target frame; anything where not valid.
     pub future: Vec<[f32; 2]>,
@@ -235,7 +210,7 @@ pub fn indices(modes: &[usize]) -> candle_core::Result<Tensor> {
 /// Log-probabilities as numbers, 32 or 64 bits.
 ///
 /// *Errors*: [`Error::Training`] with the first mode whose log-probability is not finite: nothing that is
-/// chosen by it means anything.
+/// selected by it means anything.
 pub fn finite<T: candle_core::WithDType + Into<f64>>(log_probs: &Tensor) -> Result<Vec<T>, Error> {
     let values = log_probs.detach().to_dtype(T::DTYPE)?.flatten_all()?.to_vec1::<T>()?;
     match values.iter().position(|x| !Into::<f64>::into(*x).is_finite()) {
@@ -252,7 +227,7 @@ pub fn tensor(table: &Table, dtype: DType) -> candle_core::Result<Tensor> {
     Tensor::from_slice(&table.values, (table.rows(), table.columns), &Device::Cpu)?.to_dtype(dtype)
 }
 
-/// Paths (n, 80, 2) of the target frame as trajectories in the world.
+/// Trajectories (n, 80, 2) in the target frame, converted to the world frame.
 ///
 /// *Errors*: [`Error::Core`] if a position is not finite: the weights are broken then.
 pub fn to_world(paths: &Tensor, features: &Features) -> Result<Vec<Trajectory>, Error> {

@@ -16,14 +16,14 @@ use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Loss, MotionModel, Role, Sample, Trainable, indices, tensor},
+    backbone::{Backbone, Loss, MotionModel, ParameterGroup, Sample, Trainable, indices, tensor},
     encoder::{Encoder, check_size},
     encoding::Encoding,
     features::{EgoForecast, Features, GOAL_COLUMNS, STRIDE, VECTOR_COLUMNS, cat},
+    interaction_head::{InteractionHead, describe},
     labels,
     nn::log_softmax,
-    parameters::{Scope, Wanted},
-    steering_branch::{SteeringBranch, describe},
+    parameters::{ParameterSpec, Scope},
 };
 use head::Head;
 use scorer::Scorer;
@@ -39,7 +39,7 @@ pub(crate) struct Shape {
     /// Rounds of attention among the elements; `None` for the published lane fusion and graph.
     rounds: Option<usize>,
     head: HeadKind,
-    steering: bool,
+    interaction: bool,
 }
 
 /// Options of our own arrangement.
@@ -75,7 +75,7 @@ pub struct DenseTnt {
     name: &'static str,
     options: Value,
     shape: Shape,
-    wanted: Arc<[Wanted]>,
+    specs: Arc<[ParameterSpec]>,
     parameters: Parameters,
     dtype: DType,
     encoder: Encoder,
@@ -85,21 +85,21 @@ pub struct DenseTnt {
 
 impl DenseTnt {
     fn untrained(name: &'static str, options: Value, shape: Shape, seed: u64) -> Result<Self, Error> {
-        let wanted = Scope::list(|scope| Parts::new(scope, &shape))?;
-        let parameters = Parameters::start(&wanted, seed)?;
-        Self::build(name, options, shape, wanted.into(), parameters)
+        let specs = Scope::list(|scope| Parts::new(scope, &shape))?;
+        let parameters = Parameters::start(&specs, seed)?;
+        Self::build(name, options, shape, specs.into(), parameters)
     }
 
     fn build(
         name: &'static str,
         options: Value,
         shape: Shape,
-        wanted: Arc<[Wanted]>,
+        specs: Arc<[ParameterSpec]>,
         parameters: Parameters,
     ) -> Result<Self, Error> {
         let Parts { encoder, scorer, head } = Parts::new(&Scope::of(&parameters), &shape)?;
         let dtype = parameters.iter().next().map_or(DType::F32, |(_, tensor)| tensor.dtype());
-        Ok(Self { name, options, shape, wanted, parameters, dtype, encoder, scorer, head })
+        Ok(Self { name, options, shape, specs, parameters, dtype, encoder, scorer, head })
     }
 
     fn is_published(&self) -> bool {
@@ -121,7 +121,7 @@ impl DenseTnt {
         ))
     }
 
-    /// Scores of goals before the softmax (n), without the steering branch: of all, or of some.
+    /// Scores of goals before the softmax (n), without the interaction head: of all, or of some.
     ///
     /// *Errors*: an encoding of another network.
     fn raw_scores(&self, encoding: &Encoding, modes: Option<&[usize]>) -> Result<Tensor, Error> {
@@ -146,23 +146,23 @@ impl DenseTnt {
         Ok(self.head.forward(rows, ends, elements, target, encoding.features().velocity, stride)?)
     }
 
-    /// The steering branch and what it sees of all goals, unless it has nothing to say.
-    fn steering<'e>(
+    /// The interaction head and its inputs of all goals; none if its output is zero.
+    fn interaction<'e>(
         &'e self,
         encoding: &'e Encoding,
-    ) -> Result<Option<(&'e SteeringBranch, &'e Tensor)>, Error> {
-        match self.scorer.steering() {
-            Some(branch) if !branch.is_silent()? => Ok(self.described(encoding)?.map(|rows| (branch, rows))),
+    ) -> Result<Option<(&'e InteractionHead, &'e Tensor)>, Error> {
+        match self.scorer.interaction() {
+            Some(head) if !head.is_zero()? => Ok(self.described(encoding)?.map(|rows| (head, rows))),
             _ => Ok(None),
         }
     }
 
-    /// What the steering branch sees of all goals, made once an encoding and never trained through.
+    /// Inputs of the interaction head of all goals, computed once an encoding, without gradient.
     fn described<'e>(&self, encoding: &'e Encoding) -> Result<Option<&'e Tensor>, Error> {
         encoding.described(|| {
             let [_, _, goals] = encoding.states_of(self.tag())?;
-            let places = self.decode(encoding, goals, &encoding.features().goals, STRIDE)?.detach();
-            Ok(describe(&places, encoding.features())?)
+            let points = self.decode(encoding, goals, &encoding.features().goals, STRIDE)?.detach();
+            Ok(describe(&points, encoding.features())?)
         })
     }
 }
@@ -192,17 +192,17 @@ impl Backbone for DenseTnt {
         &self.options
     }
 
-    fn wanted(&self) -> &[Wanted] {
-        &self.wanted
+    fn parameter_specs(&self) -> &[ParameterSpec] {
+        &self.specs
     }
 
     fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
-        let wanted = self.wanted.clone();
-        Ok(Box::new(Self::build(self.name, self.options.clone(), self.shape, wanted, parameters)?))
+    fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
+        let specs = self.specs.clone();
+        Ok(Box::new(Self::build(self.name, self.options.clone(), self.shape, specs, parameters)?))
     }
 
     fn trainable(&self) -> Option<&dyn Trainable> {
@@ -211,19 +211,19 @@ impl Backbone for DenseTnt {
 }
 
 impl Trainable for DenseTnt {
-    fn role_of(&self, name: &str) -> Role {
+    fn group_of(&self, name: &str) -> ParameterGroup {
         const DEAD: [&str; 3] = ["laneGCN_L2L.", "laneGCN_L2A.", "decoder.decoder."];
         let among = name.starts_with("global_graph.") || name.starts_with("rounds.");
         if DEAD.iter().any(|dead| name.starts_with(dead)) || (among && name.ends_with("key.bias")) {
-            Role::Unused
+            ParameterGroup::Unused
         } else if name.ends_with("key.bias") || name == "decoder.goals_2D_decoder.fc.bias" {
-            Role::WithoutEffect
+            ParameterGroup::WithoutEffect
         } else if name.starts_with("decoder.steering.") {
-            Role::Steering
+            ParameterGroup::Interaction
         } else if name.starts_with("decoder.goals_2D_") && !name.starts_with("decoder.goals_2D_mlps.") {
-            Role::Scoring
+            ParameterGroup::Scoring
         } else {
-            Role::Prior
+            ParameterGroup::Prior
         }
     }
 
@@ -278,16 +278,16 @@ impl MotionModel for DenseTnt {
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let mut scores = self.raw_scores(encoding, None)?;
-        if let Some((branch, rows)) = self.steering(encoding)? {
-            scores = (scores + branch.forward(rows)?)?;
+        if let Some((head, rows)) = self.interaction(encoding)? {
+            scores = (scores + head.forward(rows)?)?;
         }
         Ok(log_softmax(&scores)?)
     }
 
     fn relative_log_probs(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         let scores = self.raw_scores(encoding, Some(modes))?;
-        if let Some((branch, rows)) = self.steering(encoding)? {
-            return Ok((scores + branch.forward(&rows.index_select(&indices(modes)?, 0)?)?)?);
+        if let Some((head, rows)) = self.interaction(encoding)? {
+            return Ok((scores + head.forward(&rows.index_select(&indices(modes)?, 0)?)?)?);
         }
         Ok(scores)
     }
@@ -297,10 +297,10 @@ impl MotionModel for DenseTnt {
         encoding: &Encoding,
         log_probs: &Tensor,
         modes: &[usize],
-        places: &Tensor,
+        points: &Tensor,
     ) -> Result<Tensor, Error> {
-        if let Some((branch, rows)) = self.steering(encoding)? {
-            return Ok(branch.moved(log_probs, modes, rows, places, encoding.features())?);
+        if let Some((head, rows)) = self.interaction(encoding)? {
+            return Ok(head.along(log_probs, modes, rows, points, encoding.features())?);
         }
         Ok(log_probs.index_select(&indices(modes)?, 0)?)
     }
@@ -332,7 +332,7 @@ impl Entry<dyn Backbone> for DenseTnt {
             goal_columns: GOAL_COLUMNS,
             rounds: Some(rounds),
             head,
-            steering: true,
+            interaction: true,
         };
         let json = serde_json::to_value(&options).map_err(|e| e.to_string())?;
         let network = Self::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, seed);
@@ -354,7 +354,7 @@ impl Cat {
             goal_columns: 2,
             rounds: None,
             head: HeadKind::Waypoints,
-            steering: false,
+            interaction: false,
         };
         let json = serde_json::to_value(options).unwrap_or_default();
         DenseTnt::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, options.seed)
@@ -365,11 +365,11 @@ impl Cat {
     /// *Errors*: [`Error::Weights`] with every missing, extra and misshapen tensor.
     pub fn with_weights(weights: Parameters, what: &str) -> Result<DenseTnt, Error> {
         let like = Self::untrained(&CatOptions::default())?;
-        let problems = weights.faults(&like.wanted);
+        let problems = weights.mismatches(&like.specs);
         if !problems.is_empty() {
             return Err(Error::Weights { what: what.to_owned(), problems });
         }
-        DenseTnt::build(like.name, like.options, like.shape, like.wanted, weights)
+        DenseTnt::build(like.name, like.options, like.shape, like.specs, weights)
     }
 }
 

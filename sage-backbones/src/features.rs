@@ -1,8 +1,9 @@
-//! What a network sees of a scene: the surroundings of one target agent, and its goals.
+//! Input of the networks: the surroundings of one target agent, and its goals.
 //!
-//! All is in the target's frame: origin at its centre *now*, x along its heading. Lengths are
-//! scaled so that most numbers lie within ±3.
+//! Everything is in the target's frame: origin at its centre *now*, x along its heading. Lengths are scaled so
+//! that most numbers lie within ±3.
 
+mod agent_forecasts;
 mod agents;
 pub mod cat;
 mod edges;
@@ -10,7 +11,6 @@ mod frame;
 mod goals;
 mod grid;
 mod map;
-mod outlook;
 mod routes;
 
 use std::{f32::consts::PI, sync::Arc};
@@ -19,17 +19,17 @@ use sage_core::{generator::Observation, geometry::Point, motion::NOW, scene::Sce
 
 use crate::{Error, nn::Groups};
 
+pub use agent_forecasts::{AgentForecasts, EgoForecast, FORECAST_STEPS, ForecastMode, STRIDE};
 pub use edges::EdgeGrid;
 pub use frame::Frame;
 pub use goals::{GOAL_COLUMNS, GoalColumn};
 pub use grid::{CELL, LANE_REACH};
-pub use outlook::{EgoForecast, LOOKS, Outlook, STRIDE, Way};
 pub use routes::Routes;
 
 /// Nothing on a road is faster, m/s: what a file says beyond it is cut.
 const FASTEST: f64 = 80.0;
 
-/// Numbers that describe one piece of an agent's way or of the map.
+/// Numbers that describe one segment of an agent's history or of a map polyline.
 pub const VECTOR_COLUMNS: usize = 32;
 
 /// Rows of equal width.
@@ -71,9 +71,9 @@ pub struct Features {
     pub frame: Frame,
     /// Its velocity *now* in its frame, m/s.
     pub velocity: [f32; 2],
-    /// Rows of [`VECTOR_COLUMNS`] (or the published 128): pieces of agents' ways, then of the map.
+    /// Rows of [`VECTOR_COLUMNS`] (or the published 128): segments of the agents' histories, then of the map.
     pub vectors: Table,
-    /// Which rows belong to one agent or one piece of a line, agents first, the target foremost.
+    /// Which rows belong to one agent or one map polyline; agents first, the target foremost.
     pub groups: Groups,
     /// How many of the groups are agents.
     pub agents: usize,
@@ -83,8 +83,8 @@ pub struct Features {
     pub goal_features: Table,
     /// Half of its length and width, metres.
     pub half: [f32; 2],
-    /// How everybody else is expected to drive on.
-    pub outlook: Outlook,
+    /// Forecasts of all other agents.
+    pub agent_forecasts: AgentForecasts,
     /// Road boundaries around the target.
     pub edges: Arc<EdgeGrid>,
     /// Whether there was a lane to lay goals along; without one they lie on a grid.
@@ -95,14 +95,14 @@ pub struct Features {
 }
 
 impl Features {
-    /// Looks around one agent. A forecast of the ego takes the place of its going on as it does.
+    /// Features of one agent. A network's forecast of the ego replaces that along its lane.
     ///
     /// *Errors*: [`Error::Core`] if the agent does not exist or is not valid *now*.
     pub fn of(now: &Observation, target: usize, ego: Option<&EgoForecast>) -> Result<Self, Error> {
         Self::new(now, target, ego, None)
     }
 
-    /// The same with a row for the place (world frame) where the agent is after 8 s.
+    /// The same with a row for the agent's recorded end point after 8 s (world frame).
     ///
     /// *Errors*: as [`Features::of`].
     pub fn with_label(now: &Observation, target: usize, end: Point) -> Result<Self, Error> {
@@ -138,8 +138,8 @@ impl Features {
             goals: goals.points,
             goal_features: goals.features,
             half,
-            outlook: Outlook::of(scene, index, target, &frame, ego),
-            // Only who could hit the ego is asked for edges.
+            agent_forecasts: AgentForecasts::of(scene, index, target, &frame, ego),
+            // The interaction head asks for edges, and never of the ego itself.
             edges: Arc::new(if target == scene.ego {
                 EdgeGrid::empty()
             } else {
@@ -160,7 +160,7 @@ impl Features {
         self.velocity[0].hypot(self.velocity[1])
     }
 
-    /// What the target would see if left and right changed places.
+    /// Features of the mirrored scene: left and right swapped.
     pub fn mirrored(&self) -> Self {
         let mut twin = self.clone();
         twin.velocity[1] = -twin.velocity[1];
@@ -169,7 +169,7 @@ impl Features {
         for goal in &mut twin.goals {
             goal[1] = -goal[1];
         }
-        twin.outlook = self.outlook.mirrored();
+        twin.agent_forecasts = self.agent_forecasts.mirrored();
         twin.edges = Arc::new(self.edges.mirrored());
         if let Some((end, row)) = &mut twin.label {
             end[1] = -end[1];
@@ -178,14 +178,14 @@ impl Features {
         twin
     }
 
-    /// The same with only the first pieces of the map: ours come the nearest first.
-    pub fn with_pieces(mut self, most: usize) -> Self {
+    /// The same with only the first map polylines: ours are sorted by distance.
+    pub fn with_polylines(mut self, most: usize) -> Self {
         self.groups = self.groups.first(self.agents.saturating_add(most));
         self.vectors.values.truncate(self.groups.rows() * self.vectors.columns);
         self
     }
 
-    /// The same surroundings with only some of the goals.
+    /// The same with only some of the goals.
     pub fn with_goals(mut self, keep: &[usize]) -> Self {
         let mut features = Table { columns: self.goal_features.columns, values: Vec::new() };
         for &goal in keep {

@@ -21,7 +21,7 @@ use crate::{
     encoding::Encoding,
     features::{Features, GoalColumn},
     nn::log_softmax,
-    parameters::Wanted,
+    parameters::ParameterSpec,
 };
 
 /// Options of [`LaneGraph`].
@@ -78,7 +78,7 @@ impl Backbone for LaneGraph {
         &self.json
     }
 
-    fn wanted(&self) -> &[Wanted] {
+    fn parameter_specs(&self) -> &[ParameterSpec] {
         &[]
     }
 
@@ -86,7 +86,7 @@ impl Backbone for LaneGraph {
         &self.parameters
     }
 
-    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
+    fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
         Ok(Box::new(Self { options: self.options.clone(), json: self.json.clone(), parameters }))
     }
 }

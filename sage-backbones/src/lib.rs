@@ -1,13 +1,15 @@
 //! Motion prediction: what a car may do next, learned from recordings.
 //!
-//! - [`features::Features`] is what one target sees of a scene, with the goals it could reach.
-//! - [`MotionModel`] proposes from it: modes with probabilities, and a path for each; a [`Backbone`] has
-//!   parameters beside, and a [`Trainable`] one learns. Those shipped are in [`backbones`]: DenseTNT in our arrangement and in the published one, a query transformer,
-//!   and a prior over the lane graph without weights.
-//! - [`prediction::predict`] chooses candidates; [`training::pretrain`] learns a prior.
+//! - [`features::Features`] describes the surroundings of one target agent and the goals it could reach.
+//! - A [`MotionModel`] turns features into modes with probabilities and trajectories. A [`Backbone`] is a
+//!   motion model with parameters; a [`Trainable`] backbone learns them. [`backbones`] lists those that ship:
+//!   DenseTNT in our version and as published, a query transformer, and a prior over the lane graph without
+//!   weights.
+//! - [`prediction::predict`] selects candidates; [`training::pretrain`] trains a prior and
+//!   [`training::finetune`] an expert.
 //!
-//! Scenes are worked on side by side, each on one thread; `docs/backbones.md` says how to keep candle
-//! to that, and what everything here was chosen for.
+//! Scenes run in parallel, each on one thread. `docs/backbones.md` says how to limit candle's threads, and why
+//! the networks look as they do.
 //!
 //! ```
 //! use sage_backbones::{backbones, candidates::Selection, prediction::predict};
@@ -33,14 +35,16 @@ pub mod encoding;
 mod error;
 pub mod features;
 pub mod forecast;
+mod interaction_head;
 pub mod labels;
 pub mod lane_graph;
 pub mod nn;
+mod parameter_group;
 pub mod parameters;
 pub mod prediction;
 pub mod query_transformer;
 pub mod smooth_path;
-mod steering_branch;
+pub mod subsampling;
 pub mod training;
 pub mod weights;
 

@@ -2,6 +2,7 @@
 
 mod file;
 mod init;
+mod parameter_spec;
 mod scope;
 
 use std::collections::BTreeMap;
@@ -12,7 +13,8 @@ use crate::Error;
 
 pub use file::{Header, LIMIT};
 pub use init::Init;
-pub use scope::{Scope, Wanted};
+pub use parameter_spec::ParameterSpec;
+pub use scope::Scope;
 
 /// The weights of a network, sorted by name.
 #[derive(Clone, Debug, Default)]

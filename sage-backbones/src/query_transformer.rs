@@ -14,16 +14,16 @@ use serde_json::Value;
 
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Loss, MotionModel, Role, Sample, Trainable, indices, tensor},
+    backbone::{Backbone, Loss, MotionModel, ParameterGroup, Sample, Trainable, indices, tensor},
     candidates::suppressed,
     encoder::{Encoder, check_size},
     encoding::Encoding,
     features::{Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
+    interaction_head::{self, InteractionHead},
     labels,
     nn::{Attention, Linear, Mlp, log_softmax},
-    parameters::{Scope, Wanted},
+    parameters::{ParameterSpec, Scope},
     smooth_path,
-    steering_branch::{self, SteeringBranch},
 };
 
 /// Most queries.
@@ -55,7 +55,7 @@ impl Default for QueryTransformerOptions {
 pub struct QueryTransformer {
     options: Value,
     shape: QueryTransformerOptions,
-    wanted: Arc<[Wanted]>,
+    specs: Arc<[ParameterSpec]>,
     parameters: Parameters,
     dtype: DType,
     parts: Parts,
@@ -69,7 +69,7 @@ struct Parts {
     score_out: Linear,
     end: Linear,
     path: Linear,
-    steering: SteeringBranch,
+    interaction: InteractionHead,
 }
 
 /// `x + mlp([scene ; x ; what x sees ; what the other queries say])`.
@@ -98,7 +98,7 @@ impl Parts {
             score_out: Linear::new(&scope.at("score").at("out"), width, 1)?,
             end: Linear::new(&scope.at("end"), width, 2)?,
             path: Linear::new(&scope.at("path"), width, smooth_path::CHANGES)?,
-            steering: SteeringBranch::new(&scope.at("steering"))?,
+            interaction: InteractionHead::new(&scope.at("steering"))?,
         })
     }
 }
@@ -107,12 +107,12 @@ impl QueryTransformer {
     fn build(
         options: Value,
         shape: QueryTransformerOptions,
-        wanted: Arc<[Wanted]>,
+        specs: Arc<[ParameterSpec]>,
         parameters: Parameters,
     ) -> Result<Self, Error> {
         let parts = Parts::new(&Scope::of(&parameters), &shape)?;
         let dtype = parameters.iter().next().map_or(DType::F32, |(_, tensor)| tensor.dtype());
-        Ok(Self { options, shape, wanted, parameters, dtype, parts })
+        Ok(Self { options, shape, specs, parameters, dtype, parts })
     }
 
     /// The three states of an encoding: queries, the target, paths of all modes.
@@ -120,17 +120,17 @@ impl QueryTransformer {
         encoding.states_of(self.tag())
     }
 
-    /// Scores before the softmax, without the steering branch.
+    /// Scores before the softmax, without the interaction head.
     fn raw_scores(&self, queries: &Tensor, target: &Tensor) -> candle_core::Result<Tensor> {
         let hidden = self.parts.score.forward_parts(&[target], &[queries])?;
         self.parts.score_out.forward(&hidden)?.squeeze(1)
     }
 
-    /// What the steering branch sees of all paths.
+    /// Inputs of the interaction head of all modes.
     fn described<'e>(&self, encoding: &'e Encoding, paths: &Tensor) -> Result<Option<&'e Tensor>, Error> {
         encoding.described(|| {
-            let places = smooth_path::every(&paths.detach(), STRIDE)?;
-            Ok(steering_branch::describe(&places, encoding.features())?)
+            let points = smooth_path::every(&paths.detach(), STRIDE)?;
+            Ok(interaction_head::describe(&points, encoding.features())?)
         })
     }
 
@@ -158,17 +158,17 @@ impl Backbone for QueryTransformer {
         &self.options
     }
 
-    fn wanted(&self) -> &[Wanted] {
-        &self.wanted
+    fn parameter_specs(&self) -> &[ParameterSpec] {
+        &self.specs
     }
 
     fn parameters(&self) -> &Parameters {
         &self.parameters
     }
 
-    fn rebuilt(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
-        let (options, wanted) = (self.options.clone(), self.wanted.clone());
-        Ok(Box::new(Self::build(options, self.shape.clone(), wanted, parameters)?))
+    fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
+        let (options, specs) = (self.options.clone(), self.specs.clone());
+        Ok(Box::new(Self::build(options, self.shape.clone(), specs, parameters)?))
     }
 
     fn trainable(&self) -> Option<&dyn Trainable> {
@@ -177,20 +177,20 @@ impl Backbone for QueryTransformer {
 }
 
 impl Trainable for QueryTransformer {
-    fn role_of(&self, name: &str) -> Role {
+    fn group_of(&self, name: &str) -> ParameterGroup {
         let among = name.starts_with("rounds.") || name.contains(".queries.");
         match name {
-            "score.out.bias" => Role::WithoutEffect,
+            "score.out.bias" => ParameterGroup::WithoutEffect,
             _ if name.ends_with("key.bias") => {
                 if among {
-                    Role::Unused
+                    ParameterGroup::Unused
                 } else {
-                    Role::WithoutEffect
+                    ParameterGroup::WithoutEffect
                 }
             }
-            _ if name.starts_with("steering.") => Role::Steering,
-            _ if name.starts_with("score.") => Role::Scoring,
-            _ => Role::Prior,
+            _ if name.starts_with("steering.") => ParameterGroup::Interaction,
+            _ if name.starts_with("score.") => ParameterGroup::Scoring,
+            _ => ParameterGroup::Prior,
         }
     }
 
@@ -206,14 +206,14 @@ impl Trainable for QueryTransformer {
         let features = &sample.features;
         let anchor_ends: Vec<[f32; 2]> =
             anchors(features).into_iter().map(|goal| features.goals[goal]).collect();
-        // The path that ends nearest learns the way, and so does the one whose anchor is nearest, or
+        // The trajectory that ends nearest learns, and so does the one whose anchor is nearest, or
         // far queries would never learn anything.
         let winners = [labels::nearest(&ends, end.position), labels::nearest(&anchor_ends, end.position)];
         let log_probs = log_softmax(&self.raw_scores(queries, target)?)?;
         let goals = labels::cross_entropy(&log_probs, &labels::soft(&ends, end))?;
         let path = |mode: usize| labels::smooth_l1(&paths.narrow(0, mode, 1)?, sample);
-        let way = (path(winners[0])? + (path(winners[1])? * 0.3)?)?;
-        Loss::of(vec![("goal", goals), ("path", way)])
+        let path = (path(winners[0])? + (path(winners[1])? * 0.3)?)?;
+        Loss::of(vec![("goal", goals), ("path", path)])
     }
 }
 
@@ -228,8 +228,8 @@ impl MotionModel for QueryTransformer {
         let mut queries = self.parts.anchor.forward(&tensor(&rows, self.dtype)?)?;
         for layer in &self.parts.layers {
             let seen = layer.scene.forward(&queries, &encoded.elements)?;
-            let heard = layer.queries.forward(&queries, &queries)?;
-            let change = layer.mlp.forward_parts(&[&encoded.target], &[&queries, &seen, &heard])?;
+            let exchanged = layer.queries.forward(&queries, &queries)?;
+            let change = layer.mlp.forward_parts(&[&encoded.target], &[&queries, &seen, &exchanged])?;
             queries = (queries + change)?;
         }
         let paths = self.paths(&queries, &anchors, &features)?;
@@ -239,10 +239,10 @@ impl MotionModel for QueryTransformer {
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let [queries, target, paths] = self.states(encoding)?;
         let mut scores = self.raw_scores(queries, target)?;
-        if !self.parts.steering.is_silent()?
+        if !self.parts.interaction.is_zero()?
             && let Some(rows) = self.described(encoding, paths)?
         {
-            scores = (scores + self.parts.steering.forward(rows)?)?;
+            scores = (scores + self.parts.interaction.forward(rows)?)?;
         }
         Ok(log_softmax(&scores)?)
     }
@@ -252,13 +252,13 @@ impl MotionModel for QueryTransformer {
         encoding: &Encoding,
         log_probs: &Tensor,
         modes: &[usize],
-        places: &Tensor,
+        points: &Tensor,
     ) -> Result<Tensor, Error> {
         let [.., paths] = self.states(encoding)?;
-        if !self.parts.steering.is_silent()?
+        if !self.parts.interaction.is_zero()?
             && let Some(rows) = self.described(encoding, paths)?
         {
-            return Ok(self.parts.steering.moved(log_probs, modes, rows, places, encoding.features())?);
+            return Ok(self.parts.interaction.along(log_probs, modes, rows, points, encoding.features())?);
         }
         Ok(log_probs.index_select(&indices(modes)?, 0)?)
     }
@@ -289,10 +289,10 @@ impl Entry<dyn Backbone> for QueryTransformer {
             return Err(format!("`layers` is {layers}; expected 1 to 16"));
         }
         let build = || {
-            let wanted = Scope::list(|scope| Parts::new(scope, &options))?;
-            let parameters = Parameters::start(&wanted, seed)?;
+            let specs = Scope::list(|scope| Parts::new(scope, &options))?;
+            let parameters = Parameters::start(&specs, seed)?;
             let json = serde_json::to_value(&options).unwrap_or_default();
-            Self::build(json, options.clone(), wanted.into(), parameters)
+            Self::build(json, options.clone(), specs.into(), parameters)
         };
         Ok(Box::new(build().map_err(|e| e.to_string())?))
     }

@@ -136,7 +136,7 @@ impl Weights {
             Ok(network) => network,
             Err(error) => return fail(format!("cannot be used: {error}")),
         };
-        let network = network.with_parameters(parameters, &format!("`{}`", path.display()))?;
+        let network = network.load_parameters(parameters, &format!("`{}`", path.display()))?;
         Ok((network, header))
     }
 }

@@ -1,4 +1,4 @@
-//! What must hold for every backbone, and for features, on made scenes.
+//! What must hold for every backbone, and for features, on procedural scenes.
 #![allow(clippy::unwrap_used)]
 
 use std::{path::Path, sync::Arc};
@@ -6,7 +6,7 @@ use std::{path::Path, sync::Arc};
 use candle_core::{DType, Device, Tensor};
 use sage_backbones::{
     Backbone, Parameters,
-    backbone::{Role, to_world},
+    backbone::{ParameterGroup, to_world},
     backbones,
     candidates::Selection,
     features::{Features, GOAL_COLUMNS, VECTOR_COLUMNS},
@@ -87,7 +87,7 @@ fn every_parameter_that_pretraining_moves_gets_a_gradient_and_no_other_does() {
     for name in LEARNED {
         let network = network(name);
         let (parameters, variables) = stirred(&*network, DType::F32).variables(|_| true).unwrap();
-        let traced = network.rebuilt(parameters).unwrap();
+        let traced = network.with_parameters(parameters).unwrap();
         let mut largest = vec![0.0_f64; variables.len()];
         for kind in [Kind::FourWay, Kind::Roundabout] {
             let data = scene(kind);
@@ -95,22 +95,30 @@ fn every_parameter_that_pretraining_moves_gets_a_gradient_and_no_other_does() {
                 recorded_sample(&data, data.scene.adversary.unwrap(), trainable(&*traced).unwrap()).unwrap();
             let store = trainable(&*traced).unwrap().loss(&sample).unwrap().total.backward().unwrap();
             for (slot, (name, variable)) in variables.iter().enumerate() {
-                let role = network.role(name);
+                let role = network.parameter_group(name);
                 match store.get(variable).map(numbers) {
                     Some(gradient) => {
                         assert!(gradient.iter().all(|g| g.is_finite()), "{name}");
-                        assert!(!matches!(role, Role::Unused | Role::Steering), "{name} is reached");
+                        assert!(
+                            !matches!(role, ParameterGroup::Unused | ParameterGroup::Interaction),
+                            "{name} is reached"
+                        );
                         largest[slot] = gradient.iter().fold(largest[slot], |a, g| a.max(g.abs()));
                     }
-                    None => assert!(matches!(role, Role::Unused | Role::Steering), "{name} is not reached"),
+                    None => assert!(
+                        matches!(role, ParameterGroup::Unused | ParameterGroup::Interaction),
+                        "{name} is not reached"
+                    ),
                 }
             }
         }
         for ((name, _), largest) in variables.iter().zip(largest) {
-            match network.role(name) {
-                Role::Prior | Role::Scoring => assert!(largest > 1e-9, "{name}: {largest}"),
-                Role::WithoutEffect => assert!(largest < 1e-5, "{name}: {largest}"),
-                Role::Steering | Role::Unused => {}
+            match network.parameter_group(name) {
+                ParameterGroup::Prior | ParameterGroup::Scoring => {
+                    assert!(largest > 1e-9, "{name}: {largest}")
+                }
+                ParameterGroup::WithoutEffect => assert!(largest < 1e-5, "{name}: {largest}"),
+                ParameterGroup::Interaction | ParameterGroup::Unused => {}
             }
         }
     }
@@ -122,8 +130,8 @@ fn fine_tuning_reaches_what_it_moves_and_the_prior_is_silent_about_the_ego() {
     for name in ["densetnt", "query-transformer"] {
         let network = network(name);
         let (parameters, variables) =
-            network.parameters().variables(|name| network.role(name).is_finetuned()).unwrap();
-        let traced = network.rebuilt(parameters).unwrap();
+            network.parameters().variables(|name| network.parameter_group(name).is_finetuned()).unwrap();
+        let traced = network.with_parameters(parameters).unwrap();
         let features = features(&*network, &data);
         let encoding = traced.encode(features.clone()).unwrap();
         let log_probs = traced.log_probs(&encoding).unwrap();
@@ -132,7 +140,8 @@ fn fine_tuning_reaches_what_it_moves_and_the_prior_is_silent_about_the_ego() {
         let store = log_probs.get(0).unwrap().backward().unwrap();
         for (name, variable) in variables.iter() {
             let gradient = numbers(store.get(variable).unwrap_or_else(|| panic!("{name} is not reached")));
-            let is_behind = network.role(name) == Role::Steering && !name.contains(".last.");
+            let is_behind =
+                network.parameter_group(name) == ParameterGroup::Interaction && !name.contains(".last.");
             // A zero last layer lets nothing through to the layers before it.
             assert!(is_behind || name.ends_with("last.bias") || gradient.iter().any(|g| *g != 0.0), "{name}");
         }
@@ -145,10 +154,10 @@ fn encodings_and_trajectories_stay_valid_while_what_fine_tuning_moves_changes() 
     for network in all() {
         let noisy = stirred(&*network, DType::F32);
         let tuned = network.parameters().iter().map(|(name, own)| {
-            let moved = network.role(name).is_finetuned();
+            let moved = network.parameter_group(name).is_finetuned();
             (name.to_owned(), if moved { noisy.get(name).unwrap() } else { own }.clone())
         });
-        let tuned = network.rebuilt(tuned.collect()).unwrap();
+        let tuned = network.with_parameters(tuned.collect()).unwrap();
         let features = features(&*network, &data);
         let [own, other] = [&network, &tuned].map(|model| model.encode(features.clone()).unwrap());
         for (a, b) in own.states().iter().zip(other.states()) {
@@ -160,7 +169,7 @@ fn encodings_and_trajectories_stay_valid_while_what_fine_tuning_moves_changes() 
         // An encoding of one is one of the other, and the law says something: scores do change.
         let [a, b] = [&own, &other].map(|encoding| numbers(&tuned.log_probs(encoding).unwrap()));
         assert_eq!(a, b);
-        if !network.wanted().is_empty() {
+        if !network.parameter_specs().is_empty() {
             assert_ne!(a, numbers(&network.log_probs(&own).unwrap()), "{}", network.name());
         }
     }
@@ -175,16 +184,18 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
         let sample =
             recorded_sample(&data, data.scene.adversary.unwrap(), trainable(&*network).unwrap()).unwrap();
         let total = |weights: Parameters| {
-            let network = network.rebuilt(weights).unwrap();
+            let network = network.with_parameters(weights).unwrap();
             trainable(&*network).unwrap().loss(&sample).unwrap().total
         };
         let loss = |weights: Parameters| numbers(&total(weights))[0];
-        let (traced, variables) = weights.variables(|name| network.role(name).is_pretrained()).unwrap();
+        let (traced, variables) =
+            weights.variables(|name| network.parameter_group(name).is_pretrained()).unwrap();
         let store = total(traced).backward().unwrap();
         for (name, variable) in variables.iter() {
             // The second network's labels follow its paths and count as given: what moves the paths
             // moves them too.
-            if network.name() == "query-transformer" && network.role(name) == Role::Prior {
+            if network.name() == "query-transformer" && network.parameter_group(name) == ParameterGroup::Prior
+            {
                 continue;
             }
             let mut rng = Rng::new(1, name, "direction");
@@ -401,7 +412,7 @@ fn weights_that_do_not_fit_are_refused_with_every_tensor_at_fault() {
         .filter(|(name, _)| *name != "rounds.0.mlp.linear.bias")
         .map(|(name, tensor)| (name.to_owned(), tensor.clone()))
         .collect();
-    let error = network.with_parameters(weights, "`here`").err().unwrap().to_string();
+    let error = network.load_parameters(weights, "`here`").err().unwrap().to_string();
     assert_eq!(
         error,
         "`here`: tensor `decoder.tnt_decoder.fc.bias` is [7], expected [18]; \
@@ -409,7 +420,7 @@ fn weights_that_do_not_fit_are_refused_with_every_tensor_at_fault() {
          tensor `surplus.weight` [2, 3] is not part of this network"
     );
     let other = backbones().unwrap().build_default("query-transformer").unwrap();
-    assert!(other.with_parameters(network.parameters().clone(), "`here`").is_err());
+    assert!(other.load_parameters(network.parameters().clone(), "`here`").is_err());
 }
 
 #[test]

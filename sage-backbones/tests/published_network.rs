@@ -14,11 +14,11 @@ use approx::assert_abs_diff_eq;
 use candle_core::{DType, Device, Tensor};
 use sage_backbones::{
     Backbone, MotionModel, Parameters, Trainable,
-    backbone::{Loss, Role, Sample, to_world},
+    backbone::{Loss, ParameterGroup, Sample, to_world},
     candidates::{Selection, ranked, suppressed},
     densetnt::{Cat, DenseTnt},
     encoding::Encoding,
-    features::{EdgeGrid, Features, Frame, Layout, Outlook, Table, cat},
+    features::{AgentForecasts, EdgeGrid, Features, Frame, Layout, Table, cat},
     nn::AdamWConfig,
     training::Trainer,
 };
@@ -89,7 +89,7 @@ impl Fixture {
             goal_features: Table { columns: 2, values: goals.iter().flatten().copied().collect() },
             goals,
             half: [0.0; 2],
-            outlook: Outlook::default(),
+            agent_forecasts: AgentForecasts::default(),
             edges: Arc::new(EdgeGrid::empty()),
             has_lanes: true,
             label: None,
@@ -194,9 +194,9 @@ fn check_loss(fixture: &Fixture, network: &DenseTnt, sample: &Sample, prefix: &s
             off <= 1e-5 || off <= 1e-3 * recorded,
             "{prefix}{name}: gradient {norm}, recorded {recorded}"
         );
-        match network.role(name) {
-            Role::Unused => assert!(gradient.is_none() && recorded == 0.0, "{name} is not unused"),
-            Role::WithoutEffect => assert!(norm < 1e-4, "{name} has a gradient of {norm}"),
+        match network.parameter_group(name) {
+            ParameterGroup::Unused => assert!(gradient.is_none() && recorded == 0.0, "{name} is not unused"),
+            ParameterGroup::WithoutEffect => assert!(norm < 1e-4, "{name} has a gradient of {norm}"),
             _ => assert!(norm > 1e-6, "{name} has no gradient"),
         }
         if let (Some(gradient), Some(recorded)) =
@@ -245,8 +245,12 @@ fn three_steps_of_adamw_go_the_published_way() {
     let sample = fixture.sample("syn/", features);
     let network = fixture.network();
     // PyTorch leaves parameters without gradient alone.
-    let mut trainer =
-        Trainer::new(&network, |name| network.role(name) != Role::Unused, AdamWConfig::default()).unwrap();
+    let mut trainer = Trainer::new(
+        &network,
+        |name| network.parameter_group(name) != ParameterGroup::Unused,
+        AdamWConfig::default(),
+    )
+    .unwrap();
     for expected in fixture.numbers("syn/adamw/losses") {
         let loss = trainer.trainable().unwrap().loss(&sample).unwrap();
         assert_abs_diff_eq!(numbers(&loss.total)[0], expected, epsilon = 1e-3);

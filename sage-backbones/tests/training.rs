@@ -74,7 +74,7 @@ fn three_steps_give_the_same_bits_on_one_two_and_three_threads() {
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let moved = |name: &str| network.role(name).is_pretrained();
+                let moved = |name: &str| network.parameter_group(name).is_pretrained();
                 let mut trainer = Trainer::new(&*network, moved, AdamWConfig::default()).unwrap();
                 for batch in examples.list().chunks(7).take(3) {
                     let gradient = |example: &_| {
@@ -134,7 +134,7 @@ fn a_number_that_is_not_finite_stops_with_scene_step_and_tensor_and_keeps_the_la
     let mut weights = network.parameters().clone();
     let broken = Tensor::full(f32::NAN, 16, &Device::Cpu).unwrap();
     weights.insert("decoder.goals_2D_mlps.1.linear.bias", broken);
-    let network = network.with_parameters(weights, "test").unwrap();
+    let network = network.load_parameters(weights, "test").unwrap();
     std::fs::write(folder.path().join("prior.safetensors"), "kept").unwrap();
     let error = train(&*network, folder.path(), usize::MAX).err().unwrap().to_string();
     assert!(error.starts_with("epoch 1, step 1, scene `") && error.contains("agent `"), "{error}");

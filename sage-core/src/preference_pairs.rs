@@ -11,7 +11,7 @@ use crate::seed::Rng;
 
 /// A candidate as the pairs see it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Judged {
+pub struct ScoredCandidate {
     /// What the expert likes.
     pub reward: f64,
     /// Whether it could be driven.
@@ -44,7 +44,7 @@ pub enum Pairing {
 /// Pairs of a group of candidates: at most `most`, seeded draws among those that differ by more than
 /// `margin` in reward or in feasibility. None if all candidates are alike.
 pub fn preference_pairs(
-    candidates: &[Judged],
+    candidates: &[ScoredCandidate],
     pairing: Pairing,
     most: usize,
     margin: f64,
@@ -77,7 +77,7 @@ pub fn preference_pairs(
 }
 
 /// All pairs among some candidates whose rewards differ by more than a margin.
-fn better_and_worse(candidates: &[Judged], among: &[usize], margin: f64) -> Vec<Pair> {
+fn better_and_worse(candidates: &[ScoredCandidate], among: &[usize], margin: f64) -> Vec<Pair> {
     let mut pairs = Vec::new();
     for (place, &a) in among.iter().enumerate() {
         for &b in &among[place + 1..] {
@@ -91,7 +91,12 @@ fn better_and_worse(candidates: &[Judged], among: &[usize], margin: f64) -> Vec<
     pairs
 }
 
-fn best_and_worst(candidates: &[Judged], feasible: &[usize], infeasible: &[usize], margin: f64) -> Vec<Pair> {
+fn best_and_worst(
+    candidates: &[ScoredCandidate],
+    feasible: &[usize],
+    infeasible: &[usize],
+    margin: f64,
+) -> Vec<Pair> {
     let by_reward = |a: &&usize, b: &&usize| candidates[**a].reward.total_cmp(&candidates[**b].reward);
     let (Some(&best), Some(&worst)) = (feasible.iter().max_by(by_reward), feasible.iter().min_by(by_reward))
     else {
@@ -111,8 +116,8 @@ fn best_and_worst(candidates: &[Judged], feasible: &[usize], infeasible: &[usize
 mod tests {
     use super::*;
 
-    fn judged(items: &[(f64, bool)]) -> Vec<Judged> {
-        items.iter().map(|&(reward, is_feasible)| Judged { reward, is_feasible }).collect()
+    fn judged(items: &[(f64, bool)]) -> Vec<ScoredCandidate> {
+        items.iter().map(|&(reward, is_feasible)| ScoredCandidate { reward, is_feasible }).collect()
     }
 
     fn pairs(items: &[(f64, bool)], pairing: Pairing, most: usize) -> Vec<Pair> {

@@ -173,11 +173,14 @@ fn edges_and_agents_are_named_with_their_step() {
     // Straight through the parked car: 40 m away, contact at 36 m less the tie.
     let s = score(&scene, |t| [20.5 + 10.0 * t, -4.0]);
     assert_eq!((s.feasible, s.crash_object, s.cross_line), (false, 10.0, 0.0));
-    let reason = &s.reasons[0];
+    let reason = &s.violations[0];
     assert_eq!((&*reason.rule, reason.step, &reason.with[..]), ("agent", 36, "parked"));
     // Over the right edge at 2 m/s sideways: side at −5 − 0.2 t reaches −8 …
     let s = score(&scene, |t| [20.0 + t, -4.0 - 2.0 * t]);
-    assert_eq!((s.cross_line, &*s.reasons[0].rule, &s.reasons[0].with[..]), (50.0, "road_edge", "right"));
+    assert_eq!(
+        (s.cross_line, &*s.violations[0].rule, &s.violations[0].with[..]),
+        (50.0, "road_edge", "right")
+    );
     assert!(!s.feasible_strict);
 }
 
@@ -186,10 +189,10 @@ fn strict_sees_the_jump_and_the_field_beyond_the_edge() {
     // 100 m/s across: from y = 3 to y = 13 in one frame, no box touches y = 8.
     let scene = road(car("a", [20.0, 3.0], [0.0, 100.0]), vec![]);
     let s = score(&scene, |t| [20.0, 3.0 + 100.0 * t]);
-    assert!(s.feasible, "{:?}", s.reasons);
-    let rules: Vec<&str> = s.reasons_strict.iter().map(|r| &*r.rule).collect();
+    assert!(s.feasible, "{:?}", s.violations);
+    let rules: Vec<&str> = s.violations_strict.iter().map(|r| &*r.rule).collect();
     assert_eq!(rules, ["road_edge", "off_road"]);
-    assert_eq!(s.reasons_strict[0].step, 1);
+    assert_eq!(s.violations_strict[0].step, 1);
 }
 
 #[test]
@@ -209,7 +212,7 @@ fn strict_leaves_bridges_out() {
     scene.map = map.into();
     let s = score(&scene, |t| [20.0 + 10.0 * t, 4.0]);
     assert_eq!((s.cross_line, s.crash_object), (50.0, 0.0), "in the plane the rail is hit");
-    assert!(s.feasible_strict, "{:?}", s.reasons_strict);
+    assert!(s.feasible_strict, "{:?}", s.violations_strict);
 }
 
 #[test]

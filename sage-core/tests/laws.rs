@@ -123,7 +123,7 @@ fn is_near_tie(scene: &Scene, path: &Trajectory, convention: Convention) -> bool
             track.size.iter_mut().for_each(|s| *s = [s[0] + by, s[1] + by, s[2]]);
         }
         let s = score(&scene, path, convention);
-        (s.collision_step, s.reasons.iter().map(|r| (r.step, r.rule.clone())).collect::<Vec<_>>())
+        (s.collision_step, s.violations.iter().map(|r| (r.step, r.rule.clone())).collect::<Vec<_>>())
     };
     resized(1e-6) != resized(-1e-6)
 }
@@ -157,7 +157,7 @@ fn paper_does_not_change_when_the_scene_is_moved_and_turned() {
             );
             let what = format!("scene {seed}, candidate {k}");
             assert_eq!(a.collision_step, b.collision_step, "{what}");
-            assert_eq!((a.feasible, a.reasons.len()), (b.feasible, b.reasons.len()), "{what}");
+            assert_eq!((a.feasible, a.violations.len()), (b.feasible, b.violations.len()), "{what}");
             close(b.adversarial_reward, a.adversarial_reward, 1e-6, &what);
             close(b.kinematic_penalty, a.kinematic_penalty, 1e-6, &what);
             close(b.behavior_penalty, a.behavior_penalty, 1e-6, &what);
@@ -222,8 +222,8 @@ fn strict_finds_every_road_edge_and_agent_that_paper_finds() {
         let scene = scene(seed);
         for k in 0..4 {
             let s = score(&scene, &candidate(&scene, k), Convention::Paper);
-            for reason in &s.reasons {
-                let found = s.reasons_strict.iter().find(|r| r.rule == reason.rule);
+            for reason in &s.violations {
+                let found = s.violations_strict.iter().find(|r| r.rule == reason.rule);
                 // What is touched already now may be left in the first step.
                 let earlier = found.is_some_and(|r| r.step <= reason.step);
                 assert!(earlier || reason.step == 1, "scene {seed}, candidate {k}: {reason:?} {found:?}");

@@ -8,4 +8,4 @@ mod fresh;
 pub use decode::decode;
 pub(crate) use encode::annotate;
 pub use encode::encode;
-pub(crate) use fresh::{MADE, fresh};
+pub(crate) use fresh::{PROCEDURAL_DATASET, fresh};

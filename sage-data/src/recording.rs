@@ -80,8 +80,8 @@ pub enum Source {
     Pickle(Document),
     /// A native file, by its bytes: its source is unpacked when it is asked for.
     Native(Vec<u8>),
-    /// No file: the scene was made.
-    Made,
+    /// No file: the scene is procedural.
+    Procedural,
 }
 
 impl Recording {
@@ -112,9 +112,9 @@ impl Recording {
         Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source), provenance: None })
     }
 
-    /// A recording of a scene that was made, not read.
-    pub fn made(scene: Scene) -> Self {
-        Self { path: PathBuf::from(&scene.id), scene, source: Source::Made, provenance: None }
+    /// A recording of a procedural scene, which has no file.
+    pub fn procedural(scene: Scene) -> Self {
+        Self { path: PathBuf::from(&scene.id), scene, source: Source::Procedural, provenance: None }
     }
 
     /// All values of the MetaDrive file behind the scene; `None` if there was none.
@@ -124,19 +124,18 @@ impl Recording {
         Ok(match &self.source {
             Source::Pickle(document) => Some(Cow::Borrowed(document)),
             Source::Native(bytes) => native::document(bytes, &self.path)?.map(Cow::Owned),
-            Source::Made => None,
+            Source::Procedural => None,
         })
     }
 
-    /// Whether the scene was made by this project rather than recorded: it has no source, or its
-    /// source names the project as its data set.
+    /// Whether the scene is procedural: it has no source, or its source names this project as its data set.
     ///
     /// *Errors*: a native file whose source is damaged.
-    pub fn is_made(&self) -> Result<bool, Error> {
+    pub fn is_procedural(&self) -> Result<bool, Error> {
         let Some(document) = self.document()? else { return Ok(true) };
         let metadata = document.get(document.root(), "metadata");
         let dataset = metadata.and_then(|metadata| document.get(metadata, "dataset"));
-        Ok(dataset.and_then(|dataset| document.text(dataset)) == Some(metadrive::MADE))
+        Ok(dataset.and_then(|dataset| document.text(dataset)) == Some(metadrive::PROCEDURAL_DATASET))
     }
 
     /// The recording as a MetaDrive pickle. Where the scene is as it was read, keys, types, shapes

@@ -31,7 +31,7 @@ fn scenes(each: u64) -> impl Iterator<Item = Scene> {
 #[test]
 fn every_scene_passes_the_checks_of_recorded_ones_in_both_formats() {
     for scene in scenes(8) {
-        let made = Recording::made(scene.clone());
+        let made = Recording::procedural(scene.clone());
         for bytes in [made.to_pickle().unwrap(), made.to_native().unwrap()] {
             let read = Recording::from_bytes(Path::new("made"), bytes).unwrap();
             // The speed limit goes through km/h in a pickle.
@@ -56,12 +56,12 @@ fn the_logs_are_clean_and_some_simple_attack_hits() {
             Trajectory::new("log", points).unwrap()
         };
         let logged = scorer.scores(&ctx.candidate(log(scene.adversary.unwrap())));
-        assert!(logged.feasible && !logged.collision, "{}: {:?}", scene.id, logged.reasons);
+        assert!(logged.feasible && !logged.collision, "{}: {:?}", scene.id, logged.violations);
         let ego =
             (*scene).clone().with_roles(Some(&scene.adversary().unwrap().id), Some(&scene.ego().id)).unwrap();
         let swapped = Context::new(&Arc::new(ego), &index, &ContextOptions::default()).unwrap();
         let logged = Scorer::new(&swapped).scores(&swapped.candidate(log(scene.ego)));
-        assert!(logged.feasible && !logged.collision, "{}: {:?}", scene.id, logged.reasons);
+        assert!(logged.feasible && !logged.collision, "{}: {:?}", scene.id, logged.violations);
         let hits = procedural::attacks(&scene).into_iter().any(|(_, path)| {
             let s = scorer.scores(&ctx.candidate(path));
             s.collision && s.feasible

@@ -321,7 +321,7 @@ fn lane_links_to_points_that_are_not_there_are_left_out_or_refused() {
         let neighbor = Neighbor { lane: own, own: own_range, other: other_range };
         map.features[own].lane.as_mut().unwrap().neighbors[0].push(neighbor);
         scene.map = map.into();
-        Recording::made(scene)
+        Recording::procedural(scene)
     };
     let read = |bytes: Vec<u8>| Recording::from_bytes(Path::new("x"), bytes);
     assert!(read(link([0, beyond - 1], [0, beyond - 1]).to_native().unwrap()).is_ok());

@@ -47,7 +47,7 @@ impl Aggression {
     /// λ and μ at an aggression.
     ///
     /// *Errors*: one outside [0, 1].
-    pub fn place(&self, aggression: f64) -> Result<(f64, f64), Error> {
+    pub fn lambda_and_mu(&self, aggression: f64) -> Result<(f64, f64), Error> {
         Self::check(aggression)?;
         let last = self.mu.len() - 1;
         let at = aggression * last as f64;
@@ -125,10 +125,10 @@ mod tests {
     #[test]
     fn between_its_values_a_table_is_straight_and_lambda_is_the_aggression() {
         let dial = Aggression::new(vec![0.0, 0.1, 1.0]).unwrap();
-        assert_eq!(dial.place(0.0).unwrap(), (0.0, 0.0));
-        assert_eq!(dial.place(0.5).unwrap(), (0.5, 0.1));
-        assert_eq!(dial.place(1.0).unwrap(), (1.0, 1.0));
-        let (lambda, mu) = dial.place(0.75).unwrap();
+        assert_eq!(dial.lambda_and_mu(0.0).unwrap(), (0.0, 0.0));
+        assert_eq!(dial.lambda_and_mu(0.5).unwrap(), (0.5, 0.1));
+        assert_eq!(dial.lambda_and_mu(1.0).unwrap(), (1.0, 1.0));
+        let (lambda, mu) = dial.lambda_and_mu(0.75).unwrap();
         assert!(lambda == 0.75 && (mu - 0.55).abs() < 1e-12);
     }
 
@@ -141,7 +141,7 @@ mod tests {
         let dial = Aggression::fit(&grid, &rates).unwrap();
         for k in 0..=10 {
             let a = k as f64 / 10.0;
-            let (_, mu) = dial.place(a).unwrap();
+            let (_, mu) = dial.lambda_and_mu(a).unwrap();
             // One step of the grid next to 0 is a third of the span: the fit is as good as the grid.
             let line = 0.1 + 0.8 * a;
             let best = grid.iter().map(|mu| (rate(*mu) - line).abs()).fold(f64::INFINITY, f64::min);
@@ -163,6 +163,6 @@ mod tests {
             assert!(Aggression::new(mu).is_err());
         }
         let dial = Aggression::new(vec![0.0, 1.0]).unwrap();
-        assert!(dial.place(1.01).is_err() && dial.place(f64::NAN).is_err());
+        assert!(dial.lambda_and_mu(1.01).is_err() && dial.lambda_and_mu(f64::NAN).is_err());
     }
 }

@@ -84,7 +84,7 @@ impl Facts {
     }
 
     /// Whether λ or μ changes what it does.
-    pub fn has_dial(&self) -> bool {
+    pub fn uses_operating_point(&self) -> bool {
         self.depends_on_lambda || self.depends_on_mu
     }
 }

@@ -52,7 +52,7 @@ mod pair;
 pub mod proposers;
 mod rule;
 pub mod select;
-mod timing;
+mod speed_profile;
 
 pub use aggression::Aggression;
 pub use apply::attacked;

@@ -153,7 +153,7 @@ impl ExpertSet {
             return Err(Error::Mixture { problem: "there is no expert to mix".to_owned() });
         }
         for (name, expert) in &experts {
-            let mut problems = expert.faults(prior.wanted());
+            let mut problems = expert.mismatches(prior.parameter_specs());
             if problems.is_empty() {
                 problems = moved_in_vain(&*prior, expert)?;
             }
@@ -244,7 +244,7 @@ fn moved_in_vain(prior: &dyn Backbone, expert: &Parameters) -> Result<Vec<String
     let mut problems = Vec::new();
     for (name, own) in expert.iter() {
         let Some(base) = prior.parameters().get(name) else { continue };
-        if !prior.role(name).is_finetuned() && numbers(own)? != numbers(base)? {
+        if !prior.parameter_group(name).is_finetuned() && numbers(own)? != numbers(base)? {
             problems.push(format!("tensor `{name}` is not the prior's: it was tuned from another one"));
         }
     }

@@ -7,7 +7,7 @@
 
 mod error;
 mod expert_set;
-mod interpolated;
+mod interpolated_model;
 mod linear;
 mod merger;
 mod preference_vector;
@@ -15,7 +15,7 @@ mod uniform_soup;
 
 pub use error::Error;
 pub use expert_set::{ADVERSARIAL, ExpertFile, ExpertSet, REALISTIC, TensorSet};
-pub use interpolated::InterpolatedModel;
+pub use interpolated_model::InterpolatedModel;
 pub use linear::Linear;
 pub use merger::{Merger, Range, TensorMerger, TensorRule, merged_weights, mix_numbers};
 pub use preference_vector::PreferenceVector;

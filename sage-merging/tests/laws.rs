@@ -23,7 +23,7 @@ fn prior(name: &str) -> Arc<dyn Backbone> {
 /// The prior with noise on what fine-tuning moves.
 fn tuned(prior: &dyn Backbone, seed: u64) -> Parameters {
     let stir = |(name, tensor): (&str, &Tensor)| {
-        if !prior.role(name).is_finetuned() {
+        if !prior.parameter_group(name).is_finetuned() {
             return (name.to_owned(), tensor.clone());
         }
         let mut rng = Rng::new(seed, name, "noise");
@@ -83,7 +83,7 @@ fn what_fine_tuning_leaves_alone_stays_the_priors_for_every_merger() {
         for entry in mergers().unwrap().entries() {
             let half = merged(entry.name, &set, &[0.63, 0.37]);
             for (name, tensor) in half.iter() {
-                if !set.prior().role(name).is_finetuned() {
+                if !set.prior().parameter_group(name).is_finetuned() {
                     let own = set.prior().parameters().get(name).unwrap();
                     assert_eq!(numbers(tensor), numbers(own), "{}: {name}", entry.name);
                 }

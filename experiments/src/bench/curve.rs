@@ -15,12 +15,12 @@ const SIZE: (u32, u32) = (720, 360);
 ///
 /// *Errors*: the folder cannot be written to.
 pub(crate) fn write(folder: &Folder, rows: &[EpochRow]) -> Result<()> {
-    let mut csv = "epoch,steps,goal_loss,path_loss,gradient,rate,min_fde6_m,surprise,seconds\n".to_owned();
+    let mut csv = "epoch,steps,goal_loss,path_loss,gradient,rate,min_fde6_m,nll,seconds\n".to_owned();
     for r in rows {
         writeln!(
             csv,
             "{},{},{},{},{},{},{},{},{:.1}",
-            r.epoch, r.steps, r.goal, r.path, r.gradient, r.rate, r.min_fde6, r.surprise, r.seconds
+            r.epoch, r.steps, r.goal, r.path, r.gradient, r.rate, r.min_fde6, r.nll, r.seconds
         )?;
     }
     folder.write("curve.csv", csv.as_bytes())?;
@@ -34,14 +34,8 @@ fn draw(rows: &[EpochRow]) -> Result<String, Box<dyn std::error::Error>> {
         let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
         root.fill(&WHITE)?;
         let (left, right) = root.split_horizontally(SIZE.0 / 2);
-        let surprise = |r: &EpochRow| r.surprise;
-        panel(
-            &left,
-            "loss over goals (training)",
-            rows,
-            |r| r.goal,
-            Some(("surprise (validation)", surprise)),
-        )?;
+        let nll = |r: &EpochRow| r.nll;
+        panel(&left, "loss over goals (training)", rows, |r| r.goal, Some(("nll (validation)", nll)))?;
         panel(&right, "minFDE6, m (validation)", rows, |r| r.min_fde6, None)?;
         root.present()?;
     }

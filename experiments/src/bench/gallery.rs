@@ -4,7 +4,7 @@ use std::{collections::HashSet, fmt::Write as _, path::Path};
 
 use anyhow::Result;
 use sage_backbones::training::SceneData;
-use sage_core::objective::{CollisionKind, Context, ContextOptions};
+use sage_core::objective::{CollisionType, Context, ContextOptions};
 
 use super::{
     open_loop::{SceneRow, is_attack},
@@ -38,7 +38,7 @@ pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &
             let Some(data) = scenes.get(&row.scene) else { continue };
             let name = format!("{k:02}-{which}.svg");
             folder.write(&name, picture(data, method, row)?.as_bytes())?;
-            let kind = row.kind.map_or("no contact", CollisionKind::name);
+            let kind = row.collision_type.map_or("no contact", CollisionType::name);
             writeln!(
                 cards,
                 "<figure><a href=\"{name}\"><img src=\"{name}\" loading=lazy></a><figcaption>{which}: {}, {kind}, R_adv {:.2}</figcaption></figure>",

@@ -63,7 +63,7 @@ pub(super) fn run(data: &Data, repeat: usize, mut report: impl FnMut(Timing) -> 
     cases.first().context("none of the scenes has an adversary to predict")?;
 
     report(timing(
-        "look around one target, median of scenes",
+        "features of one target, median of scenes",
         over(&cases, repeat, |case| Ok(ours.features(&case.data.observe()?, case.target, None)?))?,
         Some(1.0),
     ))?;
@@ -90,7 +90,7 @@ pub(super) fn run(data: &Data, repeat: usize, mut report: impl FnMut(Timing) -> 
         None,
     ))?;
 
-    steering(&registry, &cases, repeat, &mut report)?;
+    attacks(&registry, &cases, repeat, &mut report)?;
 
     let batch = features(&*ours, &cases[0])?;
     for (name, threads) in [("32 predictions, one thread", 1), ("32 predictions, two threads", 2)] {
@@ -116,8 +116,8 @@ pub(super) fn run(data: &Data, repeat: usize, mut report: impl FnMut(Timing) -> 
     Ok(())
 }
 
-/// Times a steered attack and a turn of the dial, with the experts that are in the binary.
-fn steering(
+/// Times an attack and a change of λ, with the experts in the binary.
+fn attacks(
     registry: &Registry<dyn Backbone>,
     cases: &[Case],
     repeat: usize,
@@ -144,14 +144,14 @@ fn steering(
     let linear = merger.tensors().context("linear mixes weights")?;
     let mut model = InterpolatedModel::new(&experts, linear, 0)?;
     let mut lambda = 0.0;
-    let turns = measure(repeat, || {
+    let changes = measure(repeat, || {
         lambda = (lambda + 0.37) % 1.0;
         let at = Mixture::between(lambda);
         let start = Instant::now();
-        let turned = model.set(&at);
-        (start.elapsed(), black_box(turned))
+        let changed = model.set(&at);
+        (start.elapsed(), black_box(changed))
     });
-    report(timing("lambda turned in place", turns, Some(1.0)))
+    report(timing("lambda changed in place", changes, Some(1.0)))
 }
 
 /// Features with exactly [`GOALS`] goals: those there are, over and over.
@@ -194,8 +194,11 @@ fn step(network: &dyn Backbone, cases: &[Case], repeat: usize) -> Result<Vec<f64
         let all = Arc::unwrap_or_clone(sample.features);
         let keep: Vec<usize> = (0..all.modes()).cycle().take(GOALS).collect();
         sample.features = Arc::new(all.with_goals(&keep));
-        let mut trainer =
-            Trainer::new(network, |name| network.role(name).is_pretrained(), AdamWConfig::default())?;
+        let mut trainer = Trainer::new(
+            network,
+            |name| network.parameter_group(name).is_pretrained(),
+            AdamWConfig::default(),
+        )?;
         medians.extend(over(std::slice::from_ref(case), repeat, |_| {
             let loss = trainer.trainable()?.loss(&sample)?;
             let gradient = trainer.gradient(&loss, "bench")?;

@@ -7,14 +7,14 @@ use sage_backbones::{
     Backbone, MotionModel,
     backbone::finite,
     features::Frame,
-    training::{Expectation, Measures, SceneData, TunedScene},
+    training::{Expectation, Measures, PreparedScene, SceneData},
 };
 use sage_core::{
     generator::{Attack, Note},
     geometry::distance,
     motion::{HORIZON, NOW, Trajectory},
     objective::{
-        CollisionKind, Context, ContextOptions, Convention, FurtherMeasures, Naturalness, Scorer, Scores,
+        CollisionType, Context, ContextOptions, Convention, FurtherMeasures, Naturalness, Scorer, Scores,
         Situation,
     },
     seed::Rng,
@@ -44,11 +44,11 @@ pub struct SceneRow {
     /// The same of the log, if the adversary was seen throughout: a filled gap is no driving.
     pub natural_log: Option<Naturalness>,
     /// −log p under the prior of the goal nearest to its end.
-    pub surprise: Option<f64>,
+    pub nll: Option<f64>,
     /// The same of the log, if its end was seen.
-    pub surprise_log: Option<f64>,
-    /// What sort of accident it is.
-    pub kind: Option<CollisionKind>,
+    pub nll_log: Option<f64>,
+    /// Type of the collision.
+    pub collision_type: Option<CollisionType>,
     /// The chosen way, metres, world frame.
     pub trajectory: Trajectory,
     /// Seconds to generate it: an even share of what all operating points of the generator took.
@@ -127,7 +127,7 @@ pub const COLUMNS: &[Column] = &[
     mean_of("heading ° − log", |r| Some(r.natural.heading_error? - r.natural_log?.heading_error?)),
     mean_of("against − log", |r| Some(r.natural.against_lane - r.natural_log?.against_lane)),
     mean_of("speeding − log", |r| Some(r.natural.speeding - r.natural_log?.speeding)),
-    mean_of("surprise − log", |r| Some(r.surprise? - r.surprise_log?)),
+    mean_of("nll − log", |r| Some(r.nll? - r.nll_log?)),
     share("release: attack", |r| yes(r.release.collision)),
     mean_of("release: R_adv", |r| Some(r.release.adversarial_reward)),
     mean_of("release: P_beh", |r| Some(r.release.behavior_penalty)),
@@ -152,7 +152,9 @@ pub fn estimate(column: &Column, rows: &[SceneRow]) -> Option<Estimate> {
     if values.iter().all(|v| *v == 0.0 || *v == 1.0) && column.is_share {
         return statistics::wilson(values.iter().filter(|v| **v == 1.0).count(), values.len());
     }
-    statistics::bootstrap_mean(&values, RESAMPLES, &mut Rng::new(0, column.name, "open loop"))
+    // A stream of random numbers keeps its name, so that intervals keep their bits.
+    let stream = if column.name == "nll − log" { "surprise − log" } else { column.name };
+    statistics::bootstrap_mean(&values, RESAMPLES, &mut Rng::new(0, stream, "open loop"))
 }
 
 /// A scene made ready for the rows of all generators.
@@ -163,7 +165,7 @@ pub(crate) struct MeasuredScene<'d> {
     further: &'d FurtherMeasures,
     natural_log: Naturalness,
     likelihood: Option<PriorOfAdversary>,
-    surprise_log: Option<f64>,
+    nll_log: Option<f64>,
 }
 
 impl<'d> MeasuredScene<'d> {
@@ -183,8 +185,8 @@ impl<'d> MeasuredScene<'d> {
         let log = logged_future(&data.scene)?;
         let natural_log = Naturalness::of(&ctx.candidate(log.clone()), &ctx);
         let likelihood = PriorOfAdversary::of(data, prior)?;
-        let surprise_log = likelihood.as_ref().and_then(|prior| prior.surprise(&log));
-        Ok(Self { data, ctx, release, further, natural_log, likelihood, surprise_log })
+        let nll_log = likelihood.as_ref().and_then(|prior| prior.nll(&log));
+        Ok(Self { data, ctx, release, further, natural_log, likelihood, nll_log })
     }
 
     /// Runs a generator at all its operating points; a row for each.
@@ -209,14 +211,14 @@ impl<'d> MeasuredScene<'d> {
         Ok(SceneRow {
             scene: data.name.clone(),
             key,
-            kind: CollisionKind::of(&situation, &paper.criticality),
+            collision_type: CollisionType::of(&situation, &paper.criticality),
             paper,
             release: Scorer::new(release).scores(&release.candidate(chosen.clone())),
             natural: Naturalness::of(&candidate, ctx),
             natural_log: (adversary.count_valid(NOW + 1..NOW + 1 + HORIZON) == HORIZON)
                 .then_some(*natural_log),
-            surprise: self.likelihood.as_ref().and_then(|prior| prior.surprise(chosen)),
-            surprise_log: self.surprise_log.filter(|_| adversary.is_valid(NOW + HORIZON)),
+            nll: self.likelihood.as_ref().and_then(|prior| prior.nll(chosen)),
+            nll_log: self.nll_log.filter(|_| adversary.is_valid(NOW + HORIZON)),
             trajectory: chosen.clone(),
             seconds,
             note: attack.note,
@@ -246,7 +248,7 @@ impl PriorOfAdversary {
     }
 
     /// −log p of the goal nearest to the end of a path.
-    fn surprise(&self, path: &Trajectory) -> Option<f64> {
+    fn nll(&self, path: &Trajectory) -> Option<f64> {
         let end = self.frame.to_local(path.points()[HORIZON - 1]);
         let gap = |k: &usize| distance(self.ends[*k].map(f64::from), end);
         (0..self.ends.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))).map(|k| -self.log_probs[k])
@@ -262,7 +264,7 @@ pub fn expectations(
     policies: &[Arc<dyn MotionModel>],
     measures: &Measures,
 ) -> Result<Option<Vec<Expectation>>> {
-    let Some(prepared) = TunedScene::new(prior, data, false, measures)? else { return Ok(None) };
+    let Some(prepared) = PreparedScene::new(prior, data, false, measures)? else { return Ok(None) };
     Ok(Some(policies.iter().map(|policy| prepared.expectation(&**policy)).collect::<Result<_, _>>()?))
 }
 

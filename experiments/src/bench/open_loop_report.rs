@@ -6,17 +6,17 @@ use anyhow::Result;
 use sage_backbones::training::Expectation;
 use sage_core::{
     generator::{Knowledge, Note},
-    objective::CollisionKind,
+    objective::CollisionType,
     statistics::{self, Estimate},
 };
 
 use super::open_loop::{self, Column, SceneRow, is_attack};
 use crate::{
-    operating_point::{Place, RowKey},
+    operating_point::{OperatingPointSpec, RowKey},
     terminal,
 };
 
-/// What a table shows: columns, and for each generator and place what it knows and its rows.
+/// What a table shows: columns, and for each generator and operating point what it knows and its rows.
 pub(crate) struct Table {
     pub columns: Vec<Column>,
     pub rows: Vec<(RowKey, Knowledge, Vec<SceneRow>)>,
@@ -48,22 +48,22 @@ pub(crate) fn markdown(table: &Table, policies: &Policies) -> Result<String> {
         let knows = if *knows == Knowledge::NOW { "-".to_owned() } else { knows.to_string() };
         writeln!(out, "| {} | {} | {} | {knows} |", key.label(), rows.len(), cells.join(" | "))?;
     }
-    writeln!(out, "\nSorts of feasible attacks, scenes:\n")?;
-    writeln!(out, "| method | {} | none |", CollisionKind::ALL.map(CollisionKind::name).join(" | "))?;
-    writeln!(out, "| --- |{}", " --- |".repeat(CollisionKind::ALL.len() + 1))?;
+    writeln!(out, "\nCollision types of feasible attacks, scenes:\n")?;
+    writeln!(out, "| method | {} | none |", CollisionType::ALL.map(CollisionType::name).join(" | "))?;
+    writeln!(out, "| --- |{}", " --- |".repeat(CollisionType::ALL.len() + 1))?;
     for (key, _, rows) in &table.rows {
-        let mut kinds: BTreeMap<CollisionKind, usize> = BTreeMap::new();
+        let mut types: BTreeMap<CollisionType, usize> = BTreeMap::new();
         rows.iter()
             .filter(|r| is_attack(r))
-            .filter_map(|r| r.kind)
-            .for_each(|k| *kinds.entry(k).or_default() += 1);
-        let counts = CollisionKind::ALL.map(|kind| kinds.get(&kind).copied().unwrap_or(0));
+            .filter_map(|r| r.collision_type)
+            .for_each(|k| *types.entry(k).or_default() += 1);
+        let counts = CollisionType::ALL.map(|t| types.get(&t).copied().unwrap_or(0));
         let none = rows.len() - counts.iter().sum::<usize>();
         let counts = counts.map(|n| n.to_string()).join(" | ");
         writeln!(out, "| {} | {counts} | {none} |", key.label())?;
     }
     if !policies.is_empty() {
-        writeln!(out, "\nWithout choice, expectations under the policy:\n")?;
+        writeln!(out, "\nWithout selection, expectations under the policy:\n")?;
         writeln!(out, "| policy | N | {} |", EXPECTATIONS.map(|e| e.0).join(" | "))?;
         writeln!(out, "| --- | --- |{}", " --- |".repeat(EXPECTATIONS.len()))?;
         for (policy, all) in policies {
@@ -78,20 +78,20 @@ pub(crate) fn markdown(table: &Table, policies: &Policies) -> Result<String> {
 /// Scenes that one generator attacks and the prior at the same place does not, or the prior at the largest μ
 /// for a generator without a place, or another one.
 fn pairs(out: &mut String, table: &Table) -> Result<()> {
-    let priors: Vec<(&RowKey, &Place, &Vec<SceneRow>)> = table
+    let priors: Vec<(&RowKey, &OperatingPointSpec, &Vec<SceneRow>)> = table
         .rows
         .iter()
         .filter(|(key, ..)| key.method == "prior")
-        .filter_map(|(key, _, rows)| Some((key, key.place.as_ref()?, rows)))
+        .filter_map(|(key, _, rows)| Some((key, key.point.as_ref()?, rows)))
         .collect();
     let Some(hardest) = priors.iter().max_by(|a, b| a.1.mu.total_cmp(&b.1.mu)) else { return Ok(()) };
-    writeln!(out, "\nScenes attacked feasibly, paired with the prior under the same choice:\n")?;
+    writeln!(out, "\nScenes attacked feasibly, paired with the prior under the same selection:\n")?;
     writeln!(out, "| method | against | only this | only the prior | difference |")?;
     writeln!(out, "| --- | --- | --- | --- | --- |")?;
     for (key, _, rows) in &table.rows {
-        let same_place = || priors.iter().filter(|(_, place, _)| key.place.as_ref() == Some(*place));
-        let same = same_place().find(|(prior, ..)| prior.options == key.options);
-        let (against, _, prior) = same.or_else(|| same_place().next()).unwrap_or(hardest);
+        let same_point = || priors.iter().filter(|(_, point, _)| key.point.as_ref() == Some(*point));
+        let same = same_point().find(|(prior, ..)| prior.options == key.options);
+        let (against, _, prior) = same.or_else(|| same_point().next()).unwrap_or(hardest);
         let other = |row: &SceneRow| prior.iter().find(|p| p.scene == row.scene).is_some_and(is_attack);
         let won = rows.iter().filter(|r| is_attack(r) && !other(r)).count();
         let lost = rows.iter().filter(|r| !is_attack(r) && other(r)).count();
@@ -129,7 +129,7 @@ pub(crate) fn csv(table: &Table, policies: &Policies) -> Result<String> {
 /// *Errors*: none that a caller can cause.
 pub(crate) fn scenes_csv(table: &Table) -> Result<String> {
     let columns: Vec<String> = table.columns.iter().map(|c| field(c.name)).collect();
-    let mut out = format!("scene,method,kind,collision_step,{},seconds,note\n", columns.join(","));
+    let mut out = format!("scene,method,collision_type,collision_step,{},seconds,note\n", columns.join(","));
     for (key, _, rows) in &table.rows {
         let method = key.label();
         for r in rows {
@@ -139,7 +139,7 @@ pub(crate) fn scenes_csv(table: &Table) -> Result<String> {
                 "{},{},{},{},{},{:.6},{}",
                 field(&terminal::harmless_name(&r.scene)),
                 field(&method),
-                r.kind.map_or("", CollisionKind::name),
+                r.collision_type.map_or("", CollisionType::name),
                 r.paper.collision_step.map_or(String::new(), |step| step.to_string()),
                 values.collect::<Vec<_>>().join(","),
                 r.seconds,

@@ -8,9 +8,9 @@ use sage_core::generator::Mixture;
 use sage_generators::Aggression;
 use sage_merging::Range;
 
-use super::{FolderArgs, MOST_MADE, SplitArgs};
+use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
 use crate::{
-    operating_point::Place,
+    operating_point::OperatingPointSpec,
     part::{Part, Parts},
 };
 
@@ -35,7 +35,7 @@ pub(crate) struct GenerateArgs {
     #[arg(long, value_name = "JSON")]
     pub options: Option<String>,
     #[command(flatten)]
-    pub dial: DialArgs,
+    pub points: OperatingPointArgs,
     /// What the choice among candidates makes large: an objective by name, as `sage list` shows them, or a
     /// JSON file.
     #[arg(long, value_name = "NAME", default_value = "natural")]
@@ -81,7 +81,7 @@ pub(crate) struct OpenLoopArgs {
     #[arg(long, value_name = "NAMES", default_value = "sage,prior,most-likely,random,oracle,cat,rule,log")]
     pub methods: Parts,
     #[command(flatten)]
-    pub dial: DialArgs,
+    pub points: OperatingPointArgs,
     /// What the choice among candidates makes large: an objective by name or a JSON file.
     #[arg(long, value_name = "NAME", default_value = "paper-selection")]
     pub selection: String,
@@ -104,14 +104,14 @@ pub(crate) struct OpenLoopArgs {
     after_help = "Example:\n  sage calibrate scenes/ dev-scenes/ --splits splits.json --without-split train --weights experts/ --out experts/dial.json"
 )]
 pub(crate) struct CalibrateArgs {
-    /// Scene files and folders; made scenes without any.
+    /// Scene files and folders; procedural scenes without any.
     #[arg(value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Number of scenes to make where no path is given.
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_MADE))]
-    pub made: u64,
+    /// Number of procedural scenes if no path is given.
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
+    pub procedural: u64,
     /// Weights with experts: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
@@ -122,7 +122,7 @@ pub(crate) struct CalibrateArgs {
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
-    /// Seed of candidates, and of made scenes.
+    /// Seed of candidates, and of procedural scenes.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     /// File to write.
@@ -162,7 +162,7 @@ pub(crate) struct DialBenchArgs {
 
 /// Where the dials are put, for every command that turns them.
 #[derive(Clone, Debug, Args)]
-pub(crate) struct DialArgs {
+pub(crate) struct OperatingPointArgs {
     /// Where between the experts: a number, several with commas, or from:to:step.
     #[arg(long, value_name = "L", value_parser = values, allow_hyphen_values = true)]
     pub lambda: Option<Values>,
@@ -188,40 +188,40 @@ pub(crate) struct MergerArgs {
     pub merger: Part,
 }
 
-impl DialArgs {
+impl OperatingPointArgs {
     /// Refuses values out of range, before anything is read.
     ///
     /// *Errors*: the first of them.
     pub(crate) fn check(&self, range: Range) -> Result<()> {
         for lambda in self.lambda.iter().flat_map(|values| &values.0) {
-            Place::at(*lambda, self.mu, range)?;
+            OperatingPointSpec::at(*lambda, self.mu, range)?;
         }
-        Place::at(1.0, self.mu, range)?;
+        OperatingPointSpec::at(1.0, self.mu, range)?;
         if let Some(Mix(mix)) = &self.mix {
             range.check_weights(mix.len(), &Mixture::new(mix.iter().map(|(_, weight)| *weight).collect()))?;
-            Place::mixed(mix, self.mu)?;
+            OperatingPointSpec::mixed(mix, self.mu)?;
         }
         Ok(self.aggression.iter().flat_map(|values| &values.0).try_for_each(|a| Aggression::check(*a))?)
     }
 
-    /// The places, lambda at `otherwise` if nothing is given.
+    /// The operating points, lambda at `otherwise` if nothing is given.
     ///
     /// *Errors*: one out of range; no dial for these weights and this selection.
-    pub(crate) fn places(
+    pub(crate) fn specs(
         &self,
         dial: impl FnOnce() -> Result<Aggression>,
         range: Range,
         otherwise: &[f64],
-    ) -> Result<Vec<Place>> {
+    ) -> Result<Vec<OperatingPointSpec>> {
         if let Some(values) = &self.aggression {
             let dial = dial()?;
-            return values.0.iter().map(|a| Place::of(&dial, *a)).collect();
+            return values.0.iter().map(|a| OperatingPointSpec::of(&dial, *a)).collect();
         }
         if let Some(Mix(mix)) = &self.mix {
-            return Ok(vec![Place::mixed(mix, self.mu)?]);
+            return Ok(vec![OperatingPointSpec::mixed(mix, self.mu)?]);
         }
         let lambdas = self.lambda.as_ref().map_or(otherwise, |values| &values.0);
-        lambdas.iter().map(|lambda| Place::at(*lambda, self.mu, range)).collect()
+        lambdas.iter().map(|lambda| OperatingPointSpec::at(*lambda, self.mu, range)).collect()
     }
 }
 

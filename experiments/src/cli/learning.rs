@@ -4,9 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::{FolderArgs, MOST_MADE, SplitArgs, attacking::MergerArgs};
+use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs, attacking::MergerArgs};
 
-/// Train a motion prior from recorded scenes, or from made ones.
+/// Train a motion prior from recorded or procedural scenes.
 ///
 /// Learns from vehicles that are valid now and in 3 s of their future: all that move, at most ten of a
 /// scene an epoch, and a few that stand, half of them mirrored. After each epoch it keeps the best weights (`prior.safetensors`), the state of training
@@ -14,18 +14,18 @@ use super::{FolderArgs, MOST_MADE, SplitArgs, attacking::MergerArgs};
 /// same bits. Scenes are held in memory: about 3 MB each, 8 GiB at most.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage pretrain target/data/womd_cat500/pretrain --dev target/data/womd_cat500/dev --from procedural --out prior/\n  sage pretrain --made 1200 --epochs 6 --out made-prior/"
+    after_help = "Examples:\n  sage pretrain target/data/womd_cat500/pretrain --dev target/data/womd_cat500/dev --from procedural --out prior/\n  sage pretrain --procedural 1200 --epochs 6 --out procedural-prior/"
 )]
 pub(crate) struct PretrainArgs {
-    /// Scene files and folders to learn from; made scenes without any.
+    /// Scene files and folders to learn from; procedural scenes without any.
     #[arg(value_name = "PATH")]
     pub paths: Vec<PathBuf>,
-    /// Scenes to choose the best epoch on; made ones without it.
+    /// Scenes to choose the best epoch on; procedural ones without it.
     #[arg(long, value_name = "DIR")]
     pub dev: Option<PathBuf>,
-    /// Number of scenes to make where no path is given.
-    #[arg(long, value_name = "N", default_value_t = 1200, value_parser = clap::value_parser!(u64).range(..=MOST_MADE))]
-    pub made: u64,
+    /// Number of procedural scenes if no path is given.
+    #[arg(long, value_name = "N", default_value_t = 1200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
+    pub procedural: u64,
     /// Network to train; `sage list` shows them.
     #[arg(long, value_name = "NAME", default_value = "densetnt")]
     pub backbone: String,
@@ -44,7 +44,7 @@ pub(crate) struct PretrainArgs {
     /// Other options of training as a JSON file; flags win.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Seed of the order of training and of made scenes; 0 without it and a --config.
+    /// Seed of the order of training and of procedural scenes; 0 without it and a --config.
     #[arg(long, value_name = "S")]
     pub seed: Option<u64>,
     /// Licence to keep in the weights' header.
@@ -63,10 +63,10 @@ pub(crate) struct PretrainArgs {
 /// `adversarial.safetensors`, `finetune.csv` and `run.json`; name it with `--weights` from then on.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --made 200 --prior procedural --out made-experts/"
+    after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --procedural 200 --prior procedural --out procedural-experts/"
 )]
 pub(crate) struct FinetuneArgs {
-    /// Scene files and folders to tune on; made scenes without any.
+    /// Scene files and folders to tune on; procedural scenes without any.
     #[arg(value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
@@ -74,9 +74,9 @@ pub(crate) struct FinetuneArgs {
     /// Scenes to report on beside those tuned on.
     #[arg(long, value_name = "DIR")]
     pub dev: Option<PathBuf>,
-    /// Number of scenes to make where no path is given.
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_MADE))]
-    pub made: u64,
+    /// Number of procedural scenes if no path is given.
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
+    pub procedural: u64,
     /// Weights of the prior: procedural, waymo, a folder or a file; untrained:densetnt for one that
     /// has learnt nothing.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
@@ -87,7 +87,7 @@ pub(crate) struct FinetuneArgs {
     /// Options of fine-tuning as a JSON file; what is left out keeps each expert's own.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Seed of candidates, pairs and order, and of made scenes.
+    /// Seed of candidates, pairs and order, and of procedural scenes.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     #[command(flatten)]

@@ -10,11 +10,11 @@ use serde_json::json;
 use crate::{
     Outcome, Registries,
     bench::{
+        attack_grid::{AttackGrid, Attacks, Evenness, shapley_of_lambda},
         dial_chart::{self, Line},
-        steering::{Attacks, Evenness, Steering, shapley_of_lambda},
     },
     cli::DialBenchArgs,
-    commands::calibrate::places,
+    commands::calibrate::aggressions,
     generators, networks,
     output::{self, Folder},
     progress::{self, Progress},
@@ -26,8 +26,8 @@ use crate::{
 const LAMBDAS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 const MUS: [f64; 8] = [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0];
 
-/// One way to turn the dial from 0 to 1.
-struct Way {
+/// One sweep to turn the dial from 0 to 1.
+struct Sweep {
     name: &'static str,
     /// λ, μ and what came of it.
     stops: Vec<(f64, f64, Attacks)>,
@@ -42,36 +42,36 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
     let out = Folder::make(&args.folder.out, args.folder.force)?;
     let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
-    let mut lambdas = places();
-    lambdas.extend(LAMBDAS.into_iter().filter(|l| !places().iter().any(|p| (p - l).abs() < 1e-9)));
+    let mut lambdas = aggressions();
+    lambdas.extend(LAMBDAS.into_iter().filter(|l| !aggressions().iter().any(|p| (p - l).abs() < 1e-9)));
     let mut progress = Progress::new("evaluated", scenes.len());
     let step = || progress.step();
     let objectives = [inputs.selection.clone()];
-    let mut steering = Steering::of(&scenes, &inputs, &objectives, &lambdas, args.seed, step)?;
-    let steering = steering.pop().context("one objective, one result")?;
+    let mut grid = AttackGrid::of(&scenes, &inputs, &objectives, &lambdas, args.seed, step)?;
+    let grid = grid.pop().context("one objective, one result")?;
     progress.finish(&format!("{} values of lambda on {} scenes", lambdas.len(), scenes.len()));
-    let attacks = |lambda: f64, mu: f64| steering.attacks(lambda, mu).context("a lambda was not evaluated");
-    let stops = |place: &dyn Fn(f64) -> Result<(f64, f64)>| -> Result<Vec<_>> {
+    let attacks = |lambda: f64, mu: f64| grid.attacks(lambda, mu).context("a lambda was not evaluated");
+    let stops = |point: &dyn Fn(f64) -> Result<(f64, f64)>| -> Result<Vec<_>> {
         let stop = |a: f64| {
-            let (lambda, mu) = place(a)?;
+            let (lambda, mu) = point(a)?;
             Ok((lambda, mu, attacks(lambda, mu)?))
         };
-        places().into_iter().map(stop).collect()
+        aggressions().into_iter().map(stop).collect()
     };
-    let even = |a: f64| Ok(dial.place(a)?);
-    let ways = [
-        Way { name: "aggression", stops: stops(&even)? },
-        Way { name: "lambda = mu", stops: stops(&|a| Ok((a, a)))? },
+    let even = |a: f64| Ok(dial.lambda_and_mu(a)?);
+    let sweeps = [
+        Sweep { name: "aggression", stops: stops(&even)? },
+        Sweep { name: "lambda = mu", stops: stops(&|a| Ok((a, a)))? },
     ];
     let mut markdown = format!("Selection {}, {} scenes.\n\n", selection.name, scenes.len());
-    let mut csv = "way,a,lambda,mu,measure,value,low,high,n\n".to_owned();
-    curves(&mut markdown, &mut csv, &ways)?;
-    let rate = |l: f64, m: f64| steering.attacks(l, m).map_or(f64::NAN, |a| a.rate());
-    let reward = |l: f64, m: f64| steering.attacks(l, m).map_or(f64::NAN, |a| a.reward());
+    let mut csv = "sweep,a,lambda,mu,measure,value,low,high,n\n".to_owned();
+    curves(&mut markdown, &mut csv, &sweeps)?;
+    let rate = |l: f64, m: f64| grid.attacks(l, m).map_or(f64::NAN, |a| a.rate());
+    let reward = |l: f64, m: f64| grid.attacks(l, m).map_or(f64::NAN, |a| a.reward());
     held(&mut markdown, &rate, &reward)?;
-    let lines = ways.iter().map(|way| Line {
-        name: way.name,
-        rates: way.stops.iter().map(|(_, _, attacks)| attacks.rate()).collect(),
+    let lines = sweeps.iter().map(|sweep| Line {
+        name: sweep.name,
+        rates: sweep.stops.iter().map(|(_, _, attacks)| attacks.rate()).collect(),
     });
     let file = |name: &str, text: &str| out.write(name, text.as_bytes());
     file("dial.md", &markdown)?;
@@ -90,15 +90,15 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     Ok(Outcome::Done)
 }
 
-/// Attack and reward along each way, and how even it is.
-fn curves(markdown: &mut String, csv: &mut String, ways: &[Way]) -> Result<()> {
-    for way in ways {
+/// Attack and reward along each sweep, and how even it is.
+fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep]) -> Result<()> {
+    for sweep in sweeps {
         writeln!(
             markdown,
             "| {} | lambda | mu | attack | R_adv |\n| --- | --- | --- | --- | --- |",
-            way.name
+            sweep.name
         )?;
-        for (a, (lambda, mu, attacks)) in places().into_iter().zip(&way.stops) {
+        for (a, (lambda, mu, attacks)) in aggressions().into_iter().zip(&sweep.stops) {
             let measures = [("attack", attacks.rate_estimate()), ("R_adv", attacks.reward_estimate())];
             let mut cells = Vec::new();
             for (measure, estimate) in measures {
@@ -107,14 +107,14 @@ fn curves(markdown: &mut String, csv: &mut String, ways: &[Way]) -> Result<()> {
                 writeln!(
                     csv,
                     "{},{a},{lambda},{mu},{measure},{},{},{},{}",
-                    way.name, e.value, e.low, e.high, e.n
+                    sweep.name, e.value, e.low, e.high, e.n
                 )?;
             }
             writeln!(markdown, "| {a:.1} | {lambda:.2} | {mu:.4} | {} |", cells.join(" | "))?;
         }
-        let attacks: Vec<&Attacks> = way.stops.iter().map(|(_, _, attacks)| attacks).collect();
+        let attacks: Vec<&Attacks> = sweep.stops.iter().map(|(_, _, attacks)| attacks).collect();
         let even = Evenness::of(&attacks);
-        let order = places();
+        let order = aggressions();
         let rank = |value: &dyn Fn(&Attacks) -> f64| {
             let values: Vec<f64> = attacks.iter().map(|a| value(a)).collect();
             statistics::rank_correlation(&order, &values)
@@ -122,7 +122,7 @@ fn curves(markdown: &mut String, csv: &mut String, ways: &[Way]) -> Result<()> {
         writeln!(
             markdown,
             "\n{}: off the straight line by {:.1} points RMS and {:.1} at most; greatest step down {} scenes; span {:.1} points; rank correlation with attack {:.3}, with R_adv {:.3}.\n",
-            way.name,
+            sweep.name,
             100.0 * even.rms,
             100.0 * even.worst,
             even.step_down,

@@ -13,7 +13,7 @@ use sage_merging::Merger;
 
 use crate::{
     Outcome, Registries,
-    bench::{open_loop, steering::Steering},
+    bench::{attack_grid::AttackGrid, open_loop},
     cli::ExpertsArgs,
     generators, networks, output,
     progress::Progress,
@@ -89,9 +89,9 @@ fn values(registries: &Registries, folder: &str, scenes: &Scenes, args: &Experts
     let selection = Selection::of(registries, "paper-selection", None)?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
     let objectives = [inputs.selection.clone()];
-    let steering = Steering::of(scenes, &inputs, &objectives, &[1.0], args.seed, || ())?.pop();
-    let steering = steering.context("one objective, one result")?;
-    let attacks = steering.attacks(1.0, 1.0).context("lambda 1 was not evaluated")?;
+    let grid = AttackGrid::of(scenes, &inputs, &objectives, &[1.0], args.seed, || ())?.pop();
+    let grid = grid.context("one objective, one result")?;
+    let attacks = grid.attacks(1.0, 1.0).context("lambda 1 was not evaluated")?;
     Ok(vec![
         of(&adversarial, |e| e.feasible),
         of(&adversarial, |e| e.attack),

@@ -23,7 +23,7 @@ use crate::{
     cli::OpenLoopArgs,
     generators::{self, BuiltGenerator},
     networks,
-    operating_point::{Place, RowKey},
+    operating_point::{OperatingPointSpec, RowKey},
     output::{self, Run, State},
     part::Part,
     progress::{self, Progress},
@@ -55,24 +55,24 @@ struct SceneResult {
 pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
-    let merger: Arc<dyn Merger> = args.dial.merging.merger.build(&registries.mergers)?.into();
-    args.dial.check(merger.range())?;
+    let merger: Arc<dyn Merger> = args.points.merging.merger.build(&registries.mergers)?.into();
+    args.points.check(merger.range())?;
     let spec = Some(selection.objective.spec());
     let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, spec)?;
     let measures = Measures::of(&[], &registries.rewards, &registries.feasibilities)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
-    let merger_name = args.dial.merging.merger.to_string();
+    let merger_name = args.points.merging.merger.to_string();
     let dial = || networks::load_dial(&args.weights, &experts, &selection, &merger_name);
-    let places = args.dial.places(dial, merger.range(), &[0.0, 0.5, 1.0])?;
+    let points = args.points.specs(dial, merger.range(), &[0.0, 0.5, 1.0])?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
-    let generators = generators(args, registries, &inputs, &places)?;
+    let generators = generators(args, registries, &inputs, &points)?;
     // Without a network among the generators nobody asks what its policy does.
     let has_network = generators.iter().any(|built| built.facts.needs_experts);
-    let places_of_policies = if has_network { &places[..] } else { &[] };
-    let policies = policies(places_of_policies, &experts, &*merger, args.seed)?;
+    let policy_points = if has_network { &points[..] } else { &[] };
+    let policies = policies(policy_points, &experts, &*merger, args.seed)?;
     let paths = [&args.paths[..], &args.data].concat();
     let scenes = Scenes::of(&paths, &args.split, 0, args.seed)?.attackable()?;
-    let identity = identity(args, &experts, &selection, &scenes, &places)?;
+    let identity = identity(args, &experts, &selection, &scenes, &points)?;
     let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[], &FILES)?;
     if state == State::Done {
         output::print(&files::read_text(&run.folder().path().join(TABLE), RESULTS_LIMIT)?)?;
@@ -154,18 +154,18 @@ fn results_of(
     Ok(results)
 }
 
-/// The generators in the order of the table; of a ceiling its strongest place alone.
+/// The generators in the order of the table; of a ceiling its strongest operating point alone.
 fn generators(
     args: &OpenLoopArgs,
     registries: &Registries,
     inputs: &GeneratorInputs,
-    places: &[Place],
+    points: &[OperatingPointSpec],
 ) -> Result<Vec<BuiltGenerator>> {
-    let hardest = places.iter().max_by(|a, b| a.mu.total_cmp(&b.mu));
-    let hardest: Vec<Place> = hardest.into_iter().cloned().collect();
+    let hardest = points.iter().max_by(|a, b| a.mu.total_cmp(&b.mu));
+    let hardest: Vec<OperatingPointSpec> = hardest.into_iter().cloned().collect();
     let build = |part: &Part| {
         let is_ceiling = part.build(&registries.generators)?.facts().is_ceiling;
-        BuiltGenerator::new(part, registries, inputs, if is_ceiling { &hardest } else { places })
+        BuiltGenerator::new(part, registries, inputs, if is_ceiling { &hardest } else { points })
     };
     let built = args.methods.0.iter().map(build).collect::<Result<Vec<_>>>()?;
     let keys: Vec<RowKey> = built.iter().flat_map(|built| built.keys.clone()).collect();
@@ -173,21 +173,21 @@ fn generators(
     Ok(built)
 }
 
-/// The prior and the mixtures at all places, by name.
+/// The prior and the mixtures at all operating points, by name.
 fn policies(
-    places: &[Place],
+    points: &[OperatingPointSpec],
     experts: &ExpertSet,
     merger: &dyn Merger,
     seed: u64,
 ) -> Result<Vec<(String, Arc<dyn MotionModel>)>> {
     let prior: Arc<dyn MotionModel> = experts.prior().clone();
-    if places.is_empty() {
+    if points.is_empty() {
         return Ok(Vec::new());
     }
     let mut policies = vec![("prior".to_owned(), prior)];
-    for place in places {
-        let model = merger.merge(experts, &place.point(Some(experts))?.mixture, seed)?;
-        policies.push((format!("sage, {}", place.mixture_label()), model));
+    for point in points {
+        let model = merger.merge(experts, &point.point(Some(experts))?.mixture, seed)?;
+        policies.push((format!("sage, {}", point.mixture_label()), model));
     }
     Ok(policies)
 }
@@ -198,15 +198,15 @@ fn identity(
     experts: &ExpertSet,
     selection: &Selection,
     scenes: &Scenes,
-    places: &[Place],
+    points: &[OperatingPointSpec],
 ) -> Result<Value> {
     let hashes = experts.experts().iter().map(|(name, weights)| Ok((name.clone(), weights.hash()?.into())));
     Ok(json!({
         "methods": args.methods.0.iter().map(Part::to_string).collect::<Vec<_>>(),
-        "merger": args.dial.merging.merger.to_string(), "selection": selection.objective.spec(), "seed": args.seed,
+        "merger": args.points.merging.merger.to_string(), "selection": selection.objective.spec(), "seed": args.seed,
         "scenes": scenes.describe(), "names": scenes.names(), "prior": experts.prior().parameters().hash()?,
         "experts": hashes.collect::<Result<Map<String, Value>>>()?,
-        "places": places, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
+        "points": points, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     }))
 }
 
@@ -224,12 +224,12 @@ fn report_errors(all: &[SceneResult], generators: &[BuiltGenerator]) -> usize {
     failures
 }
 
-/// Rows by generator and place.
+/// Rows by generator and operating point.
 fn table_rows(all: &[SceneResult], generators: &[BuiltGenerator]) -> Vec<(RowKey, Knowledge, Vec<SceneRow>)> {
     let mut table = Vec::new();
     for (k, built) in generators.iter().enumerate() {
-        for (place, key) in built.keys.iter().enumerate() {
-            let row = |result: &SceneResult| result.rows.get(k)?.as_ref().ok()?.get(place).cloned();
+        for (point, key) in built.keys.iter().enumerate() {
+            let row = |result: &SceneResult| result.rows.get(k)?.as_ref().ok()?.get(point).cloned();
             table.push((key.clone(), built.facts.knows, all.iter().filter_map(row).collect()));
         }
     }

@@ -8,7 +8,7 @@ use sage_merging::Merger;
 
 use crate::{
     Outcome, Registries,
-    bench::steering::{Evenness, Steering},
+    bench::attack_grid::{AttackGrid, Evenness},
     cli::CalibrateArgs,
     generators, networks,
     output::{self, OutputFile},
@@ -21,7 +21,7 @@ use crate::{
 pub(crate) const PLACES: usize = 11;
 
 /// Evenly spaced values from 0 to 1.
-pub(crate) fn places() -> Vec<f64> {
+pub(crate) fn aggressions() -> Vec<f64> {
     (0..PLACES).map(|k| k as f64 / (PLACES - 1) as f64).collect()
 }
 
@@ -34,19 +34,19 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     ensure!(names.len() == selections.len(), "a selection is named twice");
     let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
-    let scenes = Scenes::of(&args.paths, &args.split, args.made, args.seed)?.attackable()?;
+    let scenes = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.attackable()?;
     let mut dials = Dials::default();
     let mut progress = Progress::new("evaluated", scenes.len());
-    let all = places();
+    let all = aggressions();
     let inputs = generators::inputs(Some(&experts), &merger, &selections[0], args.seed);
     let objectives: Vec<_> = selections.iter().map(|s| Arc::new(s.objective.clone())).collect();
     let step = || progress.step();
-    let steerings = Steering::of(&scenes, &inputs, &objectives, &all, args.seed, step)?;
-    for (selection, steering) in selections.iter().zip(steerings) {
-        let mu = steering.fit()?;
+    let grids = AttackGrid::of(&scenes, &inputs, &objectives, &all, args.seed, step)?;
+    for (selection, grid) in selections.iter().zip(grids) {
+        let mu = grid.fit()?;
         let at = |a: &f64| -> Result<_> {
-            let (lambda, mu) = mu.place(*a)?;
-            steering.attacks(lambda, mu).context("a place of the dial was not evaluated")
+            let (lambda, mu) = mu.lambda_and_mu(*a)?;
+            grid.attacks(lambda, mu).context("an aggression was not evaluated")
         };
         let attacks = all.iter().map(at).collect::<Result<Vec<_>>>()?;
         let even = Evenness::of(&attacks.iter().collect::<Vec<_>>());

@@ -1,4 +1,4 @@
-//! `sage demo`: made scenes, attacked from natural to aggressive, with pictures.
+//! `sage demo`: procedural scenes, attacked from natural to aggressive, with pictures.
 
 use std::{io::Write, sync::Arc};
 
@@ -22,13 +22,13 @@ use crate::{
     drawing::{self, Picture, drawn_path},
     generators::{self, BuiltGenerator},
     networks,
-    operating_point::Place,
+    operating_point::OperatingPointSpec,
     output::Folder,
     progress,
     selection::Selection,
 };
 
-/// Where the dial is put.
+/// Aggressions of the sweep.
 const AGGRESSIONS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Scenes of each kind.
 const SCENES: u64 = 6;
@@ -45,21 +45,23 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     let merger: Arc<dyn Merger> = registries.mergers.build_default("linear")?.into();
     let selection = Selection::of(registries, "natural", None)?;
     let dial = networks::load_dial("procedural", &experts, &selection, "linear")?;
-    let places = AGGRESSIONS.map(|a| Place::of(&dial, a)).into_iter().collect::<Result<Vec<_>>>()?;
+    let points =
+        AGGRESSIONS.map(|a| OperatingPointSpec::of(&dial, a)).into_iter().collect::<Result<Vec<_>>>()?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, 0);
     let sage =
-        BuiltGenerator::new(&"sage".parse().map_err(anyhow::Error::msg)?, registries, &inputs, &places)?;
+        BuiltGenerator::new(&"sage".parse().map_err(anyhow::Error::msg)?, registries, &inputs, &points)?;
     let numbers: Vec<(Kind, u64)> =
         Kind::ALL.into_iter().flat_map(|kind| (0..SCENES).map(move |number| (kind, number))).collect();
-    let steer = |&(kind, number): &(Kind, u64)| steer(kind, number, args.seed, &sage);
-    let steered: Vec<Result<AttackedScene>> = numbers.par_iter().with_max_len(1).map(steer).collect();
-    let steered = steered.into_iter().collect::<Result<Vec<_>>>()?;
-    for ((_, number), steered) in numbers.iter().zip(&steered) {
+    let attack = |&(kind, number): &(Kind, u64)| attacked_scene(kind, number, args.seed, &sage);
+    let attacked_scenes: Vec<Result<AttackedScene>> =
+        numbers.par_iter().with_max_len(1).map(attack).collect();
+    let attacked_scenes = attacked_scenes.into_iter().collect::<Result<Vec<_>>>()?;
+    for ((_, number), attacked_scene) in numbers.iter().zip(&attacked_scenes) {
         if *number == 0 {
-            keep(&out, steered)?;
+            write_files(&out, attacked_scene)?;
         }
     }
-    print(&steered)?;
+    print(&attacked_scenes)?;
     progress::say(&format!(
         "one scene of each kind, its attack at aggression 1 and a picture of all five are in `{}`; open the .svg files in a browser",
         args.out.display()
@@ -67,7 +69,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn steer(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> Result<AttackedScene> {
+fn attacked_scene(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> Result<AttackedScene> {
     let scene = procedural::generate(kind, seed, number)
         .with_context(|| format!("no {} scene came of seed {seed}", kind.name()))?;
     let (index, scene) = (SceneIndex::new(scene.map.clone()), Arc::new(scene));
@@ -82,26 +84,26 @@ fn steer(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> Result<At
 }
 
 /// Writes the scene, its strongest attack as a scene of its own, and a picture of the sweep.
-fn keep(out: &Folder, steered: &AttackedScene) -> Result<()> {
-    let scene = &steered.scene;
+fn write_files(out: &Folder, attacked_scene: &AttackedScene) -> Result<()> {
+    let scene = &attacked_scene.scene;
     let index = SceneIndex::new(scene.map.clone());
     let ctx = Context::new(scene, &index, &ContextOptions::default())?;
     let path = |ending: &str| out.path().join(format!("{}{ending}", scene.id));
-    Recording::made((**scene).clone()).write(&path(".safetensors"))?;
-    if let Some((strongest, _)) = steered.attacks.last() {
-        let attacked = Recording::made(attacked(scene, strongest.trajectory())?);
+    Recording::procedural((**scene).clone()).write(&path(".safetensors"))?;
+    if let Some((strongest, _)) = attacked_scene.attacks.last() {
+        let attacked = Recording::procedural(attacked(scene, strongest.trajectory())?);
         attacked.write(&path("-attacked.safetensors"))?;
         attacked.write(&path("-attacked.pkl"))?;
     }
     let drawn = AGGRESSIONS
         .iter()
-        .zip(&steered.attacks)
+        .zip(&attacked_scene.attacks)
         .map(|(a, (attack, _))| drawn_path(format!("aggression {a:.2}"), &ctx, attack.trajectory().clone()));
     let picture = Picture { title: scene.id.clone(), candidates: drawn.collect(), ..Picture::default() };
     out.write(&format!("{}.svg", scene.id), drawing::draw(scene, &picture).as_bytes())
 }
 
-fn print(steered: &[AttackedScene]) -> Result<()> {
+fn print(attacked_scenes: &[AttackedScene]) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
@@ -115,7 +117,7 @@ fn print(steered: &[AttackedScene]) -> Result<()> {
         Kind::ALL.map(|kind| format!("{:>11}", kind.name())).join(" ")
     )?;
     for (slot, a) in AGGRESSIONS.into_iter().enumerate() {
-        let scores: Vec<&Scores> = steered.iter().map(|s| &s.attacks[slot].1).collect();
+        let scores: Vec<&Scores> = attacked_scenes.iter().map(|s| &s.attacks[slot].1).collect();
         let mean = |value: &dyn Fn(&Scores) -> f64| {
             scores.iter().map(|s| value(s)).sum::<f64>() / scores.len() as f64
         };

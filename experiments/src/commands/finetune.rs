@@ -8,8 +8,8 @@ use sage_backbones::{
     Backbone,
     parameters::Header,
     training::{
-        Expectation, FinetuneOptions, FinetuneRow, Kept, Measures, SceneData, TunedScene, finetune,
-        other_roles,
+        CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, SceneData,
+        finetune, role_assignments,
     },
     weights::PRIOR_FILE,
 };
@@ -113,7 +113,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let loaded = networks::load(&registries.backbones, &args.prior)?;
     networks::announce(&loaded);
     let prior = &*loaded.network;
-    let train = Scenes::of(&args.paths, &args.split, args.made, args.seed)?.hold()?;
+    let train = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.hold()?;
     let dev = match &args.dev {
         Some(dev) => Scenes::under(std::slice::from_ref(dev))?.hold()?,
         None => Vec::new(),
@@ -149,9 +149,11 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         train.len(),
         dev.len()
     );
-    let (plain, dev) =
-        (TunedScene::all(prior, &train, false, &measures)?, TunedScene::all(prior, &dev, false, &measures)?);
-    let both = TunedScene::all(prior, &train, true, &measures)?;
+    let (plain, dev) = (
+        PreparedScene::all(prior, &train, false, &measures)?,
+        PreparedScene::all(prior, &dev, false, &measures)?,
+    );
+    let both = PreparedScene::all(prior, &train, true, &measures)?;
     drop(train);
     progress::say(&format!(
         "every goal of {} casts (a scene with an ego and an adversary) is decoded and judged ({:.0} s)",
@@ -159,14 +161,14 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         clock.elapsed().as_secs_f64()
     ));
     let count = plain.len();
-    let all: Vec<TunedScene> = plain.into_iter().chain(both).collect();
+    let all: Vec<PreparedScene> = plain.into_iter().chain(both).collect();
     let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_reward,expected_penalty,seconds\n".to_owned();
     let mut told_results = Vec::new();
     for Expert { name, options, objective } in &experts {
         let train = if options.mirror { &all[..] } else { &all[..count] };
         let state = folder.path().join(format!("{name}.state"));
         let identity = json!({"run": &identity, "expert": name});
-        let kept = Kept { file: &state, identity, header: Header::default() };
+        let kept = CheckpointFile { file: &state, identity, header: Header::default() };
         let weights = finetune(prior, train, &measures, objective, options, Some(&kept), |row| {
             progress::say(&told(name, row));
             table += &csv(name, row);
@@ -184,7 +186,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         header.notes.insert(ExpertFile::PRIOR.to_owned(), prior.parameters().hash()?);
         header.notes.insert("options".to_owned(), serde_json::to_string(options)?);
         weights.save(&header, &folder.path().join(format!("{name}.safetensors")))?;
-        let tuned = prior.rebuilt(weights)?;
+        let tuned = prior.with_parameters(weights)?;
         for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {
             if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
                 progress::say(&format!(
@@ -218,7 +220,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
 /// Beside each scene the same with so many other pairs of ego and adversary.
 fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
     let beside = |data: &SceneData| -> Vec<SceneData> {
-        let roles = other_roles(&data.scene, most).into_iter().enumerate();
+        let roles = role_assignments(&data.scene, most).into_iter().enumerate();
         roles.map(|(k, scene)| SceneData::new(format!("{} roles {}", data.name, k + 1), scene)).collect()
     };
     let others: Vec<Vec<SceneData>> = scenes.par_iter().map(beside).collect();
@@ -229,7 +231,7 @@ fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
 fn expectations(
     prior: &dyn Backbone,
     tuned: &dyn Backbone,
-    scenes: &[TunedScene],
+    scenes: &[PreparedScene],
 ) -> Result<Option<[Expectation; 2]>> {
     if scenes.is_empty() {
         return Ok(None);

@@ -26,7 +26,7 @@ use crate::{
     drawing::{self, Picture, drawn_path},
     generators::{self, BuiltGenerator},
     input, networks,
-    operating_point::Place,
+    operating_point::OperatingPointSpec,
     output::{self, Folder},
     part::Part,
     progress,
@@ -47,7 +47,7 @@ struct OverWeights {
     weights: Option<String>,
     built: BuiltGenerator,
     /// Where the dials are put, for files and rows: λ and μ even where they change nothing.
-    places: Vec<Place>,
+    places: Vec<OperatingPointSpec>,
 }
 
 /// What each scene is attacked with. Weights are those that the user names, or by each scene's origin: what
@@ -67,11 +67,11 @@ impl GeneratorSets<'_> {
     /// Number of what a scene is attacked with.
     ///
     /// *Errors*: weights that cannot be used.
-    fn for_scene(&mut self, is_made: bool) -> Result<usize> {
+    fn for_scene(&mut self, is_procedural: bool) -> Result<usize> {
         let weights = match &self.args.weights {
             _ if !self.facts.needs_experts => None,
             Some(weights) => Some(weights.as_str()),
-            None => Some(networks::default_for(is_made)?),
+            None => Some(networks::default_for(is_procedural)?),
         };
         let known = self.loaded.iter().position(|over| over.weights.as_deref() == weights);
         let number = match known {
@@ -90,19 +90,19 @@ impl GeneratorSets<'_> {
         let experts = weights.map(load).transpose()?;
         let dial = || {
             let weights = weights.unwrap_or("procedural");
-            let merger = args.dial.merging.merger.to_string();
+            let merger = args.points.merging.merger.to_string();
             match &experts {
                 Some(experts) => networks::load_dial(weights, experts, &self.selection, &merger),
                 None => networks::load_dial(weights, &load(weights)?, &self.selection, &merger),
             }
         };
         let range = self.merger.range();
-        let places = if self.facts.has_dial() {
-            args.dial.places(dial, range, &[1.0])?
+        let places = if self.facts.uses_operating_point() {
+            args.points.specs(dial, range, &[1.0])?
         } else {
-            vec![Place::at(1.0, None, range)?]
+            vec![OperatingPointSpec::at(1.0, None, range)?]
         };
-        let labels: HashSet<String> = places.iter().map(Place::file_label).collect();
+        let labels: HashSet<String> = places.iter().map(OperatingPointSpec::file_label).collect();
         ensure!(labels.len() == places.len(), "two places of the dial would become one file");
         let inputs = generators::inputs(experts.as_ref(), &self.merger, &self.selection, args.seed);
         let built = BuiltGenerator::new(&self.method, self.registries, &inputs, &places)?;
@@ -118,8 +118,8 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         method.options.extend(options);
     }
     let facts = method.build(&registries.generators)?.facts();
-    let merger: Arc<dyn Merger> = args.dial.merging.merger.build(&registries.mergers)?.into();
-    args.dial.check(merger.range())?;
+    let merger: Arc<dyn Merger> = args.points.merging.merger.build(&registries.mergers)?.into();
+    args.points.check(merger.range())?;
     let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
     say_what_changes_nothing(args, &facts);
     let spec = Some(selection.objective.spec());
@@ -200,14 +200,14 @@ fn attempt(
 ) -> Result<Vec<String>, Failure> {
     let recording = Recording::read(file).map_err(|error| Failure::Scene(error.into()))?;
     // Where the user names weights, nobody asks where the scene is from.
-    let is_made =
-        args.weights.is_some() || recording.is_made().map_err(|error| Failure::Scene(error.into()))?;
-    let number = sets.for_scene(is_made).map_err(Failure::Run)?;
+    let is_procedural =
+        args.weights.is_some() || recording.is_procedural().map_err(|error| Failure::Scene(error.into()))?;
+    let number = sets.for_scene(is_procedural).map_err(Failure::Run)?;
     one(args, out, sets, number, file, recording).map_err(Failure::Scene)
 }
 
 fn say_what_changes_nothing(args: &GenerateArgs, facts: &Facts) {
-    let dial = &args.dial;
+    let dial = &args.points;
     let follows_mixture = facts.depends_on_lambda || facts.depends_on_mu;
     let given = [
         ("--lambda", dial.lambda.is_some() && !follows_mixture),
@@ -223,7 +223,8 @@ fn say_what_changes_nothing(args: &GenerateArgs, facts: &Facts) {
         progress::say(&format!("note: `{}` does not depend on {}", args.method, idle.join(", ")));
     }
     let is_paper = args.rule.feasibility.as_ref().is_none_or(|rule| *rule == Part::paper());
-    if dial.aggression.is_some() && facts.has_dial() && (args.method.name != "sage" || !is_paper) {
+    if dial.aggression.is_some() && facts.uses_operating_point() && (args.method.name != "sage" || !is_paper)
+    {
         progress::say(
             "note: the even dial was fitted for `sage` under the paper's feasibility; here it may not be even",
         );
@@ -304,7 +305,12 @@ fn one(
 }
 
 /// How a scene was attacked, for whoever finds the file.
-fn provenance(args: &GenerateArgs, sets: &GeneratorSets, weights: Option<&str>, place: &Place) -> Value {
+fn provenance(
+    args: &GenerateArgs,
+    sets: &GeneratorSets,
+    weights: Option<&str>,
+    place: &OperatingPointSpec,
+) -> Value {
     let mut row = json!({
         "by": concat!("sage ", env!("CARGO_PKG_VERSION")), "command": output::command(), "weights": weights,
         "seed": args.seed,
@@ -314,7 +320,7 @@ fn provenance(args: &GenerateArgs, sets: &GeneratorSets, weights: Option<&str>, 
 }
 
 /// Adds what was asked for.
-fn describe(row: &mut Value, args: &GenerateArgs, sets: &GeneratorSets, place: &Place) {
+fn describe(row: &mut Value, args: &GenerateArgs, sets: &GeneratorSets, place: &OperatingPointSpec) {
     row["method"] = json!(sets.method.name);
     row["options"] = json!(sets.method.options);
     row["lambda"] = json!(place.lambda);
@@ -323,7 +329,7 @@ fn describe(row: &mut Value, args: &GenerateArgs, sets: &GeneratorSets, place: &
     if !place.mix.is_empty() {
         row["mix"] = place.mix.iter().map(|(name, weight)| (name.clone(), json!(weight))).collect();
     }
-    row["merger"] = json!(args.dial.merging.merger.to_string());
+    row["merger"] = json!(args.points.merging.merger.to_string());
     row["selection"] = json!(sets.selection.objective.spec());
 }
 
@@ -333,7 +339,7 @@ struct Report<'r> {
     scorer: &'r Scorer<'r>,
     ctx: &'r Context,
     name: &'r str,
-    place: &'r Place,
+    place: &'r OperatingPointSpec,
     /// Seconds a place, when all were worked on together.
     seconds: f64,
 }
@@ -356,7 +362,7 @@ impl Report<'_> {
         let mut row = json!({
             "scene": name, "seed": args.seed,
             "trajectory": attack.trajectory(), "chosen": attack.chosen, "feasible": violations.is_empty(),
-            "reasons": violations, "note": note, "scores": scores,
+            "violations": violations, "note": note, "scores": scores,
             "candidates": all.collect::<Vec<_>>(), "seconds": seconds,
         });
         describe(&mut row, args, sets, place);

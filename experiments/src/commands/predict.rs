@@ -39,7 +39,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     let recording = Recording::read(&args.scene)?;
     let weights = match args.weights.as_deref() {
         Some(weights) => weights,
-        None => networks::default_for(recording.is_made()?)?,
+        None => networks::default_for(recording.is_procedural()?)?,
     };
     let loaded = networks::load(&registries.backbones, weights)?;
     networks::announce(&loaded);

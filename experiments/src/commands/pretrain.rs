@@ -1,4 +1,4 @@
-//! `sage pretrain`: a prior from recorded or made scenes.
+//! `sage pretrain`: a prior from recorded or procedural scenes.
 
 use std::time::{Duration, Instant};
 
@@ -37,10 +37,10 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     if let Some(from) = &args.from {
         let loaded = networks::load(&registries.backbones, from)?;
         let parameters = loaded.network.parameters().clone();
-        network = network.with_parameters(parameters, &format!("weights `{from}`"))?;
+        network = network.load_parameters(parameters, &format!("weights `{from}`"))?;
     }
     let train = if args.paths.is_empty() {
-        Scenes::procedural(args.made, options.seed)
+        Scenes::procedural(args.procedural, options.seed)
     } else {
         Scenes::under(&args.paths)?
     };
@@ -81,15 +81,14 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     let done = pretrain(&*network, &train, &dev, &options, &header, folder.path(), &mut watcher)?;
     watcher.outcome?;
     let rows = done.rows;
-    let best =
-        rows.iter().min_by(|a, b| a.surprise.total_cmp(&b.surprise)).context("no epoch was asked for")?;
+    let best = rows.iter().min_by(|a, b| a.nll.total_cmp(&b.nll)).context("no epoch was asked for")?;
     curve::write(folder, &rows)?;
     run.finish(&json!({"best": best, "epochs": rows.len()}), clock.elapsed().as_secs_f64())?;
     progress::say(&format!(
-        "best of {} epochs: {} with surprise {:.3} and minFDE6 {:.2} m; its weights are `{}`",
+        "best of {} epochs: {} with nll {:.3} and minFDE6 {:.2} m; its weights are `{}`",
         rows.len(),
         best.epoch,
-        best.surprise,
+        best.nll,
         best.min_fde6,
         folder.path().join(PRIOR_FILE).display()
     ));
@@ -160,12 +159,12 @@ impl Observer for Watcher<'_> {
         self.rows.push(row.clone());
         let left = f64::from(self.epochs - row.epoch) * row.seconds;
         progress::say(&format!(
-            "epoch {}: loss {:.3} + {:.3}, minFDE6 {:.2} m, surprise {:.3}; about {:.0} min left",
+            "epoch {}: loss {:.3} + {:.3}, minFDE6 {:.2} m, nll {:.3}; about {:.0} min left",
             row.epoch,
             row.goal,
             row.path,
             row.min_fde6,
-            row.surprise,
+            row.nll,
             left / 60.0
         ));
         if self.outcome.is_ok() {

@@ -37,7 +37,7 @@ pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
                     format!("no {} scene came of seed {} number {number}", kind.name(), args.seed)
                 })?;
                 let path: PathBuf = out.path().join(format!("{}.{ending}", scene.id));
-                Ok(Recording::made(scene).write(&path)?)
+                Ok(Recording::procedural(scene).write(&path)?)
             })
             .collect();
         for () in made? {

@@ -101,10 +101,10 @@ impl<W: Write> Table<'_, W> {
         let s = &row.scores;
         let number = |x: Option<f64>, digits: usize| x.map_or("-".to_owned(), |x| format!("{x:.digits$}"));
         let yes = |x: bool| if x { "yes" } else { "no" };
-        let reasons: Vec<String> = s
-            .reasons_strict
+        let violations: Vec<String> = s
+            .violations_strict
             .iter()
-            .chain(s.reasons.iter().filter(|r| !s.reasons_strict.contains(r)))
+            .chain(s.violations.iter().filter(|r| !s.violations_strict.contains(r)))
             .chain(s.rules.values().flatten())
             .map(|v| format!("{} {} at step {}", v.words(), v.with.escape_debug(), v.step))
             .collect();
@@ -136,7 +136,7 @@ impl<W: Write> Table<'_, W> {
             number(s.distances.wd_speed, 2),
             number(s.distances.wd_acceleration, 2),
             number(s.distances.wd_yaw_rate, 3),
-            reasons.join("; ")
+            violations.join("; ")
         );
         writeln!(self.out, "{}", line.trim_end())?;
         Ok(())

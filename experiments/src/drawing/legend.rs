@@ -12,7 +12,7 @@ use super::{
     palette::{self as color, Ramp},
     road_users::{self, Role},
     svg::Svg,
-    view::View,
+    viewport::Viewport,
 };
 
 /// Width of the column, pixels.
@@ -54,7 +54,7 @@ impl Cursor {
 }
 
 /// Draws the column at `x`; returns the height that picture and column need.
-pub(super) fn draw(svg: &mut Svg, view: &View, x: f64, content: &Content) -> f64 {
+pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, x: f64, content: &Content) -> f64 {
     svg.open(&format!(r#"fill="{}""#, color::INK));
     svg.text([x, 24.0], r#"font-size="17" font-weight="bold""#, &shortened(content.title, 24));
     svg.text([x, 44.0], r##"font-size="12.5" fill="#555""##, &shortened(content.subtitle, 36));
@@ -62,29 +62,29 @@ pub(super) fn draw(svg: &mut Svg, view: &View, x: f64, content: &Content) -> f64
     roles(svg, &mut at, content);
     users(svg, &mut at, content.users);
     map(svg, &mut at, content.map);
-    let height = view.height.max(at.y + 44.0);
-    scale_bar(svg, view, [x, height - 12.0]);
+    let height = viewport.height.max(at.y + 44.0);
+    scale_bar(svg, viewport, [x, height - 12.0]);
     svg.close();
     height
 }
 
 /// A car drawn as large as a sign.
-fn sign_car(center: Point) -> (View, OrientedBox) {
-    let view = View::on(&sage_core::geometry::Aabb::around([0.0, 0.0], 0.5), 0.0, 1.0, [1.0, 1.0]);
+fn sign_car(center: Point) -> (Viewport, OrientedBox) {
+    let viewport = Viewport::on(&sage_core::geometry::Aabb::around([0.0, 0.0], 0.5), 0.0, 1.0, [1.0, 1.0]);
     let [x, y] = center;
     // The window is one pixel a metre with y up, its corner at (−½, ½).
-    (view, OrientedBox::new([x - 0.5, 0.5 - y], 0.0, 24.0, 11.0))
+    (viewport, OrientedBox::new([x - 0.5, 0.5 - y], 0.0, 24.0, 11.0))
 }
 
 fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
     let sign = at.next(svg, &format!("ego {}", content.ego));
-    let (view, car) = sign_car(sign);
-    road_users::role(svg, &view, &car, Role::Ego);
+    let (viewport, car) = sign_car(sign);
+    road_users::role(svg, &viewport, &car, Role::Ego);
     ramp(svg, at, Role::Ego.ramp(), "its way");
     if let Some(adversary) = content.adversary {
         let sign = at.next(svg, &format!("adversary {adversary}"));
-        let (view, car) = sign_car(sign);
-        road_users::role(svg, &view, &car, Role::Adversary);
+        let (viewport, car) = sign_car(sign);
+        road_users::role(svg, &viewport, &car, Role::Adversary);
         ramp(
             svg,
             at,
@@ -137,11 +137,11 @@ fn users(svg: &mut Svg, at: &mut Cursor, users: &BTreeSet<TrackKind>) {
             }
         };
         let sign = at.next(svg, words);
-        let (view, mut car) = sign_car(sign);
+        let (viewport, mut car) = sign_car(sign);
         if *kind == TrackKind::Cyclist {
             (car.half_length, car.half_width) = (8.0, 2.5);
         }
-        road_users::user(svg, &view, kind, &car);
+        road_users::user(svg, &viewport, kind, &car);
     }
     at.y += 8.0;
 }
@@ -200,10 +200,10 @@ fn map(svg: &mut Svg, at: &mut Cursor, shown: &BTreeSet<Shown>) {
 }
 
 /// A bar of a round number of metres.
-fn scale_bar(svg: &mut Svg, view: &View, [x, y]: Point) {
+fn scale_bar(svg: &mut Svg, viewport: &Viewport, [x, y]: Point) {
     let lengths = [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0];
-    let metres = lengths.into_iter().rev().find(|m| m * view.scale <= 0.7 * WIDTH).unwrap_or(1.0);
-    let end = x + metres * view.scale;
+    let metres = lengths.into_iter().rev().find(|m| m * viewport.scale <= 0.7 * WIDTH).unwrap_or(1.0);
+    let end = x + metres * viewport.scale;
     let bar = vec![vec![[x, y - 6.0], [x, y]], vec![[x, y], [end, y]], vec![[end, y], [end, y - 6.0]]];
     svg.lines(
         &bar,

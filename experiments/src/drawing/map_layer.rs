@@ -7,7 +7,7 @@ use sage_core::{
     scene::{LightState, MapFeature, MapKind, Scene},
 };
 
-use super::{palette as color, svg::Svg, view::View};
+use super::{palette as color, svg::Svg, viewport::Viewport};
 
 /// Width of a lane that says nothing of its own, metres.
 const LANE_WIDTH: f64 = 3.5;
@@ -33,26 +33,26 @@ pub(super) enum Shown {
 }
 
 /// Draws the map as it is at a frame.
-pub(super) fn draw(svg: &mut Svg, view: &View, scene: &Scene, frame: usize) -> BTreeSet<Shown> {
+pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, scene: &Scene, frame: usize) -> BTreeSet<Shown> {
     let map = &scene.map;
     let mut shown = BTreeSet::new();
     let seen: Vec<&MapFeature> = map
         .features
         .iter()
-        .filter(|f| view.shows(&Aabb::of(map.points_of(f).iter().map(|p| [p[0], p[1]]))))
+        .filter(|f| viewport.shows(&Aabb::of(map.points_of(f).iter().map(|p| [p[0], p[1]]))))
         .collect();
     let points = |f: &MapFeature| map.points_of(f);
-    let parts = |f: &MapFeature| view.parts(points(f));
+    let parts = |f: &MapFeature| viewport.parts(points(f));
 
     for feature in seen.iter().filter(|f| f.kind == MapKind::Driveway) {
-        svg.polygon(&pixels(view, points(feature)), &format!(r#"fill="{}""#, color::DRIVEWAY));
+        svg.polygon(&pixels(viewport, points(feature)), &format!(r#"fill="{}""#, color::DRIVEWAY));
         shown.insert(Shown::Driveway);
     }
     svg.open(r#"fill="none" stroke-linejoin="round" stroke-linecap="round""#);
     for bike in [true, false] {
         for feature in seen.iter().filter(|f| f.kind.is_lane() && (f.kind == MapKind::LaneBike) == bike) {
             let tone = if bike { color::BIKE_LANE } else { color::ASPHALT };
-            let width = (lane_width(feature) * view.scale).max(1.0);
+            let width = (lane_width(feature) * viewport.scale).max(1.0);
             svg.lines(&parts(feature), &format!(r#"stroke="{tone}" stroke-width="{width:.1}""#));
             shown.insert(if bike { Shown::BikeLane } else { Shown::Lane });
         }
@@ -61,14 +61,14 @@ pub(super) fn draw(svg: &mut Svg, view: &View, scene: &Scene, frame: usize) -> B
     for feature in seen.iter().filter(|f| matches!(f.kind, MapKind::Crosswalk | MapKind::SpeedBump)) {
         let stripes = feature.kind == MapKind::Crosswalk;
         let pattern = if stripes { "stripes" } else { "bumps" };
-        svg.polygon(&pixels(view, points(feature)), &format!(r#"fill="url(#{pattern})""#));
+        svg.polygon(&pixels(viewport, points(feature)), &format!(r#"fill="url(#{pattern})""#));
         shown.insert(if stripes { Shown::Crosswalk } else { Shown::SpeedBump });
     }
-    chevrons(svg, view, &seen, points);
+    chevrons(svg, viewport, &seen, points);
     svg.open(r#"fill="none" stroke-linejoin="round""#);
     for feature in &seen {
         if let MapKind::Line(name) = &feature.kind {
-            shown.insert(paint(svg, view, name, &parts(feature)));
+            shown.insert(paint(svg, viewport, name, &parts(feature)));
         }
     }
     for feature in seen.iter().filter(|f| f.kind.is_edge()) {
@@ -81,7 +81,7 @@ pub(super) fn draw(svg: &mut Svg, view: &View, scene: &Scene, frame: usize) -> B
     }
     svg.close();
     for feature in seen.iter().filter(|f| f.kind == MapKind::StopSign) {
-        for p in pixels(view, points(feature)) {
+        for p in pixels(viewport, points(feature)) {
             stop_sign(svg, p);
             shown.insert(Shown::StopSign);
         }
@@ -89,8 +89,8 @@ pub(super) fn draw(svg: &mut Svg, view: &View, scene: &Scene, frame: usize) -> B
     for light in &scene.lights {
         let Some([x, y, _]) = light.stop_point else { continue };
         let state = light.states.get(frame).copied().unwrap_or(LightState::Unknown);
-        if view.shows(&Aabb::around([x, y], 0.0)) {
-            shown.extend(traffic_light(svg, view.pixel([x, y]), state));
+        if viewport.shows(&Aabb::around([x, y], 0.0)) {
+            shown.extend(traffic_light(svg, viewport.pixel([x, y]), state));
         }
     }
     shown
@@ -114,8 +114,8 @@ pub(super) fn patterns(scale: f64) -> String {
     )
 }
 
-fn pixels(view: &View, points: &[[f64; 3]]) -> Vec<Point> {
-    points.iter().map(|p| view.pixel([p[0], p[1]])).collect()
+fn pixels(viewport: &Viewport, points: &[[f64; 3]]) -> Vec<Point> {
+    points.iter().map(|p| viewport.pixel([p[0], p[1]])).collect()
 }
 
 /// Mean width of a lane where the file knows it.
@@ -130,15 +130,15 @@ fn lane_width(feature: &MapFeature) -> f64 {
 }
 
 /// Paint by its name: yellow or white, solid or broken, single or double.
-fn paint(svg: &mut Svg, view: &View, name: &str, parts: &[Vec<Point>]) -> Shown {
+fn paint(svg: &mut Svg, viewport: &Viewport, name: &str, parts: &[Vec<Point>]) -> Shown {
     let yellow = name.contains("YELLOW");
     let tone = if yellow { color::YELLOW_PAINT } else { color::WHITE_PAINT };
     let dash = if name.contains("BROKEN") {
-        format!(r#" stroke-dasharray="{:.1} {:.1}""#, 3.0 * view.scale, 3.0 * view.scale)
+        format!(r#" stroke-dasharray="{:.1} {:.1}""#, 3.0 * viewport.scale, 3.0 * viewport.scale)
     } else {
         String::new()
     };
-    let width = (0.15 * view.scale).clamp(1.0, 2.5);
+    let width = (0.15 * viewport.scale).clamp(1.0, 2.5);
     if name.contains("DOUBLE") {
         svg.lines(parts, &format!(r#"stroke="{tone}" stroke-width="{:.1}"{dash}"#, 3.0 * width));
         svg.lines(parts, &format!(r#"stroke="{}" stroke-width="{width:.1}""#, color::ASPHALT));
@@ -151,7 +151,7 @@ fn paint(svg: &mut Svg, view: &View, name: &str, parts: &[Vec<Point>]) -> Shown 
 /// Small arrow heads along lanes; the short ones that cross junctions would only crowd them.
 fn chevrons<'m>(
     svg: &mut Svg,
-    view: &View,
+    viewport: &Viewport,
     seen: &[&'m MapFeature],
     points: impl Fn(&'m MapFeature) -> &'m [[f64; 3]],
 ) {
@@ -168,8 +168,9 @@ fn chevrons<'m>(
             }
             left += CHEVRONS;
             let [c, s] = [d[0] / length, d[1] / length];
-            let at = |x: f64, y: f64| view.pixel([pair[1][0] + x * c - y * s, pair[1][1] + x * s + y * c]);
-            if view.shows(&Aabb::around([pair[1][0], pair[1][1]], 1.0)) {
+            let at =
+                |x: f64, y: f64| viewport.pixel([pair[1][0] + x * c - y * s, pair[1][1] + x * s + y * c]);
+            if viewport.shows(&Aabb::around([pair[1][0], pair[1][1]], 1.0)) {
                 heads.push(vec![at(-0.8, 0.6), at(0.0, 0.0), at(-0.8, -0.6)]);
             }
         }

@@ -11,14 +11,19 @@ use sage_core::{
 use super::{
     palette::{self as color, Ramp},
     svg::Svg,
-    view::View,
+    viewport::Viewport,
 };
 
 /// Marks at the ends of candidate paths, in this order, so that no text stands on the road.
 pub(super) const GLYPHS: usize = 6;
 
 /// Draws everybody but ego and adversary at a frame, with a thin line ahead of those who move.
-pub(super) fn background(svg: &mut Svg, view: &View, scene: &Scene, frame: usize) -> BTreeSet<TrackKind> {
+pub(super) fn background(
+    svg: &mut Svg,
+    viewport: &Viewport,
+    scene: &Scene,
+    frame: usize,
+) -> BTreeSet<TrackKind> {
     let mut shown = BTreeSet::new();
     let others = || {
         let extra = |k: usize| k != scene.ego && Some(k) != scene.adversary;
@@ -32,26 +37,26 @@ pub(super) fn background(svg: &mut Svg, view: &View, scene: &Scene, frame: usize
             .take_while(|&f| track.is_valid(f))
             .map(|f| track.position[f])
             .collect();
-        svg.lines(&view.parts(&ahead), "");
+        svg.lines(&viewport.parts(&ahead), "");
     }
     svg.close();
     for track in others().filter(|track| track.is_valid(frame)) {
         let b = track.oriented_box(frame);
-        if !view.shows(&b.aabb()) {
+        if !viewport.shows(&b.aabb()) {
             continue;
         }
-        user(svg, view, &track.kind, &b);
+        user(svg, viewport, &track.kind, &b);
         shown.insert(track.kind.clone());
     }
     shown
 }
 
 /// One road user by kind.
-pub(super) fn user(svg: &mut Svg, view: &View, kind: &TrackKind, b: &OrientedBox) {
+pub(super) fn user(svg: &mut Svg, viewport: &Viewport, kind: &TrackKind, b: &OrientedBox) {
     let tone = match kind {
         TrackKind::Vehicle => {
             let attributes = format!(r##"fill="{}" stroke="#555d66" stroke-width="1""##, color::VEHICLE);
-            return svg.car(view, b, &attributes);
+            return svg.car(viewport, b, &attributes);
         }
         TrackKind::Pedestrian => color::PEDESTRIAN,
         TrackKind::Cyclist => color::CYCLIST,
@@ -59,11 +64,11 @@ pub(super) fn user(svg: &mut Svg, view: &View, kind: &TrackKind, b: &OrientedBox
     };
     let attributes = format!(r#"fill="{tone}" stroke="{}" stroke-width="0.8""#, color::INK);
     // Small boxes vanish at this scale; a mark of their own keeps them.
-    let [x, y] = view.pixel(b.center);
+    let [x, y] = viewport.pixel(b.center);
     match kind {
         TrackKind::Pedestrian => svg.circle([x, y], 4.0, &attributes),
         TrackKind::Cyclist => {
-            let corners = b.corners().map(|p| view.pixel(p));
+            let corners = b.corners().map(|p| viewport.pixel(p));
             svg.polygon(&corners, &attributes);
             svg.circle([x, y], 3.0, &attributes);
         }
@@ -96,31 +101,31 @@ impl Role {
     }
 }
 
-/// Ego or adversary; in a wide view with a ring around it, or it would be lost.
-pub(super) fn role(svg: &mut Svg, view: &View, b: &OrientedBox, role: Role) {
+/// Ego or adversary; in a wide viewport with a ring around it, or it would be lost.
+pub(super) fn role(svg: &mut Svg, viewport: &Viewport, b: &OrientedBox, role: Role) {
     let tone = role.tone();
-    if 2.0 * b.half_length * view.scale < 20.0 {
+    if 2.0 * b.half_length * viewport.scale < 20.0 {
         let ring = format!(r#"fill="none" stroke="{tone}" stroke-width="2.5""#);
-        svg.circle(view.pixel(b.center), 14.0, &ring);
+        svg.circle(viewport.pixel(b.center), 14.0, &ring);
     }
-    svg.car(view, b, &format!(r##"fill="{tone}" stroke="#fff" stroke-width="1.5""##));
+    svg.car(viewport, b, &format!(r##"fill="{tone}" stroke="#fff" stroke-width="1.5""##));
     if role == Role::Adversary {
         for share in [-0.2, -0.62] {
             let stripe = OrientedBox { half_length: 0.09 * b.half_length, ..*b };
             let [c, s] = b.axis;
             let way = share * b.half_length;
             let stripe = OrientedBox { center: [b.center[0] + way * c, b.center[1] + way * s], ..stripe };
-            svg.polygon(&stripe.corners().map(|p| view.pixel(p)), r##"fill="#fff""##);
+            svg.polygon(&stripe.corners().map(|p| viewport.pixel(p)), r##"fill="#fff""##);
         }
     }
-    let corners = b.corners().map(|p| view.pixel(p));
+    let corners = b.corners().map(|p| viewport.pixel(p));
     svg.polygon(&corners, &format!(r#"fill="none" stroke="{}" stroke-width="1""#, color::INK));
 }
 
 /// A path coloured by time, with a mark a second: dots for the ego, diamonds for the adversary.
-pub(super) fn path(svg: &mut Svg, view: &View, points: &[Point], role: Role) {
+pub(super) fn path(svg: &mut Svg, viewport: &Viewport, points: &[Point], role: Role) {
     let ramp = role.ramp();
-    let pixels: Vec<Point> = points.iter().map(|p| view.pixel(*p)).collect();
+    let pixels: Vec<Point> = points.iter().map(|p| viewport.pixel(*p)).collect();
     svg.lines(
         std::slice::from_ref(&pixels),
         r##"fill="none" stroke="#fff" stroke-opacity="0.8" stroke-width="6" stroke-linecap="round" stroke-linejoin="round""##,
@@ -172,16 +177,16 @@ pub(super) fn glyph(svg: &mut Svg, [x, y]: Point, number: usize) {
 const ADVERSARY_END: &str = "#7a2a00";
 
 /// A burst where two cars first touch, with both boxes in outline.
-pub(super) fn contact(svg: &mut Svg, view: &View, boxes: [&OrientedBox; 2]) {
+pub(super) fn contact(svg: &mut Svg, viewport: &Viewport, boxes: [&OrientedBox; 2]) {
     for (b, tone) in boxes.into_iter().zip([color::EGO, color::ADVERSARY]) {
-        let corners = b.corners().map(|p| view.pixel(p));
+        let corners = b.corners().map(|p| viewport.pixel(p));
         let attributes = format!(
             r#"fill="{tone}" fill-opacity="0.18" stroke="{tone}" stroke-width="1.8" stroke-dasharray="4 2""#
         );
         svg.polygon(&corners, &attributes);
     }
     let middle = [0, 1].map(|k| 0.5 * (boxes[0].center[k] + boxes[1].center[k]));
-    burst(svg, view.pixel(middle));
+    burst(svg, viewport.pixel(middle));
 }
 
 /// The mark of a contact.

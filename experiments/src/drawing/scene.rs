@@ -10,7 +10,7 @@ use super::{
     legend, map_layer, palette as color,
     road_users::{self, Role},
     svg::Svg,
-    view::View,
+    viewport::Viewport,
 };
 
 /// Size of the window on the scene, pixels.
@@ -64,30 +64,30 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     if area == Aabb::EMPTY {
         area = Aabb::around([0.0, 0.0], LEAST);
     }
-    let view = View::on(&area, MARGIN, LEAST, WINDOW);
+    let viewport = Viewport::on(&area, MARGIN, LEAST, WINDOW);
 
     let mut svg = Svg::default();
     svg.raw(&format!(
         r#"<defs><clipPath id="window"><rect width="{}" height="{}"/></clipPath>{}</defs>"#,
-        view.width,
-        view.height,
-        map_layer::patterns(view.scale)
+        viewport.width,
+        viewport.height,
+        map_layer::patterns(viewport.scale)
     ));
     svg.raw(r##"<rect width="100%" height="100%" fill="#fff"/>"##);
     svg.open(r#"clip-path="url(#window)""#);
-    svg.rect([0.0, 0.0], [view.width, view.height], &format!(r#"fill="{}""#, color::GROUND));
-    let map = map_layer::draw(&mut svg, &view, scene, frame);
-    let users = road_users::background(&mut svg, &view, scene, frame);
-    road_users::path(&mut svg, &view, &ego_path, Role::Ego);
+    svg.rect([0.0, 0.0], [viewport.width, viewport.height], &format!(r#"fill="{}""#, color::GROUND));
+    let map = map_layer::draw(&mut svg, &viewport, scene, frame);
+    let users = road_users::background(&mut svg, &viewport, scene, frame);
+    road_users::path(&mut svg, &viewport, &ego_path, Role::Ego);
     if picture.candidates.is_empty() {
-        road_users::path(&mut svg, &view, &adversary_log, Role::Adversary);
+        road_users::path(&mut svg, &viewport, &adversary_log, Role::Adversary);
     }
     for candidate in &picture.candidates {
-        road_users::path(&mut svg, &view, &candidate.points, Role::Adversary);
+        road_users::path(&mut svg, &viewport, &candidate.points, Role::Adversary);
     }
     let role = |svg: &mut Svg, track: &Track, role: Role| {
         if track.is_valid(frame) {
-            road_users::role(svg, &view, &track.oriented_box(frame), role);
+            road_users::role(svg, &viewport, &track.oriented_box(frame), role);
         }
     };
     if let Some(track) = adversary {
@@ -95,15 +95,19 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     }
     role(&mut svg, scene.ego(), Role::Ego);
     for (_, ego, adversary) in picture.candidates.iter().filter_map(|c| c.contact.as_ref()) {
-        road_users::contact(&mut svg, &view, [ego, adversary]);
+        road_users::contact(&mut svg, &viewport, [ego, adversary]);
     }
     for (number, candidate) in picture.candidates.iter().enumerate() {
         if let Some(end) = candidate.points.last() {
-            road_users::glyph(&mut svg, view.pixel(*end), number);
+            road_users::glyph(&mut svg, viewport.pixel(*end), number);
         }
     }
     svg.close();
-    svg.rect([0.0, 0.0], [view.width, view.height], r##"fill="none" stroke="#999" stroke-width="1""##);
+    svg.rect(
+        [0.0, 0.0],
+        [viewport.width, viewport.height],
+        r##"fill="none" stroke="#999" stroke-width="1""##,
+    );
 
     let names: Vec<(String, Option<usize>)> =
         picture.candidates.iter().map(|c| (c.name.clone(), c.contact.map(|(step, ..)| step))).collect();
@@ -117,6 +121,6 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
         map: &map,
         users: &users,
     };
-    let height = legend::draw(&mut svg, &view, view.width + 16.0, &content);
-    svg.finish([view.width + legend::WIDTH + 30.0, height], &format!("Scene {}", picture.title))
+    let height = legend::draw(&mut svg, &viewport, viewport.width + 16.0, &content);
+    svg.finish([viewport.width + legend::WIDTH + 30.0, height], &format!("Scene {}", picture.title))
 }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use sage_core::geometry::{OrientedBox, Point};
 
-use super::view::View;
+use super::viewport::Viewport;
 
 /// An SVG in the making.
 #[derive(Default)]
@@ -99,11 +99,11 @@ impl Svg {
     }
 
     /// A car: its box, and a windscreen that shows where the front is.
-    pub(super) fn car(&mut self, view: &View, b: &OrientedBox, attributes: &str) {
+    pub(super) fn car(&mut self, viewport: &Viewport, b: &OrientedBox, attributes: &str) {
         let at = |along: f64, across: f64| {
             let [c, s] = b.axis;
             let (x, y) = (along * b.half_length, across * b.half_width);
-            view.pixel([b.center[0] + x * c - y * s, b.center[1] + x * s + y * c])
+            viewport.pixel([b.center[0] + x * c - y * s, b.center[1] + x * s + y * c])
         };
         self.polygon(&[at(1.0, 1.0), at(-1.0, 1.0), at(-1.0, -1.0), at(1.0, -1.0)], attributes);
         let screen = [at(0.62, 0.78), at(0.28, 0.66), at(0.28, -0.66), at(0.62, -0.78)];

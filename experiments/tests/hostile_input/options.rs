@@ -17,8 +17,8 @@ fn devices_are_refused_and_numbers_have_limits() {
     let [out, attacked] = ["out", "attacked"].map(|name| folder.path().join(name).display().to_string());
     let scene = example();
     for command in [
-        vec!["pretrain", "--made", "1", "--config", "/dev/zero", "--out", &out],
-        vec!["finetune", "--made", "1", "--config", "/dev/zero", "--out", &out],
+        vec!["pretrain", "--procedural", "1", "--config", "/dev/zero", "--out", &out],
+        vec!["finetune", "--procedural", "1", "--config", "/dev/zero", "--out", &out],
         vec!["bench", "speed", "--data", "/dev/zero"],
         vec!["inspect", "/dev/zero"],
         vec!["generate", "/dev/zero", "--out", &attacked],
@@ -31,11 +31,11 @@ fn devices_are_refused_and_numbers_have_limits() {
     }
     let many = "10000000000000000000";
     for command in [
-        vec!["pretrain", "--made", many, "--out", &out],
-        vec!["finetune", "--made", many, "--out", &out],
-        vec!["calibrate", "--made", many, "--out", &out],
+        vec!["pretrain", "--procedural", many, "--out", &out],
+        vec!["finetune", "--procedural", many, "--out", &out],
+        vec!["calibrate", "--procedural", many, "--out", &out],
         vec!["scenes", "--count", many, "--out", &out],
-        vec!["finetune", "--made", "1", "--roles", many, "--out", &out],
+        vec!["finetune", "--procedural", "1", "--roles", many, "--out", &out],
         vec!["predict", &scene, "--k", many],
     ] {
         let (code, said) = quick(&command);
@@ -44,7 +44,7 @@ fn devices_are_refused_and_numbers_have_limits() {
     // A large file of options is told from a small one before it is read.
     let large = folder.path().join("large.json");
     std::fs::File::create(&large).unwrap().set_len(1 << 40).unwrap();
-    let (code, said) = quick(&["pretrain", "--made", "1", "--config", text(&large), "--out", &out]);
+    let (code, said) = quick(&["pretrain", "--procedural", "1", "--config", text(&large), "--out", &out]);
     assert!(code == 1 && said.contains("holds more than"), "{said}");
     assert!(!Path::new(&out).exists());
 }
@@ -87,7 +87,7 @@ fn pipes_on_the_command_line_are_read_once_and_those_in_folders_never() {
     assert!(Path::new(&native).join("stdin.safetensors").is_file());
     let options = at("options.json");
     std::fs::write(&options, r#"{"epochs": 0}"#).unwrap();
-    let config = piped(&["pretrain", "--made", "1", "--config", "-", "--out", &out], text(&options));
+    let config = piped(&["pretrain", "--procedural", "1", "--config", "-", "--out", &out], text(&options));
     assert!(stderr(&config).contains("option `epochs` is 0"), "{}", stderr(&config));
     // A pipe that nobody writes to, inside a folder and inside its summary.
     std::fs::create_dir(at("scenes")).unwrap();

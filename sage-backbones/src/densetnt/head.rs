@@ -51,7 +51,7 @@ impl Head {
         })
     }
 
-    /// Where the ways lead at every so many steps.
+    /// Points of the trajectories at every `stride`-th step.
     ///
     /// *Shapes*: `rows` (n, columns) describe goals at `ends`; result (n, 80 / `stride`, 2), target frame.
     pub(super) fn forward(

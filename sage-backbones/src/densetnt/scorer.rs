@@ -1,19 +1,19 @@
-//! How likely each goal is.
+//! Scores of the goals.
 
 use candle_core::{Result, Tensor};
 
 use super::Shape;
 use crate::{
+    interaction_head::InteractionHead,
     nn::{Attention, Mlp, ResCat},
     parameters::Scope,
-    steering_branch::SteeringBranch,
 };
 
 pub(super) struct Scorer {
     goal: [Mlp; 3],
     attention: Attention,
     decoder: ResCat,
-    steering: Option<SteeringBranch>,
+    interaction: Option<InteractionHead>,
 }
 
 impl Scorer {
@@ -28,12 +28,15 @@ impl Scorer {
             ],
             attention: Attention::across(&scope.at("goals_2D_cross_attention"), width, width)?,
             decoder: ResCat::new(&scope.at("goals_2D_decoder"), 3 * width, width, 1)?,
-            steering: shape.steering.then(|| SteeringBranch::new(&scope.at("steering"))).transpose()?,
+            interaction: shape
+                .interaction
+                .then(|| InteractionHead::new(&scope.at("steering")))
+                .transpose()?,
         })
     }
 
-    pub(super) fn steering(&self) -> Option<&SteeringBranch> {
-        self.steering.as_ref()
+    pub(super) fn interaction(&self) -> Option<&InteractionHead> {
+        self.interaction.as_ref()
     }
 
     /// *Shapes*: `goals` (n, columns), `elements` (P, hidden), `target` (1, hidden); result (n).

@@ -12,7 +12,7 @@ use sage_core::{
     scene::{MapKind, Scene, Track, TrackKind},
 };
 
-use super::{EdgeGrid, Features, Frame, Layout, Outlook, Table};
+use super::{AgentForecasts, EdgeGrid, Features, Frame, Layout, Table};
 use crate::{Error, nn::Groups};
 
 /// Numbers of a row.
@@ -62,7 +62,7 @@ pub fn features(scene: &Scene, target: usize) -> Result<Features, Error> {
         goals,
         goal_features,
         half: [0.0; 2],
-        outlook: Outlook::default(),
+        agent_forecasts: AgentForecasts::default(),
         edges: Arc::new(EdgeGrid::empty()),
         has_lanes: true,
         label: None,

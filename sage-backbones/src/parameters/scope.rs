@@ -4,22 +4,11 @@ use std::{cell::RefCell, rc::Rc};
 
 use candle_core::{DType, Device, Result, Tensor};
 
-use super::{Init, Parameters};
-
-/// A tensor that a network asks for.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Wanted {
-    /// Its full name.
-    pub name: String,
-    /// Its shape.
-    pub shape: Vec<usize>,
-    /// How it starts.
-    pub init: Init,
-}
+use super::{Init, ParameterSpec, Parameters};
 
 enum Source {
     /// Note what is asked for.
-    Listing(RefCell<Vec<Wanted>>),
+    Listing(RefCell<Vec<ParameterSpec>>),
     /// Hand out what is there.
     Loading(Parameters),
 }
@@ -40,13 +29,13 @@ impl Scope {
     /// All tensors that a constructor asks for, sorted by name.
     ///
     /// *Errors*: those of the constructor.
-    pub fn list<N>(build: impl FnOnce(&Self) -> Result<N>) -> Result<Vec<Wanted>> {
+    pub fn list<N>(build: impl FnOnce(&Self) -> Result<N>) -> Result<Vec<ParameterSpec>> {
         let source = Rc::new(Source::Listing(RefCell::default()));
         build(&Self { source: source.clone(), prefix: String::new() })?;
-        let Source::Listing(wanted) = &*source else { return Ok(Vec::new()) };
-        let mut wanted = wanted.take();
-        wanted.sort_by(|a, b| a.name.cmp(&b.name));
-        Ok(wanted)
+        let Source::Listing(specs) = &*source else { return Ok(Vec::new()) };
+        let mut specs = specs.take();
+        specs.sort_by(|a, b| a.name.cmp(&b.name));
+        Ok(specs)
     }
 
     /// The place one name further down.
@@ -62,8 +51,8 @@ impl Scope {
     pub fn tensor(&self, name: &str, shape: &[usize], init: Init) -> Result<Tensor> {
         let name = self.at(name).prefix;
         match &*self.source {
-            Source::Listing(wanted) => {
-                wanted.borrow_mut().push(Wanted { name, shape: shape.to_vec(), init });
+            Source::Listing(specs) => {
+                specs.borrow_mut().push(ParameterSpec { name, shape: shape.to_vec(), init });
                 Tensor::zeros(shape, DType::F32, &Device::Cpu)
             }
             Source::Loading(parameters) => match parameters.get(&name) {
@@ -74,42 +63,5 @@ impl Scope {
                 None => candle_core::bail!("tensor `{name}` is missing"),
             },
         }
-    }
-}
-
-impl Parameters {
-    /// First values of what a network asks for.
-    ///
-    /// *Errors*: none on a CPU.
-    pub fn start(wanted: &[Wanted], seed: u64) -> Result<Self> {
-        let start = |w: &Wanted| {
-            let values = w.init.values(w.shape.iter().product(), seed, &w.name);
-            Ok((w.name.clone(), Tensor::from_vec(values, w.shape.as_slice(), &Device::Cpu)?))
-        };
-        wanted.iter().map(start).collect()
-    }
-
-    /// Checks names and shapes against what a network asks for, both ways; each fault is named.
-    pub fn faults(&self, wanted: &[Wanted]) -> Vec<String> {
-        let mut faults = Vec::new();
-        for w in wanted {
-            match self.get(&w.name) {
-                None => faults.push(format!("tensor `{}` {:?} is missing", w.name, w.shape)),
-                Some(t) if t.dims() != w.shape => {
-                    faults.push(format!("tensor `{}` is {:?}, expected {:?}", w.name, t.dims(), w.shape));
-                }
-                Some(_) => {}
-            }
-        }
-        for (name, tensor) in self.iter() {
-            if wanted.binary_search_by(|w| w.name.as_str().cmp(name)).is_err() {
-                faults.push(format!(
-                    "tensor `{}` {:?} is not part of this network",
-                    name.escape_debug(),
-                    tensor.dims()
-                ));
-            }
-        }
-        faults
     }
 }

@@ -29,7 +29,7 @@ pub struct EpochRow {
     /// Validation: mean least end distance of six suppressed goals, metres.
     pub min_fde6: f64,
     /// Validation: mean −log p of the goal nearest to the truth.
-    pub surprise: f64,
+    pub nll: f64,
     /// Seconds it took.
     pub seconds: f64,
 }

@@ -75,11 +75,11 @@ pub(super) struct Plan {
     pub weight_decay: f64,
 }
 
-/// Where the state of a run is kept after each epoch, so that it can go on.
-pub struct Kept<'p> {
+/// Where the checkpoint of a run is written after each epoch, so that the run can resume.
+pub struct CheckpointFile<'p> {
     /// The file.
     pub file: &'p Path,
-    /// What tells this run from others: one with another is not gone on with.
+    /// Identity of the run: a checkpoint of another run is refused.
     pub identity: Value,
     /// What the file says of itself.
     pub header: Header,
@@ -93,10 +93,10 @@ pub(super) fn run<C: Course>(
     course: &mut C,
     trainer: &mut Trainer,
     plan: &Plan,
-    kept: Option<&Kept>,
+    checkpoint: Option<&CheckpointFile>,
 ) -> Result<(Vec<C::Row>, bool), Error> {
-    let mut rows = match kept {
-        Some(kept) => resume(trainer, kept, plan.config())?,
+    let mut rows = match checkpoint {
+        Some(checkpoint) => resume(trainer, checkpoint, plan.config())?,
         None => Vec::new(),
     };
     if !rows.is_empty() {
@@ -129,7 +129,7 @@ pub(super) fn run<C: Course>(
         let row = course.row(trainer, epoch)?;
         course.finished(trainer, &rows, &row)?;
         rows.push(row);
-        if let Some(Kept { file, identity, header }) = kept {
+        if let Some(CheckpointFile { file, identity, header }) = checkpoint {
             let state =
                 Checkpoint { identity: identity.clone(), rows: rows.clone(), steps: trainer.adam.steps };
             state.save(&trainer.weights()?, &trainer.adam, header, file)?;
@@ -144,29 +144,27 @@ impl Plan {
     }
 }
 
-/// Takes up the state of the same run, if one is kept; the rows so far.
+/// Resumes from the checkpoint of the same run, if there is one; the rows so far.
 fn resume<Row: Serialize + DeserializeOwned>(
     trainer: &mut Trainer,
-    kept: &Kept,
+    checkpoint: &CheckpointFile,
     config: AdamWConfig,
 ) -> Result<Vec<Row>, Error> {
-    if !kept.file.exists() {
+    if !checkpoint.file.exists() {
         return Ok(Vec::new());
     }
-    let fail = |problem: String| Error::Format { path: kept.file.to_owned(), problem };
-    let (state, weights, adam) = match Checkpoint::<Row>::load(kept.file, config) {
+    let fail = |problem: String| Error::Format { path: checkpoint.file.to_owned(), problem };
+    let (state, weights, adam) = match Checkpoint::<Row>::load(checkpoint.file, config) {
         Err(Error::Format { problem, .. }) => {
-            return Err(fail(format!("{problem}; remove it, and the run begins anew")));
+            return Err(fail(format!("{problem}; remove it to start again")));
         }
         loaded => loaded?,
     };
-    if state.identity != kept.identity {
+    if state.identity != checkpoint.identity {
         let problem = "belongs to a run with other options or data; give another folder or remove it";
         return Err(fail(problem.to_owned()));
     }
-    trainer
-        .set_weights(&weights)
-        .map_err(|error| fail(format!("{error}; remove it, and the run begins anew")))?;
+    trainer.set_weights(&weights).map_err(|error| fail(format!("{error}; remove it to start again")))?;
     trainer.adam = adam;
     Ok(state.rows)
 }

@@ -9,17 +9,17 @@
 use candle_core::{Device, Tensor};
 use sage_core::{
     objective::{Objective, ObjectiveSpec},
-    preference_pairs::{Judged, Pairing, preference_pairs},
+    preference_pairs::{Pairing, ScoredCandidate, preference_pairs},
     seed::Rng,
 };
 use serde::{Deserialize, Serialize};
 
 use super::{
     Gradient, Trainer,
-    epochs::{self, Course, Epoch, Kept, Plan},
-    goal_table::{Measures, Taste},
+    epochs::{self, CheckpointFile, Course, Epoch, Plan},
+    goal_table::{ExpertObjective, Measures},
+    prepared_scene::{PreparedScene, numbers},
     pretrain::check,
-    tuned_scene::{TunedScene, numbers},
 };
 use crate::{
     Error, Parameters,
@@ -154,7 +154,7 @@ pub struct FinetuneRow {
     pub seconds: f64,
 }
 
-/// Tunes an expert from a prior on scenes that were prepared with it and measured for its objective. `heard`
+/// Tunes an expert from a prior on scenes that were prepared with it and measured for its objective. `callback`
 /// gets a row an epoch, those of a run that is gone on with too.
 ///
 /// *Errors*: [`Error::Training`] without scenes, or for a number that is not finite, with epoch,
@@ -162,12 +162,12 @@ pub struct FinetuneRow {
 /// or of another run.
 pub fn finetune(
     prior: &dyn Backbone,
-    scenes: &[TunedScene],
+    scenes: &[PreparedScene],
     measures: &Measures,
     objective: &Objective,
     options: &FinetuneOptions,
-    kept: Option<&Kept>,
-    heard: impl FnMut(&FinetuneRow) + Sync,
+    checkpoint: Option<&CheckpointFile>,
+    callback: impl FnMut(&FinetuneRow) + Sync,
 ) -> Result<Parameters, Error> {
     options.check()?;
     if scenes.is_empty() {
@@ -179,18 +179,18 @@ pub fn finetune(
         clip: options.clip,
         weight_decay: options.weight_decay,
     };
-    let mut trainer = Trainer::new(prior, |name| prior.role(name).is_finetuned(), plan.config())?;
-    let mut course = Preferences { scenes, taste: measures.places(objective)?, options, heard };
-    epochs::run(&mut course, &mut trainer, &plan, kept)?;
+    let mut trainer = Trainer::new(prior, |name| prior.parameter_group(name).is_finetuned(), plan.config())?;
+    let mut course = Preferences { scenes, expert: measures.places(objective)?, options, callback };
+    epochs::run(&mut course, &mut trainer, &plan, checkpoint)?;
     trainer.weights()
 }
 
 /// Pairs of candidates of prepared scenes, and who hears of the epochs.
 struct Preferences<'s, H> {
-    scenes: &'s [TunedScene],
-    taste: Taste<'s>,
+    scenes: &'s [PreparedScene],
+    expert: ExpertObjective<'s>,
     options: &'s FinetuneOptions,
-    heard: H,
+    callback: H,
 }
 
 impl<H: FnMut(&FinetuneRow) + Sync> Course for Preferences<'_, H> {
@@ -216,7 +216,7 @@ impl<H: FnMut(&FinetuneRow) + Sync> Course for Preferences<'_, H> {
         epoch: u32,
         _step: usize,
     ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
-        part(trainer, &self.scenes[*scene], &self.taste, self.options, epoch)
+        part(trainer, &self.scenes[*scene], &self.expert, self.options, epoch)
     }
 
     fn row(&mut self, _: &Trainer, epoch: Epoch<FinetuneRow>) -> Result<FinetuneRow, Error> {
@@ -229,20 +229,20 @@ impl<H: FnMut(&FinetuneRow) + Sync> Course for Preferences<'_, H> {
     }
 
     fn finished(&mut self, _: &Trainer, _: &[FinetuneRow], row: &FinetuneRow) -> Result<(), Error> {
-        (self.heard)(row);
+        (self.callback)(row);
         Ok(())
     }
 
     fn resumed(&mut self, rows: &[FinetuneRow]) {
-        rows.iter().for_each(&mut self.heard);
+        rows.iter().for_each(&mut self.callback);
     }
 }
 
 /// Gradient of one scene, and what it says of the policy.
 fn part(
     trainer: &Trainer,
-    scene: &TunedScene,
-    taste: &Taste,
+    scene: &PreparedScene,
+    expert: &ExpertObjective,
     options: &FinetuneOptions,
     epoch: u32,
 ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
@@ -251,10 +251,10 @@ fn part(
     let policy: Vec<f32> = finite(&log_probs).map_err(|error| Error::Training(format!("{what}: {error}")))?;
     let mut rng = Rng::new(options.seed, &scene.name, &format!("candidates of epoch {epoch}"));
     let chosen = choose(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
-    let judged: Vec<Judged> = chosen
+    let judged: Vec<ScoredCandidate> = chosen
         .iter()
-        .map(|&goal| Judged {
-            reward: scene.table.value(goal, taste),
+        .map(|&goal| ScoredCandidate {
+            reward: scene.table.value(goal, expert),
             is_feasible: scene.table.is_feasible(goal),
         })
         .collect();

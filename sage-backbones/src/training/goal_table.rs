@@ -61,18 +61,18 @@ impl Measures {
     ///
     /// *Errors*: [`Error::Training`] for an objective that was not among the measured ones, or that
     /// [`Measures::check`] refuses.
-    pub(super) fn places<'o>(&self, objective: &'o Objective) -> Result<Taste<'o>, Error> {
+    pub(super) fn places<'o>(&self, objective: &'o Objective) -> Result<ExpertObjective<'o>, Error> {
         Self::check(objective)?;
         let places = objective.places_in(&self.union);
         let places = places.ok_or_else(|| {
             Error::Training("the goals were measured for other objectives than the expert's".to_owned())
         })?;
-        Ok(Taste { objective, places })
+        Ok(ExpertObjective { objective, places })
     }
 }
 
 /// An expert's objective over measured goals.
-pub(super) struct Taste<'o> {
+pub(super) struct ExpertObjective<'o> {
     objective: &'o Objective,
     places: Vec<usize>,
 }
@@ -113,9 +113,9 @@ impl GoalTable {
     }
 
     /// What a goal is worth to an expert.
-    pub(super) fn value(&self, goal: usize, taste: &Taste) -> f64 {
-        let terms: Vec<Option<f64>> = taste.places.iter().map(|place| self.terms[goal][*place]).collect();
-        taste.objective.value_of(&terms, self.cost[goal], 0.0)
+    pub(super) fn value(&self, goal: usize, expert: &ExpertObjective) -> f64 {
+        let terms: Vec<Option<f64>> = expert.places.iter().map(|place| self.terms[goal][*place]).collect();
+        expert.objective.value_of(&terms, self.cost[goal], 0.0)
     }
 
     /// Expectations under a policy, given as log-probabilities beside those of the prior.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     EpochRow, Examples, Gradient, SceneData, Trainer,
-    epochs::{self, Course, Epoch, Kept, Plan},
+    epochs::{self, CheckpointFile, Course, Epoch, Plan},
     samples::{Example, recorded},
     step::trainable,
 };
@@ -96,7 +96,7 @@ pub(super) fn check(options: &[(&str, f64, f64, f64)]) -> Result<(), Error> {
     }
 }
 
-/// Hears of progress.
+/// Callbacks for progress.
 pub trait Observer {
     /// Before the first step, if earlier epochs were found.
     fn resumed(&mut self, _rows: &[EpochRow]) {}
@@ -112,7 +112,7 @@ pub trait Observer {
 
 /// What came of it.
 pub struct Pretrained {
-    /// Weights of the epoch with the least surprise in validation; none if it stopped in its first.
+    /// Weights of the epoch with the least nll in validation; none if it stopped in its first.
     pub best: Option<Parameters>,
     /// A row an epoch.
     pub rows: Vec<EpochRow>,
@@ -139,7 +139,7 @@ pub fn pretrain(
     observer: &mut (dyn Observer + Sync),
 ) -> Result<Pretrained, Error> {
     options.check()?;
-    if !network.wanted().iter().any(|w| network.role(&w.name).is_pretrained()) {
+    if !network.parameter_specs().iter().any(|w| network.parameter_group(&w.name).is_pretrained()) {
         return Err(Error::Training(format!("backbone `{}` has nothing to train", network.name())));
     }
     let moving = Examples::of(train).filter(|e| e.moves || e.of_interest);
@@ -169,15 +169,16 @@ pub fn pretrain(
     });
     let last = folder.join("last.safetensors");
     let best = folder.join("prior.safetensors");
-    let kept = Kept { file: &last, identity, header: header.clone() };
-    let mut trainer = Trainer::new(network, |name| network.role(name).is_pretrained(), plan.config())?;
+    let checkpoint = CheckpointFile { file: &last, identity, header: header.clone() };
+    let mut trainer =
+        Trainer::new(network, |name| network.parameter_group(name).is_pretrained(), plan.config())?;
     let mut course = Futures { options, moving, standing, held_out, best: &best, header, observer };
-    let (rows, stopped) = epochs::run(&mut course, &mut trainer, &plan, Some(&kept))?;
+    let (rows, stopped) = epochs::run(&mut course, &mut trainer, &plan, Some(&checkpoint))?;
     let best = if rows.is_empty() { None } else { Some(Parameters::load(&best)?.0) };
     Ok(Pretrained { best, rows, stopped })
 }
 
-/// Recorded futures, and who hears of them.
+/// Recorded futures to learn from.
 struct Futures<'d> {
     options: &'d PretrainOptions,
     moving: Examples<'d>,
@@ -231,7 +232,7 @@ impl Course for Futures<'_> {
     }
 
     fn row(&mut self, trainer: &Trainer, epoch: Epoch<[f64; 2]>) -> Result<EpochRow, Error> {
-        let (min_fde6, surprise) = self.validate(trainer)?;
+        let (min_fde6, nll) = self.validate(trainer)?;
         let items = epoch.notes.len() as f64;
         let sum = |k: usize| epoch.notes.iter().fold(0.0, |sum, note| sum + note[k]);
         Ok(EpochRow {
@@ -242,14 +243,14 @@ impl Course for Futures<'_> {
             gradient: epoch.lengths / epoch.steps as f64,
             rate: epoch.rate,
             min_fde6,
-            surprise,
+            nll,
             seconds: epoch.clock.elapsed().as_secs_f64(),
         })
     }
 
     fn finished(&mut self, trainer: &Trainer, before: &[EpochRow], row: &EpochRow) -> Result<(), Error> {
-        let least = before.iter().map(|r| r.surprise).fold(f64::INFINITY, f64::min);
-        if row.surprise < least || before.is_empty() {
+        let least = before.iter().map(|r| r.nll).fold(f64::INFINITY, f64::min);
+        if row.nll < least || before.is_empty() {
             trainer.weights()?.save(self.header, self.best)?;
         }
         self.observer.epoch(row);
@@ -288,7 +289,7 @@ impl Futures<'_> {
         order
     }
 
-    /// Mean least end distance of six goals, and mean surprise, over the held-out examples.
+    /// Mean least end distance of six goals, and mean nll, over the held-out examples.
     fn validate(&self, trainer: &Trainer) -> Result<(f64, f64), Error> {
         let frozen = trainer.frozen()?;
         let network = trainable(&*frozen)?;

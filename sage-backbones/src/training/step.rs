@@ -45,7 +45,7 @@ impl Trainer {
         config: AdamWConfig,
     ) -> Result<Self, Error> {
         let (parameters, variables) = network.parameters().variables(trained)?;
-        Ok(Self { network: network.rebuilt(parameters)?, variables, adam: AdamW::new(config) })
+        Ok(Self { network: network.with_parameters(parameters)?, variables, adam: AdamW::new(config) })
     }
 
     /// The network, whose results carry gradients.
@@ -64,7 +64,7 @@ impl Trainer {
     ///
     /// *Errors*: none on a CPU.
     pub fn frozen(&self) -> Result<Box<dyn Backbone>, Error> {
-        self.network.rebuilt(self.network.parameters().detached())
+        self.network.with_parameters(self.network.parameters().detached())
     }
 
     /// A copy of the present weights.

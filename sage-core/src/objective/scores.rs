@@ -40,9 +40,9 @@ pub struct Scores {
     /// Whether the strict rule holds as well.
     pub feasible_strict: bool,
     /// Broken rules of `feasible`.
-    pub reasons: Vec<Violation>,
+    pub violations: Vec<Violation>,
     /// Broken rules of `feasible_strict`.
-    pub reasons_strict: Vec<Violation>,
+    pub violations_strict: Vec<Violation>,
     /// Distances from the logged future.
     #[serde(flatten)]
     pub distances: DistributionDistances,
@@ -144,10 +144,10 @@ impl<'c> Scorer<'c> {
     pub fn scores(&self, candidate: &Candidate) -> Scores {
         let ctx = self.ctx;
         let situation = Situation::new(candidate, self.ego, ctx);
-        let reasons = self.map.violations(candidate, ctx);
-        let reasons_strict = self.strict.violations(candidate, ctx);
+        let violations = self.map.violations(candidate, ctx);
+        let violations_strict = self.strict.violations(candidate, ctx);
         let cost = |rule: &str| {
-            reasons.iter().filter(|v| v.rule == rule).map(|v| v.cost).fold(0.0, |sum, cost| sum + cost)
+            violations.iter().filter(|v| v.rule == rule).map(|v| v.cost).fold(0.0, |sum, cost| sum + cost)
         };
         let rewards = self.further.iter().flat_map(|further| &further.rewards);
         let rules = self.further.iter().flat_map(|further| &further.rules);
@@ -159,14 +159,14 @@ impl<'c> Scorer<'c> {
             behavior_penalty: behavior_penalty(candidate.profile()),
             cross_line: cost(ROAD_EDGE),
             crash_object: cost(AGENT),
-            feasible: reasons.is_empty(),
-            feasible_strict: reasons_strict.is_empty(),
+            feasible: violations.is_empty(),
+            feasible_strict: violations_strict.is_empty(),
             distances: self.logged.distances(candidate, ctx.convention()),
             criticality: Criticality::of(&situation),
             rewards: rewards.map(|(name, reward)| ((*name).to_owned(), reward.score(&situation))).collect(),
             rules: rules.map(|(name, rule)| ((*name).to_owned(), rule.violations(candidate, ctx))).collect(),
-            reasons,
-            reasons_strict,
+            violations,
+            violations_strict,
         }
     }
 }

@@ -4,8 +4,8 @@ use sage_core::scene::{Boundary, LightState, Map, MapFeature, Neighbor, Scene, T
 
 use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node};
 
-/// What a made scene names as its data set.
-pub(crate) const MADE: &str = "sage";
+/// Data set name of procedural scenes.
+pub(crate) const PROCEDURAL_DATASET: &str = "sage";
 
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 const BOOL: Dtype = Dtype { kind: ElementKind::Bool, size: 1, big_endian: false };
@@ -215,7 +215,8 @@ impl Maker {
             scene.timestamps.clone()
         };
         let times = self.floats(&[scene.frames], times);
-        let [id, dataset, coordinate] = [&scene.id[..], MADE, "waymo"].map(|text| self.text(text));
+        let [id, dataset, coordinate] =
+            [&scene.id[..], PROCEDURAL_DATASET, "waymo"].map(|text| self.text(text));
         let processed = self.push(Node::Bool(false));
         let length = self.push(Node::Int(scene.frames as i64));
         self.dict([

@@ -15,7 +15,7 @@ use super::{encoded, goal, in_scene, nll};
 use crate::{
     GeneratorInputs,
     pair::ProposerKind,
-    timing::{Extended, PACES, Pace},
+    speed_profile::{Extended, SPEED_PROFILES, SpeedProfile},
 };
 
 /// It has no options.
@@ -66,14 +66,14 @@ impl PreparedScene for Encoded {
             let origin = encoding.features().frame.origin();
             let plain: Vec<Extended> = plain.iter().map(|path| Extended::new(path, origin)).collect();
             let nll = nll(&**prior, encoding, &modes, *with_nll)?;
-            let paces = PACES.map(Pace::new);
-            let at_every_pace = paces.iter().flat_map(|pace| {
+            let profiles = SPEED_PROFILES.map(SpeedProfile::new);
+            let at_every_profile = profiles.iter().flat_map(|profile| {
                 plain.iter().zip(&ends).zip(&nll).map(|((path, end), nll)| {
                     let goal = Some(goal(encoding, *end));
-                    Ok(Proposal { trajectory: pace.whole(path)?, log_prob: None, goal, nll: *nll })
+                    Ok(Proposal { trajectory: profile.whole(path)?, log_prob: None, goal, nll: *nll })
                 })
             });
-            at_every_pace.collect()
+            at_every_profile.collect()
         };
         propose().map_err(|error| in_scene(&self.scene, error))
     }

@@ -1,5 +1,5 @@
-//! SAGE's candidates: the likeliest modes of the mixed experts that a car could drive, some way apart, at
-//! several speed profiles. Over the prior alone they tell what the choice does without any expert.
+//! SAGE's candidates: the likeliest drivable modes of the mixed experts, spaced apart, each under several speed
+//! profiles. The same with the prior alone shows what the selection does without any expert.
 
 use std::sync::Arc;
 
@@ -9,8 +9,9 @@ use sage_backbones::{
     candidates::{Selection, choose},
     candle::{Device, Tensor},
     encoding::Encoding,
-    features::{LOOKS, STRIDE},
-    forecast::{View, features_with_forecast},
+    features::{FORECAST_STEPS, STRIDE},
+    forecast::features_with_forecast,
+    subsampling::Subsampling,
 };
 use sage_core::{
     Error,
@@ -28,11 +29,11 @@ use crate::{
     drivable::drivable,
     mixtures::Mixtures,
     pair::ProposerKind,
-    timing::{Extended, PACES, Pace},
+    speed_profile::{Extended, SPEED_PROFILES, SpeedProfile},
 };
 
-/// Log of how rarely another pace than the network's own is taken where no path is preferred.
-const RARELY: f32 = -1.5;
+/// Log-prior of a retimed speed profile.
+const RETIMED_LOG_PRIOR: f32 = -1.5;
 
 /// Options of `sage` and `prior`.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -42,13 +43,13 @@ pub struct ProposalOptions {
     pub candidates: usize,
     /// Least distance of their ends, metres.
     pub apart: f32,
-    /// How closely the scene is looked at for them.
-    pub view: View,
+    /// Map and goal subsampling.
+    pub subsampling: Subsampling,
 }
 
 impl Default for ProposalOptions {
     fn default() -> Self {
-        Self { candidates: 32, apart: 6.0, view: View::default() }
+        Self { candidates: 32, apart: 6.0, subsampling: Subsampling::default() }
     }
 }
 
@@ -58,7 +59,7 @@ impl ProposalOptions {
         if !(0.0..=100.0).contains(&self.apart) {
             return Err(P::refused(format!("`apart` is {}; expected 0 to 100 metres", self.apart)));
         }
-        self.view.check().map_err(|error| P::refused(format!("`view`: {error}"))).map(|_| ())
+        self.subsampling.check().map_err(|error| P::refused(format!("`subsampling`: {error}"))).map(|_| ())
     }
 
     fn over(
@@ -99,8 +100,8 @@ pub struct Prior(ProposalOptions);
 
 impl ProposerKind for Prior {
     const NAME: &'static str = "prior";
-    const SUMMARY: &'static str = "the untuned prior with the same choice";
-    const SOURCE: &'static str = "this project: what choice alone does";
+    const SUMMARY: &'static str = "the untuned prior with the same selection";
+    const SOURCE: &'static str = "this project: shows what the selection alone does";
     const USES_MIXTURE: bool = false;
 
     fn check(&self) -> Result<(), Error> {
@@ -127,7 +128,7 @@ impl Proposer for Network {
         let Shared { options, prior, .. } = &*self.0;
         let encode = || {
             let adversary = now.scene().adversary_index()?;
-            let features = features_with_forecast(&**prior, now, adversary, options.view)?;
+            let features = features_with_forecast(&**prior, now, adversary, options.subsampling)?;
             prior.encode(Arc::new(features))
         };
         let encoding = encode().map_err(|error| in_scene(now.scene(), error))?;
@@ -162,65 +163,66 @@ impl Encoded {
         let paths = to_world(&model.trajectories(encoding, &modes)?, encoding.features())?;
         let origin = encoding.features().frame.origin();
         let paths: Vec<Extended> = paths.iter().map(|path| Extended::new(path, origin)).collect();
-        let paces = PACES.map(Pace::new);
-        let mut paced = all_paced(&paces, &modes, &paths, &policy);
-        self.follow(&*model, &mut paced, &log_probs, &paces, &paths)?;
-        let paced = self.apart(paced);
-        let driven = paced.iter().map(|p| paces[p.pace].whole(&paths[p.path]));
+        let profiles = SPEED_PROFILES.map(SpeedProfile::new);
+        let mut retimed = at_all_profiles(&profiles, &modes, &paths, &policy);
+        self.score_retimed(&*model, &mut retimed, &log_probs, &profiles, &paths)?;
+        let retimed = self.apart(retimed);
+        let driven = retimed.iter().map(|p| profiles[p.profile].whole(&paths[p.path]));
         let kept = drivable(driven, options.candidates, &self.body, self.now.index())?;
-        let of_kept: Vec<usize> = kept.iter().map(|(k, _)| paced[*k].mode).collect();
+        let of_kept: Vec<usize> = kept.iter().map(|(k, _)| retimed[*k].mode).collect();
         let nll = nll(&**prior, encoding, &of_kept, *with_nll)?;
         let proposal = |((k, trajectory), nll): ((usize, _), _)| Proposal {
             trajectory,
-            log_prob: Some(f64::from(paced[k].log_prob)),
-            goal: Some(goal(encoding, ends[paced[k].mode])),
+            log_prob: Some(f64::from(retimed[k].log_prob)),
+            goal: Some(goal(encoding, ends[retimed[k].mode])),
             nll,
         };
         Ok(kept.into_iter().zip(nll).map(proposal).collect())
     }
 
-    /// Sets the log-probability of modes at other paces than their own.
-    fn follow(
+    /// Sets the log-probabilities of the modes under other speed profiles than their own.
+    fn score_retimed(
         &self,
         model: &dyn MotionModel,
-        all: &mut [Paced],
+        all: &mut [RetimedMode],
         log_probs: &Tensor,
-        paces: &[Pace],
+        profiles: &[SpeedProfile],
         paths: &[Extended],
     ) -> Result<(), sage_backbones::Error> {
         let encoding = &self.encoding;
         let frame = encoding.features().frame;
-        let mut bent: Vec<&mut Paced> = all.iter_mut().filter(|p| !paces[p.pace].is_plain()).collect();
-        let mut places = Vec::with_capacity(2 * LOOKS * bent.len());
-        for paced in &bent {
-            let at = |look: usize| paces[paced.pace].at(&paths[paced.path], look * STRIDE);
-            places.extend((1..=LOOKS).flat_map(|look| frame.to_local(at(look)).map(|x| x as f32)));
+        let mut retimed_modes: Vec<&mut RetimedMode> =
+            all.iter_mut().filter(|p| !profiles[p.profile].is_plain()).collect();
+        let mut points = Vec::with_capacity(2 * FORECAST_STEPS * retimed_modes.len());
+        for retimed in &retimed_modes {
+            let at = |step: usize| profiles[retimed.profile].at(&paths[retimed.path], step * STRIDE);
+            points.extend((1..=FORECAST_STEPS).flat_map(|step| frame.to_local(at(step)).map(|x| x as f32)));
         }
-        let modes: Vec<usize> = bent.iter().map(|p| p.mode).collect();
-        let places = Tensor::from_vec(places, (modes.len(), LOOKS, 2), &Device::Cpu)?;
-        let places = places.to_dtype(log_probs.dtype())?;
-        let found = model.log_probs_along(encoding, log_probs, &modes, &places)?;
-        for (paced, log_prob) in bent.iter_mut().zip(finite::<f32>(&found)?) {
-            paced.log_prob = log_prob + RARELY;
+        let modes: Vec<usize> = retimed_modes.iter().map(|p| p.mode).collect();
+        let points = Tensor::from_vec(points, (modes.len(), FORECAST_STEPS, 2), &Device::Cpu)?;
+        let points = points.to_dtype(log_probs.dtype())?;
+        let found = model.log_probs_along(encoding, log_probs, &modes, &points)?;
+        for (retimed, log_prob) in retimed_modes.iter_mut().zip(finite::<f32>(&found)?) {
+            retimed.log_prob = log_prob + RETIMED_LOG_PRIOR;
         }
         Ok(())
     }
 
-    /// Modes at their paces, the likeliest first, those left out that are too much like a likelier one at
-    /// half time and at the end.
-    fn apart(&self, mut all: Vec<Paced>) -> Vec<Paced> {
-        // Stable: of equals the plain pace comes first.
+    /// Modes with their profiles, the likeliest first, without those that are close to a likelier one at half
+    /// time and at the end.
+    fn apart(&self, mut all: Vec<RetimedMode>) -> Vec<RetimedMode> {
+        // Stable: among equals the mode's own profile comes first.
         all.sort_by(|a, b| b.log_prob.total_cmp(&a.log_prob));
         let most = SPARE * self.shared.options.candidates;
-        let mut kept: Vec<Paced> = Vec::with_capacity(most);
+        let mut kept: Vec<RetimedMode> = Vec::with_capacity(most);
         let radius = f64::from(self.shared.options.apart).powi(2);
-        for paced in all {
+        for retimed in all {
             // Half the distance counts at half time.
-            let is_apart = |other: &Paced| {
-                squared(paced.end, other.end) >= radius || 4.0 * squared(paced.half, other.half) >= radius
+            let is_apart = |other: &RetimedMode| {
+                squared(retimed.end, other.end) >= radius || 4.0 * squared(retimed.half, other.half) >= radius
             };
             if kept.iter().all(is_apart) {
-                kept.push(paced);
+                kept.push(retimed);
             }
             if kept.len() == most {
                 break;
@@ -230,15 +232,15 @@ impl Encoded {
     }
 }
 
-/// A mode at a pace.
-struct Paced {
-    /// Number of its path.
+/// A mode under a speed profile.
+struct RetimedMode {
+    /// Index of its trajectory.
     path: usize,
     mode: usize,
-    /// Number of its pace.
-    pace: usize,
+    /// Index of its speed profile.
+    profile: usize,
     log_prob: f32,
-    /// Where it is after half the time, and in the end.
+    /// Positions at half time and at the end.
     half: Point,
     end: Point,
 }
@@ -249,12 +251,17 @@ fn squared(a: Point, b: Point) -> f64 {
     dx * dx + dy * dy
 }
 
-/// Modes at every pace, as likely as at their own.
-fn all_paced(paces: &[Pace], modes: &[usize], paths: &[Extended], log_probs: &[f32]) -> Vec<Paced> {
-    let paced = |number: usize, path: usize, mode: usize| {
-        let [half, end] = [HORIZON / 2, HORIZON].map(|step| paces[number].at(&paths[path], step));
-        Paced { path, mode, pace: number, log_prob: log_probs[mode], half, end }
+/// Every mode under every profile, with the log-probability of its own profile.
+fn at_all_profiles(
+    profiles: &[SpeedProfile],
+    modes: &[usize],
+    paths: &[Extended],
+    log_probs: &[f32],
+) -> Vec<RetimedMode> {
+    let retimed = |number: usize, path: usize, mode: usize| {
+        let [half, end] = [HORIZON / 2, HORIZON].map(|step| profiles[number].at(&paths[path], step));
+        RetimedMode { path, mode, profile: number, log_prob: log_probs[mode], half, end }
     };
-    let of_pace = |number| modes.iter().enumerate().map(move |(path, &mode)| paced(number, path, mode));
-    (0..paces.len()).flat_map(of_pace).collect()
+    let of_profile = |number| modes.iter().enumerate().map(move |(path, &mode)| retimed(number, path, mode));
+    (0..profiles.len()).flat_map(of_profile).collect()
 }

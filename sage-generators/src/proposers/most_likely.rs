@@ -7,7 +7,8 @@ use sage_backbones::{
     backbone::{finite, to_world},
     candidates::ranked,
     encoding::Encoding,
-    forecast::{View, features_with_forecast},
+    forecast::features_with_forecast,
+    subsampling::Subsampling,
 };
 use sage_core::{
     Error,
@@ -45,7 +46,7 @@ impl Proposer for OfPolicy {
     fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
         let encode = || {
             let adversary = now.scene().adversary_index()?;
-            let features = features_with_forecast(&*self.prior, now, adversary, View::FULL)?;
+            let features = features_with_forecast(&*self.prior, now, adversary, Subsampling::NONE)?;
             self.prior.encode(Arc::new(features))
         };
         let encoding = encode().map_err(|error| in_scene(now.scene(), error))?;

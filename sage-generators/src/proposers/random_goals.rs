@@ -16,7 +16,7 @@ use crate::{
     GeneratorInputs,
     drivable::drivable,
     pair::ProposerKind,
-    timing::{Extended, PACES, Pace},
+    speed_profile::{Extended, SPEED_PROFILES, SpeedProfile},
 };
 
 /// Options of random goals.
@@ -86,10 +86,10 @@ impl PreparedScene for Encoded {
             let paths = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
             let origin = encoding.features().frame.origin();
             let mut rng = Rng::new(seed, id, "random paces");
-            let paces = PACES.map(Pace::new);
+            let profiles = SPEED_PROFILES.map(SpeedProfile::new);
             let driven = paths.iter().map(|path| {
-                let pace = &paces[rng.below(paces.len())];
-                pace.whole(&Extended::new(path, origin))
+                let profile = &profiles[rng.below(profiles.len())];
+                profile.whole(&Extended::new(path, origin))
             });
             let kept = drivable(driven, *candidates, body, now.index())?;
             let modes: Vec<usize> = kept.iter().map(|(k, _)| modes[*k]).collect();

@@ -7,8 +7,9 @@ use std::sync::Arc;
 use sage_backbones::{
     backbones,
     candle::{DType, Tensor},
-    features::{Features, LOOKS, Outlook, STRIDE, Way},
-    forecast::{View, features_with_forecast},
+    features::{AgentForecasts, FORECAST_STEPS, Features, ForecastMode, STRIDE},
+    forecast::features_with_forecast,
+    subsampling::Subsampling,
 };
 use sage_core::{
     generator::Observation,
@@ -23,14 +24,14 @@ fn look(scene: &Scene) -> Features {
     Features::of(&now, scene.adversary.unwrap(), None).unwrap()
 }
 
-fn sums_to_one(ways: &[Way]) -> bool {
+fn sums_to_one(ways: &[ForecastMode]) -> bool {
     (ways.iter().map(|way| way.weight).sum::<f32>() - 1.0).abs() < 1e-5
 }
 
 /// Greatest distance of a way from where a track really is, over the looks at which it is seen.
-fn farthest(way: &Way, scene: &Scene, track: usize, features: &Features) -> f64 {
+fn farthest(way: &ForecastMode, scene: &Scene, track: usize, features: &Features) -> f64 {
     let at = |look: usize| NOW + (look + 1) * STRIDE;
-    let seen = (0..LOOKS).filter(|look| scene.tracks[track].is_valid(at(*look)));
+    let seen = (0..FORECAST_STEPS).filter(|look| scene.tracks[track].is_valid(at(*look)));
     let gap = |look: usize| {
         let [x, y] = features.frame.to_local(scene.tracks[track].point(at(look)));
         (f64::from(way.poses[look][0]) - x).hypot(f64::from(way.poses[look][1]) - y)
@@ -40,12 +41,12 @@ fn farthest(way: &Way, scene: &Scene, track: usize, features: &Features) -> f64 
 
 #[test]
 fn who_follows_a_lane_is_expected_along_its_bends() {
-    // On made scenes most drive along lanes: going on so is far nearer to what they do than going straight.
+    // On procedural scenes most drive along lanes: going on so is far nearer to what they do than going straight.
     let (mut along, mut straight) = (Vec::new(), Vec::new());
     for number in 0..12 {
         let scene = generate(Kind::ALL[number % Kind::ALL.len()], 9, number as u64).unwrap();
         let features = look(&scene);
-        let ego = &features.outlook.ego[0];
+        let ego = &features.agent_forecasts.ego[0];
         let [x, y] = features.frame.to_local(scene.ego().point(NOW));
         let [vx, vy] = features.frame.turn_to_local(scene.ego().velocity[NOW]);
         let mut plain = ego.clone();
@@ -69,20 +70,21 @@ fn who_stands_stays_and_who_drives_has_several_manners() {
     scene.tracks[other].velocity[NOW] = [0.1, 0.0];
     let features = look(&scene);
     let place = features.frame.to_local(scene.tracks[other].point(NOW));
-    let standing: Vec<&Way> = features.outlook.others.iter().filter(|way| way.stands).collect();
+    let standing: Vec<&ForecastMode> =
+        features.agent_forecasts.others.iter().filter(|way| way.stands).collect();
     let own = standing.iter().find(|way| {
         let [x, y, ..] = way.poses[0];
         (f64::from(x) - place[0]).hypot(f64::from(y) - place[1]) < 0.01
     });
     assert!(own.is_some_and(|way| way.poses.iter().all(|pose| pose == &way.poses[0]) && way.weight == 1.0));
-    assert!(features.outlook.ego.len() == 3 && sums_to_one(&features.outlook.ego));
+    assert!(features.agent_forecasts.ego.len() == 3 && sums_to_one(&features.agent_forecasts.ego));
     // Braking is behind, gaining ahead of an even speed.
-    let gone = |way: &Way| {
-        let [x, y, ..] = way.poses[LOOKS - 1];
+    let gone = |way: &ForecastMode| {
+        let [x, y, ..] = way.poses[FORECAST_STEPS - 1];
         let [a, b, ..] = way.poses[0];
         (x - a).hypot(y - b)
     };
-    let [even, braking, gaining] = [0, 1, 2].map(|k| gone(&features.outlook.ego[k]));
+    let [even, braking, gaining] = [0, 1, 2].map(|k| gone(&features.agent_forecasts.ego[k]));
     assert!(braking < even && even < gaining, "{braking} {even} {gaining}");
 }
 
@@ -91,7 +93,7 @@ fn an_outlook_mirrors_and_uses_nothing_of_the_future() {
     let plain = generate(Kind::FourWay, 5, 3).unwrap();
     let features = look(&plain);
     let twin = features.mirrored();
-    for (a, b) in features.outlook.ego.iter().zip(&twin.outlook.ego) {
+    for (a, b) in features.agent_forecasts.ego.iter().zip(&twin.agent_forecasts.ego) {
         for (p, q) in a.poses.iter().zip(&b.poses) {
             assert_eq!([p[0], -p[1], p[2], -p[3]], *q);
         }
@@ -102,7 +104,7 @@ fn an_outlook_mirrors_and_uses_nothing_of_the_future() {
             (track.valid[frame], track.position[frame], track.velocity[frame]) = (false, [9.0; 3], [9.0; 2]);
         }
     }
-    assert_eq!(features.outlook, look(&forgetful).outlook);
+    assert_eq!(features.agent_forecasts, look(&forgetful).agent_forecasts);
 }
 
 #[test]
@@ -124,8 +126,8 @@ fn a_ring_of_lanes_without_length_ends() {
     let index = SceneIndex::new(scene.map.clone());
     let features =
         Features::of(&Observation::of(&scene, &index).unwrap(), scene.adversary.unwrap(), None).unwrap();
-    let finite = |way: &Way| way.poses.iter().flatten().all(|x| x.is_finite());
-    assert!(features.outlook.ego.iter().chain(&features.outlook.others).all(finite));
+    let finite = |way: &ForecastMode| way.poses.iter().flatten().all(|x| x.is_finite());
+    assert!(features.agent_forecasts.ego.iter().chain(&features.agent_forecasts.others).all(finite));
 }
 
 #[test]
@@ -136,9 +138,9 @@ fn a_network_foresees_the_ego_in_several_ways_and_never_by_its_log() {
     let adversary = scene.adversary.unwrap();
     let ways = |scene: &Scene| {
         let now = Observation::of(scene, &index).unwrap();
-        features_with_forecast(&*network, &now, adversary, View::FULL).unwrap().outlook
+        features_with_forecast(&*network, &now, adversary, Subsampling::NONE).unwrap().agent_forecasts
     };
-    let foreseen: Outlook = ways(&scene);
+    let foreseen: AgentForecasts = ways(&scene);
     assert!(foreseen.ego.len() > 3 && sums_to_one(&foreseen.ego));
     assert!(foreseen.ego.windows(2).all(|w| w[0].weight >= w[1].weight), "the likeliest first");
     let unit = |pose: &[f32; 4]| (pose[2].hypot(pose[3]) - 1.0).abs() < 1e-4;
@@ -149,7 +151,7 @@ fn a_network_foresees_the_ego_in_several_ways_and_never_by_its_log() {
         other.tracks[ego].position[frame] = [0.0; 3];
     }
     assert_eq!(foreseen, ways(&other));
-    assert_eq!(foreseen.others, look(&scene).outlook.others);
+    assert_eq!(foreseen.others, look(&scene).agent_forecasts.others);
 }
 
 #[test]
@@ -166,15 +168,16 @@ fn a_mode_along_its_own_path_has_its_own_log_probability() {
             let noise = Tensor::from_vec(noise, tensor.dims(), tensor.device()).unwrap();
             weights.insert(name, (tensor + noise).unwrap());
         }
-        let network = plain.rebuilt(weights).unwrap();
+        let network = plain.with_parameters(weights).unwrap();
         let now = Observation::of(&scene, &index).unwrap();
-        let features = features_with_forecast(&*network, &now, scene.adversary.unwrap(), View::FULL).unwrap();
+        let features =
+            features_with_forecast(&*network, &now, scene.adversary.unwrap(), Subsampling::NONE).unwrap();
         let encoding = network.encode(Arc::new(features)).unwrap();
         let log_probs = network.log_probs(&encoding).unwrap();
         let modes = [3, 11, 0];
         let paths = network.trajectories(&encoding, &modes).unwrap();
         assert_eq!(paths.dims(), [3, HORIZON, 2]);
-        let steps: Vec<u32> = (1..=LOOKS).map(|k| (k * STRIDE - 1) as u32).collect();
+        let steps: Vec<u32> = (1..=FORECAST_STEPS).map(|k| (k * STRIDE - 1) as u32).collect();
         let places = paths.index_select(&Tensor::new(&steps[..], paths.device()).unwrap(), 1).unwrap();
         let numbers = |tensor: Tensor| tensor.to_dtype(DType::F64).unwrap().to_vec1::<f64>().unwrap();
         let all = numbers(log_probs.clone());
@@ -198,9 +201,9 @@ fn a_coarser_view_sees_a_part_of_what_the_full_one_sees() {
     let network = backbones().unwrap().build_default("densetnt").unwrap();
     let now = Observation::of(&scene, &index).unwrap();
     let see = |view| features_with_forecast(&*network, &now, scene.adversary.unwrap(), view).unwrap();
-    let (full, plain) = (see(View::FULL), look(&scene));
+    let (full, plain) = (see(Subsampling::NONE), look(&scene));
     assert_eq!((&full.goals, full.groups.len()), (&plain.goals, plain.groups.len()));
-    let coarse = see(View { pieces: 20, near: 30.0, ..View::FULL });
+    let coarse = see(Subsampling { max_polylines: 20, dense_goal_radius: 30.0, ..Subsampling::NONE });
     assert_eq!(coarse.groups.len(), full.agents + 20);
     assert!(coarse.goals.iter().all(|goal| full.goals.contains(goal)));
     let within = |goals: &[[f32; 2]]| goals.iter().filter(|[x, y]| x * x + y * y < 900.0).count();
@@ -208,9 +211,9 @@ fn a_coarser_view_sees_a_part_of_what_the_full_one_sees() {
     let beyond = |features: &Features| (features.modes() - within(&features.goals)) as f64;
     assert!((0.4..0.6).contains(&(beyond(&coarse) / beyond(&full))));
     for (view, field) in [
-        (View { pieces: 0, ..View::FULL }, "pieces"),
-        (View { near: f32::NAN, ..View::FULL }, "near"),
-        (View { ego_every: 0, ..View::FULL }, "ego_every"),
+        (Subsampling { max_polylines: 0, ..Subsampling::NONE }, "max_polylines"),
+        (Subsampling { dense_goal_radius: f32::NAN, ..Subsampling::NONE }, "dense_goal_radius"),
+        (Subsampling { ego_goal_stride: 0, ..Subsampling::NONE }, "ego_goal_stride"),
     ] {
         assert!(view.check().unwrap_err().to_string().contains(field));
     }

@@ -1,21 +1,21 @@
-//! Eight paths side by side, and how near they come to another's way: each operation is one of the
-//! processor on eight numbers.
+//! Clearance of eight trajectories at a time to an agent's forecast: each operation works on eight numbers,
+//! one vector register.
 
-use crate::features::{LOOKS, Way};
+use crate::features::{FORECAST_STEPS, ForecastMode};
 
-/// Paths in a pack.
+/// Trajectories in a batch.
 pub(super) const LANES: usize = 8;
-/// A number a path.
+/// A number a trajectory.
 pub(super) type Lanes = [f32; LANES];
 
-/// Gaps are told apart up to this, metres.
+/// Larger gaps count as this, metres.
 pub(super) const FAR: f32 = 10.0;
-/// In place of a look where boxes never overlap.
-pub(super) const NEVER: f32 = LOOKS as f32;
+/// In place of a step where boxes never overlap.
+pub(super) const NEVER: f32 = FORECAST_STEPS as f32;
 /// A step of no more than this keeps the heading, metres squared: 5 cm.
 const STEP_SQUARED: f32 = 0.0025;
 
-/// A number for each path.
+/// A number for each trajectory.
 #[inline(always)]
 pub(super) fn lanes(of: impl FnMut(usize) -> f32) -> Lanes {
     std::array::from_fn(of)
@@ -32,32 +32,32 @@ pub(super) fn greater(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
-/// Somebody's boxes at the looks ahead.
+/// An agent's boxes at the forecast steps.
 pub(super) struct Boxes {
     pub(super) weight: f32,
     pub(super) stands: bool,
     half: [f32; 2],
     /// Distance of a corner from the centre.
     reach: f32,
-    pub(super) x: [f32; LOOKS],
-    pub(super) y: [f32; LOOKS],
-    cos: [f32; LOOKS],
-    sin: [f32; LOOKS],
+    pub(super) x: [f32; FORECAST_STEPS],
+    pub(super) y: [f32; FORECAST_STEPS],
+    cos: [f32; FORECAST_STEPS],
+    sin: [f32; FORECAST_STEPS],
     /// Least and greatest x and y.
     bounds: [f32; 4],
 }
 
 impl Boxes {
-    pub(super) fn of(way: &Way) -> Self {
-        let row = |k: usize| std::array::from_fn(|look| way.poses[look][k]);
-        let (x, y): ([f32; LOOKS], [f32; LOOKS]) = (row(0), row(1));
+    pub(super) fn of(mode: &ForecastMode) -> Self {
+        let row = |k: usize| std::array::from_fn(|step| mode.poses[step][k]);
+        let (x, y): ([f32; FORECAST_STEPS], [f32; FORECAST_STEPS]) = (row(0), row(1));
         let least = |values: &[f32]| values.iter().copied().fold(f32::INFINITY, less);
         let most = |values: &[f32]| values.iter().copied().fold(f32::NEG_INFINITY, greater);
         Self {
-            weight: way.weight,
-            stands: way.stands,
-            half: way.half,
-            reach: way.half[0].hypot(way.half[1]),
+            weight: mode.weight,
+            stands: mode.stands,
+            half: mode.half,
+            reach: mode.half[0].hypot(mode.half[1]),
             bounds: [least(&x), most(&x), least(&y), most(&y)],
             x,
             y,
@@ -67,14 +67,14 @@ impl Boxes {
     }
 }
 
-/// How near the boxes of eight paths come to another's at one of the looks.
+/// Clearance of the boxes of eight trajectories to an agent's boxes.
 #[derive(Clone, Copy)]
 pub(super) struct Clearance {
     /// Gap of the boxes, metres, at most [`FAR`]; negative where they overlap.
     pub(super) gap: Lanes,
-    /// Look at which it is least; the last where the gap is open.
+    /// Step at which it is least; the last where the agent is far away.
     pub(super) nearest: Lanes,
-    /// First look at which they overlap, or [`NEVER`].
+    /// First step at which they overlap, or [`NEVER`].
     pub(super) touch: Lanes,
 }
 
@@ -82,23 +82,23 @@ impl Clearance {
     const OPEN: Self = Self { gap: [FAR; LANES], nearest: [NEVER - 1.0; LANES], touch: [NEVER; LANES] };
 }
 
-/// A car's boxes along eight paths from the origin.
-pub(super) struct Eight {
+/// A car's boxes along eight trajectories from the origin.
+pub(super) struct TrajectoryBatch {
     half: [f32; 2],
     reach: f32,
-    pub(super) x: [Lanes; LOOKS],
-    pub(super) y: [Lanes; LOOKS],
-    pub(super) cos: [Lanes; LOOKS],
-    pub(super) sin: [Lanes; LOOKS],
+    pub(super) x: [Lanes; FORECAST_STEPS],
+    pub(super) y: [Lanes; FORECAST_STEPS],
+    pub(super) cos: [Lanes; FORECAST_STEPS],
+    pub(super) sin: [Lanes; FORECAST_STEPS],
     /// Least and greatest x and y of all of them.
     bounds: [f32; 4],
 }
 
-impl Eight {
-    /// Up to eight paths; the last stands for those that are missing.
+impl TrajectoryBatch {
+    /// Of up to eight trajectories; the last one fills the batch.
     #[inline(always)]
-    pub(super) fn along(paths: &[[[f32; 2]; LOOKS]], half: [f32; 2]) -> Self {
-        let zero = [[0.0; LANES]; LOOKS];
+    pub(super) fn along(paths: &[[[f32; 2]; FORECAST_STEPS]], half: [f32; 2]) -> Self {
+        let zero = [[0.0; LANES]; FORECAST_STEPS];
         let mut own = Self {
             half,
             reach: half[0].hypot(half[1]),
@@ -109,26 +109,26 @@ impl Eight {
             bounds: [0.0; 4],
         };
         for lane in 0..LANES {
-            for (look, [x, y]) in paths[lane.min(paths.len() - 1)].iter().enumerate() {
-                (own.x[look][lane], own.y[look][lane]) = (*x, *y);
+            for (step, [x, y]) in paths[lane.min(paths.len() - 1)].iter().enumerate() {
+                (own.x[step][lane], own.y[step][lane]) = (*x, *y);
             }
         }
         let [mut last_x, mut last_y, mut cos, mut sin] =
             [[0.0; LANES], [0.0; LANES], [1.0; LANES], [0.0; LANES]];
-        for look in 0..LOOKS {
-            let (x, y) = (&own.x[look], &own.y[look]);
+        for step in 0..FORECAST_STEPS {
+            let (x, y) = (&own.x[step], &own.y[step]);
             for l in 0..LANES {
                 let [dx, dy] = [x[l] - last_x[l], y[l] - last_y[l]];
                 let squared = dx * dx + dy * dy;
-                let step = squared.sqrt();
+                let length = squared.sqrt();
                 let moves = squared > STEP_SQUARED;
-                cos[l] = if moves { dx / step } else { cos[l] };
-                sin[l] = if moves { dy / step } else { sin[l] };
+                cos[l] = if moves { dx / length } else { cos[l] };
+                sin[l] = if moves { dy / length } else { sin[l] };
             }
             (last_x, last_y) = (*x, *y);
-            (own.cos[look], own.sin[look]) = (cos, sin);
+            (own.cos[step], own.sin[step]) = (cos, sin);
         }
-        let over = |values: &[Lanes; LOOKS], pick: fn(f32, f32) -> f32| {
+        let over = |values: &[Lanes; FORECAST_STEPS], pick: fn(f32, f32) -> f32| {
             let mut best = values[0];
             for row in values {
                 best = lanes(|l| pick(best[l], row[l]));
@@ -139,7 +139,7 @@ impl Eight {
         own
     }
 
-    /// Gaps to another's boxes by separating axes: exact where they overlap.
+    /// Gaps to an agent's boxes by separating axes: exact where they overlap.
     #[inline(always)]
     pub(super) fn clearance(&self, other: &Boxes) -> Clearance {
         let ([hl, hw], [ol, ow]) = (self.half, other.half);
@@ -149,7 +149,7 @@ impl Eight {
             return Clearance::OPEN;
         }
         let mut squared = [f32::INFINITY; LANES];
-        for k in 0..LOOKS {
+        for k in 0..FORECAST_STEPS {
             for (l, squared) in squared.iter_mut().enumerate() {
                 let [dx, dy] = [other.x[k] - self.x[k][l], other.y[k] - self.y[k][l]];
                 *squared = less(*squared, dx * dx + dy * dy);
@@ -160,9 +160,9 @@ impl Eight {
         }
         let Clearance { mut gap, mut nearest, mut touch } =
             Clearance { gap: [f32::INFINITY; LANES], ..Clearance::OPEN };
-        for k in 0..LOOKS {
+        for k in 0..FORECAST_STEPS {
             let (ox, oy, oc, os) = (other.x[k], other.y[k], other.cos[k], other.sin[k]);
-            let look = k as f32;
+            let step = k as f32;
             for l in 0..LANES {
                 let [dx, dy] = [ox - self.x[k][l], oy - self.y[k][l]];
                 let (c, s) = (self.cos[k][l], self.sin[k][l]);
@@ -173,12 +173,12 @@ impl Eight {
                 let d = (dx * oc + dy * os).abs() - ol - hl * along - hw * across;
                 let e = (dy * oc - dx * os).abs() - ow - hl * across - hw * along;
                 let here = greater(greater(a, b), greater(d, e));
-                nearest[l] = if here < gap[l] { look } else { nearest[l] };
+                nearest[l] = if here < gap[l] { step } else { nearest[l] };
                 gap[l] = less(gap[l], here);
-                touch[l] = if here < 0.0 { less(touch[l], look) } else { touch[l] };
+                touch[l] = if here < 0.0 { less(touch[l], step) } else { touch[l] };
             }
         }
-        // Far paths get the same whichever others they lie beside.
+        // Far trajectories get the same result whatever else is in the batch.
         let is_open = squared.map(|squared| squared > apart * apart);
         Clearance {
             gap: lanes(|l| if is_open[l] { FAR } else { less(gap[l], FAR) }),
@@ -195,8 +195,8 @@ mod tests {
 
     const HALF: [f32; 2] = [2.4, 1.0];
 
-    /// A winding path from the origin.
-    fn path(rng: &mut Rng) -> [[f32; 2]; LOOKS] {
+    /// A winding trajectory from the origin.
+    fn path(rng: &mut Rng) -> [[f32; 2]; FORECAST_STEPS] {
         let (mut at, mut heading) = ([0.0, 0.0], rng.uniform(-3.0, 3.0));
         let (speed, turn) = (rng.uniform(0.0, 6.0), rng.uniform(-0.3, 0.3));
         std::array::from_fn(|_| {
@@ -206,14 +206,14 @@ mod tests {
         })
     }
 
-    fn way(rng: &mut Rng) -> Way {
+    fn mode(rng: &mut Rng) -> ForecastMode {
         let places = path(rng);
         let from = [rng.uniform(-30.0, 30.0) as f32, rng.uniform(-30.0, 30.0) as f32];
         let poses = places.map(|[x, y]| {
             let (sin, cos) = (rng.uniform(-3.0, 3.0) as f32).sin_cos();
             [x + from[0], y + from[1], cos, sin]
         });
-        Way { weight: 0.5, half: [2.0, 0.9], stands: false, poses }
+        ForecastMode { weight: 0.5, half: [2.0, 0.9], stands: false, poses }
     }
 
     fn oriented([x, y]: [f32; 2], [cos, sin]: [f32; 2], [length, width]: [f32; 2]) -> OrientedBox {
@@ -231,13 +231,13 @@ mod tests {
         let (mut touching, mut open) = (0, 0);
         for _ in 0..400 {
             let paths: [_; LANES] = std::array::from_fn(|_| path(&mut rng));
-            let (own, way) = (Eight::along(&paths, HALF), way(&mut rng));
-            let found = own.clearance(&Boxes::of(&way));
+            let (own, mode) = (TrajectoryBatch::along(&paths, HALF), mode(&mut rng));
+            let found = own.clearance(&Boxes::of(&mode));
             for l in 0..LANES {
-                let touch = (0..LOOKS).find(|&k| {
-                    let [x, y, cos, sin] = way.poses[k];
+                let touch = (0..FORECAST_STEPS).find(|&k| {
+                    let [x, y, cos, sin] = mode.poses[k];
                     let own = oriented([own.x[k][l], own.y[k][l]], [own.cos[k][l], own.sin[k][l]], HALF);
-                    own.intersects(&oriented([x, y], [cos, sin], way.half))
+                    own.intersects(&oriented([x, y], [cos, sin], mode.half))
                 });
                 assert_eq!(touch.map_or(NEVER, |k| k as f32), found.touch[l]);
                 assert_eq!(touch.is_some(), found.gap[l] < 0.0);
@@ -249,14 +249,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_found_of_a_path_does_not_depend_on_its_neighbours() {
+    fn the_clearance_of_a_trajectory_does_not_depend_on_its_batch() {
         let mut rng = Rng::new(2, "eight", "alone");
         for _ in 0..100 {
             let paths: [_; LANES] = std::array::from_fn(|_| path(&mut rng));
-            let other = Boxes::of(&way(&mut rng));
-            let together = Eight::along(&paths, HALF).clearance(&other);
+            let other = Boxes::of(&mode(&mut rng));
+            let together = TrajectoryBatch::along(&paths, HALF).clearance(&other);
             for l in 0..LANES {
-                let alone = Eight::along(&paths[l..=l], HALF).clearance(&other);
+                let alone = TrajectoryBatch::along(&paths[l..=l], HALF).clearance(&other);
                 let bits = |c: &Clearance, l: usize| [c.gap[l], c.nearest[l], c.touch[l]].map(f32::to_bits);
                 assert_eq!(bits(&alone, 0), bits(&together, l));
             }

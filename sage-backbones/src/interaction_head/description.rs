@@ -1,41 +1,43 @@
-//! Rows of what the steering branch sees of paths.
+//! Input rows of the interaction head.
 
 use std::f32::consts::FRAC_PI_2;
 
 use candle_core::{Device, Result, Tensor};
 
-use super::eight::{Boxes, Clearance, Eight, FAR, LANES, Lanes, NEVER, greater, lanes, less};
+use super::trajectory_batch::{
+    Boxes, Clearance, FAR, LANES, Lanes, NEVER, TrajectoryBatch, greater, lanes, less,
+};
 use crate::{
-    features::{Features, LOOKS, STRIDE},
+    features::{FORECAST_STEPS, Features, STRIDE},
     nn::wide,
 };
 
-/// Places along a car's middle line that are asked for an edge, shares of half its length.
+/// Points along a car's centre line that are tested for a road edge, shares of half its length.
 const ALONG: [f32; 3] = [-0.9, 0.0, 0.9];
-/// Relative positions to the ego's likeliest way that are seen: every second look.
-const PLACES: usize = LOOKS / 2;
-/// Inputs of the branch.
-pub(super) const COLUMNS: usize = 2 * PLACES + 27;
-/// Seconds between looks.
+/// Positions relative to the ego's likeliest mode: every second forecast step.
+const POSITIONS: usize = FORECAST_STEPS / 2;
+/// Inputs of the head.
+pub(super) const COLUMNS: usize = 2 * POSITIONS + 27;
+/// Seconds between forecast steps.
 const SPAN: f32 = STRIDE as f32 * 0.1;
 
-/// Rows of what the branch sees of paths, given by their places at the looks ahead (n, 20, 2), target
-/// frame. Without an ego to look at, as when it is the target itself, there are none.
-pub(crate) fn describe(places: &Tensor, features: &Features) -> Result<Option<Tensor>> {
-    if features.outlook.ego.is_empty() {
+/// Input rows of trajectories, given by their points at the forecast steps (n, 20, 2), target frame. None
+/// without an ego, for instance if the ego is the target.
+pub(crate) fn describe(points: &Tensor, features: &Features) -> Result<Option<Tensor>> {
+    if features.agent_forecasts.ego.is_empty() {
         return Ok(None);
     }
-    let n = places.dim(0)?;
-    let numbers = places.to_dtype(candle_core::DType::F32)?.flatten_all()?.to_vec1::<f32>()?;
-    let paths = numbers.as_chunks::<2>().0.as_chunks::<LOOKS>().0;
-    let table = |ways: &[_]| ways.iter().map(Boxes::of).collect::<Vec<_>>();
-    let (ego, others) = (table(&features.outlook.ego), table(&features.outlook.others));
+    let n = points.dim(0)?;
+    let numbers = points.to_dtype(candle_core::DType::F32)?.flatten_all()?.to_vec1::<f32>()?;
+    let paths = numbers.as_chunks::<2>().0.as_chunks::<FORECAST_STEPS>().0;
+    let table = |modes: &[_]| modes.iter().map(Boxes::of).collect::<Vec<_>>();
+    let (ego, others) = (table(&features.agent_forecasts.ego), table(&features.agent_forecasts.others));
     let mut rows = vec![0.0; n * COLUMNS];
     wide(
         #[inline(always)]
         || {
             for (paths, rows) in paths.chunks(LANES).zip(rows.chunks_mut(LANES * COLUMNS)) {
-                let own = Eight::along(paths, features.half);
+                let own = TrajectoryBatch::along(paths, features.half);
                 let mut columns = Columns { values: [[0.0; LANES]; COLUMNS], filled: 0 };
                 towards_ego(&own, &ego, features.speed(), &mut columns);
                 towards_others(&own, &others, &mut columns);
@@ -44,10 +46,10 @@ pub(crate) fn describe(places: &Tensor, features: &Features) -> Result<Option<Te
             }
         },
     );
-    Ok(Some(Tensor::from_vec(rows, (n, COLUMNS), &Device::Cpu)?.to_dtype(places.dtype())?))
+    Ok(Some(Tensor::from_vec(rows, (n, COLUMNS), &Device::Cpu)?.to_dtype(points.dtype())?))
 }
 
-/// What is seen of eight paths, a column after the other.
+/// Input columns of a batch of trajectories.
 struct Columns {
     values: [Lanes; COLUMNS],
     filled: usize,
@@ -60,7 +62,7 @@ impl Columns {
         self.filled += N;
     }
 
-    /// As rows, a path after the other.
+    /// As rows, one a trajectory.
     #[inline(always)]
     fn write(&self, rows: &mut [f32]) {
         debug_assert_eq!(self.filled, COLUMNS);
@@ -72,17 +74,17 @@ impl Columns {
     }
 }
 
-/// Share of the looks that lie after one.
+/// Share of the forecast steps after a step.
 #[inline(always)]
-fn early(look: f32) -> f32 {
-    1.0 - (look + 1.0) / NEVER
+fn early(step: f32) -> f32 {
+    1.0 - (step + 1.0) / NEVER
 }
 
-/// Where the path is relative to the ego's likeliest way, how likely it meets the ego, when, and how.
+/// Position relative to the ego's likeliest mode; probability, time and kind of contact with the ego.
 #[inline(always)]
-fn towards_ego(own: &Eight, ego: &[Boxes], speed: f32, out: &mut Columns) {
+fn towards_ego(own: &TrajectoryBatch, ego: &[Boxes], speed: f32, out: &mut Columns) {
     let likeliest = &ego[0];
-    for k in (1..LOOKS).step_by(2) {
+    for k in (1..FORECAST_STEPS).step_by(2) {
         out.push([
             lanes(|l| signed_root(own.x[k][l] - likeliest.x[k])),
             lanes(|l| signed_root(own.y[k][l] - likeliest.y[k])),
@@ -91,13 +93,13 @@ fn towards_ego(own: &Eight, ego: &[Boxes], speed: f32, out: &mut Columns) {
     let [mut hit, mut near, mut soon] = [[0.0; LANES]; 3];
     let first = own.clearance(likeliest);
     let (mut gap, mut nearest) = (first.gap, first.nearest);
-    for (k, way) in ego.iter().enumerate() {
-        let here = if k == 0 { first } else { own.clearance(way) };
+    for (k, mode) in ego.iter().enumerate() {
+        let here = if k == 0 { first } else { own.clearance(mode) };
         for l in 0..LANES {
-            near[l] += way.weight / (1.0 + greater(here.gap[l], 0.0));
+            near[l] += mode.weight / (1.0 + greater(here.gap[l], 0.0));
             let meets = here.touch[l] < NEVER;
-            hit[l] += if meets { way.weight } else { 0.0 };
-            soon[l] += if meets { way.weight * early(here.touch[l]) } else { 0.0 };
+            hit[l] += if meets { mode.weight } else { 0.0 };
+            soon[l] += if meets { mode.weight * early(here.touch[l]) } else { 0.0 };
             nearest[l] = if here.gap[l] < gap[l] { here.nearest[l] } else { nearest[l] };
             gap[l] = less(gap[l], here.gap[l]);
         }
@@ -115,9 +117,9 @@ fn towards_ego(own: &Eight, ego: &[Boxes], speed: f32, out: &mut Columns) {
     as_they_meet(own, likeliest, &first, speed, out);
 }
 
-/// How fast the path and the ego's likeliest way are where they are nearest, and the path on the whole.
+/// Velocities where the trajectory and the ego's likeliest mode are nearest, and mean speed.
 #[inline(always)]
-fn as_they_meet(own: &Eight, likeliest: &Boxes, first: &Clearance, speed: f32, out: &mut Columns) {
+fn as_they_meet(own: &TrajectoryBatch, likeliest: &Boxes, first: &Clearance, speed: f32, out: &mut Columns) {
     let mut columns = [[0.0; LANES]; 4];
     for (l, nearest) in first.nearest.iter().enumerate() {
         let to = (*nearest as usize).max(1);
@@ -125,7 +127,7 @@ fn as_they_meet(own: &Eight, likeliest: &Boxes, first: &Clearance, speed: f32, o
         let [vx, vy] = [own.x[to][l] - own.x[from][l], own.y[to][l] - own.y[from][l]].map(|d| d / SPAN);
         let [ex, ey] =
             [likeliest.x[to] - likeliest.x[from], likeliest.y[to] - likeliest.y[from]].map(|d| d / SPAN);
-        let [x, y] = [own.x[LOOKS - 1][l], own.y[LOOKS - 1][l]];
+        let [x, y] = [own.x[FORECAST_STEPS - 1][l], own.y[FORECAST_STEPS - 1][l]];
         columns[0][l] = (vx - ex) / 10.0;
         columns[1][l] = (vy - ey) / 10.0;
         columns[2][l] = (ex * ex + ey * ey).sqrt() / 10.0;
@@ -134,17 +136,17 @@ fn as_they_meet(own: &Eight, likeliest: &Boxes, first: &Clearance, speed: f32, o
     out.push(columns);
 }
 
-/// How near the path comes to those who stand and to those who drive, how likely it touches one, when.
+/// Clearance to standing and to moving agents; probability and time of contact.
 #[inline(always)]
-fn towards_others(own: &Eight, others: &[Boxes], out: &mut Columns) {
+fn towards_others(own: &TrajectoryBatch, others: &[Boxes], out: &mut Columns) {
     for stands in [true, false] {
         let [mut gap, mut free, mut soonest] = [[FAR; LANES], [1.0; LANES], [0.0; LANES]];
-        for way in others.iter().filter(|way| way.stands == stands) {
-            let here = own.clearance(way);
+        for mode in others.iter().filter(|mode| mode.stands == stands) {
+            let here = own.clearance(mode);
             for l in 0..LANES {
                 gap[l] = less(gap[l], here.gap[l]);
-                free[l] *= if here.touch[l] < NEVER { 1.0 - way.weight } else { 1.0 };
-                // Zero where they never touch, and for the last look.
+                free[l] *= if here.touch[l] < NEVER { 1.0 - mode.weight } else { 1.0 };
+                // Zero without contact, and for contact at the last step.
                 soonest[l] = greater(soonest[l], early(here.touch[l]));
             }
         }
@@ -157,16 +159,16 @@ fn towards_others(own: &Eight, others: &[Boxes], out: &mut Columns) {
     }
 }
 
-/// Whether the path touches an edge, and how it is driven.
+/// Contact with a road edge, and kinematics.
 #[inline(always)]
-fn of_itself(own: &Eight, features: &Features, out: &mut Columns) {
+fn of_itself(own: &TrajectoryBatch, features: &Features, out: &mut Columns) {
     let [mut last_x, mut last_y, mut last_cos, mut last_sin] =
         [[0.0; LANES], [0.0; LANES], [1.0; LANES], [0.0; LANES]];
     let mut speed = [features.speed(); LANES];
     let [mut brake, mut gain, mut across, mut turned, mut restless] = [[0.0; LANES]; 5];
     let mut edge = [NEVER; LANES];
-    for look in 0..LOOKS {
-        let (x, y, cos, sin) = (&own.x[look], &own.y[look], &own.cos[look], &own.sin[look]);
+    for step in 0..FORECAST_STEPS {
+        let (x, y, cos, sin) = (&own.x[step], &own.y[step], &own.cos[step], &own.sin[step]);
         for l in 0..LANES {
             let [dx, dy] = [x[l] - last_x[l], y[l] - last_y[l]];
             let now = (dx * dx + dy * dy).sqrt() / SPAN;
@@ -175,7 +177,7 @@ fn of_itself(own: &Eight, features: &Features, out: &mut Columns) {
             gain[l] = greater(gain[l], acceleration);
             let turn_sin = last_cos[l] * sin[l] - last_sin[l] * cos[l];
             let turn_cos = last_cos[l] * cos[l] + last_sin[l] * sin[l];
-            // The turn of one look is small: two terms of the arc sine do; a quarter turn is the most.
+            // The turn of one step is small: two terms of the arc sine do; a quarter turn is the most.
             let small = turn_sin.abs() * (1.0 + turn_sin * turn_sin / 6.0);
             let turn = if turn_cos > 0.0 { small } else { FRAC_PI_2 };
             across[l] = greater(across[l], turn / SPAN * now);
@@ -185,7 +187,7 @@ fn of_itself(own: &Eight, features: &Features, out: &mut Columns) {
         }
         for (l, edge) in edge.iter_mut().enumerate() {
             if *edge == NEVER && touches_edge(features, [x[l], y[l]], [cos[l], sin[l]]) {
-                *edge = look as f32;
+                *edge = step as f32;
             }
         }
         (last_x, last_y, last_cos, last_sin) = (*x, *y, *cos, *sin);
@@ -202,7 +204,7 @@ fn of_itself(own: &Eight, features: &Features, out: &mut Columns) {
     ]);
 }
 
-/// Whether places along and across a box lie on a road edge.
+/// Whether points along and across a box lie on a road edge.
 #[inline(always)]
 fn touches_edge(features: &Features, [x, y]: [f32; 2], [c, s]: [f32; 2]) -> bool {
     let [length, width] = features.half;
@@ -215,7 +217,7 @@ fn touches_edge(features: &Features, [x, y]: [f32; 2], [c, s]: [f32; 2]) -> bool
         })
 }
 
-/// Keeps what is near apart and what is far together.
+/// Compresses large distances.
 #[inline(always)]
 fn signed_root(x: f32) -> f32 {
     0.7 * x / (1.0 + x.abs()).sqrt()

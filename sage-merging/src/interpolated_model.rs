@@ -27,7 +27,7 @@ impl InterpolatedModel {
             prior.parameters().variables(|name| moved.iter().any(|moved| moved.name == name))?;
         // Detached tensors share the variables' storage: the network follows and records no graph.
         Ok(Self {
-            network: prior.rebuilt(tracked.detached())?,
+            network: prior.with_parameters(tracked.detached())?,
             variables,
             moved,
             rule: merger.prepare(experts, seed)?,

@@ -20,7 +20,7 @@ use crate::scenes::Scenes;
 const RESAMPLES: usize = 2000;
 
 /// Evaluated candidates of every scene at several λ.
-pub(crate) struct Steering {
+pub(crate) struct AttackGrid {
     lambdas: Vec<f64>,
     objective: Arc<Objective>,
     /// By scene, then by λ.
@@ -95,7 +95,7 @@ pub fn shapley_of_lambda(value: impl Fn(f64, f64) -> f64) -> Option<f64> {
     (both != none).then(|| 0.5 * ((lambda - none) + (both - mu)) / (both - none))
 }
 
-impl Steering {
+impl AttackGrid {
     /// Evaluates SAGE's candidates of all scenes at some λ, by several objectives; `done` is called after each
     /// scene. What is proposed depends on none of them.
     ///

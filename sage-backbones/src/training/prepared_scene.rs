@@ -1,4 +1,4 @@
-//! A scene as fine-tuning sees it: encoded once, every goal decoded and measured.
+//! A prepared scene for fine-tuning: encoded once, every goal decoded and evaluated.
 
 use std::sync::Arc;
 
@@ -17,11 +17,12 @@ use crate::{
     Error,
     backbone::{Backbone, MotionModel, finite, to_world},
     encoding::Encoding,
-    forecast::{View, features_with_forecast},
+    forecast::features_with_forecast,
+    subsampling::Subsampling,
 };
 
-/// A scene ready for fine-tuning: nothing in it depends on what is tuned.
-pub struct TunedScene {
+/// A scene prepared for fine-tuning. Nothing in it depends on the tuned parameters.
+pub struct PreparedScene {
     pub(super) name: String,
     pub(super) encoding: Encoding,
     pub(super) ends: Vec<[f32; 2]>,
@@ -30,9 +31,8 @@ pub struct TunedScene {
     pub(super) reference: Vec<f64>,
 }
 
-impl TunedScene {
-    /// Encodes a scene's adversary with a prior, and decodes and measures all its goals, in one of the
-    /// two mirror images; `None` if the scene has no adversary that is valid *now*, or no ego path.
+impl PreparedScene {
+    /// Encodes a scene's adversary with a prior, and decodes and evaluates all its goals, mirrored or not; `None` if the scene has no adversary that is valid *now*, or no ego path.
     ///
     /// *Errors*: those of the network.
     pub fn new(
@@ -48,7 +48,7 @@ impl TunedScene {
         if !data.scene.tracks[adversary].is_valid(NOW) {
             return Ok(None);
         }
-        let features = features_with_forecast(prior, &data.observe()?, adversary, View::FULL)?;
+        let features = features_with_forecast(prior, &data.observe()?, adversary, Subsampling::NONE)?;
         let mirror = || prior.trainable().and_then(|trainable| trainable.mirrored(&features));
         let features = match mirrored.then(mirror) {
             Some(None) => return Ok(None),

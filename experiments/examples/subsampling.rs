@@ -5,7 +5,7 @@
 //!     weights/waymo target/data/womd_cat500/dev '{}' '{"near": 1e9}' > views.md
 //! ```
 //!
-//! The views are `sage_backbones::forecast::View` as JSON. Times are ratios to the full view, taken in
+//! The views are `sage_backbones::subsampling::Subsampling` as JSON. Times are ratios to the full view, taken in
 //! turn with it; the rest is read at λ = μ = 0, 0.5 and 1 with the natural choice.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // A program of its own: its table, its progress.
@@ -13,7 +13,7 @@
 use std::{path::Path, sync::Arc, time::Instant};
 
 use anyhow::{Context as _, Result};
-use sage_backbones::{backbones, forecast::View, weights::Weights};
+use sage_backbones::{backbones, subsampling::Subsampling, weights::Weights};
 use sage_core::{
     generator::{Mixture, Observation, Proposal, Proposer},
     geometry::distance,
@@ -54,9 +54,9 @@ struct Seen {
 
 fn run(args: &[String]) -> Result<()> {
     let [weights, scenes, views @ ..] = args else { anyhow::bail!("expected WEIGHTS SCENES VIEW …") };
-    let mut all = vec![View::FULL];
+    let mut all = vec![Subsampling::NONE];
     for view in views {
-        let view: View = serde_json::from_str(view).with_context(|| format!("view `{view}`"))?;
+        let view: Subsampling = serde_json::from_str(view).with_context(|| format!("view `{view}`"))?;
         all.push(view.check()?);
     }
     let (experts, _) = ExpertSet::load(&Weights::at(Path::new(weights)), &backbones()?)?;
@@ -105,7 +105,7 @@ fn run(args: &[String]) -> Result<()> {
 }
 
 /// A view's proposer.
-fn proposer(inputs: &GeneratorInputs, view: View) -> Result<Box<dyn Proposer>> {
+fn proposer(inputs: &GeneratorInputs, view: Subsampling) -> Result<Box<dyn Proposer>> {
     let options = serde_json::from_value::<MixedExperts>(serde_json::json!({"view": view}))?;
     Ok(options.build(inputs)?)
 }

@@ -1,26 +1,26 @@
-//! The same way driven at another pace: earlier or later in the middle, there at the same time.
+//! Speed profiles: the same path driven earlier or later in the middle, with the same end time.
 
 use sage_core::{
     geometry::Point,
     motion::{HORIZON, Trajectory},
 };
 
-/// How much the pace of each variant bends; 0 is the path itself. With b the share of the way's time
-/// that has passed at share u is `u + b u² (1 − u)`: a path starts as it did, is ahead of itself by an
-/// eighth of b of the whole time in the middle, and ends at `1 − b` of its last speed.
-pub(crate) const PACES: [f64; 3] = [0.0, 0.5, -0.5];
+/// Bend b of each profile; 0 is the trajectory itself. At share u of the time the retimed trajectory is where
+/// the original one is at share `u + b u² (1 − u)`: it starts alike, is ahead by b/8 of the whole time in the
+/// middle, and ends at `1 − b` of the original end speed.
+pub(crate) const SPEED_PROFILES: [f64; 3] = [0.0, 0.5, -0.5];
 
-/// A pace made ready: for every step where it is on the way, as a step and a share of the next.
-pub(crate) struct Pace {
+/// A speed profile: for every step the original step it maps to, and the share of the next.
+pub(crate) struct SpeedProfile {
     bend: f64,
     places: Vec<(usize, f64)>,
 }
 
-/// A path with its start before it, and one point more at either end, where it goes straight on.
+/// A trajectory with its start point, extended straight by one point at either end.
 pub(crate) struct Extended(Vec<Point>);
 
 impl Extended {
-    /// Of a path from `start`.
+    /// Of a trajectory from `start`.
     pub(crate) fn new(path: &Trajectory, start: Point) -> Self {
         let points = path.points();
         let beyond = |near: Point, other: Point| [2.0 * near[0] - other[0], 2.0 * near[1] - other[1]];
@@ -33,8 +33,8 @@ impl Extended {
     }
 }
 
-impl Pace {
-    /// The pace of a bend.
+impl SpeedProfile {
+    /// The profile with bend `bend`.
     pub(crate) fn new(bend: f64) -> Self {
         let place = |step: usize| {
             let u = step as f64 / HORIZON as f64;
@@ -45,12 +45,12 @@ impl Pace {
         Self { bend, places: (1..=HORIZON).map(place).collect() }
     }
 
-    /// Whether it is the path's own.
+    /// Whether it is the trajectory's own.
     pub(crate) fn is_plain(&self) -> bool {
         self.bend == 0.0
     }
 
-    /// Where a path is at a step, 1 to 80, at this pace.
+    /// Position at a step, 1 to 80, under this profile.
     pub(crate) fn at(&self, path: &Extended, step: usize) -> Point {
         if self.is_plain() {
             return path.0[step + 1];
@@ -60,9 +60,9 @@ impl Pace {
         [catmull_rom([a[0], b[0], c[0], d[0]], t), catmull_rom([a[1], b[1], c[1], d[1]], t)]
     }
 
-    /// A whole path at this pace.
+    /// The trajectory under this profile.
     ///
-    /// *Errors*: a path so near the bounds of coordinates that its cubic goes beyond them.
+    /// *Errors*: a trajectory so near the bounds of coordinates that its cubic goes beyond them.
     pub(crate) fn whole(&self, path: &Extended) -> Result<Trajectory, sage_core::Error> {
         Trajectory::new("retimed path", (1..=HORIZON).map(|step| self.at(path, step)).collect())
     }
@@ -86,16 +86,16 @@ mod tests {
         Trajectory::new("test", (1..=HORIZON).map(at).collect()).unwrap()
     }
 
-    fn at_pace(path: &Trajectory, start: Point, bend: f64) -> Result<Trajectory, sage_core::Error> {
-        Pace::new(bend).whole(&Extended::new(path, start))
+    fn at_profile(path: &Trajectory, start: Point, bend: f64) -> Result<Trajectory, sage_core::Error> {
+        SpeedProfile::new(bend).whole(&Extended::new(path, start))
     }
 
     #[test]
-    fn the_plain_pace_is_the_path_and_every_pace_ends_where_it_does() {
+    fn the_plain_profile_changes_nothing_and_every_profile_keeps_the_end() {
         let path = braking();
-        assert_eq!(at_pace(&path, [0.0, 0.0], 0.0).unwrap(), path);
+        assert_eq!(at_profile(&path, [0.0, 0.0], 0.0).unwrap(), path);
         for bend in [0.5, -0.5, 1.0] {
-            let other = at_pace(&path, [0.0, 0.0], bend).unwrap();
+            let other = at_profile(&path, [0.0, 0.0], bend).unwrap();
             let [x, y] = other.points()[HORIZON - 1];
             let [a, b] = path.points()[HORIZON - 1];
             assert!((x - a).abs() < 1e-9 && (y - b).abs() < 1e-9);
@@ -103,9 +103,9 @@ mod tests {
     }
 
     #[test]
-    fn a_pace_is_that_of_the_time_it_stands_for() {
+    fn a_profile_is_that_of_the_time_it_stands_for() {
         // In the middle half a second ahead; the path is a polynomial, so its places are known.
-        let other = at_pace(&braking(), [0.0, 0.0], 0.5).unwrap();
+        let other = at_profile(&braking(), [0.0, 0.0], 0.5).unwrap();
         let [x, y] = other.points()[HORIZON / 2 - 1];
         let t = 4.5;
         assert!((x - (12.0 * t - 0.5 * t * t)).abs() < 1e-9 && (y - 0.3 * t * t).abs() < 1e-9);

@@ -1,8 +1,8 @@
-//! How everybody else is expected to drive on: what a target can know *now* of where others will be.
+//! Forecasts of all other agents from what is known *now*.
 //!
-//! Whoever drives along a lane follows it at an even speed, straight on where it forks; whoever does
-//! not goes on straight; whoever stands stays. The ego gets several ways with weights once a network
-//! has predicted it ([`EgoForecast`]).
+//! A vehicle on a lane follows it, straight on at forks, under three acceleration profiles. Any other moving
+//! agent drives straight on under the same profiles; a standing agent stays. A network's forecast of the ego
+//! ([`EgoForecast`]) replaces the ego's modes.
 
 use sage_core::{
     geometry::{Aabb, Point, distance, wrap_angle},
@@ -12,11 +12,11 @@ use sage_core::{
 
 use super::Frame;
 
-/// Steps from one look ahead to the next, and number of looks.
+/// Steps of 0.1 s from one forecast step to the next.
 pub const STRIDE: usize = 4;
-/// Number of looks ahead.
-pub const LOOKS: usize = HORIZON / STRIDE;
-/// Most others that are looked at, the nearest.
+/// Number of forecast steps.
+pub const FORECAST_STEPS: usize = HORIZON / STRIDE;
+/// Most background agents; the nearest are kept.
 const OTHERS: usize = 32;
 /// Slower than this is standing, m/s.
 const STANDING: f64 = 0.5;
@@ -24,54 +24,53 @@ const STANDING: f64 = 0.5;
 const BESIDE: f64 = 2.5;
 /// … and how far it may be turned from it, radians.
 const ALIGNED: f64 = 0.5;
-/// Most segments of lanes that one way passes.
-const PATIENCE: usize = 4096;
+/// Most lane segments that one mode passes.
+const MOST_SEGMENTS: usize = 4096;
 
-/// How somebody may go on: with which weight, and at which acceleration, m/s². Set by hand; what it is
-/// worth was measured on what is tuned with it.
-const MANNERS: [(f32, f64); 3] = [(0.5, 0.0), (0.3, -1.5), (0.2, 1.0)];
+/// Acceleration profiles of a moving agent: weight and constant acceleration, m/s². Set by hand.
+const ACCELERATION_PROFILES: [(f32, f64); 3] = [(0.5, 0.0), (0.3, -1.5), (0.2, 1.0)];
 
-/// One way that a road user may go, target frame.
+/// One mode of an agent's forecast, target frame.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Way {
-    /// How likely it is.
+pub struct ForecastMode {
+    /// Its probability.
     pub weight: f32,
     /// Half of its length and width, metres.
     pub half: [f32; 2],
-    /// Whether it stands *now*, and so stays.
+    /// Whether the agent stands *now*, and so stays.
     pub stands: bool,
-    /// Centre and direction (cos, sin) at each look.
-    pub poses: [[f32; 4]; LOOKS],
+    /// Centre and direction (cos, sin) at each forecast step.
+    pub poses: [[f32; 4]; FORECAST_STEPS],
 }
 
-/// What somebody expects of the ego: futures with log-probabilities, the likeliest first.
+/// A forecast of the ego: modes with log-probabilities, the likeliest first.
 #[derive(Clone, Debug)]
 pub struct EgoForecast(Vec<(f32, Trajectory)>);
 
 impl EgoForecast {
-    /// Futures of the ego, world frame.
-    pub fn new(futures: Vec<(f32, Trajectory)>) -> Self {
-        Self(futures)
+    /// Of log-probabilities and trajectories, world frame.
+    pub fn new(modes: Vec<(f32, Trajectory)>) -> Self {
+        Self(modes)
     }
 
-    /// Log-probability and trajectory of each future.
-    pub fn futures(&self) -> impl Iterator<Item = (f32, &Trajectory)> {
+    /// Log-probability and trajectory of each mode.
+    pub fn modes(&self) -> impl Iterator<Item = (f32, &Trajectory)> {
         self.0.iter().map(|(log_prob, trajectory)| (*log_prob, trajectory))
     }
 }
 
-/// Everybody else's ways.
+/// Forecasts of the ego and of the background agents.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Outlook {
-    /// The ego's ways, the likeliest first; none if the ego is the target or not there *now*.
-    pub ego: Vec<Way>,
-    /// Ways of the others who are there *now*, the nearest first: one of who stands, three of
-    /// who drives.
-    pub others: Vec<Way>,
+pub struct AgentForecasts {
+    /// Modes of the ego, the likeliest first; none if the ego is the target or not valid *now*.
+    pub ego: Vec<ForecastMode>,
+    /// Modes of the background agents that are valid *now*, the nearest agent first: one mode of a standing
+    /// agent, three of a moving one.
+    pub others: Vec<ForecastMode>,
 }
 
-impl Outlook {
-    /// What a target expects of everybody else.
+impl AgentForecasts {
+    /// The forecasts that a target uses.
     pub(super) fn of(
         scene: &Scene,
         index: &SceneIndex,
@@ -79,25 +78,25 @@ impl Outlook {
         frame: &Frame,
         forecast: Option<&EgoForecast>,
     ) -> Self {
-        let there = |k: usize| k != target && scene.tracks[k].is_valid(NOW);
-        let ways = |k: usize| ahead(scene, index, &scene.tracks[k], frame);
+        let is_other = |k: usize| k != target && scene.tracks[k].is_valid(NOW);
+        let modes = |k: usize| lane_forecast(scene, index, &scene.tracks[k], frame);
         let gap = |k: &usize| distance(scene.tracks[*k].point(NOW), frame.origin());
         let mut others: Vec<usize> =
-            (0..scene.tracks.len()).filter(|&k| k != scene.ego && there(k)).collect();
+            (0..scene.tracks.len()).filter(|&k| k != scene.ego && is_other(k)).collect();
         others.sort_by(|a, b| gap(a).total_cmp(&gap(b)).then(a.cmp(b)));
         others.truncate(OTHERS);
-        let going_on = if there(scene.ego) { ways(scene.ego) } else { Vec::new() };
+        let ego = if is_other(scene.ego) { modes(scene.ego) } else { Vec::new() };
         Self {
-            ego: forecast.and_then(|forecast| foreseen(&going_on, forecast, frame)).unwrap_or(going_on),
-            others: others.into_iter().flat_map(ways).collect(),
+            ego: forecast.and_then(|forecast| network_forecast(&ego, forecast, frame)).unwrap_or(ego),
+            others: others.into_iter().flat_map(modes).collect(),
         }
     }
 
-    /// What the target would expect if left and right changed places.
+    /// The forecasts of the mirrored scene.
     pub(super) fn mirrored(&self) -> Self {
         let mut twin = self.clone();
-        for way in twin.ego.iter_mut().chain(&mut twin.others) {
-            for pose in &mut way.poses {
+        for mode in twin.ego.iter_mut().chain(&mut twin.others) {
+            for pose in &mut mode.poses {
                 pose[1] = -pose[1];
                 pose[3] = -pose[3];
             }
@@ -106,33 +105,37 @@ impl Outlook {
     }
 }
 
-/// The ego's ways as a forecast has them; `None` if it says nothing, or the ego is not there.
-fn foreseen(going_on: &[Way], forecast: &EgoForecast, frame: &Frame) -> Option<Vec<Way>> {
-    let known = going_on.first()?;
+/// The ego's modes by a network's forecast; `None` if the forecast is empty or the ego not valid.
+fn network_forecast(
+    lane_forecast: &[ForecastMode],
+    forecast: &EgoForecast,
+    frame: &Frame,
+) -> Option<Vec<ForecastMode>> {
+    let known = lane_forecast.first()?;
     let (half, stands, [_, _, cos, sin]) = (known.half, known.stands, known.poses[0]);
-    let total: f32 = forecast.futures().map(|(p, _)| p.exp()).sum();
-    let way = |(p, path): (f32, &Trajectory)| {
-        let place = |step: usize| frame.to_local(path.points()[step]).map(|x| x as f32);
-        let (mut last, mut axis) = (place(0), [cos, sin]);
-        let mut poses = [[0.0; 4]; LOOKS];
-        for (look, pose) in poses.iter_mut().enumerate() {
-            let at = place((look + 1) * STRIDE - 1);
+    let total: f32 = forecast.modes().map(|(p, _)| p.exp()).sum();
+    let mode = |(p, path): (f32, &Trajectory)| {
+        let point = |step: usize| frame.to_local(path.points()[step]).map(|x| x as f32);
+        let (mut last, mut axis) = (point(0), [cos, sin]);
+        let mut poses = [[0.0; 4]; FORECAST_STEPS];
+        for (step, pose) in poses.iter_mut().enumerate() {
+            let at = point((step + 1) * STRIDE - 1);
             let [dx, dy] = [at[0] - last[0], at[1] - last[1]];
             let length = dx.hypot(dy);
-            // Who does not move keeps its direction.
+            // A standing agent keeps its direction.
             if length > 0.1 {
                 axis = [dx / length, dy / length];
             }
             *pose = [at[0], at[1], axis[0], axis[1]];
             last = at;
         }
-        Way { weight: p.exp() / total, half, stands, poses }
+        ForecastMode { weight: p.exp() / total, half, stands, poses }
     };
-    (total > 0.0 && total.is_finite()).then(|| forecast.futures().map(way).collect())
+    (total > 0.0 && total.is_finite()).then(|| forecast.modes().map(mode).collect())
 }
 
-/// The ways a road user may go on, the likeliest first.
-fn ahead(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame) -> Vec<Way> {
+/// Modes of an agent along its lane, or straight on, the likeliest first.
+fn lane_forecast(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame) -> Vec<ForecastMode> {
     let (start, velocity) = (track.point(NOW), track.velocity[NOW]);
     let speed = velocity[0].hypot(velocity[1]).min(super::FASTEST);
     let stands = speed < STANDING;
@@ -141,12 +144,12 @@ fn ahead(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame) -> Vec
     let heading = if stands { track.heading[NOW] } else { velocity[1].atan2(velocity[0]) };
     let (sin, cos) = heading.sin_cos();
     let half = [track.size[NOW][0], track.size[NOW][1]].map(|size| (0.5 * size) as f32);
-    let way = |(weight, acceleration): (f32, f64)| {
+    let mode = |(weight, acceleration): (f32, f64)| {
         let mut lane = lane.clone();
-        let (mut gone, mut poses) = (0.0, [[0.0; 4]; LOOKS]);
-        for (look, pose) in poses.iter_mut().enumerate() {
+        let (mut gone, mut poses) = (0.0, [[0.0; 4]; FORECAST_STEPS]);
+        for (step, pose) in poses.iter_mut().enumerate() {
             let far =
-                if stands { 0.0 } else { travelled(speed, acceleration, ((look + 1) * STRIDE) as f64 * DT) };
+                if stands { 0.0 } else { travelled(speed, acceleration, ((step + 1) * STRIDE) as f64 * DT) };
             let (place, heading) = match &mut lane {
                 Some(lane) => lane.drive(far - gone),
                 None => ([start[0] + far * cos, start[1] + far * sin], heading),
@@ -156,18 +159,18 @@ fn ahead(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame) -> Vec
             let [x, y] = frame.to_local(place);
             *pose = [x as f32, y as f32, cos as f32, sin as f32];
         }
-        Way { weight, half, stands, poses }
+        ForecastMode { weight, half, stands, poses }
     };
-    if stands { vec![way((1.0, 0.0))] } else { MANNERS.map(way).into() }
+    if stands { vec![mode((1.0, 0.0))] } else { ACCELERATION_PROFILES.map(mode).into() }
 }
 
-/// Metres gone after some seconds; who brakes stops.
+/// Distance driven after some seconds, metres; braking ends at a stop.
 fn travelled(speed: f64, acceleration: f64, seconds: f64) -> f64 {
     let seconds = if acceleration < 0.0 { seconds.min(speed / -acceleration) } else { seconds };
     speed * seconds + 0.5 * acceleration * seconds * seconds
 }
 
-/// A place on a lane that moves along it and beyond it.
+/// A position on a lane that moves along it and on to the next lanes.
 #[derive(Clone)]
 struct OnLane<'m> {
     map: &'m Map,
@@ -182,7 +185,7 @@ struct OnLane<'m> {
 }
 
 impl<'m> OnLane<'m> {
-    /// The nearest motor lane that leads the way a vehicle is turned.
+    /// The nearest motor lane whose direction agrees with a vehicle's heading.
     fn at(scene: &'m Scene, index: &SceneIndex, place: Point, heading: f64) -> Option<Self> {
         let lanes = index.motor_lanes();
         let mut best: Option<(f64, usize, f64)> = None;
@@ -209,10 +212,10 @@ impl<'m> OnLane<'m> {
         let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
         let length = dx.hypot(dy).max(1e-9);
         let offset = (dx * (place[1] - segment.a[1]) - dy * (place[0] - segment.a[0])) / length;
-        Some(Self { map, lane, segment: first, along: share * length, offset, left: PATIENCE })
+        Some(Self { map, lane, segment: first, along: share * length, offset, left: MOST_SEGMENTS })
     }
 
-    /// Drives on by some metres; where it is then, and the direction there.
+    /// Moves on by some metres; the position there and the lane's heading.
     fn drive(&mut self, metres: f64) -> (Point, f64) {
         self.along += metres;
         loop {

@@ -7,7 +7,7 @@ use super::{Criticality, SideHit, Situation};
 /// Sorts of accidents, told by the ego's side that is hit and how the two are turned to each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum CollisionKind {
+pub enum CollisionType {
     /// The adversary runs into the ego from behind.
     RearEnd,
     /// The ego runs into the adversary, which drives the same way in front of it.
@@ -25,7 +25,7 @@ pub enum CollisionKind {
 /// Turned less than this they drive the same way, and more than the rest to half a turn, radians.
 const ALONG: f64 = std::f64::consts::FRAC_PI_4;
 
-impl CollisionKind {
+impl CollisionType {
     /// All of them.
     pub const ALL: [Self; 6] =
         [Self::RearEnd, Self::CutIn, Self::Sideswipe, Self::Crossing, Self::SideImpact, Self::HeadOn];
@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn side_and_turn_tell_the_sort() {
-        use CollisionKind::*;
+        use CollisionType::*;
         let cases = [
             (SideHit::Rear, 0.1, RearEnd),
             (SideHit::Front, 0.1, CutIn),
@@ -81,7 +81,7 @@ mod tests {
             (SideHit::Rear, 1.5, SideImpact),
         ];
         for (side, turn, kind) in cases {
-            assert_eq!(CollisionKind::told_by(side, turn), kind, "{side:?} at {turn}");
+            assert_eq!(CollisionType::told_by(side, turn), kind, "{side:?} at {turn}");
         }
     }
 }

@@ -1,12 +1,11 @@
-//! What a goal's trajectory means for the ego and for everybody else: the part of the score that
-//! fine-tuning steers by.
+//! Interaction head: a part of each goal's score that depends on how the goal's trajectory interacts with the
+//! ego, the other agents and the road edges.
 //!
-//! It gives zero until it is fine-tuned, so that the base model knows nothing of it. What it sees is
-//! what the target could know *now*: the map, the ego's futures as a network predicts them, the others
-//! along their lanes, the shape of the path itself; never the logged future.
+//! Its output is zero until fine-tuning, so the prior does not depend on it. Its inputs are known *now*: the
+//! map, forecasts of the ego and of the other agents, and the trajectory itself; never the logged future.
 
 mod description;
-mod eight;
+mod trajectory_batch;
 
 use candle_core::{DType, Result, Tensor};
 
@@ -23,13 +22,13 @@ pub(crate) use description::describe;
 /// Width of its layers.
 const WIDTH: usize = 64;
 
-pub(crate) struct SteeringBranch {
+pub(crate) struct InteractionHead {
     first: Mlp,
     second: Mlp,
     last: Linear,
 }
 
-impl SteeringBranch {
+impl InteractionHead {
     pub(crate) fn new(scope: &Scope) -> Result<Self> {
         Ok(Self {
             first: Mlp::new(&scope.at("first"), COLUMNS, WIDTH)?,
@@ -38,8 +37,8 @@ impl SteeringBranch {
         })
     }
 
-    /// Whether it gives zero whatever it sees: nothing to compute then, unless it is in training.
-    pub(crate) fn is_silent(&self) -> Result<bool> {
+    /// Whether its output is zero for every input: then nothing is computed, unless it is being trained.
+    pub(crate) fn is_zero(&self) -> Result<bool> {
         let zero = |tensor: &Tensor| -> Result<bool> {
             let numbers = tensor.flatten_all()?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
             Ok(!tensor.is_variable() && numbers.iter().all(|x| *x == 0.0))
@@ -47,7 +46,7 @@ impl SteeringBranch {
         Ok(zero(&self.last.weight)? && zero(&self.last.bias)?)
     }
 
-    /// What to add to the scores of described paths.
+    /// What to add to the scores of trajectories.
     ///
     /// *Shapes*: `rows` (n, columns) of [`describe`]; result (n).
     pub(crate) fn forward(&self, rows: &Tensor) -> Result<Tensor> {
@@ -55,19 +54,19 @@ impl SteeringBranch {
         self.last.forward(&x)?.squeeze(1)
     }
 
-    /// Log-probabilities of some modes if they were driven along other places than those that
-    /// `described` rows (modes) tell of.
-    pub(crate) fn moved(
+    /// Log-probabilities of some modes with other trajectories than their own, which `described` (modes)
+    /// holds.
+    pub(crate) fn along(
         &self,
         log_probs: &Tensor,
         modes: &[usize],
         described: &Tensor,
-        places: &Tensor,
+        points: &Tensor,
         features: &Features,
     ) -> Result<Tensor> {
         let index = indices(modes)?;
         let log_probs = log_probs.index_select(&index, 0)?;
-        let Some(rows) = describe(places, features)? else { return Ok(log_probs) };
+        let Some(rows) = describe(points, features)? else { return Ok(log_probs) };
         let own = self.forward(&described.index_select(&index, 0)?)?;
         (log_probs - own)? + self.forward(&rows)?
     }

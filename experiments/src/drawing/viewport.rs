@@ -4,7 +4,7 @@ use sage_core::geometry::{Aabb, Point};
 
 /// A window on the world: x to the right, y up, one scale.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct View {
+pub(super) struct Viewport {
     bounds: Aabb,
     /// Pixels a metre.
     pub(super) scale: f64,
@@ -14,7 +14,7 @@ pub(super) struct View {
     pub(super) height: f64,
 }
 
-impl View {
+impl Viewport {
     /// The least window of this size in pixels that shows `area` with a margin (m), and at least
     /// `least` metres across.
     pub(super) fn on(area: &Aabb, margin: f64, least: f64, [width, height]: [f64; 2]) -> Self {
@@ -92,19 +92,19 @@ mod tests {
     #[test]
     fn the_window_keeps_its_proportions_and_shows_the_area() {
         let area = Aabb { min: [0.0, 0.0], max: [100.0, 10.0] };
-        let view = View::on(&area, 10.0, 60.0, [900.0, 600.0]);
-        assert_eq!(view.scale, 7.5);
-        assert_eq!(view.pixel([50.0, 5.0]), [450.0, 300.0]);
-        assert_eq!(view.pixel([-10.0, 5.0])[0], 0.0);
+        let viewport = Viewport::on(&area, 10.0, 60.0, [900.0, 600.0]);
+        assert_eq!(viewport.scale, 7.5);
+        assert_eq!(viewport.pixel([50.0, 5.0]), [450.0, 300.0]);
+        assert_eq!(viewport.pixel([-10.0, 5.0])[0], 0.0);
     }
 
     #[test]
     fn straight_lines_need_two_points_and_corners_stay() {
-        let view = View::on(&Aabb { min: [0.0, 0.0], max: [100.0, 100.0] }, 0.0, 1.0, [100.0, 100.0]);
+        let viewport = Viewport::on(&Aabb { min: [0.0, 0.0], max: [100.0, 100.0] }, 0.0, 1.0, [100.0, 100.0]);
         let line: Vec<[f64; 3]> =
             (0..=50).map(|k| [f64::from(k), 0.0, 0.0]).chain([[50.0, 50.0, 0.0]]).collect();
-        assert_eq!(view.parts(&line), [vec![[0.0, 100.0], [50.0, 100.0], [50.0, 50.0]]]);
+        assert_eq!(viewport.parts(&line), [vec![[0.0, 100.0], [50.0, 100.0], [50.0, 50.0]]]);
         let outside = [[-50.0, 0.0, 0.0], [-40.0, 0.0, 0.0]];
-        assert!(view.parts(&outside).is_empty());
+        assert!(viewport.parts(&outside).is_empty());
     }
 }

@@ -1,5 +1,5 @@
-//! The parts that everything else waits for. On the shipped scene; on real ones if `SAGE_DATA`
-//! names the unpacked folder.
+//! Times of reading and scoring, on the shipped scene, or on a recorded one if `SAGE_DATA` names the
+//! unpacked folder.
 
 use std::{hint::black_box, path::PathBuf, sync::Arc};
 

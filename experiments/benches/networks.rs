@@ -1,5 +1,5 @@
-//! What the default network costs: looking around, predicting, learning. On the shipped scene; on a real
-//! one if `SAGE_DATA` names the unpacked folder. candle's threads are off where cargo starts it.
+//! Times of the networks: features, prediction and training, on the shipped scene, or on a recorded one if
+//! `SAGE_DATA` names the unpacked folder. If cargo starts it, candle uses one thread.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -31,9 +31,9 @@ fn networks(c: &mut Criterion) {
     group.sample_size(20);
     for name in ["densetnt", "query-transformer", "lane-graph"] {
         let network = registry.build_default(name).expect("its defaults are sound");
-        let look = || network.features(&data.observe()?, target, None);
-        let features = Arc::new(look().expect("the adversary is there now"));
-        group.bench_function(format!("{name}: look around"), |b| b.iter(look));
+        let features_of_target = || network.features(&data.observe()?, target, None);
+        let features = Arc::new(features_of_target().expect("the adversary is there now"));
+        group.bench_function(format!("{name}: features"), |b| b.iter(features_of_target));
         group.bench_function(format!("{name}: 32 candidates"), |b| {
             b.iter(|| predict(&*network, features.clone(), 32, Selection::TopK, &mut Rng::new(0, "", "")));
         });

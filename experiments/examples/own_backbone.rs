@@ -1,5 +1,5 @@
-//! `sage` with a network of your own: goals are scored by their features alone, and each path is the
-//! plain ramp to its goal that smooth heads start from.
+//! `sage` with your own backbone. It scores goals by their features alone. The trajectory to a goal is the
+//! initial trajectory of smooth heads, without learned changes.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_backbone -- pretrain --backbone goal-scorer \
@@ -28,7 +28,7 @@ use serde_json::Value;
 struct Options {
     /// Width of the hidden layers.
     hidden: usize,
-    /// Seed of the first weights.
+    /// Seed of the initial weights.
     seed: u64,
 }
 
@@ -38,14 +38,14 @@ impl Default for Options {
     }
 }
 
-/// The layers. Asked for by name from a [`Scope`], so that one constructor lists, starts and loads.
-struct Parts {
+/// The layers. A [`Scope`] gives their parameters by name, so one constructor lists, initialises and loads them.
+struct Layers {
     first: Mlp,
     second: Mlp,
     last: Linear,
 }
 
-impl Parts {
+impl Layers {
     fn new(scope: &Scope, hidden: usize) -> CandleResult<Self> {
         Ok(Self {
             first: Mlp::new(&scope.at("first"), GOAL_COLUMNS, hidden)?,
@@ -60,14 +60,14 @@ struct GoalScorer {
     json: Value,
     specs: Arc<[ParameterSpec]>,
     parameters: Parameters,
-    parts: Parts,
+    layers: Layers,
 }
 
 impl GoalScorer {
     fn over(options: Options, specs: Arc<[ParameterSpec]>, parameters: Parameters) -> Result<Self, Error> {
-        let parts = Parts::new(&Scope::of(&parameters), options.hidden)?;
+        let layers = Layers::new(&Scope::of(&parameters), options.hidden)?;
         let json = serde_json::to_value(&options).unwrap_or_default();
-        Ok(Self { options, json, specs, parameters, parts })
+        Ok(Self { options, json, specs, parameters, layers })
     }
 }
 
@@ -99,14 +99,14 @@ impl Backbone for GoalScorer {
 
 impl MotionModel for GoalScorer {
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
-        let goals = tensor(&features.goal_features, self.parts.last.weight.dtype())?;
+        let goals = tensor(&features.goal_features, self.layers.last.weight.dtype())?;
         Ok(Encoding::new(self.tag(), features, vec![goals]))
     }
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let [goals] = encoding.states_of(self.tag())?;
-        let hidden = self.parts.second.forward(&self.parts.first.forward(goals)?)?;
-        Ok(log_softmax(&self.parts.last.forward(&hidden)?.squeeze(1)?)?)
+        let hidden = self.layers.second.forward(&self.layers.first.forward(goals)?)?;
+        Ok(log_softmax(&self.layers.last.forward(&hidden)?.squeeze(1)?)?)
     }
 
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
@@ -124,7 +124,7 @@ impl MotionModel for GoalScorer {
 
 impl Trainable for GoalScorer {
     fn group_of(&self, name: &str) -> ParameterGroup {
-        // The softmax over goals does not see what is added to all of them.
+        // The softmax over goals does not change if the same value is added to every goal.
         if name == "last.bias" { ParameterGroup::WithoutEffect } else { ParameterGroup::Scoring }
     }
 
@@ -147,7 +147,7 @@ impl Entry<dyn Backbone> for GoalScorer {
             return Err("`hidden` must be above 0".to_owned());
         }
         let build = || {
-            let specs = Scope::list(|scope| Parts::new(scope, options.hidden))?;
+            let specs = Scope::list(|scope| Layers::new(scope, options.hidden))?;
             let parameters = Parameters::start(&specs, options.seed)?;
             Self::over(options.clone(), specs.into(), parameters)
         };

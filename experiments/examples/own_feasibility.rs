@@ -1,4 +1,4 @@
-//! `sage` with a feasibility rule of your own: the adversary must not be faster than a limit.
+//! `sage` with your own feasibility rule: the adversary must not be faster than a limit.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_feasibility -- generate examples/crossing.pkl \
@@ -13,15 +13,15 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-/// The paper's rule, and a limit of speed.
+/// The paper's rule and a speed limit.
 struct SpeedLimit(SpeedLimitOptions);
 
 #[derive(Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct SpeedLimitOptions {
-    /// m/s, > 0.
+    /// Speed limit, m/s, > 0.
     limit: f64,
-    /// What breaking it costs where nothing is feasible.
+    /// Cost of a violation. Costs rank candidates if none is feasible.
     cost: f64,
 }
 
@@ -48,12 +48,12 @@ impl Entry<dyn Feasibility> for SpeedLimit {
 
 impl Feasibility for SpeedLimit {
     fn violations(&self, candidate: &Candidate, ctx: &Context) -> Vec<Violation> {
-        let mut broken = MapFeasibility::default().violations(candidate, ctx);
+        let mut violations = MapFeasibility::default().violations(candidate, ctx);
         let too_fast = candidate.profile().speed.iter().position(|speed| *speed > self.0.limit);
         if let Some(step) = too_fast {
-            broken.push(Violation::at(candidate, step + 1, "speed_limit", self.0.cost, "road"));
+            violations.push(Violation::at(candidate, step + 1, "speed_limit", self.0.cost, "road"));
         }
-        broken
+        violations
     }
 }
 

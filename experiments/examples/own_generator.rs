@@ -1,4 +1,4 @@
-//! `sage` with a generator of your own: the adversary brakes as hard as the dial says. It needs no experts.
+//! `sage` with your own generator: the adversary brakes, harder for a larger mu. It needs no experts.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_generator -- generate examples/crossing.pkl \
@@ -17,11 +17,11 @@ use sage_core::{
 use sage_generators::{Facts, GeneratorInputs, GeneratorKind};
 use serde::{Deserialize, Serialize};
 
-/// Brakes straight on at an even rate until it stands. It is its own options.
+/// Brakes straight on at a constant rate until the vehicle stands. The type is also its own options.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct Brake {
-    /// Rate at the end of the dial, m/s².
+    /// Rate at mu = 1, m/s².
     hardest: f64,
 }
 
@@ -38,7 +38,7 @@ impl Generator for Brake {
 }
 
 impl Brake {
-    /// Brakes at a rate, m/s².
+    /// The attack that brakes at `rate`, m/s².
     fn attack(&self, ctx: &Context, rate: f64) -> Result<Attack, Error> {
         let track = ctx.adversary();
         let ([x, y], [vx, vy]) = (track.point(NOW), track.velocity[NOW]);
@@ -46,15 +46,15 @@ impl Brake {
         let (sin, cos) = track.heading[NOW].sin_cos();
         let at = |step: usize| {
             let t = (step as f64 * DT).min(if rate > 0.0 { speed / rate } else { f64::INFINITY });
-            let gone = speed * t - 0.5 * rate * t * t;
-            [x + gone * cos, y + gone * sin]
+            let distance = speed * t - 0.5 * rate * t * t;
+            [x + distance * cos, y + distance * sin]
         };
         let trajectory = Trajectory::new("braking", (1..=HORIZON).map(at).collect())?;
         Ok(Attack::only(Proposal::of(trajectory)))
     }
 }
 
-/// What it says of itself: it looks at nothing after *now*, needs no experts, and follows mu.
+/// Its facts: it uses no information after *now*, needs no experts, and depends on mu.
 impl GeneratorKind for Brake {
     fn facts(&self) -> Facts {
         Facts { depends_on_mu: true, ..Facts::without_dial(Knowledge::NOW) }

@@ -1,4 +1,4 @@
-//! `sage` with a merger of your own, for any number of experts: the one that moved a number farthest has it.
+//! `sage` with your own merger for any number of experts. Each weight comes from the expert that changed it most.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_merger -- generate examples/crossing.pkl \
@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use sage_core::registry::{Entry, NoOptions};
 use sage_merging::{Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet};
 
-/// Every number is that of the expert that moved it farthest from the prior, by weight.
+/// Takes each parameter from the expert with the largest weighted difference from the prior.
 struct Strongest;
 
 impl TensorMerger for Strongest {
@@ -22,16 +22,17 @@ impl TensorMerger for Strongest {
 impl TensorRule for Strongest {
     fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
         for (k, out) in out.iter_mut().enumerate() {
-            let moved = |expert: usize| f64::from(tensor.experts[expert][k] - tensor.prior[k]) * at[expert];
-            let farthest = (0..at.len()).max_by(|a, b| moved(*a).abs().total_cmp(&moved(*b).abs()));
-            *out = tensor.prior[k] + farthest.map_or(0.0, moved) as f32;
+            let difference =
+                |expert: usize| f64::from(tensor.experts[expert][k] - tensor.prior[k]) * at[expert];
+            let largest = (0..at.len()).max_by(|a, b| difference(*a).abs().total_cmp(&difference(*b).abs()));
+            *out = tensor.prior[k] + largest.map_or(0.0, difference) as f32;
         }
     }
 }
 
 impl Entry<dyn Merger> for Strongest {
     const NAME: &'static str = "strongest";
-    const SUMMARY: &'static str = "each number from the expert that moved it farthest";
+    const SUMMARY: &'static str = "each weight from the expert that changed it most";
     const SOURCE: &'static str = "this example";
     type Options = NoOptions;
 

@@ -1,5 +1,5 @@
-//! `sage` with a proposer of your own and the shipped selector: straight on at many decelerations, the best of
-//! which is chosen as for any other generator. It needs no experts.
+//! `sage` with your own proposer and the shipped selector. The candidates drive straight on at many decelerations,
+//! and the selector takes the best. It needs no experts.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_proposer -- generate examples/crossing.pkl \
@@ -16,7 +16,7 @@ use sage_core::{
 use sage_generators::{GeneratorInputs, Pair, ProposerKind, select::Best};
 use serde::{Deserialize, Serialize};
 
-/// Its options.
+/// Options of the proposer.
 #[derive(Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct StraightOn {
@@ -75,13 +75,13 @@ impl PreparedScene for Straight {
         let Self { start: [x, y], heading, speed, count } = *self;
         let (sin, cos) = heading.sin_cos();
         let proposal = |k: usize| {
-            // From −2 to 6 m/s² of braking.
+            // Deceleration from −2 to 6 m/s².
             let rate = -2.0 + 8.0 * k as f64 / count as f64;
             let at = |step: usize| {
                 let t = step as f64 * DT;
                 let t = if rate > 0.0 { t.min(speed / rate) } else { t };
-                let gone = speed * t - 0.5 * rate * t * t;
-                [x + gone * cos, y + gone * sin]
+                let distance = speed * t - 0.5 * rate * t * t;
+                [x + distance * cos, y + distance * sin]
             };
             Ok(Proposal::of(Trajectory::new("straight", (1..=HORIZON).map(at).collect())?))
         };

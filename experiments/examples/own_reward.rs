@@ -1,5 +1,5 @@
-//! `sage` with a reward of your own: one type, one line. It is a column of `score` and of tables, and a term of
-//! any objective: of `generate --selection` and of `finetune --config`.
+//! `sage` with your own reward: one type and one line of registration. The reward becomes a column of `score` and
+//! of tables. Any objective can use it as a term: `generate --selection` and `finetune --config`.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_reward -- score examples/crossing.pkl \
@@ -49,7 +49,7 @@ impl Reward for NearMiss {
     fn score(&self, situation: &Situation) -> Option<f64> {
         let pairs = situation.candidate.boxes().iter().zip(situation.ego.boxes());
         let gaps = pairs.filter_map(|(adversary, ego)| Some(adversary.distance(ego.as_ref()?)));
-        // Where the two are never seen together nothing can be said.
+        // Not measured if the two are never valid at the same step.
         let least = gaps.min_by(f64::total_cmp)?;
         Some((-least / self.0.scale).exp())
     }

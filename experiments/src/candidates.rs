@@ -1,4 +1,4 @@
-//! Files of candidate trajectories, and the scenes they are for.
+//! Reads candidate trajectories, and the scenes they belong to.
 
 use std::path::Path;
 
@@ -15,10 +15,10 @@ use serde::Deserialize;
 
 use crate::progress;
 
-/// Largest file of candidates, bytes: tens of thousands of trajectories.
+/// Size limit of a file of candidates, bytes: tens of thousands of trajectories.
 const LIMIT: u64 = 64 << 20;
 
-/// A candidate as it stands in the file.
+/// A candidate as written in the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Row {
@@ -28,17 +28,17 @@ struct Row {
 }
 
 /// A checked candidate.
-pub(crate) struct Named {
+pub(crate) struct NamedCandidate {
     pub(crate) name: String,
     pub(crate) trajectory: Trajectory,
-    /// The ego's path, if it is not the logged one.
+    /// The ego's path, if it differs from the logged one.
     pub(crate) ego: Option<EgoPaths>,
 }
 
 /// Reads a JSON list of candidates; `-` is standard input.
 ///
-/// *Errors*: what is wrong, with the file, the candidate and the value.
-pub(crate) fn read(path: &Path) -> Result<Vec<Named>> {
+/// *Errors*: an invalid value, with the file and the candidate.
+pub(crate) fn read(path: &Path) -> Result<Vec<NamedCandidate>> {
     let file = path.display();
     let text = files::read_argument_text(path, LIMIT).with_context(|| format!("cannot read `{file}`"))?;
     let rows: Vec<Row> = serde_json::from_str(&text).with_context(|| {
@@ -48,12 +48,12 @@ pub(crate) fn read(path: &Path) -> Result<Vec<Named>> {
         let what = format!("`{file}`: candidate {k} `{}`", row.name);
         let trajectory = Trajectory::new(&format!("{what}: `trajectory`"), row.trajectory)?;
         let ego = row.ego.map(|rows| ego_path(&what, &rows)).transpose()?;
-        Ok(Named { name: row.name, trajectory, ego })
+        Ok(NamedCandidate { name: row.name, trajectory, ego })
     });
     checked.collect()
 }
 
-/// An ego path of positions, or of positions with headings; all rows of one sort.
+/// Builds an ego path from rows that are all positions, or all positions with headings.
 fn ego_path(what: &str, rows: &[Vec<f64>]) -> Result<EgoPaths> {
     let with_heading = rows.first().is_some_and(|row| row.len() == 3);
     let width = if with_heading { 3 } else { 2 };
@@ -73,30 +73,30 @@ fn ego_path(what: &str, rows: &[Vec<f64>]) -> Result<EgoPaths> {
     Ok(EgoPaths::one(&format!("{what}: `ego`"), positions, headings)?)
 }
 
-/// Reads a scene with the roles that the user names, and says on stderr who is who where the file
-/// does not.
+/// Reads a scene with the ego and adversary that the user names. Prints a note on stderr if the
+/// adversary was selected by conflict, or if either track is not valid where it is needed.
 ///
-/// *Errors*: a file that is no scene, or a role that a track cannot have.
+/// *Errors*: the file is not a scene, or a track cannot be ego or adversary.
 pub(crate) fn read_scene(path: &Path, ego: Option<&str>, adversary: Option<&str>) -> Result<Scene> {
     let scene = Recording::read(path)?.scene;
     let scene = scene.with_roles(ego, adversary).with_context(|| format!("`{}`", path.display()))?;
     let Some(adversary) = scene.adversary.map(|k| &scene.tracks[k]) else { return Ok(scene) };
     if scene.adversary_origin == AdversaryOrigin::Conflict {
         progress::say(&format!(
-            "note: adversary `{}` was chosen by the conflict of its path with the ego's",
+            "note: adversary `{}` was selected because its logged path conflicts with the ego's",
             adversary.id.escape_debug()
         ));
     }
     if !adversary.is_valid(NOW) {
         progress::say(&format!(
-            "note: adversary `{}` is not seen at frame {NOW}; its pose there is extrapolated from each candidate",
+            "note: adversary `{}` is not valid at frame {NOW}; its pose there is extrapolated from each candidate",
             adversary.id.escape_debug()
         ));
     }
     let missing = HORIZON - scene.ego().count_valid(NOW + 1..NOW + 1 + HORIZON).min(HORIZON);
     if missing > 0 && scene.frames > NOW + HORIZON {
         progress::say(&format!(
-            "note: the ego is not seen in {missing} of {HORIZON} future frames; nothing touches it there"
+            "note: the ego is not valid in {missing} of {HORIZON} future frames; no contact is detected there"
         ));
     }
     Ok(scene)

@@ -1,4 +1,4 @@
-//! One file a command; each takes plain values and writes to stdout.
+//! One file per command. A command takes parsed arguments and writes its results to stdout or files.
 
 pub(crate) mod bench_dial;
 pub(crate) mod bench_experts;

@@ -1,4 +1,4 @@
-//! From a command line to the command that does its work.
+//! Dispatches parsed arguments to the command.
 
 use anyhow::Result;
 
@@ -11,7 +11,7 @@ use crate::{
 impl Cli {
     /// Runs the command.
     ///
-    /// *Errors*: whatever kept it from doing its work, with the file or part at fault.
+    /// *Errors*: the command's error, with the file or part that caused it.
     pub fn execute(self, registries: &Registries) -> Result<Outcome> {
         threads::build_pool(self.threads)?;
         match self.command {

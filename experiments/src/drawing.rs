@@ -1,4 +1,4 @@
-//! Pictures: one module that everything draws with.
+//! Pictures of scenes as SVG. All commands use this module.
 
 mod candidate;
 mod legend;

@@ -1,21 +1,21 @@
-//! What the user names on the command line: scenes and files of options.
+//! Input files that the user names on the command line.
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result};
 use sage_core::files;
 
-/// Largest file of options that is read, bytes.
+/// Size limit of a configuration file, bytes.
 const CONFIG_LIMIT: u64 = 1 << 20;
 
-/// Text of a file of options.
+/// Reads a configuration file as text.
 ///
-/// *Errors*: it cannot be read, or is larger than any.
+/// *Errors*: the file cannot be read, or exceeds the size limit.
 pub(crate) fn read_config(path: &Path) -> Result<String> {
     files::read_argument_text(path, CONFIG_LIMIT).with_context(|| format!("cannot read `{}`", path.display()))
 }
 
-/// What a scene's output is named after: its file, and `stdin` for standard input.
+/// Path that a scene's outputs are named after: its file, or `stdin` for standard input.
 pub(crate) fn scene_name(file: &Path) -> PathBuf {
     if file.to_str() == Some("-") { PathBuf::from("stdin") } else { file.to_owned() }
 }

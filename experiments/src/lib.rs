@@ -1,14 +1,14 @@
-//! The command line of `sage` as a library, so that a program of your own can offer it with parts
-//! of your own: build [`Registries`], add entries, and pass them to [`run`].
+//! The command line of `sage` as a library. A program of your own can offer it with additional
+//! parts: build [`Registries`], add entries, and pass them to [`run`].
 //!
 //! ```no_run
 //! use experiments::Registries;
 //!
 //! fn main() -> std::process::ExitCode {
 //!     experiments::run(|| {
-//!         let mine = Registries::shipped()?;
-//!         // mine.rewards = mine.rewards.with::<MyReward>()?;
-//!         Ok(mine)
+//!         let registries = Registries::shipped()?;
+//!         // registries.rewards = registries.rewards.with::<MyReward>()?;
+//!         Ok(registries)
 //!     })
 //! }
 //! ```
@@ -48,7 +48,7 @@ use sage_merging::{Merger, mergers};
 pub use cli::Cli;
 pub use operating_point::{OperatingPointSpec, RowKey};
 
-/// The parts that commands can name.
+/// Registries of the parts that commands accept by name.
 pub struct Registries {
     /// Rewards and penalties.
     pub rewards: Registry<dyn Reward>,
@@ -56,7 +56,7 @@ pub struct Registries {
     pub feasibilities: Registry<dyn Feasibility>,
     /// Motion prediction networks.
     pub backbones: Registry<dyn Backbone>,
-    /// Ways to mix experts.
+    /// Methods of merging experts.
     pub mergers: Registry<dyn Merger>,
     /// Generators of adversarial scenes.
     pub generators: Registry<dyn GeneratorKind>,
@@ -65,7 +65,7 @@ pub struct Registries {
 impl Registries {
     /// All parts that `sage` ships.
     ///
-    /// *Errors*: [`Error::Duplicate`] if two of a kind bear one name.
+    /// *Errors*: [`Error::Duplicate`] if two parts of a kind have the same name.
     pub fn shipped() -> Result<Self, Error> {
         Ok(Self {
             rewards: objective::rewards()?,
@@ -77,22 +77,22 @@ impl Registries {
     }
 }
 
-/// How a command ended that could do its work.
+/// Result of a command that ran to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// All of it.
+    /// All work is done.
     Done,
-    /// Some of it failed and was reported; the rest is done.
+    /// Some items failed and were reported; the others are done.
     Partial,
 }
 
-/// Runs the command line of this process: 0 done, 1 failed, 2 bad use.
+/// Runs the command line of this process. Exit codes: 0 success, 1 failure, 2 wrong usage.
 pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
-        Err(error) => return told(&error),
+        Err(error) => return print_usage(&error),
     };
-    if let Some(code) = cli.needs_networks().then(threads::run_anew).flatten() {
+    if let Some(code) = cli.needs_networks().then(threads::restart_without_candle_threads).flatten() {
         return code;
     }
     signals::clean_up_when_stopped();
@@ -100,7 +100,7 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Partial) => ExitCode::FAILURE,
-        // Whoever reads the output has seen enough.
+        // The reader closed the pipe, as `head` does: not a failure.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             progress::say(&format!("error: {error:#}"));
@@ -109,10 +109,10 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
     }
 }
 
-/// Says what is wrong with the command line, or the help that was asked for.
-fn told(error: &clap::Error) -> ExitCode {
+/// Prints a usage error to stderr, or the requested help to stdout.
+fn print_usage(error: &clap::Error) -> ExitCode {
     if error.use_stderr() {
-        // It repeats what was typed, and file names may be among that.
+        // The message repeats arguments, which may hold control characters; `say` escapes them.
         progress::say(error.render().to_string().trim_end());
         return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
     }
@@ -131,7 +131,7 @@ fn is_broken_pipe(error: &anyhow::Error) -> bool {
     })
 }
 
-/// Compiles what the README shows.
+/// Compiles the code examples of the README.
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 pub struct Readme;

@@ -2,8 +2,8 @@
 
 use std::process::ExitCode;
 
-/// Training and scoring allocate and free large buffers all the time; the system's allocator maps
-/// and unmaps each of them.
+/// Training and scoring often allocate and free large buffers. The system's allocator maps and
+/// unmaps each of them.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

@@ -1,4 +1,4 @@
-//! Networks with their weights, by the names that commands take.
+//! Loads networks and weights by the names that commands accept.
 
 use std::path::{Path, PathBuf};
 
@@ -14,24 +14,24 @@ use sage_merging::ExpertSet;
 
 use crate::{progress, selection::Selection};
 
-/// Variable of the environment: the folder of weights trained on recorded scenes.
+/// Environment variable that names the folder of weights trained on recorded scenes.
 const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
 
-/// Before the name of a backbone: its first weights, for a comparison.
+/// Prefix of a backbone's name that selects its initial weights, as a baseline.
 const UNTRAINED: &str = "untrained:";
 
-/// A network with what its file says.
+/// A network with the header of its file.
 pub(crate) struct Loaded {
     pub(crate) network: Box<dyn Backbone>,
     pub(crate) header: Header,
-    /// What the user calls it.
+    /// Name that the user gave.
     pub(crate) name: String,
 }
 
-/// Loads the prior of a name: `procedural`, `waymo`, a folder, a file, a backbone without weights, or
+/// Loads a prior by name: `procedural`, `waymo`, a folder, a file, a backbone without weights, or
 /// `untrained:` and a backbone.
 ///
-/// *Errors*: no such weights, or weights that do not fit their network.
+/// *Errors*: there are no such weights, or they do not match their network.
 pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Loaded> {
     if let Ok(entry) = registry.get(name) {
         let network = registry.build_default(entry.name)?;
@@ -55,9 +55,9 @@ pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Load
     Ok(Loaded { network, header, name: name.to_owned() })
 }
 
-/// The weights of a name.
+/// Finds weights by name.
 ///
-/// *Errors*: none are there.
+/// *Errors*: there are no such weights.
 fn find(name: &str) -> Result<Weights> {
     match name {
         "procedural" => {
@@ -65,7 +65,7 @@ fn find(name: &str) -> Result<Weights> {
         }
         "waymo" => waymo()?.map(Weights::File).with_context(|| {
             format!(
-                "no weights `waymo`: there is no `weights/waymo/{PRIOR_FILE}` here, and {WEIGHTS_VARIABLE} names no folder; use --weights procedural, or a folder"
+                "no weights `waymo`: there is no `weights/waymo/{PRIOR_FILE}` in this folder, and {WEIGHTS_VARIABLE} is not set; use --weights procedural, or a folder"
             )
         }),
         _ => {
@@ -80,9 +80,9 @@ fn find(name: &str) -> Result<Weights> {
     }
 }
 
-/// Weights trained on recorded scenes, if they are at hand.
+/// File of the weights trained on recorded scenes, if it is available.
 ///
-/// *Errors*: the variable names a folder without them.
+/// *Errors*: the environment variable names a folder without weights.
 fn waymo() -> Result<Option<PathBuf>> {
     let file = |folder: PathBuf| Some(folder.join(PRIOR_FILE)).filter(|file| file.is_file());
     match std::env::var_os(WEIGHTS_VARIABLE).filter(|folder| !folder.is_empty()).map(PathBuf::from) {
@@ -97,26 +97,37 @@ fn waymo() -> Result<Option<PathBuf>> {
     }
 }
 
-/// Weights for a scene where the user names none: `waymo` for a recording if they are at hand.
+/// Default weights for a scene: `waymo` for a recording if they are available, else `procedural`.
 ///
-/// *Errors*: a variable that names no weights.
+/// *Errors*: the environment variable names a folder without weights.
 pub(crate) fn default_for(is_procedural: bool) -> Result<&'static str> {
     Ok(if waymo()?.is_some() && !is_procedural { "waymo" } else { "procedural" })
 }
 
-/// Loads a prior with its experts: `procedural`, `waymo`, or a folder that `sage finetune` made.
+/// Loads a prior with its experts: `procedural`, `waymo`, or a folder that `sage finetune` wrote.
 ///
-/// *Errors*: as [`load`]; experts that are not there or do not fit the prior.
+/// *Errors*: as [`load`]; an expert is missing or does not match the prior.
 pub(crate) fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Result<ExpertSet> {
-    let loaded = ExpertSet::load(&find(name)?, registry);
-    let (experts, header) = loaded.with_context(|| format!("weights `{name}`"))?;
-    say_weights(name, experts.prior().name(), &header);
+    let (experts, header) = find_experts(registry, name)?;
+    announce_experts(name, &experts, &header);
     Ok(experts)
 }
 
-/// The dial of some experts under a selection, as λ and μ by aggression.
+/// As [`load_experts`], without a message.
 ///
-/// *Errors*: none was fitted, or it was for other experts.
+/// *Errors*: as [`load_experts`].
+pub(crate) fn find_experts(registry: &Registry<dyn Backbone>, name: &str) -> Result<(ExpertSet, Header)> {
+    ExpertSet::load(&find(name)?, registry).with_context(|| format!("weights `{name}`"))
+}
+
+/// Prints on stderr which experts are used.
+pub(crate) fn announce_experts(name: &str, experts: &ExpertSet, header: &Header) {
+    say_weights(name, experts.prior().name(), header);
+}
+
+/// Loads the dial that was fitted for a set of experts and a selection. It maps aggression to λ and μ.
+///
+/// *Errors*: no dial was fitted, or it was fitted for other experts.
 pub(crate) fn load_dial(
     name: &str,
     experts: &ExpertSet,
@@ -126,14 +137,14 @@ pub(crate) fn load_dial(
     let dial = FittedDial::load(&find(name)?, experts, &selection.name, selection.objective.spec())?;
     if dial.merger != merger {
         progress::say(&format!(
-            "warning: the dial was fitted for the merger `{}`; under `{merger}` it may not be even",
+            "warning: the dial was fitted for the merger `{}`; with `{merger}` the attack rate may not rise linearly",
             dial.merger
         ));
     }
     Ok(dial.mu)
 }
 
-/// Says on stderr which weights are used.
+/// Prints on stderr which weights are used.
 pub(crate) fn announce(loaded: &Loaded) {
     say_weights(&loaded.name, loaded.network.name(), &loaded.header);
 }

@@ -93,12 +93,18 @@ impl OperatingPointSpec {
         }
     }
 
-    /// As the name of a file says it.
-    pub(crate) fn file_label(&self) -> String {
+    /// As names of files state it, and the field `variant` of rows.
+    pub(crate) fn variant(&self) -> String {
         match (self.aggression, self.lambda) {
-            (Some(aggression), _) => format!("a{}", short(aggression)),
-            (None, Some(lambda)) => short(lambda),
-            (None, None) => self.mixture_label().replace(',', "-"),
+            (Some(aggression), _) => aggression_variant(aggression),
+            (None, Some(lambda)) if self.mu == lambda => format!("lambda{}", short(lambda)),
+            (None, Some(lambda)) => format!("lambda{}-mu{}", short(lambda), short(self.mu)),
+            (None, None) => {
+                let plain = |c: char| if c.is_alphanumeric() || "._-".contains(c) { c } else { '-' };
+                let weights = self.mix.iter().map(|(name, weight)| format!("{name}{}", short(*weight)));
+                let weights = weights.collect::<Vec<_>>().join("-");
+                format!("{}-mu{}", weights.chars().map(plain).collect::<String>(), short(self.mu))
+            }
         }
     }
 
@@ -112,6 +118,11 @@ impl OperatingPointSpec {
             }
         }
     }
+}
+
+/// Variant of an aggression, whatever λ and μ it stands for.
+pub(crate) fn aggression_variant(aggression: f64) -> String {
+    format!("aggression{}", short(aggression))
 }
 
 fn checked(mu: f64) -> Result<f64> {

@@ -2,6 +2,7 @@
 //! there, never half written.
 
 mod command_line;
+mod dataset_run;
 mod run;
 
 use std::{
@@ -16,6 +17,7 @@ use sage_core::files::{self, Claim, Existing};
 use crate::terminal;
 
 pub(crate) use command_line::{command, program};
+pub(crate) use dataset_run::DatasetRun;
 pub(crate) use run::{Run, State};
 
 /// A folder that this run alone writes into.

@@ -1,4 +1,4 @@
-//! Parts that the user names: `NAME`, or `NAME{"option": value}`.
+//! Registry entries as command-line values: `NAME`, or `NAME{"option": value}`.
 
 use std::{fmt, str::FromStr};
 
@@ -6,7 +6,7 @@ use anyhow::Result;
 use sage_core::{objective::PartSpec, registry::Registry};
 use serde_json::{Map, Value};
 
-/// A part of some registry, with options.
+/// Name and options of a registry entry.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Part {
     pub(crate) name: String,
@@ -14,9 +14,9 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    /// Builds it.
+    /// Builds the part.
     ///
-    /// *Errors*: a name that is not registered, options that the part refuses.
+    /// *Errors*: the name is not registered, or the part refuses the options.
     pub(crate) fn build<T: ?Sized>(&self, registry: &Registry<T>) -> Result<Box<T>> {
         Ok(registry.build(&self.name, &Value::Object(self.options.clone()))?)
     }
@@ -26,7 +26,7 @@ impl Part {
         Self { name: PartSpec::default().name, options: Map::new() }
     }
 
-    /// As an objective names it.
+    /// The part as an objective specifies it.
     pub(crate) fn spec(&self) -> PartSpec {
         PartSpec { name: self.name.clone(), options: self.options.clone() }
     }
@@ -38,7 +38,7 @@ impl FromStr for Part {
     fn from_str(text: &str) -> Result<Self, String> {
         let (name, options) = text.find('{').map_or((text, "{}"), |at| text.split_at(at));
         let options = serde_json::from_str(options)
-            .map_err(|error| format!("`{options}` is no JSON object of options: {error}"))?;
+            .map_err(|error| format!("`{options}` is not a JSON object of options: {error}"))?;
         Ok(Self { name: name.trim().to_owned(), options })
     }
 }
@@ -53,7 +53,7 @@ impl fmt::Display for Part {
     }
 }
 
-/// Several parts with commas between them.
+/// Comma-separated parts.
 #[derive(Clone, Debug)]
 pub(crate) struct Parts(pub(crate) Vec<Part>);
 
@@ -61,7 +61,7 @@ impl FromStr for Parts {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // Commas within options do not count, nor does anything within their texts.
+        // A comma separates parts only outside of options. Brackets in JSON strings are ignored.
         let (mut depth, mut is_text, mut is_escaped) = (0_usize, false, false);
         let mut parts = vec![String::new()];
         for letter in text.chars() {
@@ -97,7 +97,7 @@ mod tests {
         let part: Part = r#"strict{"height_gap": 2.5}"#.parse().unwrap();
         assert_eq!(part.options["height_gap"], 2.5);
         assert_eq!(part.to_string(), r#"strict{"height_gap":2.5}"#);
-        assert!("strict{2}".parse::<Part>().unwrap_err().contains("no JSON object"));
+        assert!("strict{2}".parse::<Part>().unwrap_err().contains("not a JSON object"));
         let Parts(all) = r#"sage{"candidates": 8, "apart": 3.0},rule"#.parse().unwrap();
         assert_eq!([&*all[0].name, &*all[1].name], ["sage", "rule"]);
         assert_eq!(all[0].options["candidates"], 8);

@@ -1,5 +1,5 @@
-//! Many scenes, read when they are needed: memory holds as many as there are threads, however many
-//! there are.
+//! Lists of scenes. A scene is read when it is needed, so memory holds one scene per thread, however
+//! long the list is.
 
 use std::{
     collections::{BTreeMap, HashSet},
@@ -24,42 +24,42 @@ use crate::{
     progress::{self, Progress},
 };
 
-/// Scenes worked on between two hand-overs of results.
+/// Scenes processed in parallel before their results are returned in order.
 const WINDOW: usize = 64;
-/// Most memory for scenes that training holds at once, bytes. A recorded scene takes about 3 MB.
-const HELD_LIMIT: usize = 8 << 30;
+/// Memory limit for the scenes of a training run, bytes. A recorded scene takes about 3 MB.
+const MEMORY_LIMIT: usize = 8 << 30;
 
 /// A list of scenes.
 pub(crate) struct Scenes {
     entries: Vec<Entry>,
 }
 
-/// One scene, and what it held when it was first read.
+/// One scene, and the hash of its content at the first reading.
 #[derive(Clone)]
 struct Entry {
     origin: Origin,
     content: Option<[u8; 16]>,
 }
 
-/// Where a scene comes from each time it is needed.
+/// Source of a scene, used each time the scene is needed.
 #[derive(Clone)]
 enum Origin {
     File(PathBuf),
     /// Number and seed of a procedural scene.
     Procedural(u64, u64),
-    /// A pipe can be read once.
-    Held(Arc<SceneData>),
+    /// A scene from a pipe, which can be read only once.
+    InMemory(Arc<SceneData>),
 }
 
 impl Scenes {
-    /// Scenes under some paths, of which a splits file or names may take some; without any path,
-    /// `procedural` scenes of a seed, all kinds in turn.
+    /// Scenes under the given paths, filtered by a splits file and by names. Without paths, this many
+    /// procedural scenes of a seed, the kinds in turn.
     ///
-    /// *Errors*: a folder that cannot be listed; no such split, or a scene that is not there.
+    /// *Errors*: a folder cannot be listed; there is no such split or no such scene.
     pub(crate) fn of(paths: &[PathBuf], split: &SplitArgs, procedural: u64, seed: u64) -> Result<Self> {
         if paths.is_empty() {
             if split.splits.is_some() || !split.scenes.is_empty() {
-                bail!("--splits and --scenes choose among recorded scenes; name their folder");
+                bail!("--splits and --scenes select among recorded scenes; give their folder as PATH");
             }
             return Ok(Self::procedural(procedural, seed));
         }
@@ -67,25 +67,25 @@ impl Scenes {
         for path in paths {
             files.extend(folder::scene_files(path)?);
         }
-        Self::of_files(chosen(files, split)?)
+        Self::of_files(selected(files, split)?)
     }
 
-    /// All scenes under some paths.
+    /// All scenes under the given paths.
     ///
-    /// *Errors*: a folder that cannot be listed.
+    /// *Errors*: a folder cannot be listed.
     pub(crate) fn under(paths: &[PathBuf]) -> Result<Self> {
         let files = paths.iter().map(|path| folder::scene_files(path)).collect::<Result<Vec<_>, _>>()?;
         Self::of_files(files.concat())
     }
 
-    /// Procedural scenes of all kinds in turn. A number that gives no scene is passed over.
+    /// Procedural scenes, the kinds in turn. A number for which no scene can be generated is skipped later.
     pub(crate) fn procedural(count: u64, seed: u64) -> Self {
         let entry = |number| Entry { origin: Origin::Procedural(number, seed), content: None };
         Self { entries: (0..count).map(entry).collect() }
     }
 
     fn of_files(files: Vec<PathBuf>) -> Result<Self> {
-        // A file named twice is one scene.
+        // A file that is given twice counts once.
         let mut seen = HashSet::new();
         let mut entries = Vec::with_capacity(files.len());
         for file in files {
@@ -93,13 +93,13 @@ impl Scenes {
                 continue;
             }
             let origin =
-                if file.is_file() { Origin::File(file) } else { Origin::Held(Arc::new(read(&file)?)) };
+                if file.is_file() { Origin::File(file) } else { Origin::InMemory(Arc::new(read(&file)?)) };
             entries.push(Entry { origin, content: None });
         }
         Ok(Self { entries })
     }
 
-    /// Names, as results tell them.
+    /// Names of the scenes, as in results.
     pub(crate) fn names(&self) -> Vec<String> {
         self.entries.iter().map(Entry::name).collect()
     }
@@ -109,15 +109,15 @@ impl Scenes {
         self.entries.len()
     }
 
-    /// The scenes in groups of some size.
+    /// The scenes in groups of `size`.
     pub(crate) fn windows(&self, size: usize) -> impl Iterator<Item = Self> {
         self.entries.chunks(size).map(|entries| Self { entries: entries.to_vec() })
     }
 
-    /// Works on every scene in parallel; the results in the order of the scenes. `done` is called after
-    /// each, in order.
+    /// Applies `work` to every scene in parallel and returns the results in the order of the scenes.
+    /// Calls `done` after each scene, in order.
     ///
-    /// *Errors*: the first scene that cannot be read, or that the work fails for.
+    /// *Errors*: the first scene that cannot be read, or for which `work` fails.
     pub(crate) fn map<T: Send>(
         &self,
         work: impl Fn(&SceneData) -> Result<T> + Sync,
@@ -138,9 +138,10 @@ impl Scenes {
         Ok(all)
     }
 
-    /// Reads each scene once: what it holds is remembered, and those that `keep` refuses are left out.
+    /// Reads each scene once, stores the hash of its content, and leaves out scenes for which `keep` is
+    /// false.
     ///
-    /// *Errors*: the first file that is no scene.
+    /// *Errors*: the first file that is not a scene.
     fn checked(self, what: &'static str, keep: impl Fn(&SceneData) -> bool + Sync) -> Result<Self> {
         let mut progress = Progress::new(what, self.len());
         let mut entries = Vec::with_capacity(self.len());
@@ -159,33 +160,33 @@ impl Scenes {
         Ok(Self { entries })
     }
 
-    /// Those that have an adversary in sight and an ego path; says how many have not.
+    /// Scenes that have an ego path and an adversary that is valid *now*. Prints how many have not.
     ///
-    /// *Errors*: a file that is no scene; none has.
+    /// *Errors*: a file is not a scene, or no scene is left.
     pub(crate) fn attackable(self) -> Result<Self> {
         let all = self.len();
-        let kept = self.checked("read", |data| {
+        let attackable = self.checked("read", |data| {
             data.scene.adversary().is_ok_and(|adversary| adversary.is_valid(NOW))
                 && Context::new(&data.scene, &data.index, &ContextOptions::default()).is_ok()
         })?;
-        if kept.len() == 0 {
-            bail!("none of {all} scenes has an adversary in sight at frame {NOW} and an ego path");
+        if attackable.len() == 0 {
+            bail!("none of {all} scenes has an ego path and an adversary that is valid at frame {NOW}");
         }
-        if kept.len() < all {
+        if attackable.len() < all {
             progress::say(&format!(
-                "note: {} of {all} scenes have no adversary in sight at frame {NOW} or no ego path, and are left out",
-                all - kept.len()
+                "note: {} of {all} scenes are left out: no ego path, or no adversary that is valid at frame {NOW}",
+                all - attackable.len()
             ));
         }
-        Ok(kept)
+        Ok(attackable)
     }
 
-    /// All of them in memory, for training, which needs them in any order again and again.
+    /// Reads all scenes into memory, for training, which reads them repeatedly in random order.
     ///
-    /// *Errors*: a file that is no scene; more than [`HELD_LIMIT`].
-    pub(crate) fn hold(&self) -> Result<Vec<SceneData>> {
+    /// *Errors*: a file is not a scene; the scenes exceed [`MEMORY_LIMIT`].
+    pub(crate) fn read_all(&self) -> Result<Vec<SceneData>> {
         let mut progress = Progress::new("read", self.len());
-        let mut held = Vec::with_capacity(self.len());
+        let mut loaded = Vec::with_capacity(self.len());
         let mut size = 0;
         for window in self.entries.chunks(WINDOW) {
             let scenes: Vec<Result<Option<Arc<SceneData>>>> =
@@ -193,29 +194,29 @@ impl Scenes {
             for data in scenes {
                 progress.step();
                 let Some(data) = data? else { continue };
-                size += held_size(&data);
-                if size > HELD_LIMIT {
+                size += memory_size(&data);
+                if size > MEMORY_LIMIT {
                     bail!(
-                        "the first {} of {} scenes take {} GiB of memory, the most that training holds; take fewer",
-                        held.len() + 1,
+                        "the first {} of {} scenes exceed {} GiB of memory, the limit of training; use fewer scenes",
+                        loaded.len() + 1,
                         self.len(),
-                        HELD_LIMIT >> 30
+                        MEMORY_LIMIT >> 30
                     );
                 }
-                // Only a pipe's scene is shared.
-                held.push(
+                // Only a scene from a pipe is shared.
+                loaded.push(
                     Arc::try_unwrap(data)
                         .unwrap_or_else(|data| SceneData::new(data.name.clone(), (*data.scene).clone())),
                 );
             }
         }
-        progress.finish(&format!("read {} scenes", held.len()));
-        Ok(held)
+        progress.finish(&format!("read {} scenes", loaded.len()));
+        Ok(loaded)
     }
 
-    /// Some of the scenes by their names.
+    /// Reads the scenes with the given names.
     ///
-    /// *Errors*: one that cannot be read.
+    /// *Errors*: a scene cannot be read.
     pub(crate) fn by_name(&self, names: &HashSet<&str>) -> Result<BTreeMap<String, Arc<SceneData>>> {
         let mut found = BTreeMap::new();
         for entry in self.entries.iter().filter(|entry| names.contains(&entry.name()[..])) {
@@ -224,18 +225,18 @@ impl Scenes {
         Ok(found)
     }
 
-    /// Number of scenes and a hash of what they show, order included, after [`Scenes::attackable`].
+    /// Number of scenes and a hash of their contents in order. Only valid after [`Scenes::attackable`].
     pub(crate) fn describe(&self) -> String {
         description(self.entries.iter().map(|entry| entry.content.unwrap_or_default()))
     }
 }
 
 impl Entry {
-    /// The scene; `None` for a number that gives none.
+    /// Reads or generates the scene; `None` if the number gives no procedural scene.
     fn load(&self) -> Result<Option<Arc<SceneData>>> {
         let data = match &self.origin {
             Origin::File(file) => read(file)?,
-            Origin::Held(data) => return Ok(Some(data.clone())),
+            Origin::InMemory(data) => return Ok(Some(data.clone())),
             Origin::Procedural(number, seed) => {
                 let Some(scene) = procedural::generate(kind_of(*number), *seed, *number) else {
                     return Ok(None);
@@ -244,28 +245,28 @@ impl Entry {
             }
         };
         if self.content.is_some_and(|content| content != data.scene.content_hash()) {
-            bail!("`{}` was changed while it was worked on; start again", data.name);
+            bail!("`{}` changed during the run; start again", data.name);
         }
         Ok(Some(Arc::new(data)))
     }
 
-    /// Its name.
+    /// Name of the scene.
     fn name(&self) -> String {
         match &self.origin {
             Origin::File(file) => file.display().to_string(),
-            Origin::Held(data) => data.name.clone(),
+            Origin::InMemory(data) => data.name.clone(),
             Origin::Procedural(number, seed) => format!("{}-{seed}-{number}", kind_of(*number).name()),
         }
     }
 }
 
-/// Kind of a procedural scene by its number: they take turns.
+/// Kind of the procedural scene of a number: the kinds take turns.
 fn kind_of(number: u64) -> Kind {
     Kind::ALL[(number % Kind::ALL.len() as u64) as usize]
 }
 
-/// About what a scene takes in memory with its search trees, bytes.
-fn held_size(data: &SceneData) -> usize {
+/// Approximate memory of a scene with its search trees, bytes.
+fn memory_size(data: &SceneData) -> usize {
     /// A frame of a track: position, heading, velocity, size, validity.
     const FRAME: usize = 73;
     /// A point of the map, its segment, and its share of the trees.
@@ -277,8 +278,8 @@ fn read(file: &Path) -> Result<SceneData> {
     Ok(SceneData::new(file.display().to_string(), Recording::read(file)?.scene))
 }
 
-/// The files that a splits file and names leave.
-fn chosen(mut files: Vec<PathBuf>, split: &SplitArgs) -> Result<Vec<PathBuf>> {
+/// Files that match the splits file and the names of scenes.
+fn selected(mut files: Vec<PathBuf>, split: &SplitArgs) -> Result<Vec<PathBuf>> {
     if split.splits.is_none() && split.scenes.is_empty() {
         return Ok(files);
     }
@@ -289,7 +290,7 @@ fn chosen(mut files: Vec<PathBuf>, split: &SplitArgs) -> Result<Vec<PathBuf>> {
     }
     if let Some(file) = &split.splits {
         if split.split.is_none() && split.without_split.is_none() {
-            bail!("--splits needs --split or --without-split to say which scenes count");
+            bail!("--splits needs --split or --without-split");
         }
         let with = names_in(file, split.split.as_deref())?;
         let without = names_in(file, split.without_split.as_deref())?;
@@ -302,14 +303,14 @@ fn chosen(mut files: Vec<PathBuf>, split: &SplitArgs) -> Result<Vec<PathBuf>> {
         files.retain(|file| among(&split.scenes, file));
     }
     if files.is_empty() {
-        bail!("none of the scenes that --splits and --scenes leave is there");
+        bail!("no scene matches --splits and --scenes");
     }
     Ok(files)
 }
 
-/// The scenes of a split, if one is named.
+/// Names of the scenes of a split, if a split is given.
 ///
-/// *Errors*: the file cannot be read or does not know it.
+/// *Errors*: the file cannot be read or has no such split.
 fn names_in(file: &Path, split: Option<&str>) -> Result<Option<Vec<String>>> {
     let Some(split) = split else { return Ok(None) };
     let mut known = sage_data::split::read_splits(file)?;
@@ -318,7 +319,7 @@ fn names_in(file: &Path, split: Option<&str>) -> Result<Option<Vec<String>>> {
     found.with_context(|| format!("`{}` has no split `{split}`; known: {all}", file.display())).map(Some)
 }
 
-/// Number of scenes and a hash of what they show, order included.
+/// Number of scenes and a hash of their contents in order.
 pub(crate) fn describe(scenes: &[SceneData]) -> String {
     description(scenes.iter().map(|data| data.scene.content_hash()))
 }

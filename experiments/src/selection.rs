@@ -1,4 +1,4 @@
-//! What a choice among candidates makes large, as the user names it.
+//! The objective that selects one of the candidates, as the user names it.
 
 use std::path::Path;
 
@@ -10,20 +10,21 @@ use sage_core::{
 
 use crate::{Registries, part::Part};
 
-/// Largest file of an objective that is read, bytes.
+/// Size limit of an objective file, bytes.
 const LIMIT: u64 = 1 << 20;
 
-/// A selection with the name by which dials are fitted for it.
+/// An objective for selection, with the name under which its dial is stored.
 pub(crate) struct Selection {
-    /// Name of the preset, or the file's.
+    /// Name of the preset or of the file.
     pub(crate) name: String,
     pub(crate) objective: Objective,
 }
 
 impl Selection {
-    /// A preset's name or a JSON file, with another feasibility rule if one is given.
+    /// Builds a selection from the name of a preset or of a JSON file. `feasibility` replaces its
+    /// feasibility rule.
     ///
-    /// *Errors*: no such preset or file; a spec that names what is not registered.
+    /// *Errors*: there is no such preset or file, or it names a part that is not registered.
     pub(crate) fn of(registries: &Registries, name: &str, feasibility: Option<&Part>) -> Result<Self> {
         let mut spec = match ObjectiveSpec::preset(name) {
             Some(spec) => spec,

@@ -1,6 +1,6 @@
-//! What happens when the process is told to stop: unfinished files and locks go, what is whole stays.
+//! Clean-up on Ctrl-C and SIGTERM: unfinished files and locks are removed, complete files stay.
 
-/// Watches for Ctrl-C and SIGTERM on a thread of its own. Without it the next run cleans up.
+/// Handles Ctrl-C and SIGTERM on a separate thread. Without a handler the next run cleans up.
 #[cfg(unix)]
 pub(crate) fn clean_up_when_stopped() {
     use signal_hook::{
@@ -12,7 +12,7 @@ pub(crate) fn clean_up_when_stopped() {
     std::thread::spawn(move || {
         if let Some(signal) = signals.forever().next() {
             sage_core::files::discard_unfinished();
-            // Ends the process as the signal would have, so that a shell sees it.
+            // Ends the process as the signal would, so that a shell gets the signal's exit status.
             let _ = emulate_default_handler(signal);
         }
     });

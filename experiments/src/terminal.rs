@@ -1,17 +1,17 @@
-//! Text for people at a terminal: names and texts from files must not steer it.
+//! Output to a terminal. Names and texts from files must not control the terminal.
 
 use std::{borrow::Cow, fmt::Write as _, io};
 
 use serde::Serialize;
 
-/// Text in which control characters and marks that reorder text are spelled out. Line ends stay.
+/// Escapes control characters and characters that change the text direction. Line ends stay.
 pub(crate) fn harmless(text: &str) -> Cow<'_, str> {
-    if !text.chars().any(|c| steers(c) && c != '\n') {
+    if !text.chars().any(|c| controls_terminal(c) && c != '\n') {
         return Cow::Borrowed(text);
     }
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
-        if steers(c) && c != '\n' {
+        if controls_terminal(c) && c != '\n' {
             let _ = write!(out, "{}", c.escape_unicode());
         } else {
             out.push(c);
@@ -20,33 +20,40 @@ pub(crate) fn harmless(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// [`harmless`] for a name within a line: line ends are spelled out as well.
+/// As [`harmless`], for a name within a line: line ends are escaped as well.
 pub(crate) fn harmless_name(text: &str) -> String {
     harmless(text).replace('\n', "\\n")
 }
 
-/// Writes a value as a line of JSON, in which nothing steers a terminal. Programs read the same value.
+/// Writes a value as a line of JSON and escapes characters that control a terminal. A parser reads the same
+/// value.
 ///
 /// *Errors*: those of the output.
 pub(crate) fn json_line(out: &mut impl io::Write, value: &impl Serialize) -> io::Result<()> {
-    let text = serde_json::to_string(value)?;
-    if !text.chars().any(steers) {
-        return writeln!(out, "{text}");
-    }
-    let mut spelled = String::with_capacity(text.len());
-    for c in text.chars() {
-        // Such characters stand within strings alone, and all have four digits.
-        if steers(c) {
-            let _ = write!(spelled, "\\u{:04x}", u32::from(c));
-        } else {
-            spelled.push(c);
-        }
-    }
-    writeln!(out, "{spelled}")
+    write_json_line(out, &serde_json::to_string(value)?)
 }
 
-/// Control characters, and those that change the direction of the text around them.
-fn steers(c: char) -> bool {
+/// As [`json_line`], for a value that is JSON already.
+///
+/// *Errors*: those of the output.
+pub(crate) fn write_json_line(out: &mut impl io::Write, text: &str) -> io::Result<()> {
+    if !text.chars().any(controls_terminal) {
+        return writeln!(out, "{text}");
+    }
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        // In JSON such characters occur only within strings, and all have four hexadecimal digits.
+        if controls_terminal(c) {
+            let _ = write!(escaped, "\\u{:04x}", u32::from(c));
+        } else {
+            escaped.push(c);
+        }
+    }
+    writeln!(out, "{escaped}")
+}
+
+/// True for control characters, and for characters that change the direction of text.
+fn controls_terminal(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
@@ -56,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_steers_a_terminal_is_spelled_out() {
+    fn characters_that_control_a_terminal_are_escaped() {
         assert_eq!(harmless("plain é\n"), "plain é\n");
         assert_eq!(harmless("\u{1b}[2Ja\u{9b}b\u{202e}c\r"), "\\u{1b}[2Ja\\u{9b}b\\u{202e}c\\u{d}");
         assert_eq!(harmless_name("a\nb"), "a\\nb");
@@ -68,7 +75,7 @@ mod tests {
         let mut out = Vec::new();
         json_line(&mut out, &text).unwrap();
         let line = String::from_utf8(out).unwrap();
-        assert!(!line.trim_end().chars().any(steers), "{line:?}");
+        assert!(!line.trim_end().chars().any(controls_terminal), "{line:?}");
         assert_eq!(serde_json::from_str::<String>(&line).unwrap(), text);
     }
 }

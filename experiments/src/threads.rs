@@ -1,30 +1,30 @@
-//! How many threads work, and on what.
+//! Configures threads.
 //!
-//! Scenes are spread over threads; within a scene one thread computes. candle would split each
-//! product and each large sum over threads of its own, and wait for them. It reads how many from two
-//! variables of the environment, which a running process cannot set safely: so a command that needs
-//! networks starts itself anew with them.
+//! Scenes are distributed over threads, and one thread computes one scene. By default candle also
+//! splits each product and each large sum over its own threads and waits for them. candle reads its
+//! number of threads from two environment variables, which a running process cannot set safely.
+//! Therefore a command that needs networks sets them and restarts itself.
 
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context as _, Result};
 
-/// candle's variables.
+/// Environment variables of candle's number of threads.
 const VARIABLES: [&str; 2] = ["RAYON_NUM_THREADS", "CANDLE_NUM_THREADS"];
 
-/// Builds the pool that scenes are spread over.
+/// Builds the thread pool that processes scenes.
 ///
-/// *Errors*: the system refuses so many threads.
+/// *Errors*: the system cannot start so many threads.
 pub(crate) fn build_pool(threads: Option<u16>) -> Result<()> {
     let all = || std::thread::available_parallelism().map_or(1, usize::from);
     let threads = threads.map_or_else(all, usize::from);
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-    pool.with_context(|| format!("cannot work with {threads} threads"))
+    pool.with_context(|| format!("cannot start {threads} threads"))
 }
 
-/// Runs this very command with candle's threads switched off, if they are not; the exit code is that
-/// command's. `None` if there is no need for it or no way to do it.
-pub(crate) fn run_anew() -> Option<ExitCode> {
+/// Restarts this command with one candle thread and returns its exit code. `None` if candle has one
+/// thread already, or if the restart is impossible.
+pub(crate) fn restart_without_candle_threads() -> Option<ExitCode> {
     if VARIABLES.iter().all(|name| std::env::var(name).as_deref() == Ok("1")) {
         return None;
     }
@@ -44,7 +44,7 @@ pub(crate) fn run_anew() -> Option<ExitCode> {
 #[cfg(unix)]
 fn replace(mut command: Command) -> Option<ExitCode> {
     use std::os::unix::process::CommandExt;
-    // Returns only if it failed; the slow way still works then.
+    // Returns only on failure; this process then continues with candle's threads, which is slower.
     let _ = command.exec();
     None
 }

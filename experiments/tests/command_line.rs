@@ -1,4 +1,4 @@
-//! The real binary on the shipped scene: what it prints, where, and how it ends.
+//! The real binary on the shipped scene: output, streams and exit codes.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -62,7 +62,7 @@ fn inspect_shows_a_scene() {
         assert_eq!(row[key], value, "{key}");
     }
     assert_eq!(row["tracks"]["VEHICLE"], 4);
-    assert!(stderr(&run).starts_with("1 scene, "), "the sum goes to stderr");
+    assert!(stderr(&run).starts_with("1 scene, "), "the totals go to stderr");
 }
 
 #[test]
@@ -146,9 +146,11 @@ fn roles_can_be_named() {
     assert!(stderr(&missing).contains("no track `nobody`"), "{}", stderr(&missing));
     let same = run(&["--ego", "crosser", "--adversary", "crosser"]);
     assert!(stderr(&same).contains("cannot be ego and adversary at once"), "{}", stderr(&same));
-    // A new ego takes the adversary by conflict, and says so.
+    // For a new ego the adversary is selected by conflict, and a note is printed.
     let turned = run(&["--ego", "crosser"]);
-    assert!(turned.status.success() && stderr(&turned).contains("was chosen by the conflict"));
+    assert!(
+        turned.status.success() && stderr(&turned).contains("was selected because its logged path conflicts")
+    );
 }
 
 /// Runs `score` with candidates on standard input.
@@ -210,7 +212,7 @@ fn the_registries_are_listed() {
     let list = sage(&["list"]);
     assert!(stdout(&list).contains("options: height_gap = 3.0"));
     assert!(
-        stdout(&list).contains("most likely goal, without choice (knows now alone)"),
+        stdout(&list).contains("most likely goal, without selection (knows history only)"),
         "{}",
         stdout(&list)
     );
@@ -240,7 +242,7 @@ fn bench_speed_measures_without_any_data() {
 }
 
 #[test]
-fn draw_writes_a_picture_and_never_over_another() {
+fn draw_writes_a_picture_and_overwrites_only_with_force() {
     let folder = tempfile::tempdir().unwrap();
     let picture = folder.path().join("crossing.svg");
     let (scene, candidates) = (example("crossing.pkl"), example("crossing.json"));
@@ -271,7 +273,7 @@ fn draw_writes_a_picture_and_never_over_another() {
 }
 
 #[test]
-fn demo_makes_scenes_attacks_and_pictures() {
+fn demo_writes_scenes_attacks_and_pictures() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("demo");
     let run = sage(&["demo", "--out", path(&out)]);
@@ -281,7 +283,11 @@ fn demo_makes_scenes_attacks_and_pictures() {
         line.split_whitespace().nth(1).unwrap().trim_end_matches('%').parse().unwrap()
     };
     let lines: Vec<&str> = stdout(&run).lines().collect();
-    assert!(hits(lines[5]) >= hits(lines[1]) + 40.0, "the dial steers: {}", stdout(&run));
+    assert!(
+        hits(lines[5]) >= hits(lines[1]) + 40.0,
+        "the attack rate rises with aggression: {}",
+        stdout(&run)
+    );
     for kind in ["straight", "curve", "merge", "four-way", "t-junction", "roundabout"] {
         assert!(lines[0].contains(kind));
         assert!(
@@ -315,7 +321,7 @@ fn scenes_are_the_same_on_any_number_of_threads() {
 }
 
 #[test]
-fn convert_goes_both_ways_and_keeps_folders() {
+fn convert_is_lossless_in_both_directions_and_keeps_folders() {
     let folder = tempfile::tempdir().unwrap();
     let (source, native, back) =
         (folder.path().join("in"), folder.path().join("native"), folder.path().join("back"));
@@ -323,7 +329,7 @@ fn convert_goes_both_ways_and_keeps_folders() {
     std::fs::copy(example("crossing.pkl"), source.join("part/a.pkl")).unwrap();
     std::fs::write(source.join("b.pkl"), b"no scene").unwrap();
     let run = sage(&["convert", path(&source), "--to", "native", "--out", path(&native)]);
-    assert_eq!(run.status.code(), Some(1), "one file is no scene");
+    assert_eq!(run.status.code(), Some(1), "one file is not a scene");
     assert!(stderr(&run).contains("b.pkl") && stderr(&run).contains("1 scenes in"), "{}", stderr(&run));
     let run = sage(&["convert", path(&native), "--to", "pickle", "--out", path(&back)]);
     assert!(run.status.success(), "{}", stderr(&run));

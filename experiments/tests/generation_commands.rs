@@ -143,7 +143,7 @@ fn open_loop_compares_methods_and_keeps_its_table() {
     ] {
         assert!(table.contains(&format!("| {method} | 3 |")), "{method}: {table}");
     }
-    assert!(table.contains("Without choice, expectations under the policy"));
+    assert!(table.contains("Without selection, expectations under the policy"));
     assert!(table.contains("| sage 1.00 | prior 1.00 |") && !table.contains("| oracle 0.00 |"));
     for file in ["table.md", "table.csv", "scenes.csv", "run.json", "index.html", "00-strongest.svg"] {
         assert!(out.join(file).is_file(), "{file}");

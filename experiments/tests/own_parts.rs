@@ -164,7 +164,7 @@ fn a_merger_mixes_three_experts() {
     assert!(wrong(&["--merger", r#"strongest{"by": 2}"#]).contains("unknown field `by`"));
     // A further expert that is renamed or damaged is refused like the first two.
     std::fs::rename(experts.join("lawful.safetensors"), experts.join("polite.safetensors")).unwrap();
-    assert!(wrong(&["--lambda", "1"]).contains("it says that it is the lawful expert"));
+    assert!(wrong(&["--lambda", "1"]).contains("the header names the lawful expert"));
     std::fs::write(experts.join("polite.safetensors"), "cut off").unwrap();
     assert!(wrong(&["--lambda", "1"]).contains("polite.safetensors"));
 }
@@ -284,7 +284,7 @@ fn a_backbone_is_trained_by_name() {
 fn a_generator_needs_no_experts_and_follows_the_dial() {
     let Some(program) = own("own_generator") else { return };
     let folder = tempfile::tempdir().unwrap();
-    assert!(stdout(&run(&program, &["list"])).contains("brakes straight on (knows now alone)"));
+    assert!(stdout(&run(&program, &["list"])).contains("brakes straight on (knows history only)"));
     let (scene, out) = (example(), folder.path().join("out"));
     let generate = ["generate", &scene, "--method", "brake", "--lambda", "0,1", "--out", text(&out)];
     let output = run(&program, &generate);

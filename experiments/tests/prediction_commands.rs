@@ -28,12 +28,12 @@ fn predict_prints_candidates_and_draws_them() {
         let points = row["trajectory"].as_array().unwrap();
         assert_eq!(points.len(), 80);
         let gap = |axis: usize| points[79][axis].as_f64().unwrap() - row["goal"][axis].as_f64().unwrap();
-        assert!(gap(0).hypot(gap(1)) < 0.01, "a path ends on its goal");
+        assert!(gap(0).hypot(gap(1)) < 0.01, "a trajectory ends at its goal");
     }
     let log_probs: Vec<f64> = found.iter().map(|row| row["log_prob"].as_f64().unwrap()).collect();
     assert!(log_probs.windows(2).all(|w| w[0] >= w[1]) && log_probs[0] < 0.0);
     let svg = std::fs::read_to_string(&picture).unwrap();
-    assert!(svg.starts_with("<svg") && svg.contains("6: p = "), "six paths in the legend");
+    assert!(svg.starts_with("<svg") && svg.contains("6: p = "), "six candidates in the legend");
 
     assert_eq!(rows(&sage(&common)).len(), 32, "32 by default");
     let draw = |seed: &str| rows(&sage(&[&common[..], &["--select", "gumbel", "--seed", seed]].concat()));
@@ -70,7 +70,7 @@ fn predict_says_what_is_wrong() {
 }
 
 #[test]
-fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
+fn pretrain_resumes_after_an_interruption_and_its_weights_predict() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("prior").display().to_string();
     let small = r#"{"hidden": 16, "rounds": 1}"#;
@@ -92,7 +92,7 @@ fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
     let csv = std::fs::read_to_string(Path::new(&out).join("curve.csv")).unwrap();
     assert_eq!(csv.lines().count(), 3, "{csv}");
 
-    // Once more finds nothing to do and changes nothing.
+    // The same command again changes nothing.
     let weights = std::fs::read(Path::new(&out).join("prior.safetensors")).unwrap();
     let again = train(&out, &[]);
     assert!(again.status.success() && stderr(&again).contains("it is done"), "{}", stderr(&again));
@@ -104,7 +104,7 @@ fn pretrain_goes_on_where_it_was_interrupted_and_its_weights_predict() {
         stderr(&other)
     );
 
-    // A killed run goes on to the same weights.
+    // A killed run resumes and gives the same weights.
     let killed = folder.path().join("killed").display().to_string();
     let mut child = Command::new(env!("CARGO_BIN_EXE_sage"))
         .args(["pretrain", "--procedural", "2", "--epochs", "2", "--network", small, "--out", &killed])

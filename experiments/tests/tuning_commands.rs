@@ -52,7 +52,7 @@ fn experts_are_tuned_from_either_network_merged_and_used() {
         let arguments =
             ["generate", &scene, "--weights", text(&experts), "--lambda", "0.5", "--out", text(&out)];
         assert!(stdout(&sage(&arguments)).starts_with("crossing: "));
-        // Experts of one prior do not go with another.
+        // Experts of one prior are refused with another prior.
         let other = folder.path().join(format!("{backbone}-other"));
         std::fs::create_dir(&other).unwrap();
         for file in ["realistic.safetensors", "adversarial.safetensors"] {
@@ -77,7 +77,7 @@ fn experts_are_tuned_from_either_network_merged_and_used() {
 }
 
 #[test]
-fn one_dial_is_even_refitted_and_kept_beside_its_experts() {
+fn aggression_uses_a_dial_that_calibrate_fits_and_stores_with_the_experts() {
     let folder = tempfile::tempdir().unwrap();
     let scene = example();
     let out = folder.path().join("out");
@@ -131,7 +131,7 @@ fn one_dial_is_even_refitted_and_kept_beside_its_experts() {
 }
 
 #[test]
-fn a_broken_off_fine_tuning_goes_on_to_the_same_bits() {
+fn an_interrupted_fine_tuning_resumes_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("quick.json");
     std::fs::write(&config, r#"{"epochs": 3, "candidates": 16}"#).unwrap();
@@ -140,29 +140,29 @@ fn a_broken_off_fine_tuning_goes_on_to_the_same_bits() {
             ["finetune", "--procedural", "4", "--roles", "1", "--config", text(&config), "--out", text(out)];
         Command::new(env!("CARGO_BIN_EXE_sage")).args(arguments).env_remove("SAGE_WEIGHTS").spawn().unwrap()
     };
-    let [whole, broken] = ["whole", "broken"].map(|name| folder.path().join(name));
+    let [whole, interrupted] = ["whole", "interrupted"].map(|name| folder.path().join(name));
     assert!(tune(&whole).wait().unwrap().success());
-    let mut child = tune(&broken);
-    // Killed as soon as the first expert has a state to go on from.
-    while !broken.join("realistic.state").exists() && child.try_wait().unwrap().is_none() {
+    let mut child = tune(&interrupted);
+    // Killed as soon as the first expert has a state to resume from.
+    while !interrupted.join("realistic.state").exists() && child.try_wait().unwrap().is_none() {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     let _ = child.kill();
     child.wait().unwrap();
-    assert!(tune(&broken).wait().unwrap().success());
+    assert!(tune(&interrupted).wait().unwrap().success());
     for expert in ["realistic", "adversarial"] {
-        let [a, b] = [&whole, &broken].map(|dir| {
+        let [a, b] = [&whole, &interrupted].map(|dir| {
             let file = dir.join(format!("{expert}.safetensors"));
             sage_backbones::Parameters::load(&file).unwrap().0.hash().unwrap()
         });
         assert_eq!(a, b, "{expert}");
     }
     let table = |dir: &Path| std::fs::read_to_string(dir.join("finetune.csv")).unwrap().lines().count();
-    assert_eq!((table(&whole), table(&broken)), (7, 7));
+    assert_eq!((table(&whole), table(&interrupted)), (7, 7));
 }
 
 #[test]
-fn what_can_fail_at_once_fails_at_once() {
+fn bad_options_fail_before_work_starts() {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("config.json");
     let out = folder.path().join("out");
@@ -174,7 +174,7 @@ fn what_can_fail_at_once_fails_at_once() {
     ] {
         std::fs::write(&config, wrong).unwrap();
         assert!(failure(&tune).contains(why), "{wrong}");
-        assert!(!out.exists(), "nothing was begun");
+        assert!(!out.exists(), "nothing was written");
     }
     let far = folder.path().join("no/dial.json");
     assert!(failure(&["calibrate", "--procedural", "2", "--out", text(&far)]).contains("make it first"));

@@ -1,5 +1,5 @@
-//! What every motion prediction network offers to the parts above it: [`MotionModel`] proposes,
-//! [`Backbone`] has parameters, [`Trainable`] learns.
+//! Traits of motion prediction networks: [`MotionModel`] gives modes and trajectories, [`Backbone`] adds
+//! parameters, [`Trainable`] adds a training loss.
 
 use std::sync::Arc;
 
@@ -20,15 +20,15 @@ use crate::{
 
 pub use crate::parameter_group::ParameterGroup;
 
-/// A probabilistic motion model of one target agent: modes with probabilities and trajectories. Proposers need
-/// no more; a mixture of several networks' outputs is a motion model too.
+/// A probabilistic motion model of one target agent: modes with probabilities and trajectories. Proposers
+/// need only this trait. A mixture of several networks' outputs is also a motion model.
 ///
 /// Implementations are pure: the same parameters and features give the same bits on any thread.
-/// Where a tensor of the parameters is a variable, results carry gradients back to it.
+/// If a parameter tensor is a variable, results carry gradients to it.
 pub trait MotionModel: Send + Sync {
-    /// Features of a target, a track of the observation that is valid *now*. `ego` is a forecast of the ego;
-    /// without one the ego is assumed to keep to its lane at several accelerations. The default is our features;
-    /// a network may bring its own.
+    /// Features of a target: a track of the observation that is valid *now*. `ego` is a forecast of the ego.
+    /// Without one, the ego follows its lane under several acceleration profiles. The default is
+    /// [`Features::of`]; a network may define its own features.
     ///
     /// *Errors*: [`Error::Core`] if the target is not valid *now*.
     fn features(
@@ -51,30 +51,31 @@ pub trait MotionModel: Send + Sync {
     /// *Errors*: an encoding of another network.
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error>;
 
-    /// Log-probabilities (chosen) of some modes, up to one number that all modes of the encoding share:
-    /// enough to compare them, and often far less work.
+    /// Log-probabilities of some modes, up to a constant that all modes of the encoding share. They suffice
+    /// to compare modes and often cost far less.
     ///
+    /// *Shapes*: (selected).
     /// *Errors*: an encoding of another network.
     fn relative_log_probs(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         Ok(self.log_probs(encoding)?.index_select(&indices(modes)?, 0)?)
     }
 
-    /// End point of each mode, metres, target frame: what non-maximum suppression compares.
+    /// End point of each mode, metres, target frame. Non-maximum suppression compares these points.
     ///
     /// *Errors*: an encoding of another network.
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error>;
 
     /// Trajectories of some modes.
     ///
-    /// *Shapes*: (chosen, 80, 2), metres, target frame.
+    /// *Shapes*: (selected, 80, 2), metres, target frame.
     /// *Errors*: an encoding of another network.
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error>;
 
-    /// Log-probabilities (chosen) of some modes with other trajectories than the model's own. They differ from
-    /// [`MotionModel::log_probs`] only where a score depends on the trajectory.
+    /// Log-probabilities of some modes with `points` in place of the model's own trajectories. They differ
+    /// from [`MotionModel::log_probs`] only if scores depend on the trajectory.
     ///
-    /// *Shapes*: `points` (chosen, 20, 2), every fourth step, metres, target frame; `log_probs` (modes)
-    /// are those of [`MotionModel::log_probs`].
+    /// *Shapes*: `points` (selected, 20, 2), every fourth step, metres, target frame; `log_probs` (modes)
+    /// are those of [`MotionModel::log_probs`]; result (selected).
     /// *Errors*: an encoding of another network.
     fn log_probs_along(
         &self,
@@ -92,34 +93,34 @@ pub trait Backbone: MotionModel {
     /// Name in the registry.
     fn name(&self) -> &'static str;
 
-    /// Its options, as the registry takes them.
+    /// Its options, as given to the registry.
     fn options(&self) -> &Value;
 
-    /// Names, shapes and first values of its parameters, sorted by name.
+    /// Names, shapes and initial values of its parameters, sorted by name.
     fn parameter_specs(&self) -> &[ParameterSpec];
 
     /// Its parameters.
     fn parameters(&self) -> &Parameters;
 
-    /// The same network with other parameters, which fit [`Backbone::parameter_specs`].
+    /// The same network with other parameters, which must fit [`Backbone::parameter_specs`].
     ///
     /// *Errors*: [`Error::Tensor`] if they do not.
     fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error>;
 
-    /// Name and options, which mark its encodings.
+    /// Name and options, which tag its encodings.
     fn tag(&self) -> NetworkTag<'_> {
         NetworkTag { name: self.name(), options: self.options() }
     }
 
-    /// How it is trained; `None` for one that has nothing to learn.
+    /// Its training interface; `None` if it has no parameters to train.
     fn trainable(&self) -> Option<&dyn Trainable> {
         None
     }
 
-    /// The same network with other parameters, which are checked first.
+    /// The same network with other parameters, after a check of their names and shapes.
     ///
     /// *Errors*: [`Error::Weights`] with every missing, extra and misshapen tensor; `what` names
-    /// where they come from.
+    /// their source.
     fn load_parameters(&self, parameters: Parameters, what: &str) -> Result<Box<dyn Backbone>, Error> {
         let problems = parameters.mismatches(self.parameter_specs());
         if problems.is_empty() {
@@ -129,22 +130,22 @@ pub trait Backbone: MotionModel {
         }
     }
 
-    /// Group of a parameter; [`ParameterGroup::Unused`] if there is nothing to train.
+    /// Group of a parameter; [`ParameterGroup::Unused`] if the backbone is not trainable.
     fn parameter_group(&self, name: &str) -> ParameterGroup {
         self.trainable().map_or(ParameterGroup::Unused, |trainable| trainable.group_of(name))
     }
 }
 
-/// What training asks of a backbone beside its results.
+/// A backbone with a training loss.
 ///
-/// Law, tested for every backbone: encodings, mode ends and trajectories depend on [`ParameterGroup::Prior`] alone, so
-/// they stay valid while fine-tuning, or λ, changes the rest.
+/// Law, tested for every backbone: encodings, mode ends and trajectories depend on [`ParameterGroup::Prior`]
+/// alone. They stay valid when fine-tuning or λ changes the other parameters.
 pub trait Trainable: Backbone {
     /// Group of a parameter.
     fn group_of(&self, name: &str) -> ParameterGroup;
 
     /// Features of a target with its recorded end point after 8 s (metres, world frame), so that
-    /// [`Trainable::loss`] can decode the trajectory to that point. By default those of
+    /// [`Trainable::loss`] can decode the trajectory to that point. The default is
     /// [`MotionModel::features`].
     ///
     /// *Errors*: as [`MotionModel::features`].
@@ -153,7 +154,7 @@ pub trait Trainable: Backbone {
     }
 
     /// Features of the mirrored scene (left and right swapped), if the network's features can be mirrored.
-    /// Their frame must have y to the left, because training mirrors futures so.
+    /// Their frame must have y to the left, because training mirrors futures by the sign of y.
     fn mirrored(&self, _features: &Features) -> Option<Features> {
         None
     }
@@ -164,29 +165,29 @@ pub trait Trainable: Backbone {
     fn loss(&self, sample: &Sample) -> Result<Loss, Error>;
 }
 
-/// A recorded future to learn from.
+/// A training sample: features and recorded future of one target.
 #[derive(Clone, Debug)]
 pub struct Sample {
     /// Features of the target.
     pub features: Arc<Features>,
-    /// Positions at the 80 steps, metres, target frame; anything where not valid.
+    /// Positions at the 80 steps, metres, target frame; arbitrary where not valid.
     pub future: Vec<[f32; 2]>,
     /// Whether each step was recorded.
     pub valid: Vec<bool>,
 }
 
-/// A loss and what it is made of.
+/// A loss and its terms.
 pub struct Loss {
-    /// Their sum, a scalar that gradients start from.
+    /// Sum of the terms: the scalar to differentiate.
     pub total: Tensor,
-    /// Parts by name.
+    /// Terms by name.
     pub parts: Vec<(&'static str, f64)>,
 }
 
 impl Loss {
-    /// The sum of named parts, scalars.
+    /// The sum of named scalar terms.
     ///
-    /// *Errors*: [`Error::Tensor`] if one is no scalar.
+    /// *Errors*: [`Error::Tensor`] if a term is not a scalar.
     pub fn of(parts: Vec<(&'static str, Tensor)>) -> Result<Self, Error> {
         let mut total = Tensor::zeros((), parts.first().map_or(DType::F32, |p| p.1.dtype()), &Device::Cpu)?;
         let mut values = Vec::with_capacity(parts.len());
@@ -207,10 +208,10 @@ pub fn indices(modes: &[usize]) -> candle_core::Result<Tensor> {
     Tensor::from_vec(modes, count, &Device::Cpu)
 }
 
-/// Log-probabilities as numbers, 32 or 64 bits.
+/// Log-probabilities as numbers of 32 or 64 bits.
 ///
-/// *Errors*: [`Error::Training`] with the first mode whose log-probability is not finite: nothing that is
-/// selected by it means anything.
+/// *Errors*: [`Error::Training`] with the first mode whose log-probability is not finite, because such values
+/// cannot rank modes.
 pub fn finite<T: candle_core::WithDType + Into<f64>>(log_probs: &Tensor) -> Result<Vec<T>, Error> {
     let values = log_probs.detach().to_dtype(T::DTYPE)?.flatten_all()?.to_vec1::<T>()?;
     match values.iter().position(|x| !Into::<f64>::into(*x).is_finite()) {
@@ -222,20 +223,24 @@ pub fn finite<T: candle_core::WithDType + Into<f64>>(log_probs: &Tensor) -> Resu
     }
 }
 
-/// A table as a tensor (rows, columns).
+/// A table as a tensor.
+///
+/// *Shapes*: (rows, columns).
+/// *Errors*: none on a CPU.
 pub fn tensor(table: &Table, dtype: DType) -> candle_core::Result<Tensor> {
     Tensor::from_slice(&table.values, (table.rows(), table.columns), &Device::Cpu)?.to_dtype(dtype)
 }
 
-/// Trajectories (n, 80, 2) in the target frame, converted to the world frame.
+/// Trajectories converted from the target frame to the world frame.
 ///
-/// *Errors*: [`Error::Core`] if a position is not finite: the weights are broken then.
-pub fn to_world(paths: &Tensor, features: &Features) -> Result<Vec<Trajectory>, Error> {
-    let numbers = paths.to_dtype(DType::F64)?.flatten_all()?.to_vec1::<f64>()?;
-    let path = |(k, path): (usize, &[f64])| {
-        let (points, _) = path.as_chunks::<2>();
+/// *Shapes*: `trajectories` (n, 80, 2).
+/// *Errors*: [`Error::Core`] if a position is not finite, which means broken weights.
+pub fn to_world(trajectories: &Tensor, features: &Features) -> Result<Vec<Trajectory>, Error> {
+    let numbers = trajectories.to_dtype(DType::F64)?.flatten_all()?.to_vec1::<f64>()?;
+    let convert = |(k, local): (usize, &[f64])| {
+        let (points, _) = local.as_chunks::<2>();
         let world = points.iter().map(|p| features.frame.to_world(*p)).collect();
-        Ok(Trajectory::new(&format!("predicted path {k}"), world)?)
+        Ok(Trajectory::new(&format!("predicted trajectory {k}"), world)?)
     };
-    numbers.chunks_exact(2 * HORIZON).enumerate().map(path).collect()
+    numbers.chunks_exact(2 * HORIZON).enumerate().map(convert).collect()
 }

@@ -1,9 +1,9 @@
-//! Which modes become candidates: the likeliest, a seeded draw, or the likeliest some way apart.
+//! Selection of candidates among modes: the likeliest, a seeded draw, or the likeliest at a least distance.
 
 use sage_core::seed::Rng;
 use serde::{Deserialize, Serialize};
 
-/// How modes are chosen.
+/// Rule that selects modes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Selection {
@@ -11,18 +11,17 @@ pub enum Selection {
     TopK,
     /// A draw without replacement, each mode by its probability (Gumbel top-k).
     Gumbel,
-    /// The likeliest in turn, none ending nearer than `radius` metres to one taken before. When
-    /// none is left, the likeliest of the rest fill up.
+    /// Non-maximum suppression: the likeliest modes in turn, none ending within `radius` metres of a selected
+    /// one. If these are too few, the likeliest of the rest are added.
     Nms {
         /// Least distance of two ends, metres.
         radius: f32,
     },
 }
 
-/// Chooses up to `k` modes, in descending order of log-probability, ties by lower index.
+/// Selects up to `k` modes, in descending order of log-probability, ties by lower index.
 ///
-/// `ends` are the modes' ends, read by suppression alone; `rng` is drawn from by the Gumbel draw
-/// alone.
+/// `ends` are the end points of the modes; only suppression reads them. Only the Gumbel draw uses `rng`.
 pub fn choose(
     log_probs: &[f32],
     ends: &[[f32; 2]],
@@ -34,30 +33,30 @@ pub fn choose(
         Selection::TopK => first_k(log_probs, k),
         Selection::Gumbel => {
             let noisy: Vec<f32> = log_probs.iter().map(|p| (f64::from(*p) + gumbel(rng)) as f32).collect();
-            let mut chosen = first_k(&noisy, k);
-            chosen.sort_by(|a, b| by_rank(log_probs, *a, *b));
-            chosen
+            let mut selected = first_k(&noisy, k);
+            selected.sort_by(|a, b| by_rank(log_probs, *a, *b));
+            selected
         }
         Selection::Nms { radius } => {
             let order = ranked(log_probs);
-            let mut chosen = suppressed(&order, ends, k, radius);
-            if chosen.len() < k.min(order.len()) {
-                let missing = k - chosen.len();
+            let mut selected = suppressed(&order, ends, k, radius);
+            if selected.len() < k.min(order.len()) {
+                let missing = k - selected.len();
                 let mut taken = vec![false; order.len()];
-                chosen.iter().for_each(|&mode| taken[mode] = true);
-                chosen.extend(order.iter().copied().filter(|&mode| !taken[mode]).take(missing));
-                chosen.sort_by(|a, b| by_rank(log_probs, *a, *b));
+                selected.iter().for_each(|&mode| taken[mode] = true);
+                selected.extend(order.iter().copied().filter(|&mode| !taken[mode]).take(missing));
+                selected.sort_by(|a, b| by_rank(log_probs, *a, *b));
             }
-            chosen
+            selected
         }
     }
 }
 
-/// Modes from an order, none ending within `radius` of one taken before; at most `k`.
+/// The first modes of an order, none ending within `radius` of an earlier one; at most `k`.
 pub fn suppressed(order: &[usize], ends: &[[f32; 2]], k: usize, radius: f32) -> Vec<usize> {
-    let mut chosen: Vec<usize> = Vec::with_capacity(k);
+    let mut selected: Vec<usize> = Vec::with_capacity(k);
     for &mode in order {
-        if chosen.len() == k {
+        if selected.len() == k {
             break;
         }
         let [x, y] = ends[mode];
@@ -65,11 +64,11 @@ pub fn suppressed(order: &[usize], ends: &[[f32; 2]], k: usize, radius: f32) -> 
             let [dx, dy] = [ends[other][0] - x, ends[other][1] - y];
             dx * dx + dy * dy >= radius * radius
         };
-        if chosen.iter().all(apart) {
-            chosen.push(mode);
+        if selected.iter().all(apart) {
+            selected.push(mode);
         }
     }
-    chosen
+    selected
 }
 
 /// All modes, the likeliest first.
@@ -111,14 +110,14 @@ mod tests {
     }
 
     #[test]
-    fn top_k_takes_the_likeliest_and_of_equals_the_first() {
+    fn top_k_selects_the_likeliest_and_the_first_of_equals() {
         assert_eq!(choose(&LOG_PROBS, &ENDS, 3, Selection::TopK, &mut rng()), [1, 3, 0]);
         assert_eq!(choose(&LOG_PROBS, &ENDS, 9, Selection::TopK, &mut rng()), [1, 3, 0, 4, 2]);
         assert!(choose(&LOG_PROBS, &ENDS, 0, Selection::TopK, &mut rng()).is_empty());
     }
 
     #[test]
-    fn suppression_keeps_ends_apart_and_fills_up_with_what_is_left() {
+    fn suppression_separates_ends_and_adds_the_likeliest_of_the_rest() {
         let nms = Selection::Nms { radius: 3.0 };
         assert_eq!(choose(&LOG_PROBS, &ENDS, 3, nms, &mut rng()), [1, 4, 2]);
         assert_eq!(choose(&LOG_PROBS, &ENDS, 4, nms, &mut rng()), [1, 3, 4, 2], "one of the rest");

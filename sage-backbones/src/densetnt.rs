@@ -1,8 +1,7 @@
 //! DenseTNT (Gu et al., 2021): dense goals are scored, and each decodes to a trajectory.
 //!
-//! Polylines are encoded, mixed by attention, and goals look at what comes out. The published form
-//! of the network and ours are the same parts in two arrangements; `docs/backbones.md`
-//! says what differs and why.
+//! Polylines are encoded and mixed by attention. Goals attend to the resulting states. The published network
+//! and ours have the same modules in two arrangements; `docs/backbones.md` explains the differences.
 
 mod head;
 mod scorer;
@@ -30,7 +29,7 @@ use scorer::Scorer;
 
 pub use head::HeadKind;
 
-/// How the parts are put together.
+/// Arrangement and sizes of the modules.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Shape {
     hidden: usize,
@@ -50,9 +49,9 @@ pub struct DenseTntOptions {
     pub hidden: usize,
     /// Rounds of attention among agents and map.
     pub rounds: usize,
-    /// How a goal becomes a trajectory.
+    /// How a goal is decoded to a trajectory.
     pub head: HeadKind,
-    /// Seed of the first weights.
+    /// Seed of the initial weights.
     pub seed: u64,
 }
 
@@ -66,7 +65,7 @@ impl Default for DenseTntOptions {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CatOptions {
-    /// Seed of the first weights.
+    /// Seed of the initial weights.
     pub seed: u64,
 }
 
@@ -106,10 +105,11 @@ impl DenseTnt {
         self.shape.rounds.is_none()
     }
 
-    /// States of agents and map, and the target's: for a batch in which other targets have a
-    /// longest polyline and a number of polylines of their own, as the published code pads them.
+    /// Encodes one target as the published code does in a batch of several targets. That code pads all
+    /// targets to the same number of polylines; `padding_keys` is the number of padding polylines of this
+    /// target.
     ///
-    /// *Errors*: features of another kind of network.
+    /// *Errors*: [`Error::Tensor`] for features of another network.
     pub fn encode_padded(&self, features: &Arc<Features>, padding_keys: usize) -> Result<Encoding, Error> {
         let vectors = tensor(&features.vectors, self.dtype)?;
         let encoded = self.encoder.forward(&vectors, &features.groups, features.agents, padding_keys)?;
@@ -121,8 +121,9 @@ impl DenseTnt {
         ))
     }
 
-    /// Scores of goals before the softmax (n), without the interaction head: of all, or of some.
+    /// Scores of all or of some goals, before the softmax and without the interaction head.
     ///
+    /// *Shapes*: (n).
     /// *Errors*: an encoding of another network.
     fn raw_scores(&self, encoding: &Encoding, modes: Option<&[usize]>) -> Result<Tensor, Error> {
         let [elements, target, goals] = encoding.states_of(self.tag())?;
@@ -134,7 +135,10 @@ impl DenseTnt {
         })
     }
 
-    /// Paths (n, 80 / `stride`, 2) to goals given as rows of goal features.
+    /// Trajectories to goals.
+    ///
+    /// *Shapes*: `rows` (n, columns) describe goals at `ends`; result (n, 80 / `stride`, 2), target frame.
+    /// *Errors*: an encoding of another network.
     fn decode(
         &self,
         encoding: &Encoding,
@@ -146,7 +150,7 @@ impl DenseTnt {
         Ok(self.head.forward(rows, ends, elements, target, encoding.features().velocity, stride)?)
     }
 
-    /// The interaction head and its inputs of all goals; none if its output is zero.
+    /// The interaction head and its inputs for all goals; `None` if its output is zero or it has no inputs.
     fn interaction<'e>(
         &'e self,
         encoding: &'e Encoding,
@@ -157,7 +161,7 @@ impl DenseTnt {
         }
     }
 
-    /// Inputs of the interaction head of all goals, computed once an encoding, without gradient.
+    /// Inputs of the interaction head for all goals, computed once per encoding, without gradient.
     fn described<'e>(&self, encoding: &'e Encoding) -> Result<Option<&'e Tensor>, Error> {
         encoding.described(|| {
             let [_, _, goals] = encoding.states_of(self.tag())?;
@@ -212,9 +216,9 @@ impl Backbone for DenseTnt {
 
 impl Trainable for DenseTnt {
     fn group_of(&self, name: &str) -> ParameterGroup {
-        const DEAD: [&str; 3] = ["laneGCN_L2L.", "laneGCN_L2A.", "decoder.decoder."];
+        const UNUSED: [&str; 3] = ["laneGCN_L2L.", "laneGCN_L2A.", "decoder.decoder."];
         let among = name.starts_with("global_graph.") || name.starts_with("rounds.");
-        if DEAD.iter().any(|dead| name.starts_with(dead)) || (among && name.ends_with("key.bias")) {
+        if UNUSED.iter().any(|prefix| name.starts_with(prefix)) || (among && name.ends_with("key.bias")) {
             ParameterGroup::Unused
         } else if name.ends_with("key.bias") || name == "decoder.goals_2D_decoder.fc.bias" {
             ParameterGroup::WithoutEffect
@@ -244,7 +248,7 @@ impl Trainable for DenseTnt {
         let encoding = self.encode(features.clone())?;
         let log_probs = log_softmax(&self.raw_scores(&encoding, None)?)?;
         let end = labels::end(&sample.future, &sample.valid);
-        let (weights, path) = match &features.label {
+        let (weights, trajectory) = match &features.label {
             Some((label, row)) if !self.is_published() => {
                 let row = tensor(row, self.dtype)?;
                 (labels::soft(&features.goals, end), self.decode(&encoding, &row, &[*label], 1)?)
@@ -257,8 +261,8 @@ impl Trainable for DenseTnt {
             }
         };
         let goals = labels::cross_entropy(&log_probs, &weights)?;
-        let path = labels::smooth_l1(&path, sample)?;
-        Loss::of(vec![("goal", goals), ("path", path)])
+        let trajectory = labels::smooth_l1(&trajectory, sample)?;
+        Loss::of(vec![("goal", goals), ("path", trajectory)])
     }
 }
 
@@ -319,7 +323,7 @@ impl MotionModel for DenseTnt {
 
 impl Entry<dyn Backbone> for DenseTnt {
     const NAME: &'static str = "densetnt";
-    const SUMMARY: &'static str = "dense goals along the lanes, scored and decoded to smooth paths";
+    const SUMMARY: &'static str = "dense goals along the lanes, scored and decoded to smooth trajectories";
     const SOURCE: &'static str = "Gu et al. 2021, rearranged for one CPU core";
     type Options = DenseTntOptions;
 
@@ -344,7 +348,7 @@ impl Entry<dyn Backbone> for DenseTnt {
 pub struct Cat;
 
 impl Cat {
-    /// The network with first weights from a seed.
+    /// The network with initial weights from a seed.
     ///
     /// *Errors*: none that a caller can cause.
     pub fn untrained(options: &CatOptions) -> Result<DenseTnt, Error> {
@@ -360,16 +364,16 @@ impl Cat {
         DenseTnt::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, options.seed)
     }
 
-    /// The network over weights of the published names and shapes; `what` names where they are from.
+    /// The network with weights of the published names and shapes; `what` names their source.
     ///
     /// *Errors*: [`Error::Weights`] with every missing, extra and misshapen tensor.
     pub fn with_weights(weights: Parameters, what: &str) -> Result<DenseTnt, Error> {
-        let like = Self::untrained(&CatOptions::default())?;
-        let problems = weights.mismatches(&like.specs);
+        let untrained = Self::untrained(&CatOptions::default())?;
+        let problems = weights.mismatches(&untrained.specs);
         if !problems.is_empty() {
             return Err(Error::Weights { what: what.to_owned(), problems });
         }
-        DenseTnt::build(like.name, like.options, like.shape, like.specs, weights)
+        DenseTnt::build(untrained.name, untrained.options, untrained.shape, untrained.specs, weights)
     }
 }
 

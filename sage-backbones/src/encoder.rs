@@ -1,4 +1,4 @@
-//! From rows to states: one for each agent and each piece of the map, and the target's.
+//! Encoder from feature rows to states: one for each agent and each map polyline, and the target's.
 
 use candle_core::{Result, Tensor};
 
@@ -32,11 +32,11 @@ struct Round {
     mlp: Mlp,
 }
 
-/// What the encoder gives.
+/// Output of the encoder.
 pub(crate) struct Encoded {
     /// States after the polyline encoder (P, hidden).
     pub polylines: Tensor,
-    /// States that goals look at (P, hidden).
+    /// States that goals attend to (P, hidden).
     pub elements: Tensor,
     /// States after the global graph (P, hidden).
     pub graph: Tensor,
@@ -44,7 +44,7 @@ pub(crate) struct Encoded {
     pub target: Tensor,
 }
 
-/// Refuses sizes that no network here can have.
+/// Refuses sizes out of range.
 ///
 /// *Errors*: the option and its value.
 pub(crate) fn check_size(hidden: usize, rounds: usize) -> std::result::Result<(), String> {
@@ -58,7 +58,8 @@ pub(crate) fn check_size(hidden: usize, rounds: usize) -> std::result::Result<()
 }
 
 impl Encoder {
-    /// Rows of `columns` numbers to states of `width`, mixed in `rounds` of attention, or as published.
+    /// An encoder from rows of `columns` numbers to states of `width`. States are mixed in `rounds` of
+    /// attention, or as published for `None`.
     pub(crate) fn new(scope: &Scope, columns: usize, width: usize, rounds: Option<usize>) -> Result<Self> {
         let layers = scope.at("sub_graph").at("layers");
         let inputs = |layer| if layer == 0 { columns } else { width };
@@ -74,7 +75,10 @@ impl Encoder {
         Ok(Self { polyline, mixing })
     }
 
-    /// `padding_keys` rows of zeros are attended beside the states, as in a padded batch.
+    /// States of the groups. In the published arrangement, attention also reads `padding_keys` rows of zeros,
+    /// as in a padded batch.
+    ///
+    /// *Shapes*: `vectors` (rows, columns); results as in [`Encoded`].
     pub(crate) fn forward(
         &self,
         vectors: &Tensor,
@@ -110,7 +114,7 @@ impl Published {
                 Attention::among(&scope.at("global_graph2"), width, width / 2)?,
             ])
         };
-        // The published state holds three parts that nothing reads.
+        // The published weights contain three modules that are never read.
         graph("laneGCN_L2L")?;
         Attention::across(&scope.at("laneGCN_L2A"), width, width)?;
         let unread = scope.at("decoder").at("decoder");

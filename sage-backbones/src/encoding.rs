@@ -1,4 +1,4 @@
-//! What a network made of one target's surroundings.
+//! Encodings: the states that a network computes from the features of one target.
 
 use std::sync::{Arc, OnceLock};
 
@@ -7,7 +7,7 @@ use serde_json::Value;
 
 use crate::{Error, features::Features};
 
-/// What marks encodings as a network's own: only one of the same name and options reads them.
+/// Tag of an encoding. Only a network of the same name and options can read it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NetworkTag<'n> {
     /// Name in the registry.
@@ -16,7 +16,7 @@ pub struct NetworkTag<'n> {
     pub options: &'n Value,
 }
 
-/// States of one target's surroundings, tagged with the network that can read them.
+/// States of one target, tagged with the network that can read them.
 pub struct Encoding {
     features: Arc<Features>,
     network: &'static str,
@@ -26,45 +26,45 @@ pub struct Encoding {
 }
 
 impl Encoding {
-    /// States that only the network of a tag knows to read.
+    /// States that only the network of the tag can read.
     pub fn new(network: NetworkTag, features: Arc<Features>, states: Vec<Tensor>) -> Self {
         let (network, options) = (network.name, network.options.clone());
         Self { features, network, options, states, described: OnceLock::new() }
     }
 
-    /// What was encoded.
+    /// The encoded features.
     pub fn features(&self) -> &Features {
         &self.features
     }
 
-    /// The states, for the network that made them.
+    /// The states, for the network that computed them.
     ///
-    /// *Errors*: [`Error::Training`] if another one did.
+    /// *Errors*: [`Error::Training`] if another network computed them.
     pub fn states_of<const N: usize>(&self, network: NetworkTag) -> Result<&[Tensor; N], Error> {
         let is_its_own = network == NetworkTag { name: self.network, options: &self.options };
         self.states.first_chunk().filter(|_| is_its_own).ok_or_else(|| {
             Error::Training(format!(
-                "this encoding was made by another network, `{}`; encode the features again",
+                "this encoding was computed by another network, `{}`; encode the features again",
                 self.network
             ))
         })
     }
 
-    /// All states, whoever made them.
+    /// All states, without a check of the network.
     pub fn states(&self) -> &[Tensor] {
         &self.states
     }
 
-    /// What a steering branch sees of all modes, made by `make` when it is first asked for.
+    /// Inputs of the interaction head for all modes. The first call computes them with `compute`.
     ///
-    /// *Errors*: those of `make`.
+    /// *Errors*: those of `compute`.
     pub fn described(
         &self,
-        make: impl FnOnce() -> Result<Option<Tensor>, Error>,
+        compute: impl FnOnce() -> Result<Option<Tensor>, Error>,
     ) -> Result<Option<&Tensor>, Error> {
         if self.described.get().is_none() {
-            // Two threads may both make it: the bits are the same.
-            let _ = self.described.set(make()?);
+            // Two threads may both compute it; the bits are the same.
+            let _ = self.described.set(compute()?);
         }
         Ok(self.described.get().and_then(Option::as_ref))
     }

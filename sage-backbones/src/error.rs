@@ -1,4 +1,4 @@
-//! What can go wrong with networks, weights and training, by what a caller can do about it.
+//! Errors of networks, weights and training, grouped by what a caller can do about them.
 
 use std::path::PathBuf;
 
@@ -6,18 +6,18 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A scene or an agent that a network cannot work with, a name that no registry holds.
+    /// A scene or an agent that a network cannot use, or a name that is not registered.
     #[error(transparent)]
     Core(#[from] sage_core::Error),
-    /// A layer that was given tensors that do not fit.
+    /// Tensors that do not fit a layer.
     #[error("network: {0}")]
     Tensor(candle_core::Error),
     /// Weights that do not fit the network.
     #[error("{what}: {}", first(problems))]
     Weights {
-        /// The file, or where the weights come from.
+        /// The file or another source of the weights.
         what: String,
-        /// Each tensor at fault, and why.
+        /// Every mismatch, with the name of its tensor.
         problems: Vec<String>,
     },
     /// A file that cannot be read or written.
@@ -27,28 +27,28 @@ pub enum Error {
         verb: &'static str,
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// A file whose content is not what it should be.
+    /// A file with invalid content.
     #[error("`{}`: {problem}", path.display())]
     Format {
         /// The file.
         path: PathBuf,
-        /// What is wrong and what to do.
+        /// The problem and its remedy.
         problem: String,
     },
-    /// Work that cannot go on: broken weights, a value out of range, a number that is not finite.
+    /// Work that cannot continue: broken weights, a value out of range, a number that is not finite.
     #[error("{0}")]
     Training(String),
-    /// One of many agents that work failed for.
+    /// An error for one agent of a scene.
     #[error("scene `{scene}`, agent `{agent}`")]
     Agent {
         /// The scene's name.
         scene: String,
         /// The agent's id.
         agent: String,
-        /// What failed.
+        /// The error.
         source: Box<Self>,
     },
 }
@@ -59,10 +59,10 @@ impl From<candle_core::Error> for Error {
     }
 }
 
-/// Problems named in a message; there may be one for each of hundreds of tensors.
+/// Maximum number of problems in a message; hundreds of tensors may have one each.
 const NAMED: usize = 6;
 
-/// The first problems and the number of the others.
+/// The first problems and the number of the others, as text.
 fn first(problems: &[String]) -> String {
     let named = problems[..problems.len().min(NAMED)].join("; ");
     match problems.len().saturating_sub(NAMED) {

@@ -1,7 +1,7 @@
 //! Input of the networks: the surroundings of one target agent, and its goals.
 //!
-//! Everything is in the target's frame: origin at its centre *now*, x along its heading. Lengths are scaled so
-//! that most numbers lie within ±3.
+//! Everything is in the target's frame: origin at its centre *now*, x along its heading. Lengths are scaled
+//! so that most numbers lie within ±3.
 
 mod agent_forecasts;
 mod agents;
@@ -26,16 +26,16 @@ pub use goals::{GOAL_COLUMNS, GoalColumn};
 pub use grid::{CELL, LANE_REACH};
 pub use routes::Routes;
 
-/// Nothing on a road is faster, m/s: what a file says beyond it is cut.
+/// Speeds in files are clipped to this value, m/s. No road vehicle is faster.
 const FASTEST: f64 = 80.0;
 
-/// Numbers that describe one segment of an agent's history or of a map polyline.
+/// Columns of a row that describes one segment of an agent's history or of a map polyline.
 pub const VECTOR_COLUMNS: usize = 32;
 
-/// Rows of equal width.
+/// A table of numbers with rows of equal width.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
-    /// Numbers a row.
+    /// Numbers per row.
     pub columns: usize,
     /// All rows, one after the other.
     pub values: Vec<f32>,
@@ -53,56 +53,56 @@ impl Table {
     }
 }
 
-/// Which network's rows features hold.
+/// Format of the feature rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
-    /// Ours: goals on a lattice along the lanes, with columns of their own.
+    /// Our format: goals on a lattice along the lanes, described by [`GOAL_COLUMNS`] numbers.
     Lattice,
-    /// Those of the published network.
+    /// The format of the published network.
     Published,
 }
 
-/// The surroundings of one target agent.
+/// Network inputs for one target agent.
 #[derive(Clone, Debug)]
 pub struct Features {
-    /// Which network's rows these are.
+    /// Format of the rows.
     pub layout: Layout,
-    /// Where the target is.
+    /// The target's frame.
     pub frame: Frame,
-    /// Its velocity *now* in its frame, m/s.
+    /// The target's velocity *now* in its frame, m/s.
     pub velocity: [f32; 2],
     /// Rows of [`VECTOR_COLUMNS`] (or the published 128): segments of the agents' histories, then of the map.
     pub vectors: Table,
-    /// Which rows belong to one agent or one map polyline; agents first, the target foremost.
+    /// Rows of each agent and of each map polyline: the target, the other agents, then the map.
     pub groups: Groups,
-    /// How many of the groups are agents.
+    /// Number of groups that are agents.
     pub agents: usize,
-    /// Where the target could be after 8 s, metres, target frame.
+    /// Goals: possible positions of the target after 8 s, metres, target frame.
     pub goals: Vec<[f32; 2]>,
-    /// A row a goal: [`GOAL_COLUMNS`] numbers, or its two coordinates for the published network.
+    /// One row per goal: [`GOAL_COLUMNS`] numbers, or its two coordinates for the published network.
     pub goal_features: Table,
-    /// Half of its length and width, metres.
+    /// Half of the target's length and width, metres.
     pub half: [f32; 2],
     /// Forecasts of all other agents.
     pub agent_forecasts: AgentForecasts,
     /// Road boundaries around the target.
     pub edges: Arc<EdgeGrid>,
-    /// Whether there was a lane to lay goals along; without one they lie on a grid.
+    /// Whether there are goals on lanes. Without them, all goals lie on a grid.
     pub has_lanes: bool,
-    /// Where the target really is after 8 s, with its row, if that was asked for: a goal that
-    /// training decodes and that nothing else sees.
+    /// Recorded end point of the target after 8 s with its goal row, if requested. Only the training loss
+    /// uses it.
     pub label: Option<([f32; 2], Table)>,
 }
 
 impl Features {
-    /// Features of one agent. A network's forecast of the ego replaces that along its lane.
+    /// Features of one agent. `ego` replaces the forecast of the ego along its lane.
     ///
     /// *Errors*: [`Error::Core`] if the agent does not exist or is not valid *now*.
     pub fn of(now: &Observation, target: usize, ego: Option<&EgoForecast>) -> Result<Self, Error> {
         Self::new(now, target, ego, None)
     }
 
-    /// The same with a row for the agent's recorded end point after 8 s (world frame).
+    /// As [`Features::of`], with a goal row for the agent's recorded end point after 8 s (world frame).
     ///
     /// *Errors*: as [`Features::of`].
     pub fn with_label(now: &Observation, target: usize, end: Point) -> Result<Self, Error> {
@@ -139,7 +139,7 @@ impl Features {
             goal_features: goals.features,
             half,
             agent_forecasts: AgentForecasts::of(scene, index, target, &frame, ego),
-            // The interaction head asks for edges, and never of the ego itself.
+            // Only the interaction head reads edges. It has no inputs if the target is the ego.
             edges: Arc::new(if target == scene.ego {
                 EdgeGrid::empty()
             } else {
@@ -162,30 +162,30 @@ impl Features {
 
     /// Features of the mirrored scene: left and right swapped.
     pub fn mirrored(&self) -> Self {
-        let mut twin = self.clone();
-        twin.velocity[1] = -twin.velocity[1];
-        flip(&mut twin.vectors, &map::SIGNED);
-        flip(&mut twin.goal_features, goals::SIGNED);
-        for goal in &mut twin.goals {
+        let mut mirror = self.clone();
+        mirror.velocity[1] = -mirror.velocity[1];
+        flip(&mut mirror.vectors, &map::SIGNED);
+        flip(&mut mirror.goal_features, goals::SIGNED);
+        for goal in &mut mirror.goals {
             goal[1] = -goal[1];
         }
-        twin.agent_forecasts = self.agent_forecasts.mirrored();
-        twin.edges = Arc::new(self.edges.mirrored());
-        if let Some((end, row)) = &mut twin.label {
+        mirror.agent_forecasts = self.agent_forecasts.mirrored();
+        mirror.edges = Arc::new(self.edges.mirrored());
+        if let Some((end, row)) = &mut mirror.label {
             end[1] = -end[1];
             flip(row, goals::SIGNED);
         }
-        twin
+        mirror
     }
 
-    /// The same with only the first map polylines: ours are sorted by distance.
+    /// Keeps the first `most` map polylines. In our format they are sorted by distance.
     pub fn with_polylines(mut self, most: usize) -> Self {
         self.groups = self.groups.first(self.agents.saturating_add(most));
         self.vectors.values.truncate(self.groups.rows() * self.vectors.columns);
         self
     }
 
-    /// The same with only some of the goals.
+    /// Keeps the given goals only.
     pub fn with_goals(mut self, keep: &[usize]) -> Self {
         let mut features = Table { columns: self.goal_features.columns, values: Vec::new() };
         for &goal in keep {

@@ -1,4 +1,4 @@
-//! A motion model's own forecast of the ego, as an input for a target beside it.
+//! Ego forecasts of a motion model, as input for another target.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ const EGO_MODES: usize = 8;
 /// Least distance between their ends, metres.
 const EGO_MODE_RADIUS: f32 = 4.0;
 
-/// A model's forecast of the ego for a target beside it; none if the ego is the target or not valid *now*.
+/// The model's forecast of the ego for another target; `None` if the ego is the target or is not valid *now*.
 ///
 /// *Errors*: those of the network.
 pub fn ego_forecast(
@@ -41,7 +41,7 @@ pub fn ego_forecast(
     Ok(Some(EgoForecast::new(modes.into_iter().map(|mode| (mode.log_prob, mode.trajectory)).collect())))
 }
 
-/// Features of a target with the model's own forecast of the ego: what fine-tuning and proposing read.
+/// Features of a target with the model's own forecast of the ego. Fine-tuning and proposers use them.
 ///
 /// *Errors*: those of the network.
 pub fn features_with_forecast(

@@ -1,8 +1,8 @@
-//! Interaction head: a part of each goal's score that depends on how the goal's trajectory interacts with the
+//! Interaction head: a term of each goal score that depends on how the goal's trajectory interacts with the
 //! ego, the other agents and the road edges.
 //!
 //! Its output is zero until fine-tuning, so the prior does not depend on it. Its inputs are known *now*: the
-//! map, forecasts of the ego and of the other agents, and the trajectory itself; never the logged future.
+//! map, forecasts of the ego and of the other agents, and the trajectory. It never reads the logged future.
 
 mod description;
 mod trajectory_batch;
@@ -22,6 +22,7 @@ pub(crate) use description::describe;
 /// Width of its layers.
 const WIDTH: usize = 64;
 
+/// The layers of the interaction head.
 pub(crate) struct InteractionHead {
     first: Mlp,
     second: Mlp,
@@ -37,7 +38,7 @@ impl InteractionHead {
         })
     }
 
-    /// Whether its output is zero for every input: then nothing is computed, unless it is being trained.
+    /// Whether its output is zero for every input, so that it can be skipped; false while it is trained.
     pub(crate) fn is_zero(&self) -> Result<bool> {
         let zero = |tensor: &Tensor| -> Result<bool> {
             let numbers = tensor.flatten_all()?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
@@ -46,7 +47,7 @@ impl InteractionHead {
         Ok(zero(&self.last.weight)? && zero(&self.last.bias)?)
     }
 
-    /// What to add to the scores of trajectories.
+    /// Terms to add to the goal scores.
     ///
     /// *Shapes*: `rows` (n, columns) of [`describe`]; result (n).
     pub(crate) fn forward(&self, rows: &Tensor) -> Result<Tensor> {
@@ -54,8 +55,10 @@ impl InteractionHead {
         self.last.forward(&x)?.squeeze(1)
     }
 
-    /// Log-probabilities of some modes with other trajectories than their own, which `described` (modes)
-    /// holds.
+    /// Log-probabilities of some modes with `points` in place of the modes' own trajectories.
+    ///
+    /// *Shapes*: `log_probs` (all modes); `described` (all modes, columns), rows of [`describe`] for the
+    /// modes' own trajectories; `points` (n, 20, 2); result (n).
     pub(crate) fn along(
         &self,
         log_probs: &Tensor,

@@ -1,39 +1,39 @@
-//! What recorded futures teach: which goals were right, and which way led there.
+//! Training labels from recorded futures: weights of goals and errors of trajectories.
 
 use candle_core::{Device, Tensor};
 use sage_core::motion::{DT, HORIZON};
 
 use crate::{Error, backbone::Sample};
 
-/// Spread of a goal's label at the target, metres.
+/// Standard deviation of the goal label at the target, metres.
 const SPREAD: f32 = 1.2;
-/// What each metre of distance adds to it.
+/// Increase of the standard deviation per metre of distance.
 const SPREAD_PER_METRE: f32 = 0.02;
-/// What each second of an unrecorded end adds to it, m/s.
+/// Increase of the standard deviation per second without a record at the end, m/s.
 const SPREAD_PER_SECOND: f32 = 2.5;
 
-/// Where a target is after eight seconds, as far as that is known.
+/// Position of a target after 8 s, with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct End {
     /// Metres, target frame.
     pub position: [f32; 2],
-    /// How far off it may be, metres.
+    /// Standard deviation of the position, metres.
     pub spread: f32,
 }
 
-/// The last recorded position, carried on at its velocity where the record ends early.
+/// The last recorded position, extrapolated at its velocity if the record ends early.
 pub fn end(future: &[[f32; 2]], valid: &[bool]) -> End {
     let Some(last) = valid.iter().rposition(|v| *v) else {
         return End { position: [0.0, 0.0], spread: 100.0 };
     };
     let missing = (HORIZON - 1 - last) as f32 * DT as f32;
-    let position = if missing > 0.0 { carried_on(future, valid, last, missing) } else { future[last] };
+    let position = if missing > 0.0 { extrapolated(future, valid, last, missing) } else { future[last] };
     let spread = SPREAD + SPREAD_PER_METRE * position[0].hypot(position[1]) + SPREAD_PER_SECOND * missing;
     End { position, spread }
 }
 
 /// Position some seconds after a step, at the mean velocity of the second before it.
-fn carried_on(future: &[[f32; 2]], valid: &[bool], last: usize, seconds: f32) -> [f32; 2] {
+fn extrapolated(future: &[[f32; 2]], valid: &[bool], last: usize, seconds: f32) -> [f32; 2] {
     let earlier = (last.saturating_sub(10)..last).find(|step| valid[*step]);
     let Some(earlier) = earlier else { return future[last] };
     let span = (last - earlier) as f32 * DT as f32;
@@ -54,25 +54,31 @@ pub fn soft(goals: &[[f32; 2]], end: End) -> Vec<f32> {
     weights
 }
 
-/// The goal nearest to a place, the first of equals.
-pub fn nearest(goals: &[[f32; 2]], place: [f32; 2]) -> usize {
+/// Index of the goal nearest to a position, the first of equals.
+pub fn nearest(goals: &[[f32; 2]], position: [f32; 2]) -> usize {
     let squared = |g: &[f32; 2]| {
-        let [x, y] = [f64::from(g[0]) - f64::from(place[0]), f64::from(g[1]) - f64::from(place[1])];
+        let [x, y] = [f64::from(g[0]) - f64::from(position[0]), f64::from(g[1]) - f64::from(position[1])];
         x * x + y * y
     };
     (0..goals.len()).min_by(|a, b| squared(&goals[*a]).total_cmp(&squared(&goals[*b]))).unwrap_or(0)
 }
 
 /// `−Σ w log p`.
+///
+/// *Shapes*: `log_probs` and `weights` (modes); result a scalar.
+/// *Errors*: [`Error::Tensor`] for other shapes.
 pub fn cross_entropy(log_probs: &Tensor, weights: &[f32]) -> Result<Tensor, Error> {
     let weights = Tensor::from_slice(weights, weights.len(), &Device::Cpu)?.to_dtype(log_probs.dtype())?;
     Ok((log_probs * weights)?.sum_all()?.neg()?)
 }
 
-/// Mean of the smooth absolute error (0.5 e² below 1, |e| − 0.5 above) over the coordinates of
-/// recorded steps of one path (1, 80, 2).
-pub fn smooth_l1(path: &Tensor, sample: &Sample) -> Result<Tensor, Error> {
-    let dtype = path.dtype();
+/// Mean of the smooth absolute error (0.5 e² below 1, |e| − 0.5 above) over the coordinates of the
+/// recorded steps.
+///
+/// *Shapes*: `trajectory` (1, 80, 2); result a scalar.
+/// *Errors*: [`Error::Tensor`] for other shapes.
+pub fn smooth_l1(trajectory: &Tensor, sample: &Sample) -> Result<Tensor, Error> {
+    let dtype = trajectory.dtype();
     let steps = sample.valid.iter().filter(|v| **v).count().max(1);
     let share = 1.0 / (2 * steps) as f64;
     let weights: Vec<f64> =
@@ -85,9 +91,9 @@ pub fn smooth_l1(path: &Tensor, sample: &Sample) -> Result<Tensor, Error> {
     }
     let constant =
         |values: Vec<f64>| Tensor::from_vec(values, (1, HORIZON, 2), &Device::Cpu)?.to_dtype(dtype);
-    let error = (path - constant(future)?)?.abs()?;
-    let near = error.clamp(0.0, 1.0)?;
+    let error = (trajectory - constant(future)?)?.abs()?;
+    let clipped = error.clamp(0.0, 1.0)?;
     // 0.5 n² + (e − n) with n = min(e, 1).
-    let smooth = ((near.sqr()? * 0.5)? + (error - near)?)?;
+    let smooth = ((clipped.sqr()? * 0.5)? + (error - clipped)?)?;
     Ok((smooth * constant(weights)?)?.sum_all()?)
 }

@@ -1,8 +1,8 @@
-//! A prior without weights: cars follow the lanes they can get to, at about their speed.
+//! A prior without weights: vehicles follow reachable lanes at about their present speed.
 //!
-//! A goal is likely if little acceleration leads there along the road, without a change of lane, near
-//! the middle of a lane, and not beyond a red light. Its path is the cubic that leaves as the car
-//! drives and arrives along the lane. It is the floor that learned networks must beat.
+//! A goal is likely if it needs little acceleration along the road and no lane change, and if it lies near
+//! the middle of a lane and not beyond a red light. Its trajectory is a cubic that starts at the present
+//! speed along the heading and ends along the lane. This prior is the baseline for learned networks.
 
 use std::sync::Arc;
 
@@ -28,13 +28,13 @@ use crate::{
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LaneGraphOptions {
-    /// Spread of the steady acceleration, m/s².
+    /// Standard deviation of the constant acceleration, m/s².
     pub acceleration: f32,
-    /// What a lane change costs, nats.
+    /// Cost of a lane change, nats.
     pub lane_change: f32,
-    /// What leaving the lanes that can be got to costs, nats.
+    /// Cost of a goal that is not on a reachable lane, nats.
     pub off_route: f32,
-    /// What passing a red light costs, nats.
+    /// Cost of passing a red light, nats.
     pub red_light: f32,
 }
 
@@ -44,7 +44,7 @@ impl Default for LaneGraphOptions {
     }
 }
 
-/// The prior.
+/// The lane-graph prior.
 pub struct LaneGraph {
     options: LaneGraphOptions,
     json: Value,
@@ -55,11 +55,11 @@ impl LaneGraph {
     fn score(&self, row: &[f32]) -> f32 {
         let column = |c: GoalColumn| row[c as usize];
         let o = &self.options;
-        // The columns count 2 m/s² and two lane changes as 1.
+        // The columns have units of 2 m/s² and of two lane changes.
         let effort = |a: f32| -0.5 * (2.0 * a / o.acceleration).powi(2);
-        let swerve = -0.5 * (4.0 * column(GoalColumn::LateralAcceleration) / 2.0).powi(2);
+        let lateral = -0.5 * (4.0 * column(GoalColumn::LateralAcceleration) / 2.0).powi(2);
         if column(GoalColumn::Reachable) == 0.0 {
-            return effort(column(GoalColumn::StraightAcceleration)) + swerve - o.off_route;
+            return effort(column(GoalColumn::StraightAcceleration)) + lateral - o.off_route;
         }
         let beyond_light = column(GoalColumn::RedLight) > 0.0 && column(GoalColumn::BeyondStop) > 0.0;
         effort(column(GoalColumn::RouteAcceleration))
@@ -109,21 +109,21 @@ impl MotionModel for LaneGraph {
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
         let features = encoding.features();
-        let path = |&mode: &usize| {
+        let trajectory = |&mode: &usize| {
             let goal = features.goals[mode].map(f64::from);
             let row = features.goal_features.row(mode);
             let on_lane = row[GoalColumn::OnLane as usize] > 0.0;
             let lane = [row[GoalColumn::LaneCos as usize], row[GoalColumn::LaneSin as usize]].map(f64::from);
             cubic(f64::from(features.velocity[0]), goal, on_lane.then_some(lane))
         };
-        let numbers: Vec<f32> = modes.iter().flat_map(path).flatten().map(|x| x as f32).collect();
+        let numbers: Vec<f32> = modes.iter().flat_map(trajectory).flatten().map(|x| x as f32).collect();
         Ok(Tensor::from_vec(numbers, (modes.len(), HORIZON, 2), &Device::Cpu)?)
     }
 }
 
 impl Entry<dyn Backbone> for LaneGraph {
     const NAME: &'static str = "lane-graph";
-    const SUMMARY: &'static str = "no weights: along the lanes at about the present speed";
+    const SUMMARY: &'static str = "no weights: goals along the lanes at about the present speed";
     const SOURCE: &'static str = "this project";
     type Options = LaneGraphOptions;
 
@@ -136,14 +136,14 @@ impl Entry<dyn Backbone> for LaneGraph {
     }
 }
 
-/// The cubic from the origin with a speed along x to a goal, arriving along the lane, or along the
-/// circle through the goal where there is none.
+/// The cubic from the origin, with a start speed along x, to a goal. It ends along the lane; without a lane,
+/// along the circle through the goal.
 fn cubic(speed: f64, goal: Point, lane: Option<Point>) -> Vec<Point> {
     const T: f64 = HORIZON as f64 * DT;
-    let way = goal[0].hypot(goal[1]);
+    let distance = goal[0].hypot(goal[1]);
     let turn = 2.0 * goal[1].atan2(goal[0].max(1e-6));
     let direction = lane.unwrap_or([turn.cos(), turn.sin()]);
-    let last = (2.0 * way / T - speed).max(0.0);
+    let last = (2.0 * distance / T - speed).max(0.0);
     let axis = |k: usize, s: f64| {
         let [v, mean, end] = [if k == 0 { speed } else { 0.0 }, goal[k] / T, last * direction[k]];
         let c = 6.0 * (0.5 * (end - v) - (mean - v));
@@ -158,11 +158,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_path_reaches_its_goal_along_the_lane() {
-        let path = cubic(10.0, [60.0, 20.0], Some([0.0, 1.0]));
-        let [a, b] = [path[HORIZON - 2], path[HORIZON - 1]];
+    fn a_trajectory_reaches_its_goal_along_the_lane() {
+        let trajectory = cubic(10.0, [60.0, 20.0], Some([0.0, 1.0]));
+        let [a, b] = [trajectory[HORIZON - 2], trajectory[HORIZON - 1]];
         assert!((b[0] - 60.0).abs() < 1e-9 && (b[1] - 20.0).abs() < 1e-9);
         assert!((b[0] - a[0]).abs() < 0.02 && b[1] > a[1], "{a:?} {b:?}");
-        assert!((path[0][0] - 1.0).abs() < 0.02);
+        assert!((trajectory[0][0] - 1.0).abs() < 0.02);
     }
 }

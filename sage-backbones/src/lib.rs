@@ -1,22 +1,22 @@
-//! Motion prediction: what a car may do next, learned from recordings.
+//! Motion prediction: modes, probabilities and trajectories of one agent for the next 8 s.
 //!
 //! - [`features::Features`] describes the surroundings of one target agent and the goals it could reach.
 //! - A [`MotionModel`] turns features into modes with probabilities and trajectories. A [`Backbone`] is a
-//!   motion model with parameters; a [`Trainable`] backbone learns them. [`backbones`] lists those that ship:
-//!   DenseTNT in our version and as published, a query transformer, and a prior over the lane graph without
-//!   weights.
+//!   motion model with parameters; a [`Trainable`] backbone also has a training loss. [`backbones`] is the
+//!   registry of this crate: DenseTNT in our version and as published, a query transformer, and a lane-graph
+//!   prior without weights.
 //! - [`prediction::predict`] selects candidates; [`training::pretrain`] trains a prior and
 //!   [`training::finetune`] an expert.
 //!
-//! Scenes run in parallel, each on one thread. `docs/backbones.md` says how to limit candle's threads, and why
-//! the networks look as they do.
+//! Scenes run in parallel, each on one thread. `docs/backbones.md` says how to limit candle's threads and
+//! explains the design of the networks.
 //!
 //! ```
 //! use sage_backbones::{backbones, candidates::Selection, prediction::predict};
 //! use sage_core::{generator::Observation, scene::SceneIndex, seed::Rng};
 //! use sage_data::procedural::{Kind, generate};
 //!
-//! let scene = generate(Kind::FourWay, 1, 0).ok_or("no scene came of the seed")?;
+//! let scene = generate(Kind::FourWay, 1, 0).ok_or("the seed gives no scene")?;
 //! let index = SceneIndex::new(scene.map.clone());
 //! let network = backbones()?.build_default("lane-graph")?;
 //! let now = Observation::of(&scene, &index)?;
@@ -49,7 +49,7 @@ pub mod training;
 pub mod weights;
 
 pub use backbone::{Backbone, MotionModel, Trainable};
-/// Tensors, for networks of your own: the version that the layers here work with.
+/// The tensor library, in the version that the layers of this crate use.
 pub use candle_core as candle;
 pub use error::Error;
 pub use parameters::Parameters;
@@ -59,9 +59,9 @@ use lane_graph::LaneGraph;
 use query_transformer::QueryTransformer;
 use sage_core::registry::Registry;
 
-/// The backbones this crate ships. Add a line here to make a new one known everywhere.
+/// Registry of this crate's backbones. A new backbone needs one line here.
 ///
-/// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
+/// *Errors*: [`sage_core::Error::Duplicate`] if two backbones have the same name.
 pub fn backbones() -> Result<Registry<dyn Backbone>, sage_core::Error> {
     Registry::new("backbone")
         .with::<DenseTnt>()?

@@ -1,8 +1,8 @@
 //! Layers with their gradients, written for one CPU core.
 //!
-//! Matrix products are candle's. What lies between them is fused here: candle's own fused layer
-//! norm and softmax cut the gradient without a word, and its unfused ones cost more than the
-//! products. Every operation works in `f32` and, for checks against finite differences, in `f64`.
+//! Matrix products are candle's. The operations between them are fused here. candle's fused layer norm and
+//! softmax drop the gradient without an error, and its unfused ones cost more than the products. Every
+//! operation works in `f32` and, for checks against finite differences, in `f64`.
 
 mod adamw;
 mod add_row;

@@ -1,27 +1,27 @@
-//! What each parameter of a network is for, and which training moves it.
+//! Groups of a network's parameters, by function and by the training stage that changes them.
 
-/// What a parameter is for.
+/// Group of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParameterGroup {
-    /// Encoder and trajectory decoder. Pretraining moves it; fine-tuning does not.
+    /// Encoder and trajectory decoder. Pretraining changes it; fine-tuning does not.
     Prior,
-    /// Scores of modes. Pretraining and fine-tuning move it.
+    /// Scores of modes. Pretraining and fine-tuning change it.
     Scoring,
-    /// The interaction head: zero in the prior; only fine-tuning moves it.
+    /// The interaction head. Its output is zero in the prior; only fine-tuning changes it.
     Interaction,
-    /// Read, but without effect on any result: its gradient is rounding.
+    /// Read, but without effect on any result: its gradient is a rounding error.
     WithoutEffect,
-    /// Present in files, read by nothing.
+    /// Present in files, never read.
     Unused,
 }
 
 impl ParameterGroup {
-    /// Whether pretraining moves it.
+    /// Whether pretraining changes parameters of this group.
     pub fn is_pretrained(self) -> bool {
         matches!(self, Self::Prior | Self::Scoring)
     }
 
-    /// Whether fine-tuning moves it.
+    /// Whether fine-tuning changes parameters of this group.
     pub fn is_finetuned(self) -> bool {
         matches!(self, Self::Scoring | Self::Interaction)
     }

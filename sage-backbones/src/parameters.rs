@@ -46,12 +46,12 @@ impl Parameters {
         self.0.is_empty()
     }
 
-    /// Number of numbers in all tensors.
+    /// Number of elements of all tensors.
     pub fn numbers(&self) -> usize {
         self.0.values().map(Tensor::elem_count).sum()
     }
 
-    /// Copies in another number type, which nothing is trained through.
+    /// Copies in another number type, without gradients to the originals.
     ///
     /// *Errors*: none on a CPU.
     pub fn to_dtype(&self, dtype: DType) -> Result<Self, Error> {
@@ -65,8 +65,8 @@ impl Parameters {
         Self(self.0.iter().map(|(name, tensor)| (name.clone(), tensor.detach())).collect())
     }
 
-    /// Parameters in which those that `trained` accepts are variables, with these variables.
-    /// Setting a variable changes what every network built from these parameters computes.
+    /// Parameters in which the tensors that `trained` accepts are variables, and these variables. Setting a
+    /// variable changes the results of every network built from these parameters.
     ///
     /// *Errors*: none on a CPU.
     pub fn variables(&self, trained: impl Fn(&str) -> bool) -> Result<(Self, Variables), Error> {
@@ -106,7 +106,7 @@ impl FromIterator<(String, Tensor)> for Parameters {
     }
 }
 
-/// Parameters that training moves, sorted by name.
+/// Parameters that training changes, sorted by name.
 #[derive(Clone, Debug)]
 pub struct Variables(BTreeMap<String, Var>);
 

@@ -1,4 +1,4 @@
-//! Candidates of a target, and how far they are from what it did.
+//! Candidates of a target, and their distances from its recorded future.
 
 use std::sync::Arc;
 
@@ -23,13 +23,13 @@ pub struct Predicted {
     pub mode: usize,
     /// Log-probability of the mode among all modes.
     pub log_prob: f32,
-    /// Where the mode ends, metres, world frame.
+    /// End point of the mode, metres, world frame.
     pub goal: Point,
-    /// The way there, world frame.
+    /// Trajectory of the mode, world frame.
     pub trajectory: Trajectory,
 }
 
-/// Chooses `k` modes of a target and decodes them, the likeliest first.
+/// Selects `k` modes of a target and decodes them, the likeliest first.
 ///
 /// *Errors*: those of the network; [`Error::Training`] if its probabilities are not finite.
 pub fn predict(
@@ -43,7 +43,7 @@ pub fn predict(
     propose(network, &encoding, k, selection, rng)
 }
 
-/// As [`predict`], from surroundings that were read before.
+/// As [`predict`], from an encoding.
 ///
 /// *Errors*: as [`predict`].
 pub fn propose(
@@ -57,35 +57,35 @@ pub fn propose(
     let ends = network.mode_ends(encoding)?;
     let modes = choose(&log_probs, &ends, k, selection, rng);
     let features = encoding.features();
-    let paths = to_world(&network.trajectories(encoding, &modes)?, features)?;
+    let trajectories = to_world(&network.trajectories(encoding, &modes)?, features)?;
     let predicted = |(mode, trajectory): (usize, Trajectory)| Predicted {
         mode,
         log_prob: log_probs[mode],
         goal: features.frame.to_world(ends[mode].map(f64::from)),
         trajectory,
     };
-    Ok(modes.into_iter().zip(paths).map(predicted).collect())
+    Ok(modes.into_iter().zip(trajectories).map(predicted).collect())
 }
 
-/// Distances of predicted paths from a recorded one.
+/// Distances of predicted trajectories from the recorded one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Distances {
     /// Least mean distance over the recorded steps, metres.
     pub min_ade: f64,
     /// Least distance at the last step, metres.
     pub min_fde: f64,
-    /// Whether every path ends more than 2 m away.
+    /// Whether every trajectory ends more than 2 m away.
     pub misses: bool,
-    /// Whether every path misses by WOMD's measure ([`womd_hit`]).
+    /// Whether every trajectory is a miss by WOMD's rule ([`womd_hit`]).
     pub misses_womd: bool,
 }
 
-/// What was recorded of a target's future.
+/// Recorded future of a target.
 #[derive(Clone, Debug)]
 pub struct Recorded {
-    /// Positions at the 80 steps, world frame; anything where not valid.
+    /// Positions at the 80 steps, world frame; arbitrary where not valid.
     pub positions: Vec<Point>,
-    /// Which were recorded; the last must be.
+    /// Whether each step was recorded. The last must be.
     pub valid: Vec<bool>,
     /// Heading at the last step, radians.
     pub heading: f64,
@@ -94,21 +94,21 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    /// Distances of the best of some paths, each measure by its own best.
-    pub fn distances<'p>(&self, paths: impl IntoIterator<Item = &'p [Point]>) -> Distances {
+    /// Least distances over some trajectories. Each measure takes its own minimum.
+    pub fn distances<'p>(&self, trajectories: impl IntoIterator<Item = &'p [Point]>) -> Distances {
         let mut best =
             Distances { min_ade: f64::INFINITY, min_fde: f64::INFINITY, misses: true, misses_womd: true };
         let steps = self.valid.iter().filter(|v| **v).count().max(1) as f64;
-        for path in paths {
-            let gap = |step: usize| sage_core::geometry::distance(path[step], self.positions[step]);
+        for trajectory in trajectories {
+            let gap = |step: usize| sage_core::geometry::distance(trajectory[step], self.positions[step]);
             let sum: f64 = (0..HORIZON).filter(|step| self.valid[*step]).map(gap).sum();
             let last = gap(HORIZON - 1);
             best.min_ade = best.min_ade.min(sum / steps);
             best.min_fde = best.min_fde.min(last);
             best.misses &= last > 2.0;
             let end = self.positions[HORIZON - 1];
-            let away = [path[HORIZON - 1][0] - end[0], path[HORIZON - 1][1] - end[1]];
-            best.misses_womd &= !womd_hit(away, self.heading, self.speed);
+            let offset = [trajectory[HORIZON - 1][0] - end[0], trajectory[HORIZON - 1][1] - end[1]];
+            best.misses_womd &= !womd_hit(offset, self.heading, self.speed);
         }
         best
     }
@@ -116,10 +116,10 @@ impl Recorded {
 
 /// WOMD's hit at 8 s: at most 6 m along and 3 m across the true heading, scaled by the speed *now*:
 /// × 0.5 below 1.4 m/s, × 1 above 11 m/s, linear between.
-pub fn womd_hit(away: Point, heading: f64, speed: f64) -> bool {
+pub fn womd_hit(offset: Point, heading: f64, speed: f64) -> bool {
     let scale = (0.5 + 0.5 * (speed - 1.4) / (11.0 - 1.4)).clamp(0.5, 1.0);
     let (sin, cos) = heading.sin_cos();
-    let along = cos * away[0] + sin * away[1];
-    let across = cos * away[1] - sin * away[0];
+    let along = cos * offset[0] + sin * offset[1];
+    let across = cos * offset[1] - sin * offset[0];
     along.abs() <= 6.0 * scale && across.abs() <= 3.0 * scale
 }

@@ -1,9 +1,9 @@
-//! A second kind of network: a handful of queries, each of which becomes one future.
+//! Query transformer: up to 64 queries, each decoded to one trajectory.
 //!
-//! Queries start from anchors, a few goals far apart that gentle driving leads to; they look at the
-//! scene and at each other, and each gives a probability, a shift of its end and a smooth path. Modes
-//! lie where the network puts them, not on a lattice, and know of each other. In the spirit of MTR and
-//! Wayformer (Shi et al. 2022, Nayakanti et al. 2022), far smaller.
+//! Queries start from anchors: a few goals far apart that need little acceleration. They attend to the scene
+//! and to each other. Each query gives a probability, a shift of its end point and a smooth trajectory. So
+//! the modes do not lie on a lattice, and each depends on the others. The design follows MTR and Wayformer
+//! (Shi et al. 2022, Nayakanti et al. 2022) at a far smaller size.
 
 use std::sync::Arc;
 
@@ -26,9 +26,9 @@ use crate::{
     smooth_path,
 };
 
-/// Most queries.
+/// Maximum number of queries.
 const QUERIES: usize = 64;
-/// Length of an end's move that the network asks for with 1, metres.
+/// Shift of an end point for a network output of 1, metres.
 const UNIT: f64 = 10.0;
 
 /// Options of [`QueryTransformer`].
@@ -39,9 +39,9 @@ pub struct QueryTransformerOptions {
     pub hidden: usize,
     /// Rounds of attention among agents and map.
     pub rounds: usize,
-    /// Layers that the queries pass.
+    /// Attention layers of the queries.
     pub layers: usize,
-    /// Seed of the first weights.
+    /// Seed of the initial weights.
     pub seed: u64,
 }
 
@@ -51,7 +51,7 @@ impl Default for QueryTransformerOptions {
     }
 }
 
-/// The network.
+/// The query transformer.
 pub struct QueryTransformer {
     options: Value,
     shape: QueryTransformerOptions,
@@ -72,7 +72,7 @@ struct Parts {
     interaction: InteractionHead,
 }
 
-/// `x + mlp([scene ; x ; what x sees ; what the other queries say])`.
+/// `x + mlp([target ; x ; attention to the scene ; attention among the queries])`.
 struct Layer {
     scene: Attention,
     queries: Attention,
@@ -115,7 +115,7 @@ impl QueryTransformer {
         Ok(Self { options, shape, specs, parameters, dtype, parts })
     }
 
-    /// The three states of an encoding: queries, the target, paths of all modes.
+    /// The three states of an encoding: queries, the target, trajectories of all modes.
     fn states<'e>(&self, encoding: &'e Encoding) -> Result<&'e [Tensor; 3], Error> {
         encoding.states_of(self.tag())
     }
@@ -126,10 +126,14 @@ impl QueryTransformer {
         self.parts.score_out.forward(&hidden)?.squeeze(1)
     }
 
-    /// Inputs of the interaction head of all modes.
-    fn described<'e>(&self, encoding: &'e Encoding, paths: &Tensor) -> Result<Option<&'e Tensor>, Error> {
+    /// Inputs of the interaction head for all modes.
+    fn described<'e>(
+        &self,
+        encoding: &'e Encoding,
+        trajectories: &Tensor,
+    ) -> Result<Option<&'e Tensor>, Error> {
         encoding.described(|| {
-            let points = smooth_path::every(&paths.detach(), STRIDE)?;
+            let points = smooth_path::every(&trajectories.detach(), STRIDE)?;
             Ok(interaction_head::describe(&points, encoding.features())?)
         })
     }
@@ -138,14 +142,21 @@ impl QueryTransformer {
         Tensor::from_vec(values, shape, &Device::Cpu)?.to_dtype(self.dtype)
     }
 
-    /// Paths (queries, 80, 2): to the anchors, moved by what the network asks for.
-    fn paths(&self, queries: &Tensor, anchors: &[usize], features: &Features) -> candle_core::Result<Tensor> {
+    /// Trajectories to the anchors, changed and shifted by the network's outputs.
+    ///
+    /// *Shapes*: (queries, 80, 2).
+    fn decode(
+        &self,
+        queries: &Tensor,
+        anchors: &[usize],
+        features: &Features,
+    ) -> candle_core::Result<Tensor> {
         let ends: Vec<[f32; 2]> = anchors.iter().map(|&goal| features.goals[goal]).collect();
         let n = ends.len();
-        let plain = smooth_path::paths(&self.parts.path.forward(queries)?, &ends, features.velocity[0])?;
+        let to_anchors = smooth_path::paths(&self.parts.path.forward(queries)?, &ends, features.velocity[0])?;
         let shift = self.constant(smooth_path::end_shift(), (1, HORIZON))?;
         let moved = (self.parts.end.forward(queries)? * UNIT)?.reshape((2 * n, 1))?.matmul(&shift)?;
-        plain + moved.reshape((n, 2, HORIZON))?.transpose(1, 2)?
+        to_anchors + moved.reshape((n, 2, HORIZON))?.transpose(1, 2)?
     }
 }
 
@@ -200,20 +211,20 @@ impl Trainable for QueryTransformer {
 
     fn loss(&self, sample: &Sample) -> Result<Loss, Error> {
         let encoding = self.encode(sample.features.clone())?;
-        let [queries, target, paths] = self.states(&encoding)?;
+        let [queries, target, trajectories] = self.states(&encoding)?;
         let end = labels::end(&sample.future, &sample.valid);
         let ends = self.mode_ends(&encoding)?;
         let features = &sample.features;
         let anchor_ends: Vec<[f32; 2]> =
             anchors(features).into_iter().map(|goal| features.goals[goal]).collect();
-        // The trajectory that ends nearest learns, and so does the one whose anchor is nearest, or
-        // far queries would never learn anything.
+        // The loss trains the trajectory that ends nearest and the one whose anchor is nearest. Without the
+        // second, queries far from the recorded ends would never get a gradient.
         let winners = [labels::nearest(&ends, end.position), labels::nearest(&anchor_ends, end.position)];
         let log_probs = log_softmax(&self.raw_scores(queries, target)?)?;
         let goals = labels::cross_entropy(&log_probs, &labels::soft(&ends, end))?;
-        let path = |mode: usize| labels::smooth_l1(&paths.narrow(0, mode, 1)?, sample);
-        let path = (path(winners[0])? + (path(winners[1])? * 0.3)?)?;
-        Loss::of(vec![("goal", goals), ("path", path)])
+        let error = |mode: usize| labels::smooth_l1(&trajectories.narrow(0, mode, 1)?, sample);
+        let trajectory = (error(winners[0])? + (error(winners[1])? * 0.3)?)?;
+        Loss::of(vec![("goal", goals), ("path", trajectory)])
     }
 }
 
@@ -227,20 +238,20 @@ impl MotionModel for QueryTransformer {
         let rows = Table { columns: GOAL_COLUMNS, values: rows };
         let mut queries = self.parts.anchor.forward(&tensor(&rows, self.dtype)?)?;
         for layer in &self.parts.layers {
-            let seen = layer.scene.forward(&queries, &encoded.elements)?;
-            let exchanged = layer.queries.forward(&queries, &queries)?;
-            let change = layer.mlp.forward_parts(&[&encoded.target], &[&queries, &seen, &exchanged])?;
+            let scene = layer.scene.forward(&queries, &encoded.elements)?;
+            let others = layer.queries.forward(&queries, &queries)?;
+            let change = layer.mlp.forward_parts(&[&encoded.target], &[&queries, &scene, &others])?;
             queries = (queries + change)?;
         }
-        let paths = self.paths(&queries, &anchors, &features)?;
-        Ok(Encoding::new(self.tag(), features, vec![queries, encoded.target, paths]))
+        let trajectories = self.decode(&queries, &anchors, &features)?;
+        Ok(Encoding::new(self.tag(), features, vec![queries, encoded.target, trajectories]))
     }
 
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
-        let [queries, target, paths] = self.states(encoding)?;
+        let [queries, target, trajectories] = self.states(encoding)?;
         let mut scores = self.raw_scores(queries, target)?;
         if !self.parts.interaction.is_zero()?
-            && let Some(rows) = self.described(encoding, paths)?
+            && let Some(rows) = self.described(encoding, trajectories)?
         {
             scores = (scores + self.parts.interaction.forward(rows)?)?;
         }
@@ -254,9 +265,9 @@ impl MotionModel for QueryTransformer {
         modes: &[usize],
         points: &Tensor,
     ) -> Result<Tensor, Error> {
-        let [.., paths] = self.states(encoding)?;
+        let [.., trajectories] = self.states(encoding)?;
         if !self.parts.interaction.is_zero()?
-            && let Some(rows) = self.described(encoding, paths)?
+            && let Some(rows) = self.described(encoding, trajectories)?
         {
             return Ok(self.parts.interaction.along(log_probs, modes, rows, points, encoding.features())?);
         }
@@ -264,21 +275,22 @@ impl MotionModel for QueryTransformer {
     }
 
     fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, Error> {
-        let [.., paths] = self.states(encoding)?;
-        let ends = paths.narrow(1, HORIZON - 1, 1)?.flatten_all()?.to_dtype(DType::F32)?.to_vec1::<f32>()?;
+        let [.., trajectories] = self.states(encoding)?;
+        let ends = trajectories.narrow(1, HORIZON - 1, 1)?.flatten_all()?;
+        let ends = ends.to_dtype(DType::F32)?.to_vec1::<f32>()?;
         Ok(ends.as_chunks::<2>().0.to_vec())
     }
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error> {
-        let [.., paths] = self.states(encoding)?;
-        Ok(paths.index_select(&indices(modes)?, 0)?)
+        let [.., trajectories] = self.states(encoding)?;
+        Ok(trajectories.index_select(&indices(modes)?, 0)?)
     }
 }
 
 impl Entry<dyn Backbone> for QueryTransformer {
     const NAME: &'static str = "query-transformer";
     const SUMMARY: &'static str =
-        "64 queries look at the scene and at each other, and each becomes one future";
+        "64 queries attend to the scene and to each other; each is decoded to one trajectory";
     const SOURCE: &'static str = "after Shi et al. 2022 (MTR), Nayakanti et al. 2022 (Wayformer)";
     type Options = QueryTransformerOptions;
 
@@ -298,19 +310,19 @@ impl Entry<dyn Backbone> for QueryTransformer {
     }
 }
 
-/// Goals that queries start from: those that the gentlest driving along the road leads to, some way
-/// apart; the farther a car can get, the farther apart.
+/// Goals that queries start from: those that need the least acceleration and the fewest lane changes, at a
+/// least distance from each other that grows with speed.
 fn anchors(features: &Features) -> Vec<usize> {
     let effort = |goal: &usize| {
         let row = features.goal_features.row(*goal);
         let column = |c: GoalColumn| row[c as usize];
-        let middle = 0.2 * column(GoalColumn::LaneOffset).abs();
+        let offset = 0.2 * column(GoalColumn::LaneOffset).abs();
         if column(GoalColumn::Reachable) > 0.0 {
-            column(GoalColumn::RouteAcceleration).abs() + column(GoalColumn::Changes) + middle
+            column(GoalColumn::RouteAcceleration).abs() + column(GoalColumn::Changes) + offset
         } else {
             1.5 + column(GoalColumn::StraightAcceleration).abs()
                 + column(GoalColumn::LateralAcceleration).abs()
-                + middle
+                + offset
         }
     };
     let mut order: Vec<usize> = (0..features.modes()).collect();

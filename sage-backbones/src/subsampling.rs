@@ -1,4 +1,4 @@
-//! How much of a scene a network reads: map polylines and goals may be left out for speed.
+//! Map and goal subsampling: a network reads fewer map polylines and goals, for speed.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,9 +7,9 @@ use crate::{
     features::{CELL, Features, GoalColumn},
 };
 
-/// Goals of the ego within this distance are kept even off the road, metres.
+/// Goals of the ego within this distance are not subsampled, even off the road, metres.
 const EGO_GOAL_RADIUS: f32 = 10.0;
-/// Fewer goals of the ego than this are not subsampled.
+/// If fewer goals of the ego than this would remain, its goals are not subsampled.
 const FEWEST_EGO_GOALS: usize = 64;
 
 /// Map and goal subsampling. Attacks use the default; training and expectations use [`Subsampling::NONE`].
@@ -17,13 +17,13 @@ const FEWEST_EGO_GOALS: usize = 64;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Subsampling {
-    /// Most map polylines around the target; the nearest are kept.
+    /// Maximum number of map polylines of the target, the nearest first.
     pub max_polylines: usize,
     /// Beyond this distance every second goal of the target is left out, metres.
     pub dense_goal_radius: f32,
-    /// Most map polylines around the ego; the nearest are kept.
+    /// Maximum number of map polylines of the ego, the nearest first.
     pub ego_max_polylines: usize,
-    /// Of the ego's goals, one in so many along each axis is kept, 1 to 4.
+    /// Stride of the ego's goals along each axis of the lattice, 1 to 4.
     pub ego_goal_stride: usize,
 }
 
@@ -38,7 +38,7 @@ impl Subsampling {
 
     /// Refuses values out of range.
     ///
-    /// *Errors*: the field, its value and the range.
+    /// *Errors*: [`Error::Training`] with the field, its value and the range.
     pub fn check(self) -> Result<Self, Error> {
         let fail = |problem| Err(Error::Training(problem));
         for (name, most) in
@@ -66,16 +66,16 @@ impl Subsampling {
             return features;
         }
         let keep =
-            goals_that(&features, |[i, j], [x, y], _| x * x + y * y < radius * radius || (i + j) % 2 == 0);
+            goals_where(&features, |[i, j], [x, y], _| x * x + y * y < radius * radius || (i + j) % 2 == 0);
         features.with_goals(&keep)
     }
 
-    /// Features of the ego with fewer polylines and with the goals on the road or close by. Goals elsewhere
-    /// are unlikely, and leaving them out halves the work.
+    /// Features of the ego with fewer polylines and with the goals on the road or close to the ego. Other
+    /// goals are unlikely; without them the cost is half.
     pub(crate) fn of_ego(self, mut features: Features) -> Features {
         features = features.with_polylines(self.ego_max_polylines);
         let stride = self.ego_goal_stride as i32;
-        let keep = goals_that(&features, |[i, j], [x, y], row| {
+        let keep = goals_where(&features, |[i, j], [x, y], row| {
             let is_on_road = row[GoalColumn::Reachable as usize] > 0.0;
             x * x + y * y < EGO_GOAL_RADIUS * EGO_GOAL_RADIUS
                 || (is_on_road && i % stride == 0 && j % stride == 0)
@@ -90,8 +90,8 @@ impl Default for Subsampling {
     }
 }
 
-/// Goals that pass a test of their lattice point, position and row.
-fn goals_that(features: &Features, pass: impl Fn([i32; 2], [f32; 2], &[f32]) -> bool) -> Vec<usize> {
+/// Indices of the goals that pass a test of their lattice point, position and row.
+fn goals_where(features: &Features, pass: impl Fn([i32; 2], [f32; 2], &[f32]) -> bool) -> Vec<usize> {
     let passes = |goal: &usize| {
         let position = features.goals[*goal];
         let point = position.map(|x| (x / CELL as f32).round() as i32);

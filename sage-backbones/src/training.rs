@@ -1,4 +1,4 @@
-//! Training: what is learned from, the loop, and its state.
+//! Training: samples, the training loop and its checkpoints.
 
 mod checkpoint;
 mod epochs;

@@ -1,4 +1,4 @@
-//! Where weights lie, and a network made of them: for programs that name a folder, a file, or carry weights.
+//! Sources of weights (a folder, a file, or files embedded in a program), and the network built from them.
 
 use std::path::{Path, PathBuf};
 
@@ -12,14 +12,14 @@ pub const PRIOR_FILE: &str = "prior.safetensors";
 /// Note in a header: which expert of a prior the file is.
 pub const EXPERT_NOTE: &str = "expert";
 
-/// A place of weights: a prior with what lies beside it.
+/// A source of weights: a prior and the files beside it.
 #[derive(Clone, Debug)]
 pub enum Weights {
-    /// The file of a prior, and its folder.
+    /// The file of a prior; its folder holds the other files.
     File(PathBuf),
-    /// Files by name that a program carries.
+    /// Files embedded in a program.
     Carried {
-        /// What messages call it.
+        /// Name of the source in messages.
         name: &'static str,
         /// Names and contents.
         files: &'static [(&'static str, &'static [u8])],
@@ -32,15 +32,15 @@ impl Weights {
         Self::File(if path.is_dir() { path.join(PRIOR_FILE) } else { path.to_owned() })
     }
 
-    /// What a file beside the prior is called in messages.
+    /// Path of a file beside the prior. For embedded files it is used in messages only.
     pub fn path(&self, name: &str) -> PathBuf {
         match self {
             Self::File(prior) => prior.with_file_name(name),
-            Self::Carried { name: place, .. } => Path::new(place).join(name),
+            Self::Carried { name: source, .. } => Path::new(source).join(name),
         }
     }
 
-    /// Whether a name is that of the prior's own file.
+    /// Whether a name is that of the prior's file.
     pub fn is_prior(&self, name: &str) -> bool {
         match self {
             Self::File(prior) => prior.file_name().is_some_and(|own| own == name),
@@ -48,7 +48,7 @@ impl Weights {
         }
     }
 
-    /// Whether there is a file of a name beside the prior.
+    /// Whether a file of this name exists beside the prior.
     pub fn has(&self, name: &str) -> bool {
         match self {
             Self::File(_) => self.path(name).is_file(),
@@ -109,10 +109,10 @@ impl Weights {
         })
     }
 
-    /// The prior, and what its file says of it.
+    /// The prior and the header of its file.
     ///
-    /// *Errors*: a file that is an expert, weights of another type than F32, a backbone that the registry does
-    /// not hold, tensors that do not fit it.
+    /// *Errors*: a file that is an expert, weights of another type than F32, a backbone that the registry
+    /// does not hold, tensors that do not fit it.
     pub fn prior(&self, registry: &Registry<dyn Backbone>) -> Result<(Box<dyn Backbone>, Header), Error> {
         let path = match self {
             Self::File(path) => path.clone(),
@@ -122,7 +122,9 @@ impl Weights {
         let fail = |problem| Err(Error::Format { path: path.clone(), problem });
         if let Some(expert) = header.notes.get(EXPERT_NOTE) {
             let expert = expert.escape_debug();
-            return fail(format!("is the {expert} expert of a prior, no prior; name the folder it lies in"));
+            return fail(format!(
+                "is the {expert} expert of a prior, no prior; give the folder that holds it"
+            ));
         }
         if let Some((name, tensor)) = parameters.iter().find(|(_, tensor)| tensor.dtype() != DType::F32) {
             return fail(format!(

@@ -1,11 +1,11 @@
-//! The `densetnt-cat` network against what the published modules compute.
+//! The `densetnt-cat` network against the results of the published modules.
 //!
-//! `tests/data/densetnt_synthetic.safetensors` was made by running CAT's modules (PyTorch, f32) on
-//! made-up inputs: random weights, no real scene, no published weights. With `SAGE_REFERENCE` and
-//! `SAGE_DATA` set, the same is tested on the features of three recorded scenes, which are not part
-//! of this project. Tolerances: a second implementation in f64 differs from the recorded values by
-//! 2e-6 in states, 1e-5 in log-probabilities, 2e-6 in losses; ours works in f32 with other orders of
-//! summation and gets ten times that.
+//! `tests/data/densetnt_synthetic.safetensors` holds results of CAT's modules (PyTorch, f32) on synthetic
+//! inputs: random weights, no real scene, no published weights. With `SAGE_REFERENCE` and `SAGE_DATA` set,
+//! the same is tested on the features of three recorded scenes, which are not part of this project.
+//! Tolerances: a second implementation in f64 differs from the recorded values by 2e-6 in states, 1e-5 in
+//! log-probabilities and 2e-6 in losses. Ours works in f32 with other orders of summation, so its tolerances
+//! are ten times larger.
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 
 use std::{collections::HashMap, path::Path, sync::Arc};
@@ -119,7 +119,7 @@ fn close(what: &str, found: &Tensor, expected: &[f64], tolerance: f64) {
     assert!(worst <= tolerance, "{what}: off by {worst:e}, expected {tolerance:e} at most");
 }
 
-/// States, log-probabilities, both choices and their trajectories.
+/// Checks states, log-probabilities, both selections and their trajectories.
 fn check(fixture: &Fixture, network: &DenseTnt, encoding: &Encoding, prefix: &str) {
     let [elements, _, _, polylines, graph] = encoding.states() else { panic!("five states") };
     close("sub_graph", polylines, &fixture.numbers(&format!("{prefix}sub_graph")), 2e-5);
@@ -140,32 +140,32 @@ fn check_goals(fixture: &Fixture, network: &DenseTnt, encoding: &Encoding, prefi
         }
         let expected = fixture.integers(&name("index"));
         let order = ranked(&log_probs);
-        let chosen = match kind {
+        let selected = match kind {
             "topk" => order[..expected.len()].to_vec(),
             _ => {
                 suppressed(&order, &features.goals, expected.len(), cat::suppression_radius(features.speed()))
             }
         };
         let recorded = fixture.numbers(&name("logprob"));
-        for (k, (&found, &index)) in chosen.iter().zip(&expected).enumerate() {
+        for (k, (&found, &index)) in selected.iter().zip(&expected).enumerate() {
             assert_abs_diff_eq!(f64::from(log_probs[found]), recorded[k], epsilon = 1e-4);
             let tie = |other: Option<&f64>| other.is_some_and(|p| (p - recorded[k]).abs() < 1e-4);
             let tied = tie(recorded.get(k + 1)) || (k > 0 && tie(recorded.get(k - 1)));
-            // Suppression can go another way after a tie anywhere before.
+            // After a tie at any earlier rank, suppression may select other goals.
             if kind == "topk" && !tied && k + 1 < expected.len() {
                 assert_eq!(found, index, "{prefix}{kind}, rank {k}");
             }
         }
         if kind == "nms" {
-            let same = chosen.iter().zip(&expected).filter(|(a, b)| a == b).count();
+            let same = selected.iter().zip(&expected).filter(|(a, b)| a == b).count();
             assert!(same + 2 >= expected.len(), "{prefix}nms: {same} of {} goals agree", expected.len());
         }
-        let paths = network.trajectories(encoding, &expected).unwrap();
-        close(kind, &paths, &fixture.numbers(&name("traj_local")), 1e-4);
+        let trajectories = network.trajectories(encoding, &expected).unwrap();
+        close(kind, &trajectories, &fixture.numbers(&name("traj_local")), 1e-4);
         if fixture.0.contains_key(&name("traj_world")) {
-            let world = to_world(&paths, features).unwrap();
+            let world = to_world(&trajectories, features).unwrap();
             let recorded = fixture.numbers(&name("traj_world"));
-            let found = world.iter().flat_map(|path| path.points().iter().flatten());
+            let found = world.iter().flat_map(|trajectory| trajectory.points().iter().flatten());
             for (a, b) in found.zip(&recorded) {
                 assert_abs_diff_eq!(a, b, epsilon = 1e-4);
             }
@@ -212,7 +212,7 @@ fn check_loss(fixture: &Fixture, network: &DenseTnt, sample: &Sample, prefix: &s
 }
 
 #[test]
-fn made_up_inputs_give_the_published_states_goals_and_paths() {
+fn synthetic_inputs_give_the_published_states_goals_and_trajectories() {
     let fixture = Fixture::synthetic();
     let network = fixture.network();
     let goals = fixture.points("goals_2D");
@@ -239,12 +239,12 @@ fn the_loss_and_the_gradient_of_every_parameter_are_the_published_ones() {
 }
 
 #[test]
-fn three_steps_of_adamw_go_the_published_way() {
+fn three_steps_of_adamw_give_the_published_parameters() {
     let fixture = Fixture::synthetic();
     let features = fixture.features("syn/", fixture.points("goals_2D"), None);
     let sample = fixture.sample("syn/", features);
     let network = fixture.network();
-    // PyTorch leaves parameters without gradient alone.
+    // PyTorch does not update parameters without gradient.
     let mut trainer = Trainer::new(
         &network,
         |name| network.parameter_group(name) != ParameterGroup::Unused,
@@ -292,7 +292,7 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
             weights.insert(name, Tensor::from_vec(moved, variable.dims(), &Device::Cpu).unwrap());
             loss(weights)
         };
-        // Small enough that hardly any of 100 000 ReLUs changes sides on the way.
+        // Small enough that hardly any of 100 000 ReLUs changes its branch.
         let step = 1e-8;
         let difference = (along(step) - along(-step)) / (2.0 * step);
         let slope =
@@ -305,7 +305,7 @@ fn gradients_agree_with_finite_differences_in_double_precision() {
 }
 
 #[test]
-fn suppression_fills_up_when_goals_run_out() {
+fn suppression_selects_all_goals_if_they_are_too_few() {
     let fixture = Fixture::synthetic();
     let network = fixture.network();
     let goals = fixture.points("goals_2D")[..20].to_vec();
@@ -316,7 +316,7 @@ fn suppression_fills_up_when_goals_run_out() {
     assert_eq!(all.len(), 20);
 }
 
-/// Folder of the recorded fixtures, if it is at hand.
+/// The fixture of recorded scenes, if its folder is available.
 fn recorded() -> Option<Fixture> {
     let Some(folder) = std::env::var_os("SAGE_REFERENCE") else {
         eprintln!("left out: SAGE_REFERENCE is not set");
@@ -328,7 +328,7 @@ fn recorded() -> Option<Fixture> {
 const SCENES: [usize; 3] = [0, 5, 18];
 
 #[test]
-fn recorded_inputs_give_the_published_states_goals_and_paths() {
+fn recorded_inputs_give_the_published_states_goals_and_trajectories() {
     let Some(fixture) = recorded() else { return };
     let network = fixture.network();
     let goals = fixture.points("goals_2D");

@@ -1,4 +1,4 @@
-//! Training: the same bits on any number of threads and across interruptions, and honest failures.
+//! Training: the same bits on any number of threads and across interruptions, and clear errors.
 #![allow(clippy::unwrap_used)]
 
 use std::{path::Path, sync::Arc};
@@ -22,7 +22,7 @@ fn scenes(count: u64, seed: u64) -> Vec<SceneData> {
     (0..count).map(scene).collect()
 }
 
-/// Small, so that tests are quick.
+/// A small network, for fast tests.
 fn network(name: &str) -> Box<dyn Backbone> {
     backbones().unwrap().build(name, &serde_json::json!({"hidden": 16, "rounds": 1})).unwrap()
 }
@@ -74,8 +74,8 @@ fn three_steps_give_the_same_bits_on_one_two_and_three_threads() {
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| {
-                let moved = |name: &str| network.parameter_group(name).is_pretrained();
-                let mut trainer = Trainer::new(&*network, moved, AdamWConfig::default()).unwrap();
+                let trained = |name: &str| network.parameter_group(name).is_pretrained();
+                let mut trainer = Trainer::new(&*network, trained, AdamWConfig::default()).unwrap();
                 for batch in examples.list().chunks(7).take(3) {
                     let gradient = |example: &_| {
                         let sample = examples.sample(example, trainer.trainable()?, true)?;
@@ -95,7 +95,7 @@ fn three_steps_give_the_same_bits_on_one_two_and_three_threads() {
 }
 
 #[test]
-fn an_interrupted_training_goes_on_to_the_same_bits() {
+fn an_interrupted_training_resumes_to_the_same_bits() {
     let folder = tempfile::tempdir().unwrap();
     let [whole, parts] = ["whole", "parts"].map(|name| folder.path().join(name));
     std::fs::create_dir(&whole).unwrap();
@@ -104,7 +104,7 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     let reference = train(&*network, &whole, usize::MAX).unwrap();
     assert!(!reference.stopped);
     let steps = reference.rows.iter().map(|r| r.steps).max().unwrap() as usize / 3;
-    // Stopped in the second epoch, then in the third, then let through.
+    // Stopped in the second epoch, then in the third, then run to its end.
     for stop_after in [steps + 2, steps + 1] {
         assert!(train(&*network, &parts, stop_after).unwrap().stopped);
     }
@@ -113,14 +113,14 @@ fn an_interrupted_training_goes_on_to_the_same_bits() {
     let figures =
         |rows: &[EpochRow]| rows.iter().map(|r| (r.steps, r.goal, r.path, r.min_fde6)).collect::<Vec<_>>();
     assert_eq!(figures(&resumed.rows), figures(&reference.rows));
-    let kept = |folder: &Path| std::fs::read(folder.join("prior.safetensors")).unwrap();
-    assert_eq!(kept(&whole), kept(&parts));
+    let prior = |folder: &Path| std::fs::read(folder.join("prior.safetensors")).unwrap();
+    assert_eq!(prior(&whole), prior(&parts));
     let first = reference.rows.first().unwrap();
     assert!(reference.rows.last().unwrap().goal < first.goal, "it learns");
 }
 
 #[test]
-fn a_folder_of_another_run_is_left_alone() {
+fn a_folder_of_another_run_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     train(&*network("densetnt"), folder.path(), usize::MAX).unwrap();
     let error = train(&*network("query-transformer"), folder.path(), usize::MAX).err().unwrap().to_string();
@@ -128,18 +128,18 @@ fn a_folder_of_another_run_is_left_alone() {
 }
 
 #[test]
-fn a_number_that_is_not_finite_stops_with_scene_step_and_tensor_and_keeps_the_last_state() {
+fn a_number_that_is_not_finite_stops_with_scene_step_and_tensor_and_does_not_change_the_prior() {
     let folder = tempfile::tempdir().unwrap();
     let network = network("densetnt");
     let mut weights = network.parameters().clone();
     let broken = Tensor::full(f32::NAN, 16, &Device::Cpu).unwrap();
     weights.insert("decoder.goals_2D_mlps.1.linear.bias", broken);
     let network = network.load_parameters(weights, "test").unwrap();
-    std::fs::write(folder.path().join("prior.safetensors"), "kept").unwrap();
+    std::fs::write(folder.path().join("prior.safetensors"), "earlier").unwrap();
     let error = train(&*network, folder.path(), usize::MAX).err().unwrap().to_string();
     assert!(error.starts_with("epoch 1, step 1, scene `") && error.contains("agent `"), "{error}");
     assert!(error.ends_with("the loss `path` is NaN"), "{error}");
-    assert_eq!(std::fs::read(folder.path().join("prior.safetensors")).unwrap(), b"kept");
+    assert_eq!(std::fs::read(folder.path().join("prior.safetensors")).unwrap(), b"earlier");
 }
 
 #[test]
@@ -156,7 +156,7 @@ fn a_gradient_that_is_not_finite_names_its_tensor() {
 }
 
 #[test]
-fn scenes_without_a_vehicle_to_learn_from_are_refused() {
+fn scenes_without_a_vehicle_to_train_on_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut still = scenes(1, 3);
     for track in &mut Arc::make_mut(&mut still[0].scene).tracks {
@@ -227,7 +227,7 @@ fn the_published_network_trains_too() {
     let data = scenes(1, 8);
     let network = backbones().unwrap().build_default("densetnt-cat").unwrap();
     let examples = Examples::of(&data);
-    // It has no mirror image: the sample comes as it is.
+    // Its features cannot be mirrored, so the sample is not mirrored.
     let sample = examples.sample(&examples.list()[0], trainable(&*network).unwrap(), true).unwrap();
     assert!(
         trainable(&*network).unwrap().loss(&sample).unwrap().parts.iter().all(|(_, loss)| loss.is_finite())
@@ -235,7 +235,7 @@ fn the_published_network_trains_too() {
 }
 
 #[test]
-fn a_truncated_state_is_refused() {
+fn a_truncated_checkpoint_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let network = network("densetnt");
     train(&*network, folder.path(), usize::MAX).unwrap();

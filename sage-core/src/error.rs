@@ -1,4 +1,4 @@
-//! What can go wrong with scenes, candidates and options, by what a caller can do about it.
+//! Errors of scenes, candidates and options, grouped by how a caller can react.
 
 use crate::geometry::MAX_COORDINATE;
 
@@ -6,27 +6,27 @@ use crate::geometry::MAX_COORDINATE;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A position that is NaN, infinite or farther out than [`crate::motion::MAX_COORDINATE`].
+    /// A position that is NaN, infinite or outside ±[`crate::motion::MAX_COORDINATE`].
     #[error(
         "{what}: point {index} is [{:?}, {:?}]; expected finite coordinates within ±{MAX_COORDINATE:e} m",
         .point[0], .point[1]
     )]
     NotFinite {
-        /// The candidate or path at fault.
+        /// Name of the candidate or trajectory that holds the point.
         what: String,
         /// Index of the point, from 0.
         index: usize,
         /// The point as given.
         point: [f64; 2],
     },
-    /// A path of another length than the horizon.
+    /// A trajectory whose length is not the horizon.
     #[error("{what}: {found} points, expected {expected}")]
     Length {
-        /// The candidate or path at fault.
+        /// Name of the candidate or trajectory.
         what: String,
         /// Points found.
         found: usize,
-        /// Points needed.
+        /// Points expected.
         expected: usize,
     },
     /// A scene that lacks what the call needs.
@@ -37,17 +37,17 @@ pub enum Error {
         /// What is missing and what to do about it.
         problem: String,
     },
-    /// A name that a registry does not hold.
+    /// A name that is not in a registry.
     #[error("unknown {kind} `{name}`; known: {}", known.join(", "))]
     Unknown {
         /// Kind of the registry.
         kind: &'static str,
-        /// Name asked for.
+        /// The unknown name.
         name: String,
-        /// Names that exist.
+        /// Names that are registered.
         known: Vec<&'static str>,
     },
-    /// Two entries of one name.
+    /// Two entries with the same name.
     #[error("{kind} `{name}` is registered twice")]
     Duplicate {
         /// Kind of the registry.
@@ -55,14 +55,14 @@ pub enum Error {
         /// The name.
         name: &'static str,
     },
-    /// Options that an entry does not accept.
+    /// Options that an entry refuses.
     #[error("options of {kind} `{name}`: {problem}")]
     Options {
         /// Kind of the registry.
         kind: &'static str,
-        /// Entry whose options they are.
+        /// Entry that the options belong to.
         name: &'static str,
-        /// What the entry says of them.
+        /// Message of the entry.
         problem: String,
     },
 }

@@ -10,7 +10,7 @@ mod write;
 
 pub use claim::{Claim, ClaimError};
 pub use read::{read, read_argument, read_argument_text, read_text};
-pub use write::{Existing, discard_unfinished, write};
+pub use write::{Existing, discard_unfinished, write, write_all, write_with};
 
 use std::io::ErrorKind;
 

@@ -1,7 +1,7 @@
-//! What every generator of adversarial scenes offers.
+//! Interface of all generators of adversarial scenes.
 //!
-//! Most are a [`Proposer`], which sees an [`Observation`] and nothing after it, and a selection among its
-//! proposals that may know the ego's path. Optimisers and rules implement [`Generator`] directly.
+//! Most generators are a [`Proposer`], whose input is an [`Observation`] that ends *now*, and a selector
+//! among its proposals that may use the ego's path. Optimisers and rules implement [`Generator`] directly.
 
 mod attack;
 mod observation;
@@ -15,22 +15,22 @@ pub use attack::{Attack, Note, Proposal};
 pub use observation::Observation;
 pub use operating_point::{Mixture, OperatingPoint, corner};
 
-/// What a generator knows beyond what can be seen *now*.
+/// Information that a generator uses beyond the observation up to *now*.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Knowledge {
-    /// The path that the ego will take.
+    /// The ego's future path.
     pub ego_future: bool,
-    /// What was recorded of the others after *now*.
+    /// The logged future of the other agents.
     pub others_future: bool,
-    /// What was recorded of the adversary itself after *now*.
+    /// The logged future of the adversary.
     pub own_future: bool,
 }
 
 impl Knowledge {
-    /// Nothing but what can be seen *now*.
+    /// Only the observation up to *now*.
     pub const NOW: Self = Self { ego_future: false, others_future: false, own_future: false };
 
-    /// What either knows.
+    /// Union of the two.
     pub fn and(self, other: Self) -> Self {
         Self {
             ego_future: self.ego_future || other.ego_future,
@@ -48,36 +48,37 @@ impl fmt::Display for Knowledge {
             (self.own_future, "adversary's log"),
         ];
         let known: Vec<&str> = known.into_iter().filter(|(known, _)| *known).map(|(_, what)| what).collect();
-        f.write_str(if known.is_empty() { "now alone" } else { "" })?;
+        f.write_str(if known.is_empty() { "history only" } else { "" })?;
         f.write_str(&known.join(", "))
     }
 }
 
-/// Proposes trajectories for the adversary from what can be seen *now*.
+/// Proposes trajectories for the adversary from the observation up to *now*.
 ///
 /// Implementations are pure: the same observation, mixture and seed give the same bits on any thread.
 pub trait Proposer: Send + Sync {
-    /// Does once a scene whatever the mixture does not change.
+    /// Computes, once per scene, everything that does not depend on the mixture.
     ///
-    /// *Errors*: [`Error::Scene`] for a scene that it cannot work with.
+    /// *Errors*: [`Error::Scene`] for a scene that it cannot handle.
     fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error>;
 }
 
 /// A scene that a proposer has prepared.
 pub trait PreparedScene: Send + Sync {
-    /// Proposals at a mixture of experts, at least one, the likeliest first where they have probabilities.
+    /// Proposals at a mixture of experts: at least one, sorted by descending probability if they have
+    /// probabilities.
     ///
-    /// *Errors*: [`Error::Scene`] for a network that gives no numbers.
+    /// *Errors*: [`Error::Scene`] if the network's output is not finite.
     fn propose(&self, at: &Mixture, seed: u64) -> Result<Vec<Proposal>, Error>;
 }
 
-/// Makes the adversary of a scene do something else than it did.
+/// Generates attacks: new futures of the adversary in a scene.
 ///
-/// Implementations are pure: the same context, operating points and seed give the same bits on any thread,
-/// and an operating point's attack does not depend on those beside it.
+/// Implementations are pure: the same context, operating points and seed give the same bits on any thread.
+/// The attack at one operating point does not depend on the other points.
 pub trait Generator: Send + Sync {
     /// An attack for each operating point, in their order.
     ///
-    /// *Errors*: [`Error::Scene`] for a scene that it cannot work with.
+    /// *Errors*: [`Error::Scene`] for a scene that it cannot handle.
     fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, Error>;
 }

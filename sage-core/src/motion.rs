@@ -1,4 +1,4 @@
-//! How cars move: planned positions, what follows from them, and two laws of motion.
+//! Motion of cars: trajectories, quantities derived from them, and two motion models.
 
 pub mod bicycle;
 pub mod idm;
@@ -13,7 +13,7 @@ pub use trajectory::{Trajectory, backward_velocity};
 pub const DT: f64 = 0.1;
 /// Frames of history, *now* included.
 pub const HISTORY: usize = 11;
-/// The frame that is *now*, whatever a file's `current_time_index` says.
+/// The frame *now*, regardless of a file's `current_time_index`.
 pub const NOW: usize = 10;
 /// Planned steps T; step t (1 to T) is frame `NOW + t`.
 pub const HORIZON: usize = 80;

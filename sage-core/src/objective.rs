@@ -1,11 +1,11 @@
-//! What makes a candidate trajectory of the adversary good, bad or impossible.
+//! Rewards, feasibility rules and objectives for candidate trajectories of the adversary.
 //!
-//! A [`Reward`] measures, a [`Feasibility`] rule forbids, and an [`Objective`] weighs rewards under one
-//! rule: it is what fine-tuning, selection, search and tables use. The paper's parts are
-//! [`AdversarialReward`] (early contact with the ego, else closeness), [`RealismPenalty`] (driving unlike a
-//! car) and [`MapFeasibility`] (no road edge touched, nobody else hit); [`StrictFeasibility`] is stricter.
-//! Each is a file and usable alone. A [`Context`] holds what they need of a scene and is built once for all
-//! candidates.
+//! A [`Reward`] measures a candidate. A [`Feasibility`] rule lists its violations. An [`Objective`] is a
+//! weighted sum of rewards under one rule; fine-tuning, selection, search and tables use it. The paper's
+//! parts are [`AdversarialReward`] (early contact with the ego, else closeness), [`RealismPenalty`] (motion
+//! unlike a car's) and [`MapFeasibility`] (no road edge touched, no other agent hit). [`StrictFeasibility`]
+//! is stricter. Each part has its own file and is usable alone. A [`Context`] holds the scene data that
+//! they need and is built once for all candidates.
 
 mod adversarial;
 mod behavior;
@@ -59,9 +59,9 @@ pub use violation::{Feasibility, Violation};
 
 use crate::{Error, registry::Registry};
 
-/// The rewards this crate ships. Add a line here to make a new one known everywhere.
+/// The rewards of this crate. Add a line here to register a new one.
 ///
-/// *Errors*: [`Error::Duplicate`] if two of them bear one name.
+/// *Errors*: [`Error::Duplicate`] if two rewards have the same name.
 pub fn rewards() -> Result<Registry<dyn Reward>, Error> {
     Registry::new("reward")
         .with::<AdversarialReward>()?
@@ -74,9 +74,9 @@ pub fn rewards() -> Result<Registry<dyn Reward>, Error> {
         .with::<criticality::RequiredDeceleration>()
 }
 
-/// The feasibility rules this crate ships.
+/// The feasibility rules of this crate.
 ///
-/// *Errors*: [`Error::Duplicate`] if two of them bear one name.
+/// *Errors*: [`Error::Duplicate`] if two rules have the same name.
 pub fn feasibilities() -> Result<Registry<dyn Feasibility>, Error> {
     Registry::new("feasibility").with::<MapFeasibility>()?.with::<StrictFeasibility>()
 }

@@ -1,48 +1,48 @@
-//! Which candidate should be preferred to which: the pairs that preference fine-tuning learns from.
+//! Preference pairs: the training data of preference fine-tuning.
 //!
-//! Feasible beats infeasible; of two feasible ones the better reward wins. Source: SAGE (ICLR 2026),
-//! hierarchical group preference optimisation. The published code lets infeasible losers take all
-//! places; here they take at most half, because a group full of them leaves nothing that tells an
-//! adversarial expert from a realistic one.
+//! A feasible candidate is preferred to an infeasible one; of two feasible candidates the one with the
+//! higher reward is preferred. Source: SAGE (ICLR 2026), hierarchical group preference optimisation. In the
+//! published code infeasible losers may take all pairs. Here they take at most half: pairs by feasibility
+//! alone do not distinguish an adversarial expert from a realistic one.
 
 use serde::{Deserialize, Serialize};
 
 use crate::seed::Rng;
 
-/// A candidate as the pairs see it.
+/// A candidate with its reward and feasibility.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScoredCandidate {
-    /// What the expert likes.
+    /// Value of the expert's objective.
     pub reward: f64,
-    /// Whether it could be driven.
+    /// Whether it is feasible.
     pub is_feasible: bool,
 }
 
 /// One preference: indices into the candidates.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pair {
-    /// Should become likelier …
+    /// The preferred candidate.
     pub winner: usize,
-    /// … than this.
+    /// The other candidate.
     pub loser: usize,
     /// Whether the loser is infeasible.
     pub by_feasibility: bool,
 }
 
-/// How pairs are made.
+/// Rule by which pairs are formed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Pairing {
-    /// Feasible over infeasible, then better over worse among the feasible.
+    /// Feasible over infeasible, then higher over lower reward among the feasible.
     Hierarchical,
-    /// Better over worse by reward alone, whatever is feasible.
+    /// Higher over lower reward, regardless of feasibility.
     RewardOnly,
-    /// The best against the worst: one pair by feasibility, one by reward (plain DPO).
+    /// The best over the worst: one pair by feasibility, one by reward (plain DPO).
     BestWorst,
 }
 
-/// Pairs of a group of candidates: at most `most`, seeded draws among those that differ by more than
-/// `margin` in reward or in feasibility. None if all candidates are alike.
+/// Preference pairs of a group of candidates: at most `most`, drawn with a seed from those that differ by
+/// more than `margin` in reward or in feasibility. Empty if no two candidates differ.
 pub fn preference_pairs(
     candidates: &[ScoredCandidate],
     pairing: Pairing,
@@ -62,7 +62,7 @@ pub fn preference_pairs(
     if !feasible.is_empty() {
         let mut losers = infeasible;
         rng.shuffle(&mut losers);
-        // All of them only where no reward can tell the feasible apart.
+        // A single feasible candidate gives no pairs by reward, so infeasible losers may take all pairs.
         let room = if feasible.len() > 1 { most.div_ceil(2) } else { most };
         for &loser in losers.iter().take(room) {
             let winner = feasible[rng.below(feasible.len())];
@@ -79,8 +79,8 @@ pub fn preference_pairs(
 /// All pairs among some candidates whose rewards differ by more than a margin.
 fn better_and_worse(candidates: &[ScoredCandidate], among: &[usize], margin: f64) -> Vec<Pair> {
     let mut pairs = Vec::new();
-    for (place, &a) in among.iter().enumerate() {
-        for &b in &among[place + 1..] {
+    for (rank, &a) in among.iter().enumerate() {
+        for &b in &among[rank + 1..] {
             let lead = candidates[a].reward - candidates[b].reward;
             if lead.abs() > margin {
                 let (winner, loser) = if lead > 0.0 { (a, b) } else { (b, a) };
@@ -116,19 +116,19 @@ fn best_and_worst(
 mod tests {
     use super::*;
 
-    fn judged(items: &[(f64, bool)]) -> Vec<ScoredCandidate> {
+    fn scored(items: &[(f64, bool)]) -> Vec<ScoredCandidate> {
         items.iter().map(|&(reward, is_feasible)| ScoredCandidate { reward, is_feasible }).collect()
     }
 
     fn pairs(items: &[(f64, bool)], pairing: Pairing, most: usize) -> Vec<Pair> {
-        preference_pairs(&judged(items), pairing, most, 0.2, &mut Rng::new(1, "pairs", "test"))
+        preference_pairs(&scored(items), pairing, most, 0.2, &mut Rng::new(1, "pairs", "test"))
     }
 
     const MIXED: [(f64, bool); 6] =
         [(5.0, true), (1.0, false), (3.0, true), (9.0, false), (2.95, true), (0.0, false)];
 
     #[test]
-    fn the_feasible_win_and_of_two_feasible_ones_the_better() {
+    fn feasible_candidates_win_and_of_two_the_higher_reward() {
         let found = pairs(&MIXED, Pairing::Hierarchical, 32);
         for pair in &found {
             let [winner, loser] = [MIXED[pair.winner], MIXED[pair.loser]];
@@ -141,23 +141,23 @@ mod tests {
     }
 
     #[test]
-    fn infeasible_losers_take_half_of_the_places() {
+    fn infeasible_losers_take_half_of_the_pairs() {
         let items: Vec<(f64, bool)> = (0..32).map(|k| (f64::from(k), k % 2 == 0)).collect();
         let found = pairs(&items, Pairing::Hierarchical, 8);
         assert_eq!((found.len(), found.iter().filter(|p| p.by_feasibility).count()), (8, 4));
         let one: Vec<(f64, bool)> = (0..32).map(|k| (f64::from(k), k == 7)).collect();
-        assert_eq!(pairs(&one, Pairing::Hierarchical, 8).len(), 8, "nothing else to learn there");
+        assert_eq!(pairs(&one, Pairing::Hierarchical, 8).len(), 8, "no other pair exists");
     }
 
     #[test]
-    fn without_anything_to_tell_apart_there_are_no_pairs() {
+    fn equal_candidates_give_no_pairs() {
         assert!(pairs(&[(1.0, true), (1.1, true)], Pairing::Hierarchical, 8).is_empty());
         assert!(pairs(&[(1.0, false), (5.0, false)], Pairing::Hierarchical, 8).is_empty());
         assert!(pairs(&[], Pairing::RewardOnly, 8).is_empty());
     }
 
     #[test]
-    fn ablations_pair_as_they_say() {
+    fn ablations_form_the_documented_pairs() {
         let reward_only = pairs(&MIXED, Pairing::RewardOnly, 32);
         assert!(reward_only.iter().any(|p| p.winner == 3) && reward_only.iter().all(|p| !p.by_feasibility));
         let best_worst = pairs(&MIXED, Pairing::BestWorst, 32);

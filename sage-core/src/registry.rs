@@ -1,25 +1,26 @@
-//! Named parts with summaries, sources and typed options.
+//! Registries: named parts with summaries, sources and typed options.
 //!
-//! A registry is a value: a function lists the entries of a kind, a program passes the registry
-//! on, and a user's own crate adds entries with [`Registry::with`]. There is no global state.
+//! A registry is a value: a function lists the entries of a kind, a program passes the registry on, and a
+//! user's own crate adds entries with [`Registry::with`]. There is no global state.
 
 use serde::{Serialize, de::DeserializeOwned};
 use serde_json::Value;
 
 use crate::Error;
 
-/// A part that a registry of `T` can hold: one file an implementation.
+/// A part that a registry of `T` can hold: one file per implementation.
 pub trait Entry<T: ?Sized> {
     /// Name on the command line, in configs and in tables.
     const NAME: &'static str;
-    /// What it does, in one line.
+    /// One-line description.
     const SUMMARY: &'static str;
-    /// Where it comes from: paper section, publication or "this project".
+    /// Origin: paper section, publication or "this project".
     const SOURCE: &'static str;
     /// Its options; mark them `#[serde(default, deny_unknown_fields)]`.
     type Options: Default + Serialize + DeserializeOwned;
 
-    /// The part with these options. An `Err` says which option is out of range and why.
+    /// Builds the part from its options. An `Err` names the option that is out of range and the expected
+    /// range.
     fn build(options: Self::Options) -> Result<Box<T>, String>;
 }
 
@@ -28,7 +29,7 @@ pub trait Entry<T: ?Sized> {
 #[serde(default, deny_unknown_fields)]
 pub struct NoOptions {}
 
-/// What a registry knows of one entry.
+/// A registry's record of one entry.
 pub struct Registered<T: ?Sized> {
     /// Name, unique in the registry.
     pub name: &'static str,
@@ -41,7 +42,7 @@ pub struct Registered<T: ?Sized> {
     build: fn(&Value) -> Result<Box<T>, String>,
 }
 
-/// The known parts of one kind.
+/// The registered parts of one kind.
 pub struct Registry<T: ?Sized> {
     kind: &'static str,
     entries: Vec<Registered<T>>,
@@ -102,7 +103,7 @@ impl<T: ?Sized> Registry<T> {
     pub fn build(&self, name: &str, options: &Value) -> Result<Box<T>, Error> {
         let entry = self.get(name)?;
         if !options.is_object() {
-            let problem = format!("`{options}` is no JSON object of options by name");
+            let problem = format!("`{options}` is not a JSON object of options by name");
             return Err(Error::Options { kind: self.kind, name: entry.name, problem });
         }
         (entry.build)(options).map_err(|problem| Error::Options {

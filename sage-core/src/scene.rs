@@ -1,4 +1,4 @@
-//! A recorded traffic scene: plain data, checked once on reading.
+//! A recorded traffic scene: plain data, validated once by the reader.
 
 mod adversary;
 mod index;
@@ -36,11 +36,11 @@ pub struct Scene {
     pub lights: Vec<TrafficLight>,
     /// Index of the car under test in `tracks`.
     pub ego: usize,
-    /// Index of the car whose future is up for change, if there is one.
+    /// Index of the car whose future is replaced, if there is one.
     pub adversary: Option<usize>,
     /// How the adversary was found.
     pub adversary_origin: AdversaryOrigin,
-    /// What a reader mended or found odd.
+    /// What a reader corrected or noticed.
     pub notes: Vec<String>,
 }
 
@@ -50,11 +50,11 @@ pub struct Scene {
 pub enum AdversaryOrigin {
     /// The file names exactly one object of interest beside the ego.
     File,
-    /// Chosen by the conflict of its logged path with the ego's ([`choose_adversary`]).
+    /// Selected by the conflict of its logged path with the ego's ([`choose_adversary`]).
     Conflict,
     /// Named by the user.
     User,
-    /// There is none to choose.
+    /// No track is eligible.
     None,
 }
 
@@ -125,8 +125,8 @@ impl Scene {
         Ok(self)
     }
 
-    /// Hash of what the scene shows: frames, tracks, map and lights, not its names for itself.
-    /// Equal for one scene kept under several numbers, ids or file formats.
+    /// Hash of the content: frames, tracks, map and lights, without the scene's identifier. It is equal for
+    /// one scene stored under several numbers, ids or file formats.
     pub fn content_hash(&self) -> [u8; 16] {
         let mut hasher = blake3::Hasher::new();
         hasher.update(&(self.frames as u64).to_le_bytes());

@@ -1,8 +1,8 @@
-//! Random numbers that depend on a seed and on what they are for, and on nothing else.
+//! Random numbers that depend on a seed, a scene and a purpose only.
 //!
-//! One generator per (seed, scene, purpose), never one shared: order of work and number of threads
-//! then cannot change a result. Conversions to floats, ranges and orders are written here on plain
-//! 64-bit draws, so that an upgrade of a library cannot change them either.
+//! There is one generator per (seed, scene, purpose) and none is shared. Results therefore do not depend on
+//! the order of work or the number of threads. Conversions to floats, ranges and orders are implemented
+//! here on plain 64-bit draws, so that an upgrade of a library cannot change them.
 
 use rand_core::{Rng as _, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -16,7 +16,7 @@ impl Rng {
     pub fn new(seed: u64, scene: &str, purpose: &str) -> Self {
         let mut hasher = blake3::Hasher::new();
         hasher.update(&seed.to_le_bytes());
-        // Lengths keep ("ab", "c") and ("a", "bc") apart.
+        // Lengths distinguish ("ab", "c") from ("a", "bc").
         hasher.update(&(scene.len() as u64).to_le_bytes());
         hasher.update(scene.as_bytes());
         hasher.update(purpose.as_bytes());
@@ -51,7 +51,7 @@ impl Rng {
         radius * (std::f64::consts::TAU * self.unit()).cos()
     }
 
-    /// Brings a slice into random order (Fisher and Yates).
+    /// Shuffles a slice (Fisher and Yates).
     pub fn shuffle<T>(&mut self, items: &mut [T]) {
         for last in (1..items.len()).rev() {
             items.swap(last, self.below(last + 1));
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_same_name_gives_the_same_draws_and_another_name_others() {
+    fn equal_names_give_equal_draws_and_other_names_other_draws() {
         let draws = |seed, scene: &str, purpose: &str| Rng::new(seed, scene, purpose).bits();
         assert_eq!(draws(7, "a", "b"), draws(7, "a", "b"));
         let all = [draws(7, "a", "b"), draws(8, "a", "b"), draws(7, "ab", ""), draws(7, "a", "c")];
@@ -81,7 +81,7 @@ mod tests {
     const PINNED: [u64; 2] = [4_457_149_804_606_990_069, 5_339_980_173_494_446_071];
 
     #[test]
-    fn moments_are_those_of_the_distributions() {
+    fn moments_match_the_distributions() {
         let mut rng = Rng::new(3, "moments", "test");
         let n = 100_000;
         let uniform = (0..n).map(|_| rng.uniform(2.0, 4.0)).sum::<f64>() / n as f64;

@@ -1,8 +1,8 @@
-//! Means with intervals, quantiles and distances of distributions.
+//! Means with intervals, quantiles and distances between distributions.
 
 use crate::seed::Rng;
 
-/// A figure with its 95 % interval and the number of values behind it.
+/// An estimate with its 95 % interval and the number of values.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Estimate {
     /// The mean of the values.
@@ -15,26 +15,26 @@ pub struct Estimate {
     pub n: usize,
 }
 
-/// Arithmetic mean; `None` of no values.
+/// Arithmetic mean; `None` without values.
 pub fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// Quantile with linear interpolation, `share` in [0, 1]; `None` of no values.
+/// Quantile with linear interpolation, `share` in [0, 1]; `None` without values.
 pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let place = share.clamp(0.0, 1.0) * sorted.len().checked_sub(1)? as f64;
-    let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
-    Some(low + (high - low) * place.fract())
+    let position = share.clamp(0.0, 1.0) * sorted.len().checked_sub(1)? as f64;
+    let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);
+    Some(low + (high - low) * position.fract())
 }
 
-/// Median; `None` of no values.
+/// Median; `None` without values.
 pub fn median(values: &[f64]) -> Option<f64> {
     quantile(values, 0.5)
 }
 
-/// Mean with a 95 % percentile-bootstrap interval over the values; `None` of no values.
+/// Mean with a 95 % percentile-bootstrap interval over the values; `None` without values.
 pub fn bootstrap_mean(values: &[f64], resamples: usize, rng: &mut Rng) -> Option<Estimate> {
     let value = mean(values)?;
     let n = values.len();
@@ -43,8 +43,8 @@ pub fn bootstrap_mean(values: &[f64], resamples: usize, rng: &mut Rng) -> Option
     Some(Estimate { value, low: quantile(&means, 0.025)?, high: quantile(&means, 0.975)?, n })
 }
 
-/// Mean of all values with a 95 % percentile-bootstrap interval over groups, such as the agents of a
-/// scene, whose values are not independent; `None` of no values.
+/// Mean of all values with a 95 % percentile-bootstrap interval over groups, for values that are not
+/// independent within a group, such as those of the agents of a scene; `None` without values.
 pub fn bootstrap_grouped(groups: &[Vec<f64>], resamples: usize, rng: &mut Rng) -> Option<Estimate> {
     let sums: Vec<(f64, usize)> =
         groups.iter().filter(|g| !g.is_empty()).map(|g| (g.iter().sum(), g.len())).collect();
@@ -61,7 +61,7 @@ pub fn bootstrap_grouped(groups: &[Vec<f64>], resamples: usize, rng: &mut Rng) -
     Some(Estimate { value, low: quantile(&means, 0.025)?, high: quantile(&means, 0.975)?, n })
 }
 
-/// Share with Wilson's 95 % interval; `None` of no trials.
+/// Fraction with Wilson's 95 % interval; `None` without trials.
 pub fn wilson(successes: usize, trials: usize) -> Option<Estimate> {
     /// 97.5 % quantile of the normal distribution.
     const Z: f64 = 1.959_963_984_540_054;
@@ -76,10 +76,10 @@ pub fn wilson(successes: usize, trials: usize) -> Option<Estimate> {
     Some(Estimate { value: share, low: center - half, high: center + half, n: trials })
 }
 
-/// Spearman's rank correlation of paired values; ranks of equals are shared. 0 where all of one side
-/// are equal.
+/// Spearman's rank correlation of paired values; equal values share their mean rank. 0 if all values of one
+/// side are equal.
 ///
-/// *Panics*: if they are not equally many.
+/// *Panics*: if the two slices differ in length.
 pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len(), "pairs need two equally long lists");
     let (a, b) = (ranks(a), ranks(b));
@@ -90,7 +90,7 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     if size > 0.0 { product(&a, &b) / size } else { 0.0 }
 }
 
-/// Rank of each value from 0, the mean of their ranks for equals.
+/// Rank of each value from 0; equal values get the mean of their ranks.
 fn ranks(values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
@@ -106,7 +106,7 @@ fn ranks(values: &[f64]) -> Vec<f64> {
 
 /// 1-Wasserstein distance of two samples with equal weights: ∫ |F_a − F_b|.
 ///
-/// 0 if either sample is empty, as the published code has it.
+/// 0 if either sample is empty, as in the published code.
 pub fn wasserstein(a: &[f64], b: &[f64]) -> f64 {
     if a.is_empty() || b.is_empty() {
         return 0.0;
@@ -146,7 +146,7 @@ mod tests {
     use approx::assert_relative_eq;
 
     #[test]
-    fn ranks_agree_whatever_the_shape_of_a_rise() {
+    fn rank_correlation_depends_on_ranks_alone() {
         let x = [0.0, 1.0, 2.0, 3.0];
         assert!((rank_correlation(&x, &[0.1, 0.2, 5.0, 9.0]) - 1.0).abs() < 1e-12);
         assert!((rank_correlation(&x, &[3.0, 2.0, 1.0, 0.0]) + 1.0).abs() < 1e-12);
@@ -177,7 +177,7 @@ mod tests {
         let b = [2.0, 2.0, 7.0, -1.0];
         let thrice: Vec<f64> = a.iter().copied().cycle().take(9).collect();
         assert_relative_eq!(wasserstein(&a, &b), wasserstein(&thrice, &b), max_relative = 1e-12);
-        // Moved by 3 as a whole: exactly 3 away.
+        // Shifted by 3 as a whole: the distance is exactly 3.
         let moved: Vec<f64> = a.iter().map(|x| x + 3.0).collect();
         assert_relative_eq!(wasserstein(&a, &moved), 3.0);
         assert_eq!(wasserstein(&a, &[]), 0.0);
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bootstrap_interval_covers_the_mean_about_as_often_as_it_says() {
+    fn the_bootstrap_interval_has_its_nominal_coverage() {
         let mut covered = 0;
         for case in 0..1000 {
             let mut rng = Rng::new(case, "bootstrap", "coverage");
@@ -199,7 +199,8 @@ mod tests {
             let e = bootstrap_mean(&values, 400, &mut rng).unwrap();
             covered += usize::from(e.low <= 0.0 && 0.0 <= e.high);
         }
-        // Percentile intervals of 60 values cover 93.5 % in truth; four standard deviations of room.
+        // The true coverage of percentile intervals of 60 values is 93.5 %; the bounds are four standard
+        // deviations away.
         assert!((904..=966).contains(&covered), "{covered} of 1000");
     }
 

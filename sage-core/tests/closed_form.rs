@@ -1,4 +1,4 @@
-//! The `paper` convention against values worked out by hand.
+//! The `paper` convention against values computed by hand.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -83,7 +83,7 @@ fn score(scene: &Scene, at: impl Fn(f64) -> [f64; 2]) -> Scores {
 }
 
 #[test]
-fn a_straight_drive_has_the_floor_of_both_penalties() {
+fn straight_motion_has_the_floor_of_both_penalties() {
     let scene = road(car("a", [20.0, 4.0], [10.0, 0.0]), vec![]);
     let s = score(&scene, |t| [20.0 + 10.0 * t, 4.0]);
     assert_relative_eq!(s.kinematic_penalty, kinematic_floor(), max_relative = 1e-9);
@@ -102,12 +102,12 @@ fn a_standing_car_has_the_same_floor() {
     let s = score(&scene, |_| [20.0, 4.0]);
     assert_relative_eq!(s.kinematic_penalty, kinematic_floor(), max_relative = 1e-9);
     assert_relative_eq!(s.behavior_penalty, behavior_floor(), max_relative = 1e-9);
-    // The ego passes at 4 m.
+    // The ego passes at a distance of 4 m.
     assert_relative_eq!(s.adversarial_reward, (-0.8f64).exp(), max_relative = 1e-9);
 }
 
 #[test]
-fn a_circle_pays_for_its_yaw_rate_and_its_turn() {
+fn a_circle_is_penalised_for_its_yaw_rate_and_its_total_turn() {
     // Radius 6 m, 6 m/s, away from all edges: chords of 0.6 m up to the chord's own shortening.
     let (r, w) = (6.0, 1.0);
     let scene = road(car("a", [150.0, 0.0 - r], [6.0, 0.0]), vec![]);
@@ -137,25 +137,25 @@ fn a_collision_is_scored_by_its_step() {
     assert_relative_eq!(s.criticality.impact_speed.unwrap(), 10.0, max_relative = 1e-9);
     assert_eq!(s.criticality.side_hit, Some(SideHit::Front));
     assert_eq!(s.criticality.post_encroachment_time, Some(0.0));
-    // One frame before the contact 0.5 m are left at 10 m/s.
+    // One frame before the contact the gap is 0.5 m, at 10 m/s.
     assert_relative_eq!(s.criticality.time_to_collision.unwrap(), 0.05, max_relative = 1e-9);
     assert_relative_eq!(
         s.criticality.required_deceleration.unwrap(),
         10.0 / (2.0 * 0.05),
         max_relative = 1e-9
     );
-    assert!(s.feasible, "hitting the ego is no violation");
+    assert!(s.feasible, "a contact with the ego is not a violation");
 }
 
 #[test]
-fn a_contact_at_the_last_step_is_a_collision_worth_nothing() {
+fn a_contact_at_the_last_step_is_a_collision_with_reward_zero() {
     let scene = road(car("a", [83.5, 0.0], [0.0, 0.0]), vec![]);
     let s = score(&scene, |_| [83.5, 0.0]);
     assert_eq!((s.collision_step, s.adversarial_reward), (Some(80), 0.0));
 }
 
 #[test]
-fn crossing_behind_is_told_by_the_time_between() {
+fn crossing_behind_the_ego_has_a_post_encroachment_time() {
     // The adversary drives north at 1 m/s along x = 40.05; the ego passes that line eastwards.
     let scene = road(car("a", [40.05, -9.05], [0.0, 1.0]), vec![]);
     let s = score(&scene, |t| [40.05, -9.05 + t]);
@@ -173,8 +173,8 @@ fn edges_and_agents_are_named_with_their_step() {
     // Straight through the parked car: 40 m away, contact at 36 m less the tie.
     let s = score(&scene, |t| [20.5 + 10.0 * t, -4.0]);
     assert_eq!((s.feasible, s.crash_object, s.cross_line), (false, 10.0, 0.0));
-    let reason = &s.violations[0];
-    assert_eq!((&*reason.rule, reason.step, &reason.with[..]), ("agent", 36, "parked"));
+    let violation = &s.violations[0];
+    assert_eq!((&*violation.rule, violation.step, &violation.with[..]), ("agent", 36, "parked"));
     // Over the right edge at 2 m/s sideways: side at −5 − 0.2 t reaches −8 …
     let s = score(&scene, |t| [20.0 + t, -4.0 - 2.0 * t]);
     assert_eq!(
@@ -185,7 +185,7 @@ fn edges_and_agents_are_named_with_their_step() {
 }
 
 #[test]
-fn strict_sees_the_jump_and_the_field_beyond_the_edge() {
+fn the_strict_rule_finds_crossings_between_frames_and_positions_beyond_the_edge() {
     // 100 m/s across: from y = 3 to y = 13 in one frame, no box touches y = 8.
     let scene = road(car("a", [20.0, 3.0], [0.0, 100.0]), vec![]);
     let s = score(&scene, |t| [20.0, 3.0 + 100.0 * t]);
@@ -196,7 +196,7 @@ fn strict_sees_the_jump_and_the_field_beyond_the_edge() {
 }
 
 #[test]
-fn strict_leaves_bridges_out() {
+fn the_strict_rule_ignores_bridges() {
     let mut over = car("over", [60.0, 0.0], [0.0, 0.0]);
     over.position.iter_mut().for_each(|p| p[2] = 7.0);
     let mut scene = road(car("a", [20.0, 0.0], [10.0, 0.0]), vec![over]);
@@ -216,7 +216,7 @@ fn strict_leaves_bridges_out() {
 }
 
 #[test]
-fn an_ego_path_without_headings_turns_as_it_drives() {
+fn an_ego_path_without_headings_takes_them_from_its_motion() {
     let scene = road(car("a", [30.0, 5.5], [0.0, 0.0]), vec![]);
     let (index, scene) = (SceneIndex::new(scene.map.clone()), Arc::new(scene));
     let path = |at: fn(f64) -> [f64; 2]| {
@@ -230,6 +230,6 @@ fn an_ego_path_without_headings_turns_as_it_drives() {
     };
     // Northbound along its own length: contact at y = 5.5 − 1 − 2 = 2.5, step 43 (4.25 s).
     assert_eq!(contact(None), Some(43));
-    // Said to face east it is 1 m deep only: y = 3.5, step 44 (4.35 s).
+    // With headings to the east its box reaches only 1 m north: y = 3.5, step 44 (4.35 s).
     assert_eq!(contact(Some(vec![0.0; 80])), Some(44));
 }

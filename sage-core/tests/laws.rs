@@ -1,4 +1,5 @@
-//! Laws of the objectives on seeded scenes: against a plain implementation, and under motion.
+//! Properties of the objectives on seeded scenes: agreement with a plain implementation, and invariance
+//! under motion.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -12,16 +13,16 @@ use sage_core::{
     objective::{Context, ContextOptions, Convention, Encounter, Scorer, Scores, Violations},
     scene::{MapKind, Scene, SceneIndex},
 };
-use scenes::{candidate, moved, moved_path, scene};
+use scenes::{candidate, moved, moved_trajectory, scene};
 
-fn score(scene: &Scene, path: &Trajectory, convention: Convention) -> Scores {
+fn score(scene: &Scene, trajectory: &Trajectory, convention: Convention) -> Scores {
     let index = SceneIndex::new(scene.map.clone());
     let options = ContextOptions { convention, ..ContextOptions::default() };
     let ctx = Context::new(&Arc::new(scene.clone()), &index, &options).unwrap();
-    Scorer::new(&ctx).scores(&ctx.candidate(path.clone()))
+    Scorer::new(&ctx).scores(&ctx.candidate(trajectory.clone()))
 }
 
-/// The paper's formulas written down step by step, with nothing shared and no index.
+/// The paper's formulas written step by step, without shared quantities or an index.
 struct Plain {
     contact: usize,
     reward: f64,
@@ -31,10 +32,10 @@ struct Plain {
     agent: usize,
 }
 
-fn plain(scene: &Scene, path: &Trajectory) -> Plain {
+fn plain(scene: &Scene, trajectory: &Trajectory) -> Plain {
     let (ego, adversary) = (&scene.tracks[0], &scene.tracks[1]);
     let t_max = 80;
-    let p = |t: usize| if t == 0 { adversary.point(NOW) } else { path.points()[t - 1] };
+    let p = |t: usize| if t == 0 { adversary.point(NOW) } else { trajectory.points()[t - 1] };
     let speed = |t: usize| (p(t)[0] - p(t - 1)[0]).hypot(p(t)[1] - p(t - 1)[1]) / 0.1;
     let moving: Vec<usize> = (1..=t_max).filter(|&t| speed(t) >= 0.5).collect();
     let heading = |t: usize| {
@@ -85,16 +86,16 @@ fn close(found: f64, expected: f64, tolerance: f64, what: &str) {
 }
 
 #[test]
-fn the_fast_path_equals_the_plain_one() {
+fn the_fast_implementation_equals_the_plain_one() {
     let (mut hits, mut edges, mut agents) = (0, 0, 0);
     for seed in 0..300 {
         let scene = Arc::new(scene(seed));
         let index = SceneIndex::new(scene.map.clone());
         let ctx = Context::new(&scene, &index, &ContextOptions::default()).unwrap();
         for k in 0..8 {
-            let path = candidate(&scene, k);
-            let expected = plain(&scene, &path);
-            let found = ctx.candidate(path);
+            let trajectory = candidate(&scene, k);
+            let expected = plain(&scene, &trajectory);
+            let found = ctx.candidate(trajectory);
             let scores = Scorer::new(&ctx).scores(&found);
             let violations = Violations::of(&found, &ctx);
             let what = format!("scene {seed}, candidate {k}");
@@ -109,29 +110,29 @@ fn the_fast_path_equals_the_plain_one() {
             agents += usize::from(expected.agent > 0);
         }
     }
-    // The cases must show all three kinds, and their absence.
+    // The cases must contain all three kinds of contact, and cases without each.
     for n in [hits, edges, agents] {
         assert!((240..2160).contains(&n), "{hits} hits, {edges} edges, {agents} agents of 2400");
     }
 }
 
-/// Everything that could flip when a box is a hair larger or smaller.
-fn is_near_tie(scene: &Scene, path: &Trajectory, convention: Convention) -> bool {
+/// Whether some result could change if a box were slightly larger or smaller.
+fn is_near_tie(scene: &Scene, trajectory: &Trajectory, convention: Convention) -> bool {
     let resized = |by: f64| {
         let mut scene = scene.clone();
         for track in &mut scene.tracks {
             track.size.iter_mut().for_each(|s| *s = [s[0] + by, s[1] + by, s[2]]);
         }
-        let s = score(&scene, path, convention);
+        let s = score(&scene, trajectory, convention);
         (s.collision_step, s.violations.iter().map(|r| (r.step, r.rule.clone())).collect::<Vec<_>>())
     };
     resized(1e-6) != resized(-1e-6)
 }
 
-/// A speed so near the limit of standing that a move of the scene can change sides.
-fn stands_on_the_limit(scene: &Scene, path: &Trajectory) -> bool {
+/// Whether a speed is so near the standing limit that rounding after a move of the scene can cross it.
+fn stands_on_the_limit(scene: &Scene, trajectory: &Trajectory) -> bool {
     let mut before = scene.tracks[1].point(NOW);
-    path.points().iter().any(|p| {
+    trajectory.points().iter().any(|p| {
         let v = (p[0] - before[0]).hypot(p[1] - before[1]) / 0.1;
         before = *p;
         (v - 0.5).abs() < 1e-7
@@ -146,14 +147,14 @@ fn paper_does_not_change_when_the_scene_is_moved_and_turned() {
         let (angle, by) = (0.1 + seed as f64, [3000.0 - 40.0 * seed as f64, 70.0 * seed as f64]);
         let there = moved(&here, angle, by);
         for k in 0..4 {
-            let path = candidate(&here, k);
-            if is_near_tie(&here, &path, Convention::Paper) || stands_on_the_limit(&here, &path) {
+            let trajectory = candidate(&here, k);
+            if is_near_tie(&here, &trajectory, Convention::Paper) || stands_on_the_limit(&here, &trajectory) {
                 continue;
             }
             compared += 1;
             let (a, b) = (
-                score(&here, &path, Convention::Paper),
-                score(&there, &moved_path(&path, angle, by), Convention::Paper),
+                score(&here, &trajectory, Convention::Paper),
+                score(&there, &moved_trajectory(&trajectory, angle, by), Convention::Paper),
             );
             let what = format!("scene {seed}, candidate {k}");
             assert_eq!(a.collision_step, b.collision_step, "{what}");
@@ -162,9 +163,10 @@ fn paper_does_not_change_when_the_scene_is_moved_and_turned() {
             close(b.kinematic_penalty, a.kinematic_penalty, 1e-6, &what);
             close(b.behavior_penalty, a.behavior_penalty, 1e-6, &what);
             close(b.distances.wd_yaw_rate.unwrap(), a.distances.wd_yaw_rate.unwrap(), 1e-6, &what);
-            // Centre on centre no side is hit before another.
-            let apart =
-                |step: usize| distance(path.points()[step - 1], here.tracks[0].point(NOW + step)) > 0.01;
+            // With coinciding centres no side is hit first.
+            let apart = |step: usize| {
+                distance(trajectory.points()[step - 1], here.tracks[0].point(NOW + step)) > 0.01
+            };
             if a.collision_step.is_some_and(apart) {
                 assert_eq!(a.criticality.side_hit, b.criticality.side_hit, "{what}");
             }
@@ -177,20 +179,20 @@ fn paper_does_not_change_when_the_scene_is_moved_and_turned() {
 fn release_does_not_change_when_the_scene_is_moved() {
     for seed in 0..150 {
         let here = scene(seed);
-        // A move by powers of two keeps every difference of coordinates to the last bits.
+        // A move by powers of two preserves every difference of coordinates to the last bits.
         let by = [4096.0, -2048.0];
         let there = moved(&here, 0.0, by);
         for k in 0..4 {
-            let path = candidate(&here, k);
-            // A standing point's heading comes from rounding: 0 here, anything there.
+            let trajectory = candidate(&here, k);
+            // The heading of a standing point comes from rounding: 0 here, arbitrary there.
             let stands =
-                path.points().windows(2).any(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]) < 1e-4);
-            if stands || is_near_tie(&here, &path, Convention::Release) {
+                trajectory.points().windows(2).any(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]) < 1e-4);
+            if stands || is_near_tie(&here, &trajectory, Convention::Release) {
                 continue;
             }
             let (a, b) = (
-                score(&here, &path, Convention::Release),
-                score(&there, &moved_path(&path, 0.0, by), Convention::Release),
+                score(&here, &trajectory, Convention::Release),
+                score(&there, &moved_trajectory(&trajectory, 0.0, by), Convention::Release),
             );
             let what = format!("scene {seed}, candidate {k}");
             assert_eq!((a.collision_step, a.feasible), (b.collision_step, b.feasible), "{what}");
@@ -216,26 +218,29 @@ fn an_encounter_is_the_same_from_both_sides() {
 }
 
 #[test]
-fn strict_finds_every_road_edge_and_agent_that_paper_finds() {
+fn the_strict_rule_finds_every_road_edge_and_agent_that_the_papers_finds() {
     let mut stricter = 0;
     for seed in 0..200 {
         let scene = scene(seed);
         for k in 0..4 {
             let s = score(&scene, &candidate(&scene, k), Convention::Paper);
-            for reason in &s.violations {
-                let found = s.violations_strict.iter().find(|r| r.rule == reason.rule);
-                // What is touched already now may be left in the first step.
-                let earlier = found.is_some_and(|r| r.step <= reason.step);
-                assert!(earlier || reason.step == 1, "scene {seed}, candidate {k}: {reason:?} {found:?}");
+            for violation in &s.violations {
+                let found = s.violations_strict.iter().find(|r| r.rule == violation.rule);
+                // The first step may leave what the box already touches at *now*.
+                let earlier = found.is_some_and(|r| r.step <= violation.step);
+                assert!(
+                    earlier || violation.step == 1,
+                    "scene {seed}, candidate {k}: {violation:?} {found:?}"
+                );
             }
             stricter += usize::from(s.feasible && !s.feasible_strict);
         }
     }
-    assert!(stricter > 0, "no case shows the difference");
+    assert!(stricter > 0, "no case distinguishes the rules");
 }
 
 #[test]
-fn the_log_is_at_no_distance_from_itself() {
+fn the_distances_of_the_log_from_itself_are_zero() {
     for seed in 0..20 {
         let scene = scene(seed);
         let log =

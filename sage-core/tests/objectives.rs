@@ -1,4 +1,5 @@
-//! Laws of weighted objectives: what is measured once is enough, and several ego paths are a mean.
+//! Properties of weighted objectives: one evaluation suffices for every μ, and several ego paths give a
+//! mean.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -42,7 +43,7 @@ fn each(mut check: impl FnMut(&Context, &Candidate)) {
 }
 
 #[test]
-fn the_papers_selection_is_its_formula_and_one_evaluation_gives_every_mu() {
+fn the_papers_selection_equals_its_formula_and_one_evaluation_gives_every_mu() {
     let objective = preset("paper-selection");
     each(|ctx, candidate| {
         let evaluation = objective.evaluate(candidate, ctx);
@@ -57,16 +58,20 @@ fn the_papers_selection_is_its_formula_and_one_evaluation_gives_every_mu() {
 }
 
 #[test]
-fn a_union_measures_what_each_of_its_objectives_measures() {
+fn a_union_measures_the_terms_of_all_its_objectives() {
     let all = PRESETS.map(|(name, _)| preset(name));
     let union = Objective::union(&all.each_ref()).unwrap().unwrap();
-    assert_eq!(union.spec().terms.len(), 4, "adversarial, realism, lane distance and likelihood");
+    assert_eq!(
+        union.spec().terms.len(),
+        4,
+        "adversarial, realism, lane distance and negative log-likelihood"
+    );
     each(|ctx, candidate| {
         let together = union.evaluate(candidate, ctx);
         for own in &all {
             let evaluation = own.evaluate(candidate, ctx);
-            let places = own.places_in(&union).unwrap();
-            let terms: Vec<_> = places.iter().map(|place| together.terms[*place]).collect();
+            let positions = own.places_in(&union).unwrap();
+            let terms: Vec<_> = positions.iter().map(|position| together.terms[*position]).collect();
             assert_eq!(terms, evaluation.terms);
             assert_eq!(own.value_of(&terms, together.cost(), 0.4), own.value(&evaluation, 0.4));
         }
@@ -81,7 +86,7 @@ fn a_union_measures_what_each_of_its_objectives_measures() {
 }
 
 #[test]
-fn violations_are_weighed_where_an_objective_says_so_and_terms_of_the_feasible_left_out_elsewhere() {
+fn violation_weights_and_terms_only_for_feasible_candidates_are_applied() {
     let plain = objective(r#"{"terms": [{"name": "realism", "weight": -1}]}"#);
     let weighed = objective(
         r#"{"terms": [{"name": "realism", "weight": -1}, {"name": "lane-distance", "weight": -1, "only_feasible": true}],
@@ -104,7 +109,7 @@ fn violations_are_weighed_where_an_objective_says_so_and_terms_of_the_feasible_l
 }
 
 #[test]
-fn several_ego_paths_are_a_mean_by_weight_and_a_sibling_shares_the_index() {
+fn several_ego_paths_give_a_weighted_mean_and_share_the_index() {
     let terms = r#"{"terms": [{"name": "adversarial", "weight": 1}, {"name": "realism", "weight": -1}]}"#;
     let objective = objective(terms);
     each(|ctx, candidate| {
@@ -121,13 +126,13 @@ fn several_ego_paths_are_a_mean_by_weight_and_a_sibling_shares_the_index() {
         let (a, b, mean) = (one(&own), one(&aside), objective.evaluate(candidate, &sibling));
         let expected = 0.25 * a.terms[0].unwrap() + 0.75 * b.terms[0].unwrap();
         assert_relative_eq!(mean.terms[0].unwrap(), expected, max_relative = 1e-12);
-        assert_eq!(mean.terms[1], a.terms[1], "the ego's path does not change how a car drives");
+        assert_eq!(mean.terms[1], a.terms[1], "realism does not depend on the ego's path");
         assert_eq!((mean.contact, mean.adversarial), (a.contact, a.adversarial), "of the first path");
     });
 }
 
 #[test]
-fn an_ego_path_may_end_early_and_nobody_is_there_afterwards() {
+fn an_ego_path_may_end_early_and_the_ego_is_absent_afterwards() {
     let objective = preset("paper-selection");
     each(|ctx, candidate| {
         let whole = ctx.ego().positions().to_vec();
@@ -147,7 +152,7 @@ fn an_ego_path_may_end_early_and_nobody_is_there_afterwards() {
 }
 
 #[test]
-fn what_makes_no_objective_is_refused_by_name() {
+fn invalid_objectives_are_refused_by_name() {
     let build = |json: &str| -> String {
         let spec: ObjectiveSpec = serde_json::from_str(json).unwrap();
         let built = Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap());

@@ -1,12 +1,12 @@
-//! Compares our reader of pickles with CPython's on generated programs.
+//! Compares our pickle reader with CPython's on generated programs.
 //!
 //! ```sh
 //! cargo run --release -p sage-data --example compare_unpicklers -- 1000000
 //! ```
-//! Ends with an error at the first program that both read to different values. CPython runs nothing:
+//! Ends with an error at the first program that both read to different values. CPython executes nothing:
 //! globals have stand-ins.
 
-#![allow(clippy::print_stderr)] // A program of its own, read by a person.
+#![allow(clippy::print_stderr)] // A command-line program.
 
 use std::process::ExitCode;
 

@@ -1,12 +1,12 @@
-//! Reads any number of broken and hostile scene files and counts what became of them.
+//! Reads any number of broken and hostile scene files and counts the results.
 //!
 //! ```sh
 //! cargo run --release -p sage-data --example mutate_files -- [--native] 100000 [SCENE.pkl …]
 //! ```
-//! Ends with an error at the first panic, at the first hostile file that is let in, or when all of
-//! it together needs more than 256 MiB.
+//! Ends with an error at the first panic, at the first accepted hostile file, or when the whole program
+//! needs more than 256 MiB.
 
-#![allow(clippy::print_stderr)] // A program of its own, read by a person.
+#![allow(clippy::print_stderr)] // A command-line program.
 
 use std::{alloc::System, collections::BTreeMap, process::ExitCode};
 

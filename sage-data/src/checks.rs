@@ -1,4 +1,4 @@
-//! What is in a scene, and what is odd about it.
+//! Summaries of scenes, and warnings about unusual content.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -8,21 +8,21 @@ use sage_core::{
 };
 use serde::Serialize;
 
-/// Difference of height from which two roads are on different levels, metres.
+/// Height difference above which two roads are on different levels, metres.
 const LEVEL: f64 = 3.0;
-/// Side of the cells in which heights of lanes are compared, metres. Crossing lanes have points in
-/// one cell, and no street climbs [`LEVEL`] within one.
+/// Side of the grid cells in which heights of lanes are compared, metres. Crossing lanes have points in one
+/// cell, and no street climbs [`LEVEL`] within a cell.
 const CELL: f64 = 4.0;
-/// Distance to the ego within which a road user on another level is worth a word, metres.
+/// Distance to the ego within which a road user on another level causes a warning, metres.
 const NEAR: f64 = 20.0;
 
 /// Longest box that is tested against road edges, metres: road trains reach 54 m.
 const LONGEST: f64 = 100.0;
 
-/// Something odd about a scene.
+/// A warning about a scene.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Warning {
-    /// A stable word for the kind, for counting.
+    /// Stable name of its kind, for counting.
     pub kind: &'static str,
     /// What was found.
     pub detail: String,
@@ -41,16 +41,16 @@ impl std::fmt::Display for Warning {
     }
 }
 
-/// What a scene holds, in numbers.
+/// Content of a scene in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Name of the file without its ending.
+    /// Name of the file without its extension.
     pub scene: String,
-    /// Identifier that the file gives.
+    /// Identifier in the file.
     pub id: String,
     /// Number of frames.
     pub frames: usize,
-    /// Tracks by kind; vehicles, pedestrians and cyclists are always named.
+    /// Number of tracks by kind; vehicles, pedestrians and cyclists are always listed.
     pub tracks: BTreeMap<String, usize>,
     /// Number of map features.
     pub map_features: usize,
@@ -68,7 +68,7 @@ pub struct Summary {
     pub adversary_history: usize,
     /// Valid frames of its future, at most 80.
     pub adversary_future: usize,
-    /// What is odd.
+    /// Warnings about the scene.
     pub warnings: Vec<Warning>,
     /// Hash of the content; equal for one scene under several names.
     #[serde(skip)]
@@ -104,12 +104,12 @@ impl Summary {
     }
 }
 
-/// Finds scenes that are there more than once.
+/// Detects scenes that occur more than once.
 #[derive(Debug, Default)]
 pub struct Duplicates(HashMap<[u8; 16], String>);
 
 impl Duplicates {
-    /// Adds a warning to a summary whose content was seen before under another name.
+    /// Adds a warning to a summary whose content occurred before under another name.
     pub fn note(&mut self, summary: &mut Summary) {
         match self.0.get(&summary.content) {
             Some(first) => summary
@@ -122,7 +122,7 @@ impl Duplicates {
     }
 }
 
-/// Everything odd about a scene.
+/// All warnings about a scene.
 pub fn warnings(scene: &Scene) -> Vec<Warning> {
     let mut found = Vec::new();
     let mut warn = |kind, detail: String| found.push(Warning { kind, detail });
@@ -130,23 +130,24 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         warn(if note.contains("swapped") { "swapped-sizes" } else { "note" }, note.clone());
     }
     if scene.adversary_origin == AdversaryOrigin::None {
-        warn("no-adversary", "no vehicle moves and is seen in all of history".to_owned());
+        warn("no-adversary", "no vehicle moves and is valid in all of history".to_owned());
     }
-    let roles = [("ego", Some(scene.ego())), ("adversary", scene.adversary.map(|k| &scene.tracks[k]))];
-    for (role, track) in roles {
+    let agents = [("ego", Some(scene.ego())), ("adversary", scene.adversary.map(|k| &scene.tracks[k]))];
+    for (name, track) in agents {
         let Some(track) = track else { continue };
         for (part, frames) in [("history", 0..HISTORY), ("future", NOW + 1..NOW + 1 + HORIZON)] {
             let missing = frames.len() - track.count_valid(frames.clone());
             if missing > 0 {
                 let detail =
-                    format!("{role} `{}` lacks {missing} of {} frames of its {part}", track.id, frames.len());
+                    format!("{name} `{}` lacks {missing} of {} frames of its {part}", track.id, frames.len());
                 warn("missing-frames", detail);
             }
         }
     }
     let crossings = level_crossings(scene);
     if !crossings.is_empty() {
-        let detail = format!("lanes lie more than {LEVEL} m above each other in {} places", crossings.len());
+        let detail =
+            format!("lanes are more than {LEVEL} m above each other in {} grid cells", crossings.len());
         warn("overpass", detail);
     }
     let over_or_under = |track: &&Track| {
@@ -164,18 +165,21 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         warn("one-point-lanes", format!("{words} a single point"));
     }
     if !scene.map.features.iter().any(|f| f.kind == MapKind::EdgeBoundary && f.points.len() > 1) {
-        warn("no-road-edges", "nothing bounds the road, so every path counts as on it".to_owned());
+        warn(
+            "no-road-edges",
+            "the map has no road boundary, so every trajectory counts as on the road".to_owned(),
+        );
     }
     on_edges_now(scene, &mut warn);
     found
 }
 
-/// Cell of the grid in which heights are compared.
+/// Grid cell in which heights are compared.
 fn cell([x, y, _]: &[f64; 3]) -> (i64, i64) {
     ((x / CELL).floor() as i64, (y / CELL).floor() as i64)
 }
 
-/// Cells in which lanes lie on different levels.
+/// Cells in which lanes are on different levels.
 fn level_crossings(scene: &Scene) -> HashSet<(i64, i64)> {
     let (lo, hi) = height_range(scene.map.polylines(MapKind::is_lane).flat_map(|(_, points)| points));
     let mut cells: HashMap<(i64, i64), (f64, f64)> = HashMap::new();
@@ -196,18 +200,19 @@ fn height_range<'p>(points: impl Iterator<Item = &'p [f64; 3]>) -> (f64, f64) {
 /// Whether a track is near the ego in some frame, but on another level.
 fn passes_on_another_level(ego: &Track, track: &Track) -> bool {
     (0..track.valid.len()).any(|f| {
-        let seen = track.is_valid(f) && ego.is_valid(f);
-        seen && (track.position[f][2] - ego.position[f][2]).abs() > LEVEL
+        let both_valid = track.is_valid(f) && ego.is_valid(f);
+        both_valid
+            && (track.position[f][2] - ego.position[f][2]).abs() > LEVEL
             && sage_core::geometry::distance(track.point(f), ego.point(f)) < NEAR
     })
 }
 
-/// Vehicles whose box touches a road boundary *now*.
+/// Adds a warning about vehicles whose box touches a road boundary *now*.
 fn on_edges_now(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
     let index = SceneIndex::new(scene.map.clone());
     let edges = index.boundaries();
     let touches = |track: &Track| {
-        // A box of a size that no vehicle has could meet the bounds of the whole map.
+        // A box larger than any vehicle could intersect the bounds of the whole map.
         if track.kind != TrackKind::Vehicle || !track.is_valid(NOW) || track.size[NOW][0] > LONGEST {
             return false;
         }
@@ -218,15 +223,15 @@ fn on_edges_now(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
     if touching.is_empty() {
         return;
     }
-    let mut who: Vec<String> = Vec::new();
-    for (role, track) in [("the ego", Some(scene.ego)), ("the adversary", scene.adversary)] {
+    let mut touching_names: Vec<String> = Vec::new();
+    for (name, track) in [("the ego", Some(scene.ego)), ("the adversary", scene.adversary)] {
         if track.is_some_and(|track| touching.contains(&track)) {
-            who.push(role.to_owned());
+            touching_names.push(name.to_owned());
         }
     }
-    let others = touching.len() - who.len();
+    let others = touching.len() - touching_names.len();
     if others > 0 {
-        who.push(format!("{others} other vehicle{}", if others == 1 { "" } else { "s" }));
+        touching_names.push(format!("{others} other vehicle{}", if others == 1 { "" } else { "s" }));
     }
-    warn("on-edge-now", format!("boxes touch a road edge at frame {NOW}: {}", who.join(", ")));
+    warn("on-edge-now", format!("boxes touch a road edge at frame {NOW}: {}", touching_names.join(", ")));
 }

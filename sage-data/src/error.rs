@@ -1,32 +1,32 @@
-//! What can go wrong between a file and a scene.
+//! Errors of reading and writing scenes.
 
 use std::path::PathBuf;
 
 use crate::pickle::PickleError;
 
-/// An error of `sage-data`. Each names the file.
+/// An error of `sage-data`. Every variant names the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The operating system would not read it.
+    /// The operating system could not read it.
     #[error("cannot read `{}`", path.display())]
     Read {
         /// The file or folder.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         #[source]
         source: std::io::Error,
     },
-    /// The operating system would not write it.
+    /// The operating system could not write it.
     #[error("cannot write `{}`", path.display())]
     Write {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// Cause.
         #[source]
         source: std::io::Error,
     },
-    /// It is larger than any scene.
+    /// The file is larger than any scene.
     #[error("`{}` holds more than {limit} bytes; no scene file does", path.display())]
     TooLarge {
         /// The file.
@@ -34,24 +34,24 @@ pub enum Error {
         /// Largest size that is read.
         limit: u64,
     },
-    /// It is not a pickle of plain values.
+    /// The file is not a pickle of plain values.
     #[error("`{}` at byte {}: {}", path.display(), problem.offset, problem.kind)]
     Pickle {
         /// The file.
         path: PathBuf,
-        /// What the interpreter met.
+        /// Problem found by the interpreter.
         problem: PickleError,
     },
-    /// A value is not what a scene holds there.
+    /// A value that a scene does not have at this field.
     #[error("`{}`: field `{field}` is {found}; expected {expected}", path.display())]
     Field {
         /// The file.
         path: PathBuf,
-        /// Keys from the root, separated by slashes.
+        /// Keys from the root, joined by slashes.
         field: String,
         /// The value, or what kind of value it is.
         found: String,
-        /// What belongs there.
+        /// Expected value.
         expected: String,
     },
     /// A folder without a scene.

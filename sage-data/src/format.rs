@@ -1,4 +1,4 @@
-//! What a scene file is, by its first bytes.
+//! Formats of scene files, detected by their first bytes.
 
 /// Formats of scene files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -10,14 +10,14 @@ pub enum Format {
 }
 
 impl Format {
-    /// The format of a file; `None` if it is neither. The only place that decides it.
+    /// The format of a file; `None` if it is neither. No other code detects formats.
     ///
-    /// Whatever begins like a pickle is one and nothing else: Python would take it for one, and a file
-    /// that is data to one reader and a program to another is how strangers get in.
+    /// A file that starts like a pickle is a pickle and nothing else, because Python would load it as one.
+    /// A file that is data to one reader and a program to another would be a security risk.
     pub fn of(bytes: &[u8]) -> Option<Self> {
         match bytes {
             [0x80, 2..=5, ..] => Some(Self::Pickle),
-            // The length of the header in eight bytes, then its opening brace.
+            // The length of the header in eight bytes, followed by its opening brace.
             [_, _, _, _, _, _, _, _, b'{', ..] => Some(Self::Native),
             _ => None,
         }
@@ -29,7 +29,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_begins_like_a_pickle_is_one() {
+    fn files_that_start_like_a_pickle_are_pickles() {
         assert_eq!(Format::of(b"\x80\x04N."), Some(Format::Pickle));
         assert_eq!(Format::of(b"\x80\x04G\0\0\0\0\0{\"a\": 1}"), Some(Format::Pickle));
         assert_eq!(Format::of(b"\x88\x04\0\0\0\0\0\0{}"), Some(Format::Native));

@@ -1,9 +1,9 @@
 //! Readers and writers of recorded scenes.
 //!
-//! A MetaDrive or ScenarioNet scene is a Python pickle. Here a pickle is *data*: [`pickle`]
-//! interprets its opcodes into a [`pickle::Document`] of plain values and never runs anything.
-//! [`metadrive`] turns such a document into a [`sage_core::scene::Scene`] and back; what the scene
-//! does not model stays in the document, so that writing loses nothing. Native files are safetensors.
+//! A MetaDrive or ScenarioNet scene is a Python pickle. This crate treats a pickle as *data*: [`pickle`]
+//! interprets its opcodes into a [`pickle::Document`] of plain values and never executes anything.
+//! [`metadrive`] converts such a document into a [`sage_core::scene::Scene`] and back. Content that the
+//! scene does not model stays in the document, so that writing loses nothing. Native files are safetensors.
 //!
 //! ```no_run
 //! let recording = sage_data::Recording::read("scene.pkl".as_ref())?;
@@ -12,6 +12,7 @@
 //! ```
 
 pub mod checks;
+pub mod dataset;
 mod error;
 pub mod folder;
 mod format;
@@ -21,7 +22,9 @@ pub mod pickle;
 pub mod procedural;
 mod recording;
 pub mod split;
+mod variants;
 
 pub use error::Error;
 pub use format::Format;
-pub use recording::{MAX_FILE, PROVENANCE, Recording, Source};
+pub use recording::{MAX_FILE, Recording, Source, read_bytes};
+pub use variants::{PROVENANCE, Variant, VariantWriter};

@@ -4,8 +4,10 @@ mod decode;
 mod encode;
 mod fields;
 mod fresh;
+mod summary;
 
 pub use decode::decode;
-pub(crate) use encode::annotate;
 pub use encode::encode;
+pub(crate) use encode::{annotate, write_changes};
 pub(crate) use fresh::{PROCEDURAL_DATASET, fresh};
+pub(crate) use summary::{complete, update};

@@ -1,9 +1,9 @@
 //! Native scene files: safetensors.
 //!
-//! A scene is a handful of packed tensors and a JSON header with the names; reading is one read of
-//! the file, views and checks. What a MetaDrive source holds beyond the scene travels along as a
-//! pickle whose large arrays are references to the tensors, so that converting back loses nothing.
-//! `docs/formats.md` describes the format.
+//! A scene is a few packed tensors and a JSON header with the names. Reading it means one read of the file,
+//! slices and checks. The data of a MetaDrive source beyond the scene is stored as a pickle whose large
+//! arrays refer to the tensors, so that converting back loses nothing. `docs/formats.md` describes the
+//! format.
 
 mod decode;
 mod encode;
@@ -22,7 +22,7 @@ const KEY: &str = "sage-scene";
 /// Version of the format.
 const VERSION: u32 = 1;
 
-/// Tensors that packed source arrays can refer to, by number.
+/// Tensors that packed source arrays can refer to, by index.
 const PACKED: [&str; 12] = [
     "tracks.position",
     "tracks.heading",
@@ -38,7 +38,7 @@ const PACKED: [&str; 12] = [
     "lane.links",
 ];
 
-/// What is not numbers.
+/// All content that is not numeric.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Header {
@@ -59,7 +59,7 @@ struct Header {
     lights: Vec<(String, bool)>,
 }
 
-/// How a lane is tied to another feature: the second column of `lane.links`.
+/// Relation of a lane to another feature: the second column of `lane.links`.
 #[derive(Clone, Copy, PartialEq)]
 enum Link {
     Entry,

@@ -1,10 +1,10 @@
-//! Scenes without any recording: seeded, unlimited, free of anybody's licence.
+//! Procedural scenes: seeded, unlimited in number, and free of third-party licences.
 //!
-//! A scene is a road network of one of six kinds, traffic on it, and an ego and an adversary whose
-//! ways conflict. Every scene passes the checks of recorded ones; the logged futures of ego and
-//! adversary are feasible and touch nobody; and some change of the adversary's speed or lane makes
-//! a feasible collision. A network or traffic that does not give this is thrown away and drawn
-//! anew, from the same seed.
+//! A scene is a road network of one of six kinds, traffic on it, and an ego and an adversary whose paths
+//! conflict. Every scene passes the checks of recorded scenes. The logged futures of ego and adversary are
+//! feasible and free of contacts. Some change of the adversary's speed or lane gives a feasible collision.
+//! Scenes are drawn by rejection sampling: a network or traffic without these properties is drawn again,
+//! from the same seed.
 
 mod curve;
 mod layouts;
@@ -24,15 +24,15 @@ use sage_core::{
 use crate::checks::warnings;
 use curve::end_pose;
 use network::Network;
-use traffic::{Seen, Traffic, spawn};
+use traffic::{Traffic, VehicleState, spawn};
 
 pub use roles::attacks;
 
 /// Frames of a scene.
 const FRAMES: usize = NOW + 1 + HORIZON;
-/// Frames that traffic runs before the recording starts.
+/// Number of traffic steps before the recording starts.
 const WARM_UP: usize = 30;
-/// Most draws for one scene; one in three succeeds.
+/// Largest number of draws per scene; one in three succeeds.
 const DRAWS: u64 = 400;
 
 /// Kinds of scene.
@@ -40,15 +40,15 @@ const DRAWS: u64 = 400;
 pub enum Kind {
     /// A straight street with side streets.
     Straight,
-    /// A bent one.
+    /// A curved street with side streets.
     Curve,
     /// A motorway with an acceleration lane.
     Merge,
-    /// Two streets that cross, with lights or priority.
+    /// Two crossing streets, with lights or priority.
     FourWay,
-    /// A street that ends at another.
+    /// A street that ends at another street.
     TJunction,
-    /// A roundabout of one lane.
+    /// A roundabout with one lane.
     Roundabout,
 }
 
@@ -57,12 +57,12 @@ impl Kind {
     pub const ALL: [Self; 6] =
         [Self::Straight, Self::Curve, Self::Merge, Self::FourWay, Self::TJunction, Self::Roundabout];
 
-    /// The kind of a name.
+    /// Parses the name of a kind.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
-    /// Its name in ids and on the command line.
+    /// Name in ids and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Straight => "straight",
@@ -75,7 +75,7 @@ impl Kind {
     }
 }
 
-/// The scene of a kind, seed and number. `None` if no draw succeeds, which has not been seen.
+/// The scene of a kind, seed and number. `None` if no draw succeeds, which has not occurred.
 pub fn generate(kind: Kind, seed: u64, number: u64) -> Option<Scene> {
     let id = format!("{}-{seed}-{number}", kind.name());
     (0..DRAWS).find_map(|draw| draw_scene(kind, &id, &mut Rng::new(seed, &id, &format!("procedural {draw}"))))
@@ -83,33 +83,34 @@ pub fn generate(kind: Kind, seed: u64, number: u64) -> Option<Scene> {
 
 fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
     let net = layouts::build(kind, rng);
-    let place = Pose::new(rng.uniform(-2000.0, 2000.0), rng.uniform(-2000.0, 2000.0), rng.uniform(-3.0, 3.0));
+    let origin =
+        Pose::new(rng.uniform(-2000.0, 2000.0), rng.uniform(-2000.0, 2000.0), rng.uniform(-3.0, 3.0));
     let count = 18 + rng.below(28);
     let cars = spawn(&net, count, rng);
     let mut traffic = Traffic::new(&net, cars, rng.uniform(0.0, 27.0));
     for _ in 0..WARM_UP {
         traffic.step();
     }
-    let mut frames: Vec<Vec<Seen>> = Vec::with_capacity(FRAMES);
+    let mut frames: Vec<Vec<VehicleState>> = Vec::with_capacity(FRAMES);
     let mut shown: Vec<[usize; 2]> = Vec::with_capacity(FRAMES);
     for _ in 0..FRAMES {
-        frames.push(traffic.seen());
+        frames.push(traffic.states());
         shown.push([traffic.light(0), traffic.light(1)]);
         traffic.step();
     }
-    let (map, lanes) = net.map(&place, 0.0);
+    let (map, lanes) = net.map(&origin, 0.0);
     let mut tracks = Vec::new();
     for (k, car) in traffic.cars.iter().enumerate() {
-        let seen: Vec<Seen> = frames.iter().map(|frame| frame[k]).collect();
-        if seen.iter().any(Option::is_some) {
-            tracks.push(track(tracks.len(), TrackKind::Vehicle, car.size, &seen, &place));
+        let states: Vec<VehicleState> = frames.iter().map(|frame| frame[k]).collect();
+        if states.iter().any(Option::is_some) {
+            tracks.push(track(tracks.len(), TrackKind::Vehicle, car.size, &states, &origin));
         }
     }
     let cars = tracks.len();
     if kind != Kind::Merge {
-        bystanders(&net, &mut tracks, &place, rng);
+        bystanders(&net, &mut tracks, &origin, rng);
     }
-    let lights = lights(&net, &lanes, &map, &place, &shown);
+    let lights = lights(&net, &lanes, &map, &origin, &shown);
     let mut scene = Scene {
         id: id.to_owned(),
         frames: FRAMES,
@@ -123,14 +124,14 @@ fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
         notes: Vec::new(),
     };
     as_recorded(&mut scene);
-    if roles::anybody_touches(&scene) {
+    if roles::any_vehicles_touch(&scene) {
         return None;
     }
-    let worth_it = roles::choose(&mut scene, cars, place.position) && warnings(&scene).is_empty();
-    worth_it.then_some(scene)
+    let is_usable = roles::assign(&mut scene, cars, origin.position) && warnings(&scene).is_empty();
+    is_usable.then_some(scene)
 }
 
-/// Rounds all numbers to the 32-bit floats of recorded files, so that every format holds the same.
+/// Rounds all numbers to the 32-bit floats of recorded files, so that every format stores the same values.
 fn as_recorded(scene: &mut Scene) {
     let round = |x: &mut f64| *x = f64::from(*x as f32);
     for track in &mut scene.tracks {
@@ -148,34 +149,34 @@ fn as_recorded(scene: &mut Scene) {
     scene.lights.iter_mut().filter_map(|l| l.stop_point.as_mut()).for_each(|p| p.iter_mut().for_each(round));
 }
 
-/// A recording out of what was seen in the network's own frame.
-fn track(id: usize, kind: TrackKind, size: [f64; 3], seen: &[Seen], place: &Pose) -> Track {
+/// A track from states in the network's own frame.
+fn track(id: usize, kind: TrackKind, size: [f64; 3], states: &[VehicleState], origin: &Pose) -> Track {
     let mut track = Track {
         id: id.to_string(),
         kind,
-        position: Vec::with_capacity(seen.len()),
-        heading: Vec::with_capacity(seen.len()),
-        velocity: Vec::with_capacity(seen.len()),
-        size: Vec::with_capacity(seen.len()),
-        valid: Vec::with_capacity(seen.len()),
+        position: Vec::with_capacity(states.len()),
+        heading: Vec::with_capacity(states.len()),
+        velocity: Vec::with_capacity(states.len()),
+        size: Vec::with_capacity(states.len()),
+        valid: Vec::with_capacity(states.len()),
     };
-    for seen in seen {
-        let (at, heading, v) = seen.unwrap_or(([0.0, 0.0], 0.0, 0.0));
-        let heading = sage_core::geometry::wrap_angle(heading + place.heading);
-        let [x, y] = place.shifted(at[0], at[1]).position;
-        let valid = seen.is_some();
-        let keep = |x: f64| if valid { x } else { 0.0 };
-        track.position.push([keep(x), keep(y), keep(0.5 * size[2])]);
-        track.heading.push(keep(heading));
-        track.velocity.push([keep(v * heading.cos()), keep(v * heading.sin())]);
-        track.size.push(size.map(keep));
+    for state in states {
+        let (at, heading, v) = state.unwrap_or(([0.0, 0.0], 0.0, 0.0));
+        let heading = sage_core::geometry::wrap_angle(heading + origin.heading);
+        let [x, y] = origin.shifted(at[0], at[1]).position;
+        let valid = state.is_some();
+        let masked = |x: f64| if valid { x } else { 0.0 };
+        track.position.push([masked(x), masked(y), masked(0.5 * size[2])]);
+        track.heading.push(masked(heading));
+        track.velocity.push([masked(v * heading.cos()), masked(v * heading.sin())]);
+        track.size.push(size.map(masked));
         track.valid.push(valid);
     }
     track
 }
 
-/// Parked cars and people beside the road.
-fn bystanders(net: &Network, tracks: &mut Vec<Track>, place: &Pose, rng: &mut Rng) {
+/// Parked cars and pedestrians beside the road.
+fn bystanders(net: &Network, tracks: &mut Vec<Track>, origin: &Pose, rng: &mut Rng) {
     let edges: Vec<&Vec<Point>> = net
         .lines
         .iter()
@@ -187,7 +188,7 @@ fn bystanders(net: &Network, tracks: &mut Vec<Track>, place: &Pose, rng: &mut Rn
         let near = |q: &Point| distance(p, *q) < room;
         !net.lanes.iter().any(|lane| lane.points.iter().step_by(4).any(near))
     };
-    let mut places: Vec<Point> = Vec::new();
+    let mut positions: Vec<Point> = Vec::new();
     let (cars, people) = (6 + rng.below(12), rng.below(5));
     for k in 0..cars + people {
         let edge = edges[rng.below(most + 1)];
@@ -196,10 +197,11 @@ fn bystanders(net: &Network, tracks: &mut Vec<Track>, place: &Pose, rng: &mut Rn
         let walks = k >= cars;
         let aside = along.shifted(0.0, if walks { -2.2 } else { -rng.uniform(3.5, 12.0) });
         let room = if walks { 4.0 } else { 6.0 };
-        if !off_the_road(aside.position, room) || places.iter().any(|p| distance(*p, aside.position) < 7.0) {
+        if !off_the_road(aside.position, room) || positions.iter().any(|p| distance(*p, aside.position) < 7.0)
+        {
             continue;
         }
-        places.push(aside.position);
+        positions.push(aside.position);
         let (kind, size, speed, heading) = if walks {
             let back = if rng.below(2) == 0 { 0.0 } else { std::f64::consts::PI };
             (TrackKind::Pedestrian, [0.7, 0.7, 1.75], rng.uniform(0.8, 1.5), aside.heading + back)
@@ -212,25 +214,25 @@ fn bystanders(net: &Network, tracks: &mut Vec<Track>, place: &Pose, rng: &mut Rn
                 aside.heading + turn,
             )
         };
-        let seen = |f: usize| {
+        let state_at = |f: usize| {
             let moved = Pose { heading, ..aside }.shifted(speed * DT * f as f64, 0.0);
             Some((moved.position, heading, speed))
         };
-        let seen: Vec<Seen> = (0..FRAMES).map(seen).collect();
-        // Who walks on must not come into the road either.
-        let last = seen[FRAMES - 1].map_or(aside.position, |(at, ..)| at);
+        let states: Vec<VehicleState> = (0..FRAMES).map(state_at).collect();
+        // A pedestrian must not reach the road either.
+        let last = states[FRAMES - 1].map_or(aside.position, |(at, ..)| at);
         if off_the_road(last, 3.5) {
-            tracks.push(track(tracks.len(), kind, size, &seen, place));
+            tracks.push(track(tracks.len(), kind, size, &states, origin));
         }
     }
 }
 
-/// Lights over the lanes that lead into junctions with lights.
+/// Lights of the lanes that lead into junctions with lights.
 fn lights(
     net: &Network,
     lanes: &[usize],
     map: &sage_core::scene::Map,
-    place: &Pose,
+    origin: &Pose,
     shown: &[[usize; 2]],
 ) -> Vec<TrafficLight> {
     let mut out = Vec::new();
@@ -238,11 +240,11 @@ fn lights(
         for &k in &junction.crossing {
             let Some((_, arm)) = net.lanes[k].crossing else { continue };
             let first = net.lanes[k].points[0];
-            let [x, y] = place.shifted(first[0], first[1]).position;
+            let [x, y] = origin.shifted(first[0], first[1]).position;
             let state = |s: &[usize; 2]| {
                 [LightState::Go, LightState::Caution, LightState::Stop][s[junction.phases[arm]]]
             };
-            // A lane in pieces has its light over the first.
+            // The light of a divided lane belongs to its first part.
             let begins = !junction.crossing.iter().any(|j| net.lanes[*j].exits.contains(&k));
             if begins {
                 out.push(TrafficLight {

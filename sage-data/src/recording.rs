@@ -29,9 +29,6 @@ pub struct Recording {
     pub scene: Scene,
     /// What else the file holds.
     pub source: Source,
-    /// How the scene came to differ from its source, for whoever reads the written file: it becomes
-    /// the text [`PROVENANCE`] in the metadata, or a note in a native file without a source.
-    pub provenance: Option<String>,
 }
 
 /// Refuses a map whose lines are too long together.
@@ -70,9 +67,6 @@ fn bound_of_lines(points: &[[f64; 3]]) -> f64 {
     sums.iter().sum::<f64>() + rest
 }
 
-/// Key of a written file's metadata that tells how the scene was made from its source.
-pub const PROVENANCE: &str = "sage_provenance";
-
 /// Where a scene came from.
 #[derive(Clone, Debug)]
 pub enum Source {
@@ -89,7 +83,7 @@ impl Recording {
     ///
     /// *Errors*: [`Error`], which names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        Self::from_bytes(path, read_bounded(path)?)
+        Self::from_bytes(path, read_bytes(path)?)
     }
 
     /// Reads and checks the bytes of a scene file; `path` only names it.
@@ -99,22 +93,17 @@ impl Recording {
         if Format::of(&bytes) == Some(Format::Native) {
             let scene = native::decode(&bytes, path)?;
             check_lines(&scene, path)?;
-            return Ok(Self {
-                path: path.to_owned(),
-                scene,
-                source: Source::Native(bytes),
-                provenance: None,
-            });
+            return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes) });
         }
         let source = parse(path, bytes)?;
         let scene = metadrive::decode(&source, path)?;
         check_lines(&scene, path)?;
-        Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source), provenance: None })
+        Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source) })
     }
 
     /// A recording of a procedural scene, which has no file.
     pub fn procedural(scene: Scene) -> Self {
-        Self { path: PathBuf::from(&scene.id), scene, source: Source::Procedural, provenance: None }
+        Self { path: PathBuf::from(&scene.id), scene, source: Source::Procedural }
     }
 
     /// All values of the MetaDrive file behind the scene; `None` if there was none.
@@ -146,7 +135,7 @@ impl Recording {
     pub fn to_pickle(&self) -> Result<Vec<u8>, Error> {
         Ok(match self.written()? {
             Some(document) => document.to_pickle(),
-            None => self.annotated(metadrive::fresh(&self.scene)).to_pickle(),
+            None => metadrive::fresh(&self.scene).to_pickle(),
         })
     }
 
@@ -154,29 +143,13 @@ impl Recording {
     ///
     /// *Errors*: as [`Recording::to_pickle`].
     pub fn to_native(&self) -> Result<Vec<u8>, Error> {
-        let source = self.written()?;
-        match &self.provenance {
-            // Without a source there is no metadata to hold it: it becomes a note.
-            Some(text) if source.is_none() => {
-                let mut scene = self.scene.clone();
-                scene.notes.push(format!("{PROVENANCE}: {text}"));
-                native::encode(&scene, None, &self.path)
-            }
-            _ => native::encode(&self.scene, source.as_ref(), &self.path),
-        }
+        native::encode(&self.scene, self.written()?.as_ref(), &self.path)
     }
 
     /// The source with the scene's tracks in place of its own.
     fn written(&self) -> Result<Option<Document>, Error> {
         let Some(source) = self.document()? else { return Ok(None) };
-        Ok(Some(self.annotated(metadrive::encode(&self.scene, &source, &self.path)?)))
-    }
-
-    fn annotated(&self, mut document: Document) -> Document {
-        if let Some(text) = &self.provenance {
-            metadrive::annotate(&mut document, PROVENANCE, text);
-        }
-        document
+        Ok(Some(metadrive::encode(&self.scene, &source, &self.path)?))
     }
 
     /// Writes the recording whole or not at all, over what is there: as a native file if the name ends
@@ -196,8 +169,10 @@ pub(crate) fn parse(path: &Path, bytes: Vec<u8>) -> Result<Document, Error> {
     Document::parse(bytes).map_err(|problem| Error::Pickle { path: path.to_owned(), problem })
 }
 
-/// The bytes of a scene file that the user named or a folder holds.
-pub(crate) fn read_bounded(path: &Path) -> Result<Vec<u8>, Error> {
+/// The bytes of a scene file that the user named or that lies in a folder, for [`Recording::from_bytes`].
+///
+/// *Errors*: [`Error::Read`]; [`Error::TooLarge`] beyond [`MAX_FILE`].
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
     read_with(path, files::read_argument)
 }
 

@@ -1,7 +1,7 @@
-//! Named lists of scenes: which to train on, to choose on, to report on.
+//! Splits: named lists of scenes for training, selection and reporting.
 //!
-//! A split file is JSON: an object whose values are lists of scene numbers or names; other values
-//! (notes) are passed over.
+//! A split file is a JSON object whose values are lists of scene numbers or names; other values (notes) are
+//! ignored.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -15,7 +15,7 @@ const LIMIT: u64 = 16 << 20;
 
 /// Reads a split file.
 ///
-/// *Errors*: [`Error::Read`]; [`Error::Field`] if it is not such a JSON object.
+/// *Errors*: [`Error::Read`]; [`Error::Field`] if the file is not such a JSON object.
 pub fn read_splits(path: &Path) -> Result<Splits, Error> {
     use serde_json::Value;
     let bytes = sage_core::files::read_argument(path, LIMIT)

@@ -1,5 +1,5 @@
-//! The published functions' values on real scenes: 250 trajectories on 50 scenes in both
-//! conventions. Needs `SAGE_DATA` (the unpacked scenes) and `SAGE_REFERENCE` (the fixtures).
+//! Values of the published functions on real scenes: 250 trajectories on 50 scenes in both conventions.
+//! Needs `SAGE_DATA` (the unpacked scenes) and `SAGE_REFERENCE` (the fixtures).
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -66,14 +66,14 @@ struct Paper {
     feasible: bool,
 }
 
-/// Relative 1e-9, absolute 1e-12 near zero: what the fixture's own double check allows.
+/// Relative 1e-9, absolute 1e-12 near zero: the tolerance of the fixture's own double check.
 fn close(what: &str, found: f64, expected: f64) {
     let tolerance = (1e-9 * expected.abs()).max(1e-12);
     assert!((found - expected).abs() <= tolerance, "{what}: {found} instead of {expected}");
 }
 
 #[test]
-fn published_and_independent_values_come_out() {
+fn published_and_independent_values_are_reproduced() {
     let Some(data) = real::data() else { return };
     let Some(golden) = real::reference("sage_release_golden.json") else { return };
     let golden: Golden = serde_json::from_slice(&std::fs::read(golden).unwrap()).unwrap();
@@ -144,7 +144,7 @@ fn published_and_independent_values_come_out() {
         ] {
             close(&what(&format!("paper {field}")), found, expected);
         }
-        // The fixture's least distance runs over all steps, ours to the contact.
+        // The fixture's least distance covers all steps, ours the steps up to the contact.
         if !expected.collision {
             let least = Encounter::of(&candidate, ctx.ego()).least_distance;
             close(&what("min_distance"), least, expected.min_distance);

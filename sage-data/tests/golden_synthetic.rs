@@ -1,4 +1,4 @@
-//! The published functions' values on made-up paths, lengths 1 to 80. Needs `SAGE_REFERENCE`.
+//! Values of the published functions on synthetic trajectories, lengths 1 to 80. Needs `SAGE_REFERENCE`.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -62,8 +62,8 @@ struct Pair {
     collision: bool,
 }
 
-/// Relative 1e-9, absolute 1e-12 near zero, but for differences of rounded numbers: their own
-/// rounding, scaled by 1 / dt a difference, is the floor.
+/// Relative 1e-9, absolute 1e-12 near zero. For differences of rounded numbers the tolerance is their own
+/// rounding, scaled by 1 / dt per difference.
 fn close(what: &str, found: &[f64], expected: &[f64], floor: f64) {
     assert_eq!(found.len(), expected.len(), "{what}");
     for (k, (f, e)) in found.iter().zip(expected).enumerate() {
@@ -72,7 +72,7 @@ fn close(what: &str, found: &[f64], expected: &[f64], floor: f64) {
 }
 
 #[test]
-fn made_up_paths_have_the_published_values() {
+fn synthetic_trajectories_have_the_published_values() {
     let Some(path) = real::reference("sage_release_golden.json") else { return };
     let Golden { synthetic } = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
     assert_eq!((synthetic.single.len(), synthetic.pairs.len()), (13, 12));

@@ -1,4 +1,4 @@
-//! Procedural scenes: like recorded ones in every check and in their numbers, and worth attacking.
+//! Procedural scenes pass all checks of recorded scenes, have similar statistics, and can be attacked.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -29,24 +29,24 @@ fn scenes(each: u64) -> impl Iterator<Item = Scene> {
 }
 
 #[test]
-fn every_scene_passes_the_checks_of_recorded_ones_in_both_formats() {
+fn every_scene_passes_the_checks_of_recorded_scenes_in_both_formats() {
     for scene in scenes(8) {
-        let made = Recording::procedural(scene.clone());
-        for bytes in [made.to_pickle().unwrap(), made.to_native().unwrap()] {
-            let read = Recording::from_bytes(Path::new("made"), bytes).unwrap();
-            // The speed limit goes through km/h in a pickle.
+        let recording = Recording::procedural(scene.clone());
+        for bytes in [recording.to_pickle().unwrap(), recording.to_native().unwrap()] {
+            let read = Recording::from_bytes(Path::new("procedural"), bytes).unwrap();
+            // The speed limit is converted to km/h in a pickle.
             assert_eq!(read.scene.tracks, scene.tracks);
             assert_eq!(read.scene.map.points, scene.map.points);
             assert_eq!(read.scene.lights, scene.lights);
             assert_eq!((read.scene.ego, read.scene.adversary), (scene.ego, scene.adversary));
         }
-        let warnings = Summary::of("made", &scene).warnings;
+        let warnings = Summary::of("procedural", &scene).warnings;
         assert!(warnings.is_empty(), "{}: {warnings:?}", scene.id);
     }
 }
 
 #[test]
-fn the_logs_are_clean_and_some_simple_attack_hits() {
+fn the_logs_are_feasible_and_some_simple_attack_succeeds() {
     for scene in scenes(20).map(Arc::new) {
         let index = SceneIndex::new(scene.map.clone());
         let ctx = Context::new(&scene, &index, &ContextOptions::default()).unwrap();
@@ -62,8 +62,8 @@ fn the_logs_are_clean_and_some_simple_attack_hits() {
         let swapped = Context::new(&Arc::new(ego), &index, &ContextOptions::default()).unwrap();
         let logged = Scorer::new(&swapped).scores(&swapped.candidate(log(scene.ego)));
         assert!(logged.feasible && !logged.collision, "{}: {:?}", scene.id, logged.violations);
-        let hits = procedural::attacks(&scene).into_iter().any(|(_, path)| {
-            let s = scorer.scores(&ctx.candidate(path));
+        let hits = procedural::attacks(&scene).into_iter().any(|(_, trajectory)| {
+            let s = scorer.scores(&ctx.candidate(trajectory));
             s.collision && s.feasible
         });
         assert!(hits, "{}", scene.id);
@@ -71,7 +71,7 @@ fn the_logs_are_clean_and_some_simple_attack_hits() {
 }
 
 #[test]
-fn lanes_join_without_kinks_and_are_named_both_ways() {
+fn lanes_join_smoothly_and_link_to_each_other() {
     for scene in scenes(4) {
         let map = &scene.map;
         let mut joints = 0;
@@ -84,7 +84,7 @@ fn lanes_join_without_kinks_and_are_named_both_ways() {
                 assert!(distance([a[0], a[1]], [b[0], b[1]]) < 1e-3, "{}", scene.id);
                 let course = |p: [f64; 3], q: [f64; 3]| (q[1] - p[1]).atan2(q[0] - p[0]);
                 let turn = wrap_angle(course(next[0], next[1]) - course(points[points.len() - 2], a));
-                // Half a metre on the tightest curve, of 4 m, turns by 0.125.
+                // Half a metre on the tightest curve, of radius 4 m, turns by 0.125.
                 assert!(turn.abs() < 0.13, "{}: {turn}", scene.id);
                 assert!(map.features[exit].lane.as_ref().unwrap().entries.contains(&k));
                 joints += 1;
@@ -101,7 +101,7 @@ fn lanes_join_without_kinks_and_are_named_both_ways() {
 }
 
 #[test]
-fn a_scene_depends_on_kind_seed_and_number_alone() {
+fn a_scene_depends_only_on_kind_seed_and_number() {
     let make = |kind, seed, number| procedural::generate(kind, seed, number).unwrap();
     let here = make(Kind::FourWay, 3, 5);
     let there = std::thread::spawn(move || make(Kind::FourWay, 3, 5)).join().unwrap();
@@ -116,18 +116,18 @@ const NUMBERS: [&str; 5] = ["agents", "lanes", "map points", "lane curvature", "
 fn numbers(scene: &Scene) -> [Option<f64>; 5] {
     let map = &scene.map;
     let lanes = || map.features.iter().filter(|f| f.kind.is_lane());
-    // Turns between chords of about 2 m, by length.
+    // Angles between chords of about 2 m, divided by length.
     let curvature = |points: &[[f64; 3]]| {
-        let mut kept = vec![points[0]];
+        let mut vertices = vec![points[0]];
         for p in points {
-            let last = kept[kept.len() - 1];
+            let last = vertices[vertices.len() - 1];
             if distance([p[0], p[1]], [last[0], last[1]]) >= 2.0 {
-                kept.push(*p);
+                vertices.push(*p);
             }
         }
-        let length = 2.0 * (kept.len() - 1) as f64;
+        let length = 2.0 * (vertices.len() - 1) as f64;
         let courses: Vec<f64> =
-            kept.windows(2).map(|p| (p[1][1] - p[0][1]).atan2(p[1][0] - p[0][0])).collect();
+            vertices.windows(2).map(|p| (p[1][1] - p[0][1]).atan2(p[1][0] - p[0][0])).collect();
         let turn: f64 = courses.windows(2).map(|c| wrap_angle(c[1] - c[0]).abs()).sum();
         (length >= 6.0).then_some(turn / length)
     };
@@ -157,13 +157,13 @@ const RECORDED: [[f64; 2]; 5] =
     [[7.0, 169.0], [50.0, 450.0], [8_000.0, 41_000.0], [0.023, 0.061], [3.4, 15.0]];
 
 #[test]
-fn their_medians_lie_within_what_is_recorded() {
+fn their_medians_are_within_the_recorded_quantiles() {
     let all: Vec<[Option<f64>; 5]> = scenes(30).map(|s| numbers(&s)).collect();
     for (k, name) in NUMBERS.into_iter().enumerate() {
         let values: Vec<f64> = all.iter().filter_map(|n| n[k]).collect();
         let middle = median(&values).unwrap();
         let [low, high] = RECORDED[k];
-        println!("{name}: made {middle:.4}, recorded {low} to {high}");
+        println!("{name}: procedural {middle:.4}, recorded {low} to {high}");
         assert!((low..=high).contains(&middle), "{name}: {middle} outside {low} to {high}");
     }
     let Some(data) = real::data() else { return };

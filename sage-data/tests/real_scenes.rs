@@ -47,7 +47,7 @@ fn has(summary: &Summary, kind: &str) -> bool {
 }
 
 #[test]
-fn all_scenes_load_with_the_known_counts_and_oddities() {
+fn all_scenes_load_with_the_known_counts_and_warnings() {
     let (Some(data), Some(samples)) = (real::data(), real::samples()) else { return };
     let rows = summaries(&folder::scene_files(&data).unwrap());
     assert_eq!(rows.len(), 430);
@@ -93,7 +93,7 @@ fn the_wider_format_loads() {
     assert_eq!((overpass.frames, overpass.tracks.len(), overpass.lights.len()), (199, 45, 14));
     let summary = Summary::of("overpass", &overpass);
     assert!(has(&summary, "overpass") && has(&summary, "note"), "{:?}", summary.warnings);
-    // Two objects of interest, neither the ego: the conflict decides.
+    // Two objects of interest, neither of them the ego: the adversary is selected by conflict.
     assert_eq!(overpass.adversary_origin, sage_core::scene::AdversaryOrigin::Conflict);
     let nuscenes = read("nuscenes_0.pkl");
     assert_eq!((nuscenes.frames, nuscenes.tracks.len()), (201, 30));
@@ -132,12 +132,12 @@ fn pickle_to_scene_to_pickle_loses_nothing_and_neither_does_a_native_file_betwee
 }
 
 #[test]
-fn python_sees_no_difference_either() {
+fn python_reads_equal_values() {
     let files = everything();
     let compare = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/compare.py");
     let folder = tempfile::tempdir().unwrap();
     let mut skipped = false;
-    // A process for some files at a time: Python starts slowly, and disks are small.
+    // One process for several files: Python starts slowly, and disks are small.
     for (k, part) in files.chunks(40).enumerate() {
         if skipped {
             break;
@@ -160,11 +160,11 @@ fn python_sees_no_difference_either() {
     }
 }
 
-/// Logged futures that are whole and move at least 4 m: how many, and how many break each rule.
+/// Logged futures that are complete and move at least 4 m: their number, and how many violate each rule.
 #[test]
-fn recorded_drivers_break_the_strict_rule_no_more_than_the_papers() {
+fn recorded_drivers_violate_the_strict_rule_no_more_than_the_papers() {
     let Some(data) = real::data() else { return };
-    let judge = |path: &Path| {
+    let evaluate = |path: &Path| {
         let scene = Recording::read(path).unwrap().scene;
         let index = SceneIndex::new(scene.map.clone());
         let (ego, adversary) = (scene.ego, scene.adversary.unwrap());
@@ -188,13 +188,13 @@ fn recorded_drivers_break_the_strict_rule_no_more_than_the_papers() {
         found
     };
     let (mut n, mut paper, mut strict) = (0, 0, 0);
-    folder::in_order(&folder::scene_files(&data).unwrap(), judge, |_, found| {
+    folder::in_order(&folder::scene_files(&data).unwrap(), evaluate, |_, found| {
         n += found.len();
         paper += found.iter().filter(|(feasible, _)| !feasible).count();
         strict += found.iter().filter(|(_, feasible)| !feasible).count();
         Ok::<(), ()>(())
     })
     .unwrap();
-    println!("{n} logged futures: {paper} break the rule of the paper, {strict} the strict one");
+    println!("{n} logged futures: {paper} violate the rule of the paper, {strict} the strict one");
     assert!(n > 800 && strict <= paper && paper < n / 20, "{n} {paper} {strict}");
 }

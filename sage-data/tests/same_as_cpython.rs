@@ -1,4 +1,4 @@
-//! 20 000 generated pickle programs: what our reader accepts has the value that CPython reads.
+//! 20 000 generated pickle programs: whatever our reader accepts has the value that CPython reads.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -22,7 +22,7 @@ fn accepted_programs_have_cpythons_value() {
 }
 
 #[test]
-fn every_opcode_that_is_generated_is_known_and_no_other_is() {
+fn exactly_the_generated_opcodes_are_known() {
     let known: BTreeSet<u8> = differential::OPCODES.iter().copied().collect();
     for code in 0..=u8::MAX {
         let error = Document::parse(vec![0x80, 4, code]).unwrap_err().kind;

@@ -1,5 +1,5 @@
-//! Small files made by Python (`data/make_pickles.py`): every protocol and spelling, everything
-//! other writers do, and one thing wrong at a time.
+//! Small files written by Python (`data/make_pickles.py`): every protocol and spelling, features of other
+//! writers, and files with one error each.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -38,7 +38,7 @@ const SMALL: [&str; 8] = [
 ];
 
 #[test]
-fn every_protocol_and_spelling_says_the_same() {
+fn every_protocol_and_spelling_gives_the_same_scene() {
     let first = Recording::read(&data("small_p4_core.pkl")).unwrap();
     for name in SMALL {
         let other = Recording::read(&data(name)).unwrap();
@@ -90,7 +90,7 @@ fn the_values_are_those_that_python_wrote() {
 }
 
 #[test]
-fn the_example_scene_holds_what_its_maker_says() {
+fn the_example_scene_has_its_documented_content() {
     let scene = Recording::read(&example("crossing.pkl")).unwrap().scene;
     assert_eq!(
         (scene.frames, scene.ego().id.as_str(), scene.adversary().unwrap().id.as_str()),
@@ -127,7 +127,7 @@ fn writing_loses_nothing() {
 }
 
 #[test]
-fn python_reads_what_was_written_as_what_was_there() {
+fn python_reads_equal_values_before_and_after_writing() {
     let folder = tempfile::tempdir().unwrap();
     let mut pairs = Vec::new();
     for (k, path) in all_good().into_iter().enumerate() {
@@ -148,14 +148,14 @@ fn python_reads_what_was_written_as_what_was_there() {
 }
 
 #[test]
-fn a_changed_future_is_all_that_changes() {
+fn only_the_changed_future_changes() {
     for path in [data("small_p4_core.pkl"), example("crossing.pkl")] {
         let read = Recording::read(&path).unwrap();
         let mut changed = read.clone();
         let adversary = read.scene.adversary.unwrap();
         let track = &mut changed.scene.tracks[adversary];
         for frame in NOW + 1..read.scene.frames {
-            // Halves survive 32-bit floats.
+            // 32-bit floats represent halves exactly.
             track.position[frame][0] += 0.5 * frame as f64;
             track.heading[frame] = 0.5;
             track.velocity[frame] = [1.0, 2.0];
@@ -164,7 +164,7 @@ fn a_changed_future_is_all_that_changes() {
         let again = Recording::from_bytes(&path, changed.to_pickle().unwrap()).unwrap();
         assert_eq!(again.scene, changed.scene);
         assert_ne!(again.scene, read.scene);
-        // Types and shapes of the written columns are the file's.
+        // The written columns have the file's types and shapes.
         let column = |r: &Recording, key: &str| {
             let d = r.document().unwrap().unwrap();
             let id = read.scene.tracks[adversary].id.clone();
@@ -181,7 +181,7 @@ fn a_changed_future_is_all_that_changes() {
 }
 
 #[test]
-fn what_is_wrong_is_named_with_file_field_and_value() {
+fn errors_name_the_file_field_and_value() {
     let expected = [
         ("nan_position", "tracks/ego/state/position/3", "NaN"),
         ("infinite_heading", "tracks/1/state/heading/5", "inf"),
@@ -206,7 +206,11 @@ fn what_is_wrong_is_named_with_file_field_and_value() {
         ("short_light", "dynamic_map_states/a/state/object_state", "1 rows"),
     ];
     let files = std::fs::read_dir(data("broken")).unwrap().count();
-    assert_eq!(files, expected.len(), "a broken file without its expectation, or the other way round");
+    assert_eq!(
+        files,
+        expected.len(),
+        "a broken file without its expectation, or an expectation without its file"
+    );
     for (name, field, value) in expected {
         let path = data("broken").join(format!("{name}.pkl"));
         let error = Recording::read(&path).expect_err(name).to_string();
@@ -219,25 +223,25 @@ fn what_is_wrong_is_named_with_file_field_and_value() {
 }
 
 #[test]
-fn a_summary_says_which_files_are_scenes() {
+fn a_summary_lists_the_scene_files() {
     let files = folder::scene_files(&data("scenarionet")).unwrap();
     let names: Vec<_> =
         files.iter().map(|f| f.strip_prefix(data("scenarionet")).unwrap().to_owned()).collect();
     assert_eq!(names, [Path::new("part/sd_a.pkl"), Path::new("part/sd_b.pkl")]);
-    let mut seen = Vec::new();
+    let mut visited = Vec::new();
     folder::in_order(&files, Recording::read, |path, recording| {
         recording?;
-        seen.push(path.to_owned());
+        visited.push(path.to_owned());
         Ok::<(), Error>(())
     })
     .unwrap();
-    assert_eq!(seen, files);
+    assert_eq!(visited, files);
     let empty = tempfile::tempdir().unwrap();
     assert!(matches!(folder::scene_files(empty.path()), Err(Error::NoScenes { .. })));
 }
 
 #[test]
-fn files_that_are_no_pickles_say_so() {
+fn files_that_are_not_pickles_are_refused_with_the_cause() {
     let parse = |bytes: &[u8]| Document::parse(bytes.to_vec()).map(|_| ()).unwrap_err().kind.to_string();
     assert_eq!(parse(b""), "the file is empty");
     assert!(parse(b"PK\x03\x04").starts_with("not a pickle: the first byte is 0x50"));
@@ -252,7 +256,7 @@ fn files_that_are_no_pickles_say_so() {
 }
 
 #[test]
-fn splits_are_lists_of_scenes_and_notes_are_passed_over() {
+fn splits_are_lists_of_scenes_and_notes_are_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("splits.json");
     std::fs::write(&path, r#"{"note": "x", "dev": [3, "a"], "val": []}"#).unwrap();
@@ -287,7 +291,7 @@ fn python_opens_native_files_with_one_import() {
 }
 
 #[test]
-fn no_native_file_begins_like_a_pickle() {
+fn no_native_file_starts_like_a_pickle() {
     let mut recording = Recording::read(&data("small_p4_core.pkl")).unwrap();
     let header = |recording: &Recording| {
         let bytes = recording.to_native().unwrap();
@@ -296,21 +300,21 @@ fn no_native_file_begins_like_a_pickle() {
         length
     };
     // 0x10280: the bytes 0x80 0x02 of a pickle. Headers grow by eight bytes.
-    let taboo = 0x1_0280;
+    let forbidden = 0x1_0280;
     recording.scene.notes.push(String::new());
-    let missing = (taboo - header(&recording)) as usize;
+    let missing = (forbidden - header(&recording)) as usize;
     let lengths: Vec<u64> = (0..24)
         .map(|more| {
             *recording.scene.notes.last_mut().unwrap() = "n".repeat(missing - 12 + more);
             header(&recording)
         })
         .collect();
-    assert!(lengths.contains(&(taboo - 8)) && lengths.contains(&(taboo + 8)), "{lengths:?}");
-    assert!(!lengths.contains(&taboo), "{lengths:?}");
+    assert!(lengths.contains(&(forbidden - 8)) && lengths.contains(&(forbidden + 8)), "{lengths:?}");
+    assert!(!lengths.contains(&forbidden), "{lengths:?}");
 }
 
 #[test]
-fn lane_links_to_points_that_are_not_there_are_left_out_or_refused() {
+fn lane_links_to_points_that_do_not_exist_are_left_out_or_refused() {
     let recording = Recording::read(Path::new("../examples/crossing.pkl")).unwrap();
     let map = recording.scene.map.clone();
     let (own, lane) = map.features.iter().enumerate().find(|(_, f)| f.lane.is_some()).unwrap();
@@ -326,13 +330,13 @@ fn lane_links_to_points_that_are_not_there_are_left_out_or_refused() {
     let read = |bytes: Vec<u8>| Recording::from_bytes(Path::new("x"), bytes);
     assert!(read(link([0, beyond - 1], [0, beyond - 1]).to_native().unwrap()).is_ok());
     for (own_range, other_range) in [([0, beyond], [0, 0]), ([0, 0], [beyond, 0]), ([1 << 40, 0], [0, 0])] {
-        let made = link(own_range, other_range);
-        let error = read(made.to_native().unwrap()).unwrap_err().to_string();
+        let linked = link(own_range, other_range);
+        let error = read(linked.to_native().unwrap()).unwrap_err().to_string();
         assert!(
             error.contains("`lane.links`") && error.contains("ranges of points that these have"),
             "{error}"
         );
-        let scene = read(made.to_pickle().unwrap()).unwrap().scene;
+        let scene = read(linked.to_pickle().unwrap()).unwrap().scene;
         assert!(
             scene.notes.iter().any(|note| note.starts_with("1 lane links name points")),
             "{:?}",

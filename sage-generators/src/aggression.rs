@@ -1,15 +1,15 @@
-//! One even dial for both weights.
+//! The aggression dial: one parameter for λ and μ.
 //!
-//! λ mixes the experts and μ weighs the choice; with μ = λ nearly all of the attack comes in the first
-//! tenth of the dial, since any hit outweighs a small difference of penalties. An [`Aggression`] gives
-//! for a in [0, 1] the place (λ, μ): λ = a, and μ from a table fitted such that the attack rate rises
+//! λ mixes the experts and μ weighs the selection. With μ = λ nearly all attacks appear in the first tenth
+//! of the range, because any contact outweighs a small difference of penalties. An [`Aggression`] maps a in
+//! [0, 1] to the operating point (λ, μ): λ = a, and μ from a table fitted such that the attack rate rises
 //! evenly.
 
 use serde::{Deserialize, Serialize};
 
 use crate::Error;
 
-/// The table: μ at a = 0, 1/n, … 1.
+/// Table of μ at a = 0, 1/n, … 1.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
 pub struct Aggression {
@@ -33,7 +33,7 @@ impl Aggression {
         }
     }
 
-    /// Refuses what is no place on a dial.
+    /// Checks an aggression.
     ///
     /// *Errors*: an aggression outside [0, 1].
     pub fn check(aggression: f64) -> Result<(), Error> {
@@ -46,7 +46,7 @@ impl Aggression {
 
     /// λ and μ at an aggression.
     ///
-    /// *Errors*: one outside [0, 1].
+    /// *Errors*: an aggression outside [0, 1].
     pub fn lambda_and_mu(&self, aggression: f64) -> Result<(f64, f64), Error> {
         Self::check(aggression)?;
         let last = self.mu.len() - 1;
@@ -56,17 +56,20 @@ impl Aggression {
         Ok((aggression, (1.0 - share) * self.mu[k] + share * self.mu[k + 1]))
     }
 
-    /// The table under which the attack rate comes nearest to a straight line from its first to its
-    /// last value, in least squares, μ never falling.
+    /// Fits the table in least squares: the attack rate should follow a straight line from its first to its
+    /// last value, with μ never falling.
     ///
-    /// `rates[k][m]` is the attack rate at λ = k/n under the m-th of the values `grid` of μ, which rise
-    /// from 0 to 1.
+    /// `rates[k][m]` is the attack rate at λ = k/n and the m-th value of `grid`, the values of μ, which
+    /// rise from 0 to 1.
     ///
     /// *Errors*: rates of other shapes.
     pub fn fit(grid: &[f64], rates: &[Vec<f64>]) -> Result<Self, Error> {
         let steps = rates.len();
         if steps < 2 || grid.len() < 2 || rates.iter().any(|row| row.len() != grid.len()) {
-            return fail(format!("rates of {steps} places at {} values of mu cannot be fitted", grid.len()));
+            return fail(format!(
+                "attack rates at {steps} values of lambda and {} of mu cannot be fitted",
+                grid.len()
+            ));
         }
         let last = grid.len() - 1;
         let (low, high) = (rates[0][0], rates[steps - 1][last]);
@@ -74,7 +77,8 @@ impl Aggression {
             let line = low + (high - low) * k as f64 / (steps - 1) as f64;
             (rates[k][m] - line).powi(2)
         };
-        // Cheapest way to end at each m, and from which m it came; both ends are given.
+        // Dynamic programming: least cost of ending at each m, and the previous m of that solution. Both
+        // ends are fixed.
         let mut total: Vec<f64> = (0..=last).map(|m| if m == 0 { 0.0 } else { f64::INFINITY }).collect();
         let mut from = Vec::with_capacity(steps);
         for k in 1..steps {
@@ -90,13 +94,13 @@ impl Aggression {
             total = next;
             from.push(came);
         }
-        let mut chosen = vec![last];
+        let mut selected = vec![last];
         for came in from.iter().rev() {
-            let next = came[chosen[chosen.len() - 1]];
-            chosen.push(next);
+            let next = came[selected[selected.len() - 1]];
+            selected.push(next);
         }
-        chosen.reverse();
-        Self::new(chosen.into_iter().map(|m| grid[m]).collect())
+        selected.reverse();
+        Self::new(selected.into_iter().map(|m| grid[m]).collect())
     }
 }
 
@@ -123,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn between_its_values_a_table_is_straight_and_lambda_is_the_aggression() {
+    fn a_table_is_interpolated_linearly_and_lambda_is_the_aggression() {
         let dial = Aggression::new(vec![0.0, 0.1, 1.0]).unwrap();
         assert_eq!(dial.lambda_and_mu(0.0).unwrap(), (0.0, 0.0));
         assert_eq!(dial.lambda_and_mu(0.5).unwrap(), (0.5, 0.1));
@@ -133,8 +137,8 @@ mod tests {
     }
 
     #[test]
-    fn a_fit_makes_a_curved_rate_straight() {
-        // The rate jumps early in μ, as that of a best of many does.
+    fn a_fit_makes_a_curved_rate_linear() {
+        // The rate rises steeply at small μ, like that of the best of many candidates.
         let grid: Vec<f64> = (0..=200).map(|m| m as f64 / 200.0).collect();
         let rate = |mu: f64| 0.1 + 0.8 * mu.powf(0.2);
         let rates = vec![grid.iter().map(|mu| rate(*mu)).collect(); 11];
@@ -142,7 +146,7 @@ mod tests {
         for k in 0..=10 {
             let a = k as f64 / 10.0;
             let (_, mu) = dial.lambda_and_mu(a).unwrap();
-            // One step of the grid next to 0 is a third of the span: the fit is as good as the grid.
+            // One step of the grid near 0 is a third of the range: the fit is as good as the grid.
             let line = 0.1 + 0.8 * a;
             let best = grid.iter().map(|mu| (rate(*mu) - line).abs()).fold(f64::INFINITY, f64::min);
             assert!((rate(mu) - line).abs() <= best + 1e-9, "a {a}: {} for {line}", rate(mu));
@@ -158,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_and_places_out_of_range_are_refused() {
+    fn tables_and_aggressions_out_of_range_are_refused() {
         for mu in [vec![0.0], vec![0.0, 1.5], vec![0.0, 0.5, 0.4], vec![0.0, f64::NAN]] {
             assert!(Aggression::new(mu).is_err());
         }

@@ -1,4 +1,4 @@
-//! An attack put into its scene.
+//! Writes an attack into its scene.
 
 use sage_core::{
     geometry::Point,
@@ -6,8 +6,8 @@ use sage_core::{
     scene::Scene,
 };
 
-/// The scene in which the adversary drives an attack: its frames 11 to 90 are rewritten (position,
-/// heading, velocity, size as it is now, seen), later ones count as not seen. Nothing else changes.
+/// The scene in which the adversary follows an attack. Its frames 11 to 90 are rewritten (position,
+/// heading, velocity, the size at *now*, valid) and later frames are not valid. Nothing else changes.
 ///
 /// *Errors*: a scene without an adversary, or one too short to hold the attack.
 pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::Error> {
@@ -30,7 +30,7 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
     let axes = paper::profile(points, &start).axis;
     let (height, size) = (track.position[last][2], track.size[last]);
     let mut before: Point = start.position;
-    // An adversary that was last seen earlier had more than a frame for its first step.
+    // If the adversary's last valid frame is earlier than *now*, its first step takes more than one frame.
     let mut elapsed = (NOW + 1 - last) as f64 * DT;
     for (frame, (&[x, y], axis)) in (NOW + 1..).zip(points.iter().zip(&axes)) {
         track.position[frame] = [x, y, height];
@@ -52,7 +52,7 @@ mod tests {
     use sage_data::procedural::{self, Kind};
 
     #[test]
-    fn an_adversary_that_was_out_of_sight_does_not_leap() {
+    fn an_adversary_without_a_valid_frame_now_has_plausible_velocities() {
         let mut scene = procedural::generate(Kind::Straight, 1, 0).unwrap();
         let adversary = scene.adversary.unwrap();
         for unseen in [0, 1, 3] {
@@ -60,13 +60,13 @@ mod tests {
             for frame in NOW + 1 - unseen..=NOW {
                 track.valid[frame] = false;
             }
-            // 8 m/s along x from where it was last seen.
+            // 8 m/s along x from its last valid position.
             let last = NOW - unseen;
             let [x, y] = track.point(last);
             let points = (NOW + 1..=NOW + HORIZON).map(|f| [x + 0.8 * (f - last) as f64, y]).collect();
-            let made = attacked(&scene, &Trajectory::new("straight", points).unwrap()).unwrap();
+            let attacked_scene = attacked(&scene, &Trajectory::new("straight", points).unwrap()).unwrap();
             for frame in [NOW + 1, NOW + 2, NOW + HORIZON] {
-                let [vx, vy] = made.tracks[adversary].velocity[frame];
+                let [vx, vy] = attacked_scene.tracks[adversary].velocity[frame];
                 assert!((vx - 8.0).abs() < 1e-9 && vy.abs() < 1e-9, "{unseen} unseen, frame {frame}: {vx}");
             }
         }

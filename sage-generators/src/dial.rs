@@ -1,4 +1,4 @@
-//! Dials fitted for some experts: `dial.json` beside their weights.
+//! Fitted aggression dials: `dial.json` in the folder of the experts' weights.
 
 use std::collections::BTreeMap;
 
@@ -11,35 +11,35 @@ use crate::{Aggression, Error};
 
 /// File of the dials in a folder of weights.
 pub const DIAL_FILE: &str = "dial.json";
-/// Largest file of dials that is read, bytes.
+/// Largest dial file that is read, bytes.
 const LIMIT: u64 = 16 << 20;
-/// What makes a dial.
+/// Command that fits a dial.
 const REMEDY: &str = "`sage calibrate` fits one";
 
-/// What `dial.json` holds: a dial a selection.
+/// Content of `dial.json`: one dial per selection.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Dials(pub BTreeMap<String, FittedDial>);
 
-/// A dial with what it was fitted on.
+/// A dial with the data of its fit.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FittedDial {
     /// μ at evenly spaced aggressions.
     pub mu: Aggression,
     /// Hashes of the realistic and the adversarial expert.
     pub experts: [String; 2],
-    /// The merger it was fitted for.
+    /// The merger used in the fit.
     #[serde(default = "linear")]
     pub merger: String,
-    /// The objective of the selection that it was fitted for; none in files of earlier versions, whose names
-    /// are those of presets.
+    /// The objective of the selection used in the fit; `None` in files of earlier versions, whose names are
+    /// those of presets.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub objective: Option<ObjectiveSpec>,
-    /// Attack rate there on the scenes it was fitted on.
+    /// Attack rates of the fit at these aggressions.
     pub attack: Vec<f64>,
-    /// The scenes.
+    /// The scenes of the fit.
     pub data: String,
-    /// The command.
+    /// The command of the fit.
     pub command: String,
 }
 
@@ -48,10 +48,10 @@ fn linear() -> String {
 }
 
 impl FittedDial {
-    /// The dial for a selection beside some weights: one that was fitted for the same terms, whatever it is
-    /// called, under whichever rule.
+    /// The dial for a selection, from a folder of weights: one fitted for the same terms, regardless of its
+    /// name and feasibility rule.
     ///
-    /// *Errors*: none was fitted, or it was for other experts.
+    /// *Errors*: no dial was fitted, or it was fitted for other experts.
     pub fn load(
         weights: &Weights,
         experts: &ExpertSet,
@@ -86,7 +86,7 @@ impl FittedDial {
     }
 }
 
-/// What tells the two experts of a dial from others.
+/// Hashes that identify the realistic and the adversarial expert.
 ///
 /// *Errors*: a set without them.
 pub fn hashes(experts: &ExpertSet) -> Result<[String; 2], Error> {

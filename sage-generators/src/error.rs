@@ -1,10 +1,10 @@
-//! What can go wrong before a scene is attacked; what goes wrong in a scene is a [`sage_core::Error`].
+//! Errors before a scene is attacked. Errors within a scene are a [`sage_core::Error`].
 
 /// An error of `sage-generators`.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A scene, a name that no registry holds, options that a part refuses.
+    /// Invalid scenes, unknown names, or options that a part refuses.
     #[error(transparent)]
     Core(#[from] sage_core::Error),
     /// Networks and their weights.
@@ -13,15 +13,15 @@ pub enum Error {
     /// Experts and their mixtures.
     #[error(transparent)]
     Merging(#[from] sage_merging::Error),
-    /// A generator that was not given what it needs.
+    /// A generator without an input that it needs.
     #[error("generator `{generator}` needs {needs}")]
     Inputs {
-        /// Its name.
+        /// Name of the generator.
         generator: &'static str,
-        /// What it was not given.
+        /// The missing input.
         needs: &'static str,
     },
-    /// A dial, or a place on it, out of range.
+    /// A dial or an aggression out of range.
     #[error("{problem}")]
     Dial {
         /// The value and what was expected.

@@ -1,4 +1,4 @@
-//! Kinds of generators by name: what they are built from, and what they say of themselves.
+//! Kinds of generators by name: their inputs and their properties.
 
 use std::sync::Arc;
 
@@ -11,21 +11,21 @@ use sage_merging::{ExpertSet, Merger};
 
 use crate::{Error, mixtures::Mixtures};
 
-/// What generators are built from. Cloning shares it.
+/// Inputs of generators. Clones share the data.
 #[derive(Clone)]
 pub struct GeneratorInputs {
     /// The prior with its experts; `None` for generators that need none.
     pub experts: Option<ExpertSet>,
-    /// What mixes the experts.
+    /// The merger of the experts.
     pub merger: Arc<dyn Merger>,
-    /// Seed of mergers that draw.
+    /// Seed of mergers that use random numbers.
     pub seed: u64,
-    /// What the choice among candidates makes large.
+    /// The objective of the selection among candidates.
     pub selection: Arc<Objective>,
 }
 
 impl GeneratorInputs {
-    /// The experts.
+    /// The prior and its experts.
     ///
     /// *Errors*: [`Error::Inputs`] if there are none.
     pub fn experts(&self, generator: &'static str) -> Result<&ExpertSet, Error> {
@@ -33,7 +33,7 @@ impl GeneratorInputs {
         self.experts.as_ref().ok_or(Error::Inputs { generator, needs })
     }
 
-    /// The prior by itself.
+    /// The prior alone.
     ///
     /// *Errors*: [`Error::Inputs`] if there is none.
     pub fn prior(&self, generator: &'static str) -> Result<Arc<dyn Backbone>, Error> {
@@ -47,7 +47,7 @@ impl GeneratorInputs {
         Ok(Mixtures::new(self.experts(generator)?.clone(), self.merger.clone(), self.seed))
     }
 
-    /// The prior as a model that every mixture gives.
+    /// The prior as the model at every mixture.
     ///
     /// *Errors*: [`Error::Inputs`] if there is none.
     pub fn prior_at_any_mixture(&self, generator: &'static str) -> Result<Mixtures, Error> {
@@ -56,23 +56,23 @@ impl GeneratorInputs {
     }
 }
 
-/// What a generator says of itself.
+/// Properties of a generator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Facts {
-    /// What it knows beyond what can be seen *now*.
+    /// Information that it uses beyond the observation up to *now*.
     pub knows: Knowledge,
-    /// Whether the mixture of experts changes what it does.
+    /// Whether its attacks depend on the mixture of experts.
     pub depends_on_lambda: bool,
-    /// Whether μ does.
+    /// Whether its attacks depend on μ.
     pub depends_on_mu: bool,
     /// Whether it needs a prior and experts.
     pub needs_experts: bool,
-    /// Whether it is a ceiling, of which a table needs one row.
+    /// Whether it is an upper bound, for which a table needs one row.
     pub is_ceiling: bool,
 }
 
 impl Facts {
-    /// Of a generator that needs no experts and has no dial.
+    /// Properties of a generator that needs no experts and does not depend on λ or μ.
     pub const fn without_dial(knows: Knowledge) -> Self {
         Self {
             knows,
@@ -83,7 +83,7 @@ impl Facts {
         }
     }
 
-    /// Whether λ or μ changes what it does.
+    /// Whether its attacks depend on λ or μ.
     pub fn uses_operating_point(&self) -> bool {
         self.depends_on_lambda || self.depends_on_mu
     }
@@ -91,11 +91,11 @@ impl Facts {
 
 /// A kind of generator, with its options.
 pub trait GeneratorKind: Send + Sync {
-    /// What it says of itself.
+    /// Properties of the generator.
     fn facts(&self) -> Facts;
 
-    /// The generator.
+    /// Builds the generator.
     ///
-    /// *Errors*: inputs that it needs and was not given.
+    /// *Errors*: a missing input.
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, Error>;
 }

@@ -1,11 +1,11 @@
-//! Generators of adversarial scenes: what the adversary should do to get the ego into trouble.
+//! Generators of adversarial scenes: trajectories of the adversary that endanger the ego.
 //!
 //! Each is a [`sage_core::generator::Generator`], built by name from [`generators`] and
-//! [`GeneratorInputs`]. Most are a [`Pair`]: a proposer ([`proposers`]), which sees what can be seen *now*, and a
-//! selector ([`select`]), which may know the ego's path. [`Rule`] and [`Log`] are generators by themselves. An
-//! [`Aggression`] makes one even dial of λ and μ.
+//! [`GeneratorInputs`]. Most are a [`Pair`]: a proposer ([`proposers`]), whose input is the observation up
+//! to *now*, and a selector ([`select`]), which may use the ego's path. [`Rule`] and [`Log`] are not pairs.
+//! An [`Aggression`] combines λ and μ into one dial.
 //!
-//! From a scene to an attack, with the weights that a program carries ([`Weights::at`] names a folder):
+//! From a scene to an attack, with the embedded weights ([`Weights::at`] loads a folder):
 //!
 //! ```
 //! use std::sync::Arc;
@@ -31,7 +31,7 @@
 //! };
 //! let sage = generators()?.build_default("sage")?.build(&inputs)?;
 //!
-//! let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene came of the seed")?);
+//! let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
 //! let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default())?;
 //! let attacks = sage.attacks(&ctx, &[0.0, 1.0].map(|lambda| OperatingPoint::at(lambda, lambda)), 0)?;
 //! assert_eq!((attacks.len(), attacks[1].candidates.len()), (2, 32));
@@ -69,9 +69,9 @@ use proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, RandomGoals
 use sage_core::registry::Registry;
 use select::{Best, CatSelector, First};
 
-/// The generators this crate ships. Add a line here to make a new one known everywhere.
+/// The generators of this crate. Add a line here to register a new one.
 ///
-/// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
+/// *Errors*: [`sage_core::Error::Duplicate`] if two generators have the same name.
 pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
     Registry::new("generator")
         .with::<Pair<MixedExperts, Best>>()?

@@ -1,4 +1,4 @@
-//! No attack: the adversary's own recording.
+//! No attack: the adversary's logged future.
 
 use sage_core::{
     Error,
@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Facts, GeneratorInputs, GeneratorKind};
 
-/// The recording; a frame in which the adversary was not seen repeats its last place.
+/// The logged future; a frame that is not valid repeats the last position.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Log {}
@@ -36,7 +36,7 @@ impl GeneratorKind for Log {
 
 impl Entry<dyn GeneratorKind> for Log {
     const NAME: &'static str = "log";
-    const SUMMARY: &'static str = "no attack: the recording";
+    const SUMMARY: &'static str = "no attack: the logged future";
     const SOURCE: &'static str = "this project";
     type Options = Self;
 
@@ -45,21 +45,21 @@ impl Entry<dyn GeneratorKind> for Log {
     }
 }
 
-/// The adversary's logged future, gaps filled with its last place before them.
+/// The adversary's logged future; gaps repeat the last position before them.
 ///
-/// *Errors*: [`Error::Scene`] if there is no adversary, or it is not seen in its history.
+/// *Errors*: [`Error::Scene`] if there is no adversary, or it has no valid frame in its history.
 pub fn logged_future(scene: &Scene) -> Result<Trajectory, Error> {
     let track = scene.adversary()?;
-    let seen = (0..=NOW).rev().find(|f| track.is_valid(*f)).ok_or_else(|| Error::Scene {
+    let last_valid = (0..=NOW).rev().find(|f| track.is_valid(*f)).ok_or_else(|| Error::Scene {
         scene: scene.id.clone(),
-        problem: format!("adversary `{}` is not seen up to frame {NOW}", track.id.escape_debug()),
+        problem: format!("adversary `{}` has no valid frame up to frame {NOW}", track.id.escape_debug()),
     })?;
-    let mut last = track.point(seen);
-    let place = |f: usize| {
+    let mut last = track.point(last_valid);
+    let position = |f: usize| {
         if track.is_valid(f) {
             last = track.point(f);
         }
         last
     };
-    Trajectory::new("logged future", (NOW + 1..=NOW + HORIZON).map(place).collect())
+    Trajectory::new("logged future", (NOW + 1..=NOW + HORIZON).map(position).collect())
 }

@@ -1,4 +1,4 @@
-//! Models of a set of experts, built once a mixture and shared by all threads.
+//! Models of an expert set, built once per mixture and shared by all threads.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -6,8 +6,8 @@ use sage_backbones::MotionModel;
 use sage_core::generator::Mixture;
 use sage_merging::{Error, ExpertSet, Merger};
 
-/// Most models that are kept, about 1 MB each; the one that was built first goes.
-const KEPT: usize = 128;
+/// Largest number of cached models, about 1 MB each; the oldest one is removed first.
+const CACHED: usize = 128;
 
 /// Models at mixtures of experts.
 #[derive(Clone)]
@@ -21,31 +21,31 @@ enum Source {
 type Built = (Mixture, Arc<dyn MotionModel>);
 
 impl Mixtures {
-    /// Mixtures of experts by a merger.
+    /// Models of experts mixed by a merger.
     pub fn new(experts: ExpertSet, merger: Arc<dyn Merger>, seed: u64) -> Self {
         Self(Arc::new(Source::Mixed { experts, merger, seed, built: Mutex::default() }))
     }
 
-    /// One model, whatever the mixture.
+    /// One model for every mixture.
     pub fn always(model: Arc<dyn MotionModel>) -> Self {
         Self(Arc::new(Source::Always(model)))
     }
 
     /// The model at a mixture.
     ///
-    /// *Errors*: one that the merger does not take, or experts that it cannot mix.
+    /// *Errors*: a mixture that the merger refuses, or experts that it cannot mix.
     pub fn at(&self, mixture: &Mixture) -> Result<Arc<dyn MotionModel>, Error> {
         let (experts, merger, seed, built) = match &*self.0 {
             Source::Mixed { experts, merger, seed, built } => (experts, merger, *seed, built),
             Source::Always(model) => return Ok(model.clone()),
         };
-        // A thread that panicked left whole models behind.
+        // After a panic in another thread the cache holds complete models only.
         let mut built = built.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, model)) = built.iter().find(|(known, _)| known == mixture) {
             return Ok(model.clone());
         }
         let model = merger.merge(experts, mixture, seed)?;
-        if built.len() == KEPT {
+        if built.len() == CACHED {
             built.remove(0);
         }
         built.push((mixture.clone(), model.clone()));

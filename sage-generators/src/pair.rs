@@ -1,5 +1,5 @@
-//! A generator of two parts: a proposer, which sees what can be seen *now*, and a selector, which may know the
-//! ego's path.
+//! A generator of two parts: a proposer, whose input is the observation up to *now*, and a selector, which
+//! may use the ego's path.
 
 use std::marker::PhantomData;
 
@@ -20,18 +20,19 @@ use crate::{
 pub trait ProposerKind: Default + Serialize + DeserializeOwned + Send + Sync + 'static {
     /// Name of the generator.
     const NAME: &'static str;
-    /// What it does, in one line.
+    /// One-line description.
     const SUMMARY: &'static str;
-    /// Where it comes from.
+    /// Origin: paper or publication.
     const SOURCE: &'static str;
     /// Whether proposals depend on the mixture of experts.
     const USES_MIXTURE: bool;
     /// Whether it needs a prior and experts.
     const NEEDS_EXPERTS: bool = true;
-    /// Whether it proposes all that there is: a ceiling, whose losers are of no use to anyone.
+    /// Whether it proposes all goals. It is then an upper bound, and its attacks list only the selected
+    /// candidate.
     const IS_EXHAUSTIVE: bool = false;
 
-    /// Refuses options out of range.
+    /// Checks the ranges of the options.
     ///
     /// *Errors*: [`CoreError::Options`] with the option, its value and the range.
     fn check(&self) -> Result<(), CoreError> {
@@ -43,13 +44,13 @@ pub trait ProposerKind: Default + Serialize + DeserializeOwned + Send + Sync + '
         CoreError::Options { kind: "generator", name: Self::NAME, problem }
     }
 
-    /// The proposer.
+    /// Builds the proposer.
     ///
-    /// *Errors*: inputs that it needs and was not given.
+    /// *Errors*: a missing input.
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, Error>;
 }
 
-/// A kind of generator: a proposer and who selects among its proposals.
+/// A kind of generator: a proposer and a selector.
 pub struct Pair<P, S> {
     proposer: P,
     selector: PhantomData<fn() -> S>,
@@ -63,7 +64,7 @@ impl<P: ProposerKind, S: SelectorKind> Entry<dyn GeneratorKind> for Pair<P, S> {
 
     fn build(proposer: P) -> Result<Box<dyn GeneratorKind>, String> {
         match proposer.check() {
-            // Whoever builds it says which part it is.
+            // The registry adds the name of the part to the error.
             Err(CoreError::Options { problem, .. }) => Err(problem),
             Err(other) => Err(other.to_string()),
             Ok(()) => Ok(Box::new(Self { proposer, selector: PhantomData })),
@@ -105,7 +106,7 @@ impl Generator for ProposeAndSelect {
         let mut last: Option<(&Mixture, Vec<Proposal>)> = None;
         let mut attacks = Vec::with_capacity(at.len());
         for point in at {
-            // Another μ alone needs no other proposals.
+            // If only μ changes, the proposals stay the same.
             let known = last.take().filter(|(mixture, _)| !self.uses_mixture || **mixture == point.mixture);
             let proposals = match known {
                 Some((_, proposals)) => proposals,

@@ -1,4 +1,4 @@
-//! Who proposes trajectories from what can be seen *now*.
+//! Proposers of trajectories from the observation up to *now*.
 
 mod all_goals;
 mod cat_goals;
@@ -19,35 +19,35 @@ pub use random_goals::RandomGoals;
 
 use crate::pair::ProposerKind;
 
-/// Modes looked at for each candidate: those that no car could drive are passed over.
+/// Number of modes that are tested per candidate; modes that no car can follow are skipped.
 const SPARE: usize = 3;
 
-/// The adversary's surroundings by the prior alone, encoded.
+/// The adversary's encoding by the prior, without a forecast.
 fn encoded(prior: &dyn Backbone, now: &Observation) -> Result<Encoding, sage_backbones::Error> {
     let adversary = now.scene().adversary_index()?;
     prior.encode(Arc::new(prior.features(now, adversary, None)?))
 }
 
-/// Where a mode ends in the world.
+/// End of a mode in the world frame.
 fn goal(encoding: &Encoding, end: [f32; 2]) -> Point {
     encoding.features().frame.to_world(end.map(f64::from))
 }
 
-/// −log p of modes under a prior, up to what they share; nothing where nobody asks for it.
+/// Negative log-likelihood of modes under a prior, up to a shared constant; `None` unless requested.
 fn nll(
     prior: &dyn Backbone,
     encoding: &Encoding,
     modes: &[usize],
-    is_asked_for: bool,
+    is_requested: bool,
 ) -> Result<Vec<Option<f64>>, sage_backbones::Error> {
-    if !is_asked_for {
+    if !is_requested {
         return Ok(vec![None; modes.len()]);
     }
     let log_probs: Vec<f64> = finite(&prior.relative_log_probs(encoding, modes)?)?;
     Ok(log_probs.into_iter().map(|log_prob| Some(-log_prob)).collect())
 }
 
-/// A network's error as one of its scene.
+/// Converts a network's error to an error of the scene.
 fn in_scene(scene: &Scene, error: impl Into<crate::Error>) -> Error {
     match error.into() {
         crate::Error::Core(error) | crate::Error::Network(sage_backbones::Error::Core(error)) => error,
@@ -55,7 +55,7 @@ fn in_scene(scene: &Scene, error: impl Into<crate::Error>) -> Error {
     }
 }
 
-/// Refuses a number of candidates that is no number of candidates.
+/// Checks the number of candidates.
 fn check_candidates<P: ProposerKind>(candidates: usize) -> Result<(), Error> {
     if (1..=1024).contains(&candidates) {
         Ok(())

@@ -1,8 +1,8 @@
-//! Rule: a Bézier curve that cuts in onto the ego's way.
+//! Rule: a Bézier curve that cuts in onto the ego's path.
 //!
-//! Over the first three quarters of the ego's path the adversary follows a cubic curve from its own next
-//! place to a place on the ego's way; from there it drives one frame ahead of the ego. Nothing is learned
-//! or searched. Source: CAT's rule-based generator.
+//! During the first three quarters of the ego's path the adversary follows a cubic curve from its own next
+//! position to a point on the ego's path. From there it drives one frame ahead of the ego. The rule
+//! involves neither learning nor search. Source: CAT's rule-based generator.
 
 use sage_core::{
     Error,
@@ -16,11 +16,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Facts, GeneratorInputs, GeneratorKind};
 
-/// The rule.
+/// The rule-based generator.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Rule {
-    /// Read the adversary's frames as the published code does, seen or not.
+    /// Use the adversary's frames as the published code does, even if they are not valid.
     pub raw: bool,
 }
 
@@ -35,20 +35,20 @@ impl Rule {
     fn trajectory(&self, ctx: &Context) -> Result<Trajectory, Error> {
         let track = ctx.adversary();
         let mut ego: Vec<Point> = ctx.ego().positions().to_vec();
-        // An ego that is gone early counts as standing there.
+        // After the end of its path the ego counts as standing.
         ego.resize(HORIZON, *ego.last().unwrap_or(&ctx.scene().ego().point(NOW)));
-        // The frame itself, or the nearest that was seen, an earlier one of two.
-        let place = |frame: usize| {
+        // The frame itself, or the nearest valid one; of two, the earlier.
+        let position = |frame: usize| {
             if self.raw || track.is_valid(frame) {
                 return track.position.get(frame).map_or([0.0; 2], |_| track.point(frame));
             }
-            let seen = (NOW..track.valid.len()).filter(|f| track.is_valid(*f));
-            seen.min_by_key(|f| (f.abs_diff(frame), *f)).map_or(track.point(NOW), |f| track.point(f))
+            let valid = (NOW..track.valid.len()).filter(|f| track.is_valid(*f));
+            valid.min_by_key(|f| (f.abs_diff(frame), *f)).map_or(track.point(NOW), |f| track.point(f))
         };
         let length = ego.len() * 3 / 4;
-        let first = if self.raw || track.is_valid(NOW + 1) { place(NOW + 1) } else { place(NOW) };
-        let mut future = bezier(first, place(NOW + 1 + length / 3), &ego);
-        // The rule makes one point fewer than there are steps: its last step goes on.
+        let first = if self.raw || track.is_valid(NOW + 1) { position(NOW + 1) } else { position(NOW) };
+        let mut future = bezier(first, position(NOW + 1 + length / 3), &ego);
+        // The rule gives one point less than there are steps: its last displacement is repeated.
         while future.len() < HORIZON {
             let [a, b] = [future[future.len() - 2], future[future.len() - 1]];
             future.push([2.0 * b[0] - a[0], 2.0 * b[1] - a[1]]);
@@ -69,7 +69,7 @@ impl GeneratorKind for Rule {
 
 impl Entry<dyn GeneratorKind> for Rule {
     const NAME: &'static str = "rule";
-    const SUMMARY: &'static str = "a Bezier curve that cuts in onto the ego's way";
+    const SUMMARY: &'static str = "a Bezier curve that cuts in onto the ego's path";
     const SOURCE: &'static str = "CAT's rule-based generator";
     type Options = Self;
 
@@ -78,8 +78,8 @@ impl Entry<dyn GeneratorKind> for Rule {
     }
 }
 
-/// The rule's points for an ego path of n: n − 1 of them, the first at `first`, drawn towards `second`
-/// and the ego's middle, then the ego's own.
+/// The rule's points for an ego path of n positions: n − 1 points. The first is `first`; the curve is
+/// attracted by `second` and the middle of the ego's path; the rest are the ego's own positions.
 pub fn bezier(first: Point, second: Point, ego: &[Point]) -> Vec<Point> {
     let n = ego.len();
     let length = n * 3 / 4;

@@ -1,4 +1,4 @@
-//! Who chooses among proposals, and by what.
+//! Selectors among proposals.
 
 mod best;
 mod cat;
@@ -16,18 +16,18 @@ pub use best::{Best, best_of};
 pub use cat::{CatChoice, CatSelector, cat_plan, cat_select};
 pub use first::First;
 
-/// A proposal that was selected.
+/// The selected proposal.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Selection {
-    /// Its number among the proposals.
+    /// Its index among the proposals.
     pub chosen: usize,
-    /// Why it is not what it should be, if so.
+    /// Warning about the selection, if any.
     pub note: Option<Note>,
 }
 
-/// Chooses among the proposals for one scene.
+/// Selects among the proposals for one scene.
 pub trait Selector: Send + Sync {
-    /// The choice among at least one proposal, at a weight μ where it depends on one.
+    /// Selects one of at least one proposal, at a weight μ if it depends on one.
     ///
     /// *Errors*: [`Error::Scene`] for proposals that it cannot compare.
     fn select(&self, proposals: &[Proposal], ctx: &Context, mu: f64) -> Result<Selection, Error>;
@@ -35,11 +35,11 @@ pub trait Selector: Send + Sync {
 
 /// A kind of selector, for [`crate::Pair`].
 pub trait SelectorKind: 'static {
-    /// What it knows beyond what can be seen *now*.
+    /// Information that it uses beyond the observation up to *now*.
     const KNOWS: Knowledge;
-    /// Whether μ changes what it chooses.
+    /// Whether the selection depends on μ.
     const DEPENDS_ON_MU: bool;
 
-    /// The selector.
+    /// Builds the selector.
     fn build(inputs: &GeneratorInputs) -> Box<dyn Selector>;
 }

@@ -1,4 +1,4 @@
-//! What must hold for every generator that ships, over the experts that ship.
+//! Properties of every generator of this crate, with the embedded experts.
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
 use std::sync::Arc;
@@ -31,7 +31,7 @@ fn context(scene: &Arc<Scene>) -> Context {
     Context::new(scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default()).unwrap()
 }
 
-/// The scene with another future of everybody.
+/// The scene with another future of all tracks.
 fn with_another_future(scene: &Scene) -> Scene {
     let mut other = scene.clone();
     for track in &mut other.tracks {
@@ -44,7 +44,7 @@ fn with_another_future(scene: &Scene) -> Scene {
 }
 
 #[test]
-fn an_operating_point_does_not_depend_on_those_beside_it() {
+fn an_attack_does_not_depend_on_other_operating_points() {
     let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
     let ctx = context(&scene);
     let inputs = inputs("natural");
@@ -64,7 +64,7 @@ fn an_operating_point_does_not_depend_on_those_beside_it() {
 }
 
 #[test]
-fn who_knows_nothing_after_now_is_not_moved_by_it() {
+fn generators_that_use_only_history_do_not_depend_on_the_future() {
     let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
     let other = Arc::new(with_another_future(&scene));
     let [ctx, changed] = [&scene, &other].map(context);
@@ -79,10 +79,10 @@ fn who_knows_nothing_after_now_is_not_moved_by_it() {
             assert_eq!(a, b, "{}", entry.name);
             checked += 1;
         } else if !kind.facts().is_ceiling && kind.facts().needs_experts {
-            // What was proposed is the same; what was chosen of it may differ.
+            // The proposals are equal; the selected one may differ.
             assert_eq!(a[0].candidates, b[0].candidates, "{}", entry.name);
         } else if !kind.facts().needs_experts {
-            assert_ne!(a, b, "{} says that it knows more", entry.name);
+            assert_ne!(a, b, "{} declares that it uses the future", entry.name);
         }
     }
     assert_eq!(checked, 1, "most-likely");
@@ -94,24 +94,24 @@ fn any_frame_may_be_now() {
     let index = SceneIndex::new(scene.map.clone());
     let proposer = MixedExperts::default().build(&inputs("paper-selection")).unwrap();
     for now in [NOW, 25, 60] {
-        let seen = Observation::at(&scene, &index, now).unwrap();
-        let adversary = seen.scene().adversary().unwrap();
+        let observation = Observation::at(&scene, &index, now).unwrap();
+        let adversary = observation.scene().adversary().unwrap();
         assert_eq!(adversary.point(NOW), scene.adversary().unwrap().point(now));
         if !adversary.is_valid(NOW) {
             continue;
         }
         let at = OperatingPoint::at(0.5, 0.5).mixture;
-        let proposals = proposer.prepare(&seen).unwrap().propose(&at, 0).unwrap();
+        let proposals = proposer.prepare(&observation).unwrap().propose(&at, 0).unwrap();
         assert_eq!(proposals.len(), 32);
         let [x, y] = adversary.point(NOW);
         let far = |p: [f64; 2]| (p[0] - x).hypot(p[1] - y);
-        assert!(proposals.iter().all(|p| far(p.trajectory.points()[0]) < 4.0), "from where it is at {now}");
+        assert!(proposals.iter().all(|p| far(p.trajectory.points()[0]) < 4.0), "from its position at {now}");
     }
     assert!(Observation::at(&scene, &index, 9).is_err() && Observation::at(&scene, &index, 9999).is_err());
 }
 
 #[test]
-fn what_is_missing_is_named() {
+fn missing_inputs_are_named() {
     let none = GeneratorInputs { experts: None, ..inputs("natural") };
     let registry = generators().unwrap();
     for entry in registry.entries() {

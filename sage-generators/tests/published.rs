@@ -1,8 +1,8 @@
-//! CAT's selection and the rule against what the published code computes.
+//! CAT's selection and the rule against values of the published code.
 //!
-//! `tests/data/cat_select.safetensors` was made by running CAT's own routine on eight made-up cases, and
-//! holds no recorded scene. The rule's check values are over recorded scenes, which are not part of this
-//! project: with `SAGE_DATA` set, they are compared too.
+//! `tests/data/cat_select.safetensors` holds the results of CAT's own routine on eight artificial cases and
+//! no recorded scene. The rule's check values are for recorded scenes, which are not part of this project;
+//! they are compared if `SAGE_DATA` is set.
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 
 use std::{path::Path, sync::Arc};
@@ -26,16 +26,16 @@ struct Case<'f> {
 
 impl Case<'_> {
     fn numbers(&self, name: &str) -> Vec<f64> {
-        let view = self.file.tensor(&format!("case{}/{name}", self.number)).unwrap();
-        let chunks = view.data().as_chunks::<8>().0;
-        match view.dtype() {
+        let tensor = self.file.tensor(&format!("case{}/{name}", self.number)).unwrap();
+        let chunks = tensor.data().as_chunks::<8>().0;
+        match tensor.dtype() {
             Dtype::F64 => chunks.iter().map(|c| f64::from_le_bytes(*c)).collect(),
             Dtype::I64 => chunks.iter().map(|c| i64::from_le_bytes(*c) as f64).collect(),
             other => panic!("{other:?}"),
         }
     }
 
-    fn paths(&self, name: &str) -> Vec<Vec<Point>> {
+    fn trajectories(&self, name: &str) -> Vec<Vec<Point>> {
         let shape = self.file.tensor(&format!("case{}/{name}", self.number)).unwrap().shape().to_vec();
         let points: Vec<Point> = self.numbers(name).as_chunks::<2>().0.to_vec();
         points.chunks(shape[1]).map(<[Point]>::to_vec).collect()
@@ -47,12 +47,12 @@ impl Case<'_> {
 }
 
 #[test]
-fn the_eight_cases_choose_score_and_plan_as_published() {
+fn selection_scores_and_plan_of_the_eight_cases_are_as_published() {
     let bytes = std::fs::read("tests/data/cat_select.safetensors").unwrap();
     let file = SafeTensors::deserialize(&bytes).unwrap();
     for number in 0..8 {
         let case = Case { file: &file, number };
-        let (candidates, ego) = (case.paths("candidates"), case.paths("ego"));
+        let (candidates, ego) = (case.trajectories("candidates"), case.trajectories("ego"));
         let candidates: Vec<&[Point]> = candidates.iter().map(Vec::as_slice).collect();
         let ego: Vec<_> = ego.iter().map(Vec::as_slice).zip(case.numbers("ego_prob")).collect();
         let found = cat_select(
@@ -82,7 +82,7 @@ fn the_eight_cases_choose_score_and_plan_as_published() {
     }
 }
 
-/// The rule's own 79 points in `release`, as the check values are of.
+/// The rule's own 79 points in `release`, the convention of the check values.
 fn released(path: &Path) -> [f64; 3] {
     let scene = Arc::new(sage_data::Recording::read(path).unwrap().scene);
     let index = SceneIndex::new(scene.map.clone());
@@ -90,8 +90,8 @@ fn released(path: &Path) -> [f64; 3] {
     let ctx = Context::new(&scene, &index, &options).unwrap();
     let track = scene.adversary().unwrap();
     let at = |frame: usize| {
-        let seen = (NOW..track.valid.len()).filter(|f| track.is_valid(*f));
-        track.point(seen.min_by_key(|f| (f.abs_diff(frame), *f)).unwrap())
+        let valid = (NOW..track.valid.len()).filter(|f| track.is_valid(*f));
+        track.point(valid.min_by_key(|f| (f.abs_diff(frame), *f)).unwrap())
     };
     let first = if track.is_valid(11) { track.point(11) } else { track.point(10) };
     let ego = ctx.ego().positions();
@@ -142,15 +142,15 @@ fn the_rule_reproduces_its_check_values() {
 }
 
 #[test]
-fn a_log_with_gaps_repeats_the_last_place() {
+fn a_log_with_gaps_repeats_the_last_position() {
     let mut scene = sage_data::procedural::generate(sage_data::procedural::Kind::Straight, 1, 0).unwrap();
     let adversary = scene.adversary.unwrap();
     for frame in 20..30 {
         scene.tracks[adversary].valid[frame] = false;
         scene.tracks[adversary].position[frame] = [0.0; 3];
     }
-    let path = logged_future(&scene).unwrap();
-    let place = scene.tracks[adversary].point(19);
-    assert_eq!(path.points()[18], place);
-    assert_eq!(path.points()[19], scene.tracks[adversary].point(30));
+    let trajectory = logged_future(&scene).unwrap();
+    let position = scene.tracks[adversary].point(19);
+    assert_eq!(trajectory.points()[18], position);
+    assert_eq!(trajectory.points()[19], scene.tracks[adversary].point(30));
 }

@@ -1,24 +1,24 @@
-//! What can go wrong when experts are put together.
+//! Errors of loading and mixing experts.
 
 /// An error of `sage-merging`.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// Weights that do not fit, files that cannot be read.
+    /// Weights that do not fit together, or files that cannot be read.
     #[error(transparent)]
     Network(#[from] sage_backbones::Error),
-    /// A mixture that a merger does not take.
+    /// A mixture that a merger refuses.
     #[error("{problem}")]
     Mixture {
         /// The weights, and what was expected.
         problem: String,
     },
-    /// An expert that the set does not hold.
+    /// An expert that is not in the set.
     #[error("no expert `{name}`; there are {}", known.join(", "))]
     Expert {
-        /// Name asked for.
+        /// The unknown name.
         name: String,
-        /// Names that exist.
+        /// Names of the set's experts.
         known: Vec<String>,
     },
 }

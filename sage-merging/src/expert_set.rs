@@ -1,4 +1,4 @@
-//! Any number of experts tuned from one prior.
+//! Sets of any number of experts tuned from one prior.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -17,44 +17,44 @@ pub const REALISTIC: &str = "realistic";
 /// The expert at λ = 1.
 pub const ADVERSARIAL: &str = "adversarial";
 
-/// A prior and its experts, checked: the same tensors, and those that fine-tuning leaves alone the
-/// same bits in all of them.
+/// A prior and its experts, checked: all have the same tensors, and tensors that fine-tuning does not
+/// change have the same bits.
 #[derive(Clone)]
 pub struct ExpertSet {
     prior: Arc<dyn Backbone>,
     experts: Arc<[(String, Parameters)]>,
 }
 
-/// What the file of an expert holds.
+/// Content of an expert's file.
 pub struct ExpertFile {
     /// The file, for messages.
     pub path: PathBuf,
     /// The weights.
     pub parameters: Parameters,
-    /// What the file says of them.
+    /// The header of the file.
     pub header: Header,
 }
 
 impl ExpertFile {
-    /// Note in the header: which expert it is, such as `realistic` or `adversarial`.
+    /// Note in the header: name of the expert, such as `realistic` or `adversarial`.
     pub const EXPERT: &str = sage_backbones::weights::EXPERT_NOTE;
-    /// Note in the header: hash of the prior that it was tuned from.
+    /// Note in the header: hash of the prior that the expert was tuned from.
     pub const PRIOR: &str = "prior";
 
-    /// The weights, if the file is that expert of that prior.
+    /// The weights, if the file holds that expert of that prior.
     fn checked(self, expert: &str, prior: &str) -> Result<Parameters, Error> {
-        let remedy = "make the experts anew with `sage finetune`";
+        let remedy = "recreate the experts with `sage finetune`";
         let notes = &self.header.notes;
         let foreign = self.parameters.iter().find(|(_, tensor)| tensor.dtype() != DType::F32);
         let problem = match (notes.get(Self::EXPERT), notes.get(Self::PRIOR), foreign) {
             (None, ..) | (_, None, _) => {
-                format!("it does not say which expert it is and of which prior: {remedy}")
+                format!("the header does not name the expert and its prior: {remedy}")
             }
-            (Some(says), ..) if says != expert => format!(
-                "it says that it is the {says} expert, where the {expert} one belongs: the files were swapped or renamed"
+            (Some(named), ..) if named != expert => format!(
+                "the header names the {named} expert, expected the {expert} one: the files were swapped or renamed"
             ),
             (_, Some(from), _) if from != prior => format!(
-                "the {expert} expert was tuned from another prior ({from}) than the one beside it ({prior}): {remedy}"
+                "the {expert} expert was tuned from another prior ({from}) than the given prior ({prior}): {remedy}"
             ),
             (.., Some((name, tensor))) => format!(
                 "tensor `{}` holds {:?}; experts are mixed in F32: convert the weights",
@@ -71,32 +71,32 @@ impl ExpertFile {
 pub struct TensorSet<'t> {
     /// Its name.
     pub name: &'t str,
-    /// The prior's numbers.
+    /// The prior's values.
     pub prior: &'t [f32],
-    /// Each expert's numbers, in the order of the set.
+    /// Each expert's values, in the order of the set.
     pub experts: &'t [Vec<f32>],
 }
 
-/// A tensor that fine-tuning moved in some expert, in numbers.
-pub(crate) struct Moved {
+/// A tensor that fine-tuning changed in some expert, flattened.
+pub(crate) struct TunedTensor {
     pub name: String,
     pub shape: Vec<usize>,
     pub prior: Vec<f32>,
     experts: Vec<Vec<f32>>,
 }
 
-impl Moved {
+impl TunedTensor {
     pub fn set(&self) -> TensorSet<'_> {
         TensorSet { name: &self.name, prior: &self.prior, experts: &self.experts }
     }
 }
 
 impl ExpertSet {
-    /// A prior with its experts from where its weights lie: all files beside it that say that they are one, the
+    /// Loads a prior and its experts from a folder of weights: all files whose header names an expert, the
     /// realistic and the adversarial one first, others by name.
     ///
-    /// *Errors*: those of [`Weights::prior`], and of [`ExpertSet::of_files`]; no expert, or a file of tensors
-    /// that cannot be read.
+    /// *Errors*: those of [`Weights::prior`], and of [`ExpertSet::of_files`]; no expert, or a file of
+    /// tensors that cannot be read.
     pub fn load(weights: &Weights, registry: &Registry<dyn Backbone>) -> Result<(Self, Header), Error> {
         let (prior, header) = weights.prior(registry)?;
         let mut files = Vec::new();
@@ -107,7 +107,7 @@ impl ExpertSet {
                 continue;
             }
             let (parameters, header) = weights.tensors(&file)?;
-            // An expert that does not say so is refused; other states of training are none.
+            // A file named as an expert without the note is refused; checkpoints of training are skipped.
             let is_expert = header.notes.contains_key(ExpertFile::EXPERT);
             if is_expert || [REALISTIC, ADVERSARIAL].contains(&name) {
                 files.push((name.to_owned(), ExpertFile { path, parameters, header }));
@@ -115,17 +115,17 @@ impl ExpertSet {
         }
         if files.is_empty() {
             let path = weights.path(&format!("{REALISTIC}.safetensors"));
-            let problem = "is not there: `sage finetune` makes experts of a prior".to_owned();
+            let problem = "does not exist: `sage finetune` tunes experts from a prior".to_owned();
             return Err(sage_backbones::Error::Format { path, problem }.into());
         }
         files.sort_by_key(|(name, _)| (name != REALISTIC, name != ADVERSARIAL, name.clone()));
         Ok((Self::of_files(prior.into(), files)?, header))
     }
 
-    /// The experts of a prior from their files, by the names under which they were looked for.
+    /// The experts of a prior from their files, by the names of the files.
     ///
-    /// *Errors*: a file that is another expert, of another prior, or does not say so; else as
-    /// [`ExpertSet::new`].
+    /// *Errors*: a file that holds another expert, an expert of another prior, or no note of either; else
+    /// as [`ExpertSet::new`].
     pub fn of_files(
         prior: Arc<dyn Backbone>,
         files: impl IntoIterator<Item = (String, ExpertFile)>,
@@ -139,10 +139,10 @@ impl ExpertSet {
         Self::new(prior, experts)
     }
 
-    /// Checks and takes a prior and named experts, in the order in which mixtures weigh them.
+    /// Checks and takes a prior and named experts, in the order of a mixture's weights.
     ///
-    /// *Errors*: no expert, or two of a name; weights of another network, or of another prior, with each
-    /// tensor at fault.
+    /// *Errors*: no expert, or two of the same name; weights of another network or of another prior, with
+    /// each mismatching tensor.
     pub fn new(prior: Arc<dyn Backbone>, experts: Vec<(String, Parameters)>) -> Result<Self, Error> {
         let names: Vec<&str> = experts.iter().map(|(name, _)| name.as_str()).collect();
         let twice = names.iter().enumerate().find(|(k, name)| names[..*k].contains(name));
@@ -155,7 +155,7 @@ impl ExpertSet {
         for (name, expert) in &experts {
             let mut problems = expert.mismatches(prior.parameter_specs());
             if problems.is_empty() {
-                problems = moved_in_vain(&*prior, expert)?;
+                problems = differences_from_prior(&*prior, expert)?;
             }
             if !problems.is_empty() {
                 let what = format!("the {name} expert");
@@ -184,41 +184,41 @@ impl ExpertSet {
     ///
     /// *Errors*: [`Error::Expert`].
     pub fn expert(&self, name: &str) -> Result<&Parameters, Error> {
-        Ok(&self.experts[self.place(name)?].1)
+        Ok(&self.experts[self.index_of(name)?].1)
     }
 
-    fn place(&self, name: &str) -> Result<usize, Error> {
-        let place = self.experts.iter().position(|(known, _)| known == name);
-        place.ok_or_else(|| Error::Expert {
+    fn index_of(&self, name: &str) -> Result<usize, Error> {
+        let index = self.experts.iter().position(|(known, _)| known == name);
+        index.ok_or_else(|| Error::Expert {
             name: name.to_owned(),
             known: self.experts.iter().map(|(name, _)| name.clone()).collect(),
         })
     }
 
-    /// The mixture at λ: 1 − λ of the realistic expert, λ of the adversarial one, nothing of others.
+    /// The mixture at λ: weight 1 − λ for the realistic expert, λ for the adversarial one, 0 for others.
     ///
     /// *Errors*: [`Error::Expert`] if the set lacks one of the two.
     pub fn between(&self, lambda: f64) -> Result<Mixture, Error> {
         self.mixture(&[(REALISTIC, 1.0 - lambda), (ADVERSARIAL, lambda)])
     }
 
-    /// The mixture of named weights; an expert that is not named has none.
+    /// The mixture of named weights; an expert that is not named has weight 0.
     ///
-    /// *Errors*: [`Error::Expert`] for a name that the set does not hold.
+    /// *Errors*: [`Error::Expert`] for a name that is not in the set.
     pub fn mixture<'n>(
         &self,
         weights: impl IntoIterator<Item = &'n (&'n str, f64)>,
     ) -> Result<Mixture, Error> {
         let mut all = vec![0.0; self.experts.len()];
         for (name, weight) in weights {
-            all[self.place(name)?] = *weight;
+            all[self.index_of(name)?] = *weight;
         }
         Ok(Mixture::new(all))
     }
 
-    /// Tensors that are not the prior's in some expert, sorted by name.
-    pub(crate) fn moved(&self) -> Result<Vec<Moved>, Error> {
-        let mut moved = Vec::new();
+    /// Tensors that differ from the prior's in some expert, sorted by name.
+    pub(crate) fn tuned_tensors(&self) -> Result<Vec<TunedTensor>, Error> {
+        let mut tuned = Vec::new();
         for (name, tensor) in self.prior.parameters().iter() {
             let prior = numbers(tensor)?;
             let of = |(_, expert): &(String, Parameters)| match expert.get(name) {
@@ -227,10 +227,15 @@ impl ExpertSet {
             };
             let experts = self.experts.iter().map(of).collect::<Result<Vec<_>, _>>()?;
             if experts.iter().any(|expert| *expert != prior) {
-                moved.push(Moved { name: name.to_owned(), shape: tensor.dims().to_vec(), prior, experts });
+                tuned.push(TunedTensor {
+                    name: name.to_owned(),
+                    shape: tensor.dims().to_vec(),
+                    prior,
+                    experts,
+                });
             }
         }
-        Ok(moved)
+        Ok(tuned)
     }
 }
 
@@ -238,14 +243,14 @@ fn numbers(tensor: &Tensor) -> Result<Vec<f32>, Error> {
     Ok(tensor.flatten_all()?.to_vec1()?)
 }
 
-/// Tensors that differ from the prior's though fine-tuning does not move them: the mark of an expert
-/// of another prior.
-fn moved_in_vain(prior: &dyn Backbone, expert: &Parameters) -> Result<Vec<String>, Error> {
+/// Problems of an expert tuned from another prior: tensors that differ from the prior's although
+/// fine-tuning does not change them.
+fn differences_from_prior(prior: &dyn Backbone, expert: &Parameters) -> Result<Vec<String>, Error> {
     let mut problems = Vec::new();
     for (name, own) in expert.iter() {
         let Some(base) = prior.parameters().get(name) else { continue };
         if !prior.parameter_group(name).is_finetuned() && numbers(own)? != numbers(base)? {
-            problems.push(format!("tensor `{name}` is not the prior's: it was tuned from another one"));
+            problems.push(format!("tensor `{name}` differs from the prior's: it was tuned from another one"));
         }
     }
     Ok(problems)

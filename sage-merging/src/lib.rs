@@ -1,8 +1,8 @@
-//! From a set of experts to one model, at any point among them.
+//! Merging of experts: from a set of experts to one model at any mixture.
 //!
-//! - An [`ExpertSet`] is a prior with any number of experts tuned from it, checked to fit.
-//! - A [`Merger`] makes a model of a set at a mixture; those shipped are in [`mergers`]. What mixes weights
-//!   is written tensor by tensor ([`TensorMerger`]).
+//! - An [`ExpertSet`] is a prior with any number of experts tuned from it, checked for consistency.
+//! - A [`Merger`] builds a model from a set at a mixture; [`mergers`] lists those of this crate. Mergers
+//!   of weights are written per tensor ([`TensorMerger`]).
 //! - An [`InterpolatedModel`] is one network whose weights follow a mixture in place.
 
 mod error;
@@ -23,9 +23,9 @@ pub use uniform_soup::UniformSoup;
 
 use sage_core::registry::Registry;
 
-/// The mergers this crate ships. Add a line here to make a new one known everywhere.
+/// The mergers of this crate. Add a line here to register a new one.
 ///
-/// *Errors*: [`sage_core::Error::Duplicate`] if two bear one name.
+/// *Errors*: [`sage_core::Error::Duplicate`] if two mergers have the same name.
 pub fn mergers() -> Result<Registry<dyn Merger>, sage_core::Error> {
     Registry::new("merger").with::<Linear>()?.with::<PreferenceVector>()?.with::<UniformSoup>()
 }

@@ -1,7 +1,7 @@
 //! Weight interpolation: `(1 − λ) θ_real + λ θ_adv`, and `Σ w_i θ_i` for more experts.
 //!
-//! Laws: at a corner the expert's own numbers, bit for bit; a number that all experts share is left as it is;
-//! continuous in the weights.
+//! Properties: at a corner the result is the expert's own values, bit for bit; a value that all experts
+//! share is unchanged; the result is continuous in the weights.
 
 use sage_core::registry::{Entry, NoOptions};
 

@@ -1,4 +1,4 @@
-//! From a set of experts and a point among them to a model that proposes.
+//! Mergers: from a set of experts and a mixture to a model.
 
 use std::sync::Arc;
 
@@ -10,20 +10,20 @@ use sage_core::generator::{Mixture, corner};
 
 use crate::{Error, ExpertSet, TensorSet};
 
-/// Makes a model of a set of experts.
+/// Builds a model from a set of experts.
 ///
-/// What mixes weights implements [`TensorMerger`] and is a merger thereby; what mixes outputs holds the
-/// experts, and implements this.
+/// Mergers of weights implement [`TensorMerger`] and thereby this trait. Mergers of outputs hold the
+/// experts and implement this trait directly.
 pub trait Merger: Send + Sync {
-    /// Which mixtures it takes.
+    /// Range of accepted mixtures.
     fn range(&self) -> Range;
 
-    /// The model at a mixture, which is within its range.
+    /// The model at a mixture within the range.
     ///
     /// *Errors*: experts that it cannot mix.
     fn model(&self, experts: &ExpertSet, at: &Mixture, seed: u64) -> Result<Arc<dyn MotionModel>, Error>;
 
-    /// How it mixes weights, if it does: what drives one model in place.
+    /// The merger of weights, if it is one; an [`InterpolatedModel`](crate::InterpolatedModel) needs it.
     fn tensors(&self) -> Option<&dyn TensorMerger> {
         None
     }
@@ -32,31 +32,31 @@ pub trait Merger: Send + Sync {
 impl dyn Merger + '_ {
     /// The model at a mixture.
     ///
-    /// *Errors*: [`Error::Mixture`] for one that it does not take; those of [`Merger::model`].
+    /// *Errors*: [`Error::Mixture`] for one that it refuses; those of [`Merger::model`].
     pub fn merge(&self, experts: &ExpertSet, at: &Mixture, seed: u64) -> Result<Arc<dyn MotionModel>, Error> {
         self.range().check(experts, at)?;
         self.model(experts, at, seed)
     }
 }
 
-/// Mixtures that a merger takes.
+/// Mixtures that a merger accepts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Range {
     /// Weights of at least 0 that sum to 1.
     Simplex,
-    /// Any finite weights: beyond the experts too.
+    /// Any finite weights, also outside the simplex.
     Beyond,
 }
 
 impl Range {
-    /// Refuses a mixture.
+    /// Checks that a mixture is within the range.
     ///
     /// *Errors*: [`Error::Mixture`].
     pub fn check(self, experts: &ExpertSet, at: &Mixture) -> Result<(), Error> {
         self.check_weights(experts.names().len(), at)
     }
 
-    /// The same for a number of experts.
+    /// The same check for a number of experts.
     ///
     /// *Errors*: [`Error::Mixture`].
     pub fn check_weights(self, experts: usize, at: &Mixture) -> Result<(), Error> {
@@ -80,22 +80,22 @@ impl Range {
     }
 }
 
-/// Mixes weights, tensor by tensor.
+/// Mixes weights per tensor.
 pub trait TensorMerger: Send + Sync {
-    /// Which mixtures it takes.
+    /// Range of accepted mixtures.
     fn range(&self) -> Range {
         Range::Simplex
     }
 
-    /// Prepares what it needs to know of all tensors together, such as a threshold.
+    /// Computes quantities of all tensors together, such as a threshold.
     ///
     /// *Errors*: experts that it cannot mix.
     fn prepare(&self, experts: &ExpertSet, seed: u64) -> Result<Box<dyn TensorRule>, Error>;
 }
 
-/// How a prepared [`TensorMerger`] mixes one tensor.
+/// The rule by which a prepared [`TensorMerger`] mixes one tensor.
 ///
-/// It is asked for tensors that fine-tuning moved in some expert; the others stay the prior's.
+/// It is applied to tensors that fine-tuning changed in some expert; the others stay the prior's.
 pub trait TensorRule: Send + Sync {
     /// Writes a tensor at a mixture, given by its weights.
     fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]);
@@ -129,16 +129,17 @@ pub fn merged_weights(
     merger.range().check(experts, at)?;
     let rule = merger.prepare(experts, seed)?;
     let mut weights = experts.prior().parameters().clone();
-    for moved in experts.moved()? {
-        let mut out = vec![0.0; moved.prior.len()];
-        rule.merge(&moved.set(), at.weights(), &mut out);
-        weights.insert(&*moved.name, Tensor::from_vec(out, moved.shape.as_slice(), &Device::Cpu)?);
+    for tuned in experts.tuned_tensors()? {
+        let mut out = vec![0.0; tuned.prior.len()];
+        rule.merge(&tuned.set(), at.weights(), &mut out);
+        weights.insert(&*tuned.name, Tensor::from_vec(out, tuned.shape.as_slice(), &Device::Cpu)?);
     }
     Ok(weights)
 }
 
-/// Mixes a tensor number by number, for mergers on the simplex whose corners are the experts: at a corner the
-/// expert's own numbers, and a number that all experts share as it is. `mix` gets a number of each expert and the prior's.
+/// Mixes a tensor value by value, for mergers on the simplex whose corners are the experts. At a corner the
+/// result is the expert's own values, and a value that all experts share is unchanged. `mix` gets one value
+/// of each expert and the prior's.
 pub fn mix_numbers(tensor: &TensorSet, at: &[f64], out: &mut [f32], mix: impl Fn(&[f32], f32) -> f64) {
     if let Some(corner) = corner(at) {
         out.copy_from_slice(&tensor.experts[corner]);

@@ -1,12 +1,13 @@
 //! Preference vectors: `θ_prior + Σ w_i (θ_i − θ_prior)`.
 //!
-//! On the simplex the same mixture as [`crate::Linear`] seen from the prior, with the same laws.
+//! On the simplex this is the same mixture as [`crate::Linear`], written relative to the prior, with the
+//! same properties.
 
 use sage_core::registry::{Entry, NoOptions};
 
 use crate::{Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet, merger::mix_numbers};
 
-/// The vector form.
+/// Merging by preference vectors.
 #[derive(Clone, Copy)]
 pub struct PreferenceVector;
 
@@ -27,7 +28,7 @@ impl TensorRule for PreferenceVector {
 
 impl Entry<dyn Merger> for PreferenceVector {
     const NAME: &'static str = "preference-vector";
-    const SUMMARY: &'static str = "the prior plus the mixture of what each expert moved";
+    const SUMMARY: &'static str = "the prior plus the weighted differences of the experts from it";
     const SOURCE: &'static str = "SAGE (ICLR 2026), after task arithmetic (Ilharco et al. 2023)";
     type Options = NoOptions;
 

@@ -1,5 +1,5 @@
-//! Uniform soup: the mean of all experts, whatever the mixture. Its law: the order of the experts does not
-//! matter beyond rounding.
+//! Uniform soup: the mean of all experts, for any mixture. Property: the order of the experts does not
+//! matter, except for rounding.
 
 use sage_core::registry::{Entry, NoOptions};
 
@@ -26,7 +26,7 @@ impl TensorRule for UniformSoup {
 
 impl Entry<dyn Merger> for UniformSoup {
     const NAME: &'static str = "uniform-soup";
-    const SUMMARY: &'static str = "the mean of all experts, wherever the mixture is";
+    const SUMMARY: &'static str = "the mean of all experts, for any mixture";
     const SOURCE: &'static str = "Wortsman et al. 2022 (model soups)";
     type Options = NoOptions;
 

@@ -1,4 +1,4 @@
-//! What every merger must obey, on networks with weights of chance.
+//! Properties of every merger, on networks with random weights.
 #![allow(clippy::unwrap_used)]
 
 use std::sync::Arc;
@@ -20,9 +20,9 @@ fn prior(name: &str) -> Arc<dyn Backbone> {
     backbones().unwrap().build(name, &serde_json::json!({"hidden": 16})).unwrap().into()
 }
 
-/// The prior with noise on what fine-tuning moves.
+/// The prior with noise on the tensors that fine-tuning changes.
 fn tuned(prior: &dyn Backbone, seed: u64) -> Parameters {
-    let stir = |(name, tensor): (&str, &Tensor)| {
+    let perturbed = |(name, tensor): (&str, &Tensor)| {
         if !prior.parameter_group(name).is_finetuned() {
             return (name.to_owned(), tensor.clone());
         }
@@ -31,7 +31,7 @@ fn tuned(prior: &dyn Backbone, seed: u64) -> Parameters {
         let values = values.into_iter().map(|x| x + 0.1 * rng.normal() as f32).collect();
         (name.to_owned(), Tensor::from_vec(values, tensor.dims(), &Device::Cpu).unwrap())
     };
-    prior.parameters().iter().map(stir).collect()
+    prior.parameters().iter().map(perturbed).collect()
 }
 
 fn experts(name: &str, count: usize) -> ExpertSet {
@@ -77,7 +77,7 @@ fn the_corners_are_the_experts_bit_for_bit() {
 }
 
 #[test]
-fn what_fine_tuning_leaves_alone_stays_the_priors_for_every_merger() {
+fn tensors_that_fine_tuning_does_not_change_stay_the_priors_for_every_merger() {
     for name in NETWORKS {
         let set = experts(name, 2);
         for entry in mergers().unwrap().entries() {
@@ -93,7 +93,7 @@ fn what_fine_tuning_leaves_alone_stays_the_priors_for_every_merger() {
 }
 
 #[test]
-fn the_vector_form_is_the_same_simplex() {
+fn preference_vectors_equal_linear_on_the_simplex() {
     let set = experts("densetnt", 3);
     for weights in [[0.1, 0.9, 0.0], [0.5, 0.3, 0.2], [0.2, 0.2, 0.6]] {
         let [a, b] = INTERPOLATING.map(|merger| merged(merger, &set, &weights));
@@ -123,7 +123,7 @@ fn a_soup_of_three_is_their_mean_and_linear_at_the_middle_is_too() {
 }
 
 #[test]
-fn a_model_that_is_moved_in_place_computes_what_a_freshly_built_one_does() {
+fn the_interpolated_model_computes_what_a_merged_model_does() {
     let scene = generate(Kind::FourWay, 3, 0).unwrap();
     let now = Observation::of(&scene, &SceneIndex::new(scene.map.clone())).unwrap();
     for name in NETWORKS {
@@ -133,14 +133,14 @@ fn a_model_that_is_moved_in_place_computes_what_a_freshly_built_one_does() {
             let mut model = InterpolatedModel::new(&set, merger.tensors().unwrap(), 0).unwrap();
             let features = model.network().features(&now, scene.adversary.unwrap(), None).unwrap();
             let features = Arc::new(features);
-            // One encoding, kept while the mixture moves.
-            let kept = model.network().encode(features.clone()).unwrap();
+            // One encoding for all mixtures.
+            let encoding = model.network().encode(features.clone()).unwrap();
             for lambda in [0.0, 0.5, 1.0, 0.25, 0.0] {
                 let at = set.between(lambda).unwrap();
                 model.set(&at).unwrap();
                 let fresh = merger.merge(&set, &at, 0).unwrap();
                 let expected = fresh.log_probs(&fresh.encode(features.clone()).unwrap()).unwrap();
-                let found = model.network().log_probs(&kept).unwrap();
+                let found = model.network().log_probs(&encoding).unwrap();
                 assert_eq!(numbers(&found), numbers(&expected), "{name}, {} at {lambda}", kind.name);
             }
         }
@@ -148,7 +148,7 @@ fn a_model_that_is_moved_in_place_computes_what_a_freshly_built_one_does() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn mismatching_mixtures_and_experts_are_refused() {
     let set = experts("densetnt", 2);
     let linear = merger("linear");
     for lambda in [-0.1, 1.1, f64::NAN] {
@@ -172,9 +172,9 @@ fn what_does_not_fit_is_refused() {
     let error = set_of(&ours, [&other, &ours]).err().unwrap().to_string();
     assert!(error.starts_with("the realistic expert: tensor `"), "{error}");
     // The same network from another prior.
-    let stranger =
+    let foreign =
         backbones().unwrap().build("densetnt", &serde_json::json!({"hidden": 16, "seed": 9})).unwrap();
-    let error = set_of(&ours, [&ours, &stranger.into()]).err().unwrap().to_string();
+    let error = set_of(&ours, [&ours, &foreign.into()]).err().unwrap().to_string();
     assert!(
         error.starts_with("the adversarial expert: ") && error.contains("tuned from another one"),
         "{error}"

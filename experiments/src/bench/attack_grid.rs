@@ -1,6 +1,6 @@
-//! How a dial steers: attacks over λ and μ, how even they are, and which of the two does the work.
+//! Attack rates over λ and μ, their deviation from a straight line, and the share of each in the change.
 //!
-//! Candidates depend on λ alone and μ only chooses among them, so each scene is judged once a λ.
+//! Candidates depend only on λ, and μ only selects among them. So each scene is evaluated once per λ.
 
 use std::sync::Arc;
 
@@ -27,11 +27,11 @@ pub(crate) struct AttackGrid {
     evaluations: Vec<Vec<Vec<Evaluation>>>,
 }
 
-/// What the choice at some λ and μ comes to.
+/// The attacks that the selection takes at some λ and μ.
 pub struct Attacks {
-    /// 1 where a feasible way hits, a scene.
+    /// For each scene 1 if a feasible trajectory hits the ego, else 0.
     pub hits: Vec<f64>,
-    /// Adversarial reward, a scene.
+    /// Adversarial reward of each scene.
     pub rewards: Vec<f64>,
 }
 
@@ -57,47 +57,47 @@ impl Attacks {
     }
 }
 
-/// How well attack rates follow the straight line between their ends.
+/// Deviation of attack rates from the straight line between their ends.
 #[derive(Clone, Copy, Debug)]
-pub struct Evenness {
-    /// Root of the mean squared distance from the line.
+pub struct Linearity {
+    /// Root mean square of the distances from the line.
     pub rms: f64,
-    /// Greatest distance.
+    /// Largest distance from the line.
     pub worst: f64,
-    /// Greatest step down, scenes.
-    pub step_down: f64,
-    /// Last rate less the first.
+    /// Largest drop between neighbouring rates, scenes.
+    pub largest_drop: f64,
+    /// Last rate minus the first.
     pub span: f64,
 }
 
-impl Evenness {
-    /// Of attacks at evenly spaced places of a dial.
+impl Linearity {
+    /// Of attacks at evenly spaced operating points of a sweep.
     pub fn of(attacks: &[&Attacks]) -> Self {
         let rates: Vec<f64> = attacks.iter().map(|a| a.rate()).collect();
         let (low, high) = (rates[0], rates[rates.len() - 1]);
         let line = |k: usize| low + (high - low) * k as f64 / (rates.len() - 1).max(1) as f64;
-        let off: Vec<f64> = rates.iter().enumerate().map(|(k, rate)| (rate - line(k)).abs()).collect();
+        let distances: Vec<f64> = rates.iter().enumerate().map(|(k, rate)| (rate - line(k)).abs()).collect();
         let scenes = attacks[0].hits.len() as f64;
-        let down = rates.windows(2).map(|pair| pair[0] - pair[1]).fold(0.0, f64::max);
+        let drop = rates.windows(2).map(|pair| pair[0] - pair[1]).fold(0.0, f64::max);
         Self {
-            rms: (off.iter().map(|d| d * d).sum::<f64>() / off.len() as f64).sqrt(),
-            worst: off.iter().copied().fold(0.0, f64::max),
-            step_down: (down * scenes).round(),
+            rms: (distances.iter().map(|d| d * d).sum::<f64>() / distances.len() as f64).sqrt(),
+            worst: distances.iter().copied().fold(0.0, f64::max),
+            largest_drop: (drop * scenes).round(),
             span: high - low,
         }
     }
 }
 
-/// Share of λ in what turning both from 0 to 1 brings, by Shapley: the mean of what λ adds at μ = 0 and
-/// at μ = 1, over the whole. The rest is μ's. `None` if both together bring nothing.
+/// Shapley share of λ in the change of a value when λ and μ rise from 0 to 1: the mean of the changes by λ
+/// at μ = 0 and at μ = 1, divided by the whole change. The rest is the share of μ. `None` if nothing changes.
 pub fn shapley_of_lambda(value: impl Fn(f64, f64) -> f64) -> Option<f64> {
     let [none, lambda, mu, both] = [value(0.0, 0.0), value(1.0, 0.0), value(0.0, 1.0), value(1.0, 1.0)];
     (both != none).then(|| 0.5 * ((lambda - none) + (both - mu)) / (both - none))
 }
 
 impl AttackGrid {
-    /// Evaluates SAGE's candidates of all scenes at some λ, by several objectives; `done` is called after each
-    /// scene. What is proposed depends on none of them.
+    /// Evaluates SAGE's candidates of all scenes at several λ with several objectives, one grid for each
+    /// objective. The candidates do not depend on the objectives. Calls `done` after each scene.
     ///
     /// *Errors*: the first scene that fails.
     pub(crate) fn of(
@@ -108,7 +108,7 @@ impl AttackGrid {
         seed: u64,
         done: impl FnMut(),
     ) -> Result<Vec<Self>> {
-        // Whoever needs the prior's likelihood gets it.
+        // If any objective needs the prior's likelihood, the proposer must compute it.
         let needs_prior = objectives.iter().find(|objective| objective.needs_prior());
         let selection = needs_prior.unwrap_or(&inputs.selection).clone();
         let proposer = MixedExperts::default().build(&GeneratorInputs { selection, ..inputs.clone() })?;
@@ -137,11 +137,11 @@ impl AttackGrid {
         Ok(objectives.iter().enumerate().map(of_objective).collect())
     }
 
-    /// What the choice at a weight μ takes at one of the λ; `None` for a λ that was not asked for.
+    /// The attacks that are selected at λ and μ; `None` for a λ that was not evaluated.
     pub fn attacks(&self, lambda: f64, mu: f64) -> Option<Attacks> {
         let k = self.lambdas.iter().position(|known| (known - lambda).abs() < 1e-9)?;
-        let chosen = |scene: &Vec<Vec<Evaluation>>| best_of(&scene[k], &self.objective, mu).chosen;
-        let all: Vec<&Evaluation> = self.evaluations.iter().map(|scene| &scene[k][chosen(scene)]).collect();
+        let selected = |scene: &Vec<Vec<Evaluation>>| best_of(&scene[k], &self.objective, mu).chosen;
+        let all: Vec<&Evaluation> = self.evaluations.iter().map(|scene| &scene[k][selected(scene)]).collect();
         let hit = |e: &&Evaluation| f64::from(u8::from(e.is_attack()));
         Some(Attacks {
             hits: all.iter().map(hit).collect(),
@@ -149,7 +149,7 @@ impl AttackGrid {
         })
     }
 
-    /// The even dial for these scenes, from all λ, which must be evenly spaced.
+    /// Fits the dial for these scenes: the attack rate rises linearly. The λ must be evenly spaced.
     ///
     /// *Errors*: fewer than two λ.
     pub fn fit(&self) -> Result<Aggression> {
@@ -161,7 +161,7 @@ impl AttackGrid {
     }
 }
 
-/// Values of μ that a dial is fitted from: fine where the attack rate rises, near 0.
+/// Values of μ from which a dial is fitted. The steps are small near 0, where the attack rate rises.
 fn mu_grid() -> Vec<f64> {
     let fine = (0..50).map(|k| f64::from(k) * 0.002);
     let middle = (0..40).map(|k| 0.1 + f64::from(k) * 0.005);
@@ -179,17 +179,19 @@ mod tests {
     }
 
     #[test]
-    fn a_straight_rise_is_even_and_a_jump_is_not() {
+    fn a_straight_rise_is_linear_and_a_jump_is_not() {
         let rise = [0.0, 0.2, 0.4, 0.6, 0.8].map(attacks);
-        let even = Evenness::of(&rise.each_ref());
-        assert!(even.rms < 1e-12 && even.step_down == 0.0 && (even.span - 0.8).abs() < 1e-12);
+        let linearity = Linearity::of(&rise.each_ref());
+        assert!(
+            linearity.rms < 1e-12 && linearity.largest_drop == 0.0 && (linearity.span - 0.8).abs() < 1e-12
+        );
         let jump = [0.0, 0.8, 0.7, 0.8].map(attacks);
-        let jump = Evenness::of(&jump.each_ref());
-        assert!((jump.worst - (0.8 - 0.8 / 3.0)).abs() < 1e-12 && jump.step_down == 1.0);
+        let jump = Linearity::of(&jump.each_ref());
+        assert!((jump.worst - (0.8 - 0.8 / 3.0)).abs() < 1e-12 && jump.largest_drop == 1.0);
     }
 
     #[test]
-    fn shapley_divides_what_both_bring() {
+    fn shapley_shares_the_change_between_lambda_and_mu() {
         assert_eq!(shapley_of_lambda(|lambda, mu| 1.0 + lambda + 3.0 * mu), Some(0.25));
         assert_eq!(shapley_of_lambda(|lambda, mu| lambda * mu), Some(0.5));
         assert_eq!(shapley_of_lambda(|_, _| 1.0), None);

@@ -1,4 +1,4 @@
-//! The curves of a training run, as CSV and as a picture.
+//! Training curves as CSV and as a picture.
 
 use std::fmt::Write as _;
 
@@ -59,14 +59,14 @@ fn panel(
     let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     let (low, high) = if low < high { (low, high) } else { (low.min(0.0), low.min(0.0) + 1.0) };
     let (low, high) = if low.is_finite() { (low, high) } else { (0.0, 1.0) };
-    let room = 0.08 * (high - low);
+    let margin = 0.08 * (high - low);
     let last = rows.last().map_or(1.0, |r| f64::from(r.epoch)).max(2.0);
     let mut chart = ChartBuilder::on(area)
         .margin(10)
         .x_label_area_size(34)
         .y_label_area_size(46)
         .caption(title, ("sans-serif", 15))
-        .build_cartesian_2d(1.0..last, low - room..high + room)?;
+        .build_cartesian_2d(1.0..last, low - margin..high + margin)?;
     chart.configure_mesh().x_desc("epoch").light_line_style(WHITE).draw()?;
     for (name, curve, color) in &curves {
         let points = rows.iter().map(|r| (f64::from(r.epoch), curve(r)));

@@ -1,4 +1,4 @@
-//! The attack rate over the dial, as a picture.
+//! Chart of the attack rate over the aggression.
 
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
@@ -9,18 +9,18 @@ const SIZE: (u32, u32) = (640, 400);
 const COLORS: [RGBColor; 4] =
     [RGBColor(31, 119, 180), RGBColor(214, 39, 40), RGBColor(44, 160, 44), RGBColor(148, 103, 189)];
 
-/// Rates at evenly spaced places of a dial.
+/// Attack rates at evenly spaced operating points from 0 to 1.
 pub(crate) struct Line {
     pub(crate) name: &'static str,
     pub(crate) rates: Vec<f64>,
 }
 
-/// Draws the lines, the straight one between the ends of the first dashed beneath them.
+/// Draws the lines, and a dashed straight line between the ends of the first one.
 ///
 /// *Errors*: none that a caller can cause.
 pub(crate) fn draw(lines: &[Line]) -> Result<String> {
     let mut svg = String::new();
-    plot(&mut svg, lines).map_err(|e| anyhow!("the dial cannot be drawn: {e}"))?;
+    plot(&mut svg, lines).map_err(|e| anyhow!("the chart cannot be drawn: {e}"))?;
     Ok(svg)
 }
 
@@ -34,7 +34,7 @@ fn plot(svg: &mut String, lines: &[Line]) -> Result<(), Box<dyn std::error::Erro
         .build_cartesian_2d(0.0..1.0, 0.0..100.0)?;
     chart
         .configure_mesh()
-        .x_desc("dial")
+        .x_desc("aggression, or lambda = mu")
         .y_desc("scenes attacked, %")
         .label_style(("sans-serif", 14))
         .axis_desc_style(("sans-serif", 15))

@@ -1,4 +1,4 @@
-//! Pictures of an open-loop run, and a page that shows them.
+//! Pictures of an open-loop run, and an HTML page that shows them.
 
 use std::{collections::HashSet, fmt::Write as _, path::Path};
 
@@ -17,8 +17,8 @@ use crate::{
     terminal,
 };
 
-/// Writes for each method its strongest and its median attack as SVG, and `index.html`, which shows them
-/// beside the table and opens from disk.
+/// Writes the strongest and the median attack of each generator as SVG, and `index.html` with the table and
+/// the pictures. The page opens from disk.
 ///
 /// *Errors*: the folder cannot be written to.
 pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &str) -> Result<()> {
@@ -31,7 +31,7 @@ pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &
         writeln!(cards, "<h2>{}</h2>", escaped(method))?;
         writeln!(
             cards,
-            "<p>{:.1} ms a scene (median, with other scenes beside it on all threads)</p><div class=row>",
+            "<p>{:.1} ms a scene (median, while all threads process scenes)</p><div class=row>",
             1e3 * seconds(rows)
         )?;
         for (which, row) in &cases[k] {
@@ -58,7 +58,7 @@ pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &
 
 const STYLE: &str = "body{font:15px sans-serif;margin:2em}table{border-collapse:collapse;font-size:12px;display:block;overflow-x:auto}td,th{border:1px solid #ccc;padding:2px 6px;white-space:nowrap}.row{display:flex;flex-wrap:wrap;gap:1em}figure{margin:0}img{width:560px;border:1px solid #ddd}";
 
-/// The strongest and the median attack, or way where nothing was attacked.
+/// Rows of the strongest and the median attack; of all trajectories if there is no attack.
 fn cases(rows: &[SceneRow]) -> Vec<(&'static str, &SceneRow)> {
     let mut attacks: Vec<&SceneRow> = rows.iter().filter(|row| is_attack(row)).collect();
     if attacks.is_empty() {

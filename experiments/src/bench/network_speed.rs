@@ -1,4 +1,4 @@
-//! Times of the networks: looking around, predicting, and a step of training.
+//! Times of the networks: features, prediction, and a training step.
 
 use std::{hint::black_box, path::PathBuf, sync::Arc, time::Instant};
 
@@ -25,11 +25,11 @@ use crate::{Registries, generators, networks, selection};
 
 use super::timing::{CANDIDATES, Data, Timing, measure, timing};
 
-/// Goals that published times are of.
+/// Number of goals in published times.
 const GOALS: usize = 2000;
-/// Scenes that published times are of.
+/// Scenes of published times.
 const PUBLISHED: [&str; 3] = ["0", "5", "18"];
-/// Predictions that are spread over threads.
+/// Predictions distributed over threads.
 const BATCH: usize = 32;
 
 /// One scene with its adversary as the target.
@@ -40,7 +40,7 @@ struct Case {
 
 /// Times the default network and the published one.
 ///
-/// *Errors*: a scene that cannot be read, or none with an adversary to predict.
+/// *Errors*: a scene cannot be read, or no scene has an adversary to predict.
 pub(super) fn run(data: &Data, repeat: usize, mut report: impl FnMut(Timing) -> Result<()>) -> Result<()> {
     let files = data.files();
     let is_published =
@@ -73,7 +73,7 @@ pub(super) fn run(data: &Data, repeat: usize, mut report: impl FnMut(Timing) -> 
         Some(6.0),
     ))?;
     report(timing(
-        "learn: forward, backward, update, 2000 goals, median of scenes",
+        "training step: forward, backward, update, 2000 goals, median of scenes",
         step(&*ours, &cases, repeat)?,
         Some(24.0),
     ))?;
@@ -85,7 +85,7 @@ pub(super) fn run(data: &Data, repeat: usize, mut report: impl FnMut(Timing) -> 
         None,
     ))?;
     report(timing(
-        "densetnt-cat: learn, 2000 goals, median of scenes",
+        "densetnt-cat: training step, 2000 goals, median of scenes",
         step(&*published, &cases, repeat.div_ceil(4))?,
         None,
     ))?;
@@ -139,7 +139,7 @@ fn attacks(
         sweeps.extend(over(case, repeat.div_ceil(4), |_| Ok(sage.attacks(&ctx, &sweep, 0)?))?);
     }
     let further: Vec<f64> = sweeps.iter().zip(&attacks).map(|(all, one)| (all - one) / 10.0).collect();
-    report(timing("attack: indexed scene to chosen trajectory, median of scenes", attacks, Some(10.0)))?;
+    report(timing("attack: indexed scene to selected trajectory, median of scenes", attacks, Some(10.0)))?;
     report(timing("attack: each further lambda of eleven, median of scenes", further, None))?;
     let linear = merger.tensors().context("linear mixes weights")?;
     let mut model = InterpolatedModel::new(&experts, linear, 0)?;
@@ -151,10 +151,10 @@ fn attacks(
         let changed = model.set(&at);
         (start.elapsed(), black_box(changed))
     });
-    report(timing("lambda changed in place", changes, Some(1.0)))
+    report(timing("change of lambda in place", changes, Some(1.0)))
 }
 
-/// Features with exactly [`GOALS`] goals: those there are, over and over.
+/// Features with exactly [`GOALS`] goals: the goals of the case, repeated.
 fn features(network: &dyn Backbone, case: &Case) -> Result<Arc<Features>> {
     let features = network.features(&case.data.observe()?, case.target, None)?;
     let keep: Vec<usize> = (0..features.modes()).cycle().take(GOALS).collect();
@@ -165,12 +165,12 @@ fn features(network: &dyn Backbone, case: &Case) -> Result<Arc<Features>> {
 fn over<T>(cases: &[Case], repeat: usize, mut run: impl FnMut(&Case) -> Result<T>) -> Result<Vec<f64>> {
     let mut medians = Vec::new();
     for case in cases {
-        // The first says whether it works at all.
+        // This run returns errors; the timed runs ignore them.
         run(case)?;
         medians.extend(median(&measure(repeat, || {
             let start = Instant::now();
-            let made = run(case);
-            (start.elapsed(), black_box(made))
+            let result = run(case);
+            (start.elapsed(), black_box(result))
         })));
     }
     Ok(medians)

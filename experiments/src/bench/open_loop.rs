@@ -1,4 +1,4 @@
-//! The table of generators against a replayed ego: the paper's columns and what they hide.
+//! The table of generators against a replayed ego: the paper's columns and further measures.
 
 use std::{sync::Arc, time::Instant};
 
@@ -28,68 +28,68 @@ use crate::{generators::BuiltGenerator, operating_point::RowKey};
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
 
-/// What one method did in one scene.
+/// Result of one generator in one scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SceneRow {
-    /// Scene.
+    /// Name of the scene.
     pub scene: String,
-    /// The generator, and where its dials were put.
+    /// The generator and its operating point.
     pub key: RowKey,
     /// Scores in the `paper` convention.
     pub paper: Scores,
     /// Scores in the `release` convention.
     pub release: Scores,
-    /// How the chosen way lies to the lanes.
+    /// Naturalness of the selected trajectory.
     pub natural: Naturalness,
-    /// The same of the log, if the adversary was seen throughout: a filled gap is no driving.
+    /// Naturalness of the log, if the adversary is valid throughout: interpolated gaps are not driving.
     pub natural_log: Option<Naturalness>,
-    /// −log p under the prior of the goal nearest to its end.
+    /// −log p under the prior of the goal nearest to the trajectory's end.
     pub nll: Option<f64>,
-    /// The same of the log, if its end was seen.
+    /// The same of the log, if the adversary is valid at its end.
     pub nll_log: Option<f64>,
     /// Type of the collision.
     pub collision_type: Option<CollisionType>,
-    /// The chosen way, metres, world frame.
+    /// The selected trajectory, metres, world frame.
     pub trajectory: Trajectory,
-    /// Seconds to generate it: an even share of what all operating points of the generator took.
+    /// Seconds per operating point: the time of all operating points of the generator, divided equally.
     pub seconds: f64,
-    /// What the generator has to say of its choice.
+    /// Note of the generator on its selection.
     pub note: Option<Note>,
 }
 
-/// One column of the table: a name and what it takes from a row; none where it was not measured.
+/// A column of the table.
 pub struct Column {
-    /// Its name.
+    /// Name of the column.
     pub name: &'static str,
-    /// Its value in a scene.
+    /// How it takes its value from a row.
     pub value: Value,
-    /// Whether it says of each scene yes or no.
+    /// True if the value of each scene is 0 or 1.
     pub is_share: bool,
 }
 
 /// How a column takes its value from a row.
 #[derive(Clone, Copy)]
 pub enum Value {
-    /// A measure of ours.
+    /// A built-in measure.
     Of(fn(&SceneRow) -> Option<f64>),
-    /// The further reward of the column's name.
+    /// The further reward with the column's name.
     Reward,
-    /// Whether the further rule of the column's name is kept.
+    /// 1 if the further rule with the column's name is satisfied.
     Rule,
 }
 
 impl Column {
-    /// Its value in a scene; none where it was not measured.
+    /// Value of a scene; `None` if it was not measured.
     pub fn of(&self, row: &SceneRow) -> Option<f64> {
         match self.value {
             Value::Of(value) => value(row),
             Value::Reward => row.paper.rewards.get(self.name).copied().flatten(),
-            Value::Rule => row.paper.rules.get(self.name).and_then(|broken| yes(broken.is_empty())),
+            Value::Rule => row.paper.rules.get(self.name).and_then(|violations| yes(violations.is_empty())),
         }
     }
 }
 
-/// The columns of a table: ours, then a mean for each further reward and a share for each further rule.
+/// Columns of a table: the built-in ones, a mean for each further reward, a share for each further rule.
 pub(crate) fn columns(further: &FurtherMeasures) -> Vec<Column> {
     let own = COLUMNS.iter().map(|c| Column { name: c.name, value: c.value, is_share: c.is_share });
     let rewards = further.rewards().filter(|name| !SHOWN.contains(name));
@@ -98,7 +98,7 @@ pub(crate) fn columns(further: &FurtherMeasures) -> Vec<Column> {
     own.chain(rewards).chain(rules).collect()
 }
 
-/// Rewards that columns of ours show already, in another form.
+/// Rewards that built-in columns already show in another form.
 const SHOWN: [&str; 1] = ["lane-distance"];
 
 const fn share(name: &'static str, value: fn(&SceneRow) -> Option<f64>) -> Column {
@@ -109,7 +109,7 @@ const fn mean_of(name: &'static str, value: fn(&SceneRow) -> Option<f64>) -> Col
     Column { name, value: Value::Of(value), is_share: false }
 }
 
-/// The columns, the paper's first.
+/// The built-in columns, the paper's first.
 pub const COLUMNS: &[Column] = &[
     share("attack", |r| yes(is_attack(r))),
     mean_of("R_adv", |r| Some(r.paper.adversarial_reward)),
@@ -136,7 +136,7 @@ pub const COLUMNS: &[Column] = &[
     mean_of("release: crash-object", |r| Some(r.release.crash_object)),
 ];
 
-/// Whether a feasible way hits the ego.
+/// True if a feasible trajectory hits the ego.
 pub fn is_attack(row: &SceneRow) -> bool {
     row.paper.collision && row.paper.feasible
 }
@@ -152,12 +152,12 @@ pub fn estimate(column: &Column, rows: &[SceneRow]) -> Option<Estimate> {
     if values.iter().all(|v| *v == 0.0 || *v == 1.0) && column.is_share {
         return statistics::wilson(values.iter().filter(|v| **v == 1.0).count(), values.len());
     }
-    // A stream of random numbers keeps its name, so that intervals keep their bits.
+    // This random stream keeps its old name, so that intervals keep their bits.
     let stream = if column.name == "nll − log" { "surprise − log" } else { column.name };
     statistics::bootstrap_mean(&values, RESAMPLES, &mut Rng::new(0, stream, "open loop"))
 }
 
-/// A scene made ready for the rows of all generators.
+/// A scene prepared for the rows of all generators.
 pub(crate) struct MeasuredScene<'d> {
     data: &'d SceneData,
     ctx: Context,
@@ -169,9 +169,9 @@ pub(crate) struct MeasuredScene<'d> {
 }
 
 impl<'d> MeasuredScene<'d> {
-    /// Prepares contexts in both conventions, the log, and the prior's view of the adversary.
+    /// Prepares contexts in both conventions, measures of the log, and the prior's goal probabilities.
     ///
-    /// *Errors*: a scene that cannot be attacked; those of the prior.
+    /// *Errors*: the scene cannot be attacked; those of the prior.
     pub(crate) fn new(
         data: &'d SceneData,
         prior: &dyn Backbone,
@@ -203,9 +203,9 @@ impl<'d> MeasuredScene<'d> {
     fn row(&self, key: RowKey, attack: Attack, seconds: f64) -> Result<SceneRow> {
         let Self { data, ctx, release, natural_log, .. } = self;
         attack.check(&data.scene)?;
-        let chosen = attack.trajectory();
+        let trajectory = attack.trajectory();
         let adversary = ctx.adversary();
-        let candidate = ctx.candidate(chosen.clone());
+        let candidate = ctx.candidate(trajectory.clone());
         let paper = Scorer::with(ctx, self.further).scores(&candidate);
         let situation = Situation::new(&candidate, ctx.ego(), ctx);
         Ok(SceneRow {
@@ -213,20 +213,20 @@ impl<'d> MeasuredScene<'d> {
             key,
             collision_type: CollisionType::of(&situation, &paper.criticality),
             paper,
-            release: Scorer::new(release).scores(&release.candidate(chosen.clone())),
+            release: Scorer::new(release).scores(&release.candidate(trajectory.clone())),
             natural: Naturalness::of(&candidate, ctx),
             natural_log: (adversary.count_valid(NOW + 1..NOW + 1 + HORIZON) == HORIZON)
                 .then_some(*natural_log),
-            nll: self.likelihood.as_ref().and_then(|prior| prior.nll(chosen)),
+            nll: self.likelihood.as_ref().and_then(|prior| prior.nll(trajectory)),
             nll_log: self.nll_log.filter(|_| adversary.is_valid(NOW + HORIZON)),
-            trajectory: chosen.clone(),
+            trajectory: trajectory.clone(),
             seconds,
             note: attack.note,
         })
     }
 }
 
-/// How likely the prior finds each of the adversary's goals.
+/// Log-probabilities of the adversary's goals under the prior.
 struct PriorOfAdversary {
     frame: Frame,
     ends: Vec<[f32; 2]>,
@@ -234,7 +234,7 @@ struct PriorOfAdversary {
 }
 
 impl PriorOfAdversary {
-    /// None if the adversary is not there *now*.
+    /// `None` if the adversary is not valid *now*.
     fn of(data: &SceneData, prior: &dyn Backbone) -> Result<Option<Self>> {
         let adversary = data.scene.adversary_index()?;
         if !data.scene.tracks[adversary].is_valid(NOW) {
@@ -247,15 +247,15 @@ impl PriorOfAdversary {
         Ok(Some(Self { frame: encoding.features().frame, ends, log_probs }))
     }
 
-    /// −log p of the goal nearest to the end of a path.
-    fn nll(&self, path: &Trajectory) -> Option<f64> {
-        let end = self.frame.to_local(path.points()[HORIZON - 1]);
+    /// −log p of the goal nearest to the end of a trajectory.
+    fn nll(&self, trajectory: &Trajectory) -> Option<f64> {
+        let end = self.frame.to_local(trajectory.points()[HORIZON - 1]);
         let gap = |k: &usize| distance(self.ends[*k].map(f64::from), end);
         (0..self.ends.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))).map(|k| -self.log_probs[k])
     }
 }
 
-/// Expectations under policies of one prior, without any choice; `None` if the scene cannot be attacked.
+/// Expectations under policies of one prior, without selection; `None` if the scene cannot be attacked.
 ///
 /// *Errors*: those of the networks.
 pub fn expectations(
@@ -268,7 +268,7 @@ pub fn expectations(
     Ok(Some(policies.iter().map(|policy| prepared.expectation(&**policy)).collect::<Result<_, _>>()?))
 }
 
-/// Mean and interval of one number of expectations.
+/// Mean and interval of one value over expectations.
 pub fn mean(all: &[Expectation], value: fn(&Expectation) -> f64) -> Option<Estimate> {
     let values: Vec<f64> = all.iter().map(value).collect();
     statistics::bootstrap_mean(&values, RESAMPLES, &mut Rng::new(0, "expectation", "open loop"))

@@ -1,4 +1,4 @@
-//! What an open-loop run leaves behind: tables for people and for programs.
+//! Reports of an open-loop run as Markdown and CSV.
 
 use std::{collections::BTreeMap, fmt::Write as _};
 
@@ -16,18 +16,18 @@ use crate::{
     terminal,
 };
 
-/// What a table shows: columns, and for each generator and operating point what it knows and its rows.
+/// Content of a table: columns, and for each generator and operating point its knowledge and its rows.
 pub(crate) struct Table {
     pub columns: Vec<Column>,
     pub rows: Vec<(RowKey, Knowledge, Vec<SceneRow>)>,
 }
 
-/// A policy with its expectations, a scene each.
+/// Policies by name with their expectations, one per scene.
 pub type Policies = Vec<(String, Vec<Expectation>)>;
 
 type Expected = fn(&Expectation) -> f64;
 
-/// What an [`Expectation`] holds, by name.
+/// Values of an [`Expectation`] by name.
 const EXPECTATIONS: [(&str, Expected); 4] = [
     ("feasible", |e| e.feasible),
     ("feasible hit", |e| e.attack),
@@ -75,8 +75,8 @@ pub(crate) fn markdown(table: &Table, policies: &Policies) -> Result<String> {
     Ok(out)
 }
 
-/// Scenes that one generator attacks and the prior at the same place does not, or the prior at the largest μ
-/// for a generator without a place, or another one.
+/// Counts scenes that only the generator attacks, and scenes that only the prior attacks. The prior has the
+/// same operating point, or the largest μ if there is no such row.
 fn pairs(out: &mut String, table: &Table) -> Result<()> {
     let priors: Vec<(&RowKey, &OperatingPointSpec, &Vec<SceneRow>)> = table
         .rows
@@ -84,14 +84,14 @@ fn pairs(out: &mut String, table: &Table) -> Result<()> {
         .filter(|(key, ..)| key.method == "prior")
         .filter_map(|(key, _, rows)| Some((key, key.point.as_ref()?, rows)))
         .collect();
-    let Some(hardest) = priors.iter().max_by(|a, b| a.1.mu.total_cmp(&b.1.mu)) else { return Ok(()) };
+    let Some(largest_mu) = priors.iter().max_by(|a, b| a.1.mu.total_cmp(&b.1.mu)) else { return Ok(()) };
     writeln!(out, "\nScenes attacked feasibly, paired with the prior under the same selection:\n")?;
     writeln!(out, "| method | against | only this | only the prior | difference |")?;
     writeln!(out, "| --- | --- | --- | --- | --- |")?;
     for (key, _, rows) in &table.rows {
         let same_point = || priors.iter().filter(|(_, point, _)| key.point.as_ref() == Some(*point));
         let same = same_point().find(|(prior, ..)| prior.options == key.options);
-        let (against, _, prior) = same.or_else(|| same_point().next()).unwrap_or(hardest);
+        let (against, _, prior) = same.or_else(|| same_point().next()).unwrap_or(largest_mu);
         let other = |row: &SceneRow| prior.iter().find(|p| p.scene == row.scene).is_some_and(is_attack);
         let won = rows.iter().filter(|r| is_attack(r) && !other(r)).count();
         let lost = rows.iter().filter(|r| !is_attack(r) && other(r)).count();
@@ -101,7 +101,7 @@ fn pairs(out: &mut String, table: &Table) -> Result<()> {
     Ok(())
 }
 
-/// `table.csv`: a row a method and measure.
+/// `table.csv`: one row per generator and measure.
 ///
 /// *Errors*: none that a caller can cause.
 pub(crate) fn csv(table: &Table, policies: &Policies) -> Result<String> {
@@ -118,13 +118,13 @@ pub(crate) fn csv(table: &Table, policies: &Policies) -> Result<String> {
     }
     for (policy, all) in policies {
         for (name, value) in EXPECTATIONS {
-            row(policy, &format!("without choice: {name}"), open_loop::mean(all, value))?;
+            row(policy, &format!("without selection: {name}"), open_loop::mean(all, value))?;
         }
     }
     Ok(out)
 }
 
-/// `scenes.csv`: a row a scene and method.
+/// `scenes.csv`: one row per scene and generator.
 ///
 /// *Errors*: none that a caller can cause.
 pub(crate) fn scenes_csv(table: &Table) -> Result<String> {
@@ -150,12 +150,12 @@ pub(crate) fn scenes_csv(table: &Table) -> Result<String> {
     Ok(out)
 }
 
-/// Median seconds of a generation, a method.
+/// Median seconds of a generation.
 pub fn seconds(rows: &[SceneRow]) -> f64 {
     statistics::median(&rows.iter().map(|r| r.seconds).collect::<Vec<_>>()).unwrap_or(0.0)
 }
 
-/// A text as a field of CSV, quoted where it must be.
+/// A text as a CSV field, quoted if necessary.
 fn field(text: &str) -> String {
     if text.contains([',', '"', '\n']) {
         format!("\"{}\"", text.replace('"', "\"\""))

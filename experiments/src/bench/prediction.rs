@@ -1,4 +1,4 @@
-//! How well priors predict what recorded vehicles did.
+//! Errors of priors and of constant velocity in predicting recorded vehicles.
 
 use std::sync::Arc;
 
@@ -24,27 +24,27 @@ use crate::scenes::Scenes;
 const KS: [usize; 3] = [1, 6, 32];
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
-/// An end is on a lane within this distance of its centre line, metres.
+/// An end point within this distance of a lane's centre line is on the lane, metres.
 const ON_LANE: f64 = 2.0;
-/// Candidates whose paths are judged as attacks would be.
-const JUDGED: usize = 32;
+/// Candidates whose trajectories are evaluated as attacks.
+const EVALUATED: usize = 32;
 
-/// Something that predicts.
-pub(crate) enum Method<'n> {
-    /// Straight on at the present velocity.
+/// A prediction method.
+pub(crate) enum Predictor<'n> {
+    /// Constant velocity from *now*.
     ConstantVelocity,
-    /// A prior, with the distance that its candidates keep from each other, metres.
+    /// A prior with non-maximum suppression of its candidates.
     Prior {
         /// Name in the table.
         name: String,
         /// The network.
         network: &'n dyn Backbone,
-        /// Radius of suppression, metres.
+        /// Minimum distance between end points of candidates, metres.
         radius: f32,
     },
 }
 
-impl Method<'_> {
+impl Predictor<'_> {
     fn name(&self) -> &str {
         match self {
             Self::ConstantVelocity => "constant velocity",
@@ -53,10 +53,10 @@ impl Method<'_> {
     }
 }
 
-/// Distances of one method's best of `k` for one group of vehicles.
+/// Errors of a predictor's best of `k` candidates for one group of vehicles.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Method.
+    /// Predictor.
     pub method: String,
     /// `interest` (egos and adversaries) or `all`.
     pub agents: &'static str,
@@ -64,94 +64,94 @@ pub struct Row {
     pub motion: &'static str,
     /// Number of candidates.
     pub k: usize,
-    /// Least mean distance, metres.
+    /// Smallest mean distance (minADE), metres.
     pub min_ade: Estimate,
-    /// Least end distance, metres.
+    /// Smallest end distance (minFDE), metres.
     pub min_fde: Estimate,
     /// Share of vehicles that every candidate misses by more than 2 m at the end.
     pub miss: Estimate,
-    /// The same by WOMD's threshold.
+    /// The same with WOMD's threshold.
     pub miss_womd: Estimate,
 }
 
-/// What a prior's candidates for the adversaries are like.
+/// Quality of a prior's candidates.
 #[derive(Clone, Debug, Serialize)]
 pub struct Quality {
-    /// Method.
+    /// Predictor.
     pub method: String,
-    /// Share of six ends of egos and adversaries that lie within 2 m of a motor lane.
+    /// Share of end points of six candidates of egos and adversaries within 2 m of a motor lane.
     pub ends_on_lanes: Estimate,
-    /// Median `P_kin` (`paper`) of the plain top 32 of the adversaries.
+    /// Median `P_kin` (`paper`) of the top 32 modes of the adversaries.
     pub median_kinematic: Option<f64>,
-    /// Share of these that are feasible.
+    /// Share of these modes that are feasible.
     pub feasible: Option<Estimate>,
     /// Share of 32 modes drawn at random that are feasible.
     pub feasible_random: Option<Estimate>,
 }
 
-/// All figures of a run.
+/// Results of a run.
 pub struct Report {
-    /// Rows by method, group and number of candidates.
+    /// Rows by predictor, group and number of candidates.
     pub rows: Vec<Row>,
-    /// One a prior.
+    /// One row per prior.
     pub quality: Vec<Quality>,
 }
 
-/// What came of one vehicle.
-struct Outcome {
+/// Result of one vehicle.
+struct VehicleResult {
     of_interest: bool,
     moves: bool,
     distances: [Distances; KS.len()],
-    /// Six ends that lie on a lane, of how many.
+    /// Number of the six end points that lie on a lane, and their total.
     on_lanes: (usize, usize),
 }
 
-/// What came of one scene.
+/// Result of one scene.
 #[derive(Default)]
-struct OfScene {
-    vehicles: Vec<Outcome>,
+struct SceneResult {
+    vehicles: Vec<VehicleResult>,
     kinematic: Vec<f64>,
     feasible: Vec<f64>,
     feasible_random: Vec<f64>,
 }
 
-/// Measures methods on all vehicles that are valid *now* and at the last step.
+/// Measures predictors on all vehicles that are valid *now* and at the last step.
 ///
 /// *Errors*: those of a network.
-pub(crate) fn run(scenes: &Scenes, methods: &[Method], done: impl FnMut()) -> Result<Report> {
-    let of_scene = |data: &SceneData| -> Result<Vec<OfScene>> {
+pub(crate) fn run(scenes: &Scenes, predictors: &[Predictor], done: impl FnMut()) -> Result<Report> {
+    let of_scene = |data: &SceneData| -> Result<Vec<SceneResult>> {
         let examples = Examples::of(std::slice::from_ref(data)).filter(|e| e.is_whole);
-        methods.iter().map(|method| measure(method, data, examples.list())).collect()
+        predictors.iter().map(|predictor| measure(predictor, data, examples.list())).collect()
     };
     let found = scenes.map(of_scene, done)?;
     if found.iter().flatten().all(|scene| scene.vehicles.is_empty()) {
-        bail!("none of {} scenes shows a vehicle that is valid at frames 10 and 90", scenes.len());
+        bail!("none of {} scenes has a vehicle that is valid at frames 10 and 90", scenes.len());
     }
     let mut report = Report { rows: Vec::new(), quality: Vec::new() };
-    for (k, method) in methods.iter().enumerate() {
-        let found: Vec<&OfScene> = found.iter().map(|scene| &scene[k]).collect();
-        report.rows.extend(rows(method.name(), &found));
-        if matches!(method, Method::Prior { .. }) {
-            report.quality.extend(quality(method.name(), &found));
+    for (k, predictor) in predictors.iter().enumerate() {
+        let found: Vec<&SceneResult> = found.iter().map(|scene| &scene[k]).collect();
+        report.rows.extend(rows(predictor.name(), &found));
+        if matches!(predictor, Predictor::Prior { .. }) {
+            report.quality.extend(quality(predictor.name(), &found));
         }
     }
     Ok(report)
 }
 
-fn measure(method: &Method, data: &SceneData, examples: &[Example]) -> Result<OfScene> {
-    let mut of_scene = OfScene::default();
+fn measure(predictor: &Predictor, data: &SceneData, examples: &[Example]) -> Result<SceneResult> {
+    let mut result = SceneResult::default();
     for example in examples {
         let track = &data.scene.tracks[example.track];
         let truth = recorded(track);
-        let (distances, on_lanes) = match method {
-            Method::ConstantVelocity => {
+        let (distances, on_lanes) = match predictor {
+            Predictor::ConstantVelocity => {
                 let [x, y] = track.point(NOW);
                 let [vx, vy] = track.velocity[NOW];
                 let at = |step: usize| [x + step as f64 * DT * vx, y + step as f64 * DT * vy];
-                let path: Vec<Point> = (1..=HORIZON).map(at).collect();
-                ([truth.distances([&path[..]]); KS.len()], (0, 0))
+                let trajectory: Vec<Point> = (1..=HORIZON).map(at).collect();
+                ([truth.distances([&trajectory[..]]); KS.len()], (0, 0))
             }
-            Method::Prior { network, radius, .. } => {
+            Predictor::Prior { network, radius, .. } => {
                 let name = |error: sage_backbones::Error| error.of(data, example.track);
                 let features = network.features(&data.observe()?, example.track, None).map_err(name)?;
                 let encoding = network.encode(Arc::new(features))?;
@@ -160,13 +160,13 @@ fn measure(method: &Method, data: &SceneData, examples: &[Example]) -> Result<Of
                     propose(*network, &encoding, k, selection, &mut Rng::new(0, "", "")).map_err(name)
                 };
                 let six = propose(6, nms)?;
-                let all = propose(JUDGED, nms)?;
+                let all = propose(EVALUATED, nms)?;
                 let lanes = data.index.motor_lanes();
                 let on = six.iter().filter(|p| lanes.nearest(end(p), ON_LANE, |_| true).is_some()).count();
                 if Some(example.track) == data.scene.adversary {
-                    let top = propose(JUDGED, Selection::TopK)?;
+                    let top = propose(EVALUATED, Selection::TopK)?;
                     let random = random_modes(*network, &encoding, &data.name)?;
-                    judge(data, top, random, &mut of_scene)?;
+                    evaluate(data, top, random, &mut result)?;
                 }
                 (
                     [distances(&truth, &six[..1]), distances(&truth, &six), distances(&truth, &all)],
@@ -174,14 +174,14 @@ fn measure(method: &Method, data: &SceneData, examples: &[Example]) -> Result<Of
                 )
             }
         };
-        of_scene.vehicles.push(Outcome {
+        result.vehicles.push(VehicleResult {
             of_interest: example.of_interest,
             moves: example.moves,
             distances,
             on_lanes,
         });
     }
-    Ok(of_scene)
+    Ok(result)
 }
 
 fn end(predicted: &Predicted) -> Point {
@@ -200,13 +200,18 @@ fn random_modes(
     let modes = network.mode_ends(encoding)?.len();
     let mut order: Vec<usize> = (0..modes).collect();
     Rng::new(0, scene, "random modes").shuffle(&mut order);
-    order.truncate(JUDGED);
-    let paths = network.trajectories(encoding, &order)?;
-    Ok(sage_backbones::backbone::to_world(&paths, encoding.features())?)
+    order.truncate(EVALUATED);
+    let trajectories = network.trajectories(encoding, &order)?;
+    Ok(sage_backbones::backbone::to_world(&trajectories, encoding.features())?)
 }
 
-/// Judges candidates of the adversary as attacks are, where the scene has an ego path to judge by.
-fn judge(data: &SceneData, top: Vec<Predicted>, random: Vec<Trajectory>, into: &mut OfScene) -> Result<()> {
+/// Evaluates candidates of the adversary as attacks, if the scene has an ego path.
+fn evaluate(
+    data: &SceneData,
+    top: Vec<Predicted>,
+    random: Vec<Trajectory>,
+    into: &mut SceneResult,
+) -> Result<()> {
     let Ok(ctx) = Context::new(&data.scene, &data.index, &ContextOptions::default()) else { return Ok(()) };
     let scorer = Scorer::new(&ctx);
     for predicted in top {
@@ -221,18 +226,18 @@ fn judge(data: &SceneData, top: Vec<Predicted>, random: Vec<Trajectory>, into: &
     Ok(())
 }
 
-fn rows(method: &str, found: &[&OfScene]) -> Vec<Row> {
+fn rows(method: &str, found: &[&SceneResult]) -> Vec<Row> {
     let mut rows = Vec::new();
     for (agents, only_interest) in [("interest", true), ("all", false)] {
         for (motion, only_moving) in [("any", false), ("moving", true)] {
             for (slot, k) in KS.into_iter().enumerate() {
                 let estimate = |value: fn(&Distances) -> f64| {
-                    let of_scene = |scene: &OfScene| {
-                        let chosen = scene
+                    let of_scene = |scene: &SceneResult| {
+                        let vehicles = scene
                             .vehicles
                             .iter()
                             .filter(|v| (v.of_interest || !only_interest) && (v.moves || !only_moving));
-                        chosen.map(|v| value(&v.distances[slot])).collect()
+                        vehicles.map(|v| value(&v.distances[slot])).collect()
                     };
                     let groups: Vec<Vec<f64>> = found.iter().copied().map(of_scene).collect();
                     statistics::bootstrap_grouped(&groups, RESAMPLES, &mut Rng::new(0, agents, "prediction"))
@@ -252,11 +257,11 @@ fn rows(method: &str, found: &[&OfScene]) -> Vec<Row> {
     rows
 }
 
-fn quality(method: &str, found: &[&OfScene]) -> Option<Quality> {
+fn quality(method: &str, found: &[&SceneResult]) -> Option<Quality> {
     let estimate = |groups: Vec<Vec<f64>>| {
         statistics::bootstrap_grouped(&groups, RESAMPLES, &mut Rng::new(0, "quality", "prediction"))
     };
-    let on_lanes = |scene: &OfScene| {
+    let on_lanes = |scene: &SceneResult| {
         let of_interest = scene.vehicles.iter().filter(|v| v.of_interest);
         of_interest.map(|v| v.on_lanes.0 as f64 / v.on_lanes.1.max(1) as f64).collect()
     };

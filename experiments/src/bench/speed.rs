@@ -1,4 +1,4 @@
-//! Times of the parts that everything else waits for.
+//! Times of the main components: reading, indexing, scoring, networks.
 
 use std::{
     hint::black_box,
@@ -29,22 +29,22 @@ use super::{
 /// Scenes whose median is reported.
 const SCENES: usize = 12;
 
-/// Turns in which Python and we read.
+/// Alternating turns of Python's reader and ours.
 const TURNS: usize = 5;
 
-/// Times everything on some scenes.
+/// Times every component on some scenes.
 ///
-/// *Errors*: a scene that cannot be read.
+/// *Errors*: a scene cannot be read.
 pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()>) -> Result<()> {
     let repeat = repeat as usize;
     let files = data.files();
-    // Scene 0 is the one that published times are of.
+    // Published times are of scene 0.
     let zero = files.iter().find(|file| file.file_stem().is_some_and(|stem| stem == "0"));
     let first = zero.or(files.first()).context("no scene to measure")?;
-    // Python's reader runs what it reads, so it gets what we write from plain values, never the file. Both
-    // read the same bytes.
+    // Python's reader executes code in a pickle. So it never gets the file, but a pickle that we write from
+    // plain values. Both readers get the same bytes.
     let bytes = Recording::from_bytes(first, data.bytes(first)?)?.to_pickle()?;
-    // By turns, so that both see the same machine: its speed changes from second to second.
+    // The readers alternate, because the machine's speed changes from second to second.
     let (mut python, mut loads) = (Vec::new(), Vec::new());
     for _ in 0..TURNS {
         python.extend(python_loads(&bytes, repeat.div_ceil(TURNS)).unwrap_or_default());
@@ -66,7 +66,7 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
         let document = black_box(Document::parse(copy));
         (start.elapsed(), document)
     });
-    report(timing("of it: pickle to values", parse, None))?;
+    report(timing("of this: pickle to values", parse, None))?;
 
     let native_bytes = Recording::from_bytes(first, bytes.clone())?.to_native()?;
     let native = measure(repeat, || {
@@ -125,7 +125,7 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
     if scoring.is_empty() {
         bail!("none of the scenes has an adversary and all 91 frames");
     }
-    report(timing("what scoring needs indexed, median of scenes", indexing, Some(2.0)))?;
+    report(timing("index of the map for scoring, median of scenes", indexing, Some(2.0)))?;
     report(timing("context of a scene, median of scenes", contexts, None))?;
     report(timing("paper rewards and feasibility, 32 candidates, median of scenes", scoring, Some(1.0)))?;
     report(timing("every measure of `score`, 32 candidates, median of scenes", full, None))?;
@@ -149,7 +149,7 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
     Ok(())
 }
 
-/// The paper's measures of candidates, as a generator asks for them.
+/// The paper's measures of candidates, as a generator computes them.
 pub fn rewards_and_feasibility(ctx: &Context, rule: &dyn Feasibility, trajectories: &[Trajectory]) -> f64 {
     let value = |trajectory: &Trajectory| {
         let candidate: Candidate = ctx.candidate(trajectory.clone());
@@ -163,7 +163,7 @@ pub fn rewards_and_feasibility(ctx: &Context, rule: &dyn Feasibility, trajectori
 
 /// Drivable arcs from the adversary's state *now*: constant yaw rate and acceleration, seeded.
 ///
-/// *Errors*: a scene without an adversary.
+/// *Errors*: the scene has no adversary.
 pub fn arcs(scene: &Scene, n: usize) -> Result<Vec<Trajectory>> {
     let adversary = scene.adversary()?;
     let [vx, vy] = adversary.velocity[NOW];
@@ -187,7 +187,7 @@ pub fn arcs(scene: &Scene, n: usize) -> Result<Vec<Trajectory>> {
     Ok(arcs)
 }
 
-/// About `n` items spread evenly.
+/// About `n` evenly spaced items.
 fn spread(files: &[PathBuf], n: usize) -> Vec<PathBuf> {
     let step = files.len().div_ceil(n).max(1);
     files.iter().step_by(step).cloned().collect()
@@ -203,7 +203,7 @@ fn python_loads(pickle: &[u8], repeat: usize) -> Option<Vec<f64>> {
         for _ in range(int(sys.argv[1])):\n\
         \x20   start = time.perf_counter(); value = pickle.loads(data); print((time.perf_counter() - start) * 1e3)\n";
     let mut child = Command::new("python3")
-        // Isolated: no module of the current folder takes the place of numpy.
+        // Isolated mode: no module of the current folder can shadow numpy.
         .args(["-I", "-c", PROGRAM])
         .arg(repeat.to_string())
         .stdin(Stdio::piped())
@@ -211,7 +211,7 @@ fn python_loads(pickle: &[u8], repeat: usize) -> Option<Vec<f64>> {
         .stderr(Stdio::null())
         .spawn()
         .ok()?;
-    // It reads all of its input before it writes anything, so this cannot block for good.
+    // The program reads all input before it writes, so this cannot deadlock.
     child.stdin.take()?.write_all(pickle).ok()?;
     let run = child.wait_with_output().ok()?;
     let text = String::from_utf8(run.stdout).ok().filter(|_| run.status.success())?;

@@ -1,4 +1,4 @@
-//! What is timed, and how.
+//! Data and results of time measurements.
 
 use std::path::{Path, PathBuf};
 
@@ -7,39 +7,40 @@ use sage_core::{files, scene::Scene, statistics::quantile};
 use sage_data::{MAX_FILE, Recording, folder};
 use serde::Serialize;
 
-/// Candidates scored together, as everywhere.
+/// Number of candidates that are scored together.
 pub const CANDIDATES: usize = 32;
+
 /// One measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct Timing {
-    /// What was done, the unit of work in the name.
+    /// Name of the measurement, with its unit of work.
     pub name: &'static str,
     /// Number of repetitions, or of scenes for a median over scenes.
     pub n: usize,
     /// Median, milliseconds.
     pub median_ms: f64,
-    /// Least, milliseconds.
+    /// Minimum, milliseconds.
     pub min_ms: f64,
     /// 90 % quantile, milliseconds.
     pub p90_ms: f64,
-    /// What is aimed at, milliseconds, if something is.
+    /// Target, milliseconds, if there is one.
     pub target_ms: Option<f64>,
 }
 
 /// Scenes to measure on.
 pub struct Data {
     files: Vec<PathBuf>,
-    /// The bytes of a single file: a pipe can be read once.
-    held: Option<Vec<u8>>,
+    /// Content of a single file, because a pipe can be read only once.
+    content: Option<Vec<u8>>,
 }
 
 impl Data {
     /// A file, a pipe, or the scenes of a folder.
     ///
-    /// *Errors*: it cannot be read or listed.
+    /// *Errors*: the path cannot be read or listed.
     pub fn of(path: &Path) -> Result<Self> {
         if path.is_dir() {
-            return Ok(Self { files: folder::scene_files(path)?, held: None });
+            return Ok(Self { files: folder::scene_files(path)?, content: None });
         }
         let bytes = files::read_argument(path, MAX_FILE);
         Ok(Self::one(path.to_owned(), bytes.with_context(|| format!("cannot read `{}`", path.display()))?))
@@ -47,7 +48,7 @@ impl Data {
 
     /// One scene by its bytes.
     pub fn one(path: PathBuf, bytes: Vec<u8>) -> Self {
-        Self { files: vec![path], held: Some(bytes) }
+        Self { files: vec![path], content: Some(bytes) }
     }
 
     /// Names of the files.
@@ -56,7 +57,7 @@ impl Data {
     }
 
     pub(super) fn bytes(&self, path: &Path) -> Result<Vec<u8>> {
-        match &self.held {
+        match &self.content {
             Some(bytes) => Ok(bytes.clone()),
             None => files::read(path, MAX_FILE).with_context(|| format!("cannot read `{}`", path.display())),
         }
@@ -68,9 +69,9 @@ impl Data {
     }
 }
 
-/// Times of repeated runs, milliseconds; what a run makes is dropped after its clock has stopped.
+/// Times of repeated runs, milliseconds. The result of a run is dropped after the time is taken.
 pub(super) fn measure<T>(repeat: usize, mut run: impl FnMut() -> (std::time::Duration, T)) -> Vec<f64> {
-    // One run to warm up caches.
+    // This run warms up caches.
     run();
     (0..repeat.max(1)).map(|_| run().0.as_secs_f64() * 1e3).collect()
 }

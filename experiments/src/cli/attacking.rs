@@ -3,14 +3,15 @@
 use std::path::PathBuf;
 
 use anyhow::Result;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use sage_core::generator::Mixture;
+use sage_data::dataset::Shard;
 use sage_generators::Aggression;
 use sage_merging::Range;
 
 use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
 use crate::{
-    operating_point::OperatingPointSpec,
+    operating_point::{OperatingPointSpec, aggression_variant},
     part::{Part, Parts},
 };
 
@@ -52,11 +53,28 @@ pub(crate) struct GenerateArgs {
     /// Seed.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// One JSON object a scene and lambda.
+    /// Print one JSON object for each scene and operating point.
     #[arg(long)]
     pub json: bool,
+    /// Scene files to write: MetaDrive pickles, native files, or both.
+    #[arg(long, value_enum, default_value_t = DatasetFormat::Both)]
+    pub format: DatasetFormat,
+    /// Attack only the K-th of N parts of the scenes, for runs on several machines into one folder.
+    #[arg(long, value_name = "K/N")]
+    pub shard: Option<Shard>,
     #[command(flatten)]
     pub folder: FolderArgs,
+}
+
+/// Formats of the scene files of a data set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DatasetFormat {
+    /// Both.
+    Both,
+    /// MetaDrive pickles with the data set's summary and mapping.
+    Pickle,
+    /// Native files (safetensors).
+    Native,
 }
 
 /// Compare generators against a replayed ego: the paper's table and what it hides.
@@ -202,6 +220,25 @@ impl OperatingPointArgs {
             OperatingPointSpec::mixed(mix, self.mu)?;
         }
         Ok(self.aggression.iter().flat_map(|values| &values.0).try_for_each(|a| Aggression::check(*a))?)
+    }
+
+    /// Names of the operating points, lambda at `otherwise` if nothing is given.
+    pub(crate) fn variants(&self, otherwise: &[f64]) -> Vec<String> {
+        if let Some(values) = &self.aggression {
+            return values.0.iter().map(|a| aggression_variant(*a)).collect();
+        }
+        // Checked before, so nothing is left out.
+        if let Some(Mix(mix)) = &self.mix {
+            return OperatingPointSpec::mixed(mix, self.mu).iter().map(OperatingPointSpec::variant).collect();
+        }
+        let lambdas = self.lambda.as_ref().map_or(otherwise, |values| &values.0);
+        let at = |lambda: &f64| OperatingPointSpec {
+            aggression: None,
+            lambda: Some(*lambda),
+            mix: Vec::new(),
+            mu: self.mu.unwrap_or(*lambda),
+        };
+        lambdas.iter().map(|lambda| at(lambda).variant()).collect()
     }
 
     /// The operating points, lambda at `otherwise` if nothing is given.

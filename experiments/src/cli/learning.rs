@@ -1,4 +1,4 @@
-//! Arguments of the commands that train networks and ask them.
+//! Arguments of the commands that train and evaluate networks.
 
 use std::path::PathBuf;
 
@@ -6,98 +6,99 @@ use clap::{Args, ValueEnum};
 
 use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs, attacking::MergerArgs};
 
-/// Train a motion prior from recorded or procedural scenes.
+/// Train a motion prior on recorded or procedural scenes.
 ///
-/// Learns from vehicles that are valid now and in 3 s of their future: all that move, at most ten of a
-/// scene an epoch, and a few that stand, half of them mirrored. After each epoch it keeps the best weights (`prior.safetensors`), the state of training
-/// (`last.safetensors`), and the curves; the same command goes on where it was interrupted, to the
-/// same bits. Scenes are held in memory: about 3 MB each, 8 GiB at most.
+/// A training sample is a vehicle that is valid now and in 3 s of its future. An epoch uses the moving vehicles,
+/// at most ten per scene, and a few standing ones; half of the samples are mirrored. After each epoch
+/// the best weights (`prior.safetensors`), the training state (`last.safetensors`) and the curves are written.
+/// The same command resumes an interrupted run with bit-identical results. All scenes are held in memory: about
+/// 3 MB each, 8 GiB at most.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sage pretrain target/data/womd_cat500/pretrain --dev target/data/womd_cat500/dev --from procedural --out prior/\n  sage pretrain --procedural 1200 --epochs 6 --out procedural-prior/"
 )]
 pub(crate) struct PretrainArgs {
-    /// Scene files and folders to learn from; procedural scenes without any.
+    /// Scene files and folders for training (default: procedural scenes).
     #[arg(value_name = "PATH")]
     pub paths: Vec<PathBuf>,
-    /// Scenes to choose the best epoch on; procedural ones without it.
+    /// Scenes for selecting the best epoch (default: procedural scenes).
     #[arg(long, value_name = "DIR")]
     pub dev: Option<PathBuf>,
-    /// Number of procedural scenes if no path is given.
+    /// Number of procedural scenes if no PATH is given.
     #[arg(long, value_name = "N", default_value_t = 1200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
-    /// Network to train; `sage list` shows them.
+    /// Backbone to train, by its name in `sage list`.
     #[arg(long, value_name = "NAME", default_value = "densetnt")]
     pub backbone: String,
-    /// Options of the network as JSON, such as '{"hidden": 96}'.
+    /// Options of the backbone as JSON, such as '{"hidden": 96}'.
     #[arg(long, value_name = "JSON")]
     pub network: Option<String>,
-    /// Weights to start from: procedural, waymo, a folder or a file.
+    /// Initial weights: procedural, waymo, a folder or a file.
     #[arg(long, value_name = "NAME")]
     pub from: Option<String>,
-    /// Passes over the vehicles.
+    /// Number of epochs: passes over the vehicles.
     #[arg(long, value_name = "N")]
     pub epochs: Option<u32>,
-    /// Largest learning rate.
+    /// Maximum learning rate.
     #[arg(long, value_name = "X")]
     pub rate: Option<f64>,
-    /// Other options of training as a JSON file; flags win.
+    /// JSON file of training options; command-line options override it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Seed of the order of training and of procedural scenes; 0 without it and a --config.
+    /// Seed of the training order and of procedural scenes (default: from --config, else 0).
     #[arg(long, value_name = "S")]
     pub seed: Option<u64>,
-    /// Licence to keep in the weights' header.
+    /// Licence text for the header of the weights.
     #[arg(long, value_name = "TEXT")]
     pub license: Option<String>,
     #[command(flatten)]
     pub folder: FolderArgs,
 }
 
-/// Tune experts from a prior, by preferences among its own candidates: a realistic and an adversarial one.
+/// Fine-tune a realistic and an adversarial expert from a prior (HGPO).
 ///
-/// Feasible beats infeasible, then better beats worse by each expert's own objective (HGPO). A --config names other
-/// objectives, or other experts: {"experts": {"lawful": {"objective": …}, …}}. Encoder and
-/// paths stay the prior's. The same command goes on where it was interrupted. Scenes are held in memory with
-/// all their goals: about 12 MB each with three --roles. The folder gets `prior.safetensors`, `realistic.safetensors`,
-/// `adversarial.safetensors`, `finetune.csv` and `run.json`; name it with `--weights` from then on.
+/// Preference pairs are formed among the policy's own candidates: feasible over infeasible, then higher over
+/// lower by each expert's objective. A --config file can set other objectives or other experts:
+/// {"experts": {"lawful": {"objective": …}, …}}. The encoder and the trajectories stay those of the prior. The
+/// same command resumes an interrupted run. Scenes are held in memory with all their goals: about 12 MB each
+/// with three --roles. The output folder holds `prior.safetensors`, `realistic.safetensors`,
+/// `adversarial.safetensors`, `finetune.csv` and `run.json`; other commands read it with `--weights`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --procedural 200 --prior procedural --out procedural-experts/"
 )]
 pub(crate) struct FinetuneArgs {
-    /// Scene files and folders to tune on; procedural scenes without any.
+    /// Scene files and folders for fine-tuning (default: procedural scenes).
     #[arg(value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Scenes to report on beside those tuned on.
+    /// Scenes on which results are also reported, but which are not used for fine-tuning.
     #[arg(long, value_name = "DIR")]
     pub dev: Option<PathBuf>,
-    /// Number of procedural scenes if no path is given.
+    /// Number of procedural scenes if no PATH is given.
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
-    /// Weights of the prior: procedural, waymo, a folder or a file; untrained:densetnt for one that
-    /// has learnt nothing.
+    /// Weights of the prior: procedural, waymo, a folder or a file; untrained:densetnt for initial weights.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub prior: String,
-    /// Pairs of ego and adversary taken from each scene beside its own: more to tune on.
+    /// Maximum number of further role assignments (ego, adversary) per scene for fine-tuning.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = roles)]
     pub roles: usize,
-    /// Options of fine-tuning as a JSON file; what is left out keeps each expert's own.
+    /// JSON file of fine-tuning options; omitted options keep each expert's defaults.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Seed of candidates, pairs and order, and of procedural scenes.
+    /// Seed of candidates, pairs, training order and procedural scenes.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     #[command(flatten)]
     pub folder: FolderArgs,
 }
 
-/// Compare two ways to tune experts, each in several seeds, paired by scene.
+/// Compare two variants of fine-tuning over several seeds, paired by scene.
 ///
-/// What the policies do without choice, what the best of 32 candidates does, and how fast the
-/// adversarial experts learnt.
+/// Reports expectations under the policies without selection, attacks with the best of 32 candidates, and the
+/// training curves of the adversarial experts.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sage bench experts target/data/womd_cat500/val --a hgpo-0,hgpo-1 --b dpo-0,dpo-1"
@@ -108,10 +109,10 @@ pub(crate) struct ExpertsArgs {
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Folders of experts of one sort, with commas.
+    /// Comma-separated folders of experts of variant A.
     #[arg(long, value_name = "DIRS", required = true, value_delimiter = ',')]
     pub a: Vec<String>,
-    /// Folders of the other sort.
+    /// Comma-separated folders of experts of variant B.
     #[arg(long, value_name = "DIRS", required = true, value_delimiter = ',')]
     pub b: Vec<String>,
     /// Seed of the candidates.
@@ -121,53 +122,53 @@ pub(crate) struct ExpertsArgs {
     pub merging: MergerArgs,
 }
 
-/// Predict what a vehicle of a scene may do in the next eight seconds.
+/// Predict candidate trajectories of a vehicle for eight seconds.
 ///
-/// A row or a JSON object a candidate: rank, log-probability, goal, and with --json the 80 points of
-/// the way there, world frame. With --out also a picture.
+/// Prints a row for each candidate: rank, log-probability, goal, length and final speed. With --json it is an
+/// object with rank, log-probability, goal and the 80 points of the trajectory, world frame. With --out a
+/// picture is drawn too.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sage predict examples/crossing.pkl --k 6 --select nms --out crossing.svg"
 )]
 pub(crate) struct PredictArgs {
-    /// The scene.
+    /// Scene file.
     pub scene: PathBuf,
-    /// The agent, by track id; the adversary by default.
+    /// Track id of the agent (default: the adversary).
     #[arg(long, value_name = "ID")]
     pub agent: Option<String>,
     /// Number of candidates.
     #[arg(long, value_name = "N", default_value_t = 32, value_parser = count)]
     pub k: usize,
-    /// How candidates are chosen: the likeliest, a draw by probability, or the likeliest some way
-    /// apart.
+    /// Selection of candidates: most likely, sampled, or most likely with a minimum distance.
     #[arg(long, value_enum, default_value_t = SelectArg::TopK)]
     pub select: SelectArg,
-    /// Distance that candidates keep with --select nms, metres.
+    /// Minimum distance between end points of candidates with --select nms, metres.
     #[arg(long, value_name = "M", default_value = "5", value_parser = radius)]
     pub radius: f32,
-    /// Seed of the draw.
+    /// Seed of the sampling with --select gumbel.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// Weights: procedural, waymo, lane-graph, a folder or a file. By default waymo for recordings
-    /// if it is at hand, else procedural.
+    /// Weights: procedural, waymo, lane-graph, a folder or a file (default: waymo for recordings if
+    /// available, else procedural).
     #[arg(long, value_name = "NAME")]
     pub weights: Option<String>,
-    /// One JSON object a line.
+    /// Print one JSON object per line.
     #[arg(long)]
     pub json: bool,
-    /// Where a picture goes; - for standard output, then without rows.
+    /// SVG file to write; - for standard output, without rows.
     #[arg(long, value_name = "FILE.svg")]
     pub out: Option<PathBuf>,
-    /// Write over a file that exists.
+    /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
 }
 
-/// Measure how well priors predict what recorded vehicles did, beside constant velocity.
+/// Measure the prediction errors of priors and of constant velocity.
 ///
-/// Vehicles that are valid at frames 10 and 90 count. With K candidates the best one does: least mean
-/// distance, least end distance, and the share of vehicles that all miss. Intervals are 95 %
-/// bootstraps over scenes. `lane-graph` is the prior without weights.
+/// Evaluates vehicles that are valid at frames 10 and 90. The errors are those of the best of K candidates:
+/// minADE, minFDE, and the share of vehicles that all candidates miss. Intervals are 95 % bootstraps over
+/// scenes. `lane-graph` is the prior without weights.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sage bench prediction target/data/womd_cat500/val --weights lane-graph --weights waymo --radius 5\n  sage bench prediction target/data/womd_cat500/dev --weights waymo --radius 3,4,5,6"
@@ -176,13 +177,13 @@ pub(crate) struct PredictionArgs {
     /// Scene files and folders.
     #[arg(required = true, value_name = "PATH")]
     pub paths: Vec<PathBuf>,
-    /// Weights: procedural, waymo, lane-graph, a folder or a file; give it again for several.
+    /// Weights: procedural, waymo, lane-graph, a folder or a file; repeat the option for several.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: Vec<String>,
-    /// Distance that candidates keep from each other, metres; several make a row each.
+    /// Minimum distance between end points of candidates, metres; one row for each comma-separated value.
     #[arg(long, value_name = "M", value_delimiter = ',', default_value = "7", value_parser = radius)]
     pub radius: Vec<f32>,
-    /// One JSON object a line.
+    /// Print one JSON object per line.
     #[arg(long)]
     pub json: bool,
 }
@@ -190,11 +191,11 @@ pub(crate) struct PredictionArgs {
 /// Names of [`sage_backbones::candidates::Selection`].
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum SelectArg {
-    /// The likeliest.
+    /// The most likely candidates.
     TopK,
-    /// A draw by probability.
+    /// Sampling by probability (Gumbel top-k).
     Gumbel,
-    /// The likeliest some way apart.
+    /// The most likely candidates with a minimum distance (non-maximum suppression).
     Nms,
 }
 
@@ -203,7 +204,7 @@ fn radius(text: &str) -> Result<f32, String> {
     if (0.0..=1000.0).contains(&radius) { Ok(radius) } else { Err("expected 0 to 1000 m".to_owned()) }
 }
 
-/// Most pairs of ego and adversary that are taken from a scene beside its own.
+/// Maximum number of further role assignments per scene.
 const MOST_ROLES: usize = 64;
 
 fn roles(text: &str) -> Result<usize, String> {

@@ -1,4 +1,4 @@
-//! `sage bench dial`.
+//! `sage bench dial`: attack rates along the aggression dial, and the shares of λ and μ.
 
 use std::{fmt::Write as _, sync::Arc};
 
@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::{
     Outcome, Registries,
     bench::{
-        attack_grid::{AttackGrid, Attacks, Evenness, shapley_of_lambda},
+        attack_grid::{AttackGrid, Attacks, Linearity, shapley_of_lambda},
         dial_chart::{self, Line},
     },
     cli::DialBenchArgs,
@@ -22,15 +22,15 @@ use crate::{
     selection::Selection,
 };
 
-/// Values of λ and of μ at which each is shown with the other held.
+/// Values of λ and of μ in the table of both.
 const LAMBDAS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 const MUS: [f64; 8] = [0.0, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0];
 
-/// One sweep to turn the dial from 0 to 1.
+/// A sweep of operating points from 0 to 1.
 struct Sweep {
     name: &'static str,
-    /// λ, μ and what came of it.
-    stops: Vec<(f64, f64, Attacks)>,
+    /// λ, μ and the attacks at each operating point.
+    points: Vec<(f64, f64, Attacks)>,
 }
 
 pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outcome> {
@@ -48,30 +48,30 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     let step = || progress.step();
     let objectives = [inputs.selection.clone()];
     let mut grid = AttackGrid::of(&scenes, &inputs, &objectives, &lambdas, args.seed, step)?;
-    let grid = grid.pop().context("one objective, one result")?;
+    let grid = grid.pop().context("one objective gives one grid")?;
     progress.finish(&format!("{} values of lambda on {} scenes", lambdas.len(), scenes.len()));
     let attacks = |lambda: f64, mu: f64| grid.attacks(lambda, mu).context("a lambda was not evaluated");
-    let stops = |point: &dyn Fn(f64) -> Result<(f64, f64)>| -> Result<Vec<_>> {
-        let stop = |a: f64| {
-            let (lambda, mu) = point(a)?;
+    let points = |lambda_and_mu: &dyn Fn(f64) -> Result<(f64, f64)>| -> Result<Vec<_>> {
+        let point = |a: f64| {
+            let (lambda, mu) = lambda_and_mu(a)?;
             Ok((lambda, mu, attacks(lambda, mu)?))
         };
-        aggressions().into_iter().map(stop).collect()
+        aggressions().into_iter().map(point).collect()
     };
-    let even = |a: f64| Ok(dial.lambda_and_mu(a)?);
+    let of_dial = |a: f64| Ok(dial.lambda_and_mu(a)?);
     let sweeps = [
-        Sweep { name: "aggression", stops: stops(&even)? },
-        Sweep { name: "lambda = mu", stops: stops(&|a| Ok((a, a)))? },
+        Sweep { name: "aggression", points: points(&of_dial)? },
+        Sweep { name: "lambda = mu", points: points(&|a| Ok((a, a)))? },
     ];
     let mut markdown = format!("Selection {}, {} scenes.\n\n", selection.name, scenes.len());
     let mut csv = "sweep,a,lambda,mu,measure,value,low,high,n\n".to_owned();
     curves(&mut markdown, &mut csv, &sweeps)?;
     let rate = |l: f64, m: f64| grid.attacks(l, m).map_or(f64::NAN, |a| a.rate());
     let reward = |l: f64, m: f64| grid.attacks(l, m).map_or(f64::NAN, |a| a.reward());
-    held(&mut markdown, &rate, &reward)?;
+    table_of_both(&mut markdown, &rate, &reward)?;
     let lines = sweeps.iter().map(|sweep| Line {
         name: sweep.name,
-        rates: sweep.stops.iter().map(|(_, _, attacks)| attacks.rate()).collect(),
+        rates: sweep.points.iter().map(|(_, _, attacks)| attacks.rate()).collect(),
     });
     let file = |name: &str, text: &str| out.write(name, text.as_bytes());
     file("dial.md", &markdown)?;
@@ -90,7 +90,7 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     Ok(Outcome::Done)
 }
 
-/// Attack and reward along each sweep, and how even it is.
+/// Attack rate and reward along each sweep, and the deviation from a straight line.
 fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep]) -> Result<()> {
     for sweep in sweeps {
         writeln!(
@@ -98,7 +98,7 @@ fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep]) -> Result<(
             "| {} | lambda | mu | attack | R_adv |\n| --- | --- | --- | --- | --- |",
             sweep.name
         )?;
-        for (a, (lambda, mu, attacks)) in aggressions().into_iter().zip(&sweep.stops) {
+        for (a, (lambda, mu, attacks)) in aggressions().into_iter().zip(&sweep.points) {
             let measures = [("attack", attacks.rate_estimate()), ("R_adv", attacks.reward_estimate())];
             let mut cells = Vec::new();
             for (measure, estimate) in measures {
@@ -112,8 +112,8 @@ fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep]) -> Result<(
             }
             writeln!(markdown, "| {a:.1} | {lambda:.2} | {mu:.4} | {} |", cells.join(" | "))?;
         }
-        let attacks: Vec<&Attacks> = sweep.stops.iter().map(|(_, _, attacks)| attacks).collect();
-        let even = Evenness::of(&attacks);
+        let attacks: Vec<&Attacks> = sweep.points.iter().map(|(_, _, attacks)| attacks).collect();
+        let linearity = Linearity::of(&attacks);
         let order = aggressions();
         let rank = |value: &dyn Fn(&Attacks) -> f64| {
             let values: Vec<f64> = attacks.iter().map(|a| value(a)).collect();
@@ -121,12 +121,12 @@ fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep]) -> Result<(
         };
         writeln!(
             markdown,
-            "\n{}: off the straight line by {:.1} points RMS and {:.1} at most; greatest step down {} scenes; span {:.1} points; rank correlation with attack {:.3}, with R_adv {:.3}.\n",
+            "\n{}: deviation from a straight line {:.1} points RMS, {:.1} points at most; largest drop between neighbours {} scenes; span {:.1} points; rank correlation with attack {:.3}, with R_adv {:.3}.\n",
             sweep.name,
-            100.0 * even.rms,
-            100.0 * even.worst,
-            even.step_down,
-            100.0 * even.span,
+            100.0 * linearity.rms,
+            100.0 * linearity.worst,
+            linearity.largest_drop,
+            100.0 * linearity.span,
             rank(&Attacks::rate),
             rank(&Attacks::reward),
         )?;
@@ -134,8 +134,8 @@ fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep]) -> Result<(
     Ok(())
 }
 
-/// λ at held μ and μ at held λ, and what each brings of the whole.
-fn held(
+/// Attack rate and reward over λ and μ, and the Shapley share of λ.
+fn table_of_both(
     markdown: &mut String,
     rate: &dyn Fn(f64, f64) -> f64,
     reward: &dyn Fn(f64, f64) -> f64,
@@ -149,7 +149,7 @@ fn held(
     }
     writeln!(
         markdown,
-        "\nShapley share of lambda in the whole span: {} of the attack rate, {} of R_adv; the rest is the choice's (mu).",
+        "\nShapley share of lambda in the whole span: {} of the attack rate, {} of R_adv; the rest is due to the selection (mu).",
         share(shapley_of_lambda(rate)),
         share(shapley_of_lambda(reward))
     )?;

@@ -1,4 +1,4 @@
-//! `sage bench experts`: two ways to tune, several seeds each, paired by scene.
+//! `sage bench experts`: compares two variants of fine-tuning, several seeds each, paired by scene.
 
 use std::{fmt::Write as _, path::Path, sync::Arc};
 
@@ -24,7 +24,7 @@ use crate::{
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
 
-/// What is measured of experts, a scene each.
+/// Measures of the experts, one value per scene. Their names also name the random streams.
 const MEASURES: [&str; 8] = [
     "adversarial: feasible",
     "adversarial: feasible hit",
@@ -40,7 +40,7 @@ const MEASURES: [&str; 8] = [
 type Values = Vec<Vec<f64>>;
 
 pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome> {
-    // A folder that is not there is told now, not after the others are measured.
+    // Fails on a missing folder before anything is measured.
     for folder in args.a.iter().chain(&args.b) {
         networks::load_experts(&registries.backbones, folder)?;
     }
@@ -57,16 +57,16 @@ pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome
     let (a, b) = (group(&args.a)?, group(&args.b)?);
     progress.finish(&format!("{} folders on {} scenes", args.a.len() + args.b.len(), scenes.len()));
     let mut out = format!(
-        "A: {}; B: {}. Means over seeds, {} scenes, paired by scene; intervals are over scenes, for these seeds.\n\n| measure | A | B | A − B | better in A | in B |\n| --- | --- | --- | --- | --- | --- |\n",
+        "A: {}; B: {}. Means over seeds, {} scenes, paired by scene; intervals are over scenes, for these seeds.\n\n| measure | A | B | A − B | scenes larger in A | in B |\n| --- | --- | --- | --- | --- | --- |\n",
         args.a.join(", "),
         args.b.join(", "),
         scenes.len()
     );
     for ((name, a), b) in MEASURES.iter().zip(&a).zip(&b) {
         let gaps: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
-        let more = |sign: f64| gaps.iter().filter(|gap| sign * **gap > 1e-9).count();
+        let larger = |sign: f64| gaps.iter().filter(|gap| sign * **gap > 1e-9).count();
         let cells = [a, b, &gaps].map(|values| cell(values, name));
-        writeln!(out, "| {name} | {} | {} | {} |", cells.join(" | "), more(1.0), more(-1.0))?;
+        writeln!(out, "| {name} | {} | {} | {} |", cells.join(" | "), larger(1.0), larger(-1.0))?;
     }
     learning(&mut out, args)?;
     output::print(&out)?;
@@ -90,7 +90,7 @@ fn values(registries: &Registries, folder: &str, scenes: &Scenes, args: &Experts
     let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
     let objectives = [inputs.selection.clone()];
     let grid = AttackGrid::of(scenes, &inputs, &objectives, &[1.0], args.seed, || ())?.pop();
-    let grid = grid.context("one objective, one result")?;
+    let grid = grid.context("one objective gives one grid")?;
     let attacks = grid.attacks(1.0, 1.0).context("lambda 1 was not evaluated")?;
     Ok(vec![
         of(&adversarial, |e| e.feasible),
@@ -117,15 +117,15 @@ fn cell(values: &[f64], name: &str) -> String {
     estimate.map_or("-".to_owned(), |e| format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high))
 }
 
-/// Largest `finetune.csv` that is read, bytes.
+/// Size limit of `finetune.csv`, bytes.
 const CURVE_LIMIT: u64 = 64 << 20;
-/// Columns of `finetune.csv` that tell how fast the adversarial expert learnt.
+/// Columns of `finetune.csv` in the training curves of the adversarial expert.
 const LEARNING: [&str; 5] =
     ["pairs", "pairs_by_feasibility", "expected_feasible", "expected_attack", "expected_reward"];
 
-/// What the adversarial experts were over training, means over seeds, from `finetune.csv`.
+/// Training curves of the adversarial experts from `finetune.csv`, means over seeds.
 fn learning(out: &mut String, args: &ExpertsArgs) -> Result<()> {
-    writeln!(out, "\nThe adversarial expert over training, on the scenes it was tuned on:\n")?;
+    writeln!(out, "\nTraining curves of the adversarial expert, on its training scenes:\n")?;
     writeln!(
         out,
         "| | epoch | {} |\n| --- | --- |{}",
@@ -136,7 +136,12 @@ fn learning(out: &mut String, args: &ExpertsArgs) -> Result<()> {
         let curves = folders.iter().map(|folder| curve(Path::new(folder))).collect::<Result<Vec<_>>>()?;
         let curves: Vec<_> = curves.into_iter().filter(|curve| !curve.is_empty()).collect();
         if curves.len() < folders.len() {
-            writeln!(out, "| {name} | of {} of {} folders | | | | | |", curves.len(), folders.len())?;
+            writeln!(
+                out,
+                "| {name} | {} of {} folders have curves | | | | | |",
+                curves.len(),
+                folders.len()
+            )?;
         }
         for epoch in 0..curves.iter().map(Vec::len).min().unwrap_or(0) {
             let mean = |k: usize| curves.iter().map(|c| c[epoch][k]).sum::<f64>() / curves.len() as f64;
@@ -147,21 +152,21 @@ fn learning(out: &mut String, args: &ExpertsArgs) -> Result<()> {
     Ok(())
 }
 
-/// Rows of the adversarial expert in `finetune.csv`, the columns of [`LEARNING`]; none without the file.
+/// Rows of the adversarial expert in `finetune.csv`, with the columns of [`LEARNING`]; none without the file.
 fn curve(folder: &Path) -> Result<Vec<Vec<f64>>> {
     let file = folder.join("finetune.csv");
     let Ok(text) = files::read_text(&file, CURVE_LIMIT) else { return Ok(Vec::new()) };
     let mut lines = text.lines();
     let head: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let place = |name: &&str| head.iter().position(|column| column == name);
-    let Some(places) = LEARNING.iter().map(place).collect::<Option<Vec<_>>>() else {
+    let column = |name: &&str| head.iter().position(|known| known == name);
+    let Some(columns) = LEARNING.iter().map(column).collect::<Option<Vec<_>>>() else {
         bail!("`{}` has no columns {}", file.display(), LEARNING.join(", "));
     };
     let row = |line: &str| -> Result<Vec<f64>> {
         let cells: Vec<&str> = line.split(',').collect();
         let number = |&k: &usize| cells.get(k).and_then(|cell| cell.parse().ok());
-        let numbers: Option<Vec<f64>> = places.iter().map(number).collect();
-        numbers.with_context(|| format!("`{}`: row `{line}` is not of the head's columns", file.display()))
+        let numbers: Option<Vec<f64>> = columns.iter().map(number).collect();
+        numbers.with_context(|| format!("`{}`: row `{line}` does not match the header", file.display()))
     };
     lines.filter(|line| line.starts_with("adversarial,")).map(row).collect()
 }

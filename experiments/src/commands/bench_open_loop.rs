@@ -1,4 +1,4 @@
-//! `sage bench open-loop`.
+//! `sage bench open-loop`: compares generators against a replayed ego.
 
 use std::{path::PathBuf, sync::Arc, time::Instant};
 
@@ -31,24 +31,24 @@ use crate::{
     selection::Selection,
 };
 
-/// Folder of the results that a run goes on from if it was broken off.
+/// Folder of the results from which an interrupted run resumes.
 const RESULTS: &str = ".sage-rows";
-/// Scenes whose results are kept together.
+/// Scenes per file of results.
 const WINDOW: usize = 16;
-/// Largest file of results that is read, bytes.
+/// Size limit of a file of results, bytes.
 const RESULTS_LIMIT: u64 = 256 << 20;
-/// The table, for people.
+/// The table as Markdown.
 const TABLE: &str = "table.md";
-/// What a run leaves, pictures aside.
+/// Output files of a run, without the pictures.
 const FILES: [&str; 4] = [TABLE, "table.csv", "scenes.csv", "index.html"];
 
-/// What came of one scene.
+/// Results of one scene.
 #[derive(Serialize, Deserialize)]
 struct SceneResult {
     scene: String,
-    /// For each generator a row an operating point, or its error.
+    /// For each generator, one row per operating point, or its error.
     rows: Vec<Result<Vec<SceneRow>, String>>,
-    /// Expectations under each policy, without any choice.
+    /// Expectations under each policy, without selection.
     expectations: Option<Vec<Expectation>>,
 }
 
@@ -66,7 +66,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let points = args.points.specs(dial, merger.range(), &[0.0, 0.5, 1.0])?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
     let generators = generators(args, registries, &inputs, &points)?;
-    // Without a network among the generators nobody asks what its policy does.
+    // The policies are reported only if a generator uses them.
     let has_network = generators.iter().any(|built| built.facts.needs_experts);
     let policy_points = if has_network { &points[..] } else { &[] };
     let policies = policies(policy_points, &experts, &*merger, args.seed)?;
@@ -95,7 +95,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
         })
     };
     let count: usize = generators.iter().map(|built| built.keys.len()).sum();
-    let mut progress = Progress::new("ran", scenes.len());
+    let mut progress = Progress::new("evaluated", scenes.len());
     let mut all: Vec<SceneResult> = Vec::with_capacity(scenes.len());
     for (number, window) in scenes.windows(WINDOW).enumerate() {
         all.extend(results_of(
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let failures = report_errors(&all, &generators);
     let table = Table { columns: open_loop::columns(&further), rows: table_rows(&all, &generators) };
     if table.rows.iter().all(|(.., rows)| rows.is_empty()) {
-        bail!("no scene came out");
+        bail!("every generator failed in every scene");
     }
     let expectations = by_policy(&all, &policies);
     let markdown = report::markdown(&table, &expectations)?;
@@ -129,7 +129,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     Ok(if failures == 0 { Outcome::Done } else { Outcome::Partial })
 }
 
-/// Results of some scenes: those in the file if a run before left them there, else new ones.
+/// Results of some scenes: from the file of an interrupted run if it matches, else computed.
 fn results_of(
     run: &Run,
     file: PathBuf,
@@ -154,18 +154,18 @@ fn results_of(
     Ok(results)
 }
 
-/// The generators in the order of the table; of a ceiling its strongest operating point alone.
+/// The generators in the order of the table. A ceiling gets only the operating point with the largest μ.
 fn generators(
     args: &OpenLoopArgs,
     registries: &Registries,
     inputs: &GeneratorInputs,
     points: &[OperatingPointSpec],
 ) -> Result<Vec<BuiltGenerator>> {
-    let hardest = points.iter().max_by(|a, b| a.mu.total_cmp(&b.mu));
-    let hardest: Vec<OperatingPointSpec> = hardest.into_iter().cloned().collect();
+    let largest_mu = points.iter().max_by(|a, b| a.mu.total_cmp(&b.mu));
+    let largest_mu: Vec<OperatingPointSpec> = largest_mu.into_iter().cloned().collect();
     let build = |part: &Part| {
         let is_ceiling = part.build(&registries.generators)?.facts().is_ceiling;
-        BuiltGenerator::new(part, registries, inputs, if is_ceiling { &hardest } else { points })
+        BuiltGenerator::new(part, registries, inputs, if is_ceiling { &largest_mu } else { points })
     };
     let built = args.methods.0.iter().map(build).collect::<Result<Vec<_>>>()?;
     let keys: Vec<RowKey> = built.iter().flat_map(|built| built.keys.clone()).collect();
@@ -192,7 +192,7 @@ fn policies(
     Ok(policies)
 }
 
-/// What tells one run from another.
+/// Inputs by which a run is recognised when it resumes.
 fn identity(
     args: &OpenLoopArgs,
     experts: &ExpertSet,
@@ -210,7 +210,7 @@ fn identity(
     }))
 }
 
-/// Says which generator failed in which scene; how many times.
+/// Prints which generator failed in which scene; returns the number of failures.
 fn report_errors(all: &[SceneResult], generators: &[BuiltGenerator]) -> usize {
     let mut failures = 0;
     for result in all {

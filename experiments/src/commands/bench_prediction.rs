@@ -1,4 +1,4 @@
-//! `sage bench prediction`.
+//! `sage bench prediction`: prediction errors of priors and of constant velocity.
 
 use std::io::Write;
 
@@ -7,7 +7,7 @@ use sage_core::statistics::Estimate;
 
 use crate::{
     Outcome, Registries,
-    bench::prediction::{self, Method, Report},
+    bench::prediction::{self, Predictor, Report},
     cli::PredictionArgs,
     networks,
     progress::Progress,
@@ -19,19 +19,19 @@ pub(crate) fn run(args: &PredictionArgs, registries: &Registries) -> Result<Outc
     let weights = args.weights.iter().map(|name| networks::load(&registries.backbones, name));
     let weights = weights.collect::<Result<Vec<_>>>()?;
     let scenes = Scenes::under(&args.paths)?;
-    let mut methods = vec![Method::ConstantVelocity];
+    let mut predictors = vec![Predictor::ConstantVelocity];
     for loaded in &weights {
         for radius in &args.radius {
             let name = match args.radius.len() {
                 1 => loaded.name.clone(),
                 _ => format!("{}, {radius} m", loaded.name),
             };
-            methods.push(Method::Prior { name, network: &*loaded.network, radius: *radius });
+            predictors.push(Predictor::Prior { name, network: &*loaded.network, radius: *radius });
         }
     }
     let mut progress = Progress::new("measured", scenes.len());
-    let report = prediction::run(&scenes, &methods, || progress.step())?;
-    progress.finish(&format!("{} methods on {} scenes", methods.len(), scenes.len()));
+    let report = prediction::run(&scenes, &predictors, || progress.step())?;
+    progress.finish(&format!("{} predictors on {} scenes", predictors.len(), scenes.len()));
     if args.json { json(&report) } else { table(&report) }?;
     Ok(Outcome::Done)
 }
@@ -73,7 +73,7 @@ fn table(report: &Report) -> Result<()> {
     }
     writeln!(
         out,
-        "\n| method | six ends on lanes | top 32: median P_kin | top 32 feasible | random 32 feasible |"
+        "\n| method | ends of 6 on lanes | top 32: median P_kin | top 32 feasible | random 32 feasible |"
     )?;
     writeln!(out, "| --- | --- | --- | --- | --- |")?;
     for row in &report.quality {

@@ -1,4 +1,4 @@
-//! `sage bench speed`.
+//! `sage bench speed`: times of the main components.
 
 use std::io::Write;
 
@@ -11,7 +11,7 @@ use crate::{
     terminal,
 };
 
-/// A scene that ships with the binary, for a measurement without any data.
+/// The scene in the binary, for a measurement without data.
 const BUILT_IN: &[u8] = include_bytes!("../../../examples/crossing.pkl");
 
 pub(crate) fn run(args: &SpeedArgs) -> Result<Outcome> {
@@ -24,7 +24,7 @@ pub(crate) fn run(args: &SpeedArgs) -> Result<Outcome> {
         writeln!(
             out,
             "{:<64} {:>5} {:>10} {:>10} {:>10} {:>10} {:>6}",
-            "what", "n", "median ms", "min ms", "p90 ms", "target ms", "ratio"
+            "measurement", "n", "median ms", "min ms", "p90 ms", "target ms", "ratio"
         )?;
     }
     speed::run(&data, args.repeat, |timing| {

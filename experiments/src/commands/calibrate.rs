@@ -1,14 +1,14 @@
-//! `sage calibrate`: the even dial of some experts.
+//! `sage calibrate`: fits the aggression dial of a set of experts, so that the attack rate rises linearly.
 
 use std::{collections::HashSet, sync::Arc};
 
 use anyhow::{Context as _, Result, ensure};
-use sage_generators::{Dials, FittedDial, hashes};
+use sage_generators::{DIAL_FILE, Dials, FittedDial, hashes};
 use sage_merging::Merger;
 
 use crate::{
     Outcome, Registries,
-    bench::attack_grid::{AttackGrid, Evenness},
+    bench::attack_grid::{AttackGrid, Linearity},
     cli::CalibrateArgs,
     generators, networks,
     output::{self, OutputFile},
@@ -17,12 +17,12 @@ use crate::{
     selection::Selection,
 };
 
-/// Places of the dial.
-pub(crate) const PLACES: usize = 11;
+/// Number of aggressions at which a dial is evaluated.
+const AGGRESSIONS: usize = 11;
 
 /// Evenly spaced values from 0 to 1.
 pub(crate) fn aggressions() -> Vec<f64> {
-    (0..PLACES).map(|k| k as f64 / (PLACES - 1) as f64).collect()
+    (0..AGGRESSIONS).map(|k| k as f64 / (AGGRESSIONS - 1) as f64).collect()
 }
 
 pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outcome> {
@@ -49,18 +49,18 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
             grid.attacks(lambda, mu).context("an aggression was not evaluated")
         };
         let attacks = all.iter().map(at).collect::<Result<Vec<_>>>()?;
-        let even = Evenness::of(&attacks.iter().collect::<Vec<_>>());
+        let linearity = Linearity::of(&attacks.iter().collect::<Vec<_>>());
         progress.say(&format!(
-            "selection {}: attack {:.0} % to {:.0} %, off the line by {:.1} points RMS and {:.1} at most",
+            "selection {}: attack rate {:.0} % to {:.0} %, deviation from a straight line {:.1} points RMS, {:.1} points at most",
             selection.name,
             100.0 * attacks[0].rate(),
             100.0 * attacks[attacks.len() - 1].rate(),
-            100.0 * even.rms,
-            100.0 * even.worst,
+            100.0 * linearity.rms,
+            100.0 * linearity.worst,
         ));
         if attacks[attacks.len() - 1].rate() <= attacks[0].rate() {
             progress.say(
-                "warning: the attack rate does not rise from one end to the other: the dial says nothing",
+                "warning: the attack rate does not rise between aggression 0 and 1, so the dial has no effect",
             );
         }
         let fitted = FittedDial {
@@ -78,7 +78,7 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     let text = serde_json::to_string_pretty(&dials)? + "\n";
     out.write(text.as_bytes())?;
     progress::say(&format!(
-        "the dial is `{}`; beside its experts `--aggression` finds it",
+        "the dial is in `{}`; `--aggression` reads it as `{DIAL_FILE}` in the folder of the experts",
         args.out.display()
     ));
     Ok(Outcome::Done)

@@ -1,4 +1,4 @@
-//! `sage completions`.
+//! `sage completions`: prints a completion script for a shell.
 
 use anyhow::Result;
 use clap::CommandFactory;

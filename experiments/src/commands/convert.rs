@@ -1,4 +1,4 @@
-//! `sage convert`: scene files of one format into the other, in parallel.
+//! `sage convert`: converts scene files between two formats, in parallel.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -17,7 +17,7 @@ use crate::{
     progress::Progress,
 };
 
-/// An input, and its output below the output folder.
+/// An input file, and its output file relative to the output folder.
 struct Pair {
     from: PathBuf,
     to: PathBuf,
@@ -38,7 +38,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     }
     let distinct: HashSet<&PathBuf> = pairs.iter().map(|pair| &pair.to).collect();
     if distinct.len() < pairs.len() {
-        bail!("several inputs would become one file; convert them into folders of their own");
+        bail!("several inputs would become one file; convert them into separate folders");
     }
     let out = Folder::make(&args.folder.out, args.folder.force)?;
     let (files, outputs): (Vec<_>, Vec<_>) =
@@ -77,14 +77,14 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
         }
         Ok::<(), anyhow::Error>(())
     })?;
-    let place = args.folder.out.display();
+    let destination = args.folder.out.display();
     if let Some(error) = full {
         let sum = format!(
-            "{whole} of {} scenes are whole in `{place}`; free space and start again with --force",
+            "{whole} of {} scenes are whole in `{destination}`; free space and start again with --force",
             files.len()
         );
         return Err(error.context(sum));
     }
-    progress.finish(&format!("{whole} scenes in `{place}`, {failed} failed"));
+    progress.finish(&format!("{whole} scenes in `{destination}`, {failed} failed"));
     Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
 }

@@ -1,4 +1,4 @@
-//! `sage demo`: procedural scenes, attacked from natural to aggressive, with pictures.
+//! `sage demo`: attacks procedural scenes at five aggressions and draws them.
 
 use std::{io::Write, sync::Arc};
 
@@ -33,7 +33,7 @@ const AGGRESSIONS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 /// Scenes of each kind.
 const SCENES: u64 = 6;
 
-/// One scene with its attack at each aggression.
+/// A scene with its attack at each aggression.
 struct AttackedScene {
     scene: Arc<Scene>,
     attacks: Vec<(Attack, Scores)>,
@@ -71,7 +71,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
 
 fn attacked_scene(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> Result<AttackedScene> {
     let scene = procedural::generate(kind, seed, number)
-        .with_context(|| format!("no {} scene came of seed {seed}", kind.name()))?;
+        .with_context(|| format!("no {} scene could be generated from seed {seed}", kind.name()))?;
     let (index, scene) = (SceneIndex::new(scene.map.clone()), Arc::new(scene));
     let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
     let scorer = Scorer::new(&ctx);
@@ -83,7 +83,7 @@ fn attacked_scene(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> 
     Ok(AttackedScene { scene, attacks: attacks.into_iter().map(scored).collect() })
 }
 
-/// Writes the scene, its strongest attack as a scene of its own, and a picture of the sweep.
+/// Writes the scene, its strongest attack as another scene, and a picture of all attacks.
 fn write_files(out: &Folder, attacked_scene: &AttackedScene) -> Result<()> {
     let scene = &attacked_scene.scene;
     let index = SceneIndex::new(scene.map.clone());

@@ -1,4 +1,4 @@
-//! `sage draw`: a scene, and candidates for its adversary, from above.
+//! `sage draw`: draws a scene and candidates of its adversary from above.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use sage_core::{
 
 use crate::{
     Outcome, candidates,
-    candidates::Named,
+    candidates::NamedCandidate,
     cli::DrawArgs,
     drawing::{self, DrawnPath, Picture, drawn_path},
     output::OutputFile,
@@ -36,10 +36,10 @@ pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Candidates with the place where they touch the ego.
-fn drawn(scene: &Arc<Scene>, candidates: Vec<Named>) -> Result<Vec<DrawnPath>> {
+/// Candidates with their first contact with the ego.
+fn drawn(scene: &Arc<Scene>, candidates: Vec<NamedCandidate>) -> Result<Vec<DrawnPath>> {
     let index = SceneIndex::new(scene.map.clone());
-    let draw = |named: Named| {
+    let draw = |named: NamedCandidate| {
         let options = ContextOptions { ego: named.ego, ..ContextOptions::default() };
         let ctx = Context::new(scene, &index, &options)?;
         Ok(drawn_path(named.name, &ctx, named.trajectory))

@@ -1,4 +1,4 @@
-//! `sage finetune`: experts from a prior, a realistic and an adversarial one unless a config names others.
+//! `sage finetune`: tunes experts from a prior: a realistic and an adversarial one, unless a config names others.
 
 use std::{path::Path, time::Instant};
 
@@ -27,8 +27,9 @@ use crate::{
     scenes::{self, Scenes},
 };
 
-/// Most scenes that are held encoded with all their goals, about 12 GB.
+/// Maximum number of prepared scenes in memory, about 12 GB.
 const MOST_PREPARED: usize = 8192;
+
 /// An expert to be tuned.
 struct Expert {
     name: String,
@@ -36,8 +37,8 @@ struct Expert {
     objective: Objective,
 }
 
-/// The experts, as a config file changes them: its options are for all of them, and those under `experts` for
-/// one by name. Without `experts` there are the realistic and the adversarial one.
+/// The experts of a run. Options of the config file apply to all experts; options under `experts` apply to one
+/// expert by name. Without `experts` there are a realistic and an adversarial one.
 fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> {
     let mut shared = match &args.config {
         Some(path) => read_config(path)?,
@@ -49,7 +50,7 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> 
         Some(Value::Object(experts)) if !experts.is_empty() => experts,
         Some(other) => bail!("`experts` is `{other}`; expected an object of options by name"),
     };
-    let place = args.config.as_ref().map_or(String::new(), |path| format!("`{}`: ", path.display()));
+    let prefix = args.config.as_ref().map_or(String::new(), |path| format!("`{}`: ", path.display()));
     let mut experts = Vec::with_capacity(own.len());
     for (name, own) in own {
         check_name(&name)?;
@@ -58,16 +59,17 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> 
         if let Some(all) = all.as_object_mut() {
             all.extend(shared.clone());
             let own =
-                own.as_object().with_context(|| format!("{place}expert `{name}`: expected an object"))?;
+                own.as_object().with_context(|| format!("{prefix}expert `{name}`: expected an object"))?;
             all.extend(own.clone());
             if let Some(Value::String(preset)) = all.get("objective") {
                 let spec = ObjectiveSpec::preset(preset);
-                let spec =
-                    spec.with_context(|| format!("{place}no objective `{preset}`; `sage list` has them"))?;
+                let spec = spec.with_context(|| {
+                    format!("{prefix}unknown objective `{preset}`; `sage list` shows the known ones")
+                })?;
                 all.insert("objective".to_owned(), serde_json::to_value(spec)?);
             }
         }
-        let fail = || format!("{place}expert `{name}`");
+        let fail = || format!("{prefix}expert `{name}`");
         let options: FinetuneOptions = serde_json::from_value(all).with_context(fail)?;
         options.check().with_context(fail)?;
         let objective = Objective::new(&options.objective, &registries.rewards, &registries.feasibilities);
@@ -75,12 +77,12 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> 
         Measures::check(&objective).with_context(fail)?;
         experts.push(Expert { name, options: FinetuneOptions { seed: args.seed, ..options }, objective });
     }
-    // The realistic one first, as ever.
+    // A fixed order: realistic, adversarial, then the others by name.
     experts.sort_by_key(|expert| (expert.name != REALISTIC, expert.name != ADVERSARIAL, expert.name.clone()));
     Ok(experts)
 }
 
-/// Refuses names that cannot be files of their own beside the prior.
+/// Refuses names that are not plain file names, or that other files of the folder have.
 fn check_name(name: &str) -> Result<()> {
     let is_plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '-' || letter == '_';
     if name.is_empty() || name.len() > 40 || !name.chars().all(is_plain) || ["prior", "last"].contains(&name)
@@ -113,9 +115,9 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let loaded = networks::load(&registries.backbones, &args.prior)?;
     networks::announce(&loaded);
     let prior = &*loaded.network;
-    let train = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.hold()?;
+    let train = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.read_all()?;
     let dev = match &args.dev {
-        Some(dev) => Scenes::under(std::slice::from_ref(dev))?.hold()?,
+        Some(dev) => Scenes::under(std::slice::from_ref(dev))?.read_all()?,
         None => Vec::new(),
     };
     let data = scenes::describe(&train);
@@ -127,7 +129,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         "data": &data, "prior": prior.parameters().hash()?, "seed": args.seed, "roles": args.roles,
         "options": options, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
-    // The dial of other experts would be taken for theirs.
+    // A dial of other experts must not be used for these.
     let outdated = [DIAL_FILE];
     let (run, state) = Run::start(
         &args.folder.out,
@@ -145,7 +147,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let prepared = 2 * train.len() + dev.len();
     ensure!(
         prepared <= MOST_PREPARED,
-        "{} pairs of ego and adversary, each in two mirror images, and {} to report on are {prepared}, and at most {MOST_PREPARED} are held in memory (1.5 MB each): take fewer scenes or a smaller --roles",
+        "{} role assignments, each in two mirror images, and {} scenes of --dev make {prepared} prepared scenes; at most {MOST_PREPARED} are held in memory (1.5 MB each): use fewer scenes or a smaller --roles",
         train.len(),
         dev.len()
     );
@@ -156,21 +158,21 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let both = PreparedScene::all(prior, &train, true, &measures)?;
     drop(train);
     progress::say(&format!(
-        "every goal of {} casts (a scene with an ego and an adversary) is decoded and judged ({:.0} s)",
+        "decoded and evaluated every goal of {} role assignments (a scene with an ego and an adversary) ({:.0} s)",
         plain.len(),
         clock.elapsed().as_secs_f64()
     ));
     let count = plain.len();
     let all: Vec<PreparedScene> = plain.into_iter().chain(both).collect();
     let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_reward,expected_penalty,seconds\n".to_owned();
-    let mut told_results = Vec::new();
+    let mut reports = Vec::new();
     for Expert { name, options, objective } in &experts {
         let train = if options.mirror { &all[..] } else { &all[..count] };
         let state = folder.path().join(format!("{name}.state"));
         let identity = json!({"run": &identity, "expert": name});
-        let kept = CheckpointFile { file: &state, identity, header: Header::default() };
-        let weights = finetune(prior, train, &measures, objective, options, Some(&kept), |row| {
-            progress::say(&told(name, row));
+        let checkpoint = CheckpointFile { file: &state, identity, header: Header::default() };
+        let weights = finetune(prior, train, &measures, objective, options, Some(&checkpoint), |row| {
+            progress::say(&epoch_message(name, row));
             table += &csv(name, row);
         })?;
         let mut header = Header {
@@ -190,7 +192,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {
             if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
                 progress::say(&format!(
-                    "{name} on {set} ({} casts), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
+                    "{name} on {set} ({} role assignments), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
                     scenes.len(),
                     before.feasible,
                     after.feasible,
@@ -201,14 +203,14 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
                     before.penalty,
                     after.penalty,
                 ));
-                told_results.push(json!({"expert": name, "set": set, "casts": scenes.len(), "prior": before, "tuned": after}));
+                reports.push(json!({"expert": name, "set": set, "role_assignments": scenes.len(), "prior": before, "tuned": after}));
             }
         }
-        told_results.push(json!({"expert": name, "options": options}));
+        reports.push(json!({"expert": name, "options": options}));
     }
     loaded.network.parameters().save(&loaded.header, &folder.path().join(PRIOR_FILE))?;
     folder.write("finetune.csv", table.as_bytes())?;
-    run.finish(&json!({"experts": told_results}), clock.elapsed().as_secs_f64())?;
+    run.finish(&json!({"experts": reports}), clock.elapsed().as_secs_f64())?;
     progress::say(&format!(
         "prior and experts are in `{}` ({:.0} s)",
         args.folder.out.display(),
@@ -217,13 +219,13 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     Ok(Outcome::Done)
 }
 
-/// Beside each scene the same with so many other pairs of ego and adversary.
+/// Adds to the scenes the same scenes under other role assignments, at most `most` for each.
 fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
-    let beside = |data: &SceneData| -> Vec<SceneData> {
+    let reassigned = |data: &SceneData| -> Vec<SceneData> {
         let roles = role_assignments(&data.scene, most).into_iter().enumerate();
         roles.map(|(k, scene)| SceneData::new(format!("{} roles {}", data.name, k + 1), scene)).collect()
     };
-    let others: Vec<Vec<SceneData>> = scenes.par_iter().map(beside).collect();
+    let others: Vec<Vec<SceneData>> = scenes.par_iter().map(reassigned).collect();
     scenes.into_iter().chain(others.into_iter().flatten()).collect()
 }
 
@@ -243,9 +245,9 @@ fn expectations(
     Ok(Some([mean(prior)?, mean(tuned)?]))
 }
 
-fn told(name: &str, r: &FinetuneRow) -> String {
+fn epoch_message(name: &str, r: &FinetuneRow) -> String {
     let mut line = format!(
-        "{name} epoch {}: loss {:.4}, pairs {:.1} ({:.1} by feasibility), right {:.2}, feasible {:.2}, best R_adv {:.2}, KL {:.2}",
+        "{name} epoch {}: loss {:.4}, pairs {:.1} ({:.1} by feasibility), accuracy {:.2}, feasible {:.2}, best R_adv {:.2}, KL {:.2}",
         r.epoch, r.loss, r.pairs, r.pairs_by_feasibility, r.accuracy, r.feasible, r.best_reward, r.kl
     );
     if r.without_pairs > 0.2 {

@@ -1,4 +1,4 @@
-//! `sage inspect`: what is in scenes, a row each, in order, while they are read in parallel.
+//! `sage inspect`: summarises scenes in order, one row each; files are read in parallel.
 
 use std::{
     collections::BTreeMap,
@@ -17,7 +17,7 @@ use serde_json::json;
 
 use crate::{Outcome, cli::InspectArgs, input, progress, terminal};
 
-/// What is kept of a scene once it is read.
+/// Summary of a scene after reading.
 struct Row {
     summary: Summary,
     tracks: Vec<String>,
@@ -59,9 +59,9 @@ fn list_tracks(scene: &Scene) -> Vec<String> {
             k if Some(k) == scene.adversary => "adversary",
             _ => "",
         };
-        let seen = track.count_valid(0..scene.frames);
+        let valid = track.count_valid(0..scene.frames);
         format!(
-            "    {:<36} {:<12} {seen:>4} valid frames  {role}",
+            "    {:<36} {:<12} {valid:>4} valid frames  {role}",
             track.id.escape_debug().to_string(),
             track.kind.name().escape_debug().to_string()
         )
@@ -82,7 +82,7 @@ struct Total {
 struct Report<W> {
     out: W,
     json: bool,
-    /// One scene is looked at closely; of a folder the kinds of warnings say enough.
+    /// True for one scene: each warning is then printed in full.
     single: bool,
     total: Total,
 }
@@ -191,7 +191,7 @@ impl<W: Write> Report<W> {
     }
 }
 
-/// An id that fits its column and does nothing to a terminal.
+/// Shortens an id to its column and escapes control characters.
 fn shortened(id: &str) -> String {
     let id = id.escape_debug().to_string();
     if id.chars().count() <= 10 { id } else { format!("{}…", id.chars().take(9).collect::<String>()) }

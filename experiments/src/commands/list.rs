@@ -1,4 +1,4 @@
-//! `sage list`: what the registries hold.
+//! `sage list`: prints the entries of all registries.
 
 use std::io::Write;
 
@@ -23,7 +23,7 @@ pub(crate) fn run(registries: &Registries, as_json: bool) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Presets that `--selection` and `finetune --config` take by name.
+/// Presets that `--selection` and `finetune --config` accept by name.
 fn objectives(out: &mut impl Write, as_json: bool) -> Result<()> {
     if !as_json {
         writeln!(out, "objective (--selection NAME, or a JSON file)")?;
@@ -43,7 +43,7 @@ fn objectives(out: &mut impl Write, as_json: bool) -> Result<()> {
     Ok(())
 }
 
-/// Generators, with what each knows beyond what can be seen now.
+/// Generators, with the information that each uses beyond *now*.
 fn generators(out: &mut impl Write, registry: &Registry<dyn GeneratorKind>, as_json: bool) -> Result<()> {
     if !as_json {
         writeln!(out, "{}", registry.kind())?;

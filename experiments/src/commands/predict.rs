@@ -1,4 +1,4 @@
-//! `sage predict`: what a vehicle may do next.
+//! `sage predict`: predicts candidate trajectories of an agent.
 
 use std::{io::Write, sync::Arc};
 
@@ -52,10 +52,12 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     let index = SceneIndex::new(scene.map.clone());
     let features = loaded.network.features(&Observation::of(&scene, &index)?, target, None)?;
     if !features.has_lanes {
-        progress::say("note: no motor lane is within reach of the agent; goals lie on a plain grid");
+        progress::say("note: no motor lane is within range of the agent; goals lie on a regular grid");
     }
     if scene.tracks[target].kind != TrackKind::Vehicle {
-        progress::say("note: the agent is no vehicle, and the shipped networks learned from vehicles alone");
+        progress::say(
+            "note: the agent is not a vehicle, and the shipped networks were trained on vehicles only",
+        );
     }
     let selection = match args.select {
         SelectArg::TopK => Selection::TopK,
@@ -65,7 +67,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     let mut rng = Rng::new(args.seed, &scene.id, "prediction");
     let predicted = predict(&*loaded.network, Arc::new(features), args.k, selection, &mut rng)?;
     if predicted.len() < args.k {
-        progress::say(&format!("note: the network knows {} futures of this agent", predicted.len()));
+        progress::say(&format!("note: the network has only {} modes for this agent", predicted.len()));
     }
     if let Some(out) = &out {
         scene.adversary = Some(target).filter(|t| *t != scene.ego).or(scene.adversary);
@@ -86,7 +88,7 @@ fn print(predicted: &[Predicted], as_json: bool) -> Result<()> {
         writeln!(
             out,
             "{:>4} {:>9} {:>12} {:>12} {:>8} {:>9}",
-            "rank", "log p", "goal x", "goal y", "way m", "end m/s"
+            "rank", "log p", "goal x", "goal y", "length m", "end m/s"
         )?;
     }
     for (k, Predicted { log_prob, goal, trajectory, .. }) in predicted.iter().enumerate() {
@@ -97,11 +99,11 @@ fn print(predicted: &[Predicted], as_json: bool) -> Result<()> {
         }
         let points = trajectory.points();
         let step = |w: &[Point]| sage_core::geometry::distance(w[0], w[1]);
-        let way: f64 = points.windows(2).map(step).sum();
+        let length: f64 = points.windows(2).map(step).sum();
         let speed = points.windows(2).next_back().map_or(0.0, step) * 10.0;
         writeln!(
             out,
-            "{:>4} {log_prob:>9.3} {:>12.2} {:>12.2} {way:>8.1} {speed:>9.1}",
+            "{:>4} {log_prob:>9.3} {:>12.2} {:>12.2} {length:>8.1} {speed:>9.1}",
             k + 1,
             goal[0],
             goal[1]
@@ -110,13 +112,13 @@ fn print(predicted: &[Predicted], as_json: bool) -> Result<()> {
     Ok(())
 }
 
-/// Paths from where the agent is now, named by rank and probability.
+/// Trajectories from the agent's position *now*, named by rank and probability.
 fn drawn(scene: &Scene, target: usize, predicted: &[Predicted]) -> Vec<DrawnPath> {
     let start = scene.tracks[target].point(NOW);
-    let path = |(k, p): (usize, &Predicted)| DrawnPath {
+    let trajectory = |(k, p): (usize, &Predicted)| DrawnPath {
         name: format!("{}: p = {:.3}", k + 1, p.log_prob.exp()),
         points: std::iter::once(start).chain(p.trajectory.points().iter().copied()).collect(),
         contact: None,
     };
-    predicted.iter().enumerate().map(path).collect()
+    predicted.iter().enumerate().map(trajectory).collect()
 }

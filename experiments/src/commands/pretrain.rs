@@ -1,4 +1,4 @@
-//! `sage pretrain`: a prior from recorded or procedural scenes.
+//! `sage pretrain`: trains a prior on recorded or procedural scenes.
 
 use std::time::{Duration, Instant};
 
@@ -21,12 +21,12 @@ use crate::{
     scenes::{self, Scenes},
 };
 
-/// State of training in its folder.
+/// File of the training state.
 const STATE: &str = "last.safetensors";
-/// Made scenes that validate where no recorded ones do.
-const HELD_OUT: u64 = 60;
-/// Time between two lines about steps.
-const PACE: Duration = Duration::from_secs(10);
+/// Procedural scenes for validation if `--dev` is not given.
+const VALIDATION_SCENES: u64 = 60;
+/// Least time between two progress lines.
+const REPORT_INTERVAL: Duration = Duration::from_secs(10);
 
 pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
@@ -46,10 +46,10 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     };
     let dev = match &args.dev {
         Some(dev) => Scenes::under(std::slice::from_ref(dev))?,
-        // Any other seed makes other scenes.
-        None => Scenes::procedural(HELD_OUT, !options.seed),
+        // Another seed, so that no training scene is among them.
+        None => Scenes::procedural(VALIDATION_SCENES, !options.seed),
     };
-    let (train, dev) = (train.hold()?, dev.hold()?);
+    let (train, dev) = (train.read_all()?, dev.read_all()?);
     let header = Header {
         backbone: network.name().to_owned(),
         options: network.options().clone(),
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         data: format!("{}, validated on {}", scenes::describe(&train), scenes::describe(&dev)),
         command: output::command(),
         license: args.license.clone().unwrap_or_default(),
-        notes: [("start".to_owned(), started(args, &*network)?)].into(),
+        notes: [("start".to_owned(), initial_weights(args, &*network)?)].into(),
     };
     let identity = json!({
         "backbone": &header.backbone, "network": &header.options, "options": options, "data": &header.data,
@@ -70,8 +70,8 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     }
     let folder = run.folder();
     progress::say(&format!(
-        "{} network `{}` ({} numbers), {} scenes, validation on {}",
-        if state == State::Unfinished { "going on with" } else { "training" },
+        "{} network `{}` ({} parameters), {} scenes, validation on {}",
+        if state == State::Unfinished { "resuming" } else { "training" },
         network.name(),
         network.parameters().numbers(),
         train.len(),
@@ -81,7 +81,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     let done = pretrain(&*network, &train, &dev, &options, &header, folder.path(), &mut watcher)?;
     watcher.outcome?;
     let rows = done.rows;
-    let best = rows.iter().min_by(|a, b| a.nll.total_cmp(&b.nll)).context("no epoch was asked for")?;
+    let best = rows.iter().min_by(|a, b| a.nll.total_cmp(&b.nll)).context("there is no epoch")?;
     curve::write(folder, &rows)?;
     run.finish(&json!({"best": best, "epochs": rows.len()}), clock.elapsed().as_secs_f64())?;
     progress::say(&format!(
@@ -95,8 +95,8 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     Ok(Outcome::Done)
 }
 
-/// What the first weights are.
-fn started(args: &PretrainArgs, network: &dyn Backbone) -> Result<String> {
+/// Description of the initial weights.
+fn initial_weights(args: &PretrainArgs, network: &dyn Backbone) -> Result<String> {
     let from = args.from.as_deref().unwrap_or("first values");
     Ok(format!("{from} ({})", network.parameters().hash()?))
 }
@@ -122,13 +122,13 @@ fn options(args: &PretrainArgs) -> Result<PretrainOptions> {
     Ok(options)
 }
 
-/// Reports steps and epochs, and keeps the curve.
+/// Reports steps and epochs, and writes the curves.
 struct Watcher<'f> {
     folder: &'f Folder,
     epochs: u32,
     rows: Vec<EpochRow>,
     shown: Instant,
-    /// Whether the curves could be kept.
+    /// Whether the curves could be written.
     outcome: Result<()>,
 }
 
@@ -143,12 +143,12 @@ impl Observer for Watcher<'_> {
     fn resumed(&mut self, rows: &[EpochRow]) {
         self.rows = rows.to_vec();
         if let Some(last) = rows.last() {
-            progress::say(&format!("epoch {} was the last that was kept", last.epoch));
+            progress::say(&format!("epoch {} is the last in the training state", last.epoch));
         }
     }
 
     fn step(&mut self, epoch: u32, step: usize, steps: usize, loss: f64) {
-        if self.shown.elapsed() < PACE {
+        if self.shown.elapsed() < REPORT_INTERVAL {
             return;
         }
         self.shown = Instant::now();
@@ -159,7 +159,7 @@ impl Observer for Watcher<'_> {
         self.rows.push(row.clone());
         let left = f64::from(self.epochs - row.epoch) * row.seconds;
         progress::say(&format!(
-            "epoch {}: loss {:.3} + {:.3}, minFDE6 {:.2} m, nll {:.3}; about {:.0} min left",
+            "epoch {}: loss {:.3} (goals) + {:.3} (trajectories), minFDE6 {:.2} m, nll {:.3}; about {:.0} min left",
             row.epoch,
             row.goal,
             row.path,

@@ -1,4 +1,4 @@
-//! `sage scenes`: procedural scenes, in parallel.
+//! `sage scenes`: generates procedural scenes in parallel.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,7 @@ use crate::{
     progress::Progress,
 };
 
-/// Scenes made between two reports.
+/// Scenes generated between two progress reports.
 const WINDOW: u64 = 64;
 
 pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
@@ -26,21 +26,25 @@ pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
         Format::Native => "safetensors",
         Format::Pickle => "pkl",
     };
-    let mut progress = Progress::new("made", args.count as usize);
+    let mut progress = Progress::new("generated", args.count as usize);
     for first in (0..args.count).step_by(WINDOW as usize) {
         let last = (first + WINDOW).min(args.count);
-        let made: Result<Vec<()>> = (first..last)
+        let written: Result<Vec<()>> = (first..last)
             .into_par_iter()
             .map(|number| {
                 let kind = kinds[(number % kinds.len() as u64) as usize];
                 let scene = procedural::generate(kind, args.seed, number).with_context(|| {
-                    format!("no {} scene came of seed {} number {number}", kind.name(), args.seed)
+                    format!(
+                        "no {} scene could be generated from seed {} and number {number}",
+                        kind.name(),
+                        args.seed
+                    )
                 })?;
                 let path: PathBuf = out.path().join(format!("{}.{ending}", scene.id));
                 Ok(Recording::procedural(scene).write(&path)?)
             })
             .collect();
-        for () in made? {
+        for () in written? {
             progress.step();
         }
     }

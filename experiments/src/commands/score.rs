@@ -1,4 +1,4 @@
-//! `sage score`: everything that is measured of candidate trajectories.
+//! `sage score`: prints all measures of candidate trajectories.
 
 use std::{io::Write, sync::Arc};
 
@@ -35,7 +35,7 @@ pub(crate) fn run(args: &ScoreArgs, registries: &Registries) -> Result<Outcome> 
         },
         ..ContextOptions::default()
     };
-    // Built when the first candidate asks for it: a short scene has no logged ego path to offer.
+    // Built only for candidates without an ego path: a short scene has no logged one.
     let mut logged: Option<Context> = None;
     let mut table = Table { out: std::io::stdout().lock(), json: args.json, rows: 0, further: &further };
     for candidate in candidates {
@@ -95,7 +95,7 @@ impl<W: Write> Table<'_, W> {
             for name in self.further.rewards().chain(self.further.rules()) {
                 write!(self.out, " {name:>width$}", width = column(name))?;
             }
-            writeln!(self.out, "  broken rules")?;
+            writeln!(self.out, "  violations")?;
         }
         self.rows += 1;
         let s = &row.scores;
@@ -114,8 +114,8 @@ impl<W: Write> Table<'_, W> {
             further += &format!(" {value:>width$}", width = column(name));
         }
         for name in self.further.rules() {
-            let is_kept = yes(s.rules.get(name).is_none_or(Vec::is_empty));
-            further += &format!(" {is_kept:>width$}", width = column(name));
+            let satisfied = yes(s.rules.get(name).is_none_or(Vec::is_empty));
+            further += &format!(" {satisfied:>width$}", width = column(name));
         }
         let line = format!(
             "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}  {}",
@@ -143,7 +143,7 @@ impl<W: Write> Table<'_, W> {
     }
 }
 
-/// Width of a further measure's column.
+/// Column width of a further measure.
 fn column(name: &str) -> usize {
     name.len().max(6)
 }

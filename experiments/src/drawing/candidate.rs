@@ -1,4 +1,4 @@
-//! Candidates as they are drawn: with the place where they touch the ego.
+//! Converts candidates to drawings with their first contact with the ego.
 
 use sage_core::{
     motion::Trajectory,
@@ -7,7 +7,7 @@ use sage_core::{
 
 use super::DrawnPath;
 
-/// One candidate of a context, ready to be drawn.
+/// The drawing of a candidate.
 pub(crate) fn drawn_path(name: String, ctx: &Context, trajectory: Trajectory) -> DrawnPath {
     let candidate = ctx.candidate(trajectory);
     let contact = Encounter::of(&candidate, ctx.ego()).contact.and_then(|step| {

@@ -1,4 +1,4 @@
-//! The column beside the picture: who is who, what is what, how long, how far.
+//! The legend beside the picture: road users, trajectories, map features, time and scale.
 
 use std::collections::BTreeSet;
 
@@ -19,26 +19,25 @@ use super::{
 pub(super) const WIDTH: f64 = 270.0;
 /// Height of a row, pixels.
 const ROW: f64 = 21.0;
-/// Longest text of a row; what is longer is cut with an ellipsis.
+/// Maximum number of letters in a row; longer text is cut with an ellipsis.
 const LETTERS: usize = 31;
-
-/// Most candidates with a row of their own.
+/// Maximum number of candidates with their own row.
 const NAMED: usize = 12;
 
-/// What the legend is made of.
+/// Content of the legend.
 pub(super) struct Content<'c> {
     pub(super) title: &'c str,
     pub(super) subtitle: &'c str,
     pub(super) ego: &'c str,
     pub(super) adversary: Option<&'c str>,
-    /// Names of candidate paths and the step of their contact.
+    /// Names of the candidates and the step of their first contact.
     pub(super) candidates: &'c [(String, Option<usize>)],
     pub(super) has_contact: bool,
     pub(super) map: &'c BTreeSet<Shown>,
     pub(super) users: &'c BTreeSet<TrackKind>,
 }
 
-/// A row's place: the middle of its sign, and where its text starts.
+/// Position of the next row.
 struct Cursor {
     x: f64,
     y: f64,
@@ -68,7 +67,7 @@ pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, x: f64, content: &Content
     height
 }
 
-/// A car drawn as large as a sign.
+/// A car of the size of a sign.
 fn sign_car(center: Point) -> (Viewport, OrientedBox) {
     let viewport = Viewport::on(&sage_core::geometry::Aabb::around([0.0, 0.0], 0.5), 0.0, 1.0, [1.0, 1.0]);
     let [x, y] = center;
@@ -80,7 +79,7 @@ fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
     let sign = at.next(svg, &format!("ego {}", content.ego));
     let (viewport, car) = sign_car(sign);
     road_users::role(svg, &viewport, &car, Role::Ego);
-    ramp(svg, at, Role::Ego.ramp(), "its way");
+    ramp(svg, at, Role::Ego.ramp(), "its trajectory");
     if let Some(adversary) = content.adversary {
         let sign = at.next(svg, &format!("adversary {adversary}"));
         let (viewport, car) = sign_car(sign);
@@ -89,7 +88,7 @@ fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
             svg,
             at,
             Role::Adversary.ramp(),
-            if content.candidates.is_empty() { "its way" } else { "candidates" },
+            if content.candidates.is_empty() { "its trajectory" } else { "candidates" },
         );
     }
     for (number, (name, contact)) in content.candidates.iter().enumerate().take(NAMED) {
@@ -110,12 +109,12 @@ fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
     at.y += 8.0;
 }
 
-/// A bar of a time ramp with its ends named.
+/// A colour bar of time with a label.
 fn ramp(svg: &mut Svg, at: &mut Cursor, ramp: &Ramp, what: &str) {
-    const PIECES: u32 = 16;
+    const STEPS: u32 = 16;
     let (x, y) = (at.x + 38.0, at.y - 2.0);
-    for k in 0..PIECES {
-        let share = f64::from(k) / f64::from(PIECES - 1);
+    for k in 0..STEPS {
+        let share = f64::from(k) / f64::from(STEPS - 1);
         let attributes = format!(r#"fill="{}""#, ramp.at(share));
         svg.rect([x + 5.0 * f64::from(k), y - 5.0], [5.2, 8.0], &attributes);
     }

@@ -1,4 +1,4 @@
-//! The map: surfaces, paint, edges, signs, lights.
+//! Draws the map: surfaces, road lines, edges, signs, lights.
 
 use std::collections::BTreeSet;
 
@@ -9,12 +9,12 @@ use sage_core::{
 
 use super::{palette as color, svg::Svg, viewport::Viewport};
 
-/// Width of a lane that says nothing of its own, metres.
+/// Width of a lane without a width in the file, metres.
 const LANE_WIDTH: f64 = 3.5;
 /// Distance between chevrons along a lane, metres.
 const CHEVRONS: f64 = 15.0;
 
-/// What of the map is in the picture, for the legend.
+/// Kinds of map features in the picture, for the legend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Shown {
     Lane,
@@ -32,11 +32,11 @@ pub(super) enum Shown {
     LightGo,
 }
 
-/// Draws the map as it is at a frame.
+/// Draws the map at a frame.
 pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, scene: &Scene, frame: usize) -> BTreeSet<Shown> {
     let map = &scene.map;
     let mut shown = BTreeSet::new();
-    let seen: Vec<&MapFeature> = map
+    let visible: Vec<&MapFeature> = map
         .features
         .iter()
         .filter(|f| viewport.shows(&Aabb::of(map.points_of(f).iter().map(|p| [p[0], p[1]]))))
@@ -44,13 +44,13 @@ pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, scene: &Scene, frame: usi
     let points = |f: &MapFeature| map.points_of(f);
     let parts = |f: &MapFeature| viewport.parts(points(f));
 
-    for feature in seen.iter().filter(|f| f.kind == MapKind::Driveway) {
+    for feature in visible.iter().filter(|f| f.kind == MapKind::Driveway) {
         svg.polygon(&pixels(viewport, points(feature)), &format!(r#"fill="{}""#, color::DRIVEWAY));
         shown.insert(Shown::Driveway);
     }
     svg.open(r#"fill="none" stroke-linejoin="round" stroke-linecap="round""#);
     for bike in [true, false] {
-        for feature in seen.iter().filter(|f| f.kind.is_lane() && (f.kind == MapKind::LaneBike) == bike) {
+        for feature in visible.iter().filter(|f| f.kind.is_lane() && (f.kind == MapKind::LaneBike) == bike) {
             let tone = if bike { color::BIKE_LANE } else { color::ASPHALT };
             let width = (lane_width(feature) * viewport.scale).max(1.0);
             svg.lines(&parts(feature), &format!(r#"stroke="{tone}" stroke-width="{width:.1}""#));
@@ -58,20 +58,20 @@ pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, scene: &Scene, frame: usi
         }
     }
     svg.close();
-    for feature in seen.iter().filter(|f| matches!(f.kind, MapKind::Crosswalk | MapKind::SpeedBump)) {
+    for feature in visible.iter().filter(|f| matches!(f.kind, MapKind::Crosswalk | MapKind::SpeedBump)) {
         let stripes = feature.kind == MapKind::Crosswalk;
         let pattern = if stripes { "stripes" } else { "bumps" };
         svg.polygon(&pixels(viewport, points(feature)), &format!(r#"fill="url(#{pattern})""#));
         shown.insert(if stripes { Shown::Crosswalk } else { Shown::SpeedBump });
     }
-    chevrons(svg, viewport, &seen, points);
+    chevrons(svg, viewport, &visible, points);
     svg.open(r#"fill="none" stroke-linejoin="round""#);
-    for feature in &seen {
+    for feature in &visible {
         if let MapKind::Line(name) = &feature.kind {
             shown.insert(paint(svg, viewport, name, &parts(feature)));
         }
     }
-    for feature in seen.iter().filter(|f| f.kind.is_edge()) {
+    for feature in visible.iter().filter(|f| f.kind.is_edge()) {
         let (tone, width, mark) = match feature.kind {
             MapKind::EdgeMedian => (color::MEDIAN, 2.0, Shown::Median),
             _ => (color::EDGE, 2.2, Shown::Edge),
@@ -80,7 +80,7 @@ pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, scene: &Scene, frame: usi
         shown.insert(mark);
     }
     svg.close();
-    for feature in seen.iter().filter(|f| f.kind == MapKind::StopSign) {
+    for feature in visible.iter().filter(|f| f.kind == MapKind::StopSign) {
         for p in pixels(viewport, points(feature)) {
             stop_sign(svg, p);
             shown.insert(Shown::StopSign);
@@ -96,7 +96,7 @@ pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, scene: &Scene, frame: usi
     shown
 }
 
-/// Patterns that the map fills areas with.
+/// Fill patterns of map areas.
 pub(super) fn patterns(scale: f64) -> String {
     let stripe = (1.0 * scale).max(3.0);
     format!(
@@ -118,7 +118,7 @@ fn pixels(viewport: &Viewport, points: &[[f64; 3]]) -> Vec<Point> {
     points.iter().map(|p| viewport.pixel([p[0], p[1]])).collect()
 }
 
-/// Mean width of a lane where the file knows it.
+/// Mean width of a lane, or the default width, metres.
 fn lane_width(feature: &MapFeature) -> f64 {
     let widths = feature.lane.as_ref().map(|lane| &lane.width[..]).unwrap_or_default();
     let known: Vec<f64> = widths.iter().map(|[l, r]| l + r).filter(|w| *w > 1.0).collect();
@@ -129,7 +129,7 @@ fn lane_width(feature: &MapFeature) -> f64 {
     }
 }
 
-/// Paint by its name: yellow or white, solid or broken, single or double.
+/// Draws a road line by its name: yellow or white, solid or broken, single or double.
 fn paint(svg: &mut Svg, viewport: &Viewport, name: &str, parts: &[Vec<Point>]) -> Shown {
     let yellow = name.contains("YELLOW");
     let tone = if yellow { color::YELLOW_PAINT } else { color::WHITE_PAINT };
@@ -148,16 +148,16 @@ fn paint(svg: &mut Svg, viewport: &Viewport, name: &str, parts: &[Vec<Point>]) -
     if yellow { Shown::YellowLine } else { Shown::WhiteLine }
 }
 
-/// Small arrow heads along lanes; the short ones that cross junctions would only crowd them.
+/// Draws small arrow heads along lanes. Short lanes get none: in junctions they would overlap.
 fn chevrons<'m>(
     svg: &mut Svg,
     viewport: &Viewport,
-    seen: &[&'m MapFeature],
+    visible: &[&'m MapFeature],
     points: impl Fn(&'m MapFeature) -> &'m [[f64; 3]],
 ) {
     let mut heads = Vec::new();
     let long = |f: &&&'m MapFeature| f.kind.is_motor_lane() && length(points(f)) > 2.0 * CHEVRONS;
-    for feature in seen.iter().filter(long) {
+    for feature in visible.iter().filter(long) {
         let mut left = 0.5 * CHEVRONS;
         for pair in points(feature).windows(2) {
             let d = [pair[1][0] - pair[0][0], pair[1][1] - pair[0][1]];
@@ -193,7 +193,7 @@ pub(super) fn stop_sign(svg: &mut Svg, [x, y]: Point) {
     svg.polygon(&corners, r##"fill="#a50f15" stroke="#fff" stroke-width="1.2""##);
 }
 
-/// A light by colour and shape: a square stops, a triangle warns, a circle goes.
+/// Draws a light by colour and shape: square for stop, triangle for caution, circle for go.
 pub(super) fn traffic_light(svg: &mut Svg, [x, y]: Point, state: LightState) -> Option<Shown> {
     let attributes = |tone: &str| format!(r#"fill="{tone}" stroke="{}" stroke-width="1""#, color::INK);
     match state {

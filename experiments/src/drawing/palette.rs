@@ -1,5 +1,5 @@
-//! Colours that keep apart in print and for colour-blind eyes: blue against orange, told apart by
-//! lightness as well; time runs from light to dark.
+//! Colours that differ in print and for colour-blind readers: blue and orange, also of different
+//! lightness. Time runs from light to dark.
 
 /// Ground beside the road.
 pub(super) const GROUND: &str = "#eceae3";
@@ -33,25 +33,25 @@ pub(super) const PEDESTRIAN: &str = "#cc79a7";
 pub(super) const CYCLIST: &str = "#009e73";
 /// Cones, barriers and the rest.
 pub(super) const OTHER: &str = "#e6c229";
-/// Where two cars touch.
+/// Contact of two cars.
 pub(super) const CONTACT: &str = "#f0e442";
 
-/// From now to the end of the future.
+/// Colours from *now* to the end of the future.
 pub(super) struct Ramp {
     stops: [[u8; 3]; 3],
 }
 
-/// The ego's time.
+/// Time along the ego's trajectory.
 pub(super) const EGO_TIME: Ramp = Ramp { stops: [[158, 202, 225], [33, 113, 181], [6, 34, 80]] };
-/// The adversary's time.
+/// Time along the adversary's trajectory.
 pub(super) const ADVERSARY_TIME: Ramp = Ramp { stops: [[253, 190, 120], [217, 72, 1], [90, 25, 4]] };
 
 impl Ramp {
     /// Colour at a share of the time, 0 to 1.
     pub(super) fn at(&self, share: f64) -> String {
-        let place = share.clamp(0.0, 1.0) * 2.0;
-        let low = (place.floor() as usize).min(1);
-        let part = place - low as f64;
+        let position = share.clamp(0.0, 1.0) * 2.0;
+        let low = (position.floor() as usize).min(1);
+        let part = position - low as f64;
         let mix = |k: usize| {
             let (a, b) = (f64::from(self.stops[low][k]), f64::from(self.stops[low + 1][k]));
             (a + (b - a) * part).round() as u8

@@ -1,4 +1,4 @@
-//! Cars, people and the ways they take.
+//! Draws road users and their trajectories.
 
 use std::collections::BTreeSet;
 
@@ -14,10 +14,10 @@ use super::{
     viewport::Viewport,
 };
 
-/// Marks at the ends of candidate paths, in this order, so that no text stands on the road.
+/// Number of marks for the ends of candidates. Marks are used instead of text on the road.
 pub(super) const GLYPHS: usize = 6;
 
-/// Draws everybody but ego and adversary at a frame, with a thin line ahead of those who move.
+/// Draws the background agents at a frame, with a thin line along their logged future.
 pub(super) fn background(
     svg: &mut Svg,
     viewport: &Viewport,
@@ -51,7 +51,7 @@ pub(super) fn background(
     shown
 }
 
-/// One road user by kind.
+/// Draws a background agent by its kind.
 pub(super) fn user(svg: &mut Svg, viewport: &Viewport, kind: &TrackKind, b: &OrientedBox) {
     let tone = match kind {
         TrackKind::Vehicle => {
@@ -63,7 +63,7 @@ pub(super) fn user(svg: &mut Svg, viewport: &Viewport, kind: &TrackKind, b: &Ori
         TrackKind::Other(_) => color::OTHER,
     };
     let attributes = format!(r#"fill="{tone}" stroke="{}" stroke-width="0.8""#, color::INK);
-    // Small boxes vanish at this scale; a mark of their own keeps them.
+    // Small boxes would be invisible at this scale, so these agents get a mark.
     let [x, y] = viewport.pixel(b.center);
     match kind {
         TrackKind::Pedestrian => svg.circle([x, y], 4.0, &attributes),
@@ -76,7 +76,7 @@ pub(super) fn user(svg: &mut Svg, viewport: &Viewport, kind: &TrackKind, b: &Ori
     }
 }
 
-/// Who stands out. Without colour the adversary is told by its stripes and by diamonds on its way.
+/// Ego or adversary. Without colour, stripes and diamonds on the trajectory identify the adversary.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     /// The car under test.
@@ -101,7 +101,7 @@ impl Role {
     }
 }
 
-/// Ego or adversary; in a wide viewport with a ring around it, or it would be lost.
+/// Draws ego or adversary. In a wide viewport a ring makes the small box visible.
 pub(super) fn role(svg: &mut Svg, viewport: &Viewport, b: &OrientedBox, role: Role) {
     let tone = role.tone();
     if 2.0 * b.half_length * viewport.scale < 20.0 {
@@ -113,8 +113,9 @@ pub(super) fn role(svg: &mut Svg, viewport: &Viewport, b: &OrientedBox, role: Ro
         for share in [-0.2, -0.62] {
             let stripe = OrientedBox { half_length: 0.09 * b.half_length, ..*b };
             let [c, s] = b.axis;
-            let way = share * b.half_length;
-            let stripe = OrientedBox { center: [b.center[0] + way * c, b.center[1] + way * s], ..stripe };
+            let offset = share * b.half_length;
+            let stripe =
+                OrientedBox { center: [b.center[0] + offset * c, b.center[1] + offset * s], ..stripe };
             svg.polygon(&stripe.corners().map(|p| viewport.pixel(p)), r##"fill="#fff""##);
         }
     }
@@ -122,8 +123,8 @@ pub(super) fn role(svg: &mut Svg, viewport: &Viewport, b: &OrientedBox, role: Ro
     svg.polygon(&corners, &format!(r#"fill="none" stroke="{}" stroke-width="1""#, color::INK));
 }
 
-/// A path coloured by time, with a mark a second: dots for the ego, diamonds for the adversary.
-pub(super) fn path(svg: &mut Svg, viewport: &Viewport, points: &[Point], role: Role) {
+/// Draws a trajectory coloured by time, with a mark each second: dots for the ego, diamonds for the adversary.
+pub(super) fn trajectory(svg: &mut Svg, viewport: &Viewport, points: &[Point], role: Role) {
     let ramp = role.ramp();
     let pixels: Vec<Point> = points.iter().map(|p| viewport.pixel(*p)).collect();
     svg.lines(
@@ -132,7 +133,7 @@ pub(super) fn path(svg: &mut Svg, viewport: &Viewport, points: &[Point], role: R
     );
     let share = |k: usize| k as f64 / points.len().saturating_sub(1).max(1) as f64;
     svg.open(r#"fill="none" stroke-width="3" stroke-linecap="round""#);
-    // Half a second a piece: finer steps of colour are not seen.
+    // One colour per half second: finer steps are not visible.
     for first in (0..pixels.len().saturating_sub(1)).step_by(5) {
         let last = (first + 5).min(pixels.len() - 1);
         svg.lines(&[pixels[first..=last].to_vec()], &format!(r#"stroke="{}""#, ramp.at(share(first))));
@@ -151,7 +152,7 @@ pub(super) fn path(svg: &mut Svg, viewport: &Viewport, points: &[Point], role: R
     }
 }
 
-/// The mark of a candidate, by its number.
+/// Draws the mark of a candidate by its number.
 pub(super) fn glyph(svg: &mut Svg, [x, y]: Point, number: usize) {
     let attributes = format!(r##"fill="{}" stroke="#fff" stroke-width="1.2""##, ADVERSARY_END);
     let star = |n: u32, inner: f64| -> Vec<Point> {
@@ -176,7 +177,7 @@ pub(super) fn glyph(svg: &mut Svg, [x, y]: Point, number: usize) {
 /// Tone of candidate marks.
 const ADVERSARY_END: &str = "#7a2a00";
 
-/// A burst where two cars first touch, with both boxes in outline.
+/// Marks the first contact of two cars, with the outlines of both boxes.
 pub(super) fn contact(svg: &mut Svg, viewport: &Viewport, boxes: [&OrientedBox; 2]) {
     for (b, tone) in boxes.into_iter().zip([color::EGO, color::ADVERSARY]) {
         let corners = b.corners().map(|p| viewport.pixel(p));
@@ -189,7 +190,7 @@ pub(super) fn contact(svg: &mut Svg, viewport: &Viewport, boxes: [&OrientedBox; 
     burst(svg, viewport.pixel(middle));
 }
 
-/// The mark of a contact.
+/// Draws the mark of a contact.
 pub(super) fn burst(svg: &mut Svg, [x, y]: Point) {
     let corner = |k: u32| {
         let r = if k.is_multiple_of(2) { 11.0 } else { 5.0 };
@@ -204,7 +205,7 @@ pub(super) fn burst(svg: &mut Svg, [x, y]: Point) {
 }
 
 /// Logged positions of the future, frame 10 to 90, as far as they are valid without a gap.
-pub(super) fn logged_path(track: &Track) -> Vec<Point> {
+pub(super) fn logged_trajectory(track: &Track) -> Vec<Point> {
     (NOW..=NOW + HORIZON)
         .skip_while(|&f| !track.is_valid(f))
         .take_while(|&f| track.is_valid(f))
@@ -212,7 +213,7 @@ pub(super) fn logged_path(track: &Track) -> Vec<Point> {
         .collect()
 }
 
-/// Bounds of points, with what is shown of nothing left as nothing.
+/// Bounds of points; empty without points.
 pub(super) fn bounds(points: &[Point]) -> Aabb {
     Aabb::of(points.iter().copied())
 }

@@ -1,4 +1,4 @@
-//! A scene from above.
+//! Draws a scene from above.
 
 use sage_core::{
     geometry::{Aabb, OrientedBox, Point},
@@ -13,20 +13,20 @@ use super::{
     viewport::Viewport,
 };
 
-/// Size of the window on the scene, pixels.
+/// Size of the drawn window, pixels.
 const WINDOW: [f64; 2] = [900.0, 680.0];
-/// Room around what matters, metres.
+/// Margin around ego, adversary and their trajectories, metres.
 const MARGIN: f64 = 12.0;
 /// Least width of the window, metres.
 const LEAST: f64 = 70.0;
 
-/// A candidate path of the adversary.
+/// A candidate trajectory of the adversary.
 pub struct DrawnPath {
     /// Name in the legend.
     pub name: String,
-    /// Positions from the pose at *now* on.
+    /// Positions from *now* on.
     pub points: Vec<Point>,
-    /// First contact: step, the ego's box, the adversary's.
+    /// First contact: step, the ego's box, the adversary's box.
     pub contact: Option<(usize, OrientedBox, OrientedBox)>,
 }
 
@@ -35,13 +35,13 @@ pub struct DrawnPath {
 pub struct Picture {
     /// Title, usually the scene's name.
     pub title: String,
-    /// Frame whose boxes are shown; *now* if `None`.
+    /// Frame at which boxes are drawn; *now* if `None`.
     pub frame: Option<usize>,
-    /// Candidates of the adversary; its logged path if there are none.
+    /// Candidates of the adversary; without any its logged trajectory is drawn.
     pub candidates: Vec<DrawnPath>,
-    /// The ego's path if it is not the logged one.
+    /// The ego's path, if it differs from the logged one.
     pub ego_path: Option<Vec<Point>>,
-    /// Show the whole map instead of the surroundings of ego and adversary.
+    /// Draw the whole map instead of the surroundings of ego and adversary.
     pub whole_map: bool,
 }
 
@@ -49,11 +49,11 @@ pub struct Picture {
 pub fn draw(scene: &Scene, picture: &Picture) -> String {
     let frame = picture.frame.unwrap_or(NOW).min(scene.frames - 1);
     let adversary = scene.adversary.map(|k| &scene.tracks[k]);
-    let ego_path = picture.ego_path.clone().unwrap_or_else(|| road_users::logged_path(scene.ego()));
-    let adversary_log = adversary.map(road_users::logged_path).unwrap_or_default();
+    let ego_path = picture.ego_path.clone().unwrap_or_else(|| road_users::logged_trajectory(scene.ego()));
+    let adversary_log = adversary.map(road_users::logged_trajectory).unwrap_or_default();
     let mut area = road_users::bounds(&ego_path);
-    for path in picture.candidates.iter().map(|c| &c.points).chain([&adversary_log]) {
-        area = area.union(&road_users::bounds(path));
+    for points in picture.candidates.iter().map(|c| &c.points).chain([&adversary_log]) {
+        area = area.union(&road_users::bounds(points));
     }
     for track in [Some(scene.ego()), adversary].into_iter().flatten().filter(|t| t.is_valid(frame)) {
         area = area.union(&track.oriented_box(frame).aabb());
@@ -78,12 +78,12 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     svg.rect([0.0, 0.0], [viewport.width, viewport.height], &format!(r#"fill="{}""#, color::GROUND));
     let map = map_layer::draw(&mut svg, &viewport, scene, frame);
     let users = road_users::background(&mut svg, &viewport, scene, frame);
-    road_users::path(&mut svg, &viewport, &ego_path, Role::Ego);
+    road_users::trajectory(&mut svg, &viewport, &ego_path, Role::Ego);
     if picture.candidates.is_empty() {
-        road_users::path(&mut svg, &viewport, &adversary_log, Role::Adversary);
+        road_users::trajectory(&mut svg, &viewport, &adversary_log, Role::Adversary);
     }
     for candidate in &picture.candidates {
-        road_users::path(&mut svg, &viewport, &candidate.points, Role::Adversary);
+        road_users::trajectory(&mut svg, &viewport, &candidate.points, Role::Adversary);
     }
     let role = |svg: &mut Svg, track: &Track, role: Role| {
         if track.is_valid(frame) {

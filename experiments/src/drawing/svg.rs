@@ -6,13 +6,13 @@ use sage_core::geometry::{OrientedBox, Point};
 
 use super::viewport::Viewport;
 
-/// An SVG in the making.
+/// SVG text under construction.
 #[derive(Default)]
 pub(super) struct Svg {
     text: String,
 }
 
-/// Text that XML takes as it is.
+/// Escapes text for XML.
 pub(super) fn escape(text: &str) -> String {
     text.chars()
         .filter(|c| !c.is_control())
@@ -50,7 +50,7 @@ impl Svg {
         self.raw("</g>");
     }
 
-    /// Lines through points, each part by itself, as one path.
+    /// Several polylines as one SVG path.
     pub(super) fn lines(&mut self, parts: &[Vec<Point>], attributes: &str) {
         let data = path_data(parts, false);
         if !data.is_empty() {
@@ -98,7 +98,7 @@ impl Svg {
         );
     }
 
-    /// A car: its box, and a windscreen that shows where the front is.
+    /// A car: its box, and a windscreen that marks the front.
     pub(super) fn car(&mut self, viewport: &Viewport, b: &OrientedBox, attributes: &str) {
         let at = |along: f64, across: f64| {
             let [c, s] = b.axis;
@@ -110,7 +110,7 @@ impl Svg {
         self.polygon(&screen, r##"fill="#fff" fill-opacity="0.75""##);
     }
 
-    /// The whole picture.
+    /// Returns the whole picture.
     pub(super) fn finish(self, [width, height]: Point, title: &str) -> String {
         format!(
             concat!(

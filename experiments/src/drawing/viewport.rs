@@ -1,4 +1,4 @@
-//! From metres to the picture.
+//! Maps metres to pixels.
 
 use sage_core::geometry::{Aabb, Point};
 
@@ -6,7 +6,7 @@ use sage_core::geometry::{Aabb, Point};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Viewport {
     bounds: Aabb,
-    /// Pixels a metre.
+    /// Pixels per metre.
     pub(super) scale: f64,
     /// Width of the window, pixels.
     pub(super) width: f64,
@@ -15,8 +15,8 @@ pub(super) struct Viewport {
 }
 
 impl Viewport {
-    /// The least window of this size in pixels that shows `area` with a margin (m), and at least
-    /// `least` metres across.
+    /// The smallest window of this size in pixels that shows `area` with a margin (m) and is at least
+    /// `least` metres wide.
     pub(super) fn on(area: &Aabb, margin: f64, least: f64, [width, height]: [f64; 2]) -> Self {
         let center = [0.5 * (area.min[0] + area.max[0]), 0.5 * (area.min[1] + area.max[1])];
         let span = [area.max[0] - area.min[0] + 2.0 * margin, area.max[1] - area.min[1] + 2.0 * margin];
@@ -34,40 +34,40 @@ impl Viewport {
         [(p[0] - self.bounds.min[0]) * self.scale, (self.bounds.max[1] - p[1]) * self.scale]
     }
 
-    /// Whether bounds meet the window.
+    /// True if the bounds intersect the window.
     pub(super) fn shows(&self, bounds: &Aabb) -> bool {
         self.bounds.meets(bounds)
     }
 
-    /// The parts of a polyline that can be seen, in pixels, with points that change nothing to the
-    /// eye left out. A part outside keeps the two points next to the window.
+    /// The visible parts of a polyline, in pixels, without points that make no visible difference. A
+    /// segment that crosses the window's border keeps both ends.
     pub(super) fn parts(&self, points: &[[f64; 3]]) -> Vec<Vec<Point>> {
         let mut parts: Vec<Vec<Point>> = Vec::new();
         let mut open = false;
         for pair in points.windows(2) {
             let (a, b) = ([pair[0][0], pair[0][1]], [pair[1][0], pair[1][1]]);
-            let seen = self.shows(&Aabb::of([a, b]));
-            if seen && !open {
+            let visible = self.shows(&Aabb::of([a, b]));
+            if visible && !open {
                 parts.push(vec![self.pixel(a)]);
             }
-            if let Some(part) = parts.last_mut().filter(|_| seen) {
+            if let Some(part) = parts.last_mut().filter(|_| visible) {
                 part.push(self.pixel(b));
             }
-            open = seen;
+            open = visible;
         }
         parts.iter().map(|part| simplified(part)).collect()
     }
 }
 
-/// Douglas and Peucker's simplification with a tolerance of a third of a pixel, in pieces: its worst case
-/// takes the square of the number of points.
+/// Simplifies a line by Douglas and Peucker's method with a tolerance of a third of a pixel. It works in
+/// chunks, because its worst case is quadratic in the number of points.
 fn simplified(points: &[Point]) -> Vec<Point> {
     const TOLERANCE: f64 = 0.33;
-    const PIECE: usize = 2048;
+    const CHUNK: usize = 2048;
     let mut keep = vec![false; points.len()];
     let end = points.len().saturating_sub(1);
     let mut open: Vec<(usize, usize)> =
-        (0..=end).step_by(PIECE).map(|first| (first, (first + PIECE).min(end))).collect();
+        (0..=end).step_by(CHUNK).map(|first| (first, (first + CHUNK).min(end))).collect();
     while let Some((first, last)) = open.pop() {
         (keep[first], keep[last]) = (true, true);
         let (a, b) = (points[first], points[last]);

@@ -2,7 +2,8 @@
 
 /// Flags that say how a command was run, not what came of it, and whether a value follows each. Files keep
 /// the command without them, so that equal results are equal bytes.
-const HOW: [(&str, bool); 4] = [("--threads", true), ("--out", true), ("--force", false), ("--json", false)];
+const HOW: [(&str, bool); 5] =
+    [("--threads", true), ("--out", true), ("--force", false), ("--json", false), ("--shard", true)];
 
 /// The command that this process runs, without the path of the program and without flags that change
 /// nothing of the result.
@@ -57,7 +58,7 @@ mod tests {
     fn what_decides_the_result_is_kept_and_nothing_else() {
         let plain = "sage generate scenes/ --lambda 1";
         assert_eq!(of("generate scenes/ --lambda 1"), plain);
-        for how in ["--force", "--out x", "--out=x", "--threads 2", "--threads=2", "--json"] {
+        for how in ["--force", "--out x", "--out=x", "--threads 2", "--threads=2", "--json", "--shard 1/2"] {
             assert_eq!(of(&format!("generate scenes/ {how} --lambda 1")), plain);
         }
         assert_eq!(told(["list".to_owned(), "a b'c".to_owned()].into_iter()), r"sage list 'a b'\''c'");

@@ -11,7 +11,7 @@ use super::{Folder, command};
 use crate::progress;
 
 /// What a run was and how long it took.
-const RECORD: &str = "run.json";
+pub(super) const RECORD: &str = "run.json";
 /// Largest record that is read, bytes.
 const RECORD_LIMIT: u64 = 4 << 20;
 
@@ -33,6 +33,12 @@ pub(crate) enum State {
     Unfinished,
     /// All of it.
     Done,
+}
+
+/// The record of a folder, if it has one.
+pub(super) fn read_record(folder: &Folder) -> Option<Value> {
+    let text = files::read_text(&folder.path().join(RECORD), RECORD_LIMIT).ok()?;
+    serde_json::from_str(&text).ok()
 }
 
 impl Run {
@@ -82,20 +88,16 @@ impl Run {
         Ok((run, state))
     }
 
-    fn read_record(&self) -> Option<Value> {
-        let text = files::read_text(&self.folder.path().join(RECORD), RECORD_LIMIT).ok()?;
-        serde_json::from_str(&text).ok()
-    }
-
     /// Whether the record is that of a run that is not done. Alone in its folder it is of no use: that run
     /// failed before it made anything.
     fn has_begun(&self) -> bool {
-        self.read_record().is_some_and(|record| record["run"].is_object() && record["seconds"].is_null())
+        read_record(&self.folder)
+            .is_some_and(|record| record["run"].is_object() && record["seconds"].is_null())
     }
 
     fn state(&self, results: &[&str]) -> State {
         let are_there = results.iter().all(|name| self.folder.path().join(name).is_file());
-        match self.read_record().filter(|record| record["run"] == self.identity) {
+        match read_record(&self.folder).filter(|record| record["run"] == self.identity) {
             None => State::New,
             Some(record) if record["seconds"].is_null() || !are_there => State::Unfinished,
             Some(_) => State::Done,

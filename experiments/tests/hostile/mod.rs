@@ -1,5 +1,5 @@
-//! Scene files that look like data to one reader and are a program to Python's, made from the shipped
-//! scene. What they would run is `touch MARKER`.
+//! Hostile scene files, built from the shipped scene. One reader takes them for data, but Python's reader would
+//! execute `touch MARKER`.
 
 #![allow(dead_code)] // Each test program uses a part of it.
 
@@ -17,12 +17,12 @@ fn text(word: &str) -> Vec<u8> {
     [&[b'X'][..], &(word.len() as u32).to_le_bytes(), word.as_bytes()].concat()
 }
 
-/// A pickle whose MEMOIZE follows a gap: Python stores at the number of entries, where a reader that stores
-/// at the length of its table sees `numpy.dtype('f8')` instead of `os.system(…)`.
+/// A pickle whose MEMOIZE follows a gap. Python stores at the number of entries and executes `os.system(…)`. A
+/// reader that stores at the length of its table reads `numpy.dtype('f8')` instead.
 pub fn memo(scene: &Path, marker: &Path) -> Vec<u8> {
     let mut program = plain(scene);
     assert_eq!(program.pop(), Some(b'.'));
-    // The scene's own entries stand before ours.
+    // The scene's own entries come before ours.
     let entries = memo_entries(&program);
     let put = |k: u32| [&[b'r'][..], &(entries + k).to_le_bytes(), b"0"].concat();
     let get = |k: u32| [&[b'j'][..], &(entries + k).to_le_bytes()].concat();
@@ -65,7 +65,7 @@ pub fn polyglot(scene: &Path, marker: &Path) -> Vec<u8> {
         assert!((0x20..=0x7e).contains(&n) && ![0x22, 0x5c].contains(&n), "{n}");
         format!("U{}{word}", n as u8 as char)
     };
-    // Names are long, because their lengths have to be printable; the memo's place is a letter of UTF-8.
+    // Names are long, because their lengths have to be printable; the memo's index is a letter of UTF-8.
     let command = format!("{:<40}", format!("touch {}", marker.display()));
     let code = [
         short("multiprocessing.popen_spawn_posix"),

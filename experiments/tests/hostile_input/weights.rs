@@ -92,7 +92,7 @@ fn experts_in_the_wrong_place_are_refused() {
     std::fs::write(at("realistic"), &adversarial).unwrap();
     std::fs::write(at("adversarial"), &realistic).unwrap();
     let (code, said) = generate();
-    assert!(code == 1 && said.contains("it says that it is the adversarial expert"), "{said}");
+    assert!(code == 1 && said.contains("the header names the adversarial expert"), "{said}");
     // One of them twice.
     std::fs::write(at("adversarial"), &adversarial).unwrap();
     assert_eq!(generate().0, 1);
@@ -105,7 +105,7 @@ fn experts_in_the_wrong_place_are_refused() {
         header.notes.remove(note);
         parameters.save(&header, &at("adversarial")).unwrap();
         let (code, said) = generate();
-        assert!(code == 1 && said.contains("does not say which expert it is and of which prior"), "{said}");
+        assert!(code == 1 && said.contains("does not name the expert and its prior"), "{said}");
     }
     let mut header = header;
     header.notes.insert("prior".to_owned(), "0000000000000000".to_owned());

@@ -1,4 +1,4 @@
-//! The real binary, for tests that run it.
+//! Runs the real binary in tests.
 
 #![allow(dead_code)] // Each test program uses a part of it.
 
@@ -9,7 +9,7 @@ use std::{
 
 use serde_json::Value;
 
-/// Weights that are in the binary, so that a test does not depend on others at hand.
+/// Weights in the binary, so that a test does not depend on other installed weights.
 pub const WEIGHTS: [&str; 2] = ["--weights", "procedural"];
 
 pub fn example() -> String {
@@ -24,7 +24,7 @@ pub fn sage(arguments: &[&str]) -> Output {
     run(Path::new(env!("CARGO_BIN_EXE_sage")), arguments)
 }
 
-/// What a program printed that did its work.
+/// Standard output of a program that succeeded.
 pub fn stdout(output: &Output) -> &str {
     assert!(output.status.success(), "{}", stderr(output));
     std::str::from_utf8(&output.stdout).unwrap()
@@ -38,7 +38,7 @@ pub fn rows(output: &Output) -> Vec<Value> {
     stdout(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// What the program says on failing.
+/// Standard error of a program that must fail.
 pub fn failure(arguments: &[&str]) -> String {
     let output = sage(arguments);
     assert_eq!(output.status.code(), Some(1), "{arguments:?}: {}", stderr(&output));

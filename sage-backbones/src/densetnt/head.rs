@@ -1,7 +1,7 @@
-//! From a goal to a trajectory.
+//! Trajectory decoder of a goal.
 //!
-//! Waypoints as published are free numbers and jitter at 10 Hz; the other head gives
-//! [`smooth_path`]s that end on their goals.
+//! The published head regresses free waypoints, which jitter at 10 Hz. The other head gives smooth
+//! trajectories ([`smooth_path`]) that end on their goals.
 
 use candle_core::{Result, Tensor};
 use sage_core::motion::HORIZON;
@@ -14,13 +14,13 @@ use crate::{
     smooth_path,
 };
 
-/// How a goal becomes a trajectory.
+/// How a goal is decoded to a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum HeadKind {
     /// 80 free positions, as published.
     Waypoints,
-    /// A polynomial velocity that starts as the car drives and leads to the goal.
+    /// A polynomial velocity that starts at the present velocity and leads to the goal.
     Bernstein,
 }
 
@@ -53,7 +53,8 @@ impl Head {
 
     /// Points of the trajectories at every `stride`-th step.
     ///
-    /// *Shapes*: `rows` (n, columns) describe goals at `ends`; result (n, 80 / `stride`, 2), target frame.
+    /// *Shapes*: `rows` (n, columns) describe goals at `ends`; `elements` (P, hidden); `target` (1, hidden);
+    /// result (n, 80 / `stride`, 2), target frame.
     pub(super) fn forward(
         &self,
         rows: &Tensor,
@@ -67,8 +68,8 @@ impl Head {
         for layer in &self.goal {
             t = layer.forward(&t)?;
         }
-        let seen = self.attention.forward(&t, elements)?;
-        let out = self.decoder.forward_parts(&[target], &[&t, &seen])?;
+        let attended = self.attention.forward(&t, elements)?;
+        let out = self.decoder.forward_parts(&[target], &[&t, &attended])?;
         match self.kind {
             HeadKind::Waypoints => smooth_path::every(&out.reshape((ends.len(), HORIZON, 2))?, stride),
             HeadKind::Bernstein => smooth_path::places(&out, ends, velocity[0], stride),

@@ -1,4 +1,4 @@
-//! Scores of the goals.
+//! Goal scores.
 
 use candle_core::{Result, Tensor};
 
@@ -47,7 +47,7 @@ impl Scorer {
         // The published order is [u ; half]: the weight's columns for `half` come last.
         let u = second.forward_rows_then(&u, &half)?;
         let u = third.forward_rows_then(&u, &half)?;
-        let seen = self.attention.forward(&u, elements)?;
-        self.decoder.forward_parts(&[target], &[&u, &seen])?.squeeze(1)
+        let attended = self.attention.forward(&u, elements)?;
+        self.decoder.forward_parts(&[target], &[&u, &attended])?.squeeze(1)
     }
 }

@@ -1,8 +1,8 @@
 //! Forecasts of all other agents from what is known *now*.
 //!
-//! A vehicle on a lane follows it, straight on at forks, under three acceleration profiles. Any other moving
-//! agent drives straight on under the same profiles; a standing agent stays. A network's forecast of the ego
-//! ([`EgoForecast`]) replaces the ego's modes.
+//! A vehicle on a lane follows it under three acceleration profiles; at forks it takes the exit that turns
+//! least. Any other moving agent drives straight on under the same profiles. A standing agent stays. A
+//! network's forecast of the ego ([`EgoForecast`]) replaces the ego's modes.
 
 use sage_core::{
     geometry::{Aabb, Point, distance, wrap_angle},
@@ -16,15 +16,15 @@ use super::Frame;
 pub const STRIDE: usize = 4;
 /// Number of forecast steps.
 pub const FORECAST_STEPS: usize = HORIZON / STRIDE;
-/// Most background agents; the nearest are kept.
+/// Maximum number of background agents, the nearest first.
 const OTHERS: usize = 32;
-/// Slower than this is standing, m/s.
+/// An agent below this speed counts as standing, m/s.
 const STANDING: f64 = 0.5;
-/// Farthest that a vehicle is from the middle of the lane it follows, metres …
+/// Maximum distance of a vehicle from the middle of the lane that it follows, metres.
 const BESIDE: f64 = 2.5;
-/// … and how far it may be turned from it, radians.
+/// Maximum angle between a vehicle and the lane that it follows, radians.
 const ALIGNED: f64 = 0.5;
-/// Most lane segments that one mode passes.
+/// Maximum number of lane segments along one mode.
 const MOST_SEGMENTS: usize = 4096;
 
 /// Acceleration profiles of a moving agent: weight and constant acceleration, m/s². Set by hand.
@@ -37,7 +37,7 @@ pub struct ForecastMode {
     pub weight: f32,
     /// Half of its length and width, metres.
     pub half: [f32; 2],
-    /// Whether the agent stands *now*, and so stays.
+    /// Whether the agent stands *now*. It then stays at its position.
     pub stands: bool,
     /// Centre and direction (cos, sin) at each forecast step.
     pub poses: [[f32; 4]; FORECAST_STEPS],
@@ -48,7 +48,7 @@ pub struct ForecastMode {
 pub struct EgoForecast(Vec<(f32, Trajectory)>);
 
 impl EgoForecast {
-    /// Of log-probabilities and trajectories, world frame.
+    /// A forecast from log-probabilities and trajectories, world frame.
     pub fn new(modes: Vec<(f32, Trajectory)>) -> Self {
         Self(modes)
     }
@@ -62,15 +62,15 @@ impl EgoForecast {
 /// Forecasts of the ego and of the background agents.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AgentForecasts {
-    /// Modes of the ego, the likeliest first; none if the ego is the target or not valid *now*.
+    /// Modes of the ego, the likeliest first; empty if the ego is the target or not valid *now*.
     pub ego: Vec<ForecastMode>,
-    /// Modes of the background agents that are valid *now*, the nearest agent first: one mode of a standing
-    /// agent, three of a moving one.
+    /// Modes of the background agents that are valid *now*, the nearest agent first. A standing agent has one
+    /// mode, a moving one three.
     pub others: Vec<ForecastMode>,
 }
 
 impl AgentForecasts {
-    /// The forecasts that a target uses.
+    /// Forecasts for one target.
     pub(super) fn of(
         scene: &Scene,
         index: &SceneIndex,
@@ -94,18 +94,18 @@ impl AgentForecasts {
 
     /// The forecasts of the mirrored scene.
     pub(super) fn mirrored(&self) -> Self {
-        let mut twin = self.clone();
-        for mode in twin.ego.iter_mut().chain(&mut twin.others) {
+        let mut mirror = self.clone();
+        for mode in mirror.ego.iter_mut().chain(&mut mirror.others) {
             for pose in &mut mode.poses {
                 pose[1] = -pose[1];
                 pose[3] = -pose[3];
             }
         }
-        twin
+        mirror
     }
 }
 
-/// The ego's modes by a network's forecast; `None` if the forecast is empty or the ego not valid.
+/// The ego's modes from a network's forecast; `None` if the forecast is empty or the ego is not valid.
 fn network_forecast(
     lane_forecast: &[ForecastMode],
     forecast: &EgoForecast,
@@ -114,8 +114,8 @@ fn network_forecast(
     let known = lane_forecast.first()?;
     let (half, stands, [_, _, cos, sin]) = (known.half, known.stands, known.poses[0]);
     let total: f32 = forecast.modes().map(|(p, _)| p.exp()).sum();
-    let mode = |(p, path): (f32, &Trajectory)| {
-        let point = |step: usize| frame.to_local(path.points()[step]).map(|x| x as f32);
+    let mode = |(p, trajectory): (f32, &Trajectory)| {
+        let point = |step: usize| frame.to_local(trajectory.points()[step]).map(|x| x as f32);
         let (mut last, mut axis) = (point(0), [cos, sin]);
         let mut poses = [[0.0; 4]; FORECAST_STEPS];
         for (step, pose) in poses.iter_mut().enumerate() {
@@ -134,7 +134,7 @@ fn network_forecast(
     (total > 0.0 && total.is_finite()).then(|| forecast.modes().map(mode).collect())
 }
 
-/// Modes of an agent along its lane, or straight on, the likeliest first.
+/// Modes of an agent along its lane, or straight on without a lane; the likeliest first.
 fn lane_forecast(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame) -> Vec<ForecastMode> {
     let (start, velocity) = (track.point(NOW), track.velocity[NOW]);
     let speed = velocity[0].hypot(velocity[1]).min(super::FASTEST);
@@ -146,17 +146,17 @@ fn lane_forecast(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame
     let half = [track.size[NOW][0], track.size[NOW][1]].map(|size| (0.5 * size) as f32);
     let mode = |(weight, acceleration): (f32, f64)| {
         let mut lane = lane.clone();
-        let (mut gone, mut poses) = (0.0, [[0.0; 4]; FORECAST_STEPS]);
+        let (mut driven, mut poses) = (0.0, [[0.0; 4]; FORECAST_STEPS]);
         for (step, pose) in poses.iter_mut().enumerate() {
             let far =
                 if stands { 0.0 } else { travelled(speed, acceleration, ((step + 1) * STRIDE) as f64 * DT) };
-            let (place, heading) = match &mut lane {
-                Some(lane) => lane.drive(far - gone),
+            let (position, heading) = match &mut lane {
+                Some(lane) => lane.drive(far - driven),
                 None => ([start[0] + far * cos, start[1] + far * sin], heading),
             };
-            gone = far;
+            driven = far;
             let (sin, cos) = (heading - frame.heading()).sin_cos();
-            let [x, y] = frame.to_local(place);
+            let [x, y] = frame.to_local(position);
             *pose = [x as f32, y as f32, cos as f32, sin as f32];
         }
         ForecastMode { weight, half, stands, poses }
@@ -164,13 +164,13 @@ fn lane_forecast(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame
     if stands { vec![mode((1.0, 0.0))] } else { ACCELERATION_PROFILES.map(mode).into() }
 }
 
-/// Distance driven after some seconds, metres; braking ends at a stop.
+/// Distance driven after some seconds, metres. An agent that brakes stops and stays.
 fn travelled(speed: f64, acceleration: f64, seconds: f64) -> f64 {
     let seconds = if acceleration < 0.0 { seconds.min(speed / -acceleration) } else { seconds };
     speed * seconds + 0.5 * acceleration * seconds * seconds
 }
 
-/// A position on a lane that moves along it and on to the next lanes.
+/// A position on a lane, which moves along this lane and the lanes that follow.
 #[derive(Clone)]
 struct OnLane<'m> {
     map: &'m Map,
@@ -180,23 +180,23 @@ struct OnLane<'m> {
     along: f64,
     /// Metres left of the middle.
     offset: f64,
-    /// Segments that may still be passed: a ring of lanes without length has no end.
+    /// Segments that may still be passed. Without this limit, a ring of lanes of length zero would not end.
     left: usize,
 }
 
 impl<'m> OnLane<'m> {
-    /// The nearest motor lane whose direction agrees with a vehicle's heading.
-    fn at(scene: &'m Scene, index: &SceneIndex, place: Point, heading: f64) -> Option<Self> {
+    /// The position on the nearest motor lane whose direction agrees with a vehicle's heading.
+    fn at(scene: &'m Scene, index: &SceneIndex, position: Point, heading: f64) -> Option<Self> {
         let lanes = index.motor_lanes();
         let mut best: Option<(f64, usize, f64)> = None;
-        for k in lanes.near(&Aabb::around(place, BESIDE)).flatten() {
+        for k in lanes.near(&Aabb::around(position, BESIDE)).flatten() {
             let segment = &lanes.segments()[k];
             let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
             if wrap_angle(dy.atan2(dx) - heading).abs() > ALIGNED {
                 continue;
             }
-            let share = segment.nearest_share(place);
-            let gap = distance(place, segment.at(share));
+            let share = segment.nearest_share(position);
+            let gap = distance(position, segment.at(share));
             if gap <= BESIDE && best.is_none_or(|(least, ..)| gap < least) {
                 best = Some((gap, k, share));
             }
@@ -211,11 +211,11 @@ impl<'m> OnLane<'m> {
             .position(|w| [w[0][0], w[0][1]] == segment.a && [w[1][0], w[1][1]] == segment.b)?;
         let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
         let length = dx.hypot(dy).max(1e-9);
-        let offset = (dx * (place[1] - segment.a[1]) - dy * (place[0] - segment.a[0])) / length;
+        let offset = (dx * (position[1] - segment.a[1]) - dy * (position[0] - segment.a[0])) / length;
         Some(Self { map, lane, segment: first, along: share * length, offset, left: MOST_SEGMENTS })
     }
 
-    /// Moves on by some metres; the position there and the lane's heading.
+    /// Moves along the lanes by some metres; returns the new position and the lane's heading.
     fn drive(&mut self, metres: f64) -> (Point, f64) {
         self.along += metres;
         loop {
@@ -238,9 +238,9 @@ impl<'m> OnLane<'m> {
             }
             let heading = dy.atan2(dx);
             let (cos, sin) = if length > 0.0 { (dx / length, dy / length) } else { (1.0, 0.0) };
-            let place =
+            let position =
                 [a[0] + self.along * cos - self.offset * sin, a[1] + self.along * sin + self.offset * cos];
-            return (place, heading);
+            return (position, heading);
         }
     }
 

@@ -1,4 +1,4 @@
-//! Rows of the agents: where each was over the last second.
+//! Rows of the agents: their states over the last second.
 
 use sage_core::{
     motion::NOW,
@@ -7,13 +7,13 @@ use sage_core::{
 
 use super::{Frame, Table, VECTOR_COLUMNS};
 
-/// Most agents that are looked at, the target among them.
+/// Maximum number of agents with rows, the target included.
 const AGENTS: usize = 32;
-/// Frames of history that become rows.
+/// Frames of the history with a row each.
 const FRAMES: [usize; 6] = [0, 2, 4, 6, 8, NOW];
 
-/// Appends the rows of the target, the ego and then the nearest others that were seen in one of the
-/// frames, and the number of rows of each.
+/// Appends the rows of the target, the ego and then the nearest other agents that are valid in one of the
+/// frames; and the number of rows of each.
 pub(super) fn append(
     scene: &Scene,
     target: usize,

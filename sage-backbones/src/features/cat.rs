@@ -1,8 +1,12 @@
-//! The features of the published network: CAT's encoding of one target, without raster.
+//! The features of the published network: CAT's input of one target, without raster.
 //!
-//! It keeps that code's habits, because its weights depend on them: agents' headings and velocities
-//! stay in the world frame, map points alone are scaled, two kinds of road line lose their mark,
-//! only the first 20 000 map points of a file are seen, and goals are a 1 m lattice in a disc.
+//! The published weights depend on the following properties of that code, so they are reproduced:
+//!
+//! - agents' headings and velocities are in the world frame;
+//! - only map points are scaled;
+//! - two kinds of road line have no kind column;
+//! - only the first 20 000 map points of a file are read;
+//! - goals are a 1 m lattice in a disc.
 
 use std::sync::Arc;
 
@@ -15,25 +19,26 @@ use sage_core::{
 use super::{AgentForecasts, EdgeGrid, Features, Frame, Layout, Table};
 use crate::{Error, nn::Groups};
 
-/// Numbers of a row.
+/// Numbers per row.
 pub const COLUMNS: usize = 128;
-/// Agents that are looked at, of the file's order.
+/// Maximum number of agents, in the file's order.
 const AGENTS: usize = 128;
-/// Map points that are looked at, of the file's order.
+/// Maximum number of map points, in the file's order.
 const MAP_POINTS: usize = 20_000;
-/// Centre of the disc that map and goals are taken from, target frame, metres.
+/// Centre of the disc of map points and goals, target frame, metres.
 const CENTRE: Point = [0.0, 30.0];
-/// Its radius, metres.
+/// Radius of the disc, metres.
 const RADIUS: f64 = 80.0;
-/// What map coordinates are multiplied with.
+/// Factor of the map coordinates.
 const SCALE: f64 = 0.03;
 /// Points from the start of one map row to the next.
 const STRIDE: usize = 10;
 /// Points of a map row.
 const ROW_POINTS: usize = 12;
 
-/// Looks around a target as the published code does for one target alone: y is its heading, and
-/// polylines shorter than the longest carry the row of padding that its maxima take in.
+/// Features of one target, as the published code computes them without a batch. The y axis is along the
+/// target's heading. Each polyline shorter than the longest has one row of padding, because the published
+/// maxima include it.
 ///
 /// *Errors*: [`Error::Core`] if the target is not valid *now*.
 pub fn features(scene: &Scene, target: usize) -> Result<Features, Error> {
@@ -80,8 +85,8 @@ pub fn suppression_radius(speed: f32) -> f32 {
     7.2 * (0.5 + 0.5 * (speed - 1.4) / 9.6).clamp(0.5, 1.0)
 }
 
-/// Rows with one more, of zeros and unseen by the others, behind each polyline that is shorter than
-/// `longest`, the longest of its batch.
+/// Appends one row of zeros to each polyline that is shorter than `longest`, the longest of its batch. The
+/// other rows of the polyline do not read it.
 pub fn with_padding_row(rows: &Table, lengths: &[usize], longest: usize) -> (Table, Groups) {
     let mut padded = Table { columns: rows.columns, values: Vec::with_capacity(rows.values.len() * 5 / 4) };
     let mut at = 0;
@@ -97,7 +102,7 @@ pub fn with_padding_row(rows: &Table, lengths: &[usize], longest: usize) -> (Tab
     (padded, Groups::with_unseen(groups))
 }
 
-/// Ego, adversary, then the others in the file's order; the target foremost.
+/// Ego, adversary, then the others in the file's order; the target is put first.
 fn agents(scene: &Scene, target: usize) -> impl Iterator<Item = &Track> {
     let mut order = vec![scene.ego];
     order.extend(scene.adversary);
@@ -106,7 +111,7 @@ fn agents(scene: &Scene, target: usize) -> impl Iterator<Item = &Track> {
     order.truncate(AGENTS);
     order.retain(|&k| (0..HISTORY).any(|f| scene.tracks[k].is_valid(f)));
     match order.iter().position(|&k| k == target) {
-        Some(place) => order.swap(0, place),
+        Some(position) => order.swap(0, position),
         None => order.insert(0, target),
     }
     order.into_iter().map(|k| &scene.tracks[k])
@@ -142,7 +147,7 @@ fn append_agent(track: &Track, frame: &Frame, rows: &mut Table) {
     }
 }
 
-/// The published number of a kind of map feature; others are not seen.
+/// The published number of a kind of map feature; `None` for kinds that are not read.
 fn kind_number(kind: &MapKind) -> Option<usize> {
     Some(match kind {
         MapKind::LaneFreeway => 1,
@@ -177,17 +182,17 @@ fn append_map(scene: &Scene, frame: &Frame, rows: &mut Table, lengths: &mut Vec<
         let points = scene.map.points_of(feature);
         // A stop sign is stored as three equal points.
         let copies = if kind == 17 { 3 } else { 1 };
-        let seen: Vec<Point> = points
+        let read: Vec<Point> = points
             .iter()
             .flat_map(|p| std::iter::repeat_n(p, copies))
             .take(left)
             .map(|p| frame.to_local([p[0], p[1]]))
             .collect();
-        left -= seen.len();
-        let near = |p: &Point| (p[0] - CENTRE[0]).hypot(p[1] - CENTRE[1]) < RADIUS;
-        let near: Vec<Point> = seen.into_iter().filter(near).collect();
-        if !near.is_empty() {
-            lines.push(((feature.id.parse().unwrap_or(u64::MAX), k), kind, near));
+        left -= read.len();
+        let is_inside = |p: &Point| (p[0] - CENTRE[0]).hypot(p[1] - CENTRE[1]) < RADIUS;
+        let inside: Vec<Point> = read.into_iter().filter(is_inside).collect();
+        if !inside.is_empty() {
+            lines.push(((feature.id.parse().unwrap_or(u64::MAX), k), kind, inside));
         }
     }
     lines.sort_by_key(|line| line.0);
@@ -205,7 +210,7 @@ fn append_map(scene: &Scene, frame: &Frame, rows: &mut Table, lengths: &mut Vec<
                 row[2 * k + 1] = (y * SCALE) as f32;
             }
             row[30 + kind] = 1.0;
-            // Kinds 10 and 11 lose their mark here.
+            // As published, this overwrites the columns of kinds 10 and 11.
             row[40] = start as f32;
             row[41] = start as f32 / n as f32;
             rows.values.extend_from_slice(&row);

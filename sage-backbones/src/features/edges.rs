@@ -1,5 +1,4 @@
-//! Where road boundaries lie around a target, coarsely: enough for thousands of paths to ask whether
-//! they touch one.
+//! Coarse grid of the road boundaries around a target, for a fast contact test of thousands of trajectories.
 
 use sage_core::{
     geometry::{Aabb, Point},
@@ -10,21 +9,21 @@ use super::Frame;
 
 /// Width of a cell, metres.
 const CELL: f32 = 0.5;
-/// The grid reaches this far from the target to all sides, metres …
+/// Distance from the target to each side of the grid, metres.
 const REACH: f32 = 128.0;
-/// … and holds so many cells to a side.
+/// Cells per side.
 const CELLS: usize = (2.0 * REACH / CELL) as usize;
 
 /// Width of a coarse cell, metres.
 const COARSE: f32 = 2.0;
-/// Coarse cells to a side.
+/// Coarse cells per side.
 const COARSE_CELLS: usize = (2.0 * REACH / COARSE) as usize;
 
-/// One bit a cell: whether a road boundary passes through it.
+/// Grid with one bit per cell: whether a road boundary passes through the cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EdgeGrid {
     bits: Vec<u64>,
-    /// Whether a boundary passes within so many coarse cells, along and across.
+    /// For each coarse cell, whether a boundary passes within `ring` coarse cells, along and across.
     near: Vec<bool>,
     ring: usize,
 }
@@ -35,16 +34,16 @@ impl EdgeGrid {
         Self { bits: Vec::new(), near: Vec::new(), ring: 0 }
     }
 
-    /// Nothing is marked.
+    /// A grid without marked cells.
     fn blank(ring: usize) -> Self {
         Self { bits: vec![0; CELLS * CELLS / 64], near: vec![false; COARSE_CELLS * COARSE_CELLS], ring }
     }
 
-    /// Marks the boundaries around a frame, for boxes that reach so many metres from their centre.
+    /// The boundaries around a frame, for boxes whose corners are `box_reach` metres from their centre.
     pub(super) fn around(index: &SceneIndex, frame: &Frame, box_reach: f32) -> Self {
         let mut grid = Self::blank(((box_reach / COARSE) as usize).min(COARSE_CELLS) + 1);
         let boundaries = index.boundaries();
-        // The turned square lies within the circle around it.
+        // The rotated square lies within its circumscribed circle.
         let reach = Aabb::around(frame.origin(), f64::from(REACH) * std::f64::consts::SQRT_2);
         for run in boundaries.near(&reach) {
             for segment in &boundaries.segments()[run] {
@@ -61,7 +60,7 @@ impl EdgeGrid {
         }
         let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
         let length = (dx * dx + dy * dy).sqrt();
-        // What can lie inside of a very long segment is its part near the target.
+        // Of a very long segment, only the part near the target can be inside.
         let reach = f64::from(REACH) * 1.5;
         let (mut from, mut to) = (0.0, length);
         if length > 4.0 * reach {
@@ -91,34 +90,34 @@ impl EdgeGrid {
         }
     }
 
-    /// Whether a boundary may lie under a box around a place.
+    /// Whether a boundary may lie under a box with this centre.
     #[inline]
     pub fn is_near(&self, x: f32, y: f32) -> bool {
         let [i, j] = [(x + REACH) / COARSE, (y + REACH) / COARSE];
-        // Beyond the grid too: a long car may reach into it.
+        // Also for centres outside the grid, because a long vehicle may extend into it.
         let last = COARSE_CELLS as f32 - 1.0;
         let cell = i.clamp(0.0, last) as usize * COARSE_CELLS + j.clamp(0.0, last) as usize;
         self.near.get(cell).is_some_and(|near| *near)
     }
 
-    /// Whether a boundary passes through the cell of a place.
+    /// Whether a boundary passes through the cell of a position.
     #[inline]
     pub fn holds(&self, x: f32, y: f32) -> bool {
         cell(x, y)
             .is_some_and(|cell| self.bits.get(cell / 64).is_some_and(|bits| bits & (1 << (cell % 64)) != 0))
     }
 
-    /// What a target sees if left and right change places.
+    /// The grid of the mirrored scene.
     pub(super) fn mirrored(&self) -> Self {
         if self.bits.is_empty() {
             return self.clone();
         }
-        let mut twin = Self::blank(self.ring);
+        let mut mirror = Self::blank(self.ring);
         for cell in (0..CELLS * CELLS).filter(|cell| self.bits[cell / 64] & (1 << (cell % 64)) != 0) {
             let other = cell / CELLS * CELLS + (CELLS - 1 - cell % CELLS);
-            twin.set(other);
+            mirror.set(other);
         }
-        twin
+        mirror
     }
 }
 
@@ -136,7 +135,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn boundaries_are_where_they_are_drawn_and_mirror() {
+    fn boundaries_mark_their_cells_also_in_the_mirrored_grid() {
         let points = vec![[-3e6, 5.2, 0.0], [3e6, 5.2, 0.0]];
         let feature = MapFeature { id: "e".into(), kind: MapKind::EdgeBoundary, points: 0..2, lane: None };
         let index = SceneIndex::new(Arc::new(Map { points, features: vec![feature] }));

@@ -12,7 +12,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame at a place, with x along a heading.
+    /// The frame at an origin, with x along a heading.
     pub fn new(origin: Point, heading: f64) -> Self {
         let (sin, cos) = heading.sin_cos();
         Self { origin, heading, cos, sin }
@@ -28,19 +28,19 @@ impl Frame {
         self.heading
     }
 
-    /// A place of the world.
+    /// A position of the world in this frame.
     #[inline]
     pub fn to_local(&self, p: Point) -> Point {
         self.turn_to_local([p[0] - self.origin[0], p[1] - self.origin[1]])
     }
 
-    /// A direction of the world.
+    /// A direction of the world in this frame.
     #[inline]
     pub fn turn_to_local(&self, v: Point) -> Point {
         [self.cos * v[0] + self.sin * v[1], self.cos * v[1] - self.sin * v[0]]
     }
 
-    /// A local place in the world.
+    /// A local position in the world.
     #[inline]
     pub fn to_world(&self, p: Point) -> Point {
         [

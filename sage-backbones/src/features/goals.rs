@@ -1,4 +1,4 @@
-//! Goals: where the target could be after eight seconds, and what each would mean.
+//! Goals: possible positions of the target after 8 s, and their features.
 
 use sage_core::{
     geometry::Point,
@@ -12,22 +12,22 @@ use super::{
     wrap,
 };
 
-/// Numbers that describe a goal.
+/// Number of features of a goal.
 pub const GOAL_COLUMNS: usize = 28;
-/// Seconds until a goal is reached.
+/// Time to a goal, seconds.
 const T: f32 = HORIZON as f32 * DT as f32;
-/// Most goals; of more the ones that need the gentlest driving stay.
+/// Maximum number of goals, those of the least effort first.
 const MOST: usize = 4096;
-/// Greatest speed that goals are laid for, m/s.
+/// Speed limit for the extent of the goals, m/s.
 const FASTEST: f64 = 32.0;
 
-/// Where a few columns stand that others read.
+/// Indices of the goal columns that other modules read.
 #[derive(Clone, Copy, Debug)]
 #[repr(usize)]
 pub enum GoalColumn {
-    /// Acceleration that leads there straight on, units of 2 m/s².
+    /// Constant acceleration to the goal on a straight line, units of 2 m/s².
     StraightAcceleration = 5,
-    /// Acceleration across on the circle that leads there, units of 4 m/s².
+    /// Lateral acceleration on the circle to the goal, units of 4 m/s².
     LateralAcceleration = 10,
     /// 1 on a motor lane.
     OnLane = 11,
@@ -35,21 +35,21 @@ pub enum GoalColumn {
     LaneCos = 12,
     /// Direction of the lane, y.
     LaneSin = 13,
-    /// 1 on a lane that the target can get to.
+    /// 1 on a lane that the target can reach.
     Reachable = 16,
-    /// Acceleration along the road that leads there, units of 2 m/s².
+    /// Constant acceleration to the goal along the road, units of 2 m/s².
     RouteAcceleration = 18,
-    /// Lane changes on the way, units of 2.
+    /// Lane changes on the route, units of 2.
     Changes = 19,
     /// Distance left of the lane's middle, units of 2 m.
     LaneOffset = 20,
-    /// 1 if a red or yellow light lies on the way.
+    /// 1 if a red or yellow light lies on the route.
     RedLight = 21,
-    /// How far beyond its stop line, units of 10 m.
+    /// Distance beyond its stop line, units of 10 m.
     BeyondStop = 22,
 }
 
-/// Columns whose sign changes when left and right change places.
+/// Columns whose sign changes in the mirrored scene.
 pub(super) const SIGNED: &[usize] = &[1, 6, 7, 8, 10, 13, 14, 20];
 
 /// The goals of a target.
@@ -61,8 +61,8 @@ pub(super) struct Goals {
 }
 
 impl Goals {
-    /// Lattice points within reach on motor lanes, and a coarser lattice around the target and
-    /// along its straight way; beside them, where the target really went, if that is known.
+    /// Lattice points within reach on motor lanes, and a coarser lattice around the target and straight
+    /// ahead. `label` is the recorded end point, if requested; it gets a row too.
     pub(super) fn around(
         scene: &Scene,
         routes: &Routes,
@@ -74,17 +74,17 @@ impl Goals {
         let reach = Reach::of(speed);
         let mut grid = Grid::new([reach.back, -reach.side], [reach.front, reach.side]);
         grid.mark_lanes(scene, routes, frame);
-        let mut chosen: Vec<u32> = grid.marked().to_vec();
-        chosen.retain(|&cell| reach.holds(grid.point(cell as usize)));
-        let on_lanes = chosen.len();
-        chosen.extend(reach.open_ground(&grid, on_lanes == 0));
-        chosen.sort_unstable();
-        chosen.dedup();
-        let mut chosen: Vec<[i32; 2]> = chosen.into_iter().map(|cell| grid.point(cell as usize)).collect();
-        if chosen.len() > MOST {
-            chosen.sort_by(|a, b| effort(*a, speed).total_cmp(&effort(*b, speed)));
-            chosen.truncate(MOST);
-            chosen.sort_unstable();
+        let mut cells: Vec<u32> = grid.marked().to_vec();
+        cells.retain(|&cell| reach.holds(grid.point(cell as usize)));
+        let on_lanes = cells.len();
+        cells.extend(reach.off_lanes(&grid, on_lanes == 0));
+        cells.sort_unstable();
+        cells.dedup();
+        let mut lattice: Vec<[i32; 2]> = cells.into_iter().map(|cell| grid.point(cell as usize)).collect();
+        if lattice.len() > MOST {
+            lattice.sort_by(|a, b| effort(*a, speed).total_cmp(&effort(*b, speed)));
+            lattice.truncate(MOST);
+            lattice.sort_unstable();
         }
         let describe = Describe {
             scene,
@@ -94,33 +94,33 @@ impl Goals {
             leader: leader(scene, routes, &grid, frame),
         };
         let mut features =
-            Table { columns: GOAL_COLUMNS, values: Vec::with_capacity(chosen.len() * GOAL_COLUMNS) };
-        for point in &chosen {
-            let place = point.map(|k| k as f32 * CELL as f32);
-            features.values.extend_from_slice(&describe.row(place, grid.index(*point)));
+            Table { columns: GOAL_COLUMNS, values: Vec::with_capacity(lattice.len() * GOAL_COLUMNS) };
+        for point in &lattice {
+            let position = point.map(|k| k as f32 * CELL as f32);
+            features.values.extend_from_slice(&describe.row(position, grid.index(*point)));
         }
         let label = label.map(|end| {
             let [i, j] = end.map(|x| (f64::from(x) / CELL).round() as i32);
             (end, describe.row(end, grid.index([i, j])))
         });
-        let points = chosen.iter().map(|p| p.map(|x| x as f32 * CELL as f32)).collect();
+        let points = lattice.iter().map(|p| p.map(|x| x as f32 * CELL as f32)).collect();
         Self { points, features, on_lanes, label }
     }
 }
 
-/// What a car can reach in eight seconds, target frame, metres.
+/// Region that a vehicle can reach in 8 s, target frame, metres.
 struct Reach {
     back: f64,
     front: f64,
     side: f64,
-    /// Where it gets at its present speed.
+    /// Distance at the present speed.
     straight: f64,
 }
 
 impl Reach {
     fn of(speed: f64) -> Self {
         let straight = 8.0 * speed;
-        // The slower, the more can still change: bounds hold 99 % of recorded vehicles.
+        // The future of slow vehicles varies more. These bounds contain 99 % of recorded vehicles.
         let slow = (1.0 - speed / 6.0).max(0.0);
         Self {
             back: -16.0 - 20.0 * slow,
@@ -135,8 +135,8 @@ impl Reach {
         x.hypot(y) <= self.front && x >= self.back && y.abs() <= self.side
     }
 
-    /// Lattice points off the lanes that are goals all the same: a car may leave the mapped road.
-    fn open_ground(&self, grid: &Grid, without_lanes: bool) -> Vec<u32> {
+    /// Lattice points off the lanes that are goals too, because a vehicle may leave the mapped road.
+    fn off_lanes(&self, grid: &Grid, without_lanes: bool) -> Vec<u32> {
         let mut cells = Vec::new();
         let [cols, rows] = [self.front, self.side].map(|x| (x / CELL) as i32);
         for i in (self.back / CELL) as i32..=cols {
@@ -144,10 +144,10 @@ impl Reach {
                 let [x, y] = [f64::from(i) * CELL, f64::from(j) * CELL];
                 let squared = x * x + y * y;
                 let coarse = i % 2 == 0 && j % 2 == 0;
-                let near = squared <= 6.0 * 6.0 || (coarse && squared <= 28.0 * 28.0 && x >= -8.0);
+                let around = squared <= 6.0 * 6.0 || (coarse && squared <= 28.0 * 28.0 && x >= -8.0);
                 let along = coarse && y.abs() <= 4.0 && x > 0.0 && x <= 1.25 * self.straight + 8.0;
                 let wedge = without_lanes && coarse && x >= 0.0 && y.abs() <= 0.5 * x + 4.0;
-                if (near || along || wedge) && self.holds([i, j]) {
+                if (around || along || wedge) && self.holds([i, j]) {
                     cells.extend(grid.index([i, j]).map(|cell| cell as u32));
                 }
             }
@@ -156,28 +156,28 @@ impl Reach {
     }
 }
 
-/// How hard a car would have to drive to get to a goal, for comparison only.
+/// Effort to reach a goal: a measure for comparison only.
 fn effort([i, j]: [i32; 2], speed: f64) -> f64 {
     let [x, y] = [f64::from(i) * CELL, f64::from(j) * CELL];
     (x.hypot(y) - 8.0 * speed).abs() + 2.0 * y.abs()
 }
 
-/// The agent ahead on the target's way: distance along the road and speed.
+/// The nearest vehicle ahead on the target's route: distance along the road and speed.
 fn leader(scene: &Scene, routes: &Routes, grid: &Grid, frame: &Frame) -> Option<[f32; 2]> {
     let vehicles = scene.tracks.iter().filter(|t| t.kind == TrackKind::Vehicle && t.is_valid(NOW));
     let ahead = vehicles.filter_map(|track| {
-        let place: Point = frame.to_local(track.point(NOW));
-        let on = grid.at(place)?;
-        let way = routes.reach(on.lane as usize)?;
-        let distance = way.distance as f32 + on.along;
+        let position: Point = frame.to_local(track.point(NOW));
+        let on = grid.at(position)?;
+        let route = routes.reach(on.lane as usize)?;
+        let distance = route.distance as f32 + on.along;
         let along = frame.turn_to_local(track.velocity[NOW]).map(|v| v as f32);
         let speed = along[0] * on.direction[0] + along[1] * on.direction[1];
-        (way.changes == 0 && distance > 2.0).then_some([distance, speed])
+        (route.changes == 0 && distance > 2.0).then_some([distance, speed])
     });
     ahead.min_by(|a, b| a[0].total_cmp(&b[0]))
 }
 
-/// Writes the rows of goals.
+/// Computes the rows of goals.
 struct Describe<'a> {
     scene: &'a Scene,
     routes: &'a Routes,
@@ -192,7 +192,7 @@ impl Describe<'_> {
         let straight = v * T;
         let r = x.hypot(y);
         let bearing = y.atan2(x);
-        // The circle that leaves along x and passes through the goal.
+        // Curvature of the circle that starts along x and passes through the goal.
         let curvature = 2.0 * y / (r * r + 25.0);
         let mut f = [0.0; GOAL_COLUMNS];
         f[0] = x / 40.0;
@@ -209,12 +209,12 @@ impl Describe<'_> {
         if let Some(on) = cell.and_then(|cell| self.grid.cell(cell)) {
             self.lane(&mut f, on, bearing);
         }
-        // Standing still is a kind of its own.
+        // 1 at the present position, for standing vehicles.
         f[27] = (-r / 4.0).exp();
         f
     }
 
-    /// What is known of a goal through its lane.
+    /// Columns that depend on the goal's lane.
     fn lane(&self, f: &mut [f32; GOAL_COLUMNS], on: &OnLane, bearing: f32) {
         let v = self.speed;
         f[GoalColumn::OnLane as usize] = 1.0;
@@ -225,16 +225,16 @@ impl Describe<'_> {
         f[15] = turn.cos();
         f[20] = on.offset / 2.0;
         let feature = &self.scene.map.features[on.lane as usize];
-        let Some(way) = self.routes.reach(on.lane as usize) else { return };
-        let s = way.distance as f32 + on.along;
+        let Some(route) = self.routes.reach(on.lane as usize) else { return };
+        let s = route.distance as f32 + on.along;
         if s < -2.0 {
             return;
         }
         f[GoalColumn::Reachable as usize] = 1.0;
         f[17] = ((s - v * T) / 40.0).clamp(-6.0, 6.0);
         f[GoalColumn::RouteAcceleration as usize] = acceleration(s - v * T);
-        f[GoalColumn::Changes as usize] = f32::from(way.changes) / 2.0;
-        if let Some(stop) = way.stop {
+        f[GoalColumn::Changes as usize] = f32::from(route.changes) / 2.0;
+        if let Some(stop) = route.stop {
             let stop = stop as f32;
             f[21] = 1.0;
             f[22] = ((s - stop) / 10.0).clamp(-3.0, 3.0);
@@ -250,7 +250,7 @@ impl Describe<'_> {
     }
 }
 
-/// Steady acceleration that gains a distance in 8 s, units of 2 m/s², within ±4.
+/// Constant acceleration that adds a distance in 8 s, units of 2 m/s², within ±4.
 fn acceleration(gained: f32) -> f32 {
     (gained / (T * T)).clamp(-4.0, 4.0)
 }

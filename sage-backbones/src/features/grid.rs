@@ -1,4 +1,4 @@
-//! A lattice over the target's surroundings whose cells know the lane they lie on.
+//! A lattice around the target that stores the lane of each cell.
 
 use sage_core::{
     geometry::Point,
@@ -8,21 +8,21 @@ use sage_core::{
 use super::{Frame, Routes};
 use crate::nn::wide;
 
-/// Distance of neighbouring goals, metres.
+/// Spacing of the lattice, metres.
 pub const CELL: f64 = 2.0;
 /// A cell lies on a lane if its centre is within this distance of the centre line, metres.
 pub const LANE_REACH: f64 = 2.0;
-/// Distance of the places along a lane that cells are compared with, metres.
+/// Spacing of the points along a lane that are compared with cells, metres.
 const SPACING: f64 = 1.0;
-/// A lane that the target cannot get to is preferred only if it is nearer by this, metres squared.
+/// Added to the squared distance of lanes that the target cannot reach, metres squared.
 const DETOUR: f32 = 4.0;
 
-/// What a cell knows of its lane.
+/// A cell's position relative to its lane.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OnLane {
-    /// Rank among the lanes of a cell: squared distance, with a detour for unreachable ones.
+    /// Rank among the lanes of a cell: squared distance, plus [`DETOUR`] for unreachable lanes.
     rank: f32,
-    /// Map feature.
+    /// Index of the lane's map feature.
     pub lane: u32,
     /// Distance along the lane, metres.
     pub along: f32,
@@ -37,7 +37,7 @@ pub(super) struct Grid {
     min: [i32; 2],
     size: [i32; 2],
     cells: Vec<OnLane>,
-    /// Cells that lie on a lane, in the order they were found.
+    /// Cells that lie on a lane, in the order in which they were marked.
     marked: Vec<u32>,
 }
 
@@ -61,9 +61,9 @@ impl Grid {
         inside.then(|| a as usize * self.size[1] as usize + b as usize)
     }
 
-    /// The cell around a place, if it is inside.
-    pub(super) fn at(&self, place: Point) -> Option<&OnLane> {
-        let cell = self.index(place.map(|x| (x / CELL).round() as i32))?;
+    /// The cell around a position, if it is inside and on a lane.
+    pub(super) fn at(&self, position: Point) -> Option<&OnLane> {
+        let cell = self.index(position.map(|x| (x / CELL).round() as i32))?;
         Some(&self.cells[cell]).filter(|on| on.rank.is_finite())
     }
 
@@ -73,7 +73,7 @@ impl Grid {
         [self.min[0] + (index / columns) as i32, self.min[1] + (index % columns) as i32]
     }
 
-    /// What a cell knows of its lane.
+    /// A cell's position relative to its lane, if it is on one.
     pub(super) fn cell(&self, index: usize) -> Option<&OnLane> {
         Some(&self.cells[index]).filter(|on| on.rank.is_finite())
     }
@@ -103,7 +103,7 @@ impl Grid {
     fn mark_lane(&mut self, lane: usize, line: &[[f64; 3]], reachable: bool, frame: &Frame) {
         let Some(first) = line.first() else { return };
         let mut along = 0.0;
-        // From the start of a segment to the next place to look at.
+        // Distance from the start of a segment to the next point to mark.
         let mut next = 0.0;
         let mut a = frame.to_local([first[0], first[1]]);
         for point in &line[1..] {
@@ -115,8 +115,8 @@ impl Grid {
                 let (from, to) = self.within(a, b, direction, length);
                 let mut t = f64::max(next, from);
                 while t <= to {
-                    let place = [a[0] + t * direction[0], a[1] + t * direction[1]];
-                    self.mark(lane, place, along + t, direction, reachable);
+                    let point = [a[0] + t * direction[0], a[1] + t * direction[1]];
+                    self.mark(lane, point, along + t, direction, reachable);
                     t += SPACING;
                 }
                 next = (t - length).clamp(0.0, SPACING);
@@ -126,7 +126,8 @@ impl Grid {
         }
     }
 
-    /// The part of a straight stretch that lies over the lattice; an empty one if none does.
+    /// The part of a segment that lies over the lattice, metres from its start; an empty interval if none
+    /// does.
     #[inline(always)]
     fn within(&self, a: Point, b: Point, direction: Point, length: f64) -> (f64, f64) {
         let mut part = (0.0_f64, length);
@@ -150,19 +151,19 @@ impl Grid {
     }
 
     #[inline(always)]
-    fn mark(&mut self, lane: usize, place: Point, along: f64, direction: Point, reachable: bool) {
-        // What of the lattice lies within reach; nothing, where the last comes before the first.
+    fn mark(&mut self, lane: usize, point: Point, along: f64, direction: Point, reachable: bool) {
+        // Lattice points within reach; none if `last` is less than `first`.
         let [first, last] = [
-            [0, 1].map(|k| (((place[k] - LANE_REACH) / CELL).ceil() as i32 - self.min[k]).max(0)),
+            [0, 1].map(|k| (((point[k] - LANE_REACH) / CELL).ceil() as i32 - self.min[k]).max(0)),
             [0, 1].map(|k| {
-                (((place[k] + LANE_REACH) / CELL).floor() as i32 - self.min[k]).min(self.size[k] - 1)
+                (((point[k] + LANE_REACH) / CELL).floor() as i32 - self.min[k]).min(self.size[k] - 1)
             }),
         ];
         let base = if reachable { 0.0 } else { DETOUR };
         for i in first[0]..=last[0] {
-            let x = f64::from(self.min[0] + i) * CELL - place[0];
+            let x = f64::from(self.min[0] + i) * CELL - point[0];
             for j in first[1]..=last[1] {
-                let y = f64::from(self.min[1] + j) * CELL - place[1];
+                let y = f64::from(self.min[1] + j) * CELL - point[1];
                 let squared = (x * x + y * y) as f32;
                 let index = i as usize * self.size[1] as usize + j as usize;
                 let cell = &mut self.cells[index];

@@ -1,34 +1,35 @@
-//! Rows of the map: lanes, lines, edges and areas in short pieces, the nearest to where the target
-//! is heading.
+//! Rows of the map: lanes, lines, edges and areas as short polylines, the nearest to the target's straight
+//! extrapolation first.
 
 use sage_core::scene::{LightState, MapKind, Scene, SceneIndex};
 
 use super::{Frame, Routes, Table, VECTOR_COLUMNS};
 
-/// Most pieces that are looked at.
-const PIECES: usize = 128;
-/// Rows of a piece.
+/// Maximum number of polylines, the nearest first.
+const POLYLINES: usize = 128;
+/// Maximum number of rows of a polyline.
 const ROWS: usize = 5;
-/// Length of a row's stretch, metres.
-const STRETCH: f64 = 4.0;
-/// Pieces farther from the target's way than this are not looked at, metres.
+/// Least length of a row's segment, metres; the last segment of a feature may be shorter.
+const SEGMENT: f64 = 4.0;
+/// Polylines farther from the target's straight extrapolation than this are left out, metres.
 const REACH: f64 = 150.0;
-/// Seconds of straight driving that count as the way.
+/// Duration of the straight extrapolation, seconds.
 const AHEAD: f64 = 6.0;
 
-/// Columns whose sign changes when left and right change places, agents' rows included.
+/// Columns whose sign changes in the mirrored scene, agents' rows included.
 pub(super) const SIGNED: [usize; 4] = [1, 3, 5, 29];
 
-/// One stretch of a line.
-struct Piece {
+/// A short part of a map feature.
+struct Polyline {
+    /// Distance to the target's straight extrapolation, metres.
     rank: f64,
     feature: usize,
-    /// Points along it, target frame, with the distance from the line's start; the first `count` of them.
+    /// The first `count` are its points, target frame, each with the distance from the feature's start.
     points: [[f64; 3]; ROWS + 1],
     count: usize,
 }
 
-/// Appends the rows of the pieces and the number of rows of each.
+/// Appends the rows of the polylines and the number of rows of each.
 pub(super) fn append(
     scene: &Scene,
     index: &SceneIndex,
@@ -39,40 +40,47 @@ pub(super) fn append(
     lengths: &mut Vec<usize>,
 ) {
     let ahead = (AHEAD * f64::from(speed)).clamp(0.0, REACH);
-    let mut pieces = Vec::with_capacity(256);
+    let mut polylines = Vec::with_capacity(256);
     for (feature, part) in scene.map.features.iter().enumerate() {
         if column(&part.kind).is_some() {
             let along = &index.along()[part.points.clone()];
-            cut(scene.map.points_of(part), along, feature, frame, ahead, &mut pieces);
+            cut(scene.map.points_of(part), along, feature, frame, ahead, &mut polylines);
         }
     }
-    // Stable among equals: the order of the file.
-    let mut order: Vec<&Piece> = pieces.iter().collect();
+    // A stable sort: polylines of equal rank stay in the order of the file.
+    let mut order: Vec<&Polyline> = polylines.iter().collect();
     order.sort_by(|a, b| a.rank.total_cmp(&b.rank));
-    for piece in order.into_iter().take(PIECES) {
-        lengths.push(write(scene, routes, piece, vectors));
+    for polyline in order.into_iter().take(POLYLINES) {
+        lengths.push(write(scene, routes, polyline, vectors));
     }
 }
 
-/// Cuts a polyline, given with the distances along it, into pieces of [`ROWS`] stretches and keeps those
-/// within [`REACH`].
-fn cut(line: &[[f64; 3]], along: &[f64], feature: usize, frame: &Frame, ahead: f64, pieces: &mut Vec<Piece>) {
+/// Cuts the line of a map feature, given with the distances along it, into polylines of up to [`ROWS`]
+/// segments. Keeps those within [`REACH`].
+fn cut(
+    line: &[[f64; 3]],
+    along: &[f64],
+    feature: usize,
+    frame: &Frame,
+    ahead: f64,
+    polylines: &mut Vec<Polyline>,
+) {
     let (mut points, mut count) = ([[0.0; 3]; ROWS + 1], 0);
-    let mut last_kept = 0.0;
+    let mut last = 0.0;
     let mut push = |points: [[f64; 3]; ROWS + 1], count: usize| {
-        let rank = points[..count].iter().map(|p| from_way(p, ahead)).fold(f64::INFINITY, f64::min);
+        let rank = points[..count].iter().map(|p| from_extrapolation(p, ahead)).fold(f64::INFINITY, f64::min);
         if rank < REACH {
-            pieces.push(Piece { rank, feature, points, count });
+            polylines.push(Polyline { rank, feature, points, count });
         }
     };
     for (k, (point, &along)) in line.iter().zip(along).enumerate() {
-        if k > 0 && k + 1 < line.len() && along - last_kept < STRETCH {
+        if k > 0 && k + 1 < line.len() && along - last < SEGMENT {
             continue;
         }
         let [x, y] = frame.to_local([point[0], point[1]]);
         points[count] = [x, y, along];
         count += 1;
-        last_kept = along;
+        last = along;
         if count == ROWS + 1 {
             push(points, count);
             (points[0], count) = (points[ROWS], 1);
@@ -83,13 +91,13 @@ fn cut(line: &[[f64; 3]], along: &[f64], feature: usize, frame: &Frame, ahead: f
     }
 }
 
-/// Distance to the straight way ahead.
-fn from_way(p: &[f64; 3], ahead: f64) -> f64 {
+/// Distance to the target's straight extrapolation, which ends at x = `ahead`.
+fn from_extrapolation(p: &[f64; 3], ahead: f64) -> f64 {
     let dx = p[0] - p[0].clamp(0.0, ahead);
     (dx * dx + p[1] * p[1]).sqrt()
 }
 
-/// Column of a kind; kinds without one are not looked at.
+/// Column of a kind; kinds without a column are left out.
 fn column(kind: &MapKind) -> Option<usize> {
     Some(match kind {
         kind if kind.is_motor_lane() => 15,
@@ -103,12 +111,12 @@ fn column(kind: &MapKind) -> Option<usize> {
     })
 }
 
-/// Writes the rows of a piece; returns how many.
-fn write(scene: &Scene, routes: &Routes, piece: &Piece, vectors: &mut Table) -> usize {
-    let part = &scene.map.features[piece.feature];
-    let single = [piece.points[0], piece.points[0]];
-    let pairs = if piece.count == 1 { &single } else { &piece.points[..piece.count] };
-    let light = routes.light(piece.feature);
+/// Writes the rows of a polyline; returns their number.
+fn write(scene: &Scene, routes: &Routes, polyline: &Polyline, vectors: &mut Table) -> usize {
+    let part = &scene.map.features[polyline.feature];
+    let single = [polyline.points[0], polyline.points[0]];
+    let pairs = if polyline.count == 1 { &single } else { &polyline.points[..polyline.count] };
+    let light = routes.light(polyline.feature);
     for (k, pair) in pairs.windows(2).enumerate() {
         let [a, b] = [pair[0], pair[1]];
         let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
@@ -131,10 +139,10 @@ fn write(scene: &Scene, routes: &Routes, piece: &Piece, vectors: &mut Table) -> 
             row[25] = (limit / 20.0).clamp(0.0, 4.0) as f32;
         }
         row[26] = k as f32 / ROWS as f32;
-        if let Some(way) = routes.reach(piece.feature) {
+        if let Some(route) = routes.reach(polyline.feature) {
             row[27] = 1.0;
-            row[30] = ((way.distance + a[2]) / 40.0).clamp(-4.0, 8.0) as f32;
-            row[31] = f32::from(way.changes) / 2.0;
+            row[30] = ((route.distance + a[2]) / 40.0).clamp(-4.0, 8.0) as f32;
+            row[31] = f32::from(route.changes) / 2.0;
         }
         row[28] = (b[0] / 40.0) as f32;
         row[29] = (b[1] / 40.0) as f32;

@@ -1,5 +1,5 @@
-//! Which lanes the target can drive to, how far they are along the road, and which red lights lie
-//! on the way.
+//! Routes over the lane graph: which lanes the target can reach, at which distance along the road, and past
+//! which red lights.
 
 use std::{
     cmp::Ordering,
@@ -12,55 +12,56 @@ use sage_core::{
     scene::{LightState, Map, Neighbor, Scene, SceneIndex},
 };
 
-/// A lane belongs to the target's start if it passes within this distance, metres.
+/// A route can start on a lane within this distance of the target, metres.
 const BESIDE: f64 = 2.5;
-/// If none does, the nearest within this distance is taken, metres.
+/// Without such a lane, routes start on the nearest lane within this distance, metres.
 const SEARCH: f64 = 6.0;
-/// Largest turn between the target and a lane that it starts on, radians.
+/// Maximum angle between the target and a lane on which a route starts, radians.
 const ALIGNED: f64 = 1.0;
-/// Most lane changes on a way.
+/// Maximum number of lane changes on a route.
 const CHANGES: u8 = 2;
-/// A lane change counts as so many metres when ways are compared.
+/// Cost of a lane change when routes are compared, metres.
 const CHANGE_COST: f64 = 15.0;
-/// Ways longer than this are not followed, metres.
+/// Maximum length of a route, metres.
 const LONGEST: f64 = 350.0;
 
-/// How the target gets to a lane.
+/// The cheapest route of the target to a lane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reach {
     /// Distance along the road from the target to the lane's start, metres; negative on the lanes
-    /// that it starts on.
+    /// on which routes start.
     pub distance: f64,
-    /// Lane changes on the way.
+    /// Lane changes on the route.
     pub changes: u8,
     /// Distance along the road to the first stop line whose light is red or yellow, metres.
     pub stop: Option<f64>,
 }
 
-/// Ways from the target over the graph of lanes.
+/// Routes from the target over the lane graph.
 #[derive(Clone, Debug)]
 pub struct Routes {
     reach: Vec<Option<Reach>>,
     lights: Vec<Option<LightState>>,
 }
 
-/// What the search looks up, each built in one pass over the map.
+/// Input tables of the search, each built in one pass over the map.
 struct Roads<'s> {
     map: &'s Map,
     /// Distance along its lane of each point of the map, metres.
     along: &'s [f64],
-    /// Where the stop line of a lane whose light is red or yellow lies along it, metres.
+    /// Distance of the stop line along each lane whose light is red or yellow, metres.
     stops: Vec<Option<f64>>,
 }
 
+/// An entry of the search's heap: a route to a lane.
 struct Step {
     cost: f64,
     lane: usize,
-    way: Reach,
+    route: Reach,
 }
 
 impl Ord for Step {
-    // The heap gives the largest first; we want the cheapest.
+    // The heap returns the largest entry first, so the order of costs is reversed.
     fn cmp(&self, other: &Self) -> Ordering {
         other.cost.total_cmp(&self.cost).then(other.lane.cmp(&self.lane))
     }
@@ -78,37 +79,38 @@ impl PartialEq for Step {
 impl Eq for Step {}
 
 impl Routes {
-    /// Ways from a place with a heading (cheapest first, over exits and neighbours).
+    /// Routes from a position with a heading, by a search over exits and neighbours, the cheapest route
+    /// first.
     pub fn from(scene: &Scene, index: &SceneIndex, position: Point, heading: f64) -> Self {
         let lights = lights(scene);
         let roads = Roads::new(scene, index, &lights);
         let mut reach: Vec<Option<Reach>> = vec![None; scene.map.features.len()];
         let mut heap = BinaryHeap::new();
         for (lane, along) in roads.starts(index, position, heading) {
-            let way = roads.way(lane, -along, 0, None);
-            heap.push(Step { cost: -along, lane, way });
+            let route = roads.route(lane, -along, 0, None);
+            heap.push(Step { cost: -along, lane, route });
         }
-        while let Some(Step { lane, way, .. }) = heap.pop() {
+        while let Some(Step { lane, route, .. }) = heap.pop() {
             if reach[lane].is_none() {
-                reach[lane] = Some(way);
-                roads.go_on(lane, way, &reach, &mut heap);
+                reach[lane] = Some(route);
+                roads.expand(lane, route, &reach, &mut heap);
             }
         }
         Self { reach, lights: lights.into_iter().map(|light| light.map(|(_, state)| state)).collect() }
     }
 
-    /// How the target gets to a map feature, if it is a lane that it can get to.
+    /// Route of the target to a map feature; `None` if that is not a lane that the target can reach.
     pub fn reach(&self, feature: usize) -> Option<&Reach> {
         self.reach[feature].as_ref()
     }
 
-    /// What the light over a map feature shows *now*.
+    /// State *now* of the traffic light of a map feature.
     pub fn light(&self, feature: usize) -> Option<LightState> {
         self.lights[feature]
     }
 }
 
-/// For each map feature the light over it and what that shows now.
+/// For each map feature, its traffic light and the state of that light *now*.
 fn lights(scene: &Scene) -> Vec<Option<(usize, LightState)>> {
     let shown: HashMap<&str, (usize, LightState)> = scene
         .lights
@@ -135,50 +137,50 @@ impl<'s> Roads<'s> {
         roads
     }
 
-    /// Distance along a lane of its point of an index, the last one for indices beyond, metres.
+    /// Distance along a lane of its point of this index, metres; of its last point for larger indices.
     fn arc(&self, lane: usize, point: usize) -> f64 {
         let points = &self.map.features[lane].points;
         if points.is_empty() { 0.0 } else { self.along[points.start + point.min(points.len() - 1)] }
     }
 
-    /// Distance along a lane of its point nearest to a place, metres.
-    fn project(&self, lane: usize, place: Point) -> f64 {
+    /// Distance along a lane of its point nearest to a position, metres.
+    fn project(&self, lane: usize, position: Point) -> f64 {
         let points = self.map.points_of(&self.map.features[lane]);
-        let gap = |p: &[f64; 3]| distance([p[0], p[1]], place);
+        let gap = |p: &[f64; 3]| distance([p[0], p[1]], position);
         let nearest = (0..points.len()).min_by(|a, b| gap(&points[*a]).total_cmp(&gap(&points[*b])));
         nearest.map_or(0.0, |k| self.arc(lane, k))
     }
 
-    /// The way to a lane that starts at a distance, with the stop line met before it, if any. A stop
-    /// line that lies behind the target stops nobody.
-    fn way(&self, lane: usize, distance: f64, changes: u8, stop: Option<f64>) -> Reach {
+    /// The route to a lane that starts at a distance. `stop` is the first stop line before the lane, if any.
+    /// Stop lines behind the target are left out.
+    fn route(&self, lane: usize, distance: f64, changes: u8, stop: Option<f64>) -> Reach {
         let own = || self.stops[lane].map(|along| distance + along).filter(|stop| *stop >= 0.0);
         Reach { distance, changes, stop: stop.or_else(own) }
     }
 
     /// Pushes the lanes that follow a lane or lie beside it.
-    fn go_on(&self, lane: usize, way: Reach, reach: &[Option<Reach>], heap: &mut BinaryHeap<Step>) {
+    fn expand(&self, lane: usize, route: Reach, reach: &[Option<Reach>], heap: &mut BinaryHeap<Step>) {
         let Some(links) = self.map.features[lane].lane.as_deref() else { return };
         let mut push = |lane: usize, distance: f64, changes: u8| {
             let known = self.map.features.get(lane).is_some_and(|f| f.kind.is_motor_lane());
             if known && distance <= LONGEST && reach[lane].is_none() {
                 let cost = distance + f64::from(changes) * CHANGE_COST;
-                heap.push(Step { cost, lane, way: self.way(lane, distance, changes, way.stop) });
+                heap.push(Step { cost, lane, route: self.route(lane, distance, changes, route.stop) });
             }
         };
         for &exit in &links.exits {
-            push(exit, way.distance + self.arc(lane, usize::MAX), way.changes);
+            push(exit, route.distance + self.arc(lane, usize::MAX), route.changes);
         }
-        if way.changes == CHANGES {
+        if route.changes == CHANGES {
             return;
         }
-        for Neighbor { lane: other, own, other: stretch } in links.neighbors.iter().flatten() {
-            // Sources that list ids alone leave the stretch at 0: it is the whole lane then.
+        for Neighbor { lane: other, own, other: range } in links.neighbors.iter().flatten() {
+            // Sources that list only ids leave the range of points at 0. The range is then the whole lane.
             let end = if own[1] == 0 { usize::MAX } else { own[1] };
-            // The whole stretch may lie behind the target.
-            if way.distance + self.arc(lane, end) > 0.0 {
-                let shift = self.arc(lane, own[0]) - self.arc(*other, stretch[0]);
-                push(*other, way.distance + shift, way.changes + 1);
+            // The whole range may lie behind the target.
+            if route.distance + self.arc(lane, end) > 0.0 {
+                let shift = self.arc(lane, own[0]) - self.arc(*other, range[0]);
+                push(*other, route.distance + shift, route.changes + 1);
             }
         }
     }
@@ -199,10 +201,10 @@ impl<'s> Roads<'s> {
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let limit = found.first().map_or(0.0, |nearest| BESIDE.max(nearest.0));
-        let mut seen = HashSet::new();
+        let mut visited = HashSet::new();
         found
             .into_iter()
-            .filter(|(gap, k, _)| *gap <= limit && seen.insert(segments[*k].feature))
+            .filter(|(gap, k, _)| *gap <= limit && visited.insert(segments[*k].feature))
             .map(|(_, k, share)| {
                 let lane = segments[k].feature as usize;
                 (lane, self.project(lane, segments[k].a) + share * distance(segments[k].a, segments[k].b))

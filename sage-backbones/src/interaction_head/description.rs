@@ -12,36 +12,38 @@ use crate::{
     nn::wide,
 };
 
-/// Points along a car's centre line that are tested for a road edge, shares of half its length.
+/// Points along the centre line of the target's box that are tested for a road edge, as shares of half its
+/// length.
 const ALONG: [f32; 3] = [-0.9, 0.0, 0.9];
-/// Positions relative to the ego's likeliest mode: every second forecast step.
+/// Number of positions relative to the ego's likeliest mode: one at every second forecast step.
 const POSITIONS: usize = FORECAST_STEPS / 2;
-/// Inputs of the head.
+/// Number of inputs of the head.
 pub(super) const COLUMNS: usize = 2 * POSITIONS + 27;
 /// Seconds between forecast steps.
 const SPAN: f32 = STRIDE as f32 * 0.1;
 
-/// Input rows of trajectories, given by their points at the forecast steps (n, 20, 2), target frame. None
-/// without an ego, for instance if the ego is the target.
+/// Input rows of trajectories; `None` without an ego forecast, for instance if the ego is the target.
+///
+/// *Shapes*: `points` (n, 20, 2) at the forecast steps, target frame; result (n, columns).
 pub(crate) fn describe(points: &Tensor, features: &Features) -> Result<Option<Tensor>> {
     if features.agent_forecasts.ego.is_empty() {
         return Ok(None);
     }
     let n = points.dim(0)?;
     let numbers = points.to_dtype(candle_core::DType::F32)?.flatten_all()?.to_vec1::<f32>()?;
-    let paths = numbers.as_chunks::<2>().0.as_chunks::<FORECAST_STEPS>().0;
+    let trajectories = numbers.as_chunks::<2>().0.as_chunks::<FORECAST_STEPS>().0;
     let table = |modes: &[_]| modes.iter().map(Boxes::of).collect::<Vec<_>>();
     let (ego, others) = (table(&features.agent_forecasts.ego), table(&features.agent_forecasts.others));
     let mut rows = vec![0.0; n * COLUMNS];
     wide(
         #[inline(always)]
         || {
-            for (paths, rows) in paths.chunks(LANES).zip(rows.chunks_mut(LANES * COLUMNS)) {
-                let own = TrajectoryBatch::along(paths, features.half);
+            for (batch, rows) in trajectories.chunks(LANES).zip(rows.chunks_mut(LANES * COLUMNS)) {
+                let own = TrajectoryBatch::along(batch, features.half);
                 let mut columns = Columns { values: [[0.0; LANES]; COLUMNS], filled: 0 };
-                towards_ego(&own, &ego, features.speed(), &mut columns);
-                towards_others(&own, &others, &mut columns);
-                of_itself(&own, features, &mut columns);
+                push_ego(&own, &ego, features.speed(), &mut columns);
+                push_others(&own, &others, &mut columns);
+                push_own(&own, features, &mut columns);
                 columns.write(rows);
             }
         },
@@ -62,7 +64,7 @@ impl Columns {
         self.filled += N;
     }
 
-    /// As rows, one a trajectory.
+    /// Writes one row per trajectory.
     #[inline(always)]
     fn write(&self, rows: &mut [f32]) {
         debug_assert_eq!(self.filled, COLUMNS);
@@ -74,15 +76,15 @@ impl Columns {
     }
 }
 
-/// Share of the forecast steps after a step.
+/// Share of the forecast steps that come after a step.
 #[inline(always)]
 fn early(step: f32) -> f32 {
     1.0 - (step + 1.0) / NEVER
 }
 
-/// Position relative to the ego's likeliest mode; probability, time and kind of contact with the ego.
+/// Columns of the ego: position relative to its likeliest mode, gaps, and probability and time of contact.
 #[inline(always)]
-fn towards_ego(own: &TrajectoryBatch, ego: &[Boxes], speed: f32, out: &mut Columns) {
+fn push_ego(own: &TrajectoryBatch, ego: &[Boxes], speed: f32, out: &mut Columns) {
     let likeliest = &ego[0];
     for k in (1..FORECAST_STEPS).step_by(2) {
         out.push([
@@ -90,23 +92,23 @@ fn towards_ego(own: &TrajectoryBatch, ego: &[Boxes], speed: f32, out: &mut Colum
             lanes(|l| signed_root(own.y[k][l] - likeliest.y[k])),
         ]);
     }
-    let [mut hit, mut near, mut soon] = [[0.0; LANES]; 3];
+    let [mut hit, mut proximity, mut soon] = [[0.0; LANES]; 3];
     let first = own.clearance(likeliest);
     let (mut gap, mut nearest) = (first.gap, first.nearest);
     for (k, mode) in ego.iter().enumerate() {
         let here = if k == 0 { first } else { own.clearance(mode) };
         for l in 0..LANES {
-            near[l] += mode.weight / (1.0 + greater(here.gap[l], 0.0));
-            let meets = here.touch[l] < NEVER;
-            hit[l] += if meets { mode.weight } else { 0.0 };
-            soon[l] += if meets { mode.weight * early(here.touch[l]) } else { 0.0 };
+            proximity[l] += mode.weight / (1.0 + greater(here.gap[l], 0.0));
+            let touches = here.touch[l] < NEVER;
+            hit[l] += if touches { mode.weight } else { 0.0 };
+            soon[l] += if touches { mode.weight * early(here.touch[l]) } else { 0.0 };
             nearest[l] = if here.gap[l] < gap[l] { here.nearest[l] } else { nearest[l] };
             gap[l] = less(gap[l], here.gap[l]);
         }
     }
     out.push([
         hit.map(|hit| 2.0 * hit),
-        near.map(|near| 2.0 * near),
+        proximity.map(|proximity| 2.0 * proximity),
         soon.map(|soon| 2.0 * soon),
         gap.map(signed_root),
         nearest.map(early),
@@ -114,12 +116,13 @@ fn towards_ego(own: &TrajectoryBatch, ego: &[Boxes], speed: f32, out: &mut Colum
         first.touch.map(|touch| if touch < NEVER { 1.0 } else { 0.0 }),
         first.nearest.map(early),
     ]);
-    as_they_meet(own, likeliest, &first, speed, out);
+    push_closest(own, likeliest, &first, speed, out);
 }
 
-/// Velocities where the trajectory and the ego's likeliest mode are nearest, and mean speed.
+/// Columns of the step at which the trajectory and the ego's likeliest mode are nearest: their velocities;
+/// and the mean speed of the trajectory.
 #[inline(always)]
-fn as_they_meet(own: &TrajectoryBatch, likeliest: &Boxes, first: &Clearance, speed: f32, out: &mut Columns) {
+fn push_closest(own: &TrajectoryBatch, likeliest: &Boxes, first: &Clearance, speed: f32, out: &mut Columns) {
     let mut columns = [[0.0; LANES]; 4];
     for (l, nearest) in first.nearest.iter().enumerate() {
         let to = (*nearest as usize).max(1);
@@ -136,9 +139,9 @@ fn as_they_meet(own: &TrajectoryBatch, likeliest: &Boxes, first: &Clearance, spe
     out.push(columns);
 }
 
-/// Clearance to standing and to moving agents; probability and time of contact.
+/// Columns of the standing and of the moving agents: clearance, and probability and time of contact.
 #[inline(always)]
-fn towards_others(own: &TrajectoryBatch, others: &[Boxes], out: &mut Columns) {
+fn push_others(own: &TrajectoryBatch, others: &[Boxes], out: &mut Columns) {
     for stands in [true, false] {
         let [mut gap, mut free, mut soonest] = [[FAR; LANES], [1.0; LANES], [0.0; LANES]];
         for mode in others.iter().filter(|mode| mode.stands == stands) {
@@ -159,13 +162,13 @@ fn towards_others(own: &TrajectoryBatch, others: &[Boxes], out: &mut Columns) {
     }
 }
 
-/// Contact with a road edge, and kinematics.
+/// Columns of the trajectory alone: contact with a road edge, and kinematics.
 #[inline(always)]
-fn of_itself(own: &TrajectoryBatch, features: &Features, out: &mut Columns) {
+fn push_own(own: &TrajectoryBatch, features: &Features, out: &mut Columns) {
     let [mut last_x, mut last_y, mut last_cos, mut last_sin] =
         [[0.0; LANES], [0.0; LANES], [1.0; LANES], [0.0; LANES]];
     let mut speed = [features.speed(); LANES];
-    let [mut brake, mut gain, mut across, mut turned, mut restless] = [[0.0; LANES]; 5];
+    let [mut brake, mut gain, mut across, mut turned, mut winding] = [[0.0; LANES]; 5];
     let mut edge = [NEVER; LANES];
     for step in 0..FORECAST_STEPS {
         let (x, y, cos, sin) = (&own.x[step], &own.y[step], &own.cos[step], &own.sin[step]);
@@ -177,12 +180,13 @@ fn of_itself(own: &TrajectoryBatch, features: &Features, out: &mut Columns) {
             gain[l] = greater(gain[l], acceleration);
             let turn_sin = last_cos[l] * sin[l] - last_sin[l] * cos[l];
             let turn_cos = last_cos[l] * cos[l] + last_sin[l] * sin[l];
-            // The turn of one step is small: two terms of the arc sine do; a quarter turn is the most.
+            // The turn of one step is small, so two terms of the arc sine suffice. It is at most a quarter
+            // turn.
             let small = turn_sin.abs() * (1.0 + turn_sin * turn_sin / 6.0);
             let turn = if turn_cos > 0.0 { small } else { FRAC_PI_2 };
             across[l] = greater(across[l], turn / SPAN * now);
             turned[l] += turn;
-            restless[l] += turn / SPAN / (now + 0.5);
+            winding[l] += turn / SPAN / (now + 0.5);
             speed[l] = now;
         }
         for (l, edge) in edge.iter_mut().enumerate() {
@@ -200,7 +204,7 @@ fn of_itself(own: &TrajectoryBatch, features: &Features, out: &mut Columns) {
         share(gain, 4.0),
         share(across, 4.0),
         share(turned, 2.0),
-        share(restless, 4.0),
+        share(winding, 4.0),
     ]);
 }
 

@@ -1,27 +1,27 @@
-//! Clearance of eight trajectories at a time to an agent's forecast: each operation works on eight numbers,
-//! one vector register.
+//! Clearance of eight trajectories at a time to an agent's forecast. Each operation works on eight numbers,
+//! as many as one vector register holds.
 
 use crate::features::{FORECAST_STEPS, ForecastMode};
 
 /// Trajectories in a batch.
 pub(super) const LANES: usize = 8;
-/// A number a trajectory.
+/// One number per trajectory of a batch.
 pub(super) type Lanes = [f32; LANES];
 
-/// Larger gaps count as this, metres.
+/// Upper limit of a gap, metres.
 pub(super) const FAR: f32 = 10.0;
-/// In place of a step where boxes never overlap.
+/// Step of the first contact if boxes never overlap.
 pub(super) const NEVER: f32 = FORECAST_STEPS as f32;
-/// A step of no more than this keeps the heading, metres squared: 5 cm.
+/// Displacements up to this size do not change the heading, metres squared (5 cm).
 const STEP_SQUARED: f32 = 0.0025;
 
-/// A number for each trajectory.
+/// One number for each trajectory, by a function of its index.
 #[inline(always)]
 pub(super) fn lanes(of: impl FnMut(usize) -> f32) -> Lanes {
     std::array::from_fn(of)
 }
 
-// These two take the first where the other is NaN, as one instruction does.
+// Both functions return `a` if `b` is NaN, as the machine instruction does.
 #[inline(always)]
 pub(super) fn less(a: f32, b: f32) -> f32 {
     if b < a { b } else { a }
@@ -82,7 +82,7 @@ impl Clearance {
     const OPEN: Self = Self { gap: [FAR; LANES], nearest: [NEVER - 1.0; LANES], touch: [NEVER; LANES] };
 }
 
-/// A car's boxes along eight trajectories from the origin.
+/// The target's boxes along eight trajectories from the origin.
 pub(super) struct TrajectoryBatch {
     half: [f32; 2],
     reach: f32,
@@ -95,9 +95,9 @@ pub(super) struct TrajectoryBatch {
 }
 
 impl TrajectoryBatch {
-    /// Of up to eight trajectories; the last one fills the batch.
+    /// A batch of up to eight trajectories; copies of the last one fill the batch.
     #[inline(always)]
-    pub(super) fn along(paths: &[[[f32; 2]; FORECAST_STEPS]], half: [f32; 2]) -> Self {
+    pub(super) fn along(trajectories: &[[[f32; 2]; FORECAST_STEPS]], half: [f32; 2]) -> Self {
         let zero = [[0.0; LANES]; FORECAST_STEPS];
         let mut own = Self {
             half,
@@ -109,7 +109,7 @@ impl TrajectoryBatch {
             bounds: [0.0; 4],
         };
         for lane in 0..LANES {
-            for (step, [x, y]) in paths[lane.min(paths.len() - 1)].iter().enumerate() {
+            for (step, [x, y]) in trajectories[lane.min(trajectories.len() - 1)].iter().enumerate() {
                 (own.x[step][lane], own.y[step][lane]) = (*x, *y);
             }
         }
@@ -139,7 +139,7 @@ impl TrajectoryBatch {
         own
     }
 
-    /// Gaps to an agent's boxes by separating axes: exact where they overlap.
+    /// Gaps to an agent's boxes by separating axes; exact where boxes overlap.
     #[inline(always)]
     pub(super) fn clearance(&self, other: &Boxes) -> Clearance {
         let ([hl, hw], [ol, ow]) = (self.half, other.half);
@@ -178,7 +178,7 @@ impl TrajectoryBatch {
                 touch[l] = if here < 0.0 { less(touch[l], step) } else { touch[l] };
             }
         }
-        // Far trajectories get the same result whatever else is in the batch.
+        // The result of a far trajectory must not depend on the other trajectories of the batch.
         let is_open = squared.map(|squared| squared > apart * apart);
         Clearance {
             gap: lanes(|l| if is_open[l] { FAR } else { less(gap[l], FAR) }),
@@ -196,7 +196,7 @@ mod tests {
     const HALF: [f32; 2] = [2.4, 1.0];
 
     /// A winding trajectory from the origin.
-    fn path(rng: &mut Rng) -> [[f32; 2]; FORECAST_STEPS] {
+    fn trajectory(rng: &mut Rng) -> [[f32; 2]; FORECAST_STEPS] {
         let (mut at, mut heading) = ([0.0, 0.0], rng.uniform(-3.0, 3.0));
         let (speed, turn) = (rng.uniform(0.0, 6.0), rng.uniform(-0.3, 0.3));
         std::array::from_fn(|_| {
@@ -207,9 +207,9 @@ mod tests {
     }
 
     fn mode(rng: &mut Rng) -> ForecastMode {
-        let places = path(rng);
+        let points = trajectory(rng);
         let from = [rng.uniform(-30.0, 30.0) as f32, rng.uniform(-30.0, 30.0) as f32];
-        let poses = places.map(|[x, y]| {
+        let poses = points.map(|[x, y]| {
             let (sin, cos) = (rng.uniform(-3.0, 3.0) as f32).sin_cos();
             [x + from[0], y + from[1], cos, sin]
         });
@@ -226,12 +226,12 @@ mod tests {
     }
 
     #[test]
-    fn boxes_touch_when_the_boxes_of_scoring_do() {
+    fn boxes_touch_exactly_if_the_boxes_of_the_objectives_intersect() {
         let mut rng = Rng::new(1, "eight", "touch");
         let (mut touching, mut open) = (0, 0);
         for _ in 0..400 {
-            let paths: [_; LANES] = std::array::from_fn(|_| path(&mut rng));
-            let (own, mode) = (TrajectoryBatch::along(&paths, HALF), mode(&mut rng));
+            let trajectories: [_; LANES] = std::array::from_fn(|_| trajectory(&mut rng));
+            let (own, mode) = (TrajectoryBatch::along(&trajectories, HALF), mode(&mut rng));
             let found = own.clearance(&Boxes::of(&mode));
             for l in 0..LANES {
                 let touch = (0..FORECAST_STEPS).find(|&k| {
@@ -245,20 +245,20 @@ mod tests {
                 open += usize::from(found.gap[l] == FAR);
             }
         }
-        assert!(touching > 100 && open > 100, "{touching} touch, {open} are far off");
+        assert!(touching > 100 && open > 100, "{touching} touch, {open} are far");
     }
 
     #[test]
     fn the_clearance_of_a_trajectory_does_not_depend_on_its_batch() {
         let mut rng = Rng::new(2, "eight", "alone");
         for _ in 0..100 {
-            let paths: [_; LANES] = std::array::from_fn(|_| path(&mut rng));
+            let trajectories: [_; LANES] = std::array::from_fn(|_| trajectory(&mut rng));
             let other = Boxes::of(&mode(&mut rng));
-            let together = TrajectoryBatch::along(&paths, HALF).clearance(&other);
+            let in_batch = TrajectoryBatch::along(&trajectories, HALF).clearance(&other);
             for l in 0..LANES {
-                let alone = TrajectoryBatch::along(&paths[l..=l], HALF).clearance(&other);
+                let alone = TrajectoryBatch::along(&trajectories[l..=l], HALF).clearance(&other);
                 let bits = |c: &Clearance, l: usize| [c.gap[l], c.nearest[l], c.touch[l]].map(f32::to_bits);
-                assert_eq!(bits(&alone, 0), bits(&together, l));
+                assert_eq!(bits(&alone, 0), bits(&in_batch, l));
             }
         }
     }

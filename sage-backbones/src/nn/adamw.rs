@@ -1,4 +1,4 @@
-//! AdamW (Loshchilov and Hutter, 2019), as PyTorch computes it, with a state that can be kept.
+//! AdamW (Loshchilov and Hutter, 2019), as PyTorch computes it, with a state that can be saved.
 
 use std::collections::BTreeMap;
 
@@ -8,11 +8,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AdamWConfig {
-    /// Weight decay, a share of the weight a unit of learning rate.
+    /// Weight decay: a share of the weight per unit of learning rate.
     pub weight_decay: f64,
-    /// Memory of the mean gradient.
+    /// Decay rate of the mean gradient.
     pub beta1: f64,
-    /// Memory of the mean squared gradient.
+    /// Decay rate of the mean squared gradient.
     pub beta2: f64,
     /// Added to the root of the mean square.
     pub epsilon: f64,
@@ -33,29 +33,29 @@ pub struct Moments {
     pub second: Vec<f32>,
 }
 
-/// The optimiser's state: what a training run needs to go on with the same bits.
+/// The optimiser with its state, from which a training run resumes with the same bits.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AdamW {
     /// Constants.
     pub config: AdamWConfig,
-    /// Steps made.
+    /// Number of steps so far.
     pub steps: u64,
     /// Running means by parameter.
     pub moments: BTreeMap<String, Moments>,
 }
 
 impl AdamW {
-    /// A fresh optimiser.
+    /// An optimiser before its first step.
     pub fn new(config: AdamWConfig) -> Self {
         Self { config, ..Self::default() }
     }
 
-    /// Begins the next step; call it once before the parameters of a step are moved.
+    /// Begins the next step. Call it once before the parameters of the step are updated.
     pub fn begin_step(&mut self) {
         self.steps += 1;
     }
 
-    /// Moves one parameter along its gradient.
+    /// Updates one parameter by its gradient.
     pub fn update(&mut self, name: &str, values: &mut [f32], gradient: &[f32], rate: f64) {
         let AdamWConfig { weight_decay, beta1, beta2, epsilon } = self.config;
         if !self.moments.contains_key(name) {
@@ -64,7 +64,7 @@ impl AdamW {
         }
         let Some(moments) = self.moments.get_mut(name) else { return };
         let step = self.steps as f64;
-        let keep = (1.0 - rate * weight_decay) as f32;
+        let decay = (1.0 - rate * weight_decay) as f32;
         let size = (rate / (1.0 - beta1.powf(step))) as f32;
         let root = (1.0 / (1.0 - beta2.powf(step)).sqrt()) as f32;
         let [b1, b2, epsilon] = [beta1, beta2, epsilon].map(|x| x as f32);
@@ -73,7 +73,7 @@ impl AdamW {
         for (((value, g), m), v) in rows {
             *m = b1 * *m + c1 * g;
             *v = b2 * *v + c2 * g * g;
-            *value = keep * *value - size * *m / (v.sqrt() * root + epsilon);
+            *value = decay * *value - size * *m / (v.sqrt() * root + epsilon);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! A row added to every row of a matrix, with a fast gradient: candle sums over the first axis
+//! Adds a row to every row of a matrix, with a fast gradient: candle sums over the first axis
 //! fifty times slower than over the last.
 
 use candle_core::{
@@ -16,8 +16,8 @@ pub fn add_row(x: &Tensor, row: &Tensor) -> Result<Tensor> {
     x.contiguous()?.apply_op2(&row.contiguous()?, AddRow)
 }
 
-/// [`add_row`] to numbers that nobody else reads: they are written over if no gradient needs them.
-pub(super) fn add_row_to_own(x: Tensor, row: &Tensor) -> Result<Tensor> {
+/// [`add_row`] for a tensor that no other code reads. It is overwritten if no gradient needs it.
+pub(super) fn add_row_in_place(x: Tensor, row: &Tensor) -> Result<Tensor> {
     if x.track_op() || row.track_op() {
         return add_row(&x, row);
     }

@@ -1,4 +1,4 @@
-//! Maxima over groups of successive rows: what a polyline encoder does between its layers.
+//! Maxima over groups of successive rows: the pooling of a polyline encoder.
 
 use std::sync::Arc;
 
@@ -11,9 +11,10 @@ use super::real::{Real, by_dtype, slice, wide, with_slice};
 pub struct Group {
     /// First row.
     pub start: usize,
-    /// One past the last row that others see.
+    /// One past the last seen row: the maxima of other rows include it.
     pub seen: usize,
-    /// One past the last row. Rows from `seen` on see the others and are not seen by them.
+    /// One past the last row. In [`max_of_others`], unseen rows (from `seen` on) get the maximum of the seen
+    /// rows and are not part of it.
     pub end: usize,
 }
 
@@ -22,12 +23,12 @@ pub struct Group {
 pub struct Groups(Arc<[Group]>);
 
 impl Groups {
-    /// Groups of the given lengths, all of whose rows are seen.
+    /// Groups of the given lengths without unseen rows.
     pub fn of_lengths(lengths: impl IntoIterator<Item = usize>) -> Self {
         Self::with_unseen(lengths.into_iter().map(|n| (n, 0)))
     }
 
-    /// Groups of so many seen rows and so many unseen ones after them.
+    /// Groups, each given by its number of seen rows and of unseen rows after them.
     pub fn with_unseen(lengths: impl IntoIterator<Item = (usize, usize)>) -> Self {
         let mut start = 0;
         let group = |(seen, unseen)| {
@@ -38,7 +39,7 @@ impl Groups {
         Self(lengths.into_iter().map(group).collect())
     }
 
-    /// The first so many of them.
+    /// The first `most` groups.
     pub fn first(&self, most: usize) -> Self {
         Self(self.0[..most.min(self.len())].into())
     }
@@ -68,14 +69,14 @@ struct MaxOfOthers(Groups);
 
 struct MaxOfRows(Groups);
 
-/// Beside each row the largest of the other seen rows of its group, column by column, at least 0.
+/// Each row followed by the maximum over the other seen rows of its group, column by column, at least 0.
 ///
 /// *Shapes*: `x` (n, d); result (n, 2 d) = `[x ; max(0, max over the others)]`.
 pub fn max_of_others(x: &Tensor, groups: &Groups) -> Result<Tensor> {
     x.contiguous()?.apply_op1(MaxOfOthers(groups.clone()))
 }
 
-/// The largest of all rows of each group, unseen ones too, column by column.
+/// The maximum over all rows of each group, unseen ones included, column by column.
 ///
 /// *Shapes*: `x` (n, d); result (groups, d).
 pub fn max_of_rows(x: &Tensor, groups: &Groups) -> Result<Tensor> {
@@ -138,7 +139,7 @@ fn others_forward<T: Real>(x: &[T], d: usize, groups: &Groups) -> Vec<T> {
                 continue;
             }
             for (((other, own), &first), &second) in others.iter_mut().zip(own).zip(&first).zip(&second) {
-                // Where two share the largest, the second is as large.
+                // If two rows share the maximum, `second` equals it.
                 *other = if *own == first { second } else { first };
             }
         }

@@ -1,11 +1,11 @@
-//! Layers with parameters. Each is built from a [`Scope`], which hands out tensors by name.
+//! Layers with parameters. Each is built from a [`Scope`], which provides tensors by name.
 //!
-//! A layer keeps the tensors it is handed and nothing computed from them, so that a network follows
-//! when its variables are set.
+//! A layer stores the tensors of its scope and nothing computed from them. So its results change when the
+//! variables of its network are set.
 
 use candle_core::{Result, Tensor};
 
-use super::{add_row::add_row_to_own, norm_relu::norm_relu_of_own, softmax::softmax_of_own};
+use super::{add_row::add_row_in_place, norm_relu::norm_relu_in_place, softmax::softmax_in_place};
 use crate::parameters::{Init, Scope};
 
 /// `W x + b`.
@@ -20,15 +20,15 @@ pub struct Linear {
 impl Linear {
     /// Takes `weight` and `bias` from the scope.
     pub fn new(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self> {
-        Self::starting_at(scope, inputs, outputs, Init::Uniform { fan_in: inputs })
+        Self::with_init(scope, inputs, outputs, Init::Uniform { fan_in: inputs })
     }
 
-    /// A layer that gives zero until it is trained.
+    /// A layer whose output is zero until it is trained.
     pub fn zero(scope: &Scope, inputs: usize, outputs: usize) -> Result<Self> {
-        Self::starting_at(scope, inputs, outputs, Init::Constant(0.0))
+        Self::with_init(scope, inputs, outputs, Init::Constant(0.0))
     }
 
-    fn starting_at(scope: &Scope, inputs: usize, outputs: usize, init: Init) -> Result<Self> {
+    fn with_init(scope: &Scope, inputs: usize, outputs: usize, init: Init) -> Result<Self> {
         Ok(Self {
             weight: scope.tensor("weight", &[outputs, inputs], init)?,
             bias: scope.tensor("bias", &[outputs], init)?,
@@ -37,19 +37,20 @@ impl Linear {
 
     /// *Shapes*: `x` (n, inputs); result (n, outputs).
     pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        add_row_to_own(x.matmul(&self.weight.t()?)?, &self.bias)
+        add_row_in_place(x.matmul(&self.weight.t()?)?, &self.bias)
     }
 
-    /// `W x + b` for an input that comes in parts side by side, each with rows of its own or with
-    /// one row for all: products with the latter are made once.
+    /// `W x + b` for an input of several parts side by side. A part has either n rows or one row that all
+    /// share; the product with a shared row is computed once.
     ///
-    /// *Shapes*: `rows` (n, a), (n, b), …; `shared` (1, c), …, in this order along the inputs.
+    /// *Shapes*: `shared` (1, a), …, then `rows` (n, b), (n, c), …, in this order along the inputs; result
+    /// (n, outputs).
     pub fn forward_parts(&self, shared: &[&Tensor], rows: &[&Tensor]) -> Result<Tensor> {
         let (product, row) = self.parts(shared, rows)?;
-        add_row_to_own(product, &row)
+        add_row_in_place(product, &row)
     }
 
-    /// The product over `rows`, and what to add to each row of it. The shared parts come first.
+    /// The product over `rows`, and the row to add to each of its rows. The shared parts come first.
     fn parts(&self, shared: &[&Tensor], rows: &[&Tensor]) -> Result<(Tensor, Tensor)> {
         let mut at = 0;
         let mut slice = |part: &Tensor| -> Result<Tensor> {
@@ -95,9 +96,9 @@ impl Mlp {
         })
     }
 
-    // Stacked each time: a copy kept from the start would miss every step of training.
+    // Stacked in every call, because a stored copy would not change with training.
     fn finish(&self, product: Tensor, row: &Tensor) -> Result<Tensor> {
-        norm_relu_of_own(product, row, &Tensor::stack(&[&self.gamma, &self.beta], 0)?)
+        norm_relu_in_place(product, row, &Tensor::stack(&[&self.gamma, &self.beta], 0)?)
     }
 
     /// *Shapes*: `x` (n, inputs); result (n, outputs).
@@ -111,7 +112,9 @@ impl Mlp {
         self.finish(product, &row)
     }
 
-    /// The same for rows (n, a) with one shared row (1, b) behind them along the inputs.
+    /// As [`Mlp::forward`], for rows followed by one shared row along the inputs.
+    ///
+    /// *Shapes*: `rows` (n, a), `shared` (1, b); result (n, outputs).
     pub fn forward_rows_then(&self, rows: &Tensor, shared: &Tensor) -> Result<Tensor> {
         let [a, b] = [rows.dim(1)?, shared.dim(1)?];
         let weight = &self.linear.weight;
@@ -146,7 +149,7 @@ impl Attention {
         Self::new(scope, inputs, width, false)
     }
 
-    /// Attention of queries to other states. The key bias has no effect on what comes out.
+    /// Attention of queries to other states. The key bias has no effect on the result.
     pub fn across(scope: &Scope, inputs: usize, width: usize) -> Result<Self> {
         Self::new(scope, inputs, width, true)
     }
@@ -160,7 +163,9 @@ impl Attention {
         })
     }
 
-    /// Keys and values of states (m, inputs).
+    /// Keys and values of states.
+    ///
+    /// *Shapes*: `states` (m, inputs).
     pub fn remember(&self, states: &Tensor) -> Result<Memory> {
         let keys = if self.has_key_bias {
             self.key.forward(states)?
@@ -174,7 +179,7 @@ impl Attention {
     pub fn recall(&self, queries: &Tensor, memory: &Memory) -> Result<Tensor> {
         let q = self.query.forward(queries)?;
         let scale = 1.0 / (q.dim(1)? as f64).sqrt();
-        softmax_of_own(q.matmul(&memory.keys)?, scale)?.matmul(&memory.values)
+        softmax_in_place(q.matmul(&memory.keys)?, scale)?.matmul(&memory.values)
     }
 
     /// *Shapes*: `queries` (n, inputs), `states` (m, inputs); result (n, width).
@@ -216,14 +221,14 @@ mod tests {
         Tensor::randn(0.0_f32, 1.0, shape, &Device::Cpu).unwrap()
     }
 
-    /// All numbers, rows beneath one another.
+    /// Bits of all elements, row by row.
     fn bits(tensor: &Tensor) -> Vec<u32> {
         let numbers = tensor.to_dtype(DType::F32).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
         numbers.into_iter().map(f32::to_bits).collect()
     }
 
     #[test]
-    fn with_and_without_gradients_layers_give_the_same_bits_and_leave_their_inputs_alone() {
+    fn layers_give_the_same_bits_with_and_without_gradients_and_do_not_change_their_inputs() {
         let x = noise((7, 6));
         let before = bits(&x);
         let plain = Linear { weight: noise((5, 6)), bias: noise((1, 5)).squeeze(0).unwrap() };

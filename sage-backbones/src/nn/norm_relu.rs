@@ -19,8 +19,8 @@ pub fn norm_relu(x: &Tensor, bias: &Tensor, scale: &Tensor) -> Result<Tensor> {
     x.contiguous()?.apply_op3(&bias.contiguous()?, &scale.contiguous()?, NormRelu)
 }
 
-/// [`norm_relu`] of numbers that nobody else reads: they are written over if no gradient needs them.
-pub(super) fn norm_relu_of_own(x: Tensor, bias: &Tensor, scale: &Tensor) -> Result<Tensor> {
+/// [`norm_relu`] for a tensor that no other code reads. It is overwritten if no gradient needs it.
+pub(super) fn norm_relu_in_place(x: Tensor, bias: &Tensor, scale: &Tensor) -> Result<Tensor> {
     if x.track_op() || bias.track_op() || scale.track_op() {
         return norm_relu(&x, bias, scale);
     }
@@ -53,7 +53,7 @@ fn forward<T: Real>(x: &mut [T], bias: &[T], scale: &[T]) {
         let (mean, inverse) = moments(y, &mut squares);
         for ((y, gamma), beta) in y.iter_mut().zip(gamma).zip(beta) {
             let value = (*y - mean) * inverse * *gamma + *beta;
-            // This way round, so that NaN comes through and is found.
+            // This order of the comparison propagates NaN, so that it is found.
             *y = if value < T::zero() { T::zero() } else { value };
         }
     }

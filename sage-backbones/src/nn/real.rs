@@ -1,4 +1,4 @@
-//! The number types that layers work in, and how to reach the numbers of a tensor.
+//! The number types of the layers, and access to the numbers of a tensor.
 
 use candle_core::{CpuStorage, Layout, Result, Storage, Tensor, WithDType};
 
@@ -76,7 +76,7 @@ impl Real for f64 {
     }
 }
 
-/// Sum with eight running totals, so that it vectorises and loses little.
+/// Sum with eight running totals, for vector code and small rounding errors.
 #[inline(always)]
 pub(super) fn sum<T: Real>(items: &[T]) -> T {
     let mut lanes = [T::zero(); 8];
@@ -93,18 +93,18 @@ pub(super) fn sum<T: Real>(items: &[T]) -> T {
     ((lanes[0] + lanes[4]) + (lanes[1] + lanes[5])) + ((lanes[2] + lanes[6]) + (lanes[3] + lanes[7]))
 }
 
-/// Runs a loop compiled for the widest vectors that the processor has. The order of the operations stays,
-/// and with it every bit of the result.
+/// Runs a loop compiled for the widest vectors of the processor. The order of the operations does not change,
+/// nor does any bit of the result.
 ///
-/// What the loop calls has to be inlined into it.
+/// All functions that the loop calls must be inlined into it.
 #[inline(always)]
 pub(crate) fn wide<R>(run: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(run)
 }
 
-/// Sums over the rows of a matrix, column by column, in blocks: a block in the matrix's own
-/// precision, the blocks in double. Where true sums are zero, Adam would turn the rounding of a
-/// plain sum into steps of full size.
+/// Sums over the rows of a matrix, column by column, in blocks. The sum within a block has the matrix's own
+/// precision, the sum over blocks double precision. If the true sum is zero, Adam would make steps of full
+/// size from the rounding errors of a plain sum.
 pub(super) struct BlockSums<T> {
     block: Vec<T>,
     total: Vec<f64>,
@@ -118,7 +118,7 @@ impl<T: Real> BlockSums<T> {
         Self { block: vec![T::zero(); columns], total: vec![0.0; columns], rows: 0 }
     }
 
-    /// What to add the next row to.
+    /// The sums to which the next row is added.
     #[inline(always)]
     pub(super) fn next(&mut self) -> &mut [T] {
         if self.rows == Self::BLOCK {
@@ -151,7 +151,7 @@ pub(super) fn slice<'a, T: Real>(storage: &'a CpuStorage, layout: &Layout) -> Re
     Ok(&all[start..end])
 }
 
-/// The same to write to.
+/// The numbers of a contiguous argument of a custom operation, to be written.
 pub(super) fn slice_mut<'a, T: Real>(storage: &'a mut CpuStorage, layout: &Layout) -> Result<&'a mut [T]> {
     let (start, end) = layout
         .contiguous_offsets()
@@ -194,7 +194,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_fast_exponential_is_right_to_two_units_in_the_last_place() {
+    fn the_fast_exponential_is_accurate_to_two_units_in_the_last_place() {
         let mut worst = 0.0_f64;
         for k in -86_999..88_000 {
             let x = k as f32 * 1e-3;

@@ -19,8 +19,8 @@ pub fn softmax(x: &Tensor, scale: f64) -> Result<Tensor> {
     x.contiguous()?.apply_op1(Softmax { scale })
 }
 
-/// [`softmax`] of numbers that nobody else reads: they are written over if no gradient needs them.
-pub(super) fn softmax_of_own(x: Tensor, scale: f64) -> Result<Tensor> {
+/// [`softmax`] for a tensor that no other code reads. It is overwritten if no gradient needs it.
+pub(super) fn softmax_in_place(x: Tensor, scale: f64) -> Result<Tensor> {
     if x.track_op() {
         return softmax(&x, scale);
     }
@@ -35,7 +35,7 @@ pub fn log_softmax(x: &Tensor) -> Result<Tensor> {
     x.contiguous()?.apply_op1(LogSoftmax)
 }
 
-/// Largest of a row; NaN is passed over here and shows in the sum.
+/// Largest element of a row. NaN may be ignored here; it appears in the sum.
 #[inline(always)]
 fn largest<T: Real>(row: &[T]) -> T {
     let mut lanes = [row[0]; 8];
@@ -81,8 +81,8 @@ fn softmax_gradient<T: Real>(y: &[T], dy: &[T], n: usize, scale: f64) -> Vec<T> 
     out
 }
 
-// In double precision within: what shifts all scores alike has a gradient of exactly zero, and Adam
-// would turn the rounding of a coarser sum into steps.
+// Computed in double precision. A common shift of all scores has a gradient of exactly zero; with rounding
+// errors of a single-precision sum, Adam would make steps.
 fn log_softmax_rows<T: Real>(x: &[T], n: usize) -> Vec<T> {
     let mut out = x.to_vec();
     for row in out.chunks_exact_mut(n) {

@@ -1,4 +1,4 @@
-//! Weights in safetensors files: the tensors by name, and one JSON header that says what they are.
+//! Weights in safetensors files: the tensors by name, and one JSON header that describes them.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -14,16 +14,16 @@ use serde_json::Value;
 use super::Parameters;
 use crate::Error;
 
-/// Largest file of weights that is read, bytes.
+/// Size limit of a weights file, bytes.
 pub const LIMIT: u64 = 1 << 30;
 
-/// Largest header of a file of weights, bytes: thousands of tensors.
+/// Size limit of the header of a weights file, bytes. It suffices for thousands of tensors.
 const HEADER_LIMIT: u64 = 4 << 20;
 
-/// Key of the header among the file's metadata: a single one, so that equal weights are equal bytes.
+/// Key of the header in the file's metadata. There is a single key, so that equal weights give equal bytes.
 const KEY: &str = "sage";
 
-/// What a file of weights says of itself.
+/// Header of a weights file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Header {
@@ -37,13 +37,13 @@ pub struct Header {
     /// What it was trained on: scenes and their hash.
     #[serde(default)]
     pub data: String,
-    /// The command that made it.
+    /// The command that trained it.
     #[serde(default)]
     pub command: String,
     /// Licence and notice.
     #[serde(default)]
     pub license: String,
-    /// Anything else worth keeping, by name.
+    /// Further notes by name.
     #[serde(default)]
     pub notes: BTreeMap<String, String>,
 }
@@ -61,10 +61,10 @@ impl Parameters {
             .collect::<candle_core::Result<_>>()?;
         let views = contiguous.iter().map(|(name, tensor)| (*name, tensor));
         safetensors::serialize(views, Some(metadata))
-            .map_err(|e| Error::Training(format!("cannot keep weights: {e}")))
+            .map_err(|e| Error::Training(format!("cannot serialise weights: {e}")))
     }
 
-    /// Reads what [`Parameters::to_bytes`] makes; `path` is for messages.
+    /// Reads the bytes of [`Parameters::to_bytes`]; `path` is for messages.
     ///
     /// *Errors*: [`Error::Format`], also for a number that is not finite, with its tensor.
     pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<(Self, Header), Error> {
@@ -99,7 +99,7 @@ impl Parameters {
         Ok((parameters, header))
     }
 
-    /// Writes the file whole or not at all, over what is there.
+    /// Writes the file completely or not at all; replaces an existing file.
     ///
     /// *Errors*: [`Error::Io`].
     pub fn save(&self, header: &Header, path: &Path) -> Result<(), Error> {
@@ -123,10 +123,10 @@ fn numbers<const N: usize, T: candle_core::WithDType + Into<f64>>(
 ) -> Result<Tensor, String> {
     let (chunks, _) = bytes.as_chunks::<N>();
     let values: Vec<T> = chunks.iter().map(|chunk| read(*chunk)).collect();
-    if let Some(place) = values.iter().position(|x| !Into::<f64>::into(*x).is_finite()) {
-        let value: f64 = values[place].into();
+    if let Some(index) = values.iter().position(|x| !Into::<f64>::into(*x).is_finite()) {
+        let value: f64 = values[index].into();
         return Err(format!(
-            "holds {value} at place {place}; expected finite numbers: train or copy it again"
+            "holds {value} at index {index}; expected finite numbers: train or copy it again"
         ));
     }
     let count = values.len();

@@ -1,11 +1,11 @@
-//! First values of parameters, from a seed. candle's own generator cannot be seeded on a CPU.
+//! Initial values of parameters, from a seed. candle's own generator cannot be seeded on a CPU.
 
 use sage_core::seed::Rng;
 
-/// How a parameter starts.
+/// Initialisation of a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Init {
-    /// Uniform in ±1/√fan-in, as PyTorch starts the weights and biases of linear layers.
+    /// Uniform in ±1/√fan-in, as PyTorch initialises the weights and biases of linear layers.
     Uniform {
         /// Number of inputs that are summed.
         fan_in: usize,

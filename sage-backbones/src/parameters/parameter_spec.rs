@@ -1,22 +1,22 @@
-//! What a network needs as parameters: names, shapes and first values.
+//! Specifications of a network's parameters: names, shapes and initial values.
 
 use candle_core::{Device, Result, Tensor};
 
 use super::{Init, Parameters};
 
-/// A tensor that a network needs.
+/// Specification of one parameter of a network.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParameterSpec {
     /// Its full name.
     pub name: String,
     /// Its shape.
     pub shape: Vec<usize>,
-    /// Its first values.
+    /// Its initial values.
     pub init: Init,
 }
 
 impl Parameters {
-    /// First values of the parameters that a network needs.
+    /// Initial values of a network's parameters.
     ///
     /// *Errors*: none on a CPU.
     pub fn start(specs: &[ParameterSpec], seed: u64) -> Result<Self> {
@@ -27,7 +27,8 @@ impl Parameters {
         specs.iter().map(start).collect()
     }
 
-    /// Every difference in names and shapes from what a network needs: missing, misshapen and extra tensors.
+    /// Every difference in names and shapes from a network's specifications: missing, misshapen and extra
+    /// tensors.
     pub fn mismatches(&self, specs: &[ParameterSpec]) -> Vec<String> {
         let mut mismatches = Vec::new();
         for spec in specs {

@@ -1,4 +1,4 @@
-//! How layers get their tensors: one constructor serves to list, to start and to load a network.
+//! Access of layers to their tensors. The same constructor of a network lists its parameters and loads them.
 
 use std::{cell::RefCell, rc::Rc};
 
@@ -7,13 +7,13 @@ use candle_core::{DType, Device, Result, Tensor};
 use super::{Init, ParameterSpec, Parameters};
 
 enum Source {
-    /// Note what is asked for.
+    /// Records each requested tensor.
     Listing(RefCell<Vec<ParameterSpec>>),
-    /// Hand out what is there.
+    /// Returns the given tensors.
     Loading(Parameters),
 }
 
-/// A place in the tree of names from which a layer takes its tensors.
+/// A node in the tree of names, from which a layer takes its tensors.
 #[derive(Clone)]
 pub struct Scope {
     source: Rc<Source>,
@@ -21,12 +21,12 @@ pub struct Scope {
 }
 
 impl Scope {
-    /// The root over parameters that are there.
+    /// The root over given parameters.
     pub fn of(parameters: &Parameters) -> Self {
         Self { source: Rc::new(Source::Loading(parameters.clone())), prefix: String::new() }
     }
 
-    /// All tensors that a constructor asks for, sorted by name.
+    /// All tensors that a constructor requests, sorted by name.
     ///
     /// *Errors*: those of the constructor.
     pub fn list<N>(build: impl FnOnce(&Self) -> Result<N>) -> Result<Vec<ParameterSpec>> {
@@ -38,16 +38,16 @@ impl Scope {
         Ok(specs)
     }
 
-    /// The place one name further down.
+    /// The child node of this name.
     pub fn at(&self, name: impl std::fmt::Display) -> Self {
         let prefix =
             if self.prefix.is_empty() { name.to_string() } else { format!("{}.{name}", self.prefix) };
         Self { source: self.source.clone(), prefix }
     }
 
-    /// The tensor of a name at this place.
+    /// The tensor of a name at this node.
     ///
-    /// *Errors*: it is not there, or has another shape.
+    /// *Errors*: the tensor is missing or has another shape.
     pub fn tensor(&self, name: &str, shape: &[usize], init: Init) -> Result<Tensor> {
         let name = self.at(name).prefix;
         match &*self.source {

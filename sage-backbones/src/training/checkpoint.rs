@@ -1,4 +1,4 @@
-//! The state of a training run on disk: enough to go on with the same bits.
+//! Checkpoint of a training run: the state from which the run resumes with the same bits.
 
 use std::path::Path;
 
@@ -11,33 +11,33 @@ use crate::{
     parameters::Header,
 };
 
-/// What one epoch came to.
+/// Results of one epoch of pretraining.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EpochRow {
     /// Number of the epoch, from 1.
     pub epoch: u32,
-    /// Steps made so far.
+    /// Steps of the optimiser so far.
     pub steps: u64,
-    /// Mean training loss over goals.
+    /// Mean goal loss in training.
     pub goal: f64,
-    /// Mean training loss over paths.
+    /// Mean trajectory loss in training.
     pub path: f64,
-    /// Mean length of the gradient before clipping.
+    /// Mean norm of the gradient before clipping.
     pub gradient: f64,
     /// Learning rate of its last step.
     pub rate: f64,
-    /// Validation: mean least end distance of six suppressed goals, metres.
+    /// Validation: mean least end distance of six goals after non-maximum suppression, metres.
     pub min_fde6: f64,
-    /// Validation: mean −log p of the goal nearest to the truth.
+    /// Validation: mean negative log-likelihood of the goal nearest to the recorded end point.
     pub nll: f64,
-    /// Seconds it took.
+    /// Duration, seconds.
     pub seconds: f64,
 }
 
 /// State after an epoch.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Checkpoint<Row = EpochRow> {
-    /// What the run was asked to do; a run goes on only if it is the same.
+    /// Identity of the run: a run resumes only from a checkpoint of equal identity.
     pub identity: serde_json::Value,
     /// Rows so far.
     pub rows: Vec<Row>,
@@ -50,7 +50,7 @@ const SECOND: &str = "second moment/";
 const NOTE: &str = "checkpoint";
 
 impl<Row: Serialize + DeserializeOwned> Checkpoint<Row> {
-    /// Writes weights and optimiser as one file.
+    /// Writes weights and state of the optimiser as one file.
     ///
     /// *Errors*: [`Error::Io`].
     pub fn save(
@@ -79,10 +79,8 @@ impl<Row: Serialize + DeserializeOwned> Checkpoint<Row> {
     pub fn load(path: &Path, config: AdamWConfig) -> Result<(Self, Parameters, AdamW), Error> {
         let (all, header) = Parameters::load(path)?;
         let fail = |problem: String| Error::Format { path: path.to_owned(), problem };
-        let json = header
-            .notes
-            .get(NOTE)
-            .ok_or_else(|| fail("holds weights but no state of training".to_owned()))?;
+        let json =
+            header.notes.get(NOTE).ok_or_else(|| fail("holds weights but no training state".to_owned()))?;
         let state: Self = serde_json::from_str(json).map_err(|e| fail(format!("has a broken state: {e}")))?;
         let mut weights = Parameters::default();
         let mut adam = AdamW::new(config);

@@ -1,4 +1,4 @@
-//! The loop of pretraining and of fine-tuning: epochs, steps, and a state that a broken run goes on from.
+//! The loop of pretraining and fine-tuning: epochs, steps, and checkpoints to resume an interrupted run.
 
 use std::{path::Path, time::Instant};
 
@@ -9,23 +9,24 @@ use serde_json::Value;
 use super::{Checkpoint, Gradient, Trainer};
 use crate::{Error, nn::AdamWConfig, parameters::Header};
 
-/// What a run learns from, and what an epoch comes to.
-pub(super) trait Course: Sync {
-    /// Something to learn from.
+/// What differs between pretraining and fine-tuning: the training items, their gradients and the epoch
+/// results.
+pub(super) trait Task: Sync {
+    /// A training item.
     type Item: Sync;
-    /// What is noted of an item.
+    /// Statistics of an item.
     type Note: Send;
-    /// What an epoch comes to.
+    /// Results of an epoch.
     type Row: Clone + Serialize + DeserializeOwned;
 
-    /// Items of an epoch, from 1, in their order.
+    /// Items of an epoch, numbered from 1, in their order.
     fn items(&self, epoch: u32) -> Vec<Self::Item>;
 
-    /// Learning rate at a step of so many.
+    /// Learning rate at one of `steps` steps.
     fn rate(&self, step: u64, steps: u64) -> f64;
 
-    /// Gradient of an item, unless it has nothing to teach; `step` is that of the epoch, from 1.
-    fn learn(
+    /// Gradient of an item, if it has one, and its statistics; `step` counts within the epoch, from 1.
+    fn item_gradient(
         &self,
         trainer: &Trainer,
         item: &Self::Item,
@@ -33,19 +34,19 @@ pub(super) trait Course: Sync {
         step: usize,
     ) -> Result<(Option<Gradient>, Self::Note), Error>;
 
-    /// After each step; whether to stop. Gradients are those of its items.
-    fn stepped(&mut self, _epoch: u32, _step: usize, _steps: usize, _gradients: &[Gradient]) -> bool {
+    /// Called after each step with the gradients of its items; returns whether to stop.
+    fn after_step(&mut self, _epoch: u32, _step: usize, _steps: usize, _gradients: &[Gradient]) -> bool {
         false
     }
 
-    /// What an epoch came to.
+    /// Results of an epoch.
     fn row(&mut self, trainer: &Trainer, epoch: Epoch<Self::Note>) -> Result<Self::Row, Error>;
 
-    /// A row was made or, in a run that is taken up again, found; `new` tells which. What must be on disk
-    /// before the state says that the epoch is over is written here.
-    fn finished(&mut self, trainer: &Trainer, before: &[Self::Row], row: &Self::Row) -> Result<(), Error>;
+    /// Called after each epoch with the earlier rows and the new one. The loop writes the checkpoint of the
+    /// epoch after this call, so files that must exist before the checkpoint are written here.
+    fn after_epoch(&mut self, trainer: &Trainer, before: &[Self::Row], row: &Self::Row) -> Result<(), Error>;
 
-    /// Rows of a run that is taken up again.
+    /// Called once with the rows of a resumed run.
     fn resumed(&mut self, rows: &[Self::Row]);
 }
 
@@ -53,24 +54,24 @@ pub(super) trait Course: Sync {
 pub(super) struct Epoch<N> {
     /// Its number, from 1.
     pub number: u32,
-    /// Notes of all items in their order.
+    /// Statistics of all items in their order.
     pub notes: Vec<N>,
-    /// Steps made.
+    /// Number of steps.
     pub steps: usize,
-    /// Sum of the lengths of their gradients before clipping.
-    pub lengths: f64,
-    /// Learning rate of the last.
+    /// Sum of the gradient norms of the steps before clipping.
+    pub norms: f64,
+    /// Learning rate of the last step.
     pub rate: f64,
-    /// When it began.
+    /// Start of the epoch.
     pub clock: Instant,
 }
 
-/// How long and how boldly.
-pub(super) struct Plan {
+/// Options of the training loop.
+pub(super) struct LoopOptions {
     pub epochs: u32,
-    /// Items a step.
+    /// Items per step.
     pub batch: usize,
-    /// Longest gradient of a step.
+    /// Maximum norm of the gradient of a step.
     pub clip: f64,
     pub weight_decay: f64,
 }
@@ -81,53 +82,53 @@ pub struct CheckpointFile<'p> {
     pub file: &'p Path,
     /// Identity of the run: a checkpoint of another run is refused.
     pub identity: Value,
-    /// What the file says of itself.
+    /// Header of the file.
     pub header: Header,
 }
 
-/// Runs to the last epoch, or until the course stops; the rows, and whether it was stopped.
+/// Runs until the last epoch or until the task stops. Returns the rows, and whether the task stopped.
 ///
-/// *Errors*: [`Error::Format`] for a state that is damaged or of another run, with the remedy; those of the
-/// course.
-pub(super) fn run<C: Course>(
-    course: &mut C,
+/// *Errors*: [`Error::Format`] for a checkpoint that is damaged or of another run, with the remedy; those of
+/// the task.
+pub(super) fn run<T: Task>(
+    task: &mut T,
     trainer: &mut Trainer,
-    plan: &Plan,
+    options: &LoopOptions,
     checkpoint: Option<&CheckpointFile>,
-) -> Result<(Vec<C::Row>, bool), Error> {
+) -> Result<(Vec<T::Row>, bool), Error> {
     let mut rows = match checkpoint {
-        Some(checkpoint) => resume(trainer, checkpoint, plan.config())?,
+        Some(checkpoint) => resume(trainer, checkpoint, options.config())?,
         None => Vec::new(),
     };
     if !rows.is_empty() {
-        course.resumed(&rows);
+        task.resumed(&rows);
     }
-    while (rows.len() as u32) < plan.epochs {
+    while (rows.len() as u32) < options.epochs {
         let number = rows.len() as u32 + 1;
         let clock = Instant::now();
-        let items = course.items(number);
-        let steps = items.len().div_ceil(plan.batch);
-        let whole = u64::from(plan.epochs) * steps as u64;
+        let items = task.items(number);
+        let steps = items.len().div_ceil(options.batch);
+        let whole = u64::from(options.epochs) * steps as u64;
         let mut epoch =
-            Epoch { number, notes: Vec::with_capacity(items.len()), steps, lengths: 0.0, rate: 0.0, clock };
-        for (k, batch) in items.chunks(plan.batch).enumerate() {
-            let learn = |item| course.learn(trainer, item, number, k + 1);
-            let learnt: Vec<_> = batch.par_iter().with_max_len(1).map(learn).collect();
-            let learnt = learnt.into_iter().collect::<Result<Vec<_>, Error>>()?;
-            let (gradients, notes): (Vec<_>, Vec<_>) = learnt.into_iter().unzip();
+            Epoch { number, notes: Vec::with_capacity(items.len()), steps, norms: 0.0, rate: 0.0, clock };
+        for (k, batch) in items.chunks(options.batch).enumerate() {
+            let one = |item| task.item_gradient(trainer, item, number, k + 1);
+            let results: Vec<_> = batch.par_iter().with_max_len(1).map(one).collect();
+            let results = results.into_iter().collect::<Result<Vec<_>, Error>>()?;
+            let (gradients, notes): (Vec<_>, Vec<_>) = results.into_iter().unzip();
             let gradients: Vec<Gradient> = gradients.into_iter().flatten().collect();
             epoch.notes.extend(notes);
-            epoch.rate = course.rate(trainer.adam.steps, whole);
-            // A batch with nothing to teach makes no step.
+            epoch.rate = task.rate(trainer.adam.steps, whole);
+            // A batch without gradients makes no step.
             if !gradients.is_empty() {
-                epoch.lengths += trainer.update(&gradients, epoch.rate, plan.clip)?;
+                epoch.norms += trainer.update(&gradients, epoch.rate, options.clip)?;
             }
-            if course.stepped(number, k + 1, steps, &gradients) {
+            if task.after_step(number, k + 1, steps, &gradients) {
                 return Ok((rows, true));
             }
         }
-        let row = course.row(trainer, epoch)?;
-        course.finished(trainer, &rows, &row)?;
+        let row = task.row(trainer, epoch)?;
+        task.after_epoch(trainer, &rows, &row)?;
         rows.push(row);
         if let Some(CheckpointFile { file, identity, header }) = checkpoint {
             let state =
@@ -138,13 +139,13 @@ pub(super) fn run<C: Course>(
     Ok((rows, false))
 }
 
-impl Plan {
+impl LoopOptions {
     pub(super) fn config(&self) -> AdamWConfig {
         AdamWConfig { weight_decay: self.weight_decay, ..AdamWConfig::default() }
     }
 }
 
-/// Resumes from the checkpoint of the same run, if there is one; the rows so far.
+/// Resumes from the checkpoint of the same run, if there is one; returns the rows so far.
 fn resume<Row: Serialize + DeserializeOwned>(
     trainer: &mut Trainer,
     checkpoint: &CheckpointFile,

@@ -1,10 +1,10 @@
 //! Preference fine-tuning of an expert from a prior (HGPO).
 //!
-//! For each scene candidates are drawn from the present policy and paired by feasibility and reward
-//! ([`sage_core::preference_pairs`]); the loss of a pair is `−ln σ(kl_beta · (Δ − Δ_ref))`, with `Δ` the
-//! difference of the log-probabilities of winner and loser, both models at the same goals. What the
-//! policy cannot move is made once: encodings, the paths of all goals, and with them what every goal
-//! is worth to the experts' objectives.
+//! For each scene, candidates are drawn from the present policy and paired by feasibility and reward
+//! ([`sage_core::preference_pairs`]). The loss of a pair is `−ln σ(kl_beta · (Δ − Δ_ref))`. `Δ` is the
+//! difference of the log-probabilities of winner and loser under the policy; `Δ_ref` is that under the prior,
+//! at the same goals. Everything that fine-tuning does not change is computed once: encodings, the
+//! trajectories of all goals, and their terms of the experts' objectives.
 
 use candle_core::{Device, Tensor};
 use sage_core::{
@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Gradient, Trainer,
-    epochs::{self, CheckpointFile, Course, Epoch, Plan},
+    epochs::{self, CheckpointFile, Epoch, LoopOptions, Task},
     goal_table::{ExpertObjective, Measures},
     prepared_scene::{PreparedScene, numbers},
     pretrain::check,
@@ -27,35 +27,35 @@ use crate::{
     candidates::{Selection, choose},
 };
 
-/// How an expert is tuned.
+/// Options of fine-tuning.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FinetuneOptions {
-    /// What it prefers.
+    /// Objective of the expert.
     pub objective: ObjectiveSpec,
-    /// How pairs are made.
+    /// Rule that forms pairs.
     pub pairing: Pairing,
-    /// Least difference of two rewards.
+    /// Least difference of the two rewards of a pair.
     pub margin: f64,
-    /// Most pairs of a scene.
+    /// Maximum number of pairs per scene.
     pub max_pairs: usize,
-    /// Candidates of a scene.
+    /// Candidates per scene.
     pub candidates: usize,
-    /// How candidates are chosen.
+    /// Rule that selects candidates.
     pub selection: Selection,
-    /// How far the policy may leave the prior: small is far.
+    /// Temperature of HGPO: with a smaller value the policy moves farther from the prior.
     pub kl_beta: f64,
-    /// Whether each scene is seen in both mirror images.
+    /// Whether each scene is also used mirrored.
     pub mirror: bool,
     /// Passes over the scenes.
     pub epochs: u32,
-    /// Scenes a step.
+    /// Scenes per step.
     pub batch: usize,
     /// Largest learning rate.
     pub rate: f64,
-    /// Steps over which it rises.
+    /// Steps over which the learning rate rises.
     pub warm_up: u64,
-    /// Longest gradient of a step.
+    /// Maximum norm of the gradient of a step.
     pub clip: f64,
     /// Weight decay.
     pub weight_decay: f64,
@@ -64,7 +64,7 @@ pub struct FinetuneOptions {
 }
 
 impl Default for FinetuneOptions {
-    /// The adversarial expert's.
+    /// Options of the adversarial expert.
     fn default() -> Self {
         Self {
             objective: preset("paper-adversarial"),
@@ -87,7 +87,7 @@ impl Default for FinetuneOptions {
 }
 
 impl FinetuneOptions {
-    /// Refuses what cannot train.
+    /// Refuses options out of range.
     ///
     /// *Errors*: [`Error::Training`] with the option and its value.
     pub fn check(&self) -> Result<(), Error> {
@@ -104,8 +104,9 @@ impl FinetuneOptions {
         ])
     }
 
-    /// The realistic expert's. The paper gives it a tenth of the adversarial reward; since a hit is worth
-    /// ten times what penalties differ by, that made it an attacker too.
+    /// Options of the realistic expert. The paper gives the adversarial reward a weight of one tenth. The
+    /// reward of a hit is ten times the differences of penalties, so with that weight this expert attacks
+    /// too.
     pub fn realistic() -> Self {
         Self { objective: preset("realistic"), ..Self::default() }
     }
@@ -119,7 +120,7 @@ fn preset(name: &str) -> ObjectiveSpec {
     })
 }
 
-/// What one epoch of fine-tuning came to: means over scenes.
+/// Results of one epoch of fine-tuning: means over scenes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FinetuneRow {
     /// Number of the epoch, from 1.
@@ -130,9 +131,9 @@ pub struct FinetuneRow {
     pub margin: f64,
     /// Share of pairs that the policy has in the right order.
     pub accuracy: f64,
-    /// Pairs a scene.
+    /// Pairs per scene.
     pub pairs: f64,
-    /// Of them, by feasibility.
+    /// Pairs by feasibility, per scene.
     pub pairs_by_feasibility: f64,
     /// Share of candidates that are feasible.
     pub feasible: f64,
@@ -142,24 +143,24 @@ pub struct FinetuneRow {
     pub kl: f64,
     /// Share of scenes without a pair.
     pub without_pairs: f64,
-    /// Under the policy itself: probability of a feasible path.
+    /// Probability of a feasible trajectory under the policy.
     pub expected_feasible: f64,
-    /// Probability of a feasible path that hits the ego.
+    /// Probability of a feasible trajectory that hits the ego, under the policy.
     pub expected_attack: f64,
-    /// Mean adversarial reward.
+    /// Mean adversarial reward (R_adv) under the policy.
     pub expected_reward: f64,
-    /// Mean penalty for driving unlike a car.
+    /// Mean realism penalty (P_real) under the policy.
     pub expected_penalty: f64,
-    /// Seconds.
+    /// Duration, seconds.
     pub seconds: f64,
 }
 
-/// Tunes an expert from a prior on scenes that were prepared with it and measured for its objective. `callback`
-/// gets a row an epoch, those of a run that is gone on with too.
+/// Fine-tunes an expert from a prior. The scenes must be prepared with this prior and with `measures`, which
+/// include the expert's objective. `callback` gets one row per epoch, also for the epochs of a resumed run.
 ///
-/// *Errors*: [`Error::Training`] without scenes, or for a number that is not finite, with epoch,
-/// scene and tensor; [`Error::Io`] if the state cannot be kept; [`Error::Format`] for a state that is damaged
-/// or of another run.
+/// *Errors*: [`Error::Training`] without scenes, or for a number that is not finite, with epoch, scene and
+/// tensor; [`Error::Io`] if the checkpoint cannot be written; [`Error::Format`] for a checkpoint that is
+/// damaged or of another run.
 pub fn finetune(
     prior: &dyn Backbone,
     scenes: &[PreparedScene],
@@ -173,19 +174,20 @@ pub fn finetune(
     if scenes.is_empty() {
         return Err(Error::Training("no scene has an adversary and an ego path to tune on".to_owned()));
     }
-    let plan = Plan {
+    let loop_options = LoopOptions {
         epochs: options.epochs,
         batch: options.batch,
         clip: options.clip,
         weight_decay: options.weight_decay,
     };
-    let mut trainer = Trainer::new(prior, |name| prior.parameter_group(name).is_finetuned(), plan.config())?;
-    let mut course = Preferences { scenes, expert: measures.places(objective)?, options, callback };
-    epochs::run(&mut course, &mut trainer, &plan, checkpoint)?;
+    let mut trainer =
+        Trainer::new(prior, |name| prior.parameter_group(name).is_finetuned(), loop_options.config())?;
+    let mut task = Preferences { scenes, expert: measures.expert(objective)?, options, callback };
+    epochs::run(&mut task, &mut trainer, &loop_options, checkpoint)?;
     trainer.weights()
 }
 
-/// Pairs of candidates of prepared scenes, and who hears of the epochs.
+/// Fine-tuning on pairs of candidates of prepared scenes.
 struct Preferences<'s, H> {
     scenes: &'s [PreparedScene],
     expert: ExpertObjective<'s>,
@@ -193,7 +195,7 @@ struct Preferences<'s, H> {
     callback: H,
 }
 
-impl<H: FnMut(&FinetuneRow) + Sync> Course for Preferences<'_, H> {
+impl<H: FnMut(&FinetuneRow) + Sync> Task for Preferences<'_, H> {
     /// Number of the scene.
     type Item = usize;
     type Note = FinetuneRow;
@@ -209,14 +211,14 @@ impl<H: FnMut(&FinetuneRow) + Sync> Course for Preferences<'_, H> {
         self.options.rate * schedule(step, steps, self.options.warm_up)
     }
 
-    fn learn(
+    fn item_gradient(
         &self,
         trainer: &Trainer,
         scene: &usize,
         epoch: u32,
         _step: usize,
     ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
-        part(trainer, &self.scenes[*scene], &self.expert, self.options, epoch)
+        scene_gradient(trainer, &self.scenes[*scene], &self.expert, self.options, epoch)
     }
 
     fn row(&mut self, _: &Trainer, epoch: Epoch<FinetuneRow>) -> Result<FinetuneRow, Error> {
@@ -228,7 +230,7 @@ impl<H: FnMut(&FinetuneRow) + Sync> Course for Preferences<'_, H> {
         Ok(row)
     }
 
-    fn finished(&mut self, _: &Trainer, _: &[FinetuneRow], row: &FinetuneRow) -> Result<(), Error> {
+    fn after_epoch(&mut self, _: &Trainer, _: &[FinetuneRow], row: &FinetuneRow) -> Result<(), Error> {
         (self.callback)(row);
         Ok(())
     }
@@ -238,8 +240,8 @@ impl<H: FnMut(&FinetuneRow) + Sync> Course for Preferences<'_, H> {
     }
 }
 
-/// Gradient of one scene, and what it says of the policy.
-fn part(
+/// Gradient of one scene, if it has pairs, and the scene's statistics.
+fn scene_gradient(
     trainer: &Trainer,
     scene: &PreparedScene,
     expert: &ExpertObjective,
@@ -250,36 +252,36 @@ fn part(
     let what = format!("epoch {epoch}, scene `{}`", scene.name);
     let policy: Vec<f32> = finite(&log_probs).map_err(|error| Error::Training(format!("{what}: {error}")))?;
     let mut rng = Rng::new(options.seed, &scene.name, &format!("candidates of epoch {epoch}"));
-    let chosen = choose(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
-    let judged: Vec<ScoredCandidate> = chosen
+    let selected = choose(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
+    let candidates: Vec<ScoredCandidate> = selected
         .iter()
         .map(|&goal| ScoredCandidate {
             reward: scene.table.value(goal, expert),
             is_feasible: scene.table.is_feasible(goal),
         })
         .collect();
-    let pairs = preference_pairs(&judged, options.pairing, options.max_pairs, options.margin, &mut rng);
+    let pairs = preference_pairs(&candidates, options.pairing, options.max_pairs, options.margin, &mut rng);
     let policy: Vec<f64> = policy.iter().map(|p| f64::from(*p)).collect();
-    let now = scene.weigh(&policy);
-    let feasible = chosen.iter().filter(|&&goal| scene.table.is_feasible(goal));
+    let expected = scene.expectation_of(&policy);
+    let feasible = selected.iter().filter(|&&goal| scene.table.is_feasible(goal));
     let mut row = FinetuneRow {
         pairs: pairs.len() as f64,
         pairs_by_feasibility: pairs.iter().filter(|p| p.by_feasibility).count() as f64,
-        feasible: feasible.clone().count() as f64 / chosen.len().max(1) as f64,
+        feasible: feasible.clone().count() as f64 / selected.len().max(1) as f64,
         best_reward: feasible.map(|&goal| scene.table.reward(goal)).fold(0.0, f64::max),
-        kl: now.kl,
+        kl: expected.kl,
         without_pairs: f64::from(u8::from(pairs.is_empty())),
-        expected_feasible: now.feasible,
-        expected_attack: now.attack,
-        expected_reward: now.reward,
-        expected_penalty: now.penalty,
+        expected_feasible: expected.feasible,
+        expected_attack: expected.attack,
+        expected_reward: expected.reward,
+        expected_penalty: expected.penalty,
         ..FinetuneRow::default()
     };
     if pairs.is_empty() {
         return Ok((None, row));
     }
     let goals = |pick: fn(&sage_core::preference_pairs::Pair) -> usize| -> Vec<u32> {
-        pairs.iter().map(|pair| chosen[pick(pair)] as u32).collect()
+        pairs.iter().map(|pair| selected[pick(pair)] as u32).collect()
     };
     let (winners, losers) = (goals(|p| p.winner), goals(|p| p.loser));
     let count = pairs.len();
@@ -289,9 +291,9 @@ fn part(
         .map(|(&w, &l)| scene.reference[w as usize] - scene.reference[l as usize])
         .collect();
     let select = |goals: Vec<u32>| log_probs.index_select(&Tensor::from_vec(goals, count, &Device::Cpu)?, 0);
-    let lead = (select(winners)? - select(losers)?)?;
-    let reference = Tensor::from_vec(reference, count, &Device::Cpu)?.to_dtype(lead.dtype())?;
-    let margins = ((lead - reference)? * options.kl_beta)?;
+    let difference = (select(winners)? - select(losers)?)?;
+    let reference = Tensor::from_vec(reference, count, &Device::Cpu)?.to_dtype(difference.dtype())?;
+    let margins = ((difference - reference)? * options.kl_beta)?;
     let values = numbers(&margins)?;
     let loss = Loss::of(vec![("preference", minus_log_sigmoid(&margins)?.mean_all()?)])?;
     row.loss = loss.parts[0].1;
@@ -301,12 +303,13 @@ fn part(
     Ok((Some(gradient), row))
 }
 
-/// `−ln σ(x) = max(0, −x) + ln(1 + e^−|x|)`.
+/// `−ln σ(x)`, computed as `max(0, −x) + ln(1 + e^−|x|)`.
 fn minus_log_sigmoid(x: &Tensor) -> candle_core::Result<Tensor> {
     let tail = ((x.abs()?.neg()?.exp()? + 1.0)?).log()?;
     x.neg()?.relu()? + tail
 }
 
+/// Share of the largest learning rate at a step: a linear rise, times a cosine down to zero.
 fn schedule(step: u64, steps: u64, warm_up: u64) -> f64 {
     let rise = ((step + 1) as f64 / (warm_up + 1) as f64).min(1.0);
     rise * (0.5 + 0.5 * (std::f64::consts::PI * step as f64 / steps.max(1) as f64).cos())

@@ -1,4 +1,4 @@
-//! What every goal of a scene is worth to the objectives of some experts.
+//! Terms of the experts' objectives, measured for every goal of a scene.
 
 use sage_core::{
     objective::{Evaluation, Feasibility, Objective, ObjectiveSpec, PartSpec, Reward, Weight},
@@ -8,16 +8,16 @@ use serde::{Deserialize, Serialize};
 
 use crate::Error;
 
-/// What is measured of every goal: the terms of the experts' objectives, and what tables report.
+/// Terms that are measured for every goal: those of the experts' objectives, and R_adv and P_real for tables.
 pub struct Measures {
     union: Objective,
-    /// Places of R_adv and P_real among its terms.
+    /// Indices of R_adv and P_real among its terms.
     reported: [usize; 2],
 }
 
 impl Measures {
-    /// Those of some objectives, which must share their feasibility rule; of none, what tables report under
-    /// the paper's rule.
+    /// Measures of some objectives, which must share their feasibility rule. Without objectives, they are
+    /// R_adv and P_real under the paper's rule.
     ///
     /// *Errors*: [`Error::Core`] for objectives of two rules.
     pub fn of(
@@ -28,7 +28,7 @@ impl Measures {
         let rule = objectives.first().map_or_else(PartSpec::default, |o| o.spec().feasibility.clone());
         let spec =
             ObjectiveSpec::preset("paper-selection").map(|spec| ObjectiveSpec { feasibility: rule, ..spec });
-        let missing = || Error::Training("the paper's objective is not there".to_owned());
+        let missing = || Error::Training("the paper's objective is missing".to_owned());
         let reported = Objective::new(&spec.ok_or_else(missing)?, rewards, rules)?;
         let all: Vec<&Objective> = objectives.iter().copied().chain([&reported]).collect();
         let union = Objective::union(&all)?.ok_or_else(missing)?;
@@ -38,12 +38,12 @@ impl Measures {
         Ok(Self { union, reported })
     }
 
-    /// The objective that measures them all.
+    /// The objective with all measured terms.
     pub(super) fn objective(&self) -> &Objective {
         &self.union
     }
 
-    /// Refuses an objective that no expert can be tuned for: an expert has no μ.
+    /// Refuses an objective that depends on μ, because an expert has no μ.
     ///
     /// *Errors*: [`Error::Training`] for a weight that depends on μ.
     pub fn check(objective: &Objective) -> Result<(), Error> {
@@ -57,44 +57,45 @@ impl Measures {
         }
     }
 
-    /// Where the terms of an expert's objective stand.
+    /// An expert's objective over the measured terms.
     ///
     /// *Errors*: [`Error::Training`] for an objective that was not among the measured ones, or that
     /// [`Measures::check`] refuses.
-    pub(super) fn places<'o>(&self, objective: &'o Objective) -> Result<ExpertObjective<'o>, Error> {
+    pub(super) fn expert<'o>(&self, objective: &'o Objective) -> Result<ExpertObjective<'o>, Error> {
         Self::check(objective)?;
-        let places = objective.places_in(&self.union);
-        let places = places.ok_or_else(|| {
+        let terms = objective.places_in(&self.union);
+        let terms = terms.ok_or_else(|| {
             Error::Training("the goals were measured for other objectives than the expert's".to_owned())
         })?;
-        Ok(ExpertObjective { objective, places })
+        Ok(ExpertObjective { objective, terms })
     }
 }
 
-/// An expert's objective over measured goals.
+/// An expert's objective over the measured terms.
 pub(super) struct ExpertObjective<'o> {
     objective: &'o Objective,
-    places: Vec<usize>,
+    /// Indices of its terms among the measured ones.
+    terms: Vec<usize>,
 }
 
-/// What every goal of a scene is worth.
+/// Measured values of every goal of a scene.
 #[derive(Default)]
 pub struct GoalTable {
     /// Values of all terms, goal by goal.
     terms: Vec<Vec<Option<f64>>>,
     /// R_adv and P_real.
     reported: Vec<[f64; 2]>,
-    /// Cost of the rules that it breaks.
+    /// Cost of the violated rules.
     cost: Vec<f64>,
-    /// Whether no rule is broken.
+    /// Whether no rule is violated.
     feasible: Vec<bool>,
-    /// Whether it hits the ego.
+    /// Whether the trajectory hits the ego.
     hits: Vec<bool>,
 }
 
 impl GoalTable {
     pub(super) fn push(&mut self, evaluation: Evaluation, measures: &Measures) {
-        let reported = measures.reported.map(|place| evaluation.terms[place].unwrap_or(0.0));
+        let reported = measures.reported.map(|term| evaluation.terms[term].unwrap_or(0.0));
         self.reported.push(reported);
         self.cost.push(evaluation.cost());
         self.feasible.push(evaluation.is_feasible());
@@ -102,7 +103,7 @@ impl GoalTable {
         self.terms.push(evaluation.terms);
     }
 
-    /// Whether a goal's trajectory breaks no rule.
+    /// Whether a goal's trajectory violates no rule.
     pub fn is_feasible(&self, goal: usize) -> bool {
         self.feasible[goal]
     }
@@ -112,13 +113,13 @@ impl GoalTable {
         self.reported[goal][0]
     }
 
-    /// What a goal is worth to an expert.
+    /// Value of a goal under an expert's objective.
     pub(super) fn value(&self, goal: usize, expert: &ExpertObjective) -> f64 {
-        let terms: Vec<Option<f64>> = expert.places.iter().map(|place| self.terms[goal][*place]).collect();
+        let terms: Vec<Option<f64>> = expert.terms.iter().map(|term| self.terms[goal][*term]).collect();
         expert.objective.value_of(&terms, self.cost[goal], 0.0)
     }
 
-    /// Expectations under a policy, given as log-probabilities beside those of the prior.
+    /// Expectations under a policy, from the log-probabilities of the policy and of the prior.
     pub(super) fn expectation(&self, log_probs: &[f64], reference: &[f64]) -> Expectation {
         let mut sum = Expectation::default();
         for (goal, log_prob) in log_probs.iter().enumerate() {
@@ -137,20 +138,20 @@ impl GoalTable {
 /// Expectations under a policy over the goals of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Expectation {
-    /// Probability of a feasible path.
+    /// Probability of a feasible trajectory.
     pub feasible: f64,
-    /// Probability of a feasible path that hits the ego.
+    /// Probability of a feasible trajectory that hits the ego.
     pub attack: f64,
-    /// Mean adversarial reward.
+    /// Mean adversarial reward (R_adv).
     pub reward: f64,
-    /// Mean penalty for driving unlike a car.
+    /// Mean realism penalty (P_real).
     pub penalty: f64,
     /// Divergence from the prior, nats.
     pub kl: f64,
 }
 
 impl Expectation {
-    /// Mean over scenes; `None` of none.
+    /// Mean over scenes; `None` without scenes.
     pub fn mean(all: &[Self]) -> Option<Self> {
         let n = all.len() as f64;
         let mean = |value: fn(&Self) -> f64| all.iter().map(value).sum::<f64>() / n;

@@ -1,4 +1,4 @@
-//! A prepared scene for fine-tuning: encoded once, every goal decoded and evaluated.
+//! Prepared scenes for fine-tuning: encoded once, with every goal decoded and evaluated.
 
 use std::sync::Arc;
 
@@ -26,13 +26,15 @@ pub struct PreparedScene {
     pub(super) name: String,
     pub(super) encoding: Encoding,
     pub(super) ends: Vec<[f32; 2]>,
-    /// What each goal is worth.
+    /// Measured values of each goal.
     pub table: GoalTable,
     pub(super) reference: Vec<f64>,
 }
 
 impl PreparedScene {
-    /// Encodes a scene's adversary with a prior, and decodes and evaluates all its goals, mirrored or not; `None` if the scene has no adversary that is valid *now*, or no ego path.
+    /// Encodes a scene's adversary with a prior, and decodes and evaluates all its goals. With `mirrored`,
+    /// the prior encodes the mirrored scene. `None` if the scene has no adversary that is valid *now* or no
+    /// ego path, or if the prior cannot encode the mirrored scene.
     ///
     /// *Errors*: those of the network.
     pub fn new(
@@ -58,26 +60,27 @@ impl PreparedScene {
         let encoding = prior.encode(Arc::new(features))?;
         let ends = prior.mode_ends(&encoding)?;
         let modes: Vec<usize> = (0..ends.len()).collect();
-        let mut paths = prior.trajectories(&encoding, &modes)?;
+        let mut trajectories = prior.trajectories(&encoding, &modes)?;
         if mirrored {
-            let sides = Tensor::new(&[1.0, -1.0], &Device::Cpu)?.to_dtype(paths.dtype())?;
-            paths = paths.broadcast_mul(&sides)?;
+            let signs = Tensor::new(&[1.0, -1.0], &Device::Cpu)?.to_dtype(trajectories.dtype())?;
+            trajectories = trajectories.broadcast_mul(&signs)?;
         }
-        let paths = to_world(&paths, encoding.features()).map_err(|error| error.of(data, adversary))?;
+        let trajectories =
+            to_world(&trajectories, encoding.features()).map_err(|error| error.of(data, adversary))?;
         let reference: Vec<f64> =
             finite(&prior.log_probs(&encoding)?).map_err(|error| error.of(data, adversary))?;
         let mut table = GoalTable::default();
-        for (path, log_prob) in paths.into_iter().zip(&reference) {
-            let candidate = ctx.candidate(path).with_nll(Some(-log_prob));
+        for (trajectory, log_prob) in trajectories.into_iter().zip(&reference) {
+            let candidate = ctx.candidate(trajectory).with_nll(Some(-log_prob));
             table.push(measures.objective().evaluate(&candidate, &ctx), measures);
         }
         let name = if mirrored { format!("{} mirrored", data.name) } else { data.name.clone() };
         Ok(Some(Self { name, encoding, ends, table, reference }))
     }
 
-    /// All scenes that can be attacked, in parallel and in their order.
+    /// Prepares all scenes for which [`PreparedScene::new`] gives one, in parallel; keeps their order.
     ///
-    /// *Errors*: the first of the network.
+    /// *Errors*: the first error of the network.
     pub fn all(
         prior: &dyn Backbone,
         scenes: &[SceneData],
@@ -85,27 +88,29 @@ impl PreparedScene {
         measures: &Measures,
     ) -> Result<Vec<Self>, Error> {
         let one = |data| Self::new(prior, data, mirrored, measures);
-        let found: Vec<_> = scenes.par_iter().with_max_len(1).map(one).collect();
-        found.into_iter().filter_map(Result::transpose).collect()
+        let prepared: Vec<_> = scenes.par_iter().with_max_len(1).map(one).collect();
+        prepared.into_iter().filter_map(Result::transpose).collect()
     }
 
-    /// The encoding.
+    /// Encoding of the adversary's features.
     pub fn encoding(&self) -> &Encoding {
         &self.encoding
     }
 
-    /// Expectations under a policy of the same encoder.
+    /// Expectations under a policy with the same encoder.
     ///
     /// *Errors*: those of the network.
     pub fn expectation(&self, policy: &dyn MotionModel) -> Result<Expectation, Error> {
-        Ok(self.weigh(&finite::<f64>(&policy.log_probs(&self.encoding)?)?))
+        Ok(self.expectation_of(&finite::<f64>(&policy.log_probs(&self.encoding)?)?))
     }
 
-    pub(super) fn weigh(&self, log_probs: &[f64]) -> Expectation {
+    /// Expectations under a policy, from its log-probabilities.
+    pub(super) fn expectation_of(&self, log_probs: &[f64]) -> Expectation {
         self.table.expectation(log_probs, &self.reference)
     }
 }
 
+/// The elements of a tensor.
 pub(super) fn numbers(tensor: &Tensor) -> Result<Vec<f64>, Error> {
     Ok(tensor.detach().to_dtype(DType::F64)?.flatten_all()?.to_vec1()?)
 }

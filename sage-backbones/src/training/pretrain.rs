@@ -1,4 +1,4 @@
-//! Learning the prior from recorded futures.
+//! Pretraining of the prior on recorded futures.
 
 use std::{collections::HashMap, path::Path, sync::Arc};
 
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     EpochRow, Examples, Gradient, SceneData, Trainer,
-    epochs::{self, CheckpointFile, Course, Epoch, Plan},
+    epochs::{self, CheckpointFile, Epoch, LoopOptions, Task},
     samples::{Example, recorded},
     step::trainable,
 };
@@ -21,29 +21,29 @@ use crate::{
     prediction::propose,
 };
 
-/// How a prior is trained.
+/// Options of pretraining.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PretrainOptions {
     /// Passes over the scenes.
     pub epochs: u32,
-    /// Vehicles a step.
+    /// Vehicles per step.
     pub batch: usize,
     /// Largest learning rate.
     pub rate: f64,
-    /// Share of the steps over which the rate rises to it; then it falls as a cosine.
+    /// Share of the steps over which the learning rate rises; after them it falls as a cosine.
     pub warm_up: f64,
-    /// Longest gradient of a step.
+    /// Maximum norm of the gradient of a step.
     pub clip: f64,
     /// Weight decay.
     pub weight_decay: f64,
-    /// Most vehicles of one scene an epoch, other ones each time.
+    /// Maximum number of vehicles per scene and epoch, drawn anew in each epoch.
     pub per_scene: usize,
-    /// Standing vehicles an epoch, as a share of the moving ones.
+    /// Standing vehicles per epoch, as a share of the moving ones.
     pub standing: f64,
-    /// Whether left and right change places in every other sample.
+    /// Whether samples are mirrored, each with probability one half.
     pub mirror: bool,
-    /// Distance kept by the six goals of validation, metres.
+    /// Least distance between the six goals of validation, metres.
     pub radius: f32,
     /// Seed of the order of training.
     pub seed: u64,
@@ -68,7 +68,7 @@ impl Default for PretrainOptions {
 }
 
 impl PretrainOptions {
-    /// Refuses what cannot train.
+    /// Refuses options out of range.
     ///
     /// *Errors*: [`Error::Training`] with the option and its value.
     pub fn check(&self) -> Result<(), Error> {
@@ -86,7 +86,7 @@ impl PretrainOptions {
     }
 }
 
-/// Refuses options outside of their range: name, value, least and largest.
+/// Refuses options out of range; each is given by its name, value, least and largest value.
 pub(super) fn check(options: &[(&str, f64, f64, f64)]) -> Result<(), Error> {
     match options.iter().find(|(_, value, least, largest)| !(least..=largest).contains(&value)) {
         Some((name, value, least, largest)) => {
@@ -98,11 +98,11 @@ pub(super) fn check(options: &[(&str, f64, f64, f64)]) -> Result<(), Error> {
 
 /// Callbacks for progress.
 pub trait Observer {
-    /// Before the first step, if earlier epochs were found.
+    /// Called before the first step of a resumed run, with the rows of its earlier epochs.
     fn resumed(&mut self, _rows: &[EpochRow]) {}
-    /// After each step: epoch from 1, step in it, steps in it, mean loss of the step.
+    /// Called after each step: epoch and step from 1, steps of the epoch, mean loss of the step.
     fn step(&mut self, epoch: u32, step: usize, steps: usize, loss: f64);
-    /// After each epoch.
+    /// Called after each epoch.
     fn epoch(&mut self, row: &EpochRow);
     /// Whether to stop after this step; the last checkpoint stays.
     fn stops(&self) -> bool {
@@ -110,20 +110,20 @@ pub trait Observer {
     }
 }
 
-/// What came of it.
+/// Result of pretraining.
 pub struct Pretrained {
-    /// Weights of the epoch with the least nll in validation; none if it stopped in its first.
+    /// Weights of the epoch with the least nll in validation; `None` if the run stopped in its first epoch.
     pub best: Option<Parameters>,
-    /// A row an epoch.
+    /// One row per epoch.
     pub rows: Vec<EpochRow>,
-    /// Whether it was stopped before its last epoch.
+    /// Whether the run was stopped before its last epoch.
     pub stopped: bool,
 }
 
-/// Trains a network's prior; goes on where a run of the same options and data left off.
+/// Pretrains a network; resumes an earlier run of the same options and data.
 ///
-/// After each epoch the folder holds the best weights so far (`prior.safetensors`) and the state of
-/// training (`last.safetensors`).
+/// After each epoch the folder holds the best weights so far (`prior.safetensors`) and the checkpoint
+/// (`last.safetensors`).
 ///
 /// The bits of the result depend on network, data and options, not on threads or on interruptions.
 ///
@@ -139,7 +139,7 @@ pub fn pretrain(
     observer: &mut (dyn Observer + Sync),
 ) -> Result<Pretrained, Error> {
     options.check()?;
-    if !network.parameter_specs().iter().any(|w| network.parameter_group(&w.name).is_pretrained()) {
+    if !network.parameter_specs().iter().any(|spec| network.parameter_group(&spec.name).is_pretrained()) {
         return Err(Error::Training(format!("backbone `{}` has nothing to train", network.name())));
     }
     let moving = Examples::of(train).filter(|e| e.moves || e.of_interest);
@@ -157,7 +157,7 @@ pub fn pretrain(
             dev.len()
         )));
     }
-    let plan = Plan {
+    let loop_options = LoopOptions {
         epochs: options.epochs,
         batch: options.batch,
         clip: options.clip,
@@ -171,29 +171,29 @@ pub fn pretrain(
     let best = folder.join("prior.safetensors");
     let checkpoint = CheckpointFile { file: &last, identity, header: header.clone() };
     let mut trainer =
-        Trainer::new(network, |name| network.parameter_group(name).is_pretrained(), plan.config())?;
-    let mut course = Futures { options, moving, standing, held_out, best: &best, header, observer };
-    let (rows, stopped) = epochs::run(&mut course, &mut trainer, &plan, Some(&checkpoint))?;
+        Trainer::new(network, |name| network.parameter_group(name).is_pretrained(), loop_options.config())?;
+    let mut task = Futures { options, moving, standing, held_out, best: &best, header, observer };
+    let (rows, stopped) = epochs::run(&mut task, &mut trainer, &loop_options, Some(&checkpoint))?;
     let best = if rows.is_empty() { None } else { Some(Parameters::load(&best)?.0) };
     Ok(Pretrained { best, rows, stopped })
 }
 
-/// Recorded futures to learn from.
+/// Pretraining on recorded futures.
 struct Futures<'d> {
     options: &'d PretrainOptions,
     moving: Examples<'d>,
     standing: Examples<'d>,
     held_out: Examples<'d>,
-    /// Where the best weights so far are written.
+    /// File of the best weights so far.
     best: &'d Path,
     header: &'d Header,
     observer: &'d mut (dyn Observer + Sync),
 }
 
-impl Course for Futures<'_> {
+impl Task for Futures<'_> {
     /// An example, and whether it is mirrored.
     type Item = (Example, bool);
-    /// Losses over goals and paths.
+    /// Goal loss and trajectory loss.
     type Note = [f64; 2];
     type Row = EpochRow;
 
@@ -206,7 +206,7 @@ impl Course for Futures<'_> {
         self.options.rate * schedule(step, steps, self.options.warm_up)
     }
 
-    fn learn(
+    fn item_gradient(
         &self,
         trainer: &Trainer,
         (example, mirrored): &(Example, bool),
@@ -225,7 +225,7 @@ impl Course for Futures<'_> {
         Ok((Some(gradient), parts))
     }
 
-    fn stepped(&mut self, epoch: u32, step: usize, steps: usize, gradients: &[Gradient]) -> bool {
+    fn after_step(&mut self, epoch: u32, step: usize, steps: usize, gradients: &[Gradient]) -> bool {
         let loss: f64 = gradients.iter().map(|g| g.loss).sum();
         self.observer.step(epoch, step, steps, loss / gradients.len() as f64);
         self.observer.stops()
@@ -240,7 +240,7 @@ impl Course for Futures<'_> {
             steps: trainer.adam.steps,
             goal: sum(0) / items,
             path: sum(1) / items,
-            gradient: epoch.lengths / epoch.steps as f64,
+            gradient: epoch.norms / epoch.steps as f64,
             rate: epoch.rate,
             min_fde6,
             nll,
@@ -248,7 +248,7 @@ impl Course for Futures<'_> {
         })
     }
 
-    fn finished(&mut self, trainer: &Trainer, before: &[EpochRow], row: &EpochRow) -> Result<(), Error> {
+    fn after_epoch(&mut self, trainer: &Trainer, before: &[EpochRow], row: &EpochRow) -> Result<(), Error> {
         let least = before.iter().map(|r| r.nll).fold(f64::INFINITY, f64::min);
         if row.nll < least || before.is_empty() {
             trainer.weights()?.save(self.header, self.best)?;
@@ -263,7 +263,7 @@ impl Course for Futures<'_> {
 }
 
 impl Futures<'_> {
-    /// Examples of an epoch in their order, each with whether it is mirrored and whether it moves.
+    /// Examples of an epoch in their order, each with a flag that says if it is mirrored.
     fn order(&self, epoch: u32) -> Vec<(Example, bool)> {
         let mut rng = Rng::new(self.options.seed, &format!("epoch {epoch}"), "order of training");
         let mut draw = |examples: &Examples, most: usize| {
@@ -318,7 +318,7 @@ impl Futures<'_> {
     }
 }
 
-/// Share of the largest rate at a step: a linear rise, then a cosine down to nothing.
+/// Share of the largest learning rate at a step: a linear rise, then a cosine down to zero.
 fn schedule(step: u64, steps: u64, warm_up: f64) -> f64 {
     let at = (step + 1) as f64 / (steps + 1) as f64;
     if at < warm_up {

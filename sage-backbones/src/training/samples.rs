@@ -1,4 +1,4 @@
-//! Recorded futures to learn from.
+//! Training samples from recorded futures.
 
 use std::sync::Arc;
 
@@ -17,12 +17,13 @@ use crate::{
     prediction::Recorded,
 };
 
-/// A vehicle that ends nearer than this to where it is now counts as standing, metres.
+/// A vehicle whose last recorded position is within this distance of its present one counts as standing,
+/// metres.
 pub const MOVING: f64 = 4.0;
-/// Fewest recorded steps of a future to learn from.
+/// Least number of recorded future steps of a sample.
 const LEAST: usize = 30;
 
-/// A scene with its search trees.
+/// A scene with its spatial index.
 pub struct SceneData {
     /// Name for messages.
     pub name: String,
@@ -38,7 +39,7 @@ impl SceneData {
         Self { name: name.into(), index: SceneIndex::new(scene.map.clone()), scene: Arc::new(scene) }
     }
 
-    /// What can be seen of it *now*.
+    /// Observation of the scene *now*.
     ///
     /// *Errors*: as [`Observation::of`].
     pub fn observe(&self) -> Result<Observation, Error> {
@@ -47,7 +48,7 @@ impl SceneData {
 }
 
 impl Error {
-    /// The same error, with the agent that it is about.
+    /// The error with the scene and the agent that it concerns.
     pub fn of(self, data: &SceneData, track: usize) -> Self {
         let agent = data
             .scene
@@ -65,15 +66,15 @@ pub struct Example {
     pub scene: usize,
     /// Index of the track.
     pub track: usize,
-    /// Ego or adversary.
+    /// Whether it is the ego or the adversary.
     pub of_interest: bool,
-    /// Whether it gets anywhere.
+    /// Whether it moves by more than [`MOVING`].
     pub moves: bool,
-    /// Whether it is recorded at the last step.
+    /// Whether the last step is recorded.
     pub is_whole: bool,
 }
 
-/// Vehicles of many scenes whose future is known well enough to learn from.
+/// Vehicles of many scenes with enough recorded future for a sample.
 pub struct Examples<'d> {
     scenes: &'d [SceneData],
     list: Vec<Example>,
@@ -94,7 +95,7 @@ impl<'d> Examples<'d> {
         Self { scenes, list }
     }
 
-    /// Those that a rule accepts.
+    /// The examples that a rule accepts.
     pub fn filter(mut self, accept: impl Fn(&Example) -> bool) -> Self {
         self.list.retain(accept);
         self
@@ -110,7 +111,7 @@ impl<'d> Examples<'d> {
         &self.scenes[example.scene]
     }
 
-    /// What a network learns from an example, mirrored if the network knows how.
+    /// Training sample of an example. With `mirrored`, it is mirrored if the network supports that.
     ///
     /// *Errors*: those of the network's features.
     pub fn sample(
@@ -130,16 +131,16 @@ impl<'d> Examples<'d> {
     }
 }
 
-/// What a network learns from one track of a scene, which must be valid *now*.
+/// Training sample of one track of a scene. The track must be valid *now*.
 ///
 /// *Errors*: those of the network's features.
 pub fn recorded_sample(data: &SceneData, track: usize, network: &dyn Trainable) -> Result<Sample, Error> {
     let recorded = &data.scene.tracks[track];
     let frame = Frame::new(recorded.point(NOW), recorded.heading[NOW]);
-    let (seen, valid) = future(recorded, |p| frame.to_local(p));
-    let end = frame.to_world(labels::end(&seen, &valid).position.map(f64::from));
+    let (positions, valid) = future(recorded, |p| frame.to_local(p));
+    let end = frame.to_world(labels::end(&positions, &valid).position.map(f64::from));
     let features = network.labelled_features(&data.observe()?, track, end)?;
-    // Networks may look from frames of their own.
+    // The network's features may have another frame.
     let (future, _) = future(recorded, |p| features.frame.to_local(p));
     Ok(Sample { features: Arc::new(features), future, valid })
 }
@@ -148,11 +149,12 @@ pub fn recorded_sample(data: &SceneData, track: usize, network: &dyn Trainable) 
 pub(crate) fn future(track: &Track, local: impl Fn(Point) -> Point) -> (Vec<[f32; 2]>, Vec<bool>) {
     let frames = NOW + 1..=NOW + HORIZON;
     let valid: Vec<bool> = frames.clone().map(|f| track.is_valid(f)).collect();
-    let place = |f: usize| if track.is_valid(f) { local(track.point(f)).map(|x| x as f32) } else { [0.0; 2] };
-    (frames.map(place).collect(), valid)
+    let position =
+        |f: usize| if track.is_valid(f) { local(track.point(f)).map(|x| x as f32) } else { [0.0; 2] };
+    (frames.map(position).collect(), valid)
 }
 
-/// Whether a track moves and is whole, if it can be learned from at all.
+/// Whether a track moves, and whether its last step is recorded; `None` if it cannot be a sample.
 fn usable(track: &Track) -> Option<(bool, bool)> {
     if track.kind != TrackKind::Vehicle || !track.is_valid(NOW) {
         return None;
@@ -166,7 +168,7 @@ fn usable(track: &Track) -> Option<(bool, bool)> {
     Some((moves, last == NOW + HORIZON))
 }
 
-/// A track's future in the world, for measures.
+/// A track's recorded future in the world frame.
 pub fn recorded(track: &Track) -> Recorded {
     let (positions, valid): (Vec<Point>, Vec<bool>) = (NOW + 1..=NOW + HORIZON)
         .map(|f| if track.is_valid(f) { (track.point(f), true) } else { ([0.0; 2], false) })

@@ -1,4 +1,4 @@
-//! One step of training: gradients of a batch, in parallel and in a fixed order, and the update.
+//! One training step: gradients of a batch, in parallel and in a fixed order, and the update of the weights.
 
 use candle_core::{Tensor, Var};
 use rayon::prelude::*;
@@ -18,25 +18,25 @@ pub struct Trainer {
     pub adam: AdamW,
 }
 
-/// A backbone as something that learns.
+/// The training interface of a backbone.
 ///
-/// *Errors*: [`Error::Training`] if it has nothing to learn.
+/// *Errors*: [`Error::Training`] if it has no parameters to train.
 pub fn trainable(network: &dyn Backbone) -> Result<&dyn Trainable, Error> {
     let nothing = || Error::Training(format!("backbone `{}` has nothing to train", network.name()));
     network.trainable().ok_or_else(nothing)
 }
 
-/// Gradient of one item: one list of numbers a variable, in the order of the names.
+/// Gradient of one item: one list of numbers per variable, in the order of the names.
 pub struct Gradient {
-    /// Loss and its parts.
+    /// Loss: the sum of its terms.
     pub loss: f64,
-    /// Parts of the loss.
+    /// Terms of the loss by name.
     pub parts: Vec<(&'static str, f64)>,
     values: Vec<Vec<f32>>,
 }
 
 impl Trainer {
-    /// Training of those parameters of a network that `trained` accepts.
+    /// A trainer of those parameters of a network that `trained` accepts.
     ///
     /// *Errors*: none on a CPU.
     pub fn new(
@@ -53,14 +53,14 @@ impl Trainer {
         &*self.network
     }
 
-    /// The network as something that learns.
+    /// The training interface of the network.
     ///
-    /// *Errors*: [`Error::Training`] if it has nothing to learn.
+    /// *Errors*: [`Error::Training`] if it has no parameters to train.
     pub fn trainable(&self) -> Result<&dyn Trainable, Error> {
         trainable(&*self.network)
     }
 
-    /// A network over the present weights that carries none; it follows further steps.
+    /// The network without gradients. It shares the weights, so further steps change it too.
     ///
     /// *Errors*: none on a CPU.
     pub fn frozen(&self) -> Result<Box<dyn Backbone>, Error> {
@@ -93,7 +93,7 @@ impl Trainer {
         &self.variables
     }
 
-    /// Loss and gradient of one item. `what` names it, should a number not be finite.
+    /// Loss and gradient of one item. `what` names the item in errors.
     ///
     /// *Errors*: [`Error::Training`] for a loss or gradient that is not finite, with its tensor.
     pub fn gradient(&self, loss: &Loss, what: &str) -> Result<Gradient, Error> {
@@ -117,7 +117,7 @@ impl Trainer {
 
     /// Gradients of many items on all threads, in the order of the items.
     ///
-    /// *Errors*: the first item's, in their order, that fails.
+    /// *Errors*: that of the first item, in their order, that fails.
     pub fn gradients<I: Sync>(
         &self,
         items: &[I],
@@ -127,7 +127,8 @@ impl Trainer {
         all.into_iter().collect()
     }
 
-    /// Moves the weights along the mean gradient, shortened to `clip`; returns its length before.
+    /// Updates the weights by the mean gradient, clipped to the norm `clip`; returns the norm before
+    /// clipping.
     ///
     /// *Errors*: none on a CPU.
     pub fn update(&mut self, gradients: &[Gradient], rate: f64, clip: f64) -> Result<f64, Error> {
@@ -145,8 +146,8 @@ impl Trainer {
         };
         let means: Vec<Vec<f32>> = if gradients.is_empty() { vec![] } else { (0..count).map(mean).collect() };
         let squares = means.iter().flatten().map(|x| f64::from(*x) * f64::from(*x));
-        let length = squares.sum::<f64>().sqrt();
-        let factor = if length > clip { (clip / length) as f32 } else { 1.0 };
+        let norm = squares.sum::<f64>().sqrt();
+        let factor = if norm > clip { (clip / norm) as f32 } else { 1.0 };
         self.adam.begin_step();
         for ((name, variable), mut gradient) in self.variables.iter().zip(means) {
             gradient.iter_mut().for_each(|x| *x *= factor);
@@ -154,6 +155,6 @@ impl Trainer {
             self.adam.update(name, &mut values, &gradient, rate);
             variable.set(&Tensor::from_vec(values, variable.shape(), variable.device())?)?;
         }
-        Ok(length)
+        Ok(norm)
     }
 }

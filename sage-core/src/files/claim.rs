@@ -4,14 +4,27 @@ use std::{
     fs::{File, OpenOptions, TryLockError},
     io::{self, ErrorKind, Read, Write},
     path::{Path, PathBuf},
+    time::{Duration, Instant},
 };
 
 use super::write::{Registered, ignore_missing, is_at, remove_stale};
 
 /// Name of the file that is locked while a run writes into its folder.
 const LOCK: &str = ".sage-lock";
+/// How the names of locks on shards begin.
+const SHARD_LOCK: &str = ".sage-lock-shard-";
+/// What a run says of itself that holds a whole folder only to begin or to end a shard.
+const SHORTLY: &str = "[begins or ends a shard]";
+/// In place of a holder that has not written its name yet.
+const UNNAMED: &str = "which does not say who it is";
+/// In place of a holder where several follow each other.
+const CHANGING: &str = "others come and go all the time";
 /// Times that a lock is tried for while other runs come and go.
 const TRIES: usize = 100;
+/// Time between two tries of a lock that is waited for.
+const PAUSE: Duration = Duration::from_millis(20);
+/// Longest that a lock is waited for that others hold only to begin or to end.
+const PATIENCE: Duration = Duration::from_secs(60);
 /// Most that is read of the text in which a run says who it is, bytes.
 const HOLDER: u64 = 2048;
 
@@ -54,12 +67,75 @@ impl Claim {
     /// Claims a folder, which must exist, and removes the temporary files that killed runs left in it.
     /// `holder` tells other runs who has it.
     ///
-    /// *Errors*: [`ClaimError`].
+    /// *Errors*: [`ClaimError`]; a shard of another run holds a part of the folder.
     pub fn folder(folder: &Path, holder: &str) -> Result<Self, ClaimError> {
-        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
         let claim = Self::lock(folder, folder.join(LOCK), folder, holder)?;
-        claim.clean(folder).map_err(fail)?;
+        claim.begin(folder, |_| false)?;
         Ok(claim)
+    }
+
+    /// Claims one shard of a folder, `number` of `of`, and the whole folder, to be dropped when the shard has
+    /// begun. Other shards of as many may be claimed at the same time, and nothing else.
+    ///
+    /// *Errors*: [`ClaimError`]; this shard is claimed, the whole folder is, or a shard of another number.
+    pub fn shard(folder: &Path, number: u32, of: u32, holder: &str) -> Result<(Self, Self), ClaimError> {
+        let whole = Self::folder_shortly(folder, holder)?;
+        let own = shard_lock(number, of);
+        let beside = format!("-of-{of}");
+        whole.begin(folder, |name| name.ends_with(&beside) && name != own)?;
+        Ok((Self::lock(folder, folder.join(own), folder, holder)?, whole))
+    }
+
+    /// Who holds another shard of a folder than `number` of `of`, if somebody does.
+    ///
+    /// *Errors*: [`ClaimError::Io`].
+    pub fn other_shard(folder: &Path, number: u32, of: u32) -> Result<Option<String>, ClaimError> {
+        let own = shard_lock(number, of);
+        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
+        for entry in std::fs::read_dir(folder).map_err(fail)? {
+            let entry = entry.map_err(fail)?;
+            let name = entry.file_name();
+            let is_other = name.to_str().is_some_and(|name| name.starts_with(SHARD_LOCK) && name != own);
+            if is_other && let Some(holder) = remove_if_stale(&entry.path()).map_err(fail)? {
+                return Ok(Some(holder));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Claims a whole folder for the short time in which a shard begins or ends; waits for other shards that do
+    /// the same.
+    ///
+    /// *Errors*: as [`Claim::folder`]; at once if a run holds the whole folder, after a minute if shards do.
+    pub fn folder_shortly(folder: &Path, holder: &str) -> Result<Self, ClaimError> {
+        let start = Instant::now();
+        let holder = format!("{holder} {SHORTLY}");
+        let ends_soon = |holder: &str| holder.ends_with(SHORTLY) || [UNNAMED, CHANGING].contains(&holder);
+        loop {
+            match Self::lock(folder, folder.join(LOCK), folder, &holder) {
+                Err(ClaimError::Held { holder, .. }) if ends_soon(&holder) && start.elapsed() < PATIENCE => {
+                    std::thread::sleep(PAUSE);
+                }
+                outcome => return outcome,
+            }
+        }
+    }
+
+    /// Refuses a folder of which others hold a shard that is not `allowed`; removes what killed runs left.
+    fn begin(&self, folder: &Path, allowed: impl Fn(&str) -> bool) -> Result<(), ClaimError> {
+        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
+        for entry in std::fs::read_dir(folder).map_err(fail)? {
+            let entry = entry.map_err(fail)?;
+            let name = entry.file_name();
+            let is_shard = name.to_str().is_some_and(|name| name.starts_with(SHARD_LOCK));
+            if !is_shard || name.to_str().is_some_and(&allowed) {
+                continue;
+            }
+            if let Some(holder) = remove_if_stale(&entry.path()).map_err(fail)? {
+                return Err(ClaimError::Held { path: folder.to_owned(), holder });
+            }
+        }
+        self.clean(folder).map_err(fail)
     }
 
     /// Claims one output file, which need not exist; others of its folder stay free.
@@ -83,9 +159,9 @@ impl Claim {
         remove_stale(folder)
     }
 
-    /// Whether a name in a claimed folder is that of the lock.
+    /// Whether a name in a claimed folder is that of a lock on the folder or on a shard of it.
     pub fn is_lock(name: &std::ffi::OsStr) -> bool {
-        name == LOCK
+        name == LOCK || name.to_str().is_some_and(|name| name.starts_with(SHARD_LOCK))
     }
 
     fn lock(what: &Path, lock: PathBuf, folder: &Path, holder: &str) -> Result<Self, ClaimError> {
@@ -118,8 +194,13 @@ impl Claim {
                 Err(error) => return Err(fail(error)),
             }
         }
-        Err(held("others come and go all the time".to_owned()))
+        Err(held(CHANGING.to_owned()))
     }
+}
+
+/// Name of the lock on a shard.
+fn shard_lock(number: u32, of: u32) -> String {
+    format!("{SHARD_LOCK}{number}-of-{of}")
 }
 
 impl Drop for Claim {
@@ -157,7 +238,7 @@ fn read_holder(lock: &Path) -> String {
     // One line: what stands in the file may be anybody's.
     match text.lines().next().filter(|line| read.is_ok() && !line.trim().is_empty()) {
         Some(line) => line.to_owned(),
-        None => "which does not say who it is".to_owned(),
+        None => UNNAMED.to_owned(),
     }
 }
 
@@ -185,6 +266,32 @@ mod tests {
         let second = Claim::file(&b, "b").unwrap();
         drop((first, second));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn shards_of_one_folder_are_claimed_side_by_side_and_nothing_else_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path();
+        let first = Claim::shard(path, 1, 2, "first").unwrap().0;
+        assert_eq!(Claim::other_shard(path, 1, 2).unwrap(), None);
+        let second = Claim::shard(path, 2, 2, "second").unwrap().0;
+        assert!(Claim::other_shard(path, 1, 2).unwrap().unwrap().ends_with("second"));
+        for refused in [
+            Claim::shard(path, 1, 2, "first again").map(|(own, _)| own),
+            Claim::shard(path, 1, 3, "another number").map(|(own, _)| own),
+            Claim::folder(path, "all of it"),
+        ] {
+            let error = refused.unwrap_err().to_string();
+            assert!(error.contains("first") || error.contains("second"), "{error}");
+        }
+        drop(Claim::folder_shortly(path, "the end of a shard").unwrap());
+        drop((first, second));
+        let whole = Claim::folder(path, "all of it").unwrap();
+        assert!(Claim::shard(path, 1, 2, "first").unwrap_err().to_string().contains("all of it"));
+        drop(whole);
+        std::fs::write(path.join(shard_lock(7, 9)), "process 1: gone").unwrap();
+        drop(Claim::folder(path, "all of it").unwrap());
+        assert_eq!(std::fs::read_dir(path).unwrap().count(), 0);
     }
 
     #[test]

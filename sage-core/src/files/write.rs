@@ -30,16 +30,66 @@ pub enum Existing {
 /// *Errors*: those of the system; [`ErrorKind::AlreadyExists`] with [`Existing::Keep`];
 /// [`ErrorKind::InvalidInput`] if the path names a folder, a pipe or a device.
 pub fn write(path: &Path, bytes: &[u8], existing: Existing) -> io::Result<()> {
+    write_with(path, existing, |out| out.write_all(bytes))
+}
+
+/// [`write`] for content that is produced piece by piece, so that it need not be in memory at once.
+///
+/// *Errors*: as [`write`], and those of `content`.
+pub fn write_with(
+    path: &Path,
+    existing: Existing,
+    content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> io::Result<()> {
+    refuse_irregular(path)?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let unfinished = Unfinished::create(folder)?;
+    let mut out = io::BufWriter::new(&unfinished.file);
+    content(&mut out)?;
+    out.flush()?;
+    drop(out);
+    unfinished.file.as_file().sync_all()?;
+    unfinished.rename(path, existing)?;
+    sync_folder(folder)
+}
+
+/// Writes several files of one folder as [`write`] does, over what is there, and waits for the folder once. The
+/// files appear in the given order, all of them after the content of each is on the disk.
+///
+/// *Errors*: as [`write`]. The files before the one that failed may have appeared.
+pub fn write_all<'n>(
+    folder: &Path,
+    files: impl IntoIterator<Item = (&'n str, &'n [u8])>,
+) -> Result<(), (PathBuf, io::Error)> {
+    let mut unfinished = Vec::new();
+    for (name, bytes) in files {
+        let path = folder.join(name);
+        let begun = refuse_irregular(&path).and_then(|()| {
+            let file = Unfinished::create(folder)?;
+            (&file.file).write_all(bytes)?;
+            Ok(file)
+        });
+        match begun {
+            Ok(file) => unfinished.push((path, file)),
+            Err(error) => return Err((path, error)),
+        }
+    }
+    for (path, file) in &unfinished {
+        file.file.as_file().sync_all().map_err(|error| (path.clone(), error))?;
+    }
+    for (path, file) in unfinished {
+        file.rename(&path, Existing::Replace).map_err(|error| (path, error))?;
+    }
+    sync_folder(folder).map_err(|error| (folder.to_owned(), error))
+}
+
+/// Refuses to write over a folder, a pipe or a device.
+fn refuse_irregular(path: &Path) -> io::Result<()> {
     if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
         let problem = "it is no regular file; name a file, or - where the command takes it";
         return Err(io::Error::new(ErrorKind::InvalidInput, problem));
     }
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let unfinished = Unfinished::create(folder)?;
-    (&unfinished.file).write_all(bytes)?;
-    unfinished.file.as_file().sync_all()?;
-    unfinished.rename(path, existing)?;
-    sync_folder(folder)
+    Ok(())
 }
 
 /// A temporary file that is registered to go when the process is told to stop.

@@ -1,4 +1,4 @@
-//! What a generator gives for one scene.
+//! Output of a generator for one scene.
 
 use std::fmt;
 
@@ -6,29 +6,29 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Error, geometry::Point, motion::Trajectory, scene::Scene};
 
-/// A trajectory that a generator thought of.
+/// A proposed trajectory of the adversary.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Proposal {
     /// The 80 positions, world frame.
     pub trajectory: Trajectory,
-    /// Log-probability under the generator's model, if it has one: to compare candidates of one scene. Where
-    /// speed profiles are tried these do not sum to 1.
+    /// Log-probability under the generator's model, if it has one. It is for comparing candidates of one
+    /// scene: with several speed profiles the probabilities do not sum to 1.
     pub log_prob: Option<f64>,
-    /// Where it was meant to end, metres, world frame, if it was aimed.
+    /// Goal of the trajectory, metres, world frame; `None` without a goal.
     pub goal: Option<Point>,
-    /// Negative log-likelihood under the prior, nats, up to what the proposals of a scene share; `None`
-    /// where nobody asked for it.
+    /// Negative log-likelihood under the prior, nats, up to a constant that all proposals of a scene share;
+    /// `None` if it was not requested.
     pub nll: Option<f64>,
 }
 
 impl Proposal {
-    /// A trajectory with nothing known of it.
+    /// A proposal without log-probability, goal and negative log-likelihood.
     pub fn of(trajectory: Trajectory) -> Self {
         Self { trajectory, log_prob: None, goal: None, nll: None }
     }
 }
 
-/// Why an attack is not what it should be.
+/// Warning about an attack.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Note {
@@ -36,46 +36,46 @@ pub enum Note {
     NoneFeasible,
     /// No candidate makes contact.
     NoContact,
-    /// What a generator from elsewhere has to say.
+    /// Message of a generator outside this project.
     Other(String),
 }
 
 impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
-            Self::NoneFeasible => "no candidate is feasible; the one that breaks least was taken",
-            Self::NoContact => "no candidate makes contact; the one that comes nearest was taken",
+            Self::NoneFeasible => "no candidate is feasible; the least violating one was selected",
+            Self::NoContact => "no candidate makes contact; the nearest one was selected",
             Self::Other(text) => text,
         })
     }
 }
 
-/// Candidates, and the one that was chosen.
+/// Candidates and the selected one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attack {
-    /// What was thought of, at least one.
+    /// All candidates, at least one.
     pub candidates: Vec<Proposal>,
-    /// Index of the one that was chosen.
+    /// Index of the selected candidate.
     pub chosen: usize,
-    /// Why the choice is not what it should be, if so.
+    /// Warning about the selection, if any.
     pub note: Option<Note>,
 }
 
 impl Attack {
-    /// The only candidate.
+    /// An attack with a single candidate.
     pub fn only(candidate: Proposal) -> Self {
         Self { candidates: vec![candidate], chosen: 0, note: None }
     }
 
-    /// Refuses an attack that means nothing: a choice that is not among the candidates, or a
-    /// log-probability or goal that is not finite. Trajectories are checked when they are made.
+    /// Checks an attack: the selected index is among the candidates, and every log-probability and goal is
+    /// finite. Trajectories are checked on construction.
     ///
-    /// *Errors*: [`Error::Scene`] with the candidate at fault.
+    /// *Errors*: [`Error::Scene`] with the number of the invalid candidate.
     pub fn check(&self, scene: &Scene) -> Result<(), Error> {
         let fail = |problem: String| Err(Error::Scene { scene: scene.id.clone(), problem });
         if self.chosen >= self.candidates.len() {
             let (chosen, count) = (self.chosen, self.candidates.len());
-            return fail(format!("the generator chose candidate {chosen} of {count}"));
+            return fail(format!("the generator selected candidate {chosen} of {count}"));
         }
         for (k, candidate) in self.candidates.iter().enumerate() {
             let values = candidate.goal.into_iter().flatten().chain(candidate.log_prob);
@@ -86,7 +86,7 @@ impl Attack {
         Ok(())
     }
 
-    /// The chosen trajectory.
+    /// The selected trajectory.
     pub fn trajectory(&self) -> &Trajectory {
         &self.candidates[self.chosen].trajectory
     }

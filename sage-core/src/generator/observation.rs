@@ -1,4 +1,4 @@
-//! What can be seen *now*: eleven frames, and nothing after them.
+//! The observation of a scene: the eleven frames that end *now*.
 
 use std::sync::Arc;
 
@@ -8,8 +8,7 @@ use crate::{
     scene::{Scene, SceneIndex, Track, TrafficLight},
 };
 
-/// A scene that ends *now*, with its map. Whoever predicts or proposes is given this: it holds no future
-/// that could be looked at.
+/// A scene that ends *now*, with its map. It is the input of predictors and proposers and holds no future.
 #[derive(Clone)]
 pub struct Observation {
     scene: Arc<Scene>,
@@ -17,16 +16,16 @@ pub struct Observation {
 }
 
 impl Observation {
-    /// Frames 0 to 10 of a scene: *now* is frame 10, as everywhere.
+    /// Frames 0 to 10 of a scene; *now* is frame 10.
     ///
-    /// *Errors*: [`Error::Scene`] for a scene with fewer frames, which no reader gives.
+    /// *Errors*: [`Error::Scene`] for a scene with fewer frames, which no reader returns.
     pub fn of(scene: &Scene, index: &Arc<SceneIndex>) -> Result<Self, Error> {
         Self::at(scene, index, NOW)
     }
 
-    /// The eleven frames of a scene that end at some frame, as if that were *now*.
+    /// The eleven frames of a scene that end at a given frame, which becomes *now*.
     ///
-    /// *Errors*: [`Error::Scene`] if the scene does not have them.
+    /// *Errors*: [`Error::Scene`] if the scene does not have these frames.
     pub fn at(scene: &Scene, index: &Arc<SceneIndex>, now: usize) -> Result<Self, Error> {
         if now + 1 < HISTORY || now >= scene.frames {
             return Err(Error::Scene {
@@ -73,7 +72,7 @@ impl Observation {
         &self.scene
     }
 
-    /// The map's search trees.
+    /// The search trees of the map.
     pub fn index(&self) -> &Arc<SceneIndex> {
         &self.index
     }

@@ -1,21 +1,21 @@
-//! Where a user puts the dials.
+//! Operating points: the mixture of experts and the weight μ of the selection.
 
 use serde::{Deserialize, Serialize};
 
-/// A point among experts: a weight for each, in the order of their set.
+/// A mixture of experts: one weight per expert, in the order of the expert set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mixture(Vec<f64>);
 
-/// How far the weights' sum may be from 1.
+/// Tolerance of the weights' sum around 1.
 const ROUNDING: f64 = 1e-9;
 
 impl Mixture {
-    /// Weights as they are; a merger says which it takes.
+    /// A mixture of any weights; each merger checks its own range.
     pub fn new(weights: Vec<f64>) -> Self {
         Self(weights)
     }
 
-    /// Between two experts, the first at λ = 0 and the second at λ = 1.
+    /// A mixture of two experts: the first at λ = 0, the second at λ = 1.
     pub fn between(lambda: f64) -> Self {
         Self(vec![1.0 - lambda, lambda])
     }
@@ -25,7 +25,7 @@ impl Mixture {
         &self.0
     }
 
-    /// λ, if there are two experts.
+    /// λ, the weight of the second expert, if there are exactly two.
     pub fn lambda(&self) -> Option<f64> {
         match self.0[..] {
             [_, lambda] => Some(lambda),
@@ -39,19 +39,19 @@ impl Mixture {
         self.0.iter().all(|weight| *weight >= 0.0) && (sum - 1.0).abs() <= ROUNDING
     }
 
-    /// The expert whose weight is 1 while all others are 0.
+    /// Index of the expert with weight 1, if all others have weight 0.
     pub fn corner(&self) -> Option<usize> {
         corner(&self.0)
     }
 }
 
-/// The one of some weights that is 1 while all others are 0.
+/// Index of the weight that is 1, if all others are 0.
 pub fn corner(weights: &[f64]) -> Option<usize> {
     let corner = weights.iter().position(|weight| *weight == 1.0)?;
     weights.iter().enumerate().all(|(k, weight)| k == corner || *weight == 0.0).then_some(corner)
 }
 
-/// What a generator is asked for: how experts are mixed, and how a selection weighs.
+/// Input of a generator: the mixture of experts and the weight μ of the selection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OperatingPoint {
     /// The mixture of experts.
@@ -61,7 +61,7 @@ pub struct OperatingPoint {
 }
 
 impl OperatingPoint {
-    /// Between two experts at λ.
+    /// A point between two experts, at λ, with weight μ.
     pub fn at(lambda: f64, mu: f64) -> Self {
         Self { mixture: Mixture::between(lambda), mu }
     }
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corners_and_the_simplex_are_told() {
+    fn corners_and_the_simplex_are_recognised() {
         assert_eq!(Mixture::between(1.0).corner(), Some(1));
         assert_eq!(Mixture::between(0.5).corner(), None);
         assert_eq!(Mixture::new(vec![0.0, 0.0, 1.0]).corner(), Some(2));

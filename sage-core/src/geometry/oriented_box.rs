@@ -1,7 +1,7 @@
-//! A turned rectangle, the shape of every road user.
+//! An oriented rectangle, the shape of every road user.
 //!
-//! The overlap tests are separating-axis tests with stored cosine and sine, 7 to 10 ns a pair;
-//! parry's general test, their oracle in the tests, takes about 40 ns.
+//! The overlap tests are separating-axis tests with stored cosine and sine: 7 to 10 ns per pair. parry's
+//! general test takes about 40 ns; the tests use it as a reference.
 
 use super::{Aabb, Point, cross, distance, dot, norm, sub};
 
@@ -26,7 +26,7 @@ impl OrientedBox {
         Self { center, axis: [cos, sin], half_length: 0.5 * length, half_width: 0.5 * width }
     }
 
-    /// The box turned by minus its heading: what the published code tests against the map.
+    /// The box rotated by minus its heading. The published code tests this box against the map.
     pub fn mirrored(&self) -> Self {
         Self { axis: [self.axis[0], -self.axis[1]], ..*self }
     }
@@ -71,9 +71,10 @@ impl OrientedBox {
         }
         let c = dot(self.axis, other.axis).abs();
         let s = cross(self.axis, other.axis).abs();
-        let along = |near: &Self, far: &Self| {
-            dot(d, near.axis).abs() <= near.half_length + far.half_length * c + far.half_width * s
-                && cross(near.axis, d).abs() <= near.half_width + far.half_length * s + far.half_width * c
+        let along = |first: &Self, second: &Self| {
+            dot(d, first.axis).abs() <= first.half_length + second.half_length * c + second.half_width * s
+                && cross(first.axis, d).abs()
+                    <= first.half_width + second.half_length * s + second.half_width * c
         };
         along(self, other) && along(other, self)
     }
@@ -87,7 +88,7 @@ impl OrientedBox {
         if a[0].min(b[0]) > l || a[0].max(b[0]) < -l || a[1].min(b[1]) > w || a[1].max(b[1]) < -w {
             return false;
         }
-        // The segment's own normal is the one axis left.
+        // The segment's own normal is the last axis to test.
         let d = sub(b, a);
         cross(d, a).abs() <= l * d[1].abs() + w * d[0].abs()
     }
@@ -101,14 +102,14 @@ impl OrientedBox {
             let p = frame.to_local(corner);
             norm([(p[0].abs() - frame.half_length).max(0.0), (p[1].abs() - frame.half_width).max(0.0)])
         };
-        // Of two disjoint convex polygons one nearest point is a corner.
+        // Of two disjoint convex polygons, one of the closest points is a corner.
         let mine = self.corners().into_iter().map(|corner| to_box(other, corner));
         let theirs = other.corners().into_iter().map(|corner| to_box(self, corner));
         mine.chain(theirs).fold(f64::INFINITY, f64::min)
     }
 
-    /// The box between two poses, `share` of the way from `self` to `to`: centre linear, heading
-    /// along the shorter turn.
+    /// The box at the fraction `share` of the motion from `self` to `to`. The centre moves linearly; the
+    /// heading takes the shorter rotation.
     pub fn between(&self, to: &Self, share: f64) -> Self {
         let turn = cross(self.axis, to.axis).atan2(dot(self.axis, to.axis)) * share;
         let (sin, cos) = turn.sin_cos();
@@ -182,7 +183,7 @@ mod tests {
             let gap = query::distance(&pa, &ca, &pb, &cb).unwrap().distance;
             assert!((a.distance(&b) - gap).abs() < 1e-6, "case {case}: {} {gap}", a.distance(&b));
         }
-        assert!((4_000..16_000).contains(&met), "{met} of 20000 meet: the cases say little");
+        assert!((4_000..16_000).contains(&met), "{met} of 20000 meet: the cases are too one-sided");
     }
 
     #[test]
@@ -201,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn touching_counts_and_so_does_containment() {
+    fn touching_and_containment_count_as_overlap() {
         let car = OrientedBox::new([0.0, 0.0], 0.0, 4.0, 2.0);
         assert!(car.intersects(&OrientedBox::new([0.0, 2.0], 0.0, 4.0, 2.0)));
         assert!(!car.intersects(&OrientedBox::new([0.0, 2.0 + 2f64.powi(-10)], 0.0, 4.0, 2.0)));
@@ -212,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mirrored_corner_is_where_the_published_code_puts_it() {
+    fn the_mirrored_corner_equals_the_published_codes() {
         let b = OrientedBox::new([0.0, 0.0], 30f64.to_radians(), 4.0, 2.0);
         let right = b.corners()[0];
         let wrong = b.mirrored().corners()[0];

@@ -1,12 +1,12 @@
-//! Map segments of one kind under a tree of bounds.
+//! Map segments of one kind, indexed by a tree of bounds.
 //!
-//! parry's tree over every segment takes 10 ms to build for 20 000 of them, so its leaves here are
-//! runs of [`RUN`] successive segments of one polyline: an eighth of the leaves, and a run's
-//! segments lie side by side in memory for the exact tests that follow.
+//! A tree over single segments takes parry 10 ms to build for 20 000 of them. Each leaf therefore holds a
+//! run of [`RUN`] successive segments of one polyline. This gives an eighth of the leaves, and the segments
+//! of a run are contiguous in memory for the exact tests.
 //!
-//! The bounds of a long slanting segment meet much that it is far from, so runs longer than [`LONG`]
-//! lie under leaves of short pieces instead: thousands of parallel diagonals cost no more than what of
-//! them is near.
+//! The bounds of a long diagonal segment intersect many queries that are far from it. Runs longer than
+//! [`LONG`] are therefore indexed by leaves of short segment parts. Thousands of parallel diagonals then
+//! cost no more than those near the query.
 
 use std::ops::Range;
 
@@ -14,16 +14,16 @@ use parry2d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
 use super::{Aabb, Point, cross, dot, norm, sub};
 
-/// Segments under one leaf.
+/// Segments per leaf.
 const RUN: usize = 8;
-/// Longest run under one leaf, and longest piece of a segment, metres. Runs of recorded maps reach 155 m.
+/// Longest run per leaf, and longest part of a segment, metres. Runs of recorded maps reach 155 m.
 const LONG: f64 = 200.0;
-/// Most pieces; where there were more, they are longer.
-const MOST_PIECES: f64 = 250e3;
-/// By how much the bounds of a piece are wider than it: more than any rounding, metres.
+/// Largest number of parts; above it, parts become longer.
+const MAX_PARTS: f64 = 250e3;
+/// Margin of the bounds of a part, metres: larger than any rounding error.
 const SLACK: f64 = 1e-6;
 
-/// One straight piece of a polyline.
+/// One straight segment of a polyline.
 #[derive(Clone, Copy, Debug)]
 pub struct Segment {
     /// Start, metres.
@@ -32,9 +32,9 @@ pub struct Segment {
     pub b: Point,
     /// Heights of start and end, metres.
     pub z: [f64; 2],
-    /// Index of the map feature it belongs to.
+    /// Index of its map feature.
     pub feature: u32,
-    /// Whether the polyline goes on before `a` and after `b`.
+    /// Whether the polyline continues before `a` and after `b`.
     pub joined: [bool; 2],
 }
 
@@ -48,7 +48,7 @@ impl Segment {
         }
     }
 
-    /// Share of the way from `a` to `b` at which the segment is nearest to `p`, in [0, 1].
+    /// Fraction of the segment, from `a` to `b`, at which it is nearest to `p`, in [0, 1].
     #[inline]
     pub fn nearest_share(&self, p: Point) -> f64 {
         let d = sub(self.b, self.a);
@@ -56,21 +56,21 @@ impl Segment {
         if length2 > 0.0 { (dot(sub(p, self.a), d) / length2).clamp(0.0, 1.0) } else { 0.0 }
     }
 
-    /// The point at a share of the way.
+    /// The point at a fraction of the segment.
     #[inline]
     pub fn at(&self, share: f64) -> Point {
         let d = sub(self.b, self.a);
         [self.a[0] + share * d[0], self.a[1] + share * d[1]]
     }
 
-    /// Height at a share of the way, metres.
+    /// Height at a fraction of the segment, metres.
     #[inline]
     pub fn height(&self, share: f64) -> f64 {
         self.z[0] + share * (self.z[1] - self.z[0])
     }
 
-    /// Bounds of its pieces of at most some length.
-    fn pieces(self, length: f64) -> impl Iterator<Item = Aabb> {
+    /// Bounds of the parts of the segment, each at most `length` long.
+    fn parts(self, length: f64) -> impl Iterator<Item = Aabb> {
         let count = (norm(sub(self.b, self.a)) / length).ceil().max(1.0);
         (0..count as usize).map(move |k| {
             let [from, to] = [k, k + 1].map(|k| Aabb::around(self.at(k as f64 / count), SLACK));
@@ -86,18 +86,18 @@ impl Segment {
     }
 }
 
-/// The point of an index nearest to some place.
+/// The point of an index nearest to a query point.
 #[derive(Clone, Copy, Debug)]
 pub struct Nearest {
     /// Index of the segment in [`SegmentIndex::segments`].
     pub segment: usize,
-    /// Share of the way along that segment, in [0, 1].
+    /// Fraction along that segment, in [0, 1].
     pub share: f64,
     /// Distance, metres.
     pub distance: f64,
 }
 
-/// On which hand of a directed polyline a point lies.
+/// Side of a directed polyline on which a point lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// Left of it, or on it.
@@ -111,13 +111,13 @@ pub struct SegmentIndex {
     segments: Vec<Segment>,
     runs: Vec<Range<u32>>,
     tree: Bvh,
-    /// Whether a run may lie under several leaves.
+    /// Whether a run may be indexed by several leaves.
     is_cut: bool,
 }
 
 impl SegmentIndex {
-    /// Index of polylines given as (feature, points with height). A polyline of fewer than two
-    /// points has no segment and is left out.
+    /// Index of polylines given as (feature, points with height). Polylines of fewer than two points are
+    /// skipped.
     pub fn build<'a>(polylines: impl IntoIterator<Item = (u32, &'a [[f64; 3]])>) -> Self {
         let mut segments = Vec::new();
         let mut runs = Vec::new();
@@ -142,7 +142,7 @@ impl SegmentIndex {
             }
         }
         if is_cut {
-            let leaves = leaves_of_pieces(&segments, runs);
+            let leaves = leaves_of_parts(&segments, runs);
             (runs, bounds) = leaves.map(|(run, all)| (run, all.to_parry())).unzip();
         }
         let tree = Bvh::from_leaves(BvhBuildStrategy::Binned, &bounds);
@@ -160,7 +160,7 @@ impl SegmentIndex {
         let mut leaves: Vec<u32> =
             if self.runs.is_empty() { Vec::new() } else { self.tree.intersect_aabb(&bounds).collect() };
         if self.is_cut {
-            // Leaves of one segment follow one another.
+            // Sorting brings the leaves of one segment together.
             leaves.sort_unstable();
             leaves.dedup_by_key(|leaf| self.runs[*leaf as usize].start);
         }
@@ -174,7 +174,7 @@ impl SegmentIndex {
     pub fn nearest(&self, p: Point, reach: f64, accept: impl Fn(&Segment) -> bool) -> Option<Nearest> {
         let mut radius = reach.min(2.0);
         loop {
-            // Squared until the end: most of the segments around are not the nearest.
+            // Squared until the end: most segments in the radius are not the nearest.
             let mut least = radius * radius;
             let mut best: Option<(usize, f64)> = None;
             for run in self.near(&Aabb::around(p, radius)) {
@@ -199,13 +199,13 @@ impl SegmentIndex {
         }
     }
 
-    /// The hand on which `p` lies of the polyline that `nearest` points at. `None` at the open end
-    /// of a polyline, where neither hand is meant.
+    /// Side of the polyline of `nearest` on which `p` lies. `None` at an open end of a polyline, where the
+    /// side is undefined.
     pub fn side(&self, p: Point, nearest: &Nearest) -> Option<Side> {
         let segment = &self.segments[nearest.segment];
         let [before, after] = segment.joined;
         let mut direction = segment.direction();
-        // At a joint the two pieces disagree; their mean direction decides.
+        // At a joint the two segments may disagree; their mean direction decides.
         let neighbour = match nearest.share {
             s if s <= 0.0 => Some((before, nearest.segment.wrapping_sub(1))),
             s if s >= 1.0 => Some((after, nearest.segment + 1)),
@@ -232,18 +232,18 @@ fn is_long(bounds: &Aabb) -> bool {
     (0..2).any(|k| bounds.max[k] - bounds.min[k] > LONG)
 }
 
-/// Leaves for runs of which some are long: these are cut into pieces of their segments.
-fn leaves_of_pieces(segments: &[Segment], runs: Vec<Range<u32>>) -> impl Iterator<Item = (Range<u32>, Aabb)> {
+/// Leaves for runs. Long runs are cut into parts of their segments.
+fn leaves_of_parts(segments: &[Segment], runs: Vec<Range<u32>>) -> impl Iterator<Item = (Range<u32>, Aabb)> {
     let total: f64 = segments.iter().map(|s| norm(sub(s.b, s.a))).sum();
-    let length = LONG.max(total / MOST_PIECES);
+    let length = LONG.max(total / MAX_PARTS);
     runs.into_iter().flat_map(move |run| {
         let all = bounds_of(&segments[run.start as usize..run.end as usize]);
         let is_long = is_long(&all);
-        let pieces = is_long.then(|| {
+        let parts = is_long.then(|| {
             run.clone()
-                .flat_map(move |k| segments[k as usize].pieces(length).map(move |bounds| (k..k + 1, bounds)))
+                .flat_map(move |k| segments[k as usize].parts(length).map(move |bounds| (k..k + 1, bounds)))
         });
-        pieces.into_iter().flatten().chain((!is_long).then_some((run, all)))
+        parts.into_iter().flatten().chain((!is_long).then_some((run, all)))
     })
 }
 
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn sides_are_those_of_the_direction_of_travel_and_open_ends_have_none() {
+    fn sides_follow_the_direction_of_the_polyline_and_open_ends_have_none() {
         let points = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 10.0, 0.0]];
         let index = SegmentIndex::build([(0, &points[..])]);
         let side = |p| index.nearest(p, 50.0, |_| true).and_then(|n| index.side(p, &n));

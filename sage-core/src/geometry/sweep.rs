@@ -1,14 +1,14 @@
-//! What a box covers on its way from one frame to the next.
+//! Area that a moving box covers between two frames.
 //!
-//! Against standing things the sweep is the convex hull of the two boxes: exact for a straight
-//! slide, and beyond it by less than a centimetre for the turns of a car in 0.1 s. Against moving
-//! boxes both are stepped so finely that no corner moves more than [`STEP`] relative to the other.
+//! Against static segments the sweep is the convex hull of the two boxes. The hull is exact for a straight
+//! translation. For the rotations of a car in 0.1 s the error is less than a centimetre. Against moving
+//! boxes both motions are sampled such that no corner moves more than [`STEP`] relative to the other box.
 
 use super::{Aabb, OrientedBox, Point, cross, norm, sub};
 
-/// Longest relative way of a corner between two tests of moving boxes, metres.
+/// Longest relative motion of a corner between two tests of moving boxes, metres.
 const STEP: f64 = 0.1;
-/// Most tests between two frames; at 10 Hz and [`STEP`] this serves 640 m/s.
+/// Largest number of tests between two frames; at 10 Hz and [`STEP`] this suffices for 640 m/s.
 const MAX_STEPS: usize = 640;
 
 /// Convex hull of a box at two frames.
@@ -35,15 +35,15 @@ impl SweptBox {
 
     /// Whether the closed hull and the closed segment share a point.
     pub fn intersects_segment(&self, a: Point, b: Point) -> bool {
-        // Separated by an edge of the hull?
+        // Is an edge of the hull a separating axis?
         for (k, &p) in self.hull.iter().enumerate() {
             let edge = sub(self.hull[(k + 1) % self.hull.len()], p);
             if cross(edge, sub(a, p)) < 0.0 && cross(edge, sub(b, p)) < 0.0 {
                 return false;
             }
         }
-        // By the segment's line, or beyond its ends (a hull edge covers the latter unless the
-        // segment is a point, whose line says nothing).
+        // Is the segment's normal one? Beyond the segment's ends a hull edge separates, unless the segment
+        // is a point, whose normal is undefined.
         let d = sub(b, a);
         let sides = self.hull.iter().map(|&p| cross(d, sub(p, a)));
         let (lo, hi) = sides.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), s| (lo.min(s), hi.max(s)));
@@ -67,7 +67,7 @@ fn half_hull(points: impl Iterator<Item = Point>) -> Vec<Point> {
     chain
 }
 
-/// Whether two boxes that move from one pose to the next meet on the way, ends included.
+/// Whether two boxes that move from one pose to the next meet at any time in between, ends included.
 pub fn boxes_meet_between(a: [&OrientedBox; 2], b: [&OrientedBox; 2]) -> bool {
     let reach = |pair: [&OrientedBox; 2]| pair[0].radius().max(pair[1].radius());
     let bounds = |pair: [&OrientedBox; 2]| {
@@ -76,13 +76,13 @@ pub fn boxes_meet_between(a: [&OrientedBox; 2], b: [&OrientedBox; 2]) -> bool {
     if !bounds(a).meets(&bounds(b)) {
         return false;
     }
-    let way = |pair: [&OrientedBox; 2]| {
+    let motion = |pair: [&OrientedBox; 2]| {
         let [from, to] = pair.map(OrientedBox::corners);
         [0, 1, 2, 3].map(|k| sub(to[k], from[k]))
     };
-    let (way_a, way_b) = (way(a), way(b));
+    let (motion_a, motion_b) = (motion(a), motion(b));
     let farthest =
-        way_a.iter().flat_map(|&m| way_b.iter().map(move |&n| norm(sub(m, n)))).fold(0.0, f64::max);
+        motion_a.iter().flat_map(|&m| motion_b.iter().map(move |&n| norm(sub(m, n)))).fold(0.0, f64::max);
     let steps = ((farthest / STEP).ceil() as usize).clamp(1, MAX_STEPS);
     (0..=steps).any(|step| {
         let share = step as f64 / steps as f64;
@@ -96,7 +96,7 @@ mod tests {
     use crate::seed::Rng;
 
     #[test]
-    fn the_hull_holds_both_boxes_and_the_way_between() {
+    fn the_hull_contains_both_boxes_and_the_motion_between() {
         let mut rng = Rng::new(2, "sweep", "hull");
         for _ in 0..2_000 {
             let from = OrientedBox::new([rng.uniform(-3.0, 3.0), 0.0], rng.uniform(-3.0, 3.0), 4.5, 2.0);
@@ -104,12 +104,12 @@ mod tests {
             let swept = SweptBox::between(&from, &to);
             let mut point = || [rng.uniform(-6.0, 6.0), rng.uniform(-6.0, 6.0)];
             let (a, b) = (point(), point());
-            // A pure slide is covered exactly, so a fine walk finds what the hull finds, but for
-            // grazes shorter than the walk's step.
-            let walked = (0..=400).any(|k| from.between(&to, k as f64 / 400.0).intersects_segment(a, b));
+            // The hull is exact for a translation. Fine sampling therefore finds the same contacts, except
+            // grazes shorter than the sampling step.
+            let sampled = (0..=400).any(|k| from.between(&to, k as f64 / 400.0).intersects_segment(a, b));
             let hull = swept.intersects_segment(a, b);
-            assert!(hull || !walked);
-            if hull && !walked {
+            assert!(hull || !sampled);
+            if hull && !sampled {
                 let fat = |k: usize| {
                     let mut b = from.between(&to, k as f64 / 400.0);
                     b.half_length += 0.02;

@@ -1,4 +1,4 @@
-//! Kinematic bicycle: the path of a car's centre under steering and acceleration.
+//! Kinematic bicycle model: the path of a car's centre under steering and acceleration.
 //!
 //! Wheels roll without slip; the slip angle at the centre is β = atan(l_r / (l_f + l_r) · tan δ) and
 //! the yaw rate v cos β tan δ / (l_f + l_r) (Kong et al., IV 2015). Steps are integrated exactly
@@ -30,7 +30,7 @@ impl Bicycle {
     /// (m/s²). A braking car stops at 0 m/s; it does not roll back.
     pub fn step(&self, state: &State, steering: f64, acceleration: f64, dt: f64) -> State {
         let speed = (state.speed + acceleration * dt).max(0.0);
-        // A car that stops within the step covers v² / (2 |a|), not half of v · dt.
+        // A car that stops within the step travels v² / (2 |a|), not half of v · dt.
         let length = if speed > 0.0 || acceleration >= 0.0 {
             0.5 * (state.speed + speed) * dt
         } else {

@@ -1,10 +1,10 @@
-//! Intelligent Driver Model: acceleration of a car behind another (Treiber et al., 2000), SI units.
+//! Intelligent Driver Model: acceleration of a car behind another car (Treiber et al., 2000), SI units.
 //!
 //! `a [1 − (v/v₀)^δ − (s*/s)²]` with `s* = s₀ + max(0, v T + v Δv / (2 √(a b)))`.
 
 use serde::{Deserialize, Serialize};
 
-/// Parameters of the law; the defaults are the textbook's for city traffic.
+/// Parameters of the model; the defaults are the textbook values for city traffic.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Idm {
@@ -45,7 +45,7 @@ pub struct Leader {
 }
 
 impl Idm {
-    /// Gap below which the law sees no difference, m: keeps a contact from dividing by zero.
+    /// Smallest gap in the formula, m. It prevents a division by zero at contact.
     const LEAST_GAP: f64 = 0.01;
 
     /// Acceleration at speed `v` (m/s, ≥ 0), m/s²; negative is braking, without a lower limit.
@@ -58,7 +58,7 @@ impl Idm {
         self.acceleration * (free - interaction)
     }
 
-    /// The gap s* that the law wishes at speed `v` behind a car of speed `leader`, m.
+    /// Desired gap s* at speed `v` behind a car of speed `leader`, m.
     pub fn wished_gap(&self, v: f64, leader: f64) -> f64 {
         let braking = v * (v - leader) / (2.0 * (self.acceleration * self.deceleration).sqrt());
         self.standing_gap + (v * self.time_gap + braking).max(0.0)

@@ -1,8 +1,8 @@
-//! Where something is, and how it moves.
+//! Poses and states of motion.
 
 use crate::geometry::Point;
 
-/// A place and a direction in the plane.
+/// A position and a heading in the plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// Position, metres.
@@ -17,20 +17,20 @@ impl Pose {
         Self { position: [x, y], heading }
     }
 
-    /// The pose moved by some metres forward and to the left.
+    /// The pose translated by some metres forward and to the left.
     pub fn shifted(&self, forward: f64, left: f64) -> Self {
         let (s, c) = self.heading.sin_cos();
         let [x, y] = self.position;
         Self { position: [x + forward * c - left * s, y + forward * s + left * c], ..*self }
     }
 
-    /// The pose looking back.
+    /// The pose with the opposite heading.
     pub fn turned(&self) -> Self {
         Self { heading: self.heading + std::f64::consts::PI, ..*self }
     }
 }
 
-/// A car that moves: the pose of its centre, and the centre's speed.
+/// State of a moving car: the pose of its centre, and the centre's speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Centre, metres.
@@ -42,7 +42,7 @@ pub struct State {
 }
 
 impl State {
-    /// Where it is.
+    /// The pose.
     pub fn pose(&self) -> Pose {
         Pose { position: self.position, heading: self.heading }
     }

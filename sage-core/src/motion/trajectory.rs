@@ -41,9 +41,9 @@ impl From<Trajectory> for Vec<Point> {
     }
 }
 
-/// Refuses points that are no places.
+/// Checks that all coordinates are finite and within [`MAX_COORDINATE`].
 ///
-/// *Errors*: [`Error::NotFinite`] for the first.
+/// *Errors*: [`Error::NotFinite`] for the first point that is not.
 pub(crate) fn check_points(what: &str, points: &[Point]) -> Result<(), Error> {
     // NaN fails the comparison as well.
     let bad = |p: &Point| !(p[0].abs() <= MAX_COORDINATE && p[1].abs() <= MAX_COORDINATE);
@@ -53,7 +53,7 @@ pub(crate) fn check_points(what: &str, points: &[Point]) -> Result<(), Error> {
     }
 }
 
-/// Backward difference of a path at a step, 1 to its length, m/s.
+/// Velocity at a step, 1 to the trajectory's length, by backward difference, m/s.
 pub fn backward_velocity(points: &[Point], start: Point, step: usize) -> Point {
     let before = if step == 1 { start } else { points[step - 2] };
     let now = points[step - 1];

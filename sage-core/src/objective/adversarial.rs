@@ -1,4 +1,4 @@
-//! Adversarial reward: an early contact with the ego, else closeness, as [`Encounter::reward`] has it.
+//! Adversarial reward: early contact with the ego, else closeness; see [`Encounter::reward`].
 
 use super::{Convention, Encounter, Reward, Situation};
 use crate::{
@@ -7,8 +7,8 @@ use crate::{
     registry::{Entry, NoOptions},
 };
 
-/// The published reward of two paths of any lengths, with headings from the paths alone: reward
-/// and whether they touch. Below two common points 0 and no.
+/// The published reward of two trajectories of any lengths, with headings from the positions alone. Returns
+/// the reward and whether they touch; 0 and `false` below two common points.
 pub fn release_reward(adversary: &[Point], size: [f64; 2], ego: &[Point], ego_size: [f64; 2]) -> (f64, bool) {
     let n = adversary.len().min(ego.len());
     if n < 2 {

@@ -1,8 +1,8 @@
-//! Behavioural penalty: turning back, and turning on the spot.
+//! Behavioural penalty on reversing direction and on rotating without moving.
 //!
-//! `P_beh = 5 sp(|Δψ| − π) + 3 mean over steps of |ω| / (v + 0.01)` with the total turn Δψ. Its
-//! floor is 0.2115. Source: the paper's realism section; it names no ε, 0.01 is the published
-//! code's.
+//! `P_beh = 5 sp(|Δψ| − π) + 3 mean over steps of |ω| / (v + 0.01)` with the total rotation Δψ. Its floor
+//! is 0.2115. Source: the paper's realism section. The paper does not specify ε; 0.01 is the value of the
+//! published code.
 
 use super::{
     Reward, Situation,
@@ -13,11 +13,11 @@ use crate::{
     registry::{Entry, NoOptions},
 };
 
-/// Weight of the total turn.
+/// Weight of the total rotation.
 const TURN_WEIGHT: f64 = 5.0;
-/// Weight of turning without moving.
+/// Weight of rotation without motion.
 const SPIN_WEIGHT: f64 = 3.0;
-/// Keeps a standing car from dividing by zero, m/s.
+/// Prevents a division by zero for a standing car, m/s.
 const EPSILON: f64 = 0.01;
 
 /// P_beh of a profile; 0 below five points.
@@ -35,7 +35,7 @@ pub struct BehaviorPenalty;
 
 impl Entry<dyn Reward> for BehaviorPenalty {
     const NAME: &'static str = "behavior";
-    const SUMMARY: &'static str = "penalty on turning back and on turning without moving";
+    const SUMMARY: &'static str = "penalty on reversing direction and on rotating without moving";
     const SOURCE: &'static str = "SAGE (ICLR 2026), behavioural penalty";
     type Options = NoOptions;
 

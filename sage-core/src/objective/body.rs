@@ -1,4 +1,4 @@
-//! The adversary's body: what makes a planned trajectory a candidate.
+//! The adversary's body: pose, size and convention that turn a trajectory into a candidate.
 
 use super::{Candidate, Convention, Sizes};
 use crate::{
@@ -8,12 +8,12 @@ use crate::{
     scene::Scene,
 };
 
-/// Pose *now*, size, and the convention by which trajectories are read. It knows nothing of the future of
-/// an adversary that was seen by *now*.
+/// Pose at *now*, size, and the convention for trajectories. If the adversary is valid *now* or earlier, it
+/// holds no information about the future.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
     start: Option<Pose>,
-    /// Heading of the valid frame of history nearest to now.
+    /// Heading at the valid frame nearest to *now*, preferably in history.
     last_heading: f64,
     /// Length and width, metres.
     pub(super) size: [f64; 2],
@@ -39,15 +39,15 @@ impl Body {
         let track = scene.adversary()?;
         let start =
             track.is_valid(NOW).then(|| Pose { position: track.point(NOW), heading: track.heading[NOW] });
-        let seen = (0..track.valid.len()).filter(|&f| track.is_valid(f));
-        let nearest = seen.min_by_key(|f| (*f > NOW, f.abs_diff(NOW)));
+        let valid = (0..track.valid.len()).filter(|&f| track.is_valid(f));
+        let nearest = valid.min_by_key(|f| (*f > NOW, f.abs_diff(NOW)));
         let last_heading = nearest.map_or(0.0, |frame| track.heading[frame]);
         Ok(Self { start, last_heading, size, convention, mirrored })
     }
 
-    /// Prepares a trajectory for scoring. Where the adversary is not valid *now*, its position is
-    /// extrapolated from the first two planned points, and so is its heading if they move; if not,
-    /// it is the last that was seen.
+    /// Prepares a trajectory for scoring. If the adversary is not valid *now*, its position is extrapolated
+    /// from the first two planned points. So is its heading if these points move; otherwise it is the last
+    /// valid heading.
     pub fn candidate(&self, trajectory: Trajectory) -> Candidate {
         let start = self.start.unwrap_or_else(|| {
             let [a, b] = [trajectory.points()[0], trajectory.points()[1]];

@@ -1,4 +1,4 @@
-//! A trajectory with what every objective needs of it, computed once.
+//! A trajectory with the derived quantities that every objective needs, computed once.
 
 use super::{Convention, others::CHUNK};
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
     },
 };
 
-/// A planned trajectory of the adversary, ready to be judged.
+/// A planned trajectory of the adversary, prepared for evaluation.
 pub struct Candidate {
     trajectory: Trajectory,
     profile: Profile,
@@ -54,12 +54,13 @@ impl Candidate {
         Self { trajectory, profile, start, nll: None, boxes, mirrored, bounds, chunks }
     }
 
-    /// The same with the negative log-likelihood under the prior, nats, if whoever proposed it knows.
+    /// The candidate with its negative log-likelihood under the prior, nats, if the proposer computed it.
     pub fn with_nll(self, nll: Option<f64>) -> Self {
         Self { nll, ..self }
     }
 
-    /// Negative log-likelihood under the prior, up to what the candidates of a scene share, nats.
+    /// Negative log-likelihood under the prior, nats, up to a constant that the candidates of a scene
+    /// share.
     pub fn nll(&self) -> Option<f64> {
         self.nll
     }
@@ -69,12 +70,12 @@ impl Candidate {
         &self.trajectory
     }
 
-    /// The path alone.
+    /// The trajectory, without the derived quantities.
     pub fn into_trajectory(self) -> Trajectory {
         self.trajectory
     }
 
-    /// Speed, heading and the rest, by the context's convention.
+    /// Speed, heading and the other quantities, by the context's convention.
     pub fn profile(&self) -> &Profile {
         &self.profile
     }
@@ -84,7 +85,7 @@ impl Candidate {
         &self.start
     }
 
-    /// Boxes of steps 1 to 80 as they lie against the ego.
+    /// Boxes of steps 1 to 80 for tests against the ego.
     pub fn boxes(&self) -> &[OrientedBox] {
         &self.boxes
     }
@@ -95,8 +96,8 @@ impl Candidate {
         OrientedBox { center: self.start.position, axis: [cos, sin], ..self.boxes[0] }
     }
 
-    /// Boxes of steps 1 to 80 as they are tested against the map and other agents: the same, but
-    /// for the published code's mirrored ones.
+    /// Boxes of steps 1 to 80 for tests against the map and other agents. They equal [`Candidate::boxes`],
+    /// except for the published code's mirrored boxes.
     pub fn map_boxes(&self) -> &[OrientedBox] {
         self.mirrored.as_ref().unwrap_or(&self.boxes)
     }
@@ -111,7 +112,7 @@ impl Candidate {
         &self.bounds
     }
 
-    /// Bounds of the map boxes over each [`CHUNK`] steps.
+    /// Bounds of the map boxes over each group of [`CHUNK`] steps.
     pub(super) fn chunks(&self) -> &[Aabb; HORIZON / CHUNK] {
         &self.chunks
     }

@@ -1,32 +1,33 @@
-//! What sort of accident a contact would be called.
+//! Collision types of contacts between adversary and ego.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Criticality, SideHit, Situation};
 
-/// Sorts of accidents, told by the ego's side that is hit and how the two are turned to each other.
+/// Collision types, defined by the side of the ego that is hit and the angle between the headings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CollisionType {
-    /// The adversary runs into the ego from behind.
+    /// The adversary hits the ego from behind.
     RearEnd,
-    /// The ego runs into the adversary, which drives the same way in front of it.
+    /// The ego hits the adversary, which has cut in ahead of it in the same direction.
     CutIn,
-    /// Both drive the same way, side by side.
+    /// Both drive in the same direction, side by side.
     Sideswipe,
     /// The adversary crosses in front of the ego.
     Crossing,
-    /// The adversary runs into the ego's side.
+    /// The adversary hits the ego's side.
     SideImpact,
-    /// They meet face to face.
+    /// Both drive in opposite directions.
     HeadOn,
 }
 
-/// Turned less than this they drive the same way, and more than the rest to half a turn, radians.
+/// Headings that differ by less than this count as the same direction; by more than π minus this, as
+/// opposite directions, radians.
 const ALONG: f64 = std::f64::consts::FRAC_PI_4;
 
 impl CollisionType {
-    /// All of them.
+    /// All collision types.
     pub const ALL: [Self; 6] =
         [Self::RearEnd, Self::CutIn, Self::Sideswipe, Self::Crossing, Self::SideImpact, Self::HeadOn];
 
@@ -42,15 +43,15 @@ impl CollisionType {
         }
     }
 
-    /// That of a candidate which touches the ego; `None` without contact.
+    /// Collision type of a candidate that touches the ego; `None` without contact.
     pub fn of(situation: &Situation, criticality: &Criticality) -> Option<Self> {
         let step = situation.encounter.contact?;
         let ([a, b], [c, d]) = (situation.ego.box_at(step)?.axis, situation.candidate.boxes()[step - 1].axis);
         let turn = (a * d - b * c).atan2(a * c + b * d).abs();
-        Some(Self::told_by(criticality.side_hit?, turn))
+        Some(Self::classify(criticality.side_hit?, turn))
     }
 
-    fn told_by(side: SideHit, turn: f64) -> Self {
+    fn classify(side: SideHit, turn: f64) -> Self {
         let opposed = turn > std::f64::consts::PI - ALONG;
         match side {
             _ if opposed => Self::HeadOn,
@@ -68,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn side_and_turn_tell_the_sort() {
+    fn side_and_angle_define_the_collision_type() {
         use CollisionType::*;
         let cases = [
             (SideHit::Rear, 0.1, RearEnd),
@@ -81,7 +82,7 @@ mod tests {
             (SideHit::Rear, 1.5, SideImpact),
         ];
         for (side, turn, kind) in cases {
-            assert_eq!(CollisionType::told_by(side, turn), kind, "{side:?} at {turn}");
+            assert_eq!(CollisionType::classify(side, turn), kind, "{side:?} at {turn}");
         }
     }
 }

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{Error, registry::Registry};
 
-/// What fine-tuning, selection and search make large.
+/// A weighted sum of rewards with a feasibility rule. Fine-tuning, selection and search maximise it.
 #[derive(Clone)]
 pub struct Objective {
     spec: ObjectiveSpec,
@@ -24,31 +24,31 @@ struct Term {
     only_feasible: bool,
 }
 
-/// What an objective found of a candidate; its value at any μ follows.
+/// Result of evaluating a candidate; it determines the value at any μ.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
-    /// Value of each term, a mean over the ego's paths; `None` where it was not measured, or not asked for.
+    /// Value of each term, a mean over the ego's paths; `None` if it was not measured or not requested.
     pub terms: Vec<Option<f64>>,
-    /// Broken rules.
+    /// Violated rules.
     pub violations: Vec<Violation>,
     /// First step with contact with the ego on its first path, 1 to 80.
     pub contact: Option<usize>,
-    /// Adversarial reward against that path, whether or not it is a term.
+    /// Adversarial reward against that path, even if it is not a term.
     pub adversarial: f64,
 }
 
 impl Evaluation {
-    /// Whether no rule is broken.
+    /// Whether no rule is violated.
     pub fn is_feasible(&self) -> bool {
         self.violations.is_empty()
     }
 
-    /// Whether it hits the ego without breaking a rule.
+    /// Whether it hits the ego without a violation.
     pub fn is_attack(&self) -> bool {
         self.contact.is_some() && self.is_feasible()
     }
 
-    /// Cost of the broken rules.
+    /// Cost of the violations.
     pub fn cost(&self) -> f64 {
         self.violations.iter().fold(0.0, |sum, violation| sum + violation.cost)
     }
@@ -57,8 +57,8 @@ impl Evaluation {
 impl Objective {
     /// The objective of a spec.
     ///
-    /// *Errors*: [`Error::Unknown`] for a name that is not registered, [`Error::Options`] for options that a
-    /// part refuses, or a weight that is no number.
+    /// *Errors*: [`Error::Unknown`] for a name that is not registered; [`Error::Options`] for options that
+    /// a part refuses, for a spec without terms, or for a weight that is not finite.
     pub fn new(
         spec: &ObjectiveSpec,
         rewards: &Registry<dyn Reward>,
@@ -66,7 +66,7 @@ impl Objective {
     ) -> Result<Self, Error> {
         let fail = |name, problem| Err(Error::Options { kind: "objective", name, problem });
         if spec.terms.is_empty() {
-            return fail("terms", "there is none; expected at least one".to_owned());
+            return fail("terms", "there are none; expected at least one".to_owned());
         }
         if !(spec.violation_weight >= 0.0 && spec.violation_weight.is_finite()) {
             let found = spec.violation_weight;
@@ -89,7 +89,7 @@ impl Objective {
         Ok(Self { spec: spec.clone(), terms, rule })
     }
 
-    /// One objective that measures every term of several once. Its weights mean nothing.
+    /// One objective that measures every term of several objectives once. Its weights are meaningless.
     ///
     /// *Errors*: [`Error::Options`] if they differ in their feasibility rule.
     pub fn union(objectives: &[&Self]) -> Result<Option<Self>, Error> {
@@ -103,7 +103,7 @@ impl Objective {
                 };
                 let [a, b] = [first, other].map(|objective| rule(&objective.spec.feasibility));
                 let problem = format!(
-                    "objectives that are measured together have the rules `{a}` and `{b}`; expected one"
+                    "objectives that are evaluated together have the rules `{a}` and `{b}`; expected one rule"
                 );
                 return Err(Error::Options { kind: "objective", name: "feasibility", problem });
             }
@@ -117,10 +117,10 @@ impl Objective {
         Ok(Some(union))
     }
 
-    /// Where each of its terms stands among those of a [`Objective::union`]; `None` if one is not there.
+    /// Index of each of its terms in a [`Objective::union`]; `None` if a term is missing there.
     pub fn places_in(&self, union: &Self) -> Option<Vec<usize>> {
-        let place = |term: &TermSpec| union.spec.terms.iter().position(|known| known.measures_as(term));
-        self.spec.terms.iter().map(place).collect()
+        let position = |term: &TermSpec| union.spec.terms.iter().position(|known| known.measures_as(term));
+        self.spec.terms.iter().map(position).collect()
     }
 
     /// The spec it was built from.
@@ -128,7 +128,7 @@ impl Objective {
         &self.spec
     }
 
-    /// The rule that makes a candidate feasible.
+    /// The feasibility rule.
     pub fn rule(&self) -> &dyn Feasibility {
         &*self.rule
     }
@@ -138,7 +138,7 @@ impl Objective {
         self.terms.iter().any(|term| term.reward.needs_prior())
     }
 
-    /// Measures a candidate.
+    /// Evaluates a candidate.
     pub fn evaluate(&self, candidate: &Candidate, ctx: &Context) -> Evaluation {
         let violations = self.rule.violations(candidate, ctx);
         let is_feasible = violations.is_empty();
@@ -154,23 +154,23 @@ impl Objective {
         }
     }
 
-    /// Value of an evaluated candidate at a weight μ: the sum of what was measured, less the costs of broken
-    /// rules where the objective weighs them.
+    /// Value of an evaluated candidate at a weight μ: the weighted sum of the measured terms, minus the
+    /// costs of violations if the objective weighs them.
     pub fn value(&self, evaluation: &Evaluation, mu: f64) -> f64 {
         self.value_of(&evaluation.terms, evaluation.cost(), mu)
     }
 
-    /// The same from the values of its terms and the cost of broken rules.
+    /// The value from the values of the terms and the cost of violations.
     pub fn value_of(&self, terms: &[Option<f64>], cost: f64, mu: f64) -> f64 {
         let measured = self.terms.iter().zip(terms).filter_map(|(term, value)| Some((term, (*value)?)));
         let value = measured.fold(0.0, |sum, (term, value)| sum + term.weight.at(mu) * value);
         value - self.spec.violation_weight * cost
     }
 
-    /// The most that a candidate can be worth at a weight μ: slow terms at their best, no rule broken.
+    /// Upper bound of a candidate's value at a weight μ: slow terms at their best value, no violation.
     pub fn value_at_most(&self, candidate: &Candidate, ctx: &Context, mu: f64) -> f64 {
         let situations = situations(candidate, ctx);
-        // A slow term that cannot be measured would add nothing.
+        // A slow term that cannot be measured adds nothing.
         let best = |term: &Term| {
             let Some([least, most]) = term.reward.slow_range() else { return term.mean(&situations) };
             let weight = term.weight.at(mu);
@@ -187,12 +187,12 @@ fn situations<'a>(candidate: &'a Candidate, ctx: &'a Context) -> Vec<Situation<'
 }
 
 impl Term {
-    /// A value that is not finite was not measured: nothing can be compared with it.
+    /// A value that is not finite counts as not measured, because it cannot be compared.
     fn score(&self, situation: &Situation) -> Option<f64> {
         self.reward.score(situation).filter(|value| value.is_finite())
     }
 
-    /// Mean over the ego's paths in which it can be measured, by their weights.
+    /// Weighted mean over those of the ego's paths for which it can be measured.
     fn mean(&self, situations: &[Situation]) -> Option<f64> {
         if situations.len() == 1 || !self.reward.depends_on_ego() {
             return self.score(&situations[0]);

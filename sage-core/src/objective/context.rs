@@ -1,10 +1,10 @@
-//! What scoring needs of a scene, built once for all its candidates.
+//! Scene data for scoring, built once for all candidates of a scene.
 
 use std::sync::Arc;
 
 use super::{
     Body, Candidate, Convention, EgoPath, EgoPaths, OtherAgent, Sizes,
-    ego::{self, Reading},
+    ego::{self, PathOptions},
 };
 use crate::{
     Error,
@@ -12,24 +12,23 @@ use crate::{
     scene::{Scene, SceneIndex, Track},
 };
 
-/// Other agents that the published code sees: its table has 128 rows, two of them ego and adversary.
+/// Number of other agents in the published code: its table has 128 rows, two of them ego and adversary.
 const RELEASE_AGENTS: usize = 126;
 
-/// How a context is built.
+/// Options of a context.
 #[derive(Clone, Debug, Default)]
 pub struct ContextOptions {
-    /// Which reading of the formulas.
+    /// Convention of the formulas.
     pub convention: Convention,
     /// Sizes of ego and adversary.
     pub sizes: Sizes,
     /// The ego's paths; the logged one if `None`.
     pub ego: Option<EgoPaths>,
-    /// Whether boxes are mirrored against map and agents; by default in `release` alone.
+    /// Whether boxes are mirrored against map and agents; by default only in `release`.
     pub mirrored_boxes: Option<bool>,
 }
 
-/// A scene from the point of view of one adversary, and the ego's paths. It owns what it needs; a clone
-/// shares it.
+/// A scene with one adversary and the ego's paths, prepared for scoring. Clones share its data.
 #[derive(Clone)]
 pub struct Context {
     scene: Arc<Scene>,
@@ -44,14 +43,15 @@ pub struct Context {
 impl Context {
     /// Prepares a scene for scoring.
     ///
-    /// *Errors*: [`Error::Scene`] if there is no adversary, or no ego path was given and the scene
-    /// ends before frame 90 or does not show the ego after frame 10.
+    /// *Errors*: [`Error::Scene`] if there is no adversary, or if no ego path is given and the scene ends
+    /// before frame 90 or has no valid frame of the ego after frame 10.
     pub fn new(scene: &Arc<Scene>, index: &Arc<SceneIndex>, options: &ContextOptions) -> Result<Self, Error> {
         let adversary = scene.adversary_index()?;
         let ContextOptions { convention, sizes, ego, mirrored_boxes } = options;
         let mirrored = mirrored_boxes.unwrap_or(*convention == Convention::Release);
         let (ego_size, size) = sizes.of(scene, adversary);
-        let egos = ego::ready(ego.as_ref(), scene, Reading { convention: *convention, size: ego_size })?;
+        let egos =
+            ego::prepare(ego.as_ref(), scene, PathOptions { convention: *convention, size: ego_size })?;
         let others = scene
             .tracks
             .iter()
@@ -72,10 +72,10 @@ impl Context {
 
     /// The same scene, convention and sizes with other ego paths: index and other road users are shared.
     ///
-    /// *Errors*: none for paths that were given; see [`Context::new`].
+    /// *Errors*: none for given paths; see [`Context::new`].
     pub fn with_ego(&self, ego: &EgoPaths) -> Result<Self, Error> {
-        let reading = Reading { convention: self.convention(), size: self.ego_size };
-        let egos = ego::ready(Some(ego), &self.scene, reading)?.into();
+        let options = PathOptions { convention: self.convention(), size: self.ego_size };
+        let egos = ego::prepare(Some(ego), &self.scene, options)?.into();
         Ok(Self { egos, ..self.clone() })
     }
 
@@ -89,7 +89,7 @@ impl Context {
         &self.scene
     }
 
-    /// The map's search trees.
+    /// The search trees of the map.
     pub fn index(&self) -> &Arc<SceneIndex> {
         &self.index
     }
@@ -99,12 +99,12 @@ impl Context {
         &self.scene.tracks[self.adversary]
     }
 
-    /// Which reading of the formulas.
+    /// Convention of the formulas.
     pub fn convention(&self) -> Convention {
         self.body.convention
     }
 
-    /// The ego's paths, at least one, in the order in which they were given.
+    /// The ego's paths, at least one, in the given order.
     pub fn egos(&self) -> &[EgoPath] {
         &self.egos
     }
@@ -129,8 +129,8 @@ impl Context {
         &self.others
     }
 
-    /// Those of them that the convention's frame-by-frame rule knows of: all, or the published
-    /// code's first 126.
+    /// The other road users that the convention's frame-by-frame rule considers: all, or the first 126 of
+    /// the published code.
     pub(super) fn known_others(&self) -> &[OtherAgent] {
         match self.convention() {
             Convention::Paper => &self.others,

@@ -1,16 +1,15 @@
-//! Which of the two readings of the formulas is meant.
+//! Conventions of the formulas: the paper's text or the published code.
 
-/// A reading of the paper's formulas.
+/// An interpretation of the paper's formulas.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Convention {
-    /// The formulas as written, made well posed: boxes turned the right way, headings by
+    /// The formulas as written, made well posed: boxes with the correct orientation, headings by
     /// differences and held while standing, steps counted from 1.
     #[default]
     Paper,
-    /// What the published code computes, so that its figures can be reproduced: mirrored boxes
-    /// against the map, smoothed headings, central differences, steps counted from 0, at most 126
-    /// other agents.
+    /// What the published code computes, to reproduce its figures: mirrored boxes against the map, smoothed
+    /// headings, central differences, steps counted from 0, at most 126 other agents.
     Release,
 }
 

@@ -1,7 +1,7 @@
-//! How close and how bad an encounter is, beyond the paper's reward.
+//! Criticality of an encounter, beyond the paper's reward.
 //!
-//! All of them compare ego and adversary at the steps at which both are seen, velocities being
-//! backward differences. What cannot be measured is `None`, never 0.
+//! All measures compare ego and adversary at the steps at which both have a box. Velocities are backward
+//! differences. A measure that is undefined is `None`, never 0.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,17 +12,17 @@ use crate::{
     registry::{Entry, NoOptions},
 };
 
-/// The measures of one candidate.
+/// Criticality measures of one candidate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Criticality {
-    /// Least time to collision before contact, seconds: the time until the boxes would touch if
-    /// both kept velocity and heading. `None` if they never are on a collision course.
+    /// Least time to collision before contact, seconds: the time until the boxes would touch if both kept
+    /// velocity and heading. `None` if they are never on a collision course.
     pub time_to_collision: Option<f64>,
-    /// Least time between one leaving a place and the other coming to it, seconds; 0 if they
-    /// collide, `None` if their ways share no place.
+    /// Post-encroachment time: least time between one leaving an area and the other entering it, seconds. 0
+    /// if they collide, `None` if their swept areas do not overlap.
     pub post_encroachment_time: Option<f64>,
-    /// Greatest constant deceleration of the relative motion that avoids contact, m/s²:
-    /// `Δv / (2 TTC)` over the steps on a collision course before contact.
+    /// Greatest constant deceleration of the relative motion that avoids contact, m/s²: `Δv / (2 TTC)` over
+    /// the steps on a collision course before contact.
     pub required_deceleration: Option<f64>,
     /// Relative speed at first contact, m/s.
     pub impact_speed: Option<f64>,
@@ -77,7 +77,7 @@ impl Criticality {
     }
 }
 
-/// Least time to collision and greatest required deceleration before contact.
+/// Least time to collision, and greatest required deceleration before contact.
 fn approach(Situation { candidate, ego: path, encounter, .. }: &Situation) -> (Option<f64>, Option<f64>) {
     let end = encounter.contact.unwrap_or(HORIZON + 1);
     let mut least: Option<f64> = None;
@@ -87,7 +87,7 @@ fn approach(Situation { candidate, ego: path, encounter, .. }: &Situation) -> (O
         let relative = sub(candidate.velocity(step), ego_velocity);
         if let Some(time) = time_to_touch(ego, &candidate.boxes()[step - 1], relative) {
             least = Some(least.map_or(time, |t| t.min(time)));
-            // Boxes that do not touch are apart by more than nothing, so the time is above 0.
+            // Boxes that do not touch have a positive distance, so the time is above 0.
             let needed = norm(relative) / (2.0 * time);
             hardest = Some(hardest.map_or(needed, |d| d.max(needed)));
         }
@@ -95,28 +95,28 @@ fn approach(Situation { candidate, ego: path, encounter, .. }: &Situation) -> (O
     (least, hardest)
 }
 
-/// Time until `other`, moving with `velocity` relative to `ego`, touches it; `None` if never.
+/// Time until `other`, moving with `velocity` relative to `ego`, touches it; `None` if it never does.
 ///
-/// Separating axes with time: on each axis the boxes overlap during one interval, and they touch
-/// when all intervals do.
+/// Separating axes with time: on each axis the boxes overlap during one interval. They touch when all
+/// intervals overlap.
 pub fn time_to_touch(ego: &OrientedBox, other: &OrientedBox, velocity: Point) -> Option<f64> {
     let offset = sub(other.center, ego.center);
     let c = dot(ego.axis, other.axis).abs();
     let s = cross(ego.axis, other.axis).abs();
     let (mut enter, mut exit) = (0.0f64, f64::INFINITY);
-    for (near, far) in [(ego, other), (other, ego)] {
-        let along = near.half_length + far.half_length * c + far.half_width * s;
-        let across = near.half_width + far.half_length * s + far.half_width * c;
-        let axes = [(near.axis, along), ([-near.axis[1], near.axis[0]], across)];
+    for (first, second) in [(ego, other), (other, ego)] {
+        let along = first.half_length + second.half_length * c + second.half_width * s;
+        let across = first.half_width + second.half_length * s + second.half_width * c;
+        let axes = [(first.axis, along), ([-first.axis[1], first.axis[0]], across)];
         for (axis, reach) in axes {
-            let (place, speed) = (dot(offset, axis), dot(velocity, axis));
+            let (position, speed) = (dot(offset, axis), dot(velocity, axis));
             if speed == 0.0 {
-                if place.abs() > reach {
+                if position.abs() > reach {
                     return None;
                 }
                 continue;
             }
-            let times = [(-reach - place) / speed, (reach - place) / speed];
+            let times = [(-reach - position) / speed, (reach - position) / speed];
             enter = enter.max(times[0].min(times[1]));
             exit = exit.min(times[0].max(times[1]));
         }
@@ -124,7 +124,7 @@ pub fn time_to_touch(ego: &OrientedBox, other: &OrientedBox, velocity: Point) ->
     (enter <= exit).then_some(enter)
 }
 
-/// Least time between the two being at one place, seconds.
+/// Least time between the two occupying the same area, seconds.
 fn post_encroachment_time(candidate: &Candidate, path: &EgoPath) -> Option<f64> {
     let mut least: Option<usize> = None;
     for (s, ego) in path.boxes().iter().enumerate() {
@@ -139,12 +139,12 @@ fn post_encroachment_time(candidate: &Candidate, path: &EgoPath) -> Option<f64> 
     least.map(|gap| gap as f64 * DT)
 }
 
-/// The side of `ego` on which `other` overlaps it: where the middle of the overlap lies, as a
-/// share of the half length and of the half width.
+/// The side of `ego` on which `other` overlaps it, from the centroid of the overlap relative to half length
+/// and half width.
 fn side_hit(ego: &OrientedBox, other: &OrientedBox) -> SideHit {
     let (l, w) = (ego.half_length, ego.half_width);
     let mut overlap: Vec<Point> = other.corners().into_iter().map(|c| ego.to_local(c)).collect();
-    // Sutherland and Hodgman's clipping by the four sides of the ego.
+    // Sutherland-Hodgman clipping by the four sides of the ego.
     for (axis, limit, sign) in [(0, l, 1.0), (0, l, -1.0), (1, w, 1.0), (1, w, -1.0)] {
         let inside = |p: Point| sign * p[axis] <= limit;
         let mut clipped = Vec::with_capacity(overlap.len() + 1);
@@ -160,8 +160,8 @@ fn side_hit(ego: &OrientedBox, other: &OrientedBox) -> SideHit {
         }
         overlap = clipped;
     }
-    // Rounding can leave nothing of a bare touch, and an ego that is wholly covered has its own
-    // middle there; the direction of the other's centre stands in.
+    // Rounding can remove a mere touch, and the overlap of a fully covered ego has its centroid at the
+    // ego's centre. In both cases the other box's centre gives the direction.
     let middle = centroid(&overlap).filter(|m| norm(*m) > 1e-6).unwrap_or_else(|| ego.to_local(other.center));
     let (x, y) = (middle[0] / l, middle[1] / w);
     match (x.abs() >= y.abs(), x >= 0.0, y >= 0.0) {
@@ -172,7 +172,7 @@ fn side_hit(ego: &OrientedBox, other: &OrientedBox) -> SideHit {
     }
 }
 
-/// Centroid of a polygon; of its corners if it has no area, `None` if it has no corner.
+/// Centroid of a polygon; mean of its corners if it has no area; `None` if it has no corner.
 fn centroid(polygon: &[Point]) -> Option<Point> {
     let first = *polygon.first()?;
     let (mut area, mut moment) = (0.0, [0.0, 0.0]);
@@ -214,7 +214,8 @@ pub struct RequiredDeceleration;
 
 impl Entry<dyn Reward> for RequiredDeceleration {
     const NAME: &'static str = "required-deceleration";
-    const SUMMARY: &'static str = "hardest braking that avoids contact, m/s²; 0 off a collision course";
+    const SUMMARY: &'static str =
+        "greatest deceleration required to avoid contact, m/s²; 0 without a collision course";
     const SOURCE: &'static str = "this project";
     type Options = NoOptions;
 
@@ -245,20 +246,20 @@ mod tests {
     }
 
     #[test]
-    fn time_to_touch_agrees_with_walking() {
+    fn time_to_touch_agrees_with_stepping() {
         let mut rng = Rng::new(5, "criticality", "walk");
         for _ in 0..500 {
             let ego = OrientedBox::new([0.0, 0.0], rng.uniform(-3.0, 3.0), 4.5, 2.0);
             let center = [rng.uniform(-20.0, 20.0), rng.uniform(-20.0, 20.0)];
             let other = OrientedBox::new(center, rng.uniform(-3.0, 3.0), 5.0, 2.2);
             let velocity = [rng.uniform(-9.0, 9.0), rng.uniform(-9.0, 9.0)];
-            let walked = (0..10_000).map(|k| k as f64 * 1e-3).find(|t| {
+            let stepped = (0..10_000).map(|k| k as f64 * 1e-3).find(|t| {
                 let moved = [center[0] + t * velocity[0], center[1] + t * velocity[1]];
                 ego.intersects(&OrientedBox { center: moved, ..other })
             });
-            match (time_to_touch(&ego, &other, velocity), walked) {
-                (Some(time), Some(walked)) => {
-                    assert!(time <= walked + 1e-9 && walked - time < 0.05, "{time} {walked}")
+            match (time_to_touch(&ego, &other, velocity), stepped) {
+                (Some(time), Some(stepped)) => {
+                    assert!(time <= stepped + 1e-9 && stepped - time < 0.05, "{time} {stepped}")
                 }
                 (Some(time), None) => assert!(time > 9.9 || time.is_finite()),
                 (None, found) => assert_eq!(found, None),
@@ -267,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn sides_are_told_by_the_middle_of_the_overlap() {
+    fn the_side_hit_is_that_of_the_overlaps_centroid() {
         let ego = OrientedBox::new([10.0, 5.0], 0.7, 4.0, 2.0);
         let at = |x: f64, y: f64| {
             let (s, c) = 0.7f64.sin_cos();

@@ -1,9 +1,9 @@
-//! How far a candidate's driving is from the adversary's logged future: 1-D Wasserstein distances
-//! of speeds, accelerations and yaw rates.
+//! Distance of a candidate's motion from the adversary's logged future: 1-D Wasserstein distances of
+//! speeds, accelerations and yaw rates.
 //!
 //! In `paper` the profiles are the backward differences of [`paper::profile`] over pairs of valid
-//! neighbouring frames, each run of valid frames by itself. In `release` the valid frames are
-//! glued together as if they followed each other, and accelerations are norms of vectors.
+//! neighbouring frames; each run of valid frames is separate. In `release` the valid frames are
+//! concatenated, and accelerations are norms of vectors.
 
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ use crate::{
     statistics::wasserstein,
 };
 
-/// Values of a logged future.
+/// Speeds, accelerations and yaw rates of a logged future.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoggedProfile {
     speed: Vec<f64>,
@@ -26,7 +26,7 @@ pub struct LoggedProfile {
     yaw_rate: Vec<f64>,
 }
 
-/// Distances of a candidate from the log; `None` where the log holds nothing to compare with.
+/// Distances of a candidate from the log; `None` if the log has no value to compare with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct DistributionDistances {
     /// Of speeds, m/s.
@@ -77,7 +77,7 @@ impl LoggedProfile {
             Convention::Paper => &profile.acceleration,
             Convention::Release => &profile.acceleration_norm,
         };
-        // The published code calls the distance to nothing 0.
+        // In the published code the distance to an empty sample is 0.
         let measured = |mine: &[f64], log: &[f64]| {
             (convention == Convention::Release || !log.is_empty()).then(|| wasserstein(mine, log))
         };

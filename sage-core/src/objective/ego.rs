@@ -1,4 +1,4 @@
-//! The ego as an adversary meets it: one path or several with weights.
+//! The ego in an encounter: one path or several weighted paths.
 
 use super::Convention;
 use crate::{
@@ -12,7 +12,7 @@ use crate::{
     scene::{Scene, Track},
 };
 
-/// Paths that the ego may take, as a caller gives them.
+/// Possible paths of the ego, as given by the caller.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EgoPaths(Vec<GivenPath>);
 
@@ -25,17 +25,18 @@ struct GivenPath {
 
 impl EgoPaths {
     /// One path: 1 to 80 positions from frame 11 on (metres, world frame), and its headings (rad) if they
-    /// are known; `release` never uses them. After its end the ego is not there.
+    /// are known; `release` never uses them. After its end the ego is absent.
     ///
     /// *Errors*: as [`EgoPaths::and`].
     pub fn one(what: &str, positions: Vec<Point>, headings: Option<Vec<f64>>) -> Result<Self, Error> {
         Self(Vec::new()).and(what, 1.0, positions, headings)
     }
 
-    /// With one path more, and its weight > 0 beside the others'.
+    /// Adds a path with a weight > 0, relative to the others.
     ///
-    /// *Errors*: [`Error::Length`] for no position or more than 80, or as many headings as there are not
-    /// positions; [`Error::NotFinite`] for a coordinate, [`Error::Options`] for a weight that is none.
+    /// *Errors*: [`Error::Options`] for no position, for more than 80, or for a weight that is not above 0;
+    /// [`Error::Length`] for a number of headings other than the number of positions; [`Error::NotFinite`]
+    /// for a coordinate or heading.
     pub fn and(
         mut self,
         what: &str,
@@ -67,7 +68,7 @@ impl EgoPaths {
     }
 }
 
-/// A path of the ego made ready for a context's convention and sizes.
+/// A path of the ego, prepared for a context's convention and sizes.
 pub struct EgoPath {
     weight: f64,
     start: Point,
@@ -76,53 +77,53 @@ pub struct EgoPath {
 }
 
 impl EgoPath {
-    /// Its weight among the paths of a context; they sum to 1.
+    /// Weight of the path; the weights of a context sum to 1.
     pub fn weight(&self) -> f64 {
         self.weight
     }
 
-    /// Positions, step 1 first; a gap in a log repeats the last one. At most 80.
+    /// Positions, step 1 first, at most 80. A gap in a log repeats the last position.
     pub fn positions(&self) -> &[Point] {
         &self.positions
     }
 
-    /// Boxes of all 80 steps; `None` where the ego is not there: a gap in its log, or past the path's end.
+    /// Boxes of all 80 steps; `None` where the ego is absent: at a gap in its log or after the path's end.
     pub fn boxes(&self) -> &[Option<OrientedBox>] {
         &self.boxes
     }
 
-    /// Its box at a step, 1 to 80.
+    /// Box at a step, 1 to 80.
     pub fn box_at(&self, step: usize) -> Option<&OrientedBox> {
         self.boxes[step - 1].as_ref()
     }
 
-    /// Its velocity at a step, 1 to 80, by backward difference, m/s; `None` at a gap.
+    /// Velocity at a step, 1 to 80, by backward difference, m/s; `None` at a gap.
     pub fn velocity(&self, step: usize) -> Option<Point> {
-        let seen = self.boxes[step - 1].is_some() && (step == 1 || self.boxes[step - 2].is_some());
-        seen.then(|| backward_velocity(&self.positions, self.start, step))
+        let present = self.boxes[step - 1].is_some() && (step == 1 || self.boxes[step - 2].is_some());
+        present.then(|| backward_velocity(&self.positions, self.start, step))
     }
 }
 
-/// Which readings of paths a context asks for.
+/// Convention and ego size of a context.
 #[derive(Clone, Copy)]
-pub(super) struct Reading {
+pub(super) struct PathOptions {
     pub convention: Convention,
     /// Length and width of the ego, metres.
     pub size: [f64; 2],
 }
 
-/// The given paths, or the logged one, made ready.
+/// Prepares the given paths, or the logged one.
 ///
-/// *Errors*: [`Error::Scene`] if none was given and the log has none.
-pub(super) fn ready(
+/// *Errors*: [`Error::Scene`] if no path is given and the log has none.
+pub(super) fn prepare(
     given: Option<&EgoPaths>,
     scene: &Scene,
-    reading: Reading,
+    options: PathOptions,
 ) -> Result<Vec<EgoPath>, Error> {
-    let Some(EgoPaths(given)) = given else { return Ok(vec![logged(scene, reading)?]) };
+    let Some(EgoPaths(given)) = given else { return Ok(vec![logged(scene, options)?]) };
     let total: f64 = given.iter().map(|path| path.weight).sum();
-    let ready = |path: &GivenPath| {
-        let boxes = boxes(&path.positions, path.headings.as_deref(), scene.ego(), reading);
+    let prepare = |path: &GivenPath| {
+        let boxes = boxes(&path.positions, path.headings.as_deref(), scene.ego(), options);
         let mut boxes: Vec<_> = boxes.into_iter().map(Some).collect();
         boxes.resize(HORIZON, None);
         EgoPath {
@@ -132,7 +133,7 @@ pub(super) fn ready(
             boxes,
         }
     };
-    Ok(given.iter().map(ready).collect())
+    Ok(given.iter().map(prepare).collect())
 }
 
 /// Boxes along a whole path, with headings by the convention's rule where none are given.
@@ -140,7 +141,7 @@ fn boxes(
     positions: &[Point],
     headings: Option<&[f64]>,
     track: &Track,
-    Reading { convention, size: [length, width] }: Reading,
+    PathOptions { convention, size: [length, width] }: PathOptions,
 ) -> Vec<OrientedBox> {
     let axes = match (convention, headings) {
         (Convention::Release, _) => release::axes(&release::headings(positions)),
@@ -160,8 +161,8 @@ fn boxes(
     positions.iter().zip(axes).map(at).collect()
 }
 
-/// The logged ego; a gap repeats the last valid position and has no box.
-fn logged(scene: &Scene, reading: Reading) -> Result<EgoPath, Error> {
+/// The logged ego path; a gap repeats the last valid position and has no box.
+fn logged(scene: &Scene, options: PathOptions) -> Result<EgoPath, Error> {
     let ego = scene.ego();
     let fail = |problem: String| Err(Error::Scene { scene: scene.id.clone(), problem });
     if scene.frames <= NOW + HORIZON {
@@ -174,7 +175,7 @@ fn logged(scene: &Scene, reading: Reading) -> Result<EgoPath, Error> {
     }
     if ego.count_valid(NOW + 1..NOW + HORIZON + 1) == 0 {
         return fail(format!(
-            "ego `{}` is not seen after frame {NOW}; give an `ego` path with each candidate",
+            "ego `{}` has no valid frame after frame {NOW}; give an `ego` path with each candidate",
             ego.id
         ));
     }
@@ -189,7 +190,8 @@ fn logged(scene: &Scene, reading: Reading) -> Result<EgoPath, Error> {
             last
         })
         .collect();
-    let boxes = boxes(&positions, Some(&headings), ego, reading);
-    let seen = boxes.into_iter().zip(NOW + 1..).map(|(b, frame)| ego.is_valid(frame).then_some(b)).collect();
-    Ok(EgoPath { weight: 1.0, start: ego.point(NOW), positions, boxes: seen })
+    let boxes = boxes(&positions, Some(&headings), ego, options);
+    let present =
+        boxes.into_iter().zip(NOW + 1..).map(|(b, frame)| ego.is_valid(frame).then_some(b)).collect();
+    Ok(EgoPath { weight: 1.0, start: ego.point(NOW), positions, boxes: present })
 }

@@ -1,33 +1,33 @@
-//! How a candidate and the ego meet: the first contact, and how near they come.
+//! Encounter of a candidate with the ego: first contact and least distance.
 //!
-//! It is worth `10 (1 − t / T)` at the first contact, `t` = 1…T in `paper` (0 at the last step, though it is a
-//! contact) and 0…T−1 in `release`; without contact `exp(−0.2 d)` with the least distance `d` of
-//! the centres, which `release` cuts to 0 beyond 20 m. Source: the paper's reward section;
-//! differences of the published code.
+//! The reward is `10 (1 − t / T)` at the first contact, with `t` = 1…T in `paper` (0 at the last step,
+//! although it is a contact) and 0…T−1 in `release`. Without contact it is `exp(−0.2 d)` with the least
+//! distance `d` of the centres; `release` sets it to 0 beyond 20 m. Source: the paper's reward section and
+//! the published code.
 
 use super::{Candidate, Convention, EgoPath};
 use crate::geometry::OrientedBox;
 
-/// Reward of a contact at once.
+/// Reward of an immediate contact.
 const CONTACT: f64 = 10.0;
 /// Decay of closeness with distance, 1/m.
 const DECAY: f64 = 0.2;
-/// Distance beyond which the published code gives nothing, metres.
+/// Distance beyond which the published code's reward is 0, metres.
 const RELEASE_REACH: f64 = 20.0;
 
-/// How two paths meet.
+/// Encounter of two trajectories.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Encounter {
     /// First step with contact, from 1.
     pub contact: Option<usize>,
-    /// Least distance of the centres up to the contact, metres; infinite if never seen together.
+    /// Least distance of the centres up to the contact, metres; infinite if they have no common step.
     pub least_distance: f64,
-    /// Steps compared.
+    /// Number of steps compared.
     pub steps: usize,
 }
 
 impl Encounter {
-    /// Follows two sequences of boxes, step by step, to the first contact or the shorter one's end.
+    /// Compares two sequences of boxes step by step, up to the first contact or the end of the shorter one.
     pub fn follow<'b>(
         adversary: &[OrientedBox],
         ego: impl ExactSizeIterator<Item = Option<&'b OrientedBox>>,

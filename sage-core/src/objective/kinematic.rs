@@ -1,4 +1,4 @@
-//! Kinematic penalty: hard acceleration, hard cornering, fast yaw.
+//! Kinematic penalty on high acceleration, high lateral acceleration and high yaw rate.
 //!
 //! `P_kin = mean over steps of 5 sp(|a| − 7) + 5 sp(|v ω| − 6) + 5 sp(|ω| − 0.8)` with
 //! `sp(x) = ln(1 + e^x)`. Its floor, for a straight drive at constant speed or a standing car, is
@@ -12,13 +12,13 @@ use crate::{
 
 /// Weight of each term.
 const WEIGHT: f64 = 5.0;
-/// Longitudinal acceleration beyond which it hurts, m/s².
+/// Threshold of the longitudinal acceleration, m/s².
 const ACCELERATION: f64 = 7.0;
-/// Lateral acceleration beyond which it hurts, m/s².
+/// Threshold of the lateral acceleration, m/s².
 const LATERAL: f64 = 6.0;
-/// Yaw rate beyond which it hurts, rad/s.
+/// Threshold of the yaw rate, rad/s.
 const YAW_RATE: f64 = 0.8;
-/// Paths shorter than this are not penalised (published code).
+/// Shorter trajectories are not penalised (published code).
 pub(super) const LEAST_POINTS: usize = 5;
 
 /// `ln(1 + e^x)` without overflow.
@@ -27,7 +27,7 @@ pub(super) fn softplus(x: f64) -> f64 {
     x.max(0.0) + (-x.abs()).exp().ln_1p()
 }
 
-/// Whether a profile stays within what the penalty takes a car to be able to do, at every step.
+/// Whether a profile stays within the penalty's thresholds at every step.
 pub fn is_within_limits(profile: &Profile) -> bool {
     let mut steps = profile.speed.iter().zip(&profile.acceleration).zip(&profile.yaw_rate);
     steps.all(|((speed, acceleration), yaw_rate)| {
@@ -58,7 +58,7 @@ pub struct KinematicPenalty;
 
 impl Entry<dyn Reward> for KinematicPenalty {
     const NAME: &'static str = "kinematic";
-    const SUMMARY: &'static str = "penalty on hard acceleration, hard cornering and fast yaw";
+    const SUMMARY: &'static str = "penalty on high acceleration, lateral acceleration and yaw rate";
     const SOURCE: &'static str = "SAGE (ICLR 2026), kinematic penalty";
     type Options = NoOptions;
 

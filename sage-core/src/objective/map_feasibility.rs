@@ -1,10 +1,10 @@
 //! Map feasibility: no box touches a road boundary, no box touches another road user.
 //!
-//! The rule of the paper and of its code: frame by frame, in the plane, every kind of road user
-//! counts and only `ROAD_EDGE_BOUNDARY` bounds the road. It misses what happens between frames and
-//! a box wholly beyond an edge; [`super::StrictFeasibility`] closes both.
+//! The rule of the paper and its code: frame by frame, in the plane. Every kind of road user counts, and
+//! only `ROAD_EDGE_BOUNDARY` bounds the road. The rule misses contacts between frames and a box wholly
+//! beyond an edge; [`super::StrictFeasibility`] covers both.
 //!
-//! Eight steps share one query of the tree: most runs of steps come near no edge and nobody.
+//! Eight steps share one query of the tree, because most groups of steps are far from every edge and agent.
 
 use serde::{Deserialize, Serialize};
 
@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{geometry::SegmentIndex, motion::HORIZON, registry::Entry, scene::SceneIndex};
 
-/// First touch of a map feature.
+/// First contact with a map feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EdgeContact {
     /// Step, 1 to 80.
@@ -24,7 +24,7 @@ pub struct EdgeContact {
     pub feature: usize,
 }
 
-/// First touch of another road user.
+/// First contact with another road user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AgentContact {
     /// Step, 1 to 80.
@@ -33,25 +33,25 @@ pub struct AgentContact {
     pub track: usize,
 }
 
-/// What a candidate touches first.
+/// First contacts of a candidate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Violations {
-    /// First road boundary.
+    /// First contact with a road boundary.
     pub boundary: Option<EdgeContact>,
-    /// First other road user of any kind.
+    /// First contact with another road user of any kind.
     pub agent: Option<AgentContact>,
-    /// First other vehicle.
+    /// First contact with another vehicle.
     pub vehicle: Option<AgentContact>,
-    /// First standing vehicle.
+    /// First contact with a standing vehicle.
     pub static_vehicle: Option<AgentContact>,
 }
 
 impl Violations {
     /// All first contacts of a candidate.
     pub fn of(candidate: &Candidate, ctx: &Context) -> Self {
-        let first = |wanted: fn(&OtherAgent) -> bool| first_agent_contact(candidate, ctx, wanted);
+        let first = |accept: fn(&OtherAgent) -> bool| first_agent_contact(candidate, ctx, accept);
         let agent = first(|_| true);
-        // Narrower questions only where the wider one found something.
+        // The narrower searches run only if the wider one found a contact.
         let vehicle = agent.and_then(|_| first(|other| other.is_vehicle));
         let static_vehicle = vehicle.and_then(|_| first(|other| other.is_static));
         let boundary = first_edge_contact(candidate, ctx.index().boundaries());
@@ -59,7 +59,7 @@ impl Violations {
     }
 }
 
-/// Whether a candidate touches a road boundary: less work than all of [`Violations::of`].
+/// Whether a candidate touches a road boundary. It is cheaper than [`Violations::of`].
 pub fn touches_boundary(candidate: &Candidate, index: &SceneIndex) -> bool {
     first_edge_contact(candidate, index.boundaries()).is_some()
 }
@@ -85,19 +85,19 @@ pub(super) fn first_edge_contact(candidate: &Candidate, edges: &SegmentIndex) ->
     None
 }
 
-/// First step at which a map box touches a wanted road user; the first in the file if there are
-/// several at that step.
+/// First step at which a map box touches an accepted road user; of several at that step, the first in the
+/// file.
 fn first_agent_contact(
     candidate: &Candidate,
     ctx: &Context,
-    wanted: fn(&OtherAgent) -> bool,
+    accept: fn(&OtherAgent) -> bool,
 ) -> Option<AgentContact> {
     let mut first: Option<AgentContact> = None;
     for other in ctx.known_others() {
-        if !wanted(other) || !other.bounds().meets(candidate.bounds()) {
+        if !accept(other) || !other.bounds().meets(candidate.bounds()) {
             continue;
         }
-        // Only an earlier step can still matter.
+        // Only an earlier contact can replace the current one.
         let end = first.map_or(HORIZON, |contact| contact.step - 1);
         let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.chunks()[k].meets(&candidate.chunks()[k]));
         let step = near.flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end)).find(|&step| {
@@ -118,13 +118,13 @@ pub struct MapFeasibility(MapFeasibilityOptions);
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MapFeasibilityOptions {
-    /// Whether medians bound the road as well.
+    /// Whether medians also bound the road.
     pub medians: bool,
 }
 
 impl Entry<dyn Feasibility> for MapFeasibility {
     const NAME: &'static str = "paper";
-    const SUMMARY: &'static str = "no road boundary and no other road user touched at a frame";
+    const SUMMARY: &'static str = "no contact with a road boundary or another road user at any frame";
     const SOURCE: &'static str = "SAGE (ICLR 2026), map feasibility";
     type Options = MapFeasibilityOptions;
 
@@ -149,7 +149,7 @@ impl Feasibility for MapFeasibility {
     }
 }
 
-/// A rule broken by touching, or going beyond, a map feature.
+/// The violation of touching, or being beyond, a map feature.
 pub(super) fn touching_feature(
     candidate: &Candidate,
     ctx: &Context,
@@ -160,7 +160,7 @@ pub(super) fn touching_feature(
     Violation::at(candidate, step, rule, EDGE_COST, &*ctx.index().map().features[feature].id)
 }
 
-/// The rule broken by touching another road user.
+/// The violation of touching another road user.
 pub(super) fn touching_agent(candidate: &Candidate, ctx: &Context, step: usize, track: usize) -> Violation {
     Violation::at(candidate, step, AGENT, AGENT_COST, &*ctx.scene().tracks[track].id)
 }

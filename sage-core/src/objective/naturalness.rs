@@ -1,7 +1,7 @@
-//! What the realism penalties do not see: whether a path keeps to the lanes.
+//! Naturalness: how well a trajectory follows the lanes, which the realism penalties do not measure.
 //!
-//! `P_kin` and `P_beh` prefer a smooth cut across a junction to following the lane. These measures ask
-//! where the lanes are: the nearest one *along* the driving (its heading within 90°), and the nearest of all.
+//! `P_kin` and `P_beh` prefer a smooth shortcut across a junction to following the lane. These measures use
+//! two lanes: the nearest one in the direction of motion (heading within 90°), and the nearest of all.
 
 use std::f64::consts::PI;
 
@@ -13,27 +13,28 @@ use crate::{
     registry::{Entry, NoOptions},
 };
 
-/// Lanes farther away than this are not looked for, metres; distances are capped at it.
+/// Search radius for lanes, metres; distances are capped at it.
 const FARTHEST: f64 = 20.0;
-/// Slower than this a heading means nothing, m/s.
+/// Speed below which a heading is undefined, m/s.
 const MOVING: f64 = 0.5;
 /// A frame is against the lane if the headings differ by more than this, radians …
 const AGAINST: f64 = 120.0 / 180.0 * PI;
-/// … and no lane along the driving is within this distance, metres.
+/// … and no lane in the direction of motion is within this distance, metres.
 const BESIDE: f64 = 2.0;
-/// Faster than this times the limit is speeding.
+/// Speeding starts at this multiple of the limit.
 const TOLERANCE: f64 = 1.2;
 
-/// How a path lies to the lanes.
+/// Relation of a trajectory to the lanes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Naturalness {
-    /// Mean distance to the nearest motor lane along the driving, metres, at most 20.
+    /// Mean distance to the nearest motor lane in the direction of motion, metres, at most 20.
     pub lane_distance: f64,
-    /// Mean difference from that lane's heading while moving, degrees; none if it never moves near one.
+    /// Mean difference from that lane's heading while moving, degrees; `None` if it never moves near a
+    /// lane.
     pub heading_error: Option<f64>,
-    /// Share of frames against the direction of the lane.
+    /// Fraction of frames against the direction of the lane.
     pub against_lane: f64,
-    /// Share of frames faster than 1.2 times the limit of the lane.
+    /// Fraction of frames above 1.2 times the lane's speed limit.
     pub speeding: f64,
 }
 
@@ -43,10 +44,10 @@ impl Naturalness {
         let lanes = ctx.index().motor_lanes();
         let points = candidate.trajectory().points();
         let (mut distance, mut error, mut moving, mut against, mut speeding) = (0.0, 0.0, 0, 0, 0);
-        for (step, &place) in points.iter().enumerate() {
+        for (step, &point) in points.iter().enumerate() {
             let axis = candidate.profile().axis[step];
             let speed = candidate.profile().speed[step];
-            let along = nearest_along(ctx, place, axis);
+            let along = nearest_along(ctx, point, axis);
             distance += along.map_or(FARTHEST, |n| n.distance);
             if let Some(nearest) = along {
                 let segment = &lanes.segments()[nearest.segment];
@@ -59,7 +60,7 @@ impl Naturalness {
                 speeding += usize::from(limit.is_some_and(|limit| speed > TOLERANCE * limit));
             }
             if along.is_none_or(|n| n.distance > BESIDE) && speed > MOVING {
-                let any = lanes.nearest(place, FARTHEST, |_| true);
+                let any = lanes.nearest(point, FARTHEST, |_| true);
                 let opposed = any.is_some_and(|n| turn(&lanes.segments()[n.segment], axis).abs() > AGAINST);
                 against += usize::from(opposed);
             }
@@ -74,8 +75,8 @@ impl Naturalness {
     }
 }
 
-/// Mean distance to the nearest lane along the driving at every fourth step, metres: what a choice
-/// among many candidates can afford.
+/// Mean distance to the nearest lane in the direction of motion at every fourth step, metres: cheap enough
+/// for a selection among many candidates.
 pub fn coarse_lane_distance(candidate: &Candidate, ctx: &Context) -> f64 {
     let points = candidate.trajectory().points();
     let distance = |step: usize| {
@@ -91,7 +92,8 @@ pub struct LaneDistance;
 
 impl Entry<dyn Reward> for LaneDistance {
     const NAME: &'static str = "lane-distance";
-    const SUMMARY: &'static str = "mean distance to the nearest lane along the driving, metres, at most 20";
+    const SUMMARY: &'static str =
+        "mean distance to the nearest lane in the direction of motion, metres, at most 20";
     const SOURCE: &'static str = "this project";
     type Options = NoOptions;
 
@@ -114,17 +116,16 @@ impl Reward for LaneDistance {
     }
 }
 
-fn nearest_along(ctx: &Context, place: Point, axis: Point) -> Option<Nearest> {
-    // Within a quarter turn, without the cost of an angle for every segment looked at.
+fn nearest_along(ctx: &Context, point: Point, axis: Point) -> Option<Nearest> {
+    // Within a quarter turn, without computing an angle for every tested segment.
     let along = |segment: &Segment| {
         let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
         (dx != 0.0 || dy != 0.0) && dx * axis[0] + dy * axis[1] >= 0.0
     };
-    ctx.index().motor_lanes().nearest(place, FARTHEST, along)
+    ctx.index().motor_lanes().nearest(point, FARTHEST, along)
 }
 
-/// Angle from a segment's direction to an axis, radians. A segment without length has none: it counts
-/// as opposed.
+/// Angle from a segment's direction to an axis, radians. A segment without length counts as opposed.
 fn turn(segment: &Segment, axis: Point) -> f64 {
     let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
     if dx == 0.0 && dy == 0.0 { PI } else { wrap_angle(axis[1].atan2(axis[0]) - dy.atan2(dx)) }

@@ -1,12 +1,12 @@
-//! How unusual a trajectory is: the negative log-likelihood of its goal under the prior, in nats.
+//! Negative log-likelihood of a trajectory's goal under the prior, in nats.
 //!
-//! Candidates of one scene are compared, so the number is known only up to what all of them share. A
-//! trajectory from elsewhere, from a file for instance, has none.
+//! It is for comparing candidates of one scene, so it is known only up to a constant that they share. A
+//! trajectory without a proposer, from a file for instance, has none.
 
 use super::{Reward, Situation};
 use crate::registry::{Entry, NoOptions};
 
-/// −log p under the prior.
+/// Negative log-likelihood under the prior, as a reward.
 pub struct NegativeLogLikelihood;
 
 impl Entry<dyn Reward> for NegativeLogLikelihood {

@@ -1,4 +1,4 @@
-//! The road users beside ego and adversary over the future.
+//! The other road users, besides ego and adversary, over the future.
 
 use crate::{
     geometry::{Aabb, OrientedBox, distance},
@@ -6,9 +6,9 @@ use crate::{
     scene::{Track, TrackKind},
 };
 
-/// Steps whose bounds are tested together.
+/// Number of steps whose bounds are tested together.
 pub(super) const CHUNK: usize = 8;
-/// Farthest that a static vehicle strays from its first valid position, metres.
+/// Largest distance of a static vehicle from its first valid position, metres.
 const STATIC: f64 = 1.0;
 
 /// Logged boxes of one road user, step 0 (*now*) to 80.
@@ -17,18 +17,18 @@ pub struct OtherAgent {
     pub track: usize,
     /// Whether it is a vehicle.
     pub is_vehicle: bool,
-    /// Whether it is a vehicle that stands: valid positions from *now* on stay within 1 m.
+    /// Whether it is a standing vehicle: its valid positions from *now* on stay within 1 m.
     pub is_static: bool,
     boxes: Vec<Option<OrientedBox>>,
-    /// As the published code turns them against the map; only in `release`.
+    /// Boxes with the published code's orientation against the map; only in `release`.
     mirrored: Option<Vec<Option<OrientedBox>>>,
-    /// Over the map boxes.
+    /// Bounds of the map boxes.
     bounds: Aabb,
     chunks: [Aabb; HORIZON / CHUNK],
 }
 
 impl OtherAgent {
-    /// Boxes of a track; with `mirror` also turned as the published code does.
+    /// Boxes of a track; with `mirror` also in the published code's orientation.
     pub(super) fn new(index: usize, track: &Track, mirror: bool) -> Self {
         let frames = NOW..=NOW + HORIZON;
         let boxes: Vec<Option<OrientedBox>> =
@@ -60,20 +60,20 @@ impl OtherAgent {
         }
     }
 
-    /// The box at a step, 0 (*now*) to 80, if the road user was seen.
+    /// The box at a step, 0 (*now*) to 80, if the frame is valid.
     #[inline]
     pub fn at(&self, step: usize) -> Option<&OrientedBox> {
         self.boxes[step].as_ref()
     }
 
-    /// The box that the frame-by-frame rule tests at a step: the same, but for the published code's
-    /// mirrored one.
+    /// The box that the frame-by-frame rule tests at a step. It equals [`OtherAgent::at`], except for the
+    /// published code's mirrored box.
     #[inline]
     pub(super) fn map_box(&self, step: usize) -> Option<&OrientedBox> {
         self.mirrored.as_ref().unwrap_or(&self.boxes)[step].as_ref()
     }
 
-    /// Bounds of the true boxes from *now* on.
+    /// Bounds of the boxes from *now* on, never mirrored.
     pub(super) fn true_bounds(&self) -> Aabb {
         self.boxes.iter().flatten().fold(Aabb::EMPTY, |all, b| all.union(&b.aabb()))
     }
@@ -84,7 +84,7 @@ impl OtherAgent {
         &self.bounds
     }
 
-    /// Bounds of the map boxes over each [`CHUNK`] steps, from step 1.
+    /// Bounds of the map boxes over each group of [`CHUNK`] steps, from step 1.
     #[inline]
     pub(super) fn chunks(&self) -> &[Aabb; HORIZON / CHUNK] {
         &self.chunks

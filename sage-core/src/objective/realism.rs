@@ -16,7 +16,7 @@ pub struct RealismPenalty;
 
 impl Entry<dyn Reward> for RealismPenalty {
     const NAME: &'static str = "realism";
-    const SUMMARY: &'static str = "penalty on driving unlike a car: kinematic + behavior";
+    const SUMMARY: &'static str = "penalty on motion unlike a car's: kinematic + behavior";
     const SOURCE: &'static str = "SAGE (ICLR 2026), realism penalty";
     type Options = NoOptions;
 

@@ -1,14 +1,14 @@
-//! What a trajectory of the adversary is scored by.
+//! Interface of rewards for trajectories of the adversary.
 
 use super::{Candidate, Context, EgoPath, Encounter};
 
-/// A candidate against one path of the ego: all that a reward may look at.
+/// A candidate against one path of the ego: the input of a reward.
 pub struct Situation<'a> {
     /// The adversary's trajectory with its profile and boxes.
     pub candidate: &'a Candidate,
     /// The ego's path.
     pub ego: &'a EgoPath,
-    /// How the two meet, computed once for all rewards.
+    /// Encounter of the two, computed once for all rewards.
     pub encounter: Encounter,
     /// Map, other road users, sizes, convention.
     pub ctx: &'a Context,
@@ -21,8 +21,8 @@ impl<'a> Situation<'a> {
     }
 }
 
-/// Scores a trajectory of the adversary. Larger means more of what the name says, penalties too: an
-/// objective gives the sign.
+/// Scores a trajectory of the adversary. A larger value means more of the named quantity, also for
+/// penalties; the sign is part of the objective.
 ///
 /// Implementations are pure: the same situation gives the same bits.
 pub trait Reward: Send + Sync {
@@ -30,18 +30,19 @@ pub trait Reward: Send + Sync {
     /// where it cannot be measured.
     fn score(&self, situation: &Situation) -> Option<f64>;
 
-    /// Whether the ego's path matters. If not, it is asked once, whatever the number of ego paths.
+    /// Whether the value depends on the ego's path. If not, it is computed once for any number of ego
+    /// paths.
     fn depends_on_ego(&self) -> bool {
         true
     }
 
-    /// Whether it needs [`Candidate::nll`]: who proposes computes that only where it is asked for.
+    /// Whether it needs [`Candidate::nll`]. A proposer computes that only on request.
     fn needs_prior(&self) -> bool {
         false
     }
 
-    /// Least and greatest value of a reward that is slow to compute: a search over thousands of candidates
-    /// asks it only of those that can still win. `None` for all others.
+    /// Least and greatest value of a reward that is slow to compute. A search over thousands of candidates
+    /// computes it only for those that can still be selected. `None` for all other rewards.
     fn slow_range(&self) -> Option<[f64; 2]> {
         None
     }

@@ -1,4 +1,4 @@
-//! Everything that is measured of a candidate, in one row.
+//! All measures of one candidate, as one row of results.
 
 use std::collections::BTreeMap;
 
@@ -35,29 +35,29 @@ pub struct Scores {
     pub cross_line: f64,
     /// 10 if another road user is touched, else 0.
     pub crash_object: f64,
-    /// Whether neither is.
+    /// Whether there is neither.
     pub feasible: bool,
-    /// Whether the strict rule holds as well.
+    /// Whether the strict rule also holds.
     pub feasible_strict: bool,
-    /// Broken rules of `feasible`.
+    /// Violations of the rule of `feasible`.
     pub violations: Vec<Violation>,
-    /// Broken rules of `feasible_strict`.
+    /// Violations of the rule of `feasible_strict`.
     pub violations_strict: Vec<Violation>,
     /// Distances from the logged future.
     #[serde(flatten)]
     pub distances: DistributionDistances,
-    /// How close and how bad the encounter is.
+    /// Criticality of the encounter.
     #[serde(flatten)]
     pub criticality: Criticality,
-    /// Further rewards by name; `None` where one cannot be measured.
+    /// Further rewards by name; `None` if one cannot be measured.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rewards: BTreeMap<String, Option<f64>>,
-    /// Broken rules of further feasibility rules, by name.
+    /// Violations of further feasibility rules, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rules: BTreeMap<String, Vec<Violation>>,
 }
 
-/// Rewards and rules that are measured beside the fields of [`Scores`].
+/// Rewards and rules that are measured in addition to the fields of [`Scores`].
 #[derive(Default)]
 pub struct FurtherMeasures {
     rewards: Vec<(&'static str, Box<dyn Reward>)>,
@@ -65,10 +65,10 @@ pub struct FurtherMeasures {
 }
 
 impl FurtherMeasures {
-    /// Whatever is registered, but for what [`Scores`] has a field of its own for. A part that a selection
-    /// names has the selection's options, any other its defaults.
+    /// All registered parts except those with a field in [`Scores`]. A part that the selection names has
+    /// the selection's options, any other part its defaults.
     ///
-    /// *Errors*: [`Error::Options`] for an entry that its options do not suit.
+    /// *Errors*: [`Error::Options`] for an entry that refuses its options.
     pub fn of(
         rewards: &Registry<dyn Reward>,
         rules: &Registry<dyn Feasibility>,
@@ -88,7 +88,7 @@ impl FurtherMeasures {
             <StrictFeasibility as Entry<dyn Feasibility>>::NAME,
         ];
         let mut rewards = all_but(rewards, &known, &given)?;
-        // What a prior says of a trajectory is known to who proposed it alone.
+        // Only the proposer knows a trajectory's likelihood under the prior.
         rewards.retain(|(_, reward)| !reward.needs_prior());
         Ok(Self { rewards, rules: all_but(rules, &known, &given)? })
     }
@@ -104,7 +104,7 @@ impl FurtherMeasures {
     }
 }
 
-/// The entries that are not known already, with the options that were given under their names.
+/// The entries that are not in `known`, with the options given under their names.
 fn all_but<T: ?Sized>(
     registry: &Registry<T>,
     known: &[&str],
@@ -135,7 +135,7 @@ impl<'c> Scorer<'c> {
         Self { ctx, ego: ctx.ego(), logged: LoggedProfile::of(ctx), map, strict, further: None }
     }
 
-    /// With further measures.
+    /// A scorer with further measures.
     pub fn with(ctx: &'c Context, further: &'c FurtherMeasures) -> Self {
         Self { further: Some(further), ..Self::new(ctx) }
     }

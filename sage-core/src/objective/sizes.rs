@@ -1,4 +1,4 @@
-//! Which boxes ego and adversary are given.
+//! Sizes of the boxes of ego and adversary.
 
 use crate::{
     motion::NOW,
@@ -8,12 +8,12 @@ use crate::{
 /// Source of the sizes of ego and adversary. Other agents always have their logged sizes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Sizes {
-    /// The log's, at *now*.
+    /// The logged size at *now*.
     #[default]
     Logged,
-    /// The vehicle models of the simulator that the published figures were made with.
+    /// The vehicle models of the simulator behind the published figures.
     MetaDrive {
-        /// Where the cycle of classes starts, 0 to 5. The simulator draws it for each scene.
+        /// Start of the cycle of classes, 0 to 5. The simulator draws it for each scene.
         cycle: usize,
     },
 }
@@ -35,17 +35,17 @@ impl Sizes {
     }
 }
 
-/// Size at *now*, or at the valid frame nearest to it.
+/// Size at *now*, or at the nearest valid frame.
 fn logged(track: &Track) -> [f64; 2] {
     let nearest = (0..track.valid.len()).filter(|&f| track.is_valid(f)).min_by_key(|f| f.abs_diff(NOW));
     let [length, width, _] = track.size[nearest.unwrap_or(0)];
     [length, width]
 }
 
-/// Class size of a vehicle as the simulator assigns it while it creates the cars of frame 0 in the
-/// order of the file: short cars are small; the others take turns, one cycle for those up to
-/// 5.5 m, one for longer ones. A car that the simulator does not create (parked, or not seen at
-/// frame 0) leaves the published code with the ego's size.
+/// Class size that the simulator assigns to a vehicle. It creates the cars of frame 0 in the order of the
+/// file. Short cars are small. The others alternate: one cycle of classes for those up to 5.5 m, one for
+/// longer ones. A car that the simulator does not create (parked, or not valid at frame 0) has the ego's
+/// size in the published code.
 fn metadrive_class(scene: &Scene, adversary: usize, cycle: usize) -> [f64; 2] {
     let created = |k: usize| {
         let track = &scene.tracks[k];
@@ -64,7 +64,7 @@ fn metadrive_class(scene: &Scene, adversary: usize, cycle: usize) -> [f64; 2] {
     }
 }
 
-/// The simulator leaves out cars whose valid positions scatter by at most 3 m on either axis.
+/// The simulator skips cars whose valid positions vary by at most 3 m on either axis.
 fn is_static(track: &Track) -> bool {
     let deviation = |axis: usize| {
         let values: Vec<f64> =
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn classes_follow_length_and_take_turns_within_their_group() {
+    fn classes_follow_length_and_cycle_within_their_group() {
         let scene = scene(&[4.0, 4.1, 5.5, 4.8, 5.6, 12.0, 4.5]);
         let class = |k| metadrive_class(&scene, k, 0);
         assert_eq!(class(1), SMALL);
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn cars_that_the_simulator_does_not_create_have_the_egos_size_and_take_no_turn() {
+    fn cars_that_the_simulator_does_not_create_have_the_egos_size_and_do_not_advance_the_cycle() {
         let mut scene = scene(&[4.5, 4.5, 4.5]);
         scene.tracks[1].position = vec![[0.0, 5.0, 0.0]; 20];
         scene.tracks[2].valid[0] = false;

@@ -1,4 +1,4 @@
-//! What an objective is made of, as a JSON file says it.
+//! The specification of an objective and its JSON form.
 //!
 //! ```json
 //! {"terms": [{"name": "adversarial", "weight": {"mu0": 0, "mu1": 1}}, {"name": "realism", "weight": -0.5}],
@@ -8,16 +8,17 @@
 use serde::{Deserialize, Serialize, de::Error as _};
 use serde_json::{Map, Value};
 
-/// Weighted terms, one feasibility rule, and what broken rules cost.
+/// Weighted terms, one feasibility rule, and the weight of violations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectiveSpec {
-    /// What is weighed.
+    /// The weighted rewards.
     pub terms: Vec<TermSpec>,
-    /// What makes a candidate feasible; the paper's rule unless given.
+    /// The feasibility rule; the paper's rule by default.
     #[serde(default)]
     pub feasibility: PartSpec,
-    /// Weight of the costs of broken rules in the value, ≥ 0. 0, the default, where feasibility ranks first.
+    /// Weight of the costs of violations in the value, ≥ 0. The default 0 is for selections that rank
+    /// feasibility first.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub violation_weight: f64,
 }
@@ -28,18 +29,18 @@ pub struct ObjectiveSpec {
 pub struct TermSpec {
     /// Name in the registry of rewards.
     pub name: String,
-    /// Its weight; negative for a penalty.
+    /// Weight; negative for a penalty.
     pub weight: Weight,
-    /// Its options; those left out keep their defaults.
+    /// Options; omitted ones keep their defaults.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub options: Map<String, Value>,
-    /// Whether it is measured of feasible candidates alone, and of others not at all.
+    /// Whether it is measured only for feasible candidates.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub only_feasible: bool,
 }
 
 impl TermSpec {
-    /// Whether another term has the same value for every candidate, whatever its weight.
+    /// Whether another term has the same value for every candidate, regardless of its weight.
     pub(super) fn measures_as(&self, other: &Self) -> bool {
         self.name == other.name && self.options == other.options && self.only_feasible == other.only_feasible
     }
@@ -51,7 +52,7 @@ impl TermSpec {
 pub struct PartSpec {
     /// Name in the registry.
     pub name: String,
-    /// Its options; those left out keep their defaults.
+    /// Options; omitted ones keep their defaults.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub options: Map<String, Value>,
 }
@@ -70,10 +71,10 @@ impl PartSpec {
     }
 }
 
-/// A weight: one number, or one at μ = 0 and one at μ = 1 with the straight line between.
+/// A weight: one number, or two numbers, at μ = 0 and μ = 1, with linear interpolation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Weight {
-    /// The same at every μ.
+    /// Constant in μ.
     Constant(f64),
     /// Linear in μ.
     Linear {
@@ -85,7 +86,7 @@ pub enum Weight {
 }
 
 impl Weight {
-    /// Its value at a μ.
+    /// Value at a μ.
     pub fn at(self, mu: f64) -> f64 {
         match self {
             Self::Constant(weight) => weight,
@@ -136,10 +137,10 @@ fn is_zero(weight: &f64) -> bool {
     *weight == 0.0
 }
 
-/// Objectives that ship, by name, with what each is for.
+/// The shipped objectives: name and description.
 pub const PRESETS: [(&str, &str); 5] = [
-    ("paper-selection", "the paper's choice among candidates: mu · adversarial − (1 − mu) · realism"),
-    ("natural", "the same, with a little for keeping to lanes and for what cars usually do"),
+    ("paper-selection", "the paper's selection: mu · adversarial − (1 − mu) · realism"),
+    ("natural", "the paper's selection plus small penalties on lane distance and negative log-likelihood"),
     ("paper-adversarial", "the paper's adversarial expert: 0.9 · adversarial − 0.1 · realism"),
     ("paper-realistic", "the paper's realistic expert: 0.1 · adversarial − 0.9 · realism"),
     ("realistic", "the shipped realistic expert: realism alone"),
@@ -161,7 +162,7 @@ impl ObjectiveSpec {
             "paper-selection" => selection(),
             "natural" => {
                 let mut terms = selection();
-                // Where nothing is feasible, nothing is natural.
+                // If no candidate is feasible, naturalness is not compared.
                 let among_feasible = |name, weight| TermSpec { only_feasible: true, ..term(name, weight) };
                 terms.push(among_feasible("lane-distance", constant(LANE)));
                 terms.push(among_feasible("nll", constant(LIKELIHOOD)));
@@ -185,7 +186,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_spec_is_what_was_written_and_unknown_keys_are_named() {
+    fn a_spec_parses_as_written_and_unknown_keys_are_named() {
         let text = r#"{"terms": [{"name": "adversarial", "weight": {"mu0": 0, "mu1": 1}}, {"name": "realism", "weight": -1}]}"#;
         let spec: ObjectiveSpec = serde_json::from_str(text).unwrap();
         assert_eq!(spec.feasibility.name, "paper");
@@ -193,19 +194,19 @@ mod tests {
         assert_eq!(spec.terms[1].weight.at(0.25), -1.0);
         let again: ObjectiveSpec = serde_json::from_value(serde_json::to_value(&spec).unwrap()).unwrap();
         assert_eq!(again, spec);
-        for (bad, said) in [
+        for (bad, expected) in [
             (r#"{"terms": [], "rule": "paper"}"#, "`rule`"),
             (r#"{"terms": [{"name": "a", "wieght": 1}]}"#, "`wieght`"),
             (r#"{"terms": [{"name": "a", "weight": {"mu0": 1, "mu2": 2}}]}"#, "`mu2`"),
             (r#"{"terms": [{"name": "a", "weight": "much"}]}"#, "expected a number or"),
         ] {
             let error = serde_json::from_str::<ObjectiveSpec>(bad).unwrap_err().to_string();
-            assert!(error.contains(said), "{error}");
+            assert!(error.contains(expected), "{error}");
         }
     }
 
     #[test]
-    fn every_preset_is_there_and_the_paper_weighs_by_mu() {
+    fn every_preset_exists_and_the_papers_selection_weighs_by_mu() {
         for (name, _) in PRESETS {
             assert!(ObjectiveSpec::preset(name).is_some(), "{name}");
         }

@@ -1,15 +1,13 @@
-//! Strict feasibility: what the frame-by-frame rule misses.
+//! Strict feasibility: covers what the frame-by-frame rule misses.
 //!
-//! - Boxes are swept between frames, from the pose at *now* on: no edge and no road user is
-//!   jumped over.
-//! - The centre stays on the drivable side: Waymo's boundaries have the road on their left, so a
+//! - Boxes are swept between frames, from the pose at *now* on, so that contacts between frames count.
+//! - The centre must stay on the drivable side. Waymo's boundaries have the road on their left, so a
 //!   centre on the right of the nearest boundary is off the road, unless it is so *now*.
-//! - Heights count: edges and road users more than [`StrictOptions::height_gap`] above or below
-//!   the adversary lie on another level. A candidate has no height; it follows the nearest lane
-//!   of its own level.
+//! - Heights count: edges and road users more than [`StrictOptions::height_gap`] above or below the
+//!   adversary are on another level. A candidate has no height; it follows the nearest lane of its own
+//!   level.
 //!
-//! What the box touches already *now* is left out of the first sweep: a car that is recorded over
-//! a kerb may leave it.
+//! The first sweep ignores what the box already touches *now*: a car recorded over a kerb may leave it.
 
 use serde::{Deserialize, Serialize};
 
@@ -24,18 +22,18 @@ use crate::{
     registry::Entry,
 };
 
-/// Farthest boundary whose side says where a centre is, metres.
+/// Largest distance of a boundary whose side is tested, metres.
 const SIDE_REACH: f64 = 15.0;
-/// Farthest lane whose height a candidate follows, metres.
+/// Largest distance of a lane whose height a candidate follows, metres.
 const LANE_REACH: f64 = 8.0;
 
 /// Options of [`StrictFeasibility`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StrictOptions {
-    /// Difference of height from which two things are on different levels, metres.
+    /// Height difference above which two objects are on different levels, metres.
     pub height_gap: f64,
-    /// Whether medians bound the road as well.
+    /// Whether medians also bound the road.
     pub medians: bool,
 }
 
@@ -51,7 +49,8 @@ pub struct StrictFeasibility(StrictOptions);
 
 impl Entry<dyn Feasibility> for StrictFeasibility {
     const NAME: &'static str = "strict";
-    const SUMMARY: &'static str = "boxes swept between frames, centre on the road, levels told apart";
+    const SUMMARY: &'static str =
+        "boxes swept between frames, centre on the road, levels distinguished by height";
     const SOURCE: &'static str = "this project";
     type Options = StrictOptions;
 
@@ -90,8 +89,8 @@ impl Feasibility for StrictFeasibility {
 }
 
 impl StrictFeasibility {
-    /// Height of the ground under each step, 0 (*now*) to 80. `None` where the map is level
-    /// enough for heights never to matter.
+    /// Height of the ground under each step, 0 (*now*) to 80. `None` if the map is so level that heights do
+    /// not matter.
     fn heights(&self, candidate: &Candidate, ctx: &Context) -> Option<Vec<f64>> {
         let gap = self.0.height_gap;
         let track = ctx.adversary();
@@ -117,7 +116,7 @@ impl StrictFeasibility {
         heights.as_ref().is_none_or(|heights| (heights[step] - other).abs() <= self.0.height_gap)
     }
 
-    /// First step, and feature, whose sweep touches an edge of the same level.
+    /// First step, and feature, at which the sweep touches an edge of the same level.
     fn swept_edge(
         &self,
         boxes: &[OrientedBox],
@@ -139,7 +138,7 @@ impl StrictFeasibility {
         None
     }
 
-    /// First step, and track, whose sweep touches another road user on the same level.
+    /// First step, and track, at which the sweep touches another road user of the same level.
     fn swept_agent(
         &self,
         boxes: &[OrientedBox],
@@ -163,7 +162,7 @@ impl StrictFeasibility {
         let first = |other: &OtherAgent| {
             (1..=HORIZON).find(|&step| meets(other, step)).map(|step| (step, other.track))
         };
-        // The candidate's bounds do not hold the pose at *now*; the sweep of step 1 does.
+        // The candidate's bounds exclude the pose at *now*, but the sweep of step 1 starts there.
         let bounds = boxes.iter().fold(crate::geometry::Aabb::EMPTY, |all, b| all.union(&b.aabb()));
         ctx.others()
             .iter()
@@ -172,7 +171,7 @@ impl StrictFeasibility {
             .min_by_key(|(step, _)| *step)
     }
 
-    /// First step, and boundary, beyond which the centre lies.
+    /// First step, and boundary, at which the centre is beyond the boundary.
     fn off_road(
         &self,
         candidate: &Candidate,

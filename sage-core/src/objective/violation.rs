@@ -1,4 +1,4 @@
-//! What a candidate breaks: rules that decide whether it could be driven in its scene.
+//! Violations: the rules that a candidate breaks.
 
 use std::borrow::Cow;
 
@@ -13,7 +13,7 @@ pub const ROAD_EDGE: &str = "road_edge";
 pub const MEDIAN: &str = "median";
 /// The box touches another road user than the ego.
 pub const AGENT: &str = "agent";
-/// The centre is beyond the road's edge.
+/// The centre is beyond the road edge.
 pub const OFF_ROAD: &str = "off_road";
 
 /// Cost of leaving the road (published code).
@@ -21,18 +21,18 @@ pub const EDGE_COST: f64 = 50.0;
 /// Cost of touching another road user (published code).
 pub const AGENT_COST: f64 = 10.0;
 
-/// One broken rule: what, how bad, when and where.
+/// One violation: rule, cost, step and position.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Violation {
-    /// The rule, in words with underscores.
+    /// The rule, as words joined by underscores.
     pub rule: Cow<'static, str>,
-    /// What it costs where no candidate is feasible, and in objectives that weigh violations, > 0.
+    /// Cost, > 0. It counts if no candidate is feasible, and in objectives that weigh violations.
     pub cost: f64,
-    /// Step at which it is first broken, 1 to 80.
+    /// First step of the violation, 1 to 80.
     pub step: usize,
-    /// Where the adversary is then, metres.
+    /// Position of the adversary at that step, metres.
     pub place: Point,
-    /// Id of the map feature or track that was touched.
+    /// Id of the touched map feature or track.
     pub with: String,
 }
 
@@ -49,18 +49,18 @@ impl Violation {
         Self { rule: rule.into(), cost, step, place, with: with.into() }
     }
 
-    /// The rule as tables say it.
+    /// The rule as words separated by spaces, for tables.
     pub fn words(&self) -> String {
         self.rule.replace('_', " ")
     }
 }
 
-/// Decides whether a candidate could be driven in its scene.
+/// A feasibility rule for candidates in their scene.
 pub trait Feasibility: Send + Sync {
-    /// All rules that a candidate breaks, the first step of each; none if it is feasible.
+    /// All violations of a candidate, each at its first step; empty if it is feasible.
     fn violations(&self, candidate: &Candidate, ctx: &Context) -> Vec<Violation>;
 
-    /// Whether no rule is broken.
+    /// Whether there is no violation.
     fn is_feasible(&self, candidate: &Candidate, ctx: &Context) -> bool {
         self.violations(candidate, ctx).is_empty()
     }

@@ -1,4 +1,4 @@
-//! The choice of an adversary where the file names none.
+//! Selection of an adversary if the file names none.
 
 use super::{AdversaryOrigin, Track, TrackKind};
 use crate::{
@@ -6,13 +6,13 @@ use crate::{
     motion::{HISTORY, HORIZON, NOW},
 };
 
-/// Paths that come nearer than this conflict in space, metres: about a lane's width and a half.
+/// Distance below which two logged paths conflict in space, metres: about one and a half lane widths.
 const CONFLICT: f64 = 5.0;
-/// Least way over the recording of a car that counts as moving, metres.
+/// Least displacement over the recording of a car that counts as moving, metres.
 const MOVING: f64 = 2.0;
 
-/// Where two logged futures come nearest in space: the frames between the two arrivals there, and
-/// the distance (m). `None` without a valid frame of both.
+/// Conflict of two logged futures: the number of frames between the two arrivals at their closest point,
+/// and the distance there (m). `None` if either has no valid frame.
 pub fn path_conflict(a: &Track, b: &Track) -> Option<(usize, f64)> {
     let future =
         |track: &Track| -> Vec<usize> { (NOW + 1..=NOW + HORIZON).filter(|&f| track.is_valid(f)).collect() };
@@ -30,9 +30,9 @@ pub fn path_conflict(a: &Track, b: &Track) -> Option<(usize, f64)> {
     best
 }
 
-/// The vehicle whose logged path conflicts most with the ego's: moving and valid in all of
-/// history; paths within 5 m of each other first, by the gap between the arrivals at the closest
-/// point, then by distance; ties by id.
+/// Selects the vehicle whose logged path conflicts most with the ego's. It must move and be valid in all of
+/// history. Paths within 5 m of each other rank first, by the gap between the arrivals at the closest
+/// point, then by distance; ties are broken by id.
 pub fn choose_adversary(tracks: &[Track], ego: usize) -> (Option<usize>, AdversaryOrigin) {
     let eligible = |track: &Track| {
         track.kind == TrackKind::Vehicle && track.count_valid(0..HISTORY) == HISTORY && moves(track)
@@ -43,7 +43,7 @@ pub fn choose_adversary(tracks: &[Track], ego: usize) -> (Option<usize>, Adversa
         .filter(|(k, track)| *k != ego && eligible(track))
         .filter_map(|(k, track)| path_conflict(&tracks[ego], track).map(|(gap, d)| (k, gap, d)))
         .min_by(|(i, gap_i, d_i), (j, gap_j, d_j)| {
-            // Far paths are told apart by distance alone: a gap means nothing there.
+            // Distant paths are ranked by distance alone: their gap is meaningless.
             let rank = |gap: usize, d: f64| if d <= CONFLICT { (false, gap) } else { (true, 0) };
             rank(*gap_i, *d_i)
                 .cmp(&rank(*gap_j, *d_j))
@@ -56,7 +56,7 @@ pub fn choose_adversary(tracks: &[Track], ego: usize) -> (Option<usize>, Adversa
     }
 }
 
-/// Whether a track gets anywhere between its first and any later valid frame.
+/// Whether a track leaves its first valid position.
 fn moves(track: &Track) -> bool {
     let mut valid = (0..track.valid.len()).filter(|&f| track.is_valid(f));
     let Some(first) = valid.next() else { return false };

@@ -1,11 +1,11 @@
-//! What is looked up in the map again and again, each built when it is first asked for.
+//! Search structures of the map, each built on first use.
 
 use std::sync::{Arc, OnceLock};
 
 use super::{Map, MapKind};
 use crate::geometry::SegmentIndex;
 
-/// Search structures over one map. Build it once a scene and share it.
+/// Search structures over one map. Build it once per scene and share it.
 pub struct SceneIndex {
     map: Arc<Map>,
     boundaries: OnceLock<SegmentIndex>,
@@ -16,7 +16,7 @@ pub struct SceneIndex {
 }
 
 impl SceneIndex {
-    /// An index of a map; costs nothing until it is asked.
+    /// An index of a map. Each structure is built on first use.
     pub fn new(map: Arc<Map>) -> Arc<Self> {
         Arc::new(Self {
             map,
@@ -28,7 +28,7 @@ impl SceneIndex {
         })
     }
 
-    /// The map that is indexed.
+    /// The indexed map.
     pub fn map(&self) -> &Map {
         &self.map
     }
@@ -64,7 +64,7 @@ impl SceneIndex {
         })
     }
 
-    /// Builds now what looking around and scoring ask for, so that a clock tells of these alone.
+    /// Builds the structures that features and scoring use, so that time measurements exclude it.
     pub fn build_all(&self) {
         self.boundaries();
         self.motor_lanes();
@@ -81,8 +81,8 @@ impl SceneIndex {
         })
     }
 
-    fn build(&self, wanted: impl Fn(&MapKind) -> bool) -> SegmentIndex {
-        SegmentIndex::build(self.map.polylines(wanted))
+    fn build(&self, accept: impl Fn(&MapKind) -> bool) -> SegmentIndex {
+        SegmentIndex::build(self.map.polylines(accept))
     }
 }
 

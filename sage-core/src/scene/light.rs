@@ -1,10 +1,10 @@
 //! Traffic lights.
 
-/// What a light shows in one frame.
+/// State of a light in one frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum LightState {
-    /// Nothing recorded, or a word that is not known.
+    /// Not recorded, or an unknown name.
     Unknown,
     /// Red.
     Stop,
@@ -15,8 +15,8 @@ pub enum LightState {
 }
 
 impl LightState {
-    /// The state behind a name such as `LANE_STATE_ARROW_STOP` or `TRAFFIC_LIGHT_RED`; arrows and
-    /// flashing lights count as the steady light of the same meaning.
+    /// Parses a name such as `LANE_STATE_ARROW_STOP` or `TRAFFIC_LIGHT_RED`. Arrows and flashing lights
+    /// count as the steady light of the same meaning.
     pub fn from_name(name: &str) -> Self {
         match name {
             n if n.ends_with("STOP") || n.ends_with("RED") => Self::Stop,
@@ -27,12 +27,12 @@ impl LightState {
     }
 }
 
-/// A light over one lane.
+/// A traffic light of one lane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrafficLight {
-    /// Id of the lane it rules.
+    /// Id of the lane that it controls.
     pub lane: String,
-    /// Where its lane stops, metres, if recorded.
+    /// Stop position of its lane, metres, if recorded.
     pub stop_point: Option<[f64; 3]>,
     /// State a frame, as many as the scene has frames.
     pub states: Vec<LightState>,

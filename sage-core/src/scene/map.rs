@@ -30,7 +30,7 @@ pub enum MapKind {
     Driveway,
     /// STOP_SIGN: a single point.
     StopSign,
-    /// Anything else, by the file's own word.
+    /// Any other name of the file.
     Other(String),
 }
 
@@ -75,7 +75,7 @@ impl MapKind {
         matches!(self, Self::LaneFreeway | Self::LaneSurfaceStreet | Self::LaneOther(_))
     }
 
-    /// Whether it is a lane of any sort.
+    /// Whether it is a lane of any kind.
     pub fn is_lane(&self) -> bool {
         self.is_motor_lane() || matches!(self, Self::LaneBike)
     }
@@ -86,7 +86,7 @@ impl MapKind {
     }
 }
 
-/// A stretch over which another lane runs beside this one, as point indices.
+/// A stretch along which another lane runs beside this one, as point indices.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Neighbor {
     /// Index of the other lane in [`Map::features`].
@@ -97,7 +97,7 @@ pub struct Neighbor {
     pub other: [usize; 2],
 }
 
-/// A stretch over which a line or edge bounds a lane.
+/// A stretch along which a line or edge bounds a lane.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Boundary {
     /// Index of the line or edge in [`Map::features`].
@@ -106,7 +106,7 @@ pub struct Boundary {
     pub own: [usize; 2],
 }
 
-/// What is known of a lane beside its centre line.
+/// Attributes of a lane besides its centre line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lane {
     /// Speed limit, m/s, if there is one.
@@ -119,7 +119,7 @@ pub struct Lane {
     pub neighbors: [Vec<Neighbor>; 2],
     /// Boundaries on the left and on the right.
     pub boundaries: [Vec<Boundary>; 2],
-    /// Width to the left and to the right a point, metres; empty if unknown.
+    /// Width to the left and to the right per point, metres; empty if unknown.
     pub width: Vec<[f64; 2]>,
 }
 
@@ -130,9 +130,9 @@ pub struct MapFeature {
     pub id: String,
     /// Kind.
     pub kind: MapKind,
-    /// Its points in [`Map::points`]: a polyline, the corners of a polygon, or one place.
+    /// Its points in [`Map::points`]: a polyline, the corners of a polygon, or one point.
     pub points: Range<usize>,
-    /// What is known if it is a lane.
+    /// Attributes, if it is a lane.
     pub lane: Option<Box<Lane>>,
 }
 
@@ -156,12 +156,12 @@ impl Map {
         self.features.get(feature).is_some_and(|feature| range[0].max(range[1]) < feature.points.len())
     }
 
-    /// Features of the kinds that `wanted` accepts, with their index and points.
-    pub fn polylines(&self, wanted: impl Fn(&MapKind) -> bool) -> impl Iterator<Item = (u32, &[[f64; 3]])> {
+    /// Features of the accepted kinds, with their index and points.
+    pub fn polylines(&self, accept: impl Fn(&MapKind) -> bool) -> impl Iterator<Item = (u32, &[[f64; 3]])> {
         self.features
             .iter()
             .enumerate()
-            .filter(move |(_, feature)| wanted(&feature.kind))
+            .filter(move |(_, feature)| accept(&feature.kind))
             .map(|(k, feature)| (k as u32, self.points_of(feature)))
     }
 }

@@ -1,4 +1,4 @@
-//! One road user's recording.
+//! The recording of one road user.
 
 use crate::geometry::{OrientedBox, Point};
 
@@ -11,7 +11,7 @@ pub enum TrackKind {
     Pedestrian,
     /// Person on a bicycle or the like.
     Cyclist,
-    /// Anything else, by the file's own word: TRAFFIC_CONE, TRAFFIC_BARRIER, …
+    /// Any other name of the file: TRAFFIC_CONE, TRAFFIC_BARRIER, …
     Other(String),
 }
 
@@ -37,8 +37,8 @@ impl TrackKind {
     }
 }
 
-/// A recorded road user: columns of equal length, one value a frame. Frames that are not valid
-/// hold whatever the file holds, usually zeros, and are never read.
+/// A recorded road user: columns of equal length, one value per frame. Frames that are not valid hold the
+/// file's values, usually zeros, and are never read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Track {
     /// Identifier, unique in the scene.
@@ -53,12 +53,12 @@ pub struct Track {
     pub velocity: Vec<Point>,
     /// Length, width, height, metres.
     pub size: Vec<[f64; 3]>,
-    /// Whether the road user was seen.
+    /// Whether the frame is valid: the road user was observed.
     pub valid: Vec<bool>,
 }
 
 impl Track {
-    /// Whether the frame exists and the road user was seen in it.
+    /// Whether the frame exists and is valid.
     #[inline]
     pub fn is_valid(&self, frame: usize) -> bool {
         self.valid.get(frame).copied().unwrap_or(false)

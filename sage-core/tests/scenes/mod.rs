@@ -1,6 +1,6 @@
-//! Seeded scenes for laws: a bent road with edges and traffic at random.
+//! Seeded scenes for property tests: a curved road with edges and random traffic.
 
-#![allow(dead_code)] // Each test program uses a part of it.
+#![allow(dead_code)] // Each test program uses some of it.
 
 use std::sync::Arc;
 
@@ -31,11 +31,11 @@ fn track(rng: &mut Rng, id: usize, start: [f64; 2], heading: f64, speed: f64, ga
     let (mut at, mut h) = (start, heading);
     for _ in 0..FRAMES {
         let valid = !gaps || rng.unit() > 0.05;
-        let keep = |x: f64| if valid { x } else { 0.0 };
-        track.position.push([keep(at[0]), keep(at[1]), 0.0]);
-        track.heading.push(keep(h));
-        track.velocity.push([keep(speed * h.cos()), keep(speed * h.sin())]);
-        track.size.push(size.map(keep));
+        let masked = |x: f64| if valid { x } else { 0.0 };
+        track.position.push([masked(at[0]), masked(at[1]), 0.0]);
+        track.heading.push(masked(h));
+        track.velocity.push([masked(speed * h.cos()), masked(speed * h.sin())]);
+        track.size.push(size.map(masked));
         track.valid.push(valid);
         h += yaw_rate * 0.1;
         at = [at[0] + 0.1 * speed * h.cos(), at[1] + 0.1 * speed * h.sin()];
@@ -43,7 +43,7 @@ fn track(rng: &mut Rng, id: usize, start: [f64; 2], heading: f64, speed: f64, ga
     track
 }
 
-/// A scene of a seed.
+/// The scene of a seed.
 pub fn scene(seed: u64) -> Scene {
     let mut rng = Rng::new(seed, "laws", "scene");
     let mut tracks: Vec<Track> = (0..2 + rng.below(12))
@@ -87,7 +87,8 @@ pub fn scene(seed: u64) -> Scene {
     }
 }
 
-/// A candidate of a seed: the log, an arc that may stop, a path to the ego, or noise on one.
+/// The candidate of a seed: the log, an arc that may stop, or a straight line to the ego with or without
+/// noise.
 pub fn candidate(scene: &Scene, seed: u64) -> Trajectory {
     let mut rng = Rng::new(seed, &scene.id, "candidate");
     let (ego, adversary) = (&scene.tracks[0], &scene.tracks[1]);
@@ -105,10 +106,10 @@ pub fn candidate(scene: &Scene, seed: u64) -> Trajectory {
             };
             (0..HORIZON).map(step).collect()
         }
-        way => {
+        variant => {
             let aim = 1 + rng.below(HORIZON);
             let to = ego.point(NOW + aim);
-            let noise = if way == 2 { 0.0 } else { 0.05 };
+            let noise = if variant == 2 { 0.0 } else { 0.05 };
             let at = |t: usize, k: usize| from[k] + (to[k] - from[k]) * t as f64 / aim as f64;
             (1..=HORIZON)
                 .map(|t| [at(t, 0) + noise * rng.normal(), at(t, 1) + noise * rng.normal()])
@@ -140,12 +141,12 @@ pub fn moved(scene: &Scene, angle: f64, by: [f64; 2]) -> Scene {
 }
 
 /// A trajectory turned by `angle` about the origin, then moved.
-pub fn moved_path(path: &Trajectory, angle: f64, by: [f64; 2]) -> Trajectory {
-    let place = |p: &[f64; 2]| {
+pub fn moved_trajectory(trajectory: &Trajectory, angle: f64, by: [f64; 2]) -> Trajectory {
+    let moved_point = |p: &[f64; 2]| {
         let [x, y] = turned(*p, angle);
         [x + by[0], y + by[1]]
     };
-    Trajectory::new("moved", path.points().iter().map(place).collect()).unwrap()
+    Trajectory::new("moved", trajectory.points().iter().map(moved_point).collect()).unwrap()
 }
 
 fn turned([x, y]: [f64; 2], angle: f64) -> [f64; 2] {

@@ -1,4 +1,4 @@
-//! A document read as a scene, with every check that a scene promises.
+//! Decodes a document into a scene and checks all guarantees of a scene.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -25,7 +25,7 @@ const MAX_FRAMES: usize = 40_000;
 
 /// Turns the values of a file into a checked scene; `path` names the file in errors.
 ///
-/// *Errors*: [`Error::Field`], which names the field, what was found and what belongs there.
+/// *Errors*: [`Error::Field`] with the field, the value found and the value expected.
 pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
     let fields = Fields::new(document, path);
     let root = Field::ROOT;
@@ -48,7 +48,7 @@ pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
     let ego = ego.ok_or_else(|| fields.wrong(&ego_field, ego_id, "the id of a track"))?;
     if !tracks[ego].is_valid(NOW) {
         let found = format!("`{ego_name}`, which is not valid at frame {NOW}");
-        return Err(fields.error(&ego_field, found, "an ego that is seen now"));
+        return Err(fields.error(&ego_field, found, "an ego that is valid at that frame"));
     }
     let index = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id));
     if let Some(index) = index.filter(|index| *index != NOW as i64) {
@@ -59,13 +59,13 @@ pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
         None => choose_adversary(&tracks, ego),
     };
     let timestamps = match fields.optional(metadata, "ts") {
-        // Seconds from the start, or any clock's count.
+        // Seconds from the start, or the values of any clock.
         Some(ts) => fields.column_within(f64::MAX, ts, &metadata_field.key("ts"), frames)?,
         None => Vec::new(),
     };
     let map = Arc::new(map(&fields, top, &mut notes)?);
     let lights = lights(&fields, top, frames)?;
-    // A search that was given up finds nothing, which must not pass for a part that is not there.
+    // A lookup beyond the work limit returns nothing, which must not count as a missing field.
     fields.spend(&root.key("(root)"), 0)?;
     Ok(Scene { id, frames, timestamps, tracks, map, lights, ego, adversary, adversary_origin, notes })
 }
@@ -87,12 +87,12 @@ fn tracks(fields: &Fields, top: Id, frames: usize, notes: &mut Vec<String>) -> R
     let field = Field::ROOT.key("tracks");
     let id = fields.required(top, &Field::ROOT, "tracks", "a dict of tracks")?;
     let entries = fields.entries(id, &field)?;
-    let mut seen = HashSet::with_capacity(entries.len());
+    let mut known_ids = HashSet::with_capacity(entries.len());
     let mut tracks = Vec::with_capacity(entries.len());
     for (key, value) in entries {
         let name = fields.identifier(*key, &field)?;
         let field = field.key(&name);
-        if !seen.insert(name.clone()) {
+        if !known_ids.insert(name.clone()) {
             return Err(fields.error(&field, "there twice", "one track an id"));
         }
         let mut track = track(fields, *value, &field, name.clone(), frames)?;
@@ -127,9 +127,9 @@ fn track(fields: &Fields, id: Id, field: &Field, name: String, frames: usize) ->
     for (key, values) in [("length", &length), ("width", &width)] {
         if let Some(frame) = (0..frames).find(|&f| valid[f] && values[f] <= 0.0) {
             let field = field.key(key);
-            let place = frame.to_string();
+            let index = frame.to_string();
             return Err(fields.error(
-                &field.key(&place),
+                &field.key(&index),
                 values[frame].to_string(),
                 "metres above 0 where the track is valid",
             ));
@@ -139,8 +139,8 @@ fn track(fields: &Fields, id: Id, field: &Field, name: String, frames: usize) ->
     Ok(Track { id: name, kind, position, heading, velocity, size, valid })
 }
 
-/// Mends a vehicle whose width is recorded as its length: shorter than any car, yet wider than any
-/// lane's half, in every valid frame.
+/// Corrects a vehicle whose width and length are swapped: in every valid frame it is shorter than any car
+/// and wider than half a lane.
 fn swap_sizes(track: &mut Track) -> bool {
     let valid = || track.size.iter().zip(&track.valid).filter(|(_, valid)| **valid).map(|(size, _)| size);
     let swapped = track.kind == TrackKind::Vehicle
@@ -152,14 +152,14 @@ fn swap_sizes(track: &mut Track) -> bool {
     swapped
 }
 
-/// The one object of interest beside the ego, if the file names exactly one.
+/// The one object of interest besides the ego, if the file names exactly one.
 fn named_adversary(fields: &Fields, metadata: Id, tracks: &[Track], ego: usize) -> Option<usize> {
     let list = fields.document.items(fields.optional(metadata, "objects_of_interest")?)?;
     let index: HashMap<&str, usize> =
         tracks.iter().enumerate().map(|(k, track)| (&track.id[..], k)).collect();
     let mut others: Vec<usize> = list
         .iter()
-        .filter(|id| fields.look(fields.document.text_length(**id).unwrap_or(1)))
+        .filter(|id| fields.spend_work(fields.document.text_length(**id).unwrap_or(1)))
         .filter_map(|id| index.get(&fields.document.identifier(*id)?[..]).copied())
         .filter(|track| *track != ego)
         .collect();
@@ -191,7 +191,7 @@ fn lights(fields: &Fields, top: Id, frames: usize) -> Result<Vec<TrafficLight>, 
         let mut last: Option<(Id, LightState)> = None;
         let mut states = Vec::with_capacity(frames);
         for item in items {
-            // Runs of one shared name are the rule.
+            // Runs of one shared name are common.
             let state = match (last, fields.document.node(*item)) {
                 (Some((id, state)), _) if id == *item => state,
                 (_, Node::None) => LightState::Unknown,
@@ -226,7 +226,7 @@ fn point(fields: &Fields, id: Id, field: &Field) -> Result<Option<[f64; 3]>, Err
 
 // --- map ---
 
-/// Sides of a lane and the keys under which a file keeps what is there.
+/// Sides of a lane and the keys of their contents.
 const NEIGHBORS: [&str; 2] = ["left_neighbor", "right_neighbor"];
 const BOUNDARIES: [&str; 2] = ["left_boundaries", "right_boundaries"];
 
@@ -235,7 +235,7 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
     let Some(id) = fields.optional(top, "map_features") else { return Ok(Map::default()) };
     let entries = fields.entries(id, &root)?;
     let mut map = Map { points: Vec::with_capacity(fields.document.file_size() / 24), ..Map::default() };
-    // Widths of the rows of polylines and polygons that the file has.
+    // Row widths of the file's polylines and polygons.
     let (mut flat, mut deep) = (false, false);
     for (key, value) in entries {
         let name = fields.identifier(*key, &root)?;
@@ -264,11 +264,11 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         map.features.push(MapFeature { id: name, kind, points: first..map.points.len(), lane: None });
     }
     if flat && deep {
-        // A map with heights has them everywhere. nuScenes lanes carry a heading in that place.
+        // A map with heights has them everywhere. nuScenes lanes have a heading in the third column.
         map.points.iter_mut().for_each(|p| p[2] = 0.0);
         notes.push("map points have two or three columns; heights are taken as unknown".to_owned());
     }
-    // Lanes name each other, so they are linked once all are known.
+    // Lanes refer to each other, so they are linked after all are known.
     let index: HashMap<&str, usize> = map.features.iter().enumerate().map(|(k, f)| (&f.id[..], k)).collect();
     if index.len() != map.features.len() {
         return Err(fields.error(&root, "an id there twice", "one feature an id"));
@@ -292,19 +292,19 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         })
         .collect();
     if left_out > 0 {
-        notes.push(format!("{left_out} lane links name points that are not there and are left out"));
+        notes.push(format!("{left_out} lane links name points that do not exist and are left out"));
     }
     for (feature, lane) in map.features.iter_mut().zip(lanes) {
         feature.lane = lane;
     }
-    // Shrinking copies; it is worth that only for a guess that was far off.
+    // Shrinking copies the points, so it is done only if the estimate was much too large.
     if map.points.capacity() > 2 * map.points.len() {
         map.points.shrink_to_fit();
     }
     Ok(map)
 }
 
-/// Drops the links of a lane, by its number, to points that are not there; how many.
+/// Removes a lane's links to points that do not exist; returns their number.
 fn leave_out_of_range(lane: &mut Lane, own: usize, map: &Map) -> usize {
     let links = |lane: &Lane| {
         lane.neighbors.iter().map(Vec::len).sum::<usize>()
@@ -320,7 +320,7 @@ fn leave_out_of_range(lane: &mut Lane, own: usize, map: &Map) -> usize {
     before - links(lane)
 }
 
-/// Features by id, while lanes are linked to them.
+/// Index of features by id, for linking lanes.
 struct Links<'f, 'd> {
     fields: &'f Fields<'d>,
     index: HashMap<&'f str, usize>,
@@ -330,7 +330,7 @@ impl Links<'_, '_> {
     fn lane(&self, id: Id, field: &Field) -> Result<Lane, Error> {
         let limit = self.fields.optional(id, "speed_limit_kmh").and_then(|x| self.fields.document.number(x));
         let width = match self.fields.optional(id, "width") {
-            // Some sources keep one mean width instead of a table.
+            // Some sources store one mean width instead of a table.
             Some(width) if matches!(self.fields.document.node(width), Node::Array(a) if a.shape.len() == 2) => {
                 self.fields.rows::<2>(width, &field.key("width"), &[2])?
             }
@@ -349,7 +349,7 @@ impl Links<'_, '_> {
         })
     }
 
-    /// Items of a list under a key; none if there is no list.
+    /// Items of a list under a key; empty if there is no list.
     fn items(&self, id: Id, key: &str, field: &Field) -> Result<&[Id], Error> {
         let items = self.fields.optional(id, key).and_then(|list| self.fields.document.items(list));
         let items = items.unwrap_or_default();
@@ -357,11 +357,10 @@ impl Links<'_, '_> {
         Ok(items)
     }
 
-    /// The feature that a value names; `None` if the map does not hold it (maps are cut out of
-    /// larger ones).
+    /// The feature that a value names; `None` if it is not in the map (maps are cut from larger ones).
     fn feature(&self, id: Id) -> Option<usize> {
-        // Letters are hashed.
-        if !self.fields.look(self.fields.document.text_length(id).unwrap_or(0)) {
+        // Hashing reads all letters.
+        if !self.fields.spend_work(self.fields.document.text_length(id).unwrap_or(0)) {
             return None;
         }
         match self.fields.document.text(id) {
@@ -385,7 +384,7 @@ impl Links<'_, '_> {
 
     fn neighbors(&self, id: Id, key: &str, field: &Field) -> Result<Vec<Neighbor>, Error> {
         let neighbor = |item: Id| {
-            // Some sources list ids alone.
+            // Some sources list ids only.
             let Some(lane) = self.fields.optional(item, "feature_id") else {
                 return Some(Neighbor { lane: self.feature(item)?, own: [0, 0], other: [0, 0] });
             };

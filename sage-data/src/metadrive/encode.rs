@@ -17,7 +17,21 @@ use crate::{
 /// *Errors*: [`Error::Field`] if the scene does not have the file's tracks, frames, map and
 /// lights: those cannot be changed by writing over a source.
 pub fn encode(scene: &Scene, source: &Document, path: &Path) -> Result<Document, Error> {
+    let mut document = source.clone();
     let original = decode(source, path)?;
+    write_changes(&mut document, scene, &original, path)?;
+    Ok(document)
+}
+
+/// Writes the tracks of a scene that differ from the scene as it was read; their ids.
+///
+/// *Errors*: as [`encode`].
+pub(crate) fn write_changes<'s>(
+    document: &mut Document,
+    scene: &'s Scene,
+    original: &Scene,
+    path: &Path,
+) -> Result<Vec<&'s str>, Error> {
     let refuse = |field: &str, found: &str| Error::Field {
         path: path.to_owned(),
         field: field.to_owned(),
@@ -26,19 +40,20 @@ pub fn encode(scene: &Scene, source: &Document, path: &Path) -> Result<Document,
     };
     let names =
         |scene: &Scene| scene.tracks.iter().map(|t| (t.id.clone(), t.kind.clone())).collect::<Vec<_>>();
-    if names(scene) != names(&original) || scene.frames != original.frames {
+    if names(scene) != names(original) || scene.frames != original.frames {
         return Err(refuse("tracks", "another set of tracks or frames"));
     }
     if scene.map != original.map || scene.lights != original.lights {
         return Err(refuse("map_features", "another map"));
     }
-    let mut document = source.clone();
+    let mut ids = Vec::new();
     for (changed, original) in scene.tracks.iter().zip(&original.tracks) {
         if changed != original {
-            write_track(&mut document, changed, original);
+            write_track(document, changed, original);
+            ids.push(&changed.id[..]);
         }
     }
-    Ok(document)
+    Ok(ids)
 }
 
 /// Puts a text into a file's metadata, in a copy of it: others may share the dict.

@@ -9,7 +9,7 @@ use crate::{
     pickle::{Array, Document, Dtype, ElementKind, Id, Node},
 };
 
-/// A place in the file: keys from the root, kept on the stack until an error needs them.
+/// A field of the file: keys from the root, borrowed from the stack until an error needs them.
 #[derive(Clone, Copy)]
 pub(super) struct Field<'f> {
     parent: Option<&'f Self>,
@@ -37,36 +37,36 @@ impl fmt::Display for Field<'_> {
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 const F64: Dtype = Dtype { kind: ElementKind::Float, size: 8, big_endian: false };
 
-/// What a track, feature or light costs beside its name and numbers, bytes.
+/// Memory of a track, feature or light besides its name and numbers, bytes.
 const OVERHEAD: usize = 384;
 
-/// A document being read as a scene.
+/// Access to a document that is being read as a scene.
 pub(super) struct Fields<'d> {
     pub(super) document: &'d Document,
     path: &'d Path,
     /// Bytes that may still be copied out of the document.
     budget: Cell<usize>,
-    /// Entries and letters that may still be looked at.
+    /// Remaining number of entries and letters that may be read.
     work: Cell<usize>,
 }
 
 impl<'d> Fields<'d> {
     pub(super) fn new(document: &'d Document, path: &'d Path) -> Self {
-        // Values can be shared, so a short file could ask for endless copies and searches. Honest
-        // files double the bytes of their floats and look at each dict some ten times; small ones
-        // share their columns.
+        // Values can be shared, so a short file could cause unlimited copies and searches. Regular files
+        // double the bytes of their floats and read each dict about ten times; small ones share their
+        // columns.
         let size = document.file_size();
         let budget = size.saturating_mul(4).saturating_add(4 << 20);
         let work = size.saturating_mul(16).saturating_add(4 << 20);
         Self { document, path, budget: Cell::new(budget), work: Cell::new(work) }
     }
 
-    /// An error about a value.
+    /// An error about a value of the document.
     pub(super) fn wrong(&self, field: &Field, id: Id, expected: impl Into<String>) -> Error {
         self.error(field, self.document.describe(id), expected)
     }
 
-    /// An error about something found.
+    /// An error about a described value.
     pub(super) fn error(
         &self,
         field: &Field,
@@ -90,8 +90,8 @@ impl<'d> Fields<'d> {
         if self.work.get() == 0 { Err(self.used_up(field)) } else { Ok(()) }
     }
 
-    /// Accounts for looking at `n` entries or letters; `false` when there was too much of it.
-    pub(super) fn look(&self, n: usize) -> bool {
+    /// Accounts for reading `n` entries or letters; `false` if the limit is reached.
+    pub(super) fn spend_work(&self, n: usize) -> bool {
         self.work.set(self.work.get().saturating_sub(n));
         self.work.get() > 0
     }
@@ -99,15 +99,15 @@ impl<'d> Fields<'d> {
     fn used_up(&self, field: &Field) -> Error {
         self.error(
             field,
-            "a value that the file uses over and over",
+            "a value that the file repeats too often",
             "a scene that is not many times larger than its file",
         )
     }
 
-    /// Value of a key, with the search accounted for.
+    /// Value of a key; the search is accounted for.
     fn get(&self, dict: Id, key: &str) -> Option<Id> {
         let entries = self.document.entries(dict)?;
-        self.look(entries.len()).then(|| self.document.get(dict, key)).flatten()
+        self.spend_work(entries.len()).then(|| self.document.get(dict, key)).flatten()
     }
 
     pub(super) fn optional(&self, dict: Id, key: &str) -> Option<Id> {
@@ -128,7 +128,7 @@ impl<'d> Fields<'d> {
 
     pub(super) fn text(&self, id: Id, field: &Field) -> Result<&'d str, Error> {
         let letters = self.document.text_length(id).ok_or_else(|| self.wrong(field, id, "a str"))?;
-        if !self.look(letters) {
+        if !self.spend_work(letters) {
             return Err(self.used_up(field));
         }
         self.document.text(id).ok_or_else(|| self.wrong(field, id, "a str"))
@@ -188,7 +188,7 @@ impl<'d> Fields<'d> {
         Err(self.error(field, format!("{found} rows"), format!("{expected} rows, one a frame")))
     }
 
-    /// Rows of finite numbers within [`MAX_COORDINATE`] of any of the accepted widths; columns beyond the width are 0.
+    /// Rows of finite numbers within ±[`MAX_COORDINATE`], of any accepted width; missing columns are 0.
     pub(super) fn rows<const N: usize>(
         &self,
         id: Id,
@@ -230,8 +230,8 @@ impl<'d> Fields<'d> {
             }
             _ => return Err(self.wrong(field, id, "an array or a list of numbers")),
         }
-        // One branch-free pass for the usual case; the search for the culprit only when it fails.
-        // NaN fails the comparison as well.
+        // One branch-free pass for the common case; the invalid number is searched only if it fails. NaN
+        // also fails the comparison.
         let is_bad = |x: &f64| !(x.abs() <= limit);
         if out[first..].iter().flatten().fold(false, |bad, x| bad | is_bad(x)) {
             let culprit = out[first..]
@@ -248,7 +248,7 @@ impl<'d> Fields<'d> {
         Ok(())
     }
 
-    /// Numbers in a row of a table, by its shape or its first row.
+    /// Length of a row of a table, from its shape or its first row.
     pub(super) fn row_width(&self, id: Id) -> Option<usize> {
         match self.document.node(id) {
             Node::Array(array) => array.shape.get(1).map(|n| *n as usize),
@@ -261,7 +261,7 @@ impl<'d> Fields<'d> {
         }
     }
 
-    /// One row out of a list of rows: a list, a small array, or a bare number.
+    /// One row of a list of rows: a list, a small array, or a single number.
     fn row<const N: usize>(&self, id: Id, field: &Field, widths: &[usize]) -> Result<[f64; N], Error> {
         let expected = || format!("a row of {} numbers", widths_in_words(widths));
         let mut row = [0.0; N];
@@ -311,7 +311,7 @@ impl<'d> Fields<'d> {
         self.spend(field, size_of::<[f64; N]>() * rows)?;
         out.reserve(rows);
         let bytes = self.document.bytes(array.data);
-        // Scene files hold little-endian floats in C order; the first two arms are their fast path.
+        // Scene files contain little-endian floats in C order; the first two arms are fast paths for them.
         match (array.dtype, array.fortran && width > 1) {
             (F32, false) => out.extend(bytes.chunks_exact(4 * width).map(|raw| {
                 let mut row = [0.0; N];

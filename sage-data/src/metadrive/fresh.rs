@@ -24,7 +24,8 @@ pub(crate) fn fresh(scene: &Scene) -> Document {
             let state = make.dict([("object_state", states)]);
             let stop = make.floats(&[3], light.stop_point.unwrap_or_default());
             let (kind, lane) = (make.text("TRAFFIC_LIGHT"), make.text(&light.lane));
-            let metadata = make.dict([("type", kind)]);
+            let length = make.push(Node::Int(light.states.len() as i64));
+            let metadata = make.dict([("track_length", length), ("type", kind), ("object_id", lane)]);
             let entries = [
                 ("type", kind),
                 ("state", state),
@@ -51,6 +52,7 @@ pub(crate) fn fresh(scene: &Scene) -> Document {
         ("metadata", metadata),
     ]);
     make.0.set_root(root);
+    super::complete(&mut make.0);
     make.0
 }
 
@@ -63,18 +65,15 @@ impl Maker {
     }
 
     fn text(&mut self, text: &str) -> Id {
-        let span = self.0.push_bytes(text.as_bytes());
-        self.push(Node::Str(span))
+        self.0.new_text(text)
     }
 
     fn dict<const N: usize>(&mut self, entries: [(&str, Id); N]) -> Id {
-        let entries = entries.map(|(key, value)| (self.text(key), value));
-        self.push(Node::Dict(entries.into()))
+        self.0.new_dict(entries)
     }
 
     fn named(&mut self, entries: Vec<(String, Id)>) -> Id {
-        let entries = entries.iter().map(|(key, value)| (self.text(key), *value)).collect();
-        self.push(Node::Dict(entries))
+        self.0.new_dict(entries)
     }
 
     fn texts<'t>(&mut self, texts: impl IntoIterator<Item = &'t str>) -> Id {

@@ -1,4 +1,4 @@
-//! Tensors read as a scene, with every check that a scene promises.
+//! Decodes tensors into a scene and checks all guarantees of a scene.
 
 use std::{collections::HashSet, ops::Range, path::Path, sync::Arc};
 
@@ -13,7 +13,7 @@ use sage_core::{
 use super::{Header, KEY, Link, VERSION};
 use crate::Error;
 
-/// A file's tensors, found by name.
+/// Tensors of a file, by name.
 pub(super) struct Tensors<'b> {
     path: &'b Path,
     data: &'b [u8],
@@ -70,12 +70,12 @@ impl<'b> Tensors<'b> {
         Ok(header)
     }
 
-    /// Rows of `N` finite numbers of a tensor of this shape.
+    /// Rows of `N` finite numbers from a tensor of this shape.
     fn rows<const N: usize>(&self, name: &str, shape: &[usize], limit: f64) -> Result<Vec<[f64; N]>, Error> {
         self.columns::<N>(name, shape, limit)?.read(0..shape.iter().product::<usize>() / N)
     }
 
-    /// A tensor of this shape whose rows are read as they are needed.
+    /// A tensor of this shape whose rows are read on demand.
     fn columns<'n, const N: usize>(
         &'n self,
         name: &'n str,
@@ -128,7 +128,7 @@ struct Columns<'n, const N: usize> {
 }
 
 impl<const N: usize> Columns<'_, N> {
-    /// Some of the rows.
+    /// Reads a range of rows.
     fn read(&self, rows: Range<usize>) -> Result<Vec<[f64; N]>, Error> {
         let mut read: Vec<[f64; N]> = Vec::with_capacity(rows.len());
         let bytes = |size: usize| &self.tensor.data[rows.start * N * size..rows.end * N * size];
@@ -143,7 +143,7 @@ impl<const N: usize> Columns<'_, N> {
                 std::array::from_fn(|k| f64::from_le_bytes(cells[k]))
             }));
         }
-        // NaN fails the comparison as well.
+        // NaN also fails the comparison.
         let is_bad = |x: &f64| !(x.abs() <= self.limit);
         if read.as_flattened().iter().fold(false, |bad, x| bad | is_bad(x)) {
             let culprit =
@@ -159,7 +159,7 @@ impl<const N: usize> Columns<'_, N> {
 
 /// Turns the bytes of a native file into a checked scene; `path` names it in errors.
 ///
-/// *Errors*: [`Error::Field`], which names the tensor or key, what was found and what belongs there.
+/// *Errors*: [`Error::Field`] with the tensor or key, the value found and the value expected.
 pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<Scene, Error> {
     let file = Tensors::open(path, bytes)?;
     let header = file.header()?;
@@ -169,15 +169,15 @@ pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<Scene, Error> {
     let tracks = tracks(&file, &header)?;
     match tracks.get(header.ego) {
         Some(ego) if ego.is_valid(NOW) => {}
-        _ => return Err(file.error("ego", header.ego.to_string(), "a track that is seen now")),
+        _ => return Err(file.error("ego", header.ego.to_string(), "a track that is valid now")),
     }
     if let Some(adversary) = header.adversary {
-        let seen = tracks.get(adversary).is_some_and(|track| track.valid[..=NOW].contains(&true));
-        if !seen || adversary == header.ego {
+        let has_valid_frame = tracks.get(adversary).is_some_and(|track| track.valid[..=NOW].contains(&true));
+        if !has_valid_frame || adversary == header.ego {
             return Err(file.error(
                 "adversary",
                 adversary.to_string(),
-                "a track that is seen in history, not the ego",
+                "a track other than the ego with a valid frame in history",
             ));
         }
     }
@@ -210,10 +210,10 @@ fn tracks(file: &Tensors, header: &Header) -> Result<Vec<Track>, Error> {
     let (heading, length) = (column("tracks.heading")?, column("tracks.length")?);
     let (width, height) = (column("tracks.width")?, column("tracks.height")?);
     let valid = file.bytes("tracks.valid", Dtype::BOOL, &[n, frames])?;
-    let mut seen = HashSet::with_capacity(n);
+    let mut known_ids = HashSet::with_capacity(n);
     let mut tracks = Vec::with_capacity(n);
     for (k, (id, kind)) in header.tracks.iter().enumerate() {
-        if !seen.insert(id) {
+        if !known_ids.insert(id) {
             return Err(file.error("tracks", format!("`{id}` twice"), "one track an id"));
         }
         let of = k * frames..(k + 1) * frames;
@@ -242,10 +242,10 @@ fn tracks(file: &Tensors, header: &Header) -> Result<Vec<Track>, Error> {
 
 fn map(file: &Tensors, header: &Header) -> Result<Map, Error> {
     let mut total = 0usize;
-    let mut seen = HashSet::with_capacity(header.features.len());
+    let mut known_ids = HashSet::with_capacity(header.features.len());
     let mut features = Vec::with_capacity(header.features.len());
     for (id, kind, points) in &header.features {
-        if !seen.insert(id) {
+        if !known_ids.insert(id) {
             return Err(file.error("features", format!("`{id}` twice"), "one feature an id"));
         }
         let end = total.checked_add(*points).filter(|_| *points > 0);
@@ -259,15 +259,16 @@ fn map(file: &Tensors, header: &Header) -> Result<Map, Error> {
         });
         total = end;
     }
-    // The shape check ties the sum of the counts to bytes that are there.
+    // The shape check bounds the sum of the counts by the size of the file.
     let points = file.rows::<3>("map.points", &[total, 3], MAX_COORDINATE)?;
     let widths = file.required("lane.width")?.shape.first().copied().unwrap_or(0);
     let widths = file.rows::<2>("lane.width", &[widths, 2], MAX_COORDINATE)?;
     let mut left = &widths[..];
     for (feature, speed_limit, count) in &header.lanes {
         let width = left.split_at_checked(*count);
-        let (width, rest) =
-            width.ok_or_else(|| file.error("lanes", format!("{count} widths"), "as many as there are"))?;
+        let (width, rest) = width.ok_or_else(|| {
+            file.error("lanes", format!("{count} widths"), "as many as `lane.width` has rows")
+        })?;
         left = rest;
         if speed_limit.is_some_and(|limit| !(limit.is_finite() && limit > 0.0)) {
             return Err(file.error("lanes", format!("speed limit {speed_limit:?}"), "m/s above 0, or null"));

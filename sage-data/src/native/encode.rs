@@ -1,4 +1,4 @@
-//! A scene, and what its source holds beyond it, as tensors.
+//! Encodes a scene, and its source's data beyond it, as tensors.
 
 use std::{collections::HashMap, path::Path};
 
@@ -27,20 +27,20 @@ pub(crate) fn encode(scene: &Scene, original: Option<&Document>, path: &Path) ->
         expected: "a scene that safetensors can hold".to_owned(),
     };
     let header = serde_json::to_string(&header(scene)).map_err(|e| fail(e.to_string()))?;
-    let views: Result<Vec<_>, _> = tensors
+    let tensor_views: Result<Vec<_>, _> = tensors
         .iter()
-        .map(|t| TensorView::new(t.dtype, t.shape.clone(), &t.data).map(|view| (t.name, view)))
+        .map(|t| TensorView::new(t.dtype, t.shape.clone(), &t.data).map(|tensor_view| (t.name, tensor_view)))
         .collect();
-    let views = views.map_err(|e| fail(e.to_string()))?;
+    let tensor_views = tensor_views.map_err(|e| fail(e.to_string()))?;
     let serialize = |header: &str| {
         let metadata = HashMap::from([(KEY.to_owned(), header.to_owned())]);
-        safetensors::serialize(views.clone(), Some(metadata)).map_err(|e| fail(e.to_string()))
+        safetensors::serialize(tensor_views.clone(), Some(metadata)).map_err(|e| fail(e.to_string()))
     };
     let bytes = serialize(&header)?;
     if Format::of(&bytes) == Some(Format::Native) {
         return Ok(bytes);
     }
-    // The length of the header begins like a pickle. Eight more bytes are another length.
+    // A header of this length would make the file start like a pickle. Eight more bytes avoid that.
     serialize(&(header + &" ".repeat(PADDING)))
 }
 
@@ -112,7 +112,7 @@ fn tensors(scene: &Scene) -> Vec<Packed> {
     ]
 }
 
-/// Rows of lane, link, other feature, own range, other range.
+/// Rows of lane, relation, other feature, own range, other range.
 fn links(scene: &Scene) -> Vec<i64> {
     let mut rows: Vec<i64> = Vec::new();
     let mut row = |lane: usize, link: Link, other: usize, own: [usize; 2], range: [usize; 2]| {

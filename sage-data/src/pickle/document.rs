@@ -6,7 +6,7 @@ use super::{Dtype, ElementKind, Global};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Id(pub(super) u32);
 
-/// A stretch of the document's bytes.
+/// A range of the document's bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Span {
     pub(super) start: u32,
@@ -14,21 +14,21 @@ pub struct Span {
 }
 
 impl Span {
-    /// No bytes at all.
+    /// The empty span.
     pub(crate) const EMPTY: Self = Self { start: 0, len: 0 };
 }
 
-/// A numpy array; its elements stay bytes until they are asked for.
+/// A numpy array; its elements remain bytes until they are read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Array {
     /// Element type.
     pub dtype: Dtype,
     /// Shape; no entry for a zero-dimensional array.
     pub shape: Vec<u32>,
-    /// Whether the first index runs fastest.
+    /// Whether the order of elements is Fortran order: the first index varies fastest.
     pub fortran: bool,
-    /// Whether it came by `_frombuffer`: numpy then keeps a foreign byte order, which it turns into
-    /// its own when it loads arrays the older way.
+    /// Whether it was created by `_frombuffer`. numpy then preserves a foreign byte order; arrays loaded in
+    /// the older form are converted to the native order.
     pub from_buffer: bool,
     /// Elements.
     pub data: Span,
@@ -63,7 +63,7 @@ pub enum Node {
     FrozenSet(Vec<Id>),
     /// A dict, in the order of insertion; no two keys are equal.
     Dict(Vec<(Id, Id)>),
-    /// A collections.defaultdict; whether its factory is `int` or none.
+    /// A collections.defaultdict; its factory is `int` or none.
     DefaultDict {
         /// Whether the factory is `int`.
         int_factory: bool,
@@ -76,16 +76,16 @@ pub enum Node {
     Scalar(Dtype, Span),
     /// A numpy type.
     Dtype(Dtype),
-    /// A known global by itself: the factory of a defaultdict or part of an unfinished object.
+    /// A known global as a value: the factory of a defaultdict or part of an unfinished object.
     Global(Global),
-    /// An array whose state has not come yet; never left in a finished document.
+    /// An array before its state; never present in a finished document.
     Unbuilt,
-    /// A numpy type whose state has not come yet; never left in a finished document.
+    /// A numpy type before its state; never present in a finished document.
     UnbuiltDtype(Dtype),
 }
 
 impl Node {
-    /// Name of its kind for messages.
+    /// Name of its kind, for messages.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::None => "None",
@@ -108,7 +108,7 @@ impl Node {
         }
     }
 
-    /// Whether Python could use it as a key, as far as its kind tells: tuples are as what they hold.
+    /// Whether Python accepts it as a key, by its kind only: a tuple is hashable if its items are.
     pub(super) fn is_hashable(&self) -> bool {
         !matches!(
             self,
@@ -124,7 +124,7 @@ impl Node {
     }
 }
 
-/// A parsed pickle. Values may be shared but never hold themselves, and nest at most
+/// A parsed pickle. Values may be shared but never contain themselves. They are nested at most
 /// [`super::MAX_DEPTH`] deep.
 #[derive(Clone, Debug)]
 pub struct Document {
@@ -145,7 +145,7 @@ impl Document {
         &self.nodes[id.0 as usize]
     }
 
-    /// All values, in the order in which they were made.
+    /// All values, in the order of their creation.
     pub(crate) fn ids(&self) -> impl Iterator<Item = Id> + use<> {
         (0..self.nodes.len() as u32).map(Id)
     }
@@ -176,7 +176,7 @@ impl Document {
         }
     }
 
-    /// Entries of a dict of either sort.
+    /// Entries of a dict or defaultdict.
     pub fn entries(&self, id: Id) -> Option<&[(Id, Id)]> {
         match self.node(id) {
             Node::Dict(entries) | Node::DefaultDict { entries, .. } => Some(entries),
@@ -201,7 +201,7 @@ impl Document {
         self.entries(dict)?.iter().rev().find(|(k, _)| is_key(*k)).map(|(_, value)| *value)
     }
 
-    /// A number of any sort, as a float.
+    /// A number of any type, as a float.
     pub fn number(&self, id: Id) -> Option<f64> {
         match self.node(id) {
             Node::Int(x) => Some(*x as f64),
@@ -213,11 +213,11 @@ impl Document {
         }
     }
 
-    /// An integer; a str of digits counts, as ids and indices are written both ways.
+    /// An integer. A str of digits counts, because ids and indices are written in both forms.
     pub fn integer(&self, id: Id) -> Option<i64> {
         match self.node(id) {
             Node::Int(x) => Some(*x),
-            // No 64-bit number has more digits.
+            // No 64-bit integer has more digits.
             Node::Str(span) if span.len <= 20 => self.text(id)?.parse().ok(),
             Node::Scalar(dtype, span) if dtype.kind != ElementKind::Float => dtype.integer(self.bytes(*span)),
             _ => None,
@@ -232,7 +232,7 @@ impl Document {
         }
     }
 
-    /// How a value reads in a message: its kind, and the value itself if it is short.
+    /// Description of a value for messages: its kind, and the value itself if it is short.
     pub fn describe(&self, id: Id) -> String {
         match self.node(id) {
             Node::Int(x) => x.to_string(),

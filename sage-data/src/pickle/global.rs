@@ -1,4 +1,4 @@
-//! The functions and classes that a scene file may name. Nothing else is let in, and none is run.
+//! The functions and classes that a scene file may name. All others are refused, and none is executed.
 
 /// Globals that scene files use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -13,7 +13,7 @@ pub enum Global {
     NdArray,
     /// `numpy.dtype`.
     Dtype,
-    /// `_codecs.encode`: how protocol 2 writes bytes.
+    /// `_codecs.encode`, by which protocol 2 writes bytes.
     Encode,
     /// `collections.defaultdict`.
     DefaultDict,
@@ -21,12 +21,13 @@ pub enum Global {
     Int,
     /// `builtins.set`.
     Set,
-    /// `__builtin__.bytes`, called with nothing: how protocol 2 writes empty bytes.
+    /// `__builtin__.bytes` without arguments, by which protocol 2 writes empty bytes.
     Bytes,
 }
 
 impl Global {
-    /// The global of a name. `__builtin__` is Python 2's module: Python 3 knows it in protocol 2 alone.
+    /// Parses the name of a global. `__builtin__` is Python 2's module; Python 3 accepts it only in
+    /// protocol 2.
     pub(super) fn from_name(module: &[u8], name: &[u8], protocol: u8) -> Option<Self> {
         if module == b"__builtin__" && protocol > 2 {
             return None;
@@ -39,7 +40,7 @@ impl Global {
             (b"numpy", b"dtype") => Self::Dtype,
             (b"_codecs", b"encode") => Self::Encode,
             (b"collections", b"defaultdict") => Self::DefaultDict,
-            // Python 3 writes `int` under Python 2's name `long` in protocol 2.
+            // In protocol 2, Python 3 writes `int` as Python 2's `long`.
             (b"builtins" | b"__builtin__", b"int") | (b"__builtin__", b"long") => Self::Int,
             (b"builtins" | b"__builtin__", b"set") => Self::Set,
             (b"__builtin__", b"bytes") => Self::Bytes,

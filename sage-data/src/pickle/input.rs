@@ -1,4 +1,4 @@
-//! The bytes that opcodes read: never beyond their frame or the file.
+//! Reads the bytes of opcodes, never beyond their frame or the file.
 
 use super::{PickleProblem as Problem, Span, machine::Machine};
 
@@ -12,8 +12,8 @@ impl Machine {
         Ok(start)
     }
 
-    /// Goes on after a frame that was read to its end. What an opcode reads lies in one frame: across
-    /// its end Python sees other bytes in a file than in memory.
+    /// Continues after a completely read frame. All bytes of an opcode must be in one frame, because across
+    /// a frame's end Python reads other bytes from a file than from memory.
     #[cold]
     fn leave_frame(&mut self, needed: u64) -> Result<(), Problem> {
         let left = self.size - self.at;
@@ -49,7 +49,7 @@ impl Machine {
 
     pub(super) fn span(&mut self, n: u64) -> Result<Span, Problem> {
         let start = self.take(n)?;
-        // Files are below 4 GiB, so both fit.
+        // Files are smaller than 4 GiB, so both fit.
         Ok(Span { start: start as u32, len: n as u32 })
     }
 

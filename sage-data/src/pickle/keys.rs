@@ -1,9 +1,8 @@
-//! Keys of dicts and sets: no two of one container may be equal.
+//! Keys of dicts and sets: no two keys of one container may be equal.
 //!
-//! Of equal keys Python keeps the first key and the last value. No pickler writes such a container, so
-//! it is refused rather than imitated. Values that Python might take for equal count as equal here:
-//! `1`, `1.0`, `True` and a numpy scalar of 1 are one key. What cannot be a key is refused where it is
-//! used as one.
+//! Of equal keys Python stores the first key and the last value. No pickler writes such a container, so it
+//! is refused. Values that Python might consider equal count as equal here: `1`, `1.0`, `True` and a numpy
+//! scalar of 1 are one key. A value that cannot be a key is refused at its use as a key.
 
 use std::collections::{HashMap, HashSet};
 
@@ -12,29 +11,29 @@ use super::{
     machine::{Machine, kind},
 };
 
-/// Up to so many keys are told apart by a bit each of [`BITS`]; where two share one, and beyond, their
-/// signatures are sorted.
+/// Up to this number of keys, one bit per key out of [`BITS`] distinguishes them. If two keys share a bit,
+/// or there are more keys, their signatures are sorted.
 const FEW: usize = 64;
-/// Bits of which each key takes one.
+/// Number of bits, of which each key sets one.
 const BITS: usize = 1024;
 
 impl Machine {
-    /// Whether Python can use a value as a key: a tuple is one if all that it holds are. The walk keeps a
-    /// list, not the call stack, and looks at each tuple once, since it cannot change.
+    /// Whether Python accepts a value as a key. A tuple is accepted if all its items are. The traversal
+    /// uses a list instead of the call stack and visits each tuple once, because tuples are immutable.
     fn is_hashable(&mut self, id: Id) -> bool {
         let mut open = vec![id];
-        let mut seen = HashSet::new();
+        let mut visited = HashSet::new();
         while let Some(id) = open.pop() {
             match &self.nodes[id.0 as usize] {
                 Node::Tuple(items) => {
                     if self.hashable_tuples.insert(id) {
-                        seen.insert(id);
+                        visited.insert(id);
                         open.extend(items);
                     }
                 }
                 node if node.is_hashable() => {}
                 _ => {
-                    self.hashable_tuples.retain(|id| !seen.contains(id));
+                    self.hashable_tuples.retain(|id| !visited.contains(id));
                     return false;
                 }
             }
@@ -56,7 +55,7 @@ impl Machine {
     }
 }
 
-/// What decides whether two keys are equal.
+/// Canonical form of a key, for comparison.
 #[derive(PartialEq, Eq, Hash)]
 enum Key<'d> {
     None,
@@ -65,18 +64,18 @@ enum Key<'d> {
     Float(u64),
     Str(&'d [u8]),
     Bytes(&'d [u8]),
-    /// Numbers of the items, by [`Classes`]; sorted for a frozenset.
+    /// Classes of the items, by [`Classes`]; sorted for a frozenset.
     Tuple(Vec<u32>),
     FrozenSet(Vec<u32>),
     Dtype(char, u8, bool),
     Global(Global),
 }
 
-/// A number for each value: equal keys have equal ones.
+/// Class of each value: equal keys have equal classes.
 struct Classes(Vec<u32>);
 
-/// A number of a text: equal texts have equal ones, and of texts of less than eight bytes no others have. It
-/// is found without reading all of a long text, which many dicts may share.
+/// Signature of a text: equal texts have equal signatures, and texts of less than eight bytes have unique
+/// ones. It does not read all of a long text, which many dicts may share.
 fn signature(text: &[u8]) -> u64 {
     let word = |bytes: &[u8]| {
         let mut word = [0; 8];
@@ -91,7 +90,7 @@ fn signature(text: &[u8]) -> u64 {
 }
 
 impl Document {
-    /// Refuses two keys that Python takes for one in any of some dicts and sets.
+    /// Refuses two keys that Python considers equal, in any of the given dicts and sets.
     pub(super) fn check_keys(&self, keyed: &[Id]) -> Result<(), Problem> {
         let mut classes = None;
         let mut signatures = Vec::new();
@@ -135,21 +134,21 @@ impl Document {
         Ok(())
     }
 
-    /// The same for keys of any kind.
+    /// The same check for keys of any kind.
     fn check_values(
         &self,
         mut keys: impl ExactSizeIterator<Item = Id>,
         classes: &mut Option<Classes>,
     ) -> Result<(), Problem> {
         let Classes(classes) = classes.get_or_insert_with(|| self.classes());
-        let mut seen = HashSet::with_capacity(keys.len());
-        match keys.find(|id| !seen.insert(classes[id.0 as usize])) {
+        let mut visited = HashSet::with_capacity(keys.len());
+        match keys.find(|id| !visited.insert(classes[id.0 as usize])) {
             Some(id) => Err(Problem::DuplicateKey(self.describe(id))),
             None => Ok(()),
         }
     }
 
-    /// Classes of all values. A tuple or frozenset comes after its items, so one pass does.
+    /// Classes of all values. A tuple or frozenset comes after its items, so one pass suffices.
     fn classes(&self) -> Classes {
         let mut known: HashMap<Key, u32> = HashMap::new();
         let mut classes: Vec<u32> = Vec::with_capacity(self.nodes.len());
@@ -165,7 +164,7 @@ impl Document {
                 node => self.plain_key(node),
             };
             let next = known.len() as u32;
-            // What cannot be a key is in a class that nobody asks for.
+            // A value that cannot be a key gets a class that is never read.
             classes.push(key.map_or(u32::MAX, |key| *known.entry(key).or_insert(next)));
         }
         Classes(classes)
@@ -193,7 +192,7 @@ impl Document {
     }
 }
 
-/// A number as a key. 2⁶³ and beyond are no 64-bit integers.
+/// Canonical form of a number. Numbers from 2⁶³ on are not 64-bit integers.
 fn number(x: f64) -> Key<'static> {
     const END: f64 = 9_223_372_036_854_775_808.0;
     if x.fract() == 0.0 && (-END..END).contains(&x) {
@@ -205,7 +204,7 @@ fn number(x: f64) -> Key<'static> {
     }
 }
 
-/// A large int, rounded: two of them that round to one number count as equal.
+/// A large int, rounded; two that round to the same number count as equal.
 fn big(bytes: &[u8]) -> f64 {
     let negative = bytes.last().is_some_and(|b| b & 0x80 != 0);
     let digit = |b: &u8| f64::from(if negative { !*b } else { *b });
@@ -223,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_keys_are_refused_however_they_are_written() {
+    fn equal_keys_are_refused_in_every_spelling() {
         let float = |x: f64| [b"G".as_slice(), &x.to_be_bytes()].concat();
         let one = float(1.0);
         let long_one = [b"\x8a\x09\x01".as_slice(), &[0; 8]].concat();
@@ -248,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn many_keys_are_told_apart_by_their_text() {
+    fn many_keys_are_distinguished_by_their_text() {
         let mut body = b"}(".to_vec();
         for k in 0..50u8 {
             body.extend([0x8c, 1, k, b'N']);
@@ -261,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn long_keys_that_differ_in_their_middle_are_told_apart() {
+    fn long_keys_that_differ_in_their_middle_are_distinct() {
         let key = |middle: u8| [b"\x8c\x14AAAAAAAA".as_slice(), &[middle; 4], b"BBBBBBBB"].concat();
         let [a, b] = [key(b'x'), key(b'y')];
         assert_eq!(signature(&a[2..]), signature(&b[2..]));
@@ -270,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tuple_that_holds_a_list_is_no_key() {
+    fn a_tuple_that_contains_a_list_cannot_be_a_key() {
         assert!(parse(b"}]\x85Ns").is_err());
         assert!(parse(b"}]\x85\x85Ns").is_err());
         assert!(parse(b"}N\x85\x85Ns").is_ok());

@@ -1,12 +1,11 @@
 //! The interpreter of opcodes.
 //!
-//! It is a loop over the bytes with a stack of ids: no recursion on the input, no call of anything
-//! the file names. Every opcode takes at least one byte and makes at most one value, values, stack,
-//! marks and memo have limits of their own, and lengths are checked against what is left of the
-//! file before anything is reserved.
+//! It is a loop over the bytes with a stack of ids, without recursion on the input or calls of globals.
+//! Every opcode takes at least one byte and creates at most one value. Values, stack, marks and memo have
+//! their own limits. Lengths are checked against the rest of the file before memory is reserved.
 //!
-//! Stack, marks, memo and opcodes behave as in CPython's C unpickler (`Modules/_pickle.c`): what is
-//! accepted here has the value that Python would see. Where Python is laxer, a file is refused.
+//! Stack, marks, memo and opcodes behave as in CPython's C unpickler (`Modules/_pickle.c`). An accepted
+//! pickle has the value that Python reads; where Python is more lenient, the file is refused.
 
 use std::collections::HashSet;
 
@@ -15,7 +14,7 @@ use super::{
     Span, opcode as op,
 };
 
-/// Values that every document starts with, so that common ones cost nothing.
+/// Values that every document starts with, so that common ones need no memory.
 pub(super) const NONE: Id = Id(0);
 const FALSE: Id = Id(1);
 const TRUE: Id = Id(2);
@@ -23,7 +22,7 @@ const TRUE: Id = Id(2);
 const EMPTY: Id = Id(u32::MAX);
 
 impl Document {
-    /// Interprets a pickle. The document keeps the bytes.
+    /// Interprets a pickle. The document stores the bytes.
     ///
     /// *Errors*: a [`PickleError`] for anything but plain values within the limits.
     pub fn parse(bytes: Vec<u8>) -> Result<Self, PickleError> {
@@ -53,25 +52,25 @@ impl Document {
 }
 
 pub(super) struct Machine {
-    /// The file, followed by bytes that `_codecs.encode` decoded.
+    /// The file, followed by the bytes that `_codecs.encode` produced.
     pub(super) document: Vec<u8>,
     pub(super) size: usize,
     pub(super) at: usize,
     /// End of the frame, or of the file between frames.
     pub(super) end: usize,
     pub(super) nodes: Vec<Node>,
-    /// Most values, entries of the stack, and entries of the memo.
+    /// Limit of values, stack entries and memo entries.
     limit: usize,
     stack: Vec<Id>,
     marks: Vec<usize>,
     memo: Vec<Id>,
-    /// Entries of the memo in use: MEMOIZE stores at this number, gaps or not.
+    /// Number of memo entries in use. MEMOIZE stores at this index, even if there are gaps.
     memo_entries: usize,
-    /// What the last PROTO said.
+    /// Protocol of the last PROTO.
     pub(super) protocol: u8,
-    /// Tuples that were used as keys, and those in them.
+    /// Tuples that were used as keys, and the tuples in them.
     pub(super) hashable_tuples: HashSet<Id>,
-    /// Bytes copied out of shared values so far.
+    /// Number of bytes copied from shared values so far.
     pub(super) copied: usize,
 }
 
@@ -107,7 +106,7 @@ impl Machine {
                 op::MARK if self.marks.len() == MAX_MARKS => return Err(Problem::Depth),
                 op::MARK => self.marks.push(self.stack.len()),
                 op::POP => {
-                    // As in Python: with nothing above the mark, the mark itself goes.
+                    // As in Python: if nothing is above the mark, the mark is removed.
                     if self.marks.last() == Some(&self.stack.len()) {
                         self.marks.pop();
                     } else {
@@ -176,7 +175,7 @@ impl Machine {
                     })?;
                 }
                 op::SHORT_BINSTRING | op::BINSTRING => {
-                    // Python 2's str, which Python 3 takes for text if it is ASCII, and refuses otherwise.
+                    // Python 2's str: Python 3 reads it as text if it is ASCII, and refuses it otherwise.
                     let n = if code == op::BINSTRING { self.length::<4>()? } else { u64::from(self.byte()?) };
                     let span = self.span(n)?;
                     if !self.slice(span).is_ascii() {
@@ -285,7 +284,7 @@ impl Machine {
         }
     }
 
-    /// Lowest place that the current mark leaves open.
+    /// Lowest stack index that the current mark leaves accessible.
     fn floor(&self) -> usize {
         self.marks.last().copied().unwrap_or(0)
     }
@@ -325,9 +324,9 @@ impl Machine {
         self.marks.pop().ok_or_else(|| Problem::Stack(op::name(code)))
     }
 
-    /// The value just under a place of the stack.
-    fn below(&self, place: usize, code: u8) -> Result<Id, Problem> {
-        let under = place.checked_sub(1).filter(|p| *p >= self.floor());
+    /// The value just below a stack index.
+    fn below(&self, index: usize, code: u8) -> Result<Id, Problem> {
+        let under = index.checked_sub(1).filter(|p| *p >= self.floor());
         under.map(|p| self.stack[p]).ok_or_else(|| Problem::Stack(op::name(code)))
     }
 
@@ -338,12 +337,12 @@ impl Machine {
         }
     }
 
-    /// Stores the top of the stack at a place of the memo, over what is there.
-    #[inline(always)] // A twentieth of the time that reading takes.
-    fn memoize(&mut self, code: u8, place: u64) -> Result<(), Problem> {
+    /// Stores the top of the stack in a memo entry, replacing its value.
+    #[inline(always)] // Inlining saves a twentieth of the reading time.
+    fn memoize(&mut self, code: u8, entry: u64) -> Result<(), Problem> {
         let top = self.top(code)?;
-        // A pickler numbers what it stores.
-        let index = usize::try_from(place).ok().filter(|k| *k < self.limit).ok_or(Problem::Memo(place))?;
+        // Picklers number the stored values consecutively.
+        let index = usize::try_from(entry).ok().filter(|k| *k < self.limit).ok_or(Problem::Memo(entry))?;
         if index == self.memo.len() {
             self.memo.push(EMPTY);
         } else if index > self.memo.len() {
@@ -379,7 +378,7 @@ impl Machine {
         let negative = raw.last().is_some_and(|b| b & 0x80 != 0);
         let fill = if negative { 0xff } else { 0 };
         let in_use = raw.iter().rposition(|b| *b != fill).map_or(0, |last| last + 1);
-        // The highest bit in use must still tell the sign.
+        // The highest bit in use must still represent the sign.
         if in_use > 8 || (in_use == 8 && (raw[7] & 0x80 != 0) != negative) {
             return self.push(Node::BigInt(span));
         }
@@ -390,7 +389,7 @@ impl Machine {
 
     fn text(&mut self, n: u64) -> Result<(), Problem> {
         let span = self.span(n)?;
-        // Names are short and plain, which is seen without a call.
+        // Names are short and ASCII, which this test finds without a function call.
         let raw = self.slice(span);
         let is_plain = raw.len() <= 32 && raw.iter().fold(0, |all, byte| all | byte) < 0x80;
         if !is_plain && std::str::from_utf8(raw).is_err() {

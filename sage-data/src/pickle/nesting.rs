@@ -1,17 +1,17 @@
-//! What a finished document promises: no value holds itself, none nests too deep, none is half made.
+//! Guarantees of a finished document: no cycles, limited nesting, no unfinished values.
 
 use std::slice::Iter;
 
 use super::{Document, Id, MAX_DEPTH, Node, PickleProblem as Problem};
 
-/// What is known of a value during the walk.
+/// State of a value during the traversal.
 #[derive(Clone, Copy)]
 enum State {
     New,
-    /// On the path from the root to where the walk is.
+    /// On the path from the root to the current value.
     Open,
-    /// Walked; levels of containers in it, itself included, at most [`MAX_DEPTH`].
-    Walked(u8),
+    /// Completed; with the number of container levels, itself included, at most [`MAX_DEPTH`].
+    Done(u8),
 }
 
 /// A container on the path.
@@ -22,7 +22,7 @@ struct Step<'d> {
     below: usize,
 }
 
-/// What is left of a container's values; keys and values of a dict take turns.
+/// Remaining children of a container; keys and values of a dict alternate.
 enum Children<'d> {
     Items(Iter<'d, Id>),
     Entries(Iter<'d, (Id, Id)>, Option<Id>),
@@ -43,8 +43,9 @@ impl Children<'_> {
 }
 
 impl Document {
-    /// Refuses cycles, deep nesting and unfinished values among what the root reaches; its dicts and sets.
-    /// Shared values are walked once, and the path is a list, not the call stack.
+    /// Refuses cycles, deep nesting and unfinished values among all values reachable from the root; returns
+    /// the dicts and sets. Shared values are traversed once, and the path is a list instead of the call
+    /// stack.
     pub(super) fn check_nesting(&self) -> Result<Vec<Id>, Problem> {
         let mut keyed = Vec::new();
         let mut states = vec![State::New; self.nodes.len()];
@@ -54,7 +55,7 @@ impl Document {
             if let Some(id) = next {
                 match states[id.0 as usize] {
                     State::Open => return Err(Problem::Cycle),
-                    State::Walked(levels) => {
+                    State::Done(levels) => {
                         let levels = usize::from(levels);
                         if path.len() + levels > MAX_DEPTH {
                             return Err(Problem::Depth);
@@ -81,7 +82,7 @@ impl Document {
             next = step.children.next();
             if next.is_none() {
                 let levels = step.below + 1;
-                states[step.id.0 as usize] = State::Walked(levels as u8);
+                states[step.id.0 as usize] = State::Done(levels as u8);
                 path.pop();
                 if let Some(parent) = path.last_mut() {
                     parent.below = parent.below.max(levels);
@@ -90,7 +91,7 @@ impl Document {
         }
     }
 
-    /// What a value holds; `None` if it holds nothing.
+    /// Children of a value; `None` if it is not a container.
     fn children(&self, id: Id) -> Result<Option<Children<'_>>, Problem> {
         let unfinished = |found, expected| Err(Problem::Kind { what: "a value", found, expected });
         match self.node(id) {
@@ -127,8 +128,8 @@ mod tests {
     }
 
     #[test]
-    fn a_deep_value_that_is_shared_counts_where_it_is_deepest() {
-        // [v, [[…[v]…]]] with v 40 deep: fine alone, too deep inside 30 more.
+    fn a_shared_value_counts_at_its_deepest_position() {
+        // [v, [[…[v]…]]] with v 40 deep: allowed alone, too deep inside 30 more levels.
         let build = |inner: usize| {
             let mut bytes = vec![0x80, 4, b'(', b'N'];
             bytes.extend(std::iter::repeat_n(0x85, 40));

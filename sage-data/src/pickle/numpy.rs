@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// What an element is.
+/// Kind of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ElementKind {
     /// `b`: one byte, 0 or 1.
@@ -110,8 +110,8 @@ impl Dtype {
         })
     }
 
-    /// Bytes of floats in this type. Numbers it cannot hold are rounded as `as` does, to halves
-    /// towards 0.
+    /// Encodes floats in this type. Numbers that it cannot represent are rounded as `as` does; halves are
+    /// rounded towards 0.
     pub(crate) fn write(self, values: impl Iterator<Item = f64>) -> Vec<u8> {
         let mut out = Vec::new();
         for x in values {
@@ -155,7 +155,7 @@ fn half(bits: u16) -> f64 {
 
 /// The nearest half that is not larger in magnitude.
 fn to_half(x: f32) -> u16 {
-    /// Bits of infinity; halves order like their bits.
+    /// Bits of infinity; halves are ordered like their bits.
     const INFINITY: u16 = 0x7c00;
     let sign = if x.is_sign_negative() { 1 << 15 } else { 0 };
     let magnitude = f64::from(x.abs());
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_type_reads_back_what_it_writes() {
+    fn every_type_reads_what_it_wrote() {
         for (name, values) in [
             ("b1", vec![0.0, 1.0]),
             ("i1", vec![-128.0, 127.0]),

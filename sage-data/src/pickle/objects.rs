@@ -1,11 +1,11 @@
-//! REDUCE and BUILD: the few objects that a scene file makes out of known globals.
+//! REDUCE and BUILD: the few objects that a scene file creates from known globals.
 //!
-//! Arrays come as a function call that makes an empty one and a state that fills it (or, from
-//! protocol 5 on, as one call with a buffer); their elements stay where they are in the file.
+//! Arrays are a function call that creates an empty array and a state that fills it, or, from protocol 5
+//! on, one call with a buffer. Their elements remain in the file's bytes.
 //!
-//! Arguments and states are taken in the form in which numpy writes them and in no other: what numpy
-//! would make of another form depends on its version. A type is used once it has its state, and gets
-//! one once, because Python's arrays share their type and would all change with it.
+//! Arguments and states are accepted only in the form that numpy writes. The result of other forms would
+//! depend on numpy's version. A type can be used only after its state is set, and its state can be set only
+//! once, because Python's arrays share their type and a later state would change them all.
 
 use super::{
     Array, Dtype, Id, Node, PickleProblem as Problem, Span,
@@ -13,7 +13,7 @@ use super::{
     machine::{Machine, NONE, kind},
 };
 
-/// Most axes of an array; scenes have two.
+/// Largest number of axes; scenes have two.
 const MAX_AXES: usize = 8;
 
 impl Machine {
@@ -29,7 +29,7 @@ impl Machine {
             return Err(kind("the arguments of REDUCE", self.node(arguments), "a tuple"));
         };
         let (arguments, count) = first::<5>(arguments);
-        let made = match (function, &arguments[..count]) {
+        let node = match (function, &arguments[..count]) {
             (Global::Reconstruct, [class, shape, letter]) => {
                 self.check_empty_array(*class, *shape, *letter)?;
                 Node::Unbuilt
@@ -87,11 +87,11 @@ impl Machine {
                 });
             }
         };
-        self.push(made)
+        self.push(node)
     }
 
-    /// Accounts for a copy out of a value that may be shared: without a limit a short file could
-    /// ask for one long value again and again.
+    /// Accounts for a copy of a value that may be shared. Without a limit a short file could cause many
+    /// copies of one long value.
     fn pay(&mut self, bytes: usize) -> Result<(), Problem> {
         let limit = self.size.saturating_mul(4);
         self.copied = self.copied.saturating_add(bytes);
@@ -145,7 +145,7 @@ impl Machine {
         Ok(())
     }
 
-    /// `_reconstruct(ndarray, (0,), b'b')` makes an array to be filled; nothing else is asked for.
+    /// `_reconstruct(ndarray, (0,), b'b')` creates an empty array; other arguments are refused.
     fn check_empty_array(&self, class: Id, shape: Id, letter: Id) -> Result<(), Problem> {
         let is_class = matches!(self.node(class), Node::Global(Global::NdArray));
         let is_empty = matches!(self.node(shape), Node::Tuple(n) if n.len() == 1 && self.is_int(n[0], 0));
@@ -185,7 +185,7 @@ impl Machine {
             Node::Str(span) | Node::Bytes(span) => self.slice(*span),
             other => return Err(kind("the name of a numpy type", other, "a str")),
         };
-        // The byte order comes with the state.
+        // The byte order is part of the state.
         Dtype::from_name(raw)
             .filter(|_| raw[0].is_ascii_alphabetic())
             .ok_or_else(|| Problem::Dtype(String::from_utf8_lossy(&raw[..raw.len().min(20)]).into_owned()))
@@ -201,7 +201,8 @@ impl Machine {
     fn data(&self, id: Id) -> Result<Span, Problem> {
         match self.node(id) {
             Node::Bytes(span) | Node::ByteArray(span) => Ok(*span),
-            // Python 2 writes the bytes of an array as str. Beyond ASCII its bytes are not the text's.
+            // Python 2 writes the bytes of an array as str. Non-ASCII bytes would differ from the text's
+            // bytes.
             Node::Str(span) if self.slice(*span).is_ascii() => Ok(*span),
             other => Err(kind("the data of an array", other, "bytes")),
         }
@@ -258,7 +259,7 @@ impl Machine {
     }
 }
 
-/// The first values of a tuple, and how many there are: without an allocation for each array.
+/// The first values of a tuple, and their number, without an allocation for each array.
 fn first<const N: usize>(items: &[Id]) -> ([Id; N], usize) {
     let mut first = [NONE; N];
     let count = items.len().min(N);
@@ -266,7 +267,7 @@ fn first<const N: usize>(items: &[Id]) -> ([Id; N], usize) {
     (first, count)
 }
 
-/// An error for what has not the form in which numpy and Python write it.
+/// An error for a value that does not have the form that numpy and Python write.
 fn form(what: &'static str, expected: &'static str) -> Problem {
     Problem::Kind { what, found: "something else", expected }
 }

@@ -1,6 +1,6 @@
 //! Opcodes of the pickle machine, protocols 2 to 5.
 
-// A macro, so that no name can part from its code.
+// A macro, so that names and codes cannot diverge.
 macro_rules! opcodes {
     ($($name:ident = $code:literal),* $(,)?) => {
         $(pub(super) const $name: u8 = $code;)*

@@ -4,10 +4,10 @@ use std::collections::HashSet;
 
 use super::{Document, Id, Node};
 
-/// Whether two values are the same: kinds, order of entries, types, shapes and bits. How values
-/// are shared does not count.
+/// Whether two values are equal: kinds, order of entries, types, shapes and bits. Sharing of values does
+/// not count.
 pub fn same(a: &Document, a_root: Id, b: &Document, b_root: Id) -> bool {
-    let mut seen: HashSet<(Id, Id)> = HashSet::new();
+    let mut compared: HashSet<(Id, Id)> = HashSet::new();
     let mut open = vec![(a_root, b_root)];
     while let Some((x, y)) = open.pop() {
         let lists = |p: &[Id], q: &[Id], open: &mut Vec<(Id, Id)>| {
@@ -35,8 +35,8 @@ pub fn same(a: &Document, a_root: Id, b: &Document, b_root: Id) -> bool {
                     && p.fortran == q.fortran
                     && a.bytes(p.data) == b.bytes(q.data)
             }
-            // Containers can be shared by many; each pair is walked once.
-            _ if !seen.insert((x, y)) => true,
+            // Many values can share one container; each pair is compared once.
+            _ if !compared.insert((x, y)) => true,
             (Node::List(p), Node::List(q))
             | (Node::Tuple(p), Node::Tuple(q))
             | (Node::Set(p), Node::Set(q))

@@ -1,31 +1,29 @@
-//! Documents back to pickles (protocol 4), and new values for them.
+//! Writes documents as pickles (protocol 4), and adds values to documents.
 //!
-//! Values that were shared stay shared. Arrays are written the way numpy 1 and 2 both read.
-
-use std::collections::HashMap;
+//! Shared values stay shared. Arrays are written in a form that both numpy 1 and 2 read.
 
 use super::{Array, Document, Dtype, Id, Node, Span, opcode as op};
 
-/// Entries a batch of SETITEMS, APPENDS or ADDITEMS, as Python's pickler has it.
+/// Number of entries per SETITEMS, APPENDS or ADDITEMS, as in Python's pickler.
 const BATCH: usize = 1000;
 
 impl Document {
-    /// A document of None, to add values to.
+    /// A document whose root is None, for adding values.
     pub(crate) fn empty() -> Self {
         Self { bytes: Vec::new(), nodes: vec![Node::None], root: Id(0), file_size: 0 }
     }
 
-    /// Makes a value the outermost.
+    /// Sets the root value.
     pub(crate) fn set_root(&mut self, root: Id) {
         self.root = root;
     }
 
-    /// Puts another value in place of one, for everything that refers to it.
+    /// Replaces a value; all references to it refer to the new one.
     pub(crate) fn replace(&mut self, id: Id, node: Node) {
         self.nodes[id.0 as usize] = node;
     }
 
-    /// Adds a value that nothing refers to yet.
+    /// Adds a value without references.
     pub(crate) fn push(&mut self, node: Node) -> Id {
         let id = Id(self.nodes.len() as u32);
         self.nodes.push(node);
@@ -42,14 +40,14 @@ impl Document {
     /// Sets a str key of a dict.
     pub(crate) fn set(&mut self, dict: Id, key: &str, value: Id) {
         let span = self.push_bytes(key.as_bytes());
-        let place = match self.entries(dict) {
+        let index = match self.entries(dict) {
             Some(entries) => entries.iter().rposition(|(k, _)| self.text(*k) == Some(key)),
             None => return,
         };
         let key = self.push(Node::Str(span));
         if let Node::Dict(entries) | Node::DefaultDict { entries, .. } = &mut self.nodes[dict.0 as usize] {
-            match place {
-                Some(place) => entries[place].1 = value,
+            match index {
+                Some(index) => entries[index].1 = value,
                 None => entries.push((key, value)),
             }
         }
@@ -57,29 +55,36 @@ impl Document {
 
     /// The document as a pickle that Python loads.
     pub fn to_pickle(&self) -> Vec<u8> {
+        self.to_pickle_without(|_| false).0
+    }
+
+    /// The document as a pickle in which some arrays are empty, and all arrays in the order of the pickle.
+    pub(crate) fn to_pickle_without(&self, is_emptied: impl Fn(Id) -> bool) -> (Vec<u8>, Vec<Id>) {
         let references = self.count_references();
-        let mut writer = Writer {
-            document: self,
-            shared: |id: Id| references[id.0 as usize] > 1,
-            out: Vec::with_capacity(self.bytes.len() + self.bytes.len() / 8),
-            stored: HashMap::new(),
-            memo_len: 0,
-            tasks: vec![Task::Value(self.root)],
-        };
         let newest = self.nodes.iter().any(|node| match node {
             Node::ByteArray(_) => true,
             Node::Array(array) => needs_buffer(array),
             _ => false,
         });
-        writer.out.extend([op::PROTO, if newest { 5 } else { 4 }]);
-        while let Some(task) = writer.tasks.pop() {
-            writer.perform(task);
-        }
+        let mut out = Vec::with_capacity(self.bytes.len() + self.bytes.len() / 8);
+        out.extend([op::PROTO, if newest { 5 } else { 4 }]);
+        let mut writer = Writer::new(self, &references, &is_emptied, out, 0);
+        writer.write_root();
         writer.out.push(op::STOP);
-        writer.out
+        (writer.out, writer.arrays)
     }
 
-    /// How often each value is referred to from reachable containers.
+    /// Appends the root value to a pickle that is written in parts and has `memo` memo entries. Returns the
+    /// number of memo entries afterwards. The value must not need protocol 5.
+    pub(crate) fn append_to(&self, out: &mut Vec<u8>, memo: u32) -> u32 {
+        let references = self.count_references();
+        let mut writer = Writer::new(self, &references, &|_| false, std::mem::take(out), memo);
+        writer.write_root();
+        *out = writer.out;
+        writer.memo_len
+    }
+
+    /// Number of references to each value from reachable containers.
     fn count_references(&self) -> Vec<u32> {
         let mut references = vec![0u32; self.nodes.len()];
         let mut open = vec![self.root];
@@ -101,72 +106,112 @@ impl Document {
     }
 }
 
-/// What can be in the memo.
-#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+/// Memo contents other than values.
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Stored {
-    Value(Id),
     Global(&'static str, &'static str),
     Dtype(char, u8, bool),
 }
 
-/// What is left to write, last first.
+/// Memo entry of a value that has none.
+const NOT_STORED: u32 = u32::MAX;
+
+/// Remaining output, last first.
 enum Task {
     Value(Id),
     Byte(u8),
     Store(Id),
 }
 
-struct Writer<'d, F> {
+struct Writer<'d> {
     document: &'d Document,
-    shared: F,
+    /// Number of references to each value: only values with several references are stored.
+    references: &'d [u32],
+    is_emptied: &'d dyn Fn(Id) -> bool,
     out: Vec<u8>,
-    stored: HashMap<Stored, u32>,
+    /// Memo entry of each value.
+    values: Vec<u32>,
+    /// Memo entries of globals and dtypes; there are few.
+    others: Vec<(Stored, u32)>,
     memo_len: u32,
     tasks: Vec<Task>,
+    /// Arrays in the order of writing.
+    arrays: Vec<Id>,
 }
 
-impl<F: Fn(Id) -> bool> Writer<'_, F> {
-    fn perform(&mut self, task: Task) {
-        match task {
-            Task::Byte(byte) => self.out.push(byte),
-            Task::Store(id) => self.store(Stored::Value(id)),
-            Task::Value(id) => {
-                if !self.recall(Stored::Value(id)) {
-                    self.value(id);
-                }
+impl<'d> Writer<'d> {
+    fn new(
+        document: &'d Document,
+        references: &'d [u32],
+        is_emptied: &'d dyn Fn(Id) -> bool,
+        out: Vec<u8>,
+        memo_len: u32,
+    ) -> Self {
+        let values = vec![NOT_STORED; document.nodes.len()];
+        let (others, tasks, arrays) = (Vec::new(), Vec::new(), Vec::new());
+        Self { document, references, is_emptied, out, values, others, memo_len, tasks, arrays }
+    }
+
+    fn write_root(&mut self) {
+        self.tasks.push(Task::Value(self.document.root));
+        while let Some(task) = self.tasks.pop() {
+            match task {
+                Task::Byte(byte) => self.out.push(byte),
+                Task::Store(id) => self.store_value(id),
+                Task::Value(id) => match self.values[id.0 as usize] {
+                    NOT_STORED => self.value(id),
+                    entry => self.recall(entry),
+                },
             }
         }
     }
 
-    /// Writes a reference if the thing is in the memo.
-    fn recall(&mut self, thing: Stored) -> bool {
-        let Some(&place) = self.stored.get(&thing) else { return false };
-        match u8::try_from(place) {
+    /// Writes a reference to a memo entry.
+    fn recall(&mut self, entry: u32) {
+        match u8::try_from(entry) {
             Ok(short) => self.out.extend([op::BINGET, short]),
             Err(_) => {
                 self.out.push(op::LONG_BINGET);
-                self.out.extend(place.to_le_bytes());
+                self.out.extend(entry.to_le_bytes());
             }
         }
-        true
+    }
+
+    /// Writes a reference if the memo contains it.
+    fn recalls(&mut self, thing: Stored) -> bool {
+        let known = self.others.iter().find(|(other, _)| *other == thing).map(|(_, entry)| *entry);
+        known.map(|entry| self.recall(entry)).is_some()
+    }
+
+    fn memoize(&mut self) -> u32 {
+        self.out.push(op::MEMOIZE);
+        self.memo_len += 1;
+        self.memo_len - 1
     }
 
     fn store(&mut self, thing: Stored) {
-        self.out.push(op::MEMOIZE);
-        self.stored.insert(thing, self.memo_len);
-        self.memo_len += 1;
+        let entry = self.memoize();
+        self.others.push((thing, entry));
+    }
+
+    fn store_value(&mut self, id: Id) {
+        self.values[id.0 as usize] = self.memoize();
+    }
+
+    fn is_shared(&self, id: Id) -> bool {
+        self.references[id.0 as usize] > 1
     }
 
     fn store_if_shared(&mut self, id: Id) {
-        if (self.shared)(id) {
-            self.store(Stored::Value(id));
+        if self.is_shared(id) {
+            self.store_value(id);
         }
     }
 
     fn value(&mut self, id: Id) {
         let document = self.document;
         match document.node(id) {
-            // Unfinished objects never get past the reader.
+            // The reader refuses unfinished objects.
             Node::None | Node::Unbuilt | Node::UnbuiltDtype(_) | Node::Global(_) => self.out.push(op::NONE),
             Node::Bool(x) => self.out.push(if *x { op::NEWTRUE } else { op::NEWFALSE }),
             Node::Int(x) => self.int(*x),
@@ -194,7 +239,7 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
                 self.store_if_shared(id);
             }
             Node::Tuple(items) => {
-                // Stored after its items: a tuple cannot hold itself.
+                // Stored after its items: a tuple cannot contain itself.
                 let (open, close) = match items.len() {
                     0 => (None, op::EMPTY_TUPLE),
                     1 => (None, op::TUPLE1),
@@ -238,7 +283,15 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
                 self.store_if_shared(id);
                 self.batches(entries.iter().map(|(k, v)| [Some(*k), Some(*v)]), op::SETITEMS);
             }
-            Node::Array(array) => self.array(id, array),
+            Node::Array(array) => {
+                self.arrays.push(id);
+                if (self.is_emptied)(id) {
+                    let empty = Array { shape: vec![0], data: Span::EMPTY, ..(**array).clone() };
+                    self.array(id, &empty);
+                } else {
+                    self.array(id, array);
+                }
+            }
             Node::Scalar(dtype, span) => {
                 self.global("numpy.core.multiarray", "scalar");
                 self.dtype(*dtype);
@@ -251,7 +304,7 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
     }
 
     fn finish_later(&mut self, id: Id, close: u8) {
-        if (self.shared)(id) {
+        if self.is_shared(id) {
             self.tasks.push(Task::Store(id));
         }
         self.tasks.push(Task::Byte(close));
@@ -288,7 +341,7 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
         }
     }
 
-    /// Bytes with a length of one or four bytes before them.
+    /// Bytes after a length of one or four bytes.
     fn counted(&mut self, short: u8, long: u8, bytes: &[u8]) {
         match u8::try_from(bytes.len()) {
             Ok(n) => self.out.extend([short, n]),
@@ -305,7 +358,7 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
     }
 
     fn global(&mut self, module: &'static str, name: &'static str) {
-        if !self.recall(Stored::Global(module, name)) {
+        if !self.recalls(Stored::Global(module, name)) {
             self.word(module);
             self.word(name);
             self.out.push(op::STACK_GLOBAL);
@@ -315,7 +368,7 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
 
     fn dtype(&mut self, dtype: Dtype) {
         let key = Stored::Dtype(dtype.letter(), dtype.size, dtype.big_endian);
-        if self.recall(key) {
+        if self.recalls(key) {
             return;
         }
         self.global("numpy", "dtype");
@@ -370,7 +423,7 @@ impl<F: Fn(Id) -> bool> Writer<'_, F> {
     }
 }
 
-/// Whether only protocol 5's way keeps an array's byte order.
+/// Whether only the form of protocol 5 preserves an array's byte order.
 fn needs_buffer(array: &Array) -> bool {
     array.from_buffer && array.dtype.big_endian && array.dtype.size > 1
 }

@@ -5,11 +5,11 @@ use sage_core::{
     motion::Pose,
 };
 
-/// Distance of neighbouring points, metres, as in recorded maps.
+/// Distance between neighbouring points, metres, as in recorded maps.
 pub(super) const STEP: f64 = 0.5;
 
-/// An arc of constant curvature (1/m, left positive), dense; straight for 0. Returns its points
-/// and the pose at its end.
+/// A densely sampled arc of constant curvature (1/m, left positive); straight for 0. Returns its points and
+/// its end pose.
 pub(super) fn arc(start: &Pose, length: f64, curvature: f64) -> (Vec<Point>, Pose) {
     let n = (length / STEP).ceil().max(1.0) as usize;
     let pose = |k: usize| {
@@ -24,9 +24,9 @@ pub(super) fn arc(start: &Pose, length: f64, curvature: f64) -> (Vec<Point>, Pos
     ((0..=n).map(|k| pose(k).position).collect(), pose(n))
 }
 
-/// A cubic that leaves one pose and arrives at another, dense.
+/// A densely sampled cubic from one pose to another.
 pub(super) fn bezier(from: &Pose, to: &Pose) -> Vec<Point> {
-    // Handles of this length make a right angle a quarter circle.
+    // With control points at this distance, a right angle becomes a quarter circle.
     let reach = 0.39 * distance(from.position, to.position);
     let (a, d) = (from.position, to.position);
     let (b, c) = (from.shifted(reach, 0.0).position, to.shifted(-reach, 0.0).position);
@@ -39,27 +39,27 @@ pub(super) fn bezier(from: &Pose, to: &Pose) -> Vec<Point> {
     resampled(&fine)
 }
 
-/// The same line with points [`STEP`] apart, ends kept.
+/// The same line with points [`STEP`] apart; its end points are preserved.
 pub(super) fn resampled(points: &[Point]) -> Vec<Point> {
     let length: f64 = points.windows(2).map(|p| distance(p[0], p[1])).sum();
     let n = (length / STEP).round().max(1.0) as usize;
     let mut out = Vec::with_capacity(n + 1);
     let (mut k, mut before) = (0, 0.0);
     for j in 0..n {
-        let wanted = length * j as f64 / n as f64;
-        while k + 2 < points.len() && before + distance(points[k], points[k + 1]) < wanted {
+        let target = length * j as f64 / n as f64;
+        while k + 2 < points.len() && before + distance(points[k], points[k + 1]) < target {
             before += distance(points[k], points[k + 1]);
             k += 1;
         }
-        let piece = distance(points[k], points[k + 1]);
-        let share = if piece > 0.0 { (wanted - before) / piece } else { 0.0 };
+        let segment = distance(points[k], points[k + 1]);
+        let share = if segment > 0.0 { (target - before) / segment } else { 0.0 };
         out.push([0, 1].map(|c| points[k][c] + share * (points[k + 1][c] - points[k][c])));
     }
     out.extend(points.last());
     out
 }
 
-/// A line beside another, `left` metres to its left.
+/// A parallel line, `left` metres to the left.
 pub(super) fn beside(points: &[Point], left: f64) -> Vec<Point> {
     (0..points.len())
         .map(|k| {
@@ -71,13 +71,13 @@ pub(super) fn beside(points: &[Point], left: f64) -> Vec<Point> {
         .collect()
 }
 
-/// Direction of a line at its end.
+/// Pose of a line at its end.
 pub(super) fn end_pose(points: &[Point]) -> Pose {
     let [.., a, b] = points else { return Pose::new(0.0, 0.0, 0.0) };
     Pose { position: *b, heading: (b[1] - a[1]).atan2(b[0] - a[0]) }
 }
 
-/// Direction of a line at its start.
+/// Pose of a line at its start.
 pub(super) fn start_pose(points: &[Point]) -> Pose {
     let [a, b, ..] = points else { return Pose::new(0.0, 0.0, 0.0) };
     Pose { position: *a, heading: (b[1] - a[1]).atan2(b[0] - a[0]) }

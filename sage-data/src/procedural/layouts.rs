@@ -1,4 +1,4 @@
-//! The six kinds of scene as networks.
+//! Networks of the six kinds of scene.
 
 use sage_core::{geometry::Point, motion::Pose, seed::Rng};
 
@@ -8,7 +8,7 @@ use super::{
     network::{Arm, LANE, Network, Section, circle_clockwise},
 };
 
-/// Room for the rounded corners of a junction, metres.
+/// Margin for the rounded corners of a junction, metres.
 const CORNER: f64 = 7.0;
 /// A quarter turn.
 const RIGHT: f64 = std::f64::consts::FRAC_PI_2;
@@ -31,30 +31,30 @@ pub(super) fn build(kind: Kind, rng: &mut Rng) -> Network {
     net
 }
 
-/// A street of town.
+/// An urban street.
 fn street(rng: &mut Rng, lanes: usize, limit: f64) -> Section {
     Section { along: lanes, against: lanes, bikes: rng.below(4) == 0, limit }
 }
 
-/// A road from a pose; returns its ends and the pose at its far end.
+/// A road from a pose; returns its ends and its far end pose.
 fn road(net: &mut Network, from: &Pose, length: f64, bend: f64, section: &Section) -> ([Arm; 2], Pose) {
     let (reference, end) = arc(from, length, bend);
     (net.road(&reference, section), end)
 }
 
-/// Half the opening that a junction needs for a road of this section to cross.
+/// Half the opening of a junction that a road of this section needs to cross.
 fn opening(section: &Section) -> f64 {
     section.left().max(section.right()) + CORNER
 }
 
-/// Arms in counter-clockwise order around a place.
+/// Arms in counter-clockwise order around a point.
 fn around(center: Point, mut arms: Vec<Arm>) -> Vec<Arm> {
     let angle = |arm: &Arm| (arm.out.position[1] - center[1]).atan2(arm.out.position[0] - center[0]);
     arms.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
     arms
 }
 
-/// Continues a road with a side street and a further stretch; returns that stretch's open end.
+/// Continues a road with a side street and a further stretch; returns the open end of that stretch.
 fn side_street(
     net: &mut Network,
     rng: &mut Rng,
@@ -71,7 +71,7 @@ fn side_street(
     let turn = if left { RIGHT } else { -RIGHT };
     let away = Pose { heading: center.heading + turn, ..center };
     let mouth = if left { main.left() } else { main.right() } + CORNER;
-    // Side streets bend outward, away from the middle of the scene and from each other.
+    // Side streets curve outward, away from the centre of the scene and from each other.
     let outward = if left { -rng.uniform(0.005, 0.028) } else { rng.uniform(0.005, 0.028) };
     let ([side_arm, _], _) = road(net, &away.shifted(mouth, 0.0), rng.uniform(35.0, 60.0), outward, &side);
     let arms = around(center.position, vec![arm, next, side_arm]);
@@ -88,7 +88,7 @@ fn side_streets(net: &mut Network, rng: &mut Rng, arm: Arm, end: &Pose, section:
     side_street(net, rng, arm, &end, section, !left, 0.0);
 }
 
-/// A road through the scene with side streets on alternate sides.
+/// A road through the scene with side streets on alternating sides.
 fn through_road(net: &mut Network, rng: &mut Rng, bend: f64) {
     let limit = rng.uniform(13.0, 18.0);
     let main = street(rng, 2, limit);
@@ -122,7 +122,7 @@ fn crossing(net: &mut Network, rng: &mut Rng, arms: usize) {
         side_streets(net, rng, far_arm, &end, &section);
     }
     let arms = around([0.0, 0.0], joined);
-    // Without lights the second street waits for the first.
+    // Without lights, the second street yields to the first.
     let minor: Vec<usize> = (0..arms.len()).filter(|k| !lights && is_vertical(&arms[*k])).collect();
     net.junction(&arms, &minor, lights);
     for arm in &arms {
@@ -134,7 +134,7 @@ fn is_vertical(arm: &Arm) -> bool {
     arm.out.heading.sin().abs() > 0.7
 }
 
-/// Stripes across an arm, just outside the junction.
+/// A crosswalk across an arm, just outside the junction.
 fn crosswalk(net: &mut Network, arm: &Arm) {
     let corner = |out: f64, side: usize| {
         let left = if side == 0 { arm.reach[0] } else { -arm.reach[1] };
@@ -144,7 +144,7 @@ fn crosswalk(net: &mut Network, arm: &Arm) {
     net.areas.push((sage_core::scene::MapKind::Crosswalk, polygon));
 }
 
-/// A roundabout of one lane with four streets.
+/// A roundabout with one lane and four streets.
 fn roundabout(net: &mut Network, rng: &mut Rng) {
     let radius = rng.uniform(15.0, 19.0);
     let section = Section { along: 1, against: 1, bikes: false, limit: 12.0 };
@@ -163,7 +163,7 @@ fn roundabout(net: &mut Network, rng: &mut Rng) {
     let ring_arc = |from: f64, to: f64| arc(&on_ring(from), radius * (to - from), 1.0 / radius).0;
     let number = net.junctions.len();
     let ring_speed = 7.0;
-    // Around the ring: past an exit, past an entry, on to the next exit.
+    // Along the ring: past an exit, past an entry, to the next exit.
     let mut passing = Vec::new();
     let mut between = Vec::new();
     for k in 0..4 {
@@ -184,7 +184,7 @@ fn roundabout(net: &mut Network, rng: &mut Rng) {
         let before = between[(k + 3) % 4].1;
         net.lanes[before].exits.extend([leave.0, passing[k].0]);
         net.lanes[leave.1].exits.push(leaving);
-        // Cars on the ring go first: an entry is a junction of its own with what passes it.
+        // Cars on the ring have priority: each entry is a junction with the ring lane that passes it.
         let junction = super::network::Junction {
             crossing: vec![enter.0, passing[k].0],
             minor: vec![0],
@@ -217,7 +217,7 @@ fn merge(net: &mut Network, rng: &mut Rng) {
     let lanes = 3;
     let line = |x0: f64, x1: f64, y: f64| arc(&Pose::new(x0, y, 0.0), x1 - x0, 0.0).0;
     let back = |y: f64| arc(&Pose::new(end, y, std::f64::consts::PI), end - from, 0.0).0;
-    // Lanes from the median outward, cut where the ramp joins and where its lane ends.
+    // Lanes from the median outward, divided where the ramp joins and where the acceleration lane ends.
     let y = |lane: usize| -(lane as f64 + 0.5) * LANE - 1.5;
     net.line("ROAD_EDGE_BOUNDARY", back(-0.6));
     let mut inner_line = net.line("ROAD_LINE_SOLID_SINGLE_YELLOW", back(-1.5));
@@ -245,7 +245,7 @@ fn merge(net: &mut Network, rng: &mut Rng) {
     }
     let outermost = &sections[lanes - 1];
     let outer = y(lanes - 1);
-    // The ramp comes in from the right, runs beside, and moves over.
+    // The ramp joins from the right, runs beside the motorway, and merges.
     let start = Pose::new(from + 20.0, outer - 34.0, 0.22);
     let beside_start = Pose::new(nose, outer - LANE, 0.0);
     let ramp = bezier(&start, &beside_start);
@@ -257,7 +257,7 @@ fn merge(net: &mut Network, rng: &mut Rng) {
     net.lanes[accelerate.1].exits.push(over_lane.0);
     net.lanes[over_lane.1].exits.push(outermost[3].0);
     let side = 0.5 * LANE + 1.0;
-    // Right edge: along the ramp, the acceleration lane, the taper, and on.
+    // Right edge: along the ramp, the acceleration lane, the taper, and the motorway.
     let mut right = beside(&ramp, -side);
     right.extend(line(nose, taper, outer - LANE - side));
     right.extend(beside(&over, -side));

@@ -1,7 +1,7 @@
-//! Roads and junctions, and the map that they make.
+//! Roads and junctions, and their map.
 //!
-//! A road is a reference line with lanes on both sides; a junction joins road ends ([`Arm`]s) by
-//! connecting lanes and rounds the corners between them. Edges run with the road on their left.
+//! A road is a reference line with lanes on both sides. A junction connects road ends ([`Arm`]s) by
+//! connecting lanes and rounds the corners between them. Edges have the road on their left.
 
 use sage_core::{
     geometry::Point,
@@ -15,35 +15,35 @@ use super::curve::{beside, bezier, end_pose, resampled, start_pose};
 pub(super) const LANE: f64 = 3.5;
 /// Width of a bike lane, metres.
 const BIKE: f64 = 1.8;
-/// Room between the outermost lane and the edge, metres.
+/// Distance between the outermost lane and the edge, metres.
 const GUTTER: f64 = 0.6;
-/// Most points of a lane's piece; recorded maps cut lanes as well.
-const PIECE: usize = 220;
+/// Largest number of points of a lane's part; recorded maps also divide lanes.
+const MAX_PART_POINTS: usize = 220;
 
-/// A lane for cars while the network grows.
+/// A lane of the network under construction.
 #[derive(Clone, Debug)]
 pub(super) struct LaneLine {
     pub(super) points: Vec<Point>,
     pub(super) exits: Vec<usize>,
     /// Speed limit, m/s.
     pub(super) limit: f64,
-    /// Junction that it crosses, and the arm that it comes from.
+    /// Junction that it crosses, and the arm that it starts from.
     pub(super) crossing: Option<(usize, usize)>,
     pub(super) bike: bool,
     /// Lanes of the same direction on the left and on the right.
     sides: [Option<usize>; 2],
-    /// Lines or edges on the left and on the right, as places in `lines`.
+    /// Lines or edges on the left and on the right, as indices in `lines`.
     bounds: [Option<usize>; 2],
 }
 
-/// Cross-section of a road, seen along its reference line.
+/// Cross-section of a road, in the direction of its reference line.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Section {
-    /// Lanes along the reference line, on its right.
+    /// Number of lanes in the direction of the reference line, on its right.
     pub(super) along: usize,
-    /// Lanes against it, on its left.
+    /// Number of lanes against it, on its left.
     pub(super) against: usize,
-    /// Whether bike lanes run outside.
+    /// Whether there are bike lanes on the outside.
     pub(super) bikes: bool,
     /// Speed limit, m/s.
     pub(super) limit: f64,
@@ -64,26 +64,27 @@ impl Section {
 /// The end of a road at a junction.
 #[derive(Clone, Debug)]
 pub(super) struct Arm {
-    /// On the reference line, looking away from the junction.
+    /// Pose on the reference line, heading away from the junction.
     pub(super) out: Pose,
     /// Lanes that enter the junction, innermost first.
     pub(super) entering: Vec<usize>,
     /// Lanes that leave it, innermost first.
     pub(super) leaving: Vec<usize>,
-    /// Distance from the reference line to the edge on the left and on the right, looking out.
+    /// Distance from the reference line to the edge on the left and on the right, facing away from the
+    /// junction.
     pub(super) reach: [f64; 2],
 }
 
-/// A junction as traffic sees it.
+/// Data of a junction for traffic.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Junction {
     /// Lanes that cross it.
     pub(super) crossing: Vec<usize>,
-    /// Arms that must let the others go first.
+    /// Arms that must yield to the others.
     pub(super) minor: Vec<usize>,
-    /// Whether lights rule it.
+    /// Whether lights control it.
     pub(super) lights: bool,
-    /// Phase of the lights that each arm has, 0 or 1: arms that face each other share one.
+    /// Light phase of each arm, 0 or 1; opposite arms share one.
     pub(super) phases: Vec<usize>,
 }
 
@@ -97,10 +98,10 @@ pub(super) struct Network {
 }
 
 impl Network {
-    /// A lane in pieces; returns the first and the last.
+    /// Adds a lane, divided into parts; returns the first and the last part.
     pub(super) fn lane(&mut self, points: &[Point], limit: f64, bike: bool) -> (usize, usize) {
         let first = self.lanes.len();
-        let count = points.len().div_ceil(PIECE).max(1);
+        let count = points.len().div_ceil(MAX_PART_POINTS).max(1);
         let size = (points.len() - 1).div_ceil(count).max(1);
         for (k, start) in (0..points.len() - 1).step_by(size).enumerate() {
             let end = (start + size).min(points.len() - 1);
@@ -121,23 +122,23 @@ impl Network {
         (first, self.lanes.len() - 1)
     }
 
-    /// Makes two lanes of one direction neighbours, piece by piece.
+    /// Makes two lanes of one direction neighbours, part by part.
     pub(super) fn neighbors(&mut self, left: (usize, usize), right: (usize, usize)) {
-        for (piece, k) in (right.0..=right.1).enumerate() {
-            let beside = (left.0 + piece).min(left.1);
+        for (part, k) in (right.0..=right.1).enumerate() {
+            let beside = (left.0 + part).min(left.1);
             self.lanes[k].sides[0] = Some(beside);
             self.lanes[beside].sides[1] = Some(k);
         }
     }
 
-    /// Names the lines on the left and on the right of a lane.
+    /// Sets the lines on the left and on the right of a lane.
     pub(super) fn bounds(&mut self, lane: (usize, usize), bounds: [Option<usize>; 2]) {
-        self.lanes[lane.0..=lane.1].iter_mut().for_each(|piece| piece.bounds = bounds);
+        self.lanes[lane.0..=lane.1].iter_mut().for_each(|part| part.bounds = bounds);
     }
 
-    /// Names the line on the right of a lane alone.
+    /// Sets the line on the right of a lane only.
     pub(super) fn outer_bound(&mut self, lane: (usize, usize), line: usize) {
-        self.lanes[lane.0..=lane.1].iter_mut().for_each(|piece| piece.bounds[1] = Some(line));
+        self.lanes[lane.0..=lane.1].iter_mut().for_each(|part| part.bounds[1] = Some(line));
     }
 
     pub(super) fn line(&mut self, kind: &str, points: Vec<Point>) -> usize {
@@ -145,7 +146,7 @@ impl Network {
         self.lines.len() - 1
     }
 
-    /// A road along a reference line; returns its ends, the one at the start first.
+    /// Adds a road along a reference line; returns its ends, the one at the start first.
     pub(super) fn road(&mut self, reference: &[Point], section: &Section) -> [Arm; 2] {
         let center = (section.along > 0 && section.against > 0)
             .then(|| self.line("ROAD_LINE_SOLID_DOUBLE_YELLOW", reference.to_vec()));
@@ -197,11 +198,11 @@ impl Network {
             leaving: against_first,
             reach: [section.right(), section.left()],
         };
-        // The end's pose looks away from the junction, back along the road.
+        // The pose of the end faces away from the junction, back along the road.
         [start, end]
     }
 
-    /// Joins arms. Arms must be in counter-clockwise order around the junction.
+    /// Connects arms, which must be in counter-clockwise order around the junction.
     pub(super) fn junction(&mut self, arms: &[Arm], minor: &[usize], lights: bool) -> usize {
         let number = self.junctions.len();
         let across = |arm: &Arm| (arm.out.heading - arms[0].out.heading).sin().abs() > 0.7;
@@ -221,7 +222,7 @@ impl Network {
                     self.lanes[last].exits.push(b);
                 }
             }
-            // The corner to the next arm: in along this one's left edge, out along its right.
+            // The corner to the next arm: from this arm's left edge to the next arm's right edge.
             let next = &arms[(i + 1) % arms.len()];
             let inward = from.out.shifted(0.0, from.reach[0]).turned();
             let outward = next.out.shifted(0.0, -next.reach[1]);
@@ -231,13 +232,13 @@ impl Network {
         number
     }
 
-    /// The network as a map, turned and moved, and the places of its car lanes in it.
-    pub(super) fn map(&self, place: &Pose, height: f64) -> (Map, Vec<usize>) {
+    /// The network as a map, rotated and translated, and the feature indices of its lanes.
+    pub(super) fn map(&self, origin: &Pose, height: f64) -> (Map, Vec<usize>) {
         let mut map = Map::default();
         let put = |map: &mut Map, kind: MapKind, points: &[Point]| {
             let first = map.points.len();
             map.points.extend(points.iter().map(|p| {
-                let [x, y] = place.shifted(p[0], p[1]).position;
+                let [x, y] = origin.shifted(p[0], p[1]).position;
                 [x, y, height]
             }));
             let id = map.features.len().to_string();
@@ -286,7 +287,7 @@ impl Network {
     }
 }
 
-/// Which lanes of one arm lead to which of another: right from the outermost, left from the
+/// Pairs of connected lanes of two arms: right turns from the outermost lane, left turns from the
 /// innermost, straight on from all.
 fn movements(from: &Arm, to: &Arm) -> Vec<(usize, usize)> {
     let turn = sage_core::geometry::wrap_angle(to.out.heading - from.out.turned().heading);
@@ -300,17 +301,17 @@ fn movements(from: &Arm, to: &Arm) -> Vec<(usize, usize)> {
     if turn > 0.6 {
         return vec![(from.entering[0], to.leaving[0])];
     }
-    // Outer lanes keep to the outside where the numbers differ.
+    // Outer lanes connect to outer lanes if the numbers differ.
     (0..n.min(m)).map(|k| (from.entering[n - 1 - k], to.leaving[m - 1 - k])).collect()
 }
 
-/// Speed at which a turn is driven, m/s.
+/// Driving speed of a turn, m/s.
 fn turning_speed(from: &Pose, to: &Pose) -> f64 {
     let turn = sage_core::geometry::wrap_angle(to.heading - from.heading).abs();
     if turn < 0.4 { f64::INFINITY } else { (9.0 - 2.2 * turn).max(4.5) }
 }
 
-/// The island of a roundabout: its edge, with the road on the left.
+/// Edge of a roundabout's island, with the road on its left.
 pub(super) fn circle_clockwise(center: Point, radius: f64) -> Vec<Point> {
     let n = 96;
     let at = |k: usize| {

@@ -1,4 +1,4 @@
-//! Ego and adversary: two cars whose ways conflict, and a check that trouble is possible.
+//! Selection of ego and adversary: two cars whose paths conflict, and a check that some attack succeeds.
 
 use std::sync::Arc;
 
@@ -9,31 +9,30 @@ use sage_core::{
     scene::{AdversaryOrigin, Scene, SceneIndex, Track, TrackKind},
 };
 
-/// Least way of ego and adversary in the future, metres.
-const LEAST_WAY: f64 = 15.0;
-/// Gaps between the two arrivals where their ways come nearest, frames.
+/// Least displacement of ego and adversary in the future, metres.
+const LEAST_DISPLACEMENT: f64 = 15.0;
+/// Accepted gaps between the two arrivals at the closest point of their paths, frames.
 const GAPS: std::ops::RangeInclusive<usize> = 6..=45;
-/// Distance from the middle of the scene within which a conflict belongs to it, metres.
+/// Largest distance of a conflict from the centre of the scene, metres.
 const NEAR: f64 = 40.0;
-/// Pairs that are tried.
+/// Number of pairs that are tried.
 const PAIRS: usize = 12;
-/// Constant accelerations that are tried, m/s².
+/// Constant accelerations of the simple attacks, m/s².
 const GAINS: [f64; 11] = [-6.0, -4.0, -2.5, -1.5, -0.8, -0.3, 0.0, 0.4, 0.9, 1.6, 2.4];
-/// Shifts to the left that are tried, metres, and their names.
+/// Lateral shifts of the simple attacks, to the left, metres, and their names.
 const SHIFTS: [(f64, &str); 3] = [(0.0, ""), (3.5, "left, "), (-3.5, "right, ")];
-/// Time of a shift, seconds, and the least way that it takes, metres.
+/// Duration of a shift, seconds, and its least length, metres.
 const SHIFT_TIME: f64 = 3.0;
-const SHIFT_WAY: f64 = 18.0;
+const SHIFT_LENGTH: f64 = 18.0;
 
-/// Simple attacks of a scene's adversary, named: its logged way driven with other constant
-/// accelerations, in its own lane and moving one lane over. Empty without an adversary that is
-/// seen in all of the future.
+/// Simple attacks of a scene's adversary, named: its logged path with other constant accelerations, in its
+/// own lane and with a lane change. Empty without an adversary that is valid in all of the future.
 pub fn attacks(scene: &Scene) -> Vec<(String, Trajectory)> {
     let Some(track) = scene.adversary.map(|k| &scene.tracks[k]) else { return Vec::new() };
     if track.count_valid(NOW..NOW + HORIZON + 1) <= HORIZON {
         return Vec::new();
     }
-    let way = Way::of(track);
+    let path = LoggedPath::of(track);
     let [vx, vy] = track.velocity[NOW];
     let speed = vx.hypot(vy);
     let mut out = Vec::new();
@@ -45,29 +44,29 @@ pub fn attacks(scene: &Scene) -> Vec<(String, Trajectory)> {
                 _ => "same speed".to_owned(),
             };
             let name = format!("{side}{change}");
-            if let Ok(path) = Trajectory::new(&name, way.driven(speed, gain, shift)) {
-                out.push((name, path));
+            if let Ok(trajectory) = Trajectory::new(&name, path.retimed(speed, gain, shift)) {
+                out.push((name, trajectory));
             }
         }
     }
     out
 }
 
-/// A logged way by length, straight on beyond its end.
-struct Way {
+/// A logged path by arc length, extended straight beyond its end.
+struct LoggedPath {
     points: Vec<Point>,
     lengths: Vec<f64>,
     heading: f64,
 }
 
-impl Way {
+impl LoggedPath {
     fn of(track: &Track) -> Self {
         let mut points = vec![track.point(NOW)];
         let mut lengths = vec![0.0];
         for frame in NOW + 1..=NOW + HORIZON {
             let (last, length) = (points[points.len() - 1], lengths[lengths.len() - 1]);
             let step = distance(last, track.point(frame));
-            // Standing adds nothing, and no direction.
+            // Standing adds no length and no direction.
             if step > 0.05 {
                 points.push(track.point(frame));
                 lengths.push(length + step);
@@ -94,17 +93,17 @@ impl Way {
         }
     }
 
-    fn driven(&self, speed: f64, gain: f64, shift: f64) -> Vec<Point> {
+    fn retimed(&self, speed: f64, gain: f64, shift: f64) -> Vec<Point> {
         let (mut s, mut v) = (0.0, speed);
-        let shift_way = (speed * SHIFT_TIME).max(SHIFT_WAY);
+        let shift_length = (speed * SHIFT_TIME).max(SHIFT_LENGTH);
         (0..HORIZON)
             .map(|_| {
                 let next = (v + gain * DT).clamp(0.0, 30.0);
                 s += 0.5 * (v + next) * DT;
                 v = next;
                 let (at, heading) = self.at(s);
-                // Smoothly by way driven, so that a car that stands does not slide.
-                let t = (s / shift_way).min(1.0);
+                // The shift depends on the distance driven, so that a standing car does not slide.
+                let t = (s / shift_length).min(1.0);
                 let left = shift * t * t * (3.0 - 2.0 * t);
                 [at[0] - left * heading.sin(), at[1] + left * heading.cos()]
             })
@@ -112,14 +111,14 @@ impl Way {
     }
 }
 
-/// How two logged ways conflict; smaller is better.
+/// Conflict of two logged paths; smaller is better.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 struct Conflict {
-    /// Whether it lies far from the middle of the scene, where its kind shows.
+    /// Whether it is far from the centre of the scene.
     far: bool,
-    /// 0 ways cross or merge, 1 one follows the other, 2 they run side by side.
+    /// 0: the paths cross or merge; 1: one follows the other; 2: they are parallel.
     kind: u8,
-    /// Frames between the arrivals where the ways come nearest.
+    /// Frames between the arrivals at the closest point.
     gap: usize,
     distance: f64,
 }
@@ -148,13 +147,13 @@ fn conflict(a: &Track, b: &Track, middle: Point) -> Option<Conflict> {
     GAPS.contains(&s.abs_diff(t)).then_some(Conflict { far, kind, gap: s.abs_diff(t), distance: d })
 }
 
-/// Makes two of the first `cars` tracks ego and adversary, near `middle` rather than far, if the log of both is feasible, they do
-/// not touch, and some simple attack hits.
-pub(super) fn choose(scene: &mut Scene, cars: usize, middle: Point) -> bool {
+/// Assigns ego and adversary to two of the first `cars` tracks, preferably near `middle`. The logged
+/// futures of both must be feasible and without contact, and some simple attack must succeed.
+pub(super) fn assign(scene: &mut Scene, cars: usize, middle: Point) -> bool {
     let moving = |k: &usize| {
         let track = &scene.tracks[*k];
         let all = track.count_valid(0..scene.frames) == scene.frames;
-        all && distance(track.point(NOW), track.point(NOW + HORIZON)) > LEAST_WAY
+        all && distance(track.point(NOW), track.point(NOW + HORIZON)) > LEAST_DISPLACEMENT
     };
     let usable: Vec<usize> = (0..cars).filter(moving).collect();
     let mut pairs: Vec<(Conflict, usize, usize)> = Vec::new();
@@ -169,10 +168,10 @@ pub(super) fn choose(scene: &mut Scene, cars: usize, middle: Point) -> bool {
     });
     let index = SceneIndex::new(scene.map.clone());
     scene.adversary_origin = AdversaryOrigin::File;
-    pairs.into_iter().take(PAIRS).any(|(_, ego, adversary)| works(scene, &index, ego, adversary))
+    pairs.into_iter().take(PAIRS).any(|(_, ego, adversary)| is_usable_pair(scene, &index, ego, adversary))
 }
 
-fn works(scene: &mut Scene, index: &Arc<SceneIndex>, ego: usize, adversary: usize) -> bool {
+fn is_usable_pair(scene: &mut Scene, index: &Arc<SceneIndex>, ego: usize, adversary: usize) -> bool {
     let log = |track: &Track| {
         Trajectory::new("log", (NOW + 1..=NOW + HORIZON).map(|f| track.point(f)).collect()).ok()
     };
@@ -187,28 +186,29 @@ fn works(scene: &mut Scene, index: &Arc<SceneIndex>, ego: usize, adversary: usiz
         return false;
     }
     let Ok(ctx) = Context::new(&scene, index, &ContextOptions::default()) else { return false };
-    attacks(&scene).into_iter().any(|(_, path)| {
-        let candidate = ctx.candidate(path);
+    attacks(&scene).into_iter().any(|(_, trajectory)| {
+        let candidate = ctx.candidate(trajectory);
         Encounter::of(&candidate, ctx.ego()).contact.is_some() && rule.is_feasible(&candidate, &ctx)
     })
 }
 
-/// Whether a logged path is feasible and touches nobody.
+/// Whether a logged future is feasible and without contact with the ego.
 fn is_clean(
     scene: &Arc<Scene>,
     index: &Arc<SceneIndex>,
     rule: &MapFeasibility,
-    path: Option<Trajectory>,
+    trajectory: Option<Trajectory>,
 ) -> bool {
-    let (Some(path), Ok(ctx)) = (path, Context::new(scene, index, &ContextOptions::default())) else {
+    let (Some(trajectory), Ok(ctx)) = (trajectory, Context::new(scene, index, &ContextOptions::default()))
+    else {
         return false;
     };
-    let candidate = ctx.candidate(path);
+    let candidate = ctx.candidate(trajectory);
     Encounter::of(&candidate, ctx.ego()).contact.is_none() && rule.is_feasible(&candidate, &ctx)
 }
 
-/// Whether any two vehicles of a scene touch at a frame.
-pub(super) fn anybody_touches(scene: &Scene) -> bool {
+/// Whether two vehicles of a scene touch at any frame.
+pub(super) fn any_vehicles_touch(scene: &Scene) -> bool {
     let cars: Vec<&Track> = scene.tracks.iter().filter(|t| t.kind == TrackKind::Vehicle).collect();
     (0..scene.frames).any(|f| {
         let boxes: Vec<_> = cars.iter().filter(|t| t.is_valid(f)).map(|t| t.oriented_box(f)).collect();

@@ -1,5 +1,5 @@
-//! Cars that follow routes: the Intelligent Driver Model, lights, and one at a time in each other's
-//! way at junctions.
+//! Traffic on routes: the Intelligent Driver Model, lights, and priority among conflicting cars at
+//! junctions.
 
 use std::collections::HashMap;
 
@@ -14,17 +14,17 @@ use sage_core::{
 
 use super::{curve::STEP, network::Network};
 
-/// How far ahead a driver looks, metres.
-const SIGHT: f64 = 60.0;
-/// Distance from a path within which a car is in its way, metres.
-const IN_THE_WAY: f64 = 2.2;
-/// Distance below which two ways across a junction conflict, metres.
+/// Distance ahead within which a driver reacts, metres.
+const LOOKAHEAD: f64 = 60.0;
+/// Distance from a car's path within which another car blocks it, metres.
+const BLOCKING_DISTANCE: f64 = 2.2;
+/// Distance below which two lanes across a junction conflict, metres.
 const CONFLICT: f64 = 3.0;
-/// Where cars wait before a junction, metres.
+/// Distance of the stop line from a junction, metres.
 const STOP_LINE: f64 = 1.0;
-/// Time that a car on the major road must be away for one from the minor road to go, s.
+/// Least arrival time of a car on the major road for a car on the minor road to go, s.
 const GAP: f64 = 4.0;
-/// Green and yellow of a light, s.
+/// Durations of green and yellow of a light, s.
 const PHASES: [f64; 2] = [11.0, 2.5];
 
 /// A stretch of a route across a junction.
@@ -42,29 +42,29 @@ struct Crossing {
 pub(super) struct Car {
     pub(super) path: Vec<Point>,
     pub(super) size: [f64; 3],
-    /// Way along the path, of its centre, and speed.
+    /// Arc length of its centre along the path, and speed.
     pub(super) s: f64,
     pub(super) v: f64,
-    /// Way at which the path's lanes begin, and their limits.
+    /// Arc lengths at which the path's lanes start, and their speed limits.
     limits: Vec<(f64, f64)>,
     crossings: Vec<Crossing>,
     driver: Idm,
-    /// Share of the speed limit that the driver likes.
-    keen: f64,
-    /// Crossing that it may drive.
-    holds: Option<usize>,
+    /// Desired fraction of the speed limit.
+    speed_factor: f64,
+    /// Crossing that it may enter.
+    reserved: Option<usize>,
 }
 
-/// What is seen of a car in one frame; `None` once it has left the map.
-pub(super) type Seen = Option<(Point, f64, f64)>;
+/// Position, heading and speed of a car in one frame; `None` after it has left the map.
+pub(super) type VehicleState = Option<(Point, f64, f64)>;
 
 impl Car {
-    /// A point of the path, and the direction there.
+    /// A point of the path, and the heading there.
     pub(super) fn on_path(&self, s: f64) -> (Point, f64) {
         let at = |s: f64| {
-            let place = (s / STEP).clamp(0.0, (self.path.len() - 1) as f64);
-            let k = (place as usize).min(self.path.len() - 2);
-            let part = place - k as f64;
+            let position = (s / STEP).clamp(0.0, (self.path.len() - 1) as f64);
+            let k = (position as usize).min(self.path.len() - 2);
+            let part = position - k as f64;
             [0, 1].map(|c| self.path[k][c] + part * (self.path[k + 1][c] - self.path[k][c]))
         };
         let (a, b) = (at(s - 0.75), at(s + 0.75));
@@ -77,7 +77,7 @@ impl Car {
     }
 }
 
-/// A route from a lane on, at random, at least `length` metres if the network goes that far.
+/// A random route from a lane, at least `length` metres long if the network allows it.
 fn route(net: &Network, start: usize, length: f64, rng: &mut Rng) -> Vec<usize> {
     let mut lanes = vec![start];
     let mut driven = 0.0;
@@ -113,7 +113,7 @@ fn car(net: &Network, lanes: &[usize], s: f64, rng: &mut Rng) -> Car {
     let long = rng.below(12) == 0;
     let length = if long { rng.uniform(6.5, 9.0) } else { rng.uniform(4.2, 5.1) };
     let width = if long { 2.4 } else { rng.uniform(1.75, 2.05) };
-    let keen = rng.uniform(0.85, 1.1);
+    let speed_factor = rng.uniform(0.85, 1.1);
     let driver = Idm {
         time_gap: rng.uniform(1.0, 1.7),
         standing_gap: 2.0,
@@ -130,12 +130,12 @@ fn car(net: &Network, lanes: &[usize], s: f64, rng: &mut Rng) -> Car {
         limits,
         crossings,
         driver,
-        keen,
-        holds: None,
+        speed_factor,
+        reserved: None,
     }
 }
 
-/// Cars spread over the lanes of a network.
+/// Cars on random lanes of a network.
 pub(super) fn spawn(net: &Network, count: usize, rng: &mut Rng) -> Vec<Car> {
     let lanes: Vec<usize> = (0..net.lanes.len())
         .filter(|k| {
@@ -152,7 +152,7 @@ pub(super) fn spawn(net: &Network, count: usize, rng: &mut Rng) -> Vec<Car> {
         let lanes = route(net, start, s + 260.0, rng);
         let car = car(net, &lanes, s, rng);
         let near = |other: &Car| distance(other.on_path(other.s).0, car.on_path(car.s).0) < 14.0;
-        // Ways that end on a short map would leave it at once.
+        // Cars on short remaining routes would leave the map at once.
         if car.length() > s + 30.0 && !cars.iter().any(near) && clear_of_junctions(&car) {
             cars.push(car);
         }
@@ -160,15 +160,15 @@ pub(super) fn spawn(net: &Network, count: usize, rng: &mut Rng) -> Vec<Car> {
     cars
 }
 
-/// Whether a car is far enough from every junction to stop before it.
+/// Whether a car can stop before every junction.
 fn clear_of_junctions(car: &Car) -> bool {
     car.crossings.iter().all(|c| {
-        let way = c.enter - car.s;
-        way > 4.0 + car.v * car.v / 5.0 || c.leave + 6.0 < car.s
+        let ahead_distance = c.enter - car.s;
+        ahead_distance > 4.0 + car.v * car.v / 5.0 || c.leave + 6.0 < car.s
     })
 }
 
-/// Traffic in time.
+/// The simulation of the traffic.
 pub(super) struct Traffic<'n> {
     net: &'n Network,
     pub(super) cars: Vec<Car>,
@@ -181,7 +181,7 @@ impl<'n> Traffic<'n> {
         Self { net, cars, time, conflicts: HashMap::new() }
     }
 
-    /// What the lights of a phase show: 0 green, 1 yellow, 2 red.
+    /// State of the lights of a phase: 0 green, 1 yellow, 2 red.
     pub(super) fn light(&self, phase: usize) -> usize {
         let cycle = 2.0 * (PHASES[0] + PHASES[1]);
         let into = (self.time + phase as f64 * 0.5 * cycle).rem_euclid(cycle);
@@ -192,22 +192,22 @@ impl<'n> Traffic<'n> {
         }
     }
 
-    /// What is seen of all cars now.
-    pub(super) fn seen(&self) -> Vec<Seen> {
-        let see = |car: &Car| {
+    /// Current states of all cars.
+    pub(super) fn states(&self) -> Vec<VehicleState> {
+        let state = |car: &Car| {
             (car.s + 0.5 * car.size[0] < car.length()).then(|| {
                 let (at, heading) = car.on_path(car.s);
                 (at, heading, car.v)
             })
         };
-        self.cars.iter().map(see).collect()
+        self.cars.iter().map(state).collect()
     }
 
-    /// One frame on.
+    /// Advances by one frame.
     pub(super) fn step(&mut self) {
-        self.hand_out_junctions();
-        let seen = self.seen();
-        let gains: Vec<f64> = (0..self.cars.len()).map(|k| self.acceleration(k, &seen)).collect();
+        self.reserve_junctions();
+        let states = self.states();
+        let gains: Vec<f64> = (0..self.cars.len()).map(|k| self.acceleration(k, &states)).collect();
         for (car, gain) in self.cars.iter_mut().zip(gains) {
             let v = (car.v + gain.clamp(-6.0, 2.5) * DT).max(0.0);
             car.s += 0.5 * (car.v + v) * DT;
@@ -216,13 +216,13 @@ impl<'n> Traffic<'n> {
         self.time += DT;
     }
 
-    /// Decides who may drive into which junction.
-    fn hand_out_junctions(&mut self) {
+    /// Decides which cars may enter which junction.
+    fn reserve_junctions(&mut self) {
         for k in 0..self.cars.len() {
             let car = &self.cars[k];
-            if let Some(held) = car.holds {
-                if car.s - 0.5 * car.size[0] > car.crossings[held].leave {
-                    self.cars[k].holds = None;
+            if let Some(crossing) = car.reserved {
+                if car.s - 0.5 * car.size[0] > car.crossings[crossing].leave {
+                    self.cars[k].reserved = None;
                 } else {
                     continue;
                 }
@@ -230,43 +230,45 @@ impl<'n> Traffic<'n> {
             let car = &self.cars[k];
             let ahead = car.crossings.iter().position(|c| c.leave > car.s - 0.5 * car.size[0]);
             let Some(ahead) = ahead else { continue };
-            let way = car.crossings[ahead].enter - car.s - 0.5 * car.size[0];
-            if way < 8.0 + car.v * car.v / 4.0 && self.may_cross(k, ahead, way) {
-                self.cars[k].holds = Some(ahead);
+            let ahead_distance = car.crossings[ahead].enter - car.s - 0.5 * car.size[0];
+            if ahead_distance < 8.0 + car.v * car.v / 4.0 && self.may_cross(k, ahead, ahead_distance) {
+                self.cars[k].reserved = Some(ahead);
             }
         }
     }
 
-    fn may_cross(&mut self, k: usize, ahead: usize, way: f64) -> bool {
-        let (mine, v) = (self.cars[k].crossings[ahead].clone(), self.cars[k].v);
-        let junction = &self.net.junctions[mine.junction];
+    fn may_cross(&mut self, k: usize, ahead: usize, ahead_distance: f64) -> bool {
+        let (own, v) = (self.cars[k].crossings[ahead].clone(), self.cars[k].v);
+        let junction = &self.net.junctions[own.junction];
         if junction.lights {
-            let shown = self.light(junction.phases[mine.arm]);
-            let cannot_stop = v * v / (2.0 * 3.5) > way;
+            let shown = self.light(junction.phases[own.arm]);
+            let cannot_stop = v * v / (2.0 * 3.5) > ahead_distance;
             if shown == 2 || (shown == 1 && !cannot_stop) {
                 return false;
             }
         }
-        let minor = junction.minor.contains(&mine.arm);
+        let minor = junction.minor.contains(&own.arm);
         for j in (0..self.cars.len()).filter(|j| *j != k) {
             let other = &self.cars[j];
-            let holding =
-                other.holds.map(|held| other.crossings[held].clone()).filter(|c| c.junction == mine.junction);
+            let reserving = other
+                .reserved
+                .map(|crossing| other.crossings[crossing].clone())
+                .filter(|c| c.junction == own.junction);
             let coming = other
                 .crossings
                 .iter()
-                .find(|c| c.junction == mine.junction && c.leave > other.s)
+                .find(|c| c.junction == own.junction && c.leave > other.s)
                 .filter(|c| {
                     let first = !self.net.junctions[c.junction].minor.contains(&c.arm);
                     let time = (c.enter - other.s) / other.v.max(1.0);
                     minor && first && time < GAP && (!junction.lights)
                 })
                 .cloned();
-            for theirs in [holding, coming].into_iter().flatten() {
-                if theirs.arm == mine.arm && theirs.lane == mine.lane {
+            for other_crossing in [reserving, coming].into_iter().flatten() {
+                if other_crossing.arm == own.arm && other_crossing.lane == own.lane {
                     continue;
                 }
-                if self.in_conflict(mine.lane, theirs.lane) {
+                if self.in_conflict(own.lane, other_crossing.lane) {
                     return false;
                 }
             }
@@ -274,18 +276,18 @@ impl<'n> Traffic<'n> {
         true
     }
 
-    /// Whether two ways across a junction come too near each other.
+    /// Whether two lanes across a junction come too close to each other.
     fn in_conflict(&mut self, a: usize, b: usize) -> bool {
         let net = self.net;
         *self.conflicts.entry((a.min(b), a.max(b))).or_insert_with(|| {
             let (p, q) = (&net.lanes[a].points, &net.lanes[b].points);
-            // Ways out of one lane part: following is enough until they have.
+            // Lanes from the same start diverge: following suffices until then.
             let together = distance(p[0], q[0]) < 0.5;
             !together && p.iter().any(|x| q.iter().any(|y| distance(*x, *y) < CONFLICT))
         })
     }
 
-    fn acceleration(&self, k: usize, seen: &[Seen]) -> f64 {
+    fn acceleration(&self, k: usize, states: &[VehicleState]) -> f64 {
         let car = &self.cars[k];
         let front = car.s + 0.5 * car.size[0];
         let mut gain = f64::INFINITY;
@@ -294,23 +296,23 @@ impl<'n> Traffic<'n> {
             gain = gain.min(driver.acceleration(car.v, leader));
         };
         follow(None, self.desired_speed(car));
-        if let Some(leader) = self.leader(k, seen) {
+        if let Some(leader) = self.leader(k, states) {
             follow(Some(leader), self.desired_speed(car));
         }
-        // Stop before the next junction until it may be crossed.
+        // Stop before the next junction until it may be entered.
         let next = car.crossings.iter().position(|c| c.leave > car.s - 0.5 * car.size[0]);
-        if let Some(next) = next.filter(|next| car.holds != Some(*next)) {
-            let way = car.crossings[next].enter - STOP_LINE - front;
-            if way < SIGHT {
-                // The law keeps its standing gap to what it follows; the line is to be reached.
-                let line = Leader { gap: way + car.driver.standing_gap, speed: 0.0 };
+        if let Some(next) = next.filter(|next| car.reserved != Some(*next)) {
+            let ahead_distance = car.crossings[next].enter - STOP_LINE - front;
+            if ahead_distance < LOOKAHEAD {
+                // IDM stops at its standing gap behind a leader, but a car must reach the stop line.
+                let line = Leader { gap: ahead_distance + car.driver.standing_gap, speed: 0.0 };
                 follow(Some(line), self.desired_speed(car));
             }
         }
         gain
     }
 
-    /// Speed that limits allow here and ahead.
+    /// Speed that the limits here and ahead allow.
     fn desired_speed(&self, car: &Car) -> f64 {
         let comfortable = 2.0;
         let ahead = car.limits.iter().enumerate().filter_map(|(k, (begin, limit))| {
@@ -318,34 +320,34 @@ impl<'n> Traffic<'n> {
             if end < car.s {
                 return None;
             }
-            let way = (begin - car.s).max(0.0);
-            Some((limit * limit + 2.0 * comfortable * way).sqrt())
+            let ahead_distance = (begin - car.s).max(0.0);
+            Some((limit * limit + 2.0 * comfortable * ahead_distance).sqrt())
         });
-        (car.keen * ahead.fold(f64::INFINITY, f64::min)).max(1.0)
+        (car.speed_factor * ahead.fold(f64::INFINITY, f64::min)).max(1.0)
     }
 
-    /// The nearest car in the way.
-    fn leader(&self, k: usize, seen: &[Seen]) -> Option<Leader> {
+    /// The nearest car on the path ahead.
+    fn leader(&self, k: usize, states: &[VehicleState]) -> Option<Leader> {
         let car = &self.cars[k];
         let (here, _) = car.on_path(car.s);
         let first = (car.s / STEP) as usize;
-        let last = (first + (SIGHT / STEP) as usize).min(car.path.len());
+        let last = (first + (LOOKAHEAD / STEP) as usize).min(car.path.len());
         let mut nearest: Option<Leader> = None;
-        for (j, other) in seen.iter().enumerate() {
+        for (j, other) in states.iter().enumerate() {
             let Some((at, heading, v)) = other else { continue };
-            if j == k || distance(here, *at) > SIGHT {
+            if j == k || distance(here, *at) > LOOKAHEAD {
                 continue;
             }
-            let close = (first..last).step_by(3).filter(|p| distance(car.path[*p], *at) < IN_THE_WAY);
-            let Some(place) =
+            let close = (first..last).step_by(3).filter(|p| distance(car.path[*p], *at) < BLOCKING_DISTANCE);
+            let Some(position) =
                 close.min_by(|p, q| distance(car.path[*p], *at).total_cmp(&distance(car.path[*q], *at)))
             else {
                 continue;
             };
-            let along = place as f64 * STEP - car.s;
-            let (_, direction) = car.on_path(place as f64 * STEP);
+            let along = position as f64 * STEP - car.s;
+            let (_, direction) = car.on_path(position as f64 * STEP);
             let speed = v * (heading - direction).cos();
-            // Cars beside or behind, and those that come the other way in their own lane.
+            // Skip cars beside or behind, and oncoming cars in their own lane.
             if along <= 0.5 || speed < -1.0 {
                 continue;
             }

@@ -1,8 +1,9 @@
-//! A document as bytes: equal for equal values, types included. `recorded_unpickler.py` writes the same.
+//! Canonical bytes of a document: equal for equal values, types included. `recorded_unpickler.py` writes
+//! the same.
 
 use sage_data::pickle::{Document, Dtype, Id, Node};
 
-/// Longest text; shared values can make a short program a long one.
+/// Longest text; because of shared values a short program can have a long one.
 const LONGEST: usize = 1 << 16;
 
 /// The text of a document's value; `None` if it is longer than 64 KiB.
@@ -23,7 +24,7 @@ fn value(document: &Document, id: Id, room: usize) -> Option<Vec<u8>> {
         }
         Some(parts.concat())
     };
-    let made = match document.node(id) {
+    let text = match document.node(id) {
         Node::None => b"N".to_vec(),
         Node::Bool(x) => if *x { b"T" } else { b"F" }.to_vec(),
         Node::Int(x) => integer(&x.to_le_bytes()),
@@ -57,7 +58,7 @@ fn value(document: &Document, id: Id, room: usize) -> Option<Vec<u8>> {
             panic!("a finished document holds {}", unfinished.kind())
         }
     };
-    (made.len() <= room).then_some(made)
+    (text.len() <= room).then_some(text)
 }
 
 fn counted(letter: &str, raw: &[u8]) -> Vec<u8> {

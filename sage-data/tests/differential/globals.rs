@@ -1,8 +1,8 @@
-//! The parts of programs that name globals and make objects of them.
+//! Parts of programs that name globals and create objects from them.
 
 use super::program::{Kind, Writer};
 
-/// Globals that the reader knows, by what they are good for, as module and name.
+/// Globals that the reader knows: kind, module and name.
 const NAMES: [(Kind, &str, &str); 9] = [
     (Kind::Reconstruct, "numpy.core.multiarray", "_reconstruct"),
     (Kind::Reconstruct, "numpy._core.multiarray", "_reconstruct"),
@@ -20,7 +20,7 @@ impl Writer {
     fn global(&mut self, kind: Kind) {
         let of_kind: Vec<_> = NAMES.iter().filter(|(k, ..)| *k == kind).collect();
         let (_, mut module, name) = *of_kind[self.rng.below(of_kind.len())];
-        // Python 2's name of the module, right in protocol 2 and wrong later.
+        // Python 2's name of the module, valid in protocol 2 and invalid later.
         if module == "builtins" && (self.protocol == 2 || self.rng.below(8) == 0) {
             module = "__builtin__";
         }
@@ -49,28 +49,28 @@ impl Writer {
         self.push(kind, 1);
     }
 
-    /// A numpy type with its state, whole or with a fault.
+    /// A numpy type with its state, complete or with an error.
     fn dtype(&mut self) -> usize {
         let (name, size) =
             [("f8", 8), ("f4", 4), ("i8", 8), ("u2", 2), ("b1", 1), ("f2", 2)][self.rng.below(6)];
-        let fault = if self.rng.below(8) == 0 { self.rng.below(6) } else { 9 };
+        let defect = if self.rng.below(8) == 0 { self.rng.below(6) } else { 9 };
         self.global(Kind::DtypeType);
-        let name = if fault == 0 { format!(">{name}") } else { name.to_owned() };
+        let name = if defect == 0 { format!(">{name}") } else { name.to_owned() };
         self.word(&name);
-        if fault == 1 {
+        if defect == 1 {
             self.op(0x85);
         } else {
-            self.op(if fault == 2 { 0x88 } else { 0x89 });
-            self.op(if fault == 3 { 0x89 } else { 0x88 });
+            self.op(if defect == 2 { 0x88 } else { 0x89 });
+            self.op(if defect == 3 { 0x89 } else { 0x88 });
             self.op(0x87);
         }
         self.push(Kind::Other, 1);
         self.reduce(1, Kind::Other);
         self.maybe_store();
-        for _ in 0..if fault == 4 { 2 } else { 1 } {
+        for _ in 0..if defect == 4 { 2 } else { 1 } {
             self.op(b'(');
             self.out.extend([b'K', 3]);
-            let order = [">", "<", "|", "="][self.rng.below(if fault == 5 { 4 } else { 3 })];
+            let order = [">", "<", "|", "="][self.rng.below(if defect == 5 { 4 } else { 3 })];
             self.word(order);
             self.op(b'N');
             self.op(b'N');
@@ -115,18 +115,18 @@ impl Writer {
             2 => {
                 self.global(Kind::FromBuffer);
                 self.op(b'(');
-                let place = self.out.len();
+                let start = self.out.len();
                 self.marks.push(self.stack.len());
                 let (code, width) = [(0x96, 8), (b'C', 1), (b'U', 1)][self.rng.below(20).saturating_sub(17)];
                 self.counted(code, width, b"");
                 let size = self.dtype();
                 self.stack.pop();
                 let (shape, data) = self.shape_and_data(size);
-                // The buffer comes before the type that says how long it is.
+                // The buffer precedes the type that determines its length.
                 let head = 1 + width;
-                self.out.splice(place + head..place + head, data.iter().copied());
+                self.out.splice(start + head..start + head, data.iter().copied());
                 self.out.splice(
-                    place + 1..place + head,
+                    start + 1..start + head,
                     (data.len() as u64).to_le_bytes()[..width].iter().copied(),
                 );
                 self.out.extend(shape);
@@ -169,7 +169,7 @@ impl Writer {
         self.maybe_store();
     }
 
-    /// The calls that make something else than numpy's objects.
+    /// Calls that create objects other than numpy's.
     pub(super) fn call(&mut self) {
         match self.rng.below(3) {
             0 => {

@@ -1,8 +1,8 @@
 //! Our reader of pickles against CPython's C unpickler, on generated programs.
 //!
 //! Used by the test (20 000 programs) and by `cargo run --release -p sage-data --example
-//! compare_unpicklers` (as many as wanted). CPython calls nothing: `recorded_unpickler.py` gives it
-//! stand-ins for all globals.
+//! compare_unpicklers` (any number). CPython calls nothing: `recorded_unpickler.py` replaces all globals by
+//! stand-ins.
 
 mod canonical;
 mod globals;
@@ -19,20 +19,20 @@ use sage_data::pickle::Document;
 
 pub use program::{OPCODES, program};
 
-/// What came of a comparison that found no difference.
+/// Result of a comparison without a difference.
 #[derive(Debug)]
 pub struct Agreement {
-    /// Programs that were made.
+    /// Number of programs.
     pub programs: u64,
-    /// Of them, those that our reader accepts and CPython reads to the same value.
+    /// Number of those that our reader accepts and CPython reads to the same value.
     pub accepted: u64,
-    /// Opcodes of the accepted ones.
+    /// Opcodes of the accepted programs.
     pub opcodes: BTreeSet<u8>,
-    /// Accepted ones in which a MEMOIZE follows a gap.
+    /// Number of accepted programs in which a MEMOIZE follows a gap.
     pub memoizes_after_gap: u64,
 }
 
-/// Whether CPython is there to be compared with.
+/// Whether CPython is available for the comparison.
 pub fn has_python() -> bool {
     let run = Command::new("python3").args(["-I", "-c", "import _pickle"]).output();
     run.is_ok_and(|run| run.status.success())
@@ -40,7 +40,7 @@ pub fn has_python() -> bool {
 
 /// Compares programs 0 to `count`.
 ///
-/// *Errors*: the first program that the readers disagree on.
+/// *Errors*: the first program on which the readers disagree.
 pub fn compare(count: u64) -> Result<Agreement, String> {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/recorded_unpickler.py");
     let mut python = Command::new("python3")
@@ -60,7 +60,7 @@ pub fn compare(count: u64) -> Result<Agreement, String> {
         let mut send =
             |raw: &[u8]| pipe.write_all(&(raw.len() as u32).to_le_bytes()).and_then(|()| pipe.write_all(raw));
         if send(&program.bytes).and_then(|()| send(&text)).is_err() {
-            // It ends at the first difference, and says which below.
+            // It ends at the first difference and reports it below.
             break;
         }
         found.accepted += 1;
@@ -69,6 +69,6 @@ pub fn compare(count: u64) -> Result<Agreement, String> {
     }
     drop(pipe);
     let output = python.wait_with_output().map_err(|error| error.to_string())?;
-    let said = String::from_utf8_lossy(&output.stdout).trim().to_owned();
-    if said == found.accepted.to_string() && output.status.success() { Ok(found) } else { Err(said) }
+    let report = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+    if report == found.accepted.to_string() && output.status.success() { Ok(found) } else { Err(report) }
 }

@@ -1,13 +1,13 @@
-//! Pickle programs from a number: mostly valid, rich in memo gaps, shared values and numpy objects.
+//! Pickle programs from a number: mostly valid, with many memo gaps, shared values and numpy objects.
 //!
-//! A model of the stack and of the memo says what an opcode would find, so that most programs run; it
-//! need not be right, since both readers say what they make of the result.
+//! A model of the stack and the memo predicts what an opcode finds, so that most programs run. The model
+//! may be inexact, because only the results of the two readers are compared.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use sage_core::seed::Rng;
 
-/// A program and what is in it.
+/// A program and its contents.
 pub struct Program {
     pub bytes: Vec<u8>,
     /// Its opcodes; empty if bytes were changed afterwards.
@@ -20,7 +20,7 @@ pub struct Program {
 pub const OPCODES: &[u8] = b"(.012GJKMNRTUXabcehj]qrst)u}ld\
     \x80\x85\x86\x87\x88\x89\x8a\x8bBC\x8c\x8d\x8e\x8f\x90\x91\x93\x94\x95\x96";
 
-/// What the model knows of a value.
+/// The model's kind of a value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Kind {
     Key,
@@ -50,14 +50,14 @@ impl Kind {
     }
 }
 
-/// A value of the model: its kind, and how many values it would be without sharing.
+/// A value of the model: its kind, and its number of values without sharing.
 #[derive(Clone, Copy)]
 pub(super) struct Value {
     pub(super) kind: Kind,
     pub(super) size: usize,
 }
 
-/// Largest value, in parts: shared values grow with every opcode.
+/// Largest value, in number of parts: shared values grow with every opcode.
 const LARGEST: usize = 300;
 
 pub(super) struct Writer {
@@ -99,7 +99,7 @@ pub fn program(number: u64) -> Program {
     w.end();
     if framed {
         let length = (w.out.len() - start) as u64;
-        // Some frames claim more than there is.
+        // Some frames declare more bytes than there are.
         let length = if w.rng.below(8) == 0 { length + 1 } else { w.rng.below(length as usize + 1) as u64 };
         w.out[start - 8..start].copy_from_slice(&length.to_le_bytes());
     }
@@ -201,7 +201,7 @@ impl Writer {
                     self.op(0x8b);
                     self.out.extend((length as u32).to_le_bytes());
                 }
-                // Fillings that make long spellings of short numbers.
+                // Bytes that make long encodings of short numbers.
                 let fill = [0, 0xff, 0x80, self.rng.bits() as u8][self.rng.below(4)];
                 for _ in 0..length {
                     let x = if self.rng.below(3) == 0 { self.rng.bits() as u8 } else { fill };
@@ -256,7 +256,7 @@ impl Writer {
         self.push(kind, 1);
     }
 
-    /// Ends the values above the last mark, in one of the ways that they allow.
+    /// Closes the values above the last mark, with one of the opcodes that they allow.
     fn close(&mut self) {
         let Some(&mark) = self.marks.last() else { return };
         let items = self.open().to_vec();
@@ -268,27 +268,28 @@ impl Writer {
         let is_key = |v: &Value| matches!(v.kind, Kind::Key | Kind::Str | Kind::Bytes);
         let (keys, pairs) =
             (items.iter().all(is_key), items.len().is_multiple_of(2) && items.iter().step_by(2).all(is_key));
-        let mut ways: Vec<(u8, Option<Kind>)> = vec![(b'1', None)];
+        let mut options: Vec<(u8, Option<Kind>)> = vec![(b'1', None)];
         if plain && size < LARGEST {
-            ways.extend([(b't', Some(if keys { Kind::Key } else { Kind::Other })), (b'l', Some(Kind::List))]);
+            options
+                .extend([(b't', Some(if keys { Kind::Key } else { Kind::Other })), (b'l', Some(Kind::List))]);
             if pairs {
-                ways.push((b'd', Some(Kind::Dict)));
+                options.push((b'd', Some(Kind::Dict)));
             }
             if keys {
-                ways.push((0x91, Some(Kind::Key)));
+                options.push((0x91, Some(Kind::Key)));
             }
             match below {
-                Some(Kind::List) => ways.extend([(b'e', None); 3]),
-                Some(Kind::Dict) if pairs => ways.extend([(b'u', None); 3]),
-                Some(Kind::Set) if keys => ways.extend([(0x90, None); 3]),
+                Some(Kind::List) => options.extend([(b'e', None); 3]),
+                Some(Kind::Dict) if pairs => options.extend([(b'u', None); 3]),
+                Some(Kind::Set) if keys => options.extend([(0x90, None); 3]),
                 _ => {}
             }
         }
-        let (code, made) = ways[self.rng.below(ways.len())];
+        let (code, result) = options[self.rng.below(options.len())];
         self.op(code);
         self.marks.pop();
         self.stack.truncate(mark);
-        match made {
+        match result {
             Some(kind) => self.push(kind, size),
             None if code != b'1' => self.grow_top(size),
             None => {}
@@ -350,48 +351,48 @@ impl Writer {
     fn store(&mut self) {
         let Some(top) = self.open().last().copied() else { return self.literal() };
         let next = self.memo.len() as u32;
-        let place = match self.rng.below(5) {
+        let entry_index = match self.rng.below(5) {
             0..3 => {
                 self.op(0x94);
                 self.memoizes_after_gap |= self.memo.keys().next_back().is_some_and(|last| *last >= next);
                 next
             }
             3 => {
-                let place = self.rng.below(10) as u8;
+                let entry_index = self.rng.below(10) as u8;
                 self.op(b'q');
-                self.out.push(place);
-                u32::from(place)
+                self.out.push(entry_index);
+                u32::from(entry_index)
             }
             _ => {
                 let most = if self.rng.below(4) == 0 { 3000 } else { 10 };
-                let place = self.rng.below(most) as u32;
+                let entry_index = self.rng.below(most) as u32;
                 self.op(b'r');
-                self.out.extend(place.to_le_bytes());
-                place
+                self.out.extend(entry_index.to_le_bytes());
+                entry_index
             }
         };
-        self.memo.insert(place, top);
+        self.memo.insert(entry_index, top);
     }
 
     fn recall(&mut self) {
         if self.memo.is_empty() {
             return self.store();
         }
-        let (place, value) = {
+        let (entry_index, value) = {
             let entry = self.rng.below(self.memo.len());
             self.memo.iter().nth(entry).map(|(p, v)| (*p, *v)).expect("it is not empty")
         };
         if value.size > LARGEST / 4 {
             return;
         }
-        match u8::try_from(place) {
-            Ok(place) if self.rng.below(2) == 0 => {
+        match u8::try_from(entry_index) {
+            Ok(entry_index) if self.rng.below(2) == 0 => {
                 self.op(b'h');
-                self.out.push(place);
+                self.out.push(entry_index);
             }
             _ => {
                 self.op(b'j');
-                self.out.extend(place.to_le_bytes());
+                self.out.extend(entry_index.to_le_bytes());
             }
         }
         self.stack.push(value);
@@ -416,7 +417,7 @@ impl Writer {
         }
     }
 
-    /// One value out of what is on the stack, and STOP.
+    /// Reduces the stack to one value, and ends with STOP.
     fn end(&mut self) {
         while !self.marks.is_empty() {
             self.close();

@@ -1,6 +1,6 @@
-//! What hostile pickles call.
+//! Globals that hostile pickles call.
 
-/// Globals that scanners of hostile pickles look for, and some that look harmless.
+/// Globals that scanners for hostile pickles detect, and some that appear harmless.
 pub const HOSTILE: &[&str] = &[
     "os system",
     "os popen",

@@ -1,7 +1,7 @@
-//! Broken and hostile pickles without end, from a seed.
+//! Broken and hostile pickles in any number, from a seed.
 //!
-//! Used by the test (2 000 of them), by `cargo run --release -p sage-data --example
-//! mutate_files` (as many as wanted) and, one input at a time, by the fuzz target.
+//! Used by the test (2 000 of them), by `cargo run --release -p sage-data --example mutate_files` (any
+//! number) and, one input at a time, by the fuzz target.
 
 mod globals;
 mod native;
@@ -23,12 +23,12 @@ use sage_data::{Error, Recording, Source, checks::Summary};
 
 pub use globals::HOSTILE;
 
-/// Where a seeded input comes from.
+/// Generator of seeded inputs.
 pub struct Mutator {
     bases: Vec<Vec<u8>>,
 }
 
-/// An input, how it was made, and whether it must be refused.
+/// An input, the kind of mutation, and the hostile global if it must be refused.
 pub struct Mutant {
     pub bytes: Vec<u8>,
     pub kind: &'static str,
@@ -108,14 +108,14 @@ impl Mutator {
     }
 }
 
-/// What reading an input came to.
+/// Result of reading an input.
 pub enum Outcome {
     Scene,
     Refused,
 }
 
-/// Reads an input and uses what comes out. Panics if reading panics, if something hostile is
-/// accepted, or if a scene that was accepted cannot be written and read again.
+/// Reads an input and uses the result. Panics if reading panics, if a hostile input is accepted, or if an
+/// accepted scene cannot be written and read again.
 pub fn read(mutant: &Mutant) -> (Outcome, f64) {
     let start = Instant::now();
     let outcome = catch_unwind(AssertUnwindSafe(|| consume(&mutant.bytes)));
@@ -144,15 +144,15 @@ pub fn consume(bytes: &[u8]) -> Result<(), Error> {
     assert_eq!(summary.map_points, recording.scene.map.points.len());
     score(&recording.scene);
     let again = |bytes: Vec<u8>| Recording::from_bytes(path, bytes).map(|r| r.scene == recording.scene);
-    // A damaged native file can disagree with the source that it carries; then writing says so.
+    // A damaged native file can disagree with its own source; then writing returns an error.
     match recording.source {
         Source::Pickle(_) => {
-            assert!(again(recording.to_pickle()?)?, "written and read again it is another scene");
-            assert!(again(recording.to_native()?)?, "as a native file it is another scene");
+            assert!(again(recording.to_pickle()?)?, "the scene differs after writing and reading");
+            assert!(again(recording.to_native()?)?, "the scene differs as a native file");
         }
         _ => {
             if let Ok(bytes) = recording.to_native() {
-                assert!(again(bytes)?, "written and read again it is another scene");
+                assert!(again(bytes)?, "the scene differs after writing and reading");
                 Recording::from_bytes(path, recording.to_pickle()?)?;
             }
         }
@@ -160,7 +160,7 @@ pub fn consume(bytes: &[u8]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Scores the logged future, if there is one; whatever the scene holds, rewards are finite.
+/// Scores the logged future, if there is one; rewards must be finite for any scene.
 fn score(scene: &Scene) {
     let Ok(adversary) = scene.adversary() else { return };
     if scene.frames <= NOW + HORIZON {
@@ -206,7 +206,7 @@ fn inflate(bytes: &mut [u8], rng: &mut Rng) {
     bytes[at + 1..=at + n].copy_from_slice(&value[..n]);
 }
 
-/// Puts a call of a global in front of everything, as GLOBAL or STACK_GLOBAL.
+/// Inserts a call of a global before everything else, as GLOBAL or STACK_GLOBAL.
 fn call(bytes: &mut Vec<u8>, global: &str, rng: &mut Rng) {
     let (module, name) = global.split_once(' ').unwrap_or((global, ""));
     let mut code = Vec::new();
@@ -266,7 +266,7 @@ fn memo_loop(rng: &mut Rng) -> Vec<u8> {
     bytes
 }
 
-/// Short files that ask for much: shared lists of lists, repeated copies, wide memo indices.
+/// Short files with large effects: shared lists of lists, repeated copies, large memo indices.
 fn amplified(rng: &mut Rng) -> Vec<u8> {
     let mut bytes = vec![0x80, 4];
     match rng.below(8) {
@@ -274,14 +274,14 @@ fn amplified(rng: &mut Rng) -> Vec<u8> {
         6 => bytes.extend(std::iter::repeat_n([b']', b'('][rng.below(2)], 4 << 20)),
         7 => listed(&mut bytes),
         0 => {
-            // Each list holds the one before it twice: 2^60 leaves in a walk without memory.
+            // Each list contains the previous one twice: a traversal without memory visits 2^60 leaves.
             bytes.extend(b"]\x94");
             for k in 0..60u8 {
                 bytes.extend([b']', 0x94, b'(', b'h', k, b'h', k, b'e']);
             }
         }
         1 => {
-            // One long text, decoded again and again.
+            // One long text, decoded many times.
             bytes.extend(b"c_codecs\nencode\n\x94X\x00\x00\x10\x00");
             bytes.extend(std::iter::repeat_n(b'x', 1 << 20));
             bytes.extend(b"\x94\x8c\x06latin1\x94");
@@ -290,7 +290,7 @@ fn amplified(rng: &mut Rng) -> Vec<u8> {
             }
         }
         2 => {
-            // One long list, made a set of again and again.
+            // One long list, converted to a set many times.
             bytes.extend(b"cbuiltins\nset\n\x94](");
             bytes.extend(std::iter::repeat_n(b'N', 200_000));
             bytes.extend(b"e\x94");
@@ -303,7 +303,7 @@ fn amplified(rng: &mut Rng) -> Vec<u8> {
             bytes.extend(b"Nr\xff\xff\xff\xff");
         }
         _ => {
-            // A scene whose tracks are all one track.
+            // A scene whose tracks are all one shared track.
             bytes.extend(b"}\x94(\x8c\x06lengthK\x0b\x8c\x06tracks}(");
             for k in 0..20_000u32 {
                 bytes.extend([0x8c, 8]);
@@ -323,13 +323,13 @@ fn text(bytes: &mut Vec<u8>, text: &str) {
     bytes.extend(text.bytes());
 }
 
-/// Many whole tracks that are one dict of very many keys, each searched for a handful of them.
+/// Many complete tracks that are one shared dict of very many keys; each is searched for a few of them.
 fn searched(bytes: &mut Vec<u8>) {
     shared_track(bytes, 100_000);
     scene_of_one_track(bytes, 20_000, |_| {});
 }
 
-/// Many tracks, and a long list of objects of interest that are none of them.
+/// Many tracks, and a long list of objects of interest that are not tracks.
 fn listed(bytes: &mut Vec<u8>) {
     shared_track(bytes, 0);
     scene_of_one_track(bytes, 5_000, |bytes| {
@@ -343,7 +343,7 @@ fn listed(bytes: &mut Vec<u8>) {
     });
 }
 
-/// Files of one shared track, and whether they are to be taken.
+/// Files with one shared track, and whether they must be accepted.
 pub fn repeated(number: u64) -> Option<(Vec<u8>, bool)> {
     let mut bytes = vec![0x80, 4];
     let is_scene = match number {
@@ -357,7 +357,7 @@ pub fn repeated(number: u64) -> Option<(Vec<u8>, bool)> {
             false
         }
         2 => {
-            // Long, but looked up by an index: no more work than it has bytes.
+            // Long, but accessed by an index: the work is at most the number of bytes.
             listed(&mut bytes);
             true
         }
@@ -367,7 +367,7 @@ pub fn repeated(number: u64) -> Option<(Vec<u8>, bool)> {
     Some((bytes, is_scene))
 }
 
-/// A standing vehicle of 11 frames as memo entry 0, its columns behind `keys` keys that mean nothing.
+/// A standing vehicle of 11 frames as memo entry 0, its columns behind `keys` meaningless keys.
 fn shared_track(bytes: &mut Vec<u8>, keys: u32) {
     let column = |bytes: &mut Vec<u8>, name: &str, cell: &[u8]| {
         text(bytes, name);
@@ -392,7 +392,7 @@ fn shared_track(bytes: &mut Vec<u8>, keys: u32) {
     bytes.extend(b"uu\x940");
 }
 
-/// A scene of that vehicle many times over, with more metadata.
+/// A scene with that vehicle many times, and more metadata.
 fn scene_of_one_track(bytes: &mut Vec<u8>, tracks: u32, metadata: impl Fn(&mut Vec<u8>)) {
     bytes.extend(b"}(");
     text(bytes, "length");
@@ -412,7 +412,7 @@ fn scene_of_one_track(bytes: &mut Vec<u8>, tracks: u32, metadata: impl Fn(&mut V
     bytes.extend(b"uu");
 }
 
-/// Replaces floats in arrays by what no scene holds.
+/// Replaces floats in arrays by values that no scene has.
 fn replace_values(bytes: &mut [u8], rng: &mut Rng) {
     for _ in 0..1 + rng.below(20) {
         let at = rng.below(bytes.len().saturating_sub(8).max(1));

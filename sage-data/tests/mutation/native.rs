@@ -5,7 +5,7 @@ use sage_core::seed::Rng;
 use super::{Mutant, Mutator};
 
 impl Mutator {
-    /// The input of a number, made from native files.
+    /// The input of a number, file from native files.
     pub fn make_native(&self, number: u64) -> Mutant {
         let mut rng = Rng::new(number, "native", "mutation");
         let mut bytes = self.bases[rng.below(self.bases.len())].clone();
@@ -45,10 +45,10 @@ impl Mutator {
             how => {
                 let text = String::from_utf8(bytes[8..8 + length].to_vec()).expect("a JSON header");
                 let (text, kind) = changed_header(&text, how, &mut rng);
-                let mut made = (text.len() as u64).to_le_bytes().to_vec();
-                made.extend(text.bytes());
-                made.extend(&bytes[8 + length..]);
-                bytes = made;
+                let mut file = (text.len() as u64).to_le_bytes().to_vec();
+                file.extend(text.bytes());
+                file.extend(&bytes[8 + length..]);
+                bytes = file;
                 kind
             }
         };
@@ -56,7 +56,7 @@ impl Mutator {
     }
 }
 
-/// A header with other numbers, a tensor twice, or one fewer.
+/// A header with changed numbers, a duplicate tensor, or a renamed key.
 fn changed_header(text: &str, how: usize, rng: &mut Rng) -> (String, &'static str) {
     let digits: Vec<(usize, usize)> = {
         let mut runs = Vec::new();
@@ -74,7 +74,7 @@ fn changed_header(text: &str, how: usize, rng: &mut Rng) -> (String, &'static st
         runs
     };
     match how {
-        // Shapes, offsets, counts and indices alike: all are numbers of the header.
+        // Shapes, offsets, counts and indices: all are numbers of the header.
         5 | 6 => {
             let (from, to) = digits[rng.below(digits.len())];
             let old: u64 = text[from..to].parse().unwrap_or(0);
@@ -83,7 +83,7 @@ fn changed_header(text: &str, how: usize, rng: &mut Rng) -> (String, &'static st
             (format!("{}{new}{}", &text[..from], &text[to..]), "number replaced")
         }
         7 => {
-            // The first tensor once more, with the last one's offsets.
+            // One of these tensors again, with other offsets.
             let name = ["tracks.position", "map.points", "source.pickle"][rng.below(3)];
             let again = format!(r#","{name}":{{"dtype":"F32","shape":[1],"data_offsets":[0,4]}}}}"#);
             (format!("{}{again}", text.trim_end().trim_end_matches('}').to_owned() + "}"), "duplicate key")

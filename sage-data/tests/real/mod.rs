@@ -1,13 +1,13 @@
-//! Where the real scenes and fixtures are, if they are.
+//! Locations of the real scenes and fixtures, if they are available.
 
-#![allow(dead_code)] // Each test binary uses a part of it.
+#![allow(dead_code)] // Each test binary uses some of it.
 
 use std::{io::Write, path::PathBuf};
 
 fn folder(variable: &str) -> Option<PathBuf> {
     let found = std::env::var_os(variable).map(PathBuf::from).filter(|path| path.exists());
     if found.is_none() {
-        // Past the test runner, which keeps what `eprintln!` says of tests that pass.
+        // Written past the test runner, which captures the output of passing tests.
         let _ = writeln!(std::io::stderr(), "left out: `{variable}` names no folder");
     }
     found

@@ -1,5 +1,5 @@
-//! All goals of a prior at all speed profiles: with a choice that knows the ego's path an oracle search, a
-//! ceiling for anything that proposes from the same goals.
+//! All goals of a prior at all speed profiles. With a selection that uses the ego's path this is an oracle
+//! search, an upper bound for every proposer with the same goals.
 
 use std::sync::Arc;
 
@@ -18,14 +18,14 @@ use crate::{
     speed_profile::{Extended, SPEED_PROFILES, SpeedProfile},
 };
 
-/// It has no options.
+/// Options; there are none.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AllGoals {}
 
 impl ProposerKind for AllGoals {
     const NAME: &'static str = "oracle";
-    const SUMMARY: &'static str = "the best of all goals: a ceiling";
+    const SUMMARY: &'static str = "the best of all goals: an upper bound";
     const SOURCE: &'static str = "this project";
     const USES_MIXTURE: bool = false;
     const IS_EXHAUSTIVE: bool = true;
@@ -56,7 +56,7 @@ struct Encoded {
 }
 
 impl PreparedScene for Encoded {
-    /// All goals at one speed profile, then at the next.
+    /// All goals at the first speed profile, then at the next.
     fn propose(&self, _: &Mixture, _: u64) -> Result<Vec<Proposal>, Error> {
         let Self { decoder: Decoder { prior, with_nll }, encoding, .. } = self;
         let propose = || -> Result<Vec<Proposal>, sage_backbones::Error> {
@@ -64,13 +64,14 @@ impl PreparedScene for Encoded {
             let modes: Vec<usize> = (0..ends.len()).collect();
             let plain = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
             let origin = encoding.features().frame.origin();
-            let plain: Vec<Extended> = plain.iter().map(|path| Extended::new(path, origin)).collect();
+            let plain: Vec<Extended> =
+                plain.iter().map(|trajectory| Extended::new(trajectory, origin)).collect();
             let nll = nll(&**prior, encoding, &modes, *with_nll)?;
             let profiles = SPEED_PROFILES.map(SpeedProfile::new);
             let at_every_profile = profiles.iter().flat_map(|profile| {
-                plain.iter().zip(&ends).zip(&nll).map(|((path, end), nll)| {
+                plain.iter().zip(&ends).zip(&nll).map(|((trajectory, end), nll)| {
                     let goal = Some(goal(encoding, *end));
-                    Ok(Proposal { trajectory: profile.whole(path)?, log_prob: None, goal, nll: *nll })
+                    Ok(Proposal { trajectory: profile.whole(trajectory)?, log_prob: None, goal, nll: *nll })
                 })
             });
             at_every_profile.collect()

@@ -1,4 +1,4 @@
-//! CAT's candidates: the prior's likeliest modes, some way apart.
+//! CAT's candidates: the prior's likeliest modes with a minimum spacing.
 
 use std::sync::Arc;
 
@@ -36,7 +36,7 @@ impl Default for CatGoals {
 
 impl ProposerKind for CatGoals {
     const NAME: &'static str = "cat";
-    const SUMMARY: &'static str = "collision probability over the prior's candidates";
+    const SUMMARY: &'static str = "the prior's candidate that most probably collides";
     const SOURCE: &'static str = "Zhang et al. 2023 (CAT)";
     const USES_MIXTURE: bool = false;
 

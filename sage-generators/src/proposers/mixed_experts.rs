@@ -1,5 +1,6 @@
-//! SAGE's candidates: the likeliest drivable modes of the mixed experts, spaced apart, each under several speed
-//! profiles. The same with the prior alone shows what the selection does without any expert.
+//! SAGE's candidates: the likeliest drivable modes of the mixed experts with a minimum spacing, each under
+//! several speed profiles. The same proposer with the prior alone shows the effect of the selection without
+//! experts.
 
 use std::sync::Arc;
 
@@ -41,7 +42,7 @@ const RETIMED_LOG_PRIOR: f32 = -1.5;
 pub struct ProposalOptions {
     /// Number of candidates.
     pub candidates: usize,
-    /// Least distance of their ends, metres.
+    /// Least distance between the ends of candidates, metres.
     pub apart: f32,
     /// Map and goal subsampling.
     pub subsampling: Subsampling,
@@ -73,7 +74,7 @@ impl ProposalOptions {
     }
 }
 
-/// SAGE: the experts mixed.
+/// SAGE: the mixed experts.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct MixedExperts(ProposalOptions);
@@ -101,7 +102,7 @@ pub struct Prior(ProposalOptions);
 impl ProposerKind for Prior {
     const NAME: &'static str = "prior";
     const SUMMARY: &'static str = "the untuned prior with the same selection";
-    const SOURCE: &'static str = "this project: shows what the selection alone does";
+    const SOURCE: &'static str = "this project: the effect of the selection alone";
     const USES_MIXTURE: bool = false;
 
     fn check(&self) -> Result<(), Error> {
@@ -118,7 +119,7 @@ struct Network(Arc<Shared>);
 struct Shared {
     options: ProposalOptions,
     models: Mixtures,
-    /// Encodes and decodes: what fine-tuning leaves alone is the prior's at every mixture.
+    /// Encodes and decodes: the tensors that fine-tuning does not change are the prior's at every mixture.
     prior: Arc<dyn Backbone>,
     with_nll: bool,
 }
@@ -160,34 +161,36 @@ impl Encoded {
         let policy: Vec<f32> = finite(&log_probs)?;
         let nms = Selection::Nms { radius: options.apart };
         let modes = choose(&policy, &ends, SPARE * options.candidates, nms, &mut rng);
-        let paths = to_world(&model.trajectories(encoding, &modes)?, encoding.features())?;
+        let trajectories = to_world(&model.trajectories(encoding, &modes)?, encoding.features())?;
         let origin = encoding.features().frame.origin();
-        let paths: Vec<Extended> = paths.iter().map(|path| Extended::new(path, origin)).collect();
+        let trajectories: Vec<Extended> =
+            trajectories.iter().map(|trajectory| Extended::new(trajectory, origin)).collect();
         let profiles = SPEED_PROFILES.map(SpeedProfile::new);
-        let mut retimed = at_all_profiles(&profiles, &modes, &paths, &policy);
-        self.score_retimed(&*model, &mut retimed, &log_probs, &profiles, &paths)?;
+        let mut retimed = at_all_profiles(&profiles, &modes, &trajectories, &policy);
+        self.score_retimed(&*model, &mut retimed, &log_probs, &profiles, &trajectories)?;
         let retimed = self.apart(retimed);
-        let driven = retimed.iter().map(|p| profiles[p.profile].whole(&paths[p.path]));
-        let kept = drivable(driven, options.candidates, &self.body, self.now.index())?;
-        let of_kept: Vec<usize> = kept.iter().map(|(k, _)| retimed[*k].mode).collect();
-        let nll = nll(&**prior, encoding, &of_kept, *with_nll)?;
+        let retimed_trajectories =
+            retimed.iter().map(|p| profiles[p.profile].whole(&trajectories[p.trajectory]));
+        let accepted = drivable(retimed_trajectories, options.candidates, &self.body, self.now.index())?;
+        let accepted_modes: Vec<usize> = accepted.iter().map(|(k, _)| retimed[*k].mode).collect();
+        let nll = nll(&**prior, encoding, &accepted_modes, *with_nll)?;
         let proposal = |((k, trajectory), nll): ((usize, _), _)| Proposal {
             trajectory,
             log_prob: Some(f64::from(retimed[k].log_prob)),
             goal: Some(goal(encoding, ends[retimed[k].mode])),
             nll,
         };
-        Ok(kept.into_iter().zip(nll).map(proposal).collect())
+        Ok(accepted.into_iter().zip(nll).map(proposal).collect())
     }
 
-    /// Sets the log-probabilities of the modes under other speed profiles than their own.
+    /// Sets the log-probabilities of the retimed modes.
     fn score_retimed(
         &self,
         model: &dyn MotionModel,
         all: &mut [RetimedMode],
         log_probs: &Tensor,
         profiles: &[SpeedProfile],
-        paths: &[Extended],
+        trajectories: &[Extended],
     ) -> Result<(), sage_backbones::Error> {
         let encoding = &self.encoding;
         let frame = encoding.features().frame;
@@ -195,7 +198,8 @@ impl Encoded {
             all.iter_mut().filter(|p| !profiles[p.profile].is_plain()).collect();
         let mut points = Vec::with_capacity(2 * FORECAST_STEPS * retimed_modes.len());
         for retimed in &retimed_modes {
-            let at = |step: usize| profiles[retimed.profile].at(&paths[retimed.path], step * STRIDE);
+            let at =
+                |step: usize| profiles[retimed.profile].at(&trajectories[retimed.trajectory], step * STRIDE);
             points.extend((1..=FORECAST_STEPS).flat_map(|step| frame.to_local(at(step)).map(|x| x as f32)));
         }
         let modes: Vec<usize> = retimed_modes.iter().map(|p| p.mode).collect();
@@ -208,34 +212,34 @@ impl Encoded {
         Ok(())
     }
 
-    /// Modes with their profiles, the likeliest first, without those that are close to a likelier one at half
-    /// time and at the end.
+    /// Sorts retimed modes by probability and removes those close to a likelier one at both half time and
+    /// the end.
     fn apart(&self, mut all: Vec<RetimedMode>) -> Vec<RetimedMode> {
-        // Stable: among equals the mode's own profile comes first.
+        // Stable sort: among equals the mode's own profile comes first.
         all.sort_by(|a, b| b.log_prob.total_cmp(&a.log_prob));
         let most = SPARE * self.shared.options.candidates;
-        let mut kept: Vec<RetimedMode> = Vec::with_capacity(most);
+        let mut accepted: Vec<RetimedMode> = Vec::with_capacity(most);
         let radius = f64::from(self.shared.options.apart).powi(2);
         for retimed in all {
-            // Half the distance counts at half time.
+            // At half time half the distance suffices.
             let is_apart = |other: &RetimedMode| {
                 squared(retimed.end, other.end) >= radius || 4.0 * squared(retimed.half, other.half) >= radius
             };
-            if kept.iter().all(is_apart) {
-                kept.push(retimed);
+            if accepted.iter().all(is_apart) {
+                accepted.push(retimed);
             }
-            if kept.len() == most {
+            if accepted.len() == most {
                 break;
             }
         }
-        kept
+        accepted
     }
 }
 
 /// A mode under a speed profile.
 struct RetimedMode {
     /// Index of its trajectory.
-    path: usize,
+    trajectory: usize,
     mode: usize,
     /// Index of its speed profile.
     profile: usize,
@@ -255,13 +259,15 @@ fn squared(a: Point, b: Point) -> f64 {
 fn at_all_profiles(
     profiles: &[SpeedProfile],
     modes: &[usize],
-    paths: &[Extended],
+    trajectories: &[Extended],
     log_probs: &[f32],
 ) -> Vec<RetimedMode> {
-    let retimed = |number: usize, path: usize, mode: usize| {
-        let [half, end] = [HORIZON / 2, HORIZON].map(|step| profiles[number].at(&paths[path], step));
-        RetimedMode { path, mode, profile: number, log_prob: log_probs[mode], half, end }
+    let retimed = |number: usize, trajectory: usize, mode: usize| {
+        let [half, end] =
+            [HORIZON / 2, HORIZON].map(|step| profiles[number].at(&trajectories[trajectory], step));
+        RetimedMode { trajectory, mode, profile: number, log_prob: log_probs[mode], half, end }
     };
-    let of_profile = |number| modes.iter().enumerate().map(move |(path, &mode)| retimed(number, path, mode));
+    let of_profile =
+        |number| modes.iter().enumerate().map(move |(trajectory, &mode)| retimed(number, trajectory, mode));
     (0..profiles.len()).flat_map(of_profile).collect()
 }

@@ -1,4 +1,4 @@
-//! The most likely mode of the mixed experts alone: what the policy itself wants.
+//! The most likely mode of the mixed experts: the policy without a selection.
 
 use std::sync::Arc;
 
@@ -20,15 +20,15 @@ use serde::{Deserialize, Serialize};
 use super::{goal, in_scene};
 use crate::{GeneratorInputs, mixtures::Mixtures, pair::ProposerKind};
 
-/// It has no options.
+/// Options; there are none.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MostLikely {}
 
 impl ProposerKind for MostLikely {
     const NAME: &'static str = "most-likely";
-    const SUMMARY: &'static str = "the mixed experts' most likely goal, without choice";
-    const SOURCE: &'static str = "this project: what the policy alone does";
+    const SUMMARY: &'static str = "the mixed experts' most likely goal, without selection";
+    const SOURCE: &'static str = "this project: the effect of the policy alone";
     const USES_MIXTURE: bool = true;
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
@@ -69,9 +69,9 @@ impl PreparedScene for Encoded {
             let log_probs: Vec<f32> = finite(&model.log_probs(encoding)?)?;
             let best = ranked(&log_probs)[0];
             let end = self.prior.mode_ends(encoding)?[best];
-            let mut paths = to_world(&model.trajectories(encoding, &[best])?, encoding.features())?;
+            let mut trajectories = to_world(&model.trajectories(encoding, &[best])?, encoding.features())?;
             Ok(Proposal {
-                trajectory: paths.swap_remove(0),
+                trajectory: trajectories.swap_remove(0),
                 log_prob: Some(f64::from(log_probs[best])),
                 goal: Some(goal(encoding, end)),
                 nll: None,

@@ -1,4 +1,4 @@
-//! Random goals at random speed profiles: what a table owes to search alone.
+//! Random goals at random speed profiles: the effect of search alone.
 
 use std::sync::Arc;
 
@@ -35,8 +35,8 @@ impl Default for RandomGoals {
 
 impl ProposerKind for RandomGoals {
     const NAME: &'static str = "random";
-    const SUMMARY: &'static str = "random goals with the same choice";
-    const SOURCE: &'static str = "this project: what search alone does";
+    const SUMMARY: &'static str = "random goals with the same selection";
+    const SOURCE: &'static str = "this project: the effect of search alone";
     const USES_MIXTURE: bool = false;
 
     fn check(&self) -> Result<(), Error> {
@@ -83,16 +83,16 @@ impl PreparedScene for Encoded {
             let mut modes: Vec<usize> = (0..ends.len()).collect();
             Rng::new(seed, id, "random goals").shuffle(&mut modes);
             modes.truncate(SPARE * candidates);
-            let paths = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
+            let trajectories = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
             let origin = encoding.features().frame.origin();
             let mut rng = Rng::new(seed, id, "random paces");
             let profiles = SPEED_PROFILES.map(SpeedProfile::new);
-            let driven = paths.iter().map(|path| {
+            let retimed = trajectories.iter().map(|trajectory| {
                 let profile = &profiles[rng.below(profiles.len())];
-                profile.whole(&Extended::new(path, origin))
+                profile.whole(&Extended::new(trajectory, origin))
             });
-            let kept = drivable(driven, *candidates, body, now.index())?;
-            let modes: Vec<usize> = kept.iter().map(|(k, _)| modes[*k]).collect();
+            let accepted = drivable(retimed, *candidates, body, now.index())?;
+            let modes: Vec<usize> = accepted.iter().map(|(k, _)| modes[*k]).collect();
             let nll = nll(&**prior, encoding, &modes, *with_nll)?;
             let proposal = |(((_, trajectory), mode), nll): (((usize, _), &usize), _)| Proposal {
                 trajectory,
@@ -100,7 +100,7 @@ impl PreparedScene for Encoded {
                 goal: Some(goal(encoding, ends[*mode])),
                 nll,
             };
-            Ok(kept.into_iter().zip(&modes).zip(nll).map(proposal).collect())
+            Ok(accepted.into_iter().zip(&modes).zip(nll).map(proposal).collect())
         };
         propose().map_err(|error| in_scene(now.scene(), error))
     }

@@ -1,4 +1,4 @@
-//! The best of the feasible proposals by an objective.
+//! The best feasible proposal by an objective.
 
 use std::sync::Arc;
 
@@ -11,11 +11,11 @@ use sage_core::{
 use super::{Selection, Selector, SelectorKind};
 use crate::GeneratorInputs;
 
-/// Chooses by an objective, which knows the ego's path and, for what must not be touched, the others' log.
+/// Selects by an objective. The objective uses the ego's path and, for feasibility, the others' log.
 pub struct Best(Arc<Objective>);
 
 impl Best {
-    /// By an objective.
+    /// A selector by an objective.
     pub fn new(objective: Arc<Objective>) -> Self {
         Self(objective)
     }
@@ -31,7 +31,7 @@ impl SelectorKind for Best {
 }
 
 impl Selector for Best {
-    /// The most promising are evaluated first; what can no longer win is not asked what it touches.
+    /// Evaluates proposals by descending upper bound and stops when no other proposal can be the best.
     fn select(&self, proposals: &[Proposal], ctx: &Context, mu: f64) -> Result<Selection, Error> {
         let objective = &*self.0;
         let candidate =
@@ -57,8 +57,8 @@ impl Selector for Best {
     }
 }
 
-/// The best of the feasible at a weight μ, the first of equals; if none is feasible, the one that is worth
-/// most less the cost of what it breaks, and a note.
+/// The best feasible evaluation at a weight μ, the first of equals. If none is feasible, the one with the
+/// largest value minus the cost of its violations, with a note.
 pub fn best_of(evaluations: &[Evaluation], objective: &Objective, mu: f64) -> Selection {
     let best = |value: &dyn Fn(&Evaluation) -> Option<f64>| {
         let mut best: Option<(usize, f64)> = None;
@@ -104,28 +104,28 @@ mod tests {
     }
 
     #[test]
-    fn the_best_of_the_feasible_is_chosen_and_the_first_of_equals() {
+    fn the_best_feasible_one_is_selected_and_the_first_of_equals() {
         let all = [
             evaluation(9.0, 2.0, 50.0),
             evaluation(3.0, 2.5, 0.0),
             evaluation(5.0, 9.0, 0.0),
             evaluation(5.0, 9.0, 0.0),
         ];
-        let chosen = |mu| best_of(&all, &objective("paper-selection"), mu);
-        assert_eq!(chosen(1.0), Selection { chosen: 2, note: None });
-        assert_eq!(chosen(0.0).chosen, 1, "the gentlest");
-        assert_eq!(chosen(0.5).chosen, 1);
+        let selected = |mu| best_of(&all, &objective("paper-selection"), mu);
+        assert_eq!(selected(1.0), Selection { chosen: 2, note: None });
+        assert_eq!(selected(0.0).chosen, 1, "the least penalised");
+        assert_eq!(selected(0.5).chosen, 1);
     }
 
     #[test]
-    fn where_nothing_is_feasible_the_least_violating_is_taken_and_said() {
+    fn without_a_feasible_one_the_least_violating_is_selected_with_a_note() {
         let all = [evaluation(9.0, 2.0, 60.0), evaluation(3.0, 2.0, 10.0), evaluation(9.0, 2.0, 50.0)];
         let selection = best_of(&all, &objective("paper-selection"), 1.0);
         assert_eq!(selection, Selection { chosen: 1, note: Some(Note::NoneFeasible) });
     }
 
     #[test]
-    fn passing_over_what_cannot_win_changes_nothing() {
+    fn skipping_proposals_that_cannot_be_the_best_changes_nothing() {
         let kinds = [sage_data::procedural::Kind::FourWay, sage_data::procedural::Kind::Merge];
         for (seed, kind) in (0..6).zip(kinds.into_iter().cycle()) {
             let Some(scene) = sage_data::procedural::generate(kind, seed, 0) else { continue };
@@ -139,8 +139,8 @@ mod tests {
                     let t = 0.1 * t as f64;
                     [x + a * t * (vx - b * t * vy), y + a * t * (vy + b * t * vx)]
                 };
-                let path = (1..=HORIZON).map(at).collect();
-                let trajectory = Trajectory::new("bent", path).unwrap();
+                let points = (1..=HORIZON).map(at).collect();
+                let trajectory = Trajectory::new("bent", points).unwrap();
                 Proposal { nll: Some(k as f64 / 7.0), ..Proposal::of(trajectory) }
             };
             let proposals: Vec<Proposal> = (0..40).map(bent).collect();

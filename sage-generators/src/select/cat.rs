@@ -1,9 +1,10 @@
 //! CAT's selection: the candidate that most probably collides early.
 //!
-//! The one of largest `p · 0.99^(f+1)`, f the first compared frame with contact; if none makes contact, the one
-//! that comes nearest. The published code's habits are kept: ranks from the seventh on count as equally likely,
-//! every fifth frame is compared, contact is crossing edges (a box inside another is none), distances are cut
-//! to whole metres. Source: CAT (Zhang et al. 2023).
+//! It selects the candidate of largest `p · 0.99^(f+1)`, where f is the first compared frame with contact.
+//! If none makes contact, it selects the nearest one. Details of the published code are reproduced: ranks
+//! from the seventh on count as equally likely, every fifth frame is compared, contact means crossing edges
+//! (a box inside another is none), distances are truncated to whole metres. Source: CAT (Zhang et al.
+//! 2023).
 
 use sage_core::{
     Error,
@@ -16,16 +17,16 @@ use sage_core::{
 use super::{Selection, Selector, SelectorKind};
 use crate::GeneratorInputs;
 
-/// Ranks from this one on are made equally likely, from 0.
+/// First rank, from 0, of those that count as equally likely.
 const FLATTENED: usize = 6;
-/// Frames from one comparison to the next.
+/// Frames between two comparisons.
 const STRIDE: usize = 5;
-/// Frames compared at most.
+/// Largest number of compared frames.
 const COMPARED: usize = 16;
-/// What a compared frame of delay takes off.
+/// Discount per compared frame of delay.
 const DECAY: f64 = 0.99;
 
-/// The selection.
+/// CAT's selector.
 pub struct CatSelector;
 
 impl SelectorKind for CatSelector {
@@ -44,18 +45,18 @@ impl Selector for CatSelector {
             scene: ctx.scene().id.clone(),
             problem: "CAT selects by probability, and a proposal has none".to_owned(),
         })?;
-        let paths: Vec<&[Point]> = proposals.iter().map(|p| p.trajectory.points()).collect();
+        let trajectories: Vec<&[Point]> = proposals.iter().map(|p| p.trajectory.points()).collect();
         let ego: Vec<_> = ctx.egos().iter().map(|ego| (ego.positions(), ego.weight())).collect();
-        let choice = cat_select(&paths, &log_probs, &ego, ctx.size(), ctx.ego_size());
-        let note = (!choice.collides).then_some(Note::NoContact);
-        Ok(Selection { chosen: choice.chosen, note })
+        let result = cat_select(&trajectories, &log_probs, &ego, ctx.size(), ctx.ego_size());
+        let note = (!result.collides).then_some(Note::NoContact);
+        Ok(Selection { chosen: result.chosen, note })
     }
 }
 
-/// What CAT's selection finds.
+/// Result of CAT's selection.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CatChoice {
-    /// The candidate it takes.
+    /// Index of the selected candidate.
     pub chosen: usize,
     /// Whether any candidate makes contact.
     pub collides: bool,
@@ -69,8 +70,8 @@ pub struct CatChoice {
     pub first_contact: Vec<Vec<Option<usize>>>,
 }
 
-/// CAT's selection among candidates in descending order of log-probability, against the ego's paths with their
-/// weights. Sizes are length and width.
+/// CAT's selection among candidates in descending order of log-probability, against weighted paths of the
+/// ego. Sizes are length and width.
 pub fn cat_select(
     candidates: &[&[Point]],
     log_probs: &[f64],
@@ -79,8 +80,9 @@ pub fn cat_select(
     ego_size: [f64; 2],
 ) -> CatChoice {
     let probabilities = flattened(log_probs);
-    let boxes: Vec<Vec<OrientedBox>> = candidates.iter().map(|path| boxes(path, size)).collect();
-    let egos: Vec<Vec<OrientedBox>> = ego.iter().map(|(path, _)| self::boxes(path, ego_size)).collect();
+    let boxes: Vec<Vec<OrientedBox>> = candidates.iter().map(|trajectory| boxes(trajectory, size)).collect();
+    let egos: Vec<Vec<OrientedBox>> =
+        ego.iter().map(|(positions, _)| self::boxes(positions, ego_size)).collect();
     let mut scores = vec![0.0; candidates.len()];
     let mut whole_metres = vec![1_000_000; candidates.len()];
     let mut first_contact = Vec::new();
@@ -114,14 +116,14 @@ fn flattened(log_probs: &[f64]) -> Vec<f64> {
     powers.into_iter().map(|p| p / total).collect()
 }
 
-/// Boxes at the compared frames, with headings by the published rule over the whole path.
-fn boxes(path: &[Point], [length, width]: [f64; 2]) -> Vec<OrientedBox> {
-    let headings = sage_core::motion::kinematics::release::headings(path);
-    let frames = (0..path.len()).step_by(STRIDE).take(COMPARED);
-    frames.map(|f| OrientedBox::new(path[f], headings[f], length, width)).collect()
+/// Boxes at the compared frames, with headings by the published rule over the whole trajectory.
+fn boxes(points: &[Point], [length, width]: [f64; 2]) -> Vec<OrientedBox> {
+    let headings = sage_core::motion::kinematics::release::headings(points);
+    let frames = (0..points.len()).step_by(STRIDE).take(COMPARED);
+    frames.map(|f| OrientedBox::new(points[f], headings[f], length, width)).collect()
 }
 
-/// First compared frame with contact, and the least distance in whole metres up to there.
+/// First compared frame with contact, and the least distance in whole metres up to that frame.
 fn meet(adversary: &[OrientedBox], ego: &[OrientedBox]) -> (Option<usize>, i64) {
     let mut nearest = 1_000_000;
     for (frame, (a, b)) in adversary.iter().zip(ego).enumerate() {
@@ -134,7 +136,7 @@ fn meet(adversary: &[OrientedBox], ego: &[OrientedBox]) -> (Option<usize>, i64) 
     (None, nearest)
 }
 
-/// Whether an edge of one box properly crosses an edge of the other: touching is none.
+/// Whether an edge of one box properly crosses an edge of the other; touching does not count.
 fn edges_cross(a: &OrientedBox, b: &OrientedBox) -> bool {
     let [a, b] = [a.corners(), b.corners()];
     let edge = |corners: &[Point; 4], k: usize| [corners[k], corners[(k + 1) % 4]];
@@ -146,8 +148,8 @@ fn properly_cross([a, b]: [Point; 2], [c, d]: [Point; 2]) -> bool {
     side(a, b, c) * side(a, b, d) < 0.0 && side(c, d, a) * side(c, d, b) < 0.0
 }
 
-/// The 91 states that CAT hands to a simulator: x, y, vx, vy, heading. Velocities are forward
-/// differences, the last one 0; headings are smoothed over the joint at *now* as well.
+/// The 91 states that CAT passes to a simulator: x, y, vx, vy, heading. Velocities are forward differences,
+/// the last one 0. Headings are smoothed across *now*.
 pub fn cat_plan(history: &[Point], future: &[Point]) -> Vec<[f64; 5]> {
     debug_assert_eq!(history.len(), HISTORY, "frames 0 to {NOW}");
     let points: Vec<Point> = history.iter().chain(future).copied().collect();

@@ -1,4 +1,4 @@
-//! No choice: the first proposal, which is the likeliest where proposals have probabilities.
+//! No selection: the first proposal, which is the likeliest if proposals have probabilities.
 
 use sage_core::{
     Error,
@@ -9,7 +9,7 @@ use sage_core::{
 use super::{Selection, Selector, SelectorKind};
 use crate::GeneratorInputs;
 
-/// The first.
+/// Selects the first proposal.
 pub struct First;
 
 impl SelectorKind for First {

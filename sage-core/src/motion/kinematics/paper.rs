@@ -1,9 +1,9 @@
-//! Kinematics as the paper writes them: backward differences, heading held while standing.
+//! Kinematics as the paper defines them: backward differences, heading held while standing.
 //!
-//! Step t = 1…T leaves from step t − 1, step 1 from the pose at *now*. A step slower than
-//! [`MOVING`] keeps the heading of the step before it; steps before the first moving one take that
-//! one's heading; a car that never moves keeps its logged heading. Yaw rate and acceleration of
-//! step 1 are 0. Below 0.5 m/s the jitter of recorded tracks dominates the direction of motion.
+//! Step t = 1…T starts at step t − 1, step 1 at the pose at *now*. A step slower than [`MOVING`] keeps the
+//! heading of the previous step. Steps before the first moving step take the heading of that step. A car
+//! that never moves keeps its logged heading. Yaw rate and acceleration of step 1 are 0. Below 0.5 m/s the
+//! jitter of recorded tracks dominates the direction of motion.
 
 use super::Profile;
 use crate::{
@@ -11,10 +11,10 @@ use crate::{
     motion::{DT, Pose},
 };
 
-/// Speed from which a step shows where a car is heading, m/s.
+/// Speed from which the displacement of a step defines the heading, m/s.
 pub const MOVING: f64 = 0.5;
 
-/// Profile of `points` that leave from `start`.
+/// Profile of `points` with the start pose `start`.
 pub fn profile(points: &[[f64; 2]], start: &Pose) -> Profile {
     let n = points.len();
     let mut p = Profile {
@@ -30,12 +30,12 @@ pub fn profile(points: &[[f64; 2]], start: &Pose) -> Profile {
     let mut previous = start.position;
     let mut first_moving = None;
     for (step, &point) in points.iter().enumerate() {
-        let way = sub(point, previous);
-        let length = norm(way);
+        let displacement = sub(point, previous);
+        let length = norm(displacement);
         let speed = length / DT;
         if speed >= MOVING {
-            heading = way[1].atan2(way[0]);
-            axis = [way[0] / length, way[1] / length];
+            heading = displacement[1].atan2(displacement[0]);
+            axis = [displacement[0] / length, displacement[1] / length];
             first_moving.get_or_insert(step);
         }
         p.speed.push(speed);
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_inside_a_path_holds_the_heading_through_jitter() {
+    fn a_stop_within_a_trajectory_holds_the_heading_through_jitter() {
         let mut x = 0.0;
         let points: Vec<_> = (0..80)
             .map(|k| {

@@ -1,8 +1,8 @@
-//! Kinematics as the published code computes them, quirks included.
+//! Kinematics as the published code computes them, with its irregularities.
 //!
-//! The heading is a forward difference (0 while standing, whatever it was before), corrected by at
-//! most one turn a point and only where it jumps by more than 1.5 π, then averaged over five
-//! points; everything else is a second-order difference. Nothing links the path to the history.
+//! The heading is a forward difference, and 0 while standing, whatever it was before. It is corrected by at
+//! most one turn per point and only at jumps of more than 1.5 π, then averaged over five points. Everything
+//! else is a second-order difference. The trajectory is not linked to the history.
 
 use std::f64::consts::{PI, TAU};
 
@@ -21,8 +21,8 @@ pub fn headings(points: &[Point]) -> Vec<f64> {
     let mut raw: Vec<f64> = points
         .windows(2)
         .map(|pair| {
-            let way = sub(pair[1], pair[0]);
-            way[1].atan2(way[0])
+            let displacement = sub(pair[1], pair[0]);
+            displacement[1].atan2(displacement[0])
         })
         .collect();
     raw.push(raw[n - 2]);
@@ -70,7 +70,7 @@ fn unwrap(angles: &[f64]) -> Vec<f64> {
     out
 }
 
-/// Profile of a path; empty below three points.
+/// Profile of a trajectory; empty below three points.
 pub fn profile(points: &[Point]) -> Profile {
     if points.len() < 3 {
         return Profile::default();
@@ -118,8 +118,8 @@ mod tests {
 
     #[test]
     fn a_jump_between_pi_and_one_and_a_half_pi_stays() {
-        // 0.6 π, then −0.6 π: a jump of 1.2 π, below the threshold of 1.5 π, is not unwrapped. The
-        // last heading repeats, and the ends are held: averages of five of [a, −a, −a] repeated.
+        // 0.6 π, then −0.6 π: a jump of 1.2 π, below the threshold of 1.5 π, is not unwrapped. The last
+        // heading repeats and the ends are held, so the averages are over five of [a, −a, −a] repeated.
         let a = 0.6 * PI;
         let points = [[0.0, 0.0], [a.cos(), a.sin()], [2.0 * a.cos(), 0.0]];
         let yaw = headings(&points);

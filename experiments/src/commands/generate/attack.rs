@@ -1,0 +1,212 @@
+//! One scene: read, attacked at all operating points, written.
+
+use std::{path::Path, sync::Arc, time::Instant};
+
+use anyhow::{Context as _, Result, anyhow};
+use sage_core::{
+    files,
+    generator::{Attack, Note},
+    objective::{Context, ContextOptions, Scorer},
+    scene::{Scene, SceneIndex},
+};
+use sage_data::{Recording, VariantWriter, dataset};
+use sage_generators::attacked;
+use serde_json::{Map, Value, json};
+
+use super::{
+    plan::{Attacker, Plan},
+    report::{Line, SceneReport},
+    row::{FoundRow, Row, ScoredCandidates, row_file},
+};
+use crate::{
+    drawing::{self, Picture, drawn_path},
+    operating_point::OperatingPointSpec,
+    output::{self, DatasetRun},
+};
+
+/// What a failure ends.
+pub(super) enum Failure {
+    /// The scene: the others go on.
+    Scene(anyhow::Error),
+    /// The run: no scene could be attacked.
+    Run(anyhow::Error),
+}
+
+/// Attacks a scene at all operating points and writes its files, unless they are there.
+///
+/// *Errors*: [`Failure`].
+pub(super) fn attack_scene(
+    plan: &Plan,
+    run: &DatasetRun,
+    file: &Path,
+    scene: &str,
+) -> Result<SceneReport, Failure> {
+    let fail = |error: anyhow::Error| Failure::Scene(error);
+    let bytes = sage_data::read_bytes(file).map_err(|error| fail(error.into()))?;
+    let source_hash = blake3::hash(&bytes).to_hex()[..16].to_owned();
+    if let Some(found) = finished(plan, run, file, scene, &source_hash).map_err(fail)? {
+        return Ok(found);
+    }
+    let recording = Recording::from_bytes(file, bytes).map_err(|error| fail(error.into()))?;
+    let is_procedural =
+        !plan.needs_origin() || recording.is_procedural().map_err(|error| fail(error.into()))?;
+    let attacker = plan.attacker(is_procedural).map_err(Failure::Run)?;
+    let writer = SceneWriter { plan, run, attacker: &attacker, scene, source_hash: &source_hash };
+    writer.attack(recording).map_err(fail)
+}
+
+/// The lines of a scene whose files are all there.
+///
+/// *Errors*: rows of another input file of the same name.
+fn finished(
+    plan: &Plan,
+    run: &DatasetRun,
+    file: &Path,
+    scene: &str,
+    source_hash: &str,
+) -> Result<Option<SceneReport>> {
+    let folder = run.folder().path();
+    let is_there = |name: &String| folder.join(name).is_file();
+    let mut lines = Vec::with_capacity(plan.variants.len());
+    for variant in &plan.variants {
+        let name = row_file(scene, variant);
+        let path = folder.join(&name);
+        let Some(row) = FoundRow::read(&path) else { return Ok(None) };
+        if row.source_hash != source_hash {
+            return Err(anyhow!(
+                "`{}` was generated from another `{}`; give --force to replace it, or name another --out",
+                path.display(),
+                file.display()
+            ));
+        }
+        if !row.files.iter().all(is_there) {
+            return Ok(None);
+        }
+        lines.push(Line { text: row.line(), row: name, seconds: None });
+    }
+    Ok(is_there(&picture_file(scene)).then_some(SceneReport { lines, seconds: None }))
+}
+
+fn picture_file(scene: &str) -> String {
+    format!("{scene}.svg")
+}
+
+/// Writes the attacks of one scene.
+struct SceneWriter<'w> {
+    plan: &'w Plan<'w>,
+    run: &'w DatasetRun,
+    attacker: &'w Attacker,
+    scene: &'w str,
+    source_hash: &'w str,
+}
+
+impl SceneWriter<'_> {
+    fn attack(&self, recording: Recording) -> Result<SceneReport> {
+        let Self { plan, attacker, .. } = self;
+        let files = VariantWriter::new(&recording)?;
+        let scene = Arc::new(recording.scene.with_roles(None, plan.args.adversary.as_deref())?);
+        let index = SceneIndex::new(scene.map.clone());
+        index.build_all();
+        let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
+        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.further));
+        let clock = Instant::now();
+        let attacks = attacker.built.generator.attacks(&ctx, &attacker.built.points, plan.args.seed)?;
+        let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
+        let (mut drawn, mut lines) = (Vec::new(), Vec::new());
+        for ((point, variant), attack) in attacker.points.iter().zip(&plan.variants).zip(&attacks) {
+            attack.check(&scene)?;
+            let described = plan.describe(point);
+            let scene_files = self.scene_files(&files, &scene, attack, variant, &described)?;
+            scored.score(attack)?;
+            let row = self.row(&scored, &ctx, attack, variant, described, &scene_files)?;
+            lines.push(Line {
+                text: row.line(seconds),
+                row: row_file(self.scene, variant),
+                seconds: Some(seconds),
+            });
+            let mut all: Vec<(&str, &[u8])> =
+                scene_files.iter().map(|(name, bytes)| (&name[..], &bytes[..])).collect();
+            // Last: a row says that its scene files are there.
+            let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
+            all.push((&name, &bytes));
+            self.write(&all)?;
+            drawn.push(drawn_path(label(point, attacker), &ctx, attack.trajectory().clone()));
+        }
+        let picture = Picture { title: self.scene.to_owned(), candidates: drawn, ..Picture::default() };
+        let picture = drawing::draw(&scene, &picture);
+        self.write(&[(&picture_file(self.scene), picture.as_bytes())])?;
+        Ok(SceneReport { lines, seconds: Some(seconds) })
+    }
+
+    /// The attacked scene in the formats that were asked for, as file names and contents.
+    fn scene_files(
+        &self,
+        files: &VariantWriter,
+        scene: &Scene,
+        attack: &Attack,
+        variant: &str,
+        described: &Map<String, Value>,
+    ) -> Result<Vec<(String, Vec<u8>)>> {
+        let plan = self.plan;
+        let mut provenance = described.clone();
+        for (key, value) in [
+            ("by", json!(concat!("sage ", env!("CARGO_PKG_VERSION")))),
+            ("command", json!(output::command())),
+            ("weights", json!(self.attacker.weights)),
+            ("seed", json!(plan.args.seed)),
+        ] {
+            provenance.insert(key.to_owned(), value);
+        }
+        let provenance = Value::Object(provenance).to_string();
+        let attacked = attacked(scene, attack.trajectory())?;
+        let made = files.variant(&attacked, &provenance)?;
+        let name = format!("{}-{variant}", self.scene);
+        let mut all = Vec::with_capacity(2);
+        if plan.writes_pickles() {
+            all.push((dataset::file_name(files.dataset(), files.version(), &name), made.to_pickle()));
+        }
+        if plan.writes_native() {
+            all.push((format!("{name}.safetensors"), made.to_native()?));
+        }
+        Ok(all)
+    }
+
+    fn row<'r>(
+        &'r self,
+        scored: &'r ScoredCandidates,
+        ctx: &Context,
+        attack: &'r Attack,
+        variant: &'r str,
+        described: Map<String, Value>,
+        scene_files: &[(String, Vec<u8>)],
+    ) -> Result<Row<'r>> {
+        let chosen = ctx.candidate(attack.trajectory().clone());
+        let violations = self.plan.selection.objective.rule().violations(&chosen, ctx);
+        Ok(Row {
+            scene: self.scene,
+            variant,
+            source_hash: self.source_hash,
+            files: scene_files.iter().map(|(name, _)| name.clone()).collect(),
+            seed: self.plan.args.seed,
+            described,
+            trajectory: attack.trajectory(),
+            chosen: attack.chosen,
+            feasible: violations.is_empty(),
+            violations,
+            note: attack.note.as_ref().map(Note::to_string),
+            scores: scored.get(attack.trajectory())?,
+            candidates: scored.rows(attack)?,
+        })
+    }
+
+    fn write(&self, all: &[(&str, &[u8])]) -> Result<()> {
+        let written = files::write_all(self.run.folder().path(), all.iter().copied());
+        written
+            .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
+    }
+}
+
+/// Name of an attack in the picture's legend.
+fn label(point: &OperatingPointSpec, attacker: &Attacker) -> String {
+    if attacker.points.len() > 1 { point.long_label() } else { attacker.built.keys[0].label() }
+}

@@ -1,0 +1,150 @@
+//! Rows on standard output in the order of the scenes, and progress on standard error, from all threads.
+
+use std::{
+    collections::BTreeMap,
+    io::{ErrorKind, Write},
+    path::{Path, PathBuf},
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use anyhow::{Context as _, Result};
+
+use super::row::json_line;
+use crate::progress::Progress;
+
+/// What is printed of one attack.
+pub(super) struct Line {
+    /// The line for people.
+    pub(super) text: String,
+    /// Name of the row's file, which holds the line for programs.
+    pub(super) row: String,
+    /// Time that the attack took; none if it was finished before.
+    pub(super) seconds: Option<f64>,
+}
+
+/// What came of one scene.
+pub(super) struct SceneReport {
+    pub(super) lines: Vec<Line>,
+    /// Time that each attack took; none if all were finished before.
+    pub(super) seconds: Option<f64>,
+}
+
+/// Prints results in the order of the scenes. Rows wait on the disk, so memory does not grow with them.
+pub(super) struct Report {
+    folder: PathBuf,
+    json: bool,
+    state: Mutex<State>,
+}
+
+struct State {
+    /// The scene whose lines are printed next.
+    next: usize,
+    /// Lines of scenes that are finished out of turn.
+    waiting: BTreeMap<usize, Vec<Line>>,
+    /// Whether standard output is still read: who reads it may have seen enough, but the files are wanted.
+    is_read: bool,
+    progress: Progress,
+    attacks: usize,
+    failed: usize,
+}
+
+impl Report {
+    /// For some scenes, with rows in a folder.
+    pub(super) fn new(folder: &Path, json: bool, scenes: usize) -> Self {
+        let state = State {
+            next: 0,
+            waiting: BTreeMap::new(),
+            is_read: true,
+            progress: Progress::new("attacked", scenes),
+            attacks: 0,
+            failed: 0,
+        };
+        Self { folder: folder.to_owned(), json, state: Mutex::new(state) }
+    }
+
+    /// A scene is finished.
+    ///
+    /// *Errors*: standard output cannot be written to, or a row cannot be read back.
+    pub(super) fn done(&self, number: usize, scene: SceneReport) -> Result<()> {
+        let mut state = self.state();
+        state.attacks += scene.lines.len();
+        if scene.seconds.is_some() {
+            state.progress.step()
+        } else {
+            state.progress.step_found()
+        }
+        self.print(&mut state, number, scene.lines)
+    }
+
+    /// A scene failed.
+    ///
+    /// *Errors*: as [`Report::done`].
+    pub(super) fn failed(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
+        let (file, error) = (format!("`{}`", file.display()), format!("{error:#}"));
+        let is_named = error.contains(&file);
+        let mut state = self.state();
+        state.failed += 1;
+        state.progress.say(&if is_named {
+            format!("error: {error}")
+        } else {
+            format!("error: {file}: {error}")
+        });
+        state.progress.step();
+        self.print(&mut state, number, Vec::new())
+    }
+
+    /// Number of scenes that are finished so far.
+    pub(super) fn finished(&self) -> usize {
+        let state = self.state();
+        state.progress.done() - state.failed
+    }
+
+    /// Ends with a sum; the number of scenes that failed.
+    pub(super) fn finish(self, out: &Path) -> usize {
+        let state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let scenes = state.progress.done() - state.failed;
+        let found = state.progress.found();
+        let before = if found > 0 { format!(", {found} of them finished before") } else { String::new() };
+        let attacks = state.attacks;
+        state.progress.finish(&format!("{scenes} scenes{before}, {attacks} attacks in `{}`", out.display()));
+        state.failed
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn print(&self, state: &mut State, number: usize, lines: Vec<Line>) -> Result<()> {
+        state.waiting.insert(number, lines);
+        while let Some(lines) = state.waiting.remove(&state.next) {
+            state.next += 1;
+            for line in lines.iter().filter(|_| state.is_read) {
+                state.progress.clear();
+                match self.write(line) {
+                    Err(error) if is_closed(&error) => {
+                        state.is_read = false;
+                        break;
+                    }
+                    outcome => outcome?,
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn write(&self, line: &Line) -> Result<()> {
+        let bytes = if self.json {
+            let row = self.folder.join(&line.row);
+            json_line(&row, line.seconds).with_context(|| format!("cannot read `{}`", row.display()))?
+        } else {
+            format!("{}\n", line.text).into_bytes()
+        };
+        let mut out = std::io::stdout().lock();
+        out.write_all(&bytes).and_then(|()| out.flush()).context("cannot write to standard output")
+    }
+}
+
+fn is_closed(error: &anyhow::Error) -> bool {
+    let io = error.downcast_ref::<std::io::Error>();
+    io.is_some_and(|error| error.kind() == ErrorKind::BrokenPipe)
+}

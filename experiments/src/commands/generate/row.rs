@@ -1,0 +1,209 @@
+//! The row of one attack: its JSON file, and what is printed of it.
+
+use std::{
+    collections::{HashMap, hash_map::Entry},
+    path::Path,
+};
+
+use anyhow::{Context as _, Result};
+use sage_core::{
+    files,
+    generator::{Attack, Proposal},
+    motion::Trajectory,
+    objective::{Context, Scorer, Scores, Violation},
+};
+use serde::{Deserialize, Serialize, Serializer};
+use serde_json::{
+    Map, Value,
+    value::{RawValue, to_raw_value},
+};
+
+use crate::terminal;
+
+/// Largest row that is read, bytes: a thousand candidates take 4 MB.
+const LIMIT: u64 = 1 << 30;
+
+/// Name of a row's file.
+pub(super) fn row_file(scene: &str, variant: &str) -> String {
+    format!("{scene}-{variant}.json")
+}
+
+/// One attack, as its file holds it.
+#[derive(Serialize)]
+pub(super) struct Row<'r> {
+    /// Name of the input file without its ending.
+    pub(super) scene: &'r str,
+    /// Operating point, as in file names.
+    pub(super) variant: &'r str,
+    /// Hash of the input file.
+    pub(super) source_hash: &'r str,
+    /// The scene files of this attack.
+    pub(super) files: Vec<String>,
+    pub(super) seed: u64,
+    #[serde(flatten)]
+    pub(super) described: Map<String, Value>,
+    pub(super) trajectory: &'r Trajectory,
+    pub(super) chosen: usize,
+    /// By the rule of the selection, like `violations`.
+    pub(super) feasible: bool,
+    pub(super) violations: Vec<Violation>,
+    pub(super) note: Option<String>,
+    #[serde(serialize_with = "as_json")]
+    pub(super) scores: &'r Scored,
+    pub(super) candidates: Vec<CandidateRow<'r>>,
+}
+
+fn as_json<S: Serializer>(scored: &Scored, serializer: S) -> Result<S::Ok, S::Error> {
+    scored.json.serialize(serializer)
+}
+
+/// One candidate of an attack.
+#[derive(Serialize)]
+pub(super) struct CandidateRow<'r> {
+    log_prob: Option<f64>,
+    goal: Option<[f64; 2]>,
+    trajectory: &'r RawValue,
+    scores: &'r RawValue,
+}
+
+/// A trajectory with its scores, also as JSON.
+pub(super) struct Scored {
+    pub(super) scores: Scores,
+    json: Box<RawValue>,
+    trajectory: Box<RawValue>,
+}
+
+/// Scores of the candidates of one scene. Attacks at several operating points share many candidates, and each is
+/// scored and written as JSON once.
+pub(super) struct ScoredCandidates<'s> {
+    ctx: &'s Context,
+    scorer: Scorer<'s>,
+    all: Vec<Scored>,
+    /// Place of each trajectory in `all`, by the bits of its coordinates.
+    places: HashMap<Vec<u64>, usize>,
+}
+
+impl<'s> ScoredCandidates<'s> {
+    pub(super) fn new(ctx: &'s Context, scorer: Scorer<'s>) -> Self {
+        Self { ctx, scorer, all: Vec::new(), places: HashMap::new() }
+    }
+
+    /// Scores the trajectories of an attack.
+    pub(super) fn score(&mut self, attack: &Attack) -> Result<()> {
+        for proposal in &attack.candidates {
+            if let Entry::Vacant(place) = self.places.entry(bits(&proposal.trajectory)) {
+                place.insert(self.all.len());
+                let scores = self.scorer.scores(&self.ctx.candidate(proposal.trajectory.clone()));
+                let (json, trajectory) = (to_raw_value(&scores)?, to_raw_value(&proposal.trajectory)?);
+                self.all.push(Scored { scores, json, trajectory });
+            }
+        }
+        Ok(())
+    }
+
+    /// What [`ScoredCandidates::score`] found of a trajectory.
+    pub(super) fn get(&self, trajectory: &Trajectory) -> Result<&Scored> {
+        let place = self.places.get(&bits(trajectory)).context("the trajectory is among the candidates")?;
+        Ok(&self.all[*place])
+    }
+
+    /// The candidates of an attack that was scored.
+    pub(super) fn rows(&self, attack: &Attack) -> Result<Vec<CandidateRow<'_>>> {
+        let row = |proposal: &Proposal| {
+            let Scored { json, trajectory, .. } = self.get(&proposal.trajectory)?;
+            Ok(CandidateRow { log_prob: proposal.log_prob, goal: proposal.goal, trajectory, scores: json })
+        };
+        attack.candidates.iter().map(row).collect()
+    }
+}
+
+fn bits(trajectory: &Trajectory) -> Vec<u64> {
+    trajectory.points().as_flattened().iter().map(|x| x.to_bits()).collect()
+}
+
+/// What is read back of a row, to tell whether it is finished and to print it again.
+#[derive(Debug, Deserialize)]
+pub(super) struct FoundRow {
+    scene: String,
+    variant: String,
+    pub(super) source_hash: String,
+    pub(super) files: Vec<String>,
+    feasible: bool,
+    note: Option<String>,
+    scores: FoundScores,
+}
+
+#[derive(Debug, Deserialize)]
+struct FoundScores {
+    collision_step: Option<usize>,
+    adversarial_reward: f64,
+    kinematic_penalty: f64,
+    behavior_penalty: f64,
+}
+
+impl FoundRow {
+    /// Reads a row; `None` if there is none that is whole.
+    pub(super) fn read(path: &Path) -> Option<Self> {
+        serde_json::from_slice(&files::read(path, LIMIT).ok()?).ok()
+    }
+
+    /// The line for people.
+    pub(super) fn line(&self) -> String {
+        let Self { scene, variant, feasible, note, scores, .. } = self;
+        line(
+            [scene, variant],
+            scores.collision_step,
+            [scores.adversarial_reward, scores.kinematic_penalty, scores.behavior_penalty],
+            *feasible,
+            note.as_deref(),
+            None,
+        )
+    }
+}
+
+impl Row<'_> {
+    /// The line for people; `seconds` is the time that the attack took.
+    pub(super) fn line(&self, seconds: f64) -> String {
+        let Self { scene, variant, feasible, note, scores: Scored { scores, .. }, .. } = self;
+        line(
+            [scene, variant],
+            scores.collision_step,
+            [scores.adversarial_reward, scores.kinematic_penalty, scores.behavior_penalty],
+            *feasible,
+            note.as_deref(),
+            Some(seconds),
+        )
+    }
+}
+
+fn line(
+    [scene, variant]: [&str; 2],
+    collision_step: Option<usize>,
+    [reward, kinematic, behavior]: [f64; 3],
+    is_feasible: bool,
+    note: Option<&str>,
+    seconds: Option<f64>,
+) -> String {
+    let hit = collision_step
+        .map_or("no contact".to_owned(), |step| format!("contact after {:.1} s", step as f64 / 10.0));
+    format!(
+        "{} {}: {hit}, R_adv {reward:.2}, P_kin {kinematic:.2}, P_beh {behavior:.2}, {}{} ({})",
+        terminal::harmless_name(scene),
+        terminal::harmless_name(variant),
+        if is_feasible { "feasible" } else { "not feasible" },
+        note.map_or(String::new(), |note| format!("; {note}")),
+        seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s)),
+    )
+}
+
+/// The JSON line of a row's file, with the time that the attack took if it was made in this run.
+///
+/// *Errors*: the file cannot be read, or is no row.
+pub(super) fn json_line(path: &Path, seconds: Option<f64>) -> Result<Vec<u8>> {
+    let text = files::read_text(path, LIMIT)?;
+    let seconds = serde_json::to_string(&seconds)?;
+    let open = text.trim_end().strip_suffix('}').ok_or_else(|| anyhow::anyhow!("it is no JSON object"))?;
+    let mut line = Vec::with_capacity(text.len() + 32);
+    terminal::write_json_line(&mut line, &format!("{open},\"seconds\":{seconds}}}"))?;
+    Ok(line)
+}

@@ -1,0 +1,126 @@
+//! A run that fills one folder with a data set, alone or as one of several shards at the same time.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use sage_core::files::Claim;
+use sage_data::dataset::{self, Shard};
+use serde_json::{Value, json};
+
+use super::{
+    Folder, command,
+    run::{RECORD, read_record},
+};
+use crate::progress;
+
+/// A run and its folder. Each scene that is finished stays finished, so the same command resumes.
+pub(crate) struct DatasetRun {
+    folder: Folder,
+    identity: Value,
+    shard: Option<Shard>,
+}
+
+impl DatasetRun {
+    /// Makes or finds the folder of a run. With `force` it starts again: files named `outdated` are removed, the
+    /// others stay.
+    ///
+    /// *Errors*: the folder holds something else and `force` is not given; another run uses it; the system
+    /// refuses.
+    pub(crate) fn start(
+        path: &Path,
+        identity: Value,
+        force: bool,
+        shard: Option<Shard>,
+        outdated: impl FnOnce() -> Vec<String>,
+    ) -> Result<Self> {
+        std::fs::create_dir_all(path).with_context(|| format!("cannot make `{}`", path.display()))?;
+        // A shard holds the whole folder too until the record is written.
+        let (claim, beginning) = match shard {
+            None => (Claim::folder(path, &command())?, None),
+            Some(Shard { number, of }) => {
+                let (own, whole) = Claim::shard(path, number, of, &command())?;
+                (own, Some(whole))
+            }
+        };
+        let run = Self { folder: Folder { path: path.to_owned(), claim }, identity, shard };
+        let record = read_record(&run.folder);
+        let is_same = record.as_ref().is_some_and(|record| record["run"] == run.identity);
+        if force {
+            if !is_same && let Some(holder) = run.other_shard()? {
+                bail!(
+                    "`{}` is in use by a shard with other options ({holder}); wait for its end",
+                    path.display()
+                );
+            }
+            // First, so that a folder whose rows are of two runs never looks like that of one.
+            run.remove(RECORD)?;
+            outdated().iter().try_for_each(|name| run.remove(name))?;
+            run.record(&Value::Null, None, None)?;
+        } else if !is_same {
+            let is_unused = record.as_ref().is_some_and(|r| r["run"].is_object() && r["seconds"].is_null());
+            if !run.folder.holds_at_most(if is_unused { &[RECORD] } else { &[] })? {
+                bail!(
+                    "`{}` is not empty and holds no run of the same command, weights and program; give --force to write into it all the same",
+                    path.display()
+                );
+            }
+            run.record(&Value::Null, None, None)?;
+        } else if record.is_some_and(|record| !record["seconds"].is_null()) {
+            progress::say(&format!("note: `{}` holds this run, and it is done", path.display()));
+        } else if !run.folder.holds_at_most(&[RECORD])? {
+            progress::say(&format!("note: `{}` holds this run unfinished; it resumes", path.display()));
+        }
+        drop(beginning);
+        Ok(run)
+    }
+
+    /// Its folder.
+    pub(crate) fn folder(&self) -> &Folder {
+        &self.folder
+    }
+
+    /// Writes the summary and the mapping for all pickles of the folder, and the record: `results`, the median
+    /// time of an attack in this process, and the time of the whole run if it is done.
+    ///
+    /// *Errors*: a pickle in the folder that is no scene; the system refuses.
+    pub(crate) fn finish(
+        self,
+        has_pickles: bool,
+        results: impl FnOnce() -> Value,
+        seconds_per_attack: Option<f64>,
+        seconds: impl FnOnce(&Value) -> Option<f64>,
+    ) -> Result<()> {
+        // Shards that end at the same time take turns.
+        let path = self.folder.path();
+        let _whole = self.shard.map(|_| Claim::folder_shortly(path, &command())).transpose()?;
+        if has_pickles {
+            dataset::write_tables(path).context("the data set has no summary")?;
+        }
+        let results = results();
+        let seconds = seconds(&results);
+        self.record(&results, seconds_per_attack, seconds)
+    }
+
+    fn other_shard(&self) -> Result<Option<String>> {
+        let Some(Shard { number, of }) = self.shard else { return Ok(None) };
+        Ok(Claim::other_shard(self.folder.path(), number, of)?)
+    }
+
+    fn record(&self, results: &Value, per_attack: Option<f64>, seconds: Option<f64>) -> Result<()> {
+        let record = json!({
+            "command": command(), "run": self.identity, "results": results,
+            "seconds_per_attack": per_attack, "seconds": seconds,
+        });
+        self.folder.write(RECORD, format!("{record:#}\n").as_bytes())
+    }
+
+    fn remove(&self, name: &str) -> Result<()> {
+        let path = self.folder.path().join(name);
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(error).with_context(|| format!("cannot remove `{}`", path.display()))
+            }
+            _ => Ok(()),
+        }
+    }
+}

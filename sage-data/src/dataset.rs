@@ -1,0 +1,262 @@
+//! Folders of scenes as ScenarioNet data sets: names of files, shards, and the two tables that MetaDrive and
+//! ScenarioNet read first.
+//!
+//! `dataset_summary.pkl` maps the name of each file to its metadata, without arrays (lists instead) and sets
+//! (tuples instead); `dataset_mapping.pkl` maps it to the folder that the file lies in, here always `""`. Both
+//! list the files in natural order.
+
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+    str::FromStr,
+};
+
+use sage_core::files::{self, Existing};
+
+use crate::{
+    Error, folder,
+    pickle::{DictWriter, Document, ElementKind, Id, Node, dtype_values},
+    recording,
+};
+
+/// Name of the table of metadata.
+pub const SUMMARY: &str = "dataset_summary.pkl";
+/// Name of the table of folders.
+pub const MAPPING: &str = "dataset_mapping.pkl";
+
+/// Longest part of a file name that comes from a file's content, bytes.
+const LONGEST_NAME: usize = 64;
+
+/// Name of a scene's pickle in a data set, as ScenarioNet builds it: `sd_<dataset>_<version>_<scene>.pkl`.
+///
+/// Dataset and version come from files, so only letters, digits, `.` and `-` of them are kept: no name leads out
+/// of its folder, and an underscore ends each.
+pub fn file_name(dataset: &str, version: &str, scene: &str) -> String {
+    format!("sd_{}_{}_{scene}.pkl", plain(dataset), plain(version))
+}
+
+fn plain(text: &str) -> String {
+    let keep = |c: char| if c.is_ascii_alphanumeric() || c == '.' || c == '-' { c } else { '-' };
+    let plain: String = text.chars().map(keep).take(LONGEST_NAME).collect();
+    if plain.is_empty() { "unknown".to_owned() } else { plain }
+}
+
+/// One of several parts of the scenes of a folder, for runs on several machines: `number` of `of`, from 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Its number, 1 to `of`.
+    pub number: u32,
+    /// Number of shards.
+    pub of: u32,
+}
+
+/// Most shards of a folder.
+const MOST_SHARDS: u32 = 1_000_000;
+
+impl Shard {
+    /// Whether a scene belongs to it: `crc32(name) % of + 1 == number`, with the CRC-32 of zlib over the name's
+    /// UTF-8 bytes.
+    pub fn holds(&self, scene: &str) -> bool {
+        crc32fast::hash(scene.as_bytes()) % self.of + 1 == self.number
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong =
+            || format!("`{text}` is no shard; expected K/N with 1 <= K <= N <= {MOST_SHARDS}, such as 2/8");
+        let (number, of) = text.split_once('/').ok_or_else(wrong)?;
+        let [number, of] = [number, of].map(|part| part.trim().parse::<u32>());
+        match (number, of) {
+            (Ok(number), Ok(of)) if 1 <= number && number <= of && of <= MOST_SHARDS => {
+                Ok(Self { number, of })
+            }
+            _ => Err(wrong()),
+        }
+    }
+}
+
+/// Writes both tables for the pickles of a folder whose names begin with `sd_`; their number. Files are read
+/// in parallel, and one table entry is in memory at a time.
+///
+/// *Errors*: a file of such a name that is no scene; [`Error::Write`].
+pub fn write_tables(folder: &Path) -> Result<usize, Error> {
+    let files = pickles(folder)?;
+    let path = folder.join(SUMMARY);
+    let mut failed = None;
+    let written = files::write_with(&path, Existing::Replace, |out| {
+        let mut table = DictWriter::begin(out)?;
+        let taken = folder::in_order(
+            &files,
+            |file| summary(file),
+            |file, summary| match summary {
+                Ok(summary) => table.add(&name(file), &summary).map_err(Some),
+                Err(error) => {
+                    failed = Some(error);
+                    Err(None)
+                }
+            },
+        );
+        match taken {
+            // The reason is in `failed`; an error keeps the unfinished table from appearing.
+            Err(None) => Err(std::io::ErrorKind::InvalidData.into()),
+            Err(Some(error)) => Err(error),
+            Ok(()) => table.end(),
+        }
+    });
+    if let Some(error) = failed {
+        return Err(error);
+    }
+    written.map_err(|source| Error::Write { path, source })?;
+    let mut mapping = Document::empty();
+    let here = mapping.new_text("");
+    let entries: Vec<(String, Id)> = files.iter().map(|file| (name(file), here)).collect();
+    let root = mapping.new_dict(entries);
+    mapping.set_root(root);
+    let path = folder.join(MAPPING);
+    files::write(&path, &mapping.to_pickle(), Existing::Replace)
+        .map_err(|source| Error::Write { path, source })?;
+    Ok(files.len())
+}
+
+fn name(file: &Path) -> String {
+    file.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Pickles of scenes directly in a folder, in natural order.
+fn pickles(folder: &Path) -> Result<Vec<PathBuf>, Error> {
+    let fail = |source| Error::Read { path: folder.to_owned(), source };
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(fail)? {
+        let path = entry.map_err(fail)?.path();
+        let is_scene = path.file_name().and_then(|name| name.to_str());
+        let is_scene = is_scene.is_some_and(|name| name.starts_with("sd_") && name.ends_with(".pkl"));
+        if is_scene && path.is_file() {
+            files.push(path);
+        }
+    }
+    files.sort_by(|a, b| folder::natural_order(&name(a), &name(b)));
+    Ok(files)
+}
+
+/// The metadata of a file as its table entry: plain values, no array, no set.
+fn summary(file: &Path) -> Result<Document, Error> {
+    let document = recording::parse(file, recording::read_inside(file)?)?;
+    let metadata = document.get(document.root(), "metadata").ok_or_else(|| Error::Field {
+        path: file.to_owned(),
+        field: "metadata".to_owned(),
+        found: "missing".to_owned(),
+        expected: "a dict; a file whose name begins with `sd_` is a scene of the data set".to_owned(),
+    })?;
+    let mut plain = Plain { from: &document, to: Document::empty(), copied: HashMap::new() };
+    let root = plain.copy(metadata);
+    plain.to.set_root(root);
+    Ok(plain.to)
+}
+
+/// Copies values, arrays as lists and sets as tuples. Shared values stay shared, so the copy takes no more room
+/// than the original; nesting is bounded by the reader.
+struct Plain<'d> {
+    from: &'d Document,
+    to: Document,
+    copied: HashMap<Id, Id>,
+}
+
+impl Plain<'_> {
+    fn copy(&mut self, id: Id) -> Id {
+        if let Some(copy) = self.copied.get(&id) {
+            return *copy;
+        }
+        let from = self.from;
+        let node = match from.node(id) {
+            Node::Array(array) => {
+                let shape: Vec<usize> = array.shape.iter().map(|n| *n as usize).collect();
+                let values: Vec<f64> = dtype_values(from, array).collect();
+                let at = |row: usize, column: usize| match (array.fortran, &shape[..]) {
+                    (true, [rows, _]) => values[column * rows + row],
+                    (_, [_, width]) => values[row * width + column],
+                    _ => values[row],
+                };
+                let kind = array.dtype.kind;
+                match shape[..] {
+                    [] => number(kind, values.first().copied().unwrap_or(0.0)),
+                    [rows, width] => {
+                        let row = |row: usize| {
+                            let cells = (0..width).map(|k| number(kind, at(row, k)));
+                            let cells = cells.map(|cell| self.to.push(cell)).collect();
+                            self.to.push(Node::List(cells))
+                        };
+                        Node::List((0..rows).map(row).collect())
+                    }
+                    // Of more axes the values follow each other: no scene has such metadata.
+                    _ => {
+                        let cells = values.iter().map(|value| number(kind, *value));
+                        Node::List(cells.map(|cell| self.to.push(cell)).collect())
+                    }
+                }
+            }
+            Node::Scalar(dtype, span) => {
+                number(dtype.kind, dtype.read(from.bytes(*span)).next().unwrap_or(0.0))
+            }
+            Node::Set(items) | Node::FrozenSet(items) | Node::Tuple(items) => Node::Tuple(self.all(items)),
+            Node::List(items) => Node::List(self.all(items)),
+            Node::Dict(entries) | Node::DefaultDict { entries, .. } => {
+                Node::Dict(entries.iter().map(|(key, value)| (self.copy(*key), self.copy(*value))).collect())
+            }
+            Node::Str(span) => Node::Str(self.to.push_bytes(from.bytes(*span))),
+            Node::Bytes(span) | Node::ByteArray(span) => Node::Bytes(self.to.push_bytes(from.bytes(*span))),
+            Node::BigInt(span) => Node::BigInt(self.to.push_bytes(from.bytes(*span))),
+            node @ (Node::Bool(_) | Node::Int(_) | Node::Float(_)) => node.clone(),
+            _ => Node::None,
+        };
+        let copy = self.to.push(node);
+        self.copied.insert(id, copy);
+        copy
+    }
+
+    fn all(&mut self, items: &[Id]) -> Vec<Id> {
+        items.iter().map(|item| self.copy(*item)).collect()
+    }
+}
+
+fn number(kind: ElementKind, value: f64) -> Node {
+    match kind {
+        ElementKind::Float => Node::Float(value),
+        ElementKind::Bool => Node::Bool(value != 0.0),
+        _ => Node::Int(value as i64),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_files_hold_nothing_that_leads_elsewhere() {
+        assert_eq!(file_name("waymo", "v1.2", "0-lambda0.50"), "sd_waymo_v1.2_0-lambda0.50.pkl");
+        assert_eq!(file_name("../a_b", "MetaDrive v0.3", "x"), "sd_..-a-b_MetaDrive-v0.3_x.pkl");
+        assert_eq!(file_name("", "", "x"), "sd_unknown_unknown_x.pkl");
+    }
+
+    #[test]
+    fn every_scene_belongs_to_one_shard() {
+        // The check value of CRC-32.
+        assert_eq!(crc32fast::hash(b"123456789"), 0xcbf4_3926);
+        for of in [1, 2, 7] {
+            for scene in (0..100).map(|k| k.to_string()) {
+                let holders = (1..=of).filter(|number| Shard { number: *number, of }.holds(&scene)).count();
+                assert_eq!(holders, 1);
+            }
+        }
+    }
+
+    #[test]
+    fn shards_out_of_range_are_refused() {
+        assert_eq!("2/8".parse(), Ok(Shard { number: 2, of: 8 }));
+        for wrong in ["", "1", "0/2", "3/2", "1/0", "-1/2", "1/2/3", "a/b", "1/99999999"] {
+            assert!(wrong.parse::<Shard>().unwrap_err().contains("1 <= K <= N"), "{wrong}");
+        }
+    }
+}

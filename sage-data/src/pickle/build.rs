@@ -1,0 +1,28 @@
+//! New values for a document.
+
+use super::{Document, Id, Node};
+
+impl Document {
+    /// A new str.
+    pub(crate) fn new_text(&mut self, text: &str) -> Id {
+        let span = self.push_bytes(text.as_bytes());
+        self.push(Node::Str(span))
+    }
+
+    /// A new int.
+    pub(crate) fn new_int(&mut self, value: usize) -> Id {
+        self.push(Node::Int(value as i64))
+    }
+
+    /// A new dict with the given keys.
+    pub(crate) fn new_dict<K: AsRef<str>>(&mut self, entries: impl IntoIterator<Item = (K, Id)>) -> Id {
+        let entries = entries.into_iter().map(|(key, value)| (self.new_text(key.as_ref()), value)).collect();
+        self.push(Node::Dict(entries))
+    }
+
+    /// A copy of a value, for a change that other holders of the value must not see. What it holds is shared.
+    pub(crate) fn shallow_copy(&mut self, id: Id) -> Id {
+        let node = self.node(id).clone();
+        self.push(node)
+    }
+}

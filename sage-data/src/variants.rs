@@ -1,0 +1,117 @@
+//! Many variants of one recording, each with other tracks, as scene files.
+
+use std::path::{Path, PathBuf};
+
+use sage_core::scene::Scene;
+
+use crate::{Error, Recording, metadrive, native, pickle::Document};
+
+/// Key of a written file's metadata that tells how the scene was derived from its source.
+pub const PROVENANCE: &str = "sage_provenance";
+
+/// Writes variants of a recording. What they share is prepared once.
+///
+/// A pickle is complete as MetaDrive 0.4.3 reads it: object and number summaries are those of the variant. All
+/// other values are those of the source.
+pub struct VariantWriter {
+    path: PathBuf,
+    /// The values of the file, completed, with the scene as it was read; none for a procedural scene.
+    source: Option<(Document, Scene)>,
+    dataset: String,
+    version: String,
+}
+
+impl VariantWriter {
+    /// For the variants of a recording.
+    ///
+    /// *Errors*: a native file whose source is damaged.
+    pub fn new(recording: &Recording) -> Result<Self, Error> {
+        let path = recording.path.clone();
+        let Some(document) = recording.document()? else {
+            let document = metadrive::fresh(&recording.scene);
+            let [dataset, version] = names(&document);
+            return Ok(Self { path, source: None, dataset, version });
+        };
+        let mut document = document.into_owned();
+        let original = metadrive::decode(&document, &path)?;
+        metadrive::complete(&mut document);
+        let [dataset, version] = names(&document);
+        Ok(Self { path, source: Some((document, original)), dataset, version })
+    }
+
+    /// Name of the data set that the recording is from.
+    pub fn dataset(&self) -> &str {
+        &self.dataset
+    }
+
+    /// Version of the data set, or of the program that wrote it.
+    pub fn version(&self) -> &str {
+        &self.version
+    }
+
+    /// A variant whose files tell their `provenance`.
+    ///
+    /// *Errors*: [`Error::Field`] if the variant has other tracks, frames, map or lights than the recording.
+    pub fn variant<'v>(&'v self, scene: &'v Scene, provenance: &'v str) -> Result<Variant<'v>, Error> {
+        let mut document = None;
+        if let Some((source, original)) = &self.source {
+            let mut changed = source.clone();
+            for id in metadrive::write_changes(&mut changed, scene, original, &self.path)? {
+                metadrive::update(&mut changed, id);
+            }
+            metadrive::annotate(&mut changed, PROVENANCE, provenance);
+            document = Some(changed);
+        }
+        Ok(Variant { path: &self.path, scene, provenance, document })
+    }
+}
+
+/// Data set and version that a file names.
+fn names(document: &Document) -> [String; 2] {
+    let root = document.root();
+    let metadata = document.get(root, "metadata");
+    let dataset = metadata.and_then(|metadata| document.get(metadata, "dataset"));
+    [dataset, document.get(root, "version")].map(|value| {
+        value
+            .and_then(|value| document.text(value))
+            .filter(|text| !text.is_empty())
+            .unwrap_or("unknown")
+            .to_owned()
+    })
+}
+
+/// One variant of a recording.
+pub struct Variant<'v> {
+    path: &'v Path,
+    scene: &'v Scene,
+    provenance: &'v str,
+    /// The values of its pickle; none for a procedural scene.
+    document: Option<Document>,
+}
+
+impl Variant<'_> {
+    /// It as a MetaDrive pickle, with [`PROVENANCE`] in the metadata.
+    pub fn to_pickle(&self) -> Vec<u8> {
+        match &self.document {
+            Some(document) => document.to_pickle(),
+            None => {
+                let mut document = metadrive::fresh(self.scene);
+                metadrive::annotate(&mut document, PROVENANCE, self.provenance);
+                document.to_pickle()
+            }
+        }
+    }
+
+    /// It as a native file, with its provenance in the source's metadata, or among the notes if there is no
+    /// source.
+    ///
+    /// *Errors*: as [`Recording::to_native`].
+    pub fn to_native(&self) -> Result<Vec<u8>, Error> {
+        if self.document.is_some() {
+            return native::encode(self.scene, self.document.as_ref(), self.path);
+        }
+        let mut scene = self.scene.clone();
+        scene.notes.push(format!("{PROVENANCE}: {}", self.provenance));
+        native::encode(&scene, None, self.path)
+    }
+}

@@ -38,7 +38,8 @@ impl Default for Options {
     }
 }
 
-/// The layers. A [`Scope`] gives their parameters by name, so one constructor lists, initialises and loads them.
+/// The layers. A [`Scope`] gives their parameters by name, so one constructor lists, initialises and loads
+/// them.
 struct Layers {
     first: Mlp,
     second: Mlp,

@@ -1,4 +1,5 @@
-//! `sage` with your own merger for any number of experts. Each weight comes from the expert that changed it most.
+//! `sage` with your own merger for any number of experts. Each weight comes from the expert that changed it
+//! most.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_merger -- generate examples/crossing.pkl \

@@ -1,5 +1,5 @@
-//! `sage` with your own proposer and the shipped selector. The candidates drive straight on at many decelerations,
-//! and the selector takes the best. It needs no experts.
+//! `sage` with your own proposer and the shipped selector. The candidates drive straight on at many
+//! decelerations, and the selector takes the best. It needs no experts.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_proposer -- generate examples/crossing.pkl \

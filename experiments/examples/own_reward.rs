@@ -1,5 +1,6 @@
-//! `sage` with your own reward: one type and one line of registration. The reward becomes a column of `score` and
-//! of tables. Any objective can use it as a term: `generate --selection` and `finetune --config`.
+//! `sage` with your own reward: one type and one line of registration. The reward becomes a column of
+//! `score` and of tables. Any objective can use it as a term, in `generate --selection` and in
+//! `finetune --config`.
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_reward -- score examples/crossing.pkl \

@@ -5,9 +5,9 @@
 //!     weights/waymo target/data/womd_cat500/dev '{}' '{"dense_goal_radius": 1e9}' > subsampling.md
 //! ```
 //!
-//! Each further argument is a `sage_backbones::subsampling::Subsampling` as JSON. Times are ratios to the time
-//! without subsampling, measured alternately. The other columns are at λ = μ = 0, 0.5 and 1 with the selection
-//! `natural`.
+//! Each further argument is a `sage_backbones::subsampling::Subsampling` as JSON. Times are ratios to the
+//! time without subsampling, measured alternately. The other columns are at λ = μ = 0, 0.5 and 1 with the
+//! selection `natural`.
 
 #![allow(clippy::print_stdout, clippy::print_stderr)] // The program prints its table and its progress.
 

@@ -40,7 +40,7 @@ impl Folder {
 
     /// The same for a folder that may hold something.
     fn claim(path: &Path) -> Result<Self> {
-        std::fs::create_dir_all(path).with_context(|| format!("cannot make `{}`", path.display()))?;
+        make_folder(path)?;
         Ok(Self { path: path.to_owned(), claim: Claim::folder(path, &command())? })
     }
 
@@ -158,6 +158,10 @@ fn refuse_existing(path: &Path, force: bool) -> Result<()> {
     Ok(())
 }
 
+fn make_folder(path: &Path) -> Result<()> {
+    std::fs::create_dir_all(path).with_context(|| format!("cannot make `{}`", path.display()))
+}
+
 /// Refuses an output folder in which an input lies, by its own name or by what a link leads to, or that lies
 /// in a folder of inputs, where the next run would read what this one wrote.
 ///
@@ -165,10 +169,11 @@ fn refuse_existing(path: &Path, force: bool) -> Result<()> {
 pub(crate) fn keep_inputs(
     given: &[PathBuf],
     files: &[PathBuf],
-    out: &Folder,
+    out: &Path,
     outputs: &[PathBuf],
 ) -> Result<()> {
-    let root = out.path().canonicalize()?;
+    make_folder(out)?;
+    let root = out.canonicalize()?;
     let place = |file: &Path| -> Option<PathBuf> {
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         Some(folder.canonicalize().ok()?.join(file.file_name()?))
@@ -176,16 +181,14 @@ pub(crate) fn keep_inputs(
     let inputs: HashSet<PathBuf> =
         files.iter().flat_map(|file| [place(file), file.canonicalize().ok()]).flatten().collect();
     if let Some(output) = outputs.iter().find(|output| inputs.contains(&root.join(output))) {
-        let path = out.path().join(output);
+        let path = out.join(output);
         bail!("`{}` would take the place of an input; name another --out", path.display());
     }
     let is_around = |path: &&PathBuf| path.is_dir() && path.canonicalize().is_ok_and(|p| root.starts_with(p));
     match given.iter().find(is_around) {
-        Some(path) => bail!(
-            "`{}` lies in the input folder `{}`; name another --out",
-            out.path().display(),
-            path.display()
-        ),
+        Some(path) => {
+            bail!("`{}` lies in the input folder `{}`; name another --out", out.display(), path.display())
+        }
         None => Ok(()),
     }
 }
@@ -200,5 +203,5 @@ pub(crate) fn is_disk_full(error: &anyhow::Error) -> bool {
 ///
 /// *Errors*: it is closed or full.
 pub(crate) fn print(text: &str) -> Result<()> {
-    Ok(io::stdout().lock().write_all(terminal::harmless(text).as_bytes())?)
+    Ok(io::stdout().lock().write_all(terminal::escaped(text).as_bytes())?)
 }

@@ -12,7 +12,7 @@ const INTERVAL: Duration = Duration::from_millis(200);
 
 /// Prints a line on stderr. A closed stderr is no error.
 pub(crate) fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{}", terminal::harmless(text));
+    let _ = writeln!(std::io::stderr(), "{}", terminal::escaped(text));
 }
 
 /// Counts work done.

@@ -5,7 +5,7 @@ use std::{borrow::Cow, fmt::Write as _, io};
 use serde::Serialize;
 
 /// Escapes control characters and characters that change the text direction. Line ends stay.
-pub(crate) fn harmless(text: &str) -> Cow<'_, str> {
+pub(crate) fn escaped(text: &str) -> Cow<'_, str> {
     if !text.chars().any(|c| controls_terminal(c) && c != '\n') {
         return Cow::Borrowed(text);
     }
@@ -20,9 +20,9 @@ pub(crate) fn harmless(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// As [`harmless`], for a name within a line: line ends are escaped as well.
-pub(crate) fn harmless_name(text: &str) -> String {
-    harmless(text).replace('\n', "\\n")
+/// As [`escaped`], for a name within a line: line ends are escaped as well.
+pub(crate) fn escaped_name(text: &str) -> String {
+    escaped(text).replace('\n', "\\n")
 }
 
 /// Writes a value as a line of JSON and escapes characters that control a terminal. A parser reads the same
@@ -64,9 +64,9 @@ mod tests {
 
     #[test]
     fn characters_that_control_a_terminal_are_escaped() {
-        assert_eq!(harmless("plain é\n"), "plain é\n");
-        assert_eq!(harmless("\u{1b}[2Ja\u{9b}b\u{202e}c\r"), "\\u{1b}[2Ja\\u{9b}b\\u{202e}c\\u{d}");
-        assert_eq!(harmless_name("a\nb"), "a\\nb");
+        assert_eq!(escaped("plain é\n"), "plain é\n");
+        assert_eq!(escaped("\u{1b}[2Ja\u{9b}b\u{202e}c\r"), "\\u{1b}[2Ja\\u{9b}b\\u{202e}c\\u{d}");
+        assert_eq!(escaped_name("a\nb"), "a\\nb");
     }
 
     #[test]

@@ -290,7 +290,7 @@ fn a_generator_needs_no_experts_and_follows_the_dial() {
     let output = run(&program, &generate);
     assert_eq!(stdout(&output).lines().count(), 2);
     assert!(!stderr(&output).contains("weights"), "no experts are loaded: {}", stderr(&output));
-    assert!(out.join("crossing-1.00.pkl").is_file());
+    assert!(pickle(&out, "crossing-lambda1.00").is_file());
     let table = folder.path().join("table");
     let bench =
         ["bench", "open-loop", &scene, "--methods", "brake", "--lambda", "0,1", "--out", text(&table)];

@@ -51,7 +51,7 @@ fn experts_are_tuned_from_either_network_merged_and_used() {
         let scene = example();
         let arguments =
             ["generate", &scene, "--weights", text(&experts), "--lambda", "0.5", "--out", text(&out)];
-        assert!(stdout(&sage(&arguments)).starts_with("crossing: "));
+        assert!(stdout(&sage(&arguments)).starts_with("crossing lambda0.50: "));
         // Experts of one prior are refused with another prior.
         let other = folder.path().join(format!("{backbone}-other"));
         std::fs::create_dir(&other).unwrap();
@@ -89,7 +89,7 @@ fn aggression_uses_a_dial_that_calibrate_fits_and_stores_with_the_experts() {
         assert_eq!((row["aggression"].as_f64(), row["lambda"].as_f64()), (Some(a), Some(a)));
     }
     assert_eq!((rows[0]["mu"].as_f64(), rows[2]["mu"].as_f64()), (Some(0.0), Some(1.0)));
-    assert!(out.join("crossing-a0.50.pkl").is_file());
+    assert!(pickle(&out, "crossing-aggression0.50").is_file());
     let both = ["generate", &scene, "--aggression", "1", "--lambda", "1", "--out", "x"];
     assert_eq!(sage(&both).status.code(), Some(2));
 

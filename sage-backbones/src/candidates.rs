@@ -22,7 +22,7 @@ pub enum Selection {
 /// Selects up to `k` modes, in descending order of log-probability, ties by lower index.
 ///
 /// `ends` are the end points of the modes; only suppression reads them. Only the Gumbel draw uses `rng`.
-pub fn choose(
+pub fn select(
     log_probs: &[f32],
     ends: &[[f32; 2]],
     k: usize,
@@ -111,16 +111,16 @@ mod tests {
 
     #[test]
     fn top_k_selects_the_likeliest_and_the_first_of_equals() {
-        assert_eq!(choose(&LOG_PROBS, &ENDS, 3, Selection::TopK, &mut rng()), [1, 3, 0]);
-        assert_eq!(choose(&LOG_PROBS, &ENDS, 9, Selection::TopK, &mut rng()), [1, 3, 0, 4, 2]);
-        assert!(choose(&LOG_PROBS, &ENDS, 0, Selection::TopK, &mut rng()).is_empty());
+        assert_eq!(select(&LOG_PROBS, &ENDS, 3, Selection::TopK, &mut rng()), [1, 3, 0]);
+        assert_eq!(select(&LOG_PROBS, &ENDS, 9, Selection::TopK, &mut rng()), [1, 3, 0, 4, 2]);
+        assert!(select(&LOG_PROBS, &ENDS, 0, Selection::TopK, &mut rng()).is_empty());
     }
 
     #[test]
     fn suppression_separates_ends_and_adds_the_likeliest_of_the_rest() {
         let nms = Selection::Nms { radius: 3.0 };
-        assert_eq!(choose(&LOG_PROBS, &ENDS, 3, nms, &mut rng()), [1, 4, 2]);
-        assert_eq!(choose(&LOG_PROBS, &ENDS, 4, nms, &mut rng()), [1, 3, 4, 2], "one of the rest");
+        assert_eq!(select(&LOG_PROBS, &ENDS, 3, nms, &mut rng()), [1, 4, 2]);
+        assert_eq!(select(&LOG_PROBS, &ENDS, 4, nms, &mut rng()), [1, 3, 4, 2], "one of the rest");
         assert_eq!(suppressed(&ranked(&LOG_PROBS), &ENDS, 9, 3.0), [1, 4, 2]);
     }
 
@@ -131,12 +131,12 @@ mod tests {
         let mut counts = [0; 3];
         let mut rng = rng();
         for _ in 0..20_000 {
-            counts[choose(&p, &ends, 1, Selection::Gumbel, &mut rng)[0]] += 1;
+            counts[select(&p, &ends, 1, Selection::Gumbel, &mut rng)[0]] += 1;
         }
         for (count, p) in counts.iter().zip([0.5, 0.3, 0.2]) {
             assert!((f64::from(*count) / 20_000.0 - p).abs() < 0.012, "{counts:?}");
         }
-        let draw = || choose(&LOG_PROBS, &ENDS, 3, Selection::Gumbel, &mut self::rng());
+        let draw = || select(&LOG_PROBS, &ENDS, 3, Selection::Gumbel, &mut self::rng());
         assert_eq!(draw(), draw());
     }
 }

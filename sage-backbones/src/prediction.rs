@@ -11,7 +11,7 @@ use sage_core::{
 use crate::{
     Error,
     backbone::{MotionModel, finite, to_world},
-    candidates::{Selection, choose},
+    candidates::{Selection, select},
     encoding::Encoding,
     features::Features,
 };
@@ -55,7 +55,7 @@ pub fn propose(
 ) -> Result<Vec<Predicted>, Error> {
     let log_probs: Vec<f32> = finite(&network.log_probs(encoding)?)?;
     let ends = network.mode_ends(encoding)?;
-    let modes = choose(&log_probs, &ends, k, selection, rng);
+    let modes = select(&log_probs, &ends, k, selection, rng);
     let features = encoding.features();
     let trajectories = to_world(&network.trajectories(encoding, &modes)?, features)?;
     let predicted = |(mode, trajectory): (usize, Trajectory)| Predicted {

@@ -1,8 +1,7 @@
-//! Files in and out: bounded reads, atomic writes, and one run at a time in an output folder.
+//! File input and output: reads with a size limit, atomic writes, and exclusive claims on output folders.
 //!
-//! Every crate and command reads and writes through these functions, so that what they promise holds
-//! everywhere: no read without a limit, no half-written file under its final name, no leftover of a
-//! run that failed.
+//! All crates and commands use these functions, so three properties hold everywhere. Every read has a size
+//! limit. A file under its final name is complete. A run that fails leaves no temporary files.
 
 mod claim;
 mod read;
@@ -14,8 +13,8 @@ pub use write::{Existing, discard_unfinished, write, write_all, write_with};
 
 use std::io::ErrorKind;
 
-/// Whether an error means that nothing more can be written there: the disk or the quota is full, or the
-/// file may not grow further.
+/// True if an error means that nothing more can be written: the disk or the quota is full, or the file has
+/// its maximum size.
 pub fn is_disk_full(error: &std::io::Error) -> bool {
     matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge)
 }

@@ -6,7 +6,7 @@ mod light;
 mod map;
 mod track;
 
-pub use adversary::{choose_adversary, path_conflict};
+pub use adversary::{path_conflict, select_adversary};
 pub use index::SceneIndex;
 pub use light::{LightState, TrafficLight};
 pub use map::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor};
@@ -50,7 +50,7 @@ pub struct Scene {
 pub enum AdversaryOrigin {
     /// The file names exactly one object of interest beside the ego.
     File,
-    /// Selected by the conflict of its logged path with the ego's ([`choose_adversary`]).
+    /// Selected by the conflict of its logged path with the ego's ([`select_adversary`]).
     Conflict,
     /// Named by the user.
     User,
@@ -105,7 +105,7 @@ impl Scene {
                 );
             }
             if adversary.is_none() {
-                (self.adversary, self.adversary_origin) = choose_adversary(&self.tracks, self.ego);
+                (self.adversary, self.adversary_origin) = select_adversary(&self.tracks, self.ego);
             }
         }
         if let Some(id) = adversary {

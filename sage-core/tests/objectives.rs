@@ -70,7 +70,7 @@ fn a_union_measures_the_terms_of_all_its_objectives() {
         let together = union.evaluate(candidate, ctx);
         for own in &all {
             let evaluation = own.evaluate(candidate, ctx);
-            let positions = own.places_in(&union).unwrap();
+            let positions = own.term_indices_in(&union).unwrap();
             let terms: Vec<_> = positions.iter().map(|position| together.terms[*position]).collect();
             assert_eq!(terms, evaluation.terms);
             assert_eq!(own.value_of(&terms, together.cost(), 0.4), own.value(&evaluation, 0.4));
@@ -80,9 +80,9 @@ fn a_union_measures_the_terms_of_all_its_objectives() {
         objective(r#"{"terms": [{"name": "realism", "weight": -1}], "feasibility": {"name": "strict"}}"#);
     let error = Objective::union(&[&all[0], &strict]).err().unwrap().to_string();
     assert!(error.contains("the rules `paper` and `strict`"), "{error}");
-    assert_eq!(strict.places_in(&union), Some(vec![1]));
+    assert_eq!(strict.term_indices_in(&union), Some(vec![1]));
     let other = objective(r#"{"terms": [{"name": "impact-speed", "weight": 1}]}"#);
-    assert_eq!(other.places_in(&union), None);
+    assert_eq!(other.term_indices_in(&union), None);
 }
 
 #[test]

@@ -1,9 +1,9 @@
 //! Folders of scenes as ScenarioNet data sets: names of files, shards, and the two tables that MetaDrive and
 //! ScenarioNet read first.
 //!
-//! `dataset_summary.pkl` maps the name of each file to its metadata, without arrays (lists instead) and sets
-//! (tuples instead); `dataset_mapping.pkl` maps it to the folder that the file lies in, here always `""`. Both
-//! list the files in natural order.
+//! `dataset_summary.pkl` maps each file name to the metadata of the file, with lists instead of arrays and
+//! tuples instead of sets. `dataset_mapping.pkl` maps each file name to the folder of the file, here always
+//! `""`. Both list the files in natural order.
 
 use std::{
     collections::HashMap,
@@ -24,38 +24,38 @@ pub const SUMMARY: &str = "dataset_summary.pkl";
 /// Name of the table of folders.
 pub const MAPPING: &str = "dataset_mapping.pkl";
 
-/// Longest part of a file name that comes from a file's content, bytes.
+/// Length limit of a part of a file name that comes from the content of a file, bytes.
 const LONGEST_NAME: usize = 64;
 
 /// Name of a scene's pickle in a data set, as ScenarioNet builds it: `sd_<dataset>_<version>_<scene>.pkl`.
 ///
-/// Dataset and version come from files, so only letters, digits, `.` and `-` of them are kept: no name leads out
-/// of its folder, and an underscore ends each.
+/// Dataset and version come from files, so any character other than a letter, digit, `.` or `-` becomes `-`.
+/// Then no name leads out of its folder, and underscores separate only the parts.
 pub fn file_name(dataset: &str, version: &str, scene: &str) -> String {
     format!("sd_{}_{}_{scene}.pkl", plain(dataset), plain(version))
 }
 
 fn plain(text: &str) -> String {
-    let keep = |c: char| if c.is_ascii_alphanumeric() || c == '.' || c == '-' { c } else { '-' };
-    let plain: String = text.chars().map(keep).take(LONGEST_NAME).collect();
+    let replaced = |c: char| if c.is_ascii_alphanumeric() || c == '.' || c == '-' { c } else { '-' };
+    let plain: String = text.chars().map(replaced).take(LONGEST_NAME).collect();
     if plain.is_empty() { "unknown".to_owned() } else { plain }
 }
 
-/// One of several parts of the scenes of a folder, for runs on several machines: `number` of `of`, from 1.
+/// One of several parts of the scenes of a folder, for runs on several machines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// Its number, 1 to `of`.
+    /// Number of the shard, 1 to `of`.
     pub number: u32,
     /// Number of shards.
     pub of: u32,
 }
 
-/// Most shards of a folder.
+/// Maximum number of shards of a folder.
 const MOST_SHARDS: u32 = 1_000_000;
 
 impl Shard {
-    /// Whether a scene belongs to it: `crc32(name) % of + 1 == number`, with the CRC-32 of zlib over the name's
-    /// UTF-8 bytes.
+    /// True if a scene belongs to the shard: `crc32(name) % of + 1 == number`, with the CRC-32 of zlib over the
+    /// UTF-8 bytes of the name.
     pub fn holds(&self, scene: &str) -> bool {
         crc32fast::hash(scene.as_bytes()) % self.of + 1 == self.number
     }
@@ -78,12 +78,15 @@ impl FromStr for Shard {
     }
 }
 
-/// Writes both tables for the pickles of a folder whose names begin with `sd_`; their number. Files are read
-/// in parallel, and one table entry is in memory at a time.
+/// Writes both tables for the pickles of a folder whose names begin with `sd_`. Returns their number. Files are
+/// read in parallel, and the summary is written entry by entry.
 ///
-/// *Errors*: a file of such a name that is no scene; [`Error::Write`].
+/// *Errors*: a file with such a name that is not a scene; [`Error::Write`].
 pub fn write_tables(folder: &Path) -> Result<usize, Error> {
     let files = pickles(folder)?;
+    if files.is_empty() {
+        return Ok(0);
+    }
     let path = folder.join(SUMMARY);
     let mut failed = None;
     let written = files::write_with(&path, Existing::Replace, |out| {
@@ -100,7 +103,7 @@ pub fn write_tables(folder: &Path) -> Result<usize, Error> {
             },
         );
         match taken {
-            // The reason is in `failed`; an error keeps the unfinished table from appearing.
+            // The error is in `failed`. This one only prevents the rename of the incomplete table.
             Err(None) => Err(std::io::ErrorKind::InvalidData.into()),
             Err(Some(error)) => Err(error),
             Ok(()) => table.end(),
@@ -111,8 +114,8 @@ pub fn write_tables(folder: &Path) -> Result<usize, Error> {
     }
     written.map_err(|source| Error::Write { path, source })?;
     let mut mapping = Document::empty();
-    let here = mapping.new_text("");
-    let entries: Vec<(String, Id)> = files.iter().map(|file| (name(file), here)).collect();
+    let same_folder = mapping.new_text("");
+    let entries: Vec<(String, Id)> = files.iter().map(|file| (name(file), same_folder)).collect();
     let root = mapping.new_dict(entries);
     mapping.set_root(root);
     let path = folder.join(MAPPING);
@@ -125,7 +128,7 @@ fn name(file: &Path) -> String {
     file.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// Pickles of scenes directly in a folder, in natural order.
+/// Pickles of scenes that lie directly in a folder, in natural order.
 fn pickles(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let fail = |source| Error::Read { path: folder.to_owned(), source };
     let mut files = Vec::new();
@@ -141,7 +144,7 @@ fn pickles(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-/// The metadata of a file as its table entry: plain values, no array, no set.
+/// The metadata of a file as its entry of the summary: plain values without arrays and sets.
 fn summary(file: &Path) -> Result<Document, Error> {
     let document = recording::parse(file, recording::read_inside(file)?)?;
     let metadata = document.get(document.root(), "metadata").ok_or_else(|| Error::Field {
@@ -156,8 +159,8 @@ fn summary(file: &Path) -> Result<Document, Error> {
     Ok(plain.to)
 }
 
-/// Copies values, arrays as lists and sets as tuples. Shared values stay shared, so the copy takes no more room
-/// than the original; nesting is bounded by the reader.
+/// Copies values: arrays become lists, and sets become tuples. Shared values stay shared, so the copy is not
+/// larger than the original. The reader limits the depth of nesting.
 struct Plain<'d> {
     from: &'d Document,
     to: Document,
@@ -190,7 +193,7 @@ impl Plain<'_> {
                         };
                         Node::List((0..rows).map(row).collect())
                     }
-                    // Of more axes the values follow each other: no scene has such metadata.
+                    // Arrays of more axes are flattened; no known scene has such metadata.
                     _ => {
                         let cells = values.iter().map(|value| number(kind, *value));
                         Node::List(cells.map(|cell| self.to.push(cell)).collect())
@@ -234,7 +237,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_files_hold_nothing_that_leads_elsewhere() {
+    fn file_names_do_not_lead_out_of_the_folder() {
         assert_eq!(file_name("waymo", "v1.2", "0-lambda0.50"), "sd_waymo_v1.2_0-lambda0.50.pkl");
         assert_eq!(file_name("../a_b", "MetaDrive v0.3", "x"), "sd_..-a-b_MetaDrive-v0.3_x.pkl");
         assert_eq!(file_name("", "", "x"), "sd_unknown_unknown_x.pkl");

@@ -14,19 +14,21 @@ use crate::{
     recording,
 };
 
-/// Scenes read between two hand-overs to the caller. Rows wait, not scenes: memory holds as many
-/// scenes as there are threads, however long the folder.
+/// Number of files that are read before their results go to the caller. Memory holds this many results, but
+/// only one scene per thread.
 const WINDOW: usize = 64;
 
-/// Endings of scene files.
+/// File name endings of scene files.
 const ENDINGS: [&str; 2] = [".pkl", ".safetensors"];
 
-/// Scene files under a path, in natural order: the file itself; the files that
-/// `dataset_summary.pkl` lists, at the places that `dataset_mapping.pkl` gives; else every `.pkl`
-/// and `.safetensors` below the folder.
+/// Scene files under a path, in natural order.
 ///
-/// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for one
-/// without scenes, [`Error::Field`] for a summary whose names are not those of files.
+/// A path that is not a folder is the only file. In a folder they are the files that `dataset_summary.pkl`
+/// lists, in the folders that `dataset_mapping.pkl` gives. Without a summary they are all `.pkl` and
+/// `.safetensors` files below the folder.
+///
+/// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for a folder without
+/// scenes, [`Error::Field`] for a summary whose names are not file names.
 pub fn scene_files(path: &Path) -> Result<Vec<PathBuf>, Error> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);
@@ -40,8 +42,8 @@ pub fn scene_files(path: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-/// Applies `read` to every file in parallel and hands the results to `take` in the order of the
-/// files. Stops at the first `Err` of `take` and returns it.
+/// Applies `read` to every file in parallel and passes the results to `take` in the order of the files. Stops
+/// at the first `Err` of `take` and returns it.
 pub fn in_order<T: Send, E>(
     files: &[PathBuf],
     read: impl Fn(&Path) -> T + Sync,
@@ -56,8 +58,7 @@ pub fn in_order<T: Send, E>(
     Ok(())
 }
 
-/// Scene files below a folder. Links are followed, each folder once; what is neither file nor
-/// folder (pipes, sockets) is passed over.
+/// Scene files below a folder. Links are followed, each folder once. Pipes, sockets and devices are skipped.
 fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut files = Vec::new();
     let mut open = vec![root.to_owned()];
@@ -70,7 +71,7 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
         for entry in std::fs::read_dir(&folder).map_err(fail)? {
             let path = entry.map_err(fail)?.path();
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            // A link to nowhere is no scene.
+            // A dangling link is skipped.
             let Ok(found) = std::fs::metadata(&path) else { continue };
             if found.is_dir() {
                 open.push(path);
@@ -97,7 +98,7 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
     };
     let listed = match table(summary) {
         Ok(listed) => listed,
-        // Summaries of very large sets outgrow what is read of one file; the files are there anyway.
+        // The summary of a very large data set exceeds the size limit, so the folder is searched instead.
         Err(Error::TooLarge { .. }) => return walk(root),
         Err(Error::Pickle { problem, .. }) if matches!(problem.kind, PickleProblem::TooMuch(_)) => {
             return walk(root);
@@ -132,8 +133,8 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
         if !is_plain_name(name) {
             return Err(wrong(format!("`{}`", name.escape_debug()), "a file name without a folder"));
         }
-        // A mapping may point beside the folder, since ScenarioNet merges data sets that way, but an
-        // absolute one would let a summary name any file of the machine.
+        // ScenarioNet merges data sets with mappings that point outside the folder. An absolute path is refused,
+        // because a data set could then name any file of the machine.
         if Path::new(folder).has_root() || Path::new(folder).is_absolute() {
             let found = format!("in `{}`", folder.escape_debug());
             return Err(wrong(found, "a folder relative to the summary's"));
@@ -147,22 +148,22 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-/// Whether a name is that of a file, with no way into another folder on any system.
+/// True if a name is a plain file name, which cannot lead into another folder on any system.
 fn is_plain_name(name: &str) -> bool {
     let mut parts = Path::new(name).components();
     matches!((parts.next(), parts.next()), (Some(Component::Normal(_)), None))
         && !name.contains(['/', '\\', '\0'])
 }
 
-/// Where a file lies below a folder; its bare name if it lies elsewhere. Never leads out of a folder
-/// that it is joined to.
+/// Path of a file relative to a folder; its bare name if the file is not below the folder. The result never
+/// leads out of a folder that it is joined to.
 pub fn name_below(root: &Path, file: &Path) -> PathBuf {
     let is_down = |below: &&Path| below.components().all(|part| matches!(part, Component::Normal(_)));
     let below = file.strip_prefix(root).ok().filter(is_down);
     below.map_or_else(|| file.file_name().map(PathBuf::from).unwrap_or_default(), Path::to_owned)
 }
 
-/// Order in which `2.pkl` comes before `10.pkl`.
+/// Natural order: `2.pkl` comes before `10.pkl`.
 pub fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut a, mut b) = (a, b);
     loop {

@@ -1,4 +1,4 @@
-//! A scene together with the file it came from.
+//! A scene together with its source file.
 
 use std::{
     borrow::Cow,
@@ -13,25 +13,25 @@ use sage_core::{
 
 use crate::{Error, Format, metadrive, native, pickle::Document};
 
-/// Largest scene file that is read, bytes. The largest of the public ones hold 2 MB.
+/// Size limit of a scene file, bytes. The largest public ones have 2 MB.
 pub const MAX_FILE: u64 = 256 << 20;
 
-/// Longest that the lines of a map may be together, metres. Of 30 public maps none has more than 21 km.
+/// Limit of the total length of the lines of a map, metres. None of 30 public maps has more than 21 km.
 /// Without a limit a small file could make every search among lines slow.
 const MAX_LINES: f64 = 16e6;
 
-/// A scene and what its file holds beyond it.
+/// A scene and its source.
 #[derive(Clone, Debug)]
 pub struct Recording {
     /// The file.
     pub path: PathBuf,
     /// The scene.
     pub scene: Scene,
-    /// What else the file holds.
+    /// The other content of the file.
     pub source: Source,
 }
 
-/// Refuses a map whose lines are too long together.
+/// Refuses a map whose lines exceed [`MAX_LINES`].
 fn check_lines(scene: &Scene, path: &Path) -> Result<(), Error> {
     let map = &scene.map;
     if bound_of_lines(&map.points) <= MAX_LINES {
@@ -45,18 +45,18 @@ fn check_lines(scene: &Scene, path: &Path) -> Result<(), Error> {
     Err(Error::Field {
         path: path.to_owned(),
         field: "map_features".to_owned(),
-        found: format!("lines of {:.0} km together", 1e-3 * length),
+        found: format!("lines of {:.0} km in total", 1e-3 * length),
         expected: format!("at most {:.0} km", 1e-3 * MAX_LINES),
     })
 }
 
-/// At least the length of the lines through some points, found fast: along the axes, and from each feature
-/// to the next as well.
+/// Upper bound on the total length of the lines, fast to compute: the sum of the steps along each axis,
+/// including the steps from one feature to the next.
 fn bound_of_lines(points: &[[f64; 3]]) -> f64 {
     let from = points.as_flattened();
     let to = from.get(3..).unwrap_or_default();
     let (mut from, mut to) = (from[..to.len()].chunks_exact(8), to.chunks_exact(8));
-    // Eight sums, because each addition waits for the one before.
+    // Eight independent sums, because each addition depends on the previous one.
     let mut sums = [0.0f64; 8];
     for (from, to) in from.by_ref().zip(to.by_ref()) {
         for lane in 0..8 {
@@ -67,12 +67,12 @@ fn bound_of_lines(points: &[[f64; 3]]) -> f64 {
     sums.iter().sum::<f64>() + rest
 }
 
-/// Where a scene came from.
+/// Source of a scene.
 #[derive(Clone, Debug)]
 pub enum Source {
     /// A MetaDrive pickle, with all its values.
     Pickle(Document),
-    /// A native file, by its bytes: its source is unpacked when it is asked for.
+    /// A native file, as bytes; its MetaDrive source is unpacked on demand.
     Native(Vec<u8>),
     /// No file: the scene is procedural.
     Procedural,
@@ -86,7 +86,7 @@ impl Recording {
         Self::from_bytes(path, read_bytes(path)?)
     }
 
-    /// Reads and checks the bytes of a scene file; `path` only names it.
+    /// Reads and checks the bytes of a scene file. `path` only names the file in errors and in the result.
     ///
     /// *Errors*: as [`Recording::read`].
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
@@ -106,7 +106,7 @@ impl Recording {
         Self { path: PathBuf::from(&scene.id), scene, source: Source::Procedural }
     }
 
-    /// All values of the MetaDrive file behind the scene; `None` if there was none.
+    /// All values of the MetaDrive source; `None` if there is none.
     ///
     /// *Errors*: a native file whose source is damaged.
     pub fn document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
@@ -117,7 +117,7 @@ impl Recording {
         })
     }
 
-    /// Whether the scene is procedural: it has no source, or its source names this project as its data set.
+    /// True if the scene is procedural: it has no source, or its source names this project as its data set.
     ///
     /// *Errors*: a native file whose source is damaged.
     pub fn is_procedural(&self) -> Result<bool, Error> {
@@ -127,9 +127,10 @@ impl Recording {
         Ok(dataset.and_then(|dataset| document.text(dataset)) == Some(metadrive::PROCEDURAL_DATASET))
     }
 
-    /// The recording as a MetaDrive pickle. Where the scene is as it was read, keys, types, shapes
-    /// and values are those of the source; tracks that were changed are written in their place. A
-    /// scene without a source becomes a new file with 32-bit floats.
+    /// The recording as a MetaDrive pickle.
+    ///
+    /// Keys, types, shapes and values are those of the source, except for changed tracks, which replace those
+    /// of the source. A scene without a source becomes a new file with 32-bit floats.
     ///
     /// *Errors*: as [`metadrive::encode`] and [`Recording::document`].
     pub fn to_pickle(&self) -> Result<Vec<u8>, Error> {
@@ -146,14 +147,14 @@ impl Recording {
         native::encode(&self.scene, self.written()?.as_ref(), &self.path)
     }
 
-    /// The source with the scene's tracks in place of its own.
+    /// The source with the tracks of the scene.
     fn written(&self) -> Result<Option<Document>, Error> {
         let Some(source) = self.document()? else { return Ok(None) };
         Ok(Some(metadrive::encode(&self.scene, &source, &self.path)?))
     }
 
-    /// Writes the recording whole or not at all, over what is there: as a native file if the name ends
-    /// in `.safetensors`, as a MetaDrive pickle otherwise.
+    /// Writes the recording atomically and replaces an existing file. The format is native if the name ends in
+    /// `.safetensors`, and a MetaDrive pickle otherwise.
     ///
     /// *Errors*: [`Error::Write`], or as [`Recording::to_pickle`].
     pub fn write(&self, path: &Path) -> Result<(), Error> {
@@ -169,14 +170,14 @@ pub(crate) fn parse(path: &Path, bytes: Vec<u8>) -> Result<Document, Error> {
     Document::parse(bytes).map_err(|problem| Error::Pickle { path: path.to_owned(), problem })
 }
 
-/// The bytes of a scene file that the user named or that lies in a folder, for [`Recording::from_bytes`].
+/// The bytes of a scene file that the user gave or that is in a folder, for [`Recording::from_bytes`].
 ///
 /// *Errors*: [`Error::Read`]; [`Error::TooLarge`] beyond [`MAX_FILE`].
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
     read_with(path, files::read_argument)
 }
 
-/// The bytes of a file that lies in a folder: nothing but a regular file.
+/// The bytes of a file in a folder, which must be a regular file.
 pub(crate) fn read_inside(path: &Path) -> Result<Vec<u8>, Error> {
     read_with(path, files::read)
 }
@@ -193,7 +194,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_bound_of_lines_is_no_less_than_their_length() {
+    fn the_bound_of_lines_is_the_sum_of_steps_along_the_axes() {
         for n in 0..40 {
             let points: Vec<[f64; 3]> = (0..n).map(|k| [f64::from(k * k), f64::from(-3 * k), 0.0]).collect();
             let step = |w: &[[f64; 3]]| (w[1][0] - w[0][0]).abs() + (w[1][1] - w[0][1]).abs();

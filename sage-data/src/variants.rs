@@ -1,4 +1,4 @@
-//! Many variants of one recording, each with other tracks, as scene files.
+//! Variants of one recording with changed tracks, as scene files.
 
 use std::path::{Path, PathBuf};
 
@@ -6,23 +6,23 @@ use sage_core::scene::Scene;
 
 use crate::{Error, Recording, metadrive, native, pickle::Document};
 
-/// Key of a written file's metadata that tells how the scene was derived from its source.
+/// Metadata key of a written file for the provenance: how the scene was derived from its source.
 pub const PROVENANCE: &str = "sage_provenance";
 
-/// Writes variants of a recording. What they share is prepared once.
+/// Writes variants of a recording. Their common content is prepared once.
 ///
-/// A pickle is complete as MetaDrive 0.4.3 reads it: object and number summaries are those of the variant. All
-/// other values are those of the source.
+/// A pickle has all values that MetaDrive 0.4.3 reads. Object and number summaries are those of the variant,
+/// and all other values are those of the source.
 pub struct VariantWriter {
     path: PathBuf,
-    /// The values of the file, completed, with the scene as it was read; none for a procedural scene.
+    /// The completed values of the file, and the scene as it was read; none for a procedural scene.
     source: Option<(Document, Scene)>,
     dataset: String,
     version: String,
 }
 
 impl VariantWriter {
-    /// For the variants of a recording.
+    /// Prepares the variants of a recording.
     ///
     /// *Errors*: a native file whose source is damaged.
     pub fn new(recording: &Recording) -> Result<Self, Error> {
@@ -39,17 +39,17 @@ impl VariantWriter {
         Ok(Self { path, source: Some((document, original)), dataset, version })
     }
 
-    /// Name of the data set that the recording is from.
+    /// Name of the recording's data set.
     pub fn dataset(&self) -> &str {
         &self.dataset
     }
 
-    /// Version of the data set, or of the program that wrote it.
+    /// Version of the data set, or of the program that wrote the file.
     pub fn version(&self) -> &str {
         &self.version
     }
 
-    /// A variant whose files tell their `provenance`.
+    /// A variant whose files state their `provenance`.
     ///
     /// *Errors*: [`Error::Field`] if the variant has other tracks, frames, map or lights than the recording.
     pub fn variant<'v>(&'v self, scene: &'v Scene, provenance: &'v str) -> Result<Variant<'v>, Error> {
@@ -66,7 +66,7 @@ impl VariantWriter {
     }
 }
 
-/// Data set and version that a file names.
+/// Data set and version in a file.
 fn names(document: &Document) -> [String; 2] {
     let root = document.root();
     let metadata = document.get(root, "metadata");
@@ -85,12 +85,12 @@ pub struct Variant<'v> {
     path: &'v Path,
     scene: &'v Scene,
     provenance: &'v str,
-    /// The values of its pickle; none for a procedural scene.
+    /// The values of the pickle; none for a procedural scene.
     document: Option<Document>,
 }
 
 impl Variant<'_> {
-    /// It as a MetaDrive pickle, with [`PROVENANCE`] in the metadata.
+    /// The variant as a MetaDrive pickle, with [`PROVENANCE`] in the metadata.
     pub fn to_pickle(&self) -> Vec<u8> {
         match &self.document {
             Some(document) => document.to_pickle(),
@@ -102,8 +102,8 @@ impl Variant<'_> {
         }
     }
 
-    /// It as a native file, with its provenance in the source's metadata, or among the notes if there is no
-    /// source.
+    /// The variant as a native file. Its provenance is in the metadata of the source, or in the notes if there is
+    /// no source.
     ///
     /// *Errors*: as [`Recording::to_native`].
     pub fn to_native(&self) -> Result<Vec<u8>, Error> {

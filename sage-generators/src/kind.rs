@@ -68,7 +68,7 @@ pub struct Facts {
     /// Whether it needs a prior and experts.
     pub needs_experts: bool,
     /// Whether it is an upper bound, for which a table needs one row.
-    pub is_ceiling: bool,
+    pub is_upper_bound: bool,
 }
 
 impl Facts {
@@ -79,7 +79,7 @@ impl Facts {
             depends_on_lambda: false,
             depends_on_mu: false,
             needs_experts: false,
-            is_ceiling: false,
+            is_upper_bound: false,
         }
     }
 

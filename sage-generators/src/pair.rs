@@ -79,7 +79,7 @@ impl<P: ProposerKind, S: SelectorKind> GeneratorKind for Pair<P, S> {
             depends_on_lambda: P::USES_MIXTURE,
             depends_on_mu: S::DEPENDS_ON_MU,
             needs_experts: P::NEEDS_EXPERTS,
-            is_ceiling: P::IS_EXHAUSTIVE,
+            is_upper_bound: P::IS_EXHAUSTIVE,
         }
     }
 

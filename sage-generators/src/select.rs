@@ -13,7 +13,7 @@ use sage_core::{
 use crate::GeneratorInputs;
 
 pub use best::{Best, best_of};
-pub use cat::{CatChoice, CatSelector, cat_plan, cat_select};
+pub use cat::{CatSelection, CatSelector, cat_plan, cat_select};
 pub use first::First;
 
 /// The selected proposal.

@@ -78,7 +78,7 @@ fn generators_that_use_only_history_do_not_depend_on_the_future() {
         if kind.facts().knows == Knowledge::NOW {
             assert_eq!(a, b, "{}", entry.name);
             checked += 1;
-        } else if !kind.facts().is_ceiling && kind.facts().needs_experts {
+        } else if !kind.facts().is_upper_bound && kind.facts().needs_experts {
             // The proposals are equal; the selected one may differ.
             assert_eq!(a[0].candidates, b[0].candidates, "{}", entry.name);
         } else if !kind.facts().needs_experts {

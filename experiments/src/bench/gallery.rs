@@ -108,7 +108,7 @@ fn html_tables(markdown: &str) -> Result<String> {
 }
 
 fn escaped(text: &str) -> String {
-    let text = terminal::harmless(text);
+    let text = terminal::escaped(text);
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

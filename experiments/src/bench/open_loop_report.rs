@@ -137,7 +137,7 @@ pub(crate) fn scenes_csv(table: &Table) -> Result<String> {
             writeln!(
                 out,
                 "{},{},{},{},{},{:.6},{}",
-                field(&terminal::harmless_name(&r.scene)),
+                field(&terminal::escaped_name(&r.scene)),
                 field(&method),
                 r.collision_type.map_or("", CollisionType::name),
                 r.paper.collision_step.map_or(String::new(), |step| step.to_string()),

@@ -1,4 +1,4 @@
-//! Arguments of the commands that make adversarial scenes and compare generators.
+//! Arguments of the commands that generate adversarial scenes and compare generators.
 
 use std::path::PathBuf;
 
@@ -15,51 +15,57 @@ use crate::{
     part::{Part, Parts},
 };
 
-/// Make adversarial scenes: the adversary drives something else than it did, the rest stays.
+/// Generate adversarial scenes: replace the adversary's future and keep everything else.
 ///
-/// Lambda mixes the realistic (0) and the adversarial (1) expert and weighs what the choice prefers, 1
-/// by default; several make a sweep, with one picture of all. Each scene comes out as native file, MetaDrive
-/// pickle, SVG, and JSON with all candidates and their scores. A scene that fails is reported, and the
-/// others go on.
+/// SCENE is a scene file (MetaDrive or ScenarioNet pickle, or native file) or a folder of them. The adversary
+/// is attacked with at each operating point: --lambda, --aggression or --mix (default: lambda 1).
+///
+/// The output folder is a data set that MetaDrive and ScenarioNet read. Each operating point of a scene gives a
+/// pickle, a native file, and a JSON row with all candidates and their scores. Each scene gives one SVG picture
+/// with the attacks at all operating points. The folder also holds `dataset_summary.pkl`,
+/// `dataset_mapping.pkl` and `run.json`. `docs/formats.md`, section 'Data sets', describes all files.
+///
+/// Scenes run in parallel on all cores (see --threads). A finished scene is kept: the same command resumes an
+/// interrupted run, and --force starts again. If a scene fails, the error is printed and the other scenes
+/// continue.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json"
+    after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json\n  sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/"
 )]
 pub(crate) struct GenerateArgs {
-    /// Scene file or folder.
+    /// Scene file, or folder of scene files.
     pub scene: PathBuf,
-    /// Generator.
+    /// Generator, by its name in `sage list`.
     #[arg(long, value_name = "NAME", default_value = "sage")]
     pub method: Part,
-    /// Its options as JSON, as `sage list` names them: '{"candidates": 64}'. The same as
+    /// Options of the generator as JSON, such as '{"candidates": 64}'; `sage list` shows them. The same as
     /// --method 'sage{"candidates": 64}'.
     #[arg(long, value_name = "JSON")]
     pub options: Option<String>,
     #[command(flatten)]
     pub points: OperatingPointArgs,
-    /// What the choice among candidates makes large: an objective by name, as `sage list` shows them, or a
-    /// JSON file.
+    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
     #[arg(long, value_name = "NAME", default_value = "natural")]
     pub selection: String,
     #[command(flatten)]
     pub rule: FeasibilityArgs,
-    /// Take this track as the adversary.
+    /// Use this track as the adversary.
     #[arg(long, value_name = "ID")]
     pub adversary: Option<String>,
-    /// Weights with experts: procedural, waymo or a folder. By default waymo for recordings if it is
-    /// at hand, else procedural.
+    /// Weights of the experts: procedural, waymo or a folder. Default: waymo for recorded scenes if these
+    /// weights are installed, else procedural.
     #[arg(long, value_name = "NAME")]
     pub weights: Option<String>,
-    /// Seed.
+    /// Seed of random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// Print one JSON object for each scene and operating point.
+    /// Print one JSON object per scene and operating point.
     #[arg(long)]
     pub json: bool,
-    /// Scene files to write: MetaDrive pickles, native files, or both.
+    /// Formats of the written scenes.
     #[arg(long, value_enum, default_value_t = DatasetFormat::Both)]
     pub format: DatasetFormat,
-    /// Attack only the K-th of N parts of the scenes, for runs on several machines into one folder.
+    /// Attack only the scenes of shard K of N. Several machines can write all shards into one folder.
     #[arg(long, value_name = "K/N")]
     pub shard: Option<Shard>,
     #[command(flatten)]
@@ -69,19 +75,21 @@ pub(crate) struct GenerateArgs {
 /// Formats of the scene files of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum DatasetFormat {
-    /// Both.
+    /// Pickles and native files.
     Both,
-    /// MetaDrive pickles with the data set's summary and mapping.
+    /// MetaDrive pickles, with `dataset_summary.pkl` and `dataset_mapping.pkl`.
     Pickle,
     /// Native files (safetensors).
     Native,
 }
 
-/// Compare generators against a replayed ego: the paper's table and what it hides.
+/// Compare generators against a replayed ego: the paper's table and further measures.
 ///
-/// Rows are methods at each lambda; columns the paper's measures in both conventions, and how natural
-/// the chosen ways are, paired with the log. A second table shows what the policies do without any
-/// choice. Intervals are 95 % bootstraps over scenes.
+/// A row is a generator at one operating point (default: lambda 0, 0.5 and 1). Columns are the paper's measures
+/// in both conventions, and the naturalness of the selected trajectories as differences from the log. Further
+/// tables show collision types, the policies without selection, and each generator paired with the prior.
+/// Brackets are 95 % intervals over scenes: Wilson's for shares of scenes, bootstraps for other values. The same
+/// command resumes an interrupted run.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sage bench open-loop target/data/womd_cat500/val --weights waymo --methods sage,prior,random,cat,rule,log --lambda 0,0.5,1 --out table/"
@@ -90,69 +98,75 @@ pub(crate) struct OpenLoopArgs {
     /// Scene files and folders.
     #[arg(required_unless_present = "data", value_name = "PATH")]
     pub paths: Vec<PathBuf>,
-    /// The same as an option.
+    /// Further scene files and folders, the same as PATH.
     #[arg(long, value_name = "DIR")]
     pub data: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Generators, with commas; with options as NAME{"option": value}.
+    /// Comma-separated generators; with options as NAME{"option": value}.
     #[arg(long, value_name = "NAMES", default_value = "sage,prior,most-likely,random,oracle,cat,rule,log")]
     pub methods: Parts,
     #[command(flatten)]
     pub points: OperatingPointArgs,
-    /// What the choice among candidates makes large: an objective by name or a JSON file.
+    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
     #[arg(long, value_name = "NAME", default_value = "paper-selection")]
     pub selection: String,
     #[command(flatten)]
     pub rule: FeasibilityArgs,
-    /// Weights with experts: procedural, waymo or a folder.
+    /// Weights of the experts: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
-    /// Seed.
+    /// Seed of random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     #[command(flatten)]
     pub folder: FolderArgs,
 }
 
-/// Fit the even dial of some experts: for each aggression the weight of the choice at which the attack
-/// rate lies on a straight line.
+/// Fit the aggression dial of a set of experts, so that the attack rate rises linearly.
+///
+/// At aggression a, lambda is a. The fit finds the weight mu of the selection at eleven aggressions from 0 to 1,
+/// for each --selection. `--aggression` of other commands reads the result as `dial.json` in the folder of the
+/// experts. Use scenes that the experts were not fine-tuned on.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sage calibrate scenes/ dev-scenes/ --splits splits.json --without-split train --weights experts/ --out experts/dial.json"
 )]
 pub(crate) struct CalibrateArgs {
-    /// Scene files and folders; procedural scenes without any.
+    /// Scene files and folders (default: procedural scenes).
     #[arg(value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Number of procedural scenes if no path is given.
+    /// Number of procedural scenes if no PATH is given.
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
-    /// Weights with experts: procedural, waymo or a folder.
+    /// Weights of the experts: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
-    /// Selections to fit a dial for, with commas: objectives by name, or JSON files.
+    /// Comma-separated objectives to fit a dial for: names in `sage list`, or JSON files.
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "natural,paper-selection")]
     pub selection: Vec<String>,
     #[command(flatten)]
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
-    /// Seed of candidates, and of procedural scenes.
+    /// Seed of candidates and of procedural scenes.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// File to write.
+    /// JSON file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Overwrite it.
+    /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
 }
 
-/// Measure how the dial steers: attack rates along it, how even they are, and what lambda and mu each
-/// bring.
+/// Measure the aggression dial: attack rates at each aggression, their linearity, and the shares of lambda and
+/// mu.
+///
+/// Compares the dial with lambda = mu, and evaluates a grid of lambda and mu. Writes tables as Markdown and CSV,
+/// a chart, and `run.json`.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage bench dial target/data/womd_cat500/val --weights waymo --out dial/")]
 pub(crate) struct DialBenchArgs {
@@ -161,55 +175,56 @@ pub(crate) struct DialBenchArgs {
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Weights with experts and their dial: procedural, waymo or a folder.
+    /// Weights of the experts with their dial: procedural, waymo or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
-    /// What the choice among candidates makes large: an objective by name or a JSON file.
+    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
     #[arg(long, value_name = "NAME", default_value = "natural")]
     pub selection: String,
     #[command(flatten)]
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
-    /// Seed.
+    /// Seed of random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     #[command(flatten)]
     pub folder: FolderArgs,
 }
 
-/// Where the dials are put, for every command that turns them.
+/// Operating points of a command.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct OperatingPointArgs {
-    /// Where between the experts: a number, several with commas, or from:to:step.
+    /// Interpolation weight lambda: 0 is the realistic expert, 1 the adversarial one. A number, a comma-separated
+    /// list, or FROM:TO:STEP.
     #[arg(long, value_name = "L", value_parser = values, allow_hyphen_values = true)]
     pub lambda: Option<Values>,
-    /// Weight mu of the selection, 0 to 1; lambda by default.
+    /// Weight mu of the selection, 0 (realism) to 1 (attack); default: lambda.
     #[arg(long, value_name = "M", value_parser = number, allow_hyphen_values = true)]
     pub mu: Option<f64>,
-    /// One even dial for both, 0 to 1: the attack rate rises in proportion. Same form as --lambda.
+    /// Aggression, 0 to 1: sets lambda and mu such that the attack rate rises linearly. Same form as --lambda.
     #[arg(long, value_name = "A", value_parser = values, allow_hyphen_values = true, conflicts_with_all = ["lambda", "mu"])]
     pub aggression: Option<Values>,
-    /// Weights of any experts, by name: realistic=0.5,adversarial=0.3,lawful=0.2. Mu is the adversarial one's
-    /// weight unless given.
+    /// Weights of the experts by name: realistic=0.5,adversarial=0.3,lawful=0.2. Mu defaults to the weight of
+    /// the adversarial expert.
     #[arg(long, value_name = "NAME=W,...", value_parser = mix, conflicts_with_all = ["lambda", "aggression"])]
     pub mix: Option<Mix>,
     #[command(flatten)]
     pub merging: MergerArgs,
 }
 
-/// What mixes experts, for every command that does.
+/// Merger of a command that mixes experts.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct MergerArgs {
-    /// How the experts are mixed; with options as NAME{"option": value}.
+    /// Merger of the experts, by its name in `sage list`; with options as NAME{"option": value}.
     #[arg(long, value_name = "NAME", default_value = "linear")]
     pub merger: Part,
 }
 
 impl OperatingPointArgs {
-    /// Refuses values out of range, before anything is read.
+    /// Checks all values, before any file is read.
     ///
-    /// *Errors*: the first of them.
+    /// *Errors*: the first value out of range.
     pub(crate) fn check(&self, range: Range) -> Result<()> {
         for lambda in self.lambda.iter().flat_map(|values| &values.0) {
             OperatingPointSpec::at(*lambda, self.mu, range)?;
@@ -222,16 +237,16 @@ impl OperatingPointArgs {
         Ok(self.aggression.iter().flat_map(|values| &values.0).try_for_each(|a| Aggression::check(*a))?)
     }
 
-    /// Names of the operating points, lambda at `otherwise` if nothing is given.
-    pub(crate) fn variants(&self, otherwise: &[f64]) -> Vec<String> {
+    /// Names of the operating points. If none is given, they are at `default_lambdas`.
+    pub(crate) fn variants(&self, default_lambdas: &[f64]) -> Vec<String> {
         if let Some(values) = &self.aggression {
             return values.0.iter().map(|a| aggression_variant(*a)).collect();
         }
-        // Checked before, so nothing is left out.
+        // `check` has refused an invalid mixture, so there is one name.
         if let Some(Mix(mix)) = &self.mix {
             return OperatingPointSpec::mixed(mix, self.mu).iter().map(OperatingPointSpec::variant).collect();
         }
-        let lambdas = self.lambda.as_ref().map_or(otherwise, |values| &values.0);
+        let lambdas = self.lambda.as_ref().map_or(default_lambdas, |values| &values.0);
         let at = |lambda: &f64| OperatingPointSpec {
             aggression: None,
             lambda: Some(*lambda),
@@ -241,14 +256,14 @@ impl OperatingPointArgs {
         lambdas.iter().map(|lambda| at(lambda).variant()).collect()
     }
 
-    /// The operating points, lambda at `otherwise` if nothing is given.
+    /// The operating points. If none is given, they are at `default_lambdas`.
     ///
-    /// *Errors*: one out of range; no dial for these weights and this selection.
+    /// *Errors*: a value out of range; no dial for these weights and this selection.
     pub(crate) fn specs(
         &self,
         dial: impl FnOnce() -> Result<Aggression>,
         range: Range,
-        otherwise: &[f64],
+        default_lambdas: &[f64],
     ) -> Result<Vec<OperatingPointSpec>> {
         if let Some(values) = &self.aggression {
             let dial = dial()?;
@@ -257,7 +272,7 @@ impl OperatingPointArgs {
         if let Some(Mix(mix)) = &self.mix {
             return Ok(vec![OperatingPointSpec::mixed(mix, self.mu)?]);
         }
-        let lambdas = self.lambda.as_ref().map_or(otherwise, |values| &values.0);
+        let lambdas = self.lambda.as_ref().map_or(default_lambdas, |values| &values.0);
         lambdas.iter().map(|lambda| OperatingPointSpec::at(*lambda, self.mu, range)).collect()
     }
 }
@@ -272,23 +287,23 @@ fn mix(text: &str) -> std::result::Result<Mix, String> {
         let (name, weight) = part.split_once('=').ok_or(format!("`{part}` is not NAME=WEIGHT"))?;
         let name = name.trim();
         if weights.iter().any(|(known, _)| known == name) {
-            return Err(format!("`{name}` is weighed twice"));
+            return Err(format!("`{name}` has two weights"));
         }
         weights.push((name.to_owned(), number(weight)?));
     }
     Ok(Mix(weights))
 }
 
-/// What the choice among candidates makes large, for every command that makes one.
+/// Feasibility rule of a command that selects candidates.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct FeasibilityArgs {
-    /// Which rule makes a candidate feasible, in place of the selection's; with options as
+    /// Feasibility rule, by its name in `sage list`, instead of the rule of the selection; with options as
     /// NAME{"option": value}.
     #[arg(long, value_name = "NAME")]
     pub feasibility: Option<Part>,
 }
 
-/// One or more places of a dial.
+/// One or more values of lambda or aggression.
 #[derive(Clone, Debug)]
 pub(crate) struct Values(pub Vec<f64>);
 
@@ -300,7 +315,7 @@ fn number(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-/// Most values of a sweep.
+/// Maximum number of values of a sweep.
 const MOST_VALUES: usize = 1001;
 
 /// Parses `1`, `0,0.5,1` or `0:1:0.1`.
@@ -314,7 +329,7 @@ fn values(text: &str) -> std::result::Result<Values, String> {
         if count >= MOST_VALUES as f64 {
             return Err(format!("{text} has more than {} steps", MOST_VALUES - 1));
         }
-        // Rounded, so that 0.3 is 0.3 and not three times 0.1.
+        // Rounded, because three times 0.1 is not exactly 0.3.
         let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;
         return Ok(Values((0..=(count + 1e-9) as usize).map(at).collect()));
     }

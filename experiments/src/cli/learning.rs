@@ -8,11 +8,11 @@ use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs, attacking::MergerArgs};
 
 /// Train a motion prior on recorded or procedural scenes.
 ///
-/// A training sample is a vehicle that is valid now and in 3 s of its future. An epoch uses the moving vehicles,
-/// at most ten per scene, and a few standing ones; half of the samples are mirrored. After each epoch
-/// the best weights (`prior.safetensors`), the training state (`last.safetensors`) and the curves are written.
-/// The same command resumes an interrupted run with bit-identical results. All scenes are held in memory: about
-/// 3 MB each, 8 GiB at most.
+/// A training sample is a vehicle that is valid now and in 3 s of its future. An epoch uses the moving
+/// vehicles, at most ten per scene, and a few standing ones; half of the samples are mirrored. After each
+/// epoch the best weights (`prior.safetensors`), the training state (`last.safetensors`) and the curves are
+/// written. The same command resumes an interrupted run with bit-identical results. All scenes are held in
+/// memory: about 3 MB each, 8 GiB at most.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sage pretrain target/data/womd_cat500/pretrain --dev target/data/womd_cat500/dev --from procedural --out prior/\n  sage pretrain --procedural 1200 --epochs 6 --out procedural-prior/"
@@ -58,10 +58,10 @@ pub(crate) struct PretrainArgs {
 /// Fine-tune a realistic and an adversarial expert from a prior (HGPO).
 ///
 /// Preference pairs are formed among the policy's own candidates: feasible over infeasible, then higher over
-/// lower by each expert's objective. A --config file can set other objectives or other experts:
-/// {"experts": {"lawful": {"objective": …}, …}}. The encoder and the trajectories stay those of the prior. The
-/// same command resumes an interrupted run. Scenes are held in memory with all their goals: about 12 MB each
-/// with three --roles. The output folder holds `prior.safetensors`, `realistic.safetensors`,
+/// lower by each expert's objective. A --config file can set other objectives or other experts: {"experts":
+/// {"lawful": {"objective": …}, …}}. The encoder and the trajectories stay those of the prior. The same
+/// command resumes an interrupted run. Scenes are held in memory with all their goals: about 12 MB each with
+/// three --roles. The output folder holds `prior.safetensors`, `realistic.safetensors`,
 /// `adversarial.safetensors`, `finetune.csv` and `run.json`; other commands read it with `--weights`.
 #[derive(Debug, Args)]
 #[command(

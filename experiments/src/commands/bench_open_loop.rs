@@ -154,7 +154,7 @@ fn results_of(
     Ok(results)
 }
 
-/// The generators in the order of the table. A ceiling gets only the operating point with the largest μ.
+/// The generators in the order of the table. An upper bound gets only the operating point with the largest μ.
 fn generators(
     args: &OpenLoopArgs,
     registries: &Registries,
@@ -164,8 +164,8 @@ fn generators(
     let largest_mu = points.iter().max_by(|a, b| a.mu.total_cmp(&b.mu));
     let largest_mu: Vec<OperatingPointSpec> = largest_mu.into_iter().cloned().collect();
     let build = |part: &Part| {
-        let is_ceiling = part.build(&registries.generators)?.facts().is_ceiling;
-        BuiltGenerator::new(part, registries, inputs, if is_ceiling { &largest_mu } else { points })
+        let is_upper_bound = part.build(&registries.generators)?.facts().is_upper_bound;
+        BuiltGenerator::new(part, registries, inputs, if is_upper_bound { &largest_mu } else { points })
     };
     let built = args.methods.0.iter().map(build).collect::<Result<Vec<_>>>()?;
     let keys: Vec<RowKey> = built.iter().flat_map(|built| built.keys.clone()).collect();

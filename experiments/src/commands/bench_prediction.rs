@@ -57,7 +57,7 @@ fn table(report: &Report) -> Result<()> {
         writeln!(
             out,
             "| {} | {} | {} | {} | {} | {} | {} | {} | {} |",
-            terminal::harmless_name(&row.method),
+            terminal::escaped_name(&row.method),
             row.agents,
             row.motion,
             row.min_fde.n,
@@ -80,7 +80,7 @@ fn table(report: &Report) -> Result<()> {
         writeln!(
             out,
             "| {} | {} | {} | {} | {} |",
-            terminal::harmless_name(&row.method),
+            terminal::escaped_name(&row.method),
             share(&row.ends_on_lanes),
             row.median_kinematic.map_or("-".to_owned(), |p| format!("{p:.3}")),
             row.feasible.as_ref().map_or("-".to_owned(), share),

@@ -1,4 +1,5 @@
-//! `sage finetune`: tunes experts from a prior: a realistic and an adversarial one, unless a config names others.
+//! `sage finetune`: tunes experts from a prior: a realistic and an adversarial one, unless a config names
+//! others.
 
 use std::{path::Path, time::Instant};
 
@@ -37,8 +38,8 @@ struct Expert {
     objective: Objective,
 }
 
-/// The experts of a run. Options of the config file apply to all experts; options under `experts` apply to one
-/// expert by name. Without `experts` there are a realistic and an adversarial one.
+/// The experts of a run. Options of the config file apply to all experts; options under `experts` apply to
+/// one expert by name. Without `experts` there are a realistic and an adversarial one.
 fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> {
     let mut shared = match &args.config {
         Some(path) => read_config(path)?,

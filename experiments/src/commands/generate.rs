@@ -53,9 +53,6 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
             |input: &&Input| plan.variants.iter().map(|v| row_file(&input.scene, v)).collect::<Vec<_>>();
         inputs.iter().flat_map(rows).collect()
     };
-    let run = DatasetRun::start(&args.folder.out, plan.identity()?, args.folder.force, args.shard, || {
-        row_files(&own)
-    })?;
     // Any input in the output folder, whatever the names of the outputs will be.
     let names: Vec<PathBuf> = files
         .iter()
@@ -63,7 +60,10 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         .flatten()
         .filter_map(|file| file.file_name().map(PathBuf::from))
         .collect();
-    output::keep_inputs(std::slice::from_ref(&args.scene), &files, run.folder(), &names)?;
+    output::keep_inputs(std::slice::from_ref(&args.scene), &files, &args.folder.out, &names)?;
+    let run = DatasetRun::start(&args.folder.out, plan.identity()?, args.folder.force, args.shard, || {
+        row_files(&own)
+    })?;
     let report = Report::new(run.folder().path(), args.json, own.len());
     let seconds = work(&plan, &run, &own, &report)?;
     let failed = report.finish(&args.folder.out);

@@ -143,7 +143,7 @@ impl<W: Write> Report<W> {
         writeln!(
             self.out,
             "{:<14} {:<18} {:>6} {:>8} {:>5} {:>5} {:>5} {:>8} {:>7} {:>6}  {:<10} {:<10} {:>5} {:>6}  {}",
-            terminal::harmless_name(&summary.scene),
+            terminal::escaped_name(&summary.scene),
             summary.id.escape_debug().to_string(),
             summary.frames,
             vehicles,

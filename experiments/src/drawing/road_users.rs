@@ -123,7 +123,8 @@ pub(super) fn role(svg: &mut Svg, viewport: &Viewport, b: &OrientedBox, role: Ro
     svg.polygon(&corners, &format!(r#"fill="none" stroke="{}" stroke-width="1""#, color::INK));
 }
 
-/// Draws a trajectory coloured by time, with a mark each second: dots for the ego, diamonds for the adversary.
+/// Draws a trajectory coloured by time, with a mark each second: dots for the ego, diamonds for the
+/// adversary.
 pub(super) fn trajectory(svg: &mut Svg, viewport: &Viewport, points: &[Point], role: Role) {
     let ramp = role.ramp();
     let pixels: Vec<Point> = points.iter().map(|p| viewport.pixel(*p)).collect();

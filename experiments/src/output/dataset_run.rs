@@ -33,7 +33,7 @@ impl DatasetRun {
         shard: Option<Shard>,
         outdated: impl FnOnce() -> Vec<String>,
     ) -> Result<Self> {
-        std::fs::create_dir_all(path).with_context(|| format!("cannot make `{}`", path.display()))?;
+        super::make_folder(path)?;
         // A shard holds the whole folder too until the record is written.
         let (claim, beginning) = match shard {
             None => (Claim::folder(path, &command())?, None),
@@ -109,7 +109,7 @@ impl DatasetRun {
     fn record(&self, results: &Value, per_attack: Option<f64>, seconds: Option<f64>) -> Result<()> {
         let record = json!({
             "command": command(), "run": self.identity, "results": results,
-            "seconds_per_attack": per_attack, "seconds": seconds,
+            "per_attack": {"seconds": per_attack}, "seconds": seconds,
         });
         self.folder.write(RECORD, format!("{record:#}\n").as_bytes())
     }

@@ -1,5 +1,5 @@
-//! Hostile scene files, built from the shipped scene. One reader takes them for data, but Python's reader would
-//! execute `touch MARKER`.
+//! Hostile scene files, built from the shipped scene. One reader takes them for data, but Python's reader
+//! would execute `touch MARKER`.
 
 #![allow(dead_code)] // Each test program uses a part of it.
 
@@ -17,8 +17,8 @@ fn text(word: &str) -> Vec<u8> {
     [&[b'X'][..], &(word.len() as u32).to_le_bytes(), word.as_bytes()].concat()
 }
 
-/// A pickle whose MEMOIZE follows a gap. Python stores at the number of entries and executes `os.system(…)`. A
-/// reader that stores at the length of its table reads `numpy.dtype('f8')` instead.
+/// A pickle whose MEMOIZE follows a gap. Python stores at the number of entries and executes `os.system(…)`.
+/// A reader that stores at the length of its table reads `numpy.dtype('f8')` instead.
 pub fn memo(scene: &Path, marker: &Path) -> Vec<u8> {
     let mut program = plain(scene);
     assert_eq!(program.pop(), Some(b'.'));

@@ -156,7 +156,7 @@ fn each_scene_gets_the_weights_of_its_own_origin() {
     std::fs::create_dir(at("scenes")).unwrap();
     std::fs::copy(example(), at("scenes/recorded.pkl")).unwrap();
     let told = |out: &str, scene: &str| -> Value {
-        let made = Recording::read(&at(out).join(format!("{scene}.pkl"))).unwrap();
+        let made = Recording::read(&pickle(&at(out), &format!("{scene}-lambda1.00"))).unwrap();
         let document = made.document().unwrap().unwrap();
         let metadata = document.get(document.root(), "metadata").unwrap();
         let told = document.get(metadata, sage_data::PROVENANCE).and_then(|id| document.text(id)).unwrap();
@@ -175,7 +175,11 @@ fn each_scene_gets_the_weights_of_its_own_origin() {
     }
     assert_eq!(told("mixed", "recorded"), told("alone", "recorded"));
     for ending in ["pkl", "safetensors"] {
-        let read = |out: &str| std::fs::read(at(out).join(format!("recorded.{ending}"))).unwrap();
+        let file = |out: &str| match ending {
+            "pkl" => pickle(&at(out), "recorded-lambda1.00"),
+            _ => at(out).join("recorded-lambda1.00.safetensors"),
+        };
+        let read = |out: &str| std::fs::read(file(out)).unwrap();
         assert!(read("mixed") == read("alone"), "the attack depends on the folder");
     }
     assert_eq!(told("mixed", "1made")["weights"], "procedural");

@@ -45,7 +45,7 @@ impl Case {
                 (&["pretrain", "scenes", "--dev", "scenes", "--epochs", "2", "--network", small], false)
             }
             "finetune" => (&["finetune", "scenes", "--roles", "0", "--config", "quick.json"], false),
-            "generate" => (&["generate", "scenes", "--weights", "procedural", "--lambda", "0,1"], true),
+            "generate" => (&["generate", "scenes", "--weights", "procedural", "--lambda", "0,1"], false),
             "convert" => (&["convert", "scenes", "--to", "native"], true),
             "open-loop" => {
                 (&["bench", "open-loop", "scenes", "--methods", "sage,rule,log", "--lambda", "1"], false)

@@ -3,7 +3,7 @@
 #![allow(dead_code)] // Each test program uses a part of it.
 
 use std::{
-    path::Path,
+    path::{Path, PathBuf},
     process::{Command, Output},
 };
 
@@ -43,6 +43,16 @@ pub fn failure(arguments: &[&str]) -> String {
     let output = sage(arguments);
     assert_eq!(output.status.code(), Some(1), "{arguments:?}: {}", stderr(&output));
     stderr(&output).to_owned()
+}
+
+/// The pickle of a scene and variant in a data set.
+pub fn pickle(out: &Path, scene: &str) -> PathBuf {
+    let ending = format!("_{scene}.pkl");
+    let names = std::fs::read_dir(out).unwrap().map(|entry| entry.unwrap().path());
+    let is_it = |path: &PathBuf| path.file_name().unwrap().to_str().unwrap().ends_with(&ending);
+    let found: Vec<PathBuf> = names.filter(is_it).collect();
+    assert_eq!(found.len(), 1, "{ending} in {}: {found:?}", out.display());
+    found[0].clone()
 }
 
 pub fn text(path: &Path) -> &str {

@@ -24,7 +24,7 @@ use super::{
 use crate::{
     Error, Parameters,
     backbone::{Backbone, Loss, finite},
-    candidates::{Selection, choose},
+    candidates::{Selection, select},
 };
 
 /// Options of fine-tuning.
@@ -252,7 +252,7 @@ fn scene_gradient(
     let what = format!("epoch {epoch}, scene `{}`", scene.name);
     let policy: Vec<f32> = finite(&log_probs).map_err(|error| Error::Training(format!("{what}: {error}")))?;
     let mut rng = Rng::new(options.seed, &scene.name, &format!("candidates of epoch {epoch}"));
-    let selected = choose(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
+    let selected = select(&policy, &scene.ends, options.candidates, options.selection, &mut rng);
     let candidates: Vec<ScoredCandidate> = selected
         .iter()
         .map(|&goal| ScoredCandidate {

@@ -32,7 +32,7 @@ impl Measures {
         let reported = Objective::new(&spec.ok_or_else(missing)?, rewards, rules)?;
         let all: Vec<&Objective> = objectives.iter().copied().chain([&reported]).collect();
         let union = Objective::union(&all)?.ok_or_else(missing)?;
-        let Some(Ok(reported)) = reported.places_in(&union).map(<[usize; 2]>::try_from) else {
+        let Some(Ok(reported)) = reported.term_indices_in(&union).map(<[usize; 2]>::try_from) else {
             return Err(missing());
         };
         Ok(Self { union, reported })
@@ -63,7 +63,7 @@ impl Measures {
     /// [`Measures::check`] refuses.
     pub(super) fn expert<'o>(&self, objective: &'o Objective) -> Result<ExpertObjective<'o>, Error> {
         Self::check(objective)?;
-        let terms = objective.places_in(&self.union);
+        let terms = objective.term_indices_in(&self.union);
         let terms = terms.ok_or_else(|| {
             Error::Training("the goals were measured for other objectives than the expert's".to_owned())
         })?;

@@ -1,4 +1,4 @@
-//! One run at a time in an output folder, or at an output file.
+//! Locks that give one run at a time the right to write to an output folder or file.
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -9,33 +9,33 @@ use std::{
 
 use super::write::{Registered, ignore_missing, is_at, remove_stale};
 
-/// Name of the file that is locked while a run writes into its folder.
+/// Name of the lock file of a folder.
 const LOCK: &str = ".sage-lock";
-/// How the names of locks on shards begin.
+/// Prefix of the names of lock files of shards.
 const SHARD_LOCK: &str = ".sage-lock-shard-";
-/// What a run says of itself that holds a whole folder only to begin or to end a shard.
+/// Suffix of the holder text of a run that claims a whole folder only to begin or to end a shard.
 const SHORTLY: &str = "[begins or ends a shard]";
-/// In place of a holder that has not written its name yet.
-const UNNAMED: &str = "which does not say who it is";
-/// In place of a holder where several follow each other.
-const CHANGING: &str = "others come and go all the time";
-/// Times that a lock is tried for while other runs come and go.
-const TRIES: usize = 100;
-/// Time between two tries of a lock that is waited for.
+/// Holder text if the holder has not written its name yet.
+const UNNAMED: &str = "name unknown";
+/// Holder text if the holder changed during every attempt.
+const CHANGING: &str = "several runs, one after another";
+/// Maximum number of attempts to take a lock while its holder changes.
+const ATTEMPTS: usize = 100;
+/// Time between two attempts while waiting for a lock.
 const PAUSE: Duration = Duration::from_millis(20);
-/// Longest that a lock is waited for that others hold only to begin or to end.
-const PATIENCE: Duration = Duration::from_secs(60);
-/// Most that is read of the text in which a run says who it is, bytes.
-const HOLDER: u64 = 2048;
+/// Maximum time to wait for a lock that other runs hold only to begin or to end a shard.
+const TIMEOUT: Duration = Duration::from_secs(60);
+/// Size limit of a holder text, bytes.
+const HOLDER_LIMIT: u64 = 2048;
 
 /// The right to write into a folder or to one file, held by one run at a time.
 ///
-/// It is a lock of the operating system on a separate file, which is removed at the end. A killed
-/// process loses its lock, so what it leaves behind keeps nobody out.
+/// It is a lock of the operating system on a separate file, which is removed on drop. The system releases
+/// the lock of a killed process, so a lock file that remains does not block later runs.
 #[derive(Debug)]
 pub struct Claim {
     lock: PathBuf,
-    // In this order: the file is closed, and with it unlocked, after its name is gone.
+    // Closed, and so unlocked, only after `drop` has removed the file.
     _file: File,
     _entry: Registered,
 }
@@ -49,7 +49,7 @@ pub enum ClaimError {
     Held {
         /// Folder or file.
         path: PathBuf,
-        /// What the other run says of itself.
+        /// Holder text of the other run: process id and command.
         holder: String,
     },
     /// It cannot be written to.
@@ -57,7 +57,7 @@ pub enum ClaimError {
     Io {
         /// The folder.
         folder: PathBuf,
-        /// What the system says.
+        /// Error of the system.
         #[source]
         source: io::Error,
     },
@@ -65,28 +65,28 @@ pub enum ClaimError {
 
 impl Claim {
     /// Claims a folder, which must exist, and removes the temporary files that killed runs left in it.
-    /// `holder` tells other runs who has it.
+    /// Other runs print `holder` in their errors.
     ///
-    /// *Errors*: [`ClaimError`]; a shard of another run holds a part of the folder.
+    /// *Errors*: [`ClaimError`], also if another run holds a shard of the folder.
     pub fn folder(folder: &Path, holder: &str) -> Result<Self, ClaimError> {
         let claim = Self::lock(folder, folder.join(LOCK), folder, holder)?;
         claim.begin(folder, |_| false)?;
         Ok(claim)
     }
 
-    /// Claims one shard of a folder, `number` of `of`, and the whole folder, to be dropped when the shard has
-    /// begun. Other shards of as many may be claimed at the same time, and nothing else.
+    /// Claims one shard of a folder, `number` of `of`, and the whole folder. The caller drops the second claim
+    /// when the shard has begun. Meanwhile other runs can claim only other shards with the same `of`.
     ///
-    /// *Errors*: [`ClaimError`]; this shard is claimed, the whole folder is, or a shard of another number.
+    /// *Errors*: [`ClaimError`], if this shard, the whole folder, or a shard with another `of` is claimed.
     pub fn shard(folder: &Path, number: u32, of: u32, holder: &str) -> Result<(Self, Self), ClaimError> {
         let whole = Self::folder_shortly(folder, holder)?;
         let own = shard_lock(number, of);
-        let beside = format!("-of-{of}");
-        whole.begin(folder, |name| name.ends_with(&beside) && name != own)?;
+        let same_count = format!("-of-{of}");
+        whole.begin(folder, |name| name.ends_with(&same_count) && name != own)?;
         Ok((Self::lock(folder, folder.join(own), folder, holder)?, whole))
     }
 
-    /// Who holds another shard of a folder than `number` of `of`, if somebody does.
+    /// Holder text of any claimed shard of a folder other than `number` of `of`; `None` if there is none.
     ///
     /// *Errors*: [`ClaimError::Io`].
     pub fn other_shard(folder: &Path, number: u32, of: u32) -> Result<Option<String>, ClaimError> {
@@ -103,17 +103,17 @@ impl Claim {
         Ok(None)
     }
 
-    /// Claims a whole folder for the short time in which a shard begins or ends; waits for other shards that do
-    /// the same.
+    /// Claims a whole folder for the short time in which a shard begins or ends. Waits while other shards
+    /// begin or end.
     ///
-    /// *Errors*: as [`Claim::folder`]; at once if a run holds the whole folder, after a minute if shards do.
+    /// *Errors*: as [`Claim::folder`]: at once if a run holds the whole folder, after a minute if shards do.
     pub fn folder_shortly(folder: &Path, holder: &str) -> Result<Self, ClaimError> {
         let start = Instant::now();
         let holder = format!("{holder} {SHORTLY}");
         let ends_soon = |holder: &str| holder.ends_with(SHORTLY) || [UNNAMED, CHANGING].contains(&holder);
         loop {
             match Self::lock(folder, folder.join(LOCK), folder, &holder) {
-                Err(ClaimError::Held { holder, .. }) if ends_soon(&holder) && start.elapsed() < PATIENCE => {
+                Err(ClaimError::Held { holder, .. }) if ends_soon(&holder) && start.elapsed() < TIMEOUT => {
                     std::thread::sleep(PAUSE);
                 }
                 outcome => return outcome,
@@ -121,7 +121,7 @@ impl Claim {
         }
     }
 
-    /// Refuses a folder of which others hold a shard that is not `allowed`; removes what killed runs left.
+    /// Refuses a folder if another run holds a shard that is not `allowed`. Removes temporary files of killed runs.
     fn begin(&self, folder: &Path, allowed: impl Fn(&str) -> bool) -> Result<(), ClaimError> {
         let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
         for entry in std::fs::read_dir(folder).map_err(fail)? {
@@ -138,13 +138,13 @@ impl Claim {
         self.clean(folder).map_err(fail)
     }
 
-    /// Claims one output file, which need not exist; others of its folder stay free.
+    /// Claims one output file, which need not exist. Other files of its folder stay free.
     ///
     /// *Errors*: [`ClaimError`].
     pub fn file(path: &Path, holder: &str) -> Result<Self, ClaimError> {
         let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
-        // A hash, since the name alone may be as long as names can be.
+        // A hash, because the file name may have the maximum length of a name already.
         let name = path.file_name().unwrap_or_default().as_encoded_bytes();
         let name = format!("{LOCK}-{}", &blake3::hash(name).to_hex()[..16]);
         let claim = Self::lock(path, folder.join(name), folder, holder)?;
@@ -152,39 +152,39 @@ impl Claim {
         Ok(claim)
     }
 
-    /// Removes the temporary files that killed runs left in a folder inside the claimed one.
+    /// Removes the temporary files that killed runs left in a folder inside the claimed folder.
     ///
     /// *Errors*: those of the system.
     pub fn clean(&self, folder: &Path) -> io::Result<()> {
         remove_stale(folder)
     }
 
-    /// Whether a name in a claimed folder is that of a lock on the folder or on a shard of it.
+    /// True if a file name is that of a lock on a folder or on a shard.
     pub fn is_lock(name: &std::ffi::OsStr) -> bool {
         name == LOCK || name.to_str().is_some_and(|name| name.starts_with(SHARD_LOCK))
     }
 
-    fn lock(what: &Path, lock: PathBuf, folder: &Path, holder: &str) -> Result<Self, ClaimError> {
+    fn lock(claimed: &Path, lock: PathBuf, folder: &Path, holder: &str) -> Result<Self, ClaimError> {
         let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
-        let held = |holder| ClaimError::Held { path: what.to_owned(), holder };
-        for _ in 0..TRIES {
+        let held = |holder| ClaimError::Held { path: claimed.to_owned(), holder };
+        for _ in 0..ATTEMPTS {
             match OpenOptions::new().write(true).create_new(true).open(&lock) {
                 Ok(file) => {
                     match file.try_lock() {
                         Ok(()) => {}
                         Err(TryLockError::WouldBlock) => return Err(held(read_holder(&lock))),
-                        // A file system without locks: exclusive creation has to do.
+                        // A file system without locks: only exclusive creation protects the file.
                         Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => {}
                         Err(TryLockError::Error(error)) => return Err(fail(error)),
                     }
-                    // Another run may have taken the new file for a stale one and removed it.
+                    // Another run may have removed the new file as stale before it was locked.
                     if !is_at(&file, &lock) {
                         continue;
                     }
                     let entry = Registered::new(&lock);
                     let claim = Self { lock, _file: file, _entry: entry };
                     let text = format!("process {}: {holder}\n", std::process::id());
-                    // Also the test that the folder can be written to at all.
+                    // This also tests whether the folder is writable.
                     (&claim._file).write_all(text.as_bytes()).map_err(fail)?;
                     return Ok(claim);
                 }
@@ -198,19 +198,19 @@ impl Claim {
     }
 }
 
-/// Name of the lock on a shard.
+/// Name of the lock file of a shard.
 fn shard_lock(number: u32, of: u32) -> String {
     format!("{SHARD_LOCK}{number}-of-{of}")
 }
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        // If it cannot be removed, the next run finds it unlocked.
+        // If the removal fails, the next run finds the file unlocked.
         let _ = std::fs::remove_file(&self.lock);
     }
 }
 
-/// Removes the lock of a killed run; who holds it, if somebody does.
+/// Removes the lock file of a killed run. Returns the holder text if a live process holds the lock.
 fn remove_if_stale(lock: &Path) -> io::Result<Option<String>> {
     let found = match std::fs::symlink_metadata(lock) {
         Ok(found) => found,
@@ -234,8 +234,8 @@ fn remove_if_stale(lock: &Path) -> io::Result<Option<String>> {
 
 fn read_holder(lock: &Path) -> String {
     let mut text = String::new();
-    let read = File::open(lock).and_then(|file| file.take(HOLDER).read_to_string(&mut text));
-    // One line: what stands in the file may be anybody's.
+    let read = File::open(lock).and_then(|file| file.take(HOLDER_LIMIT).read_to_string(&mut text));
+    // Only the first line, because any process may have written the file.
     match text.lines().next().filter(|line| read.is_ok() && !line.trim().is_empty()) {
         Some(line) => line.to_owned(),
         None => UNNAMED.to_owned(),
@@ -247,7 +247,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_has_one_holder_at_a_time_and_no_trace_after() {
+    fn a_folder_has_one_holder_at_a_time_and_no_lock_file_afterwards() {
         let folder = tempfile::tempdir().unwrap();
         let first = Claim::folder(folder.path(), "sage first").unwrap();
         let error = Claim::folder(folder.path(), "sage second").unwrap_err().to_string();
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_one_folder_are_claimed_apart() {
+    fn files_of_one_folder_are_claimed_separately() {
         let folder = tempfile::tempdir().unwrap();
         let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
         let first = Claim::file(&a, "a").unwrap();
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn shards_of_one_folder_are_claimed_side_by_side_and_nothing_else_is() {
+    fn shards_of_one_folder_are_claimed_together_and_exclude_other_claims() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path();
         let first = Claim::shard(path, 1, 2, "first").unwrap().0;
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_killed_run_left_is_taken_over() {
+    fn files_of_a_killed_run_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         for name in [LOCK, ".sage-x.part"] {
             std::fs::write(folder.path().join(name), "process 1: gone").unwrap();
@@ -306,7 +306,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_planted_link_is_not_written_through() {
+    fn a_planted_link_is_not_followed() {
         let folder = tempfile::tempdir().unwrap();
         let victim = folder.path().join("victim");
         std::fs::write(&victim, "mine").unwrap();
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn many_at_once_never_hold_it_together() {
+    fn concurrent_claims_exclude_each_other() {
         use std::sync::atomic::{AtomicUsize, Ordering};
         let folder = tempfile::tempdir().unwrap();
         let (inside, claimed) = (AtomicUsize::new(0), AtomicUsize::new(0));

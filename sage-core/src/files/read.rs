@@ -1,4 +1,4 @@
-//! Reading with a limit. Devices and sockets are refused; a pipe is read once, to its end.
+//! Reads with a size limit. Devices and sockets are refused. A pipe is read once, to its end.
 
 use std::{
     fs::{File, FileType, Metadata},
@@ -6,15 +6,15 @@ use std::{
     path::Path,
 };
 
-/// Standard input, as a path on the command line.
+/// Path that means standard input on the command line.
 const STANDARD_INPUT: &str = "-";
 
-/// Reads a regular file whole. For files that a program finds, such as those inside a folder.
+/// Reads a whole regular file. It is for files that the program finds itself, such as those in a folder.
 ///
 /// *Errors*: those of the system; [`ErrorKind::InvalidInput`] for a folder, pipe, device or socket;
 /// [`ErrorKind::FileTooLarge`] beyond `limit` bytes.
 pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
-    // A pipe without a writer would block when it is opened, so the kind is asked for before.
+    // Opening a pipe without a writer would block, so the file type is checked first.
     let found = std::fs::metadata(path)?;
     if !found.is_file() {
         return Err(wrong_kind(found.file_type(), "expected a regular file"));
@@ -22,8 +22,8 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read_open(File::open(path)?, Some(&found), limit)
 }
 
-/// Reads a path that the user named: a regular file, a pipe (such as a process substitution), or `-`
-/// for standard input.
+/// Reads a path that the user gave: a regular file, a pipe (such as a process substitution), or `-` for
+/// standard input.
 ///
 /// *Errors*: as [`read`], but pipes are read to their end.
 pub fn read_argument(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
@@ -61,7 +61,7 @@ fn read_open(source: impl Read, found: Option<&Metadata>, limit: u64) -> io::Res
         return Err(too_large(limit));
     }
     let mut bytes = Vec::with_capacity(usize::try_from(size).unwrap_or(0));
-    // Neither a pipe nor a file that grows tells its size, so the limit is kept while reading as well.
+    // The size of a pipe is unknown and a file may grow, so the limit also applies to the read itself.
     source.take(limit + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit { Err(too_large(limit)) } else { Ok(bytes) }
 }
@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_read_up_to_the_limit_and_not_beyond() {
+    fn a_file_above_the_limit_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("five");
         std::fs::write(&path, "12345").unwrap();
@@ -125,7 +125,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn folders_and_devices_are_refused_by_name() {
+    fn errors_name_the_file_type_of_folders_and_devices() {
         let folder = tempfile::tempdir().unwrap();
         for (path, kind) in [(folder.path(), "a folder"), (Path::new("/dev/zero"), "a device")] {
             for read in [read, read_argument] {

@@ -1,4 +1,4 @@
-//! Atomic writes: a file appears whole under its name, or not at all.
+//! Atomic writes: a file under its final name is complete, or it does not exist.
 
 use std::{
     collections::BTreeSet,
@@ -10,11 +10,11 @@ use std::{
 
 use tempfile::{Builder, NamedTempFile};
 
-/// How the names of unfinished files begin and end; random letters stand between.
+/// Prefix and suffix of the names of unfinished files. Random letters are between them.
 const PREFIX: &str = ".sage-";
 const SUFFIX: &str = ".part";
 
-/// What to do where a file of the name exists.
+/// What to do if a file of the name exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
     /// Replace it.
@@ -23,9 +23,10 @@ pub enum Existing {
     Keep,
 }
 
-/// Writes a file under a temporary name in the same folder, waits until it is on the disk, and renames
-/// it. The temporary file is created exclusively, so that no planted link is followed, and removed if
-/// anything fails. A link of the final name is replaced, not followed.
+/// Writes a file under a temporary name in the same folder, waits until it is on the disk, and renames it.
+///
+/// The temporary file is created exclusively, so no planted link is followed. It is removed if anything
+/// fails. A link with the final name is replaced, not followed.
 ///
 /// *Errors*: those of the system; [`ErrorKind::AlreadyExists`] with [`Existing::Keep`];
 /// [`ErrorKind::InvalidInput`] if the path names a folder, a pipe or a device.
@@ -33,7 +34,7 @@ pub fn write(path: &Path, bytes: &[u8], existing: Existing) -> io::Result<()> {
     write_with(path, existing, |out| out.write_all(bytes))
 }
 
-/// [`write`] for content that is produced piece by piece, so that it need not be in memory at once.
+/// [`write`] for content that is produced in parts. The whole content need not fit in memory.
 ///
 /// *Errors*: as [`write`], and those of `content`.
 pub fn write_with(
@@ -53,10 +54,11 @@ pub fn write_with(
     sync_folder(folder)
 }
 
-/// Writes several files of one folder as [`write`] does, over what is there, and waits for the folder once. The
-/// files appear in the given order, all of them after the content of each is on the disk.
+/// Writes several files of one folder as [`write`] does, replaces existing ones, and syncs the folder once.
 ///
-/// *Errors*: as [`write`]. The files before the one that failed may have appeared.
+/// First all contents are written to the disk. Then the files are renamed in the given order.
+///
+/// *Errors*: as [`write`]. The files before the failed one may exist under their final names.
 pub fn write_all<'n>(
     folder: &Path,
     files: impl IntoIterator<Item = (&'n str, &'n [u8])>,
@@ -64,12 +66,12 @@ pub fn write_all<'n>(
     let mut unfinished = Vec::new();
     for (name, bytes) in files {
         let path = folder.join(name);
-        let begun = refuse_irregular(&path).and_then(|()| {
+        let temporary = refuse_irregular(&path).and_then(|()| {
             let file = Unfinished::create(folder)?;
             (&file.file).write_all(bytes)?;
             Ok(file)
         });
-        match begun {
+        match temporary {
             Ok(file) => unfinished.push((path, file)),
             Err(error) => return Err((path, error)),
         }
@@ -83,7 +85,7 @@ pub fn write_all<'n>(
     sync_folder(folder).map_err(|error| (folder.to_owned(), error))
 }
 
-/// Refuses to write over a folder, a pipe or a device.
+/// Refuses to replace a folder, a pipe or a device.
 fn refuse_irregular(path: &Path) -> io::Result<()> {
     if std::fs::metadata(path).is_ok_and(|found| !found.is_file()) {
         let problem = "it is no regular file; name a file, or - where the command takes it";
@@ -92,7 +94,7 @@ fn refuse_irregular(path: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// A temporary file that is registered to go when the process is told to stop.
+/// A temporary file that is removed if a signal stops the process.
 struct Unfinished {
     file: NamedTempFile,
     _entry: Registered,
@@ -102,12 +104,12 @@ impl Unfinished {
     fn create(folder: &Path) -> io::Result<Self> {
         let mut builder = Builder::new();
         builder.prefix(PREFIX).suffix(SUFFIX);
-        // As for any new file: what the user's umask leaves. The default would keep others from reading it.
+        // The permissions of any new file, by the user's umask. The default would let only the owner read it.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         loop {
             let file = builder.tempfile_in(folder)?;
-            // Held so that another run's cleaning passes it over.
+            // Another run does not remove a locked temporary file.
             match file.as_file().try_lock() {
                 Err(TryLockError::Error(error)) if error.kind() != ErrorKind::Unsupported => {
                     return Err(error);
@@ -115,7 +117,7 @@ impl Unfinished {
                 Err(TryLockError::WouldBlock) => continue,
                 _ => {}
             }
-            // Before it was held, another run may have taken it for a leftover.
+            // Another run may have removed the file as stale before it was locked.
             if is_at(file.as_file(), file.path()) {
                 let entry = Registered::new(file.path());
                 return Ok(Self { file, _entry: entry });
@@ -133,7 +135,7 @@ impl Unfinished {
     }
 }
 
-/// Whether an open file is still the one of that name.
+/// True if an open file still has that name.
 pub(super) fn is_at(file: &File, path: &Path) -> bool {
     let same = || {
         let open = same_file::Handle::from_file(file.try_clone()?)?;
@@ -142,11 +144,11 @@ pub(super) fn is_at(file: &File, path: &Path) -> bool {
     same().unwrap_or(false)
 }
 
-/// Makes a rename last: on Unix a folder is a file of names that has to reach the disk as well.
+/// Makes a rename durable. On Unix a folder is a file of names, which must reach the disk as well.
 #[cfg(unix)]
 fn sync_folder(folder: &Path) -> io::Result<()> {
     match File::open(folder)?.sync_all() {
-        // Some file systems have no such call for folders.
+        // Some file systems do not support this call for folders.
         Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
         done => done,
     }
@@ -157,7 +159,7 @@ fn sync_folder(_: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Removes temporary files that killed runs left in a folder; those of live runs stay.
+/// Removes temporary files that killed runs left in a folder. Those of live runs stay.
 pub(super) fn remove_stale(folder: &Path) -> io::Result<()> {
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
@@ -167,7 +169,7 @@ pub(super) fn remove_stale(folder: &Path) -> io::Result<()> {
             continue;
         }
         let path = entry.path();
-        // Removed while it is held, so that its maker sees that it is gone.
+        // Removed while locked, so the process that created it detects the removal.
         let Ok(file) = File::open(&path) else { continue };
         if !matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
             ignore_missing(std::fs::remove_file(&path))?;
@@ -183,7 +185,7 @@ pub(super) fn ignore_missing(outcome: io::Result<()>) -> io::Result<()> {
     }
 }
 
-/// Files to remove if the process is told to stop. Global, because a signal is.
+/// Files to remove if a signal stops the process. It is global because a signal handler is global.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 /// An entry of [`UNFINISHED`].
@@ -203,12 +205,12 @@ impl Drop for Registered {
     }
 }
 
-/// Removes all unfinished files and locks of this process, for a handler of signals that ends the
-/// process next. No other can be begun from then on: who tries waits for the end.
+/// Removes all unfinished files and locks of this process. It is for a signal handler that then ends the
+/// process. From then on a thread that creates a new file blocks until the process ends.
 pub fn discard_unfinished() {
     let all = UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner);
     for path in all.iter() {
-        // What cannot be removed is cleaned by the next run.
+        // The next run removes files that cannot be removed here.
         let _ = std::fs::remove_file(path);
     }
     std::mem::forget(all);
@@ -228,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_whole_and_nothing_is_left_beside_it() {
+    fn a_file_is_complete_and_no_temporary_file_remains() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         write(&path, b"one", Existing::Keep).unwrap();
@@ -255,14 +257,14 @@ mod tests {
             (b"mine".into(), b"new".into())
         );
         let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode() & 0o777;
-        assert_eq!(mode(&link), mode(&victim), "what the umask leaves, as for any file");
+        assert_eq!(mode(&link), mode(&victim), "the permissions of any new file");
         symlink("/dev/null", folder.path().join("null")).unwrap();
         let error = write(&folder.path().join("null"), b"", Existing::Replace).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::InvalidInput);
     }
 
     #[test]
-    fn only_stale_leftovers_are_removed() {
+    fn only_stale_temporary_files_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         for name in [".sage-abc.part", "mine.part", ".sage-notes"] {
             std::fs::write(folder.path().join(name), "").unwrap();

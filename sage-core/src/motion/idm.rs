@@ -52,14 +52,14 @@ impl Idm {
     pub fn acceleration(&self, v: f64, leader: Option<Leader>) -> f64 {
         let free = 1.0 - (v / self.desired_speed).powf(self.exponent);
         let interaction = leader.map_or(0.0, |leader| {
-            let ratio = self.wished_gap(v, leader.speed) / leader.gap.max(Self::LEAST_GAP);
+            let ratio = self.desired_gap(v, leader.speed) / leader.gap.max(Self::LEAST_GAP);
             ratio * ratio
         });
         self.acceleration * (free - interaction)
     }
 
     /// Desired gap s* at speed `v` behind a car of speed `leader`, m.
-    pub fn wished_gap(&self, v: f64, leader: f64) -> f64 {
+    pub fn desired_gap(&self, v: f64, leader: f64) -> f64 {
         let braking = v * (v - leader) / (2.0 * (self.acceleration * self.deceleration).sqrt());
         self.standing_gap + (v * self.time_gap + braking).max(0.0)
     }

@@ -118,7 +118,7 @@ impl Objective {
     }
 
     /// Index of each of its terms in a [`Objective::union`]; `None` if a term is missing there.
-    pub fn places_in(&self, union: &Self) -> Option<Vec<usize>> {
+    pub fn term_indices_in(&self, union: &Self) -> Option<Vec<usize>> {
         let position = |term: &TermSpec| union.spec.terms.iter().position(|known| known.measures_as(term));
         self.spec.terms.iter().map(position).collect()
     }

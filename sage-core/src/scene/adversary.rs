@@ -33,7 +33,7 @@ pub fn path_conflict(a: &Track, b: &Track) -> Option<(usize, f64)> {
 /// Selects the vehicle whose logged path conflicts most with the ego's. It must move and be valid in all of
 /// history. Paths within 5 m of each other rank first, by the gap between the arrivals at the closest
 /// point, then by distance; ties are broken by id.
-pub fn choose_adversary(tracks: &[Track], ego: usize) -> (Option<usize>, AdversaryOrigin) {
+pub fn select_adversary(tracks: &[Track], ego: usize) -> (Option<usize>, AdversaryOrigin) {
     let eligible = |track: &Track| {
         track.kind == TrackKind::Vehicle && track.count_valid(0..HISTORY) == HISTORY && moves(track)
     };

@@ -1,4 +1,4 @@
-//! Decodes a document into a scene and checks all guarantees of a scene.
+//! Decodes a document into a scene and checks all invariants of a scene.
 
 use std::{
     collections::{HashMap, HashSet},
@@ -10,7 +10,7 @@ use sage_core::{
     motion::{HISTORY, NOW},
     scene::{
         AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track,
-        TrackKind, TrafficLight, choose_adversary,
+        TrackKind, TrafficLight, select_adversary,
     },
 };
 
@@ -20,7 +20,7 @@ use crate::{
     pickle::{Document, Id, Node},
 };
 
-/// Most frames of a recording: over an hour at 10 Hz.
+/// Maximum number of frames of a recording: over an hour at 10 Hz.
 const MAX_FRAMES: usize = 40_000;
 
 /// Turns the values of a file into a checked scene; `path` names the file in errors.
@@ -56,16 +56,16 @@ pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
     }
     let (adversary, adversary_origin) = match named_adversary(&fields, metadata, &tracks, ego) {
         Some(track) => (Some(track), AdversaryOrigin::File),
-        None => choose_adversary(&tracks, ego),
+        None => select_adversary(&tracks, ego),
     };
     let timestamps = match fields.optional(metadata, "ts") {
-        // Seconds from the start, or the values of any clock.
+        // Seconds from the start, or from any other clock.
         Some(ts) => fields.column_within(f64::MAX, ts, &metadata_field.key("ts"), frames)?,
         None => Vec::new(),
     };
     let map = Arc::new(map(&fields, top, &mut notes)?);
     let lights = lights(&fields, top, frames)?;
-    // A lookup beyond the work limit returns nothing, which must not count as a missing field.
+    // A lookup beyond the work limit returns `None`, which must not count as a missing field.
     fields.spend(&root.key("(root)"), 0)?;
     Ok(Scene { id, frames, timestamps, tracks, map, lights, ego, adversary, adversary_origin, notes })
 }
@@ -93,7 +93,7 @@ fn tracks(fields: &Fields, top: Id, frames: usize, notes: &mut Vec<String>) -> R
         let name = fields.identifier(*key, &field)?;
         let field = field.key(&name);
         if !known_ids.insert(name.clone()) {
-            return Err(fields.error(&field, "there twice", "one track an id"));
+            return Err(fields.error(&field, "an id that occurs twice", "one track per id"));
         }
         let mut track = track(fields, *value, &field, name.clone(), frames)?;
         if swap_sizes(&mut track) {
@@ -111,12 +111,16 @@ fn track(fields: &Fields, id: Id, field: &Field, name: String, frames: usize) ->
     let field = &field.key("state");
     let get = |key: &str, expected: &str| fields.required(state, field, key, expected);
     let column = |key: &str| -> Result<Vec<f64>, Error> {
-        fields.column(get(key, "one number a frame")?, &field.key(key), frames)
+        fields.column(get(key, "one number per frame")?, &field.key(key), frames)
     };
-    let position =
-        fields.table::<3>(get("position", "(x, y, z) a frame")?, &field.key("position"), &[3, 2], frames)?;
+    let position = fields.table::<3>(
+        get("position", "(x, y, z) per frame")?,
+        &field.key("position"),
+        &[3, 2],
+        frames,
+    )?;
     let velocity =
-        fields.table::<2>(get("velocity", "(vx, vy) a frame")?, &field.key("velocity"), &[2, 3], frames)?;
+        fields.table::<2>(get("velocity", "(vx, vy) per frame")?, &field.key("velocity"), &[2, 3], frames)?;
     let heading = column("heading")?;
     let valid: Vec<bool> = column("valid")?.into_iter().map(|x| x != 0.0).collect();
     let (length, width) = (column("length")?, column("width")?);
@@ -139,8 +143,8 @@ fn track(fields: &Fields, id: Id, field: &Field, name: String, frames: usize) ->
     Ok(Track { id: name, kind, position, heading, velocity, size, valid })
 }
 
-/// Corrects a vehicle whose width and length are swapped: in every valid frame it is shorter than any car
-/// and wider than half a lane.
+/// Swaps length and width of a vehicle back if the file has swapped them: in every valid frame the vehicle is
+/// shorter than any car, wider than half a lane, and wider than long.
 fn swap_sizes(track: &mut Track) -> bool {
     let valid = || track.size.iter().zip(&track.valid).filter(|(_, valid)| **valid).map(|(size, _)| size);
     let swapped = track.kind == TrackKind::Vehicle
@@ -152,7 +156,7 @@ fn swap_sizes(track: &mut Track) -> bool {
     swapped
 }
 
-/// The one object of interest besides the ego, if the file names exactly one.
+/// The object of interest besides the ego, if the file names exactly one.
 fn named_adversary(fields: &Fields, metadata: Id, tracks: &[Track], ego: usize) -> Option<usize> {
     let list = fields.document.items(fields.optional(metadata, "objects_of_interest")?)?;
     let index: HashMap<&str, usize> =
@@ -182,7 +186,7 @@ fn lights(fields: &Fields, top: Id, frames: usize) -> Result<Vec<TrafficLight>, 
         let field = field.key(&name);
         let state = fields.required(*value, &field, "state", "a dict with `object_state`")?;
         let field = &field.key("state");
-        let list = fields.required(state, field, "object_state", "one state a frame")?;
+        let list = fields.required(state, field, "object_state", "one state per frame")?;
         let field = field.key("object_state");
         let items =
             fields.document.items(list).ok_or_else(|| fields.wrong(&field, list, "a list of names"))?;
@@ -191,7 +195,7 @@ fn lights(fields: &Fields, top: Id, frames: usize) -> Result<Vec<TrafficLight>, 
         let mut last: Option<(Id, LightState)> = None;
         let mut states = Vec::with_capacity(frames);
         for item in items {
-            // Runs of one shared name are common.
+            // Consecutive frames often share one value.
             let state = match (last, fields.document.node(*item)) {
                 (Some((id, state)), _) if id == *item => state,
                 (_, Node::None) => LightState::Unknown,
@@ -213,7 +217,7 @@ fn lights(fields: &Fields, top: Id, frames: usize) -> Result<Vec<TrafficLight>, 
     Ok(lights)
 }
 
-/// A single position of two or three numbers; `None` if it has none.
+/// A single position of two or three numbers; `None` if it is empty.
 fn point(fields: &Fields, id: Id, field: &Field) -> Result<Option<[f64; 3]>, Error> {
     let numbers = fields.rows::<1>(id, field, &[1])?;
     match numbers[..] {
@@ -226,7 +230,7 @@ fn point(fields: &Fields, id: Id, field: &Field) -> Result<Option<[f64; 3]>, Err
 
 // --- map ---
 
-/// Sides of a lane and the keys of their contents.
+/// Keys of the left and right side of a lane.
 const NEIGHBORS: [&str; 2] = ["left_neighbor", "right_neighbor"];
 const BOUNDARIES: [&str; 2] = ["left_boundaries", "right_boundaries"];
 
@@ -264,14 +268,14 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         map.features.push(MapFeature { id: name, kind, points: first..map.points.len(), lane: None });
     }
     if flat && deep {
-        // A map with heights has them everywhere. nuScenes lanes have a heading in the third column.
+        // A map with heights has three columns everywhere. The third column of nuScenes lanes is a heading.
         map.points.iter_mut().for_each(|p| p[2] = 0.0);
         notes.push("map points have two or three columns; heights are taken as unknown".to_owned());
     }
-    // Lanes refer to each other, so they are linked after all are known.
+    // Lanes refer to each other, so they are linked after all features are read.
     let index: HashMap<&str, usize> = map.features.iter().enumerate().map(|(k, f)| (&f.id[..], k)).collect();
     if index.len() != map.features.len() {
-        return Err(fields.error(&root, "an id there twice", "one feature an id"));
+        return Err(fields.error(&root, "an id that occurs twice", "one feature per id"));
     }
     let links = Links { fields, index };
     let lanes: Vec<Option<Box<Lane>>> = entries
@@ -282,30 +286,30 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
             false => Ok(None),
         })
         .collect::<Result<_, Error>>()?;
-    let mut left_out = 0;
+    let mut removed = 0;
     let lanes: Vec<_> = lanes
         .into_iter()
         .enumerate()
         .map(|(k, mut lane)| {
-            left_out += lane.as_deref_mut().map_or(0, |lane| leave_out_of_range(lane, k, &map));
+            removed += lane.as_deref_mut().map_or(0, |lane| remove_links_out_of_range(lane, k, &map));
             lane
         })
         .collect();
-    if left_out > 0 {
-        notes.push(format!("{left_out} lane links name points that do not exist and are left out"));
+    if removed > 0 {
+        notes.push(format!("{removed} lane links name points that do not exist and are left out"));
     }
     for (feature, lane) in map.features.iter_mut().zip(lanes) {
         feature.lane = lane;
     }
-    // Shrinking copies the points, so it is done only if the estimate was much too large.
+    // Shrinking copies the points, so it is done only if the estimated capacity was much too large.
     if map.points.capacity() > 2 * map.points.len() {
         map.points.shrink_to_fit();
     }
     Ok(map)
 }
 
-/// Removes a lane's links to points that do not exist; returns their number.
-fn leave_out_of_range(lane: &mut Lane, own: usize, map: &Map) -> usize {
+/// Removes a lane's links to points that do not exist. Returns their number.
+fn remove_links_out_of_range(lane: &mut Lane, own: usize, map: &Map) -> usize {
     let links = |lane: &Lane| {
         lane.neighbors.iter().map(Vec::len).sum::<usize>()
             + lane.boundaries.iter().map(Vec::len).sum::<usize>()
@@ -330,7 +334,7 @@ impl Links<'_, '_> {
     fn lane(&self, id: Id, field: &Field) -> Result<Lane, Error> {
         let limit = self.fields.optional(id, "speed_limit_kmh").and_then(|x| self.fields.document.number(x));
         let width = match self.fields.optional(id, "width") {
-            // Some sources store one mean width instead of a table.
+            // Some data sets store one mean width instead of a table.
             Some(width) if matches!(self.fields.document.node(width), Node::Array(a) if a.shape.len() == 2) => {
                 self.fields.rows::<2>(width, &field.key("width"), &[2])?
             }
@@ -357,9 +361,9 @@ impl Links<'_, '_> {
         Ok(items)
     }
 
-    /// The feature that a value names; `None` if it is not in the map (maps are cut from larger ones).
+    /// The feature that a value names; `None` if the map does not contain it (maps are parts of larger ones).
     fn feature(&self, id: Id) -> Option<usize> {
-        // Hashing reads all letters.
+        // Hashing reads the whole text.
         if !self.fields.spend_work(self.fields.document.text_length(id).unwrap_or(0)) {
             return None;
         }
@@ -384,7 +388,7 @@ impl Links<'_, '_> {
 
     fn neighbors(&self, id: Id, key: &str, field: &Field) -> Result<Vec<Neighbor>, Error> {
         let neighbor = |item: Id| {
-            // Some sources list ids only.
+            // Some data sets list only ids.
             let Some(lane) = self.fields.optional(item, "feature_id") else {
                 return Some(Neighbor { lane: self.feature(item)?, own: [0, 0], other: [0, 0] });
             };

@@ -1,4 +1,4 @@
-//! A scene written over the file it came from: what was not changed stays as it was.
+//! Encodes a scene into a copy of its source. Unchanged values stay as they are.
 
 use std::path::Path;
 
@@ -10,12 +10,13 @@ use crate::{
     pickle::{Array, Document, Id, Node},
 };
 
-/// The values of a file with the scene's tracks in place of its own. Tracks that are as the file
-/// has them, and all else in the file, are kept value by value; a changed column keeps its type
-/// and shape, so its numbers are rounded to that type.
+/// The values of a file with the tracks of a scene.
 ///
-/// *Errors*: [`Error::Field`] if the scene does not have the file's tracks, frames, map and
-/// lights: those cannot be changed by writing over a source.
+/// Unchanged tracks and all other values of the file stay as they are. A changed column keeps its type and
+/// shape, so its numbers are rounded to that type.
+///
+/// *Errors*: [`Error::Field`] if the scene has other track ids, track kinds, frames, map or lights than the
+/// file. This function cannot write such changes.
 pub fn encode(scene: &Scene, source: &Document, path: &Path) -> Result<Document, Error> {
     let mut document = source.clone();
     let original = decode(source, path)?;
@@ -23,7 +24,7 @@ pub fn encode(scene: &Scene, source: &Document, path: &Path) -> Result<Document,
     Ok(document)
 }
 
-/// Writes the tracks of a scene that differ from the scene as it was read; their ids.
+/// Writes the tracks of a scene that differ from the scene as it was read. Returns their ids.
 ///
 /// *Errors*: as [`encode`].
 pub(crate) fn write_changes<'s>(
@@ -41,7 +42,7 @@ pub(crate) fn write_changes<'s>(
     let names =
         |scene: &Scene| scene.tracks.iter().map(|t| (t.id.clone(), t.kind.clone())).collect::<Vec<_>>();
     if names(scene) != names(original) || scene.frames != original.frames {
-        return Err(refuse("tracks", "another set of tracks or frames"));
+        return Err(refuse("tracks", "other tracks or another number of frames"));
     }
     if scene.map != original.map || scene.lights != original.lights {
         return Err(refuse("map_features", "another map"));
@@ -56,7 +57,7 @@ pub(crate) fn write_changes<'s>(
     Ok(ids)
 }
 
-/// Puts a text into a file's metadata, in a copy of it: others may share the dict.
+/// Adds a text to the metadata of a file. The dict is copied first, because other values may share it.
 pub(crate) fn annotate(document: &mut Document, key: &str, text: &str) {
     let root = document.root();
     let Some(metadata) = document.get(root, "metadata") else { return };
@@ -67,18 +68,18 @@ pub(crate) fn annotate(document: &mut Document, key: &str, text: &str) {
     document.set(root, "metadata", metadata);
 }
 
-/// Writes the columns in which a track differs, into copies of its dicts: others may share them.
+/// Writes the changed columns of a track. Its dicts are copied first, because other values may share them.
 fn write_track(document: &mut Document, changed: &Track, original: &Track) {
     let found = || {
         let tracks = document.get(document.root(), "tracks")?;
         let entries = document.entries(tracks)?;
-        let place =
+        let index =
             entries.iter().rposition(|(k, _)| document.identifier(*k).as_deref() == Some(&changed.id))?;
-        let track = entries[place].1;
-        Some((tracks, place, track, document.get(track, "state")?))
+        let track = entries[index].1;
+        Some((tracks, index, track, document.get(track, "state")?))
     };
-    // The source decoded a moment ago, so it is there.
-    let Some((tracks, place, track, state)) = found() else { return };
+    // The source was decoded before, so the track exists.
+    let Some((tracks, index, track, state)) = found() else { return };
     let state = document.push(document.node(state).clone());
     for (key, value) in changed_columns(changed, original) {
         let Some(old) = document.get(state, key).filter(|id| !matches!(document.node(*id), Node::None))
@@ -93,16 +94,16 @@ fn write_track(document: &mut Document, changed: &Track, original: &Track) {
     document.set(track, "state", state);
     let mut node = document.node(tracks).clone();
     if let Node::Dict(entries) | Node::DefaultDict { entries, .. } = &mut node {
-        entries[place].1 = track;
+        entries[index].1 = track;
     }
     document.replace(tracks, node);
 }
 
-/// A column's values by frame and component; `None` where the scene has none and the file's stay.
+/// New value of a column by frame and component; `None` if the scene has none and the old value stays.
 type Column<'t> = Box<dyn Fn(usize, usize) -> Option<f64> + 't>;
 
-/// Columns in which a track differs. Sizes that were mended on reading and not changed since stay
-/// as the file has them.
+/// Columns in which a track differs. Sizes that were corrected during reading and not changed since stay as in
+/// the file.
 fn changed_columns<'t>(changed: &'t Track, original: &Track) -> Vec<(&'static str, Column<'t>)> {
     let mut columns: Vec<(&'static str, Column<'t>)> = Vec::new();
     if changed.position != original.position {
@@ -125,7 +126,7 @@ fn changed_columns<'t>(changed: &'t Track, original: &Track) -> Vec<(&'static st
     columns
 }
 
-/// The column `old` with other numbers: an array of its type and shape, or a list of rows.
+/// The column `old` with new numbers: an array of the same type and shape, or a list of rows.
 fn rewritten(document: &mut Document, old: Id, frames: usize, value: Column) -> Node {
     match document.node(old).clone() {
         Node::Array(array) => {
@@ -153,7 +154,7 @@ fn rewritten(document: &mut Document, old: Id, frames: usize, value: Column) -> 
     }
 }
 
-/// One row of a list of rows, of the sort that it was.
+/// One row of a list of rows, as the same type of container.
 fn rewritten_row(document: &mut Document, row: Id, frame: usize, value: &Column) -> Id {
     match document.node(row).clone() {
         Node::List(cells) => {
@@ -177,7 +178,7 @@ fn rewritten_row(document: &mut Document, row: Id, frame: usize, value: &Column)
     }
 }
 
-/// A single number, or the old one where there is none.
+/// A new number, or the old value if there is none.
 fn cell(document: &mut Document, old: Id, value: Option<f64>) -> Id {
     value.map_or(old, |x| document.push(Node::Float(x)))
 }

@@ -9,7 +9,7 @@ use crate::{
     pickle::{Array, Document, Dtype, ElementKind, Id, Node},
 };
 
-/// A field of the file: keys from the root, borrowed from the stack until an error needs them.
+/// A field of the file: its keys from the root. Keys are borrowed from the stack and copied only for an error.
 #[derive(Clone, Copy)]
 pub(super) struct Field<'f> {
     parent: Option<&'f Self>,
@@ -46,27 +46,26 @@ pub(super) struct Fields<'d> {
     path: &'d Path,
     /// Bytes that may still be copied out of the document.
     budget: Cell<usize>,
-    /// Remaining number of entries and letters that may be read.
+    /// Number of entries and bytes of text that may still be read.
     work: Cell<usize>,
 }
 
 impl<'d> Fields<'d> {
     pub(super) fn new(document: &'d Document, path: &'d Path) -> Self {
-        // Values can be shared, so a short file could cause unlimited copies and searches. Regular files
-        // double the bytes of their floats and read each dict about ten times; small ones share their
-        // columns.
+        // Values can be shared, so a short file could cause unlimited copies and searches. For a regular file,
+        // floats take twice their bytes, and each dict is read about ten times. Small files share columns.
         let size = document.file_size();
         let budget = size.saturating_mul(4).saturating_add(4 << 20);
         let work = size.saturating_mul(16).saturating_add(4 << 20);
         Self { document, path, budget: Cell::new(budget), work: Cell::new(work) }
     }
 
-    /// An error about a value of the document.
+    /// Error that states a value of the document.
     pub(super) fn wrong(&self, field: &Field, id: Id, expected: impl Into<String>) -> Error {
         self.error(field, self.document.describe(id), expected)
     }
 
-    /// An error about a described value.
+    /// Error that states a description of a value.
     pub(super) fn error(
         &self,
         field: &Field,
@@ -90,7 +89,7 @@ impl<'d> Fields<'d> {
         if self.work.get() == 0 { Err(self.used_up(field)) } else { Ok(()) }
     }
 
-    /// Accounts for reading `n` entries or letters; `false` if the limit is reached.
+    /// Accounts for reading `n` entries or bytes of text; `false` if the limit is reached.
     pub(super) fn spend_work(&self, n: usize) -> bool {
         self.work.set(self.work.get().saturating_sub(n));
         self.work.get() > 0
@@ -104,7 +103,7 @@ impl<'d> Fields<'d> {
         )
     }
 
-    /// Value of a key; the search is accounted for.
+    /// Value of a key. The search counts as work.
     fn get(&self, dict: Id, key: &str) -> Option<Id> {
         let entries = self.document.entries(dict)?;
         self.spend_work(entries.len()).then(|| self.document.get(dict, key)).flatten()
@@ -127,8 +126,8 @@ impl<'d> Fields<'d> {
     }
 
     pub(super) fn text(&self, id: Id, field: &Field) -> Result<&'d str, Error> {
-        let letters = self.document.text_length(id).ok_or_else(|| self.wrong(field, id, "a str"))?;
-        if !self.spend_work(letters) {
+        let length = self.document.text_length(id).ok_or_else(|| self.wrong(field, id, "a str"))?;
+        if !self.spend_work(length) {
             return Err(self.used_up(field));
         }
         self.document.text(id).ok_or_else(|| self.wrong(field, id, "a str"))
@@ -149,7 +148,7 @@ impl<'d> Fields<'d> {
         Ok(name)
     }
 
-    /// One finite number a frame, from an array of shape (n,) or (n, 1) or a list.
+    /// One finite number per frame, from an array of shape (n,) or (n, 1), or from a list.
     pub(super) fn column(&self, id: Id, field: &Field, length: usize) -> Result<Vec<f64>, Error> {
         self.column_within(MAX_COORDINATE, id, field, length)
     }
@@ -168,7 +167,7 @@ impl<'d> Fields<'d> {
         Ok(rows.into_iter().map(|[x]| x).collect())
     }
 
-    /// `N` finite numbers a frame; of wider rows the first `N`.
+    /// `N` finite numbers per frame; the first `N` of wider rows.
     pub(super) fn table<const N: usize>(
         &self,
         id: Id,
@@ -185,7 +184,7 @@ impl<'d> Fields<'d> {
         if found == expected {
             return Ok(());
         }
-        Err(self.error(field, format!("{found} rows"), format!("{expected} rows, one a frame")))
+        Err(self.error(field, format!("{found} rows"), format!("{expected} rows, one per frame")))
     }
 
     /// Rows of finite numbers within ±[`MAX_COORDINATE`], of any accepted width; missing columns are 0.
@@ -200,7 +199,7 @@ impl<'d> Fields<'d> {
         Ok(out)
     }
 
-    /// As [`Fields::rows`], behind what `out` holds.
+    /// As [`Fields::rows`], appended to `out`.
     pub(super) fn append_rows<const N: usize>(
         &self,
         out: &mut Vec<[f64; N]>,
@@ -230,15 +229,15 @@ impl<'d> Fields<'d> {
             }
             _ => return Err(self.wrong(field, id, "an array or a list of numbers")),
         }
-        // One branch-free pass for the common case; the invalid number is searched only if it fails. NaN
-        // also fails the comparison.
+        // One branch-free pass checks all numbers. Only if it fails, the invalid number is searched. NaN also
+        // fails the comparison.
         let is_bad = |x: &f64| !(x.abs() <= limit);
         if out[first..].iter().flatten().fold(false, |bad, x| bad | is_bad(x)) {
-            let culprit = out[first..]
+            let invalid = out[first..]
                 .iter()
                 .enumerate()
                 .find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
-            let (row, value) = culprit.unwrap_or((0, &f64::NAN));
+            let (row, value) = invalid.unwrap_or((0, &f64::NAN));
             return Err(self.error(
                 &field.key(&row.to_string()),
                 value.to_string(),

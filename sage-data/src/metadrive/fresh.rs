@@ -1,4 +1,4 @@
-//! A MetaDrive file for a scene that came from none.
+//! A MetaDrive file for a scene without a source.
 
 use sage_core::scene::{Boundary, LightState, Map, MapFeature, Neighbor, Scene, Track};
 
@@ -10,22 +10,21 @@ pub(crate) const PROCEDURAL_DATASET: &str = "sage";
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 const BOOL: Dtype = Dtype { kind: ElementKind::Bool, size: 1, big_endian: false };
 
-/// The values of a MetaDrive file that holds the scene, numbers rounded to 32-bit floats as in
-/// recorded ones.
+/// The values of a new MetaDrive file for a scene. Numbers are rounded to 32-bit floats, as in recorded files.
 pub(crate) fn fresh(scene: &Scene) -> Document {
-    let mut make = Maker(Document::empty());
-    let tracks = scene.tracks.iter().map(|track| (track.id.clone(), make.track(track))).collect();
+    let mut builder = Builder(Document::empty());
+    let tracks = scene.tracks.iter().map(|track| (track.id.clone(), builder.track(track))).collect();
     let lights: Vec<(String, Id)> = scene
         .lights
         .iter()
         .map(|light| {
-            let states = light.states.iter().map(|state| make.light_state(*state)).collect();
-            let states = make.push(Node::List(states));
-            let state = make.dict([("object_state", states)]);
-            let stop = make.floats(&[3], light.stop_point.unwrap_or_default());
-            let (kind, lane) = (make.text("TRAFFIC_LIGHT"), make.text(&light.lane));
-            let length = make.push(Node::Int(light.states.len() as i64));
-            let metadata = make.dict([("track_length", length), ("type", kind), ("object_id", lane)]);
+            let states = light.states.iter().map(|state| builder.light_state(*state)).collect();
+            let states = builder.push(Node::List(states));
+            let state = builder.dict([("object_state", states)]);
+            let stop = builder.floats(&[3], light.stop_point.unwrap_or_default());
+            let (kind, lane) = (builder.text("TRAFFIC_LIGHT"), builder.text(&light.lane));
+            let length = builder.push(Node::Int(light.states.len() as i64));
+            let metadata = builder.dict([("track_length", length), ("type", kind), ("object_id", lane)]);
             let entries = [
                 ("type", kind),
                 ("state", state),
@@ -33,16 +32,16 @@ pub(crate) fn fresh(scene: &Scene) -> Document {
                 ("stop_point", stop),
                 ("metadata", metadata),
             ];
-            (light.lane.clone(), make.dict(entries))
+            (light.lane.clone(), builder.dict(entries))
         })
         .collect();
     let features =
-        scene.map.features.iter().map(|f| (f.id.clone(), make.feature(&scene.map, f))).collect::<Vec<_>>();
-    let metadata = make.metadata(scene);
-    let (tracks, lights, features) = (make.named(tracks), make.named(lights), make.named(features));
-    let (id, version) = (make.text(&scene.id), make.text("sage"));
-    let length = make.push(Node::Int(scene.frames as i64));
-    let root = make.dict([
+        scene.map.features.iter().map(|f| (f.id.clone(), builder.feature(&scene.map, f))).collect::<Vec<_>>();
+    let metadata = builder.metadata(scene);
+    let (tracks, lights, features) = (builder.named(tracks), builder.named(lights), builder.named(features));
+    let (id, version) = (builder.text(&scene.id), builder.text("sage"));
+    let length = builder.push(Node::Int(scene.frames as i64));
+    let root = builder.dict([
         ("id", id),
         ("version", version),
         ("length", length),
@@ -51,15 +50,15 @@ pub(crate) fn fresh(scene: &Scene) -> Document {
         ("map_features", features),
         ("metadata", metadata),
     ]);
-    make.0.set_root(root);
-    super::complete(&mut make.0);
-    make.0
+    builder.0.set_root(root);
+    super::complete(&mut builder.0);
+    builder.0
 }
 
-/// A document in the making.
-struct Maker(Document);
+/// Builds a document.
+struct Builder(Document);
 
-impl Maker {
+impl Builder {
     fn push(&mut self, node: Node) -> Id {
         self.0.push(node)
     }
@@ -204,9 +203,9 @@ impl Maker {
 
     fn metadata(&mut self, scene: &Scene) -> Id {
         let ego = self.text(&scene.ego().id);
-        let roles =
+        let involved =
             scene.adversary.map(|k| scene.tracks[k].id.as_str()).into_iter().chain([scene.ego().id.as_str()]);
-        let interest = self.texts(roles);
+        let interest = self.texts(involved);
         let now = self.push(Node::Int(sage_core::motion::NOW as i64));
         let times = if scene.timestamps.is_empty() {
             (0..scene.frames).map(|f| f as f64 * sage_core::motion::DT).collect()

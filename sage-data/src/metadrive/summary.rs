@@ -1,22 +1,23 @@
-//! The parts of a scene file that MetaDrive and ScenarioNet compute: `object_summary` and `number_summary` in
-//! the metadata, and ids and types in the metadata of each track and light. Keys and definitions are those of
-//! MetaDrive 0.4.3.
+//! Derived values of a scene file, with the keys and definitions of MetaDrive 0.4.3.
+//!
+//! They are `object_summary` and `number_summary` in the metadata, and ids and types in the metadata of each
+//! track and light.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node, dtype_values};
 
-/// An object that moves farther than this counts as moving, metres.
+/// Distance above which an object counts as moving, metres.
 const MOVING: f64 = 1.0;
-/// Road lines are searched for their height difference until it exceeds this, metres.
+/// Height difference of road lines at which the search stops, metres.
 const HEIGHT_LIMIT: f64 = 10.0;
-/// Seconds between frames.
+/// Time between frames, seconds.
 const PERIOD: f64 = 0.1;
 
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 
-/// Writes both summaries and everything that MetaDrive's `sanity_check` asks for and that can be derived. Dicts
-/// that are changed are copied first, because others may share them.
+/// Writes both summaries, and all derivable values that MetaDrive's `sanity_check` requires. Changed dicts are
+/// copied first, because other values may share them.
 pub(crate) fn complete(document: &mut Document) {
     let root = document.root();
     for (group, kind) in [("tracks", "UNSET"), ("dynamic_map_states", "TRAFFIC_LIGHT")] {
@@ -58,14 +59,14 @@ pub(crate) fn complete(document: &mut Document) {
     document.set(root, "metadata", metadata);
 }
 
-/// Sets type and id in the metadata of each object of a group, where they are missing.
+/// Sets a missing type and id in the metadata of each object of a group.
 fn complete_objects(document: &mut Document, root: Id, group: &str, kind: &str) {
     let Some(objects) = document.get(root, group) else {
-        let none = document.push(Node::Dict(Vec::new()));
-        return document.set(root, group, none);
+        let empty = document.push(Node::Dict(Vec::new()));
+        return document.set(root, group, empty);
     };
     let mut changed = Vec::new();
-    for (place, (key, object)) in
+    for (index, (key, object)) in
         document.entries(objects).unwrap_or_default().to_vec().into_iter().enumerate()
     {
         let metadata = document.get(object, "metadata");
@@ -86,23 +87,23 @@ fn complete_objects(document: &mut Document, root: Id, group: &str, kind: &str) 
         document.set(metadata, "type", kind);
         document.set(metadata, "object_id", key);
         document.set(object, "metadata", metadata);
-        changed.push((place, object));
+        changed.push((index, object));
     }
     if changed.is_empty() {
         return;
     }
     let mut node = document.node(objects).clone();
     if let Node::Dict(entries) | Node::DefaultDict { entries, .. } = &mut node {
-        for (place, object) in changed {
-            entries[place].1 = object;
+        for (index, object) in changed {
+            entries[index].1 = object;
         }
     }
     let objects = document.push(node);
     document.set(root, group, objects);
 }
 
-/// Recomputes the summary of one track, and the numbers of moving objects, in dicts of their own: what
-/// [`complete`] wrote may be shared with other copies of the document.
+/// Recomputes the summary of one track and the numbers of moving objects, in new dicts. Other copies of the
+/// document may share the dicts that [`complete`] wrote.
 pub(crate) fn update(document: &mut Document, id: &str) {
     let root = document.root();
     let found = |document: &Document, group: Id| {
@@ -113,8 +114,8 @@ pub(crate) fn update(document: &mut Document, id: &str) {
     else {
         return;
     };
-    let Some(place) = found(document, tracks) else { return };
-    let Some((_, track)) = document.entries(tracks).and_then(|entries| entries.get(place)).copied() else {
+    let Some(index) = found(document, tracks) else { return };
+    let Some((_, track)) = document.entries(tracks).and_then(|entries| entries.get(index)).copied() else {
         return;
     };
     let object = ObjectSummary::of(document, id.to_owned(), track);
@@ -145,7 +146,7 @@ pub(crate) fn update(document: &mut Document, id: &str) {
     document.set(numbers, "num_moving_objects_each_type", moving);
 }
 
-/// What the summary of one object holds.
+/// Content of the summary of one object.
 struct ObjectSummary {
     id: String,
     kind: String,
@@ -214,11 +215,11 @@ fn summaries(document: &mut Document) -> (Id, Id) {
         }
         counts
     };
-    let (every, moving) = (count(&|_| true), count(&|object| object.moving_distance > MOVING));
+    let (total, moving) = (count(&|_| true), count(&|object| object.moving_distance > MOVING));
     let mut numbers: Vec<(&str, Id)> = Vec::new();
     numbers.push(("num_objects", document.new_int(all.len())));
     numbers.push(("object_types", document.push(Node::Set(kinds.values().copied().collect()))));
-    numbers.push(("num_objects_each_type", counts(document, &every)));
+    numbers.push(("num_objects_each_type", counts(document, &total)));
     numbers.push(("num_moving_objects", document.new_int(moving.values().sum())));
     numbers.push(("num_moving_objects_each_type", counts(document, &moving)));
     lights(document, &mut numbers);
@@ -238,13 +239,14 @@ fn counts(document: &mut Document, counts: &BTreeMap<&str, usize>) -> Id {
     document.new_dict(entries)
 }
 
-/// Numbers of a column of a track, or of a line: an array of one or two axes, or a list of numbers or rows.
+/// Numbers of a column of a track, or of a polyline: from an array of one or two axes, or from a list of numbers
+/// or rows.
 #[derive(Default)]
 struct Column {
     values: Vec<f64>,
     frames: usize,
     width: usize,
-    /// Whether the values of one component lie together.
+    /// True if the values of one component are contiguous.
     fortran: bool,
 }
 
@@ -269,23 +271,23 @@ impl Column {
         };
         let rows: Vec<Vec<f64>> = items.iter().map(row).collect();
         let width = rows.first().map_or(0, Vec::len);
-        // Rows of unequal length are no column.
+        // Rows of unequal length count as an empty column.
         let frames = if rows.iter().all(|row| row.len() == width) { rows.len() } else { 0 };
         Self { values: rows.concat(), frames, width, fortran: false }
     }
 
-    /// A number; 0 where the column has no such component.
+    /// A number; 0 if the column has no such component.
     fn at(&self, frame: usize, component: usize) -> f64 {
         if component >= self.width {
             return 0.0;
         }
-        let place =
+        let index =
             if self.fortran { component * self.frames + frame } else { frame * self.width + component };
-        self.values.get(place).copied().unwrap_or(0.0)
+        self.values.get(index).copied().unwrap_or(0.0)
     }
 }
 
-/// Adds what `number_summary` says of traffic lights.
+/// Adds the entries of `number_summary` for traffic lights.
 fn lights(document: &mut Document, numbers: &mut Vec<(&str, Id)>) {
     let lights = document.get(document.root(), "dynamic_map_states");
     let lights = lights.and_then(|lights| document.entries(lights)).unwrap_or_default();
@@ -306,8 +308,7 @@ fn lights(document: &mut Document, numbers: &mut Vec<(&str, Id)>) {
     numbers.push(("num_traffic_light_each_step", counts(document, &steps)));
 }
 
-/// Difference between the highest and the lowest point of the road lines, metres; 0 without lines that know
-/// their height.
+/// Difference between the highest and the lowest point of the road lines, metres; 0 if no line has heights.
 fn height_difference(document: &Document, features: &[(Id, Id)]) -> f64 {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for (_, feature) in features {

@@ -1,8 +1,8 @@
-//! The data of a MetaDrive source beyond the scene, stored in a native file.
+//! The data of a MetaDrive source that the scene does not contain, stored in a native file.
 //!
-//! `source.pickle` is the source with its packed arrays emptied: a plain pickle, which Python also reads.
-//! `source.arrays` locates their elements. It has one row per array: index among the arrays of the pickle,
-//! tensor, first element, number of axes, and lengths (unused ones 0).
+//! `source.pickle` is a pickle of the source, which Python can read. Its packed arrays are empty.
+//! `source.arrays` has one row per packed array, which locates its elements: index among the arrays of the
+//! pickle, tensor, first element, number of axes, and lengths (unused ones are 0).
 
 use std::{collections::HashMap, path::Path};
 
@@ -93,7 +93,7 @@ fn arrays(document: &Document) -> impl Iterator<Item = Id> {
     document.ids().filter(|id| matches!(document.node(*id), Node::Array(_)))
 }
 
-/// Whether an array's elements have a tensor's type, bit for bit.
+/// True if the elements of an array have the type and byte order of a tensor.
 fn fits(array: &Array, dtype: Dtype) -> bool {
     let little = !array.dtype.big_endian || array.dtype.size == 1;
     let same = match dtype {

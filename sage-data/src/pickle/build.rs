@@ -1,4 +1,4 @@
-//! New values for a document.
+//! Adds new values to a document.
 
 use super::{Document, Id, Node};
 
@@ -20,7 +20,7 @@ impl Document {
         self.push(Node::Dict(entries))
     }
 
-    /// A copy of a value, for a change that other holders of the value must not see. What it holds is shared.
+    /// A shallow copy of a value, so that a change does not affect other references. Its items stay shared.
     pub(crate) fn shallow_copy(&mut self, id: Id) -> Id {
         let node = self.node(id).clone();
         self.push(node)

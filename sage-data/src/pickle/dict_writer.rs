@@ -1,17 +1,17 @@
-//! A pickled dict that is written entry by entry, so that it need not be in memory at once.
+//! Writes a pickled dict entry by entry, so that the whole dict need not fit in memory.
 
 use std::io::{self, Write};
 
 use super::{Document, opcode as op};
 
-/// A dict of str keys in the writing.
+/// A partly written dict with str keys.
 pub(crate) struct DictWriter<'w> {
     out: &'w mut dyn Write,
     memo: u32,
 }
 
 impl<'w> DictWriter<'w> {
-    /// Begins a pickle of protocol 4 whose outermost value is the dict.
+    /// Begins a pickle of protocol 4 whose root value is the dict.
     pub(crate) fn begin(out: &'w mut dyn Write) -> io::Result<Self> {
         out.write_all(&[op::PROTO, 4, op::EMPTY_DICT])?;
         Ok(Self { out, memo: 0 })

@@ -1,6 +1,6 @@
 //! Writes documents as pickles (protocol 4), and adds values to documents.
 //!
-//! Shared values stay shared. Arrays are written in a form that both numpy 1 and 2 read.
+//! Shared values stay shared. Both numpy 1 and numpy 2 can read the arrays.
 
 use super::{Array, Document, Dtype, Id, Node, Span, opcode as op};
 
@@ -18,12 +18,12 @@ impl Document {
         self.root = root;
     }
 
-    /// Replaces a value; all references to it refer to the new one.
+    /// Replaces a value. All references to it then refer to the new value.
     pub(crate) fn replace(&mut self, id: Id, node: Node) {
         self.nodes[id.0 as usize] = node;
     }
 
-    /// Adds a value without references.
+    /// Adds a value that no other value references yet.
     pub(crate) fn push(&mut self, node: Node) -> Id {
         let id = Id(self.nodes.len() as u32);
         self.nodes.push(node);
@@ -58,7 +58,7 @@ impl Document {
         self.to_pickle_without(|_| false).0
     }
 
-    /// The document as a pickle in which some arrays are empty, and all arrays in the order of the pickle.
+    /// The document as a pickle in which some arrays are empty. Also returns all arrays in the order of the pickle.
     pub(crate) fn to_pickle_without(&self, is_emptied: impl Fn(Id) -> bool) -> (Vec<u8>, Vec<Id>) {
         let references = self.count_references();
         let newest = self.nodes.iter().any(|node| match node {
@@ -74,8 +74,8 @@ impl Document {
         (writer.out, writer.arrays)
     }
 
-    /// Appends the root value to a pickle that is written in parts and has `memo` memo entries. Returns the
-    /// number of memo entries afterwards. The value must not need protocol 5.
+    /// Appends the root value to a pickle that is written in parts and has `memo` memo entries so far. Returns
+    /// the new number of memo entries. The value must not need protocol 5.
     pub(crate) fn append_to(&self, out: &mut Vec<u8>, memo: u32) -> u32 {
         let references = self.count_references();
         let mut writer = Writer::new(self, &references, &|_| false, std::mem::take(out), memo);
@@ -106,14 +106,14 @@ impl Document {
     }
 }
 
-/// Memo contents other than values.
+/// Content of a memo entry that is not a value.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stored {
     Global(&'static str, &'static str),
     Dtype(char, u8, bool),
 }
 
-/// Memo entry of a value that has none.
+/// Marks a value without a memo entry.
 const NOT_STORED: u32 = u32::MAX;
 
 /// Remaining output, last first.
@@ -178,8 +178,8 @@ impl<'d> Writer<'d> {
     }
 
     /// Writes a reference if the memo contains it.
-    fn recalls(&mut self, thing: Stored) -> bool {
-        let known = self.others.iter().find(|(other, _)| *other == thing).map(|(_, entry)| *entry);
+    fn recalls(&mut self, stored: Stored) -> bool {
+        let known = self.others.iter().find(|(other, _)| *other == stored).map(|(_, entry)| *entry);
         known.map(|entry| self.recall(entry)).is_some()
     }
 
@@ -189,9 +189,9 @@ impl<'d> Writer<'d> {
         self.memo_len - 1
     }
 
-    fn store(&mut self, thing: Stored) {
+    fn store(&mut self, stored: Stored) {
         let entry = self.memoize();
-        self.others.push((thing, entry));
+        self.others.push((stored, entry));
     }
 
     fn store_value(&mut self, id: Id) {

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Compares pickles pair by pair, value by value: compare.py A B [A B …]
 
-Keys and their order, types, dtypes, shapes and bits must be equal. Prints the first difference of
-a pair and exits with 1; exits with 3 where numpy is missing.
+Keys and their order, types, dtypes, shapes and bits must be equal. At the first difference it prints the
+difference and exits with 1. It exits with 3 if numpy is missing.
 """
 import pickle
 import struct

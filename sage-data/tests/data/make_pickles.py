@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Makes the small scene files of the tests and of `examples/`. Needs numpy; run it anywhere:
+"""Generates the small scene files of the tests and of `examples/`. It needs numpy and runs in any folder:
 
     python3 sage-data/tests/data/make_pickles.py
 
-Everything here is invented: no recorded data goes in. The files are committed, so the tests need
-no Python; running this again gives the same bytes (numpy 2).
+All data is synthetic; none is recorded. The files are committed, so the tests need no Python. A second run
+writes the same bytes (numpy 2).
 """
 import collections
 import copy
@@ -21,7 +21,7 @@ EXAMPLES = HERE.parents[2] / "examples"
 
 
 class Spelled(pickle._Pickler):
-    """A pickler that writes numpy's functions under the old or the new module names."""
+    """A pickler that writes numpy's functions with the old or the new module names."""
 
     def __init__(self, file, protocol, core):
         super().__init__(file, protocol)
@@ -53,7 +53,7 @@ def dumps(value, protocol=4, core="numpy.core"):
 
 
 def track(kind, start, heading, speed, size, frames, dtype=np.float32, valid=None):
-    """A road user that keeps its speed and heading."""
+    """A track with constant speed and heading."""
     t = 0.1 * np.arange(frames)
     direction = np.array([math.cos(heading), math.sin(heading)])
     position = np.zeros((frames, 3), dtype)
@@ -103,7 +103,7 @@ def scene(name, frames, tracks, features, lights, ego, interest):
 
 
 def crossing(frames=91):
-    """Two roads that cross: the ego drives east, the adversary north and clear ahead of it."""
+    """Two roads that cross. The ego drives east, and the adversary drives north and passes well ahead of it."""
     late = np.ones(frames, bool)
     late[: frames // 3] = False
     tracks = {
@@ -128,11 +128,11 @@ def crossing(frames=91):
             [[4, 4, 0], [8, 4, 0], [8, -4, 0], [4, -4, 0]], np.float32)},
         "stop": {"type": "STOP_SIGN", "lane": ["south"], "position": np.array([-3.0, 6.0, 0.0], np.float32)},
     }
-    # Edges around the four corners, each with the road on its left.
+    # Road edges around the four corners, each with the road on its left.
     for k in range(4):
         turn = np.array([[0, -1], [1, 0]])
         a, corner, b = (np.linalg.matrix_power(turn, k) @ np.array(p) for p in [(60.0, 8.0), (8.0, 8.0), (8.0, 60.0)])
-        # Seen from the corner's quadrant: in along one road, out along the other.
+        # From the end of one road to the corner, and from the corner to the end of the other road.
         points = np.concatenate([line(b, corner), line(corner, a)[1:]])
         features[f"edge{k}"] = {"type": "ROAD_EDGE_BOUNDARY", "polyline": points}
     lights = {"north": {
@@ -143,11 +143,11 @@ def crossing(frames=91):
 
 
 def attacks():
-    """Candidates for the adversary of `crossing`: the log, a late arrival, a stop, a short cut."""
+    """Candidates for the adversary of `crossing`: log, late arrival, stop, turn over the kerb, braking ego."""
     t = 0.1 * np.arange(1, 81)
     x0, y0 = 1.75, -14.0
     straight = lambda s: [[x0, round(float(y0 + d), 4)] for d in s]
-    # Braking to stop in front of the ego's lane, then on.
+    # `wait` brakes to a stop in front of the ego's lane; `meet` brakes to 3.6 m/s.
     v = np.clip(8.0 - 3.0 * t, 0, None)
     wait = np.cumsum(v) * 0.1
     meet = np.cumsum(np.clip(8.0 - 5.0 * t, 3.6, None)) * 0.1
@@ -164,7 +164,7 @@ def attacks():
 
 
 def small():
-    """A scene of 14 frames with everything that other writers do: dtypes, lists, odd containers."""
+    """A scene of 14 frames with the dtypes, lists and containers that other writers use."""
     frames = 14
     wide = track("VEHICLE", (0, 0), 0.0, 5.0, (4.5, 1.9, 1.5), frames, np.float64)
     for key in ("length", "width", "height"):
@@ -198,7 +198,7 @@ def small():
 
 
 def broken():
-    """Scenes with one thing wrong each: file name to scene."""
+    """Scenes with one error each, by file name."""
     out = {}
 
     def variant(name, change):
@@ -261,14 +261,14 @@ def main():
         for core in ("numpy.core", "numpy._core"):
             (HERE / f"small_p{protocol}_{core.split('.')[1]}.pkl").write_bytes(dumps(value, protocol, core))
     five = copy.deepcopy(value)
-    # What only protocol 5, or 4 and 5, can say without a global.
+    # Types that only protocol 5, or 4 and 5, can store without a global.
     five["metadata"].update(bytearray=bytearray(b"abc"), frozen=frozenset([1]))
     (HERE / "newest_p5.pkl").write_bytes(dumps(five, 5))
     bad = HERE / "broken"
     bad.mkdir(exist_ok=True)
     for name, made in broken().items():
         (bad / f"{name}.pkl").write_bytes(dumps(made))
-    # ScenarioNet's folder with a summary and a mapping.
+    # A ScenarioNet folder with a summary and a mapping.
     folder = HERE / "scenarionet"
     (folder / "part").mkdir(parents=True, exist_ok=True)
     for name in ("sd_b.pkl", "sd_a.pkl"):

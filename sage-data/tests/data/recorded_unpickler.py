@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Loads pickle programs with CPython's C unpickler and compares their values with what another reader says of them.
+"""Loads pickle programs with CPython's C unpickler and compares their values with those of another reader.
 
-Standard input holds pairs of a program and a text, each with its length before it (four bytes, little-endian). No
-global is ever imported or called: `find_class` gives stand-ins that record what numpy and Python would make of their
-arguments. Prints how many agree; the first that differs ends the run with exit code 1.
+Standard input holds pairs of a program and a text. Each is preceded by its length (four bytes, little-endian).
+No global is ever imported or called: `find_class` returns substitutes that record the values that numpy and Python
+would construct. Prints the number of programs that agree. The first difference ends the run with exit code 1.
 """
 import _pickle
 import io
@@ -15,7 +15,7 @@ FORMATS = {"i1": "b", "i2": "h", "i4": "i", "i8": "q", "u1": "B", "u2": "H", "u4
 
 
 class Dtype:
-    """numpy.dtype: without `copy` it is shared by everybody, and no state changes it."""
+    """numpy.dtype. Without `copy` it is a shared object, and `__setstate__` does not change it."""
 
     def __init__(self, name, align=False, copy=False):
         name = name.decode("ascii") if isinstance(name, bytes) else name
@@ -48,7 +48,7 @@ class Dtype:
 
 
 class Array:
-    """numpy.ndarray; it shares its type with whoever made it."""
+    """numpy.ndarray. It shares its dtype object with the code that created it."""
 
     __hash__ = None
 
@@ -71,7 +71,7 @@ class Array:
 
 
 class Scalar:
-    """A numpy scalar: equal to any number of its value."""
+    """A numpy scalar. It equals any number of the same value."""
 
     def __init__(self, dtype, data):
         data = data.encode("latin1") if isinstance(data, str) else data
@@ -98,7 +98,7 @@ class DefaultDict(dict):
 
 
 class Name:
-    """A type that is named and never called."""
+    """A type that pickles refer to by name and that is never called."""
 
 
 INT, NDARRAY = Name(), Name()
@@ -151,7 +151,7 @@ class Unpickler(_pickle.Unpickler):
         if (module, name) in TABLE:
             return TABLE[module, name]
         if module in ("builtins", "__builtin__") and name in ("int", "long", "set", "bytes"):
-            # Only CPython knows in which protocols the names of Python 2 count. Nothing is called.
+            # CPython decides in which protocols the names of Python 2 are valid. Nothing is called.
             return BUILTINS[super().find_class(module, name)]
         raise _pickle.UnpicklingError(f"{module}.{name}")
 
@@ -161,7 +161,7 @@ def counted(letter, raw):
 
 
 def text(x):
-    """The value as bytes; equal for equal values, types included."""
+    """The value as bytes. Equal values of equal types give equal bytes."""
     kind = type(x)
     if x is None:
         return b"N"
@@ -207,7 +207,7 @@ def main():
         expected = piece()
         try:
             found = text(Unpickler(io.BytesIO(program)).load())
-        except Exception as error:  # Whatever Python makes of it, the other reader took it for a value.
+        except Exception as error:  # The other reader returned a value, so any exception here is a difference.
             found = repr(error).encode()
         if found != expected:
             print(f"program {program.hex()}\n  here  {found!r}\n  there {expected!r}")

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use sage_backbones::{
     Backbone, MotionModel,
     backbone::{finite, to_world},
-    candidates::{Selection, choose},
+    candidates::{Selection, select},
     candle::{Device, Tensor},
     encoding::Encoding,
     features::{FORECAST_STEPS, STRIDE},
@@ -160,7 +160,7 @@ impl Encoded {
         let mut rng = Rng::new(seed, &self.now.scene().id, "candidates");
         let policy: Vec<f32> = finite(&log_probs)?;
         let nms = Selection::Nms { radius: options.apart };
-        let modes = choose(&policy, &ends, SPARE * options.candidates, nms, &mut rng);
+        let modes = select(&policy, &ends, SPARE * options.candidates, nms, &mut rng);
         let trajectories = to_world(&model.trajectories(encoding, &modes)?, encoding.features())?;
         let origin = encoding.features().frame.origin();
         let trajectories: Vec<Extended> =

@@ -55,7 +55,7 @@ impl Selector for CatSelector {
 
 /// Result of CAT's selection.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CatChoice {
+pub struct CatSelection {
     /// Index of the selected candidate.
     pub chosen: usize,
     /// Whether any candidate makes contact.
@@ -78,7 +78,7 @@ pub fn cat_select(
     ego: &[(&[Point], f64)],
     size: [f64; 2],
     ego_size: [f64; 2],
-) -> CatChoice {
+) -> CatSelection {
     let probabilities = flattened(log_probs);
     let boxes: Vec<Vec<OrientedBox>> = candidates.iter().map(|trajectory| boxes(trajectory, size)).collect();
     let egos: Vec<Vec<OrientedBox>> =
@@ -102,7 +102,7 @@ pub fn cat_select(
     let nearest = (0..scores.len()).min_by_key(|k| whole_metres[*k]);
     let collides = first_contact.iter().flatten().any(Option::is_some);
     let chosen = if scores.iter().any(|s| *s != 0.0) { best } else { nearest };
-    CatChoice { chosen: chosen.unwrap_or(0), collides, probabilities, scores, whole_metres, first_contact }
+    CatSelection { chosen: chosen.unwrap_or(0), collides, probabilities, scores, whole_metres, first_contact }
 }
 
 fn flattened(log_probs: &[f64]) -> Vec<f64> {

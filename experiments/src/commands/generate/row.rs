@@ -188,8 +188,8 @@ fn line(
         .map_or("no contact".to_owned(), |step| format!("contact after {:.1} s", step as f64 / 10.0));
     format!(
         "{} {}: {hit}, R_adv {reward:.2}, P_kin {kinematic:.2}, P_beh {behavior:.2}, {}{} ({})",
-        terminal::harmless_name(scene),
-        terminal::harmless_name(variant),
+        terminal::escaped_name(scene),
+        terminal::escaped_name(variant),
         if is_feasible { "feasible" } else { "not feasible" },
         note.map_or(String::new(), |note| format!("; {note}")),
         seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s)),

@@ -1,0 +1,275 @@
+//! What `sage generate` leaves: a data set that MetaDrive and ScenarioNet open, resumable and in shards.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod hostile;
+mod program;
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    process::{Command, Output, Stdio},
+};
+
+use program::*;
+use sage_data::{
+    Recording,
+    pickle::{Document, Id, Node},
+};
+use serde_json::Value;
+
+/// Procedural scenes as pickles below a folder.
+fn scenes(folder: &Path, count: usize) -> PathBuf {
+    let scenes = folder.join("scenes");
+    let count = count.to_string();
+    stdout(&sage(&["scenes", "--count", &count, "--format", "pickle", "--out", text(&scenes)]));
+    scenes
+}
+
+fn generate(scenes: &Path, out: &Path, more: &[&str]) -> Output {
+    let arguments = ["generate", text(scenes), "--lambda", "0,1", "--out", text(out)];
+    sage(&[&arguments[..], &WEIGHTS, more].concat())
+}
+
+/// Files without the record of the run, which holds times.
+fn files(out: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut files = hostile::snapshot(out);
+    files.remove("run.json");
+    files
+}
+
+fn record(out: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(out.join("run.json")).unwrap()).unwrap()
+}
+
+fn document(path: &Path) -> Document {
+    Document::parse(std::fs::read(path).unwrap()).unwrap()
+}
+
+/// Keys of a dict, in its order.
+fn keys(document: &Document, dict: Id) -> Vec<String> {
+    let entries = document.entries(dict).unwrap();
+    entries.iter().map(|(key, _)| document.text(*key).unwrap().to_owned()).collect()
+}
+
+#[test]
+fn the_folder_is_a_data_set_with_summary_and_mapping() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = scenes(folder.path(), 3);
+    std::fs::copy(example(), scenes.join("10.pkl")).unwrap();
+    std::fs::copy(example(), scenes.join("9.pkl")).unwrap();
+    let out = folder.path().join("out");
+    stdout(&generate(&scenes, &out, &[]));
+    let [summary, mapping] =
+        ["summary", "mapping"].map(|name| document(&out.join(format!("dataset_{name}.pkl"))));
+    let names = keys(&summary, summary.root());
+    assert_eq!(names.len(), 10);
+    assert_eq!(names, keys(&mapping, mapping.root()));
+    let place = |part: &str| names.iter().position(|name| name.contains(part)).unwrap();
+    assert!(
+        place("_9-lambda0.00") < place("_9-lambda1.00") && place("_9-lambda1.00") < place("_10-lambda0.00")
+    );
+    for (key, value) in mapping.entries(mapping.root()).unwrap() {
+        let name = mapping.text(*key).unwrap();
+        assert!(name.starts_with("sd_") && out.join(name).is_file(), "{name}");
+        assert_eq!(mapping.text(*value), Some(""));
+    }
+    for (name, entry) in names.iter().zip(summary.entries(summary.root()).unwrap()) {
+        check_summary(&document(&out.join(name)), &summary, entry.1);
+    }
+    // The folder goes in again, each scene once.
+    let again = sage(&["inspect", text(&out), "--json"]);
+    assert_eq!(rows(&again).len(), 10);
+    metadrive_opens(&out, 10);
+}
+
+/// Compares the summaries in a file with its tracks, and with its entry in the data set's summary.
+fn check_summary(file: &Document, summary: &Document, entry: Id) {
+    let metadata = file.get(file.root(), "metadata").unwrap();
+    let of_file = |key: &str| file.get(metadata, key).unwrap();
+    let tracks = file.get(file.root(), "tracks").unwrap();
+    assert_eq!(keys(file, of_file("object_summary")), keys(file, tracks));
+    let number = |key: &str| file.number(file.get(of_file("number_summary"), key).unwrap()).unwrap();
+    assert_eq!(number("num_objects") as usize, file.entries(tracks).unwrap().len());
+    for group in ["tracks", "dynamic_map_states"] {
+        for (key, object) in file.entries(file.get(file.root(), group).unwrap()).unwrap() {
+            let own = file.get(*object, "metadata").unwrap();
+            assert_eq!(file.text(file.get(own, "object_id").unwrap()), file.text(*key), "{group}");
+            assert!(file.get(own, "type").is_some(), "{group}");
+        }
+    }
+    let scene = Recording::from_bytes(Path::new("made"), file.to_pickle()).unwrap().scene;
+    let mut moving = 0;
+    for track in &scene.tracks {
+        let frames: Vec<usize> = (0..scene.frames).filter(|f| track.is_valid(*f)).collect();
+        let step = |pair: &[usize]| sage_core::geometry::distance(track.point(pair[0]), track.point(pair[1]));
+        let distance: f64 = frames.windows(2).map(step).sum();
+        let told = file.get(of_file("object_summary"), &track.id).unwrap();
+        let told = |key: &str| file.number(file.get(told, key).unwrap()).unwrap();
+        assert!((told("moving_distance") - distance).abs() < 1e-6, "{}", track.id);
+        assert_eq!(
+            (told("valid_length") as usize, told("track_length") as usize),
+            (frames.len(), scene.frames)
+        );
+        moving += usize::from(distance > 1.0);
+    }
+    assert_eq!(number("num_moving_objects") as usize, moving);
+    // The entry is the metadata in plain values.
+    assert_eq!(keys(summary, entry), keys(file, metadata));
+    assert!(is_plain(summary, entry), "an array or a set in the summary");
+    let objects = |document: &Document, dict: Id| {
+        format!("{:?}", keys(document, document.get(dict, "object_summary").unwrap()))
+    };
+    assert_eq!(objects(summary, entry), objects(file, metadata));
+}
+
+fn is_plain(document: &Document, id: Id) -> bool {
+    match document.node(id) {
+        Node::Array(_) | Node::Scalar(..) | Node::Set(_) | Node::FrozenSet(_) => false,
+        Node::List(items) | Node::Tuple(items) => items.iter().all(|item| is_plain(document, *item)),
+        Node::Dict(entries) => entries.iter().all(|(_, value)| is_plain(document, *value)),
+        _ => true,
+    }
+}
+
+/// MetaDrive's own loader and checks, where they are installed.
+fn metadrive_opens(out: &Path, scenes: usize) {
+    const LOAD: &str = "
+import os, sys
+from metadrive.scenario.scenario_description import ScenarioDescription as SD
+from metadrive.scenario.utils import read_dataset_summary, read_scenario_data
+summary, files, mapping = read_dataset_summary(sys.argv[1])
+for name in files:
+    scene = read_scenario_data(os.path.join(sys.argv[1], mapping[name], name))
+    SD.sanity_check(scene)
+    ours = scene['metadata']['number_summary']
+    theirs = SD.update_summaries(scene)['metadata']['number_summary']
+    assert {k: v for k, v in ours.items() if k != 'map_height_diff'} == {k: v for k, v in theirs.items() if k != 'map_height_diff'}, (ours, theirs)
+print(len(files))
+";
+    let python = std::env::var_os("SAGE_METADRIVE_PYTHON").unwrap_or_else(|| "python3".into());
+    let has = Command::new(&python).args(["-c", "import metadrive"]).output();
+    if !has.is_ok_and(|run| run.status.success()) {
+        return eprintln!("left out: MetaDrive's loader (SAGE_METADRIVE_PYTHON names a Python that has it)");
+    }
+    let run = Command::new(&python).args(["-c", LOAD, text(out)]).output().unwrap();
+    let last = stdout(&run).lines().last().unwrap().to_owned();
+    assert_eq!(last, scenes.to_string(), "{}", stderr(&run));
+}
+
+#[test]
+fn either_format_comes_alone_if_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let endings = |format: &str| {
+        let out = folder.path().join(format);
+        stdout(&sage(
+            &[&["generate", &example(), "--format", format, "--out", text(&out)][..], &WEIGHTS].concat(),
+        ));
+        let names = files(&out).into_keys();
+        names.map(|name| name.rsplit('.').next().unwrap().to_owned()).collect::<Vec<_>>().join(" ")
+    };
+    assert_eq!(endings("native"), "json safetensors svg");
+    assert_eq!(endings("pickle"), "json svg pkl pkl pkl");
+}
+
+#[test]
+fn a_finished_scene_stays_finished_and_its_rows_are_printed_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = scenes(folder.path(), 4);
+    let out = folder.path().join("out");
+    let first = generate(&scenes, &out, &["--json"]);
+    let whole = files(&out);
+    assert_eq!(record(&out)["results"], serde_json::json!({"scenes": 4, "done": 4}));
+    assert!(record(&out)["seconds"].is_number() && rows(&first).iter().all(|row| row["seconds"].is_number()));
+    let again = generate(&scenes, &out, &["--json"]);
+    assert!(
+        stderr(&again).contains("it is done") && stderr(&again).contains("4 of them"),
+        "{}",
+        stderr(&again)
+    );
+    let plain = |output: &Output| {
+        let rows = rows(output).into_iter().map(|mut row| {
+            row["seconds"] = Value::Null;
+            row
+        });
+        rows.collect::<Vec<_>>()
+    };
+    assert_eq!(plain(&again), plain(&first));
+    assert!(rows(&again).iter().all(|row| row["seconds"].is_null()), "no time is invented");
+    // Whatever is missing is made again, and nothing else is touched.
+    let time = |name: &str| std::fs::metadata(out.join(name)).unwrap().modified().unwrap();
+    let pickle_of = |scene: &str| pickle(&out, &format!("{scene}-lambda0.00"));
+    let untouched = pickle_of("curve-1-1").file_name().unwrap().to_str().unwrap().to_owned();
+    let before = time(&untouched);
+    for lost in
+        [out.join("straight-1-0-lambda1.00.json"), pickle_of("straight-1-0"), out.join("dataset_summary.pkl")]
+    {
+        std::fs::remove_file(lost).unwrap();
+    }
+    std::fs::write(out.join("curve-1-1.svg.tmp"), "not ours").unwrap();
+    stdout(&generate(&scenes, &out, &[]));
+    std::fs::remove_file(out.join("curve-1-1.svg.tmp")).unwrap();
+    assert!(files(&out) == whole && time(&untouched) == before);
+}
+
+#[test]
+fn another_run_or_another_scene_of_the_same_name_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = scenes(folder.path(), 2);
+    let out = folder.path().join("out");
+    stdout(&generate(&scenes, &out, &[]));
+    let whole = hostile::snapshot(&out);
+    let other = generate(&scenes, &out, &["--seed", "1"]);
+    assert!(stderr(&other).contains("holds no run of the same command"), "{}", stderr(&other));
+    assert!(hostile::snapshot(&out) == whole);
+    std::fs::copy(scenes.join("straight-1-0.pkl"), scenes.join("curve-1-1.pkl")).unwrap();
+    let changed = generate(&scenes, &out, &[]);
+    let said = stderr(&changed);
+    assert!(said.contains("was generated from another `") && said.contains("1 of 2 scenes failed"), "{said}");
+    // With --force the run starts again.
+    stdout(&generate(&scenes, &out, &["--force"]));
+    assert_eq!(record(&out)["results"]["done"], 2);
+}
+
+#[test]
+fn shards_at_once_leave_the_folder_of_one_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = scenes(folder.path(), 8);
+    let at = |name: &str| folder.path().join(name);
+    let printed = stdout(&generate(&scenes, &at("whole"), &[])).lines().count();
+    let start = |shard: &str| {
+        Command::new(env!("CARGO_BIN_EXE_sage"))
+            .args([
+                "generate",
+                text(&scenes),
+                "--lambda",
+                "0,1",
+                "--out",
+                text(&at("parts")),
+                "--shard",
+                shard,
+            ])
+            .args(WEIGHTS)
+            .env_remove("SAGE_WEIGHTS")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    };
+    let both = ["1/2", "2/2"].map(start).map(|child| child.wait_with_output().unwrap());
+    let lines: Vec<usize> = both.iter().map(|output| stdout(output).lines().count()).collect();
+    assert!(lines[0] + lines[1] == printed && lines.iter().all(|n| *n > 0), "{lines:?}");
+    assert!(files(&at("parts")) == files(&at("whole")), "the folder of two shards differs");
+    assert_eq!(record(&at("parts"))["run"], record(&at("whole"))["run"]);
+    assert_eq!(record(&at("parts"))["results"], record(&at("whole"))["results"]);
+    assert!(record(&at("parts"))["seconds"].is_number());
+    // One shard after the other, in any order, comes to the same.
+    stdout(&generate(&scenes, &at("later"), &["--shard", "2/2"]));
+    assert!(record(&at("later"))["seconds"].is_null(), "the other half is missing");
+    stdout(&generate(&scenes, &at("later"), &["--shard", "1/2"]));
+    assert!(files(&at("later")) == files(&at("whole")));
+    for wrong in ["0/2", "3/2", "1", "x"] {
+        let output = generate(&scenes, &at("later"), &["--shard", wrong]);
+        assert!(output.status.code() == Some(2) && stderr(&output).contains("expected K/N"), "{wrong}");
+    }
+}

@@ -1,4 +1,4 @@
-//! Generators as the user asks for them: built, with the operating points that tell them apart.
+//! Generators that the user names, built with their inputs and operating points.
 
 use std::sync::Arc;
 
@@ -18,16 +18,16 @@ use crate::{
 pub(crate) struct BuiltGenerator {
     pub(crate) facts: Facts,
     pub(crate) generator: Box<dyn Generator>,
-    /// What its results are of; one without an operating point if it depends on none.
+    /// Key of each result row; one key without an operating point if the generator depends on none.
     pub(crate) keys: Vec<RowKey>,
-    /// The operating point of each.
+    /// Operating point of each key.
     pub(crate) points: Vec<OperatingPoint>,
 }
 
 impl BuiltGenerator {
     /// Builds a generator for some operating points.
     ///
-    /// *Errors*: a name that is not registered, options or inputs that do not suit it.
+    /// *Errors*: the name is not registered, or the generator refuses the options or inputs.
     pub(crate) fn new(
         part: &Part,
         registries: &Registries,
@@ -48,7 +48,7 @@ impl BuiltGenerator {
             };
             let points = specs.iter().map(|spec| spec.point(inputs.experts.as_ref()));
             let keys: Vec<RowKey> = specs.iter().map(key).collect();
-            refuse_twice(&keys)?;
+            refuse_duplicates(&keys)?;
             (keys, points.collect::<Result<_>>()?)
         } else {
             (vec![key(None)], vec![OperatingPoint::at(1.0, 1.0)])
@@ -57,17 +57,17 @@ impl BuiltGenerator {
     }
 }
 
-/// Refuses rows that are the same.
+/// Refuses duplicate rows.
 ///
-/// *Errors*: the first that is there twice.
-pub(crate) fn refuse_twice(keys: &[RowKey]) -> Result<()> {
+/// *Errors*: the first key that occurs twice.
+pub(crate) fn refuse_duplicates(keys: &[RowKey]) -> Result<()> {
     match keys.iter().enumerate().find(|(k, key)| keys[..*k].contains(key)) {
-        Some((_, key)) => bail!("`{}` is asked for twice", key.label()),
+        Some((_, key)) => bail!("`{}` is given twice", key.label()),
         None => Ok(()),
     }
 }
 
-/// What generators are built from.
+/// Inputs of all generators of a command.
 pub(crate) fn inputs(
     experts: Option<&ExpertSet>,
     merger: &Arc<dyn Merger>,

@@ -1,4 +1,4 @@
-//! Operating points as users name them, and the keys of result rows.
+//! Operating points on the command line, and the keys of result rows.
 
 use anyhow::{Result, bail};
 use sage_core::generator::{Mixture, OperatingPoint};
@@ -9,14 +9,14 @@ use serde_json::{Map, Value};
 
 use crate::part::Part;
 
-/// An operating point as the user gives it: by λ, by aggression, or by weights of named experts.
+/// An operating point as the user gives it: by λ, by aggression, or by the weights of named experts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OperatingPointSpec {
-    /// Aggression, if λ and μ follow from it.
+    /// Aggression, if it determines λ and μ.
     pub aggression: Option<f64>,
-    /// Between the realistic and the adversarial expert; none for a mixture by name.
+    /// Interpolation weight λ, from the realistic to the adversarial expert; none for weights by name.
     pub lambda: Option<f64>,
-    /// Weights of named experts, if they were given.
+    /// Weights of named experts, if given.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub mix: Vec<(String, f64)>,
     /// Weight μ of the selection.
@@ -24,9 +24,9 @@ pub struct OperatingPointSpec {
 }
 
 impl OperatingPointSpec {
-    /// At a lambda, with μ the same or another.
+    /// The operating point at a λ. μ equals λ unless given.
     ///
-    /// *Errors*: one out of range.
+    /// *Errors*: λ or μ out of range.
     pub(crate) fn at(lambda: f64, mu: Option<f64>, range: Range) -> Result<Self> {
         range.check_weights(2, &Mixture::between(lambda))?;
         Ok(Self {
@@ -37,17 +37,18 @@ impl OperatingPointSpec {
         })
     }
 
-    /// At an aggression.
+    /// The operating point at an aggression.
     ///
-    /// *Errors*: one out of range.
+    /// *Errors*: the aggression is out of range.
     pub(crate) fn of(dial: &Aggression, aggression: f64) -> Result<Self> {
         let (lambda, mu) = dial.lambda_and_mu(aggression)?;
         Ok(Self { aggression: Some(aggression), lambda: Some(lambda), mix: Vec::new(), mu })
     }
 
-    /// At weights of named experts; μ is the adversarial one's weight unless given.
+    /// The operating point at weights of named experts. μ is the weight of the adversarial expert unless
+    /// given.
     ///
-    /// *Errors*: a μ out of range.
+    /// *Errors*: μ is out of range.
     pub(crate) fn mixed(mix: &[(String, f64)], mu: Option<f64>) -> Result<Self> {
         let adversarial = mix.iter().find(|(name, _)| name == ADVERSARIAL).map_or(0.0, |(_, weight)| *weight);
         Ok(Self {
@@ -58,9 +59,10 @@ impl OperatingPointSpec {
         })
     }
 
-    /// For a generator: λ lies between the two experts of a set, if there is one.
+    /// The operating point for a generator. With a set of experts, λ interpolates between its realistic and
+    /// its adversarial expert.
     ///
-    /// *Errors*: an expert that the set does not hold.
+    /// *Errors*: the set does not contain a named expert.
     pub(crate) fn point(&self, experts: Option<&ExpertSet>) -> Result<OperatingPoint> {
         let mixture = match (experts, self.lambda) {
             (Some(experts), Some(lambda)) => experts.between(lambda)?,
@@ -74,7 +76,7 @@ impl OperatingPointSpec {
         Ok(OperatingPoint { mixture, mu: self.mu })
     }
 
-    /// As a table says it.
+    /// Label in a table.
     pub(crate) fn label(&self) -> String {
         match (self.aggression, self.lambda) {
             (Some(aggression), _) => format!("a {}", short(aggression)),
@@ -84,7 +86,7 @@ impl OperatingPointSpec {
         }
     }
 
-    /// As a picture says it.
+    /// Label in a picture.
     pub(crate) fn long_label(&self) -> String {
         match (self.aggression, self.lambda) {
             (Some(aggression), _) => format!("aggression {}", short(aggression)),
@@ -93,7 +95,7 @@ impl OperatingPointSpec {
         }
     }
 
-    /// As names of files state it, and the field `variant` of rows.
+    /// Part of file names, and the field `variant` of rows.
     pub(crate) fn variant(&self) -> String {
         match (self.aggression, self.lambda) {
             (Some(aggression), _) => aggression_variant(aggression),
@@ -108,7 +110,7 @@ impl OperatingPointSpec {
         }
     }
 
-    /// The mixture alone, as a policy without choice is named.
+    /// Label of the mixture alone, for a policy without selection.
     pub(crate) fn mixture_label(&self) -> String {
         match self.lambda {
             Some(lambda) => format!("lambda {}", short(lambda)),
@@ -120,7 +122,7 @@ impl OperatingPointSpec {
     }
 }
 
-/// Variant of an aggression, whatever λ and μ it stands for.
+/// Variant of an aggression, independent of its λ and μ.
 pub(crate) fn aggression_variant(aggression: f64) -> String {
     format!("aggression{}", short(aggression))
 }
@@ -132,26 +134,27 @@ fn checked(mu: f64) -> Result<f64> {
     Ok(mu)
 }
 
-/// Two digits where they say all, else as many as there are: other points have other labels.
+/// A number with two decimals if they are exact, else with all decimals, so that different operating points
+/// have different labels.
 fn short(x: f64) -> String {
     let two = format!("{x:.2}");
     if two.parse() == Ok(x) { two } else { x.to_string() }
 }
 
-/// What a row of results is of: a generator, and its operating point if it depends on one.
+/// Key of a result row: a generator, and its operating point if it depends on one.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RowKey {
     /// Name of the generator.
     pub method: String,
-    /// Its options, where they are not the default ones.
+    /// Options of the generator that the user gave.
     #[serde(default, skip_serializing_if = "Map::is_empty")]
     pub options: Map<String, Value>,
-    /// Its operating point; none if it does not depend on one.
+    /// Operating point; none if the generator does not depend on one.
     pub point: Option<OperatingPointSpec>,
 }
 
 impl RowKey {
-    /// As a table says it.
+    /// Label in a table.
     pub fn label(&self) -> String {
         let part = Part { name: self.method.clone(), options: self.options.clone() };
         match &self.point {

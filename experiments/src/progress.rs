@@ -1,4 +1,5 @@
-//! Progress on stderr: one line that is updated on a terminal; elsewhere only the sum at the end.
+//! Progress on stderr. On a terminal it is a line that is updated; otherwise only the summary at the end is
+//! printed.
 
 use std::{
     io::{IsTerminal, Write},
@@ -7,20 +8,20 @@ use std::{
 
 use crate::terminal;
 
-/// Least time between two updates.
+/// Minimum time between two updates.
 const INTERVAL: Duration = Duration::from_millis(200);
 
-/// Prints a line on stderr. A closed stderr is no error.
+/// Prints a line on stderr. A closed stderr is ignored.
 pub(crate) fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", terminal::escaped(text));
 }
 
-/// Counts work done.
+/// Counts finished items.
 pub(crate) struct Progress {
-    what: &'static str,
+    verb: &'static str,
     total: usize,
     done: usize,
-    /// Of those done, how many took no work.
+    /// Number of items that earlier runs finished.
     found: usize,
     start: Instant,
     shown: Option<Instant>,
@@ -28,31 +29,31 @@ pub(crate) struct Progress {
 }
 
 impl Progress {
-    /// Progress of `total` items; `what` is the verb, such as `converted`.
-    pub(crate) fn new(what: &'static str, total: usize) -> Self {
+    /// Progress of `total` items; `verb` is a participle, such as `converted`.
+    pub(crate) fn new(verb: &'static str, total: usize) -> Self {
         let terminal = std::io::stderr().is_terminal();
-        Self { what, total, done: 0, found: 0, start: Instant::now(), shown: None, terminal }
+        Self { verb, total, done: 0, found: 0, start: Instant::now(), shown: None, terminal }
     }
 
-    /// One more is done.
+    /// Counts an item that this run finished.
     pub(crate) fn step(&mut self) {
         self.done += 1;
         self.show();
     }
 
-    /// One more was done before this run.
+    /// Counts an item that an earlier run finished.
     pub(crate) fn step_found(&mut self) {
         self.done += 1;
         self.found += 1;
         self.show();
     }
 
-    /// Number done so far.
+    /// Number of finished items.
     pub(crate) fn done(&self) -> usize {
         self.done
     }
 
-    /// Number done before this run.
+    /// Number of items that earlier runs finished.
     pub(crate) fn found(&self) -> usize {
         self.found
     }
@@ -66,26 +67,27 @@ impl Progress {
         let _ = write!(
             std::io::stderr(),
             "\r{} {} of {}, about {left:.0} s left   ",
-            self.what,
+            self.verb,
             self.done,
             self.total
         );
         self.shown = Some(Instant::now());
     }
 
-    /// Prints a line that stays.
+    /// Prints a permanent line.
     pub(crate) fn say(&mut self, text: &str) {
         self.clear();
         say(text);
     }
 
-    /// Ends with a sum.
-    pub(crate) fn finish(mut self, sum: &str) {
+    /// Prints a summary with the elapsed time.
+    pub(crate) fn finish(mut self, summary: &str) {
         self.clear();
-        say(&format!("{sum} ({:.1} s)", self.start.elapsed().as_secs_f64()));
+        say(&format!("{summary} ({:.1} s)", self.start.elapsed().as_secs_f64()));
     }
 
-    /// Removes the line from the terminal, so that something else can be printed; the next step shows it again.
+    /// Removes the progress line from the terminal, so that other text can be printed. The next step prints
+    /// it again.
     pub(crate) fn clear(&mut self) {
         if self.shown.take().is_some() {
             let _ = write!(std::io::stderr(), "\r{:60}\r", "");

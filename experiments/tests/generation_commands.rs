@@ -171,7 +171,7 @@ fn open_loop_compares_methods_and_keeps_its_table() {
     std::fs::create_dir(&results).unwrap();
     std::fs::write(results.join("000000.json"), "cut off").unwrap();
     let again = sage(&[&arguments[..], &WEIGHTS].concat());
-    assert!(stdout(&again) == table && stderr(&again).contains("it goes on"));
+    assert!(stdout(&again) == table && stderr(&again).contains("it resumes"));
     assert!(!results.exists());
     let done = sage(&[&arguments[..], &WEIGHTS].concat());
     assert!(stdout(&done) == table && stderr(&done).contains("it is done"), "{}", stderr(&done));

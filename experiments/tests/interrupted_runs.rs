@@ -231,7 +231,7 @@ fn a_run_without_its_results_is_not_done() {
         std::fs::create_dir_all(out.join(".sage-rows")).unwrap();
         std::fs::write(out.join(".sage-rows/000000.json"), kept).unwrap();
         let again = sage(&table);
-        assert!(stdout(&again) == first && stderr(&again).contains("it goes on"), "{}", stderr(&again));
+        assert!(stdout(&again) == first && stderr(&again).contains("it resumes"), "{}", stderr(&again));
         std::fs::remove_file(out.join("table.md")).unwrap();
     }
     // A run that is begun anew is not done before it is, wherever it is broken off.

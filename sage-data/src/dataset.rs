@@ -54,8 +54,8 @@ pub struct Shard {
 const MOST_SHARDS: u32 = 1_000_000;
 
 impl Shard {
-    /// True if a scene belongs to the shard: `crc32(name) % of + 1 == number`, with the CRC-32 of zlib over the
-    /// UTF-8 bytes of the name.
+    /// True if a scene belongs to the shard: `crc32(name) % of + 1 == number`, with the CRC-32 of zlib over
+    /// the UTF-8 bytes of the name.
     pub fn holds(&self, scene: &str) -> bool {
         crc32fast::hash(scene.as_bytes()) % self.of + 1 == self.number
     }
@@ -78,8 +78,8 @@ impl FromStr for Shard {
     }
 }
 
-/// Writes both tables for the pickles of a folder whose names begin with `sd_`. Returns their number. Files are
-/// read in parallel, and the summary is written entry by entry.
+/// Writes both tables for the pickles of a folder whose names begin with `sd_`. Returns their number. Files
+/// are read in parallel, and the summary is written entry by entry.
 ///
 /// *Errors*: a file with such a name that is not a scene; [`Error::Write`].
 pub fn write_tables(folder: &Path) -> Result<usize, Error> {

@@ -133,8 +133,8 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
         if !is_plain_name(name) {
             return Err(wrong(format!("`{}`", name.escape_debug()), "a file name without a folder"));
         }
-        // ScenarioNet merges data sets with mappings that point outside the folder. An absolute path is refused,
-        // because a data set could then name any file of the machine.
+        // ScenarioNet merges data sets with mappings that point outside the folder. An absolute path is
+        // refused, because a data set could then name any file of the machine.
         if Path::new(folder).has_root() || Path::new(folder).is_absolute() {
             let found = format!("in `{}`", folder.escape_debug());
             return Err(wrong(found, "a folder relative to the summary's"));

@@ -153,8 +153,8 @@ impl Recording {
         Ok(Some(metadrive::encode(&self.scene, &source, &self.path)?))
     }
 
-    /// Writes the recording atomically and replaces an existing file. The format is native if the name ends in
-    /// `.safetensors`, and a MetaDrive pickle otherwise.
+    /// Writes the recording atomically and replaces an existing file. The format is native if the name ends
+    /// in `.safetensors`, and a MetaDrive pickle otherwise.
     ///
     /// *Errors*: [`Error::Write`], or as [`Recording::to_pickle`].
     pub fn write(&self, path: &Path) -> Result<(), Error> {

@@ -102,8 +102,8 @@ impl Variant<'_> {
         }
     }
 
-    /// The variant as a native file. Its provenance is in the metadata of the source, or in the notes if there is
-    /// no source.
+    /// The variant as a native file. Its provenance is in the metadata of the source, or in the notes if
+    /// there is no source.
     ///
     /// *Errors*: as [`Recording::to_native`].
     pub fn to_native(&self) -> Result<Vec<u8>, Error> {

@@ -17,17 +17,17 @@ use crate::{
 
 /// Generate adversarial scenes: replace the adversary's future and keep everything else.
 ///
-/// SCENE is a scene file (MetaDrive or ScenarioNet pickle, or native file) or a folder of them. The adversary
-/// is attacked with at each operating point: --lambda, --aggression or --mix (default: lambda 1).
+/// SCENE is a scene file (MetaDrive or ScenarioNet pickle, or native file) or a folder of them. Each scene is
+/// attacked at each operating point that --lambda, --aggression or --mix gives (default: lambda 1).
 ///
-/// The output folder is a data set that MetaDrive and ScenarioNet read. Each operating point of a scene gives a
-/// pickle, a native file, and a JSON row with all candidates and their scores. Each scene gives one SVG picture
-/// with the attacks at all operating points. The folder also holds `dataset_summary.pkl`,
+/// The output folder is a data set that MetaDrive and ScenarioNet read, unless --format is native. It holds a
+/// pickle, a native file and a JSON row per scene and operating point. The row lists all candidates with
+/// their scores. An SVG picture per scene shows its attacks. The folder also holds `dataset_summary.pkl`,
 /// `dataset_mapping.pkl` and `run.json`. `docs/formats.md`, section 'Data sets', describes all files.
 ///
-/// Scenes run in parallel on all cores (see --threads). A finished scene is kept: the same command resumes an
-/// interrupted run, and --force starts again. If a scene fails, the error is printed and the other scenes
-/// continue.
+/// Scenes run in parallel on all cores (see --threads). The files of a finished scene stay, so the same
+/// command resumes an interrupted run, and --force starts again. If a scene fails, the error is printed and
+/// the other scenes continue.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json\n  sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/"
@@ -85,11 +85,11 @@ pub(crate) enum DatasetFormat {
 
 /// Compare generators against a replayed ego: the paper's table and further measures.
 ///
-/// A row is a generator at one operating point (default: lambda 0, 0.5 and 1). Columns are the paper's measures
-/// in both conventions, and the naturalness of the selected trajectories as differences from the log. Further
-/// tables show collision types, the policies without selection, and each generator paired with the prior.
-/// Brackets are 95 % intervals over scenes: Wilson's for shares of scenes, bootstraps for other values. The same
-/// command resumes an interrupted run.
+/// A row is a generator at one operating point (default: lambda 0, 0.5 and 1). Columns are the paper's
+/// measures in both conventions, and the naturalness of the selected trajectories as differences from the
+/// log. Further tables show collision types, the policies without selection, and each generator paired with
+/// the prior. Brackets are 95 % intervals over scenes: Wilson's for shares of scenes, bootstraps for other
+/// values. The same command resumes an interrupted run.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sage bench open-loop target/data/womd_cat500/val --weights waymo --methods sage,prior,random,cat,rule,log --lambda 0,0.5,1 --out table/"
@@ -125,9 +125,9 @@ pub(crate) struct OpenLoopArgs {
 
 /// Fit the aggression dial of a set of experts, so that the attack rate rises linearly.
 ///
-/// At aggression a, lambda is a. The fit finds the weight mu of the selection at eleven aggressions from 0 to 1,
-/// for each --selection. `--aggression` of other commands reads the result as `dial.json` in the folder of the
-/// experts. Use scenes that the experts were not fine-tuned on.
+/// At aggression a, lambda is a. The fit finds the weight mu of the selection at eleven aggressions from 0 to
+/// 1, for each --selection. `--aggression` of other commands reads the result as `dial.json` in the folder of
+/// the experts. Use scenes that the experts were not fine-tuned on.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sage calibrate scenes/ dev-scenes/ --splits splits.json --without-split train --weights experts/ --out experts/dial.json"
@@ -162,11 +162,11 @@ pub(crate) struct CalibrateArgs {
     pub force: bool,
 }
 
-/// Measure the aggression dial: attack rates at each aggression, their linearity, and the shares of lambda and
-/// mu.
+/// Measure the aggression dial: attack rates at each aggression, their linearity, and the shares of lambda
+/// and mu.
 ///
-/// Compares the dial with lambda = mu, and evaluates a grid of lambda and mu. Writes tables as Markdown and CSV,
-/// a chart, and `run.json`.
+/// Compares the dial with lambda = mu, and evaluates a grid of lambda and mu. Writes tables as Markdown and
+/// CSV, a chart, and `run.json`.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage bench dial target/data/womd_cat500/val --weights waymo --out dial/")]
 pub(crate) struct DialBenchArgs {
@@ -195,14 +195,15 @@ pub(crate) struct DialBenchArgs {
 /// Operating points of a command.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct OperatingPointArgs {
-    /// Interpolation weight lambda: 0 is the realistic expert, 1 the adversarial one. A number, a comma-separated
-    /// list, or FROM:TO:STEP.
+    /// Interpolation weight lambda: 0 is the realistic expert, 1 the adversarial one. A number, a
+    /// comma-separated list, or FROM:TO:STEP.
     #[arg(long, value_name = "L", value_parser = values, allow_hyphen_values = true)]
     pub lambda: Option<Values>,
     /// Weight mu of the selection, 0 (realism) to 1 (attack); default: lambda.
     #[arg(long, value_name = "M", value_parser = number, allow_hyphen_values = true)]
     pub mu: Option<f64>,
-    /// Aggression, 0 to 1: sets lambda and mu such that the attack rate rises linearly. Same form as --lambda.
+    /// Aggression, 0 to 1: sets lambda and mu such that the attack rate rises linearly. Same form as
+    /// --lambda.
     #[arg(long, value_name = "A", value_parser = values, allow_hyphen_values = true, conflicts_with_all = ["lambda", "mu"])]
     pub aggression: Option<Values>,
     /// Weights of the experts by name: realistic=0.5,adversarial=0.3,lawful=0.2. Mu defaults to the weight of

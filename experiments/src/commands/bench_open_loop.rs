@@ -169,7 +169,7 @@ fn generators(
     };
     let built = args.methods.0.iter().map(build).collect::<Result<Vec<_>>>()?;
     let keys: Vec<RowKey> = built.iter().flat_map(|built| built.keys.clone()).collect();
-    generators::refuse_twice(&keys)?;
+    generators::refuse_duplicates(&keys)?;
     Ok(built)
 }
 

@@ -43,7 +43,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     let out = Folder::make(&args.folder.out, args.folder.force)?;
     let (files, outputs): (Vec<_>, Vec<_>) =
         pairs.iter().map(|pair| (pair.from.clone(), pair.to.clone())).unzip();
-    output::keep_inputs(&args.paths, &files, out.path(), &outputs)?;
+    output::protect_inputs(&args.paths, &files, out.path(), &outputs)?;
     let folders: HashSet<&Path> = pairs.iter().filter_map(|pair| pair.to.parent()).collect();
     for folder in folders {
         out.inner(folder)?;

@@ -1,4 +1,4 @@
-//! `sage generate`: adversarial scenes from recorded ones, as a data set.
+//! `sage generate`: writes adversarial variants of scenes as a data set.
 
 mod attack;
 mod plan;
@@ -36,7 +36,7 @@ use row::row_file;
 /// A scene file with the name of its outputs.
 struct Input {
     file: PathBuf,
-    /// The file's name without its ending.
+    /// Name of the file without its ending.
     scene: String,
 }
 
@@ -53,14 +53,14 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
             |input: &&Input| plan.variants.iter().map(|v| row_file(&input.scene, v)).collect::<Vec<_>>();
         inputs.iter().flat_map(rows).collect()
     };
-    // Any input in the output folder, whatever the names of the outputs will be.
+    // Input files must not be in the output folder, even if no output has the same name.
     let names: Vec<PathBuf> = files
         .iter()
         .flat_map(|file| [Some(file.clone()), file.canonicalize().ok()])
         .flatten()
         .filter_map(|file| file.file_name().map(PathBuf::from))
         .collect();
-    output::keep_inputs(std::slice::from_ref(&args.scene), &files, &args.folder.out, &names)?;
+    output::protect_inputs(std::slice::from_ref(&args.scene), &files, &args.folder.out, &names)?;
     let run = DatasetRun::start(&args.folder.out, plan.identity()?, args.folder.force, args.shard, || {
         row_files(&own)
     })?;
@@ -90,7 +90,8 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     }
 }
 
-/// Attacks scenes on all threads, each thread taking the next one; seconds a variant of each attacked scene.
+/// Attacks scenes on all threads; each thread takes the next scene. Returns seconds per variant of each
+/// attacked scene.
 ///
 /// *Errors*: the first failure that ends the run.
 fn work(plan: &Plan, run: &DatasetRun, inputs: &[&Input], report: &Report) -> Result<Vec<f64>> {
@@ -126,15 +127,15 @@ fn work(plan: &Plan, run: &DatasetRun, inputs: &[&Input], report: &Report) -> Re
     }
 }
 
-/// Whether all rows of a scene are there.
+/// True if all rows of a scene exist.
 fn is_done(plan: &Plan, folder: &Path, input: &Input) -> bool {
-    let is_there = |variant: &String| folder.join(row_file(&input.scene, variant)).is_file();
-    plan.variants.iter().all(is_there)
+    let exists = |variant: &String| folder.join(row_file(&input.scene, variant)).is_file();
+    plan.variants.iter().all(exists)
 }
 
-/// Scene files with their names.
+/// Scene files with the names of their outputs.
 ///
-/// *Errors*: two files of one name.
+/// *Errors*: two files have the same name.
 fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
     let mut seen: HashMap<String, &Path> = HashMap::new();
     let mut inputs = Vec::with_capacity(files.len());
@@ -152,7 +153,7 @@ fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
     Ok(inputs)
 }
 
-/// Refuses scenes and variants whose outputs would have one name.
+/// Refuses scenes and variants whose outputs would have the same name.
 ///
 /// *Errors*: the first such name.
 fn check_outputs(inputs: &[Input], variants: &[String]) -> Result<()> {
@@ -160,7 +161,7 @@ fn check_outputs(inputs: &[Input], variants: &[String]) -> Result<()> {
         inputs.iter().map(|input| (&input.scene[..], input.file.as_path())).collect();
     for input in inputs {
         for variant in variants {
-            // Only a scene that is named like another one's variant can clash.
+            // Names clash only if a scene has the name of a variant of another scene.
             let name = format!("{}-{variant}", input.scene);
             let clash = variants.iter().find_map(|other| {
                 let scene = name.strip_suffix(&format!("-{other}")).filter(|scene| *scene != input.scene)?;

@@ -1,4 +1,4 @@
-//! A run that fills one folder with a data set, alone or as one of several shards at the same time.
+//! A run that writes a data set into a folder, alone or as one of several concurrent shards.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use super::{
 };
 use crate::progress;
 
-/// A run and its folder. Each scene that is finished stays finished, so the same command resumes.
+/// A run and its folder. The files of a finished scene stay, so the same command resumes the run.
 pub(crate) struct DatasetRun {
     folder: Folder,
     identity: Value,
@@ -21,11 +21,10 @@ pub(crate) struct DatasetRun {
 }
 
 impl DatasetRun {
-    /// Makes or finds the folder of a run. With `force` it starts again: files named `outdated` are removed, the
-    /// others stay.
+    /// Creates or opens the folder of a run. With `force` the run starts again: files named `outdated` are
+    /// removed, and the others stay.
     ///
-    /// *Errors*: the folder holds something else and `force` is not given; another run uses it; the system
-    /// refuses.
+    /// *Errors*: the folder has other content and `force` is not given; another run holds it; a system error.
     pub(crate) fn start(
         path: &Path,
         identity: Value,
@@ -33,9 +32,9 @@ impl DatasetRun {
         shard: Option<Shard>,
         outdated: impl FnOnce() -> Vec<String>,
     ) -> Result<Self> {
-        super::make_folder(path)?;
-        // A shard holds the whole folder too until the record is written.
-        let (claim, beginning) = match shard {
+        super::create_folder(path)?;
+        // A shard also holds the whole folder until the record is written.
+        let (claim, whole_folder) = match shard {
             None => (Claim::folder(path, &command())?, None),
             Some(Shard { number, of }) => {
                 let (own, whole) = Claim::shard(path, number, of, &command())?;
@@ -52,7 +51,7 @@ impl DatasetRun {
                     path.display()
                 );
             }
-            // First, so that a folder whose rows are of two runs never looks like that of one.
+            // The record goes first, so that a folder with rows of two runs never has the record of one run.
             run.remove(RECORD)?;
             outdated().iter().try_for_each(|name| run.remove(name))?;
             run.record(&Value::Null, None, None)?;
@@ -60,7 +59,7 @@ impl DatasetRun {
             let is_unused = record.as_ref().is_some_and(|r| r["run"].is_object() && r["seconds"].is_null());
             if !run.folder.holds_at_most(if is_unused { &[RECORD] } else { &[] })? {
                 bail!(
-                    "`{}` is not empty and holds no run of the same command, weights and program; give --force to write into it all the same",
+                    "`{}` is not empty and holds no run of the same command, weights and program; give --force to write into it anyway",
                     path.display()
                 );
             }
@@ -70,19 +69,19 @@ impl DatasetRun {
         } else if !run.folder.holds_at_most(&[RECORD])? {
             progress::say(&format!("note: `{}` holds this run unfinished; it resumes", path.display()));
         }
-        drop(beginning);
+        drop(whole_folder);
         Ok(run)
     }
 
-    /// Its folder.
+    /// Folder of the run.
     pub(crate) fn folder(&self) -> &Folder {
         &self.folder
     }
 
-    /// Writes the summary and the mapping for all pickles of the folder, and the record: `results`, the median
-    /// time of an attack in this process, and the time of the whole run if it is done.
+    /// Writes the summary and the mapping for all pickles of the folder, and the record. The record holds
+    /// `results`, the median time of an attack in this process, and the time of the whole run if it is done.
     ///
-    /// *Errors*: a pickle in the folder that is no scene; the system refuses.
+    /// *Errors*: a pickle in the folder is not a scene; a system error.
     pub(crate) fn finish(
         self,
         has_pickles: bool,
@@ -90,7 +89,7 @@ impl DatasetRun {
         seconds_per_attack: Option<f64>,
         seconds: impl FnOnce(&Value) -> Option<f64>,
     ) -> Result<()> {
-        // Shards that end at the same time take turns.
+        // Shards that end at the same time wait for each other.
         let path = self.folder.path();
         let _whole = self.shard.map(|_| Claim::folder_shortly(path, &command())).transpose()?;
         if has_pickles {

@@ -1,5 +1,5 @@
-//! Long runs whose folder says what they are, so that the same command goes on with one that was broken
-//! off and leaves one alone that is done.
+//! Long runs that record their identity in the output folder. The same command resumes an interrupted run and
+//! does not repeat a finished one.
 
 use std::path::Path;
 
@@ -10,28 +10,28 @@ use serde_json::{Value, json};
 use super::{Folder, command};
 use crate::progress;
 
-/// What a run was and how long it took.
+/// File with the identity, results and duration of a run.
 pub(super) const RECORD: &str = "run.json";
-/// Largest record that is read, bytes.
+/// Size limit of a record, bytes.
 const RECORD_LIMIT: u64 = 4 << 20;
 
 /// A run and its folder.
 pub(crate) struct Run {
     folder: Folder,
-    /// What tells it from others.
+    /// Inputs that distinguish the run from others.
     identity: Value,
-    /// Files and folders that are there only while it lasts.
-    passing: Vec<String>,
+    /// Files and folders that exist only until the run is done.
+    temporary: Vec<String>,
 }
 
-/// What a folder holds of a run.
+/// State of a run in its folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum State {
-    /// Nothing: it begins.
+    /// The folder holds no part of the run.
     New,
-    /// A part: it goes on.
+    /// The folder holds a part of the run, which resumes.
     Unfinished,
-    /// All of it.
+    /// The folder holds all results.
     Done,
 }
 
@@ -42,45 +42,47 @@ pub(super) fn read_record(folder: &Folder) -> Option<Value> {
 }
 
 impl Run {
-    /// Makes or finds the folder of a run. With `force` it begins anew, whatever is there. `passing` are
-    /// files that are there only while it lasts, `outdated` others that a new run must not find, `results` what
-    /// a run that is done has left.
+    /// Creates or opens the folder of a run. With `force` the run always starts again.
     ///
-    /// *Errors*: the folder holds something else and `force` is not given, another run has it, or the
-    /// system refuses.
+    /// `temporary` files exist only until the run is done. `outdated` files are removed before a new run.
+    /// `results` exist after a finished run.
+    ///
+    /// *Errors*: the folder has other content and `force` is not given, another run holds it, or a system
+    /// error.
     pub(crate) fn start(
         path: &Path,
         identity: Value,
         force: bool,
-        passing: &[&str],
+        temporary: &[&str],
         outdated: &[&str],
         results: &[&str],
     ) -> Result<(Self, State)> {
-        let owned = passing.iter().map(|name| (*name).to_owned()).collect();
-        let run = Self { folder: Folder::claim(path)?, identity, passing: owned };
+        let owned = temporary.iter().map(|name| (*name).to_owned()).collect();
+        let run = Self { folder: Folder::claim(path)?, identity, temporary: owned };
         let state = if force { State::New } else { run.state(results) };
         match state {
             State::New
                 if !force && !run.folder.holds_at_most(if run.has_begun() { &[RECORD] } else { &[] })? =>
             {
                 bail!(
-                    "`{}` is not empty and holds no run of the same options, data and program; give --force to write into it all the same",
+                    "`{}` is not empty and holds no run of the same options, data and program; give --force to write into it anyway",
                     path.display()
                 );
             }
             State::New => {
-                // First, so that a folder in which results are missing never says that it is done.
+                // The record goes first, so that it never marks a folder with missing results as done.
                 run.remove(RECORD)?;
-                for name in passing.iter().chain(outdated) {
+                for name in temporary.iter().chain(outdated) {
                     run.remove(name)?;
                 }
                 run.record(&Value::Null, None)?;
             }
             State::Unfinished => {
-                progress::say(&format!("note: `{}` holds this run unfinished; it goes on", path.display()));
+                progress::say(&format!("note: `{}` holds this run unfinished; it resumes", path.display()));
             }
             State::Done => {
-                // It may have been killed after its last word and before its last deed.
+                // The run may have been killed after it wrote the record and before it removed temporary
+                // files.
                 run.clear()?;
                 progress::say(&format!("note: `{}` holds this run, and it is done", path.display()));
             }
@@ -88,8 +90,8 @@ impl Run {
         Ok((run, state))
     }
 
-    /// Whether the record is that of a run that is not done. Alone in its folder it is of no use: that run
-    /// failed before it made anything.
+    /// True if the record is of an unfinished run. If the folder holds nothing else, that run failed before
+    /// it wrote any result, so a new run may replace it.
     fn has_begun(&self) -> bool {
         read_record(&self.folder)
             .is_some_and(|record| record["run"].is_object() && record["seconds"].is_null())
@@ -104,14 +106,14 @@ impl Run {
         }
     }
 
-    /// Its folder.
+    /// Folder of the run.
     pub(crate) fn folder(&self) -> &Folder {
         &self.folder
     }
 
-    /// Ends it: keeps its results and how long it took, and drops what was there to go on from.
+    /// Ends the run: records its results and duration, and removes temporary files.
     ///
-    /// *Errors*: the system refuses.
+    /// *Errors*: a system error.
     pub(crate) fn finish(&self, results: &Value, seconds: f64) -> Result<()> {
         self.record(results, Some(seconds))?;
         self.clear()
@@ -124,7 +126,7 @@ impl Run {
     }
 
     fn clear(&self) -> Result<()> {
-        self.passing.iter().try_for_each(|name| self.remove(name))
+        self.temporary.iter().try_for_each(|name| self.remove(name))
     }
 
     fn remove(&self, name: &str) -> Result<()> {

@@ -74,8 +74,8 @@ impl Claim {
         Ok(claim)
     }
 
-    /// Claims one shard of a folder, `number` of `of`, and the whole folder. The caller drops the second claim
-    /// when the shard has begun. Meanwhile other runs can claim only other shards with the same `of`.
+    /// Claims one shard of a folder, `number` of `of`, and the whole folder. The caller drops the second
+    /// claim when the shard has begun. Meanwhile other runs can claim only other shards with the same `of`.
     ///
     /// *Errors*: [`ClaimError`], if this shard, the whole folder, or a shard with another `of` is claimed.
     pub fn shard(folder: &Path, number: u32, of: u32, holder: &str) -> Result<(Self, Self), ClaimError> {
@@ -121,7 +121,8 @@ impl Claim {
         }
     }
 
-    /// Refuses a folder if another run holds a shard that is not `allowed`. Removes temporary files of killed runs.
+    /// Refuses a folder if another run holds a shard that is not `allowed`. Removes temporary files of killed
+    /// runs.
     fn begin(&self, folder: &Path, allowed: impl Fn(&str) -> bool) -> Result<(), ClaimError> {
         let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
         for entry in std::fs::read_dir(folder).map_err(fail)? {

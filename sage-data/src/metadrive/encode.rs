@@ -102,8 +102,8 @@ fn write_track(document: &mut Document, changed: &Track, original: &Track) {
 /// New value of a column by frame and component; `None` if the scene has none and the old value stays.
 type Column<'t> = Box<dyn Fn(usize, usize) -> Option<f64> + 't>;
 
-/// Columns in which a track differs. Sizes that were corrected during reading and not changed since stay as in
-/// the file.
+/// Columns in which a track differs. Sizes that were corrected during reading and not changed since stay as
+/// in the file.
 fn changed_columns<'t>(changed: &'t Track, original: &Track) -> Vec<(&'static str, Column<'t>)> {
     let mut columns: Vec<(&'static str, Column<'t>)> = Vec::new();
     if changed.position != original.position {

@@ -9,7 +9,8 @@ use crate::{
     pickle::{Array, Document, Dtype, ElementKind, Id, Node},
 };
 
-/// A field of the file: its keys from the root. Keys are borrowed from the stack and copied only for an error.
+/// A field of the file: its keys from the root. Keys are borrowed from the stack and copied only for an
+/// error.
 #[derive(Clone, Copy)]
 pub(super) struct Field<'f> {
     parent: Option<&'f Self>,
@@ -52,8 +53,9 @@ pub(super) struct Fields<'d> {
 
 impl<'d> Fields<'d> {
     pub(super) fn new(document: &'d Document, path: &'d Path) -> Self {
-        // Values can be shared, so a short file could cause unlimited copies and searches. For a regular file,
-        // floats take twice their bytes, and each dict is read about ten times. Small files share columns.
+        // Values can be shared, so a short file could cause unlimited copies and searches. For a regular
+        // file, floats take twice their bytes, and each dict is read about ten times. Small files share
+        // columns.
         let size = document.file_size();
         let budget = size.saturating_mul(4).saturating_add(4 << 20);
         let work = size.saturating_mul(16).saturating_add(4 << 20);

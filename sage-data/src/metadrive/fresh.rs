@@ -10,7 +10,8 @@ pub(crate) const PROCEDURAL_DATASET: &str = "sage";
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 const BOOL: Dtype = Dtype { kind: ElementKind::Bool, size: 1, big_endian: false };
 
-/// The values of a new MetaDrive file for a scene. Numbers are rounded to 32-bit floats, as in recorded files.
+/// The values of a new MetaDrive file for a scene. Numbers are rounded to 32-bit floats, as in recorded
+/// files.
 pub(crate) fn fresh(scene: &Scene) -> Document {
     let mut builder = Builder(Document::empty());
     let tracks = scene.tracks.iter().map(|track| (track.id.clone(), builder.track(track))).collect();

@@ -16,8 +16,8 @@ const PERIOD: f64 = 0.1;
 
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 
-/// Writes both summaries, and all derivable values that MetaDrive's `sanity_check` requires. Changed dicts are
-/// copied first, because other values may share them.
+/// Writes both summaries, and all derivable values that MetaDrive's `sanity_check` requires. Changed dicts
+/// are copied first, because other values may share them.
 pub(crate) fn complete(document: &mut Document) {
     let root = document.root();
     for (group, kind) in [("tracks", "UNSET"), ("dynamic_map_states", "TRAFFIC_LIGHT")] {
@@ -239,8 +239,8 @@ fn counts(document: &mut Document, counts: &BTreeMap<&str, usize>) -> Id {
     document.new_dict(entries)
 }
 
-/// Numbers of a column of a track, or of a polyline: from an array of one or two axes, or from a list of numbers
-/// or rows.
+/// Numbers of a column of a track, or of a polyline: from an array of one or two axes, or from a list of
+/// numbers or rows.
 #[derive(Default)]
 struct Column {
     values: Vec<f64>,

@@ -58,7 +58,8 @@ impl Document {
         self.to_pickle_without(|_| false).0
     }
 
-    /// The document as a pickle in which some arrays are empty. Also returns all arrays in the order of the pickle.
+    /// The document as a pickle in which some arrays are empty. Also returns all arrays in the order of the
+    /// pickle.
     pub(crate) fn to_pickle_without(&self, is_emptied: impl Fn(Id) -> bool) -> (Vec<u8>, Vec<Id>) {
         let references = self.count_references();
         let newest = self.nodes.iter().any(|node| match node {
@@ -74,8 +75,8 @@ impl Document {
         (writer.out, writer.arrays)
     }
 
-    /// Appends the root value to a pickle that is written in parts and has `memo` memo entries so far. Returns
-    /// the new number of memo entries. The value must not need protocol 5.
+    /// Appends the root value to a pickle that is written in parts and has `memo` memo entries so far.
+    /// Returns the new number of memo entries. The value must not need protocol 5.
     pub(crate) fn append_to(&self, out: &mut Vec<u8>, memo: u32) -> u32 {
         let references = self.count_references();
         let mut writer = Writer::new(self, &references, &|_| false, std::mem::take(out), memo);
@@ -423,7 +424,7 @@ impl<'d> Writer<'d> {
     }
 }
 
-/// Whether only the form of protocol 5 preserves an array's byte order.
+/// True if only the form of protocol 5 preserves the byte order of an array.
 fn needs_buffer(array: &Array) -> bool {
     array.from_buffer && array.dtype.big_endian && array.dtype.size > 1
 }

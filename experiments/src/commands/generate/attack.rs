@@ -1,4 +1,4 @@
-//! One scene: read, attacked at all operating points, written.
+//! Reads a scene, attacks it at all operating points, and writes the results.
 
 use std::{path::Path, sync::Arc, time::Instant};
 
@@ -24,15 +24,15 @@ use crate::{
     output::{self, DatasetRun},
 };
 
-/// What a failure ends.
+/// Extent of a failure.
 pub(super) enum Failure {
-    /// The scene: the others go on.
+    /// Ends the scene; the others continue.
     Scene(anyhow::Error),
-    /// The run: no scene could be attacked.
+    /// Ends the run: no scene can be attacked.
     Run(anyhow::Error),
 }
 
-/// Attacks a scene at all operating points and writes its files, unless they are there.
+/// Attacks a scene at all operating points and writes its files, unless they exist.
 ///
 /// *Errors*: [`Failure`].
 pub(super) fn attack_scene(
@@ -55,9 +55,9 @@ pub(super) fn attack_scene(
     writer.attack(recording).map_err(fail)
 }
 
-/// The lines of a scene whose files are all there.
+/// The lines of a scene whose files all exist; `None` if any is missing.
 ///
-/// *Errors*: rows of another input file of the same name.
+/// *Errors*: the rows are of another input file with the same name.
 fn finished(
     plan: &Plan,
     run: &DatasetRun,
@@ -66,7 +66,7 @@ fn finished(
     source_hash: &str,
 ) -> Result<Option<SceneReport>> {
     let folder = run.folder().path();
-    let is_there = |name: &String| folder.join(name).is_file();
+    let exists = |name: &String| folder.join(name).is_file();
     let mut lines = Vec::with_capacity(plan.variants.len());
     for variant in &plan.variants {
         let name = row_file(scene, variant);
@@ -79,12 +79,12 @@ fn finished(
                 file.display()
             ));
         }
-        if !row.files.iter().all(is_there) {
+        if !row.files.iter().all(exists) {
             return Ok(None);
         }
         lines.push(Line { text: row.line(), row: name, seconds: None });
     }
-    Ok(is_there(&picture_file(scene)).then_some(SceneReport { lines, seconds: None }))
+    Ok(exists(&picture_file(scene)).then_some(SceneReport { lines, seconds: None }))
 }
 
 fn picture_file(scene: &str) -> String {
@@ -126,7 +126,7 @@ impl SceneWriter<'_> {
             });
             let mut all: Vec<(&str, &[u8])> =
                 scene_files.iter().map(|(name, bytes)| (&name[..], &bytes[..])).collect();
-            // Last: a row says that its scene files are there.
+            // The row is written last, because its presence means that its scene files are complete.
             let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
             all.push((&name, &bytes));
             self.write(&all)?;
@@ -138,7 +138,7 @@ impl SceneWriter<'_> {
         Ok(SceneReport { lines, seconds: Some(seconds) })
     }
 
-    /// The attacked scene in the formats that were asked for, as file names and contents.
+    /// The attacked scene in the requested formats, as file names and contents.
     fn scene_files(
         &self,
         files: &VariantWriter,
@@ -159,14 +159,17 @@ impl SceneWriter<'_> {
         }
         let provenance = Value::Object(provenance).to_string();
         let attacked = attacked(scene, attack.trajectory())?;
-        let made = files.variant(&attacked, &provenance)?;
+        let attacked_files = files.variant(&attacked, &provenance)?;
         let name = format!("{}-{variant}", self.scene);
         let mut all = Vec::with_capacity(2);
         if plan.writes_pickles() {
-            all.push((dataset::file_name(files.dataset(), files.version(), &name), made.to_pickle()));
+            all.push((
+                dataset::file_name(files.dataset(), files.version(), &name),
+                attacked_files.to_pickle(),
+            ));
         }
         if plan.writes_native() {
-            all.push((format!("{name}.safetensors"), made.to_native()?));
+            all.push((format!("{name}.safetensors"), attacked_files.to_native()?));
         }
         Ok(all)
     }
@@ -180,8 +183,8 @@ impl SceneWriter<'_> {
         described: Map<String, Value>,
         scene_files: &[(String, Vec<u8>)],
     ) -> Result<Row<'r>> {
-        let chosen = ctx.candidate(attack.trajectory().clone());
-        let violations = self.plan.selection.objective.rule().violations(&chosen, ctx);
+        let selected = ctx.candidate(attack.trajectory().clone());
+        let violations = self.plan.selection.objective.rule().violations(&selected, ctx);
         Ok(Row {
             scene: self.scene,
             variant,
@@ -206,7 +209,7 @@ impl SceneWriter<'_> {
     }
 }
 
-/// Name of an attack in the picture's legend.
+/// Label of an attack in the legend of the picture.
 fn label(point: &OperatingPointSpec, attacker: &Attacker) -> String {
     if attacker.points.len() > 1 { point.long_label() } else { attacker.built.keys[0].label() }
 }

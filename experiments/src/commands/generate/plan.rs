@@ -1,4 +1,4 @@
-//! Everything that decides what `sage generate` does with a scene, scenes aside.
+//! All inputs of `sage generate` except the scenes: generator, operating points, objective and weights.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -23,14 +23,14 @@ use crate::{
 
 /// The generator at all its operating points.
 pub(super) struct Attacker {
-    /// Name of the weights; none for a generator without experts.
+    /// Name of the weights; `None` for a generator without experts.
     pub(super) weights: Option<String>,
     pub(super) built: BuiltGenerator,
-    /// Operating points as files and rows state them, λ and μ also where the generator does not depend on them.
+    /// Operating points as files and rows record them, even if the generator does not depend on λ or μ.
     pub(super) points: Vec<OperatingPointSpec>,
 }
 
-/// Weights by name, loaded.
+/// Loaded weights with their name.
 struct Weights {
     name: String,
     experts: ExpertSet,
@@ -48,17 +48,17 @@ pub(super) struct Plan<'a> {
     registries: &'a Registries,
     facts: Facts,
     merger: Arc<dyn Merger>,
-    /// Weights that scenes may need: those that the user names, or the defaults for procedural and recorded
-    /// scenes. A scene's weights depend on the scene alone.
+    /// Weights that scenes may need: those that the user names, or the defaults for procedural and for
+    /// recorded scenes. The weights for a scene do not depend on other scenes.
     experts: Vec<Weights>,
-    /// Attackers that were needed so far, by number of the weights.
+    /// Attackers built so far, by index of the weights.
     attackers: Mutex<Vec<Option<Arc<Attacker>>>>,
 }
 
 impl<'a> Plan<'a> {
-    /// Checks all arguments but the scenes, and loads weights.
+    /// Checks all arguments except the scenes, and loads weights.
     ///
-    /// *Errors*: an argument that is out of range or names nothing; weights that cannot be used.
+    /// *Errors*: an argument is out of range or names an unknown part; weights cannot be used.
     pub(super) fn new(args: &'a GenerateArgs, registries: &'a Registries) -> Result<Self> {
         let mut method = args.method.clone();
         if let Some(options) = &args.options {
@@ -116,24 +116,24 @@ impl<'a> Plan<'a> {
         Ok(plan)
     }
 
-    /// Whether the scene's origin decides which weights attack it.
+    /// True if the weights depend on whether the scene is procedural or recorded.
     pub(super) fn needs_origin(&self) -> bool {
         self.experts.len() > 1
     }
 
-    /// Whether pickles are written.
+    /// True if pickles are written.
     pub(super) fn writes_pickles(&self) -> bool {
         self.args.format != DatasetFormat::Native
     }
 
-    /// Whether native files are written.
+    /// True if native files are written.
     pub(super) fn writes_native(&self) -> bool {
         self.args.format != DatasetFormat::Pickle
     }
 
-    /// What attacks a scene, by its origin.
+    /// The attacker of a scene, by its origin.
     ///
-    /// *Errors*: the generator cannot be built with the weights, or they have no dial.
+    /// *Errors*: the generator cannot be built with the weights, or the weights have no dial.
     pub(super) fn attacker(&self, is_procedural: bool) -> Result<Arc<Attacker>> {
         let mut number = 0;
         if self.needs_origin() {
@@ -172,7 +172,7 @@ impl<'a> Plan<'a> {
         Ok(Attacker { weights: weights.map(|weights| weights.name.clone()), built, points })
     }
 
-    /// What tells this run from others: a folder of another run is refused.
+    /// Identity of this run. The folder of another run is refused.
     ///
     /// *Errors*: none on a CPU.
     pub(super) fn identity(&self) -> Result<Value> {
@@ -190,7 +190,7 @@ impl<'a> Plan<'a> {
         }))
     }
 
-    /// How a variant was generated, for its row and for whoever finds the scene file.
+    /// Description of how a variant was generated, for its row and for the metadata of its scene files.
     pub(super) fn describe(&self, point: &OperatingPointSpec) -> Map<String, Value> {
         let described = json!({
             "method": self.method.name, "options": self.method.options, "lambda": point.lambda, "mu": point.mu,
@@ -206,7 +206,7 @@ impl<'a> Plan<'a> {
     }
 }
 
-/// Notes options that do not change what the generator does.
+/// Prints a note on options that the generator does not depend on.
 fn warn_of_unused(args: &GenerateArgs, facts: &Facts) {
     let points = &args.points;
     let follows_mixture = facts.depends_on_lambda || facts.depends_on_mu;

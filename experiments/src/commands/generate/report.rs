@@ -1,4 +1,4 @@
-//! Rows on standard output in the order of the scenes, and progress on standard error, from all threads.
+//! Output of all threads: rows on standard output in the order of the scenes, and progress on standard error.
 
 use std::{
     collections::BTreeMap,
@@ -12,24 +12,25 @@ use anyhow::{Context as _, Result};
 use super::row::json_line;
 use crate::progress::Progress;
 
-/// What is printed of one attack.
+/// Printed line of one attack.
 pub(super) struct Line {
-    /// The line for people.
+    /// The line as text.
     pub(super) text: String,
-    /// Name of the row's file, which holds the line for programs.
+    /// Name of the row's file, which holds the line as JSON.
     pub(super) row: String,
-    /// Time that the attack took; none if it was finished before.
+    /// Time of the attack, seconds; `None` if an earlier run finished it.
     pub(super) seconds: Option<f64>,
 }
 
-/// What came of one scene.
+/// Result of one scene.
 pub(super) struct SceneReport {
     pub(super) lines: Vec<Line>,
-    /// Time that each attack took; none if all were finished before.
+    /// Time per attack, seconds; `None` if an earlier run finished all.
     pub(super) seconds: Option<f64>,
 }
 
-/// Prints results in the order of the scenes. Rows wait on the disk, so memory does not grow with them.
+/// Prints results in the order of the scenes. Waiting rows stay on the disk, so memory does not grow with
+/// them.
 pub(super) struct Report {
     folder: PathBuf,
     json: bool,
@@ -37,24 +38,24 @@ pub(super) struct Report {
 }
 
 struct State {
-    /// The scene whose lines are printed next.
+    /// Index of the scene whose lines are printed next.
     next: usize,
-    /// Lines of scenes that are finished out of turn.
+    /// Lines of finished scenes that wait for an earlier scene.
     waiting: BTreeMap<usize, Vec<Line>>,
-    /// Whether standard output is still read: who reads it may have seen enough, but the files are wanted.
-    is_read: bool,
+    /// False after the reader has closed standard output. The run continues, because it also writes files.
+    is_open: bool,
     progress: Progress,
     attacks: usize,
     failed: usize,
 }
 
 impl Report {
-    /// For some scenes, with rows in a folder.
+    /// A report for a number of scenes with rows in a folder.
     pub(super) fn new(folder: &Path, json: bool, scenes: usize) -> Self {
         let state = State {
             next: 0,
             waiting: BTreeMap::new(),
-            is_read: true,
+            is_open: true,
             progress: Progress::new("attacked", scenes),
             attacks: 0,
             failed: 0,
@@ -62,9 +63,9 @@ impl Report {
         Self { folder: folder.to_owned(), json, state: Mutex::new(state) }
     }
 
-    /// A scene is finished.
+    /// Reports a finished scene.
     ///
-    /// *Errors*: standard output cannot be written to, or a row cannot be read back.
+    /// *Errors*: standard output is not writable, or a row cannot be read back.
     pub(super) fn done(&self, number: usize, scene: SceneReport) -> Result<()> {
         let mut state = self.state();
         state.attacks += scene.lines.len();
@@ -76,7 +77,7 @@ impl Report {
         self.print(&mut state, number, scene.lines)
     }
 
-    /// A scene failed.
+    /// Reports a failed scene.
     ///
     /// *Errors*: as [`Report::done`].
     pub(super) fn failed(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
@@ -93,13 +94,13 @@ impl Report {
         self.print(&mut state, number, Vec::new())
     }
 
-    /// Number of scenes that are finished so far.
+    /// Number of scenes finished so far.
     pub(super) fn finished(&self) -> usize {
         let state = self.state();
         state.progress.done() - state.failed
     }
 
-    /// Ends with a sum; the number of scenes that failed.
+    /// Prints a summary. Returns the number of failed scenes.
     pub(super) fn finish(self, out: &Path) -> usize {
         let state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
         let scenes = state.progress.done() - state.failed;
@@ -118,11 +119,11 @@ impl Report {
         state.waiting.insert(number, lines);
         while let Some(lines) = state.waiting.remove(&state.next) {
             state.next += 1;
-            for line in lines.iter().filter(|_| state.is_read) {
+            for line in lines.iter().filter(|_| state.is_open) {
                 state.progress.clear();
                 match self.write(line) {
                     Err(error) if is_closed(&error) => {
-                        state.is_read = false;
+                        state.is_open = false;
                         break;
                     }
                     outcome => outcome?,

@@ -1,4 +1,4 @@
-//! The row of one attack: its JSON file, and what is printed of it.
+//! The row of one attack: its JSON file and its printed line.
 
 use std::{
     collections::{HashMap, hash_map::Entry},
@@ -20,7 +20,7 @@ use serde_json::{
 
 use crate::terminal;
 
-/// Largest row that is read, bytes: a thousand candidates take 4 MB.
+/// Size limit of a row, bytes. A thousand candidates take 4 MB.
 const LIMIT: u64 = 1 << 30;
 
 /// Name of a row's file.
@@ -28,12 +28,12 @@ pub(super) fn row_file(scene: &str, variant: &str) -> String {
     format!("{scene}-{variant}.json")
 }
 
-/// One attack, as its file holds it.
+/// One attack, as its file records it.
 #[derive(Serialize)]
 pub(super) struct Row<'r> {
     /// Name of the input file without its ending.
     pub(super) scene: &'r str,
-    /// Operating point, as in file names.
+    /// Name of the operating point, as in file names.
     pub(super) variant: &'r str,
     /// Hash of the input file.
     pub(super) source_hash: &'r str,
@@ -44,7 +44,7 @@ pub(super) struct Row<'r> {
     pub(super) described: Map<String, Value>,
     pub(super) trajectory: &'r Trajectory,
     pub(super) chosen: usize,
-    /// By the rule of the selection, like `violations`.
+    /// Feasibility by the rule of the selection, like `violations`.
     pub(super) feasible: bool,
     pub(super) violations: Vec<Violation>,
     pub(super) note: Option<String>,
@@ -73,26 +73,26 @@ pub(super) struct Scored {
     trajectory: Box<RawValue>,
 }
 
-/// Scores of the candidates of one scene. Attacks at several operating points share many candidates, and each is
-/// scored and written as JSON once.
+/// Scores of the candidates of one scene. Attacks at several operating points share many candidates, so each
+/// candidate is scored and written as JSON only once.
 pub(super) struct ScoredCandidates<'s> {
     ctx: &'s Context,
     scorer: Scorer<'s>,
     all: Vec<Scored>,
-    /// Place of each trajectory in `all`, by the bits of its coordinates.
-    places: HashMap<Vec<u64>, usize>,
+    /// Index of each trajectory in `all`, by the bits of its coordinates.
+    indices: HashMap<Vec<u64>, usize>,
 }
 
 impl<'s> ScoredCandidates<'s> {
     pub(super) fn new(ctx: &'s Context, scorer: Scorer<'s>) -> Self {
-        Self { ctx, scorer, all: Vec::new(), places: HashMap::new() }
+        Self { ctx, scorer, all: Vec::new(), indices: HashMap::new() }
     }
 
     /// Scores the trajectories of an attack.
     pub(super) fn score(&mut self, attack: &Attack) -> Result<()> {
         for proposal in &attack.candidates {
-            if let Entry::Vacant(place) = self.places.entry(bits(&proposal.trajectory)) {
-                place.insert(self.all.len());
+            if let Entry::Vacant(entry) = self.indices.entry(bits(&proposal.trajectory)) {
+                entry.insert(self.all.len());
                 let scores = self.scorer.scores(&self.ctx.candidate(proposal.trajectory.clone()));
                 let (json, trajectory) = (to_raw_value(&scores)?, to_raw_value(&proposal.trajectory)?);
                 self.all.push(Scored { scores, json, trajectory });
@@ -101,13 +101,13 @@ impl<'s> ScoredCandidates<'s> {
         Ok(())
     }
 
-    /// What [`ScoredCandidates::score`] found of a trajectory.
+    /// Scores of a trajectory that [`ScoredCandidates::score`] has scored.
     pub(super) fn get(&self, trajectory: &Trajectory) -> Result<&Scored> {
-        let place = self.places.get(&bits(trajectory)).context("the trajectory is among the candidates")?;
-        Ok(&self.all[*place])
+        let index = self.indices.get(&bits(trajectory)).context("the trajectory is among the candidates")?;
+        Ok(&self.all[*index])
     }
 
-    /// The candidates of an attack that was scored.
+    /// The candidates of a scored attack.
     pub(super) fn rows(&self, attack: &Attack) -> Result<Vec<CandidateRow<'_>>> {
         let row = |proposal: &Proposal| {
             let Scored { json, trajectory, .. } = self.get(&proposal.trajectory)?;
@@ -121,7 +121,7 @@ fn bits(trajectory: &Trajectory) -> Vec<u64> {
     trajectory.points().as_flattened().iter().map(|x| x.to_bits()).collect()
 }
 
-/// What is read back of a row, to tell whether it is finished and to print it again.
+/// The part of a row that is read back, to check whether it is complete and to print it again.
 #[derive(Debug, Deserialize)]
 pub(super) struct FoundRow {
     scene: String,
@@ -142,12 +142,12 @@ struct FoundScores {
 }
 
 impl FoundRow {
-    /// Reads a row; `None` if there is none that is whole.
+    /// Reads a row; `None` if the file is missing or incomplete.
     pub(super) fn read(path: &Path) -> Option<Self> {
         serde_json::from_slice(&files::read(path, LIMIT).ok()?).ok()
     }
 
-    /// The line for people.
+    /// The printed line.
     pub(super) fn line(&self) -> String {
         let Self { scene, variant, feasible, note, scores, .. } = self;
         line(
@@ -162,7 +162,7 @@ impl FoundRow {
 }
 
 impl Row<'_> {
-    /// The line for people; `seconds` is the time that the attack took.
+    /// The printed line; `seconds` is the time of the attack.
     pub(super) fn line(&self, seconds: f64) -> String {
         let Self { scene, variant, feasible, note, scores: Scored { scores, .. }, .. } = self;
         line(
@@ -196,9 +196,9 @@ fn line(
     )
 }
 
-/// The JSON line of a row's file, with the time that the attack took if it was made in this run.
+/// The JSON line of a row's file, with the time of the attack if this run generated it.
 ///
-/// *Errors*: the file cannot be read, or is no row.
+/// *Errors*: the file cannot be read, or it is not a row.
 pub(super) fn json_line(path: &Path, seconds: Option<f64>) -> Result<Vec<u8>> {
     let text = files::read_text(path, LIMIT)?;
     let seconds = serde_json::to_string(&seconds)?;

@@ -16,6 +16,11 @@ pub(crate) fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", terminal::escaped(text));
 }
 
+/// A number with its noun: `1 scene`, `2 scenes`.
+pub(crate) fn count(number: usize, noun: &str) -> String {
+    format!("{number} {noun}{}", if number == 1 { "" } else { "s" })
+}
+
 /// Counts finished items.
 pub(crate) struct Progress {
     verb: &'static str,

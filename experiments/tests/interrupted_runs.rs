@@ -45,7 +45,7 @@ fn a_killed_generate_resumes_to_the_same_files() {
 }
 
 #[test]
-fn a_killed_convert_is_procedural_anew_to_the_same_files() {
+fn a_killed_convert_starts_again_to_the_same_files() {
     killed("convert");
 }
 
@@ -55,7 +55,7 @@ fn a_killed_open_loop_goes_on_to_the_same_files() {
 }
 
 #[test]
-fn a_killed_calibrate_is_procedural_anew_to_the_same_files() {
+fn a_killed_calibrate_starts_again_to_the_same_files() {
     killed("calibrate");
 }
 

@@ -14,7 +14,7 @@ use crate::{
     cli::{ConvertArgs, Format},
     input,
     output::{self, Folder},
-    progress::Progress,
+    progress::{Progress, count},
 };
 
 /// An input file, and its output file relative to the output folder.
@@ -85,6 +85,6 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
         );
         return Err(error.context(sum));
     }
-    progress.finish(&format!("{whole} scenes in `{destination}`, {failed} failed"));
+    progress.finish(&format!("{} in `{destination}`, {failed} failed", count(whole, "scene")));
     Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
 }

@@ -72,9 +72,18 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         let done = all.iter().filter(|input| is_done(&plan, &folder, input)).count();
         json!({"scenes": all.len(), "done": done})
     };
-    let is_done = |results: &Value| results["scenes"] == results["done"];
-    let whole = |results: &Value| is_done(results).then(|| clock.elapsed().as_secs_f64());
-    run.finish(plan.writes_pickles(), results, statistics::median(&seconds), whole)?;
+    let is_whole = |results: &Value| results["scenes"] == results["done"];
+    let whole = |results: &Value| is_whole(results).then(|| clock.elapsed().as_secs_f64());
+    let median = statistics::median(&seconds);
+    let (results, listed) = run.finish(plan.writes_pickles(), results, median, whole)?;
+    let others = listed.saturating_sub(all.len() * plan.variants.len());
+    if is_whole(&results) && others > 0 {
+        let out = args.folder.out.display();
+        let others = progress::count(others, "scene");
+        progress::say(&format!(
+            "note: the summary of `{out}` also lists {others} that other runs left there"
+        ));
+    }
     match failed {
         0 => Ok(Outcome::Done),
         1 if own.len() == 1 => bail!("the scene could not be attacked"),

@@ -13,7 +13,7 @@ use crate::{
     Outcome,
     cli::{Format, ScenesArgs},
     output::Folder,
-    progress::Progress,
+    progress::{Progress, count},
 };
 
 /// Scenes generated between two progress reports.
@@ -48,6 +48,7 @@ pub(crate) fn run(args: &ScenesArgs) -> Result<Outcome> {
             progress.step();
         }
     }
-    progress.finish(&format!("{} scenes in `{}`", args.count, args.out.display()));
+    let scenes = count(args.count as usize, "scene");
+    progress.finish(&format!("{scenes} in `{}`", args.out.display()));
     Ok(Outcome::Done)
 }

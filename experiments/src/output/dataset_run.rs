@@ -80,6 +80,7 @@ impl DatasetRun {
 
     /// Writes the summary and the mapping for all pickles of the folder, and the record. The record holds
     /// `results`, the median time of an attack in this process, and the time of the whole run if it is done.
+    /// Returns the results and the number of pickles in the summary.
     ///
     /// *Errors*: a pickle in the folder is not a scene; a system error.
     pub(crate) fn finish(
@@ -88,16 +89,18 @@ impl DatasetRun {
         results: impl FnOnce() -> Value,
         seconds_per_attack: Option<f64>,
         seconds: impl FnOnce(&Value) -> Option<f64>,
-    ) -> Result<()> {
+    ) -> Result<(Value, usize)> {
         // Shards that end at the same time wait for each other.
         let path = self.folder.path();
         let _whole = self.shard.map(|_| Claim::folder_shortly(path, &command())).transpose()?;
+        let mut listed = 0;
         if has_pickles {
-            dataset::write_tables(path).context("the data set has no summary")?;
+            listed = dataset::write_tables(path).context("the data set has no summary")?;
         }
         let results = results();
         let seconds = seconds(&results);
-        self.record(&results, seconds_per_attack, seconds)
+        self.record(&results, seconds_per_attack, seconds)?;
+        Ok((results, listed))
     }
 
     fn other_shard(&self) -> Result<Option<String>> {

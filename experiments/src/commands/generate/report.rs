@@ -10,7 +10,7 @@ use std::{
 use anyhow::{Context as _, Result};
 
 use super::row::json_line;
-use crate::progress::Progress;
+use crate::progress::{Progress, count};
 
 /// Printed line of one attack.
 pub(super) struct Line {
@@ -106,8 +106,8 @@ impl Report {
         let scenes = state.progress.done() - state.failed;
         let found = state.progress.found();
         let before = if found > 0 { format!(", {found} of them finished before") } else { String::new() };
-        let attacks = state.attacks;
-        state.progress.finish(&format!("{scenes} scenes{before}, {attacks} attacks in `{}`", out.display()));
+        let (scenes, attacks) = (count(scenes, "scene"), count(state.attacks, "attack"));
+        state.progress.finish(&format!("{scenes}{before}, {attacks} in `{}`", out.display()));
         state.failed
     }
 

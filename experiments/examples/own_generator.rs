@@ -57,7 +57,7 @@ impl Brake {
 /// Its facts: it uses no information after *now*, needs no experts, and depends on mu.
 impl GeneratorKind for Brake {
     fn facts(&self) -> Facts {
-        Facts { depends_on_mu: true, ..Facts::without_dial(Knowledge::NOW) }
+        Facts { depends_on_mu: true, ..Facts::without_operating_point(Knowledge::NOW) }
     }
 
     fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Generator>, sage_generators::Error> {

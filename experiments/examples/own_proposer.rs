@@ -13,7 +13,7 @@ use sage_core::{
     generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
     motion::{DT, HORIZON, NOW, Trajectory},
 };
-use sage_generators::{GeneratorInputs, Pair, ProposerKind, select::Best};
+use sage_generators::{GeneratorInputs, Pair, ProposerKind, selector::Best};
 use serde::{Deserialize, Serialize};
 
 /// Options of the proposer.

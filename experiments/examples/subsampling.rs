@@ -27,7 +27,7 @@ use sage_data::{Recording, folder};
 use sage_generators::{
     GeneratorInputs, ProposerKind,
     proposers::MixedExperts,
-    select::{Best, Selector},
+    selector::{Best, Selector},
 };
 use sage_merging::{ExpertSet, mergers};
 

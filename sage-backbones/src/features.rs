@@ -3,6 +3,7 @@
 //! Everything is in the target's frame: origin at its centre *now*, x along its heading. Lengths are scaled
 //! so that most numbers lie within ±3.
 
+mod acceleration_profile;
 mod agent_forecasts;
 mod agents;
 pub mod cat;

@@ -45,13 +45,14 @@ mod apply;
 mod dial;
 mod drivable;
 mod error;
-mod kind;
+mod generator_inputs;
+mod generator_kind;
 mod log;
 mod mixtures;
 mod pair;
 pub mod proposers;
 mod rule;
-pub mod select;
+pub mod selector;
 mod speed_profile;
 
 pub use aggression::Aggression;
@@ -59,7 +60,8 @@ pub use apply::attacked;
 pub use dial::{DIAL_FILE, Dials, FittedDial, hashes};
 pub use drivable::{drivable, is_drivable};
 pub use error::Error;
-pub use kind::{Facts, GeneratorInputs, GeneratorKind};
+pub use generator_inputs::GeneratorInputs;
+pub use generator_kind::{Facts, GeneratorKind};
 pub use log::{Log, logged_future};
 pub use mixtures::Mixtures;
 pub use pair::{Pair, ProposerKind};
@@ -67,7 +69,7 @@ pub use rule::{Rule, bezier};
 
 use proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, RandomGoals};
 use sage_core::registry::Registry;
-use select::{Best, CatSelector, First};
+use selector::{Best, CatSelector, First};
 
 /// The generators of this crate. Add a line here to register a new one.
 ///

@@ -26,7 +26,11 @@ impl Generator for Log {
 
 impl GeneratorKind for Log {
     fn facts(&self) -> Facts {
-        Facts::without_dial(Knowledge { ego_future: false, others_future: false, own_future: true })
+        Facts::without_operating_point(Knowledge {
+            ego_future: false,
+            others_future: false,
+            own_future: true,
+        })
     }
 
     fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {

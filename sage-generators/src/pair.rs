@@ -13,7 +13,7 @@ use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{
     Error, Facts, GeneratorInputs, GeneratorKind,
-    select::{Selector, SelectorKind},
+    selector::{Selector, SelectorKind},
 };
 
 /// A kind of proposer. Its value is its options; mark them `#[serde(default, deny_unknown_fields)]`.

@@ -16,7 +16,7 @@ use sage_core::{
 };
 use sage_generators::{
     bezier, logged_future,
-    select::{cat_plan, cat_select},
+    selector::{cat_plan, cat_select},
 };
 
 struct Case<'f> {

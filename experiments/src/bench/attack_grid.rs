@@ -12,7 +12,9 @@ use sage_core::{
     seed::Rng,
     statistics::{self, Estimate},
 };
-use sage_generators::{Aggression, GeneratorInputs, ProposerKind, proposers::MixedExperts, select::best_of};
+use sage_generators::{
+    Aggression, GeneratorInputs, ProposerKind, proposers::MixedExperts, selector::best_of,
+};
 
 use crate::scenes::Scenes;
 

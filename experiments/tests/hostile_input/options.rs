@@ -128,7 +128,7 @@ fn bad_use_ends_with_2_and_says_what_is_wrong() {
         (["--options", "[1"], "--options is not a JSON object"),
         (["--merger", "none"], "unknown merger `none`"),
     ] {
-        // A file that is no scene shows that options are looked at before scenes are read.
+        // A file that is no scene shows that options are checked before scenes are read.
         let (code, said) = generate(&flags);
         assert_eq!(code, 1, "{flags:?}: {said}");
         assert!(said.contains(expected), "{flags:?}: {said}");
@@ -178,7 +178,7 @@ fn a_closed_output_keeps_no_file_from_being_written() {
 
 #[cfg(unix)]
 #[test]
-fn names_and_licences_do_not_steer_the_terminal() {
+fn names_and_licences_do_not_control_the_terminal() {
     let folder = tempfile::tempdir().unwrap();
     let scenes = folder.path().join("scenes");
     std::fs::create_dir(&scenes).unwrap();

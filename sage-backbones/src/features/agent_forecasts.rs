@@ -10,7 +10,10 @@ use sage_core::{
     scene::{Map, Scene, SceneIndex, Track, TrackKind},
 };
 
-use super::Frame;
+use super::{
+    Frame,
+    acceleration_profile::{ACCELERATION_PROFILES, AccelerationProfile},
+};
 
 /// Steps of 0.1 s from one forecast step to the next.
 pub const STRIDE: usize = 4;
@@ -26,9 +29,6 @@ const BESIDE: f64 = 2.5;
 const ALIGNED: f64 = 0.5;
 /// Maximum number of lane segments along one mode.
 const MOST_SEGMENTS: usize = 4096;
-
-/// Acceleration profiles of a moving agent: weight and constant acceleration, m/s². Set by hand.
-const ACCELERATION_PROFILES: [(f32, f64); 3] = [(0.5, 0.0), (0.3, -1.5), (0.2, 1.0)];
 
 /// One mode of an agent's forecast, target frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -144,12 +144,11 @@ fn lane_forecast(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame
     let heading = if stands { track.heading[NOW] } else { velocity[1].atan2(velocity[0]) };
     let (sin, cos) = heading.sin_cos();
     let half = [track.size[NOW][0], track.size[NOW][1]].map(|size| (0.5 * size) as f32);
-    let mode = |(weight, acceleration): (f32, f64)| {
+    let mode = |profile: AccelerationProfile| {
         let mut lane = lane.clone();
         let (mut driven, mut poses) = (0.0, [[0.0; 4]; FORECAST_STEPS]);
         for (step, pose) in poses.iter_mut().enumerate() {
-            let far =
-                if stands { 0.0 } else { travelled(speed, acceleration, ((step + 1) * STRIDE) as f64 * DT) };
+            let far = if stands { 0.0 } else { profile.distance(speed, ((step + 1) * STRIDE) as f64 * DT) };
             let (position, heading) = match &mut lane {
                 Some(lane) => lane.drive(far - driven),
                 None => ([start[0] + far * cos, start[1] + far * sin], heading),
@@ -159,15 +158,13 @@ fn lane_forecast(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame
             let [x, y] = frame.to_local(position);
             *pose = [x as f32, y as f32, cos as f32, sin as f32];
         }
-        ForecastMode { weight, half, stands, poses }
+        ForecastMode { weight: profile.weight, half, stands, poses }
     };
-    if stands { vec![mode((1.0, 0.0))] } else { ACCELERATION_PROFILES.map(mode).into() }
-}
-
-/// Distance driven after some seconds, metres. An agent that brakes stops and stays.
-fn travelled(speed: f64, acceleration: f64, seconds: f64) -> f64 {
-    let seconds = if acceleration < 0.0 { seconds.min(speed / -acceleration) } else { seconds };
-    speed * seconds + 0.5 * acceleration * seconds * seconds
+    if stands {
+        vec![mode(AccelerationProfile::CONSTANT_SPEED)]
+    } else {
+        ACCELERATION_PROFILES.map(mode).into()
+    }
 }
 
 /// A position on a lane, which moves along this lane and the lanes that follow.

@@ -1,12 +1,9 @@
-//! Kinds of generators by name: their inputs and their properties.
+//! What generators are built from: experts, a merger and the objective of the selection.
 
 use std::sync::Arc;
 
 use sage_backbones::{Backbone, MotionModel};
-use sage_core::{
-    generator::{Generator, Knowledge},
-    objective::Objective,
-};
+use sage_core::objective::Objective;
 use sage_merging::{ExpertSet, Merger};
 
 use crate::{Error, mixtures::Mixtures};
@@ -54,48 +51,4 @@ impl GeneratorInputs {
         let prior: Arc<dyn MotionModel> = self.prior(generator)?;
         Ok(Mixtures::always(prior))
     }
-}
-
-/// Properties of a generator.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Facts {
-    /// Information that it uses beyond the observation up to *now*.
-    pub knows: Knowledge,
-    /// Whether its attacks depend on the mixture of experts.
-    pub depends_on_lambda: bool,
-    /// Whether its attacks depend on μ.
-    pub depends_on_mu: bool,
-    /// Whether it needs a prior and experts.
-    pub needs_experts: bool,
-    /// Whether it is an upper bound, for which a table needs one row.
-    pub is_upper_bound: bool,
-}
-
-impl Facts {
-    /// Properties of a generator that needs no experts and does not depend on λ or μ.
-    pub const fn without_dial(knows: Knowledge) -> Self {
-        Self {
-            knows,
-            depends_on_lambda: false,
-            depends_on_mu: false,
-            needs_experts: false,
-            is_upper_bound: false,
-        }
-    }
-
-    /// Whether its attacks depend on λ or μ.
-    pub fn uses_operating_point(&self) -> bool {
-        self.depends_on_lambda || self.depends_on_mu
-    }
-}
-
-/// A kind of generator, with its options.
-pub trait GeneratorKind: Send + Sync {
-    /// Properties of the generator.
-    fn facts(&self) -> Facts;
-
-    /// Builds the generator.
-    ///
-    /// *Errors*: a missing input.
-    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, Error>;
 }

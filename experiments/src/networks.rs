@@ -125,6 +125,13 @@ pub(crate) fn announce_experts(name: &str, experts: &ExpertSet, header: &Header)
     say_weights(name, experts.prior().name(), header);
 }
 
+/// Loads the dial that was fitted for a set of experts and a selection, without a message.
+///
+/// *Errors*: no dial was fitted, or it was fitted for other experts.
+pub(crate) fn find_dial(name: &str, experts: &ExpertSet, selection: &Selection) -> Result<FittedDial> {
+    Ok(FittedDial::load(&find(name)?, experts, &selection.name, selection.objective.spec())?)
+}
+
 /// Loads the dial that was fitted for a set of experts and a selection. It maps aggression to λ and μ.
 ///
 /// *Errors*: no dial was fitted, or it was fitted for other experts.
@@ -134,7 +141,7 @@ pub(crate) fn load_dial(
     selection: &Selection,
     merger: &str,
 ) -> Result<Aggression> {
-    let dial = FittedDial::load(&find(name)?, experts, &selection.name, selection.objective.spec())?;
+    let dial = find_dial(name, experts, selection)?;
     if dial.merger != merger {
         progress::say(&format!(
             "warning: the dial was fitted for the merger `{}`; with `{merger}` the attack rate may not rise linearly",

@@ -45,7 +45,6 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let plan = Plan::new(args, registries)?;
     let files = folder::scene_files(&args.scene)?;
     let all = inputs(&files)?;
-    check_outputs(&all, &plan.variants)?;
     let own: Vec<&Input> =
         all.iter().filter(|input| args.shard.is_none_or(|shard| shard.holds(&input.scene))).collect();
     let row_files = |inputs: &[&Input]| -> Vec<String> {
@@ -160,30 +159,4 @@ fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
         inputs.push(Input { file: file.clone(), scene });
     }
     Ok(inputs)
-}
-
-/// Refuses scenes and variants whose outputs would have the same name.
-///
-/// *Errors*: the first such name.
-fn check_outputs(inputs: &[Input], variants: &[String]) -> Result<()> {
-    let scenes: HashMap<&str, &Path> =
-        inputs.iter().map(|input| (&input.scene[..], input.file.as_path())).collect();
-    for input in inputs {
-        for variant in variants {
-            // Names clash only if a scene has the name of a variant of another scene.
-            let name = format!("{}-{variant}", input.scene);
-            let clash = variants.iter().find_map(|other| {
-                let scene = name.strip_suffix(&format!("-{other}")).filter(|scene| *scene != input.scene)?;
-                scenes.get(scene)
-            });
-            if let Some(other) = clash {
-                bail!(
-                    "outputs of `{}` and `{}` would both be named `{name}`; generate them into two folders",
-                    input.file.display(),
-                    other.display()
-                );
-            }
-        }
-    }
-    Ok(())
 }

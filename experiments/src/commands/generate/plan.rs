@@ -176,15 +176,20 @@ impl<'a> Plan<'a> {
     ///
     /// *Errors*: none on a CPU.
     pub(super) fn identity(&self) -> Result<Value> {
-        let mut weights = Map::new();
+        let (mut weights, mut dials) = (Map::new(), Map::new());
         for Weights { name, experts, .. } in &self.experts {
             let tensors = experts.experts().iter().map(|(_, weights)| weights);
             let hashes = std::iter::once(experts.prior().parameters()).chain(tensors).map(|w| w.hash());
             weights.insert(name.clone(), json!(hashes.collect::<Result<Vec<_>, _>>()?));
+            if self.args.points.aggression.is_some() && self.facts.uses_operating_point() {
+                // Weights without a dial fail only if a scene needs them.
+                let dial = networks::find_dial(name, experts, &self.selection).ok();
+                dials.insert(name.clone(), json!(dial.map(|dial| dial.mu)));
+            }
         }
         Ok(json!({
             "command": output::command(), "method": self.method.to_string(), "weights": weights,
-            "selection": self.selection.objective.spec(), "variants": self.variants, "seed": self.args.seed,
+            "dials": dials, "selection": self.selection.objective.spec(), "variants": self.variants, "seed": self.args.seed,
             "merger": self.args.points.merging.merger.to_string(),
             "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
         }))

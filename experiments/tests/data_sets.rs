@@ -1,6 +1,6 @@
 //! What `sage generate` leaves: a data set that MetaDrive and ScenarioNet open, resumable and in shards.
 
-#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test; notes go to stderr.
 
 mod hostile;
 mod program;

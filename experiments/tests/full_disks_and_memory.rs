@@ -1,6 +1,6 @@
 //! Runs on a full disk, and the memory of runs over many scenes.
 
-#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test; notes go to stderr.
 
 mod hostile;
 mod program;

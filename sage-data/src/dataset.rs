@@ -91,17 +91,13 @@ pub fn write_tables(folder: &Path) -> Result<usize, Error> {
     let mut failed = None;
     let written = files::write_with(&path, Existing::Replace, |out| {
         let mut table = DictWriter::begin(out)?;
-        let taken = folder::in_order(
-            &files,
-            |file| summary(file),
-            |file, summary| match summary {
-                Ok(summary) => table.add(&name(file), &summary).map_err(Some),
-                Err(error) => {
-                    failed = Some(error);
-                    Err(None)
-                }
-            },
-        );
+        let taken = folder::in_order(&files, summary, |file, summary| match summary {
+            Ok(summary) => table.add(&name(file), &summary).map_err(Some),
+            Err(error) => {
+                failed = Some(error);
+                Err(None)
+            }
+        });
         match taken {
             // The error is in `failed`. This one only prevents the rename of the incomplete table.
             Err(None) => Err(std::io::ErrorKind::InvalidData.into()),

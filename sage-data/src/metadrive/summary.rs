@@ -216,12 +216,13 @@ fn summaries(document: &mut Document) -> (Id, Id) {
         counts
     };
     let (total, moving) = (count(&|_| true), count(&|object| object.moving_distance > MOVING));
-    let mut numbers: Vec<(&str, Id)> = Vec::new();
-    numbers.push(("num_objects", document.new_int(all.len())));
-    numbers.push(("object_types", document.push(Node::Set(kinds.values().copied().collect()))));
-    numbers.push(("num_objects_each_type", counts(document, &total)));
-    numbers.push(("num_moving_objects", document.new_int(moving.values().sum())));
-    numbers.push(("num_moving_objects_each_type", counts(document, &moving)));
+    let mut numbers: Vec<(&str, Id)> = vec![
+        ("num_objects", document.new_int(all.len())),
+        ("object_types", document.push(Node::Set(kinds.values().copied().collect()))),
+        ("num_objects_each_type", counts(document, &total)),
+        ("num_moving_objects", document.new_int(moving.values().sum())),
+        ("num_moving_objects_each_type", counts(document, &moving)),
+    ];
     lights(document, &mut numbers);
     let features = document.get(document.root(), "map_features");
     let features = features.and_then(|f| document.entries(f)).unwrap_or_default();

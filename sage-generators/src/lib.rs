@@ -2,7 +2,7 @@
 //!
 //! Each is a [`sage_core::generator::Generator`], built by name from [`generators`] and
 //! [`GeneratorInputs`]. Most are a [`Pair`]: a proposer ([`proposers`]), whose input is the observation up
-//! to *now*, and a selector ([`select`]), which may use the ego's path. [`Rule`] and [`Log`] are not pairs.
+//! to *now*, and a selector ([`selector`]), which may use the ego's path. [`Rule`] and [`Log`] are not pairs.
 //! An [`Aggression`] combines λ and μ into one dial.
 //!
 //! From a scene to an attack, with the embedded weights ([`Weights::at`] loads a folder):

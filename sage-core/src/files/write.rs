@@ -34,9 +34,9 @@ pub fn write(path: &Path, bytes: &[u8], existing: Existing) -> io::Result<()> {
     write_with(path, existing, |out| out.write_all(bytes))
 }
 
-/// [`write`] for content that is produced in parts. The whole content need not fit in memory.
+/// [`write()`] for content that is produced in parts. The whole content need not fit in memory.
 ///
-/// *Errors*: as [`write`], and those of `content`.
+/// *Errors*: as [`write()`], and those of `content`.
 pub fn write_with(
     path: &Path,
     existing: Existing,
@@ -54,11 +54,11 @@ pub fn write_with(
     sync_folder(folder)
 }
 
-/// Writes several files of one folder as [`write`] does, replaces existing ones, and syncs the folder once.
+/// Writes several files of one folder as [`write()`] does, replaces existing ones, and syncs the folder once.
 ///
 /// First all contents are written to the disk. Then the files are renamed in the given order.
 ///
-/// *Errors*: as [`write`]. The files before the failed one may exist under their final names.
+/// *Errors*: as [`write()`]. The files before the failed one may exist under their final names.
 pub fn write_all<'n>(
     folder: &Path,
     files: impl IntoIterator<Item = (&'n str, &'n [u8])>,

@@ -52,7 +52,10 @@ pub(crate) enum Command {
     Predict(PredictArgs),
     Generate(GenerateArgs),
     /// Run a benchmark of speed or quality.
-    #[command(subcommand)]
+    #[command(
+        subcommand,
+        after_help = "Example:\n  sage bench open-loop scenes/ --methods sage,log --lambda 1 --out table/"
+    )]
     Bench(BenchCommand),
     /// Print a completion script for a shell.
     #[command(
@@ -268,7 +271,8 @@ pub(crate) enum BenchCommand {
 
 /// Measure the time of reading, scoring, prediction, training and attacks.
 ///
-/// A row runs on one core unless its name gives a number of threads. If Python with numpy is installed, its
+/// A row runs on one core unless its name gives a number of threads. `target ms` is the time that the project
+/// allows, and `ratio` is median / target. If Python with numpy is installed, its
 /// pickle.loads is timed in the same run.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage bench speed --data target/data/womd_cat500 --json")]

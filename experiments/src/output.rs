@@ -162,6 +162,16 @@ fn create_folder(path: &Path) -> Result<()> {
     std::fs::create_dir_all(path).with_context(|| format!("cannot create `{}`", path.display()))
 }
 
+/// Where a folder is, links resolved; also one that does not exist yet.
+fn resolved_folder(folder: &Path) -> Result<PathBuf> {
+    if let Ok(found) = folder.canonicalize() {
+        return Ok(found);
+    }
+    let name = folder.file_name().with_context(|| format!("cannot create `{}`", folder.display()))?;
+    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    Ok(resolved_folder(parent)?.join(name))
+}
+
 /// Refuses an output folder in which an output would replace an input, by the name of the input or by the
 /// target of a link. Also refuses an output folder inside an input folder, because the next run would read
 /// its files.
@@ -173,8 +183,7 @@ pub(crate) fn protect_inputs(
     out: &Path,
     outputs: &[PathBuf],
 ) -> Result<()> {
-    create_folder(out)?;
-    let root = out.canonicalize()?;
+    let root = resolved_folder(out)?;
     let resolved = |file: &Path| -> Option<PathBuf> {
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         Some(folder.canonicalize().ok()?.join(file.file_name()?))

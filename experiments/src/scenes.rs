@@ -21,7 +21,7 @@ use sage_data::{
 
 use crate::{
     cli::SplitArgs,
-    progress::{self, Progress},
+    progress::{self, Progress, count},
 };
 
 /// Scenes processed in parallel before their results are returned in order.
@@ -156,7 +156,7 @@ impl Scenes {
                 progress.step();
             }
         }
-        progress.finish(&format!("read {} scenes", self.len()));
+        progress.finish(&format!("read {}", count(self.len(), "scene")));
         Ok(Self { entries })
     }
 
@@ -210,7 +210,7 @@ impl Scenes {
                 );
             }
         }
-        progress.finish(&format!("read {} scenes", loaded.len()));
+        progress.finish(&format!("read {}", count(loaded.len(), "scene")));
         Ok(loaded)
     }
 

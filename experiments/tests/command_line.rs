@@ -330,7 +330,7 @@ fn convert_is_lossless_in_both_directions_and_keeps_folders() {
     std::fs::write(source.join("b.pkl"), b"no scene").unwrap();
     let run = sage(&["convert", path(&source), "--to", "native", "--out", path(&native)]);
     assert_eq!(run.status.code(), Some(1), "one file is not a scene");
-    assert!(stderr(&run).contains("b.pkl") && stderr(&run).contains("1 scenes in"), "{}", stderr(&run));
+    assert!(stderr(&run).contains("b.pkl") && stderr(&run).contains("1 scene in"), "{}", stderr(&run));
     let run = sage(&["convert", path(&native), "--to", "pickle", "--out", path(&back)]);
     assert!(run.status.success(), "{}", stderr(&run));
     let inspect = |file: &Path| stdout(&sage(&["inspect", path(file), "--json"])).to_owned();

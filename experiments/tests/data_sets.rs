@@ -273,3 +273,54 @@ fn shards_at_once_leave_the_folder_of_one_run() {
         assert!(output.status.code() == Some(2) && stderr(&output).contains("expected K/N"), "{wrong}");
     }
 }
+
+#[test]
+fn rows_of_another_run_never_count_as_done() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = scenes(folder.path(), 6);
+    let out = folder.path().join("out");
+    let seeds = |out: &Path| {
+        let names = files(out).into_keys().filter(|name| name.ends_with(".json"));
+        let seed = |name: String| {
+            let row: Value = serde_json::from_slice(&std::fs::read(out.join(name)).unwrap()).unwrap();
+            row["seed"].as_u64().unwrap()
+        };
+        names.map(seed).collect::<std::collections::BTreeSet<u64>>()
+    };
+    for shard in ["1/2", "2/2"] {
+        stdout(&generate(&scenes, &out, &["--shard", shard]));
+    }
+    stdout(&generate(&scenes, &out, &["--shard", "1/2", "--seed", "1", "--force"]));
+    assert!(record(&out)["seconds"].is_null() && record(&out)["results"]["done"] != 6, "{}", record(&out));
+    stdout(&generate(&scenes, &out, &["--shard", "2/2", "--seed", "1"]));
+    assert_eq!(seeds(&out), [1].into());
+    assert_eq!(record(&out)["results"]["done"], 6);
+}
+
+#[test]
+fn force_leaves_nothing_of_the_run_that_it_replaces() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = scenes(folder.path(), 2);
+    let [out, fresh] = ["out", "fresh"].map(|name| folder.path().join(name));
+    stdout(&generate(&scenes, &out, &[]));
+    std::fs::write(out.join("notes.txt"), "mine").unwrap();
+    let native = ["--seed", "1", "--format", "native"];
+    stdout(&generate(&scenes, &out, &[&native[..], &["--force"]].concat()));
+    stdout(&generate(&scenes, &fresh, &native));
+    assert_eq!(std::fs::read(out.join("notes.txt")).unwrap(), b"mine");
+    std::fs::remove_file(out.join("notes.txt")).unwrap();
+    assert!(files(&out) == files(&fresh), "{:?}", files(&out).keys());
+}
+
+#[test]
+fn the_tables_of_another_data_set_are_not_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let other = folder.path().join("other");
+    std::fs::create_dir_all(other.join("part")).unwrap();
+    std::fs::copy(example(), other.join("part/sd_a.pkl")).unwrap();
+    hostile::summary(&other, &[("sd_a.pkl", "part")]);
+    let before = hostile::snapshot(&other);
+    let refused = generate(Path::new(&example()), &other, &["--force"]);
+    assert!(stderr(&refused).contains("is a data set that lists"), "{}", stderr(&refused));
+    assert!(hostile::snapshot(&other) == before);
+}

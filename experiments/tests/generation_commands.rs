@@ -158,7 +158,7 @@ fn open_loop_compares_methods_and_keeps_its_table() {
         assert!(out.join(file).is_file(), "{file}");
     }
     let csv = std::fs::read_to_string(out.join("table.csv")).unwrap();
-    assert!(csv.starts_with("method,measure,value,low,high,n\n") && csv.contains("sage 1.00,attack,"));
+    assert!(csv.starts_with("generator,measure,value,low,high,n\n") && csv.contains("sage 1.00,attack,"));
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("<img src=\"00-strongest.svg\"") && !out.join(".sage-rows").exists());
 

@@ -129,7 +129,7 @@ fn of_two_runs_at_once_one_works_and_one_is_refused() {
     assert_eq!((worked.len(), refused.len()), (1, 1), "{both:?}");
     let said = stderr(refused[0]);
     assert!(said.contains("is in use by another run") || said.contains("is not empty"), "{said}");
-    assert!(stderr(worked[0]).contains("best of 1 epochs"));
+    assert!(stderr(worked[0]).contains("best of 1 epoch:"));
     assert!(hidden(&out).is_empty());
 }
 

@@ -177,7 +177,7 @@ fn bad_options_fail_before_work_starts() {
         assert!(!out.exists(), "nothing was written");
     }
     let far = folder.path().join("no/dial.json");
-    assert!(failure(&["calibrate", "--procedural", "2", "--out", text(&far)]).contains("make it first"));
+    assert!(failure(&["calibrate", "--procedural", "2", "--out", text(&far)]).contains("create it first"));
     let error = failure(&["calibrate", "--procedural", "0", "--out", text(&folder.path().join("d.json"))]);
     assert!(error.contains("none of 0 scenes"), "{error}");
     let scene = example();

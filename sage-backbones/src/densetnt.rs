@@ -262,7 +262,7 @@ impl Trainable for DenseTnt {
         };
         let goals = labels::cross_entropy(&log_probs, &weights)?;
         let trajectory = labels::smooth_l1(&trajectory, sample)?;
-        Loss::of(vec![("goal", goals), ("path", trajectory)])
+        Loss::of(vec![("goal", goals), ("trajectory", trajectory)])
     }
 }
 

@@ -224,7 +224,7 @@ impl Trainable for QueryTransformer {
         let goals = labels::cross_entropy(&log_probs, &labels::soft(&ends, end))?;
         let error = |mode: usize| labels::smooth_l1(&trajectories.narrow(0, mode, 1)?, sample);
         let trajectory = (error(winners[0])? + (error(winners[1])? * 0.3)?)?;
-        Loss::of(vec![("goal", goals), ("path", trajectory)])
+        Loss::of(vec![("goal", goals), ("trajectory", trajectory)])
     }
 }
 

@@ -110,8 +110,9 @@ fn an_interrupted_training_resumes_to_the_same_bits() {
     }
     let resumed = train(&*network, &parts, usize::MAX).unwrap();
     assert_eq!(bytes(&resumed.best.unwrap()), bytes(reference.best.as_ref().unwrap()));
-    let figures =
-        |rows: &[EpochRow]| rows.iter().map(|r| (r.steps, r.goal, r.path, r.min_fde6)).collect::<Vec<_>>();
+    let figures = |rows: &[EpochRow]| {
+        rows.iter().map(|r| (r.steps, r.goal, r.trajectory, r.min_fde6)).collect::<Vec<_>>()
+    };
     assert_eq!(figures(&resumed.rows), figures(&reference.rows));
     let prior = |folder: &Path| std::fs::read(folder.join("prior.safetensors")).unwrap();
     assert_eq!(prior(&whole), prior(&parts));

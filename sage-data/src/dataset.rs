@@ -15,7 +15,7 @@ use sage_core::files::{self, Existing};
 
 use crate::{
     Error, folder,
-    pickle::{DictWriter, Document, ElementKind, Id, Node, dtype_values},
+    pickle::{DictWriter, Document, Dtype, ElementKind, Id, Node},
     recording,
 };
 
@@ -79,12 +79,20 @@ impl FromStr for Shard {
 }
 
 /// Writes both tables for the pickles of a folder whose names begin with `sd_`. Returns their number. Files
-/// are read in parallel, and the summary is written entry by entry.
+/// are read in parallel, and the summary is written entry by entry. Without pickles both tables are removed.
 ///
 /// *Errors*: a file with such a name that is not a scene; [`Error::Write`].
 pub fn write_tables(folder: &Path) -> Result<usize, Error> {
     let files = pickles(folder)?;
     if files.is_empty() {
+        for table in [SUMMARY, MAPPING].map(|name| folder.join(name)) {
+            match std::fs::remove_file(&table) {
+                Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                    return Err(Error::Write { path: table, source });
+                }
+                _ => {}
+            }
+        }
         return Ok(0);
     }
     let path = folder.join(SUMMARY);
@@ -172,33 +180,19 @@ impl Plain<'_> {
         let node = match from.node(id) {
             Node::Array(array) => {
                 let shape: Vec<usize> = array.shape.iter().map(|n| *n as usize).collect();
-                let values: Vec<f64> = dtype_values(from, array).collect();
-                let at = |row: usize, column: usize| match (array.fortran, &shape[..]) {
-                    (true, [rows, _]) => values[column * rows + row],
-                    (_, [_, width]) => values[row * width + column],
-                    _ => values[row],
-                };
-                let kind = array.dtype.kind;
-                match shape[..] {
-                    [] => number(kind, values.first().copied().unwrap_or(0.0)),
-                    [rows, width] => {
-                        let row = |row: usize| {
-                            let cells = (0..width).map(|k| number(kind, at(row, k)));
-                            let cells = cells.map(|cell| self.to.push(cell)).collect();
-                            self.to.push(Node::List(cells))
-                        };
-                        Node::List((0..rows).map(row).collect())
-                    }
-                    // Arrays of more axes are flattened; no known scene has such metadata.
-                    _ => {
-                        let cells = values.iter().map(|value| number(kind, *value));
-                        Node::List(cells.map(|cell| self.to.push(cell)).collect())
-                    }
+                let size = usize::from(array.dtype.size);
+                let elements: Vec<&[u8]> = from.bytes(array.data).chunks_exact(size).collect();
+                // Where each index steps to: the last one runs fastest, or the first one in Fortran's order.
+                let mut strides = vec![1usize; shape.len()];
+                let mut stride = 1usize;
+                for axis in 0..shape.len() {
+                    let axis = if array.fortran { axis } else { shape.len() - 1 - axis };
+                    strides[axis] = stride;
+                    stride = stride.saturating_mul(shape[axis]);
                 }
+                self.nested(array.dtype, &elements, &shape, &strides, 0)
             }
-            Node::Scalar(dtype, span) => {
-                number(dtype.kind, dtype.read(from.bytes(*span)).next().unwrap_or(0.0))
-            }
+            Node::Scalar(dtype, span) => self.number(*dtype, from.bytes(*span)),
             Node::Set(items) | Node::FrozenSet(items) | Node::Tuple(items) => Node::Tuple(self.all(items)),
             Node::List(items) => Node::List(self.all(items)),
             Node::Dict(entries) | Node::DefaultDict { entries, .. } => {
@@ -218,13 +212,49 @@ impl Plain<'_> {
     fn all(&mut self, items: &[Id]) -> Vec<Id> {
         items.iter().map(|item| self.copy(*item)).collect()
     }
-}
 
-fn number(kind: ElementKind, value: f64) -> Node {
-    match kind {
-        ElementKind::Float => Node::Float(value),
-        ElementKind::Bool => Node::Bool(value != 0.0),
-        _ => Node::Int(value as i64),
+    /// An array from an element on as nested lists, one level an axis. An array without elements is one empty
+    /// list: its axes may be of any length.
+    fn nested(
+        &mut self,
+        dtype: Dtype,
+        all: &[&[u8]],
+        shape: &[usize],
+        strides: &[usize],
+        first: usize,
+    ) -> Node {
+        let Some((length, inner)) = shape.split_first() else {
+            return all.get(first).map_or(Node::None, |bytes| self.number(dtype, bytes));
+        };
+        if all.is_empty() {
+            return Node::List(Vec::new());
+        }
+        let item = |k: usize| {
+            let node = self.nested(dtype, all, inner, &strides[1..], first + k * strides[0]);
+            self.to.push(node)
+        };
+        Node::List((0..*length).map(item).collect())
+    }
+
+    /// A number of numpy as one of Python, exactly.
+    fn number(&mut self, dtype: Dtype, bytes: &[u8]) -> Node {
+        let value = || dtype.read(bytes).next().unwrap_or(0.0);
+        match dtype.kind {
+            ElementKind::Float => Node::Float(value()),
+            ElementKind::Bool => Node::Bool(value() != 0.0),
+            _ => match dtype.integer(bytes) {
+                Some(integer) => Node::Int(integer),
+                // Above the range of i64: little-endian two's complement with a byte for the sign.
+                None => {
+                    let mut bytes = bytes.to_vec();
+                    if dtype.big_endian {
+                        bytes.reverse();
+                    }
+                    bytes.push(0);
+                    Node::BigInt(self.to.push_bytes(&bytes))
+                }
+            },
+        }
     }
 }
 
@@ -237,6 +267,46 @@ mod tests {
         assert_eq!(file_name("waymo", "v1.2", "0-lambda0.50"), "sd_waymo_v1.2_0-lambda0.50.pkl");
         assert_eq!(file_name("../a_b", "MetaDrive v0.3", "x"), "sd_..-a-b_MetaDrive-v0.3_x.pkl");
         assert_eq!(file_name("", "", "x"), "sd_unknown_unknown_x.pkl");
+    }
+
+    #[test]
+    fn a_summary_holds_arrays_as_nested_lists_with_exact_integers() {
+        use crate::pickle::Array;
+        let mut document = Document::empty();
+        let mut array = |shape: &[u32], fortran: bool, values: &[u64]| {
+            let bytes: Vec<u8> = values.iter().flat_map(|x| x.to_le_bytes()).collect();
+            let data = document.push_bytes(&bytes);
+            let dtype = Dtype { kind: ElementKind::Uint, size: 8, big_endian: false };
+            let array = Array { dtype, shape: shape.to_vec(), fortran, from_buffer: false, data };
+            document.push(Node::Array(Box::new(array)))
+        };
+        let large = [1_700_000_000_123_456_789, u64::MAX];
+        let arrays = [
+            array(&[2], false, &large),
+            array(&[2, 3], true, &[0, 3, 1, 4, 2, 5]),
+            array(&[1, 2, 2], false, &[0, 1, 2, 3]),
+            array(&[4_000_000_000, 0], false, &[]),
+        ];
+        let mut plain = Plain { from: &document, to: Document::empty(), copied: HashMap::new() };
+        let copies = arrays.map(|id| plain.copy(id));
+        let text = |id: Id| {
+            fn text(document: &Document, id: Id) -> String {
+                match document.node(id) {
+                    Node::List(items) => {
+                        let items: Vec<String> = items.iter().map(|item| text(document, *item)).collect();
+                        format!("[{}]", items.join(","))
+                    }
+                    Node::Int(x) => x.to_string(),
+                    Node::BigInt(span) => format!("{:?}", document.bytes(*span)),
+                    node => node.kind().to_owned(),
+                }
+            }
+            text(&plain.to, id)
+        };
+        assert_eq!(text(copies[0]), "[1700000000123456789,[255, 255, 255, 255, 255, 255, 255, 255, 0]]");
+        assert_eq!(text(copies[1]), "[[0,1,2],[3,4,5]]");
+        assert_eq!(text(copies[2]), "[[[0,1],[2,3]]]");
+        assert_eq!(text(copies[3]), "[]");
     }
 
     #[test]

@@ -83,6 +83,15 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
+/// Pickles below a folder with a summary; native files beside them hold the same scenes.
+fn pickles_below(root: &Path) -> Result<Vec<PathBuf>, Error> {
+    let mut files = walk(root)?;
+    if files.iter().any(|file| file.extension().is_some_and(|ending| ending == "pkl")) {
+        files.retain(|file| file.extension().is_some_and(|ending| ending == "pkl"));
+    }
+    Ok(files)
+}
+
 fn is_scene_name(name: &str) -> bool {
     ENDINGS.iter().any(|ending| name.ends_with(ending)) && !name.starts_with("dataset_")
 }
@@ -99,9 +108,9 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
     let listed = match table(summary) {
         Ok(listed) => listed,
         // The summary of a very large data set exceeds the size limit, so the folder is searched instead.
-        Err(Error::TooLarge { .. }) => return walk(root),
+        Err(Error::TooLarge { .. }) => return pickles_below(root),
         Err(Error::Pickle { problem, .. }) if matches!(problem.kind, PickleProblem::TooMuch(_)) => {
-            return walk(root);
+            return pickles_below(root);
         }
         Err(error) => return Err(error),
     };

@@ -15,12 +15,12 @@ const SIZE: (u32, u32) = (720, 360);
 ///
 /// *Errors*: the folder cannot be written to.
 pub(crate) fn write(folder: &Folder, rows: &[EpochRow]) -> Result<()> {
-    let mut csv = "epoch,steps,goal_loss,path_loss,gradient,rate,min_fde6_m,nll,seconds\n".to_owned();
+    let mut csv = "epoch,steps,goal_loss,trajectory_loss,gradient,rate,min_fde6_m,nll,seconds\n".to_owned();
     for r in rows {
         writeln!(
             csv,
             "{},{},{},{},{},{},{},{},{:.1}",
-            r.epoch, r.steps, r.goal, r.path, r.gradient, r.rate, r.min_fde6, r.nll, r.seconds
+            r.epoch, r.steps, r.goal, r.trajectory, r.gradient, r.rate, r.min_fde6, r.nll, r.seconds
         )?;
     }
     folder.write("curve.csv", csv.as_bytes())?;

@@ -41,7 +41,7 @@ const EXPECTATIONS: [(&str, Expected); 4] = [
 pub(crate) fn markdown(table: &Table, policies: &Policies) -> Result<String> {
     let mut out = String::new();
     let columns: Vec<&str> = table.columns.iter().map(|c| c.name).collect();
-    writeln!(out, "| method | N | {} | knows beyond now |", columns.join(" | "))?;
+    writeln!(out, "| generator | N | {} | knows beyond now |", columns.join(" | "))?;
     writeln!(out, "| --- | --- | --- |{}", " --- |".repeat(columns.len()))?;
     for (key, knows, rows) in &table.rows {
         let cells: Vec<String> = table.columns.iter().map(|c| cell(open_loop::estimate(c, rows))).collect();
@@ -49,7 +49,7 @@ pub(crate) fn markdown(table: &Table, policies: &Policies) -> Result<String> {
         writeln!(out, "| {} | {} | {} | {knows} |", key.label(), rows.len(), cells.join(" | "))?;
     }
     writeln!(out, "\nCollision types of feasible attacks, scenes:\n")?;
-    writeln!(out, "| method | {} | none |", CollisionType::ALL.map(CollisionType::name).join(" | "))?;
+    writeln!(out, "| generator | {} | none |", CollisionType::ALL.map(CollisionType::name).join(" | "))?;
     writeln!(out, "| --- |{}", " --- |".repeat(CollisionType::ALL.len() + 1))?;
     for (key, _, rows) in &table.rows {
         let mut types: BTreeMap<CollisionType, usize> = BTreeMap::new();
@@ -86,7 +86,7 @@ fn pairs(out: &mut String, table: &Table) -> Result<()> {
         .collect();
     let Some(largest_mu) = priors.iter().max_by(|a, b| a.1.mu.total_cmp(&b.1.mu)) else { return Ok(()) };
     writeln!(out, "\nScenes attacked feasibly, paired with the prior under the same selection:\n")?;
-    writeln!(out, "| method | against | only this | only the prior | difference |")?;
+    writeln!(out, "| generator | against | only this | only the prior | difference |")?;
     writeln!(out, "| --- | --- | --- | --- | --- |")?;
     for (key, _, rows) in &table.rows {
         let same_point = || priors.iter().filter(|(_, point, _)| key.point.as_ref() == Some(*point));
@@ -105,7 +105,7 @@ fn pairs(out: &mut String, table: &Table) -> Result<()> {
 ///
 /// *Errors*: none that a caller can cause.
 pub(crate) fn csv(table: &Table, policies: &Policies) -> Result<String> {
-    let mut out = "method,measure,value,low,high,n\n".to_owned();
+    let mut out = "generator,measure,value,low,high,n\n".to_owned();
     let mut row = |method: &str, measure: &str, e: Option<Estimate>| -> Result<()> {
         let Some(e) = e else { return Ok(()) };
         let [method, measure] = [method, measure].map(field);
@@ -129,7 +129,8 @@ pub(crate) fn csv(table: &Table, policies: &Policies) -> Result<String> {
 /// *Errors*: none that a caller can cause.
 pub(crate) fn scenes_csv(table: &Table) -> Result<String> {
     let columns: Vec<String> = table.columns.iter().map(|c| field(c.name)).collect();
-    let mut out = format!("scene,method,collision_type,collision_step,{},seconds,note\n", columns.join(","));
+    let mut out =
+        format!("scene,generator,collision_type,collision_step,{},seconds,note\n", columns.join(","));
     for (key, _, rows) in &table.rows {
         let method = key.label();
         for r in rows {

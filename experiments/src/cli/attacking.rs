@@ -52,8 +52,8 @@ pub(crate) struct GenerateArgs {
     /// Use this track as the adversary.
     #[arg(long, value_name = "ID")]
     pub adversary: Option<String>,
-    /// Weights of the experts: procedural, waymo or a folder. Default: waymo for recorded scenes if these
-    /// weights are installed, else procedural.
+    /// Weights of the experts: procedural, waymo or a folder. Default: procedural; for recorded scenes waymo, if
+    /// `weights/waymo` is in the current folder or SAGE_WEIGHTS names the folder `weights`.
     #[arg(long, value_name = "NAME")]
     pub weights: Option<String>,
     /// Seed of random numbers.
@@ -130,7 +130,7 @@ pub(crate) struct OpenLoopArgs {
 /// the experts. Use scenes that the experts were not fine-tuned on.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  sage calibrate scenes/ dev-scenes/ --splits splits.json --without-split train --weights experts/ --out experts/dial.json"
+    after_help = "Example:\n  sage calibrate scenes/ dev-scenes/ --splits docs/results/splits.json --without-split train --weights experts/ --out experts/dial.json"
 )]
 pub(crate) struct CalibrateArgs {
     /// Scene files and folders (default: procedural scenes).
@@ -321,6 +321,10 @@ const MOST_VALUES: usize = 1001;
 
 /// Parses `1`, `0,0.5,1` or `0:1:0.1`.
 fn values(text: &str) -> std::result::Result<Values, String> {
+    let colons = text.matches(':').count();
+    if colons != 0 && colons != 2 {
+        return Err(format!("`{text}` is no sweep; expected FROM:TO:STEP, such as 0:1:0.25"));
+    }
     if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
         let [from, to, step] = [number(from)?, number(to)?, number(step)?];
         let count = (to - from) / step;

@@ -65,7 +65,7 @@ pub(crate) struct PretrainArgs {
 /// `adversarial.safetensors`, `finetune.csv` and `run.json`; other commands read it with `--weights`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --procedural 200 --prior procedural --out procedural-experts/"
+    after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits docs/results/splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --procedural 200 --prior procedural --out procedural-experts/"
 )]
 pub(crate) struct FinetuneArgs {
     /// Scene files and folders for fine-tuning (default: procedural scenes).
@@ -73,7 +73,7 @@ pub(crate) struct FinetuneArgs {
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Scenes on which results are also reported, but which are not used for fine-tuning.
+    /// Scenes for a report after fine-tuning; not used in it.
     #[arg(long, value_name = "DIR")]
     pub dev: Option<PathBuf>,
     /// Number of procedural scenes if no PATH is given.

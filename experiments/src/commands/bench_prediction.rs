@@ -51,7 +51,7 @@ fn table(report: &Report) -> Result<()> {
     let mut out = std::io::stdout().lock();
     let metres = |e: &Estimate| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high);
     let share = |e: &Estimate| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high);
-    writeln!(out, "| method | agents | motion | N | K | minADE m | minFDE m | miss 2 m | miss WOMD |")?;
+    writeln!(out, "| predictor | agents | motion | N | K | minADE m | minFDE m | miss 2 m | miss WOMD |")?;
     writeln!(out, "| --- | --- | --- | --- | --- | --- | --- | --- | --- |")?;
     for row in &report.rows {
         writeln!(
@@ -73,7 +73,7 @@ fn table(report: &Report) -> Result<()> {
     }
     writeln!(
         out,
-        "\n| method | ends of 6 on lanes | top 32: median P_kin | top 32 feasible | random 32 feasible |"
+        "\n| predictor | ends of 6 on lanes | top 32: median P_kin | top 32 feasible | random 32 feasible |"
     )?;
     writeln!(out, "| --- | --- | --- | --- | --- |")?;
     for row in &report.quality {

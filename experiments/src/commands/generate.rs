@@ -15,7 +15,7 @@ use std::{
     time::Instant,
 };
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use sage_core::statistics;
 use sage_data::folder;
 use serde_json::{Value, json};
@@ -28,10 +28,10 @@ use crate::{
     progress,
 };
 
-use attack::{Failure, attack_scene};
+use attack::{Failure, attack_scene, picture_file};
 use plan::Plan;
 use report::Report;
-use row::row_file;
+use row::{FoundRow, is_row_of, row_file};
 
 /// A scene file with the name of its outputs.
 struct Input {
@@ -44,14 +44,14 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let clock = Instant::now();
     let plan = Plan::new(args, registries)?;
     let files = folder::scene_files(&args.scene)?;
+    if let [file] = &files[..]
+        && file.to_str() != Some("-")
+    {
+        std::fs::metadata(file).with_context(|| format!("cannot read `{}`", file.display()))?;
+    }
     let all = inputs(&files)?;
     let own: Vec<&Input> =
         all.iter().filter(|input| args.shard.is_none_or(|shard| shard.holds(&input.scene))).collect();
-    let row_files = |inputs: &[&Input]| -> Vec<String> {
-        let rows =
-            |input: &&Input| plan.variants.iter().map(|v| row_file(&input.scene, v)).collect::<Vec<_>>();
-        inputs.iter().flat_map(rows).collect()
-    };
     // Input files must not be in the output folder, even if no output has the same name.
     let names: Vec<PathBuf> = files
         .iter()
@@ -60,19 +60,19 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         .filter_map(|file| file.file_name().map(PathBuf::from))
         .collect();
     output::protect_inputs(std::slice::from_ref(&args.scene), &files, &args.folder.out, &names)?;
-    let run = DatasetRun::start(&args.folder.out, plan.identity()?, args.folder.force, args.shard, || {
-        row_files(&own)
-    })?;
+    let out = &args.folder.out;
+    let outdated = || own.iter().flat_map(|input| outputs(&plan, out, input)).collect();
+    let run = DatasetRun::start(out, plan.identity()?, args.folder.force, args.shard, outdated)?;
     let report = Report::new(run.folder().path(), args.json, own.len());
     let seconds = work(&plan, &run, &own, &report)?;
     let failed = report.finish(&args.folder.out);
-    let folder = run.folder().path().to_owned();
+    let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let results = || {
-        let done = all.iter().filter(|input| is_done(&plan, &folder, input)).count();
+        let done = all.iter().filter(|input| is_done(&plan, &folder, &hash, input)).count();
         json!({"scenes": all.len(), "done": done})
     };
     let is_whole = |results: &Value| results["scenes"] == results["done"];
-    let whole = |results: &Value| is_whole(results).then(|| clock.elapsed().as_secs_f64());
+    let whole = |results: &Value| (is_whole(results) && failed == 0).then(|| clock.elapsed().as_secs_f64());
     let median = statistics::median(&seconds);
     let (results, listed) = run.finish(plan.writes_pickles(), results, median, whole)?;
     let others = listed.saturating_sub(all.len() * plan.variants.len());
@@ -90,7 +90,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         some => {
             let out = args.folder.out.display();
             progress::say(&format!(
-                "{some} of {} scenes failed; the others are in `{out}`; the same command tries the failed ones again",
+                "{some} of {} scenes failed; the others are in `{out}`; remove the cause and run the same command again",
                 own.len()
             ));
             Ok(Outcome::Partial)
@@ -135,15 +135,34 @@ fn work(plan: &Plan, run: &DatasetRun, inputs: &[&Input], report: &Report) -> Re
     }
 }
 
-/// True if all rows of a scene exist.
-fn is_done(plan: &Plan, folder: &Path, input: &Input) -> bool {
-    let exists = |variant: &String| folder.join(row_file(&input.scene, variant)).is_file();
-    plan.variants.iter().all(exists)
+/// True if all rows of a scene exist and are of the run with a hash.
+fn is_done(plan: &Plan, folder: &Path, run_hash: &str, input: &Input) -> bool {
+    let is_row = |variant: &String| is_row_of(&folder.join(row_file(&input.scene, variant)), run_hash);
+    plan.variants.iter().all(is_row)
+}
+
+/// Existing outputs of a scene: its rows, the scene files that they name, and its picture.
+fn outputs(plan: &Plan, folder: &Path, input: &Input) -> Vec<String> {
+    let mut names = vec![picture_file(&input.scene)];
+    for variant in &plan.variants {
+        let (row, name) = (row_file(&input.scene, variant), format!("{}-{variant}", input.scene));
+        let is_own = |file: &String| {
+            let is_pickle = file.starts_with("sd_") && file.ends_with(&format!("_{name}.pkl"));
+            let is_native = *file == format!("{name}.safetensors");
+            (is_pickle || is_native) && !file.contains(['/', '\\'])
+        };
+        // The row is removed last, because it alone knows the names.
+        if let Some(found) = FoundRow::read(&folder.join(&row)) {
+            names.extend(found.files.into_iter().filter(is_own));
+        }
+        names.push(row);
+    }
+    names
 }
 
 /// Scene files with the names of their outputs.
 ///
-/// *Errors*: two files have the same name.
+/// *Errors*: two files have the same name, or a name cannot be listed in a data set.
 fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
     let mut seen: HashMap<String, &Path> = HashMap::new();
     let mut inputs = Vec::with_capacity(files.len());
@@ -155,6 +174,9 @@ fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
                 other.display(),
                 file.display()
             );
+        }
+        if scene.contains('\\') {
+            bail!("`{}` has a backslash in its name, which data sets cannot list; rename it", file.display());
         }
         inputs.push(Input { file: file.clone(), scene });
     }

@@ -86,8 +86,17 @@ fn print<T: ?Sized>(out: &mut impl Write, registry: &Registry<T>, as_json: bool)
 fn options(out: &mut impl Write, defaults: &Value) -> Result<()> {
     let options = defaults.as_object().filter(|options| !options.is_empty());
     if let Some(options) = options {
-        let words: Vec<String> = options.iter().map(|(key, value)| format!("{key} = {value}")).collect();
+        let words: Vec<String> =
+            options.iter().map(|(key, value)| format!("{key} = {}", short(value))).collect();
         writeln!(out, "  {:<22}   options: {}", "", words.join(", "))?;
     }
     Ok(())
+}
+
+/// A value with the fewest digits that give it back: options of 32 bits have long decimals in 64.
+fn short(value: &Value) -> String {
+    match value.as_f64().filter(|_| value.is_f64()) {
+        Some(number) if f64::from(number as f32) == number => format!("{:?}", number as f32),
+        _ => value.to_string(),
+    }
 }

@@ -17,7 +17,7 @@ use crate::{
     cli::PretrainArgs,
     input, networks,
     output::{self, Folder, Run, State},
-    progress,
+    progress::{self, count},
     scenes::{self, Scenes},
 };
 
@@ -85,8 +85,8 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     curve::write(folder, &rows)?;
     run.finish(&json!({"best": best, "epochs": rows.len()}), clock.elapsed().as_secs_f64())?;
     progress::say(&format!(
-        "best of {} epochs: {} with nll {:.3} and minFDE6 {:.2} m; its weights are `{}`",
-        rows.len(),
+        "best of {}: {} with nll {:.3} and minFDE6 {:.2} m; its weights are `{}`",
+        count(rows.len(), "epoch"),
         best.epoch,
         best.nll,
         best.min_fde6,
@@ -162,7 +162,7 @@ impl Observer for Watcher<'_> {
             "epoch {}: loss {:.3} (goals) + {:.3} (trajectories), minFDE6 {:.2} m, nll {:.3}; about {:.0} min left",
             row.epoch,
             row.goal,
-            row.path,
+            row.trajectory,
             row.min_fde6,
             row.nll,
             left / 60.0

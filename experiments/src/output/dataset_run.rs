@@ -4,7 +4,10 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use sage_core::files::Claim;
-use sage_data::dataset::{self, Shard};
+use sage_data::{
+    dataset::{self, Shard},
+    folder,
+};
 use serde_json::{Value, json};
 
 use super::{
@@ -17,6 +20,8 @@ use crate::progress;
 pub(crate) struct DatasetRun {
     folder: Folder,
     identity: Value,
+    /// Hash of the identity, which marks the rows of the run.
+    hash: String,
     shard: Option<Shard>,
 }
 
@@ -41,16 +46,18 @@ impl DatasetRun {
                 (own, Some(whole))
             }
         };
-        let run = Self { folder: Folder { path: path.to_owned(), claim }, identity, shard };
+        let hash = blake3::hash(identity.to_string().as_bytes()).to_hex()[..16].to_owned();
+        let run = Self { folder: Folder { path: path.to_owned(), claim }, identity, hash, shard };
         let record = read_record(&run.folder);
         let is_same = record.as_ref().is_some_and(|record| record["run"] == run.identity);
+        if !is_same && let Some(holder) = run.other_shard()? {
+            bail!(
+                "`{}` is in use by a shard with other options ({holder}); wait for its end",
+                path.display()
+            );
+        }
         if force {
-            if !is_same && let Some(holder) = run.other_shard()? {
-                bail!(
-                    "`{}` is in use by a shard with other options ({holder}); wait for its end",
-                    path.display()
-                );
-            }
+            run.refuse_other_data_set()?;
             // The record goes first, so that a folder with rows of two runs never has the record of one run.
             run.remove(RECORD)?;
             outdated().iter().try_for_each(|name| run.remove(name))?;
@@ -73,6 +80,11 @@ impl DatasetRun {
         Ok(run)
     }
 
+    /// Hash of what identifies the run.
+    pub(crate) fn hash(&self) -> &str {
+        &self.hash
+    }
+
     /// Folder of the run.
     pub(crate) fn folder(&self) -> &Folder {
         &self.folder
@@ -93,14 +105,41 @@ impl DatasetRun {
         // Shards that end at the same time wait for each other.
         let path = self.folder.path();
         let _whole = self.shard.map(|_| Claim::folder_shortly(path, &command())).transpose()?;
-        let mut listed = 0;
-        if has_pickles {
-            listed = dataset::write_tables(path).context("the data set has no summary")?;
-        }
+        // Counted first: a scene that another shard finishes now may be missing in the tables.
         let results = results();
+        let mut listed = 0;
+        if has_pickles || path.join(dataset::SUMMARY).is_file() {
+            listed = dataset::write_tables(path).context(
+                "the summary of the data set was not written; remove the cause and run the same command again",
+            )?;
+        }
         let seconds = seconds(&results);
-        self.record(&results, seconds_per_attack, seconds)?;
+        // A rerun that found everything done keeps the times of the run that did it.
+        let record = read_record(&self.folder).unwrap_or_default();
+        let keeps =
+            seconds_per_attack.is_none() && record["results"] == results && !record["seconds"].is_null();
+        if !keeps {
+            self.record(&results, seconds_per_attack, seconds)?;
+        }
         Ok((results, listed))
+    }
+
+    /// Refuses a folder whose tables list scenes of other folders: they would be lost.
+    fn refuse_other_data_set(&self) -> Result<()> {
+        let path = self.folder.path();
+        if !path.join(dataset::SUMMARY).is_file() {
+            return Ok(());
+        }
+        // A summary that cannot be read lists nothing that could be lost.
+        let listed = folder::scene_files(path).unwrap_or_default();
+        match listed.iter().find(|file| file.parent() != Some(path)) {
+            Some(other) => bail!(
+                "`{}` is a data set that lists `{}`; name another --out",
+                path.display(),
+                other.display()
+            ),
+            None => Ok(()),
+        }
     }
 
     fn other_shard(&self) -> Result<Option<String>> {

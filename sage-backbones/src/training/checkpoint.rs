@@ -21,7 +21,7 @@ pub struct EpochRow {
     /// Mean goal loss in training.
     pub goal: f64,
     /// Mean trajectory loss in training.
-    pub path: f64,
+    pub trajectory: f64,
     /// Mean norm of the gradient before clipping.
     pub gradient: f64,
     /// Learning rate of its last step.

@@ -221,7 +221,7 @@ impl Task for Futures<'_> {
         let what = format!("epoch {epoch}, step {step}, scene `{}`, agent `{agent}`", data.name);
         let gradient = trainer.gradient(&loss, &what)?;
         let part = |name: &str| gradient.parts.iter().find(|p| p.0 == name).map_or(0.0, |p| p.1);
-        let parts = [part("goal"), part("path")];
+        let parts = [part("goal"), part("trajectory")];
         Ok((Some(gradient), parts))
     }
 
@@ -239,7 +239,7 @@ impl Task for Futures<'_> {
             epoch: epoch.number,
             steps: trainer.adam.steps,
             goal: sum(0) / items,
-            path: sum(1) / items,
+            trajectory: sum(1) / items,
             gradient: epoch.norms / epoch.steps as f64,
             rate: epoch.rate,
             min_fde6,

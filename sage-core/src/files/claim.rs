@@ -13,7 +13,7 @@ use super::write::{Registered, ignore_missing, is_at, remove_stale};
 const LOCK: &str = ".sage-lock";
 /// Prefix of the names of lock files of shards.
 const SHARD_LOCK: &str = ".sage-lock-shard-";
-/// Suffix of the holder text of a run that claims a whole folder only to begin or to end a shard.
+/// Start of the holder text of a run that claims a whole folder only to begin or to end a shard.
 const SHORTLY: &str = "[begins or ends a shard]";
 /// Holder text if the holder has not written its name yet.
 const UNNAMED: &str = "name unknown";
@@ -95,7 +95,7 @@ impl Claim {
         for entry in std::fs::read_dir(folder).map_err(fail)? {
             let entry = entry.map_err(fail)?;
             let name = entry.file_name();
-            let is_other = name.to_str().is_some_and(|name| name.starts_with(SHARD_LOCK) && name != own);
+            let is_other = name.to_str().is_some_and(|name| is_shard_lock(name) && name != own);
             if is_other && let Some(holder) = remove_if_stale(&entry.path()).map_err(fail)? {
                 return Ok(Some(holder));
             }
@@ -106,16 +106,20 @@ impl Claim {
     /// Claims a whole folder for the short time in which a shard begins or ends. Waits while other shards
     /// begin or end.
     ///
-    /// *Errors*: as [`Claim::folder`]: at once if a run holds the whole folder, after a minute if shards do.
+    /// *Errors*: as [`Claim::folder`]: at once if a run holds the whole folder; after a minute if nobody can tell
+    /// whether the holder is alive.
     pub fn folder_shortly(folder: &Path, holder: &str) -> Result<Self, ClaimError> {
         let start = Instant::now();
-        let holder = format!("{holder} {SHORTLY}");
-        let ends_soon = |holder: &str| holder.ends_with(SHORTLY) || [UNNAMED, CHANGING].contains(&holder);
+        let holder = format!("{SHORTLY} {holder}");
+        // A live shard ends its short claim by itself. Everything else may be left over.
+        let waits = |holder: &str| {
+            let is_short = holder.contains(SHORTLY) && !holder.ends_with(UNKNOWN_STATE);
+            let is_unclear = holder.contains(SHORTLY) || [UNNAMED, CHANGING].contains(&holder);
+            is_short || (is_unclear && start.elapsed() < TIMEOUT)
+        };
         loop {
             match Self::lock(folder, folder.join(LOCK), folder, &holder) {
-                Err(ClaimError::Held { holder, .. }) if ends_soon(&holder) && start.elapsed() < TIMEOUT => {
-                    std::thread::sleep(PAUSE);
-                }
+                Err(ClaimError::Held { holder, .. }) if waits(&holder) => std::thread::sleep(PAUSE),
                 outcome => return outcome,
             }
         }
@@ -128,7 +132,7 @@ impl Claim {
         for entry in std::fs::read_dir(folder).map_err(fail)? {
             let entry = entry.map_err(fail)?;
             let name = entry.file_name();
-            let is_shard = name.to_str().is_some_and(|name| name.starts_with(SHARD_LOCK));
+            let is_shard = name.to_str().is_some_and(is_shard_lock);
             if !is_shard || name.to_str().is_some_and(&allowed) {
                 continue;
             }
@@ -162,7 +166,7 @@ impl Claim {
 
     /// True if a file name is that of a lock on a folder or on a shard.
     pub fn is_lock(name: &std::ffi::OsStr) -> bool {
-        name == LOCK || name.to_str().is_some_and(|name| name.starts_with(SHARD_LOCK))
+        name == LOCK || name.to_str().is_some_and(is_shard_lock)
     }
 
     fn lock(claimed: &Path, lock: PathBuf, folder: &Path, holder: &str) -> Result<Self, ClaimError> {
@@ -204,12 +208,21 @@ fn shard_lock(number: u32, of: u32) -> String {
     format!("{SHARD_LOCK}{number}-of-{of}")
 }
 
+fn is_shard_lock(name: &str) -> bool {
+    let parts = name.strip_prefix(SHARD_LOCK).and_then(|rest| rest.split_once("-of-"));
+    let is_number = |part: &str| !part.is_empty() && part.bytes().all(|b| b.is_ascii_digit());
+    parts.is_some_and(|(number, of)| is_number(number) && is_number(of))
+}
+
 impl Drop for Claim {
     fn drop(&mut self) {
         // If the removal fails, the next run finds the file unlocked.
         let _ = std::fs::remove_file(&self.lock);
     }
 }
+
+/// End of the holder text if the file system cannot tell whether the holder is alive.
+const UNKNOWN_STATE: &str = " (this file system has no locks)";
 
 /// Removes the lock file of a killed run. Returns the holder text if a live process holds the lock.
 fn remove_if_stale(lock: &Path) -> io::Result<Option<String>> {
@@ -221,7 +234,8 @@ fn remove_if_stale(lock: &Path) -> io::Result<Option<String>> {
         let problem = format!("`{}` is no regular file; remove it", lock.display());
         return Err(io::Error::new(ErrorKind::InvalidInput, problem));
     }
-    let file = match File::open(lock) {
+    // Some network file systems lock only files that are open for writing.
+    let file = match OpenOptions::new().read(true).write(true).open(lock) {
         Ok(file) => file,
         Err(error) => return ignore_missing(Err(error)).map(|()| None),
     };
@@ -229,7 +243,11 @@ fn remove_if_stale(lock: &Path) -> io::Result<Option<String>> {
         Ok(()) if is_at(&file, lock) => ignore_missing(std::fs::remove_file(lock)).map(|()| None),
         Ok(()) => Ok(None),
         Err(TryLockError::WouldBlock) => Ok(Some(read_holder(lock))),
-        Err(TryLockError::Error(error)) => Err(error),
+        // A file system without locks cannot tell whether the holder is alive.
+        Err(TryLockError::Error(_)) => {
+            let (holder, lock) = (read_holder(lock), lock.display());
+            Ok(Some(format!("{holder}; if no run is active, remove `{lock}`{UNKNOWN_STATE}")))
+        }
     }
 }
 

@@ -37,6 +37,19 @@ pub fn read_argument(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read_open(File::open(path)?, Some(&found), limit)
 }
 
+/// The first bytes of a regular file, at most `length`.
+///
+/// *Errors*: those of the system; [`ErrorKind::InvalidInput`] for a folder, pipe, device or socket.
+pub fn read_start(path: &Path, length: u64) -> io::Result<Vec<u8>> {
+    let found = std::fs::metadata(path)?;
+    if !found.is_file() {
+        return Err(wrong_kind(found.file_type(), "expected a regular file"));
+    }
+    let mut bytes = Vec::new();
+    File::open(path)?.take(length).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
 /// [`read`] for text.
 ///
 /// *Errors*: as [`read`], and [`ErrorKind::InvalidData`] for text that is not UTF-8.

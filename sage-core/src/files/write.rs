@@ -2,7 +2,7 @@
 
 use std::{
     collections::BTreeSet,
-    fs::{File, TryLockError},
+    fs::{File, OpenOptions, TryLockError},
     io::{self, ErrorKind, Write},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
@@ -108,6 +108,8 @@ impl Unfinished {
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         loop {
+            // Held, so that no signal finds a file that is created and not registered yet.
+            let mut all = UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner);
             let file = builder.tempfile_in(folder)?;
             // Another run does not remove a locked temporary file.
             match file.as_file().try_lock() {
@@ -119,7 +121,7 @@ impl Unfinished {
             }
             // Another run may have removed the file as stale before it was locked.
             if is_at(file.as_file(), file.path()) {
-                let entry = Registered::new(file.path());
+                let entry = Registered::among(&mut all, file.path());
                 return Ok(Self { file, _entry: entry });
             }
         }
@@ -170,8 +172,9 @@ pub(super) fn remove_stale(folder: &Path) -> io::Result<()> {
         }
         let path = entry.path();
         // Removed while locked, so the process that created it detects the removal.
-        let Ok(file) = File::open(&path) else { continue };
-        if !matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
+        let Ok(file) = OpenOptions::new().read(true).write(true).open(&path) else { continue };
+        // Only with the lock is it certain that no live run writes the file.
+        if file.try_lock().is_ok() {
             ignore_missing(std::fs::remove_file(&path))?;
         }
     }
@@ -194,7 +197,11 @@ pub(super) struct Registered(PathBuf);
 
 impl Registered {
     pub(super) fn new(path: &Path) -> Self {
-        UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner).insert(path.to_owned());
+        Self::among(&mut UNFINISHED.lock().unwrap_or_else(PoisonError::into_inner), path)
+    }
+
+    fn among(all: &mut BTreeSet<PathBuf>, path: &Path) -> Self {
+        all.insert(path.to_owned());
         Self(path.to_owned())
     }
 }

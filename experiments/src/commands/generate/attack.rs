@@ -2,7 +2,7 @@
 
 use std::{path::Path, sync::Arc, time::Instant};
 
-use anyhow::{Context as _, Result, anyhow};
+use anyhow::{Context as _, Result, anyhow, ensure};
 use sage_core::{
     files,
     generator::{Attack, Note},
@@ -23,6 +23,9 @@ use crate::{
     operating_point::OperatingPointSpec,
     output::{self, DatasetRun},
 };
+
+/// Length limit of a file name on common file systems, bytes.
+const LONGEST_FILE_NAME: usize = 255;
 
 /// Extent of a failure.
 pub(super) enum Failure {
@@ -66,12 +69,17 @@ fn finished(
     source_hash: &str,
 ) -> Result<Option<SceneReport>> {
     let folder = run.folder().path();
-    let exists = |name: &String| folder.join(name).is_file();
+    // No scene file is empty.
+    let exists =
+        |name: &String| std::fs::metadata(folder.join(name)).is_ok_and(|f| f.is_file() && f.len() > 0);
     let mut lines = Vec::with_capacity(plan.variants.len());
     for variant in &plan.variants {
         let name = row_file(scene, variant);
         let path = folder.join(&name);
-        let Some(row) = FoundRow::read(&path) else { return Ok(None) };
+        // A row of another run remains after --force with fewer scenes or shards.
+        let Some(row) = FoundRow::read(&path).filter(|row| row.run_hash == run.hash()) else {
+            return Ok(None);
+        };
         if row.source_hash != source_hash {
             return Err(anyhow!(
                 "`{}` was generated from another `{}`; give --force to replace it, or name another --out",
@@ -87,7 +95,8 @@ fn finished(
     Ok(exists(&picture_file(scene)).then_some(SceneReport { lines, seconds: None }))
 }
 
-fn picture_file(scene: &str) -> String {
+/// Name of the picture of a scene.
+pub(super) fn picture_file(scene: &str) -> String {
     format!("{scene}.svg")
 }
 
@@ -104,6 +113,7 @@ impl SceneWriter<'_> {
     fn attack(&self, recording: Recording) -> Result<SceneReport> {
         let Self { plan, attacker, .. } = self;
         let files = VariantWriter::new(&recording)?;
+        self.check_names(&files)?;
         let scene = Arc::new(recording.scene.with_roles(None, plan.args.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
         index.build_all();
@@ -136,6 +146,20 @@ impl SceneWriter<'_> {
         let picture = drawing::draw(&scene, &picture);
         self.write(&[(&picture_file(self.scene), picture.as_bytes())])?;
         Ok(SceneReport { lines, seconds: Some(seconds) })
+    }
+
+    /// Refuses a scene whose outputs would have names that no file can have.
+    fn check_names(&self, files: &VariantWriter) -> Result<()> {
+        for variant in &self.plan.variants {
+            let name =
+                dataset::file_name(files.dataset(), files.version(), &format!("{}-{variant}", self.scene));
+            ensure!(
+                name.len() <= LONGEST_FILE_NAME,
+                "an output would have a name of {} bytes, more than {LONGEST_FILE_NAME}; rename the scene file",
+                name.len()
+            );
+        }
+        Ok(())
     }
 
     /// The attacked scene in the requested formats, as file names and contents.
@@ -186,6 +210,7 @@ impl SceneWriter<'_> {
         let selected = ctx.candidate(attack.trajectory().clone());
         let violations = self.plan.selection.objective.rule().violations(&selected, ctx);
         Ok(Row {
+            run_hash: self.run.hash(),
             scene: self.scene,
             variant,
             source_hash: self.source_hash,

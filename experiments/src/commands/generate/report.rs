@@ -107,7 +107,10 @@ impl Report {
         let found = state.progress.found();
         let before = if found > 0 { format!(", {found} of them finished before") } else { String::new() };
         let (scenes, attacks) = (count(scenes, "scene"), count(state.attacks, "attack"));
-        state.progress.finish(&format!("{scenes}{before}, {attacks} in `{}`", out.display()));
+        // A run without any result has said why.
+        if state.attacks > 0 || state.failed == 0 {
+            state.progress.finish(&format!("{scenes}{before}, {attacks} in `{}`", out.display()));
+        }
         state.failed
     }
 

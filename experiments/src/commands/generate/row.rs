@@ -28,9 +28,17 @@ pub(super) fn row_file(scene: &str, variant: &str) -> String {
     format!("{scene}-{variant}.json")
 }
 
+/// True if a file is a row of the run with a hash.
+pub(super) fn is_row_of(path: &Path, run_hash: &str) -> bool {
+    let start = format!("{{\"run_hash\":\"{run_hash}\"");
+    files::read_start(path, start.len() as u64).is_ok_and(|bytes| bytes == start.as_bytes())
+}
+
 /// One attack, as its file records it.
 #[derive(Serialize)]
 pub(super) struct Row<'r> {
+    /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
+    pub(super) run_hash: &'r str,
     /// Name of the input file without its ending.
     pub(super) scene: &'r str,
     /// Name of the operating point, as in file names.
@@ -124,6 +132,7 @@ fn bits(trajectory: &Trajectory) -> Vec<u64> {
 /// The part of a row that is read back, to check whether it is complete and to print it again.
 #[derive(Debug, Deserialize)]
 pub(super) struct FoundRow {
+    pub(super) run_hash: String,
     scene: String,
     variant: String,
     pub(super) source_hash: String,

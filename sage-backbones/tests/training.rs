@@ -139,7 +139,7 @@ fn a_number_that_is_not_finite_stops_with_scene_step_and_tensor_and_does_not_cha
     std::fs::write(folder.path().join("prior.safetensors"), "earlier").unwrap();
     let error = train(&*network, folder.path(), usize::MAX).err().unwrap().to_string();
     assert!(error.starts_with("epoch 1, step 1, scene `") && error.contains("agent `"), "{error}");
-    assert!(error.ends_with("the loss `path` is NaN"), "{error}");
+    assert!(error.ends_with("the loss `trajectory` is NaN"), "{error}");
     assert_eq!(std::fs::read(folder.path().join("prior.safetensors")).unwrap(), b"earlier");
 }
 

@@ -7,6 +7,7 @@ pub(crate) mod gallery;
 mod network_speed;
 pub(crate) mod open_loop;
 pub(crate) mod open_loop_report;
+mod pairs;
 pub(crate) mod prediction;
 pub mod speed;
 mod timing;

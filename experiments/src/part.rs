@@ -94,10 +94,10 @@ mod tests {
     fn a_part_is_a_name_with_or_without_options() {
         let part: Part = "linear".parse().unwrap();
         assert_eq!((part.name.as_str(), part.options.len()), ("linear", 0));
-        let part: Part = r#"strict{"height_gap": 2.5}"#.parse().unwrap();
+        let part: Part = r#"drivable{"height_gap": 2.5}"#.parse().unwrap();
         assert_eq!(part.options["height_gap"], 2.5);
-        assert_eq!(part.to_string(), r#"strict{"height_gap":2.5}"#);
-        assert!("strict{2}".parse::<Part>().unwrap_err().contains("not a JSON object"));
+        assert_eq!(part.to_string(), r#"drivable{"height_gap":2.5}"#);
+        assert!("drivable{2}".parse::<Part>().unwrap_err().contains("not a JSON object"));
         let Parts(all) = r#"sage{"candidates": 8, "apart": 3.0},rule"#.parse().unwrap();
         assert_eq!([&*all[0].name, &*all[1].name], ["sage", "rule"]);
         assert_eq!(all[0].options["candidates"], 8);

@@ -106,7 +106,7 @@ fn score_gives_every_measure() {
             "cross_line",
             "crash_object",
             "feasible",
-            "feasible_strict",
+            "feasible_drivable",
             "violations",
             "wd_speed",
             "wd_acceleration",
@@ -205,7 +205,7 @@ fn the_registries_are_listed() {
         ("reward", "adversarial"),
         ("reward", "realism"),
         ("feasibility", "paper"),
-        ("feasibility", "strict"),
+        ("feasibility", "drivable"),
     ] {
         assert!(names.contains(&(kind.into(), name.into())), "{names:?}");
     }

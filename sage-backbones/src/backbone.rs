@@ -14,7 +14,7 @@ use serde_json::Value;
 use crate::{
     Error, Parameters,
     encoding::{Encoding, NetworkTag},
-    features::{EgoForecast, Features, Table},
+    features::{EdgeKinds, EgoForecast, Features, Table},
     parameters::ParameterSpec,
 };
 
@@ -28,7 +28,7 @@ pub use crate::parameter_group::ParameterGroup;
 pub trait MotionModel: Send + Sync {
     /// Features of a target: a track of the observation that is valid *now*. `ego` is a forecast of the ego.
     /// Without one, the ego follows its lane under several acceleration profiles. The default is
-    /// [`Features::of`]; a network may define its own features.
+    /// [`Features::of`] with road boundaries as edges; a network may define its own features.
     ///
     /// *Errors*: [`Error::Core`] if the target is not valid *now*.
     fn features(
@@ -37,7 +37,7 @@ pub trait MotionModel: Send + Sync {
         target: usize,
         ego: Option<&EgoForecast>,
     ) -> Result<Features, Error> {
-        Features::of(now, target, ego)
+        Features::of(now, target, ego, EdgeKinds::default())
     }
 
     /// Encodes the features once; scores and trajectories are computed from the encoding.

@@ -18,7 +18,7 @@ use crate::{
     backbone::{Backbone, Loss, MotionModel, ParameterGroup, Sample, Trainable, indices, tensor},
     encoder::{Encoder, check_size},
     encoding::Encoding,
-    features::{EgoForecast, Features, GOAL_COLUMNS, STRIDE, VECTOR_COLUMNS, cat},
+    features::{EdgeKinds, EgoForecast, Features, GOAL_COLUMNS, STRIDE, VECTOR_COLUMNS, cat},
     interaction_head::{InteractionHead, describe},
     labels,
     nn::log_softmax,
@@ -39,6 +39,7 @@ pub(crate) struct Shape {
     rounds: Option<usize>,
     head: HeadKind,
     interaction: bool,
+    edges: EdgeKinds,
 }
 
 /// Options of our own arrangement.
@@ -51,13 +52,15 @@ pub struct DenseTntOptions {
     pub rounds: usize,
     /// How a goal is decoded to a trajectory.
     pub head: HeadKind,
+    /// Edges in the features.
+    pub edges: EdgeKinds,
     /// Seed of the initial weights.
     pub seed: u64,
 }
 
 impl Default for DenseTntOptions {
     fn default() -> Self {
-        Self { hidden: 64, rounds: 3, head: HeadKind::Bernstein, seed: 0 }
+        Self { hidden: 64, rounds: 3, head: HeadKind::Bernstein, edges: EdgeKinds::default(), seed: 0 }
     }
 }
 
@@ -235,7 +238,7 @@ impl Trainable for DenseTnt {
         if self.is_published() {
             cat::features(now.scene(), target)
         } else {
-            Features::with_label(now, target, end)
+            Features::with_label(now, target, self.shape.edges, end)
         }
     }
 
@@ -273,7 +276,11 @@ impl MotionModel for DenseTnt {
         target: usize,
         ego: Option<&EgoForecast>,
     ) -> Result<Features, Error> {
-        if self.is_published() { cat::features(now.scene(), target) } else { Features::of(now, target, ego) }
+        if self.is_published() {
+            cat::features(now.scene(), target)
+        } else {
+            Features::of(now, target, ego, self.shape.edges)
+        }
     }
 
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
@@ -328,7 +335,7 @@ impl Entry<dyn Backbone> for DenseTnt {
     type Options = DenseTntOptions;
 
     fn build(options: DenseTntOptions) -> Result<Box<dyn Backbone>, String> {
-        let DenseTntOptions { hidden, rounds, head, seed } = options;
+        let DenseTntOptions { hidden, rounds, head, edges, seed } = options;
         check_size(hidden, rounds)?;
         let shape = Shape {
             hidden,
@@ -337,6 +344,7 @@ impl Entry<dyn Backbone> for DenseTnt {
             rounds: Some(rounds),
             head,
             interaction: true,
+            edges,
         };
         let json = serde_json::to_value(&options).map_err(|e| e.to_string())?;
         let network = Self::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, seed);
@@ -359,6 +367,7 @@ impl Cat {
             rounds: None,
             head: HeadKind::Waypoints,
             interaction: false,
+            edges: EdgeKinds::default(),
         };
         let json = serde_json::to_value(options).unwrap_or_default();
         DenseTnt::untrained(<Self as Entry<dyn Backbone>>::NAME, json, shape, options.seed)

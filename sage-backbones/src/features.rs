@@ -21,7 +21,7 @@ use sage_core::{generator::Observation, geometry::Point, motion::NOW, scene::Sce
 use crate::{Error, nn::Groups};
 
 pub use agent_forecasts::{AgentForecasts, EgoForecast, FORECAST_STEPS, ForecastMode, STRIDE};
-pub use edges::EdgeGrid;
+pub use edges::{EdgeGrid, EdgeKinds};
 pub use frame::Frame;
 pub use goals::{GOAL_COLUMNS, GoalColumn};
 pub use grid::{CELL, LANE_REACH};
@@ -86,8 +86,10 @@ pub struct Features {
     pub half: [f32; 2],
     /// Forecasts of all other agents.
     pub agent_forecasts: AgentForecasts,
-    /// Road boundaries around the target.
+    /// Edges around the target.
     pub edges: Arc<EdgeGrid>,
+    /// The kinds of these edges.
+    pub edge_kinds: EdgeKinds,
     /// Whether there are goals on lanes. Without them, all goals lie on a grid.
     pub has_lanes: bool,
     /// Recorded end point of the target after 8 s with its goal row, if requested. Only the training loss
@@ -99,21 +101,27 @@ impl Features {
     /// Features of one agent. `ego` replaces the forecast of the ego along its lane.
     ///
     /// *Errors*: [`Error::Core`] if the agent does not exist or is not valid *now*.
-    pub fn of(now: &Observation, target: usize, ego: Option<&EgoForecast>) -> Result<Self, Error> {
-        Self::new(now, target, ego, None)
+    pub fn of(
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+        edges: EdgeKinds,
+    ) -> Result<Self, Error> {
+        Self::new(now, target, ego, edges, None)
     }
 
     /// As [`Features::of`], with a goal row for the agent's recorded end point after 8 s (world frame).
     ///
     /// *Errors*: as [`Features::of`].
-    pub fn with_label(now: &Observation, target: usize, end: Point) -> Result<Self, Error> {
-        Self::new(now, target, None, Some(end))
+    pub fn with_label(now: &Observation, target: usize, edges: EdgeKinds, end: Point) -> Result<Self, Error> {
+        Self::new(now, target, None, edges, Some(end))
     }
 
     fn new(
         now: &Observation,
         target: usize,
         ego: Option<&EgoForecast>,
+        edge_kinds: EdgeKinds,
         end: Option<Point>,
     ) -> Result<Self, Error> {
         let (scene, index) = (&**now.scene(), &**now.index());
@@ -144,8 +152,9 @@ impl Features {
             edges: Arc::new(if target == scene.ego {
                 EdgeGrid::empty()
             } else {
-                EdgeGrid::around(index, &frame, half[0].hypot(half[1]))
+                EdgeGrid::around(edge_kinds.of(index), &frame, half[0].hypot(half[1]))
             }),
+            edge_kinds,
             has_lanes: goals.on_lanes > 0,
             label: goals.label.map(|(end, row)| (end, Table { columns: GOAL_COLUMNS, values: row.to_vec() })),
         })

@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use candle_core::{DType, Device, Tensor};
-use sage_core::{motion::HORIZON, registry::Entry};
+use sage_core::{generator::Observation, motion::HORIZON, registry::Entry};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -18,7 +18,7 @@ use crate::{
     candidates::suppressed,
     encoder::{Encoder, check_size},
     encoding::Encoding,
-    features::{Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
+    features::{EdgeKinds, EgoForecast, Features, GOAL_COLUMNS, GoalColumn, STRIDE, Table, VECTOR_COLUMNS},
     interaction_head::{self, InteractionHead},
     labels,
     nn::{Attention, Linear, Mlp, log_softmax},
@@ -41,13 +41,15 @@ pub struct QueryTransformerOptions {
     pub rounds: usize,
     /// Attention layers of the queries.
     pub layers: usize,
+    /// Edges in the features.
+    pub edges: EdgeKinds,
     /// Seed of the initial weights.
     pub seed: u64,
 }
 
 impl Default for QueryTransformerOptions {
     fn default() -> Self {
-        Self { hidden: 64, rounds: 2, layers: 2, seed: 0 }
+        Self { hidden: 64, rounds: 2, layers: 2, edges: EdgeKinds::default(), seed: 0 }
     }
 }
 
@@ -229,6 +231,15 @@ impl Trainable for QueryTransformer {
 }
 
 impl MotionModel for QueryTransformer {
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, Error> {
+        Features::of(now, target, ego, self.shape.edges)
+    }
+
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         let vectors = tensor(&features.vectors, self.dtype)?;
         let encoded = self.parts.encoder.forward(&vectors, &features.groups, features.agents, 0)?;
@@ -295,7 +306,7 @@ impl Entry<dyn Backbone> for QueryTransformer {
     type Options = QueryTransformerOptions;
 
     fn build(options: QueryTransformerOptions) -> Result<Box<dyn Backbone>, String> {
-        let QueryTransformerOptions { hidden, rounds, layers, seed } = options;
+        let QueryTransformerOptions { hidden, rounds, layers, seed, .. } = options;
         check_size(hidden, rounds)?;
         if !(1..=16).contains(&layers) {
             return Err(format!("`layers` is {layers}; expected 1 to 16"));

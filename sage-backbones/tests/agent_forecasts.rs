@@ -7,7 +7,7 @@ use std::sync::Arc;
 use sage_backbones::{
     backbones,
     candle::{DType, Tensor},
-    features::{AgentForecasts, FORECAST_STEPS, Features, ForecastMode, STRIDE},
+    features::{AgentForecasts, EdgeKinds, FORECAST_STEPS, Features, ForecastMode, STRIDE},
     forecast::features_with_forecast,
     subsampling::Subsampling,
 };
@@ -21,7 +21,7 @@ use sage_data::procedural::{Kind, generate};
 
 fn features_of(scene: &Scene) -> Features {
     let now = Observation::of(scene, &SceneIndex::new(scene.map.clone())).unwrap();
-    Features::of(&now, scene.adversary.unwrap(), None).unwrap()
+    Features::of(&now, scene.adversary.unwrap(), None, EdgeKinds::default()).unwrap()
 }
 
 fn sums_to_one(modes: &[ForecastMode]) -> bool {
@@ -128,8 +128,13 @@ fn a_ring_of_lanes_without_length_ends() {
     }
     scene.map = Arc::new(map);
     let index = SceneIndex::new(scene.map.clone());
-    let features =
-        Features::of(&Observation::of(&scene, &index).unwrap(), scene.adversary.unwrap(), None).unwrap();
+    let features = Features::of(
+        &Observation::of(&scene, &index).unwrap(),
+        scene.adversary.unwrap(),
+        None,
+        EdgeKinds::default(),
+    )
+    .unwrap();
     let finite = |mode: &ForecastMode| mode.poses.iter().flatten().all(|x| x.is_finite());
     assert!(features.agent_forecasts.ego.iter().chain(&features.agent_forecasts.others).all(finite));
 }

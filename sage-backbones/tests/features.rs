@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use sage_backbones::{
     candidates::Selection,
-    features::{Features, GOAL_COLUMNS, VECTOR_COLUMNS},
+    features::{EdgeKinds, Features, GOAL_COLUMNS, VECTOR_COLUMNS},
     prediction::predict,
     training::{Examples, SceneData},
 };
@@ -63,7 +63,7 @@ fn change(
 /// Features of the scene's adversary, as [`Features::of`] gives them.
 fn features_of(scene: &Scene) -> Features {
     let now = Observation::of(scene, &SceneIndex::new(scene.map.clone())).unwrap();
-    Features::of(&now, scene.adversary.unwrap(), None).unwrap()
+    Features::of(&now, scene.adversary.unwrap(), None, EdgeKinds::default()).unwrap()
 }
 
 /// Share of the numbers that are equal within 1e-3.

@@ -3,60 +3,70 @@
 //! A [`Reward`] measures a candidate. A [`Feasibility`] rule lists its violations. An [`Objective`] is a
 //! weighted sum of rewards under one rule; fine-tuning, selection, search and tables use it. The paper's
 //! parts are [`AdversarialReward`] (early contact with the ego, else closeness), [`RealismPenalty`] (motion
-//! unlike a car's) and [`MapFeasibility`] (no road edge touched, no other agent hit). [`StrictFeasibility`]
-//! is stricter. Each part has its own file and is usable alone. A [`Context`] holds the scene data that
+//! unlike a car's) and [`MapFeasibility`] (no road edge touched, no other agent hit). [`DrivableFeasibility`]
+//! is stricter, and [`doubts`] lists why a person would not believe an attack. Each part has its own file and is usable alone. A [`Context`] holds the scene data that
 //! they need and is built once for all candidates.
 
 mod adversarial;
+mod against_traffic;
 mod behavior;
+mod believable;
 mod body;
 mod candidate;
 mod collision_type;
 mod composite;
+mod contact_depth;
 mod context;
 mod convention;
 pub mod criticality;
 mod distribution;
+mod drivable;
 mod ego;
 mod encounter;
 mod evaluation;
 mod kinematic;
+mod lane_distance;
 mod map_feasibility;
 mod naturalness;
 mod nll;
 mod others;
+mod phase;
 mod realism;
 mod reward;
 mod scores;
 mod sizes;
 mod spec;
-mod strict;
 pub mod violation;
 
-pub use adversarial::{AdversarialReward, release_reward};
+pub use adversarial::{AdversarialOptions, AdversarialReward, release_reward};
+pub use against_traffic::{AgainstTraffic, against_traffic};
 pub use behavior::{BehaviorPenalty, behavior_penalty};
+pub use believable::{MAX_AGAINST, MIN_DEPTH, Reason, doubts, is_believable};
 pub use body::Body;
 pub use candidate::Candidate;
 pub use collision_type::CollisionType;
 pub use composite::Objective;
+pub use contact_depth::{ContactDepth, contact_depth};
 pub use context::{Context, ContextOptions};
 pub use convention::Convention;
 pub use criticality::{Criticality, SideHit};
 pub use distribution::{DistributionDistances, LoggedProfile};
+pub use drivable::{DrivableFeasibility, DrivableOptions};
 pub use ego::{EgoPath, EgoPaths};
 pub use encounter::Encounter;
 pub use evaluation::Evaluation;
 pub use kinematic::{KinematicPenalty, is_within_limits, kinematic_penalty};
-pub use map_feasibility::{AgentContact, EdgeContact, MapFeasibility, Violations, touches_boundary};
-pub use naturalness::{LaneDistance, Naturalness, coarse_lane_distance};
+pub use lane_distance::{LaneDistance, coarse_lane_distance};
+pub use map_feasibility::{AgentContact, EdgeContact, MapFeasibility, Violations, touches_edge};
+pub use naturalness::Naturalness;
 pub use nll::NegativeLogLikelihood;
 pub use others::OtherAgent;
+pub use phase::Phase;
 pub use realism::{RealismPenalty, realism_penalty};
 pub use reward::{Reward, Situation};
 pub use scores::{FurtherMeasures, Scorer, Scores};
 pub use sizes::Sizes;
 pub use spec::{ObjectiveSpec, PRESETS, PartSpec, TermSpec, Weight};
-pub use strict::{StrictFeasibility, StrictOptions};
 pub use violation::{Feasibility, Violation};
 
 use crate::{Error, registry::Registry};
@@ -71,6 +81,8 @@ pub fn rewards() -> Result<Registry<dyn Reward>, Error> {
         .with::<BehaviorPenalty>()?
         .with::<RealismPenalty>()?
         .with::<LaneDistance>()?
+        .with::<AgainstTraffic>()?
+        .with::<ContactDepth>()?
         .with::<NegativeLogLikelihood>()?
         .with::<criticality::ImpactSpeed>()?
         .with::<criticality::RequiredDeceleration>()
@@ -80,5 +92,5 @@ pub fn rewards() -> Result<Registry<dyn Reward>, Error> {
 ///
 /// *Errors*: [`Error::Duplicate`] if two rules have the same name.
 pub fn feasibilities() -> Result<Registry<dyn Feasibility>, Error> {
-    Registry::new("feasibility").with::<MapFeasibility>()?.with::<StrictFeasibility>()
+    Registry::new("feasibility").with::<MapFeasibility>()?.with::<DrivableFeasibility>()
 }

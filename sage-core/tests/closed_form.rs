@@ -91,7 +91,7 @@ fn straight_motion_has_the_floor_of_both_penalties() {
     assert_relative_eq!(s.behavior_penalty, behavior_floor(), max_relative = 1e-9);
     // Beside each other all along: 20 m and 4 m apart.
     assert_relative_eq!(s.adversarial_reward, (-0.2 * 416f64.sqrt()).exp(), max_relative = 1e-9);
-    assert!(s.feasible && s.feasible_strict && !s.collision);
+    assert!(s.feasible && s.feasible_drivable && !s.collision);
     assert_eq!(s.criticality.time_to_collision, None);
     assert_eq!(s.criticality.impact_speed, None);
 }
@@ -181,22 +181,22 @@ fn edges_and_agents_are_named_with_their_step() {
         (s.cross_line, &*s.violations[0].rule, &s.violations[0].with[..]),
         (50.0, "road_edge", "right")
     );
-    assert!(!s.feasible_strict);
+    assert!(!s.feasible_drivable);
 }
 
 #[test]
-fn the_strict_rule_finds_crossings_between_frames_and_positions_beyond_the_edge() {
+fn the_drivable_rule_finds_crossings_between_frames_and_positions_beyond_the_edge() {
     // 100 m/s across: from y = 3 to y = 13 in one frame, no box touches y = 8.
     let scene = road(car("a", [20.0, 3.0], [0.0, 100.0]), vec![]);
     let s = score(&scene, |t| [20.0, 3.0 + 100.0 * t]);
     assert!(s.feasible, "{:?}", s.violations);
-    let rules: Vec<&str> = s.violations_strict.iter().map(|r| &*r.rule).collect();
+    let rules: Vec<&str> = s.violations_drivable.iter().map(|r| &*r.rule).collect();
     assert_eq!(rules, ["road_edge", "off_road"]);
-    assert_eq!(s.violations_strict[0].step, 1);
+    assert_eq!(s.violations_drivable[0].step, 1);
 }
 
 #[test]
-fn the_strict_rule_ignores_bridges() {
+fn the_drivable_rule_ignores_bridges() {
     let mut over = car("over", [60.0, 0.0], [0.0, 0.0]);
     over.position.iter_mut().for_each(|p| p[2] = 7.0);
     let mut scene = road(car("a", [20.0, 0.0], [10.0, 0.0]), vec![over]);
@@ -212,7 +212,7 @@ fn the_strict_rule_ignores_bridges() {
     scene.map = map.into();
     let s = score(&scene, |t| [20.0 + 10.0 * t, 4.0]);
     assert_eq!((s.cross_line, s.crash_object), (50.0, 0.0), "in the plane the rail is hit");
-    assert!(s.feasible_strict, "{:?}", s.violations_strict);
+    assert!(s.feasible_drivable, "{:?}", s.violations_drivable);
 }
 
 #[test]

@@ -218,14 +218,14 @@ fn an_encounter_is_the_same_from_both_sides() {
 }
 
 #[test]
-fn the_strict_rule_finds_every_road_edge_and_agent_that_the_papers_finds() {
+fn the_drivable_rule_finds_every_road_edge_and_agent_that_the_papers_finds() {
     let mut stricter = 0;
     for seed in 0..200 {
         let scene = scene(seed);
         for k in 0..4 {
             let s = score(&scene, &candidate(&scene, k), Convention::Paper);
             for violation in &s.violations {
-                let found = s.violations_strict.iter().find(|r| r.rule == violation.rule);
+                let found = s.violations_drivable.iter().find(|r| r.rule == violation.rule);
                 // The first step may leave what the box already touches at *now*.
                 let earlier = found.is_some_and(|r| r.step <= violation.step);
                 assert!(
@@ -233,7 +233,7 @@ fn the_strict_rule_finds_every_road_edge_and_agent_that_the_papers_finds() {
                     "scene {seed}, candidate {k}: {violation:?} {found:?}"
                 );
             }
-            stricter += usize::from(s.feasible && !s.feasible_strict);
+            stricter += usize::from(s.feasible && !s.feasible_drivable);
         }
     }
     assert!(stricter > 0, "no case distinguishes the rules");

@@ -76,11 +76,11 @@ fn a_union_measures_the_terms_of_all_its_objectives() {
             assert_eq!(own.value_of(&terms, together.cost(), 0.4), own.value(&evaluation, 0.4));
         }
     });
-    let strict =
-        objective(r#"{"terms": [{"name": "realism", "weight": -1}], "feasibility": {"name": "strict"}}"#);
-    let error = Objective::union(&[&all[0], &strict]).err().unwrap().to_string();
-    assert!(error.contains("the rules `paper` and `strict`"), "{error}");
-    assert_eq!(strict.term_indices_in(&union), Some(vec![1]));
+    let drivable =
+        objective(r#"{"terms": [{"name": "realism", "weight": -1}], "feasibility": {"name": "drivable"}}"#);
+    let error = Objective::union(&[&all[0], &drivable]).err().unwrap().to_string();
+    assert!(error.contains("the rules `paper` and `drivable`"), "{error}");
+    assert_eq!(drivable.term_indices_in(&union), Some(vec![1]));
     let other = objective(r#"{"terms": [{"name": "impact-speed", "weight": 1}]}"#);
     assert_eq!(other.term_indices_in(&union), None);
 }
@@ -165,7 +165,7 @@ fn invalid_objectives_are_refused_by_name() {
     let wrong = r#"{"terms": [{"name": "realism", "weight": 1, "options": {"much": 1}}]}"#;
     assert!(build(wrong).contains("unknown field `much`"));
     let wrong = r#"{"terms": [{"name": "realism", "weight": 1}], "feasibility": {"name": "none"}}"#;
-    assert!(build(wrong).contains("unknown feasibility `none`; known: paper, strict"));
+    assert!(build(wrong).contains("unknown feasibility `none`; known: paper, drivable"));
     let wrong = r#"{"terms": [{"name": "realism", "weight": 1}], "violation_weight": -1}"#;
     assert!(build(wrong).contains("violation_weight"));
     let mut spec = ObjectiveSpec::preset("natural").unwrap();

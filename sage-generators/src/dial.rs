@@ -21,6 +21,27 @@ const REMEDY: &str = "`sage calibrate` fits one";
 #[serde(transparent)]
 pub struct Dials(pub BTreeMap<String, FittedDial>);
 
+/// The rate that rises linearly along a dial.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rate {
+    /// Share of scenes with a feasible hit of the ego.
+    #[default]
+    Attack,
+    /// Share of scenes with a believable attack.
+    Believable,
+}
+
+impl Rate {
+    /// Its name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Attack => "attack",
+            Self::Believable => "believable",
+        }
+    }
+}
+
 /// A dial with the data of its fit.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FittedDial {
@@ -35,8 +56,12 @@ pub struct FittedDial {
     /// those of presets.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub objective: Option<ObjectiveSpec>,
-    /// Attack rates of the fit at these aggressions.
-    pub attack: Vec<f64>,
+    /// The rate that was fitted; all attacks in files of earlier versions.
+    #[serde(default)]
+    pub rate: Rate,
+    /// The rate at these aggressions in the scenes of the fit.
+    #[serde(alias = "attack")]
+    pub rates: Vec<f64>,
     /// The scenes of the fit.
     pub data: String,
     /// The command of the fit.

@@ -2,15 +2,15 @@
 
 use sage_core::{
     Error,
+    geometry::SegmentIndex,
     motion::Trajectory,
-    objective::{Body, Candidate, is_within_limits, touches_boundary},
-    scene::SceneIndex,
+    objective::{Body, Candidate, is_within_limits, touches_edge},
 };
 
 /// Whether a car can follow a candidate: at every step it is within the thresholds of the kinematic penalty
-/// and touches no road edge. The map is part of the observation.
-pub fn is_drivable(candidate: &Candidate, index: &SceneIndex) -> bool {
-    is_within_limits(candidate.profile()) && !touches_boundary(candidate, index)
+/// and touches none of the edges. The map is part of the observation.
+pub fn is_drivable(candidate: &Candidate, edges: &SegmentIndex) -> bool {
+    is_within_limits(candidate.profile()) && !touches_edge(candidate, edges)
 }
 
 /// The first `most` drivable trajectories, with their indices and in their order. If there are fewer, other
@@ -21,7 +21,7 @@ pub fn drivable(
     trajectories: impl IntoIterator<Item = Result<Trajectory, Error>>,
     most: usize,
     body: &Body,
-    index: &SceneIndex,
+    edges: &SegmentIndex,
 ) -> Result<Vec<(usize, Trajectory)>, Error> {
     let (mut accepted, mut others) = (Vec::with_capacity(most), Vec::new());
     let mut trajectories = trajectories.into_iter().enumerate();
@@ -29,7 +29,7 @@ pub fn drivable(
         && let Some((number, trajectory)) = trajectories.next()
     {
         let candidate = body.candidate(trajectory?);
-        let is_drivable = is_drivable(&candidate, index);
+        let is_drivable = is_drivable(&candidate, edges);
         let found = (number, candidate.into_trajectory());
         if is_drivable {
             accepted.push(found);
@@ -45,24 +45,27 @@ pub fn drivable(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sage_core::motion::{HORIZON, NOW};
+    use sage_core::{
+        motion::{HORIZON, NOW},
+        scene::SceneIndex,
+    };
 
     #[test]
     fn trajectories_that_no_car_can_follow_come_last() {
         let scene = sage_data::procedural::generate(sage_data::procedural::Kind::Straight, 1, 0).unwrap();
         let index = SceneIndex::new(scene.map.clone());
+        let edges = index.edges();
         let body = Body::of(&scene).unwrap();
         let logged = crate::logged_future(&scene).unwrap();
         // From the logged position at 90 m/s along x.
         let start = scene.adversary().unwrap().point(NOW);
         let leap = (1..=HORIZON).map(|t| [start[0] + 9.0 * t as f64, start[1]]).collect();
         let leap = Trajectory::new("leap", leap).unwrap();
-        let is_followable =
-            |trajectory: &Trajectory| is_drivable(&body.candidate(trajectory.clone()), &index);
+        let is_followable = |trajectory: &Trajectory| is_drivable(&body.candidate(trajectory.clone()), edges);
         assert!(is_followable(&logged) && !is_followable(&leap));
         let trajectories = [leap.clone(), logged.clone(), leap, logged];
         let accepted = |most| -> Vec<usize> {
-            let accepted = drivable(trajectories.iter().cloned().map(Ok), most, &body, &index).unwrap();
+            let accepted = drivable(trajectories.iter().cloned().map(Ok), most, &body, edges).unwrap();
             accepted.into_iter().map(|(number, _)| number).collect()
         };
         assert_eq!(accepted(2), [1, 3]);

@@ -57,7 +57,7 @@ mod speed_profile;
 
 pub use aggression::Aggression;
 pub use apply::attacked;
-pub use dial::{DIAL_FILE, Dials, FittedDial, hashes};
+pub use dial::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
 pub use drivable::{drivable, is_drivable};
 pub use error::Error;
 pub use generator_inputs::GeneratorInputs;

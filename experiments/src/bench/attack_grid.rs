@@ -1,4 +1,4 @@
-//! Attack rates over λ and μ, their deviation from a straight line, and the share of each in the change.
+//! Attack rates over λ and μ, all attacks or believable ones, their deviation from a straight line, and the share of each in the change.
 //!
 //! Candidates depend only on λ, and μ only selects among them. So each scene is evaluated once per λ.
 
@@ -8,12 +8,12 @@ use anyhow::Result;
 use sage_backbones::training::SceneData;
 use sage_core::{
     generator::Proposal,
-    objective::{Context, ContextOptions, Evaluation, Objective},
+    objective::{Candidate, Context, ContextOptions, Evaluation, Objective, Situation, is_believable},
     seed::Rng,
     statistics::{self, Estimate},
 };
 use sage_generators::{
-    Aggression, GeneratorInputs, ProposerKind, proposers::MixedExperts, selector::best_of,
+    Aggression, GeneratorInputs, ProposerKind, Rate, proposers::MixedExperts, selector::best_of,
 };
 
 use crate::scenes::Scenes;
@@ -27,30 +27,48 @@ pub(crate) struct AttackGrid {
     objective: Arc<Objective>,
     /// By scene, then by λ.
     evaluations: Vec<Vec<Vec<Evaluation>>>,
+    /// Whether each of them is a believable attack.
+    believable: Vec<Vec<Vec<bool>>>,
+}
+
+/// Evaluated candidates of one scene: by objective, then by λ; and by λ which are believable attacks.
+struct SceneGrid {
+    by_objective: Vec<Vec<Vec<Evaluation>>>,
+    believable: Vec<Vec<bool>>,
 }
 
 /// The attacks that the selection takes at some λ and μ.
 pub struct Attacks {
     /// For each scene 1 if a feasible trajectory hits the ego, else 0.
     pub hits: Vec<f64>,
+    /// For each scene 1 if the attack is believable, else 0.
+    pub believable: Vec<f64>,
     /// Adversarial reward of each scene.
     pub rewards: Vec<f64>,
 }
 
 impl Attacks {
-    /// Share of scenes attacked.
-    pub fn rate(&self) -> f64 {
-        statistics::mean(&self.hits).unwrap_or(0.0)
+    /// Share of scenes attacked, or attacked believably.
+    pub fn rate(&self, rate: Rate) -> f64 {
+        statistics::mean(self.counted(rate)).unwrap_or(0.0)
+    }
+
+    /// Share of scenes with its 95 % interval (Wilson).
+    pub fn rate_estimate(&self, rate: Rate) -> Option<Estimate> {
+        let counted = self.counted(rate);
+        statistics::wilson(counted.iter().filter(|one| **one > 0.0).count(), counted.len())
+    }
+
+    fn counted(&self, rate: Rate) -> &[f64] {
+        match rate {
+            Rate::Attack => &self.hits,
+            Rate::Believable => &self.believable,
+        }
     }
 
     /// Mean reward.
     pub fn reward(&self) -> f64 {
         statistics::mean(&self.rewards).unwrap_or(0.0)
-    }
-
-    /// Share of scenes attacked with its 95 % interval (Wilson).
-    pub fn rate_estimate(&self) -> Option<Estimate> {
-        statistics::wilson(self.hits.iter().filter(|hit| **hit > 0.0).count(), self.hits.len())
     }
 
     /// Mean reward with its 95 % interval.
@@ -74,8 +92,8 @@ pub struct Linearity {
 
 impl Linearity {
     /// Of attacks at evenly spaced operating points of a sweep.
-    pub fn of(attacks: &[&Attacks]) -> Self {
-        let rates: Vec<f64> = attacks.iter().map(|a| a.rate()).collect();
+    pub fn of(attacks: &[&Attacks], rate: Rate) -> Self {
+        let rates: Vec<f64> = attacks.iter().map(|a| a.rate(rate)).collect();
         let (low, high) = (rates[0], rates[rates.len() - 1]);
         let line = |k: usize| low + (high - low) * k as f64 / (rates.len() - 1).max(1) as f64;
         let distances: Vec<f64> = rates.iter().enumerate().map(|(k, rate)| (rate - line(k)).abs()).collect();
@@ -117,24 +135,28 @@ impl AttackGrid {
         let experts = inputs.experts("sage")?;
         let mixtures =
             lambdas.iter().map(|lambda| experts.between(*lambda)).collect::<Result<Vec<_>, _>>()?;
-        let one = |data: &SceneData| -> Result<Vec<Vec<Vec<Evaluation>>>> {
+        let one = |data: &SceneData| -> Result<SceneGrid> {
             let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
             let prepared = proposer.prepare(&data.observe()?)?;
             let mut by_objective = vec![Vec::with_capacity(mixtures.len()); objectives.len()];
+            let mut believable = Vec::with_capacity(mixtures.len());
             for mixture in &mixtures {
                 let candidate = |p: Proposal| ctx.candidate(p.trajectory).with_nll(p.nll);
                 let all: Vec<_> = prepared.propose(mixture, seed)?.into_iter().map(candidate).collect();
+                let is_believable = |c: &Candidate| is_believable(&Situation::new(c, ctx.ego(), &ctx));
+                believable.push(all.iter().map(is_believable).collect());
                 for (objective, found) in objectives.iter().zip(&mut by_objective) {
                     found.push(all.iter().map(|c| objective.evaluate(c, &ctx)).collect());
                 }
             }
-            Ok(by_objective)
+            Ok(SceneGrid { by_objective, believable })
         };
         let mut scenes = scenes.map(one, done)?;
         let of_objective = |(k, objective): (usize, &Arc<Objective>)| Self {
             lambdas: lambdas.to_vec(),
             objective: objective.clone(),
-            evaluations: scenes.iter_mut().map(|scene| std::mem::take(&mut scene[k])).collect(),
+            evaluations: scenes.iter_mut().map(|scene| std::mem::take(&mut scene.by_objective[k])).collect(),
+            believable: scenes.iter().map(|scene| scene.believable.clone()).collect(),
         };
         Ok(objectives.iter().enumerate().map(of_objective).collect())
     }
@@ -142,23 +164,25 @@ impl AttackGrid {
     /// The attacks that are selected at λ and μ; `None` for a λ that was not evaluated.
     pub fn attacks(&self, lambda: f64, mu: f64) -> Option<Attacks> {
         let k = self.lambdas.iter().position(|known| (known - lambda).abs() < 1e-9)?;
-        let selected = |scene: &Vec<Vec<Evaluation>>| best_of(&scene[k], &self.objective, mu).chosen;
-        let all: Vec<&Evaluation> = self.evaluations.iter().map(|scene| &scene[k][selected(scene)]).collect();
-        let hit = |e: &&Evaluation| f64::from(u8::from(e.is_attack()));
-        Some(Attacks {
-            hits: all.iter().map(hit).collect(),
-            rewards: all.iter().map(|e| e.adversarial).collect(),
-        })
+        let mut attacks = Attacks { hits: Vec::new(), believable: Vec::new(), rewards: Vec::new() };
+        for (scene, believable) in self.evaluations.iter().zip(&self.believable) {
+            let chosen = best_of(&scene[k], &self.objective, mu).chosen;
+            let selected = &scene[k][chosen];
+            attacks.hits.push(f64::from(u8::from(selected.is_attack())));
+            attacks.believable.push(f64::from(u8::from(believable[k][chosen])));
+            attacks.rewards.push(selected.adversarial);
+        }
+        Some(attacks)
     }
 
-    /// Fits the dial for these scenes: the attack rate rises linearly. The λ must be evenly spaced.
+    /// Fits the dial for these scenes: the rate rises linearly. The λ must be evenly spaced.
     ///
     /// *Errors*: fewer than two λ.
-    pub fn fit(&self) -> Result<Aggression> {
+    pub fn fit(&self, rate: Rate) -> Result<Aggression> {
         let grid = mu_grid();
-        let rate = |lambda: f64, mu: f64| self.attacks(lambda, mu).map_or(0.0, |attacks| attacks.rate());
+        let at = |lambda: f64, mu: f64| self.attacks(lambda, mu).map_or(0.0, |attacks| attacks.rate(rate));
         let rates: Vec<Vec<f64>> =
-            self.lambdas.iter().map(|l| grid.iter().map(|mu| rate(*l, *mu)).collect()).collect();
+            self.lambdas.iter().map(|l| grid.iter().map(|mu| at(*l, *mu)).collect()).collect();
         Ok(Aggression::fit(&grid, &rates)?)
     }
 }
@@ -177,18 +201,18 @@ mod tests {
 
     fn attacks(rate: f64) -> Attacks {
         let hits = (0..10).map(|k| f64::from(u8::from(f64::from(k) < 10.0 * rate - 1e-9))).collect();
-        Attacks { hits, rewards: vec![rate; 10] }
+        Attacks { believable: vec![0.0; 10], hits, rewards: vec![rate; 10] }
     }
 
     #[test]
     fn a_straight_rise_is_linear_and_a_jump_is_not() {
         let rise = [0.0, 0.2, 0.4, 0.6, 0.8].map(attacks);
-        let linearity = Linearity::of(&rise.each_ref());
+        let linearity = Linearity::of(&rise.each_ref(), Rate::Attack);
         assert!(
             linearity.rms < 1e-12 && linearity.largest_drop == 0.0 && (linearity.span - 0.8).abs() < 1e-12
         );
         let jump = [0.0, 0.8, 0.7, 0.8].map(attacks);
-        let jump = Linearity::of(&jump.each_ref());
+        let jump = Linearity::of(&jump.each_ref(), Rate::Attack);
         assert!((jump.worst - (0.8 - 0.8 / 3.0)).abs() < 1e-12 && jump.largest_drop == 1.0);
     }
 

@@ -1,7 +1,8 @@
-//! Chart of the attack rate over the aggression.
+//! Chart of the rate of attacks over the aggression.
 
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
+use sage_generators::Rate;
 
 /// Size of the picture, pixels.
 const SIZE: (u32, u32) = (640, 400);
@@ -9,7 +10,7 @@ const SIZE: (u32, u32) = (640, 400);
 const COLORS: [RGBColor; 4] =
     [RGBColor(31, 119, 180), RGBColor(214, 39, 40), RGBColor(44, 160, 44), RGBColor(148, 103, 189)];
 
-/// Attack rates at evenly spaced operating points from 0 to 1.
+/// Rates at evenly spaced operating points from 0 to 1.
 pub(crate) struct Line {
     pub(crate) name: &'static str,
     pub(crate) rates: Vec<f64>,
@@ -18,13 +19,13 @@ pub(crate) struct Line {
 /// Draws the lines, and a dashed straight line between the ends of the first one.
 ///
 /// *Errors*: none that a caller can cause.
-pub(crate) fn draw(lines: &[Line]) -> Result<String> {
+pub(crate) fn draw(rate: Rate, lines: &[Line]) -> Result<String> {
     let mut svg = String::new();
-    plot(&mut svg, lines).map_err(|e| anyhow!("the chart cannot be drawn: {e}"))?;
+    plot(&mut svg, rate, lines).map_err(|e| anyhow!("the chart cannot be drawn: {e}"))?;
     Ok(svg)
 }
 
-fn plot(svg: &mut String, lines: &[Line]) -> Result<(), Box<dyn std::error::Error>> {
+fn plot(svg: &mut String, rate: Rate, lines: &[Line]) -> Result<(), Box<dyn std::error::Error>> {
     let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
     root.fill(&WHITE)?;
     let mut chart = ChartBuilder::on(&root)
@@ -35,7 +36,10 @@ fn plot(svg: &mut String, lines: &[Line]) -> Result<(), Box<dyn std::error::Erro
     chart
         .configure_mesh()
         .x_desc("aggression, or lambda = mu")
-        .y_desc("scenes attacked, %")
+        .y_desc(match rate {
+            Rate::Attack => "scenes attacked, %",
+            Rate::Believable => "scenes attacked believably, %",
+        })
         .label_style(("sans-serif", 14))
         .axis_desc_style(("sans-serif", 15))
         .light_line_style(WHITE)

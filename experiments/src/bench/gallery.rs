@@ -4,10 +4,10 @@ use std::{collections::HashSet, fmt::Write as _, path::Path};
 
 use anyhow::Result;
 use sage_backbones::training::SceneData;
-use sage_core::objective::{CollisionType, Context, ContextOptions};
+use sage_core::objective::{CollisionType, Context, ContextOptions, Reason};
 
 use super::{
-    open_loop::{SceneRow, is_attack},
+    open_loop::{SceneRow, is_believable},
     open_loop_report::{Table, seconds},
 };
 use crate::{
@@ -17,8 +17,8 @@ use crate::{
     terminal,
 };
 
-/// Writes the strongest and the median attack of each generator as SVG, and `index.html` with the table and
-/// the pictures. The page opens from disk.
+/// Writes the strongest believable attacks of each generator and operating point as SVG, some that failed, and
+/// `index.html` with the table, the pictures and the reasons. The page opens from disk.
 ///
 /// *Errors*: the folder cannot be written to.
 pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &str) -> Result<()> {
@@ -38,12 +38,12 @@ pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &
             let Some(data) = scenes.get(&row.scene) else { continue };
             let name = format!("{k:02}-{which}.svg");
             folder.write(&name, picture(data, method, row)?.as_bytes())?;
-            let kind = row.collision_type.map_or("no contact", CollisionType::name);
+            let note = row.note.as_ref().map_or(String::new(), |note| format!("; {note}"));
             writeln!(
                 cards,
-                "<figure><a href=\"{name}\"><img src=\"{name}\" loading=lazy></a><figcaption>{which}: {}, {kind}, R_adv {:.2}</figcaption></figure>",
+                "<figure><a href=\"{name}\"><img src=\"{name}\" loading=lazy></a><figcaption>{which}: {}, {}</figcaption></figure>",
                 escaped(stem(&row.scene)),
-                row.paper.adversarial_reward,
+                escaped(&(verdict(row) + &note)),
             )?;
         }
         writeln!(cards, "</div>")?;
@@ -56,19 +56,37 @@ pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &
     folder.write("index.html", page.as_bytes())
 }
 
+/// Pictures of believable attacks, and of failed ones.
+const SHOWN: usize = 3;
 const STYLE: &str = "body{font:15px sans-serif;margin:2em}table{border-collapse:collapse;font-size:12px;display:block;overflow-x:auto}td,th{border:1px solid #ccc;padding:2px 6px;white-space:nowrap}.row{display:flex;flex-wrap:wrap;gap:1em}figure{margin:0}img{width:560px;border:1px solid #ddd}";
 
-/// Rows of the strongest and the median attack; of all trajectories if there is no attack.
-fn cases(rows: &[SceneRow]) -> Vec<(&'static str, &SceneRow)> {
-    let mut attacks: Vec<&SceneRow> = rows.iter().filter(|row| is_attack(row)).collect();
-    if attacks.is_empty() {
-        attacks = rows.iter().collect();
-    }
-    attacks.sort_by(|a, b| b.paper.adversarial_reward.total_cmp(&a.paper.adversarial_reward));
-    match attacks[..] {
-        [] => Vec::new(),
-        [one] => vec![("strongest", one)],
-        _ => vec![("strongest", attacks[0]), ("median", attacks[attacks.len() / 2])],
+/// The strongest believable attacks, and of the other rows those closest to one: first attacks that are not
+/// believable, then trajectories without contact.
+fn cases(rows: &[SceneRow]) -> Vec<(String, &SceneRow)> {
+    let (mut attacks, mut failed): (Vec<&SceneRow>, Vec<&SceneRow>) =
+        rows.iter().partition(|row| is_believable(row));
+    let strength = |row: &SceneRow| row.paper.adversarial_reward;
+    attacks.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
+    failed
+        .sort_by(|a, b| b.paper.collision.cmp(&a.paper.collision).then(strength(b).total_cmp(&strength(a))));
+    first("strongest", attacks).into_iter().chain(first("failed", failed)).collect()
+}
+
+/// The first rows under names with a number.
+fn first<'r>(name: &str, rows: Vec<&'r SceneRow>) -> Vec<(String, &'r SceneRow)> {
+    rows.into_iter().take(SHOWN).enumerate().map(|(k, row)| (format!("{name}-{}", k + 1), row)).collect()
+}
+
+/// What a row shows: the reward of a believable attack, or why there is none.
+fn verdict(row: &SceneRow) -> String {
+    let reasons: Vec<String> = row.paper.unbelievable.iter().map(Reason::words).collect();
+    match (row.paper.believable, row.collision_type) {
+        (Some(true), kind) => {
+            let kind = kind.map_or("contact", CollisionType::name);
+            format!("believable, {kind}, R_adv {:.2}", row.paper.adversarial_reward)
+        }
+        (Some(false), _) => format!("not believable: {}", reasons.join(", ")),
+        (None, _) => "no contact".to_owned(),
     }
 }
 

@@ -15,7 +15,7 @@ use sage_core::{
     motion::{HORIZON, NOW, Trajectory},
     objective::{
         CollisionType, Context, ContextOptions, Convention, FurtherMeasures, Naturalness, Scorer, Scores,
-        Situation,
+        Situation, violation::MEDIAN,
     },
     seed::Rng,
     statistics::{self, Estimate},
@@ -112,6 +112,7 @@ const fn mean_of(name: &'static str, value: fn(&SceneRow) -> Option<f64>) -> Col
 /// The built-in columns, the paper's first.
 pub const COLUMNS: &[Column] = &[
     share("attack", |r| yes(is_attack(r))),
+    share("believable", |r| yes(is_believable(r))),
     mean_of("R_adv", |r| Some(r.paper.adversarial_reward)),
     mean_of("P_beh", |r| Some(r.paper.behavior_penalty)),
     mean_of("P_kin", |r| Some(r.paper.kinematic_penalty)),
@@ -121,7 +122,8 @@ pub const COLUMNS: &[Column] = &[
     mean_of("WD acceleration", |r| r.paper.distances.wd_acceleration),
     mean_of("WD yaw rate", |r| r.paper.distances.wd_yaw_rate),
     share("attack, feasible or not", |r| yes(r.paper.collision)),
-    share("strictly feasible", |r| yes(r.paper.feasible_strict)),
+    share("attacks on a median", |r| if is_attack(r) { yes(touches_median(r)) } else { None }),
+    share("feasible by `drivable`", |r| yes(r.paper.feasible_drivable)),
     mean_of("impact m/s", |r| r.paper.criticality.impact_speed),
     mean_of("lane m − log", |r| Some(r.natural.lane_distance - r.natural_log?.lane_distance)),
     mean_of("heading ° − log", |r| Some(r.natural.heading_error? - r.natural_log?.heading_error?)),
@@ -139,6 +141,15 @@ pub const COLUMNS: &[Column] = &[
 /// True if a feasible trajectory hits the ego.
 pub fn is_attack(row: &SceneRow) -> bool {
     row.paper.collision && row.paper.feasible
+}
+
+/// True if a person would believe the attack.
+pub fn is_believable(row: &SceneRow) -> bool {
+    row.paper.believable == Some(true)
+}
+
+fn touches_median(row: &SceneRow) -> bool {
+    row.paper.unbelievable.iter().any(|reason| reason.reason == MEDIAN)
 }
 
 fn yes(is: bool) -> Option<f64> {

@@ -10,11 +10,11 @@ use sage_core::{
     statistics::{self, Estimate},
 };
 
-use super::open_loop::{self, Column, SceneRow, is_attack};
-use crate::{
-    operating_point::{OperatingPointSpec, RowKey},
-    terminal,
+use super::{
+    open_loop::{self, Column, SceneRow, is_attack},
+    pairs,
 };
+use crate::{operating_point::RowKey, terminal};
 
 /// Content of a table: columns, and for each generator and operating point its knowledge and its rows.
 pub(crate) struct Table {
@@ -28,9 +28,10 @@ pub type Policies = Vec<(String, Vec<Expectation>)>;
 type Expected = fn(&Expectation) -> f64;
 
 /// Values of an [`Expectation`] by name.
-const EXPECTATIONS: [(&str, Expected); 4] = [
+const EXPECTATIONS: [(&str, Expected); 5] = [
     ("feasible", |e| e.feasible),
     ("feasible hit", |e| e.attack),
+    ("believable attack", |e| e.believable),
     ("R_adv", |e| e.reward),
     ("P_real", |e| e.penalty),
 ];
@@ -71,34 +72,8 @@ pub(crate) fn markdown(table: &Table, policies: &Policies) -> Result<String> {
             writeln!(out, "| {policy} | {} | {} |", all.len(), cells.join(" | "))?;
         }
     }
-    pairs(&mut out, table)?;
+    pairs::write(&mut out, table)?;
     Ok(out)
-}
-
-/// Counts scenes that only the generator attacks, and scenes that only the prior attacks. The prior has the
-/// same operating point, or the largest μ if there is no such row.
-fn pairs(out: &mut String, table: &Table) -> Result<()> {
-    let priors: Vec<(&RowKey, &OperatingPointSpec, &Vec<SceneRow>)> = table
-        .rows
-        .iter()
-        .filter(|(key, ..)| key.method == "prior")
-        .filter_map(|(key, _, rows)| Some((key, key.point.as_ref()?, rows)))
-        .collect();
-    let Some(largest_mu) = priors.iter().max_by(|a, b| a.1.mu.total_cmp(&b.1.mu)) else { return Ok(()) };
-    writeln!(out, "\nScenes attacked feasibly, paired with the prior under the same selection:\n")?;
-    writeln!(out, "| generator | against | only this | only the prior | difference |")?;
-    writeln!(out, "| --- | --- | --- | --- | --- |")?;
-    for (key, _, rows) in &table.rows {
-        let same_point = || priors.iter().filter(|(_, point, _)| key.point.as_ref() == Some(*point));
-        let same = same_point().find(|(prior, ..)| prior.options == key.options);
-        let (against, _, prior) = same.or_else(|| same_point().next()).unwrap_or(largest_mu);
-        let other = |row: &SceneRow| prior.iter().find(|p| p.scene == row.scene).is_some_and(is_attack);
-        let won = rows.iter().filter(|r| is_attack(r) && !other(r)).count();
-        let lost = rows.iter().filter(|r| !is_attack(r) && other(r)).count();
-        let difference = won as i64 - lost as i64;
-        writeln!(out, "| {} | {} | {won} | {lost} | {difference:+} |", key.label(), against.label())?;
-    }
-    Ok(())
 }
 
 /// `table.csv`: one row per generator and measure.

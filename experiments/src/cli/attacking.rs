@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use sage_core::generator::Mixture;
 use sage_data::dataset::Shard;
-use sage_generators::Aggression;
+use sage_generators::{Aggression, Rate};
 use sage_merging::Range;
 
 use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
@@ -123,7 +123,7 @@ pub(crate) struct OpenLoopArgs {
     pub folder: FolderArgs,
 }
 
-/// Fit the aggression dial of a set of experts, so that the attack rate rises linearly.
+/// Fit the aggression dial of a set of experts, so that the rate of attacks rises linearly.
 ///
 /// At aggression a, lambda is a. The fit finds the weight mu of the selection at eleven aggressions from 0 to
 /// 1, for each --selection. `--aggression` of other commands reads the result as `dial.json` in the folder of
@@ -147,6 +147,10 @@ pub(crate) struct CalibrateArgs {
     /// Comma-separated objectives to fit a dial for: names in `sage list`, or JSON files.
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "natural,paper-selection")]
     pub selection: Vec<String>,
+    /// Rate that rises linearly: all attacks, or believable ones (default: believable; attack for a selection
+    /// under the paper's feasibility rule).
+    #[arg(long, value_enum, value_name = "NAME")]
+    pub rate: Option<RateArg>,
     #[command(flatten)]
     pub rule: FeasibilityArgs,
     #[command(flatten)]
@@ -162,7 +166,25 @@ pub(crate) struct CalibrateArgs {
     pub force: bool,
 }
 
-/// Measure the aggression dial: attack rates at each aggression, their linearity, and the shares of lambda
+/// A rate of attacks.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum RateArg {
+    /// Share of scenes with a feasible hit of the ego.
+    Attack,
+    /// Share of scenes with a believable attack.
+    Believable,
+}
+
+impl From<RateArg> for Rate {
+    fn from(rate: RateArg) -> Self {
+        match rate {
+            RateArg::Attack => Self::Attack,
+            RateArg::Believable => Self::Believable,
+        }
+    }
+}
+
+/// Measure the aggression dial: rates of attacks at each aggression, their linearity, and the shares of lambda
 /// and mu.
 ///
 /// Compares the dial with lambda = mu, and evaluates a grid of lambda and mu. Writes tables as Markdown and

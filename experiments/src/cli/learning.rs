@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use sage_backbones::features::EdgeKinds;
 
 use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs, attacking::MergerArgs};
 
@@ -85,6 +86,10 @@ pub(crate) struct FinetuneArgs {
     /// Maximum number of further role assignments (ego, adversary) per scene for fine-tuning.
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = roles)]
     pub roles: usize,
+    /// Edges in the features of the network: road boundaries alone as in the paper, or medians too (default:
+    /// all, if the network has the option).
+    #[arg(long, value_enum, value_name = "KIND")]
+    pub edges: Option<Edges>,
     /// JSON file of fine-tuning options; omitted options keep each expert's defaults.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
@@ -218,5 +223,23 @@ fn count(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(n @ 1..=10_000) => Ok(n),
         _ => Err("expected 1 to 10000".to_owned()),
+    }
+}
+
+/// Edges in the features of a network.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum Edges {
+    /// Road boundaries.
+    Boundaries,
+    /// Road boundaries and medians.
+    All,
+}
+
+impl From<Edges> for EdgeKinds {
+    fn from(edges: Edges) -> Self {
+        match edges {
+            Edges::Boundaries => Self::Boundaries,
+            Edges::All => Self::All,
+        }
     }
 }

@@ -1,9 +1,11 @@
-//! `sage bench dial`: attack rates along the aggression dial, and the shares of λ and μ.
+//! `sage bench dial`: rates of attacks along the aggression dial, and the shares of λ and μ.
 
 use std::{fmt::Write as _, sync::Arc};
 
 use anyhow::{Context as _, Result};
 use sage_core::statistics;
+use sage_generators::Rate;
+
 use sage_merging::Merger;
 use serde_json::json;
 
@@ -38,6 +40,7 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let merger_name = args.merging.merger.to_string();
+    let fitted = networks::find_dial(&args.weights, &experts, &selection)?;
     let dial = networks::load_dial(&args.weights, &experts, &selection, &merger_name)?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
     let out = Folder::make(&args.folder.out, args.folder.force)?;
@@ -65,18 +68,18 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     ];
     let mut markdown = format!("Selection {}, {} scenes.\n\n", selection.name, scenes.len());
     let mut csv = "sweep,a,lambda,mu,measure,value,low,high,n\n".to_owned();
-    curves(&mut markdown, &mut csv, &sweeps)?;
-    let rate = |l: f64, m: f64| grid.attacks(l, m).map_or(f64::NAN, |a| a.rate());
+    curves(&mut markdown, &mut csv, &sweeps, fitted.rate)?;
+    let rate = |l: f64, m: f64| grid.attacks(l, m).map_or(f64::NAN, |a| a.rate(fitted.rate));
     let reward = |l: f64, m: f64| grid.attacks(l, m).map_or(f64::NAN, |a| a.reward());
-    table_of_both(&mut markdown, &rate, &reward)?;
+    table_of_both(&mut markdown, fitted.rate.name(), &rate, &reward)?;
     let lines = sweeps.iter().map(|sweep| Line {
         name: sweep.name,
-        rates: sweep.points.iter().map(|(_, _, attacks)| attacks.rate()).collect(),
+        rates: sweep.points.iter().map(|(_, _, attacks)| attacks.rate(fitted.rate)).collect(),
     });
     let file = |name: &str, text: &str| out.write(name, text.as_bytes());
     file("dial.md", &markdown)?;
     file("dial.csv", &csv)?;
-    file("dial.svg", &dial_chart::draw(&lines.collect::<Vec<_>>())?)?;
+    file("dial.svg", &dial_chart::draw(fitted.rate, &lines.collect::<Vec<_>>())?)?;
     let record = json!({
         "command": output::command(), "scenes": scenes.len(), "data": scenes.describe(),
         "seed": args.seed, "selection": selection.objective.spec(), "merger": merger_name, "version": env!("CARGO_PKG_VERSION"),
@@ -90,16 +93,20 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     Ok(Outcome::Done)
 }
 
-/// Attack rate and reward along each sweep, and the deviation from a straight line.
-fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep]) -> Result<()> {
+/// Rates and reward along each sweep, and the deviation from a straight line.
+fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep], rate: Rate) -> Result<()> {
     for sweep in sweeps {
         writeln!(
             markdown,
-            "| {} | lambda | mu | attack | R_adv |\n| --- | --- | --- | --- | --- |",
+            "| {} | lambda | mu | attack | believable | R_adv |\n| --- | --- | --- | --- | --- | --- |",
             sweep.name
         )?;
         for (a, (lambda, mu, attacks)) in aggressions().into_iter().zip(&sweep.points) {
-            let measures = [("attack", attacks.rate_estimate()), ("R_adv", attacks.reward_estimate())];
+            let measures = [
+                ("attack", attacks.rate_estimate(Rate::Attack)),
+                ("believable", attacks.rate_estimate(Rate::Believable)),
+                ("R_adv", attacks.reward_estimate()),
+            ];
             let mut cells = Vec::new();
             for (measure, estimate) in measures {
                 let Some(e) = estimate else { continue };
@@ -113,7 +120,7 @@ fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep]) -> Result<(
             writeln!(markdown, "| {a:.1} | {lambda:.2} | {mu:.4} | {} |", cells.join(" | "))?;
         }
         let attacks: Vec<&Attacks> = sweep.points.iter().map(|(_, _, attacks)| attacks).collect();
-        let linearity = Linearity::of(&attacks);
+        let linearity = Linearity::of(&attacks, rate);
         let order = aggressions();
         let rank = |value: &dyn Fn(&Attacks) -> f64| {
             let values: Vec<f64> = attacks.iter().map(|a| value(a)).collect();
@@ -121,35 +128,41 @@ fn curves(markdown: &mut String, csv: &mut String, sweeps: &[Sweep]) -> Result<(
         };
         writeln!(
             markdown,
-            "\n{}: deviation from a straight line {:.1} points RMS, {:.1} points at most; largest drop between neighbours {} scenes; span {:.1} points; rank correlation with attack {:.3}, with R_adv {:.3}.\n",
+            "\n{}, {} rate: deviation from a straight line {:.1} points RMS, {:.1} points at most; largest drop between neighbours {} scenes; span {:.1} points; rank correlation with it {:.3}, with R_adv {:.3}.\n",
             sweep.name,
+            rate.name(),
             100.0 * linearity.rms,
             100.0 * linearity.worst,
             linearity.largest_drop,
             100.0 * linearity.span,
-            rank(&Attacks::rate),
+            rank(&|attacks| attacks.rate(rate)),
             rank(&Attacks::reward),
         )?;
     }
     Ok(())
 }
 
-/// Attack rate and reward over λ and μ, and the Shapley share of λ.
+/// Rate and reward over λ and μ, and the Shapley share of λ.
 fn table_of_both(
     markdown: &mut String,
+    name: &str,
     rate: &dyn Fn(f64, f64) -> f64,
     reward: &dyn Fn(f64, f64) -> f64,
 ) -> Result<()> {
     let share = |share: Option<f64>| share.map_or("-".to_owned(), |share| format!("{share:.2}"));
     let head = MUS.map(|mu| format!("mu {mu}")).join(" | ");
-    writeln!(markdown, "Attack / R_adv:\n\n| lambda | {head} |\n| --- |{}", " --- |".repeat(MUS.len()))?;
+    writeln!(
+        markdown,
+        "Rate ({name}) / R_adv:\n\n| lambda | {head} |\n| --- |{}",
+        " --- |".repeat(MUS.len())
+    )?;
     for lambda in LAMBDAS {
         let cells = MUS.map(|mu| format!("{:.2} / {:.2}", rate(lambda, mu), reward(lambda, mu)));
         writeln!(markdown, "| {lambda} | {} |", cells.join(" | "))?;
     }
     writeln!(
         markdown,
-        "\nShapley share of lambda in the whole span: {} of the attack rate, {} of R_adv; the rest is due to the selection (mu).",
+        "\nShapley share of lambda in the whole span: {} of the {name} rate, {} of R_adv; the rest is due to the selection (mu).",
         share(shapley_of_lambda(rate)),
         share(shapley_of_lambda(reward))
     )?;

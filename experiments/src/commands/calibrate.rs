@@ -1,9 +1,11 @@
-//! `sage calibrate`: fits the aggression dial of a set of experts, so that the attack rate rises linearly.
+//! `sage calibrate`: fits the aggression dial of a set of experts, so that the rate of
+//! attacks rises linearly.
 
 use std::{collections::HashSet, sync::Arc};
 
 use anyhow::{Context as _, Result, ensure};
-use sage_generators::{DIAL_FILE, Dials, FittedDial, hashes};
+use sage_core::objective::PartSpec;
+use sage_generators::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
 use sage_merging::Merger;
 
 use crate::{
@@ -43,32 +45,36 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     let step = || progress.step();
     let grids = AttackGrid::of(&scenes, &inputs, &objectives, &all, args.seed, step)?;
     for (selection, grid) in selections.iter().zip(grids) {
-        let mu = grid.fit()?;
+        let is_papers = selection.objective.spec().feasibility.name == PartSpec::default().name;
+        let by_rule = if is_papers { Rate::Attack } else { Rate::Believable };
+        let rate = args.rate.map_or(by_rule, Rate::from);
+        let mu = grid.fit(rate)?;
         let at = |a: &f64| -> Result<_> {
             let (lambda, mu) = mu.lambda_and_mu(*a)?;
             grid.attacks(lambda, mu).context("an aggression was not evaluated")
         };
         let attacks = all.iter().map(at).collect::<Result<Vec<_>>>()?;
-        let linearity = Linearity::of(&attacks.iter().collect::<Vec<_>>());
+        let linearity = Linearity::of(&attacks.iter().collect::<Vec<_>>(), rate);
         progress.say(&format!(
-            "selection {}: attack rate {:.0} % to {:.0} %, deviation from a straight line {:.1} points RMS, {:.1} points at most",
+            "selection {}: {} rate {:.0} % to {:.0} %, deviation from a straight line {:.1} points RMS, {:.1} points at most",
             selection.name,
-            100.0 * attacks[0].rate(),
-            100.0 * attacks[attacks.len() - 1].rate(),
+            rate.name(),
+            100.0 * attacks[0].rate(rate),
+            100.0 * attacks[attacks.len() - 1].rate(rate),
             100.0 * linearity.rms,
             100.0 * linearity.worst,
         ));
-        if attacks[attacks.len() - 1].rate() <= attacks[0].rate() {
-            progress.say(
-                "warning: the attack rate does not rise between aggression 0 and 1, so the dial has no effect",
-            );
+        if attacks[attacks.len() - 1].rate(rate) <= attacks[0].rate(rate) {
+            progress
+                .say("warning: the rate does not rise between aggression 0 and 1, so the dial has no effect");
         }
         let fitted = FittedDial {
             mu,
             experts: hashes(&experts)?,
             merger: args.merging.merger.to_string(),
             objective: Some(selection.objective.spec().clone()),
-            attack: attacks.iter().map(|a| (a.rate() * 1e4).round() / 1e4).collect(),
+            rate,
+            rates: attacks.iter().map(|a| (a.rate(rate) * 1e4).round() / 1e4).collect(),
             data: scenes.describe(),
             command: output::command(),
         };

@@ -7,6 +7,7 @@ use anyhow::{Context as _, Result, bail, ensure};
 use rayon::prelude::*;
 use sage_backbones::{
     Backbone,
+    features::EdgeKinds,
     parameters::Header,
     training::{
         CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, SceneData,
@@ -22,12 +23,15 @@ use serde_json::{Map, Value, json};
 use crate::{
     Outcome, Registries,
     cli::FinetuneArgs,
-    input, networks,
+    input,
+    networks::{self, Loaded},
     output::{self, Run, State},
     progress,
     scenes::{self, Scenes},
 };
 
+/// Option of networks whose features hold edges.
+const EDGES: &str = "edges";
 /// Maximum number of prepared scenes in memory, about 12 GB.
 const MOST_PREPARED: usize = 8192;
 
@@ -103,6 +107,22 @@ fn read_config(path: &Path) -> Result<Map<String, Value>> {
     Ok(config)
 }
 
+/// The prior with the requested edges in its features. A network without this option keeps its features,
+/// unless edges were requested.
+fn with_edges(loaded: Loaded, args: &FinetuneArgs, registries: &Registries) -> Result<Loaded> {
+    let Loaded { network, mut header, name } = loaded;
+    let mut options = network.options().clone();
+    let Some(edges) = options.get_mut(EDGES) else {
+        ensure!(args.edges.is_none(), "the network `{}` has no option `edges`; omit --edges", network.name());
+        return Ok(Loaded { network, header, name });
+    };
+    *edges = serde_json::to_value(args.edges.map_or(EdgeKinds::All, EdgeKinds::from))?;
+    let changed = registries.backbones.build(network.name(), &options)?;
+    let network = changed.with_parameters(network.parameters().clone())?;
+    header.options = options;
+    Ok(Loaded { network, header, name })
+}
+
 pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let experts = experts(args, registries)?;
@@ -113,7 +133,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let mut results: Vec<String> =
         experts.iter().map(|expert| format!("{}.safetensors", expert.name)).collect();
     results.extend([PRIOR_FILE.to_owned(), "finetune.csv".to_owned()]);
-    let loaded = networks::load(&registries.backbones, &args.prior)?;
+    let loaded = with_edges(networks::load(&registries.backbones, &args.prior)?, args, registries)?;
     networks::announce(&loaded);
     let prior = &*loaded.network;
     let train = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.read_all()?;
@@ -127,7 +147,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         .map(|expert| Ok((expert.name.clone(), serde_json::to_value(&expert.options)?)))
         .collect::<Result<_>>()?;
     let identity = json!({
-        "data": &data, "prior": prior.parameters().hash()?, "seed": args.seed, "roles": args.roles,
+        "data": &data, "prior": prior.parameters().hash()?, "network": prior.options(), "seed": args.seed, "roles": args.roles,
         "options": options, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
     // A dial of other experts must not be used for these.
@@ -165,7 +185,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     ));
     let count = plain.len();
     let all: Vec<PreparedScene> = plain.into_iter().chain(both).collect();
-    let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_reward,expected_penalty,seconds\n".to_owned();
+    let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_believable,expected_reward,expected_penalty,seconds\n".to_owned();
     let mut reports = Vec::new();
     for Expert { name, options, objective } in &experts {
         let train = if options.mirror { &all[..] } else { &all[..count] };
@@ -193,12 +213,14 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {
             if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
                 progress::say(&format!(
-                    "{name} on {set} ({} role assignments), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
+                    "{name} on {set} ({} role assignments), prior → expert: feasible {:.2} → {:.2}, feasible hits {:.3} → {:.3}, believable {:.3} → {:.3}, R_adv {:.2} → {:.2}, P_real {:.2} → {:.2}",
                     scenes.len(),
                     before.feasible,
                     after.feasible,
                     before.attack,
                     after.attack,
+                    before.believable,
+                    after.believable,
                     before.reward,
                     after.reward,
                     before.penalty,
@@ -259,7 +281,7 @@ fn epoch_message(name: &str, r: &FinetuneRow) -> String {
 
 fn csv(name: &str, r: &FinetuneRow) -> String {
     format!(
-        "{name},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.2}\n",
+        "{name},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.2}\n",
         r.epoch,
         r.loss,
         r.margin,
@@ -272,6 +294,7 @@ fn csv(name: &str, r: &FinetuneRow) -> String {
         r.without_pairs,
         r.expected_feasible,
         r.expected_attack,
+        r.expected_believable,
         r.expected_reward,
         r.expected_penalty,
         r.seconds

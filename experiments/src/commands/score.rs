@@ -82,7 +82,7 @@ impl<W: Write> Table<'_, W> {
                 "line",
                 "crash",
                 "feasible",
-                "strict",
+                "drivable",
                 "TTC",
                 "PET",
                 "decel",
@@ -102,9 +102,9 @@ impl<W: Write> Table<'_, W> {
         let number = |x: Option<f64>, digits: usize| x.map_or("-".to_owned(), |x| format!("{x:.digits$}"));
         let yes = |x: bool| if x { "yes" } else { "no" };
         let violations: Vec<String> = s
-            .violations_strict
+            .violations_drivable
             .iter()
-            .chain(s.violations.iter().filter(|r| !s.violations_strict.contains(r)))
+            .chain(s.violations.iter().filter(|r| !s.violations_drivable.contains(r)))
             .chain(s.rules.values().flatten())
             .map(|v| format!("{} {} at step {}", v.words(), v.with.escape_debug(), v.step))
             .collect();
@@ -127,7 +127,7 @@ impl<W: Write> Table<'_, W> {
             s.cross_line,
             s.crash_object,
             yes(s.feasible),
-            yes(s.feasible_strict),
+            yes(s.feasible_drivable),
             number(s.criticality.time_to_collision, 2),
             number(s.criticality.post_encroachment_time, 1),
             number(s.criticality.required_deceleration, 1),

@@ -16,7 +16,7 @@ use sage_core::{
     scene::{MapKind, Scene, Track, TrackKind},
 };
 
-use super::{AgentForecasts, EdgeGrid, Features, Frame, Layout, Table};
+use super::{AgentForecasts, EdgeGrid, EdgeKinds, Features, Frame, Layout, Table};
 use crate::{Error, nn::Groups};
 
 /// Numbers per row.
@@ -69,6 +69,7 @@ pub fn features(scene: &Scene, target: usize) -> Result<Features, Error> {
         half: [0.0; 2],
         agent_forecasts: AgentForecasts::default(),
         edges: Arc::new(EdgeGrid::empty()),
+        edge_kinds: EdgeKinds::default(),
         has_lanes: true,
         label: None,
     })

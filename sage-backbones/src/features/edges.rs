@@ -1,11 +1,33 @@
-//! Coarse grid of the road boundaries around a target, for a fast contact test of thousands of trajectories.
+//! Coarse grid of the edges around a target, for a fast contact test of thousands of trajectories.
 
 use sage_core::{
-    geometry::{Aabb, Point},
+    geometry::{Aabb, Point, SegmentIndex},
     scene::SceneIndex,
 };
+use serde::{Deserialize, Serialize};
 
 use super::Frame;
+
+/// Map features that bound the road in the features of a network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EdgeKinds {
+    /// Road boundaries, as in the paper's feasibility rule.
+    #[default]
+    Boundaries,
+    /// Road boundaries and medians.
+    All,
+}
+
+impl EdgeKinds {
+    /// The edges of a map.
+    pub fn of(self, index: &SceneIndex) -> &SegmentIndex {
+        match self {
+            Self::Boundaries => index.boundaries(),
+            Self::All => index.edges(),
+        }
+    }
+}
 
 /// Width of a cell, metres.
 const CELL: f32 = 0.5;
@@ -19,17 +41,17 @@ const COARSE: f32 = 2.0;
 /// Coarse cells per side.
 const COARSE_CELLS: usize = (2.0 * REACH / COARSE) as usize;
 
-/// Grid with one bit per cell: whether a road boundary passes through the cell.
+/// Grid with one bit per cell: whether an edge passes through the cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EdgeGrid {
     bits: Vec<u64>,
-    /// For each coarse cell, whether a boundary passes within `ring` coarse cells, along and across.
+    /// For each coarse cell, whether an edge passes within `ring` coarse cells, along and across.
     near: Vec<bool>,
     ring: usize,
 }
 
 impl EdgeGrid {
-    /// A grid without any boundary.
+    /// A grid without any edge.
     pub fn empty() -> Self {
         Self { bits: Vec::new(), near: Vec::new(), ring: 0 }
     }
@@ -39,14 +61,13 @@ impl EdgeGrid {
         Self { bits: vec![0; CELLS * CELLS / 64], near: vec![false; COARSE_CELLS * COARSE_CELLS], ring }
     }
 
-    /// The boundaries around a frame, for boxes whose corners are `box_reach` metres from their centre.
-    pub(super) fn around(index: &SceneIndex, frame: &Frame, box_reach: f32) -> Self {
+    /// The edges around a frame, for boxes whose corners are `box_reach` metres from their centre.
+    pub(super) fn around(edges: &SegmentIndex, frame: &Frame, box_reach: f32) -> Self {
         let mut grid = Self::blank(((box_reach / COARSE) as usize).min(COARSE_CELLS) + 1);
-        let boundaries = index.boundaries();
         // The rotated square lies within its circumscribed circle.
         let reach = Aabb::around(frame.origin(), f64::from(REACH) * std::f64::consts::SQRT_2);
-        for run in boundaries.near(&reach) {
-            for segment in &boundaries.segments()[run] {
+        for run in edges.near(&reach) {
+            for segment in &edges.segments()[run] {
                 grid.mark(frame.to_local(segment.a), frame.to_local(segment.b));
             }
         }
@@ -90,7 +111,7 @@ impl EdgeGrid {
         }
     }
 
-    /// Whether a boundary may lie under a box with this centre.
+    /// Whether an edge may lie under a box with this centre.
     #[inline]
     pub fn is_near(&self, x: f32, y: f32) -> bool {
         let [i, j] = [(x + REACH) / COARSE, (y + REACH) / COARSE];
@@ -100,7 +121,7 @@ impl EdgeGrid {
         self.near.get(cell).is_some_and(|near| *near)
     }
 
-    /// Whether a boundary passes through the cell of a position.
+    /// Whether an edge passes through the cell of a position.
     #[inline]
     pub fn holds(&self, x: f32, y: f32) -> bool {
         cell(x, y)
@@ -139,7 +160,7 @@ mod tests {
         let points = vec![[-3e6, 5.2, 0.0], [3e6, 5.2, 0.0]];
         let feature = MapFeature { id: "e".into(), kind: MapKind::EdgeBoundary, points: 0..2, lane: None };
         let index = SceneIndex::new(Arc::new(Map { points, features: vec![feature] }));
-        let grid = EdgeGrid::around(&index, &Frame::new([0.0, 0.0], 0.0), 3.0);
+        let grid = EdgeGrid::around(EdgeKinds::All.of(&index), &Frame::new([0.0, 0.0], 0.0), 3.0);
         for x in [-100.0, 0.0, 77.3] {
             assert!(grid.holds(x, 5.3) && !grid.holds(x, 4.4) && !grid.holds(x, -5.3));
             assert!(grid.mirrored().holds(x, -5.3) && !grid.mirrored().holds(x, 5.3));

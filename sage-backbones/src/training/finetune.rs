@@ -147,6 +147,8 @@ pub struct FinetuneRow {
     pub expected_feasible: f64,
     /// Probability of a feasible trajectory that hits the ego, under the policy.
     pub expected_attack: f64,
+    /// Probability of a believable attack, under the policy.
+    pub expected_believable: f64,
     /// Mean adversarial reward (R_adv) under the policy.
     pub expected_reward: f64,
     /// Mean realism penalty (P_real) under the policy.
@@ -273,6 +275,7 @@ fn scene_gradient(
         without_pairs: f64::from(u8::from(pairs.is_empty())),
         expected_feasible: expected.feasible,
         expected_attack: expected.attack,
+        expected_believable: expected.believable,
         expected_reward: expected.reward,
         expected_penalty: expected.penalty,
         ..FinetuneRow::default()
@@ -315,7 +318,7 @@ fn schedule(step: u64, steps: u64, warm_up: u64) -> f64 {
     rise * (0.5 + 0.5 * (std::f64::consts::PI * step as f64 / steps.max(1) as f64).cos())
 }
 
-fn fields(row: &mut FinetuneRow) -> [&mut f64; 13] {
+fn fields(row: &mut FinetuneRow) -> [&mut f64; 14] {
     [
         &mut row.loss,
         &mut row.margin,
@@ -328,6 +331,7 @@ fn fields(row: &mut FinetuneRow) -> [&mut f64; 13] {
         &mut row.without_pairs,
         &mut row.expected_feasible,
         &mut row.expected_attack,
+        &mut row.expected_believable,
         &mut row.expected_reward,
         &mut row.expected_penalty,
     ]

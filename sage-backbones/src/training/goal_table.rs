@@ -1,7 +1,10 @@
 //! Terms of the experts' objectives, measured for every goal of a scene.
 
 use sage_core::{
-    objective::{Evaluation, Feasibility, Objective, ObjectiveSpec, PartSpec, Reward, Weight},
+    objective::{
+        Candidate, Context, Feasibility, Objective, ObjectiveSpec, PartSpec, Reward, Situation, Weight,
+        is_believable,
+    },
     registry::Registry,
 };
 use serde::{Deserialize, Serialize};
@@ -36,11 +39,6 @@ impl Measures {
             return Err(missing());
         };
         Ok(Self { union, reported })
-    }
-
-    /// The objective with all measured terms.
-    pub(super) fn objective(&self) -> &Objective {
-        &self.union
     }
 
     /// Refuses an objective that depends on μ, because an expert has no μ.
@@ -91,15 +89,22 @@ pub struct GoalTable {
     feasible: Vec<bool>,
     /// Whether the trajectory hits the ego.
     hits: Vec<bool>,
+    /// Whether it is a believable attack.
+    believable: Vec<bool>,
 }
 
 impl GoalTable {
-    pub(super) fn push(&mut self, evaluation: Evaluation, measures: &Measures) {
+    /// Adds the next goal's candidate.
+    pub(super) fn push(&mut self, candidate: &Candidate, ctx: &Context, measures: &Measures) {
+        let evaluation = measures.union.evaluate(candidate, ctx);
         let reported = measures.reported.map(|term| evaluation.terms[term].unwrap_or(0.0));
         self.reported.push(reported);
         self.cost.push(evaluation.cost());
         self.feasible.push(evaluation.is_feasible());
         self.hits.push(evaluation.contact.is_some());
+        let is_believable =
+            evaluation.contact.is_some() && is_believable(&Situation::new(candidate, ctx.ego(), ctx));
+        self.believable.push(is_believable);
         self.terms.push(evaluation.terms);
     }
 
@@ -127,6 +132,7 @@ impl GoalTable {
             let [reward, penalty] = self.reported[goal];
             sum.feasible += p * f64::from(u8::from(self.feasible[goal]));
             sum.attack += p * f64::from(u8::from(self.feasible[goal] && self.hits[goal]));
+            sum.believable += p * f64::from(u8::from(self.believable[goal]));
             sum.reward += p * reward;
             sum.penalty += p * penalty;
             sum.kl += p * (log_prob - reference[goal]);
@@ -142,6 +148,8 @@ pub struct Expectation {
     pub feasible: f64,
     /// Probability of a feasible trajectory that hits the ego.
     pub attack: f64,
+    /// Probability of a believable attack.
+    pub believable: f64,
     /// Mean adversarial reward (R_adv).
     pub reward: f64,
     /// Mean realism penalty (P_real).
@@ -158,6 +166,7 @@ impl Expectation {
         (!all.is_empty()).then(|| Self {
             feasible: mean(|e| e.feasible),
             attack: mean(|e| e.attack),
+            believable: mean(|e| e.believable),
             reward: mean(|e| e.reward),
             penalty: mean(|e| e.penalty),
             kl: mean(|e| e.kl),

@@ -72,7 +72,7 @@ impl PreparedScene {
         let mut table = GoalTable::default();
         for (trajectory, log_prob) in trajectories.into_iter().zip(&reference) {
             let candidate = ctx.candidate(trajectory).with_nll(Some(-log_prob));
-            table.push(measures.objective().evaluate(&candidate, &ctx), measures);
+            table.push(&candidate, &ctx, measures);
         }
         let name = if mirrored { format!("{} mirrored", data.name) } else { data.name.clone() };
         Ok(Some(Self { name, encoding, ends, table, reference }))

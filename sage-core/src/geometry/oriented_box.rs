@@ -108,6 +108,25 @@ impl OrientedBox {
         mine.chain(theirs).fold(f64::INFINITY, f64::min)
     }
 
+    /// Depth of the overlap, metres: the least distance that separates the boxes along one of their four
+    /// axes; 0 if they do not meet.
+    #[inline]
+    pub fn overlap_depth(&self, other: &Self) -> f64 {
+        let d = sub(other.center, self.center);
+        let reach = self.half_length + self.half_width + other.half_length + other.half_width;
+        if d[0].abs() > reach || d[1].abs() > reach {
+            return 0.0;
+        }
+        let c = dot(self.axis, other.axis).abs();
+        let s = cross(self.axis, other.axis).abs();
+        let least = |first: &Self, second: &Self| {
+            let along = first.half_length + second.half_length * c + second.half_width * s;
+            let across = first.half_width + second.half_length * s + second.half_width * c;
+            (along - dot(d, first.axis).abs()).min(across - cross(first.axis, d).abs())
+        };
+        least(self, other).min(least(other, self)).max(0.0)
+    }
+
     /// The box at the fraction `share` of the motion from `self` to `to`. The centre moves linearly; the
     /// heading takes the shorter rotation.
     pub fn between(&self, to: &Self, share: f64) -> Self {
@@ -182,6 +201,13 @@ mod tests {
             assert_eq!(meets, oracle, "case {case}: {a:?} {b:?}");
             let gap = query::distance(&pa, &ca, &pb, &cb).unwrap().distance;
             assert!((a.distance(&b) - gap).abs() < 1e-6, "case {case}: {} {gap}", a.distance(&b));
+            let contact = query::contact(&pa, &ca, &pb, &cb, 0.0).unwrap();
+            let depth = contact.map_or(0.0, |contact| (-contact.dist).max(0.0));
+            assert!(
+                (a.overlap_depth(&b) - depth).abs() < 1e-6,
+                "case {case}: {} {depth}",
+                a.overlap_depth(&b)
+            );
         }
         assert!((4_000..16_000).contains(&met), "{met} of 20000 meet: the cases are too one-sided");
     }

@@ -102,6 +102,11 @@ impl Candidate {
         self.mirrored.as_ref().unwrap_or(&self.boxes)
     }
 
+    /// Whether [`Candidate::map_boxes`] differ from [`Candidate::boxes`].
+    pub(super) fn is_mirrored(&self) -> bool {
+        self.mirrored.is_some()
+    }
+
     /// Velocity at a step, 1 to 80, by backward difference, m/s.
     pub fn velocity(&self, step: usize) -> Point {
         backward_velocity(self.trajectory.points(), self.start.position, step)

@@ -32,13 +32,22 @@ impl Encounter {
         adversary: &[OrientedBox],
         ego: impl ExactSizeIterator<Item = Option<&'b OrientedBox>>,
     ) -> Self {
+        Self::until(OrientedBox::intersects, adversary, ego)
+    }
+
+    /// As [`Encounter::follow`], up to the first step at which `is_contact` holds.
+    fn until<'b>(
+        is_contact: impl Fn(&OrientedBox, &OrientedBox) -> bool,
+        adversary: &[OrientedBox],
+        ego: impl ExactSizeIterator<Item = Option<&'b OrientedBox>>,
+    ) -> Self {
         let steps = adversary.len().min(ego.len());
         let mut least2 = f64::INFINITY;
         for (step, (a, e)) in adversary.iter().zip(ego).enumerate() {
             let Some(e) = e else { continue };
             let d = [a.center[0] - e.center[0], a.center[1] - e.center[1]];
             least2 = least2.min(d[0] * d[0] + d[1] * d[1]);
-            if a.intersects(e) {
+            if is_contact(a, e) {
                 return Self { contact: Some(step + 1), least_distance: least2.sqrt(), steps };
             }
         }
@@ -48,6 +57,16 @@ impl Encounter {
     /// The encounter of a candidate with an ego path.
     pub fn of(candidate: &Candidate, ego: &EgoPath) -> Self {
         Self::follow(candidate.boxes(), ego.boxes().iter().map(Option::as_ref))
+    }
+
+    /// This encounter with contact counted only from an overlap depth on, metres.
+    pub fn from_depth(self, candidate: &Candidate, ego: &EgoPath, min_depth: f64) -> Self {
+        // Without any contact there is no deep one either.
+        if self.contact.is_none() || min_depth <= 0.0 {
+            return self;
+        }
+        let is_deep = |a: &OrientedBox, e: &OrientedBox| a.overlap_depth(e) >= min_depth;
+        Self::until(is_deep, candidate.boxes(), ego.boxes().iter().map(Option::as_ref))
     }
 
     /// The adversarial reward of this encounter.

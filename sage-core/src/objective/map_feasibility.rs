@@ -2,7 +2,7 @@
 //!
 //! The rule of the paper and its code: frame by frame, in the plane. Every kind of road user counts, and
 //! only `ROAD_EDGE_BOUNDARY` bounds the road. The rule misses contacts between frames and a box wholly
-//! beyond an edge; [`super::StrictFeasibility`] covers both.
+//! beyond an edge; [`super::DrivableFeasibility`] covers both.
 //!
 //! Eight steps share one query of the tree, because most groups of steps are far from every edge and agent.
 
@@ -13,7 +13,11 @@ use super::{
     others::{CHUNK, OtherAgent},
     violation::{AGENT, AGENT_COST, EDGE_COST, MEDIAN, ROAD_EDGE},
 };
-use crate::{geometry::SegmentIndex, motion::HORIZON, registry::Entry, scene::SceneIndex};
+use crate::{
+    geometry::{Aabb, OrientedBox, SegmentIndex},
+    motion::HORIZON,
+    registry::Entry,
+};
 
 /// First contact with a map feature.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,14 +63,37 @@ impl Violations {
     }
 }
 
-/// Whether a candidate touches a road boundary. It is cheaper than [`Violations::of`].
-pub fn touches_boundary(candidate: &Candidate, index: &SceneIndex) -> bool {
-    first_edge_contact(candidate, index.boundaries()).is_some()
+/// Whether a candidate touches an edge: a boundary ([`crate::scene::SceneIndex::boundaries`]), or also a
+/// median ([`crate::scene::SceneIndex::edges`]). It is cheaper than [`Violations::of`].
+pub fn touches_edge(candidate: &Candidate, edges: &SegmentIndex) -> bool {
+    first_edge_contact(candidate, edges).is_some()
 }
 
 /// First step at which a map box touches a segment.
-pub(super) fn first_edge_contact(candidate: &Candidate, edges: &SegmentIndex) -> Option<EdgeContact> {
-    for (chunk, bounds) in candidate.chunks().iter().enumerate() {
+fn first_edge_contact(candidate: &Candidate, edges: &SegmentIndex) -> Option<EdgeContact> {
+    first_contact(candidate.map_boxes(), candidate.chunks(), edges)
+}
+
+/// First step at which a true box touches a segment, in every convention.
+pub(super) fn touches_truly(candidate: &Candidate, edges: &SegmentIndex) -> Option<EdgeContact> {
+    let boxes = candidate.boxes();
+    if !candidate.is_mirrored() {
+        return first_contact(boxes, candidate.chunks(), edges);
+    }
+    let mut chunks = [Aabb::EMPTY; HORIZON / CHUNK];
+    for (step, b) in boxes.iter().enumerate() {
+        chunks[step / CHUNK] = chunks[step / CHUNK].union(&b.aabb());
+    }
+    first_contact(boxes, &chunks, edges)
+}
+
+/// First step at which a box touches a segment, with the bounds of each group of boxes.
+fn first_contact(
+    boxes: &[OrientedBox],
+    chunks: &[Aabb; HORIZON / CHUNK],
+    edges: &SegmentIndex,
+) -> Option<EdgeContact> {
+    for (chunk, bounds) in chunks.iter().enumerate() {
         let near: Vec<_> = edges
             .near(bounds)
             .flat_map(|run| &edges.segments()[run])
@@ -76,7 +103,7 @@ pub(super) fn first_edge_contact(candidate: &Candidate, edges: &SegmentIndex) ->
             continue;
         }
         let first = chunk * CHUNK;
-        for (step, b) in candidate.map_boxes()[first..first + CHUNK].iter().enumerate() {
+        for (step, b) in boxes[first..first + CHUNK].iter().enumerate() {
             if let Some(touched) = near.iter().find(|s| b.intersects_segment(s.a, s.b)) {
                 return Some(EdgeContact { step: first + step + 1, feature: touched.feature as usize });
             }

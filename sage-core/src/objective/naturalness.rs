@@ -7,14 +7,11 @@ use std::f64::consts::PI;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Candidate, Context, Reward, Situation};
-use crate::{
-    geometry::{Nearest, Point, Segment, wrap_angle},
-    registry::{Entry, NoOptions},
-};
+use super::{Candidate, Context};
+use crate::geometry::{Nearest, Point, Segment, wrap_angle};
 
 /// Search radius for lanes, metres; distances are capped at it.
-const FARTHEST: f64 = 20.0;
+pub(super) const FARTHEST: f64 = 20.0;
 /// Speed below which a heading is undefined, m/s.
 const MOVING: f64 = 0.5;
 /// A frame is against the lane if the headings differ by more than this, radians …
@@ -59,10 +56,8 @@ impl Naturalness {
                 let limit = lane.and_then(|lane| lane.speed_limit).filter(|limit| *limit > 0.0);
                 speeding += usize::from(limit.is_some_and(|limit| speed > TOLERANCE * limit));
             }
-            if along.is_none_or(|n| n.distance > BESIDE) && speed > MOVING {
-                let any = lanes.nearest(point, FARTHEST, |_| true);
-                let opposed = any.is_some_and(|n| turn(&lanes.segments()[n.segment], axis).abs() > AGAINST);
-                against += usize::from(opposed);
+            if along.is_none_or(|n| n.distance > BESIDE) {
+                against += usize::from(is_against_nearest(ctx, point, axis, speed));
             }
         }
         let steps = points.len() as f64;
@@ -75,54 +70,36 @@ impl Naturalness {
     }
 }
 
-/// Mean distance to the nearest lane in the direction of motion at every fourth step, metres: cheap enough
-/// for a selection among many candidates.
-pub fn coarse_lane_distance(candidate: &Candidate, ctx: &Context) -> f64 {
-    let points = candidate.trajectory().points();
-    let distance = |step: usize| {
-        nearest_along(ctx, points[step], candidate.profile().axis[step]).map_or(FARTHEST, |n| n.distance)
-    };
-    let steps = (3..points.len()).step_by(4);
-    let count = steps.clone().count();
-    steps.map(distance).sum::<f64>() / count as f64
+/// Whether a car at `point` moves against the traffic along `axis` with a speed in m/s: more than 120° off the
+/// nearest motor lane, without a lane in the direction of motion within 2 m.
+pub(super) fn is_against_traffic(ctx: &Context, point: Point, axis: Point, speed: f64) -> bool {
+    let lanes = ctx.index().motor_lanes();
+    speed > MOVING
+        && lanes.nearest(point, BESIDE, is_along(axis)).is_none()
+        && is_against_nearest(ctx, point, axis, speed)
 }
 
-/// Lane distance as a reward.
-pub struct LaneDistance;
-
-impl Entry<dyn Reward> for LaneDistance {
-    const NAME: &'static str = "lane-distance";
-    const SUMMARY: &'static str =
-        "mean distance to the nearest lane in the direction of motion, metres, at most 20";
-    const SOURCE: &'static str = "this project";
-    type Options = NoOptions;
-
-    fn build(_: NoOptions) -> Result<Box<dyn Reward>, String> {
-        Ok(Box::new(Self))
-    }
+fn is_against_nearest(ctx: &Context, point: Point, axis: Point, speed: f64) -> bool {
+    let lanes = ctx.index().motor_lanes();
+    let opposed = |nearest: Nearest| turn(&lanes.segments()[nearest.segment], axis).abs() > AGAINST;
+    speed > MOVING && lanes.nearest(point, FARTHEST, |_| true).is_some_and(opposed)
 }
 
-impl Reward for LaneDistance {
-    fn score(&self, situation: &Situation) -> Option<f64> {
-        Some(coarse_lane_distance(situation.candidate, situation.ctx))
-    }
-
-    fn depends_on_ego(&self) -> bool {
-        false
-    }
-
-    fn slow_range(&self) -> Option<[f64; 2]> {
-        Some([0.0, FARTHEST])
-    }
+/// Distance of a point to the nearest lane in the direction of motion, metres, at most [`FARTHEST`].
+pub(super) fn lane_distance_at(ctx: &Context, point: Point, axis: Point) -> f64 {
+    nearest_along(ctx, point, axis).map_or(FARTHEST, |nearest| nearest.distance)
 }
 
 fn nearest_along(ctx: &Context, point: Point, axis: Point) -> Option<Nearest> {
-    // Within a quarter turn, without computing an angle for every tested segment.
-    let along = |segment: &Segment| {
+    ctx.index().motor_lanes().nearest(point, FARTHEST, is_along(axis))
+}
+
+/// Whether a segment's direction is within a quarter turn of an axis, without computing an angle.
+fn is_along(axis: Point) -> impl Fn(&Segment) -> bool {
+    move |segment| {
         let [dx, dy] = [segment.b[0] - segment.a[0], segment.b[1] - segment.a[1]];
         (dx != 0.0 || dy != 0.0) && dx * axis[0] + dy * axis[1] >= 0.0
-    };
-    ctx.index().motor_lanes().nearest(point, FARTHEST, along)
+    }
 }
 
 /// Angle from a segment's direction to an axis, radians. A segment without length counts as opposed.

@@ -25,6 +25,8 @@ pub struct OtherAgent {
     /// Bounds of the map boxes.
     bounds: Aabb,
     chunks: [Aabb; HORIZON / CHUNK],
+    /// Bounds of the true boxes of each group, with the step before it.
+    swept_chunks: [Aabb; HORIZON / CHUNK],
 }
 
 impl OtherAgent {
@@ -42,6 +44,11 @@ impl OtherAgent {
                 *chunk = chunk.union(&agent.aabb());
             }
         }
+        let mut swept_chunks = [Aabb::EMPTY; HORIZON / CHUNK];
+        for (chunk, bounds) in swept_chunks.iter_mut().enumerate() {
+            let swept = boxes[chunk * CHUNK..=(chunk + 1) * CHUNK].iter().flatten();
+            *bounds = swept.fold(Aabb::EMPTY, |all, b| all.union(&b.aabb()));
+        }
         let is_vehicle = track.kind == TrackKind::Vehicle;
         let first = frames.clone().find(|&f| track.is_valid(f));
         let stays = first.is_some_and(|first| {
@@ -57,6 +64,7 @@ impl OtherAgent {
             boxes,
             mirrored,
             chunks,
+            swept_chunks,
         }
     }
 
@@ -73,9 +81,10 @@ impl OtherAgent {
         self.mirrored.as_ref().unwrap_or(&self.boxes)[step].as_ref()
     }
 
-    /// Bounds of the boxes from *now* on, never mirrored.
-    pub(super) fn true_bounds(&self) -> Aabb {
-        self.boxes.iter().flatten().fold(Aabb::EMPTY, |all, b| all.union(&b.aabb()))
+    /// Bounds of the true boxes over each group of [`CHUNK`] steps, with the step before the group.
+    #[inline]
+    pub(super) fn swept_chunks(&self) -> &[Aabb; HORIZON / CHUNK] {
+        &self.swept_chunks
     }
 
     /// Bounds of the map boxes over steps 1 to 80.

@@ -6,9 +6,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::{
-    AdversarialReward, BehaviorPenalty, Candidate, Context, DistributionDistances, EgoPath, Feasibility,
-    KinematicPenalty, LoggedProfile, MapFeasibility, ObjectiveSpec, RealismPenalty, Reward, Situation,
-    StrictFeasibility, Violation, behavior_penalty,
+    AdversarialReward, BehaviorPenalty, Candidate, Context, DistributionDistances, DrivableFeasibility,
+    EgoPath, Feasibility, KinematicPenalty, LoggedProfile, MapFeasibility, ObjectiveSpec, RealismPenalty,
+    Reason, Reward, Situation, Violation, behavior_penalty,
+    believable::doubts,
     criticality::{Criticality, ImpactSpeed, RequiredDeceleration},
     kinematic_penalty,
     violation::{AGENT, ROAD_EDGE},
@@ -37,12 +38,17 @@ pub struct Scores {
     pub crash_object: f64,
     /// Whether there is neither.
     pub feasible: bool,
-    /// Whether the strict rule also holds.
-    pub feasible_strict: bool,
+    /// Whether the rule `drivable` also holds.
+    pub feasible_drivable: bool,
     /// Violations of the rule of `feasible`.
     pub violations: Vec<Violation>,
-    /// Violations of the rule of `feasible_strict`.
-    pub violations_strict: Vec<Violation>,
+    /// Violations of the rule of `feasible_drivable`.
+    pub violations_drivable: Vec<Violation>,
+    /// Whether a person would believe the attack; `None` without contact.
+    pub believable: Option<bool>,
+    /// Why not.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unbelievable: Vec<Reason>,
     /// Distances from the logged future.
     #[serde(flatten)]
     pub distances: DistributionDistances,
@@ -65,8 +71,8 @@ pub struct FurtherMeasures {
 }
 
 impl FurtherMeasures {
-    /// All registered parts except those with a field in [`Scores`]. A part that the selection names has
-    /// the selection's options, any other part its defaults.
+    /// All registered parts except those with a field in [`Scores`]. A part that the selection names
+    /// once has the selection's options, any other part its defaults.
     ///
     /// *Errors*: [`Error::Options`] for an entry that refuses its options.
     pub fn of(
@@ -85,7 +91,7 @@ impl FurtherMeasures {
             ImpactSpeed::NAME,
             RequiredDeceleration::NAME,
             <MapFeasibility as Entry<dyn Feasibility>>::NAME,
-            <StrictFeasibility as Entry<dyn Feasibility>>::NAME,
+            <DrivableFeasibility as Entry<dyn Feasibility>>::NAME,
         ];
         let mut rewards = all_but(rewards, &known, &given)?;
         // Only the proposer knows a trajectory's likelihood under the prior.
@@ -111,9 +117,13 @@ fn all_but<T: ?Sized>(
     given: &[(&String, &Map<String, Value>)],
 ) -> Result<Vec<(&'static str, Box<T>)>, Error> {
     let further = registry.entries().iter().filter(|entry| !known.contains(&entry.name));
-    let build = |name: &'static str| match given.iter().find(|(given, _)| *given == name) {
-        Some((_, options)) => registry.build(name, &Value::Object((*options).clone())),
-        None => registry.build_default(name),
+    let build = |name: &'static str| {
+        let mut options = given.iter().filter(|(given, _)| *given == name).map(|(_, options)| *options);
+        match (options.next(), options.next()) {
+            (Some(options), None) => registry.build(name, &Value::Object(options.clone())),
+            // One column cannot show several options.
+            _ => registry.build_default(name),
+        }
     };
     further.map(|entry| Ok((entry.name, build(entry.name)?))).collect()
 }
@@ -124,15 +134,15 @@ pub struct Scorer<'c> {
     ego: &'c EgoPath,
     logged: LoggedProfile,
     map: MapFeasibility,
-    strict: StrictFeasibility,
+    drivable: DrivableFeasibility,
     further: Option<&'c FurtherMeasures>,
 }
 
 impl<'c> Scorer<'c> {
     /// A scorer with the default rules.
     pub fn new(ctx: &'c Context) -> Self {
-        let (map, strict) = (MapFeasibility::default(), StrictFeasibility::default());
-        Self { ctx, ego: ctx.ego(), logged: LoggedProfile::of(ctx), map, strict, further: None }
+        let (map, drivable) = (MapFeasibility::default(), DrivableFeasibility::default());
+        Self { ctx, ego: ctx.ego(), logged: LoggedProfile::of(ctx), map, drivable, further: None }
     }
 
     /// A scorer with further measures.
@@ -145,7 +155,8 @@ impl<'c> Scorer<'c> {
         let ctx = self.ctx;
         let situation = Situation::new(candidate, self.ego, ctx);
         let violations = self.map.violations(candidate, ctx);
-        let violations_strict = self.strict.violations(candidate, ctx);
+        let violations_drivable = self.drivable.violations(candidate, ctx);
+        let doubts = doubts(&situation, &violations);
         let cost = |rule: &str| {
             violations.iter().filter(|v| v.rule == rule).map(|v| v.cost).fold(0.0, |sum, cost| sum + cost)
         };
@@ -160,13 +171,15 @@ impl<'c> Scorer<'c> {
             cross_line: cost(ROAD_EDGE),
             crash_object: cost(AGENT),
             feasible: violations.is_empty(),
-            feasible_strict: violations_strict.is_empty(),
+            feasible_drivable: violations_drivable.is_empty(),
+            believable: doubts.as_ref().map(Vec::is_empty),
+            unbelievable: doubts.unwrap_or_default(),
             distances: self.logged.distances(candidate, ctx.convention()),
             criticality: Criticality::of(&situation),
             rewards: rewards.map(|(name, reward)| ((*name).to_owned(), reward.score(&situation))).collect(),
             rules: rules.map(|(name, rule)| ((*name).to_owned(), rule.violations(candidate, ctx))).collect(),
             violations,
-            violations_strict,
+            violations_drivable,
         }
     }
 }

@@ -10,6 +10,7 @@ pub struct SceneIndex {
     map: Arc<Map>,
     boundaries: OnceLock<SegmentIndex>,
     medians: OnceLock<SegmentIndex>,
+    edges: OnceLock<SegmentIndex>,
     motor_lanes: OnceLock<SegmentIndex>,
     along: OnceLock<Vec<f64>>,
     height_span: OnceLock<f64>,
@@ -22,6 +23,7 @@ impl SceneIndex {
             map,
             boundaries: OnceLock::new(),
             medians: OnceLock::new(),
+            edges: OnceLock::new(),
             motor_lanes: OnceLock::new(),
             along: OnceLock::new(),
             height_span: OnceLock::new(),
@@ -41,6 +43,12 @@ impl SceneIndex {
     /// Medians (`ROAD_EDGE_MEDIAN`).
     pub fn medians(&self) -> &SegmentIndex {
         self.medians.get_or_init(|| self.build(|kind| *kind == MapKind::EdgeMedian))
+    }
+
+    /// Road boundaries and medians.
+    pub fn edges(&self) -> &SegmentIndex {
+        let is_edge = |kind: &MapKind| matches!(kind, MapKind::EdgeBoundary | MapKind::EdgeMedian);
+        self.edges.get_or_init(|| self.build(is_edge))
     }
 
     /// Centre lines of lanes for motor vehicles.
@@ -67,6 +75,7 @@ impl SceneIndex {
     /// Builds the structures that features and scoring use, so that time measurements exclude it.
     pub fn build_all(&self) {
         self.boundaries();
+        self.edges();
         self.motor_lanes();
         self.along();
     }

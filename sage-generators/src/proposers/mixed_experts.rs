@@ -171,7 +171,8 @@ impl Encoded {
         let retimed = self.apart(retimed);
         let retimed_trajectories =
             retimed.iter().map(|p| profiles[p.profile].whole(&trajectories[p.trajectory]));
-        let accepted = drivable(retimed_trajectories, options.candidates, &self.body, self.now.index())?;
+        let edges = encoding.features().edge_kinds.of(self.now.index());
+        let accepted = drivable(retimed_trajectories, options.candidates, &self.body, edges)?;
         let accepted_modes: Vec<usize> = accepted.iter().map(|(k, _)| retimed[*k].mode).collect();
         let nll = nll(&**prior, encoding, &accepted_modes, *with_nll)?;
         let proposal = |((k, trajectory), nll): ((usize, _), _)| Proposal {

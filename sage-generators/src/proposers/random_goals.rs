@@ -91,7 +91,8 @@ impl PreparedScene for Encoded {
                 let profile = &profiles[rng.below(profiles.len())];
                 profile.whole(&Extended::new(trajectory, origin))
             });
-            let accepted = drivable(retimed, *candidates, body, now.index())?;
+            let edges = encoding.features().edge_kinds.of(now.index());
+            let accepted = drivable(retimed, *candidates, body, edges)?;
             let modes: Vec<usize> = accepted.iter().map(|(k, _)| modes[*k]).collect();
             let nll = nll(&**prior, encoding, &modes, *with_nll)?;
             let proposal = |(((_, trajectory), mode), nll): (((usize, _), &usize), _)| Proposal {

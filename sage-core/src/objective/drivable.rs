@@ -1,0 +1,330 @@
+//! Feasibility on the drivable area: covers what the frame-by-frame rule misses.
+//!
+//! - Boxes are swept between frames, from the pose at *now* on, so that contacts between frames count.
+//! - Medians bound the road as its edges do.
+//! - The centre must stay on the road side. Waymo's boundaries have the road on their left, so a centre on
+//!   the right of the nearest boundary is off the road, unless it is so *now*. Only through a gap between
+//!   boundaries can a centre change sides without a contact. Its side is therefore tested again only after a
+//!   motion as long as the distance of the nearest boundary, and 0.8 s or 8 m after the last test.
+//! - A map without boundaries is bounded by its lanes: a centre more than [`DrivableOptions::lane_reach`]
+//!   from the centre line of every motor lane is off the road, unless it is so *now*.
+//! - Heights count: edges and road users more than [`DrivableOptions::height_gap`] above or below the
+//!   adversary are on another level. A candidate has no height; it follows the nearest lane of its own
+//!   level. Heights are computed only where the rule is violated in the plane.
+//!
+//! The first sweep ignores what the box already touches *now*: a car recorded over a kerb may leave it.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Candidate, Context, Feasibility, OtherAgent, Violation,
+    map_feasibility::{touching_agent, touching_feature},
+    others::CHUNK,
+    violation::{EDGE_COST, MEDIAN, OFF_ROAD, ROAD_EDGE},
+};
+use crate::{
+    geometry::{
+        Aabb, OrientedBox, Point, Segment, SegmentIndex, Side, SweptBox, boxes_meet_between, distance,
+    },
+    motion::{HORIZON, NOW},
+    registry::Entry,
+    scene::MapKind,
+};
+
+/// Largest distance of a boundary whose side is tested, metres.
+const SIDE_REACH: f64 = 15.0;
+/// Distance between two tests of the side within a group of steps, metres.
+const SIDE_STRIDE: f64 = 8.0;
+/// Largest distance of a lane whose height a candidate follows, metres.
+const HEIGHT_REACH: f64 = 8.0;
+/// Largest distance of the lane that a violation names, metres.
+const NAMED_REACH: f64 = 100.0;
+
+/// Options of [`DrivableFeasibility`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DrivableOptions {
+    /// Height difference above which two objects are on different levels, metres.
+    pub height_gap: f64,
+    /// Whether medians also bound the road.
+    pub medians: bool,
+    /// On maps without road boundaries: distance from the nearest motor lane at which the road ends,
+    /// metres.
+    pub lane_reach: f64,
+}
+
+impl Default for DrivableOptions {
+    fn default() -> Self {
+        Self { height_gap: 3.0, medians: true, lane_reach: 5.0 }
+    }
+}
+
+/// The rule `drivable`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct DrivableFeasibility(DrivableOptions);
+
+impl Entry<dyn Feasibility> for DrivableFeasibility {
+    const NAME: &'static str = "drivable";
+    const SUMMARY: &'static str =
+        "edges and medians, boxes swept between frames, centre on the road, levels distinguished by height";
+    const SOURCE: &'static str = "this project";
+    type Options = DrivableOptions;
+
+    fn build(options: DrivableOptions) -> Result<Box<dyn Feasibility>, String> {
+        for (name, value) in [("height_gap", options.height_gap), ("lane_reach", options.lane_reach)] {
+            if !(value > 0.0) {
+                return Err(format!("`{name}` is {value}; expected metres above 0"));
+            }
+        }
+        Ok(Box::new(Self(options)))
+    }
+}
+
+impl Feasibility for DrivableFeasibility {
+    fn violations(&self, candidate: &Candidate, ctx: &Context) -> Vec<Violation> {
+        let mut drive = Drive::new(self.0, candidate, ctx);
+        let in_the_plane = drive.violations();
+        // Heights can only remove violations.
+        if !in_the_plane.is_empty() && drive.find_heights() { drive.violations() } else { in_the_plane }
+    }
+}
+
+/// A candidate's motion over its map.
+struct Drive<'a> {
+    options: DrivableOptions,
+    candidate: &'a Candidate,
+    ctx: &'a Context,
+    /// Boxes of steps 0 (*now*) to 80.
+    boxes: Vec<OrientedBox>,
+    /// Bounds of the sweeps of each group of [`CHUNK`] steps.
+    chunks: [Aabb; HORIZON / CHUNK],
+    /// Height of the ground under each step; `None` if all is on one level.
+    heights: Option<Vec<f64>>,
+}
+
+impl<'a> Drive<'a> {
+    fn new(options: DrivableOptions, candidate: &'a Candidate, ctx: &'a Context) -> Self {
+        let boxes: Vec<OrientedBox> =
+            std::iter::once(candidate.box_now()).chain(candidate.boxes().iter().copied()).collect();
+        let mut chunks = [Aabb::EMPTY; HORIZON / CHUNK];
+        for (chunk, bounds) in chunks.iter_mut().enumerate() {
+            let swept = &boxes[chunk * CHUNK..=(chunk + 1) * CHUNK];
+            *bounds = swept.iter().fold(Aabb::EMPTY, |all, b| all.union(&b.aabb()));
+        }
+        Self { options, candidate, ctx, boxes, chunks, heights: None }
+    }
+
+    fn violations(&self) -> Vec<Violation> {
+        let (candidate, ctx) = (self.candidate, self.ctx);
+        let [boundary, median] = self.swept_edges();
+        let edge = |found: Option<(usize, u32)>, rule| {
+            found.map(|(step, feature)| touching_feature(candidate, ctx, rule, step, feature as usize))
+        };
+        let agent = self.swept_agent().map(|(step, track)| touching_agent(candidate, ctx, step, track));
+        let off_road = if ctx.index().boundaries().segments().is_empty() {
+            self.far_from_lanes()
+        } else {
+            edge(self.off_road(), OFF_ROAD)
+        };
+        [edge(boundary, ROAD_EDGE), edge(median, MEDIAN), agent, off_road].into_iter().flatten().collect()
+    }
+
+    /// Follows the height of the ground. `false` if the map is so level that heights do not matter.
+    fn find_heights(&mut self) -> bool {
+        let gap = self.options.height_gap;
+        let (ctx, track) = (self.ctx, self.ctx.adversary());
+        if ctx.index().height_span() <= gap || !track.is_valid(NOW) {
+            return false;
+        }
+        let lanes = ctx.index().motor_lanes();
+        let mut level = ground(track.position[NOW][2], track.size[NOW][2]);
+        let followed = self.boxes.iter().map(|b| {
+            let p = b.center;
+            let is_level = |lane: &Segment| (lane.height(lane.nearest_share(p)) - level).abs() <= gap;
+            if let Some(found) = lanes.nearest(p, HEIGHT_REACH, is_level) {
+                level = lanes.segments()[found.segment].height(found.share);
+            }
+            level
+        });
+        self.heights = Some(followed.collect());
+        true
+    }
+
+    fn same_level(&self, step: usize, other: f64) -> bool {
+        self.heights.as_ref().is_none_or(|all| (all[step] - other).abs() <= self.options.height_gap)
+    }
+
+    fn edges(&self) -> &'a SegmentIndex {
+        let index = self.ctx.index();
+        if self.options.medians { index.edges() } else { index.boundaries() }
+    }
+
+    fn is_median(&self, segment: &Segment) -> bool {
+        self.ctx.index().map().features[segment.feature as usize].kind == MapKind::EdgeMedian
+    }
+
+    /// First step, and feature, at which the sweep touches a boundary and a median of the same level.
+    fn swept_edges(&self) -> [Option<(usize, u32)>; 2] {
+        let edges = self.edges();
+        let mut first = [None, None];
+        let mut near: Vec<(&Segment, Aabb)> = Vec::new();
+        for (chunk, bounds) in self.chunks.iter().enumerate() {
+            near.clear();
+            let segments = edges.near(bounds).flat_map(|run| &edges.segments()[run]);
+            near.extend(segments.map(|s| (s, s.aabb())).filter(|(_, aabb)| aabb.meets(bounds)));
+            if near.is_empty() {
+                continue;
+            }
+            for step in chunk * CHUNK + 1..=(chunk + 1) * CHUNK {
+                let sweep = Sweep::between(&self.boxes[step - 1], &self.boxes[step]);
+                for (segment, aabb) in &near {
+                    if sweep.bounds.meets(aabb)
+                        && sweep.touches(segment)
+                        && !(step == 1 && self.boxes[0].intersects_segment(segment.a, segment.b))
+                        && self
+                            .same_level(step, segment.height(segment.nearest_share(self.boxes[step].center)))
+                    {
+                        first[usize::from(self.is_median(segment))].get_or_insert((step, segment.feature));
+                    }
+                }
+            }
+            if first.iter().all(Option::is_some) {
+                break;
+            }
+        }
+        first
+    }
+
+    /// First step, and track, at which the sweep touches another road user of the same level.
+    fn swept_agent(&self) -> Option<(usize, usize)> {
+        let mut first: Option<(usize, usize)> = None;
+        for other in self.ctx.others() {
+            // Only an earlier contact can replace the current one.
+            let end = first.map_or(HORIZON, |(step, _)| step - 1);
+            let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.swept_chunks()[k].meets(&self.chunks[k]));
+            let mut steps = near.flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end));
+            if let Some(step) = steps.find(|&step| self.meets(other, step)) {
+                first = Some((step, other.track));
+            }
+        }
+        first
+    }
+
+    /// Whether the sweep that ends at a step touches a road user of the same level.
+    fn meets(&self, other: &OtherAgent, step: usize) -> bool {
+        let Some(now) = other.at(step) else { return false };
+        let track = &self.ctx.scene().tracks[other.track];
+        let frame = NOW + step;
+        if !self.same_level(step, ground(track.position[frame][2], track.size[frame][2])) {
+            return false;
+        }
+        match other.at(step - 1) {
+            Some(before) if step > 1 || !before.intersects(&self.boxes[0]) => {
+                boxes_meet_between([&self.boxes[step - 1], &self.boxes[step]], [before, now])
+            }
+            _ => now.intersects(&self.boxes[step]),
+        }
+    }
+
+    /// First step, and boundary, at which the centre is found beyond the boundary.
+    fn off_road(&self) -> Option<(usize, u32)> {
+        let boundaries = self.ctx.index().boundaries();
+        let beyond = |step: usize, reach: f64| {
+            let p = self.boxes[step].center;
+            let level = |s: &Segment| self.same_level(step, s.height(s.nearest_share(p)));
+            let Some(nearest) = boundaries.nearest(p, reach, level) else { return (None, reach) };
+            let feature = boundaries.segments()[nearest.segment].feature;
+            let is_beyond = boundaries.side(p, &nearest) == Some(Side::Right);
+            (is_beyond.then_some(feature), nearest.distance)
+        };
+        self.first_outside(|step| beyond(step, SIDE_REACH))
+    }
+
+    /// The violation of being too far from every motor lane.
+    fn far_from_lanes(&self) -> Option<Violation> {
+        let (lanes, reach) = (self.ctx.index().motor_lanes(), self.options.lane_reach);
+        if lanes.segments().is_empty() {
+            return None;
+        }
+        let outside = |step: usize| {
+            let p = self.boxes[step].center;
+            let level = |s: &Segment| self.same_level(step, s.height(s.nearest_share(p)));
+            match lanes.nearest(p, reach, level) {
+                Some(near) => (None, reach - near.distance),
+                None => (Some(()), 0.0),
+            }
+        };
+        let (step, ()) = self.first_outside(outside)?;
+        let lane = lanes.nearest(self.boxes[step].center, NAMED_REACH, |_| true);
+        let feature = lane.map(|near| lanes.segments()[near.segment].feature as usize);
+        let id = feature.map_or("", |feature| &*self.ctx.index().map().features[feature].id);
+        Some(Violation::at(self.candidate, step, OFF_ROAD, EDGE_COST, id))
+    }
+
+    /// First step at which the centre is found outside the road. `test` gives what it is outside of, and a
+    /// distance within which this cannot change without a contact. `None` if it is outside *now*.
+    fn first_outside<T>(&self, test: impl Fn(usize) -> (Option<T>, f64)) -> Option<(usize, T)> {
+        let half_width = self.boxes[0].half_width;
+        let (outside, mut clear) = test(0);
+        if outside.is_some() {
+            return None;
+        }
+        let mut last = 0;
+        for step in 1..=HORIZON {
+            let moved = distance(self.boxes[last].center, self.boxes[step].center);
+            // A boundary nearer than half the width touches the box.
+            let may_have_changed = moved >= clear.max(half_width);
+            if !may_have_changed || (step - last < CHUNK && moved < SIDE_STRIDE) {
+                continue;
+            }
+            let (outside, distance) = test(step);
+            if outside.is_some() {
+                let earlier = (last + 1..step).find_map(|k| Some((k, test(k).0?)));
+                return earlier.or_else(|| outside.map(|outside| (step, outside)));
+            }
+            (last, clear) = (step, distance);
+        }
+        None
+    }
+}
+
+/// The area that a box covers between two frames, with cheap tests before the exact one.
+struct Sweep<'b> {
+    from: &'b OrientedBox,
+    to: &'b OrientedBox,
+    bounds: Aabb,
+    /// A box along `to` that holds both.
+    cover: OrientedBox,
+}
+
+impl<'b> Sweep<'b> {
+    fn between(from: &'b OrientedBox, to: &'b OrientedBox) -> Self {
+        let (mut low, mut high) = ([-to.half_length, -to.half_width], [to.half_length, to.half_width]);
+        for corner in from.corners() {
+            let local = to.to_local(corner);
+            for k in 0..2 {
+                low[k] = low[k].min(local[k]);
+                high[k] = high[k].max(local[k]);
+            }
+        }
+        let [c, s] = to.axis;
+        let [x, y] = [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
+        let center: Point = [to.center[0] + x * c - y * s, to.center[1] + x * s + y * c];
+        // Rounding must not make the cover smaller than the boxes.
+        let [half_length, half_width] = [0, 1].map(|k| 0.5 * (high[k] - low[k]) + 1e-9);
+        let cover = OrientedBox { center, axis: to.axis, half_length, half_width };
+        Self { from, to, bounds: from.aabb().union(&to.aabb()), cover }
+    }
+
+    fn touches(&self, segment: &Segment) -> bool {
+        let (a, b) = (segment.a, segment.b);
+        self.cover.intersects_segment(a, b)
+            && (self.to.intersects_segment(a, b)
+                || SweptBox::between(self.from, self.to).intersects_segment(a, b))
+    }
+}
+
+/// Height of the ground under a box whose centre is at height `z`.
+fn ground(z: f64, height: f64) -> f64 {
+    z - 0.5 * height
+}

@@ -34,7 +34,7 @@ pub use roles::attacks;
 const FRAMES: usize = NOW + 1 + HORIZON;
 /// Number of traffic steps before the recording starts.
 const WARM_UP: usize = 30;
-/// Largest number of draws per scene; one in three succeeds, of divided streets one in ten.
+/// Largest number of draws per scene; one in three succeeds, of divided streets one in fourteen.
 const DRAWS: u64 = 400;
 
 /// Kinds of scene.

@@ -1,13 +1,15 @@
 //! Procedural scenes: seeded, unlimited in number, and free of third-party licences.
 //!
-//! A scene is a road network of one of six kinds, traffic on it, and an ego and an adversary whose paths
+//! A scene is a road network of one of seven kinds, traffic on it, and an ego and an adversary whose paths
 //! conflict. Every scene passes the checks of recorded scenes. The logged futures of ego and adversary are
 //! feasible and free of contacts. Some change of the adversary's speed or lane gives a feasible collision.
 //! Scenes are drawn by rejection sampling: a network or traffic without these properties is drawn again,
 //! from the same seed.
 
 mod curve;
+mod divided;
 mod layouts;
+mod medians;
 mod network;
 mod roles;
 mod traffic;
@@ -17,7 +19,7 @@ use std::sync::Arc;
 use sage_core::{
     geometry::{Point, distance},
     motion::{DT, HORIZON, NOW, Pose},
-    scene::{AdversaryOrigin, LightState, MapKind, Scene, Track, TrackKind, TrafficLight},
+    scene::{AdversaryOrigin, LightState, MapKind, Scene, SceneIndex, Track, TrackKind, TrafficLight},
     seed::Rng,
 };
 
@@ -32,7 +34,7 @@ pub use roles::attacks;
 const FRAMES: usize = NOW + 1 + HORIZON;
 /// Number of traffic steps before the recording starts.
 const WARM_UP: usize = 30;
-/// Largest number of draws per scene; one in three succeeds.
+/// Largest number of draws per scene; one in three succeeds, of divided streets one in fourteen.
 const DRAWS: u64 = 400;
 
 /// Kinds of scene.
@@ -50,12 +52,21 @@ pub enum Kind {
     TJunction,
     /// A roundabout with one lane.
     Roundabout,
+    /// A street of two carriageways with a raised median, which has gaps at some junctions.
+    Divided,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 6] =
-        [Self::Straight, Self::Curve, Self::Merge, Self::FourWay, Self::TJunction, Self::Roundabout];
+    pub const ALL: [Self; 7] = [
+        Self::Straight,
+        Self::Curve,
+        Self::Merge,
+        Self::FourWay,
+        Self::TJunction,
+        Self::Roundabout,
+        Self::Divided,
+    ];
 
     /// Parses the name of a kind.
     pub fn from_name(name: &str) -> Option<Self> {
@@ -71,6 +82,7 @@ impl Kind {
             Self::FourWay => "four-way",
             Self::TJunction => "t-junction",
             Self::Roundabout => "roundabout",
+            Self::Divided => "divided",
         }
     }
 }
@@ -124,10 +136,11 @@ fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
         notes: Vec::new(),
     };
     as_recorded(&mut scene);
-    if roles::any_vehicles_touch(&scene) {
+    let index = SceneIndex::new(scene.map.clone());
+    if roles::any_vehicles_touch(&scene) || medians::any_vehicle_touches(&scene, &index) {
         return None;
     }
-    let is_usable = roles::assign(&mut scene, cars, origin.position) && warnings(&scene).is_empty();
+    let is_usable = roles::assign(&mut scene, &index, cars, origin.position) && warnings(&scene).is_empty();
     is_usable.then_some(scene)
 }
 

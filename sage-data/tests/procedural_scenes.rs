@@ -8,10 +8,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use sage_core::{
-    geometry::{distance, wrap_angle},
+    geometry::{Point, cross, distance, sub, wrap_angle},
     motion::{NOW, Trajectory},
     objective::{Context, ContextOptions, Scorer},
-    scene::{Scene, SceneIndex, TrackKind},
+    scene::{MapKind, Scene, SceneIndex, TrackKind},
     statistics::{mean, median, quantile},
 };
 use sage_data::{
@@ -108,6 +108,128 @@ fn a_scene_depends_only_on_kind_seed_and_number() {
     assert_eq!(here, there);
     assert_ne!(here.content_hash(), make(Kind::FourWay, 3, 6).content_hash());
     assert_ne!(here.content_hash(), make(Kind::FourWay, 4, 5).content_hash());
+}
+
+/// Divided streets for the tests.
+fn divided_scenes(count: u64) -> impl Iterator<Item = Scene> {
+    (0..count).map(|number| procedural::generate(Kind::Divided, 11, number).unwrap())
+}
+
+fn flat(points: &[[f64; 3]]) -> Vec<Point> {
+    points.iter().map(|p| [p[0], p[1]]).collect()
+}
+
+/// Lines of a scene's map of some kinds.
+fn lines(scene: &Scene, of: fn(&MapKind) -> bool) -> Vec<Vec<Point>> {
+    scene.map.polylines(of).map(|(_, points)| flat(points)).collect()
+}
+
+fn medians(scene: &Scene) -> Vec<Vec<Point>> {
+    lines(scene, |kind| *kind == MapKind::EdgeMedian)
+}
+
+fn distance_to_segment(p: Point, [a, b]: [Point; 2]) -> f64 {
+    let (d, to) = (sub(b, a), sub(p, a));
+    let share = (d[0] * to[0] + d[1] * to[1]) / (d[0] * d[0] + d[1] * d[1]).max(1e-12);
+    let share = share.clamp(0.0, 1.0);
+    distance(p, [a[0] + share * d[0], a[1] + share * d[1]])
+}
+
+fn distance_to_lines(p: Point, lines: &[Vec<Point>]) -> f64 {
+    let segments = lines.iter().flat_map(|line| line.windows(2));
+    segments.map(|s| distance_to_segment(p, [s[0], s[1]])).fold(f64::INFINITY, f64::min)
+}
+
+#[test]
+fn no_vehicle_of_a_divided_street_touches_a_median_and_no_lane_an_edge() {
+    for scene in divided_scenes(30) {
+        let medians = medians(&scene);
+        let segments: Vec<[Point; 2]> =
+            medians.iter().flat_map(|line| line.windows(2)).map(|s| [s[0], s[1]]).collect();
+        for track in scene.tracks.iter().filter(|t| t.kind == TrackKind::Vehicle) {
+            for frame in (0..scene.frames).filter(|f| track.is_valid(*f)) {
+                let b = track.oriented_box(frame);
+                let touched = segments.iter().any(|[a, c]| b.intersects_segment(*a, *c));
+                assert!(!touched, "{}: track {} at frame {frame}", scene.id, track.id);
+            }
+        }
+        // An edge that a lane crosses would also show streets that overlap.
+        let edges = lines(&scene, MapKind::is_edge);
+        for p in lines(&scene, MapKind::is_lane).iter().flat_map(|line| line.iter().step_by(3)) {
+            let room = distance_to_lines(*p, &edges);
+            assert!(room > 1.3, "{}: a lane is {room} m from an edge", scene.id);
+        }
+    }
+}
+
+#[test]
+fn a_median_separates_ego_and_adversary_and_some_simple_attack_avoids_it() {
+    for scene in divided_scenes(60).map(Arc::new) {
+        let medians = medians(&scene);
+        let (ego, adversary) = (scene.ego(), scene.adversary().unwrap());
+        let [a, b] = [ego, adversary].map(|track| track.point(NOW));
+        let sides = |p: Point, q: Point, c: Point, d: Point| {
+            cross(sub(q, p), sub(c, p)) * cross(sub(q, p), sub(d, p)) < 0.0
+        };
+        let crosses = |s: &[Point]| sides(a, b, s[0], s[1]) && sides(s[0], s[1], a, b);
+        assert!(medians.iter().flat_map(|line| line.windows(2)).any(crosses), "{}", scene.id);
+        let future = || [ego, adversary].into_iter().flat_map(|t| (NOW..=NOW + 80).map(|f| t.point(f)));
+        let nearest = future().map(|p| distance_to_lines(p, &medians)).fold(f64::INFINITY, f64::min);
+        assert!(nearest <= 10.0, "{}: {nearest} m", scene.id);
+        let index = SceneIndex::new(scene.map.clone());
+        let ctx = Context::new(&scene, &index, &ContextOptions::default()).unwrap();
+        let scorer = Scorer::new(&ctx);
+        let avoids = |trajectory| {
+            let candidate = ctx.candidate(trajectory);
+            let scores = scorer.scores(&candidate);
+            let mut segments = medians.iter().flat_map(|line| line.windows(2));
+            let touches = |s: &[Point]| candidate.boxes().iter().any(|b| b.intersects_segment(s[0], s[1]));
+            scores.collision && scores.feasible && !segments.any(touches)
+        };
+        assert!(procedural::attacks(&scene).into_iter().any(|(_, t)| avoids(t)), "{}", scene.id);
+    }
+}
+
+#[test]
+fn a_divided_street_has_left_turns_at_gaps_and_only_right_turns_elsewhere() {
+    let mut widths = Vec::new();
+    let mut are_curved = [0, 0];
+    for scene in divided_scenes(30) {
+        let map = &scene.map;
+        let course = |p: [f64; 3], q: [f64; 3]| (q[1] - p[1]).atan2(q[0] - p[0]);
+        let turn = |k: usize| {
+            let p = map.points_of(&map.features[k]);
+            wrap_angle(course(p[p.len() - 2], p[p.len() - 1]) - course(p[0], p[1]))
+        };
+        let exits: Vec<&[usize]> =
+            map.features.iter().filter_map(|f| f.lane.as_ref()).map(|lane| lane.exits.as_slice()).collect();
+        // A side street's curve is below 0.9, a turn at a junction near a right angle.
+        let (left, right) = (|k: &usize| turn(*k) > 1.2, |k: &usize| turn(*k) < -1.2);
+        assert!(exits.iter().any(|e| e.iter().any(left)), "{}: no left turn", scene.id);
+        let right_only = exits.iter().filter(|e| e.len() == 1 && e.iter().all(right)).count();
+        assert!((1..=2).contains(&right_only), "{}: {right_only} streets", scene.id);
+        let medians = medians(&scene);
+        let lanes = lines(&scene, MapKind::is_lane);
+        assert_eq!(medians.len(), 4 - right_only, "{}: a median before, between and after gaps", scene.id);
+        for line in &medians {
+            for s in line.windows(2).step_by(10) {
+                let near = |p: &&Point| distance_to_segment(**p, [s[0], s[1]]);
+                let lane = lanes.iter().flatten().min_by(|p, q| near(p).total_cmp(&near(q))).unwrap();
+                assert!(cross(sub(s[1], s[0]), sub(*lane, s[0])) > 0.0, "{}: road on the right", scene.id);
+            }
+        }
+        // The first median is open where the map ends.
+        let [.., last] = medians[0][..] else { panic!("an empty median") };
+        widths.push(distance(medians[0][0], last));
+        let (start, end) = (&medians[0], &medians[medians.len() - 1]);
+        let along =
+            |line: &[Point], k: usize| (line[k + 1][1] - line[k][1]).atan2(line[k + 1][0] - line[k][0]);
+        let turned = wrap_angle(along(start, 0) - along(end, end.len() - 2)).abs();
+        are_curved[usize::from(turned > 0.1)] += 1;
+    }
+    assert!(widths.iter().all(|w| (1.0..6.0).contains(w)), "{widths:?}");
+    assert!(quantile(&widths, 0.9).unwrap() - quantile(&widths, 0.1).unwrap() > 2.0, "{widths:?}");
+    assert!(are_curved[0] > 5 && are_curved[1] > 5, "{are_curved:?}");
 }
 
 /// Agents, lanes, map points, lane curvature (1/m), speed of moving vehicles (m/s).

@@ -1,17 +1,18 @@
-//! Networks of the six kinds of scene.
+//! Networks of the kinds of scene; that of `divided` is in its own file.
 
 use sage_core::{geometry::Point, motion::Pose, seed::Rng};
 
 use super::{
     Kind,
     curve::{arc, beside, bezier, end_pose, resampled},
+    divided::divided,
     network::{Arm, LANE, Network, Section, circle_clockwise},
 };
 
 /// Margin for the rounded corners of a junction, metres.
-const CORNER: f64 = 7.0;
+pub(super) const CORNER: f64 = 7.0;
 /// A quarter turn.
-const RIGHT: f64 = std::f64::consts::FRAC_PI_2;
+pub(super) const RIGHT: f64 = std::f64::consts::FRAC_PI_2;
 
 /// The network of a kind.
 pub(super) fn build(kind: Kind, rng: &mut Rng) -> Network {
@@ -27,28 +28,35 @@ pub(super) fn build(kind: Kind, rng: &mut Rng) -> Network {
         Kind::FourWay => crossing(&mut net, rng, 4),
         Kind::TJunction => crossing(&mut net, rng, 3),
         Kind::Roundabout => roundabout(&mut net, rng),
+        Kind::Divided => divided(&mut net, rng),
     }
     net
 }
 
 /// An urban street.
 fn street(rng: &mut Rng, lanes: usize, limit: f64) -> Section {
-    Section { along: lanes, against: lanes, bikes: rng.below(4) == 0, limit }
+    Section { along: lanes, against: lanes, bikes: rng.below(4) == 0, median: 0.0, limit }
 }
 
 /// A road from a pose; returns its ends and its far end pose.
-fn road(net: &mut Network, from: &Pose, length: f64, bend: f64, section: &Section) -> ([Arm; 2], Pose) {
+pub(super) fn road(
+    net: &mut Network,
+    from: &Pose,
+    length: f64,
+    bend: f64,
+    section: &Section,
+) -> ([Arm; 2], Pose) {
     let (reference, end) = arc(from, length, bend);
     (net.road(&reference, section), end)
 }
 
 /// Half the opening of a junction that a road of this section needs to cross.
-fn opening(section: &Section) -> f64 {
+pub(super) fn opening(section: &Section) -> f64 {
     section.left().max(section.right()) + CORNER
 }
 
 /// Arms in counter-clockwise order around a point.
-fn around(center: Point, mut arms: Vec<Arm>) -> Vec<Arm> {
+pub(super) fn around(center: Point, mut arms: Vec<Arm>) -> Vec<Arm> {
     let angle = |arm: &Arm| (arm.out.position[1] - center[1]).atan2(arm.out.position[0] - center[0]);
     arms.sort_by(|a, b| angle(a).total_cmp(&angle(b)));
     arms
@@ -64,7 +72,7 @@ fn side_street(
     left: bool,
     bend: f64,
 ) -> (Arm, Pose) {
-    let side = Section { along: 1, against: 1, bikes: false, limit: 9.0 };
+    let side = Section { along: 1, against: 1, bikes: false, median: 0.0, limit: 9.0 };
     let gap = opening(&side);
     let center = end.shifted(gap, 0.0);
     let ([next, open], far) = road(net, &end.shifted(2.0 * gap, 0.0), rng.uniform(60.0, 95.0), bend, main);
@@ -135,7 +143,7 @@ fn is_vertical(arm: &Arm) -> bool {
 }
 
 /// A crosswalk across an arm, just outside the junction.
-fn crosswalk(net: &mut Network, arm: &Arm) {
+pub(super) fn crosswalk(net: &mut Network, arm: &Arm) {
     let corner = |out: f64, side: usize| {
         let left = if side == 0 { arm.reach[0] } else { -arm.reach[1] };
         arm.out.shifted(out, left).position
@@ -147,7 +155,7 @@ fn crosswalk(net: &mut Network, arm: &Arm) {
 /// A roundabout with one lane and four streets.
 fn roundabout(net: &mut Network, rng: &mut Rng) {
     let radius = rng.uniform(15.0, 19.0);
-    let section = Section { along: 1, against: 1, bikes: false, limit: 12.0 };
+    let section = Section { along: 1, against: 1, bikes: false, median: 0.0, limit: 12.0 };
     let mouth = radius + 16.0;
     let half = 0.62 * RIGHT * 0.55;
     let on_ring =

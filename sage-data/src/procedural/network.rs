@@ -17,6 +17,10 @@ pub(super) const LANE: f64 = 3.5;
 const BIKE: f64 = 1.8;
 /// Distance between the outermost lane and the edge, metres.
 const GUTTER: f64 = 0.6;
+/// Distance between a median and the innermost lane, metres.
+const MARGIN: f64 = 0.5;
+/// Least change of heading of a turn.
+pub(super) const STRAIGHT: f64 = 0.6;
 /// Largest number of points of a lane's part; recorded maps also divide lanes.
 const MAX_PART_POINTS: usize = 220;
 
@@ -45,19 +49,32 @@ pub(super) struct Section {
     pub(super) against: usize,
     /// Whether there are bike lanes on the outside.
     pub(super) bikes: bool,
+    /// Width of the raised median between the two directions, metres; 0 without one.
+    pub(super) median: f64,
     /// Speed limit, m/s.
     pub(super) limit: f64,
 }
 
 impl Section {
+    /// Distance from the reference line to the innermost lanes, metres.
+    fn inner(&self) -> f64 {
+        if self.median > 0.0 { 0.5 * self.median + MARGIN } else { 0.0 }
+    }
+
     /// Distance from the reference line to the edge on the right, metres.
     pub(super) fn right(&self) -> f64 {
-        self.along as f64 * LANE + if self.bikes && self.along > 0 { BIKE } else { 0.0 } + GUTTER
+        self.inner()
+            + self.along as f64 * LANE
+            + if self.bikes && self.along > 0 { BIKE } else { 0.0 }
+            + GUTTER
     }
 
     /// Distance from the reference line to the edge on the left, metres.
     pub(super) fn left(&self) -> f64 {
-        self.against as f64 * LANE + if self.bikes && self.against > 0 { BIKE } else { 0.0 } + GUTTER
+        self.inner()
+            + self.against as f64 * LANE
+            + if self.bikes && self.against > 0 { BIKE } else { 0.0 }
+            + GUTTER
     }
 }
 
@@ -146,9 +163,9 @@ impl Network {
         self.lines.len() - 1
     }
 
-    /// Adds a road along a reference line; returns its ends, the one at the start first.
+    /// Adds a road along a reference line, without its median; returns its ends, the one at the start first.
     pub(super) fn road(&mut self, reference: &[Point], section: &Section) -> [Arm; 2] {
-        let center = (section.along > 0 && section.against > 0)
+        let center = (section.along > 0 && section.against > 0 && section.median <= 0.0)
             .then(|| self.line("ROAD_LINE_SOLID_DOUBLE_YELLOW", reference.to_vec()));
         let back: Vec<Point> = reference.iter().rev().copied().collect();
         let sides =
@@ -157,21 +174,24 @@ impl Network {
         for (side, (count, line, edge)) in sides.into_iter().enumerate() {
             let edge = self.line("ROAD_EDGE_BOUNDARY", beside(&line, -edge));
             let mut inner: Option<(usize, usize)> = None;
-            let mut inner_line = center;
+            let yellow = "ROAD_LINE_SOLID_SINGLE_YELLOW";
+            let mut inner_line = if section.median > 0.0 {
+                Some(self.line(yellow, beside(&line, -section.inner())))
+            } else {
+                center
+            };
+            // Distance of a number of lanes from the reference line, to the left.
+            let at = |lanes: f64| -(section.inner() + lanes * LANE);
             for lane in 0..count {
-                let middle = -(lane as f64 + 0.5) * LANE;
+                let middle = at(lane as f64 + 0.5);
                 let (first, last) = self.lane(&beside(&line, middle), section.limit, false);
-                let outer =
-                    if lane + 1 < count {
-                        Some(self.line(
-                            "ROAD_LINE_BROKEN_SINGLE_WHITE",
-                            beside(&line, -(lane as f64 + 1.0) * LANE),
-                        ))
-                    } else if section.bikes {
-                        Some(self.line("ROAD_LINE_SOLID_SINGLE_WHITE", beside(&line, -(count as f64) * LANE)))
-                    } else {
-                        Some(edge)
-                    };
+                let outer = if lane + 1 < count {
+                    Some(self.line("ROAD_LINE_BROKEN_SINGLE_WHITE", beside(&line, at(lane as f64 + 1.0))))
+                } else if section.bikes {
+                    Some(self.line("ROAD_LINE_SOLID_SINGLE_WHITE", beside(&line, at(count as f64))))
+                } else {
+                    Some(edge)
+                };
                 self.bounds((first, last), [inner_line, outer]);
                 if let Some(inner) = inner {
                     self.neighbors(inner, (first, last));
@@ -181,7 +201,7 @@ impl Network {
                 ends[side][1].push(last);
             }
             if section.bikes && count > 0 {
-                let middle = -(count as f64 * LANE + 0.5 * BIKE);
+                let middle = at(count as f64) - 0.5 * BIKE;
                 self.lane(&beside(&line, middle), 6.0, true);
             }
         }
@@ -204,12 +224,23 @@ impl Network {
 
     /// Connects arms, which must be in counter-clockwise order around the junction.
     pub(super) fn junction(&mut self, arms: &[Arm], minor: &[usize], lights: bool) -> usize {
+        self.junction_where(arms, minor, lights, |_, _| true)
+    }
+
+    /// Connects those pairs of arms, from one to the other, that `is_open` selects.
+    pub(super) fn junction_where(
+        &mut self,
+        arms: &[Arm],
+        minor: &[usize],
+        lights: bool,
+        is_open: impl Fn(usize, usize) -> bool,
+    ) -> usize {
         let number = self.junctions.len();
         let across = |arm: &Arm| (arm.out.heading - arms[0].out.heading).sin().abs() > 0.7;
         let phases = arms.iter().map(|arm| usize::from(across(arm))).collect();
         let mut junction = Junction { minor: minor.to_vec(), lights, phases, ..Junction::default() };
         for (i, from) in arms.iter().enumerate() {
-            for (_, to) in arms.iter().enumerate().filter(|(j, _)| *j != i) {
+            for (_, to) in arms.iter().enumerate().filter(|(j, _)| *j != i && is_open(i, *j)) {
                 for (a, b) in movements(from, to) {
                     let (enter, leave) = (end_pose(&self.lanes[a].points), start_pose(&self.lanes[b].points));
                     let limit = self.lanes[a].limit.min(turning_speed(&enter, &leave));
@@ -290,19 +321,24 @@ impl Network {
 /// Pairs of connected lanes of two arms: right turns from the outermost lane, left turns from the
 /// innermost, straight on from all.
 fn movements(from: &Arm, to: &Arm) -> Vec<(usize, usize)> {
-    let turn = sage_core::geometry::wrap_angle(to.out.heading - from.out.turned().heading);
+    let turn = turn(from, to);
     let (n, m) = (from.entering.len(), to.leaving.len());
     if n == 0 || m == 0 {
         return Vec::new();
     }
-    if turn < -0.6 {
+    if turn < -STRAIGHT {
         return vec![(from.entering[n - 1], to.leaving[m - 1])];
     }
-    if turn > 0.6 {
+    if turn > STRAIGHT {
         return vec![(from.entering[0], to.leaving[0])];
     }
     // Outer lanes connect to outer lanes if the numbers differ.
     (0..n.min(m)).map(|k| (from.entering[n - 1 - k], to.leaving[m - 1 - k])).collect()
+}
+
+/// Change of heading from one arm to another, positive to the left.
+pub(super) fn turn(from: &Arm, to: &Arm) -> f64 {
+    sage_core::geometry::wrap_angle(to.out.heading - from.out.turned().heading)
 }
 
 /// Driving speed of a turn, m/s.

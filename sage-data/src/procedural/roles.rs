@@ -9,6 +9,8 @@ use sage_core::{
     scene::{AdversaryOrigin, Scene, SceneIndex, Track, TrackKind},
 };
 
+use super::medians;
+
 /// Least displacement of ego and adversary in the future, metres.
 const LEAST_DISPLACEMENT: f64 = 15.0;
 /// Accepted gaps between the two arrivals at the closest point of their paths, frames.
@@ -148,8 +150,9 @@ fn conflict(a: &Track, b: &Track, middle: Point) -> Option<Conflict> {
 }
 
 /// Assigns ego and adversary to two of the first `cars` tracks, preferably near `middle`. The logged
-/// futures of both must be feasible and without contact, and some simple attack must succeed.
-pub(super) fn assign(scene: &mut Scene, cars: usize, middle: Point) -> bool {
+/// futures of both must be feasible and without contact, and some simple attack must succeed. In a scene with
+/// medians, one is between the two, and the attack avoids it.
+pub(super) fn assign(scene: &mut Scene, index: &Arc<SceneIndex>, cars: usize, middle: Point) -> bool {
     let moving = |k: &usize| {
         let track = &scene.tracks[*k];
         let all = track.count_valid(0..scene.frames) == scene.frames;
@@ -159,16 +162,17 @@ pub(super) fn assign(scene: &mut Scene, cars: usize, middle: Point) -> bool {
     let mut pairs: Vec<(Conflict, usize, usize)> = Vec::new();
     for &i in &usable {
         for &j in usable.iter().filter(|j| **j != i) {
-            pairs.extend(conflict(&scene.tracks[i], &scene.tracks[j], middle).map(|c| (c, i, j)));
+            let (a, b) = (&scene.tracks[i], &scene.tracks[j]);
+            let found = conflict(a, b, middle).filter(|_| medians::separate(a, b, index));
+            pairs.extend(found.map(|c| (c, i, j)));
         }
     }
     pairs.sort_by(|a, b| {
         let key = |p: &(Conflict, usize, usize)| (p.0.far, p.0.kind, p.0.gap, p.1, p.2);
         key(a).cmp(&key(b)).then(a.0.distance.total_cmp(&b.0.distance))
     });
-    let index = SceneIndex::new(scene.map.clone());
     scene.adversary_origin = AdversaryOrigin::File;
-    pairs.into_iter().take(PAIRS).any(|(_, ego, adversary)| is_usable_pair(scene, &index, ego, adversary))
+    pairs.into_iter().take(PAIRS).any(|(_, ego, adversary)| is_usable_pair(scene, index, ego, adversary))
 }
 
 fn is_usable_pair(scene: &mut Scene, index: &Arc<SceneIndex>, ego: usize, adversary: usize) -> bool {
@@ -188,7 +192,9 @@ fn is_usable_pair(scene: &mut Scene, index: &Arc<SceneIndex>, ego: usize, advers
     let Ok(ctx) = Context::new(&scene, index, &ContextOptions::default()) else { return false };
     attacks(&scene).into_iter().any(|(_, trajectory)| {
         let candidate = ctx.candidate(trajectory);
-        Encounter::of(&candidate, ctx.ego()).contact.is_some() && rule.is_feasible(&candidate, &ctx)
+        Encounter::of(&candidate, ctx.ego()).contact.is_some()
+            && rule.is_feasible(&candidate, &ctx)
+            && !medians::touched_by(&candidate, index)
     })
 }
 

@@ -18,7 +18,7 @@ use sage_backbones::{
     candidates::{Selection, ranked, suppressed},
     densetnt::{Cat, DenseTnt},
     encoding::Encoding,
-    features::{AgentForecasts, EdgeGrid, Features, Frame, Layout, Table, cat},
+    features::{AgentForecasts, EdgeGrid, EdgeKinds, Features, Frame, Layout, Table, cat},
     nn::AdamWConfig,
     training::Trainer,
 };
@@ -91,6 +91,7 @@ impl Fixture {
             half: [0.0; 2],
             agent_forecasts: AgentForecasts::default(),
             edges: Arc::new(EdgeGrid::empty()),
+            edge_kinds: EdgeKinds::default(),
             has_lanes: true,
             label: None,
         })

@@ -2,13 +2,16 @@
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
+mod hand_made;
+
 use std::sync::Arc;
 
 use approx::assert_relative_eq;
+use hand_made::{car, road, score};
 use sage_core::{
-    motion::{NOW, Trajectory},
-    objective::{Context, ContextOptions, EgoPaths, Scorer, Scores, criticality::SideHit},
-    scene::{AdversaryOrigin, Map, MapFeature, MapKind, Scene, SceneIndex, Track, TrackKind},
+    motion::Trajectory,
+    objective::{Context, ContextOptions, EgoPaths, Scorer, criticality::SideHit},
+    scene::{MapFeature, MapKind, SceneIndex},
 };
 
 /// ln(1 + e^x).
@@ -24,62 +27,6 @@ fn kinematic_floor() -> f64 {
 /// P_beh of a straight drive.
 fn behavior_floor() -> f64 {
     5.0 * sp(-std::f64::consts::PI)
-}
-
-/// A car on a straight line; 4 m × 2 m.
-fn car(id: &str, start: [f64; 2], velocity: [f64; 2]) -> Track {
-    let heading = if velocity == [0.0, 0.0] { 0.0 } else { velocity[1].atan2(velocity[0]) };
-    let at = |f: usize| {
-        let t = 0.1 * (f as f64 - NOW as f64);
-        [start[0] + t * velocity[0], start[1] + t * velocity[1], 0.0]
-    };
-    Track {
-        id: id.to_owned(),
-        kind: TrackKind::Vehicle,
-        position: (0..91).map(at).collect(),
-        heading: vec![heading; 91],
-        velocity: vec![velocity; 91],
-        size: vec![[4.0, 2.0, 1.5]; 91],
-        valid: vec![true; 91],
-    }
-}
-
-/// Ego along +x at 10 m/s from the origin, adversary beside it, edges at y = ±8 with the road between.
-fn road(adversary: Track, others: Vec<Track>) -> Scene {
-    let mut map = Map::default();
-    for (id, from, to) in
-        [("right", [-100.0, -8.0, 0.0], [300.0, -8.0, 0.0]), ("left", [300.0, 8.0, 0.0], [-100.0, 8.0, 0.0])]
-    {
-        let first = map.points.len();
-        map.points.extend([from, to]);
-        map.features.push(MapFeature {
-            id: id.into(),
-            kind: MapKind::EdgeBoundary,
-            points: first..first + 2,
-            lane: None,
-        });
-    }
-    let mut tracks = vec![car("ego", [0.0, 0.0], [10.0, 0.0]), adversary];
-    tracks.extend(others);
-    Scene {
-        id: "road".into(),
-        frames: 91,
-        timestamps: vec![],
-        tracks,
-        map: map.into(),
-        lights: vec![],
-        ego: 0,
-        adversary: Some(1),
-        adversary_origin: AdversaryOrigin::User,
-        notes: vec![],
-    }
-}
-
-fn score(scene: &Scene, at: impl Fn(f64) -> [f64; 2]) -> Scores {
-    let index = SceneIndex::new(scene.map.clone());
-    let ctx = Context::new(&Arc::new(scene.clone()), &index, &ContextOptions::default()).unwrap();
-    let path = Trajectory::new("path", (1..=80).map(|t| at(0.1 * t as f64)).collect()).unwrap();
-    Scorer::new(&ctx).scores(&ctx.candidate(path))
 }
 
 #[test]

@@ -67,7 +67,7 @@ impl Default for FinetuneOptions {
     /// Options of the adversarial expert.
     fn default() -> Self {
         Self {
-            objective: preset("paper-adversarial"),
+            objective: preset("natural-adversarial"),
             pairing: Pairing::Hierarchical,
             margin: 0.2,
             max_pairs: 64,
@@ -104,11 +104,11 @@ impl FinetuneOptions {
         ])
     }
 
-    /// Options of the realistic expert. The paper gives the adversarial reward a weight of one tenth. The
-    /// reward of a hit is ten times the differences of penalties, so with that weight this expert attacks
-    /// too.
+    /// Options of the realistic expert. The paper also gives it the adversarial reward, with a weight of one
+    /// tenth. The reward of a hit is ten times the differences of penalties, so with that weight this expert
+    /// attacks too.
     pub fn realistic() -> Self {
-        Self { objective: preset("realistic"), ..Self::default() }
+        Self { objective: preset("natural-realistic"), ..Self::default() }
     }
 }
 

@@ -8,6 +8,8 @@
 use serde::{Deserialize, Serialize, de::Error as _};
 use serde_json::{Map, Value};
 
+use super::believable::MIN_DEPTH;
+
 /// Weighted terms, one feasibility rule, and the weight of violations.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -138,43 +140,80 @@ fn is_zero(weight: &f64) -> bool {
 }
 
 /// The shipped objectives: name and description.
-pub const PRESETS: [(&str, &str); 5] = [
+pub const PRESETS: [(&str, &str); 7] = [
+    ("natural", "believable attacks: (1 − mu) · natural-realistic + mu · natural-adversarial"),
+    ("natural-adversarial", "the shipped adversarial expert: early solid contact, realism, lanes, traffic"),
+    ("natural-realistic", "the shipped realistic expert: realism, lanes, traffic"),
     ("paper-selection", "the paper's selection: mu · adversarial − (1 − mu) · realism"),
-    ("natural", "the paper's selection plus small penalties on lane distance and negative log-likelihood"),
     ("paper-adversarial", "the paper's adversarial expert: 0.9 · adversarial − 0.1 · realism"),
     ("paper-realistic", "the paper's realistic expert: 0.1 · adversarial − 0.9 · realism"),
-    ("realistic", "the shipped realistic expert: realism alone"),
+    ("realistic", "realism alone: the realistic expert of `waymo-paper`"),
 ];
 
-/// Weight of a metre of mean lane distance in `natural`.
-const LANE: f64 = -0.1;
-/// Weight of a nat of negative log-likelihood in `natural`.
-const LIKELIHOOD: f64 = -0.05;
+/// Weights of a natural objective.
+struct Natural {
+    adversarial: f64,
+    realism: f64,
+    /// A metre of mean lane distance before the contact, and after it.
+    lanes: [f64; 2],
+    /// A second against the traffic before the contact.
+    against: f64,
+}
+
+const NATURAL_REALISTIC: Natural =
+    Natural { adversarial: 0.0, realism: -0.45, lanes: [-0.15, -0.15], against: -0.5 };
+const NATURAL_ADVERSARIAL: Natural =
+    Natural { adversarial: 0.9, realism: -0.3, lanes: [-0.3, -0.1], against: -1.0 };
 
 impl ObjectiveSpec {
-    /// The preset of a name; [`PRESETS`] lists them.
+    /// The preset of a name; [`PRESETS`] lists them. `paper` is short for `paper-selection`.
     pub fn preset(name: &str) -> Option<Self> {
         let constant = Weight::Constant;
-        let paper = |adversarial, realism| vec![term("adversarial", adversarial), term("realism", realism)];
-        let selection =
-            || paper(Weight::Linear { mu0: 0.0, mu1: 1.0 }, Weight::Linear { mu0: -1.0, mu1: 0.0 });
-        let terms = match name {
-            "paper-selection" => selection(),
-            "natural" => {
-                let mut terms = selection();
-                // If no candidate is feasible, naturalness is not compared.
-                let among_feasible = |name, weight| TermSpec { only_feasible: true, ..term(name, weight) };
-                terms.push(among_feasible("lane-distance", constant(LANE)));
-                terms.push(among_feasible("nll", constant(LIKELIHOOD)));
-                terms
+        let paper = |adversarial, realism| {
+            let terms = vec![term("adversarial", adversarial), term("realism", realism)];
+            Self { terms, feasibility: PartSpec::default(), violation_weight: 0.0 }
+        };
+        Some(match name {
+            "natural" => natural(&|weight| {
+                let [mu0, mu1] = [&NATURAL_REALISTIC, &NATURAL_ADVERSARIAL].map(weight);
+                if mu0 == mu1 { constant(mu0) } else { Weight::Linear { mu0, mu1 } }
+            }),
+            "natural-adversarial" => natural(&|weight| constant(weight(&NATURAL_ADVERSARIAL))),
+            "natural-realistic" => natural(&|weight| constant(weight(&NATURAL_REALISTIC))),
+            "paper-selection" | "paper" => {
+                paper(Weight::Linear { mu0: 0.0, mu1: 1.0 }, Weight::Linear { mu0: -1.0, mu1: 0.0 })
             }
             "paper-adversarial" => paper(constant(0.9), constant(-0.1)),
             "paper-realistic" => paper(constant(0.1), constant(-0.9)),
-            "realistic" => vec![term("realism", constant(-0.9))],
+            "realistic" => Self {
+                terms: vec![term("realism", constant(-0.9))],
+                feasibility: PartSpec::default(),
+                violation_weight: 0.0,
+            },
             _ => return None,
-        };
-        Some(Self { terms, feasibility: PartSpec::default(), violation_weight: 0.0 })
+        })
     }
+}
+
+/// A natural objective; `weight` gives the weight of a term from its field.
+fn natural(weight: &dyn Fn(fn(&Natural) -> f64) -> Weight) -> ObjectiveSpec {
+    let with = |name: &str, weight, key: &str, value: Value| TermSpec {
+        options: Map::from_iter([(key.to_owned(), value)]),
+        ..term(name, weight)
+    };
+    // If no candidate is feasible, lanes and traffic are not compared.
+    let among_feasible = |term: TermSpec| TermSpec { only_feasible: true, ..term };
+    let phase = |name, phase: &str, weight| among_feasible(with(name, weight, "phase", phase.into()));
+    let terms = [
+        with("adversarial", weight(|w| w.adversarial), "min_depth", MIN_DEPTH.into()),
+        term("realism", weight(|w| w.realism)),
+        phase("lane-distance", "before", weight(|w| w.lanes[0])),
+        phase("lane-distance", "after", weight(|w| w.lanes[1])),
+        phase("against-traffic", "before", weight(|w| w.against)),
+    ];
+    // A term without weight at every μ costs time and changes nothing.
+    let terms = terms.into_iter().filter(|term| term.weight != Weight::Constant(0.0)).collect();
+    ObjectiveSpec { terms, feasibility: PartSpec::named("drivable"), violation_weight: 0.0 }
 }
 
 fn term(name: &str, weight: Weight) -> TermSpec {
@@ -211,9 +250,29 @@ mod tests {
             assert!(ObjectiveSpec::preset(name).is_some(), "{name}");
         }
         assert_eq!(ObjectiveSpec::preset("none"), None);
+        assert_eq!(ObjectiveSpec::preset("paper"), ObjectiveSpec::preset("paper-selection"));
         let terms = ObjectiveSpec::preset("paper-selection").unwrap().terms;
         for mu in [0.0, 0.3, 0.77, 1.0] {
             assert_eq!([terms[0].weight.at(mu), terms[1].weight.at(mu)], [mu, -(1.0 - mu)]);
+        }
+    }
+
+    #[test]
+    fn natural_is_the_mixture_of_its_experts_objectives() {
+        let [natural, realistic, adversarial] = ["natural", "natural-realistic", "natural-adversarial"]
+            .map(|name| ObjectiveSpec::preset(name).unwrap());
+        let weight = |spec: &ObjectiveSpec, like: &TermSpec| {
+            spec.terms.iter().find(|term| term.measures_as(like)).map_or(0.0, |term| term.weight.at(0.0))
+        };
+        for expert in [&realistic, &adversarial] {
+            assert!(expert.terms.iter().all(|term| natural.terms.iter().any(|n| n.measures_as(term))));
+            assert_eq!(expert.feasibility, natural.feasibility);
+        }
+        for term in &natural.terms {
+            for mu in [0.0, 0.25, 1.0] {
+                let mixed = (1.0 - mu) * weight(&realistic, term) + mu * weight(&adversarial, term);
+                assert!((term.weight.at(mu) - mixed).abs() < 1e-12, "{term:?}");
+            }
         }
     }
 }

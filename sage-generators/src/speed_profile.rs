@@ -1,14 +1,25 @@
 //! Speed profiles: a trajectory retimed to be earlier or later in the middle, with the same end time.
 
+use sage_backbones::features::EdgeKinds;
 use sage_core::{
     geometry::Point,
     motion::{HORIZON, Trajectory},
 };
 
-/// Bend b of each profile; 0 is the trajectory itself. At the fraction u of the time the retimed trajectory
-/// is at the original's position of the fraction `u + b u² (1 − u)`. It starts the same, is ahead by b/8 of
-/// the whole time in the middle, and ends at `1 − b` of the original end speed.
-pub(crate) const SPEED_PROFILES: [f64; 3] = [0.0, 0.5, -0.5];
+/// Bends of the profiles. At the fraction u of the time the trajectory with bend b is at the original's
+/// position of the fraction `u + b u² (1 − u)`: it starts the same, is ahead by b/8 of the whole time in the
+/// middle, and ends at `1 − b` of the original end speed. The first bend, 0, is the trajectory itself.
+const BENDS: [f64; 5] = [0.0, 0.5, -0.5, 1.0, -1.0];
+
+/// The speed profiles for a network. Networks that see road boundaries alone are those of the paper's
+/// protocol, whose candidates have the first three.
+pub(crate) fn speed_profiles(edges: EdgeKinds) -> Vec<SpeedProfile> {
+    let count = match edges {
+        EdgeKinds::Boundaries => 3,
+        EdgeKinds::All => BENDS.len(),
+    };
+    BENDS[..count].iter().map(|bend| SpeedProfile::new(*bend)).collect()
+}
 
 /// A speed profile: for every step the original step that it maps to, and the fraction towards the next
 /// one.

@@ -15,7 +15,7 @@ use super::{encoded, goal, in_scene, nll};
 use crate::{
     GeneratorInputs,
     pair::ProposerKind,
-    speed_profile::{Extended, SPEED_PROFILES, SpeedProfile},
+    speed_profile::{Extended, speed_profiles},
 };
 
 /// Options; there are none.
@@ -67,7 +67,7 @@ impl PreparedScene for Encoded {
             let plain: Vec<Extended> =
                 plain.iter().map(|trajectory| Extended::new(trajectory, origin)).collect();
             let nll = nll(&**prior, encoding, &modes, *with_nll)?;
-            let profiles = SPEED_PROFILES.map(SpeedProfile::new);
+            let profiles = speed_profiles(encoding.features().edge_kinds);
             let at_every_profile = profiles.iter().flat_map(|profile| {
                 plain.iter().zip(&ends).zip(&nll).map(|((trajectory, end), nll)| {
                     let goal = Some(goal(encoding, *end));

@@ -30,7 +30,7 @@ use crate::{
     drivable::drivable,
     mixtures::Mixtures,
     pair::ProposerKind,
-    speed_profile::{Extended, SPEED_PROFILES, SpeedProfile},
+    speed_profile::{Extended, SpeedProfile, speed_profiles},
 };
 
 /// Log-prior of a retimed speed profile.
@@ -165,7 +165,7 @@ impl Encoded {
         let origin = encoding.features().frame.origin();
         let trajectories: Vec<Extended> =
             trajectories.iter().map(|trajectory| Extended::new(trajectory, origin)).collect();
-        let profiles = SPEED_PROFILES.map(SpeedProfile::new);
+        let profiles = speed_profiles(encoding.features().edge_kinds);
         let mut retimed = at_all_profiles(&profiles, &modes, &trajectories, &policy);
         self.score_retimed(&*model, &mut retimed, &log_probs, &profiles, &trajectories)?;
         let retimed = self.apart(retimed);

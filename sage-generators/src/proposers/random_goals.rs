@@ -16,7 +16,7 @@ use crate::{
     GeneratorInputs,
     drivable::drivable,
     pair::ProposerKind,
-    speed_profile::{Extended, SPEED_PROFILES, SpeedProfile},
+    speed_profile::{Extended, speed_profiles},
 };
 
 /// Options of random goals.
@@ -86,7 +86,7 @@ impl PreparedScene for Encoded {
             let trajectories = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
             let origin = encoding.features().frame.origin();
             let mut rng = Rng::new(seed, id, "random paces");
-            let profiles = SPEED_PROFILES.map(SpeedProfile::new);
+            let profiles = speed_profiles(encoding.features().edge_kinds);
             let retimed = trajectories.iter().map(|trajectory| {
                 let profile = &profiles[rng.below(profiles.len())];
                 profile.whole(&Extended::new(trajectory, origin))

@@ -2,6 +2,7 @@
 
 mod adversary;
 mod index;
+mod levels;
 mod light;
 mod map;
 mod track;

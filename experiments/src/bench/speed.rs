@@ -78,6 +78,7 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
     report(timing("native file to checked scene, one scene", native, Some(0.4)))?;
 
     let chosen = spread(files, SCENES);
+    let mut by_rule = RULES.map(|_| Vec::new());
     let (mut indexing, mut contexts, mut scoring, mut full, mut inspecting) =
         (vec![], vec![], vec![], vec![], vec![]);
     for path in chosen {
@@ -92,7 +93,7 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
             (start.elapsed(), index)
         })));
         let index = SceneIndex::new(scene.map.clone());
-        index.boundaries();
+        index.build_all();
         let options = ContextOptions::default();
         contexts.extend(median(&measure(repeat, || {
             let start = Instant::now();
@@ -108,6 +109,15 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
             let sum = rewards_and_feasibility(&ctx, rule.as_ref(), &trajectories);
             (start.elapsed(), sum)
         })));
+        let candidates: Vec<Candidate> = trajectories.iter().map(|t| ctx.candidate(t.clone())).collect();
+        for ((name, _), times) in RULES.iter().zip(&mut by_rule) {
+            let rule = rules.build_default(name)?;
+            times.extend(median(&measure(repeat, || {
+                let start = Instant::now();
+                let count: usize = candidates.iter().map(|c| rule.violations(c, &ctx).len()).sum();
+                (start.elapsed(), black_box(count))
+            })));
+        }
         let scorer = Scorer::new(&ctx);
         full.extend(median(&measure(repeat.div_ceil(5), || {
             let start = Instant::now();
@@ -128,6 +138,9 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
     report(timing("index of the map for scoring, median of scenes", indexing, Some(2.0)))?;
     report(timing("context of a scene, median of scenes", contexts, None))?;
     report(timing("paper rewards and feasibility, 32 candidates, median of scenes", scoring, Some(1.0)))?;
+    for ((_, row), times) in RULES.into_iter().zip(by_rule) {
+        report(timing(row, times, None))?;
+    }
     report(timing("every measure of `score`, 32 candidates, median of scenes", full, None))?;
     report(timing("summary and warnings of a scene, median of scenes", inspecting, None))?;
 
@@ -148,6 +161,12 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
     }
     Ok(())
 }
+
+/// Feasibility rules that are timed.
+const RULES: [(&str, &str); 2] = [
+    ("paper", "rule `paper`, 32 candidates, median of scenes"),
+    ("drivable", "rule `drivable`, 32 candidates, median of scenes"),
+];
 
 /// The paper's measures of candidates, as a generator computes them.
 pub fn rewards_and_feasibility(ctx: &Context, rule: &dyn Feasibility, trajectories: &[Trajectory]) -> f64 {

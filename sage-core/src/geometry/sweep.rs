@@ -4,51 +4,76 @@
 //! translation. For the rotations of a car in 0.1 s the error is less than a centimetre. Against moving
 //! boxes both motions are sampled such that no corner moves more than [`STEP`] relative to the other box.
 
-use super::{Aabb, OrientedBox, Point, cross, norm, sub};
+use super::{OrientedBox, Point, cross, dot, norm, sub};
 
+/// Margin of the box that covers both frames, metres: a box that turns leaves the hull by less.
+const COVER_MARGIN: f64 = 0.02;
 /// Longest relative motion of a corner between two tests of moving boxes, metres.
 const STEP: f64 = 0.1;
 /// Largest number of tests between two frames; at 10 Hz and [`STEP`] this suffices for 640 m/s.
 const MAX_STEPS: usize = 640;
 
-/// Convex hull of a box at two frames.
-#[derive(Clone, Debug)]
-pub struct SweptBox {
-    hull: Vec<Point>,
-    bounds: Aabb,
+/// Area of a box between two frames.
+#[derive(Clone, Copy, Debug)]
+pub struct SweptBox<'b> {
+    from: &'b OrientedBox,
+    to: &'b OrientedBox,
+    /// A box along `to` that holds both: it decides most tests without the hull.
+    cover: OrientedBox,
 }
 
-impl SweptBox {
-    /// Hull of `from` and `to`.
-    pub fn between(from: &OrientedBox, to: &OrientedBox) -> Self {
-        let mut points: Vec<Point> = from.corners().into_iter().chain(to.corners()).collect();
+impl<'b> SweptBox<'b> {
+    /// The area between `from` and `to`.
+    pub fn between(from: &'b OrientedBox, to: &'b OrientedBox) -> Self {
+        let (mut low, mut high) = ([-to.half_length, -to.half_width], [to.half_length, to.half_width]);
+        let d = to.to_local(from.center);
+        let [c, s] = [dot(to.axis, from.axis).abs(), cross(to.axis, from.axis).abs()];
+        let half = [
+            from.half_length * c + from.half_width * s + COVER_MARGIN,
+            from.half_length * s + from.half_width * c + COVER_MARGIN,
+        ];
+        for k in 0..2 {
+            low[k] = low[k].min(d[k] - half[k]);
+            high[k] = high[k].max(d[k] + half[k]);
+        }
+        let [x, y] = [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
+        let [c, s] = to.axis;
+        let center = [to.center[0] + x * c - y * s, to.center[1] + x * s + y * c];
+        let [half_length, half_width] = [0, 1].map(|k| 0.5 * (high[k] - low[k]) + COVER_MARGIN);
+        let cover = OrientedBox { center, axis: to.axis, half_length, half_width };
+        Self { from, to, cover }
+    }
+
+    /// Whether the closed hull of the two boxes and the closed segment share a point.
+    pub fn intersects_segment(&self, a: Point, b: Point) -> bool {
+        self.cover.intersects_segment(a, b)
+            && (self.to.intersects_segment(a, b) || hull_intersects(&self.hull(), a, b))
+    }
+
+    fn hull(&self) -> Vec<Point> {
+        let mut points: Vec<Point> = self.from.corners().into_iter().chain(self.to.corners()).collect();
         points.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
         let mut hull = half_hull(points.iter().copied());
         hull.extend(half_hull(points.iter().rev().copied()));
-        Self { bounds: Aabb::of(points), hull }
+        hull
     }
+}
 
-    /// Bounds of the hull.
-    pub fn aabb(&self) -> &Aabb {
-        &self.bounds
-    }
-
-    /// Whether the closed hull and the closed segment share a point.
-    pub fn intersects_segment(&self, a: Point, b: Point) -> bool {
-        // Is an edge of the hull a separating axis?
-        for (k, &p) in self.hull.iter().enumerate() {
-            let edge = sub(self.hull[(k + 1) % self.hull.len()], p);
-            if cross(edge, sub(a, p)) < 0.0 && cross(edge, sub(b, p)) < 0.0 {
-                return false;
-            }
+/// Whether a closed convex polygon and a closed segment share a point.
+fn hull_intersects(hull: &[Point], a: Point, b: Point) -> bool {
+    // Is an edge of the hull a separating axis?
+    for (k, &p) in hull.iter().enumerate() {
+        let edge = sub(hull[(k + 1) % hull.len()], p);
+        if cross(edge, sub(a, p)) < 0.0 && cross(edge, sub(b, p)) < 0.0 {
+            return false;
         }
-        // Is the segment's normal one? Beyond the segment's ends a hull edge separates, unless the segment
-        // is a point, whose normal is undefined.
-        let d = sub(b, a);
-        let sides = self.hull.iter().map(|&p| cross(d, sub(p, a)));
-        let (lo, hi) = sides.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), s| (lo.min(s), hi.max(s)));
-        lo <= 0.0 && hi >= 0.0
     }
+    // Is the segment's normal one? Beyond the segment's ends a hull edge separates, unless the segment is a
+    // point, whose normal is undefined.
+    let d = sub(b, a);
+    let sides = hull.iter().map(|&p| cross(d, sub(p, a)));
+    let (lo, hi) = sides.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), s| (lo.min(s), hi.max(s)));
+    lo <= 0.0 && hi >= 0.0
 }
 
 /// One chain of Andrew's convex hull, counter-clockwise, without its last point.
@@ -69,11 +94,12 @@ fn half_hull(points: impl Iterator<Item = Point>) -> Vec<Point> {
 
 /// Whether two boxes that move from one pose to the next meet at any time in between, ends included.
 pub fn boxes_meet_between(a: [&OrientedBox; 2], b: [&OrientedBox; 2]) -> bool {
-    let reach = |pair: [&OrientedBox; 2]| pair[0].radius().max(pair[1].radius());
-    let bounds = |pair: [&OrientedBox; 2]| {
-        Aabb::around(pair[0].center, reach(pair)).union(&Aabb::around(pair[1].center, reach(pair)))
-    };
+    let bounds = |[from, to]: [&OrientedBox; 2]| from.aabb().union(&to.aabb());
     if !bounds(a).meets(&bounds(b)) {
+        return false;
+    }
+    let [area_a, area_b] = [a, b].map(|[from, to]| SweptBox::between(from, to));
+    if !area_a.cover.intersects(&area_b.cover) {
         return false;
     }
     let motion = |pair: [&OrientedBox; 2]| {

@@ -46,10 +46,7 @@ impl Candidate {
             .collect();
         let mirrored: Option<Vec<OrientedBox>> =
             mirror.then(|| boxes.iter().map(OrientedBox::mirrored).collect());
-        let mut chunks = [Aabb::EMPTY; HORIZON / CHUNK];
-        for (step, b) in mirrored.as_ref().unwrap_or(&boxes).iter().enumerate() {
-            chunks[step / CHUNK] = chunks[step / CHUNK].union(&b.aabb());
-        }
+        let chunks = chunks(mirrored.as_ref().unwrap_or(&boxes));
         let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
         Self { trajectory, profile, start, nll: None, boxes, mirrored, bounds, chunks }
     }
@@ -102,9 +99,9 @@ impl Candidate {
         self.mirrored.as_ref().unwrap_or(&self.boxes)
     }
 
-    /// Whether [`Candidate::map_boxes`] differ from [`Candidate::boxes`].
-    pub(super) fn is_mirrored(&self) -> bool {
-        self.mirrored.is_some()
+    /// Bounds of the boxes, never mirrored, over each group of [`CHUNK`] steps.
+    pub(super) fn true_chunks(&self) -> [Aabb; HORIZON / CHUNK] {
+        if self.mirrored.is_none() { self.chunks } else { chunks(&self.boxes) }
     }
 
     /// Velocity at a step, 1 to 80, by backward difference, m/s.
@@ -121,4 +118,13 @@ impl Candidate {
     pub(super) fn chunks(&self) -> &[Aabb; HORIZON / CHUNK] {
         &self.chunks
     }
+}
+
+/// Bounds of boxes over each group of [`CHUNK`] steps.
+fn chunks(boxes: &[OrientedBox]) -> [Aabb; HORIZON / CHUNK] {
+    let mut chunks = [Aabb::EMPTY; HORIZON / CHUNK];
+    for (step, b) in boxes.iter().enumerate() {
+        chunks[step / CHUNK] = chunks[step / CHUNK].union(&b.aabb());
+    }
+    chunks
 }

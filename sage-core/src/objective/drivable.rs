@@ -4,13 +4,13 @@
 //! - Medians bound the road as its edges do.
 //! - The centre must stay on the road side. Waymo's boundaries have the road on their left, so a centre on
 //!   the right of the nearest boundary is off the road, unless it is so *now*. Only through a gap between
-//!   boundaries can a centre change sides without a contact. Its side is therefore tested again only after a
-//!   motion as long as the distance of the nearest boundary, and 0.8 s or 8 m after the last test.
+//!   boundaries can a centre change sides without a contact. Its side is therefore tested only near an open end
+//!   of a boundary, after a motion as long as the distance of the nearest boundary, every 2 s or 25 m.
 //! - A map without boundaries is bounded by its lanes: a centre more than [`DrivableOptions::lane_reach`]
 //!   from the centre line of every motor lane is off the road, unless it is so *now*.
 //! - Heights count: edges and road users more than [`DrivableOptions::height_gap`] above or below the
 //!   adversary are on another level. A candidate has no height; it follows the nearest lane of its own
-//!   level. Heights are computed only where the rule is violated in the plane.
+//!   level. Heights are computed only where the rule is violated in the plane, on maps with several levels.
 //!
 //! The first sweep ignores what the box already touches *now*: a car recorded over a kerb may leave it.
 
@@ -23,9 +23,7 @@ use super::{
     violation::{EDGE_COST, MEDIAN, OFF_ROAD, ROAD_EDGE},
 };
 use crate::{
-    geometry::{
-        Aabb, OrientedBox, Point, Segment, SegmentIndex, Side, SweptBox, boxes_meet_between, distance,
-    },
+    geometry::{Aabb, OrientedBox, Segment, SegmentIndex, Side, SweptBox, boxes_meet_between, distance},
     motion::{HORIZON, NOW},
     registry::Entry,
     scene::MapKind,
@@ -33,8 +31,10 @@ use crate::{
 
 /// Largest distance of a boundary whose side is tested, metres.
 const SIDE_REACH: f64 = 15.0;
-/// Distance between two tests of the side within a group of steps, metres.
-const SIDE_STRIDE: f64 = 8.0;
+/// Steps between two tests of the side …
+const SIDE_STEPS: usize = 20;
+/// … and distance between two tests, metres, whichever is earlier.
+const SIDE_STRIDE: f64 = 25.0;
 /// Largest distance of a lane whose height a candidate follows, metres.
 const HEIGHT_REACH: f64 = 8.0;
 /// Largest distance of the lane that a violation names, metres.
@@ -94,24 +94,31 @@ struct Drive<'a> {
     options: DrivableOptions,
     candidate: &'a Candidate,
     ctx: &'a Context,
-    /// Boxes of steps 0 (*now*) to 80.
-    boxes: Vec<OrientedBox>,
-    /// Bounds of the sweeps of each group of [`CHUNK`] steps.
+    /// Box at step 0 (*now*).
+    now: OrientedBox,
+    /// Bounds of the sweeps of each group of [`CHUNK`] steps, and of all.
     chunks: [Aabb; HORIZON / CHUNK],
+    bounds: Aabb,
     /// Height of the ground under each step; `None` if all is on one level.
     heights: Option<Vec<f64>>,
 }
 
 impl<'a> Drive<'a> {
     fn new(options: DrivableOptions, candidate: &'a Candidate, ctx: &'a Context) -> Self {
-        let boxes: Vec<OrientedBox> =
-            std::iter::once(candidate.box_now()).chain(candidate.boxes().iter().copied()).collect();
-        let mut chunks = [Aabb::EMPTY; HORIZON / CHUNK];
+        let now = candidate.box_now();
+        let mut chunks = candidate.true_chunks();
+        let boxes = candidate.boxes();
         for (chunk, bounds) in chunks.iter_mut().enumerate() {
-            let swept = &boxes[chunk * CHUNK..=(chunk + 1) * CHUNK];
-            *bounds = swept.iter().fold(Aabb::EMPTY, |all, b| all.union(&b.aabb()));
+            let before = if chunk == 0 { &now } else { &boxes[chunk * CHUNK - 1] };
+            *bounds = bounds.union(&before.aabb());
         }
-        Self { options, candidate, ctx, boxes, chunks, heights: None }
+        let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
+        Self { options, candidate, ctx, now, chunks, bounds, heights: None }
+    }
+
+    /// The box at a step, 0 (*now*) to 80.
+    fn at(&self, step: usize) -> &OrientedBox {
+        if step == 0 { &self.now } else { &self.candidate.boxes()[step - 1] }
     }
 
     fn violations(&self) -> Vec<Violation> {
@@ -123,23 +130,25 @@ impl<'a> Drive<'a> {
         let agent = self.swept_agent().map(|(step, track)| touching_agent(candidate, ctx, step, track));
         let off_road = if ctx.index().boundaries().segments().is_empty() {
             self.far_from_lanes()
-        } else {
+        } else if boundary.is_none() {
             edge(self.off_road(), OFF_ROAD)
+        } else {
+            None
         };
         [edge(boundary, ROAD_EDGE), edge(median, MEDIAN), agent, off_road].into_iter().flatten().collect()
     }
 
-    /// Follows the height of the ground. `false` if the map is so level that heights do not matter.
+    /// Follows the height of the ground. `false` if nothing in the map lies above something else.
     fn find_heights(&mut self) -> bool {
         let gap = self.options.height_gap;
         let (ctx, track) = (self.ctx, self.ctx.adversary());
-        if ctx.index().height_span() <= gap || !track.is_valid(NOW) {
+        if !ctx.index().has_levels(gap) || !track.is_valid(NOW) {
             return false;
         }
         let lanes = ctx.index().motor_lanes();
         let mut level = ground(track.position[NOW][2], track.size[NOW][2]);
-        let followed = self.boxes.iter().map(|b| {
-            let p = b.center;
+        let followed = (0..=HORIZON).map(|step| {
+            let p = self.at(step).center;
             let is_level = |lane: &Segment| (lane.height(lane.nearest_share(p)) - level).abs() <= gap;
             if let Some(found) = lanes.nearest(p, HEIGHT_REACH, is_level) {
                 level = lanes.segments()[found.segment].height(found.share);
@@ -163,7 +172,8 @@ impl<'a> Drive<'a> {
         self.ctx.index().map().features[segment.feature as usize].kind == MapKind::EdgeMedian
     }
 
-    /// First step, and feature, at which the sweep touches a boundary and a median of the same level.
+    /// First step, and feature, at which the sweep touches a boundary and a median of the same level. After a
+    /// boundary, medians are not sought.
     fn swept_edges(&self) -> [Option<(usize, u32)>; 2] {
         let edges = self.edges();
         let mut first = [None, None];
@@ -176,19 +186,20 @@ impl<'a> Drive<'a> {
                 continue;
             }
             for step in chunk * CHUNK + 1..=(chunk + 1) * CHUNK {
-                let sweep = Sweep::between(&self.boxes[step - 1], &self.boxes[step]);
-                for (segment, aabb) in &near {
-                    if sweep.bounds.meets(aabb)
-                        && sweep.touches(segment)
-                        && !(step == 1 && self.boxes[0].intersects_segment(segment.a, segment.b))
-                        && self
-                            .same_level(step, segment.height(segment.nearest_share(self.boxes[step].center)))
+                let bounds = self.at(step - 1).aabb().union(&self.at(step).aabb());
+                let mut sweep = None;
+                for (segment, _) in near.iter().filter(|(_, aabb)| bounds.meets(aabb)) {
+                    let sweep =
+                        sweep.get_or_insert_with(|| SweptBox::between(self.at(step - 1), self.at(step)));
+                    if sweep.intersects_segment(segment.a, segment.b)
+                        && !(step == 1 && self.now.intersects_segment(segment.a, segment.b))
+                        && self.same_level(step, segment.height(segment.nearest_share(self.at(step).center)))
                     {
                         first[usize::from(self.is_median(segment))].get_or_insert((step, segment.feature));
                     }
                 }
             }
-            if first.iter().all(Option::is_some) {
+            if first[0].is_some() {
                 break;
             }
         }
@@ -198,7 +209,7 @@ impl<'a> Drive<'a> {
     /// First step, and track, at which the sweep touches another road user of the same level.
     fn swept_agent(&self) -> Option<(usize, usize)> {
         let mut first: Option<(usize, usize)> = None;
-        for other in self.ctx.others() {
+        for other in self.ctx.others().iter().filter(|other| other.swept_bounds().meets(&self.bounds)) {
             // Only an earlier contact can replace the current one.
             let end = first.map_or(HORIZON, |(step, _)| step - 1);
             let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.swept_chunks()[k].meets(&self.chunks[k]));
@@ -219,18 +230,26 @@ impl<'a> Drive<'a> {
             return false;
         }
         match other.at(step - 1) {
-            Some(before) if step > 1 || !before.intersects(&self.boxes[0]) => {
-                boxes_meet_between([&self.boxes[step - 1], &self.boxes[step]], [before, now])
+            Some(before) if step > 1 || !before.intersects(&self.now) => {
+                boxes_meet_between([self.at(step - 1), self.at(step)], [before, now])
             }
-            _ => now.intersects(&self.boxes[step]),
+            _ => now.intersects(self.at(step)),
         }
     }
 
     /// First step, and boundary, at which the centre is found beyond the boundary.
     fn off_road(&self) -> Option<(usize, u32)> {
-        let boundaries = self.ctx.index().boundaries();
+        let index = self.ctx.index();
+        let reach = Aabb {
+            min: self.bounds.min.map(|x| x - SIDE_REACH),
+            max: self.bounds.max.map(|x| x + SIDE_REACH),
+        };
+        if !index.open_ends().iter().any(|end| reach.meets(&Aabb { min: *end, max: *end })) {
+            return None;
+        }
+        let boundaries = index.boundaries();
         let beyond = |step: usize, reach: f64| {
-            let p = self.boxes[step].center;
+            let p = self.at(step).center;
             let level = |s: &Segment| self.same_level(step, s.height(s.nearest_share(p)));
             let Some(nearest) = boundaries.nearest(p, reach, level) else { return (None, reach) };
             let feature = boundaries.segments()[nearest.segment].feature;
@@ -247,7 +266,7 @@ impl<'a> Drive<'a> {
             return None;
         }
         let outside = |step: usize| {
-            let p = self.boxes[step].center;
+            let p = self.at(step).center;
             let level = |s: &Segment| self.same_level(step, s.height(s.nearest_share(p)));
             match lanes.nearest(p, reach, level) {
                 Some(near) => (None, reach - near.distance),
@@ -255,7 +274,7 @@ impl<'a> Drive<'a> {
             }
         };
         let (step, ()) = self.first_outside(outside)?;
-        let lane = lanes.nearest(self.boxes[step].center, NAMED_REACH, |_| true);
+        let lane = lanes.nearest(self.at(step).center, NAMED_REACH, |_| true);
         let feature = lane.map(|near| lanes.segments()[near.segment].feature as usize);
         let id = feature.map_or("", |feature| &*self.ctx.index().map().features[feature].id);
         Some(Violation::at(self.candidate, step, OFF_ROAD, EDGE_COST, id))
@@ -264,17 +283,17 @@ impl<'a> Drive<'a> {
     /// First step at which the centre is found outside the road. `test` gives what it is outside of, and a
     /// distance within which this cannot change without a contact. `None` if it is outside *now*.
     fn first_outside<T>(&self, test: impl Fn(usize) -> (Option<T>, f64)) -> Option<(usize, T)> {
-        let half_width = self.boxes[0].half_width;
+        let half_width = self.now.half_width;
         let (outside, mut clear) = test(0);
         if outside.is_some() {
             return None;
         }
         let mut last = 0;
         for step in 1..=HORIZON {
-            let moved = distance(self.boxes[last].center, self.boxes[step].center);
+            let moved = distance(self.at(last).center, self.at(step).center);
             // A boundary nearer than half the width touches the box.
             let may_have_changed = moved >= clear.max(half_width);
-            if !may_have_changed || (step - last < CHUNK && moved < SIDE_STRIDE) {
+            if !may_have_changed || (step % SIDE_STEPS != 0 && moved < SIDE_STRIDE) {
                 continue;
             }
             let (outside, distance) = test(step);
@@ -285,42 +304,6 @@ impl<'a> Drive<'a> {
             (last, clear) = (step, distance);
         }
         None
-    }
-}
-
-/// The area that a box covers between two frames, with cheap tests before the exact one.
-struct Sweep<'b> {
-    from: &'b OrientedBox,
-    to: &'b OrientedBox,
-    bounds: Aabb,
-    /// A box along `to` that holds both.
-    cover: OrientedBox,
-}
-
-impl<'b> Sweep<'b> {
-    fn between(from: &'b OrientedBox, to: &'b OrientedBox) -> Self {
-        let (mut low, mut high) = ([-to.half_length, -to.half_width], [to.half_length, to.half_width]);
-        for corner in from.corners() {
-            let local = to.to_local(corner);
-            for k in 0..2 {
-                low[k] = low[k].min(local[k]);
-                high[k] = high[k].max(local[k]);
-            }
-        }
-        let [c, s] = to.axis;
-        let [x, y] = [0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])];
-        let center: Point = [to.center[0] + x * c - y * s, to.center[1] + x * s + y * c];
-        // Rounding must not make the cover smaller than the boxes.
-        let [half_length, half_width] = [0, 1].map(|k| 0.5 * (high[k] - low[k]) + 1e-9);
-        let cover = OrientedBox { center, axis: to.axis, half_length, half_width };
-        Self { from, to, bounds: from.aabb().union(&to.aabb()), cover }
-    }
-
-    fn touches(&self, segment: &Segment) -> bool {
-        let (a, b) = (segment.a, segment.b);
-        self.cover.intersects_segment(a, b)
-            && (self.to.intersects_segment(a, b)
-                || SweptBox::between(self.from, self.to).intersects_segment(a, b))
     }
 }
 

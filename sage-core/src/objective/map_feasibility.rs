@@ -76,15 +76,7 @@ fn first_edge_contact(candidate: &Candidate, edges: &SegmentIndex) -> Option<Edg
 
 /// First step at which a true box touches a segment, in every convention.
 pub(super) fn touches_truly(candidate: &Candidate, edges: &SegmentIndex) -> Option<EdgeContact> {
-    let boxes = candidate.boxes();
-    if !candidate.is_mirrored() {
-        return first_contact(boxes, candidate.chunks(), edges);
-    }
-    let mut chunks = [Aabb::EMPTY; HORIZON / CHUNK];
-    for (step, b) in boxes.iter().enumerate() {
-        chunks[step / CHUNK] = chunks[step / CHUNK].union(&b.aabb());
-    }
-    first_contact(boxes, &chunks, edges)
+    first_contact(candidate.boxes(), &candidate.true_chunks(), edges)
 }
 
 /// First step at which a box touches a segment, with the bounds of each group of boxes.

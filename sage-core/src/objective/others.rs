@@ -25,8 +25,9 @@ pub struct OtherAgent {
     /// Bounds of the map boxes.
     bounds: Aabb,
     chunks: [Aabb; HORIZON / CHUNK],
-    /// Bounds of the true boxes of each group, with the step before it.
+    /// Bounds of the true boxes of each group, with the step before it, and of all.
     swept_chunks: [Aabb; HORIZON / CHUNK],
+    swept_bounds: Aabb,
 }
 
 impl OtherAgent {
@@ -64,6 +65,7 @@ impl OtherAgent {
             boxes,
             mirrored,
             chunks,
+            swept_bounds: swept_chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk)),
             swept_chunks,
         }
     }
@@ -85,6 +87,12 @@ impl OtherAgent {
     #[inline]
     pub(super) fn swept_chunks(&self) -> &[Aabb; HORIZON / CHUNK] {
         &self.swept_chunks
+    }
+
+    /// Bounds of the true boxes over steps 0 to 80.
+    #[inline]
+    pub(super) fn swept_bounds(&self) -> &Aabb {
+        &self.swept_bounds
     }
 
     /// Bounds of the map boxes over steps 1 to 80.

@@ -2,18 +2,22 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::{Map, MapKind};
-use crate::geometry::SegmentIndex;
+use super::{Map, MapKind, levels};
+use crate::geometry::{Point, SegmentIndex, distance};
+
+/// Largest distance between the end of a boundary and the boundary that continues it, metres.
+const JOINED: f64 = 1.0;
 
 /// Search structures over one map. Build it once per scene and share it.
 pub struct SceneIndex {
     map: Arc<Map>,
     boundaries: OnceLock<SegmentIndex>,
+    open_ends: OnceLock<Vec<Point>>,
     medians: OnceLock<SegmentIndex>,
     edges: OnceLock<SegmentIndex>,
     motor_lanes: OnceLock<SegmentIndex>,
     along: OnceLock<Vec<f64>>,
-    height_span: OnceLock<f64>,
+    largest_step: OnceLock<f64>,
 }
 
 impl SceneIndex {
@@ -22,11 +26,12 @@ impl SceneIndex {
         Arc::new(Self {
             map,
             boundaries: OnceLock::new(),
+            open_ends: OnceLock::new(),
             medians: OnceLock::new(),
             edges: OnceLock::new(),
             motor_lanes: OnceLock::new(),
             along: OnceLock::new(),
-            height_span: OnceLock::new(),
+            largest_step: OnceLock::new(),
         })
     }
 
@@ -38,6 +43,30 @@ impl SceneIndex {
     /// Road boundaries (`ROAD_EDGE_BOUNDARY`).
     pub fn boundaries(&self) -> &SegmentIndex {
         self.boundaries.get_or_init(|| self.build(|kind| *kind == MapKind::EdgeBoundary))
+    }
+
+    /// Ends of road boundaries that no other boundary continues: a car can pass between them to the other side.
+    pub fn open_ends(&self) -> &[Point] {
+        self.open_ends.get_or_init(|| {
+            let boundaries = self.boundaries();
+            let segments = boundaries.segments();
+            let is_open = |feature: u32, end: Point| {
+                boundaries.nearest(end, JOINED, |other| other.feature != feature).is_none()
+            };
+            let mut open = Vec::new();
+            for (k, segment) in segments.iter().enumerate() {
+                if segment.joined[0] {
+                    continue;
+                }
+                let Some(last) = segments[k..].iter().find(|other| !other.joined[1]) else { continue };
+                // A closed polyline ends where it starts.
+                if distance(segment.a, last.b) > JOINED {
+                    let ends = [segment.a, last.b];
+                    open.extend(ends.into_iter().filter(|end| is_open(segment.feature, *end)));
+                }
+            }
+            open
+        })
     }
 
     /// Medians (`ROAD_EDGE_MEDIAN`).
@@ -80,14 +109,9 @@ impl SceneIndex {
         self.along();
     }
 
-    /// Difference of the greatest and the least height in the map, metres; 0 for an empty one.
-    pub fn height_span(&self) -> f64 {
-        *self.height_span.get_or_init(|| {
-            let heights = self.map.points.iter().map(|p| p[2]);
-            let (lo, hi) =
-                heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), z| (lo.min(z), hi.max(z)));
-            (hi - lo).max(0.0)
-        })
+    /// Whether a feature of the map passes more than `gap` metres above another one. Slopes do not count.
+    pub fn has_levels(&self, gap: f64) -> bool {
+        *self.largest_step.get_or_init(|| levels::largest_step(&self.map)) > gap
     }
 
     fn build(&self, accept: impl Fn(&MapKind) -> bool) -> SegmentIndex {

@@ -17,6 +17,10 @@ use crate::{progress, selection::Selection};
 /// Environment variable that names the folder of weights trained on recorded scenes.
 const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
 
+/// Weights trained on recorded scenes.
+const WAYMO: &str = "waymo";
+/// The same prior with experts of the paper's objectives.
+const WAYMO_PAPER: &str = "waymo-paper";
 /// Prefix of a backbone's name that selects its initial weights, as a baseline.
 const UNTRAINED: &str = "untrained:";
 
@@ -63,16 +67,16 @@ fn find(name: &str) -> Result<Weights> {
         "procedural" => {
             Ok(Weights::Carried { name: "weights/procedural (in the binary)", files: sage_weights::PROCEDURAL })
         }
-        "waymo" => waymo()?.map(Weights::File).with_context(|| {
+        WAYMO | WAYMO_PAPER => recorded(name)?.map(Weights::File).with_context(|| {
             format!(
-                "no weights `waymo`: there is no `weights/waymo/{PRIOR_FILE}` in this folder, and {WEIGHTS_VARIABLE} is not set; use --weights procedural, or a folder"
+                "no weights `{name}`: there is no `weights/{name}/{PRIOR_FILE}` in this folder, and {WEIGHTS_VARIABLE} is not set or holds none; use --weights procedural, or a folder"
             )
         }),
         _ => {
             let weights = Weights::at(Path::new(name));
             if matches!(&weights, Weights::File(file) if !file.is_file()) {
                 bail!(
-                    "no weights `{name}`: expected `procedural`, `waymo`, a file, or a folder that holds `{PRIOR_FILE}`"
+                    "no weights `{name}`: expected `procedural`, `waymo`, `waymo-paper`, a file, or a folder that holds `{PRIOR_FILE}`"
                 );
             }
             Ok(weights)
@@ -80,20 +84,24 @@ fn find(name: &str) -> Result<Weights> {
     }
 }
 
-/// File of the weights trained on recorded scenes, if it is available.
+/// File of weights trained on recorded scenes, if it is available. The environment variable names a folder of
+/// several weights, or that of `waymo`.
 ///
 /// *Errors*: the environment variable names a folder without weights.
-fn waymo() -> Result<Option<PathBuf>> {
+fn recorded(name: &str) -> Result<Option<PathBuf>> {
     let file = |folder: PathBuf| Some(folder.join(PRIOR_FILE)).filter(|file| file.is_file());
-    match std::env::var_os(WEIGHTS_VARIABLE).filter(|folder| !folder.is_empty()).map(PathBuf::from) {
-        Some(folder) => match file(folder.join("waymo")).or_else(|| file(folder.clone())) {
-            Some(found) => Ok(Some(found)),
-            None => bail!(
-                "{WEIGHTS_VARIABLE} is `{}`, which holds neither `waymo/{PRIOR_FILE}` nor `{PRIOR_FILE}`; correct or unset it",
-                folder.display()
-            ),
-        },
-        None => Ok(file(PathBuf::from("weights/waymo"))),
+    let Some(folder) = std::env::var_os(WEIGHTS_VARIABLE).filter(|folder| !folder.is_empty()) else {
+        return Ok(file(Path::new("weights").join(name)));
+    };
+    let folder = PathBuf::from(folder);
+    let [own, waymo] = [name, WAYMO].map(|name| file(folder.join(name)));
+    match (own, waymo.or_else(|| file(folder.clone()))) {
+        (Some(found), _) => Ok(Some(found)),
+        (None, Some(found)) => Ok(Some(found).filter(|_| name == WAYMO)),
+        (None, None) => bail!(
+            "{WEIGHTS_VARIABLE} is `{}`, which holds neither `{WAYMO}/{PRIOR_FILE}` nor `{PRIOR_FILE}`; correct or unset it",
+            folder.display()
+        ),
     }
 }
 
@@ -101,7 +109,7 @@ fn waymo() -> Result<Option<PathBuf>> {
 ///
 /// *Errors*: the environment variable names a folder without weights.
 pub(crate) fn default_for(is_procedural: bool) -> Result<&'static str> {
-    Ok(if waymo()?.is_some() && !is_procedural { "waymo" } else { "procedural" })
+    Ok(if recorded(WAYMO)?.is_some() && !is_procedural { WAYMO } else { "procedural" })
 }
 
 /// Loads a prior with its experts: `procedural`, `waymo`, or a folder that `sage finetune` wrote.

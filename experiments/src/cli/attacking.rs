@@ -52,7 +52,7 @@ pub(crate) struct GenerateArgs {
     /// Use this track as the adversary.
     #[arg(long, value_name = "ID")]
     pub adversary: Option<String>,
-    /// Weights of the experts: procedural, waymo or a folder. Default: procedural; for recorded scenes waymo, if
+    /// Weights of the experts: procedural, waymo, waymo-paper or a folder. Default: procedural; for recorded scenes waymo, if
     /// `weights/waymo` is in the current folder or SAGE_WEIGHTS names the folder `weights`.
     #[arg(long, value_name = "NAME")]
     pub weights: Option<String>,
@@ -113,7 +113,7 @@ pub(crate) struct OpenLoopArgs {
     pub selection: String,
     #[command(flatten)]
     pub rule: FeasibilityArgs,
-    /// Weights of the experts: procedural, waymo or a folder.
+    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Seed of random numbers.
@@ -141,7 +141,7 @@ pub(crate) struct CalibrateArgs {
     /// Number of procedural scenes if no PATH is given.
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
-    /// Weights of the experts: procedural, waymo or a folder.
+    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Comma-separated objectives to fit a dial for: names in `sage list`, or JSON files.
@@ -197,7 +197,7 @@ pub(crate) struct DialBenchArgs {
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Weights of the experts with their dial: procedural, waymo or a folder.
+    /// Weights of the experts with their dial: procedural, waymo, waymo-paper or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.

@@ -34,7 +34,7 @@ pub(crate) struct PretrainArgs {
     /// Options of the backbone as JSON, such as '{"hidden": 96}'.
     #[arg(long, value_name = "JSON")]
     pub network: Option<String>,
-    /// Initial weights: procedural, waymo, a folder or a file.
+    /// Initial weights: procedural, waymo, waymo-paper, a folder or a file.
     #[arg(long, value_name = "NAME")]
     pub from: Option<String>,
     /// Number of epochs: passes over the vehicles.
@@ -80,7 +80,7 @@ pub(crate) struct FinetuneArgs {
     /// Number of procedural scenes if no PATH is given.
     #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
-    /// Weights of the prior: procedural, waymo, a folder or a file; untrained:densetnt for initial weights.
+    /// Weights of the prior: procedural, waymo, waymo-paper, a folder or a file; untrained:densetnt for initial weights.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub prior: String,
     /// Maximum number of further role assignments (ego, adversary) per scene for fine-tuning.

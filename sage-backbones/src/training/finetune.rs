@@ -69,13 +69,14 @@ impl Default for FinetuneOptions {
         Self {
             objective: preset("natural-adversarial"),
             pairing: Pairing::Hierarchical,
-            margin: 0.2,
-            max_pairs: 64,
-            candidates: 64,
-            selection: Selection::Nms { radius: 3.0 },
-            kl_beta: 0.1,
+            // About a second of contact time: pairs are between hits and misses rather than between misses.
+            margin: 1.0,
+            max_pairs: 128,
+            candidates: 128,
+            selection: Selection::Gumbel,
+            kl_beta: 0.05,
             mirror: true,
-            epochs: 5,
+            epochs: 6,
             batch: 4,
             rate: 2e-3,
             warm_up: 20,
@@ -108,7 +109,7 @@ impl FinetuneOptions {
     /// tenth. The reward of a hit is ten times the differences of penalties, so with that weight this expert
     /// attacks too.
     pub fn realistic() -> Self {
-        Self { objective: preset("natural-realistic"), ..Self::default() }
+        Self { objective: preset("natural-realistic"), margin: 0.07, epochs: 4, ..Self::default() }
     }
 }
 

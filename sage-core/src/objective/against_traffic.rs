@@ -9,13 +9,16 @@ use crate::{
     registry::Entry,
 };
 
+/// A count divided by it has no more digits than it needs; multiplied by [`DT`] it would.
+const STEPS_PER_SECOND: f64 = 10.0;
+
 /// Time against the traffic of a candidate over a part of it, seconds.
 pub fn against_traffic(situation: &Situation, phase: Phase) -> f64 {
     let Situation { candidate, ctx, .. } = situation;
     let (points, profile) = (candidate.trajectory().points(), candidate.profile());
     let is_against =
         |&k: &usize| is_against_traffic(ctx, points[k - 1], profile.axis[k - 1], profile.speed[k - 1]);
-    phase.steps(&situation.encounter).filter(is_against).count() as f64 * DT
+    phase.steps(&situation.encounter).filter(is_against).count() as f64 / STEPS_PER_SECOND
 }
 
 /// Time against the traffic as a reward.

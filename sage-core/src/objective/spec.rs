@@ -152,18 +152,20 @@ pub const PRESETS: [(&str, &str); 7] = [
 
 /// Weights of a natural objective.
 struct Natural {
-    adversarial: f64,
+    /// A contact of at least [`MIN_DEPTH`], and one of any depth: a graze is better than none.
+    adversarial: [f64; 2],
     realism: f64,
     /// A metre of mean lane distance before the contact, and after it.
     lanes: [f64; 2],
-    /// A second against the traffic before the contact.
-    against: f64,
+    /// A second against the traffic before the contact, and after it.
+    against: [f64; 2],
 }
 
+/// Small weights: at μ = 0 only their ratios matter, and at μ = 0.5 they should not suppress attacks.
 const NATURAL_REALISTIC: Natural =
-    Natural { adversarial: 0.0, realism: -0.45, lanes: [-0.15, -0.15], against: -0.5 };
+    Natural { adversarial: [0.0, 0.0], realism: -0.3, lanes: [-0.1, -0.1], against: [-0.7, -0.2] };
 const NATURAL_ADVERSARIAL: Natural =
-    Natural { adversarial: 0.9, realism: -0.3, lanes: [-0.3, -0.1], against: -1.0 };
+    Natural { adversarial: [0.8, 0.1], realism: -0.6, lanes: [-0.3, -0.1], against: [-2.0, -0.3] };
 
 impl ObjectiveSpec {
     /// The preset of a name; [`PRESETS`] lists them. `paper` is short for `paper-selection`.
@@ -205,11 +207,13 @@ fn natural(weight: &dyn Fn(fn(&Natural) -> f64) -> Weight) -> ObjectiveSpec {
     let among_feasible = |term: TermSpec| TermSpec { only_feasible: true, ..term };
     let phase = |name, phase: &str, weight| among_feasible(with(name, weight, "phase", phase.into()));
     let terms = [
-        with("adversarial", weight(|w| w.adversarial), "min_depth", MIN_DEPTH.into()),
+        with("adversarial", weight(|w| w.adversarial[0]), "min_depth", MIN_DEPTH.into()),
+        term("adversarial", weight(|w| w.adversarial[1])),
         term("realism", weight(|w| w.realism)),
         phase("lane-distance", "before", weight(|w| w.lanes[0])),
         phase("lane-distance", "after", weight(|w| w.lanes[1])),
-        phase("against-traffic", "before", weight(|w| w.against)),
+        phase("against-traffic", "before", weight(|w| w.against[0])),
+        phase("against-traffic", "after", weight(|w| w.against[1])),
     ];
     // A term without weight at every μ costs time and changes nothing.
     let terms = terms.into_iter().filter(|term| term.weight != Weight::Constant(0.0)).collect();

@@ -41,7 +41,7 @@ pub mod violation;
 pub use adversarial::{AdversarialOptions, AdversarialReward, release_reward};
 pub use against_traffic::{AgainstTraffic, against_traffic};
 pub use behavior::{BehaviorPenalty, behavior_penalty};
-pub use believable::{MAX_AGAINST, MIN_DEPTH, Reason, doubts, is_believable};
+pub use believable::{MAX_AGAINST, MIN_DEPTH, Reason, doubts, is_believable, verdict};
 pub use body::Body;
 pub use candidate::Candidate;
 pub use collision_type::CollisionType;

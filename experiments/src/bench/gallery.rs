@@ -4,7 +4,7 @@ use std::{collections::HashSet, fmt::Write as _, path::Path};
 
 use anyhow::Result;
 use sage_backbones::training::SceneData;
-use sage_core::objective::{CollisionType, Context, ContextOptions, Reason};
+use sage_core::objective::{CollisionType, Context, ContextOptions, verdict};
 
 use super::{
     open_loop::{SceneRow, is_believable},
@@ -38,12 +38,11 @@ pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &
             let Some(data) = scenes.get(&row.scene) else { continue };
             let name = format!("{k:02}-{which}.svg");
             folder.write(&name, picture(data, method, row)?.as_bytes())?;
-            let note = row.note.as_ref().map_or(String::new(), |note| format!("; {note}"));
             writeln!(
                 cards,
                 "<figure><a href=\"{name}\"><img src=\"{name}\" loading=lazy></a><figcaption>{which}: {}, {}</figcaption></figure>",
                 escaped(stem(&row.scene)),
-                escaped(&(verdict(row) + &note)),
+                escaped(&caption(row)),
             )?;
         }
         writeln!(cards, "</div>")?;
@@ -77,17 +76,18 @@ fn first<'r>(name: &str, rows: Vec<&'r SceneRow>) -> Vec<(String, &'r SceneRow)>
     rows.into_iter().take(SHOWN).enumerate().map(|(k, row)| (format!("{name}-{}", k + 1), row)).collect()
 }
 
-/// What a row shows: the reward of a believable attack, or why there is none.
-fn verdict(row: &SceneRow) -> String {
-    let reasons: Vec<String> = row.paper.unbelievable.iter().map(Reason::words).collect();
-    match (row.paper.believable, row.collision_type) {
-        (Some(true), kind) => {
-            let kind = kind.map_or("contact", CollisionType::name);
-            format!("believable, {kind}, R_adv {:.2}", row.paper.adversarial_reward)
-        }
-        (Some(false), _) => format!("not believable: {}", reasons.join(", ")),
-        (None, _) => "no contact".to_owned(),
-    }
+/// What a row shows: the verdict with its reasons, and the kind and strength of a believable attack.
+fn caption(row: &SceneRow) -> String {
+    let kind = row.collision_type.map_or("contact", CollisionType::name);
+    let verdict = verdict(row.paper.believable, &row.paper.unbelievable);
+    let verdict = verdict.unwrap_or_else(|| "no contact".to_owned());
+    let strength = if is_believable(row) {
+        format!(", {kind}, R_adv {:.2}", row.paper.adversarial_reward)
+    } else {
+        String::new()
+    };
+    let note = row.note.as_ref().map_or(String::new(), |note| format!("; {note}"));
+    format!("{verdict}{strength}{note}")
 }
 
 fn picture(data: &SceneData, method: &str, row: &SceneRow) -> Result<String> {

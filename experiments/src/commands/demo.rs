@@ -107,9 +107,10 @@ fn print(attacked_scenes: &[AttackedScene]) -> Result<()> {
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
-        "{:<10} {:>10} {:>8} {:>8} {:>8} {:>10}   {}",
+        "{:<10} {:>10} {:>12} {:>8} {:>8} {:>8} {:>10}   {}",
         "aggression",
         "attacked",
+        "believable",
         "R_adv",
         "P_kin",
         "P_beh",
@@ -130,8 +131,9 @@ fn print(attacked_scenes: &[AttackedScene]) -> Result<()> {
         let kinds: Vec<String> = (0..Kind::ALL.len()).map(of_kind).collect();
         writeln!(
             out,
-            "{a:<10.2} {:>9.0}% {:>8.2} {:>8.2} {:>8.2} {:>9.0}%   {}",
+            "{a:<10.2} {:>9.0}% {:>11.0}% {:>8.2} {:>8.2} {:>8.2} {:>9.0}%   {}",
             100.0 * mean(&hits),
+            100.0 * mean(&|s| f64::from(u8::from(s.believable == Some(true)))),
             mean(&|s| s.adversarial_reward),
             mean(&|s| s.kinematic_penalty),
             mean(&|s| s.behavior_penalty),

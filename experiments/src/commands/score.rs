@@ -73,7 +73,7 @@ impl<W: Write> Table<'_, W> {
         if self.rows == 0 {
             write!(
                 self.out,
-                "{:<22} {:>6} {:>4} {:>7} {:>7} {:>4} {:>5} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}",
+                "{:<22} {:>6} {:>4} {:>7} {:>7} {:>4} {:>5} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}",
                 "candidate",
                 "R_adv",
                 "hit",
@@ -83,6 +83,7 @@ impl<W: Write> Table<'_, W> {
                 "crash",
                 "feasible",
                 "drivable",
+                "believable",
                 "TTC",
                 "PET",
                 "decel",
@@ -118,7 +119,7 @@ impl<W: Write> Table<'_, W> {
             further += &format!(" {satisfied:>width$}", width = column(name));
         }
         let line = format!(
-            "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>6} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}  {}",
+            "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}  {}",
             row.name.escape_debug().to_string(),
             s.adversarial_reward,
             s.collision_step.map_or("-".to_owned(), |step| step.to_string()),
@@ -128,6 +129,7 @@ impl<W: Write> Table<'_, W> {
             s.crash_object,
             yes(s.feasible),
             yes(s.feasible_drivable),
+            s.believable.map_or("-", yes),
             number(s.criticality.time_to_collision, 2),
             number(s.criticality.post_encroachment_time, 1),
             number(s.criticality.required_deceleration, 1),

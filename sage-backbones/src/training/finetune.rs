@@ -76,7 +76,7 @@ impl Default for FinetuneOptions {
             selection: Selection::Gumbel,
             kl_beta: 0.05,
             mirror: true,
-            epochs: 6,
+            epochs: 7,
             batch: 4,
             rate: 2e-3,
             warm_up: 20,

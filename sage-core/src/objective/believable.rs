@@ -52,6 +52,12 @@ impl Reason {
     }
 }
 
+/// A verdict as words, with the reasons; `None` without contact.
+pub fn verdict(believable: Option<bool>, reasons: &[Reason]) -> Option<String> {
+    let words = || reasons.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
+    Some(if believable? { "believable".to_owned() } else { format!("not believable ({})", words()) })
+}
+
 /// All reasons against an attack, given the violations of the paper's rule; empty if it is believable. `None`
 /// without contact.
 pub fn doubts(situation: &Situation, violations: &[Violation]) -> Option<Vec<Reason>> {

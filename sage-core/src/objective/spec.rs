@@ -163,9 +163,9 @@ struct Natural {
 
 /// Small weights: at μ = 0 only their ratios matter, and at μ = 0.5 they should not suppress attacks.
 const NATURAL_REALISTIC: Natural =
-    Natural { adversarial: [0.0, 0.0], realism: -0.3, lanes: [-0.1, -0.1], against: [-0.7, -0.2] };
+    Natural { adversarial: [0.0, 0.0], realism: -0.3, lanes: [-0.1, -0.1], against: [-0.5, -0.15] };
 const NATURAL_ADVERSARIAL: Natural =
-    Natural { adversarial: [0.8, 0.1], realism: -0.6, lanes: [-0.3, -0.1], against: [-2.0, -0.3] };
+    Natural { adversarial: [0.9, 0.1], realism: -0.35, lanes: [-0.3, -0.1], against: [-1.5, -0.2] };
 
 impl ObjectiveSpec {
     /// The preset of a name; [`PRESETS`] lists them. `paper` is short for `paper-selection`.

@@ -10,7 +10,7 @@ use sage_core::{
     files,
     generator::{Attack, Proposal},
     motion::Trajectory,
-    objective::{Context, Scorer, Scores, Violation},
+    objective::{Context, Reason, Scorer, Scores, Violation, verdict},
 };
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{
@@ -148,6 +148,10 @@ struct FoundScores {
     adversarial_reward: f64,
     kinematic_penalty: f64,
     behavior_penalty: f64,
+    #[serde(default)]
+    believable: Option<bool>,
+    #[serde(default)]
+    unbelievable: Vec<Reason>,
 }
 
 impl FoundRow {
@@ -163,8 +167,7 @@ impl FoundRow {
             [scene, variant],
             scores.collision_step,
             [scores.adversarial_reward, scores.kinematic_penalty, scores.behavior_penalty],
-            *feasible,
-            note.as_deref(),
+            [feasibility(*feasible), verdict(scores.believable, &scores.unbelievable), note.clone()],
             None,
         )
     }
@@ -178,29 +181,30 @@ impl Row<'_> {
             [scene, variant],
             scores.collision_step,
             [scores.adversarial_reward, scores.kinematic_penalty, scores.behavior_penalty],
-            *feasible,
-            note.as_deref(),
+            [feasibility(*feasible), verdict(scores.believable, &scores.unbelievable), note.clone()],
             Some(seconds),
         )
     }
+}
+
+fn feasibility(is_feasible: bool) -> Option<String> {
+    Some(if is_feasible { "feasible" } else { "not feasible" }.to_owned())
 }
 
 fn line(
     [scene, variant]: [&str; 2],
     collision_step: Option<usize>,
     [reward, kinematic, behavior]: [f64; 3],
-    is_feasible: bool,
-    note: Option<&str>,
+    remarks: [Option<String>; 3],
     seconds: Option<f64>,
 ) -> String {
     let hit = collision_step
         .map_or("no contact".to_owned(), |step| format!("contact after {:.1} s", step as f64 / 10.0));
     format!(
-        "{} {}: {hit}, R_adv {reward:.2}, P_kin {kinematic:.2}, P_beh {behavior:.2}, {}{} ({})",
+        "{} {}: {hit}, R_adv {reward:.2}, P_kin {kinematic:.2}, P_beh {behavior:.2}, {} ({})",
         terminal::escaped_name(scene),
         terminal::escaped_name(variant),
-        if is_feasible { "feasible" } else { "not feasible" },
-        note.map_or(String::new(), |note| format!("; {note}")),
+        remarks.into_iter().flatten().collect::<Vec<_>>().join("; "),
         seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s)),
     )
 }

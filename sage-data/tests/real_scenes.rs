@@ -15,8 +15,11 @@ use std::{
 use sage_core::{
     geometry::distance,
     motion::{HISTORY, HORIZON, NOW, Trajectory},
-    objective::{Context, ContextOptions, Scorer},
-    scene::SceneIndex,
+    objective::{
+        Context, ContextOptions, DrivableFeasibility, Feasibility, Scorer, Violation,
+        violation::{MEDIAN, OFF_ROAD},
+    },
+    scene::{MapKind, Scene, SceneIndex},
 };
 use sage_data::{
     Recording,
@@ -182,19 +185,38 @@ fn recorded_drivers_violate_the_drivable_rule_no_more_than_the_papers() {
                 continue;
             };
             let points = (NOW + 1..=NOW + HORIZON).map(|f| track.point(f)).collect();
-            let scores = Scorer::new(&ctx).scores(&ctx.candidate(Trajectory::new("log", points).unwrap()));
-            found.push((scores.feasible, scores.feasible_drivable));
+            let log = ctx.candidate(Trajectory::new("log", points).unwrap());
+            let scores = Scorer::new(&ctx).scores(&log);
+            let off_road = |v: &Violation| v.rule == OFF_ROAD;
+            let lanes_only = without_edges(&ctx);
+            let beyond_lanes =
+                DrivableFeasibility::default().violations(&log, &lanes_only).iter().any(off_road);
+            let touches_median = scores.violations_drivable.iter().any(|v| v.rule == MEDIAN);
+            found.push([!scores.feasible, !scores.feasible_drivable, touches_median, beyond_lanes]);
         }
         found
     };
-    let (mut n, mut paper, mut drivable) = (0, 0, 0);
+    let (mut n, mut counts) = (0, [0; 4]);
     folder::in_order(&folder::scene_files(&data).unwrap(), evaluate, |_, found| {
         n += found.len();
-        paper += found.iter().filter(|(feasible, _)| !feasible).count();
-        drivable += found.iter().filter(|(_, feasible)| !feasible).count();
+        for one in found {
+            counts.iter_mut().zip(one).for_each(|(count, is)| *count += usize::from(is));
+        }
         Ok::<(), ()>(())
     })
     .unwrap();
-    println!("{n} logged futures: {paper} violate the rule of the paper, {drivable} the drivable one");
-    assert!(n > 800 && drivable <= paper && paper < n / 20, "{n} {paper} {drivable}");
+    let [paper, drivable, medians, lanes] = counts;
+    println!(
+        "{n} logged futures: {paper} violate the rule `paper`, {drivable} the rule `drivable`; {medians} touch a median; {lanes} are off the road if the lanes bound it"
+    );
+    assert!(n > 800 && drivable <= paper && paper < n / 20 && medians < 5 && lanes < n / 20, "{counts:?}");
+}
+
+/// The same scene without the edges of its map.
+fn without_edges(ctx: &Context) -> Context {
+    let mut map = (*ctx.scene().map).clone();
+    map.features.retain(|f| !matches!(f.kind, MapKind::EdgeBoundary | MapKind::EdgeMedian));
+    let scene = Scene { map: map.into(), ..(**ctx.scene()).clone() };
+    let index = SceneIndex::new(scene.map.clone());
+    Context::new(&Arc::new(scene), &index, &ContextOptions::default()).unwrap()
 }

@@ -109,7 +109,7 @@ impl FinetuneOptions {
     /// tenth. The reward of a hit is ten times the differences of penalties, so with that weight this expert
     /// attacks too.
     pub fn realistic() -> Self {
-        Self { objective: preset("natural-realistic"), margin: 0.07, epochs: 4, ..Self::default() }
+        Self { objective: preset("natural-realistic"), margin: 0.07, epochs: 2, ..Self::default() }
     }
 }
 

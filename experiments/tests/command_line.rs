@@ -288,7 +288,7 @@ fn demo_writes_scenes_attacks_and_pictures() {
         "the attack rate rises with aggression: {}",
         stdout(&run)
     );
-    for kind in ["straight", "curve", "merge", "four-way", "t-junction", "roundabout"] {
+    for kind in ["straight", "curve", "merge", "four-way", "t-junction", "roundabout", "divided"] {
         assert!(lines[0].contains(kind));
         assert!(
             out.join(format!("{kind}-1-0.svg")).is_file()

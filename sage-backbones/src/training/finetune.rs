@@ -107,9 +107,19 @@ impl FinetuneOptions {
 
     /// Options of the realistic expert. The paper also gives it the adversarial reward, with a weight of one
     /// tenth. The reward of a hit is ten times the differences of penalties, so with that weight this expert
-    /// attacks too.
+    /// attacks too. It is tuned more gently than the adversarial one: the closer it stays to the prior, the
+    /// more attacks remain among the candidates between the two.
     pub fn realistic() -> Self {
-        Self { objective: preset("natural-realistic"), margin: 0.07, epochs: 2, ..Self::default() }
+        Self {
+            objective: preset("natural-realistic"),
+            margin: 0.07,
+            max_pairs: 64,
+            candidates: 64,
+            selection: Selection::Nms { radius: 3.0 },
+            kl_beta: 0.3,
+            epochs: 1,
+            ..Self::default()
+        }
     }
 }
 

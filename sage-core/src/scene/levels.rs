@@ -52,7 +52,7 @@ mod tests {
             map.points.extend(line);
             let points = 2 * k..2 * k + 2;
             let kind = MapKind::EdgeBoundary;
-            map.features.push(MapFeature { id: k.to_string().into(), kind, points, lane: None });
+            map.features.push(MapFeature { id: k.to_string(), kind, points, lane: None });
         }
         map
     }

@@ -8,7 +8,7 @@ mod random_goals;
 
 use std::sync::Arc;
 
-use sage_backbones::{Backbone, backbone::finite, encoding::Encoding};
+use sage_backbones::{Backbone, backbone::finite, encoding::Encoding, features::EdgeKinds};
 use sage_core::{Error, generator::Observation, geometry::Point, scene::Scene};
 
 pub use all_goals::AllGoals;
@@ -19,8 +19,25 @@ pub use random_goals::RandomGoals;
 
 use crate::pair::ProposerKind;
 
-/// Number of modes that are tested per candidate; modes that no car can follow are skipped.
-const SPARE: usize = 3;
+/// Number of candidates, and of modes from which they are taken; modes that no car can follow are skipped.
+#[derive(Clone, Copy)]
+struct Draw {
+    candidates: usize,
+    modes: usize,
+}
+
+impl Draw {
+    /// The draw for a network, with its default number of candidates or a given one. Networks that see road
+    /// boundaries alone have the 32 candidates of the paper's protocol.
+    fn of(candidates: Option<usize>, edges: EdgeKinds) -> Self {
+        let (default, modes_per_candidate) = match edges {
+            EdgeKinds::Boundaries => (32, 3),
+            EdgeKinds::All => (48, 2),
+        };
+        let candidates = candidates.unwrap_or(default);
+        Self { candidates, modes: modes_per_candidate * candidates }
+    }
+}
 
 /// The adversary's encoding by the prior, without a forecast.
 fn encoded(prior: &dyn Backbone, now: &Observation) -> Result<Encoding, sage_backbones::Error> {
@@ -55,11 +72,10 @@ fn in_scene(scene: &Scene, error: impl Into<crate::Error>) -> Error {
     }
 }
 
-/// Checks the number of candidates.
-fn check_candidates<P: ProposerKind>(candidates: usize) -> Result<(), Error> {
-    if (1..=1024).contains(&candidates) {
-        Ok(())
-    } else {
-        Err(P::refused(format!("`candidates` is {candidates}; expected 1 to 1024")))
+/// Checks the number of candidates, if it is given.
+fn check_candidates<P: ProposerKind>(candidates: Option<usize>) -> Result<(), Error> {
+    match candidates.filter(|count| !(1..=1024).contains(count)) {
+        None => Ok(()),
+        Some(count) => Err(P::refused(format!("`candidates` is {count}; expected 1 to 1024"))),
     }
 }

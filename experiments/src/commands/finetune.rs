@@ -60,6 +60,7 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> 
     for (name, own) in own {
         check_name(&name)?;
         let base = if name == REALISTIC { FinetuneOptions::realistic() } else { FinetuneOptions::default() };
+        let rule = serde_json::to_value(&base.objective.feasibility)?;
         let mut all = serde_json::to_value(base)?;
         if let Some(all) = all.as_object_mut() {
             all.extend(shared.clone());
@@ -72,6 +73,10 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> 
                     format!("{prefix}unknown objective `{preset}`; `sage list` shows the known ones")
                 })?;
                 all.insert("objective".to_owned(), serde_json::to_value(spec)?);
+            }
+            // The experts of a run share their rule; an objective that names none has that of the defaults.
+            if let Some(Value::Object(objective)) = all.get_mut("objective") {
+                objective.entry("feasibility").or_insert(rule);
             }
         }
         let fail = || format!("{prefix}expert `{name}`");

@@ -3,7 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Phase, Reward, Situation, naturalness::is_against_traffic};
+use super::{Phase, Reward, Situation, naturalness::AgainstTrafficTest};
 use crate::{
     motion::{DT, HORIZON},
     registry::Entry,
@@ -16,8 +16,8 @@ const STEPS_PER_SECOND: f64 = 10.0;
 pub fn against_traffic(situation: &Situation, phase: Phase) -> f64 {
     let Situation { candidate, ctx, .. } = situation;
     let (points, profile) = (candidate.trajectory().points(), candidate.profile());
-    let is_against =
-        |&k: &usize| is_against_traffic(ctx, points[k - 1], profile.axis[k - 1], profile.speed[k - 1]);
+    let mut test = AgainstTrafficTest::new(ctx);
+    let is_against = |&k: &usize| test.holds(points[k - 1], profile.axis[k - 1], profile.speed[k - 1]);
     phase.steps(&situation.encounter).filter(is_against).count() as f64 / STEPS_PER_SECOND
 }
 

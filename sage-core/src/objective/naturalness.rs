@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 use serde::{Deserialize, Serialize};
 
 use super::{Candidate, Context};
-use crate::geometry::{Nearest, Point, Segment, wrap_angle};
+use crate::geometry::{Nearest, Point, Segment, distance, wrap_angle};
 
 /// Search radius for lanes, metres; distances are capped at it.
 pub(super) const FARTHEST: f64 = 20.0;
@@ -18,6 +18,8 @@ const MOVING: f64 = 0.5;
 const AGAINST: f64 = 120.0 / 180.0 * PI;
 /// … and no lane in the direction of motion is within this distance, metres.
 const BESIDE: f64 = 2.0;
+/// Segments of a lane that are tested before a search.
+const AHEAD: usize = 8;
 /// Speeding starts at this multiple of the limit.
 const TOLERANCE: f64 = 1.2;
 
@@ -70,13 +72,37 @@ impl Naturalness {
     }
 }
 
-/// Whether a car at `point` moves against the traffic along `axis` with a speed in m/s: more than 120° off the
-/// nearest motor lane, without a lane in the direction of motion within 2 m.
-pub(super) fn is_against_traffic(ctx: &Context, point: Point, axis: Point, speed: f64) -> bool {
-    let lanes = ctx.index().motor_lanes();
-    speed > MOVING
-        && lanes.nearest(point, BESIDE, is_along(axis)).is_none()
-        && is_against_nearest(ctx, point, axis, speed)
+/// Finds steps against the traffic: more than 120° off the nearest motor lane, without a lane in the direction of
+/// motion within 2 m.
+pub(super) struct AgainstTrafficTest<'a> {
+    ctx: &'a Context,
+    /// Segment of a lane along which the last step led.
+    along: usize,
+}
+
+impl<'a> AgainstTrafficTest<'a> {
+    pub(super) fn new(ctx: &'a Context) -> Self {
+        Self { ctx, along: 0 }
+    }
+
+    /// Whether a car at `point` moves against the traffic along `axis` with a speed in m/s.
+    pub(super) fn holds(&mut self, point: Point, axis: Point, speed: f64) -> bool {
+        let lanes = self.ctx.index().motor_lanes();
+        if speed <= MOVING {
+            return false;
+        }
+        // A lane that led the way is likely to lead it on: the next few segments need no search.
+        let is_along = is_along(axis);
+        let mut next = self.along..(self.along + AHEAD).min(lanes.segments().len());
+        let beside = |k: &usize| {
+            let segment = &lanes.segments()[*k];
+            distance(point, segment.at(segment.nearest_share(point))) <= BESIDE && is_along(segment)
+        };
+        let found = next.find(beside);
+        let found = found.or_else(|| lanes.nearest(point, BESIDE, &is_along).map(|nearest| nearest.segment));
+        self.along = found.unwrap_or(self.along);
+        found.is_none() && is_against_nearest(self.ctx, point, axis, speed)
+    }
 }
 
 fn is_against_nearest(ctx: &Context, point: Point, axis: Point, speed: f64) -> bool {

@@ -41,7 +41,7 @@ impl ProposerKind for CatGoals {
     const USES_MIXTURE: bool = false;
 
     fn check(&self) -> Result<(), Error> {
-        check_candidates::<Self>(self.candidates)
+        check_candidates::<Self>(Some(self.candidates))
     }
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {

@@ -24,7 +24,7 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{SPARE, check_candidates, goal, in_scene, nll};
+use super::{Draw, check_candidates, goal, in_scene, nll};
 use crate::{
     GeneratorInputs,
     drivable::drivable,
@@ -40,8 +40,8 @@ const RETIMED_LOG_PRIOR: f32 = -1.5;
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ProposalOptions {
-    /// Number of candidates.
-    pub candidates: usize,
+    /// Number of candidates; 48 by default, or 32 with a network that sees road boundaries alone.
+    pub candidates: Option<usize>,
     /// Least distance between the ends of candidates, metres.
     pub apart: f32,
     /// Map and goal subsampling.
@@ -50,7 +50,7 @@ pub struct ProposalOptions {
 
 impl Default for ProposalOptions {
     fn default() -> Self {
-        Self { candidates: 32, apart: 6.0, subsampling: Subsampling::default() }
+        Self { candidates: None, apart: 6.0, subsampling: Subsampling::default() }
     }
 }
 
@@ -160,7 +160,8 @@ impl Encoded {
         let mut rng = Rng::new(seed, &self.now.scene().id, "candidates");
         let policy: Vec<f32> = finite(&log_probs)?;
         let nms = Selection::Nms { radius: options.apart };
-        let modes = select(&policy, &ends, SPARE * options.candidates, nms, &mut rng);
+        let draw = Draw::of(options.candidates, encoding.features().edge_kinds);
+        let modes = select(&policy, &ends, draw.modes, nms, &mut rng);
         let trajectories = to_world(&model.trajectories(encoding, &modes)?, encoding.features())?;
         let origin = encoding.features().frame.origin();
         let trajectories: Vec<Extended> =
@@ -168,11 +169,11 @@ impl Encoded {
         let profiles = speed_profiles(encoding.features().edge_kinds);
         let mut retimed = at_all_profiles(&profiles, &modes, &trajectories, &policy);
         self.score_retimed(&*model, &mut retimed, &log_probs, &profiles, &trajectories)?;
-        let retimed = self.apart(retimed);
+        let retimed = self.apart(retimed, draw.modes);
         let retimed_trajectories =
             retimed.iter().map(|p| profiles[p.profile].whole(&trajectories[p.trajectory]));
         let edges = encoding.features().edge_kinds.of(self.now.index());
-        let accepted = drivable(retimed_trajectories, options.candidates, &self.body, edges)?;
+        let accepted = drivable(retimed_trajectories, draw.candidates, &self.body, edges)?;
         let accepted_modes: Vec<usize> = accepted.iter().map(|(k, _)| retimed[*k].mode).collect();
         let nll = nll(&**prior, encoding, &accepted_modes, *with_nll)?;
         let proposal = |((k, trajectory), nll): ((usize, _), _)| Proposal {
@@ -214,11 +215,10 @@ impl Encoded {
     }
 
     /// Sorts retimed modes by probability and removes those close to a likelier one at both half time and
-    /// the end.
-    fn apart(&self, mut all: Vec<RetimedMode>) -> Vec<RetimedMode> {
+    /// the end; keeps at most `most`.
+    fn apart(&self, mut all: Vec<RetimedMode>, most: usize) -> Vec<RetimedMode> {
         // Stable sort: among equals the mode's own profile comes first.
         all.sort_by(|a, b| b.log_prob.total_cmp(&a.log_prob));
-        let most = SPARE * self.shared.options.candidates;
         let mut accepted: Vec<RetimedMode> = Vec::with_capacity(most);
         let radius = f64::from(self.shared.options.apart).powi(2);
         for retimed in all {

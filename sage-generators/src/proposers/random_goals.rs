@@ -11,7 +11,7 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{SPARE, check_candidates, encoded, goal, in_scene, nll};
+use super::{Draw, check_candidates, encoded, goal, in_scene, nll};
 use crate::{
     GeneratorInputs,
     drivable::drivable,
@@ -20,17 +20,11 @@ use crate::{
 };
 
 /// Options of random goals.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RandomGoals {
-    /// Number of candidates.
-    pub candidates: usize,
-}
-
-impl Default for RandomGoals {
-    fn default() -> Self {
-        Self { candidates: 32 }
-    }
+    /// Number of candidates; 48 by default, or 32 with a network that sees road boundaries alone.
+    pub candidates: Option<usize>,
 }
 
 impl ProposerKind for RandomGoals {
@@ -55,7 +49,7 @@ impl ProposerKind for RandomGoals {
 #[derive(Clone)]
 struct Decoder {
     prior: Arc<dyn Backbone>,
-    candidates: usize,
+    candidates: Option<usize>,
     with_nll: bool,
 }
 
@@ -82,7 +76,8 @@ impl PreparedScene for Encoded {
             let ends = prior.mode_ends(encoding)?;
             let mut modes: Vec<usize> = (0..ends.len()).collect();
             Rng::new(seed, id, "random goals").shuffle(&mut modes);
-            modes.truncate(SPARE * candidates);
+            let draw = Draw::of(*candidates, encoding.features().edge_kinds);
+            modes.truncate(draw.modes);
             let trajectories = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
             let origin = encoding.features().frame.origin();
             let mut rng = Rng::new(seed, id, "random paces");
@@ -92,7 +87,7 @@ impl PreparedScene for Encoded {
                 profile.whole(&Extended::new(trajectory, origin))
             });
             let edges = encoding.features().edge_kinds.of(now.index());
-            let accepted = drivable(retimed, *candidates, body, edges)?;
+            let accepted = drivable(retimed, draw.candidates, body, edges)?;
             let modes: Vec<usize> = accepted.iter().map(|(k, _)| modes[*k]).collect();
             let nll = nll(&**prior, encoding, &modes, *with_nll)?;
             let proposal = |(((_, trajectory), mode), nll): (((usize, _), &usize), _)| Proposal {

@@ -154,13 +154,17 @@ fn open_loop_compares_methods_and_keeps_its_table() {
     }
     assert!(table.contains("Without selection, expectations under the policy"));
     assert!(table.contains("| sage 1.00 | prior 1.00 |") && !table.contains("| oracle 0.00 |"));
-    for file in ["table.md", "table.csv", "scenes.csv", "run.json", "index.html", "00-strongest.svg"] {
+    for file in ["table.md", "table.csv", "scenes.csv", "run.json", "index.html"] {
         assert!(out.join(file).is_file(), "{file}");
     }
     let csv = std::fs::read_to_string(out.join("table.csv")).unwrap();
     assert!(csv.starts_with("generator,measure,value,low,high,n\n") && csv.contains("sage 1.00,attack,"));
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
-    assert!(page.contains("<img src=\"00-strongest.svg\"") && !out.join(".sage-rows").exists());
+    // Each of the three scenes is shown with its verdict: attacks that are believable, and those that failed.
+    let names = ["01-strongest-1", "01-failed-1"].map(|name| format!("{name}.svg"));
+    let shown = names.iter().filter(|name| out.join(name).is_file()).collect::<Vec<_>>();
+    assert!(!shown.is_empty() && shown.iter().all(|name| page.contains(&format!("<img src=\"{name}\""))));
+    assert!(page.contains("believable") && !out.join(".sage-rows").exists());
 
     // A run that was broken off goes on: what was kept is read, the rest is run.
     let run = out.join("run.json");

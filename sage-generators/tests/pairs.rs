@@ -102,7 +102,7 @@ fn any_frame_may_be_now() {
         }
         let at = OperatingPoint::at(0.5, 0.5).mixture;
         let proposals = proposer.prepare(&observation).unwrap().propose(&at, 0).unwrap();
-        assert_eq!(proposals.len(), 32);
+        assert_eq!(proposals.len(), 48);
         let [x, y] = adversary.point(NOW);
         let far = |p: [f64; 2]| (p[0] - x).hypot(p[1] - y);
         assert!(proposals.iter().all(|p| far(p.trajectory.points()[0]) < 4.0), "from its position at {now}");

@@ -146,7 +146,7 @@ impl AttackGrid {
                 let is_believable = |c: &Candidate| is_believable(&Situation::new(c, ctx.ego(), &ctx));
                 believable.push(all.iter().map(is_believable).collect());
                 for (objective, found) in objectives.iter().zip(&mut by_objective) {
-                    found.push(all.iter().map(|c| objective.evaluate(c, &ctx)).collect());
+                    found.push(all.iter().map(|c| compact(objective.evaluate(c, &ctx))).collect());
                 }
             }
             Ok(SceneGrid { by_objective, believable })
@@ -185,6 +185,19 @@ impl AttackGrid {
             self.lambdas.iter().map(|l| grid.iter().map(|mu| at(*l, *mu)).collect()).collect();
         Ok(Aggression::fit(&grid, &rates)?)
     }
+}
+
+/// The evaluation with at most one violation, of the same total cost, and without names: a grid holds
+/// hundreds of evaluations per scene.
+fn compact(mut evaluation: Evaluation) -> Evaluation {
+    let cost = evaluation.cost();
+    evaluation.violations.truncate(1);
+    evaluation.violations.shrink_to_fit();
+    for violation in &mut evaluation.violations {
+        violation.cost = cost;
+        violation.with = String::new();
+    }
+    evaluation
 }
 
 /// Values of μ from which a dial is fitted. The steps are small near 0, where the attack rate rises.

@@ -9,6 +9,7 @@ use sage_backbones::{
     weights::Weights,
 };
 use sage_core::{generator::Mixture, registry::Registry};
+use serde_json::Value;
 
 use crate::Error;
 
@@ -42,7 +43,7 @@ impl ExpertFile {
     pub const PRIOR: &str = "prior";
 
     /// The weights, if the file holds that expert of that prior.
-    fn checked(self, expert: &str, prior: &str) -> Result<Parameters, Error> {
+    fn checked(self, expert: &str, prior: &str, options: &Value) -> Result<Parameters, Error> {
         let remedy = "recreate the experts with `sage finetune`";
         let notes = &self.header.notes;
         let foreign = self.parameters.iter().find(|(_, tensor)| tensor.dtype() != DType::F32);
@@ -61,10 +62,20 @@ impl ExpertFile {
                 name.escape_debug(),
                 tensor.dtype()
             ),
+            (.., None) if edges(&self.header.options) != edges(options) => format!(
+                "the {expert} expert was tuned with the edges `{}` in its features, the prior has `{}`: use the prior that `sage finetune` wrote beside it",
+                edges(&self.header.options),
+                edges(options)
+            ),
             (.., None) => return Ok(self.parameters),
         };
         Err(sage_backbones::Error::Format { path: self.path, problem }.into())
     }
+}
+
+/// The edges in a network's features by its options; networks without the option have road boundaries.
+fn edges(options: &Value) -> &str {
+    options.get("edges").and_then(Value::as_str).unwrap_or("boundaries")
 }
 
 /// One tensor of the prior and of every expert, flattened.
@@ -132,7 +143,7 @@ impl ExpertSet {
     ) -> Result<Self, Error> {
         let hash = prior.parameters().hash()?;
         let checked = files.into_iter().map(|(name, file)| {
-            let parameters = file.checked(&name, &hash)?;
+            let parameters = file.checked(&name, &hash, prior.options())?;
             Ok((name, parameters))
         });
         let experts = checked.collect::<Result<Vec<_>, Error>>()?;

@@ -98,8 +98,15 @@ fn experts_in_the_wrong_place_are_refused() {
     assert_eq!(generate().0, 1);
     std::fs::write(at("realistic"), &realistic).unwrap();
     assert_eq!(generate().0, 0);
-    // Without a word of what it is, or of which prior.
+    // Tuned with other features than the prior's.
     let (parameters, header) = Parameters::load(&at("adversarial")).unwrap();
+    let mut other = header.clone();
+    let edges = if header.options["edges"] == "all" { "boundaries" } else { "all" };
+    other.options["edges"] = edges.into();
+    parameters.save(&other, &at("adversarial")).unwrap();
+    let (code, said) = generate();
+    assert!(code == 1 && said.contains(&format!("tuned with the edges `{edges}`")), "{said}");
+    // Without a word of what it is, or of which prior.
     for note in ["expert", "prior"] {
         let mut header = header.clone();
         header.notes.remove(note);

@@ -73,7 +73,8 @@ pub fn wilson(successes: usize, trials: usize) -> Option<Estimate> {
     let scale = 1.0 + Z * Z / n;
     let center = (share + Z * Z / (2.0 * n)) / scale;
     let half = Z / scale * (share * (1.0 - share) / n + Z * Z / (4.0 * n * n)).sqrt();
-    Some(Estimate { value: share, low: center - half, high: center + half, n: trials })
+    // Rounding must not lead out of [0, 1].
+    Some(Estimate { value: share, low: (center - half).max(0.0), high: (center + half).min(1.0), n: trials })
 }
 
 /// Spearman's rank correlation of paired values; equal values share their mean rank. 0 if all values of one

@@ -284,11 +284,7 @@ impl<'a> Drive<'a> {
     /// distance within which this cannot change without a contact. `None` if it is outside *now*.
     fn first_outside<T>(&self, test: impl Fn(usize) -> (Option<T>, f64)) -> Option<(usize, T)> {
         let half_width = self.now.half_width;
-        let (outside, mut clear) = test(0);
-        if outside.is_some() {
-            return None;
-        }
-        let mut last = 0;
+        let (mut last, mut clear) = (0, 0.0f64);
         for step in 1..=HORIZON {
             let moved = distance(self.at(last).center, self.at(step).center);
             // A boundary nearer than half the width touches the box.
@@ -298,6 +294,9 @@ impl<'a> Drive<'a> {
             }
             let (outside, distance) = test(step);
             if outside.is_some() {
+                if test(0).0.is_some() {
+                    return None;
+                }
                 let earlier = (last + 1..step).find_map(|k| Some((k, test(k).0?)));
                 return earlier.or_else(|| outside.map(|outside| (step, outside)));
             }

@@ -10,6 +10,7 @@ use crate::{
 };
 
 /// A planned trajectory of the adversary, prepared for evaluation.
+#[derive(Clone)]
 pub struct Candidate {
     trajectory: Trajectory,
     profile: Profile,

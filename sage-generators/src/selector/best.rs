@@ -1,15 +1,18 @@
 //! The best feasible proposal by an objective.
 
-use std::sync::Arc;
+use std::{borrow::Cow, sync::Arc};
 
 use sage_core::{
     Error,
     generator::{Knowledge, Note, Proposal},
-    objective::{Context, Evaluation, Objective},
+    objective::{Candidate, Context, Evaluation, Objective},
 };
 
 use super::{Selection, Selector, SelectorKind};
 use crate::GeneratorInputs;
+
+/// Largest number of candidates that are kept between their bound and their evaluation.
+const MOST_KEPT: usize = 256;
 
 /// Selects by an objective. The objective uses the ego's path and, for feasibility, the others' log.
 pub struct Best(Arc<Objective>);
@@ -34,17 +37,21 @@ impl Selector for Best {
     /// Evaluates proposals by descending upper bound and stops when no other proposal can be the best.
     fn select(&self, proposals: &[Proposal], ctx: &Context, mu: f64) -> Result<Selection, Error> {
         let objective = &*self.0;
+        let build = |proposal: &Proposal| ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
+        // Those of an exhaustive proposer, 10 kB each, are built anew where they are needed.
+        let kept: Vec<Candidate> =
+            if proposals.len() <= MOST_KEPT { proposals.iter().map(build).collect() } else { Vec::new() };
         let candidate =
-            |proposal: &Proposal| ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
-        let at_most = |proposal: &Proposal| objective.value_at_most(&candidate(proposal), ctx, mu);
-        let mut order: Vec<(f64, usize)> = proposals.iter().map(at_most).zip(0..).collect();
+            |k: usize| kept.get(k).map_or_else(|| Cow::Owned(build(&proposals[k])), Cow::Borrowed);
+        let at_most = |k: usize| (objective.value_at_most(&candidate(k), ctx, mu), k);
+        let mut order: Vec<(f64, usize)> = (0..proposals.len()).map(at_most).collect();
         order.sort_by(|a, b| b.0.total_cmp(&a.0));
         let (mut most, mut evaluated) = (f64::NEG_INFINITY, Vec::new());
         for (at_most, k) in order {
             if at_most < most {
                 break;
             }
-            let evaluation = objective.evaluate(&candidate(&proposals[k]), ctx);
+            let evaluation = objective.evaluate(&candidate(k), ctx);
             if evaluation.is_feasible() {
                 most = most.max(objective.value(&evaluation, mu));
             }

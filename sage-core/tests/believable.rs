@@ -7,8 +7,12 @@ mod hand_made;
 use approx::assert_relative_eq;
 use hand_made::{candidate, car, context, road, score, with_feature};
 use sage_core::{
-    objective::{Reward, Scores, Situation, Violation, feasibilities, is_believable, rewards},
+    objective::{
+        Naturalness, Phase, Reward, Scores, Situation, Violation, against_traffic, feasibilities,
+        is_believable, rewards,
+    },
     scene::{MapKind, Scene},
+    seed::Rng,
 };
 use serde_json::{Value, json};
 
@@ -178,4 +182,24 @@ fn without_edges_the_lanes_bound_the_road() {
     // Who starts beyond may stay there.
     let scene = Scene { tracks: road(car("a", [20.0, -7.0], [0.0, 0.0]), vec![]).tracks, ..scene };
     assert_eq!(violations(&scene, json!({}), |_| [20.0, -7.0]), []);
+}
+
+#[test]
+fn time_against_the_traffic_is_the_share_of_steps_that_naturalness_counts() {
+    let mut rng = Rng::new(1, "believable", "against the traffic");
+    let mut found = [0.0, 0.0];
+    for _ in 0..100 {
+        let [x, y] = [rng.uniform(20.0, 80.0), rng.uniform(-6.0, 8.0)];
+        let (speed, heading, turn) = (rng.uniform(0.0, 15.0), rng.uniform(-3.1, 3.1), rng.uniform(-0.3, 0.3));
+        let ctx = context(&lanes([x, y], [speed * heading.cos(), speed * heading.sin()]));
+        let arc = candidate(&ctx, |t| {
+            let angle = heading + turn * t;
+            [x + speed * t * angle.cos(), y + speed * t * angle.sin()]
+        });
+        let seconds = against_traffic(&Situation::new(&arc, ctx.ego(), &ctx), Phase::Whole);
+        let share = Naturalness::of(&arc, &ctx).against_lane;
+        assert_relative_eq!(seconds, 8.0 * share, epsilon = 1e-9);
+        found = [found[0] + seconds, found[1] + 8.0 - seconds];
+    }
+    assert!(found.iter().all(|seconds| *seconds > 20.0), "{found:?}: too one-sided");
 }

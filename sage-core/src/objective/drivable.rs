@@ -177,7 +177,7 @@ impl<'a> Drive<'a> {
     fn swept_edges(&self) -> [Option<(usize, u32)>; 2] {
         let edges = self.edges();
         let mut first = [None, None];
-        let mut near: Vec<(&Segment, Aabb)> = Vec::new();
+        let mut near: Vec<(&Segment, Aabb)> = Vec::with_capacity(64);
         for (chunk, bounds) in self.chunks.iter().enumerate() {
             near.clear();
             let segments = edges.near(bounds).flat_map(|run| &edges.segments()[run]);
@@ -185,8 +185,11 @@ impl<'a> Drive<'a> {
             if near.is_empty() {
                 continue;
             }
+            let mut before = self.at(chunk * CHUNK).aabb();
             for step in chunk * CHUNK + 1..=(chunk + 1) * CHUNK {
-                let bounds = self.at(step - 1).aabb().union(&self.at(step).aabb());
+                let after = self.at(step).aabb();
+                let bounds = before.union(&after);
+                before = after;
                 let mut sweep = None;
                 for (segment, _) in near.iter().filter(|(_, aabb)| bounds.meets(aabb)) {
                     let sweep =

@@ -4,6 +4,8 @@
 //! translation. For the rotations of a car in 0.1 s the error is less than a centimetre. Against moving
 //! boxes both motions are sampled such that no corner moves more than [`STEP`] relative to the other box.
 
+use std::cell::OnceCell;
+
 use super::{OrientedBox, Point, cross, dot, norm, sub};
 
 /// Margin of the box that covers both frames, metres: a box that turns leaves the hull by less.
@@ -14,12 +16,13 @@ const STEP: f64 = 0.1;
 const MAX_STEPS: usize = 640;
 
 /// Area of a box between two frames.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct SweptBox<'b> {
     from: &'b OrientedBox,
     to: &'b OrientedBox,
     /// A box along `to` that holds both: it decides most tests without the hull.
     cover: OrientedBox,
+    hull: OnceCell<Vec<Point>>,
 }
 
 impl<'b> SweptBox<'b> {
@@ -41,13 +44,14 @@ impl<'b> SweptBox<'b> {
         let center = [to.center[0] + x * c - y * s, to.center[1] + x * s + y * c];
         let [half_length, half_width] = [0, 1].map(|k| 0.5 * (high[k] - low[k]) + COVER_MARGIN);
         let cover = OrientedBox { center, axis: to.axis, half_length, half_width };
-        Self { from, to, cover }
+        Self { from, to, cover, hull: OnceCell::new() }
     }
 
     /// Whether the closed hull of the two boxes and the closed segment share a point.
     pub fn intersects_segment(&self, a: Point, b: Point) -> bool {
         self.cover.intersects_segment(a, b)
-            && (self.to.intersects_segment(a, b) || hull_intersects(&self.hull(), a, b))
+            && (self.to.intersects_segment(a, b)
+                || hull_intersects(self.hull.get_or_init(|| self.hull()), a, b))
     }
 
     fn hull(&self) -> Vec<Point> {

@@ -159,8 +159,8 @@ impl<'a> Drive<'a> {
         true
     }
 
-    fn same_level(&self, step: usize, other: f64) -> bool {
-        self.heights.as_ref().is_none_or(|all| (all[step] - other).abs() <= self.options.height_gap)
+    fn same_level(&self, step: usize, other: impl FnOnce() -> f64) -> bool {
+        self.heights.as_ref().is_none_or(|all| (all[step] - other()).abs() <= self.options.height_gap)
     }
 
     fn edges(&self) -> &'a SegmentIndex {
@@ -173,33 +173,42 @@ impl<'a> Drive<'a> {
     }
 
     /// First step, and feature, at which the sweep touches a boundary and a median of the same level. After a
-    /// boundary, medians are not sought.
+    /// boundary, medians are sought only to the end of its group of steps.
     fn swept_edges(&self) -> [Option<(usize, u32)>; 2] {
         let edges = self.edges();
         let mut first = [None, None];
-        let mut near: Vec<(&Segment, Aabb)> = Vec::with_capacity(64);
+        let mut near: Vec<(Aabb, usize, &Segment)> = Vec::with_capacity(64);
         for (chunk, bounds) in self.chunks.iter().enumerate() {
             near.clear();
             let segments = edges.near(bounds).flat_map(|run| &edges.segments()[run]);
-            near.extend(segments.map(|s| (s, s.aabb())).filter(|(_, aabb)| aabb.meets(bounds)));
-            if near.is_empty() {
-                continue;
-            }
+            let met = segments.map(|s| (s.aabb(), s)).filter(|(aabb, _)| aabb.meets(bounds));
+            near.extend(met.map(|(aabb, s)| (aabb, usize::from(self.is_median(s)), s)));
+            near.retain(|(_, kind, _)| first[*kind].is_none());
             let mut before = self.at(chunk * CHUNK).aabb();
             for step in chunk * CHUNK + 1..=(chunk + 1) * CHUNK {
+                if near.is_empty() {
+                    break;
+                }
                 let after = self.at(step).aabb();
                 let bounds = before.union(&after);
                 before = after;
                 let mut sweep = None;
-                for (segment, _) in near.iter().filter(|(_, aabb)| bounds.meets(aabb)) {
-                    let sweep =
-                        sweep.get_or_insert_with(|| SweptBox::between(self.at(step - 1), self.at(step)));
-                    if sweep.intersects_segment(segment.a, segment.b)
+                let mut found = false;
+                for (_, kind, segment) in near.iter().filter(|(aabb, ..)| bounds.meets(aabb)) {
+                    if first[*kind].is_none()
+                        && self
+                            .same_level(step, || segment.height(segment.nearest_share(self.at(step).center)))
+                        && sweep
+                            .get_or_insert_with(|| SweptBox::between(self.at(step - 1), self.at(step)))
+                            .intersects_segment(segment.a, segment.b)
                         && !(step == 1 && self.now.intersects_segment(segment.a, segment.b))
-                        && self.same_level(step, segment.height(segment.nearest_share(self.at(step).center)))
                     {
-                        first[usize::from(self.is_median(segment))].get_or_insert((step, segment.feature));
+                        first[*kind] = Some((step, segment.feature));
+                        found = true;
                     }
+                }
+                if found {
+                    near.retain(|(_, kind, _)| first[*kind].is_none());
                 }
             }
             if first[0].is_some() {
@@ -229,7 +238,7 @@ impl<'a> Drive<'a> {
         let Some(now) = other.at(step) else { return false };
         let track = &self.ctx.scene().tracks[other.track];
         let frame = NOW + step;
-        if !self.same_level(step, ground(track.position[frame][2], track.size[frame][2])) {
+        if !self.same_level(step, || ground(track.position[frame][2], track.size[frame][2])) {
             return false;
         }
         match other.at(step - 1) {
@@ -253,7 +262,7 @@ impl<'a> Drive<'a> {
         let boundaries = index.boundaries();
         let beyond = |step: usize, reach: f64| {
             let p = self.at(step).center;
-            let level = |s: &Segment| self.same_level(step, s.height(s.nearest_share(p)));
+            let level = |s: &Segment| self.same_level(step, || s.height(s.nearest_share(p)));
             let Some(nearest) = boundaries.nearest(p, reach, level) else { return (None, reach) };
             let feature = boundaries.segments()[nearest.segment].feature;
             let is_beyond = boundaries.side(p, &nearest) == Some(Side::Right);
@@ -270,7 +279,7 @@ impl<'a> Drive<'a> {
         }
         let outside = |step: usize| {
             let p = self.at(step).center;
-            let level = |s: &Segment| self.same_level(step, s.height(s.nearest_share(p)));
+            let level = |s: &Segment| self.same_level(step, || s.height(s.nearest_share(p)));
             match lanes.nearest(p, reach, level) {
                 Some(near) => (None, reach - near.distance),
                 None => (Some(()), 0.0),

@@ -1,0 +1,205 @@
+//! Other road users at one moment: box, velocity, level.
+
+use sage_core::{
+    geometry::{OrientedBox, Point, distance, wrap_angle},
+    motion::NOW,
+    scene::{Track, TrackKind},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::vehicle::Vehicle;
+
+/// Time between frames, s.
+const DT: f64 = 0.1;
+
+/// Kind of a road user in the simulation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BodyKind {
+    /// Car, van, truck, bus.
+    Vehicle,
+    /// Person on foot.
+    Pedestrian,
+    /// Person on a bicycle or the like.
+    Cyclist,
+    /// Cone, barrier, other.
+    Object,
+}
+
+impl BodyKind {
+    /// Kind of a track.
+    pub fn of(track: &Track) -> Self {
+        match track.kind {
+            TrackKind::Vehicle => Self::Vehicle,
+            TrackKind::Pedestrian => Self::Pedestrian,
+            TrackKind::Cyclist => Self::Cyclist,
+            TrackKind::Other(_) => Self::Object,
+        }
+    }
+}
+
+/// Models of traffic in MetaDrive: sizes and masses instead of the logged ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BodyClass {
+    /// Short car.
+    Small,
+    /// Car.
+    Medium,
+    /// Van.
+    Large,
+    /// Truck.
+    ExtraLarge,
+    /// Bicycle.
+    Cyclist,
+    /// A disc of radius 0.35 m.
+    Pedestrian,
+}
+
+impl BodyClass {
+    /// Length and width, metres.
+    pub fn size(self) -> [f64; 2] {
+        match self {
+            Self::Small => [4.3, 1.7],
+            Self::Medium => [4.6, 1.85],
+            Self::Large => [4.87, 2.046],
+            Self::ExtraLarge => [5.74, 2.3],
+            Self::Cyclist => [1.75, 0.4],
+            Self::Pedestrian => [0.7, 0.7],
+        }
+    }
+
+    /// Mass, kg.
+    pub fn mass(self) -> f64 {
+        match self {
+            Self::Small => 800.0,
+            Self::Medium => 1200.0,
+            Self::Large => 1300.0,
+            Self::ExtraLarge => 1600.0,
+            Self::Cyclist => 80.0,
+            Self::Pedestrian => 70.0,
+        }
+    }
+
+    /// The model as a car on tyres; `None` for people and bicycles.
+    pub fn vehicle(self) -> Option<Vehicle> {
+        let friction = match self {
+            Self::Small => 0.9,
+            Self::Medium => 0.75,
+            Self::Large => 0.8,
+            Self::ExtraLarge => 0.7,
+            Self::Cyclist | Self::Pedestrian => return None,
+        };
+        let [length, width] = self.size();
+        Some(Vehicle::of_size(length, width, self.mass(), friction))
+    }
+}
+
+/// A road user at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Body {
+    /// Index of its track in the scene.
+    pub track: usize,
+    /// Kind.
+    pub kind: BodyKind,
+    /// MetaDrive's model, if sizes come from there.
+    pub class: Option<BodyClass>,
+    /// Area that it covers; for [`BodyClass::Pedestrian`] the square around its disc.
+    pub area: OrientedBox,
+    /// Heading, rad.
+    pub heading: f64,
+    /// Velocity, m/s.
+    pub velocity: Point,
+    /// Yaw rate, rad/s.
+    pub yaw_rate: f64,
+    /// Height of the ground under it, metres.
+    pub ground: f64,
+}
+
+impl Body {
+    /// A track at a valid frame.
+    ///
+    /// `fixed_size`: length and width instead of the frame's. The adversary has its size at *now*.
+    pub fn of_track(index: usize, track: &Track, frame: usize, shape: BodyShape) -> Self {
+        let [x, y, z] = track.position[frame];
+        let [length, width, height] = track.size[frame];
+        let heading = track.heading[frame];
+        let [length, width] = shape.size.unwrap_or([length, width]);
+        let next = track.is_valid(frame + 1).then(|| wrap_angle(track.heading[frame + 1] - heading) / DT);
+        Self {
+            track: index,
+            kind: BodyKind::of(track),
+            class: shape.class,
+            area: OrientedBox::new([x, y], heading, length, width),
+            heading,
+            velocity: track.velocity[frame],
+            yaw_rate: next.unwrap_or(0.0),
+            ground: z - 0.5 * height,
+        }
+    }
+
+    /// Radius of the disc, if it is one.
+    pub fn disc(&self) -> Option<f64> {
+        (self.class == Some(BodyClass::Pedestrian)).then_some(self.area.half_width)
+    }
+
+    /// Speed, m/s.
+    pub fn speed(&self) -> f64 {
+        sage_core::geometry::norm(self.velocity)
+    }
+
+    /// The body after `dt` seconds at constant velocity and heading.
+    pub fn coasted(&self, dt: f64) -> OrientedBox {
+        let [x, y] = self.area.center;
+        OrientedBox { center: [x + self.velocity[0] * dt, y + self.velocity[1] * dt], ..self.area }
+    }
+
+    /// Whether `area`, a later position of this body, touches a car.
+    pub fn touches(&self, area: &OrientedBox, car: &OrientedBox) -> bool {
+        match self.disc() {
+            Some(radius) => {
+                let [along, across] = car.to_local(area.center);
+                let out = [along.abs() - car.half_length, across.abs() - car.half_width].map(|d| d.max(0.0));
+                out[0] * out[0] + out[1] * out[1] <= radius * radius
+            }
+            None => area.intersects(car),
+        }
+    }
+}
+
+/// Length and width instead of a track's logged ones, with MetaDrive's model if they are from there.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BodyShape {
+    /// Length and width, metres; `None` for the logged ones of each frame.
+    pub size: Option<[f64; 2]>,
+    /// MetaDrive's model.
+    pub class: Option<BodyClass>,
+}
+
+impl BodyShape {
+    /// Sizes of a class.
+    pub fn of_class(class: BodyClass) -> Self {
+        Self { size: Some(class.size()), class: Some(class) }
+    }
+
+    /// The logged size at *now*, or at the valid frame nearest to it.
+    pub fn at_now(track: &Track) -> Self {
+        let nearest = (0..track.valid.len()).filter(|&f| track.valid[f]).min_by_key(|f| f.abs_diff(NOW));
+        Self { size: nearest.map(|frame| [track.size[frame][0], track.size[frame][1]]), class: None }
+    }
+}
+
+/// Whether MetaDrive treats a vehicle as parked: its valid positions deviate by at most 3 m on either axis.
+pub fn is_parked(track: &Track) -> bool {
+    let deviation = |axis: usize| {
+        let valid = || track.position.iter().zip(&track.valid).filter(|(_, v)| **v).map(|(p, _)| p[axis]);
+        let n = valid().count().max(1) as f64;
+        let mean = valid().sum::<f64>() / n;
+        (valid().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
+    };
+    track.kind == TrackKind::Vehicle && deviation(0).max(deviation(1)) <= 3.0
+}
+
+/// Distance between the centres, metres.
+pub fn center_distance(a: &OrientedBox, b: &OrientedBox) -> f64 {
+    distance(a.center, b.center)
+}

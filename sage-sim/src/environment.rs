@@ -1,0 +1,148 @@
+//! The environment of reinforcement learning: reset, step, observation, reward, cost, endings.
+//!
+//! The rules are MetaDrive's for recorded scenes: the reward is the progress along the logged route in metres,
+//! replaced by +10 on arrival, −10 off the road, −1 in contact. Each oddity of MetaDrive is an option that is
+//! off by default; [`EnvironmentOptions::metadrive`] turns all of them on.
+
+mod batch;
+mod options;
+mod rules;
+
+use std::sync::Arc;
+
+use sage_core::{Error, geometry::distance, scene::TrackKind};
+
+pub use batch::{AutoReset, Batch, BatchOutput};
+pub use options::{EnvironmentOptions, Rewards};
+pub use rules::{Outcome, Situation, assess};
+
+use crate::{
+    navigation::Navigation,
+    observation::{Driving, observe},
+    route::{Coordinates, Localization},
+    scene::SimScene,
+    traffic::Plan,
+    vehicle::Action,
+    world::{Control, World},
+};
+
+/// An episode of driving in one scene. A clone continues on its own.
+#[derive(Clone)]
+pub struct Environment {
+    options: Arc<EnvironmentOptions>,
+    world: World,
+    driving: Driving,
+    at: Coordinates,
+    is_over: bool,
+}
+
+impl Environment {
+    /// Starts an episode.
+    ///
+    /// `seed` decides what the options leave open. `plan` replaces the log of one track, usually the
+    /// adversary.
+    ///
+    /// *Errors*: as [`World::new`].
+    pub fn reset(
+        scene: Arc<SimScene>,
+        options: Arc<EnvironmentOptions>,
+        plan: Option<Arc<Plan>>,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        let world = World::new(scene, options.world.clone(), plan, seed)?;
+        let how = options.localization();
+        let motion = *world.motion();
+        let route = world.scene().route();
+        let navigation = Navigation::start(route, how, motion.position);
+        let at = route.locate(motion.position, how);
+        let driving =
+            Driving { actions: [Action::default(); 2], navigation, navigated: motion, step: 0 };
+        Ok(Self { options, world, driving, at, is_over: false })
+    }
+
+    /// Advances by one step of 0.1 s.
+    ///
+    /// *Errors*: [`Error::Scene`] if the episode is over, or as [`World::step`].
+    pub fn step(&mut self, action: Action) -> Result<Outcome, Error> {
+        let action = if self.options.nan_is_zero { action.limited() } else { action };
+        self.step_with(Control::Drive(action))
+    }
+
+    /// Advances by one step with any control.
+    ///
+    /// *Errors*: as [`Environment::step`].
+    pub fn step_with(&mut self, control: Control) -> Result<Outcome, Error> {
+        if self.is_over {
+            let problem = "the episode is over; start another one".to_owned();
+            return Err(self.world.scene().error(problem));
+        }
+        self.world.step(control, None)?;
+        let (outcome, at) = self.assessed();
+        self.at = at;
+        let action = match control {
+            Control::Drive(action) => action.limited(),
+            Control::Pose { .. } => Action::default(),
+        };
+        let how = self.options.localization();
+        let is_late = self.options.late_navigation && matches!(control, Control::Pose { .. });
+        let navigated = if is_late { *self.world.motion_before() } else { *self.world.motion() };
+        self.driving.actions = [action, self.driving.actions[0]];
+        self.driving.navigated = navigated;
+        self.driving.navigation.update(self.world.scene().route(), how, navigated.position);
+        self.driving.step += 1;
+        self.is_over = outcome.terminated || outcome.truncated;
+        Ok(outcome)
+    }
+
+    /// Writes the observation, of length [`crate::observation::LENGTH`].
+    pub fn observe(&self, out: &mut [f32]) {
+        observe(&self.world, &self.driving, self.options.observation, out);
+    }
+
+    /// The world.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// Whether the episode is over.
+    pub fn is_over(&self) -> bool {
+        self.is_over
+    }
+
+    /// Assesses the last step, and gives the car's coordinates on the route.
+    fn assessed(&self) -> (Outcome, Coordinates) {
+        let world = &self.world;
+        let scene = world.scene();
+        let how = self.options.localization();
+        let position = world.motion().position;
+        let at = scene.route().locate(position, how);
+        let touched = |kind: fn(&TrackKind) -> bool| {
+            let tracks = &scene.scene().tracks;
+            world.facts().contacts.iter().any(|contact| kind(&tracks[contact.track].kind))
+        };
+        let facts = world.facts();
+        let step = world.step_count();
+        let situation = Situation {
+            step,
+            last_frame: scene.scene().frames - 1,
+            along_before: self.at.along,
+            at,
+            route_length: scene.route().length(),
+            vehicle_contact: touched(|kind| *kind == TrackKind::Vehicle),
+            human_contact: touched(|kind| matches!(kind, TrackKind::Pedestrian | TrackKind::Cyclist)),
+            object_contact: touched(|kind| matches!(kind, TrackKind::Other(_))),
+            on_yellow: facts.on_yellow,
+            on_edge: facts.on_edge,
+        };
+        let mut outcome = assess(&self.options, &situation);
+        outcome.distance_to_log = distance(position, scene.logged_position(step));
+        (outcome, at)
+    }
+}
+
+impl EnvironmentOptions {
+    /// How positions are located on the route.
+    pub fn localization(&self) -> Localization {
+        if self.line_localization { Localization::MetaDrive } else { Localization::Nearest }
+    }
+}

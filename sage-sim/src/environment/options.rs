@@ -1,0 +1,154 @@
+//! Options of the environment, and the preset of MetaDrive.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    lines::LineShapes,
+    observation::ObservationKind,
+    traffic::{TrafficMode, TrafficOptions},
+    world::WorldOptions,
+};
+
+/// Rewards and costs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Rewards {
+    /// Reward on arrival.
+    pub success: f64,
+    /// Penalty off the road.
+    pub out_of_road: f64,
+    /// Penalty of a step in contact with a vehicle or an object.
+    pub contact: f64,
+    /// Cost of a step off the road or in contact.
+    pub cost: f64,
+}
+
+impl Default for Rewards {
+    fn default() -> Self {
+        Self { success: 10.0, out_of_road: 10.0, contact: 1.0, cost: 1.0 }
+    }
+}
+
+/// Options of an [`Environment`](super::Environment).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EnvironmentOptions {
+    /// The world.
+    #[serde(with = "shared")]
+    pub world: Arc<WorldOptions>,
+    /// Rewards and costs.
+    pub rewards: Rewards,
+    /// The observation.
+    pub observation: ObservationKind,
+    /// Largest number of steps; the end of the log ends an episode earlier.
+    pub max_steps: usize,
+    /// Whether contact with a vehicle ends the episode.
+    pub contact_ends: bool,
+    /// MetaDrive: episodes continue after the end of the log, without traffic.
+    pub outlast_log: bool,
+    /// MetaDrive: a solid yellow line is off the road.
+    pub yellow_ends: bool,
+    /// MetaDrive: positions are located on the nearest *line* of the route ([`crate::route::Localization`]).
+    pub line_localization: bool,
+    /// MetaDrive: under replay the navigation numbers are those of the pose before the step.
+    pub late_navigation: bool,
+    /// MetaDrive: the limit of steps counts as a termination.
+    pub limit_terminates: bool,
+    /// MetaDrive: contact with a vehicle is reported only if it ends the episode.
+    pub contact_hidden: bool,
+    /// MetaDrive: NaN in an action counts as 0; otherwise it is an error.
+    pub nan_is_zero: bool,
+}
+
+impl Default for EnvironmentOptions {
+    fn default() -> Self {
+        Self {
+            world: Arc::default(),
+            rewards: Rewards::default(),
+            observation: ObservationKind::Corrected,
+            max_steps: 90,
+            contact_ends: false,
+            outlast_log: false,
+            yellow_ends: false,
+            line_localization: false,
+            late_navigation: false,
+            limit_terminates: false,
+            contact_hidden: false,
+            nan_is_zero: false,
+        }
+    }
+}
+
+impl EnvironmentOptions {
+    /// Training as published: no parked cars; every oddity of MetaDrive 0.3 off.
+    pub fn training() -> Self {
+        let traffic = TrafficOptions { parked: false, ..TrafficOptions::default() };
+        let world = WorldOptions { traffic, strength: None, ..WorldOptions::default() };
+        Self { world: Arc::new(world), ..Self::default() }
+    }
+
+    /// MetaDrive 0.3.0.1 as configured for training, with all its oddities.
+    pub fn metadrive() -> Self {
+        let traffic = TrafficOptions {
+            mode: TrafficMode::Replay,
+            parked: false,
+            class_sizes: true,
+            skip_close: true,
+            late_plan: true,
+            dynamic: true,
+            ..TrafficOptions::default()
+        };
+        let world = WorldOptions {
+            traffic,
+            strength: None,
+            lines: LineShapes::Pieces,
+            late_pose: true,
+            airborne_start: true,
+            flat: true,
+            whole_physics: false,
+        };
+        Self {
+            world: Arc::new(world),
+            rewards: Rewards::default(),
+            observation: ObservationKind::MetaDrive,
+            max_steps: 251,
+            contact_ends: false,
+            outlast_log: true,
+            yellow_ends: true,
+            line_localization: true,
+            late_navigation: true,
+            limit_terminates: true,
+            contact_hidden: true,
+            nan_is_zero: true,
+        }
+    }
+
+    /// Options of a preset: `default`, `training` or `metadrive`.
+    pub fn preset(name: &str) -> Option<Self> {
+        match name {
+            "default" => Some(Self::default()),
+            "training" => Some(Self::training()),
+            "metadrive" => Some(Self::metadrive()),
+            _ => None,
+        }
+    }
+}
+
+/// Serde for values behind an [`Arc`].
+mod shared {
+    use std::sync::Arc;
+
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    use crate::world::WorldOptions;
+
+    pub(super) fn serialize<S: Serializer>(value: &Arc<WorldOptions>, to: S) -> Result<S::Ok, S::Error> {
+        value.as_ref().serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Arc<WorldOptions>, D::Error> {
+        WorldOptions::deserialize(from).map(Arc::new)
+    }
+}

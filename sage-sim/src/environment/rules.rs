@@ -1,0 +1,108 @@
+//! Reward, cost and endings of a step, as functions of what happened in it.
+
+use super::EnvironmentOptions;
+use crate::route::Coordinates;
+
+/// Share of the route at which the car has arrived.
+const ARRIVED: f64 = 0.95;
+/// A route shorter than this is complete at once, metres.
+const SHORTEST_ROUTE: f64 = 1.0;
+/// Distance across the route at which the car is off the road, metres.
+const FARTHEST: f64 = 10.0;
+/// Completion below which the episode ends: the car drove backwards.
+const BACKWARDS: f64 = -0.1;
+
+/// What happened in a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Situation {
+    /// Number of the step, 1 the first.
+    pub step: usize,
+    /// Last frame of the log.
+    pub last_frame: usize,
+    /// Distance along the route before the step, metres.
+    pub along_before: f64,
+    /// Coordinates on the route after the step.
+    pub at: Coordinates,
+    /// Length of the route, metres.
+    pub route_length: f64,
+    /// Contact with a vehicle in the step.
+    pub vehicle_contact: bool,
+    /// Contact with a pedestrian or cyclist: reported, without consequence.
+    pub human_contact: bool,
+    /// Contact with a cone, barrier or other object.
+    pub object_contact: bool,
+    /// On a solid yellow line at the end.
+    pub on_yellow: bool,
+    /// On a road edge at the end.
+    pub on_edge: bool,
+}
+
+/// Result of a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// Reward.
+    pub reward: f64,
+    /// Cost.
+    pub cost: f64,
+    /// Whether the episode ended by arrival or failure.
+    pub terminated: bool,
+    /// Whether the episode was cut off by the limit of steps or the end of the log.
+    pub truncated: bool,
+    /// Whether the car arrived.
+    pub arrived: bool,
+    /// Whether it is off the road.
+    pub out_of_road: bool,
+    /// Whether it touched a vehicle.
+    pub vehicle_contact: bool,
+    /// Whether it touched a pedestrian or cyclist.
+    pub human_contact: bool,
+    /// Whether it touched an object.
+    pub object_contact: bool,
+    /// Share of the route behind the car; below 0 before the start, above 1 beyond the end.
+    pub completion: f64,
+    /// Progress along the route in the step, metres: the reward before it is replaced.
+    pub progress: f64,
+    /// Distance to the logged position at the same frame, metres.
+    pub distance_to_log: f64,
+}
+
+/// Assesses a step.
+pub fn assess(options: &EnvironmentOptions, situation: &Situation) -> Outcome {
+    let s = situation;
+    let rewards = &options.rewards;
+    let progress = s.at.along - s.along_before;
+    let completion = s.at.along / s.route_length;
+    let arrived = completion > ARRIVED || s.route_length < SHORTEST_ROUTE;
+    let out_of_road = s.at.across.abs() > FARTHEST || s.on_edge || (options.yellow_ends && s.on_yellow);
+    let contact = s.vehicle_contact || s.object_contact;
+    let reward = if arrived {
+        rewards.success
+    } else if out_of_road {
+        -rewards.out_of_road
+    } else if contact {
+        -rewards.contact
+    } else {
+        progress
+    };
+    let failed = out_of_road
+        || completion < BACKWARDS
+        || s.object_contact
+        || (options.contact_ends && s.vehicle_contact);
+    let mut terminated = arrived || completion > 1.0 || failed;
+    let is_last = s.step >= options.max_steps || (!options.outlast_log && s.step >= s.last_frame);
+    terminated |= is_last && options.limit_terminates;
+    Outcome {
+        reward,
+        cost: if out_of_road || contact { rewards.cost } else { 0.0 },
+        terminated,
+        truncated: is_last && !terminated,
+        arrived,
+        out_of_road,
+        vehicle_contact: s.vehicle_contact && (options.contact_ends || !options.contact_hidden),
+        human_contact: s.human_contact,
+        object_contact: s.object_contact,
+        completion,
+        progress,
+        distance_to_log: 0.0,
+    }
+}

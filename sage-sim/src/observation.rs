@@ -1,0 +1,250 @@
+//! The observation of a learning driver: 101 numbers in [0, 1].
+//!
+//! | numbers | content |
+//! | --- | --- |
+//! | 0–29 | distances to solid lines, 30 beams, counter-clockwise from the left, of 50 m |
+//! | 30 | heading against the route |
+//! | 31 | speed of 80 km/h |
+//! | 32 | steering |
+//! | 33, 34 | steering and throttle of an action |
+//! | 35 | yaw rate |
+//! | 36–47 | distances to all lines, 12 beams, counter-clockwise from the left, of 50 m |
+//! | 48–52 | next checkpoint: forward and left of 50 m; three constants |
+//! | 53–57 | checkpoint after it, likewise |
+//! | 58 | distance across the route of 10 m, 1 on the right |
+//! | 59–70 | the three nearest vehicles: position of 50 m, relative velocity of 80 km/h, forward and left |
+//! | 71–100 | distances to road users, 30 beams, counter-clockwise from ahead, of 50 m |
+
+use std::{f64::consts::TAU, sync::LazyLock};
+
+use sage_core::geometry::{Point, cross, dot, sub};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    body::{Body, BodyKind},
+    lines::LineKind,
+    navigation::Navigation,
+    rays,
+    route::{Localization, Route},
+    vehicle::{Action, Motion},
+    world::World,
+};
+
+/// Length of an observation.
+pub const LENGTH: usize = 101;
+/// Reach of all detectors, metres.
+const REACH: f64 = 50.0;
+/// Beams of the side detector and of the lidar.
+const BEAMS: usize = 30;
+/// Beams of the lane-line detector.
+const LINE_BEAMS: usize = 12;
+/// Vehicles that are described one by one.
+const NEAREST: usize = 3;
+/// Speed that fills the scale, km/h.
+const FULL_SPEED: f64 = 80.0;
+/// Kilometres an hour in a metre a second.
+const KMH: f64 = 3.6;
+
+/// Which 101 numbers.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ObservationKind {
+    /// The numbers say what they name: steering of the whole range, the action just taken, the signed yaw rate
+    /// (1 rad/s fills the scale), and an absent neighbour is 50 m ahead at the own velocity.
+    #[default]
+    Corrected,
+    /// As in MetaDrive 0.3: steering divided by 60, the action before the last one, the absolute yaw rate,
+    /// zeros for an absent neighbour.
+    MetaDrive,
+}
+
+/// What an observation needs besides the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Driving {
+    /// Actions of the last step and of the one before it.
+    pub actions: [Action; 2],
+    /// Place on the route.
+    pub navigation: Navigation,
+    /// Motion for which the navigation numbers are given.
+    pub navigated: Motion,
+    /// Number of steps since the start.
+    pub step: usize,
+}
+
+/// Unit vectors of 12° and 30° beams.
+static BEAM_TABLES: LazyLock<([Point; BEAMS], [Point; LINE_BEAMS])> = LazyLock::new(|| {
+    let unit = |k: usize, n: usize| {
+        let (sin, cos) = (k as f64 * TAU / n as f64).sin_cos();
+        [cos, sin]
+    };
+    (std::array::from_fn(|k| unit(k, BEAMS)), std::array::from_fn(|k| unit(k, LINE_BEAMS)))
+});
+
+/// Writes the observation of a world.
+///
+/// *Panics* (debug builds): `out` is not of length [`LENGTH`].
+pub fn observe(world: &World, driving: &Driving, kind: ObservationKind, out: &mut [f32]) {
+    debug_assert_eq!(out.len(), LENGTH);
+    let motion = world.motion();
+    let (sin, cos) = motion.heading.sin_cos();
+    let axis = [cos, sin];
+    let mut write = |at: usize, value: f64| out[at] = (value as f32).clamp(0.0, 1.0);
+    lines(world, axis, &mut write);
+    own(world, driving, kind, &mut write);
+    navigation(world.scene().route(), driving, kind, &mut write);
+    nearest(world, axis, kind, &mut write);
+    lidar(world, axis, kind, &mut write);
+}
+
+fn turned(axis: Point, beam: Point) -> Point {
+    [axis[0] * beam[0] - axis[1] * beam[1], axis[1] * beam[0] + axis[0] * beam[1]]
+}
+
+/// Beams to lines; the first points to the left.
+fn lines(world: &World, axis: Point, write: &mut impl FnMut(usize, f64)) {
+    let (beams, line_beams) = &*BEAM_TABLES;
+    let left = [-axis[1], axis[0]];
+    let from = world.motion().position;
+    let lines = world.scene().lines(world.options().lines);
+    let pieces = lines.pieces();
+    let cast = |beam: Point, is_seen: fn(LineKind) -> bool| {
+        let direction = turned(left, beam);
+        let hit = |k: usize, nearest: f64| {
+            let piece = &pieces[k];
+            if !is_seen(piece.kind) || !world.is_level(piece.height) {
+                return None;
+            }
+            rays::to_box(from, direction, &piece.area).filter(|distance| *distance < nearest)
+        };
+        lines.grid().cast(from, direction, REACH, hit) / REACH
+    };
+    let is_solid = |kind| matches!(kind, LineKind::SolidWhite | LineKind::SolidYellow);
+    for (k, beam) in beams.iter().enumerate() {
+        write(k, cast(*beam, is_solid));
+    }
+    for (k, beam) in line_beams.iter().enumerate() {
+        write(36 + k, cast(*beam, |kind| kind != LineKind::Edge));
+    }
+}
+
+/// Numbers of the car itself.
+fn own(world: &World, driving: &Driving, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
+    let motion = world.motion();
+    let route = world.scene().route();
+    let along = match kind {
+        ObservationKind::Corrected => route.locate(motion.position, Localization::Nearest).along,
+        ObservationKind::MetaDrive => route.locate(motion.position, Localization::MetaDrive).along,
+    };
+    let direction = route.direction_metadrive(along);
+    let (sin, cos) = motion.heading.sin_cos();
+    // Sine of the heading against the route.
+    let sine = cross(direction, [cos, sin]);
+    write(30, 0.5 - 0.5 * sine);
+    write(31, (motion.speed() * KMH + 1.0) / (FULL_SPEED + 1.0));
+    let scaled = |x: f64| 0.5 * (x + 1.0);
+    let [last, before] = driving.actions;
+    let yaw_rate = (motion.heading - world.motion_before().heading) / crate::world::DT;
+    match kind {
+        ObservationKind::Corrected => {
+            write(32, scaled(last.steer));
+            write(33, scaled(last.steer));
+            write(34, scaled(last.throttle));
+            write(35, scaled(yaw_rate));
+        }
+        ObservationKind::MetaDrive => {
+            write(32, scaled(last.steer / 60.0));
+            write(33, scaled(before.steer));
+            write(34, scaled(before.throttle));
+            write(35, yaw_rate.abs());
+        }
+    }
+}
+
+fn navigation(route: &Route, driving: &Driving, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
+    let numbers = driving.navigation.numbers(route, &driving.navigated);
+    for (k, [forward, left]) in numbers.into_iter().enumerate() {
+        for (offset, value) in [forward, left, 0.0, 0.5, 0.5].into_iter().enumerate() {
+            write(48 + 5 * k + offset, value);
+        }
+    }
+    let is_unknown = kind == ObservationKind::MetaDrive && driving.step == 0;
+    let across = if is_unknown { 0.0 } else { driving.navigation.at.across };
+    write(58, 0.5 * (across / 20.0 + 1.0));
+}
+
+/// The nearest vehicles, by the distance of their centres.
+fn nearest(world: &World, axis: Point, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
+    let motion = world.motion();
+    let mut found: [Option<(f64, &Body)>; NEAREST] = [None; NEAREST];
+    for body in world.bodies() {
+        if body.kind != BodyKind::Vehicle || !world.is_level(body.ground) {
+            continue;
+        }
+        let d = sub(body.area.center, motion.position);
+        let squared = dot(d, d);
+        let reach = REACH + body.area.radius();
+        if squared > reach * reach || distance_to(&body.area, motion.position) > REACH {
+            continue;
+        }
+        let mut carried = Some((squared, body));
+        for slot in &mut found {
+            let Some((distance, _)) = carried else { break };
+            if slot.is_none_or(|(other, _)| distance < other) {
+                std::mem::swap(slot, &mut carried);
+            }
+        }
+    }
+    let local = |v: Point| [dot(v, axis), cross(axis, v)];
+    for (k, slot) in found.iter().enumerate() {
+        let numbers = match slot {
+            Some((_, body)) => {
+                let place = local(sub(body.area.center, motion.position)).map(|x| x / REACH);
+                let speed = local(sub(body.velocity, motion.velocity)).map(|v| v * KMH / FULL_SPEED);
+                [place[0], place[1], speed[0], speed[1]].map(|x| 0.5 * (x + 1.0))
+            }
+            None if kind == ObservationKind::Corrected => [1.0, 0.5, 0.5, 0.5],
+            None => [0.0; 4],
+        };
+        for (offset, value) in numbers.into_iter().enumerate() {
+            write(59 + 4 * k + offset, value);
+        }
+    }
+}
+
+/// Distance of a point to a box, metres; 0 inside.
+fn distance_to(area: &sage_core::geometry::OrientedBox, p: Point) -> f64 {
+    let [x, y] = area.to_local(p);
+    let out = [x.abs() - area.half_length, y.abs() - area.half_width].map(|d| d.max(0.0));
+    dot(out, out).sqrt()
+}
+
+/// Beams to road users; the first points ahead.
+fn lidar(world: &World, axis: Point, kind: ObservationKind, write: &mut impl FnMut(usize, f64)) {
+    let from = world.motion().position;
+    let (beams, _) = &*BEAM_TABLES;
+    let directions: [Point; BEAMS] = std::array::from_fn(|k| turned(axis, beams[k]));
+    let mut nearest = [REACH; BEAMS];
+    for body in world.bodies() {
+        let radius = body.area.radius();
+        let d = sub(body.area.center, from);
+        if dot(d, d) > (REACH + radius) * (REACH + radius) || !world.is_level(body.ground) {
+            continue;
+        }
+        if kind == ObservationKind::MetaDrive && body.kind == BodyKind::Object {
+            continue;
+        }
+        for (direction, nearest) in directions.iter().zip(&mut nearest) {
+            if cross(*direction, d).abs() > radius || dot(*direction, d) < -radius {
+                continue;
+            }
+            let hit = match body.disc() {
+                Some(radius) => rays::to_disc(from, *direction, body.area.center, radius),
+                None => rays::to_box(from, *direction, &body.area),
+            };
+            *nearest = nearest.min(hit.unwrap_or(REACH));
+        }
+    }
+    for (k, distance) in nearest.into_iter().enumerate() {
+        write(71 + k, distance / REACH);
+    }
+}

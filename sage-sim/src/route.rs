@@ -1,0 +1,261 @@
+//! Routes: the logged path of a road user as a polyline, with coordinates along and across it.
+//!
+//! Successive positions closer than 1 m are merged. `across` is positive to the **right** of the direction of
+//! travel, as in MetaDrive.
+
+use sage_core::{
+    geometry::{Point, distance, dot, sub},
+    scene::Track,
+};
+
+/// Positions closer than this to the start of a segment are merged into it, metres.
+const SPACING: f64 = 1.0;
+/// A jump of the log longer than this ends the route, metres.
+const LONGEST_JUMP: f64 = 100.0;
+/// Shortest last segment, metres.
+const SHORTEST: f64 = 1e-6;
+
+/// One straight segment of a route.
+#[derive(Clone, Copy, Debug)]
+struct Leg {
+    start: Point,
+    /// Unit direction.
+    along: Point,
+    length: f64,
+    /// Length of the route before the segment.
+    before: f64,
+    heading: f64,
+}
+
+impl Leg {
+    /// Coordinates of a point in the frame of the leg.
+    fn local(&self, p: Point) -> Coordinates {
+        let d = sub(p, self.start);
+        Coordinates {
+            along: dot(d, self.along),
+            across: dot(d, [self.along[1], -self.along[0]]),
+        }
+    }
+}
+
+/// Position relative to a route, metres.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Coordinates {
+    /// Distance along the route from its start.
+    pub along: f64,
+    /// Distance across, positive to the right.
+    pub across: f64,
+}
+
+/// How a point far from the route gets its coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Localization {
+    /// The nearest point of the route.
+    #[default]
+    Nearest,
+    /// MetaDrive: the first leg that the point lies just before, otherwise the leg whose *line* is nearest.
+    /// A leg far away but in line with the point can win, and positions can jump.
+    MetaDrive,
+}
+
+/// A polyline with arc length.
+#[derive(Clone, Debug)]
+pub struct Route {
+    legs: Vec<Leg>,
+    length: f64,
+}
+
+impl Route {
+    /// The route through positions. Positions without motion give a route of 0.1 m along +x.
+    pub fn new(positions: &[Point]) -> Self {
+        let mut route = Self { legs: Vec::new(), length: 0.0 };
+        let mut k = 0;
+        while k + 1 < positions.len() {
+            let next = (k + 1..positions.len()).find(|&n| distance(positions[k], positions[n]) > SPACING);
+            let end = next.unwrap_or(positions.len() - 1);
+            if distance(positions[k], positions[end]) > SHORTEST {
+                route.push(positions[k], positions[end]);
+            }
+            k = end;
+        }
+        if route.legs.is_empty() {
+            let start = positions.first().copied().unwrap_or([0.0, 0.0]);
+            route.push(start, [start[0] + 0.1, start[1]]);
+        }
+        route
+    }
+
+    fn push(&mut self, start: Point, end: Point) {
+        let length = distance(start, end);
+        let along = [(end[0] - start[0]) / length, (end[1] - start[1]) / length];
+        let heading = along[1].atan2(along[0]);
+        self.legs.push(Leg { start, along, length, before: self.length, heading });
+        self.length += length;
+    }
+
+    /// The route of a track's valid positions from a frame on, up to a jump of more than 100 m. With
+    /// `one_run`, it ends at the first frame that is not valid.
+    pub fn of_track(track: &Track, from: usize, one_run: bool) -> Self {
+        let mut positions: Vec<Point> = Vec::new();
+        for frame in from..track.valid.len() {
+            if !track.is_valid(frame) {
+                if one_run && !positions.is_empty() {
+                    break;
+                }
+                continue;
+            }
+            let p = track.point(frame);
+            if positions.last().is_some_and(|&last| distance(last, p) > LONGEST_JUMP) {
+                break;
+            }
+            positions.push(p);
+        }
+        Self::new(&positions)
+    }
+
+    /// Length, metres.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Corner points, the start first.
+    pub fn points(&self) -> impl Iterator<Item = Point> {
+        let last = self.legs.last().map(|leg| at(leg, leg.length, 0.0));
+        self.legs.iter().map(|leg| leg.start).chain(last)
+    }
+
+    /// Coordinates of a point.
+    pub fn locate(&self, p: Point, how: Localization) -> Coordinates {
+        match how {
+            Localization::Nearest => self.nearest(p),
+            Localization::MetaDrive => self.by_lines(p, false),
+        }
+    }
+
+    /// Coordinates by [`Localization::MetaDrive`], limited to legs beside which the point lies by at most
+    /// 1 m, if there is one.
+    pub fn locate_restricted(&self, p: Point) -> Coordinates {
+        self.by_lines(p, true)
+    }
+
+    fn nearest(&self, p: Point) -> Coordinates {
+        let mut best = (f64::INFINITY, Coordinates::default());
+        for (k, leg) in self.legs.iter().enumerate() {
+            let local = leg.local(p);
+            // Before the start and beyond the end the route continues straight.
+            let first = if k == 0 { f64::NEG_INFINITY } else { 0.0 };
+            let last = if k + 1 == self.legs.len() { f64::INFINITY } else { leg.length };
+            let along = local.along.clamp(first, last);
+            let away = (local.along - along).hypot(local.across);
+            if away < best.0 {
+                best = (away, Coordinates { along: leg.before + along, across: away.copysign(local.across) });
+            }
+        }
+        best.1
+    }
+
+    fn by_lines(&self, p: Point, restricted: bool) -> Coordinates {
+        let mut best: Option<Coordinates> = None;
+        let mut inside: Option<Coordinates> = None;
+        let least = |best: &mut Option<Coordinates>, found: Coordinates| {
+            if best.is_none_or(|b| found.across.abs() < b.across.abs()) {
+                *best = Some(found);
+            }
+        };
+        for leg in &self.legs {
+            let local = leg.local(p);
+            let found = Coordinates { along: leg.before + local.along, across: local.across };
+            if local.along < 0.0 && distance(p, leg.start) < 2.0 * leg.length {
+                return found;
+            }
+            least(&mut best, found);
+            if found.across.abs() <= 1.0 && (-1.0..=self.length + 1.0).contains(&found.along) {
+                least(&mut inside, found);
+            }
+        }
+        inside.filter(|_| restricted).or(best).unwrap_or_default()
+    }
+
+    /// The point at coordinates; beyond the ends the route continues straight.
+    pub fn point(&self, c: Coordinates) -> Point {
+        at_leg(self.leg(c.along), c)
+    }
+
+    /// Heading of the route at a distance along it, rad.
+    pub fn heading(&self, along: f64) -> f64 {
+        self.leg(along).heading
+    }
+
+    /// Direction at a distance along the route by MetaDrive's choice of the leg.
+    pub fn direction_metadrive(&self, along: f64) -> Point {
+        self.leg_metadrive(along).along
+    }
+
+    /// The point at coordinates by MetaDrive's choice of the leg.
+    pub fn point_metadrive(&self, c: Coordinates) -> Point {
+        at_leg(self.leg_metadrive(c.along), c)
+    }
+
+    /// MetaDrive lets a leg reach 0.1 m farther.
+    fn leg_metadrive(&self, along: f64) -> &Leg {
+        let k = self.legs.partition_point(|leg| leg.before + leg.length + 0.1 < along);
+        &self.legs[k.min(self.legs.len() - 1)]
+    }
+
+    fn leg(&self, along: f64) -> &Leg {
+        let k = self.legs.partition_point(|leg| leg.before + leg.length <= along);
+        &self.legs[k.min(self.legs.len() - 1)]
+    }
+}
+
+fn at(leg: &Leg, along: f64, across: f64) -> Point {
+    let [tx, ty] = leg.along;
+    [leg.start[0] + along * tx + across * ty, leg.start[1] + along * ty - across * tx]
+}
+
+fn at_leg(leg: &Leg, c: Coordinates) -> Point {
+    at(leg, c.along - leg.before, c.across)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use approx::assert_relative_eq;
+
+    fn corner() -> Route {
+        // 20 m east, then 10 m north, in steps of half a metre.
+        let east = (0..=40).map(|k| [0.5 * f64::from(k), 0.0]);
+        let north = (1..=20).map(|k| [20.0, 0.5 * f64::from(k)]);
+        Route::new(&east.chain(north).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn points_on_the_route_come_back() {
+        let route = corner();
+        assert_relative_eq!(route.length(), 30.0, epsilon = 0.6);
+        for along in [0.3, 5.0, 18.9, 25.0] {
+            for across in [-0.4, 0.0, 0.3] {
+                let c = Coordinates { along, across };
+                let back = route.locate(route.point(c), Localization::Nearest);
+                assert_relative_eq!(back.along, along, epsilon = 1e-9);
+                assert_relative_eq!(back.across, across, epsilon = 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn right_is_positive_and_ends_continue_straight() {
+        let route = corner();
+        let c = route.locate([5.0, -2.0], Localization::Nearest);
+        assert_relative_eq!(c.across, 2.0);
+        assert_relative_eq!(route.locate([-3.0, 0.0], Localization::Nearest).along, -3.0);
+        assert!(route.locate([20.0, 14.0], Localization::Nearest).along > route.length() + 3.9);
+    }
+
+    #[test]
+    fn a_standing_log_gives_a_short_route() {
+        let route = Route::new(&[[3.0, 4.0]; 5]);
+        assert_relative_eq!(route.length(), 0.1, epsilon = 1e-12);
+        assert_relative_eq!(route.heading(0.0), 0.0);
+    }
+}

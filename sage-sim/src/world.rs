@@ -1,0 +1,610 @@
+//! The world of a drive: the car, the traffic around it, and what they touch.
+//!
+//! A step lasts 0.1 s, the interval of the frames, and has five substeps of the physics. Contacts come from
+//! exact tests of the boxes after each substep; the response to a contact comes from rapier. A drive starts at
+//! frame 0; after step `n` the traffic is at frame `n`.
+//!
+//! On maps with levels, road users more than 3 m above or below the car do not meet it. The car follows the
+//! height of the nearest lane of its own level.
+
+use std::sync::Arc;
+
+use sage_core::{
+    Error,
+    geometry::{OrientedBox, Point, Segment, sub, wrap_angle},
+    motion::Pose,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    body::Body,
+    lines::{LineKind, LineShapes},
+    physics::{Obstacle, Physics},
+    scene::SimScene,
+    traffic::{EgoBody, Plan, Traffic, TrafficOptions},
+    vehicle::{Action, Motion, SUBSTEP, SUBSTEPS, Tyres, Vehicle, Wheels},
+};
+
+/// Duration of a step, s.
+pub const DT: f64 = SUBSTEP * SUBSTEPS as f64;
+/// Height difference above which two objects are on different levels, metres.
+const LEVEL_GAP: f64 = 3.0;
+/// Largest distance of a lane whose height the car follows, metres.
+const LEVEL_REACH: f64 = 8.0;
+/// Substeps at the start in which MetaDrive's car is still in the air.
+const AIRBORNE: usize = 4;
+/// Bodies farther than this from the car's reach within a step stay out of the physics, metres.
+const MARGIN: f64 = 0.5;
+/// Depth of an overlap at the start that is taken as an error of the recorded boxes, metres.
+const START_OVERLAP: f64 = 0.5;
+
+/// Options of a world.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct WorldOptions {
+    /// The other road users.
+    pub traffic: TrafficOptions,
+    /// Strength of engine and brake in [0, 1) ([`Vehicle::of_strength`]); `None` draws it from the seed.
+    pub strength: Option<f64>,
+    /// Shape of road lines and edges.
+    pub lines: LineShapes,
+    /// MetaDrive: the reported pose is one substep (0.02 s) old.
+    pub late_pose: bool,
+    /// MetaDrive: tyres touch the ground only after four substeps.
+    pub airborne_start: bool,
+    /// MetaDrive: heights are ignored, so roads above each other meet.
+    pub flat: bool,
+    /// Keeps every body in the physics, near or not. Slower, with the same result.
+    pub whole_physics: bool,
+}
+
+impl Default for WorldOptions {
+    fn default() -> Self {
+        Self {
+            traffic: TrafficOptions::default(),
+            strength: Some(0.5),
+            lines: LineShapes::Exact,
+            late_pose: false,
+            airborne_start: false,
+            flat: false,
+            whole_physics: false,
+        }
+    }
+}
+
+/// What moves a car in one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Control {
+    /// Steering and throttle, through the tyres.
+    Drive(Action),
+    /// The pose at the end of the step, without physics.
+    Pose {
+        /// The pose.
+        pose: Pose,
+        /// Velocity, m/s; `None` for the motion since the last pose.
+        velocity: Option<Point>,
+    },
+}
+
+/// First contact with a road user in a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Contact {
+    /// Index of the track.
+    pub track: usize,
+    /// Substep, 1 to 5.
+    pub substep: usize,
+}
+
+/// What the car touches in a step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Facts {
+    /// Road users touched, each once, in the order of their tracks.
+    pub contacts: Vec<Contact>,
+    /// Whether it touches a solid yellow line at the end.
+    pub on_yellow: bool,
+    /// Whether it touches another solid line at the end.
+    pub on_white: bool,
+    /// Whether it touches a broken line at the end.
+    pub on_broken: bool,
+    /// Whether it touches a road edge at the end.
+    pub on_edge: bool,
+}
+
+/// The adversary, if a policy drives it.
+#[derive(Clone, Debug, PartialEq)]
+struct Driven {
+    body: Body,
+    motion: Motion,
+    tyres: Tyres,
+}
+
+/// Everything that changes in a world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorldState {
+    step: usize,
+    motion: Motion,
+    tyres: Tyres,
+    shown: Motion,
+    before: Motion,
+    level: f64,
+    traffic: Traffic,
+    driven: Option<Driven>,
+    facts: Facts,
+}
+
+/// A scene in motion. It owns what it needs; a clone continues on its own.
+#[derive(Clone)]
+pub struct World {
+    scene: Arc<SimScene>,
+    options: Arc<WorldOptions>,
+    plan: Option<Arc<Plan>>,
+    car: Vehicle,
+    size: [f64; 2],
+    state: WorldState,
+}
+
+impl World {
+    /// A world at frame 0: the car with its logged pose and velocity.
+    ///
+    /// `seed` decides what the options leave open: strength of the car and classes of the traffic. `plan`
+    /// replaces the log of one track.
+    ///
+    /// *Errors*: [`Error::Scene`] if the car starts inside another road user, or a plan has another length
+    /// than the scene; [`Error::Options`] for a strength outside [0, 1].
+    pub fn new(
+        scene: Arc<SimScene>,
+        options: Arc<WorldOptions>,
+        plan: Option<Arc<Plan>>,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        let mut rng = sage_core::seed::Rng::new(seed, &scene.scene().id, "world");
+        let strength = options.strength.unwrap_or_else(|| rng.uniform(0.0, 1.0));
+        if !(0.0..=1.0).contains(&strength) {
+            let problem = format!("`strength` is {strength}; expected a number from 0 to 1");
+            return Err(Error::Options { kind: "simulation", name: "world", problem });
+        }
+        if let Some(plan) = &plan {
+            let (found, expected) = (plan.motion.valid.len(), scene.scene().frames);
+            if plan.track >= scene.scene().tracks.len() || plan.track == scene.scene().ego {
+                return Err(scene.error(format!("track number {} cannot have a plan", plan.track)));
+            }
+            if found != expected {
+                return Err(Error::Length { what: "plan".to_owned(), found, expected });
+            }
+        }
+        let cycle = rng.uniform(0.0, 100.0) as u64;
+        let car = Vehicle::of_strength(strength);
+        let size = if options.traffic.class_sizes { car.size } else { scene.ego_size() };
+        let log = scene.log();
+        let motion = Motion {
+            position: log.point(0),
+            heading: log.heading[0],
+            velocity: log.velocity[0],
+            yaw_rate: 0.0,
+        };
+        let level = log.position[0][2] - 0.5 * log.size[0][2];
+        let area = OrientedBox::new(motion.position, motion.heading, size[0], size[1]);
+        let traffic = Traffic::start(&scene, &options.traffic, plan.as_deref(), &area, cycle);
+        let state = WorldState {
+            step: 0,
+            motion,
+            tyres: Tyres::default(),
+            shown: motion,
+            before: motion,
+            level,
+            traffic,
+            driven: None,
+            facts: Facts::default(),
+        };
+        let mut world = Self { scene, options, plan, car, size, state };
+        let deep = world.bodies().iter().find(|body| {
+            world.is_on_level(body) && body.touches(&body.area, &area) && body.area.overlap_depth(&area) > START_OVERLAP
+        });
+        if let Some(body) = deep {
+            let track = &world.scene.scene().tracks[body.track].id;
+            let problem = format!(
+                "the ego starts {:.1} m inside track `{track}` at frame 0; the option `skip_close` leaves such cars out",
+                body.area.overlap_depth(&area)
+            );
+            return Err(world.scene.error(problem));
+        }
+        world.state.facts.contacts = world.contacts_at(&area, 0.0);
+        world.touch_lines();
+        Ok(world)
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<SimScene> {
+        &self.scene
+    }
+
+    /// The options.
+    pub fn options(&self) -> &WorldOptions {
+        &self.options
+    }
+
+    /// The plan in place of a track's log.
+    pub fn plan(&self) -> Option<&Plan> {
+        self.plan.as_deref()
+    }
+
+    /// The car's constants.
+    pub fn car(&self) -> &Vehicle {
+        &self.car
+    }
+
+    /// Length and width of the car's box, metres.
+    pub fn size(&self) -> [f64; 2] {
+        self.size
+    }
+
+    /// Number of steps since the start; equals the frame of the traffic.
+    pub fn step_count(&self) -> usize {
+        self.state.step
+    }
+
+    /// The car's reported motion.
+    pub fn motion(&self) -> &Motion {
+        &self.state.shown
+    }
+
+    /// The car's reported motion one step ago; at the start, the motion of the start.
+    pub fn motion_before(&self) -> &Motion {
+        &self.state.before
+    }
+
+    /// The car's box at its reported pose.
+    pub fn area(&self) -> OrientedBox {
+        self.area_at(&self.state.shown)
+    }
+
+    /// The other road users.
+    pub fn bodies(&self) -> &[Body] {
+        self.state.traffic.bodies()
+    }
+
+    /// What the car touched in the last step.
+    pub fn facts(&self) -> &Facts {
+        &self.state.facts
+    }
+
+    /// Everything that changes, to be restored later.
+    pub fn state(&self) -> &WorldState {
+        &self.state
+    }
+
+    /// Continues from a state of a world of the same scene.
+    ///
+    /// *Errors*: [`Error::Scene`] if the state is of a scene with other tracks.
+    pub fn restore(&mut self, state: &WorldState) -> Result<(), Error> {
+        if state.traffic.track_count() != self.state.traffic.track_count() {
+            return Err(self.scene.error("the saved state belongs to another scene".to_owned()));
+        }
+        self.state.clone_from(state);
+        Ok(())
+    }
+
+    /// Lets a policy drive the adversary from now on; each step then needs its control.
+    ///
+    /// *Errors*: [`Error::Scene`] if there is no adversary now.
+    pub fn drive_adversary(&mut self) -> Result<(), Error> {
+        let track = self.scene.scene().adversary_index()?;
+        let Some(body) = self.state.traffic.take_over(track) else {
+            return Err(self.scene.error("the adversary is absent, so no policy can drive it".to_owned()));
+        };
+        let motion = Motion {
+            position: body.area.center,
+            heading: body.heading,
+            velocity: body.velocity,
+            yaw_rate: body.yaw_rate,
+        };
+        self.state.driven = Some(Driven { body, motion, tyres: Tyres::default() });
+        Ok(())
+    }
+
+    /// Motion of the adversary, if a policy drives it.
+    pub fn adversary_motion(&self) -> Option<(&Motion, OrientedBox)> {
+        self.state.driven.as_ref().map(|driven| (&driven.motion, driven.body.area))
+    }
+
+    /// Advances by one step. `adversary` is needed after [`World::drive_adversary`], and ignored otherwise.
+    ///
+    /// *Errors*: [`Error::Scene`] if a control or a body is not finite.
+    pub fn step(&mut self, control: Control, adversary: Option<Control>) -> Result<(), Error> {
+        let area = self.area_at(&self.state.motion);
+        let ego = EgoBody { area, velocity: self.state.motion.velocity };
+        self.state.step += 1;
+        let frame = self.state.step;
+        self.state.traffic.advance(&self.scene, &self.options.traffic, self.plan.as_deref(), &ego, frame);
+        self.move_adversary(adversary)?;
+        self.state.before = self.state.shown;
+        self.state.facts.contacts.clear();
+        match control {
+            Control::Drive(action) => self.drive(action)?,
+            Control::Pose { pose, velocity } => self.place(pose, velocity)?,
+        }
+        if !self.state.motion.is_finite() {
+            return Err(self.scene.error(format!("step {frame}: the car's motion is not finite")));
+        }
+        self.follow_level();
+        self.touch_lines();
+        Ok(())
+    }
+
+    fn area_at(&self, motion: &Motion) -> OrientedBox {
+        OrientedBox::new(motion.position, motion.heading, self.size[0], self.size[1])
+    }
+
+    fn drive(&mut self, action: Action) -> Result<(), Error> {
+        if !(action.steer.is_finite() && action.throttle.is_finite()) {
+            let Action { steer, throttle } = action;
+            let step = self.state.step;
+            return Err(self.scene.error(format!("step {step}: the action is [{steer}, {throttle}]; expected finite numbers")));
+        }
+        let car = self.car;
+        let mut motion = self.state.motion;
+        let wheels = Wheels::set(&car, action.limited(), motion.speed());
+        let near = self.near(&motion);
+        let mut physics = (!near.is_empty()).then(|| self.physics(&motion, &near));
+        let mut tyres = self.state.tyres;
+        let mut shown = motion;
+        for substep in 1..=SUBSTEPS {
+            shown = motion;
+            let has_grip = !(self.options.airborne_start && self.state.step == 1 && substep <= AIRBORNE);
+            let mut impulses = |motion: &mut Motion| {
+                if has_grip {
+                    tyres.apply(&car, &wheels, motion);
+                }
+            };
+            if let Some(physics) = &mut physics {
+                physics.step(&mut impulses);
+                motion = physics.car();
+            } else {
+                motion = motion.coasted(SUBSTEP);
+                impulses(&mut motion);
+            }
+            self.note_contacts(&near, &self.area_at(&motion), substep);
+        }
+        self.state.tyres = tyres;
+        self.state.motion = motion;
+        let late = Motion { velocity: motion.velocity, yaw_rate: motion.yaw_rate, ..shown };
+        self.state.shown = if self.options.late_pose { late } else { motion };
+        Ok(())
+    }
+
+    /// Moves the car to a pose along a straight line.
+    fn place(&mut self, pose: Pose, velocity: Option<Point>) -> Result<(), Error> {
+        let start = self.state.shown;
+        let moved = sub(pose.position, start.position);
+        let turned = wrap_angle(pose.heading - start.heading);
+        let velocity = velocity.unwrap_or([moved[0] / DT, moved[1] / DT]);
+        let end = Motion {
+            position: pose.position,
+            heading: start.heading + turned,
+            velocity,
+            yaw_rate: turned / DT,
+        };
+        if !end.is_finite() {
+            let [x, y] = pose.position;
+            let problem = format!("step {}: the pose is [{x}, {y}, {}]; expected finite numbers", self.state.step, pose.heading);
+            return Err(self.scene.error(problem));
+        }
+        // The physical pose is ahead of a late one.
+        let lead = if self.options.late_pose { SUBSTEP } else { 0.0 };
+        let near = self.near(&Motion { velocity: [moved[0] / DT, moved[1] / DT], ..start });
+        for substep in 1..=SUBSTEPS {
+            let share = substep as f64 / SUBSTEPS as f64;
+            let at = Motion {
+                position: [0, 1].map(|k| start.position[k] + share * moved[k] + lead * velocity[k]),
+                heading: start.heading + share * turned,
+                ..end
+            };
+            self.note_contacts(&near, &self.area_at(&at), substep);
+        }
+        self.state.shown = end;
+        self.state.motion =
+            Motion { position: [0, 1].map(|k| end.position[k] + lead * velocity[k]), ..end };
+        self.state.tyres = Tyres::default();
+        Ok(())
+    }
+
+    fn move_adversary(&mut self, control: Option<Control>) -> Result<(), Error> {
+        let Some(driven) = &mut self.state.driven else { return Ok(()) };
+        let start = driven.motion;
+        match control {
+            Some(Control::Drive(action)) => {
+                let wheels = Wheels::set(&self.car, action.limited(), start.speed());
+                for _ in 0..SUBSTEPS {
+                    driven.motion = driven.motion.coasted(SUBSTEP);
+                    driven.tyres.apply(&self.car, &wheels, &mut driven.motion);
+                }
+            }
+            Some(Control::Pose { pose, velocity }) => {
+                let moved = sub(pose.position, start.position);
+                let velocity = velocity.unwrap_or([moved[0] / DT, moved[1] / DT]);
+                let turned = wrap_angle(pose.heading - start.heading);
+                let (position, heading) = (pose.position, start.heading + turned);
+                driven.motion = Motion { position, heading, velocity, yaw_rate: turned / DT };
+            }
+            None => {
+                return Err(self.scene.error("a policy drives the adversary, but gave no control".to_owned()));
+            }
+        }
+        let motion = driven.motion;
+        if !motion.is_finite() {
+            let step = self.state.step;
+            return Err(self.scene.error(format!("step {step}: the adversary's motion is not finite")));
+        }
+        let [length, width] = [2.0 * driven.body.area.half_length, 2.0 * driven.body.area.half_width];
+        driven.body.area = OrientedBox::new(motion.position, motion.heading, length, width);
+        (driven.body.heading, driven.body.velocity) = (motion.heading, motion.velocity);
+        driven.body.yaw_rate = motion.yaw_rate;
+        self.state.traffic.set_body(driven.body);
+        Ok(())
+    }
+
+    /// Pairs of a body before and after the step that the car may touch in it.
+    fn near(&self, motion: &Motion) -> Vec<Pair> {
+        let half = 0.5 * self.size[0].hypot(self.size[1]);
+        // The fastest acceleration is less than 2 g.
+        let travel = motion.speed() * DT + 0.2;
+        let (before, after) = (self.state.traffic.bodies_before(), self.state.traffic.bodies());
+        let is_dynamic = self.options.traffic.dynamic;
+        let mut pairs = Vec::new();
+        let mut later = after.iter().peekable();
+        let mut next_of = |track: usize| {
+            while later.next_if(|body| body.track < track).is_some() {}
+            later.next_if(|body| body.track == track)
+        };
+        for from in before {
+            // A dynamic body coasts from its frame, whatever the next one says.
+            let to = next_of(from.track);
+            let Some(to) = (if is_dynamic { Some(from) } else { to }) else { continue };
+            let pair = Pair { from: *from, to: *to, appears: false };
+            if self.options.whole_physics || pair.is_within(motion, half + travel + MARGIN, is_dynamic) {
+                pairs.push(pair);
+            }
+        }
+        if !is_dynamic {
+            // Bodies that appear can be touched only at the end of the step.
+            let mut earlier = before.iter().peekable();
+            for to in after {
+                while earlier.next_if(|body| body.track < to.track).is_some() {}
+                if earlier.next_if(|body| body.track == to.track).is_none() {
+                    let pair = Pair { from: *to, to: *to, appears: true };
+                    if pair.is_within(motion, half + travel + MARGIN, false) {
+                        pairs.push(pair);
+                    }
+                }
+            }
+            pairs.sort_by_key(|pair| pair.to.track);
+        }
+        pairs.retain(|pair| self.is_on_level(&pair.from));
+        pairs
+    }
+
+    fn physics(&self, motion: &Motion, near: &[Pair]) -> Physics {
+        let present = near.iter().filter(|pair| !pair.appears);
+        let obstacles = present.map(|pair| {
+            if self.options.traffic.dynamic { Obstacle::dynamic(&pair.from) } else { pair.kinematic() }
+        });
+        Physics::new(&self.car, motion, &self.area_at(motion), obstacles.collect())
+    }
+
+    fn note_contacts(&mut self, near: &[Pair], car: &OrientedBox, substep: usize) {
+        let is_dynamic = self.options.traffic.dynamic;
+        for pair in near {
+            let track = pair.to.track;
+            if pair.appears && substep < SUBSTEPS {
+                continue;
+            }
+            let is_known = self.state.facts.contacts.iter().any(|contact| contact.track == track);
+            if !is_known && pair.from.touches(&pair.at(substep, is_dynamic), car) {
+                self.state.facts.contacts.push(Contact { track, substep });
+            }
+        }
+    }
+
+    /// Contacts at one moment, the bodies coasting for some seconds.
+    fn contacts_at(&self, car: &OrientedBox, ahead: f64) -> Vec<Contact> {
+        let touched = self.bodies().iter().filter(|body| {
+            self.is_on_level(body) && body.touches(&body.coasted(ahead), car)
+        });
+        touched.map(|body| Contact { track: body.track, substep: SUBSTEPS }).collect()
+    }
+
+    /// Whether something at a height of the ground (metres) is on the car's level.
+    pub fn is_level(&self, height: f64) -> bool {
+        !self.has_levels() || (height - self.state.level).abs() <= LEVEL_GAP
+    }
+
+    fn has_levels(&self) -> bool {
+        !self.options.flat && self.scene.index().has_levels(LEVEL_GAP)
+    }
+
+    fn is_on_level(&self, body: &Body) -> bool {
+        self.is_level(body.ground)
+    }
+
+    fn follow_level(&mut self) {
+        if !self.has_levels() {
+            return;
+        }
+        let (lanes, p, level) = (self.scene.index().motor_lanes(), self.state.motion.position, self.state.level);
+        let is_level = |lane: &Segment| (lane.height(lane.nearest_share(p)) - level).abs() <= LEVEL_GAP;
+        if let Some(found) = lanes.nearest(p, LEVEL_REACH, is_level) {
+            self.state.level = lanes.segments()[found.segment].height(found.share);
+        }
+    }
+
+    /// Lines and edges under the car at the end of the step. MetaDrive tests lines at the physical pose and
+    /// edges at the reported one.
+    fn touch_lines(&mut self) {
+        let has_levels = self.has_levels();
+        let (area, shown) = (self.area_at(&self.state.motion), self.area());
+        let lines = self.scene.lines(self.options.lines);
+        let (level, facts) = (self.state.level, &mut self.state.facts);
+        (facts.on_yellow, facts.on_white, facts.on_broken, facts.on_edge) = (false, false, false, false);
+        let is_level = |height: f64| !has_levels || (height - level).abs() <= LEVEL_GAP;
+        lines.touching(&area, |piece| {
+            if is_level(piece.height) {
+                match piece.kind {
+                    LineKind::SolidYellow => facts.on_yellow = true,
+                    LineKind::SolidWhite => facts.on_white = true,
+                    LineKind::Broken => facts.on_broken = true,
+                    LineKind::Edge => {}
+                }
+            }
+        });
+        lines.touching(&shown, |piece| {
+            facts.on_edge |= piece.kind == LineKind::Edge && is_level(piece.height);
+        });
+    }
+}
+
+/// A body at both ends of a step.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    from: Body,
+    to: Body,
+    /// Whether it is there only at the end.
+    appears: bool,
+}
+
+impl Pair {
+    /// Whether its centre comes within `reach` plus its radius of a car that moves less than that.
+    fn is_within(&self, car: &Motion, reach: f64, coasts: bool) -> bool {
+        let d = sub(self.from.area.center, car.position);
+        let moved = if coasts {
+            self.from.speed() * DT
+        } else {
+            sage_core::geometry::distance(self.from.area.center, self.to.area.center)
+        };
+        let reach = reach + moved + self.from.area.radius().max(self.to.area.radius());
+        d[0] * d[0] + d[1] * d[1] <= reach * reach
+    }
+
+    /// The area at a substep.
+    fn at(&self, substep: usize, coasts: bool) -> OrientedBox {
+        let share = substep as f64 / SUBSTEPS as f64;
+        if coasts {
+            self.from.coasted(share * DT)
+        } else if substep == SUBSTEPS {
+            self.to.area
+        } else {
+            self.from.area.between(&self.to.area, share)
+        }
+    }
+
+    /// The body at constant velocity from one end of the step to the other.
+    fn kinematic(&self) -> Obstacle {
+        let moved = sub(self.to.area.center, self.from.area.center);
+        let motion = Motion {
+            position: self.from.area.center,
+            heading: self.from.heading,
+            velocity: moved.map(|d| d / DT),
+            yaw_rate: wrap_angle(self.to.heading - self.from.heading) / DT,
+        };
+        Obstacle::kinematic(self.from.area, motion, self.from.disc())
+    }
+}

@@ -113,6 +113,8 @@ pub struct Body {
     pub yaw_rate: f64,
     /// Height of the ground under it, metres.
     pub ground: f64,
+    /// MetaDrive: it has just been created in the air, above the beams of the lidar.
+    pub is_falling: bool,
 }
 
 impl Body {
@@ -134,6 +136,7 @@ impl Body {
             velocity: track.velocity[frame],
             yaw_rate: next.unwrap_or(0.0),
             ground: z - 0.5 * height,
+            is_falling: false,
         }
     }
 

@@ -10,7 +10,12 @@ mod rules;
 
 use std::sync::Arc;
 
-use sage_core::{Error, geometry::distance, scene::TrackKind};
+use sage_core::{
+    Error,
+    geometry::{Point, distance},
+    motion::Pose,
+    scene::TrackKind,
+};
 
 pub use batch::{AutoReset, Batch, BatchOutput};
 pub use options::{EnvironmentOptions, Rewards};
@@ -22,9 +27,22 @@ use crate::{
     route::{Coordinates, Localization},
     scene::SimScene,
     traffic::Plan,
-    vehicle::Action,
+    vehicle::{Action, SUBSTEP, SUBSTEPS},
     world::{Control, World},
 };
+
+/// A step that another simulator recorded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Recorded {
+    /// Action of the step.
+    pub action: Action,
+    /// Pose after the step.
+    pub pose: Pose,
+    /// Velocity after the step, m/s.
+    pub velocity: Point,
+    /// Contact with a vehicle in the step; `None` for the own test.
+    pub vehicle_contact: Option<bool>,
+}
 
 /// An episode of driving in one scene. A clone continues on its own.
 #[derive(Clone)]
@@ -56,7 +74,7 @@ impl Environment {
         let navigation = Navigation::start(route, how, motion.position);
         let at = route.locate(motion.position, how);
         let driving =
-            Driving { actions: [Action::default(); 2], navigation, navigated: motion, step: 0 };
+            Driving { actions: [Action::default(); 2], navigation, navigated: motion, step: 0, is_replayed: false };
         Ok(Self { options, world, driving, at, is_over: false })
     }
 
@@ -76,22 +94,37 @@ impl Environment {
             let problem = "the episode is over; start another one".to_owned();
             return Err(self.world.scene().error(problem));
         }
-        self.world.step(control, None)?;
-        let (outcome, at) = self.assessed();
-        self.at = at;
-        let action = match control {
-            Control::Drive(action) => action.limited(),
-            Control::Pose { .. } => Action::default(),
+        let (action, is_late) = match control {
+            Control::Drive(action) => (action.limited(), false),
+            Control::Pose { .. } => (Action::default(), self.options.late_navigation),
         };
+        self.world.step(control, None)?;
+        Ok(self.finish(action, is_late, None))
+    }
+
+    /// Advances by one step that another simulator recorded.
+    ///
+    /// *Errors*: as [`Environment::step`].
+    pub fn step_recorded(&mut self, recorded: &Recorded) -> Result<Outcome, Error> {
+        self.world.step(Control::Pose { pose: recorded.pose, velocity: Some(recorded.velocity) }, None)?;
+        Ok(self.finish(recorded.action, false, recorded.vehicle_contact))
+    }
+
+    /// Assesses a step and brings the navigation up to date.
+    fn finish(&mut self, action: Action, is_late: bool, contact: Option<bool>) -> Outcome {
+        let (outcome, at) = self.assessed(contact);
+        self.at = at;
         let how = self.options.localization();
-        let is_late = self.options.late_navigation && matches!(control, Control::Pose { .. });
-        let navigated = if is_late { *self.world.motion_before() } else { *self.world.motion() };
+        // Under replay the navigation sees the pose that the physics reached from the frame before.
+        let coasted = || self.world.motion_before().coasted((SUBSTEPS - 1) as f64 * SUBSTEP);
+        let navigated = if is_late { coasted() } else { *self.world.motion() };
+        self.driving.is_replayed = is_late;
         self.driving.actions = [action, self.driving.actions[0]];
         self.driving.navigated = navigated;
         self.driving.navigation.update(self.world.scene().route(), how, navigated.position);
         self.driving.step += 1;
         self.is_over = outcome.terminated || outcome.truncated;
-        Ok(outcome)
+        outcome
     }
 
     /// Writes the observation, of length [`crate::observation::LENGTH`].
@@ -110,7 +143,7 @@ impl Environment {
     }
 
     /// Assesses the last step, and gives the car's coordinates on the route.
-    fn assessed(&self) -> (Outcome, Coordinates) {
+    fn assessed(&self, contact: Option<bool>) -> (Outcome, Coordinates) {
         let world = &self.world;
         let scene = world.scene();
         let how = self.options.localization();
@@ -128,7 +161,7 @@ impl Environment {
             along_before: self.at.along,
             at,
             route_length: scene.route().length(),
-            vehicle_contact: touched(|kind| *kind == TrackKind::Vehicle),
+            vehicle_contact: contact.unwrap_or_else(|| touched(|kind| *kind == TrackKind::Vehicle)),
             human_contact: touched(|kind| matches!(kind, TrackKind::Pedestrian | TrackKind::Cyclist)),
             object_contact: touched(|kind| matches!(kind, TrackKind::Other(_))),
             on_yellow: facts.on_yellow,

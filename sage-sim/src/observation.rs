@@ -17,7 +17,7 @@
 
 use std::{f64::consts::TAU, sync::LazyLock};
 
-use sage_core::geometry::{Point, cross, dot, sub};
+use sage_core::geometry::{OrientedBox, Point, cross, dot, sub};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -26,7 +26,7 @@ use crate::{
     navigation::Navigation,
     rays,
     route::{Localization, Route},
-    vehicle::{Action, Motion},
+    vehicle::{Action, Motion, SUBSTEP},
     world::World,
 };
 
@@ -69,6 +69,8 @@ pub struct Driving {
     pub navigated: Motion,
     /// Number of steps since the start.
     pub step: usize,
+    /// Whether the car is replayed: MetaDrive then gives a yaw rate of 0.
+    pub is_replayed: bool,
 }
 
 /// Unit vectors of 12° and 30° beams.
@@ -155,7 +157,7 @@ fn own(world: &World, driving: &Driving, kind: ObservationKind, write: &mut impl
             write(32, scaled(last.steer / 60.0));
             write(33, scaled(before.steer));
             write(34, scaled(before.throttle));
-            write(35, yaw_rate.abs());
+            write(35, if driving.is_replayed { 0.0 } else { yaw_rate.abs() });
         }
     }
 }
@@ -180,13 +182,17 @@ fn nearest(world: &World, axis: Point, kind: ObservationKind, write: &mut impl F
         if body.kind != BodyKind::Vehicle || !world.is_level(body.ground) {
             continue;
         }
-        let d = sub(body.area.center, motion.position);
-        let squared = dot(d, d);
-        let reach = REACH + body.area.radius();
-        if squared > reach * reach || distance_to(&body.area, motion.position) > REACH {
+        // MetaDrive detects neighbours in the last substep, before traffic is set to the frame.
+        let area = match kind {
+            ObservationKind::Corrected => body.area,
+            ObservationKind::MetaDrive => body.coasted(-SUBSTEP),
+        };
+        let is_seen = distance_to(&area, motion.position) <= REACH;
+        if !is_seen {
             continue;
         }
-        let mut carried = Some((squared, body));
+        let d = sub(body.area.center, motion.position);
+        let mut carried = Some((dot(d, d), body));
         for slot in &mut found {
             let Some((distance, _)) = carried else { break };
             if slot.is_none_or(|(other, _)| distance < other) {
@@ -212,7 +218,7 @@ fn nearest(world: &World, axis: Point, kind: ObservationKind, write: &mut impl F
 }
 
 /// Distance of a point to a box, metres; 0 inside.
-fn distance_to(area: &sage_core::geometry::OrientedBox, p: Point) -> f64 {
+fn distance_to(area: &OrientedBox, p: Point) -> f64 {
     let [x, y] = area.to_local(p);
     let out = [x.abs() - area.half_length, y.abs() - area.half_width].map(|d| d.max(0.0));
     dot(out, out).sqrt()
@@ -230,7 +236,7 @@ fn lidar(world: &World, axis: Point, kind: ObservationKind, write: &mut impl FnM
         if dot(d, d) > (REACH + radius) * (REACH + radius) || !world.is_level(body.ground) {
             continue;
         }
-        if kind == ObservationKind::MetaDrive && body.kind == BodyKind::Object {
+        if kind == ObservationKind::MetaDrive && (body.kind == BodyKind::Object || body.is_falling) {
             continue;
         }
         for (direction, nearest) in directions.iter().zip(&mut nearest) {

@@ -37,6 +37,9 @@ const ACCELERATION: [f64; 2] = [-6.0, 1.0];
 /// A car is not created while it is within these distances of the ego, ahead and aside, metres.
 const CLOSE: [f64; 2] = [8.0, 2.0];
 
+/// MetaDrive creates a truck in the air; for this many frames its floor is above the plane of the lidar.
+const FALLING: usize = 2;
+
 /// What the other road users do.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -95,7 +98,8 @@ pub struct Plan {
 #[derive(Clone, Debug, PartialEq)]
 enum Role {
     Absent,
-    Replay(BodyShape),
+    /// With the frame at which it appeared.
+    Replay(BodyShape, usize),
     Reactive(Box<Reactive>),
     /// Moved by a policy: its body is set from outside.
     Driven,
@@ -210,7 +214,7 @@ impl Traffic {
                     self.bodies.extend(self.before.iter().find(|body| body.track == k));
                     continue;
                 }
-                Role::Absent | Role::Replay(_) => {}
+                Role::Absent | Role::Replay(..) => {}
             }
             // The first row of a late plan is consumed at frame 1.
             let row = if planned.is_some() && options.late_plan { frame.saturating_sub(1) } else { frame };
@@ -228,8 +232,9 @@ impl Traffic {
                     continue;
                 }
             }
-            if let Role::Replay(shape) = &self.roles[k] {
-                self.bodies.push(Body::of_track(k, source, row, *shape));
+            if let Role::Replay(shape, since) = &self.roles[k] {
+                let is_falling = shape.class == Some(BodyClass::ExtraLarge) && frame < since + FALLING;
+                self.bodies.push(Body { is_falling, ..Body::of_track(k, source, row, *shape) });
             }
         }
     }
@@ -250,7 +255,7 @@ impl Traffic {
             let body = Body::of_track(k, track, frame, shape);
             return Role::Reactive(Box::new(Reactive::new(scene, track, frame, &body, shape)));
         }
-        Role::Replay(shape)
+        Role::Replay(shape, frame)
     }
 
     /// MetaDrive's class of a track that appears at a frame.
@@ -341,6 +346,7 @@ impl Reactive {
             velocity: [self.speed * heading.cos(), self.speed * heading.sin()],
             yaw_rate: 0.0,
             ground: self.ground,
+            is_falling: false,
         }
     }
 }

@@ -396,14 +396,13 @@ impl World {
             let share = substep as f64 / SUBSTEPS as f64;
             let at = Motion {
                 position: [0, 1].map(|k| start.position[k] + share * moved[k] + lead * velocity[k]),
-                heading: start.heading + share * turned,
+                heading: start.heading + share * turned + lead * end.yaw_rate,
                 ..end
             };
             self.note_contacts(&near, &self.area_at(&at), substep);
         }
         self.state.shown = end;
-        self.state.motion =
-            Motion { position: [0, 1].map(|k| end.position[k] + lead * velocity[k]), ..end };
+        self.state.motion = end.coasted(lead);
         self.state.tyres = Tyres::default();
         Ok(())
     }

@@ -15,3 +15,16 @@ pub fn json(name: &str) -> Option<Value> {
     let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     Some(serde_json::from_str(&text).unwrap())
 }
+
+/// A recorded scene by its number, or `None` without `SAGE_DATA`.
+#[allow(dead_code)]
+pub fn scene(number: u64) -> Option<std::sync::Arc<sage_core::scene::Scene>> {
+    let Ok(folder) = env::var("SAGE_DATA") else {
+        eprintln!("left out: SAGE_DATA is not set");
+        return None;
+    };
+    let folder = PathBuf::from(folder);
+    let mut files = ["pretrain", "dev", "val"].map(|split| folder.join(split).join(format!("{number}.pkl"))).into_iter();
+    let file = files.find(|file| file.is_file()).unwrap_or_else(|| panic!("no scene {number} in {}", folder.display()));
+    Some(std::sync::Arc::new(sage_data::Recording::read(&file).unwrap().scene))
+}

@@ -4,8 +4,8 @@
 //! travel, as in MetaDrive.
 
 use sage_core::{
-    geometry::{Point, distance, dot, sub},
-    scene::Track,
+    geometry::{Point, Segment, distance, dot, sub},
+    scene::{SceneIndex, Track},
 };
 
 /// Positions closer than this to the start of a segment are merged into it, metres.
@@ -14,6 +14,14 @@ const SPACING: f64 = 1.0;
 const LONGEST_JUMP: f64 = 100.0;
 /// Shortest last segment, metres.
 const SHORTEST: f64 = 1e-6;
+
+/// Largest distance of the lane at the end of a route, metres, and least cosine of the angle between them.
+const LANE_REACH: f64 = 3.0;
+const ALONG: f64 = 0.8;
+/// Distance in which a continued route changes over to the lane, metres.
+const LANE_ENTRY: f64 = 6.0;
+/// Largest number of lanes that continue a route.
+const MAX_LANES: usize = 50;
 
 /// One straight segment of a route.
 #[derive(Clone, Copy, Debug)]
@@ -113,6 +121,48 @@ impl Route {
         Self::new(&positions)
     }
 
+    /// The route continued along the lanes at its end, by at most `length` metres. Of several lanes that
+    /// follow, the one that turns least is taken. Without a lane at its end, the route is not continued.
+    pub fn continued(&self, index: &SceneIndex, length: f64) -> Self {
+        let end = at(&self.legs[self.legs.len() - 1], self.legs[self.legs.len() - 1].length, 0.0);
+        let mut route = self.clone();
+        let Some(mut lane) = lane_at(index, end, self.legs[self.legs.len() - 1].along) else { return route };
+        let map = index.map();
+        let mut last = end;
+        // The car changes over to the centre line within this distance.
+        let mut skip = LANE_ENTRY;
+        let mut is_first = true;
+        for _ in 0..MAX_LANES {
+            let feature = &map.features[lane];
+            let points = map.points_of(feature);
+            let flat = || points.iter().map(|p| [p[0], p[1]]);
+            let nearest = flat().enumerate().min_by(|a, b| distance(a.1, end).total_cmp(&distance(b.1, end)));
+            let from = if is_first { nearest.map_or(0, |(k, _)| k) } else { 0 };
+            is_first = false;
+            for p in flat().skip(from) {
+                if distance(last, p) > skip {
+                    route.push(last, p);
+                    (last, skip) = (p, SPACING);
+                }
+                if route.length > self.length + length {
+                    return route;
+                }
+            }
+            let direction = route.legs[route.legs.len() - 1].along;
+            let exits = feature.lane.as_ref().map_or(&[][..], |lane| &lane.exits);
+            let straightness = |k: usize| {
+                let points = map.points_of(&map.features[k]);
+                let (Some(first), Some(last)) = (points.first(), points.last()) else { return -1.0 };
+                let d = sub([last[0], last[1]], [first[0], first[1]]);
+                dot(d, direction) / dot(d, d).sqrt().max(SHORTEST)
+            };
+            let next = exits.iter().copied().filter(|&k| k < map.features.len());
+            let Some(next) = next.max_by(|a, b| straightness(*a).total_cmp(&straightness(*b))) else { break };
+            lane = next;
+        }
+        route
+    }
+
     /// Length, metres.
     pub fn length(&self) -> f64 {
         self.length
@@ -206,6 +256,17 @@ impl Route {
         let k = self.legs.partition_point(|leg| leg.before + leg.length <= along);
         &self.legs[k.min(self.legs.len() - 1)]
     }
+}
+
+/// The motor lane (map feature) at a point, in a direction.
+fn lane_at(index: &SceneIndex, p: Point, direction: Point) -> Option<usize> {
+    let lanes = index.motor_lanes();
+    let is_along = |segment: &Segment| {
+        let d = sub(segment.b, segment.a);
+        dot(d, direction) > ALONG * dot(d, d).sqrt()
+    };
+    let near = lanes.nearest(p, LANE_REACH, is_along)?;
+    Some(lanes.segments()[near.segment].feature as usize)
 }
 
 fn at(leg: &Leg, along: f64, across: f64) -> Point {

@@ -14,11 +14,15 @@ use crate::{
     route::Route,
 };
 
+/// Length by which the route of a policy reaches beyond the log, metres.
+pub(crate) const GUIDE: f64 = 200.0;
+
 /// A scene with its map index, the ego's route, and its road lines. Cheap to share; build it once a scene.
 pub struct SimScene {
     scene: Arc<Scene>,
     index: Arc<SceneIndex>,
     route: Route,
+    guide: OnceLock<Route>,
     ego_size: [f64; 2],
     parked: Vec<bool>,
     lines: [OnceLock<Lines>; 2],
@@ -39,7 +43,7 @@ impl SimScene {
         let route = Route::of_track(ego, 0, false);
         let ego_size = BodyShape::at_now(ego).size.unwrap_or([4.5, 1.9]);
         let parked = scene.tracks.iter().map(is_parked).collect();
-        Ok(Arc::new(Self { route, ego_size, parked, lines: Default::default(), scene, index }))
+        Ok(Arc::new(Self { route, guide: OnceLock::new(), ego_size, parked, lines: Default::default(), scene, index }))
     }
 
     /// The recorded scene.
@@ -55,6 +59,12 @@ impl SimScene {
     /// The ego's logged route.
     pub fn route(&self) -> &Route {
         &self.route
+    }
+
+    /// The ego's route, continued along the lanes: what policies follow, so that one faster than the log
+    /// finds its way.
+    pub fn guide(&self) -> &Route {
+        self.guide.get_or_init(|| self.route.continued(&self.index, GUIDE))
     }
 
     /// Length and width of the ego at *now*, metres.

@@ -87,12 +87,16 @@ pub enum Control {
 }
 
 /// First contact with a road user in a step.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
     /// Index of the track.
     pub track: usize,
     /// Substep, 1 to 5.
     pub substep: usize,
+    /// The car's box at that substep, before the contact pushes it.
+    pub own: OrientedBox,
+    /// The other's box at that substep.
+    pub other: OrientedBox,
 }
 
 /// What the car touches in a step.
@@ -208,7 +212,7 @@ impl World {
             );
             return Err(world.scene.error(problem));
         }
-        world.state.facts.contacts = world.contacts_at(&area, 0.0);
+        world.state.facts.contacts = world.contacts_at(&area);
         world.touch_lines();
         Ok(world)
     }
@@ -261,6 +265,16 @@ impl World {
     /// The other road users.
     pub fn bodies(&self) -> &[Body] {
         self.state.traffic.bodies()
+    }
+
+    /// The other road users one step ago.
+    pub fn bodies_before(&self) -> &[Body] {
+        self.state.traffic.bodies_before()
+    }
+
+    /// Height of the ground under the car, metres.
+    pub fn level(&self) -> f64 {
+        self.state.level
     }
 
     /// What the car touched in the last step.
@@ -356,14 +370,16 @@ impl World {
                     tyres.apply(&car, &wheels, motion);
                 }
             };
+            let free = motion.coasted(SUBSTEP);
             if let Some(physics) = &mut physics {
                 physics.step(&mut impulses);
                 motion = physics.car();
             } else {
-                motion = motion.coasted(SUBSTEP);
+                motion = free;
                 impulses(&mut motion);
             }
-            self.note_contacts(&near, &self.area_at(&motion), substep);
+            // The physics keeps bodies apart, so the test is at the pose that the car would have reached.
+            self.note_contacts(&near, &self.area_at(&free), substep);
         }
         self.state.tyres = tyres;
         self.state.motion = motion;
@@ -498,18 +514,19 @@ impl World {
                 continue;
             }
             let is_known = self.state.facts.contacts.iter().any(|contact| contact.track == track);
-            if !is_known && pair.from.touches(&pair.at(substep, is_dynamic), car) {
-                self.state.facts.contacts.push(Contact { track, substep });
+            let other = pair.at(substep, is_dynamic);
+            if !is_known && pair.from.touches(&other, car) {
+                self.state.facts.contacts.push(Contact { track, substep, own: *car, other });
             }
         }
     }
 
-    /// Contacts at one moment, the bodies coasting for some seconds.
-    fn contacts_at(&self, car: &OrientedBox, ahead: f64) -> Vec<Contact> {
-        let touched = self.bodies().iter().filter(|body| {
-            self.is_on_level(body) && body.touches(&body.coasted(ahead), car)
-        });
-        touched.map(|body| Contact { track: body.track, substep: SUBSTEPS }).collect()
+    /// Contacts at the current frame.
+    fn contacts_at(&self, car: &OrientedBox) -> Vec<Contact> {
+        let touched = self.bodies().iter().filter(|body| self.is_on_level(body) && body.touches(&body.area, car));
+        touched
+            .map(|body| Contact { track: body.track, substep: SUBSTEPS, own: *car, other: body.area })
+            .collect()
     }
 
     /// Whether something at a height of the ground (metres) is on the car's level.

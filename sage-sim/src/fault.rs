@@ -1,0 +1,150 @@
+//! Who was at fault in a contact: nuPlan's rule, on the states when the boxes first meet.
+//!
+//! The rule means "the ego's own motion could have prevented it", not legal blame: a car that cuts in just
+//! before a moving ego is hit by the ego's front, and the ego is at fault.
+
+use sage_core::{
+    geometry::{OrientedBox, Point, cross, distance, dot, norm, sub},
+    scene::{Map, SceneIndex},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    body::BodyKind,
+    drive::DriveContact,
+    vehicle::Vehicle,
+};
+
+/// Speed below which a road user stands, m/s.
+const STANDING: f64 = 0.05;
+/// Angle from the heading beyond which the other is behind, rad.
+const BEHIND: f64 = 150.0 * std::f64::consts::PI / 180.0;
+/// Half the width of a lane that does not state one, metres.
+const HALF_WIDTH: f64 = 1.85;
+/// Range of half widths that are believed, metres.
+const HALF_WIDTHS: [f64; 2] = [1.5, 2.2];
+/// Space that a car in its lane keeps to the lane's borders, metres.
+const SPARE: f64 = 0.2;
+/// Largest distance of a lane's centre line that is looked at, metres.
+const LANE_REACH: f64 = 8.0;
+
+/// Class of a contact, and with it who is at fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FaultClass {
+    /// The ego stood: not at fault.
+    StoppedEgo,
+    /// The other stood, or is an object: at fault.
+    StoppedTrack,
+    /// The other came from behind: not at fault.
+    ActiveRear,
+    /// The ego's front met the other: at fault.
+    ActiveFront,
+    /// The ego's side met the other, the ego wholly in its lane: not at fault.
+    LateralInLane,
+    /// The ego's side met the other while the ego was not in one lane: at fault.
+    LateralOffLane,
+    /// The ego's side met the other on a map without lanes: not known.
+    LateralUnknown,
+}
+
+impl FaultClass {
+    /// Whether the ego is at fault; `None` where the map cannot tell.
+    pub fn is_at_fault(self) -> Option<bool> {
+        match self {
+            Self::StoppedEgo | Self::ActiveRear | Self::LateralInLane => Some(false),
+            Self::StoppedTrack | Self::ActiveFront | Self::LateralOffLane => Some(true),
+            Self::LateralUnknown => None,
+        }
+    }
+
+    /// Number of nuPlan's rule that decides, 1 to 5.
+    pub fn rule(self) -> u8 {
+        match self {
+            Self::StoppedEgo => 1,
+            Self::StoppedTrack => 2,
+            Self::ActiveRear => 3,
+            Self::ActiveFront => 4,
+            Self::LateralInLane | Self::LateralOffLane | Self::LateralUnknown => 5,
+        }
+    }
+}
+
+/// Class of a contact.
+pub fn classify(contact: &DriveContact, car: &Vehicle, index: &SceneIndex) -> FaultClass {
+    let [own, other] = &contact.areas;
+    if contact.car.speed() <= STANDING {
+        return FaultClass::StoppedEgo;
+    }
+    if contact.other.speed() <= STANDING || contact.other.kind == BodyKind::Object {
+        return FaultClass::StoppedTrack;
+    }
+    let rear = [own.center[0] - car.rear * own.axis[0], own.center[1] - car.rear * own.axis[1]];
+    let d = sub(other.center, rear);
+    if dot(d, own.axis) < norm(d) * BEHIND.cos() {
+        return FaultClass::ActiveRear;
+    }
+    let [front_left, .., front_right] = own.corners();
+    if other.intersects_segment(front_left, front_right) {
+        return FaultClass::ActiveFront;
+    }
+    match is_in_one_lane(own, index) {
+        None => FaultClass::LateralUnknown,
+        Some(true) => FaultClass::LateralInLane,
+        Some(false) => FaultClass::LateralOffLane,
+    }
+}
+
+/// Whether all corners of a box lie in one lane, or in lanes that follow each other. `None` without lanes.
+fn is_in_one_lane(area: &OrientedBox, index: &SceneIndex) -> Option<bool> {
+    let map = index.map();
+    if index.motor_lanes().segments().is_empty() {
+        return None;
+    }
+    let lanes = area.corners().map(|corner| lanes_at(corner, index));
+    let follows = |a: usize, b: usize| {
+        let exits = |k: usize| map.features[k].lane.as_ref().map_or(&[][..], |lane| &lane.exits);
+        a == b || exits(a).contains(&b) || exits(b).contains(&a)
+    };
+    // A lane such that every corner lies in it or in one directly before or after it.
+    let in_chain = |lane: usize| lanes.iter().all(|at| at.iter().any(|&other| follows(lane, other)));
+    Some(lanes.iter().flatten().any(|&lane| in_chain(lane)))
+}
+
+/// Lanes (map features) that contain a point.
+fn lanes_at(p: Point, index: &SceneIndex) -> Vec<usize> {
+    let (map, lanes) = (index.map(), index.motor_lanes());
+    let bounds = sage_core::geometry::Aabb::around(p, LANE_REACH);
+    let mut found: Vec<usize> = Vec::new();
+    for run in lanes.near(&bounds) {
+        for k in run {
+            let segment = &lanes.segments()[k];
+            let feature = segment.feature as usize;
+            let share = segment.nearest_share(p);
+            let is_beyond =
+                (share <= 0.0 && !segment.joined[0]) || (share >= 1.0 && !segment.joined[1]);
+            let d = sub(segment.b, segment.a);
+            let is_left = cross(d, sub(p, segment.a)) > 0.0;
+            let half = half_width(map, feature, p, usize::from(!is_left));
+            let is_inside = norm(sub(p, segment.at(share))) <= half - SPARE;
+            if is_inside && !is_beyond && !found.contains(&feature) {
+                found.push(feature);
+            }
+        }
+    }
+    found
+}
+
+/// Half the width of a lane at its point nearest to `p`, on the left (0) or right (1), metres.
+fn half_width(map: &Map, feature: usize, p: Point, side: usize) -> f64 {
+    let lane = &map.features[feature];
+    let points = map.points_of(lane).iter().enumerate();
+    let nearest = points.min_by(|a, b| {
+        distance([a.1[0], a.1[1]], p).total_cmp(&distance([b.1[0], b.1[1]], p))
+    });
+    let width = nearest.and_then(|(k, _)| Some(lane.lane.as_ref()?.width.get(k)?[side]));
+    match width {
+        Some(width) if width > 0.0 => width.clamp(HALF_WIDTHS[0], HALF_WIDTHS[1]),
+        _ => HALF_WIDTH,
+    }
+}

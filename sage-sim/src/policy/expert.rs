@@ -1,0 +1,218 @@
+//! Rule-based expert: keeps to its route at the speed of the traffic, and brakes as hard as it must.
+//!
+//! It forecasts the others at constant speed and yaw rate from now, and itself by the bicycle model along the
+//! route under several accelerations. It takes the highest acceleration, up to the one that its speed
+//! controller asks for, under which no box meets another within the forecast. Contacts from behind do not make
+//! it brake. It uses no recording and no plan.
+
+use std::sync::Arc;
+
+use sage_core::{
+    Error,
+    geometry::{OrientedBox, distance},
+    motion::State,
+    registry::Entry,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{Driver, EgoPolicy, View, forecast, pid::Pid, steering};
+use crate::{
+    body::{Body, BodyKind},
+    route::{Localization, Route},
+    scene::SimScene,
+    traffic::speed_limit,
+    vehicle::Action,
+    world::{Control, DT},
+};
+
+/// Gains of the speed controller (of the published autopilot), and the command of full throttle.
+const SPEED_GAINS: [f64; 3] = [5.0, 0.5, 1.0];
+const FULL_COMMAND: f64 = 5.0;
+/// Distance within which the speeds of others are taken, metres, and their largest distance across the route.
+const PERCEPTION: [f64; 2] = [20.0, 2.4];
+/// Range of the target speed from the traffic, m/s.
+const TRAFFIC_SPEEDS: [f64; 2] = [5.0, 25.0];
+/// Deceleration before curves, m/s².
+const CURVE_BRAKING: f64 = 2.0;
+/// Boxes farther apart than this cannot meet within the forecast, metres.
+const FARTHEST: f64 = 120.0;
+
+/// The policy `expert`.
+#[derive(Clone, Debug, Default)]
+pub struct Expert(ExpertOptions);
+
+/// Options of [`Expert`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExpertOptions {
+    /// Length of the forecast, s.
+    pub forecast: f64,
+    /// Accelerations that are tried, from the strongest braking to none, m/s².
+    pub brakes: Vec<f64>,
+    /// Speed on a free road without a limit, m/s.
+    pub free_speed: f64,
+    /// Lateral acceleration in curves, m/s².
+    pub curves: f64,
+    /// Space kept around the own box: ahead, and at each side, metres.
+    pub margins: [f64; 2],
+}
+
+impl Default for ExpertOptions {
+    fn default() -> Self {
+        Self {
+            forecast: 4.0,
+            brakes: vec![-8.0, -6.0, -4.5, -3.0, -2.0, -1.0],
+            free_speed: 15.0,
+            curves: 2.5,
+            margins: [1.5, 0.2],
+        }
+    }
+}
+
+impl Entry<dyn EgoPolicy> for Expert {
+    const NAME: &'static str = "expert";
+    const SUMMARY: &'static str = "rule-based driver: forecasts everybody from now, brakes as hard as it must";
+    const SOURCE: &'static str = "this project, after the rule-based autopilot of CARLA";
+    type Options = ExpertOptions;
+
+    fn build(options: ExpertOptions) -> Result<Box<dyn EgoPolicy>, String> {
+        if !(options.forecast > 0.0 && options.forecast <= 10.0) {
+            return Err(format!("`forecast` is {}; expected seconds above 0, at most 10", options.forecast));
+        }
+        if options.brakes.is_empty() || options.brakes.iter().any(|a| !(*a < 0.0 && a.is_finite())) {
+            return Err(format!("`brakes` is {:?}; expected numbers below 0, at least one", options.brakes));
+        }
+        let speeds = [("free_speed", options.free_speed), ("curves", options.curves)];
+        if let Some((name, value)) = speeds.into_iter().find(|(_, value)| !(*value > 0.0)) {
+            return Err(format!("`{name}` is {value}; expected a number above 0"));
+        }
+        if options.margins.iter().any(|margin| !(*margin >= 0.0)) {
+            return Err(format!("`margins` is {:?}; expected metres, at least 0", options.margins));
+        }
+        Ok(Box::new(Self(options)))
+    }
+}
+
+impl EgoPolicy for Expert {
+    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(ExpertDriver { options: self.0.clone(), speed: Pid::new(SPEED_GAINS) }))
+    }
+}
+
+#[derive(Clone)]
+struct ExpertDriver {
+    options: ExpertOptions,
+    speed: Pid,
+}
+
+impl Driver for ExpertDriver {
+    fn control(&mut self, view: &View) -> Result<Control, Error> {
+        let (route, motion, car) = (view.route(), view.motion(), view.car());
+        let at = route.locate(motion.position, Localization::Nearest);
+        let speed = motion.body_velocity()[0].max(0.0);
+        let target = self.target_speed(view, route, at.along);
+        let command = self.speed.output(target - speed) / FULL_COMMAND;
+        let wanted = if command > 0.0 { command.min(1.0) * car.full_throttle() } else { command.max(-1.0) * 3.0 };
+        let acceleration = self.safe_acceleration(view, wanted);
+        Ok(Control::Drive(Action {
+            steer: steering::along(car, motion, route, at.along, 0.0),
+            throttle: car.throttle_for(acceleration),
+        }))
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Driver> {
+        Box::new(self.clone())
+    }
+}
+
+impl ExpertDriver {
+    /// Speed of the traffic around, the limit of the lane, or the speed of a free road; less in sharp turns.
+    fn target_speed(&self, view: &View, route: &Route, along: f64) -> f64 {
+        let [reach, aside] = PERCEPTION;
+        let near = view.others().filter(|other| {
+            other.kind == BodyKind::Vehicle
+                && other.speed() > 0.5
+                && distance(other.area.center, view.motion().position) <= reach
+                && route.locate(other.area.center, Localization::Nearest).across.abs() < aside
+        });
+        let mut speeds: Vec<f64> = near.map(Body::speed).collect();
+        speeds.sort_by(f64::total_cmp);
+        let limit = speed_limit(view.scene(), view.motion().position).unwrap_or(self.options.free_speed);
+        let target = match quantile(&speeds, 0.75) {
+            Some(traffic) => traffic.clamp(TRAFFIC_SPEEDS[0], TRAFFIC_SPEEDS[1]).max(limit),
+            None => limit,
+        };
+        target.min(steering::curve_speed(route, along, self.options.curves, CURVE_BRAKING))
+    }
+
+    /// The highest acceleration up to `wanted` under which no contact is forecast; the strongest braking if
+    /// there is none.
+    fn safe_acceleration(&self, view: &View, wanted: f64) -> f64 {
+        let steps = (self.options.forecast / DT).round() as usize;
+        let position = view.motion().position;
+        let near = view.others().filter(|other| distance(other.area.center, position) < FARTHEST);
+        let others: Vec<Vec<OrientedBox>> = near.map(|other| forecast::boxes(other, steps)).collect();
+        if others.is_empty() {
+            return wanted;
+        }
+        let mut brakes: Vec<f64> = self.options.brakes.iter().copied().filter(|a| *a < wanted).collect();
+        brakes.sort_by(f64::total_cmp);
+        brakes.extend((wanted > 0.0).then_some(0.0));
+        brakes.push(wanted);
+        let mut safe = brakes.iter().rev().copied();
+        safe.find(|a| !self.meets(view, &others, *a, steps)).unwrap_or(brakes[0])
+    }
+
+    /// Whether the own box, with margins, meets another within the forecast, other than from behind.
+    fn meets(&self, view: &View, others: &[Vec<OrientedBox>], acceleration: f64, steps: usize) -> bool {
+        let (route, car) = (view.route(), view.car());
+        let bicycle = steering::bicycle(car);
+        let motion = view.motion();
+        let mut state =
+            State { position: motion.position, heading: motion.heading, speed: motion.body_velocity()[0].max(0.0) };
+        let [ahead, aside] = self.options.margins;
+        let half = [view.area().half_length, view.area().half_width];
+        for step in 1..=steps {
+            let place = route.locate(state.position, Localization::Nearest).along;
+            let as_motion = crate::vehicle::Motion {
+                position: state.position,
+                heading: state.heading,
+                velocity: [state.speed, 0.0],
+                yaw_rate: 0.0,
+            };
+            let steer = steering::along(car, &as_motion, route, place, 0.0) * car.max_steering;
+            state = bicycle.step(&state, steer, acceleration, DT);
+            // The margin ahead shrinks with the speed, so that the car can close up and stop.
+            let front = ahead * (state.speed / 5.0).min(1.0);
+            let (sin, cos) = state.heading.sin_cos();
+            let [x, y] = state.position;
+            let center = [x + 0.5 * front * cos, y + 0.5 * front * sin];
+            let own = OrientedBox {
+                center,
+                axis: [cos, sin],
+                half_length: half[0] + 0.5 * front,
+                half_width: half[1] + aside,
+            };
+            for other in others {
+                let other = &other[step];
+                if own.center_distance(other) > own.radius() + other.radius() || !own.intersects(other) {
+                    continue;
+                }
+                let [x, y] = own.to_local(other.center);
+                let is_behind = x < -0.4 * 2.0 * half[0] && y.abs() < half[1] + other.half_width;
+                if !is_behind {
+                    return true;
+                }
+            }
+        }
+        false
+    }
+}
+
+/// Quantile of sorted values by linear interpolation.
+pub(super) fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+    let at = share * (sorted.len().checked_sub(1)? as f64);
+    let low = sorted[at as usize];
+    let high = sorted[(at as usize + 1).min(sorted.len() - 1)];
+    Some(low + (at - at.floor()) * (high - low))
+}

@@ -1,0 +1,135 @@
+//! Intelligent Driver Model along the logged route, with lane changes by MOBIL.
+//!
+//! The acceleration follows the textbook formula in SI units, limited to −3 … 1 m/s²; the desired speed is the
+//! lane's limit. Leaders are the nearest road users whose boxes overlap the path of the car's width.
+
+use std::sync::Arc;
+
+use sage_core::{Error, motion::idm::Idm, registry::Entry};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Driver, EgoPolicy, View,
+    lane_change::{LaneChange, MobilOptions},
+    steering,
+};
+use crate::{
+    following::{Follower, areas, leader},
+    route::Localization,
+    scene::SimScene,
+    traffic::{DESIRED_SPEED, speed_limit},
+    vehicle::Action,
+    world::Control,
+};
+
+/// The policy `idm`.
+#[derive(Clone, Debug, Default)]
+pub struct IdmPolicy(IdmOptions);
+
+/// Options of [`IdmPolicy`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct IdmOptions {
+    /// The model. Its desired speed counts where the lane has no limit.
+    pub model: Idm,
+    /// Whether a lane's speed limit is the desired speed.
+    pub speed_limits: bool,
+    /// Lateral acceleration in curves, m/s²: a lower desired speed before and in them. `null` for no such limit.
+    pub curves: Option<f64>,
+    /// Limits of the acceleration, m/s².
+    pub limits: [f64; 2],
+    /// Lane changes; `null` for none.
+    pub lane_changes: Option<MobilOptions>,
+}
+
+impl Default for IdmOptions {
+    fn default() -> Self {
+        Self {
+            model: Idm { desired_speed: DESIRED_SPEED, ..Idm::default() },
+            speed_limits: true,
+            curves: Some(2.5),
+            limits: [-3.0, 1.0],
+            lane_changes: Some(MobilOptions::default()),
+        }
+    }
+}
+
+impl Entry<dyn EgoPolicy> for IdmPolicy {
+    const NAME: &'static str = "idm";
+    const SUMMARY: &'static str = "Intelligent Driver Model along the logged route, lane changes by MOBIL";
+    const SOURCE: &'static str = "Treiber et al. (2000); Kesting et al. (2007)";
+    type Options = IdmOptions;
+
+    fn build(options: IdmOptions) -> Result<Box<dyn EgoPolicy>, String> {
+        let m = &options.model;
+        let above_0 = [
+            ("desired_speed", m.desired_speed),
+            ("standing_gap", m.standing_gap),
+            ("acceleration", m.acceleration),
+            ("deceleration", m.deceleration),
+            ("exponent", m.exponent),
+        ];
+        if let Some((name, value)) = above_0.into_iter().find(|(_, value)| !(*value > 0.0 && value.is_finite())) {
+            return Err(format!("`model.{name}` is {value}; expected a number above 0"));
+        }
+        if !(m.time_gap >= 0.0) {
+            return Err(format!("`model.time_gap` is {}; expected seconds, at least 0", m.time_gap));
+        }
+        let [low, high] = options.limits;
+        if !(low < 0.0 && high > 0.0) {
+            return Err(format!("`limits` is [{low}, {high}]; expected a number below 0 and one above"));
+        }
+        if options.curves.is_some_and(|lateral| !(lateral > 0.0)) {
+            return Err(format!("`curves` is {:?}; expected m/s² above 0, or null", options.curves));
+        }
+        Ok(Box::new(Self(options)))
+    }
+}
+
+impl EgoPolicy for IdmPolicy {
+    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+        let lane_change = self.0.lane_changes.map(LaneChange::new);
+        Ok(Box::new(IdmDriver { options: self.0.clone(), lane_change }))
+    }
+}
+
+#[derive(Clone)]
+struct IdmDriver {
+    options: IdmOptions,
+    lane_change: Option<LaneChange>,
+}
+
+impl Driver for IdmDriver {
+    fn control(&mut self, view: &View) -> Result<Control, Error> {
+        let (route, motion) = (view.route(), view.motion());
+        let limit = self.options.speed_limits.then(|| speed_limit(view.scene(), motion.position)).flatten();
+        let at = route.locate(motion.position, Localization::Nearest);
+        let curve = self.options.curves.map_or(f64::INFINITY, |lateral| {
+            steering::curve_speed(route, at.along, lateral, self.options.model.deceleration)
+        });
+        let desired_speed = limit.unwrap_or(self.options.model.desired_speed).min(curve);
+        let model = Idm { desired_speed, ..self.options.model };
+        let across = match &mut self.lane_change {
+            Some(change) => change.offset(view, &model, at),
+            None => 0.0,
+        };
+        let speed = motion.body_velocity()[0].max(0.0);
+        let half = [view.area().half_length, view.area().half_width];
+        let own = Follower { along: at.along, across: at.across, half };
+        let others: Vec<_> = view.others().copied().collect();
+        // While it changes lanes, both the lane that it leaves and the one that it enters count.
+        let target = Follower { across, ..own };
+        let gaps = [own, target].map(|path| leader(route, path, areas(&others)).map(|(_, leader)| leader));
+        let acceleration = gaps.map(|leader| model.acceleration(speed, leader));
+        let [low, high] = self.options.limits;
+        let acceleration = acceleration[0].min(acceleration[1]).clamp(low, high);
+        Ok(Control::Drive(Action {
+            steer: steering::along(view.car(), motion, route, at.along, across),
+            throttle: view.car().throttle_for(acceleration),
+        }))
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Driver> {
+        Box::new(self.clone())
+    }
+}

@@ -1,0 +1,133 @@
+//! The drive of somebody's own planner, read from a file: a pose for each frame of the scene.
+//!
+//! The file is JSON: a list of `[x, y, heading]` for frames 0, 1, … of one scene (metres, radians, world
+//! frame), or an object with such a list for each scene's id.
+
+use std::{collections::BTreeMap, fs, path::Path, path::PathBuf, sync::Arc};
+
+use sage_core::{Error, geometry::MAX_COORDINATE, motion::Pose, registry::Entry};
+use serde::{Deserialize, Serialize};
+
+use super::{Driver, EgoPolicy, View};
+use crate::{scene::SimScene, world::Control};
+
+/// Largest file that is read, bytes.
+const MAX_FILE: u64 = 1 << 30;
+
+/// Drives by the scenes' ids, or one drive.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(untagged)]
+enum Drives {
+    One(Vec<[f64; 3]>),
+    ByScene(BTreeMap<String, Vec<[f64; 3]>>),
+}
+
+/// Recorded drives of a planner.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DrivenPath {
+    file: PathBuf,
+    drives: Drives,
+}
+
+impl DrivenPath {
+    /// Reads a file of drives.
+    ///
+    /// *Errors*: a message that names the file, and what is wrong in it.
+    pub fn read(file: &Path) -> Result<Self, String> {
+        let fail = |problem: String| format!("`{}`: {problem}", file.display());
+        let size = fs::metadata(file).map_err(|error| fail(error.to_string()))?.len();
+        if size > MAX_FILE {
+            return Err(fail(format!("the file has {size} bytes; at most {MAX_FILE} are read")));
+        }
+        let text = fs::read(file).map_err(|error| fail(error.to_string()))?;
+        let drives: Drives = serde_json::from_slice(&text).map_err(|_| {
+            fail("expected a JSON list of [x, y, heading], or an object with such a list for each scene id".to_owned())
+        })?;
+        let path = Self { file: file.to_owned(), drives };
+        for (name, poses) in path.all() {
+            let is_far = |v: &f64| !(v.abs() <= MAX_COORDINATE);
+            if let Some(row) = poses.iter().position(|pose| pose.iter().any(is_far)) {
+                let pose = poses[row];
+                return Err(fail(format!("{name}row {row} is {pose:?}; expected numbers within ±{MAX_COORDINATE:e}")));
+            }
+        }
+        Ok(path)
+    }
+
+    fn all(&self) -> Vec<(String, &[[f64; 3]])> {
+        match &self.drives {
+            Drives::One(poses) => vec![(String::new(), poses)],
+            Drives::ByScene(all) => {
+                all.iter().map(|(scene, poses)| (format!("scene `{scene}`: "), &poses[..])).collect()
+            }
+        }
+    }
+
+    /// Poses of a scene, frame 0 first, one for each of its frames.
+    ///
+    /// *Errors*: [`Error::Scene`] if the file has no drive of this scene, or one of another length.
+    pub fn of(&self, scene: &str, frames: usize) -> Result<&[[f64; 3]], Error> {
+        let fail = |problem: String| Error::Scene { scene: scene.to_owned(), problem };
+        let file = self.file.display();
+        let poses = match &self.drives {
+            Drives::One(poses) => poses,
+            Drives::ByScene(all) => {
+                all.get(scene).ok_or_else(|| fail(format!("`{file}` has no drive of this scene")))?
+            }
+        };
+        if poses.len() != frames {
+            let found = poses.len();
+            return Err(fail(format!("the drive in `{file}` has {found} poses; expected {frames}, one a frame")));
+        }
+        Ok(poses)
+    }
+}
+
+/// The policy `path`.
+#[derive(Clone, Debug)]
+pub struct PathPolicy(Arc<DrivenPath>);
+
+/// Options of [`PathPolicy`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PathOptions {
+    /// JSON file of poses `[x, y, heading]`, one a frame.
+    pub file: PathBuf,
+}
+
+impl Entry<dyn EgoPolicy> for PathPolicy {
+    const NAME: &'static str = "path";
+    const SUMMARY: &'static str = "the drive of another planner, from a file (path:FILE)";
+    const SOURCE: &'static str = "this project";
+    type Options = PathOptions;
+
+    fn build(options: PathOptions) -> Result<Box<dyn EgoPolicy>, String> {
+        if options.file.as_os_str().is_empty() {
+            return Err("`file` is empty; write path:FILE".to_owned());
+        }
+        Ok(Box::new(Self(Arc::new(DrivenPath::read(&options.file)?))))
+    }
+}
+
+impl EgoPolicy for PathPolicy {
+    fn start(&self, scene: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+        let scene = scene.scene();
+        let poses = self.0.of(&scene.id, scene.frames)?;
+        Ok(Box::new(PathDriver(poses.into())))
+    }
+}
+
+#[derive(Clone)]
+struct PathDriver(Arc<[[f64; 3]]>);
+
+impl Driver for PathDriver {
+    fn control(&mut self, view: &View) -> Result<Control, Error> {
+        let frame = (view.step() + 1).min(self.0.len() - 1);
+        let [x, y, heading] = self.0[frame];
+        Ok(Control::Pose { pose: Pose::new(x, y, heading), velocity: None })
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Driver> {
+        Box::new(self.clone())
+    }
+}

@@ -1,0 +1,92 @@
+//! Tracking of the recording through the tyres: the logged path at the logged times, as far as a car can.
+
+use std::sync::Arc;
+
+use sage_core::{
+    Error,
+    geometry::{Point, norm},
+    registry::{Entry, NoOptions},
+    scene::Track,
+};
+
+use super::{Driver, EgoPolicy, Privilege, View, steering};
+use crate::{
+    route::{Coordinates, Localization, Route},
+    scene::SimScene,
+    vehicle::Action,
+    world::{Control, DT},
+};
+
+/// Acceleration for each metre behind the log, 1/s², and for each m/s too slow, 1/s.
+const GAINS: [f64; 2] = [2.0, 2.5];
+
+/// The policy `tracking`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Tracking;
+
+impl Entry<dyn EgoPolicy> for Tracking {
+    const NAME: &'static str = "tracking";
+    const SUMMARY: &'static str = "the recording through the tyres: a controller follows its path and times";
+    const SOURCE: &'static str = "this project";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn EgoPolicy>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl EgoPolicy for Tracking {
+    fn privilege(&self) -> Privilege {
+        Privilege::OwnLog
+    }
+
+    fn start(&self, scene: &Arc<SimScene>, track: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(TrackingDriver(Arc::new(Reference::of(&scene.scene().tracks[track])))))
+    }
+}
+
+/// The log as distances along its path.
+struct Reference {
+    route: Route,
+    /// Distance along the route and speed at each frame.
+    progress: Vec<[f64; 2]>,
+}
+
+impl Reference {
+    fn of(track: &Track) -> Self {
+        let route = Route::of_track(track, 0, false);
+        let mut last = [0.0, 0.0];
+        let progress = (0..track.valid.len()).map(|frame| {
+            if track.is_valid(frame) {
+                let along = route.locate(track.point(frame), Localization::Nearest).along;
+                last = [along, norm(track.velocity[frame])];
+            }
+            last
+        });
+        Self { progress: progress.collect(), route }
+    }
+}
+
+#[derive(Clone)]
+struct TrackingDriver(Arc<Reference>);
+
+impl Driver for TrackingDriver {
+    fn control(&mut self, view: &View) -> Result<Control, Error> {
+        let Reference { route, progress } = &*self.0;
+        let motion = view.motion();
+        let place = route.locate(motion.position, Localization::Nearest).along;
+        let at = |frame: usize| progress[frame.min(progress.len() - 1)];
+        let [now, next] = [at(view.step()), at(view.step() + 1)];
+        let wanted = (next[1] - now[1]) / DT;
+        let acceleration = wanted + GAINS[0] * (now[0] - place) + GAINS[1] * (now[1] - motion.speed());
+        let target: Point = route.point(Coordinates { along: place + steering::look_ahead(motion.speed()), across: 0.0 });
+        Ok(Control::Drive(Action {
+            steer: steering::towards(view.car(), motion, target),
+            throttle: view.car().throttle_for(acceleration),
+        }))
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Driver> {
+        Box::new(self.clone())
+    }
+}

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Look-ahead: a constant, metres, and a time, s.
-const LOOK_AHEAD: [f64; 2] = [3.0, 0.35];
+const LOOK_AHEAD: [f64; 2] = [1.5, 0.25];
 /// Largest look-ahead, metres.
 const FARTHEST: f64 = 15.0;
 /// Points ahead at which the curvature counts: number, distance between two, and half the length over which

@@ -34,7 +34,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Demo(DemoArgs),
-    /// List rewards, feasibility rules, objectives, backbones, mergers and generators.
+    /// List rewards, feasibility rules, objectives, backbones, mergers, generators and driving policies.
     #[command(after_help = "Example:\n  sage list --json")]
     List {
         /// Print one JSON object per line.

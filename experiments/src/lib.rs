@@ -44,6 +44,7 @@ use sage_core::{
 };
 use sage_generators::{GeneratorKind, generators};
 use sage_merging::{Merger, mergers};
+use sage_sim::policy::{EgoPolicy, policies};
 
 pub use cli::Cli;
 pub use operating_point::{OperatingPointSpec, RowKey};
@@ -60,6 +61,8 @@ pub struct Registries {
     pub mergers: Registry<dyn Merger>,
     /// Generators of adversarial scenes.
     pub generators: Registry<dyn GeneratorKind>,
+    /// Driving policies.
+    pub policies: Registry<dyn EgoPolicy>,
 }
 
 impl Registries {
@@ -73,6 +76,7 @@ impl Registries {
             backbones: backbones()?,
             mergers: mergers()?,
             generators: generators()?,
+            policies: policies()?,
         })
     }
 }

@@ -53,6 +53,20 @@ impl fmt::Display for Part {
     }
 }
 
+/// A driving policy: a part, or `path:FILE` for the drive of another planner.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct PolicyPart(pub(crate) Part);
+
+impl FromStr for PolicyPart {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let Some(file) = text.strip_prefix("path:") else { return Ok(Self(text.parse()?)) };
+        let options = Map::from_iter([("file".to_owned(), Value::from(file))]);
+        Ok(Self(Part { name: "path".to_owned(), options }))
+    }
+}
+
 /// Comma-separated parts.
 #[derive(Clone, Debug)]
 pub(crate) struct Parts(pub(crate) Vec<Part>);
@@ -89,6 +103,13 @@ impl FromStr for Parts {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_policy_may_be_a_path() {
+        let PolicyPart(part) = "path:drives/a,b.json".parse().unwrap();
+        assert_eq!((&*part.name, &part.options["file"]), ("path", &Value::from("drives/a,b.json")));
+        assert_eq!("idm".parse::<PolicyPart>().unwrap().0.name, "idm");
+    }
 
     #[test]
     fn a_part_is_a_name_with_or_without_options() {

@@ -2,10 +2,14 @@
 
 use std::sync::Arc;
 
-use sage_core::{Error, geometry::OrientedBox, scene::TrackKind};
+use sage_core::{
+    Error,
+    geometry::OrientedBox,
+    scene::{Scene, TrackKind},
+};
 
 use crate::{
-    body::{Body, BodyKind},
+    body::{Body, BodyKind, BodyShape},
     navigation::Navigation,
     observation::{Driving, ObservationKind, observe},
     policy::{Driver, EgoPolicy, Privilege, Seat, View},
@@ -170,6 +174,30 @@ pub struct Drive {
 }
 
 impl Drive {
+    /// The scene in which the ego's recording is this drive. Frames after its end are not valid. Heights are
+    /// those of the log.
+    pub fn recorded(&self, scene: &Scene) -> Scene {
+        let mut scene = scene.clone();
+        let size = BodyShape::at_now(scene.ego()).size;
+        let track = &mut scene.tracks[scene.ego];
+        let (mut height, mut extent) = (track.position[0][2], track.size[0]);
+        for frame in 0..track.valid.len() {
+            if track.valid[frame] {
+                (height, extent) = (track.position[frame][2], track.size[frame]);
+            }
+            track.valid[frame] = frame < self.motions.len();
+            if let Some(motion) = self.motions.get(frame) {
+                let [x, y] = motion.position;
+                track.position[frame] = [x, y, height];
+                track.heading[frame] = motion.heading;
+                track.velocity[frame] = motion.velocity;
+                let [length, width] = size.unwrap_or([extent[0], extent[1]]);
+                track.size[frame] = [length, width, extent[2]];
+            }
+        }
+        scene
+    }
+
     /// First contact with a vehicle.
     pub fn first_vehicle(&self) -> Option<&DriveContact> {
         self.contacts.iter().find(|contact| contact.other.kind == BodyKind::Vehicle)

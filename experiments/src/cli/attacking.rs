@@ -12,7 +12,7 @@ use sage_merging::Range;
 use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
 use crate::{
     operating_point::{OperatingPointSpec, aggression_variant},
-    part::{Part, Parts},
+    part::{Part, Parts, PolicyPart},
 };
 
 /// Generate adversarial scenes: replace the adversary's future and keep everything else.
@@ -30,7 +30,7 @@ use crate::{
 /// the other scenes continue.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json\n  sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/"
+    after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json\n  sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/\n  sage generate scenes/0.pkl --ego path:drive.json --lambda 1 --out against-my-planner/"
 )]
 pub(crate) struct GenerateArgs {
     /// Scene file, or folder of scene files.
@@ -52,6 +52,11 @@ pub(crate) struct GenerateArgs {
     /// Use this track as the adversary.
     #[arg(long, value_name = "ID")]
     pub adversary: Option<String>,
+    /// Policy that drives the ego before the attack, by its name in `sage list`, or path:FILE with the drive of
+    /// your own planner: JSON, [x, y, heading] for each frame. The attack is planned against this drive, which
+    /// also replaces the ego's recording in the written scenes.
+    #[arg(long, value_name = "POLICY", default_value = "replay")]
+    pub ego: PolicyPart,
     /// Weights of the experts: procedural, waymo, waymo-paper or a folder. Default: procedural; for recorded scenes waymo, if
     /// `weights/waymo` is in the current folder or SAGE_WEIGHTS names the folder `weights`.
     #[arg(long, value_name = "NAME")]

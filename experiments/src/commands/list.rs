@@ -8,6 +8,7 @@ use sage_core::{
     registry::Registry,
 };
 use sage_generators::GeneratorKind;
+use sage_sim::policy::EgoPolicy;
 use serde_json::{Value, json};
 
 use crate::{Outcome, Registries};
@@ -20,6 +21,7 @@ pub(crate) fn run(registries: &Registries, as_json: bool) -> Result<Outcome> {
     print(&mut out, &registries.backbones, as_json)?;
     print(&mut out, &registries.mergers, as_json)?;
     generators(&mut out, &registries.generators, as_json)?;
+    policies(&mut out, &registries.policies, as_json)?;
     Ok(Outcome::Done)
 }
 
@@ -54,6 +56,28 @@ fn generators(out: &mut impl Write, registry: &Registry<dyn GeneratorKind>, as_j
             let row = json!({
                 "kind": registry.kind(), "name": entry.name, "summary": entry.summary,
                 "source": entry.source, "options": entry.defaults, "knows": knows,
+            });
+            writeln!(out, "{row}")?;
+        } else {
+            writeln!(out, "  {:<22} {} (knows {knows})", entry.name, entry.summary)?;
+            options(out, &entry.defaults)?;
+        }
+    }
+    Ok(())
+}
+
+/// Driving policies, with what each knows beyond its view. A policy whose options have no default that works
+/// names them alone.
+fn policies(out: &mut impl Write, registry: &Registry<dyn EgoPolicy>, as_json: bool) -> Result<()> {
+    if !as_json {
+        writeln!(out, "{}", registry.kind())?;
+    }
+    for entry in registry.entries() {
+        let knows = registry.build_default(entry.name).map(|policy| policy.privilege()).unwrap_or_default();
+        if as_json {
+            let row = json!({
+                "kind": registry.kind(), "name": entry.name, "summary": entry.summary,
+                "source": entry.source, "options": entry.defaults, "knows": knows.to_string(),
             });
             writeln!(out, "{row}")?;
         } else {

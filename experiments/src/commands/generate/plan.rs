@@ -6,7 +6,9 @@ use anyhow::{Context as _, Result, ensure};
 use sage_backbones::parameters::Header;
 use sage_core::objective::FurtherMeasures;
 use sage_generators::Facts;
+use sage_core::registry::Entry;
 use sage_merging::{ExpertSet, Merger};
+use sage_sim::policy::{EgoPolicy, Replay};
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -16,7 +18,7 @@ use crate::{
     networks,
     operating_point::OperatingPointSpec,
     output,
-    part::Part,
+    part::{Part, PolicyPart},
     progress,
     selection::Selection,
 };
@@ -47,6 +49,8 @@ pub(super) struct Plan<'a> {
     pub(super) variants: Vec<String>,
     registries: &'a Registries,
     facts: Facts,
+    /// Drives the ego before the attack; `None` for its recording.
+    pub(super) ego: Option<Box<dyn EgoPolicy>>,
     merger: Arc<dyn Merger>,
     /// Weights that scenes may need: those that the user names, or the defaults for procedural and for
     /// recorded scenes. The weights for a scene do not depend on other scenes.
@@ -66,6 +70,8 @@ impl<'a> Plan<'a> {
                 serde_json::from_str(options).context("--options is not a JSON object")?;
             method.options.extend(options);
         }
+        let PolicyPart(ego) = &args.ego;
+        let ego = (ego.name != Replay::NAME).then(|| ego.build(&registries.policies)).transpose()?;
         let facts = method.build(&registries.generators)?.facts();
         let merger: Arc<dyn Merger> = args.points.merging.merger.build(&registries.mergers)?.into();
         args.points.check(merger.range())?;
@@ -106,6 +112,7 @@ impl<'a> Plan<'a> {
             variants,
             registries,
             facts,
+            ego,
             merger,
             experts,
             attackers,
@@ -187,12 +194,16 @@ impl<'a> Plan<'a> {
                 dials.insert(name.clone(), json!(dial.map(|dial| dial.mu)));
             }
         }
-        Ok(json!({
+        let mut identity = json!({
             "command": output::command(), "method": self.method.to_string(), "weights": weights,
             "dials": dials, "selection": self.selection.objective.spec(), "variants": self.variants, "seed": self.args.seed,
             "merger": self.args.points.merging.merger.to_string(),
             "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-        }))
+        });
+        if self.ego.is_some() {
+            identity["ego"] = json!(self.args.ego.0.to_string());
+        }
+        Ok(identity)
     }
 
     /// Description of how a variant was generated, for its row and for the metadata of its scene files.
@@ -203,6 +214,9 @@ impl<'a> Plan<'a> {
             "selection": self.selection.objective.spec(),
         });
         let Value::Object(mut described) = described else { return Map::new() };
+        if self.ego.is_some() {
+            described.insert("ego".to_owned(), json!(self.args.ego.0.to_string()));
+        }
         if !point.mix.is_empty() {
             let mix = point.mix.iter().map(|(name, weight)| (name.clone(), json!(weight)));
             described.insert("mix".to_owned(), mix.collect());

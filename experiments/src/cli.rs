@@ -12,7 +12,7 @@ use clap::{
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
-pub(crate) use attacking::{CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs};
+pub(crate) use attacking::{CalibrateArgs, DatasetFormat, DialBenchArgs, DriversArgs, GenerateArgs, OpenLoopArgs};
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
@@ -266,6 +266,7 @@ pub(crate) enum BenchCommand {
     Prediction(PredictionArgs),
     OpenLoop(OpenLoopArgs),
     Dial(DialBenchArgs),
+    Drivers(DriversArgs),
     Experts(ExpertsArgs),
 }
 

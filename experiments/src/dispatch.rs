@@ -30,6 +30,7 @@ impl Cli {
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
             Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),
+            Command::Bench(BenchCommand::Drivers(args)) => commands::bench_drivers::run(&args, registries),
             Command::Bench(BenchCommand::Dial(args)) => commands::bench_dial::run(&args, registries),
             Command::Bench(BenchCommand::Prediction(args)) => {
                 commands::bench_prediction::run(&args, registries)

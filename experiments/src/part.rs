@@ -75,29 +75,45 @@ impl FromStr for Parts {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        // A comma separates parts only outside of options. Brackets in JSON strings are ignored.
-        let (mut depth, mut is_text, mut is_escaped) = (0_usize, false, false);
-        let mut parts = vec![String::new()];
-        for letter in text.chars() {
-            match letter {
-                _ if is_escaped => is_escaped = false,
-                '\\' if is_text => is_escaped = true,
-                '"' => is_text = !is_text,
-                _ if is_text => {}
-                '{' => depth += 1,
-                '}' => depth = depth.saturating_sub(1),
-                ',' if depth == 0 => {
-                    parts.push(String::new());
-                    continue;
-                }
-                _ => {}
-            }
-            if let Some(last) = parts.last_mut() {
-                last.push(letter);
-            }
-        }
-        Ok(Self(parts.iter().map(|part| part.parse()).collect::<Result<_, _>>()?))
+        Ok(Self(split(text).iter().map(|part| part.parse()).collect::<Result<_, _>>()?))
     }
+}
+
+/// Comma-separated policies.
+#[derive(Clone, Debug)]
+pub(crate) struct PolicyParts(pub(crate) Vec<PolicyPart>);
+
+impl FromStr for PolicyParts {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Ok(Self(split(text).iter().map(|part| part.parse()).collect::<Result<_, _>>()?))
+    }
+}
+
+/// Splits a list at its commas. Commas within options do not separate; brackets in JSON strings are ignored.
+fn split(text: &str) -> Vec<String> {
+    let (mut depth, mut is_text, mut is_escaped) = (0_usize, false, false);
+    let mut parts = vec![String::new()];
+    for letter in text.chars() {
+        match letter {
+            _ if is_escaped => is_escaped = false,
+            '\\' if is_text => is_escaped = true,
+            '"' => is_text = !is_text,
+            _ if is_text => {}
+            '{' => depth += 1,
+            '}' => depth = depth.saturating_sub(1),
+            ',' if depth == 0 => {
+                parts.push(String::new());
+                continue;
+            }
+            _ => {}
+        }
+        if let Some(last) = parts.last_mut() {
+            last.push(letter);
+        }
+    }
+    parts
 }
 
 #[cfg(test)]

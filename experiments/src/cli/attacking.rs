@@ -12,7 +12,7 @@ use sage_merging::Range;
 use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
 use crate::{
     operating_point::{OperatingPointSpec, aggression_variant},
-    part::{Part, Parts, PolicyPart},
+    part::{Part, Parts, PolicyPart, PolicyParts},
 };
 
 /// Generate adversarial scenes: replace the adversary's future and keep everything else.
@@ -212,6 +212,34 @@ pub(crate) struct DialBenchArgs {
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
+    /// Seed of random numbers.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}
+
+/// Compare driving policies in unchanged scenes: contacts, at-fault contacts, completion.
+///
+/// Each policy drives the ego from frame 0 to the end of the recording, while all other agents replay theirs.
+/// Prints a table with the differences of all pairs of policies, and writes it with a row per scene and
+/// `run.json`. Without PATH, procedural scenes are generated.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage bench drivers scenes/ --policies constant-speed,idm,expert --out drivers/"
+)]
+pub(crate) struct DriversArgs {
+    /// Scene files and folders.
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Policies, separated by commas; `sage list` shows them, and path:FILE is the drive of your own planner.
+    #[arg(long, value_name = "NAMES", default_value = "replay,constant-speed,idm,idm-release,expert,expert-release")]
+    pub policies: PolicyParts,
+    /// Number of procedural scenes, if no PATH is given.
+    #[arg(long, value_name = "N", default_value_t = 28, value_parser = clap::value_parser!(u64).range(1..=MOST_PROCEDURAL))]
+    pub procedural: u64,
     /// Seed of random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,

@@ -17,7 +17,7 @@
 
 use std::{f64::consts::TAU, sync::LazyLock};
 
-use sage_core::geometry::{OrientedBox, Point, cross, dot, sub};
+use sage_core::geometry::{OrientedBox, Point, cross, dot, sub, wrap_angle};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -27,7 +27,7 @@ use crate::{
     rays,
     route::{Localization, Route},
     vehicle::{Action, Motion, SUBSTEP},
-    world::World,
+    world::{DT, World},
 };
 
 /// Length of an observation.
@@ -145,7 +145,7 @@ fn own(world: &World, driving: &Driving, kind: ObservationKind, write: &mut impl
     write(31, (motion.speed() * KMH + 1.0) / (FULL_SPEED + 1.0));
     let scaled = |x: f64| 0.5 * (x + 1.0);
     let [last, before] = driving.actions;
-    let yaw_rate = (motion.heading - world.motion_before().heading) / crate::world::DT;
+    let yaw_rate = wrap_angle(motion.heading - world.motion_before().heading) / DT;
     match kind {
         ObservationKind::Corrected => {
             write(32, scaled(last.steer));

@@ -120,13 +120,20 @@ impl Physics {
         for slot in &mut self.slots {
             let body = &self.world.bodies[slot.handle];
             let (p, v) = (body.translation(), body.linvel());
-            // Rapier keeps angles in (−π, π].
-            let turned = wrap_angle(body.rotation().angle() - slot.motion.heading);
-            slot.motion = Motion {
-                position: [p.x, p.y],
-                heading: slot.motion.heading + turned,
-                velocity: [v.x, v.y],
-                yaw_rate: body.angvel(),
+            let is_free = [v.x, v.y, body.angvel()]
+                == [slot.motion.velocity[0], slot.motion.velocity[1], slot.motion.yaw_rate];
+            slot.motion = if is_free {
+                // Rapier's rotations drift by 1e-12 rad a step; a body that nothing touched does not.
+                slot.motion.coasted(SUBSTEP)
+            } else {
+                // Rapier keeps angles in (−π, π].
+                let turned = wrap_angle(body.rotation().angle() - slot.motion.heading);
+                Motion {
+                    position: [p.x, p.y],
+                    heading: slot.motion.heading + turned,
+                    velocity: [v.x, v.y],
+                    yaw_rate: body.angvel(),
+                }
             };
             if let Some(impulses) = impulses.take() {
                 impulses(&mut slot.motion);

@@ -24,7 +24,7 @@ const LANE_ENTRY: f64 = 6.0;
 const MAX_LANES: usize = 50;
 
 /// One straight segment of a route.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Leg {
     start: Point,
     /// Unit direction.
@@ -67,7 +67,7 @@ pub enum Localization {
 }
 
 /// A polyline with arc length.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Route {
     legs: Vec<Leg>,
     length: f64,

@@ -106,7 +106,7 @@ enum Role {
 }
 
 /// A vehicle that follows its route.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 struct Reactive {
     route: Arc<Route>,
     shape: BodyShape,
@@ -115,13 +115,6 @@ struct Reactive {
     speed: f64,
     ground: f64,
     idm: Idm,
-}
-
-impl PartialEq for Reactive {
-    fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.route, &other.route)
-            && (self.at, self.speed, self.size) == (other.at, other.speed, other.size)
-    }
 }
 
 /// State of the traffic: what each track does, and the bodies of the current frame.

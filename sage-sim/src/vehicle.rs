@@ -157,7 +157,7 @@ impl Action {
 pub struct Motion {
     /// Position, metres.
     pub position: Point,
-    /// Heading, rad, not wrapped.
+    /// Heading, rad; driving does not wrap it.
     pub heading: f64,
     /// Velocity in the world frame, m/s.
     pub velocity: Point,

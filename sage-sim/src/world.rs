@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use sage_core::{
     Error,
-    geometry::{OrientedBox, Point, Segment, sub, wrap_angle},
+    geometry::{MAX_COORDINATE, OrientedBox, Point, Segment, sub, wrap_angle},
     motion::Pose,
 };
 use serde::{Deserialize, Serialize};
@@ -153,8 +153,9 @@ impl World {
     /// `seed` decides what the options leave open: strength of the car and classes of the traffic. `plan`
     /// replaces the log of one track.
     ///
-    /// *Errors*: [`Error::Scene`] if the car starts inside another road user, or a plan has another length
-    /// than the scene; [`Error::Options`] for a strength outside [0, 1].
+    /// *Errors*: [`Error::Scene`] if the car starts inside another road user; [`Error::Length`] and
+    /// [`Error::NotFinite`] for a plan that is shorter or longer than the scene, or not finite;
+    /// [`Error::Options`] for a strength outside [0, 1].
     pub fn new(
         scene: Arc<SimScene>,
         options: Arc<WorldOptions>,
@@ -174,6 +175,14 @@ impl World {
             }
             if found != expected {
                 return Err(Error::Length { what: "plan".to_owned(), found, expected });
+            }
+            let is_finite = |frame: usize| {
+                let row = [plan.motion.point(frame), plan.motion.velocity[frame], [plan.motion.heading[frame], 0.0]];
+                row.iter().flatten().all(|x| x.abs() <= MAX_COORDINATE)
+            };
+            if let Some(frame) = (0..found).find(|&frame| plan.motion.valid[frame] && !is_finite(frame)) {
+                let what = format!("plan of track `{}`", scene.scene().tracks[plan.track].id);
+                return Err(Error::NotFinite { what, index: frame, point: plan.motion.point(frame) });
             }
         }
         let cycle = rng.uniform(0.0, 100.0) as u64;
@@ -396,7 +405,7 @@ impl World {
         let velocity = velocity.unwrap_or([moved[0] / DT, moved[1] / DT]);
         let end = Motion {
             position: pose.position,
-            heading: start.heading + turned,
+            heading: pose.heading,
             velocity,
             yaw_rate: turned / DT,
         };
@@ -438,7 +447,7 @@ impl World {
                 let moved = sub(pose.position, start.position);
                 let velocity = velocity.unwrap_or([moved[0] / DT, moved[1] / DT]);
                 let turned = wrap_angle(pose.heading - start.heading);
-                let (position, heading) = (pose.position, start.heading + turned);
+                let (position, heading) = (pose.position, pose.heading);
                 driven.motion = Motion { position, heading, velocity, yaw_rate: turned / DT };
             }
             None => {

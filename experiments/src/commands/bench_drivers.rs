@@ -42,8 +42,17 @@ struct Row {
 }
 
 impl Row {
+    /// Whether the ego is at fault in its first contact. Later ones are consequences of the first.
     fn is_at_fault(&self) -> bool {
-        self.contacts.iter().any(|(_, _, class)| class.is_at_fault() == Some(true))
+        let first = self.contacts.first().map(|(step, ..)| *step);
+        let at_first = self.contacts.iter().filter(|(step, ..)| Some(*step) == first);
+        at_first.into_iter().any(|(_, _, class)| class.is_at_fault() == Some(true))
+    }
+
+    /// Whether the car touches a road edge before any contact.
+    fn is_off_road(&self) -> bool {
+        let first = self.contacts.first().map_or(usize::MAX, |(step, ..)| *step);
+        self.off_road.is_some_and(|step| step < first)
     }
 }
 
@@ -53,7 +62,7 @@ type Property = (&'static str, fn(&Row) -> bool);
 const PROPERTIES: [Property; 3] = [
     ("contact", |row| !row.contacts.is_empty()),
     ("at-fault contact", Row::is_at_fault),
-    ("off the road", |row| row.off_road.is_some()),
+    ("off the road", Row::is_off_road),
 ];
 
 pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome> {
@@ -138,7 +147,8 @@ fn table(names: &[String], privileges: &[Privilege], rows: &[Vec<Row>]) -> Resul
         let completion = statistics::median(&completions).map_or("-".to_owned(), |c| format!("{c:.2}"));
         writeln!(out, "| {name} | {privilege} | {} | {} | {completion} |", rows.len(), shares.join(" | "))?;
     }
-    out += "\nIntervals: 95 %, Wilson. An *at-fault contact* is one that nuPlan's rule gives to the ego. \
+    out += "\nIntervals: 95 %, Wilson. An *at-fault contact* is one that nuPlan's rule gives to the ego; \
+        only the first contact of a drive counts. *Off the road*: a road edge is touched before any contact. \
         *Completion* is progress along the logged route by that of the log, which may be below or above 1.\n";
     Ok(out)
 }

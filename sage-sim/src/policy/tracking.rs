@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use sage_core::{
     Error,
-    geometry::{Point, norm},
+    geometry::Point,
     registry::{Entry, NoOptions},
     scene::Track,
 };
@@ -55,15 +55,20 @@ struct Reference {
 impl Reference {
     fn of(track: &Track) -> Self {
         let route = Route::of_track(track, 0, false);
-        let mut last = [0.0, 0.0];
-        let progress = (0..track.valid.len()).map(|frame| {
+        let mut last = 0.0;
+        let along = (0..track.valid.len()).map(|frame| {
             if track.is_valid(frame) {
-                let along = route.locate(track.point(frame), Localization::Nearest).along;
-                last = [along, norm(track.velocity[frame])];
+                last = route.locate(track.point(frame), Localization::Nearest).along;
             }
             last
         });
-        Self { progress: progress.collect(), route }
+        let along: Vec<f64> = along.collect();
+        // Recorded velocities need not agree with the positions, so speeds are central differences.
+        let speed = |frame: usize| {
+            let (before, after) = (frame.saturating_sub(1), (frame + 1).min(along.len() - 1));
+            (along[after] - along[before]) / (DT * (after - before).max(1) as f64)
+        };
+        Self { progress: (0..along.len()).map(|frame| [along[frame], speed(frame)]).collect(), route }
     }
 }
 

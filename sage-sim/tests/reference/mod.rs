@@ -1,6 +1,8 @@
 //! Reference files outside the project: `SAGE_REFERENCE` and `SAGE_DATA` name their folders. Tests without
 //! them say so and pass.
 
+#![allow(dead_code, clippy::unwrap_used, clippy::print_stderr)] // Each test uses some of it.
+
 use std::{env, fs, path::PathBuf};
 
 use serde_json::Value;
@@ -17,7 +19,6 @@ pub fn json(name: &str) -> Option<Value> {
 }
 
 /// A recorded scene by its number, or `None` without `SAGE_DATA`.
-#[allow(dead_code)]
 pub fn scene(number: u64) -> Option<std::sync::Arc<sage_core::scene::Scene>> {
     let Ok(folder) = env::var("SAGE_DATA") else {
         eprintln!("left out: SAGE_DATA is not set");
@@ -27,4 +28,14 @@ pub fn scene(number: u64) -> Option<std::sync::Arc<sage_core::scene::Scene>> {
     let mut files = ["pretrain", "dev", "val"].map(|split| folder.join(split).join(format!("{number}.pkl"))).into_iter();
     let file = files.find(|file| file.is_file()).unwrap_or_else(|| panic!("no scene {number} in {}", folder.display()));
     Some(std::sync::Arc::new(sage_data::Recording::read(&file).unwrap().scene))
+}
+
+/// All recorded scenes of some splits; none without `SAGE_DATA`.
+pub fn scenes(splits: &[&str]) -> Vec<std::sync::Arc<sage_core::scene::Scene>> {
+    let Ok(folder) = env::var("SAGE_DATA") else {
+        eprintln!("recorded scenes are left out: SAGE_DATA is not set");
+        return Vec::new();
+    };
+    let files = splits.iter().flat_map(|split| sage_data::folder::scene_files(&PathBuf::from(&folder).join(split)).unwrap());
+    files.map(|file| std::sync::Arc::new(sage_data::Recording::read(&file).unwrap().scene)).collect()
 }

@@ -8,7 +8,7 @@ use sage_core::objective::FurtherMeasures;
 use sage_generators::Facts;
 use sage_core::registry::Entry;
 use sage_merging::{ExpertSet, Merger};
-use sage_sim::policy::{EgoPolicy, Replay};
+use sage_sim::policy::{EgoPolicy, PathPolicy, Replay};
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -201,7 +201,13 @@ impl<'a> Plan<'a> {
             "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
         });
         if self.ego.is_some() {
+            let Part { name, options } = &self.args.ego.0;
             identity["ego"] = json!(self.args.ego.0.to_string());
+            // Another content of the file is another run.
+            if let Some(file) = options.get("file").and_then(Value::as_str).filter(|_| name == PathPolicy::NAME) {
+                let bytes = std::fs::read(file).with_context(|| format!("cannot read `{file}`"))?;
+                identity["ego_file"] = json!(blake3::hash(&bytes).to_hex()[..16]);
+            }
         }
         Ok(identity)
     }

@@ -5,6 +5,7 @@ pub(crate) mod curve;
 pub(crate) mod dial_chart;
 pub(crate) mod gallery;
 mod network_speed;
+mod simulation_speed;
 pub(crate) mod open_loop;
 pub(crate) mod open_loop_report;
 mod pairs;

@@ -22,7 +22,7 @@ use sage_data::{Recording, checks::Summary, folder, pickle::Document};
 
 pub use super::timing::{CANDIDATES, Data, Timing};
 use super::{
-    network_speed,
+    network_speed, simulation_speed,
     timing::{measure, timing},
 };
 
@@ -145,6 +145,7 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
     report(timing("summary and warnings of a scene, median of scenes", inspecting, None))?;
 
     network_speed::run(data, repeat, &mut report)?;
+    simulation_speed::run(data, repeat, &mut report)?;
 
     if files.len() > 1 {
         let start = Instant::now();

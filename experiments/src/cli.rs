@@ -12,7 +12,9 @@ use clap::{
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
-pub(crate) use attacking::{CalibrateArgs, DatasetFormat, DialBenchArgs, DriversArgs, GenerateArgs, OpenLoopArgs};
+pub(crate) use attacking::{
+    CalibrateArgs, DatasetFormat, DialBenchArgs, DriversArgs, GenerateArgs, OpenLoopArgs,
+};
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.

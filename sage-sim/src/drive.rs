@@ -122,9 +122,11 @@ impl Simulation {
         };
         let control = self.ego.driver.control(&View::new(world, seat, self.ego.privilege, &see))?;
         let mut theirs = None;
-        if let (Some((seated, route)), Some((motion, area))) = (&mut self.adversary, world.adversary_motion()) {
+        if let (Some((seated, route)), Some((motion, area))) = (&mut self.adversary, world.adversary_motion())
+        {
             let track = scene.scene().adversary_index()?;
-            let mut others: Vec<Body> = world.bodies().iter().filter(|body| body.track != track).copied().collect();
+            let mut others: Vec<Body> =
+                world.bodies().iter().filter(|body| body.track != track).copied().collect();
             others.push(ego_body(world));
             let seat = Seat { track, route, motion: *motion, area, others: &others };
             // The observation is that of the ego's seat; drivers of the adversary use the view.
@@ -239,12 +241,14 @@ pub fn drive(simulation: &mut Simulation, until: Until) -> Result<Drive, Error> 
         if world.facts().on_edge {
             drive.off_road = drive.off_road.or(Some(step));
         }
-        let mut new: Vec<_> = world.facts().contacts.iter().filter(|contact| !touched[contact.track]).collect();
+        let mut new: Vec<_> =
+            world.facts().contacts.iter().filter(|contact| !touched[contact.track]).collect();
         new.sort_by_key(|contact| (contact.substep, contact.track));
         for contact in new {
             touched[contact.track] = true;
             let is_it = |body: &&Body| body.track == contact.track;
-            let found = world.bodies().iter().find(is_it).or_else(|| world.bodies_before().iter().find(is_it));
+            let found =
+                world.bodies().iter().find(is_it).or_else(|| world.bodies_before().iter().find(is_it));
             if let Some(other) = found {
                 let (car, areas) = (*world.motion_before(), [contact.own, contact.other]);
                 drive.contacts.push(DriveContact { step, car, other: *other, areas });

@@ -73,8 +73,13 @@ impl Environment {
         let route = world.scene().route();
         let navigation = Navigation::start(route, how, motion.position);
         let at = route.locate(motion.position, how);
-        let driving =
-            Driving { actions: [Action::default(); 2], navigation, navigated: motion, step: 0, is_replayed: false };
+        let driving = Driving {
+            actions: [Action::default(); 2],
+            navigation,
+            navigated: motion,
+            step: 0,
+            is_replayed: false,
+        };
         Ok(Self { options, world, driving, at, is_over: false })
     }
 

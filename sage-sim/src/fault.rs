@@ -9,11 +9,7 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    body::BodyKind,
-    drive::DriveContact,
-    vehicle::Vehicle,
-};
+use crate::{body::BodyKind, drive::DriveContact, vehicle::Vehicle};
 
 /// Speed below which a road user stands, m/s.
 const STANDING: f64 = 0.05;
@@ -121,8 +117,7 @@ fn lanes_at(p: Point, index: &SceneIndex) -> Vec<usize> {
             let segment = &lanes.segments()[k];
             let feature = segment.feature as usize;
             let share = segment.nearest_share(p);
-            let is_beyond =
-                (share <= 0.0 && !segment.joined[0]) || (share >= 1.0 && !segment.joined[1]);
+            let is_beyond = (share <= 0.0 && !segment.joined[0]) || (share >= 1.0 && !segment.joined[1]);
             let d = sub(segment.b, segment.a);
             let is_left = cross(d, sub(p, segment.a)) > 0.0;
             let half = half_width(map, feature, p, usize::from(!is_left));
@@ -139,9 +134,8 @@ fn lanes_at(p: Point, index: &SceneIndex) -> Vec<usize> {
 fn half_width(map: &Map, feature: usize, p: Point, side: usize) -> f64 {
     let lane = &map.features[feature];
     let points = map.points_of(lane).iter().enumerate();
-    let nearest = points.min_by(|a, b| {
-        distance([a.1[0], a.1[1]], p).total_cmp(&distance([b.1[0], b.1[1]], p))
-    });
+    let nearest =
+        points.min_by(|a, b| distance([a.1[0], a.1[1]], p).total_cmp(&distance([b.1[0], b.1[1]], p)));
     let width = nearest.and_then(|(k, _)| Some(lane.lane.as_ref()?.width.get(k)?[side]));
     match width {
         Some(width) if width > 0.0 => width.clamp(HALF_WIDTHS[0], HALF_WIDTHS[1]),

@@ -140,7 +140,12 @@ pub struct Seat<'a> {
 
 impl<'a> View<'a> {
     /// The view of a driver in a seat. `observe` writes the observation on demand.
-    pub fn new(world: &'a World, seat: Seat<'a>, privilege: Privilege, observe: &'a dyn Fn(&mut [f32])) -> Self {
+    pub fn new(
+        world: &'a World,
+        seat: Seat<'a>,
+        privilege: Privilege,
+        observe: &'a dyn Fn(&mut [f32]),
+    ) -> Self {
         let Seat { track, route, motion, area, others } = seat;
         Self { world, route, motion, area, others, privilege, track, observe, observation: OnceCell::new() }
     }

@@ -39,10 +39,7 @@ impl Leg {
     /// Coordinates of a point in the frame of the leg.
     fn local(&self, p: Point) -> Coordinates {
         let d = sub(p, self.start);
-        Coordinates {
-            along: dot(d, self.along),
-            across: dot(d, [self.along[1], -self.along[0]]),
-        }
+        Coordinates { along: dot(d, self.along), across: dot(d, [self.along[1], -self.along[0]]) }
     }
 }
 

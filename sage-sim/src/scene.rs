@@ -43,7 +43,15 @@ impl SimScene {
         let route = Route::of_track(ego, 0, false);
         let ego_size = BodyShape::at_now(ego).size.unwrap_or([4.5, 1.9]);
         let parked = scene.tracks.iter().map(is_parked).collect();
-        Ok(Arc::new(Self { route, guide: OnceLock::new(), ego_size, parked, lines: Default::default(), scene, index }))
+        Ok(Arc::new(Self {
+            route,
+            guide: OnceLock::new(),
+            ego_size,
+            parked,
+            lines: Default::default(),
+            scene,
+            index,
+        }))
     }
 
     /// The recorded scene.

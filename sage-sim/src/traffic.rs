@@ -130,7 +130,13 @@ pub struct Traffic {
 
 impl Traffic {
     /// Traffic at frame 0. `cycle` starts the cycle of classes.
-    pub fn start(scene: &SimScene, options: &TrafficOptions, plan: Option<&Plan>, ego: &OrientedBox, cycle: u64) -> Self {
+    pub fn start(
+        scene: &SimScene,
+        options: &TrafficOptions,
+        plan: Option<&Plan>,
+        ego: &OrientedBox,
+        cycle: u64,
+    ) -> Self {
         let roles = vec![Role::Absent; scene.scene().tracks.len()];
         let mut traffic = Self { roles, bodies: Vec::new(), before: Vec::new(), counters: [cycle; 2] };
         traffic.place(scene, options, plan, ego, 0);
@@ -189,7 +195,14 @@ impl Traffic {
         self.place(scene, options, plan, &ego.area, frame);
     }
 
-    fn place(&mut self, scene: &SimScene, options: &TrafficOptions, plan: Option<&Plan>, ego: &OrientedBox, frame: usize) {
+    fn place(
+        &mut self,
+        scene: &SimScene,
+        options: &TrafficOptions,
+        plan: Option<&Plan>,
+        ego: &OrientedBox,
+        frame: usize,
+    ) {
         let recording = scene.scene();
         self.bodies.clear();
         for (k, track) in recording.tracks.iter().enumerate() {
@@ -233,7 +246,15 @@ impl Traffic {
     }
 
     /// Role of a track that becomes valid.
-    fn appear(&mut self, scene: &SimScene, options: &TrafficOptions, k: usize, frame: usize, ego: &OrientedBox, is_planned: bool) -> Role {
+    fn appear(
+        &mut self,
+        scene: &SimScene,
+        options: &TrafficOptions,
+        k: usize,
+        frame: usize,
+        ego: &OrientedBox,
+        is_planned: bool,
+    ) -> Role {
         let recording = scene.scene();
         let track = &recording.tracks[k];
         let shape = if options.class_sizes {
@@ -307,7 +328,10 @@ impl Reactive {
             speed: body.speed(),
             size: [2.0 * body.area.half_length, 2.0 * body.area.half_width],
             ground: body.ground,
-            idm: Idm { desired_speed: speed_limit(scene, body.area.center).unwrap_or(DESIRED_SPEED), ..Idm::default() },
+            idm: Idm {
+                desired_speed: speed_limit(scene, body.area.center).unwrap_or(DESIRED_SPEED),
+                ..Idm::default()
+            },
             route,
             shape,
         }

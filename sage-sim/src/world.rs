@@ -7,23 +7,27 @@
 //! On maps with levels, road users more than 3 m above or below the car do not meet it. The car follows the
 //! height of the nearest lane of its own level.
 
+mod nearby;
+mod options;
+
 use std::sync::Arc;
 
+pub use options::WorldOptions;
 use sage_core::{
     Error,
     geometry::{MAX_COORDINATE, OrientedBox, Point, Segment, sub, wrap_angle},
     motion::Pose,
 };
-use serde::{Deserialize, Serialize};
 
 use crate::{
     body::Body,
-    lines::{LineKind, LineShapes},
+    lines::LineKind,
     physics::{Obstacle, Physics},
     scene::SimScene,
-    traffic::{EgoBody, Plan, Traffic, TrafficOptions},
+    traffic::{EgoBody, Plan, Traffic},
     vehicle::{Action, Motion, SUBSTEP, SUBSTEPS, Tyres, Vehicle, Wheels},
 };
+use nearby::{Pair, near};
 
 /// Duration of a step, s.
 pub const DT: f64 = SUBSTEP * SUBSTEPS as f64;
@@ -33,44 +37,8 @@ const LEVEL_GAP: f64 = 3.0;
 const LEVEL_REACH: f64 = 8.0;
 /// Substeps at the start in which MetaDrive's car is still in the air.
 const AIRBORNE: usize = 4;
-/// Bodies farther than this from the car's reach within a step stay out of the physics, metres.
-const MARGIN: f64 = 0.5;
 /// Depth of an overlap at the start that is taken as an error of the recorded boxes, metres.
 const START_OVERLAP: f64 = 0.5;
-
-/// Options of a world.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct WorldOptions {
-    /// The other road users.
-    pub traffic: TrafficOptions,
-    /// Strength of engine and brake in [0, 1) ([`Vehicle::of_strength`]); `None` draws it from the seed.
-    pub strength: Option<f64>,
-    /// Shape of road lines and edges.
-    pub lines: LineShapes,
-    /// MetaDrive: the reported pose is one substep (0.02 s) old.
-    pub late_pose: bool,
-    /// MetaDrive: tyres touch the ground only after four substeps.
-    pub airborne_start: bool,
-    /// MetaDrive: heights are ignored, so roads above each other meet.
-    pub flat: bool,
-    /// Keeps every body in the physics, near or not. Slower, with the same result.
-    pub whole_physics: bool,
-}
-
-impl Default for WorldOptions {
-    fn default() -> Self {
-        Self {
-            traffic: TrafficOptions::default(),
-            strength: Some(0.5),
-            lines: LineShapes::Exact,
-            late_pose: false,
-            airborne_start: false,
-            flat: false,
-            whole_physics: false,
-        }
-    }
-}
 
 /// What moves a car in one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -126,9 +94,11 @@ struct Driven {
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldState {
     step: usize,
-    motion: Motion,
+    /// Motion in the physics.
+    physical: Motion,
     tyres: Tyres,
-    shown: Motion,
+    /// Reported motion, now and one step ago.
+    motion: Motion,
     before: Motion,
     level: f64,
     traffic: Traffic,
@@ -177,7 +147,11 @@ impl World {
                 return Err(Error::Length { what: "plan".to_owned(), found, expected });
             }
             let is_finite = |frame: usize| {
-                let row = [plan.motion.point(frame), plan.motion.velocity[frame], [plan.motion.heading[frame], 0.0]];
+                let row = [
+                    plan.motion.point(frame),
+                    plan.motion.velocity[frame],
+                    [plan.motion.heading[frame], 0.0],
+                ];
                 row.iter().flatten().all(|x| x.abs() <= MAX_COORDINATE)
             };
             if let Some(frame) = (0..found).find(|&frame| plan.motion.valid[frame] && !is_finite(frame)) {
@@ -200,9 +174,9 @@ impl World {
         let traffic = Traffic::start(&scene, &options.traffic, plan.as_deref(), &area, cycle);
         let state = WorldState {
             step: 0,
-            motion,
+            physical: motion,
             tyres: Tyres::default(),
-            shown: motion,
+            motion,
             before: motion,
             level,
             traffic,
@@ -211,7 +185,9 @@ impl World {
         };
         let mut world = Self { scene, options, plan, car, size, state };
         let deep = world.bodies().iter().find(|body| {
-            world.is_on_level(body) && body.touches(&body.area, &area) && body.area.overlap_depth(&area) > START_OVERLAP
+            world.is_on_level(body)
+                && body.touches(&body.area, &area)
+                && body.area.overlap_depth(&area) > START_OVERLAP
         });
         if let Some(body) = deep {
             let track = &world.scene.scene().tracks[body.track].id;
@@ -258,7 +234,7 @@ impl World {
 
     /// The car's reported motion.
     pub fn motion(&self) -> &Motion {
-        &self.state.shown
+        &self.state.motion
     }
 
     /// The car's reported motion one step ago; at the start, the motion of the start.
@@ -268,7 +244,7 @@ impl World {
 
     /// The car's box at its reported pose.
     pub fn area(&self) -> OrientedBox {
-        self.area_at(&self.state.shown)
+        self.area_at(&self.state.motion)
     }
 
     /// The other road users.
@@ -334,19 +310,19 @@ impl World {
     ///
     /// *Errors*: [`Error::Scene`] if a control or a body is not finite.
     pub fn step(&mut self, control: Control, adversary: Option<Control>) -> Result<(), Error> {
-        let area = self.area_at(&self.state.motion);
-        let ego = EgoBody { area, velocity: self.state.motion.velocity };
+        let area = self.area_at(&self.state.physical);
+        let ego = EgoBody { area, velocity: self.state.physical.velocity };
         self.state.step += 1;
         let frame = self.state.step;
         self.state.traffic.advance(&self.scene, &self.options.traffic, self.plan.as_deref(), &ego, frame);
         self.move_adversary(adversary)?;
-        self.state.before = self.state.shown;
+        self.state.before = self.state.motion;
         self.state.facts.contacts.clear();
         match control {
             Control::Drive(action) => self.drive(action)?,
             Control::Pose { pose, velocity } => self.place(pose, velocity)?,
         }
-        if !self.state.motion.is_finite() {
+        if !self.state.physical.is_finite() {
             return Err(self.scene.error(format!("step {frame}: the car's motion is not finite")));
         }
         self.follow_level();
@@ -362,10 +338,12 @@ impl World {
         if !(action.steer.is_finite() && action.throttle.is_finite()) {
             let Action { steer, throttle } = action;
             let step = self.state.step;
-            return Err(self.scene.error(format!("step {step}: the action is [{steer}, {throttle}]; expected finite numbers")));
+            return Err(self.scene.error(format!(
+                "step {step}: the action is [{steer}, {throttle}]; expected finite numbers"
+            )));
         }
         let car = self.car;
-        let mut motion = self.state.motion;
+        let mut motion = self.state.physical;
         let wheels = Wheels::set(&car, action.limited(), motion.speed());
         let near = self.near(&motion);
         let mut physics = (!near.is_empty()).then(|| self.physics(&motion, &near));
@@ -391,27 +369,25 @@ impl World {
             self.note_contacts(&near, &self.area_at(&free), substep);
         }
         self.state.tyres = tyres;
-        self.state.motion = motion;
+        self.state.physical = motion;
         let late = Motion { velocity: motion.velocity, yaw_rate: motion.yaw_rate, ..shown };
-        self.state.shown = if self.options.late_pose { late } else { motion };
+        self.state.motion = if self.options.late_pose { late } else { motion };
         Ok(())
     }
 
     /// Moves the car to a pose along a straight line.
     fn place(&mut self, pose: Pose, velocity: Option<Point>) -> Result<(), Error> {
-        let start = self.state.shown;
+        let start = self.state.motion;
         let moved = sub(pose.position, start.position);
         let turned = wrap_angle(pose.heading - start.heading);
         let velocity = velocity.unwrap_or([moved[0] / DT, moved[1] / DT]);
-        let end = Motion {
-            position: pose.position,
-            heading: pose.heading,
-            velocity,
-            yaw_rate: turned / DT,
-        };
+        let end = Motion { position: pose.position, heading: pose.heading, velocity, yaw_rate: turned / DT };
         if !end.is_finite() {
             let [x, y] = pose.position;
-            let problem = format!("step {}: the pose is [{x}, {y}, {}]; expected finite numbers", self.state.step, pose.heading);
+            let problem = format!(
+                "step {}: the pose is [{x}, {y}, {}]; expected finite numbers",
+                self.state.step, pose.heading
+            );
             return Err(self.scene.error(problem));
         }
         // The physical pose is ahead of a late one.
@@ -426,8 +402,8 @@ impl World {
             };
             self.note_contacts(&near, &self.area_at(&at), substep);
         }
-        self.state.shown = end;
-        self.state.motion = end.coasted(lead);
+        self.state.motion = end;
+        self.state.physical = end.coasted(lead);
         self.state.tyres = Tyres::default();
         Ok(())
     }
@@ -451,7 +427,9 @@ impl World {
                 driven.motion = Motion { position, heading, velocity, yaw_rate: turned / DT };
             }
             None => {
-                return Err(self.scene.error("a policy drives the adversary, but gave no control".to_owned()));
+                return Err(self
+                    .scene
+                    .error("a policy drives the adversary, but gave no control".to_owned()));
             }
         }
         let motion = driven.motion;
@@ -467,44 +445,12 @@ impl World {
         Ok(())
     }
 
-    /// Pairs of a body before and after the step that the car may touch in it.
     fn near(&self, motion: &Motion) -> Vec<Pair> {
-        let half = 0.5 * self.size[0].hypot(self.size[1]);
-        // The fastest acceleration is less than 2 g.
-        let travel = motion.speed() * DT + 0.2;
-        let (before, after) = (self.state.traffic.bodies_before(), self.state.traffic.bodies());
-        let is_dynamic = self.options.traffic.dynamic;
-        let mut pairs = Vec::new();
-        let mut later = after.iter().peekable();
-        let mut next_of = |track: usize| {
-            while later.next_if(|body| body.track < track).is_some() {}
-            later.next_if(|body| body.track == track)
-        };
-        for from in before {
-            // A dynamic body coasts from its frame, whatever the next one says.
-            let to = next_of(from.track);
-            let Some(to) = (if is_dynamic { Some(from) } else { to }) else { continue };
-            let pair = Pair { from: *from, to: *to, appears: false };
-            if self.options.whole_physics || pair.is_within(motion, half + travel + MARGIN, is_dynamic) {
-                pairs.push(pair);
-            }
-        }
-        if !is_dynamic {
-            // Bodies that appear can be touched only at the end of the step.
-            let mut earlier = before.iter().peekable();
-            for to in after {
-                while earlier.next_if(|body| body.track < to.track).is_some() {}
-                if earlier.next_if(|body| body.track == to.track).is_none() {
-                    let pair = Pair { from: *to, to: *to, appears: true };
-                    if pair.is_within(motion, half + travel + MARGIN, false) {
-                        pairs.push(pair);
-                    }
-                }
-            }
-            pairs.sort_by_key(|pair| pair.to.track);
-        }
-        pairs.retain(|pair| self.is_on_level(&pair.from));
-        pairs
+        let radius = 0.5 * self.size[0].hypot(self.size[1]);
+        let (traffic, options) = (&self.state.traffic, &self.options);
+        let mut near = near(traffic, motion, radius, options.traffic.dynamic, options.whole_physics);
+        near.retain(|pair| self.is_on_level(&pair.from));
+        near
     }
 
     fn physics(&self, motion: &Motion, near: &[Pair]) -> Physics {
@@ -532,7 +478,8 @@ impl World {
 
     /// Contacts at the current frame.
     fn contacts_at(&self, car: &OrientedBox) -> Vec<Contact> {
-        let touched = self.bodies().iter().filter(|body| self.is_on_level(body) && body.touches(&body.area, car));
+        let touched =
+            self.bodies().iter().filter(|body| self.is_on_level(body) && body.touches(&body.area, car));
         touched
             .map(|body| Contact { track: body.track, substep: SUBSTEPS, own: *car, other: body.area })
             .collect()
@@ -555,7 +502,8 @@ impl World {
         if !self.has_levels() {
             return;
         }
-        let (lanes, p, level) = (self.scene.index().motor_lanes(), self.state.motion.position, self.state.level);
+        let (lanes, p, level) =
+            (self.scene.index().motor_lanes(), self.state.physical.position, self.state.level);
         let is_level = |lane: &Segment| (lane.height(lane.nearest_share(p)) - level).abs() <= LEVEL_GAP;
         if let Some(found) = lanes.nearest(p, LEVEL_REACH, is_level) {
             self.state.level = lanes.segments()[found.segment].height(found.share);
@@ -566,7 +514,7 @@ impl World {
     /// edges at the reported one.
     fn touch_lines(&mut self) {
         let has_levels = self.has_levels();
-        let (area, shown) = (self.area_at(&self.state.motion), self.area());
+        let (area, shown) = (self.area_at(&self.state.physical), self.area());
         let lines = self.scene.lines(self.options.lines);
         let (level, facts) = (self.state.level, &mut self.state.facts);
         (facts.on_yellow, facts.on_white, facts.on_broken, facts.on_edge) = (false, false, false, false);
@@ -584,52 +532,5 @@ impl World {
         lines.touching(&shown, |piece| {
             facts.on_edge |= piece.kind == LineKind::Edge && is_level(piece.height);
         });
-    }
-}
-
-/// A body at both ends of a step.
-#[derive(Clone, Copy, Debug)]
-struct Pair {
-    from: Body,
-    to: Body,
-    /// Whether it is there only at the end.
-    appears: bool,
-}
-
-impl Pair {
-    /// Whether its centre comes within `reach` plus its radius of a car that moves less than that.
-    fn is_within(&self, car: &Motion, reach: f64, coasts: bool) -> bool {
-        let d = sub(self.from.area.center, car.position);
-        let moved = if coasts {
-            self.from.speed() * DT
-        } else {
-            sage_core::geometry::distance(self.from.area.center, self.to.area.center)
-        };
-        let reach = reach + moved + self.from.area.radius().max(self.to.area.radius());
-        d[0] * d[0] + d[1] * d[1] <= reach * reach
-    }
-
-    /// The area at a substep.
-    fn at(&self, substep: usize, coasts: bool) -> OrientedBox {
-        let share = substep as f64 / SUBSTEPS as f64;
-        if coasts {
-            self.from.coasted(share * DT)
-        } else if substep == SUBSTEPS {
-            self.to.area
-        } else {
-            self.from.area.between(&self.to.area, share)
-        }
-    }
-
-    /// The body at constant velocity from one end of the step to the other.
-    fn kinematic(&self) -> Obstacle {
-        let moved = sub(self.to.area.center, self.from.area.center);
-        let motion = Motion {
-            position: self.from.area.center,
-            heading: self.from.heading,
-            velocity: moved.map(|d| d / DT),
-            yaw_rate: wrap_angle(self.to.heading - self.from.heading) / DT,
-        };
-        Obstacle::kinematic(self.from.area, motion, self.from.disc())
     }
 }

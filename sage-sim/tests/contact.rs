@@ -61,7 +61,13 @@ fn free_bodies_conserve_momentum_and_gain_no_energy() {
 }
 
 /// Speed of the ego after the first step of a contact with a body that starts at rest or with `velocity`.
-fn first_step(own: [f64; 2], class: Option<BodyClass>, offset: [f64; 2], heading: f64, velocity: [f64; 2]) -> f64 {
+fn first_step(
+    own: [f64; 2],
+    class: Option<BodyClass>,
+    offset: [f64; 2],
+    heading: f64,
+    velocity: [f64; 2],
+) -> f64 {
     let car = Vehicle::default();
     let other = class.and_then(BodyClass::vehicle).unwrap_or_default();
     let own = Motion { velocity: own, ..Motion::default() };

@@ -81,7 +81,9 @@ fn an_automatic_reset_keeps_the_last_observation() {
     for _ in 0..90 {
         batch.step(&[[0.1, 0.5]; 4], &mut out).unwrap();
         for k in 0..4 {
-            let Some(environment) = single.get_mut(k).filter(|environment| !environment.is_over()) else { continue };
+            let Some(environment) = single.get_mut(k).filter(|environment| !environment.is_over()) else {
+                continue;
+            };
             let outcome = environment.step(Action { steer: f64::from(0.1f32), throttle: 0.5 }).unwrap();
             let mut seen = [0.0; LENGTH];
             environment.observe(&mut seen);
@@ -116,7 +118,13 @@ fn without_automatic_reset_the_caller_chooses_the_next_scene() {
     batch.step(&[[0.0, 0.0]; 2], &mut out).unwrap();
     assert_eq!(out.scenes, [4, 4]);
     assert!(batch.reset_one(2, None).is_err() && batch.reset_one(0, Some(99)).is_err());
-    assert!(batch.step(&[[0.0, 0.0]], &mut out).unwrap_err().to_string().contains("actions: 1 points, expected 2"));
+    assert!(
+        batch
+            .step(&[[0.0, 0.0]], &mut out)
+            .unwrap_err()
+            .to_string()
+            .contains("actions: 1 points, expected 2")
+    );
     assert!(Batch::new(vec![], Arc::default(), AutoReset::Off, 1, 0).is_err());
 }
 

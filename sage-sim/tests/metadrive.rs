@@ -1,6 +1,8 @@
 //! Observations, rewards, costs and endings against roll-outs recorded in MetaDrive 0.3.0.1. Needs
 //! `SAGE_REFERENCE` and `SAGE_DATA`.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
+
 mod reference;
 
 use std::{collections::BTreeMap, sync::Arc};

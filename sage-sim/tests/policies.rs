@@ -88,7 +88,12 @@ fn idm_changes_to_a_free_parallel_lane_and_drives_on() {
         let neighbors = if id == "right" { [vec![neighbor(1)], vec![]] } else { [vec![], vec![neighbor(0)]] };
         let lane = sage_core::scene::Lane { speed_limit: Some(15.0), neighbors, ..Default::default() };
         let kind = sage_core::scene::MapKind::LaneSurfaceStreet;
-        map.features.push(sage_core::scene::MapFeature { id: id.to_owned(), kind, points, lane: Some(Box::new(lane)) });
+        map.features.push(sage_core::scene::MapFeature {
+            id: id.to_owned(),
+            kind,
+            points,
+            lane: Some(Box::new(lane)),
+        });
     }
     let scene = |tracks| prepared(scene(map.clone(), tracks));
     let slow = || car("slow", [35.0, 0.0], 0.0, 4.0);
@@ -120,7 +125,8 @@ fn privileges_are_declared() {
         liar.position[frame] = [500.0, 0.0, 0.75];
     }
     let lying = on_road(vec![car("ego", [0.0, 0.0], 0.0, 12.0), liar]);
-    let until_20 = |scene: &Arc<SimScene>, name: &str| driven(scene, policy(name).as_ref()).motions[..=20].to_vec();
+    let until_20 =
+        |scene: &Arc<SimScene>, name: &str| driven(scene, policy(name).as_ref()).motions[..=20].to_vec();
     for name in ["idm", "idm-release", "expert"] {
         assert_eq!(until_20(&honest, name), until_20(&lying, name), "{name}");
     }
@@ -153,7 +159,10 @@ fn a_path_is_driven_pose_by_pose_and_bad_files_are_named() {
     let start = |policy: &dyn EgoPolicy| policy.start(&scene, 0, 0).err().unwrap().to_string();
     assert!(start(short.as_ref()).contains("has 1 poses; expected 91, one a frame"));
     let other = build(r#"{"another": []}"#).unwrap();
-    assert!(start(other.as_ref()).contains("scene `hand-made`") && start(other.as_ref()).contains("has no drive of this scene"));
+    assert!(
+        start(other.as_ref()).contains("scene `hand-made`")
+            && start(other.as_ref()).contains("has no drive of this scene")
+    );
 }
 
 #[test]
@@ -185,7 +194,10 @@ fn faults_follow_nuplans_table() {
     assert_eq!(class(ego(), car("fast", [-20.0, 0.0], 0.0, 16.0)), FaultClass::ActiveRear);
     assert_eq!(class(standing(), car("fast", [0.0, 0.0], 0.0, 10.0)), FaultClass::StoppedEgo);
     // Head-on in the ego's lane; crossing, the ego's front into its side.
-    assert_eq!(class(ego(), car("oncoming", [60.0, 0.0], std::f64::consts::PI, 10.0)), FaultClass::ActiveFront);
+    assert_eq!(
+        class(ego(), car("oncoming", [60.0, 0.0], std::f64::consts::PI, 10.0)),
+        FaultClass::ActiveFront
+    );
     assert_eq!(class(ego(), car("crossing", [34.0, -29.0], FRAC_PI_2, 10.0)), FaultClass::ActiveFront);
     // Drifting into the side of an ego that keeps its lane, and of one that is off its lane.
     let drifting = |y: f64| {

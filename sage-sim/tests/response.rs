@@ -1,5 +1,7 @@
 //! Vehicle response against curves measured in MetaDrive 0.3.0.1. Needs `SAGE_REFERENCE`.
 
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
+
 mod reference;
 
 use sage_core::motion::bicycle::Bicycle;
@@ -8,11 +10,7 @@ use serde_json::Value;
 
 fn car(row: &Value) -> Vehicle {
     let number = |key: &str, default: f64| row[key].as_f64().unwrap_or(default);
-    Vehicle {
-        engine_force: number("E", 800.0),
-        brake_impulse: number("B", 130.0),
-        ..Vehicle::default()
-    }
+    Vehicle { engine_force: number("E", 800.0), brake_impulse: number("B", 130.0), ..Vehicle::default() }
 }
 
 fn numbers(value: &Value) -> Vec<f64> {

@@ -116,8 +116,11 @@ fn contacts_are_those_of_a_plain_test_of_all_boxes() {
             }
             let found: Vec<usize> = world.facts().contacts.iter().map(|contact| contact.track).collect();
             let has_levels = scene.index().has_levels(3.0);
-            let ground = |track: usize| world.bodies().iter().find(|body| body.track == track).unwrap().ground;
-            expected.retain(|&track| found.contains(&track) || !has_levels || (ground(track) - level).abs() < 2.0);
+            let ground =
+                |track: usize| world.bodies().iter().find(|body| body.track == track).unwrap().ground;
+            expected.retain(|&track| {
+                found.contains(&track) || !has_levels || (ground(track) - level).abs() < 2.0
+            });
             let mut sorted = found.clone();
             sorted.sort_unstable();
             assert_eq!(sorted, expected, "{} frame {frame}", scene.scene().id);
@@ -139,7 +142,13 @@ fn bodies_out_of_reach_do_not_change_the_path() {
                 all.step().unwrap();
                 let (a, b) = (near.world().motion(), all.world().motion());
                 assert!(distance(a.position, b.position) <= 1e-9, "{}", scene.scene().id);
-                assert!((a.heading - b.heading).abs() <= 1e-9, "{} {name} {:e} {:?}", scene.scene().id, a.heading - b.heading, near.world().facts().contacts.len());
+                assert!(
+                    (a.heading - b.heading).abs() <= 1e-9,
+                    "{} {name} {:e} {:?}",
+                    scene.scene().id,
+                    a.heading - b.heading,
+                    near.world().facts().contacts.len()
+                );
                 let tracks = |s: &Simulation| -> Vec<usize> {
                     s.world().facts().contacts.iter().map(|contact| contact.track).collect()
                 };
@@ -210,7 +219,11 @@ fn traffic_is_not_pushed_and_the_ego_is() {
 #[test]
 fn reactive_traffic_keeps_its_distance() {
     // A car behind replays 12 m/s; the ego stands.
-    let tracks = vec![car("ego", [60.0, 0.0], 0.0, 0.0), car("adversary", [0.0, 50.0], 0.0, 1.0), car("behind", [0.0, 0.0], 0.0, 12.0)];
+    let tracks = vec![
+        car("ego", [60.0, 0.0], 0.0, 0.0),
+        car("adversary", [0.0, 50.0], 0.0, 1.0),
+        car("behind", [0.0, 0.0], 0.0, 12.0),
+    ];
     let scene = prepared(scene(road(), tracks));
     let contacts = |mode: TrafficMode| {
         let options = WorldOptions {
@@ -269,7 +282,9 @@ fn a_policy_can_drive_the_adversary() {
 fn bad_input_gets_clear_errors() {
     let ego = || car("ego", [0.0, 0.0], 0.0, 10.0);
     let inside = prepared(scene(road(), vec![ego(), car("inside", [1.0, 0.5], 0.0, 10.0)]));
-    let fail = |scene: &Arc<SimScene>, plan| World::new(scene.clone(), Arc::default(), plan, 0).err().unwrap().to_string();
+    let fail = |scene: &Arc<SimScene>, plan| {
+        World::new(scene.clone(), Arc::default(), plan, 0).err().unwrap().to_string()
+    };
     let said = fail(&inside, None);
     assert!(said.contains("starts 1.5 m inside track `inside`") && said.contains("skip_close"), "{said}");
 
@@ -305,7 +320,8 @@ fn a_map_without_lanes_is_driven_and_leaves_the_lane_question_open() {
     for (frame, p) in drifting.position.iter_mut().enumerate() {
         p[1] = 6.0 - 0.05 * frame as f64;
     }
-    let scene = prepared(scene(sage_core::scene::Map::default(), vec![car("ego", [0.0, 0.0], 0.0, 10.0), drifting]));
+    let scene =
+        prepared(scene(sage_core::scene::Map::default(), vec![car("ego", [0.0, 0.0], 0.0, 10.0), drifting]));
     for name in ["replay", "idm", "idm-release", "expert", "expert-release", "tracking", "constant-speed"] {
         let drive = drive(&mut simulation(&scene, name, WorldOptions::default()), Until::EndOfLog).unwrap();
         assert!(drive.progress > 10.0, "{name}");

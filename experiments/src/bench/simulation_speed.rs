@@ -116,7 +116,11 @@ fn pass(scenes: &[Arc<SimScene>], options: &Arc<EnvironmentOptions>, sees: bool,
 }
 
 /// Time of [`STEPS`] steps of a batch in a pool, milliseconds.
-fn batch(scenes: &[Arc<SimScene>], options: &Arc<EnvironmentOptions>, pool: &rayon::ThreadPool) -> Result<f64> {
+fn batch(
+    scenes: &[Arc<SimScene>],
+    options: &Arc<EnvironmentOptions>,
+    pool: &rayon::ThreadPool,
+) -> Result<f64> {
     let mut batch = Batch::new(scenes.to_vec(), options.clone(), AutoReset::SameStep, BATCH, 0)?;
     let (actions, mut out) = ([[0.02, 0.2]; BATCH], BatchOutput::default());
     let start = Instant::now();

@@ -235,7 +235,11 @@ pub(crate) struct DriversArgs {
     #[command(flatten)]
     pub split: SplitArgs,
     /// Policies, separated by commas; `sage list` shows them, and path:FILE is the drive of your own planner.
-    #[arg(long, value_name = "NAMES", default_value = "replay,constant-speed,idm,idm-release,expert,expert-release")]
+    #[arg(
+        long,
+        value_name = "NAMES",
+        default_value = "replay,constant-speed,idm,idm-release,expert,expert-release"
+    )]
     pub policies: PolicyParts,
     /// Number of procedural scenes, if no PATH is given.
     #[arg(long, value_name = "N", default_value_t = 28, value_parser = clap::value_parser!(u64).range(1..=MOST_PROCEDURAL))]

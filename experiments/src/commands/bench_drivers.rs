@@ -112,8 +112,8 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
 fn drives(data: &SceneData, policies: &[Box<dyn EgoPolicy>], seed: u64) -> Result<Vec<Row>> {
     let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
     let log = scene.route().length();
-    let drive_one = |policy: &Box<dyn EgoPolicy>| {
-        let mut simulation = Simulation::new(&scene, &std::sync::Arc::default(), None, policy.as_ref(), seed)?;
+    let drive_one = |policy: &dyn EgoPolicy| {
+        let mut simulation = Simulation::new(&scene, &std::sync::Arc::default(), None, policy, seed)?;
         let drive = drive(&mut simulation, Until::EndOfLog)?;
         let car = simulation.world().car();
         let contacts = drive.contacts.iter().map(|contact| {
@@ -128,7 +128,7 @@ fn drives(data: &SceneData, policies: &[Box<dyn EgoPolicy>], seed: u64) -> Resul
             completion: (log >= SHORTEST_LOG).then(|| drive.progress / log),
         })
     };
-    policies.iter().map(drive_one).collect()
+    policies.iter().map(|policy| drive_one(policy.as_ref())).collect()
 }
 
 fn table(names: &[String], privileges: &[Privilege], rows: &[Vec<Row>]) -> Result<String> {
@@ -169,7 +169,9 @@ fn pairs(names: &[String], rows: &[Vec<Row>], seed: u64) -> Result<String> {
                 let pairs = rows[first].iter().zip(&rows[second]);
                 let differences: Vec<f64> = pairs.map(|(a, b)| 100.0 * (value(a) - value(b))).collect();
                 let mut rng = Rng::new(seed, &format!("{} {}", names[first], names[second]), name);
-                statistics::bootstrap_mean(&differences, RESAMPLES, &mut rng).as_ref().map_or("-".to_owned(), points)
+                statistics::bootstrap_mean(&differences, RESAMPLES, &mut rng)
+                    .as_ref()
+                    .map_or("-".to_owned(), points)
             });
             writeln!(out, "| {} − {} | {} |", names[first], names[second], cells.join(" | "))?;
         }

@@ -42,9 +42,9 @@ impl EgoPolicy for ConstantSpeed {
 impl Driver for ConstantSpeed {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
         let (route, motion) = (view.route(), view.motion());
-        let [speed, along] = self.state.unwrap_or_else(|| {
-            [motion.speed(), route.locate(motion.position, Localization::Nearest).along]
-        });
+        let [speed, along] = self
+            .state
+            .unwrap_or_else(|| [motion.speed(), route.locate(motion.position, Localization::Nearest).along]);
         let along = along + speed * DT;
         self.state = Some([speed, along]);
         let [x, y] = route.point(Coordinates { along, across: 0.0 });

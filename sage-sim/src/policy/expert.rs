@@ -71,7 +71,8 @@ impl Default for ExpertOptions {
 
 impl Entry<dyn EgoPolicy> for Expert {
     const NAME: &'static str = "expert";
-    const SUMMARY: &'static str = "rule-based driver: forecasts everybody from now, brakes as hard as it must";
+    const SUMMARY: &'static str =
+        "rule-based driver: forecasts everybody from now, brakes as hard as it must";
     const SOURCE: &'static str = "this project, after the rule-based autopilot of CARLA";
     type Options = ExpertOptions;
 
@@ -112,7 +113,8 @@ impl Driver for ExpertDriver {
         let speed = motion.body_velocity()[0].max(0.0);
         let target = self.target_speed(view, route, at.along);
         let command = self.speed.output(target - speed) / FULL_COMMAND;
-        let wanted = if command > 0.0 { command.min(1.0) * car.full_throttle() } else { command.max(-1.0) * 3.0 };
+        let wanted =
+            if command > 0.0 { command.min(1.0) * car.full_throttle() } else { command.max(-1.0) * 3.0 };
         let acceleration = self.safe_acceleration(view, wanted);
         Ok(Control::Drive(Action {
             steer: steering::along(car, motion, route, at.along, 0.0),
@@ -168,8 +170,11 @@ impl ExpertDriver {
         let (route, car) = (view.route(), view.car());
         let bicycle = steering::bicycle(car);
         let motion = view.motion();
-        let mut state =
-            State { position: motion.position, heading: motion.heading, speed: motion.body_velocity()[0].max(0.0) };
+        let mut state = State {
+            position: motion.position,
+            heading: motion.heading,
+            speed: motion.body_velocity()[0].max(0.0),
+        };
         let [ahead, aside] = self.options.margins;
         let half = [view.area().half_length, view.area().half_width];
         for step in 1..=steps {

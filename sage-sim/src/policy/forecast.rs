@@ -14,7 +14,8 @@ pub(super) fn boxes(body: &Body, steps: usize) -> Vec<OrientedBox> {
     let rate = if speed < 0.5 || body.yaw_rate.abs() < STRAIGHT { 0.0 } else { body.yaw_rate };
     let course = body.velocity[1].atan2(body.velocity[0]);
     let mut center: Point = body.area.center;
-    let (size, mut boxes) = ([2.0 * body.area.half_length, 2.0 * body.area.half_width], Vec::with_capacity(steps + 1));
+    let (size, mut boxes) =
+        ([2.0 * body.area.half_length, 2.0 * body.area.half_width], Vec::with_capacity(steps + 1));
     boxes.push(body.area);
     for step in 1..=steps {
         let turned = rate * DT * step as f64;

@@ -69,7 +69,9 @@ impl Entry<dyn EgoPolicy> for IdmPolicy {
             ("deceleration", m.deceleration),
             ("exponent", m.exponent),
         ];
-        if let Some((name, value)) = above_0.into_iter().find(|(_, value)| !(*value > 0.0 && value.is_finite())) {
+        if let Some((name, value)) =
+            above_0.into_iter().find(|(_, value)| !(*value > 0.0 && value.is_finite()))
+        {
             return Err(format!("`model.{name}` is {value}; expected a number above 0"));
         }
         if !(m.time_gap >= 0.0) {

@@ -73,7 +73,7 @@ impl LaneChange {
     pub(super) fn offset(&mut self, view: &View, model: &Idm, at: Coordinates) -> f64 {
         let speed = view.motion().speed();
         let is_settled = (self.current - self.target).abs() < 1e-9;
-        if is_settled && view.step() % DECISION_STEPS == 0 && speed > LEAST_SPEED {
+        if is_settled && view.step().is_multiple_of(DECISION_STEPS) && speed > LEAST_SPEED {
             self.decide(view, model, at, speed);
         }
         let step = LATERAL_SPEED * DT;
@@ -89,9 +89,9 @@ impl LaneChange {
             let stays = parallel.iter().any(|lane| (lane - self.target).abs() < LANE_WIDTHS[0])
                 || runs_beside(view, at, self.target, ahead);
             let others: Vec<Body> = view.others().copied().collect();
-            if !stays && self.is_safe(view, model, at, 0.0, &others) {
-                self.target = 0.0;
-            } else if self.gain(view, model, at, 0.0, &others).is_some_and(|gain| gain > self.options.threshold) {
+            let gain = || self.gain(view, model, at, 0.0, &others);
+            let must_return = !stays && self.is_safe(view, model, at, 0.0, &others);
+            if must_return || gain().is_some_and(|gain| gain > self.options.threshold) {
                 self.target = 0.0;
             }
             return;
@@ -100,8 +100,10 @@ impl LaneChange {
             return;
         }
         let others: Vec<Body> = view.others().copied().collect();
-        let gains = parallel.into_iter().filter_map(|lane| Some((lane, self.gain(view, model, at, lane, &others)?)));
-        let best = gains.filter(|(_, gain)| *gain > self.options.threshold).max_by(|a, b| a.1.total_cmp(&b.1));
+        let gains =
+            parallel.into_iter().filter_map(|lane| Some((lane, self.gain(view, model, at, lane, &others)?)));
+        let best =
+            gains.filter(|(_, gain)| *gain > self.options.threshold).max_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((lane, _)) = best {
             self.target = lane;
         }
@@ -110,7 +112,9 @@ impl LaneChange {
     fn is_safe(&self, view: &View, model: &Idm, at: Coordinates, lane: f64, others: &[Body]) -> bool {
         let place = Place { view, model, others, at };
         place.is_free(lane)
-            && place.follower(lane).is_none_or(|(k, gap)| place.behind_own(k, gap) >= -self.options.safe_braking)
+            && place
+                .follower(lane)
+                .is_none_or(|(k, gap)| place.behind_own(k, gap) >= -self.options.safe_braking)
     }
 
     /// Gain of a change in MOBIL's sense, m/s²; `None` if it is not safe.
@@ -120,7 +124,9 @@ impl LaneChange {
         }
         let place = Place { view, model, others, at };
         let own = place.own(lane) - place.own(self.target);
-        let new = place.follower(lane).map_or(0.0, |(k, gap)| place.behind_own(k, gap) - place.without_own(k, lane));
+        let new = place
+            .follower(lane)
+            .map_or(0.0, |(k, gap)| place.behind_own(k, gap) - place.without_own(k, lane));
         let old = place
             .follower(self.target)
             .map_or(0.0, |(k, gap)| place.without_own(k, self.target) - place.behind_own(k, gap));
@@ -170,7 +176,8 @@ impl Place<'_> {
             let c = route.locate(other.area.center, Localization::Nearest);
             let is_in_lane = (c.across - lane).abs() < half_width + other.area.half_width;
             let gap = self.at.along - c.along - half_length - other.area.half_length;
-            (is_in_lane && c.along < self.at.along && speed_along(route, other, c.along) > 0.0).then_some((k, gap))
+            (is_in_lane && c.along < self.at.along && speed_along(route, other, c.along) > 0.0)
+                .then_some((k, gap))
         });
         behind.min_by(|a, b| a.1.total_cmp(&b.1))
     }
@@ -223,7 +230,9 @@ fn parallel_lanes(view: &View, at: Coordinates, ahead: f64) -> Vec<f64> {
         let other = &map.features[neighbor.lane];
         let [x, y, _] = map.points_of(other)[nearest_point(map, other, position)];
         let offset = route.locate([x, y], Localization::Nearest).across;
-        if (LANE_WIDTHS[0]..=LANE_WIDTHS[1]).contains(&(offset - at.across).abs()) && runs_beside(view, at, offset, ahead) {
+        if (LANE_WIDTHS[0]..=LANE_WIDTHS[1]).contains(&(offset - at.across).abs())
+            && runs_beside(view, at, offset, ahead)
+        {
             offsets.push(offset);
         }
     }
@@ -252,7 +261,9 @@ fn direction(route: &Route, along: f64) -> Point {
 
 fn nearest_point(map: &Map, feature: &MapFeature, p: Point) -> usize {
     let points = map.points_of(feature).iter().enumerate();
-    points.min_by(|a, b| distance([a.1[0], a.1[1]], p).total_cmp(&distance([b.1[0], b.1[1]], p))).map_or(0, |(k, _)| k)
+    points
+        .min_by(|a, b| distance([a.1[0], a.1[1]], p).total_cmp(&distance([b.1[0], b.1[1]], p)))
+        .map_or(0, |(k, _)| k)
 }
 
 fn length(points: &[[f64; 3]]) -> f64 {

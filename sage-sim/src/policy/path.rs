@@ -41,14 +41,19 @@ impl DrivenPath {
         }
         let text = fs::read(file).map_err(|error| fail(error.to_string()))?;
         let drives: Drives = serde_json::from_slice(&text).map_err(|_| {
-            fail("expected a JSON list of [x, y, heading], or an object with such a list for each scene id".to_owned())
+            fail(
+                "expected a JSON list of [x, y, heading], or an object with such a list for each scene id"
+                    .to_owned(),
+            )
         })?;
         let path = Self { file: file.to_owned(), drives };
         for (name, poses) in path.all() {
             let is_far = |v: &f64| !(v.abs() <= MAX_COORDINATE);
             if let Some(row) = poses.iter().position(|pose| pose.iter().any(is_far)) {
                 let pose = poses[row];
-                return Err(fail(format!("{name}row {row} is {pose:?}; expected numbers within ±{MAX_COORDINATE:e}")));
+                return Err(fail(format!(
+                    "{name}row {row} is {pose:?}; expected numbers within ±{MAX_COORDINATE:e}"
+                )));
             }
         }
         Ok(path)
@@ -77,7 +82,9 @@ impl DrivenPath {
         };
         if poses.len() != frames {
             let found = poses.len();
-            return Err(fail(format!("the drive in `{file}` has {found} poses; expected {frames}, one a frame")));
+            return Err(fail(format!(
+                "the drive in `{file}` has {found} poses; expected {frames}, one a frame"
+            )));
         }
         Ok(poses)
     }

@@ -39,7 +39,8 @@ impl EgoPolicy for Replay {
 
 impl Driver for Replay {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        let recording = view.recording().ok_or_else(|| view.error("replay needs the recording".to_owned()))?;
+        let recording =
+            view.recording().ok_or_else(|| view.error("replay needs the recording".to_owned()))?;
         Ok(logged(&recording.tracks[view.track()], view.step() + 1))
     }
 

@@ -84,7 +84,8 @@ impl Driver for TrackingDriver {
         let [now, next] = [at(view.step()), at(view.step() + 1)];
         let wanted = (next[1] - now[1]) / DT;
         let acceleration = wanted + GAINS[0] * (now[0] - place) + GAINS[1] * (now[1] - motion.speed());
-        let target: Point = route.point(Coordinates { along: place + steering::look_ahead(motion.speed()), across: 0.0 });
+        let target: Point =
+            route.point(Coordinates { along: place + steering::look_ahead(motion.speed()), across: 0.0 });
         Ok(Control::Drive(Action {
             steer: steering::towards(view.car(), motion, target),
             throttle: view.car().throttle_for(acceleration),

@@ -25,8 +25,11 @@ pub fn scene(number: u64) -> Option<std::sync::Arc<sage_core::scene::Scene>> {
         return None;
     };
     let folder = PathBuf::from(folder);
-    let mut files = ["pretrain", "dev", "val"].map(|split| folder.join(split).join(format!("{number}.pkl"))).into_iter();
-    let file = files.find(|file| file.is_file()).unwrap_or_else(|| panic!("no scene {number} in {}", folder.display()));
+    let mut files =
+        ["pretrain", "dev", "val"].map(|split| folder.join(split).join(format!("{number}.pkl"))).into_iter();
+    let file = files
+        .find(|file| file.is_file())
+        .unwrap_or_else(|| panic!("no scene {number} in {}", folder.display()));
     Some(std::sync::Arc::new(sage_data::Recording::read(&file).unwrap().scene))
 }
 
@@ -36,6 +39,8 @@ pub fn scenes(splits: &[&str]) -> Vec<std::sync::Arc<sage_core::scene::Scene>> {
         eprintln!("recorded scenes are left out: SAGE_DATA is not set");
         return Vec::new();
     };
-    let files = splits.iter().flat_map(|split| sage_data::folder::scene_files(&PathBuf::from(&folder).join(split)).unwrap());
+    let files = splits
+        .iter()
+        .flat_map(|split| sage_data::folder::scene_files(&PathBuf::from(&folder).join(split)).unwrap());
     files.map(|file| std::sync::Arc::new(sage_data::Recording::read(&file).unwrap().scene)).collect()
 }

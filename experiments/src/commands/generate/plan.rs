@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::{Context as _, Result, ensure};
 use sage_backbones::parameters::Header;
 use sage_core::objective::FurtherMeasures;
-use sage_generators::Facts;
 use sage_core::registry::Entry;
+use sage_generators::Facts;
 use sage_merging::{ExpertSet, Merger};
 use sage_sim::policy::{EgoPolicy, PathPolicy, Replay};
 use serde_json::{Map, Value, json};
@@ -204,7 +204,9 @@ impl<'a> Plan<'a> {
             let Part { name, options } = &self.args.ego.0;
             identity["ego"] = json!(self.args.ego.0.to_string());
             // Another content of the file is another run.
-            if let Some(file) = options.get("file").and_then(Value::as_str).filter(|_| name == PathPolicy::NAME) {
+            if let Some(file) =
+                options.get("file").and_then(Value::as_str).filter(|_| name == PathPolicy::NAME)
+            {
                 let bytes = std::fs::read(file).with_context(|| format!("cannot read `{file}`"))?;
                 identity["ego_file"] = json!(blake3::hash(&bytes).to_hex()[..16]);
             }

@@ -2,15 +2,12 @@
 
 use sage_core::{
     geometry::{OrientedBox, Point, distance, wrap_angle},
-    motion::NOW,
+    motion::{DT, NOW},
     scene::{Track, TrackKind},
 };
 use serde::{Deserialize, Serialize};
 
 use crate::vehicle::Vehicle;
-
-/// Time between frames, s.
-const DT: f64 = 0.1;
 
 /// Kind of a road user in the simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

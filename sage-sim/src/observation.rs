@@ -17,7 +17,10 @@
 
 use std::{f64::consts::TAU, sync::LazyLock};
 
-use sage_core::geometry::{OrientedBox, Point, cross, dot, sub, wrap_angle};
+use sage_core::{
+    geometry::{OrientedBox, Point, cross, dot, sub, wrap_angle},
+    motion::DT,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -27,7 +30,7 @@ use crate::{
     rays,
     route::{Localization, Route},
     vehicle::{Action, Motion, SUBSTEP},
-    world::{DT, World},
+    world::World,
 };
 
 /// Length of an observation.

@@ -3,37 +3,26 @@
 //! A reactive vehicle follows its logged path and keeps its distance by the Intelligent Driver Model. Only
 //! vehicles behind the ego react, chosen once as in MetaDrive; all others replay the log.
 
-use std::{collections::BTreeMap, sync::Arc};
+mod plan;
+mod reactive;
 
-use sage_core::{
-    geometry::{OrientedBox, dot},
-    motion::idm::Idm,
-    scene::Track,
-};
+use std::collections::BTreeMap;
+
+use sage_core::{geometry::OrientedBox, scene::Track};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     body::{Body, BodyClass, BodyKind, BodyShape},
-    following::{Follower, areas, leader},
-    route::{Coordinates, Localization, Route},
     scene::SimScene,
 };
+use reactive::{Reactive, reacts_to};
 
-/// Time between frames, s.
-const DT: f64 = 0.1;
+pub use plan::Plan;
+
 /// Desired speed of reactive vehicles without a speed limit, m/s.
 pub(crate) const DESIRED_SPEED: f64 = 40.0 / 3.6;
 /// Largest distance of the lane whose speed limit counts, metres.
 const LIMIT_REACH: f64 = 3.0;
-/// A reactive vehicle starts at least this far behind the ego …
-const BEHIND: f64 = 1.0;
-/// … at most this far beside it, and has at least [`LEAST_ROUTE`] to go, metres.
-const BESIDE: f64 = 15.0;
-const LEAST_ROUTE: f64 = 5.0;
-/// Distance to the end of its route at which a reactive vehicle is removed, metres.
-const ROUTE_END: f64 = 2.0;
-/// Limits of a reactive vehicle's acceleration, m/s².
-const ACCELERATION: [f64; 2] = [-6.0, 1.0];
 /// A car is not created while it is within these distances of the ego, ahead and aside, metres.
 const CLOSE: [f64; 2] = [8.0, 2.0];
 
@@ -85,15 +74,6 @@ impl Default for TrafficOptions {
     }
 }
 
-/// A trajectory for one track in place of its log.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Plan {
-    /// Index of the track.
-    pub track: usize,
-    /// The recording that it follows, as long as the scene.
-    pub motion: Track,
-}
-
 /// What one track does.
 #[derive(Clone, Debug, PartialEq)]
 enum Role {
@@ -103,18 +83,6 @@ enum Role {
     Reactive(Box<Reactive>),
     /// Moved by a policy: its body is set from outside.
     Driven,
-}
-
-/// A vehicle that follows its route.
-#[derive(Clone, Debug, PartialEq)]
-struct Reactive {
-    route: Arc<Route>,
-    shape: BodyShape,
-    size: [f64; 2],
-    at: Coordinates,
-    speed: f64,
-    ground: f64,
-    idm: Idm,
 }
 
 /// State of the traffic: what each track does, and the bodies of the current frame.
@@ -306,66 +274,6 @@ pub struct EgoBody {
 fn is_close(track: &Track, frame: usize, ego: &OrientedBox) -> bool {
     let [ahead, aside] = ego.to_local(track.point(frame));
     BodyKind::of(track) == BodyKind::Vehicle && ahead.abs() <= CLOSE[0] && aside.abs() <= CLOSE[1]
-}
-
-/// MetaDrive's choice of the vehicles that react.
-fn reacts_to(track: &Track, frame: usize, ego: &OrientedBox) -> bool {
-    let [ahead, aside] = ego.to_local(track.point(frame));
-    let heading = track.heading[frame];
-    let last = (frame..track.valid.len()).take_while(|&f| track.valid[f]).last().unwrap_or(frame);
-    BodyKind::of(track) == BodyKind::Vehicle
-        && ahead < -BEHIND
-        && aside.abs() <= BESIDE
-        && dot([heading.cos(), heading.sin()], ego.axis) > 0.0
-        && sage_core::geometry::distance(track.point(frame), track.point(last)) > LEAST_ROUTE
-}
-
-impl Reactive {
-    fn new(scene: &SimScene, track: &Track, frame: usize, body: &Body, shape: BodyShape) -> Self {
-        let route = Arc::new(Route::of_track(track, frame, true));
-        Self {
-            at: route.locate(body.area.center, Localization::Nearest),
-            speed: body.speed(),
-            size: [2.0 * body.area.half_length, 2.0 * body.area.half_width],
-            ground: body.ground,
-            idm: Idm {
-                desired_speed: speed_limit(scene, body.area.center).unwrap_or(DESIRED_SPEED),
-                ..Idm::default()
-            },
-            route,
-            shape,
-        }
-    }
-
-    /// Moves by one step; `false` at the end of the route.
-    fn advance(&mut self, others: &[Body], own: usize, ego: &EgoBody) -> bool {
-        let follower =
-            Follower { along: self.at.along, across: self.at.across, half: self.size.map(|size| 0.5 * size) };
-        let ego_last = others.len();
-        let others = areas(others).filter(|(k, ..)| others[*k].track != own);
-        let all = others.chain(std::iter::once((ego_last, &ego.area, ego.velocity)));
-        let leader = leader(&self.route, follower, all).map(|(_, leader)| leader);
-        let acceleration = self.idm.acceleration(self.speed, leader).clamp(ACCELERATION[0], ACCELERATION[1]);
-        let speed = (self.speed + acceleration * DT).max(0.0);
-        self.at.along += 0.5 * (self.speed + speed) * DT;
-        self.speed = speed;
-        self.at.along < self.route.length() - ROUTE_END
-    }
-
-    fn body(&self, track: usize) -> Body {
-        let heading = self.route.heading(self.at.along);
-        Body {
-            track,
-            kind: BodyKind::Vehicle,
-            class: self.shape.class,
-            area: OrientedBox::new(self.route.point(self.at), heading, self.size[0], self.size[1]),
-            heading,
-            velocity: [self.speed * heading.cos(), self.speed * heading.sin()],
-            yaw_rate: 0.0,
-            ground: self.ground,
-            is_falling: false,
-        }
-    }
 }
 
 /// Speed limit of the lane at a point, m/s.

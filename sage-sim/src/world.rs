@@ -15,8 +15,8 @@ use std::sync::Arc;
 pub use options::WorldOptions;
 use sage_core::{
     Error,
-    geometry::{MAX_COORDINATE, OrientedBox, Point, Segment, sub, wrap_angle},
-    motion::Pose,
+    geometry::{OrientedBox, Point, Segment, sub, wrap_angle},
+    motion::{DT, Pose},
 };
 
 use crate::{
@@ -29,8 +29,6 @@ use crate::{
 };
 use nearby::{Pair, near};
 
-/// Duration of a step, s.
-pub const DT: f64 = SUBSTEP * SUBSTEPS as f64;
 /// Height difference above which two objects are on different levels, metres.
 const LEVEL_GAP: f64 = 3.0;
 /// Largest distance of a lane whose height the car follows, metres.
@@ -139,25 +137,7 @@ impl World {
             return Err(Error::Options { kind: "simulation", name: "world", problem });
         }
         if let Some(plan) = &plan {
-            let (found, expected) = (plan.motion.valid.len(), scene.scene().frames);
-            if plan.track >= scene.scene().tracks.len() || plan.track == scene.scene().ego {
-                return Err(scene.error(format!("track number {} cannot have a plan", plan.track)));
-            }
-            if found != expected {
-                return Err(Error::Length { what: "plan".to_owned(), found, expected });
-            }
-            let is_finite = |frame: usize| {
-                let row = [
-                    plan.motion.point(frame),
-                    plan.motion.velocity[frame],
-                    [plan.motion.heading[frame], 0.0],
-                ];
-                row.iter().flatten().all(|x| x.abs() <= MAX_COORDINATE)
-            };
-            if let Some(frame) = (0..found).find(|&frame| plan.motion.valid[frame] && !is_finite(frame)) {
-                let what = format!("plan of track `{}`", scene.scene().tracks[plan.track].id);
-                return Err(Error::NotFinite { what, index: frame, point: plan.motion.point(frame) });
-            }
+            plan.check(scene.scene())?;
         }
         let cycle = rng.uniform(0.0, 100.0) as u64;
         let car = Vehicle::of_strength(strength);
@@ -334,14 +314,19 @@ impl World {
         OrientedBox::new(motion.position, motion.heading, self.size[0], self.size[1])
     }
 
-    fn drive(&mut self, action: Action) -> Result<(), Error> {
-        if !(action.steer.is_finite() && action.throttle.is_finite()) {
-            let Action { steer, throttle } = action;
-            let step = self.state.step;
-            return Err(self.scene.error(format!(
-                "step {step}: the action is [{steer}, {throttle}]; expected finite numbers"
-            )));
+    fn check_action(&self, action: Action) -> Result<(), Error> {
+        let Action { steer, throttle } = action;
+        if steer.is_finite() && throttle.is_finite() {
+            return Ok(());
         }
+        let step = self.state.step;
+        Err(self
+            .scene
+            .error(format!("step {step}: the action is [{steer}, {throttle}]; expected finite numbers")))
+    }
+
+    fn drive(&mut self, action: Action) -> Result<(), Error> {
+        self.check_action(action)?;
         let car = self.car;
         let mut motion = self.state.physical;
         let wheels = Wheels::set(&car, action.limited(), motion.speed());
@@ -409,6 +394,9 @@ impl World {
     }
 
     fn move_adversary(&mut self, control: Option<Control>) -> Result<(), Error> {
+        if let (Some(Control::Drive(action)), true) = (control, self.state.driven.is_some()) {
+            self.check_action(action)?;
+        }
         let Some(driven) = &mut self.state.driven else { return Ok(()) };
         let start = driven.motion;
         match control {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use sage_core::{
     Error,
-    motion::Pose,
+    motion::{DT, Pose},
     registry::{Entry, NoOptions},
 };
 
@@ -12,7 +12,7 @@ use super::{Driver, EgoPolicy, View};
 use crate::{
     route::{Coordinates, Localization},
     scene::SimScene,
-    world::{Control, DT},
+    world::Control,
 };
 
 /// The policy `constant-speed`.

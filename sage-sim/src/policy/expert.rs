@@ -10,7 +10,7 @@ use std::sync::Arc;
 use sage_core::{
     Error,
     geometry::{OrientedBox, distance},
-    motion::State,
+    motion::{DT, State},
     registry::Entry,
 };
 use serde::{Deserialize, Serialize};
@@ -22,7 +22,7 @@ use crate::{
     scene::SimScene,
     traffic::speed_limit,
     vehicle::Action,
-    world::{Control, DT},
+    world::Control,
 };
 
 /// Gains of the speed controller (of the published autopilot), and the command of full throttle.

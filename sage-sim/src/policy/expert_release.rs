@@ -9,6 +9,7 @@ use std::sync::Arc;
 use sage_core::{
     Error,
     geometry::{OrientedBox, Point, distance, dot, norm, sub, wrap_angle},
+    motion::DT,
     registry::{Entry, NoOptions},
     scene::{Track, TrackKind},
 };
@@ -18,7 +19,7 @@ use crate::{
     route::{Coordinates, Localization, Route},
     scene::SimScene,
     vehicle::Action,
-    world::{Control, DT},
+    world::Control,
 };
 
 const LATERAL_GAINS: [f64; 3] = [1.25, 0.75, 0.3];

@@ -1,8 +1,11 @@
 //! Forecasts of other road users: constant speed and yaw rate, from their state now.
 
-use sage_core::geometry::{OrientedBox, Point};
+use sage_core::{
+    geometry::{OrientedBox, Point},
+    motion::DT,
+};
 
-use crate::{body::Body, world::DT};
+use crate::body::Body;
 
 /// Yaw rates below this are taken as straight driving, rad/s.
 const STRAIGHT: f64 = 0.02;

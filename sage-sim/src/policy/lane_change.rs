@@ -6,6 +6,7 @@
 
 use sage_core::{
     geometry::{Point, distance, dot},
+    motion::DT,
     motion::idm::{Idm, Leader},
     scene::{Map, MapFeature},
 };
@@ -16,7 +17,6 @@ use crate::{
     body::Body,
     following::{Follower, areas, leader},
     route::{Coordinates, Localization, Route},
-    world::DT,
 };
 
 /// Options of MOBIL.

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use sage_core::{
     Error,
     geometry::Point,
+    motion::DT,
     registry::{Entry, NoOptions},
     scene::Track,
 };
@@ -14,7 +15,7 @@ use crate::{
     route::{Coordinates, Localization, Route},
     scene::SimScene,
     vehicle::Action,
-    world::{Control, DT},
+    world::Control,
 };
 
 /// Acceleration for each metre behind the log, 1/s², and for each m/s too slow, 1/s.

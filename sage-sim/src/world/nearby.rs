@@ -1,8 +1,10 @@
 //! The bodies that the car may touch within a step. All others stay out of tests and physics.
 
-use sage_core::geometry::{OrientedBox, distance, sub, wrap_angle};
+use sage_core::{
+    geometry::{OrientedBox, distance, sub, wrap_angle},
+    motion::DT,
+};
 
-use super::DT;
 use crate::{
     body::Body,
     physics::Obstacle,

@@ -1,0 +1,70 @@
+//! A trajectory for one track in place of its log, usually the adversary's.
+
+use sage_core::{
+    Error,
+    geometry::{MAX_COORDINATE, sub},
+    motion::{DT, NOW, Pose, Trajectory, kinematics::paper},
+    scene::{Scene, Track},
+};
+
+/// A trajectory for one track in place of its log.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Index of the track.
+    pub track: usize,
+    /// The recording that it follows, as long as the scene.
+    pub motion: Track,
+}
+
+impl Plan {
+    /// The plan of the adversary: its log up to *now*, then a trajectory for frames 11 to 90.
+    ///
+    /// *Errors*: [`Error::Scene`] if the scene has no adversary.
+    pub fn of_adversary(scene: &Scene, trajectory: &Trajectory) -> Result<Self, Error> {
+        let track = scene.adversary_index()?;
+        let mut motion = scene.tracks[track].clone();
+        let last = (0..=NOW).rev().find(|&frame| motion.is_valid(frame)).unwrap_or(NOW);
+        let start = Pose { position: motion.point(last), heading: motion.heading[last] };
+        let axes = paper::profile(trajectory.points(), &start).axis;
+        let mut before = start.position;
+        let (height, size) = (motion.position[last][2], motion.size[last]);
+        let mut elapsed = (NOW + 1 - last) as f64 * DT;
+        for (frame, (&[x, y], axis)) in (NOW + 1..scene.frames).zip(trajectory.points().iter().zip(&axes)) {
+            let moved = sub([x, y], before);
+            motion.position[frame] = [x, y, height];
+            motion.heading[frame] = axis[1].atan2(axis[0]);
+            motion.velocity[frame] = moved.map(|d| d / elapsed);
+            motion.size[frame] = size;
+            motion.valid[frame] = true;
+            (before, elapsed) = ([x, y], DT);
+        }
+        Ok(Self { track, motion })
+    }
+
+    /// Checks that the plan fits a scene.
+    ///
+    /// *Errors*: [`Error::Scene`] for a track that the scene has not, or the ego; [`Error::Length`] for
+    /// another number of frames; [`Error::NotFinite`] for a number that is not finite.
+    pub(crate) fn check(&self, scene: &Scene) -> Result<(), Error> {
+        if self.track >= scene.tracks.len() || self.track == scene.ego {
+            let problem = format!("track number {} cannot have a plan", self.track);
+            return Err(Error::Scene { scene: scene.id.clone(), problem });
+        }
+        let Track { position, heading, velocity, size, valid, .. } = &self.motion;
+        let columns = [position.len(), heading.len(), velocity.len(), size.len(), valid.len()];
+        if let Some(found) = columns.into_iter().find(|length| *length != scene.frames) {
+            return Err(Error::Length { what: "plan".to_owned(), found, expected: scene.frames });
+        }
+        let is_finite = |frame: usize| {
+            let numbers = position[frame].iter().chain(&velocity[frame]).chain(&size[frame]);
+            numbers.chain([&heading[frame]]).all(|x| x.abs() <= MAX_COORDINATE)
+        };
+        match (0..scene.frames).find(|&frame| valid[frame] && !is_finite(frame)) {
+            Some(index) => {
+                let what = format!("plan of track `{}`", scene.tracks[self.track].id);
+                Err(Error::NotFinite { what, index, point: self.motion.point(index) })
+            }
+            None => Ok(()),
+        }
+    }
+}

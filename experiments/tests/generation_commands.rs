@@ -241,3 +241,82 @@ fn a_table_of_some_scenes_by_name() {
     assert!(String::from_utf8_lossy(&unknown.stderr).contains("no scene `nobody` among the 3 given"));
     assert!(stdout(&table(&names[..2].join(","))).contains("| log | 2 |"));
 }
+
+#[test]
+fn the_drive_of_another_planner_is_attacked_and_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = Recording::read(Path::new(&example())).unwrap().scene;
+    let drive = |shift: f64, frames: usize| -> Vec<[f64; 3]> {
+        let pose = |frame: usize| {
+            let [x, y] = source.ego().point(frame);
+            [x, y + shift, source.ego().heading[frame]]
+        };
+        (0..frames).map(pose).collect()
+    };
+    let generate = |name: &str, drive: &Value| {
+        let file = folder.path().join(format!("{name}.json"));
+        std::fs::write(&file, drive.to_string()).unwrap();
+        let (ego, out) = (format!("path:{}", text(&file)), folder.path().join(name));
+        let arguments = ["generate", &example(), "--ego", &ego, "--json", "--out", text(&out)];
+        sage(&[&arguments[..], &WEIGHTS].concat())
+    };
+    // The recording as a drive gives the attack on the recording.
+    let plain = folder.path().join("plain");
+    let arguments = ["generate", &example(), "--json", "--out", text(&plain)];
+    let plain: Value = serde_json::from_str(stdout(&sage(&[&arguments[..], &WEIGHTS].concat()))).unwrap();
+    let same: Value =
+        serde_json::from_str(stdout(&generate("same", &serde_json::json!(drive(0.0, source.frames)))))
+            .unwrap();
+    assert_eq!(plain["trajectory"], same["trajectory"]);
+    assert!(plain["ego"].is_null() && same["ego"].as_str().unwrap().starts_with("path"));
+    // Another drive is in the written scene.
+    let shifted = generate("shifted", &serde_json::json!({ source.id.as_str(): drive(0.5, source.frames) }));
+    assert!(shifted.status.success(), "{}", stderr(&shifted));
+    let made = Recording::read(&pickle(&folder.path().join("shifted"), "crossing-lambda1.00")).unwrap().scene;
+    let ([x, y], [logged_x, logged_y]) = (made.ego().point(40), source.ego().point(40));
+    assert!((x - logged_x).abs() < 1e-4 && (y - logged_y - 0.5).abs() < 1e-4);
+    // What cannot be driven is named.
+    let short = generate("short", &serde_json::json!(drive(0.0, 50)));
+    let said = stderr(&short);
+    assert!(!short.status.success() && said.contains("has 50 poses; expected 91, one a frame"), "{said}");
+}
+
+#[test]
+fn drivers_are_compared_by_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("drivers");
+    let drivers = |more: &[&str]| {
+        sage(
+            &[
+                &[
+                    "bench",
+                    "drivers",
+                    "--procedural",
+                    "7",
+                    "--policies",
+                    "constant-speed,idm",
+                    "--out",
+                    text(&out),
+                ],
+                more,
+            ]
+            .concat(),
+        )
+    };
+    let first = drivers(&[]);
+    let table = stdout(&first);
+    assert!(
+        table.contains("| idm | nothing beyond now | 7 |") && table.contains("| constant-speed − idm |"),
+        "{table}"
+    );
+    let rows = std::fs::read_to_string(out.join("scenes.csv")).unwrap();
+    assert_eq!(rows.lines().count(), 15);
+    assert!(stderr(&drivers(&[])).contains("--force"), "a folder is not overwritten");
+    assert_eq!(stdout(&drivers(&["--force", "--threads", "1"])), table);
+    let twice =
+        sage(&["bench", "drivers", "--policies", "idm,idm", "--out", text(&folder.path().join("twice"))]);
+    assert!(stderr(&twice).contains("the policy `idm` is given twice"));
+    let unknown =
+        sage(&["bench", "drivers", "--policies", "idn", "--out", text(&folder.path().join("unknown"))]);
+    assert!(stderr(&unknown).contains("unknown policy `idn`; known: replay, idm"));
+}

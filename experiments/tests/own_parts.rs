@@ -299,6 +299,25 @@ fn a_generator_needs_no_experts_and_follows_the_dial() {
 }
 
 #[test]
+fn a_policy_drives_and_is_attacked() {
+    let Some(program) = own("own_policy") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let list = run(&program, &["list"]);
+    assert!(stdout(&list).contains("brakes for road users in a cone ahead (knows nothing beyond now)"));
+    let (scene, out) = (example(), folder.path().join("drivers"));
+    let drivers =
+        ["bench", "drivers", &scene, "--policies", r#"cautious,cautious{"speed":3}"#, "--out", text(&out)];
+    let table = run(&program, &drivers);
+    let table = stdout(&table);
+    assert!(table.contains("| cautious | nothing beyond now | 1 |"), "{table}");
+    assert!(table.contains(r#"| cautious − cautious{"speed":3} |"#), "{table}");
+    let attacked = folder.path().join("attacked");
+    let generate = ["generate", &scene, "--ego", "cautious", "--json", "--out", text(&attacked)];
+    let row = rows(&run(&program, &[&generate[..], &WEIGHTS].concat())).remove(0);
+    assert_eq!(row["ego"], "cautious");
+}
+
+#[test]
 fn a_proposer_goes_with_the_shipped_selector() {
     let Some(program) = own("own_proposer") else { return };
     let folder = tempfile::tempdir().unwrap();

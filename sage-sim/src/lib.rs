@@ -1,17 +1,46 @@
-//! Closed-loop simulation of recorded scenes on rapier2d, and the driving policies under test.
+//! Closed-loop simulation of recorded scenes, and the driving policies under test.
+//!
+//! - [`World`](world::World): a scene in motion. The ego is a car on tyres ([`vehicle`]), contacts are
+//!   resolved by rapier2d ([`physics`]), the others replay their log, follow a plan, or react ([`traffic`]).
+//! - [`Environment`](environment::Environment): reset and step with observation, reward, cost and endings, for
+//!   learning drivers; [`Batch`](environment::Batch) steps many at once.
+//! - [`EgoPolicy`](policy::EgoPolicy): drivers by name ([`policy::policies`]), driven by
+//!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact.
+//!
+//! A policy in a scene:
+//!
+//! ```
+//! use std::sync::Arc;
+//!
+//! use sage_core::scene::SceneIndex;
+//! use sage_data::procedural::{Kind, generate};
+//! use sage_sim::{
+//!     SimScene,
+//!     drive::{Simulation, Until, drive},
+//!     policy::policies,
+//! };
+//!
+//! let scene = Arc::new(generate(Kind::FourWay, 1, 0).ok_or("no scene for this seed")?);
+//! let scene = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
+//! let idm = policies()?.build_default("idm")?;
+//! let mut simulation = Simulation::new(&scene, &Arc::default(), None, idm.as_ref(), 0)?;
+//! let drive = drive(&mut simulation, Until::EndOfLog)?;
+//! assert_eq!(drive.motions.len(), 91);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 pub mod body;
 pub mod drive;
 pub mod environment;
 pub mod fault;
 pub mod following;
-pub mod grid;
+mod grid;
 pub mod lines;
 pub mod navigation;
 pub mod observation;
 pub mod physics;
 pub mod policy;
-pub mod rays;
+mod rays;
 pub mod route;
 mod scene;
 pub mod traffic;

@@ -5,7 +5,7 @@
 //!     --policies replay,cautious,idm --out drivers
 //! ```
 
-use std::{process::ExitCode, sync::Arc};
+use std::process::ExitCode;
 
 use sage_core::{
     Error,
@@ -13,8 +13,7 @@ use sage_core::{
     registry::Entry,
 };
 use sage_sim::{
-    SimScene,
-    policy::{Driver, EgoPolicy, View},
+    policy::{Driver, EgoPolicy, Start, View},
     route::{Coordinates, Localization},
     vehicle::Action,
     world::Control,
@@ -58,7 +57,7 @@ impl Entry<dyn EgoPolicy> for Cautious {
 
 /// It declares no privilege, so its view holds neither recordings nor plans.
 impl EgoPolicy for Cautious {
-    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(*self))
     }
 }

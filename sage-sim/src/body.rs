@@ -1,7 +1,7 @@
 //! Other road users at one moment: box, velocity, level.
 
 use sage_core::{
-    geometry::{OrientedBox, Point, distance, wrap_angle},
+    geometry::{OrientedBox, Point, wrap_angle},
     motion::{DT, NOW},
     scene::{Track, TrackKind},
 };
@@ -117,13 +117,15 @@ pub struct Body {
 impl Body {
     /// A track at a valid frame.
     ///
-    /// `fixed_size`: length and width instead of the frame's. The adversary has its size at *now*.
+    /// `shape`: length and width instead of the frame's. The yaw rate is that since the frame before, so that
+    /// it holds nothing of the future.
     pub fn of_track(index: usize, track: &Track, frame: usize, shape: BodyShape) -> Self {
         let [x, y, z] = track.position[frame];
         let [length, width, height] = track.size[frame];
         let heading = track.heading[frame];
         let [length, width] = shape.size.unwrap_or([length, width]);
-        let next = track.is_valid(frame + 1).then(|| wrap_angle(track.heading[frame + 1] - heading) / DT);
+        let last = frame.checked_sub(1).filter(|&last| track.is_valid(last));
+        let yaw_rate = last.map_or(0.0, |last| wrap_angle(heading - track.heading[last]) / DT);
         Self {
             track: index,
             kind: BodyKind::of(track),
@@ -131,7 +133,7 @@ impl Body {
             area: OrientedBox::new([x, y], heading, length, width),
             heading,
             velocity: track.velocity[frame],
-            yaw_rate: next.unwrap_or(0.0),
+            yaw_rate,
             ground: z - 0.5 * height,
             is_falling: false,
         }
@@ -197,9 +199,4 @@ pub fn is_parked(track: &Track) -> bool {
         (valid().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
     };
     track.kind == TrackKind::Vehicle && deviation(0).max(deviation(1)) <= 3.0
-}
-
-/// Distance between the centres, metres.
-pub fn center_distance(a: &OrientedBox, b: &OrientedBox) -> f64 {
-    distance(a.center, b.center)
 }

@@ -2,19 +2,15 @@
 
 use std::sync::Arc;
 
-use sage_core::{
-    Error,
-    geometry::OrientedBox,
-    scene::{Scene, TrackKind},
-};
+use sage_core::{Error, geometry::OrientedBox, scene::Scene};
 
 use crate::{
     body::{Body, BodyKind, BodyShape},
     navigation::Navigation,
-    observation::{Driving, ObservationKind, observe},
-    policy::{Driver, EgoPolicy, Privilege, Seat, View},
+    observation::{Driving, LENGTH, ObservationKind, observe},
+    policy::{Driver, EgoPolicy, Privilege, Seat, Start, View},
     route::{Localization, Route},
-    scene::{GUIDE, SimScene},
+    scene::{SimScene, guide},
     traffic::Plan,
     vehicle::{Action, Motion},
     world::{Control, World, WorldOptions},
@@ -37,7 +33,7 @@ pub struct DriveContact {
 pub struct Simulation {
     world: World,
     ego: Seated,
-    adversary: Option<(Seated, Route)>,
+    adversary: Option<(Seated, [Route; 2])>,
     driving: Driving,
     observation: ObservationKind,
 }
@@ -73,7 +69,7 @@ impl Simulation {
     ) -> Result<Self, Error> {
         let world = World::new(scene.clone(), options.clone(), plan, seed)?;
         let track = scene.scene().ego;
-        let ego = Seated { driver: policy.start(scene, track, seed)?, privilege: policy.privilege() };
+        let ego = Seated { driver: started(policy, scene, track, seed)?, privilege: policy.privilege() };
         let motion = *world.motion();
         let navigation = Navigation::start(scene.route(), Localization::Nearest, motion.position);
         let driving = Driving {
@@ -93,11 +89,17 @@ impl Simulation {
         let scene = self.world.scene().clone();
         let track = scene.scene().adversary_index()?;
         self.world.drive_adversary()?;
-        let log = Route::of_track(&scene.scene().tracks[track], 0, false);
-        let route = log.continued(scene.index(), GUIDE);
-        let seated = Seated { driver: policy.start(&scene, track, seed)?, privilege: policy.privilege() };
-        self.adversary = Some((seated, route));
+        let log = &scene.scene().tracks[track];
+        let routes = [guide(log, scene.index()), Route::of_track(log, 0, false)];
+        let seated = Seated { driver: started(policy, &scene, track, seed)?, privilege: policy.privilege() };
+        self.adversary = Some((seated, routes));
         Ok(self)
+    }
+
+    /// Observations of another kind for the policy; [`ObservationKind::Corrected`] is the default.
+    pub fn with_observation(mut self, kind: ObservationKind) -> Self {
+        self.observation = kind;
+        self
     }
 
     /// The world.
@@ -111,26 +113,28 @@ impl Simulation {
     pub fn step(&mut self) -> Result<(), Error> {
         let world = &self.world;
         let (driving, kind) = (&self.driving, self.observation);
-        let see = |out: &mut [f32]| observe(world, driving, kind, out);
+        let see = |out: &mut [f32; LENGTH]| observe(world, driving, kind, out);
         let scene = world.scene();
         let seat = Seat {
             track: scene.scene().ego,
-            route: scene.guide(),
+            routes: [scene.guide(), scene.route()],
             motion: *world.motion(),
             area: world.area(),
+            ground: world.level(),
             others: world.bodies(),
         };
-        let control = self.ego.driver.control(&View::new(world, seat, self.ego.privilege, &see))?;
+        let control = self.ego.driver.control(&View::new(world, seat, self.ego.privilege, Some(&see)))?;
         let mut theirs = None;
-        if let (Some((seated, route)), Some((motion, area))) = (&mut self.adversary, world.adversary_motion())
+        if let (Some((seated, [route, log])), Some((motion, body))) =
+            (&mut self.adversary, world.adversary_motion())
         {
             let track = scene.scene().adversary_index()?;
             let mut others: Vec<Body> =
                 world.bodies().iter().filter(|body| body.track != track).copied().collect();
             others.push(ego_body(world));
-            let seat = Seat { track, route, motion: *motion, area, others: &others };
-            // The observation is that of the ego's seat; drivers of the adversary use the view.
-            theirs = Some(seated.driver.control(&View::new(world, seat, seated.privilege, &see))?);
+            let (area, ground) = (body.area, body.ground);
+            let seat = Seat { track, routes: [route, log], motion: *motion, area, ground, others: &others };
+            theirs = Some(seated.driver.control(&View::new(world, seat, seated.privilege, None))?);
         }
         self.world.step(control, theirs)?;
         let action = match control {
@@ -144,6 +148,15 @@ impl Simulation {
         self.driving.step += 1;
         Ok(())
     }
+}
+
+fn started(
+    policy: &dyn EgoPolicy,
+    scene: &SimScene,
+    track: usize,
+    seed: u64,
+) -> Result<Box<dyn Driver>, Error> {
+    policy.start(&Start::new(scene, track, policy.privilege(), seed))
 }
 
 /// The ego as a body for others.
@@ -167,7 +180,7 @@ fn ego_body(world: &World) -> Body {
 pub struct Drive {
     /// Motion at each step, the start first.
     pub motions: Vec<Motion>,
-    /// First contact with each road user, in the order of time.
+    /// First contact with each road user, in the order of time. A contact that lasts from the start is none.
     pub contacts: Vec<DriveContact>,
     /// Progress along the route, metres, from the start to the farthest point.
     pub progress: f64,
@@ -199,11 +212,6 @@ impl Drive {
         }
         scene
     }
-
-    /// First contact with a vehicle.
-    pub fn first_vehicle(&self) -> Option<&DriveContact> {
-        self.contacts.iter().find(|contact| contact.other.kind == BodyKind::Vehicle)
-    }
 }
 
 /// When a drive ends, besides the end of the log.
@@ -227,10 +235,11 @@ pub fn drive(simulation: &mut Simulation, until: Until) -> Result<Drive, Error> 
     let first = along(&start);
     let mut drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road: None };
     let mut touched = vec![false; scene.scene().tracks.len()];
-    // What the car touches at the start is no contact of the drive.
+    // What the car touches at the start counts only if they part and touch again.
     for contact in &simulation.world().facts().contacts {
         touched[contact.track] = true;
     }
+    let mut at_start = touched.clone();
     while simulation.world().step_count() + 1 < scene.scene().frames {
         simulation.step()?;
         let world = simulation.world();
@@ -240,6 +249,11 @@ pub fn drive(simulation: &mut Simulation, until: Until) -> Result<Drive, Error> 
         let step = world.step_count();
         if world.facts().on_edge {
             drive.off_road = drive.off_road.or(Some(step));
+        }
+        for (track, is_start) in at_start.iter_mut().enumerate() {
+            if *is_start && !world.facts().contacts.iter().any(|contact| contact.track == track) {
+                (*is_start, touched[track]) = (false, false);
+            }
         }
         let mut new: Vec<_> =
             world.facts().contacts.iter().filter(|contact| !touched[contact.track]).collect();
@@ -259,9 +273,4 @@ pub fn drive(simulation: &mut Simulation, until: Until) -> Result<Drive, Error> 
         }
     }
     Ok(drive)
-}
-
-/// Whether a track is a vehicle.
-pub fn is_vehicle(scene: &SimScene, track: usize) -> bool {
-    scene.scene().tracks[track].kind == TrackKind::Vehicle
 }

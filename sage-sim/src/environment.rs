@@ -17,13 +17,13 @@ use sage_core::{
     scene::TrackKind,
 };
 
-pub use batch::{AutoReset, Batch, BatchOutput};
+pub use batch::{AutoReset, Batch, BatchInfo, BatchOutput};
 pub use options::{EnvironmentOptions, Rewards};
 pub use rules::{Outcome, Situation, assess};
 
 use crate::{
     navigation::Navigation,
-    observation::{Driving, observe},
+    observation::{Driving, LENGTH, observe},
     route::{Coordinates, Localization},
     scene::SimScene,
     traffic::Plan,
@@ -95,10 +95,7 @@ impl Environment {
     ///
     /// *Errors*: as [`Environment::step`].
     pub fn step_with(&mut self, control: Control) -> Result<Outcome, Error> {
-        if self.is_over {
-            let problem = "the episode is over; start another one".to_owned();
-            return Err(self.world.scene().error(problem));
-        }
+        self.check_running()?;
         let (action, is_late) = match control {
             Control::Drive(action) => (action.limited(), false),
             Control::Pose { .. } => (Action::default(), self.options.late_navigation),
@@ -111,8 +108,17 @@ impl Environment {
     ///
     /// *Errors*: as [`Environment::step`].
     pub fn step_recorded(&mut self, recorded: &Recorded) -> Result<Outcome, Error> {
+        self.check_running()?;
         self.world.step(Control::Pose { pose: recorded.pose, velocity: Some(recorded.velocity) }, None)?;
         Ok(self.finish(recorded.action, false, recorded.vehicle_contact))
+    }
+
+    fn check_running(&self) -> Result<(), Error> {
+        if self.is_over {
+            let problem = "the episode is over; start another one".to_owned();
+            return Err(self.world.scene().error(problem));
+        }
+        Ok(())
     }
 
     /// Assesses a step and brings the navigation up to date.
@@ -132,8 +138,8 @@ impl Environment {
         outcome
     }
 
-    /// Writes the observation, of length [`crate::observation::LENGTH`].
-    pub fn observe(&self, out: &mut [f32]) {
+    /// Writes the observation.
+    pub fn observe(&self, out: &mut [f32; LENGTH]) {
         observe(&self.world, &self.driving, self.options.observation, out);
     }
 

@@ -86,10 +86,7 @@ static BEAM_TABLES: LazyLock<([Point; BEAMS], [Point; LINE_BEAMS])> = LazyLock::
 });
 
 /// Writes the observation of a world.
-///
-/// *Panics* (debug builds): `out` is not of length [`LENGTH`].
-pub fn observe(world: &World, driving: &Driving, kind: ObservationKind, out: &mut [f32]) {
-    debug_assert_eq!(out.len(), LENGTH);
+pub fn observe(world: &World, driving: &Driving, kind: ObservationKind, out: &mut [f32; LENGTH]) {
     let motion = world.motion();
     let (sin, cos) = motion.heading.sin_cos();
     let axis = [cos, sin];

@@ -18,13 +18,13 @@ mod replay;
 mod steering;
 mod tracking;
 
-use std::{cell::OnceCell, fmt, sync::Arc};
+use std::{cell::OnceCell, fmt};
 
 use sage_core::{
     Error,
     geometry::OrientedBox,
     registry::Registry,
-    scene::{Map, Scene, SceneIndex},
+    scene::{Map, Scene, SceneIndex, Track},
 };
 
 pub use constant::Constant;
@@ -40,7 +40,7 @@ pub use tracking::Tracking;
 use crate::{
     body::Body,
     observation::LENGTH,
-    route::Route,
+    route::{Localization, Route},
     scene::SimScene,
     traffic::Plan,
     vehicle::{Motion, Vehicle},
@@ -62,6 +62,9 @@ pub fn policies() -> Result<Registry<dyn EgoPolicy>, Error> {
         .with::<Constant>()?
         .with::<PathPolicy>()
 }
+
+/// Distance to the end of the recorded route at which it is over, metres.
+const ROUTE_END: f64 = 5.0;
 
 /// What a policy knows beyond its view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -94,10 +97,56 @@ pub trait EgoPolicy: Send + Sync {
         Privilege::None
     }
 
-    /// A driver for one drive. `track` is the track that it drives: the ego or the adversary.
+    /// A driver for one drive.
     ///
     /// *Errors*: [`Error::Scene`] for a scene in which it cannot drive.
-    fn start(&self, scene: &Arc<SimScene>, track: usize, seed: u64) -> Result<Box<dyn Driver>, Error>;
+    fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error>;
+}
+
+/// What a policy gets at the start of a drive.
+pub struct Start<'a> {
+    scene: &'a SimScene,
+    track: usize,
+    privilege: Privilege,
+    seed: u64,
+}
+
+impl<'a> Start<'a> {
+    /// The start of a policy that drives a track: the ego or the adversary.
+    pub fn new(scene: &'a SimScene, track: usize, privilege: Privilege, seed: u64) -> Self {
+        Self { scene, track, privilege, seed }
+    }
+
+    /// Identifier of the scene.
+    pub fn scene_id(&self) -> &'a str {
+        &self.scene.scene().id
+    }
+
+    /// Number of frames of the scene.
+    pub fn frames(&self) -> usize {
+        self.scene.scene().frames
+    }
+
+    /// Search structures of the map.
+    pub fn index(&self) -> &'a SceneIndex {
+        self.scene.index()
+    }
+
+    /// Seed of random numbers.
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The recording of the driven track; `None` without [`Privilege::OwnLog`].
+    pub fn own_log(&self) -> Option<&'a Track> {
+        let is_allowed = self.privilege != Privilege::None;
+        is_allowed.then(|| self.scene.scene().tracks.get(self.track)).flatten()
+    }
+
+    /// Error about the scene.
+    pub fn error(&self, problem: String) -> Error {
+        self.scene.error(problem)
+    }
 }
 
 /// A policy in the middle of a drive.
@@ -111,16 +160,21 @@ pub trait Driver: Send {
     fn boxed_clone(&self) -> Box<dyn Driver>;
 }
 
+/// Writes an observation.
+pub type Observe<'a> = dyn Fn(&mut [f32; LENGTH]) + 'a;
+
 /// What a driver sees before a step.
 pub struct View<'a> {
     world: &'a World,
     route: &'a Route,
+    logged_route: &'a Route,
     motion: Motion,
     area: OrientedBox,
+    ground: f64,
     others: &'a [Body],
     privilege: Privilege,
     track: usize,
-    observe: &'a dyn Fn(&mut [f32]),
+    observe: Option<&'a Observe<'a>>,
     observation: OnceCell<Box<[f32; LENGTH]>>,
 }
 
@@ -128,26 +182,41 @@ pub struct View<'a> {
 pub struct Seat<'a> {
     /// Index of its track.
     pub track: usize,
-    /// Its route.
-    pub route: &'a Route,
+    /// Its route, continued along the lanes, and its recorded route alone.
+    pub routes: [&'a Route; 2],
     /// Its motion.
     pub motion: Motion,
     /// Its box.
     pub area: OrientedBox,
+    /// Height of the ground under it, metres.
+    pub ground: f64,
     /// All other road users.
     pub others: &'a [Body],
 }
 
 impl<'a> View<'a> {
-    /// The view of a driver in a seat. `observe` writes the observation on demand.
+    /// The view of a driver in a seat. `observe` writes the observation on demand, if the seat has one.
     pub fn new(
         world: &'a World,
         seat: Seat<'a>,
         privilege: Privilege,
-        observe: &'a dyn Fn(&mut [f32]),
+        observe: Option<&'a Observe<'a>>,
     ) -> Self {
-        let Seat { track, route, motion, area, others } = seat;
-        Self { world, route, motion, area, others, privilege, track, observe, observation: OnceCell::new() }
+        let Seat { track, routes: [route, logged_route], motion, area, ground, others } = seat;
+        let observation = OnceCell::new();
+        Self {
+            world,
+            route,
+            logged_route,
+            motion,
+            area,
+            ground,
+            others,
+            privilege,
+            track,
+            observe,
+            observation,
+        }
     }
 
     /// Number of steps driven; equals the frame of what is seen.
@@ -175,9 +244,22 @@ impl<'a> View<'a> {
         self.route
     }
 
+    /// The recorded path alone, which ends where the recording ends.
+    pub fn logged_route(&self) -> &Route {
+        self.logged_route
+    }
+
+    /// The route of the published policies: the recorded one. They have no way on behind its end, where their
+    /// episodes are over; here they take the continued one.
+    fn published_route(&self) -> &Route {
+        let along = self.logged_route.locate(self.motion.position, Localization::Nearest).along;
+        let is_over = along > self.logged_route.length() - ROUTE_END;
+        if is_over { self.route } else { self.logged_route }
+    }
+
     /// The other road users now, on the own level, in the order of their tracks.
     pub fn others(&self) -> impl Iterator<Item = &Body> {
-        self.others.iter().filter(|body| self.world.is_level(body.ground))
+        self.others.iter().filter(|body| self.world.are_level(body.ground, self.ground))
     }
 
     /// The map.
@@ -195,13 +277,15 @@ impl<'a> View<'a> {
         self.world.scene()
     }
 
-    /// The observation of a learning driver ([`crate::observation`]); computed on first use.
-    pub fn observation(&self) -> &[f32; LENGTH] {
-        self.observation.get_or_init(|| {
+    /// The observation of a learning driver ([`crate::observation`]); computed on first use. `None` for a
+    /// policy that drives the adversary.
+    pub fn observation(&self) -> Option<&[f32; LENGTH]> {
+        let observe = self.observe?;
+        Some(self.observation.get_or_init(|| {
             let mut numbers = Box::new([0.0; LENGTH]);
-            (self.observe)(&mut numbers[..]);
+            observe(&mut numbers);
             numbers
-        })
+        }))
     }
 
     /// Index of the own track in [`View::recording`].
@@ -209,9 +293,14 @@ impl<'a> View<'a> {
         self.track
     }
 
-    /// The recording; `None` without [`Privilege::OwnLog`].
+    /// The own recording; `None` without [`Privilege::OwnLog`].
+    pub fn own_log(&self) -> Option<&Track> {
+        (self.privilege != Privilege::None).then(|| &self.world.scene().scene().tracks[self.track])
+    }
+
+    /// The recording of everybody; `None` without [`Privilege::Everything`].
     pub fn recording(&self) -> Option<&Scene> {
-        (self.privilege != Privilege::None).then(|| &**self.world.scene().scene())
+        (self.privilege == Privilege::Everything).then(|| &**self.world.scene().scene())
     }
 
     /// The plan of the adversary; `None` without [`Privilege::Everything`], or if there is none.

@@ -4,7 +4,7 @@ use std::sync::{Arc, OnceLock};
 
 use sage_core::{
     Error,
-    geometry::Point,
+    geometry::{Point, Segment},
     scene::{Scene, SceneIndex, Track},
 };
 
@@ -16,6 +16,30 @@ use crate::{
 
 /// Length by which the route of a policy reaches beyond the log, metres.
 pub(crate) const GUIDE: f64 = 200.0;
+
+/// Height difference above which two objects are on different levels, metres.
+pub(crate) const LEVEL_GAP: f64 = 3.0;
+/// Largest distance of a lane whose height something follows, metres.
+const LEVEL_REACH: f64 = 8.0;
+/// A shorter log gives no direction to drive in, metres.
+const SHORTEST_LOG: f64 = 1.0;
+
+/// The route of a track's log, continued along the lanes. A track that stands gets one along its heading.
+pub(crate) fn guide(log: &Track, index: &SceneIndex) -> Route {
+    let route = Route::of_track(log, 0, false);
+    if route.length() >= SHORTEST_LOG {
+        return route.continued(index, GUIDE);
+    }
+    let first = (0..log.valid.len()).find(|&frame| log.valid[frame]).unwrap_or(0);
+    let ([x, y], (sin, cos)) = (log.point(first), log.heading[first].sin_cos());
+    let ahead = [x + 1.5 * SHORTEST_LOG * cos, y + 1.5 * SHORTEST_LOG * sin];
+    Route::new(&[[x, y], ahead]).continued(index, GUIDE)
+}
+
+fn is_finite(track: &Track, frame: usize) -> bool {
+    let numbers = track.position[frame].iter().chain(&track.velocity[frame]).chain(&track.size[frame]);
+    numbers.chain([&track.heading[frame]]).all(|x| x.is_finite())
+}
 
 /// A scene with its map index, the ego's route, and its road lines. Cheap to share; build it once a scene.
 pub struct SimScene {
@@ -31,7 +55,8 @@ pub struct SimScene {
 impl SimScene {
     /// Prepares a scene. `index` is an index of its map.
     ///
-    /// *Errors*: [`Error::Scene`] if the ego is not valid at frame 0, where every drive starts.
+    /// *Errors*: [`Error::Scene`] if the ego is not valid at frame 0, where every drive starts, if a valid frame
+    /// of a track is not finite, or if the index is of another map.
     pub fn new(scene: Arc<Scene>, index: Arc<SceneIndex>) -> Result<Arc<Self>, Error> {
         let ego = scene.ego();
         if !ego.is_valid(0) {
@@ -39,6 +64,16 @@ impl SimScene {
                 scene: scene.id.clone(),
                 problem: format!("the ego `{}` is not valid at frame 0, where a drive starts", ego.id),
             });
+        }
+        if !std::ptr::eq(index.map(), &raw const *scene.map) {
+            let problem = "the index is of another map; build it from this scene's".to_owned();
+            return Err(Error::Scene { scene: scene.id.clone(), problem });
+        }
+        for track in &scene.tracks {
+            if let Some(frame) = (0..scene.frames).find(|&f| track.is_valid(f) && !is_finite(track, f)) {
+                let problem = format!("track `{}` is not finite at frame {frame}", track.id);
+                return Err(Error::Scene { scene: scene.id.clone(), problem });
+            }
         }
         let route = Route::of_track(ego, 0, false);
         let ego_size = BodyShape::at_now(ego).size.unwrap_or([4.5, 1.9]);
@@ -72,7 +107,7 @@ impl SimScene {
     /// The ego's route, continued along the lanes: what policies follow, so that one faster than the log
     /// finds its way.
     pub fn guide(&self) -> &Route {
-        self.guide.get_or_init(|| self.route.continued(&self.index, GUIDE))
+        self.guide.get_or_init(|| guide(self.log(), &self.index))
     }
 
     /// Length and width of the ego at *now*, metres.
@@ -81,7 +116,7 @@ impl SimScene {
     }
 
     /// Whether a track is a parked vehicle ([`is_parked`]).
-    pub fn is_parked(&self, track: usize) -> bool {
+    pub(crate) fn is_parked(&self, track: usize) -> bool {
         self.parked[track]
     }
 
@@ -104,6 +139,24 @@ impl SimScene {
         let log = self.log();
         let last = (0..=frame.min(log.valid.len() - 1)).rev().find(|&f| log.valid[f]);
         log.point(last.unwrap_or(0))
+    }
+
+    /// Whether the map has roads above each other.
+    pub(crate) fn has_levels(&self) -> bool {
+        self.index.has_levels(LEVEL_GAP)
+    }
+
+    /// Height of the ground at a point, for something that was at a height before: that of the nearest lane of
+    /// its own level. On a map without levels the height stays.
+    pub(crate) fn follow_level(&self, p: Point, before: f64) -> f64 {
+        if !self.has_levels() {
+            return before;
+        }
+        let lanes = self.index.motor_lanes();
+        let is_level = |lane: &Segment| (lane.height(lane.nearest_share(p)) - before).abs() <= LEVEL_GAP;
+        lanes
+            .nearest(p, LEVEL_REACH, is_level)
+            .map_or(before, |found| lanes.segments()[found.segment].height(found.share))
     }
 
     /// Error about this scene.

@@ -8,7 +8,11 @@ mod reactive;
 
 use std::collections::BTreeMap;
 
-use sage_core::{geometry::OrientedBox, scene::Track};
+use sage_core::{
+    geometry::{OrientedBox, wrap_angle},
+    motion::DT,
+    scene::Track,
+};
 use serde::{Deserialize, Serialize};
 
 use crate::{
@@ -81,6 +85,8 @@ enum Role {
     /// With the frame at which it appeared.
     Replay(BodyShape, usize),
     Reactive(Box<Reactive>),
+    /// A reactive vehicle that has reached the end of its route. It does not come back.
+    Finished,
     /// Moved by a policy: its body is set from outside.
     Driven,
 }
@@ -154,9 +160,9 @@ impl Traffic {
         if options.mode == TrafficMode::Reactive {
             for k in 0..self.roles.len() {
                 if let Role::Reactive(vehicle) = &mut self.roles[k]
-                    && !vehicle.advance(&self.before, k, ego)
+                    && !vehicle.advance(scene, &self.before, k, ego)
                 {
-                    self.roles[k] = Role::Absent;
+                    self.roles[k] = Role::Finished;
                 }
             }
         }
@@ -174,10 +180,11 @@ impl Traffic {
         let recording = scene.scene();
         self.bodies.clear();
         for (k, track) in recording.tracks.iter().enumerate() {
-            if k == recording.ego || (!options.parked && scene.is_parked(k)) {
+            let planned = plan.filter(|plan| plan.track == k);
+            let is_left_out = !options.parked && planned.is_none() && scene.is_parked(k);
+            if k == recording.ego || is_left_out {
                 continue;
             }
-            let planned = plan.filter(|plan| plan.track == k);
             let source = planned.map_or(track, |plan| &plan.motion);
             match &self.roles[k] {
                 Role::Reactive(vehicle) => {
@@ -188,19 +195,21 @@ impl Traffic {
                     self.bodies.extend(self.before.iter().find(|body| body.track == k));
                     continue;
                 }
+                Role::Finished => continue,
                 Role::Absent | Role::Replay(..) => {}
             }
             // The first row of a late plan is consumed at frame 1.
             let row = if planned.is_some() && options.late_plan { frame.saturating_sub(1) } else { frame };
-            if !source.is_valid(row) {
+            if frame >= recording.frames || !source.is_valid(row) {
                 self.roles[k] = Role::Absent;
                 continue;
             }
             if self.roles[k] == Role::Absent {
-                if options.skip_close && is_close(track, row, ego) {
+                if options.skip_close && is_close(source, row, ego) {
                     continue;
                 }
-                self.roles[k] = self.appear(scene, options, k, frame, ego, planned.is_some());
+                let new = Appearance { k, source, row, frame, is_planned: planned.is_some() };
+                self.roles[k] = self.appear(scene, options, new, ego);
                 if let Role::Reactive(vehicle) = &self.roles[k] {
                     self.bodies.push(vehicle.body(k));
                     continue;
@@ -208,7 +217,15 @@ impl Traffic {
             }
             if let Role::Replay(shape, since) = &self.roles[k] {
                 let is_falling = shape.class == Some(BodyClass::ExtraLarge) && frame < since + FALLING;
-                self.bodies.push(Body { is_falling, ..Body::of_track(k, source, row, *shape) });
+                let mut body = Body { is_falling, ..Body::of_track(k, source, row, *shape) };
+                if options.dynamic && source.is_valid(row + 1) {
+                    body.yaw_rate = wrap_angle(source.heading[row + 1] - source.heading[row]) / DT;
+                }
+                // A plan has no heights.
+                if let Some(last) = self.before.iter().find(|last| planned.is_some() && last.track == k) {
+                    body.ground = scene.follow_level(body.area.center, last.ground);
+                }
+                self.bodies.push(body);
             }
         }
     }
@@ -218,24 +235,22 @@ impl Traffic {
         &mut self,
         scene: &SimScene,
         options: &TrafficOptions,
-        k: usize,
-        frame: usize,
+        new: Appearance,
         ego: &OrientedBox,
-        is_planned: bool,
     ) -> Role {
-        let recording = scene.scene();
-        let track = &recording.tracks[k];
+        let Appearance { k, source, row, frame, is_planned } = new;
+        let is_adversary = scene.scene().adversary == Some(k);
         let shape = if options.class_sizes {
-            self.class(track, frame, options).map_or(BodyShape::default(), BodyShape::of_class)
-        } else if recording.adversary == Some(k) {
-            BodyShape::at_now(track)
+            self.class(source, row, options).map_or(BodyShape::default(), BodyShape::of_class)
+        } else if is_adversary || is_planned {
+            BodyShape::at_now(source)
         } else {
             BodyShape::default()
         };
-        let reacts = options.mode == TrafficMode::Reactive && !is_planned && recording.adversary != Some(k);
-        if reacts && !scene.is_parked(k) && reacts_to(track, frame, ego) {
-            let body = Body::of_track(k, track, frame, shape);
-            return Role::Reactive(Box::new(Reactive::new(scene, track, frame, &body, shape)));
+        let may_react = options.mode == TrafficMode::Reactive && !is_planned && !is_adversary;
+        if may_react && !scene.is_parked(k) && reacts_to(source, row, ego) {
+            let body = Body::of_track(k, source, row, shape);
+            return Role::Reactive(Box::new(Reactive::new(scene, source, row, &body, shape)));
         }
         Role::Replay(shape, frame)
     }
@@ -270,6 +285,16 @@ pub struct EgoBody {
     pub velocity: [f64; 2],
 }
 
+/// A track that becomes valid.
+struct Appearance<'a> {
+    k: usize,
+    /// Its log or its plan, and the row that is shown.
+    source: &'a Track,
+    row: usize,
+    frame: usize,
+    is_planned: bool,
+}
+
 /// Whether a car would appear within [`CLOSE`] of the ego.
 fn is_close(track: &Track, frame: usize, ego: &OrientedBox) -> bool {
     let [ahead, aside] = ego.to_local(track.point(frame));
@@ -280,7 +305,7 @@ fn is_close(track: &Track, frame: usize, ego: &OrientedBox) -> bool {
 pub fn speed_limit(scene: &SimScene, p: [f64; 2]) -> Option<f64> {
     let lanes = scene.index().motor_lanes();
     let limit = |feature: u32| {
-        let lane = scene.scene().map.features[feature as usize].lane.as_ref()?;
+        let lane = scene.index().map().features[feature as usize].lane.as_ref()?;
         lane.speed_limit.filter(|limit| *limit > 0.0)
     };
     let near = lanes.nearest(p, LIMIT_REACH, |segment| limit(segment.feature).is_some())?;

@@ -78,7 +78,7 @@ impl Default for Vehicle {
 impl Vehicle {
     /// The default car with the strength of engine and brake that MetaDrive draws for each scene.
     ///
-    /// `strength` in [0, 1): drive force 750 + 100 · strength N, brake impulse 80 + 100 · strength N s.
+    /// `strength` in [0, 1]: drive force 750 + 100 · strength N, brake impulse 80 + 100 · strength N s.
     pub fn of_strength(strength: f64) -> Self {
         Self {
             engine_force: 750.0 + 100.0 * strength,

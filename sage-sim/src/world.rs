@@ -15,7 +15,7 @@ use std::sync::Arc;
 pub use options::WorldOptions;
 use sage_core::{
     Error,
-    geometry::{OrientedBox, Point, Segment, sub, wrap_angle},
+    geometry::{MAX_COORDINATE, OrientedBox, Point, sub, wrap_angle},
     motion::{DT, Pose},
 };
 
@@ -23,18 +23,16 @@ use crate::{
     body::Body,
     lines::LineKind,
     physics::{Obstacle, Physics},
-    scene::SimScene,
+    scene::{LEVEL_GAP, SimScene},
     traffic::{EgoBody, Plan, Traffic},
     vehicle::{Action, Motion, SUBSTEP, SUBSTEPS, Tyres, Vehicle, Wheels},
 };
 use nearby::{Pair, near};
 
-/// Height difference above which two objects are on different levels, metres.
-const LEVEL_GAP: f64 = 3.0;
-/// Largest distance of a lane whose height the car follows, metres.
-const LEVEL_REACH: f64 = 8.0;
 /// Substeps at the start in which MetaDrive's car is still in the air.
 const AIRBORNE: usize = 4;
+/// Speed that a car gains by its own tyres in a step, at most, m/s.
+const STEP_GAIN: f64 = 0.5;
 /// Depth of an overlap at the start that is taken as an error of the recorded boxes, metres.
 const START_OVERLAP: f64 = 0.5;
 
@@ -68,7 +66,7 @@ pub struct Contact {
 /// What the car touches in a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Facts {
-    /// Road users touched, each once, in the order of their tracks.
+    /// Road users touched, each once, in the order of the substep, then of their tracks.
     pub contacts: Vec<Contact>,
     /// Whether it touches a solid yellow line at the end.
     pub on_yellow: bool,
@@ -91,6 +89,8 @@ struct Driven {
 /// Everything that changes in a world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorldState {
+    /// Identifier of the scene.
+    scene: Arc<str>,
     step: usize,
     /// Motion in the physics.
     physical: Motion,
@@ -153,6 +153,7 @@ impl World {
         let area = OrientedBox::new(motion.position, motion.heading, size[0], size[1]);
         let traffic = Traffic::start(&scene, &options.traffic, plan.as_deref(), &area, cycle);
         let state = WorldState {
+            scene: scene.scene().id.as_str().into(),
             step: 0,
             physical: motion,
             tyres: Tyres::default(),
@@ -254,9 +255,10 @@ impl World {
 
     /// Continues from a state of a world of the same scene.
     ///
-    /// *Errors*: [`Error::Scene`] if the state is of a scene with other tracks.
+    /// *Errors*: [`Error::Scene`] if the state is of another scene.
     pub fn restore(&mut self, state: &WorldState) -> Result<(), Error> {
-        if state.traffic.track_count() != self.state.traffic.track_count() {
+        if state.scene != self.state.scene || state.traffic.track_count() != self.state.traffic.track_count()
+        {
             return Err(self.scene.error("the saved state belongs to another scene".to_owned()));
         }
         self.state.clone_from(state);
@@ -265,7 +267,8 @@ impl World {
 
     /// Lets a policy drive the adversary from now on; each step then needs its control.
     ///
-    /// *Errors*: [`Error::Scene`] if there is no adversary now.
+    /// *Errors*: [`Error::Scene`] if there is no adversary now; a parked one is absent with
+    /// [`crate::traffic::TrafficOptions::parked`] off.
     pub fn drive_adversary(&mut self) -> Result<(), Error> {
         let track = self.scene.scene().adversary_index()?;
         let Some(body) = self.state.traffic.take_over(track) else {
@@ -281,57 +284,98 @@ impl World {
         Ok(())
     }
 
-    /// Motion of the adversary, if a policy drives it.
-    pub fn adversary_motion(&self) -> Option<(&Motion, OrientedBox)> {
-        self.state.driven.as_ref().map(|driven| (&driven.motion, driven.body.area))
+    /// Motion and body of the adversary, if a policy drives it.
+    pub fn adversary_motion(&self) -> Option<(&Motion, &Body)> {
+        self.state.driven.as_ref().map(|driven| (&driven.motion, &driven.body))
     }
 
     /// Advances by one step. `adversary` is needed after [`World::drive_adversary`], and ignored otherwise.
     ///
-    /// *Errors*: [`Error::Scene`] if a control or a body is not finite.
+    /// *Errors*: [`Error::Scene`] if a control is missing or not finite; the world is then as before. Also if
+    /// the car's motion becomes too large.
     pub fn step(&mut self, control: Control, adversary: Option<Control>) -> Result<(), Error> {
-        let area = self.area_at(&self.state.physical);
-        let ego = EgoBody { area, velocity: self.state.physical.velocity };
+        let theirs = adversary.filter(|_| self.state.driven.is_some());
+        self.check(control)?;
+        match theirs {
+            Some(theirs) => self.check(theirs)?,
+            None if self.state.driven.is_some() => {
+                return Err(self
+                    .scene
+                    .error("a policy drives the adversary, but gave no control".to_owned()));
+            }
+            None => {}
+        }
         self.state.step += 1;
-        let frame = self.state.step;
-        self.state.traffic.advance(&self.scene, &self.options.traffic, self.plan.as_deref(), &ego, frame);
-        self.move_adversary(adversary)?;
         self.state.before = self.state.motion;
         self.state.facts.contacts.clear();
-        match control {
-            Control::Drive(action) => self.drive(action)?,
-            Control::Pose { pose, velocity } => self.place(pose, velocity)?,
+        if self.options.traffic.dynamic {
+            // MetaDrive sets the others to the frame after the car has moved among them.
+            self.move_ego(control);
+            self.advance_traffic();
+            self.move_adversary(theirs);
+        } else {
+            self.advance_traffic();
+            self.move_adversary(theirs);
+            self.move_ego(control);
         }
-        if !self.state.physical.is_finite() {
-            return Err(self.scene.error(format!("step {frame}: the car's motion is not finite")));
+        let adversary = self.state.driven.as_ref().map(|driven| driven.motion);
+        let motions = [Some(self.state.physical), adversary];
+        if motions.iter().flatten().any(|motion| !motion.is_finite()) {
+            let step = self.state.step;
+            return Err(self.scene.error(format!("step {step}: the motion of a car is not finite")));
         }
-        self.follow_level();
+        self.state.level = self.scene.follow_level(self.state.physical.position, self.state.level);
         self.touch_lines();
         Ok(())
+    }
+
+    fn advance_traffic(&mut self) {
+        let (ego, frame) = (&self.state.physical, self.state.step);
+        let ego = EgoBody { area: self.area_at(ego), velocity: ego.velocity };
+        self.state.traffic.advance(&self.scene, &self.options.traffic, self.plan.as_deref(), &ego, frame);
+    }
+
+    fn move_ego(&mut self, control: Control) {
+        match control {
+            Control::Drive(action) => self.drive(action),
+            Control::Pose { pose, velocity } => self.place(pose, velocity),
+        }
+    }
+
+    /// Checks that a control is finite.
+    fn check(&self, control: Control) -> Result<(), Error> {
+        let step = self.state.step + 1;
+        match control {
+            Control::Drive(Action { steer, throttle }) if !(steer.is_finite() && throttle.is_finite()) => {
+                let problem =
+                    format!("step {step}: the action is [{steer}, {throttle}]; expected finite numbers");
+                Err(self.scene.error(problem))
+            }
+            Control::Pose { pose: Pose { position: [x, y], heading }, velocity } => {
+                let [vx, vy] = velocity.unwrap_or_default();
+                if [x, y, heading, vx, vy].iter().all(|v| v.abs() <= MAX_COORDINATE) {
+                    return Ok(());
+                }
+                let problem = format!(
+                    "step {step}: the pose is [{x}, {y}, {heading}], its velocity [{vx}, {vy}]; expected finite numbers"
+                );
+                Err(self.scene.error(problem))
+            }
+            Control::Drive(_) => Ok(()),
+        }
     }
 
     fn area_at(&self, motion: &Motion) -> OrientedBox {
         OrientedBox::new(motion.position, motion.heading, self.size[0], self.size[1])
     }
 
-    fn check_action(&self, action: Action) -> Result<(), Error> {
-        let Action { steer, throttle } = action;
-        if steer.is_finite() && throttle.is_finite() {
-            return Ok(());
-        }
-        let step = self.state.step;
-        Err(self
-            .scene
-            .error(format!("step {step}: the action is [{steer}, {throttle}]; expected finite numbers")))
-    }
-
-    fn drive(&mut self, action: Action) -> Result<(), Error> {
-        self.check_action(action)?;
+    fn drive(&mut self, action: Action) {
         let car = self.car;
         let mut motion = self.state.physical;
         let wheels = Wheels::set(&car, action.limited(), motion.speed());
         let near = self.near(&motion);
         let mut physics = (!near.is_empty()).then(|| self.physics(&motion, &near));
+        let most = self.fastest(&motion, &near);
         let mut tyres = self.state.tyres;
         let mut shown = motion;
         for substep in 1..=SUBSTEPS {
@@ -344,7 +388,10 @@ impl World {
             };
             let free = motion.coasted(SUBSTEP);
             if let Some(physics) = &mut physics {
-                physics.step(&mut impulses);
+                physics.step(|motion| {
+                    limit(motion, most);
+                    impulses(motion);
+                });
                 motion = physics.car();
             } else {
                 motion = free;
@@ -357,24 +404,15 @@ impl World {
         self.state.physical = motion;
         let late = Motion { velocity: motion.velocity, yaw_rate: motion.yaw_rate, ..shown };
         self.state.motion = if self.options.late_pose { late } else { motion };
-        Ok(())
     }
 
     /// Moves the car to a pose along a straight line.
-    fn place(&mut self, pose: Pose, velocity: Option<Point>) -> Result<(), Error> {
+    fn place(&mut self, pose: Pose, velocity: Option<Point>) {
         let start = self.state.motion;
         let moved = sub(pose.position, start.position);
         let turned = wrap_angle(pose.heading - start.heading);
         let velocity = velocity.unwrap_or([moved[0] / DT, moved[1] / DT]);
         let end = Motion { position: pose.position, heading: pose.heading, velocity, yaw_rate: turned / DT };
-        if !end.is_finite() {
-            let [x, y] = pose.position;
-            let problem = format!(
-                "step {}: the pose is [{x}, {y}, {}]; expected finite numbers",
-                self.state.step, pose.heading
-            );
-            return Err(self.scene.error(problem));
-        }
         // The physical pose is ahead of a late one.
         let lead = if self.options.late_pose { SUBSTEP } else { 0.0 };
         let near = self.near(&Motion { velocity: [moved[0] / DT, moved[1] / DT], ..start });
@@ -390,47 +428,34 @@ impl World {
         self.state.motion = end;
         self.state.physical = end.coasted(lead);
         self.state.tyres = Tyres::default();
-        Ok(())
     }
 
-    fn move_adversary(&mut self, control: Option<Control>) -> Result<(), Error> {
-        if let (Some(Control::Drive(action)), true) = (control, self.state.driven.is_some()) {
-            self.check_action(action)?;
-        }
-        let Some(driven) = &mut self.state.driven else { return Ok(()) };
+    fn move_adversary(&mut self, control: Option<Control>) {
+        let (Some(driven), Some(control)) = (&mut self.state.driven, control) else { return };
         let start = driven.motion;
         match control {
-            Some(Control::Drive(action)) => {
+            Control::Drive(action) => {
                 let wheels = Wheels::set(&self.car, action.limited(), start.speed());
                 for _ in 0..SUBSTEPS {
                     driven.motion = driven.motion.coasted(SUBSTEP);
                     driven.tyres.apply(&self.car, &wheels, &mut driven.motion);
                 }
             }
-            Some(Control::Pose { pose, velocity }) => {
+            Control::Pose { pose, velocity } => {
                 let moved = sub(pose.position, start.position);
                 let velocity = velocity.unwrap_or([moved[0] / DT, moved[1] / DT]);
                 let turned = wrap_angle(pose.heading - start.heading);
                 let (position, heading) = (pose.position, pose.heading);
                 driven.motion = Motion { position, heading, velocity, yaw_rate: turned / DT };
             }
-            None => {
-                return Err(self
-                    .scene
-                    .error("a policy drives the adversary, but gave no control".to_owned()));
-            }
         }
         let motion = driven.motion;
-        if !motion.is_finite() {
-            let step = self.state.step;
-            return Err(self.scene.error(format!("step {step}: the adversary's motion is not finite")));
-        }
         let [length, width] = [2.0 * driven.body.area.half_length, 2.0 * driven.body.area.half_width];
         driven.body.area = OrientedBox::new(motion.position, motion.heading, length, width);
         (driven.body.heading, driven.body.velocity) = (motion.heading, motion.velocity);
         driven.body.yaw_rate = motion.yaw_rate;
+        driven.body.ground = self.scene.follow_level(motion.position, driven.body.ground);
         self.state.traffic.set_body(driven.body);
-        Ok(())
     }
 
     fn near(&self, motion: &Motion) -> Vec<Pair> {
@@ -439,6 +464,19 @@ impl World {
         let mut near = near(traffic, motion, radius, options.traffic.dynamic, options.whole_physics);
         near.retain(|pair| self.is_on_level(&pair.from));
         near
+    }
+
+    /// Largest speed, m/s, and yaw rate, rad/s, that contacts can give the car. Bodies that nothing pushes
+    /// would throw out a car that they squeeze between them.
+    fn fastest(&self, motion: &Motion, near: &[Pair]) -> Option<[f64; 2]> {
+        if self.options.traffic.dynamic {
+            return None;
+        }
+        let close = near.iter().filter(|pair| pair.is_close);
+        let speeds = close.map(|pair| pair.from.speed().max(pair.to.speed()).max(pair.travel() / DT));
+        // A braked or driven car gains less than this in a step.
+        let speed = speeds.fold(motion.speed(), f64::max) + STEP_GAIN;
+        Some([speed, motion.yaw_rate.abs().max(2.0 * speed / self.size[0])])
     }
 
     fn physics(&self, motion: &Motion, near: &[Pair]) -> Physics {
@@ -475,27 +513,20 @@ impl World {
 
     /// Whether something at a height of the ground (metres) is on the car's level.
     pub fn is_level(&self, height: f64) -> bool {
-        !self.has_levels() || (height - self.state.level).abs() <= LEVEL_GAP
+        self.are_level(height, self.state.level)
+    }
+
+    /// Whether two heights of the ground (metres) are on one level.
+    pub(crate) fn are_level(&self, a: f64, b: f64) -> bool {
+        !self.has_levels() || (a - b).abs() <= LEVEL_GAP
     }
 
     fn has_levels(&self) -> bool {
-        !self.options.flat && self.scene.index().has_levels(LEVEL_GAP)
+        !self.options.flat && self.scene.has_levels()
     }
 
     fn is_on_level(&self, body: &Body) -> bool {
         self.is_level(body.ground)
-    }
-
-    fn follow_level(&mut self) {
-        if !self.has_levels() {
-            return;
-        }
-        let (lanes, p, level) =
-            (self.scene.index().motor_lanes(), self.state.physical.position, self.state.level);
-        let is_level = |lane: &Segment| (lane.height(lane.nearest_share(p)) - level).abs() <= LEVEL_GAP;
-        if let Some(found) = lanes.nearest(p, LEVEL_REACH, is_level) {
-            self.state.level = lanes.segments()[found.segment].height(found.share);
-        }
     }
 
     /// Lines and edges under the car at the end of the step. MetaDrive tests lines at the physical pose and
@@ -521,4 +552,14 @@ impl World {
             facts.on_edge |= piece.kind == LineKind::Edge && is_level(piece.height);
         });
     }
+}
+
+/// Limits speed and yaw rate.
+fn limit(motion: &mut Motion, most: Option<[f64; 2]>) {
+    let Some([speed, yaw_rate]) = most else { return };
+    let found = motion.speed();
+    if found > speed {
+        motion.velocity = motion.velocity.map(|v| v * speed / found);
+    }
+    motion.yaw_rate = motion.yaw_rate.clamp(-yaw_rate, yaw_rate);
 }

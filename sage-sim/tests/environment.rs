@@ -60,8 +60,8 @@ fn the_same_seeds_give_the_same_bits_at_any_number_of_threads() {
             let actions: Vec<[f32; 2]> = (0..batch.len()).map(|_| action(&mut rng)).collect();
             pool.install(|| batch.step(&actions, &mut out)).unwrap();
             all.extend(out.observations.iter().map(|x| x.to_bits()));
-            all.extend(out.rewards.iter().map(|x| x.to_bits() as u32));
-            all.extend(out.scenes.iter().map(|x| *x as u32));
+            all.extend(out.rewards.iter().flat_map(|x| [x.to_bits() as u32, (x.to_bits() >> 32) as u32]));
+            all.extend(out.info.scenes.iter().map(|x| *x as u32));
         }
         all
     };
@@ -76,7 +76,7 @@ fn an_automatic_reset_keeps_the_last_observation() {
     let mut batch = Batch::new(scenes(), options.clone(), AutoReset::SameStep, 4, 9).unwrap();
     let mut out = BatchOutput::default();
     batch.observe(&mut out);
-    let mut single: Vec<Environment> = (0..4).map(|k| batch.environment(k).clone()).collect();
+    let mut single: Vec<Environment> = (0..4).map(|k| batch.environment(k).unwrap().clone()).collect();
     let mut ended = 0;
     for _ in 0..90 {
         batch.step(&[[0.1, 0.5]; 4], &mut out).unwrap();
@@ -88,12 +88,12 @@ fn an_automatic_reset_keeps_the_last_observation() {
             let mut seen = [0.0; LENGTH];
             environment.observe(&mut seen);
             let rows = k * LENGTH..(k + 1) * LENGTH;
-            assert_eq!(outcome, out.outcomes[k]);
+            assert_eq!((outcome.reward, outcome.completion), (out.rewards[k], out.info.completion[k]));
             if environment.is_over() {
                 ended += 1;
                 assert_eq!(out.final_observations[rows.clone()], seen);
                 assert_ne!(out.observations[rows], seen);
-                assert_eq!(batch.environment(k).world().step_count(), 0);
+                assert_eq!(batch.environment(k).unwrap().world().step_count(), 0);
             } else {
                 assert_eq!(out.observations[rows], seen);
             }
@@ -113,11 +113,11 @@ fn without_automatic_reset_the_caller_chooses_the_next_scene() {
     assert!(out.truncated.iter().all(|cut| *cut));
     assert!(batch.step(&[[0.0, 0.0]; 2], &mut out).unwrap_err().to_string().contains("the episode is over"));
     for k in 0..2 {
-        batch.reset_one(k, Some(4)).unwrap();
+        batch.reset_one(k, Some(4), None).unwrap();
     }
     batch.step(&[[0.0, 0.0]; 2], &mut out).unwrap();
-    assert_eq!(out.scenes, [4, 4]);
-    assert!(batch.reset_one(2, None).is_err() && batch.reset_one(0, Some(99)).is_err());
+    assert_eq!(out.info.scenes, [4, 4]);
+    assert!(batch.reset_one(2, None, None).is_err() && batch.reset_one(0, Some(99), None).is_err());
     assert!(
         batch
             .step(&[[0.0, 0.0]], &mut out)

@@ -13,7 +13,7 @@ use sage_sim::{
     SimScene,
     drive::{Drive, Simulation, Until, drive},
     fault::{FaultClass, classify},
-    policy::{EgoPolicy, Privilege, policies},
+    policy::{EgoPolicy, Privilege, Start, policies},
     vehicle::Vehicle,
 };
 use serde_json::json;
@@ -69,12 +69,36 @@ fn drivers_follow_a_slower_car_without_contact() {
 }
 
 #[test]
-fn the_expert_brakes_for_a_crossing_car_and_the_idm_does_not_see_it() {
-    // Both arrive at (60, 0) after 5 s.
-    let crossing = car("crossing", [60.0, -50.0], FRAC_PI_2, 10.0);
+fn the_expert_brakes_for_a_crossing_car_and_idm_does_not_see_it() {
+    // At 12 m/s the ego is at x = 60 after 5 s; the crossing car after 4.5 s, and it is slow.
+    let crossing = car("crossing", [60.0, -27.0], FRAC_PI_2, 6.0);
     let scene = on_road(vec![car("ego", [0.0, 0.0], 0.0, 12.0), crossing]);
-    assert_eq!(driven(&scene, policy("expert").as_ref()).contacts.len(), 0);
-    assert_eq!(driven(&scene, policy("constant-speed").as_ref()).contacts.len(), 1);
+    let slowest =
+        |drive: &Drive| drive.motions.iter().map(|motion| motion.speed()).fold(f64::INFINITY, f64::min);
+    let expert = driven(&scene, policy("expert").as_ref());
+    assert!(expert.contacts.is_empty() && slowest(&expert) < 8.0, "slowest {}", slowest(&expert));
+    let idm = driven(&scene, policy("idm").as_ref());
+    assert!(slowest(&idm) > 9.0 || !idm.contacts.is_empty(), "slowest {}", slowest(&idm));
+}
+
+#[test]
+fn a_standing_ego_faces_along_its_heading() {
+    let mut map = Map::default();
+    map.points.extend((0..=60).map(|k| [0.0, -100.0 + 5.0 * f64::from(k), 0.0]));
+    let (points, kind) = (0..map.points.len(), sage_core::scene::MapKind::LaneSurfaceStreet);
+    map.features.push(sage_core::scene::MapFeature {
+        id: "north".to_owned(),
+        kind,
+        points,
+        lane: Some(Box::default()),
+    });
+    let scene = prepared(scene(map, vec![car("ego", [0.0, 0.0], FRAC_PI_2, 0.0)]));
+    let still = driven(&scene, policy("constant-speed").as_ref());
+    assert!((still.motions[90].heading - FRAC_PI_2).abs() < 1e-9);
+    for name in ["idm", "expert"] {
+        let end = driven(&scene, policy(name).as_ref()).motions[90];
+        assert!(end.position[0].abs() < 0.5 && end.position[1] > 20.0, "{name} ends at {:?}", end.position);
+    }
 }
 
 #[test]
@@ -123,6 +147,7 @@ fn privileges_are_declared() {
     let honest = on_road(vec![car("ego", [0.0, 0.0], 0.0, 12.0), liar.clone()]);
     for frame in 21..91 {
         liar.position[frame] = [500.0, 0.0, 0.75];
+        liar.heading[frame] = 1.5;
     }
     let lying = on_road(vec![car("ego", [0.0, 0.0], 0.0, 12.0), liar]);
     let until_20 =
@@ -156,7 +181,10 @@ fn a_path_is_driven_pose_by_pose_and_bad_files_are_named() {
     assert!(fails("[[1, 2]]").contains("drive.json`: expected a JSON list of [x, y, heading]"));
     assert!(fails("[[1, 2, 1e300]]").contains("row 0 is"));
     let short = build("[[1, 2, 3]]").unwrap();
-    let start = |policy: &dyn EgoPolicy| policy.start(&scene, 0, 0).err().unwrap().to_string();
+    let start = |policy: &dyn EgoPolicy| {
+        let start = Start::new(&scene, 0, Privilege::None, 0);
+        policy.start(&start).err().unwrap().to_string()
+    };
     assert!(start(short.as_ref()).contains("has 1 poses; expected 91, one a frame"));
     let other = build(r#"{"another": []}"#).unwrap();
     assert!(
@@ -172,6 +200,10 @@ fn options_out_of_range_are_refused() {
     assert!(said("idm", json!({"limits": [1.0, 2.0]})).contains("`limits` is [1, 2]"));
     assert!(said("idm", json!({"model": {"standing_gap": 0.0}})).contains("`model.standing_gap` is 0"));
     assert!(said("idm", json!({"sped": 1})).contains("unknown field `sped`"));
+    assert!(
+        said("idm", json!({"lane_changes": {"politeness": -1.0}}))
+            .contains("`lane_changes.politeness` is -1")
+    );
     assert!(said("expert", json!({"brakes": []})).contains("`brakes` is []"));
     assert!(said("constant", json!({"steer": 2.0})).contains("`steer` is 2; expected a number from -1 to 1"));
 }

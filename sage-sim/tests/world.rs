@@ -11,7 +11,7 @@ use std::sync::Arc;
 use hand_made::{car, prepared, road, road_under_a_bridge, scene};
 use sage_core::{
     geometry::{OrientedBox, distance},
-    motion::Pose,
+    motion::{Pose, Trajectory},
     scene::SceneIndex,
 };
 use sage_data::procedural::{Kind, generate};
@@ -21,7 +21,7 @@ use sage_sim::{
     fault::{FaultClass, classify},
     policy::{EgoPolicy, policies},
     traffic::{Plan, TrafficMode, TrafficOptions},
-    vehicle::Action,
+    vehicle::{Action, Tyres, Wheels},
     world::{Control, World, WorldOptions},
 };
 
@@ -57,6 +57,10 @@ fn replay_equals_the_log() {
                 assert_eq!(motion.heading, log.heading[frame]);
                 assert_eq!(motion.velocity, log.velocity[frame]);
             }
+            let present: Vec<usize> = replay.world().bodies().iter().map(|body| body.track).collect();
+            let tracks = scene.scene().tracks.iter().enumerate();
+            let valid = tracks.filter(|(k, track)| *k != scene.scene().ego && track.is_valid(frame));
+            assert_eq!(present, valid.map(|(k, _)| k).collect::<Vec<_>>());
             for body in replay.world().bodies() {
                 let track = &scene.scene().tracks[body.track];
                 assert_eq!(body.area.center, track.point(frame));
@@ -170,6 +174,7 @@ fn saved_states_continue_with_the_same_bits() {
             }
             let mut copy = first.clone();
             let saved = first.world().state().clone();
+            let at_30 = first.world().clone();
             for _ in 0..40 {
                 first.step().unwrap();
                 copy.step().unwrap();
@@ -178,7 +183,13 @@ fn saved_states_continue_with_the_same_bits() {
             // A world continues from a saved state, whatever it has done since.
             let mut world = first.world().clone();
             world.restore(&saved).unwrap();
-            assert!(world.state() == &saved);
+            let mut fresh = at_30.clone();
+            for step in 0..40 {
+                let control = Control::Drive(Action { steer: 0.01, throttle: 0.1 * f64::from(step % 5) });
+                world.step(control, None).unwrap();
+                fresh.step(control, None).unwrap();
+                assert!(world.state() == fresh.state());
+            }
         }
     }
 }
@@ -310,7 +321,14 @@ fn bad_input_gets_clear_errors() {
     let said = world.step(nan, None).err().unwrap().to_string();
     assert!(said.contains("hand-made") && said.contains("the action is [NaN, 0]"), "{said}");
     let pose = Control::Pose { pose: Pose::new(f64::INFINITY, 0.0, 0.0), velocity: None };
-    assert!(world.step(pose, None).err().unwrap().to_string().contains("the pose is [inf, 0, 0]"));
+    assert!(
+        world
+            .step(pose, None)
+            .err()
+            .unwrap()
+            .to_string()
+            .contains("the pose is [inf, 0, 0], its velocity [0, 0]; expected finite numbers")
+    );
 }
 
 #[test]
@@ -343,4 +361,144 @@ fn boxes_keep_their_sizes_of_now() {
         world.step(Control::Drive(Action::default()), None).unwrap();
         assert!((length(&world.bodies()[0].area) - 4.1).abs() < 1e-12);
     }
+}
+
+/// The boxes of every road user against the car's path, substep by substep, in a drive through the tyres.
+#[test]
+fn contacts_of_a_drive_are_those_of_a_plain_test() {
+    let mut contacts = 0;
+    for scene in scenes() {
+        let mut driver = simulation(&scene, "constant", WorldOptions::default());
+        for frame in 1..scene.scene().frames {
+            let (start, size) = (*driver.world().motion(), driver.world().size());
+            let before = driver.world().bodies().to_vec();
+            driver.step().unwrap();
+            let world = driver.world();
+            // Once something is touched, the path depends on the response.
+            let mut expected: Vec<usize> = Vec::new();
+            let (car, mut motion) = (*world.car(), start);
+            let wheels = Wheels::set(&car, Action::default(), start.speed());
+            let mut tyres = Tyres::default();
+            for substep in 1..=5 {
+                motion = motion.coasted(0.02);
+                let own = OrientedBox::new(motion.position, motion.heading, size[0], size[1]);
+                for to in world.bodies() {
+                    let from = before.iter().find(|body| body.track == to.track);
+                    let other = match from {
+                        Some(from) => from.area.between(&to.area, f64::from(substep) / 5.0),
+                        None if substep == 5 => to.area,
+                        None => continue,
+                    };
+                    if own.intersects(&other) {
+                        expected.push(to.track);
+                    }
+                }
+                if !expected.is_empty() {
+                    break;
+                }
+                tyres.apply(&car, &wheels, &mut motion);
+            }
+            if scene.index().has_levels(3.0) {
+                break;
+            }
+            let found: Vec<usize> = world.facts().contacts.iter().map(|contact| contact.track).collect();
+            assert!(expected.iter().all(|track| found.contains(track)), "{} frame {frame}", scene.scene().id);
+            assert_eq!(expected.is_empty(), found.is_empty(), "{} frame {frame}", scene.scene().id);
+            if !found.is_empty() {
+                contacts += 1;
+                break;
+            }
+        }
+    }
+    assert!(contacts > 4, "{contacts}");
+}
+
+#[test]
+fn a_car_that_is_squeezed_is_not_thrown_out() {
+    for (offset, speed) in [(0.4, 8.0), (0.0, 5.0), (0.2, 30.0)] {
+        let tracks = vec![
+            car("ego", [0.0, 0.0], 0.0, 0.0),
+            car("ahead", [6.0, 0.0], 0.0, 0.0),
+            car("behind", [-20.0, offset], 0.0, speed),
+        ];
+        let scene = prepared(scene(road(), tracks));
+        let mut world = World::new(scene, Arc::default(), None, 0).unwrap();
+        for _ in 1..91 {
+            world.step(Control::Drive(Action { steer: 0.0, throttle: -1.0 }), None).unwrap();
+            assert!(
+                world.motion().speed() < speed + 1.0,
+                "{} m/s by a car of {speed}",
+                world.motion().speed()
+            );
+        }
+    }
+}
+
+#[test]
+fn a_failed_step_changes_nothing_and_states_stay_with_their_scene() {
+    let tracks = || vec![car("ego", [0.0, 0.0], 0.0, 10.0), car("other", [50.0, 0.0], 0.0, 5.0)];
+    let one = prepared(scene(road(), tracks()));
+    let mut world = World::new(one, Arc::default(), None, 0).unwrap();
+    let before = world.state().clone();
+    world.step(Control::Drive(Action { steer: f64::NAN, throttle: 0.0 }), None).unwrap_err();
+    assert!(world.state() == &before);
+    let mut other = scene(road(), tracks());
+    other.id = "another".to_owned();
+    let other = World::new(prepared(other), Arc::default(), None, 0).unwrap();
+    let said = world.restore(other.state()).unwrap_err().to_string();
+    assert!(said.contains("the saved state belongs to another scene"), "{said}");
+}
+
+#[test]
+fn reactive_vehicles_do_not_return_and_planned_ones_are_never_left_out() {
+    // It is faster than its log and reaches the end of its route early.
+    let tracks = vec![
+        car("ego", [60.0, 8.0], 0.0, 0.0),
+        car("adversary", [500.0, 50.0], 0.0, 0.0),
+        car("behind", [0.0, 0.0], 0.0, 6.0),
+    ];
+    let prepared_scene = prepared(scene(road(), tracks));
+    let traffic = TrafficOptions { mode: TrafficMode::Reactive, ..TrafficOptions::default() };
+    let options = WorldOptions { traffic, ..WorldOptions::default() };
+    let mut drive = simulation(&prepared_scene, "constant", options);
+    let (mut last, mut is_gone) = (0.0, false);
+    for _ in 1..91 {
+        drive.step().unwrap();
+        let behind = drive.world().bodies().iter().find(|body| body.track == 2);
+        assert!(behind.is_none_or(|body| !is_gone && body.area.center[0] >= last));
+        is_gone |= behind.is_none();
+        last = behind.map_or(last, |body| body.area.center[0]);
+    }
+    assert!(is_gone);
+    // A parked adversary with a plan moves, although parked cars are left out.
+    let plan = Arc::new(Plan { track: 1, motion: car("adversary", [500.0, 50.0], 0.0, 7.0) });
+    let traffic = TrafficOptions { parked: false, ..TrafficOptions::default() };
+    let options = Arc::new(WorldOptions { traffic, ..WorldOptions::default() });
+    let world = World::new(prepared_scene, options, Some(plan), 0).unwrap();
+    assert!(world.bodies().iter().any(|body| body.track == 1));
+}
+
+#[test]
+fn a_plan_on_a_slope_under_a_bridge_is_met() {
+    // The road climbs 8 % and passes under a bridge, so levels count.
+    let mut map = road_under_a_bridge();
+    for point in &mut map.points[..81] {
+        point[2] = 0.08 * (point[0] + 100.0);
+    }
+    map.points[81..].iter_mut().for_each(|point| point[2] += 0.08 * 140.0);
+    let height = |x: f64| 0.08 * (x + 100.0) + 0.75;
+    let climbing = |id: &str, x: f64, speed: f64| {
+        let mut car = car(id, [x, 0.0], 0.0, speed);
+        car.position.iter_mut().for_each(|p| p[2] = height(p[0]));
+        car
+    };
+    let recorded = scene(map, vec![climbing("ego", 0.0, 12.0), climbing("adversary", 20.0, 12.0)]);
+    // It drives on to 70 m and blocks the lane there.
+    let points = (1..=80).map(|step| [(32.0 + 1.2 * f64::from(step)).min(70.0), 0.0]).collect();
+    let plan = Plan::of_adversary(&recorded, &Trajectory::new("block", points).unwrap()).unwrap();
+    let prepared_scene = prepared(recorded);
+    assert!(prepared_scene.index().has_levels(3.0));
+    let (ego, plan) = (policy("constant-speed"), Some(Arc::new(plan)));
+    let mut simulation = Simulation::new(&prepared_scene, &Arc::default(), plan, ego.as_ref(), 0).unwrap();
+    assert_eq!(drive(&mut simulation, Until::EndOfLog).unwrap().contacts.len(), 1);
 }

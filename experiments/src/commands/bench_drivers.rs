@@ -148,7 +148,7 @@ fn table(names: &[String], privileges: &[Privilege], rows: &[Vec<Row>]) -> Resul
         writeln!(out, "| {name} | {privilege} | {} | {} | {completion} |", rows.len(), shares.join(" | "))?;
     }
     out += "\nIntervals: 95 %, Wilson. An *at-fault contact* is one that nuPlan's rule gives to the ego; \
-        only the first contact of a drive counts. *Off the road*: a road edge is touched before any contact. \
+        only the first contact of a drive counts, and one on a map without lanes that its rule 5 would decide does not. *Off the road*: a road edge is touched before any contact. \
         *Completion* is progress along the logged route by that of the log, which may be below or above 1.\n";
     Ok(out)
 }

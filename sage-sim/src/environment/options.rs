@@ -58,6 +58,8 @@ pub struct EnvironmentOptions {
     pub limit_terminates: bool,
     /// MetaDrive: contact with a vehicle is reported only if it ends the episode.
     pub contact_hidden: bool,
+    /// MetaDrive: a recording that stands, with a route below 1 m, has arrived in the first step.
+    pub short_route_arrives: bool,
     /// MetaDrive: NaN in an action counts as 0; otherwise it is an error.
     pub nan_is_zero: bool,
 }
@@ -76,6 +78,7 @@ impl Default for EnvironmentOptions {
             late_navigation: false,
             limit_terminates: false,
             contact_hidden: false,
+            short_route_arrives: false,
             nan_is_zero: false,
         }
     }
@@ -121,6 +124,7 @@ impl EnvironmentOptions {
             late_navigation: true,
             limit_terminates: true,
             contact_hidden: true,
+            short_route_arrives: true,
             nan_is_zero: true,
         }
     }

@@ -5,7 +5,7 @@ use crate::route::Coordinates;
 
 /// Share of the route at which the car has arrived.
 const ARRIVED: f64 = 0.95;
-/// A route shorter than this is complete at once, metres.
+/// A shorter route has no completion, metres.
 const SHORTEST_ROUTE: f64 = 1.0;
 /// Distance across the route at which the car is off the road, metres.
 const FARTHEST: f64 = 10.0;
@@ -38,7 +38,7 @@ pub struct Situation {
 }
 
 /// Result of a step.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Outcome {
     /// Reward.
     pub reward: f64,
@@ -72,7 +72,9 @@ pub fn assess(options: &EnvironmentOptions, situation: &Situation) -> Outcome {
     let rewards = &options.rewards;
     let progress = s.at.along - s.along_before;
     let completion = s.at.along / s.route_length;
-    let arrived = completion > ARRIVED || s.route_length < SHORTEST_ROUTE;
+    // A recording that stands has no route to complete.
+    let is_short = s.route_length < SHORTEST_ROUTE;
+    let arrived = if is_short { options.short_route_arrives } else { completion > ARRIVED };
     let out_of_road = s.at.across.abs() > FARTHEST || s.on_edge || (options.yellow_ends && s.on_yellow);
     let contact = s.vehicle_contact || s.object_contact;
     let reward = if arrived {
@@ -85,10 +87,10 @@ pub fn assess(options: &EnvironmentOptions, situation: &Situation) -> Outcome {
         progress
     };
     let failed = out_of_road
-        || completion < BACKWARDS
+        || (!is_short && completion < BACKWARDS)
         || s.object_contact
         || (options.contact_ends && s.vehicle_contact);
-    let mut terminated = arrived || completion > 1.0 || failed;
+    let mut terminated = arrived || (!is_short && completion > 1.0) || failed;
     let is_last = s.step >= options.max_steps || (!options.outlast_log && s.step >= s.last_frame);
     terminated |= is_last && options.limit_terminates;
     Outcome {

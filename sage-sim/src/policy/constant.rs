@@ -1,12 +1,10 @@
 //! A constant action: the simplest driver, for tests and as an example.
 
-use std::sync::Arc;
-
 use sage_core::{Error, registry::Entry};
 use serde::{Deserialize, Serialize};
 
-use super::{Driver, EgoPolicy, View};
-use crate::{scene::SimScene, vehicle::Action, world::Control};
+use super::{Driver, EgoPolicy, Start, View};
+use crate::{vehicle::Action, world::Control};
 
 /// The policy `constant`.
 #[derive(Clone, Copy, Debug, Default)]
@@ -40,7 +38,7 @@ impl Entry<dyn EgoPolicy> for Constant {
 }
 
 impl EgoPolicy for Constant {
-    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(*self))
     }
 }

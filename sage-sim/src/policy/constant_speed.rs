@@ -1,17 +1,14 @@
 //! The logged route at the speed of frame 0: what a car does that nobody drives. A baseline for drivers.
 
-use std::sync::Arc;
-
 use sage_core::{
     Error,
     motion::{DT, Pose},
     registry::{Entry, NoOptions},
 };
 
-use super::{Driver, EgoPolicy, View};
+use super::{Driver, EgoPolicy, Start, View};
 use crate::{
     route::{Coordinates, Localization},
-    scene::SimScene,
     world::Control,
 };
 
@@ -34,7 +31,7 @@ impl Entry<dyn EgoPolicy> for ConstantSpeed {
 }
 
 impl EgoPolicy for ConstantSpeed {
-    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(Self::default()))
     }
 }

@@ -5,8 +5,6 @@
 //! controller asks for, under which no box meets another within the forecast. Contacts from behind do not make
 //! it brake. It uses no recording and no plan.
 
-use std::sync::Arc;
-
 use sage_core::{
     Error,
     geometry::{OrientedBox, distance},
@@ -15,11 +13,10 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Driver, EgoPolicy, View, forecast, pid::Pid, steering};
+use super::{Driver, EgoPolicy, Start, View, forecast, pid::Pid, steering};
 use crate::{
     body::{Body, BodyKind},
     route::{Localization, Route},
-    scene::SimScene,
     traffic::speed_limit,
     vehicle::Action,
     world::Control,
@@ -84,10 +81,12 @@ impl Entry<dyn EgoPolicy> for Expert {
             return Err(format!("`brakes` is {:?}; expected numbers below 0, at least one", options.brakes));
         }
         let speeds = [("free_speed", options.free_speed), ("curves", options.curves)];
-        if let Some((name, value)) = speeds.into_iter().find(|(_, value)| !(*value > 0.0)) {
+        if let Some((name, value)) =
+            speeds.into_iter().find(|(_, value)| !(*value > 0.0 && value.is_finite()))
+        {
             return Err(format!("`{name}` is {value}; expected a number above 0"));
         }
-        if options.margins.iter().any(|margin| !(*margin >= 0.0)) {
+        if options.margins.iter().any(|margin| !(*margin >= 0.0 && margin.is_finite())) {
             return Err(format!("`margins` is {:?}; expected metres, at least 0", options.margins));
         }
         Ok(Box::new(Self(options)))
@@ -95,7 +94,7 @@ impl Entry<dyn EgoPolicy> for Expert {
 }
 
 impl EgoPolicy for Expert {
-    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(ExpertDriver { options: self.0.clone(), speed: Pid::new(SPEED_GAINS) }))
     }
 }
@@ -141,7 +140,7 @@ impl ExpertDriver {
         speeds.sort_by(f64::total_cmp);
         let limit = speed_limit(view.scene(), view.motion().position).unwrap_or(self.options.free_speed);
         let target = match quantile(&speeds, 0.75) {
-            Some(traffic) => traffic.clamp(TRAFFIC_SPEEDS[0], TRAFFIC_SPEEDS[1]).max(limit),
+            Some(traffic) => traffic.clamp(TRAFFIC_SPEEDS[0], TRAFFIC_SPEEDS[1]).min(limit),
             None => limit,
         };
         target.min(steering::curve_speed(route, along, self.options.curves, CURVE_BRAKING))

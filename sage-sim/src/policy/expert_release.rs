@@ -4,8 +4,6 @@
 //! The published code resets its controllers' windows neither between episodes nor between forecast and
 //! drive; here a drive starts with fresh windows and forecasts use copies.
 
-use std::sync::Arc;
-
 use sage_core::{
     Error,
     geometry::{OrientedBox, Point, distance, dot, norm, sub, wrap_angle},
@@ -14,10 +12,9 @@ use sage_core::{
     scene::{Track, TrackKind},
 };
 
-use super::{Driver, EgoPolicy, Privilege, View, expert::quantile, pid::Pid};
+use super::{Driver, EgoPolicy, Privilege, Start, View, expert::quantile, pid::Pid};
 use crate::{
     route::{Coordinates, Localization, Route},
-    scene::SimScene,
     vehicle::Action,
     world::Control,
 };
@@ -56,7 +53,7 @@ impl EgoPolicy for ExpertRelease {
         Privilege::Everything
     }
 
-    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(ExpertReleaseDriver { lateral: Pid::new(LATERAL_GAINS), speed: Pid::new(SPEED_GAINS) }))
     }
 }
@@ -84,7 +81,7 @@ struct Other {
 
 impl Driver for ExpertReleaseDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        let (route, motion) = (view.route(), view.motion());
+        let (route, motion) = (view.published_route(), view.motion());
         let own = Own { position: motion.position, heading: motion.heading, speed: motion.speed() };
         let along = route.locate(own.position, Localization::MetaDrive).along;
         let is_turn = turns(route, along);
@@ -116,7 +113,7 @@ impl ExpertReleaseDriver {
     fn forecast(&self, route: &Route, start: Own, desired: f64, steps: usize) -> Vec<Own> {
         let (mut steer, mut speed) = (self.lateral, self.speed);
         let mut own = start;
-        let states = (0..=steps).map(|_| {
+        let states = (0..steps).map(|_| {
             let angle = lateral(&mut steer, route, own) * STEERING;
             let throttle = (speed.output(desired - own.speed) / 5.0).clamp(0.0, 1.0);
             own = moved(own, angle, ACCELERATION[0] * throttle);
@@ -209,9 +206,8 @@ struct Contact {
 }
 
 fn first_contact(predicted: &[Own], futures: &[Vec<Other>], size: [f64; 2]) -> Option<Contact> {
-    // The published code compares the own state of one step later.
-    for step in 0..predicted.len() - 1 {
-        let own = predicted[step + 1];
+    // The published code compares the own state after `step + 1` steps with the others' after `step`.
+    for (step, &own) in predicted.iter().enumerate() {
         let area = OrientedBox::new(own.position, own.heading, size[0], size[1]);
         for (other, states) in futures.iter().enumerate() {
             let Other { area: theirs, velocity } = states[step];

@@ -3,20 +3,21 @@
 //! The acceleration follows the textbook formula in SI units, limited to −3 … 1 m/s²; the desired speed is the
 //! lane's limit. Leaders are the nearest road users whose boxes overlap the path of the car's width.
 
-use std::sync::Arc;
-
-use sage_core::{Error, motion::idm::Idm, registry::Entry};
+use sage_core::{
+    Error,
+    motion::idm::{Idm, Leader},
+    registry::Entry,
+};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Driver, EgoPolicy, View,
+    Driver, EgoPolicy, Start, View,
     lane_change::{LaneChange, MobilOptions},
     steering,
 };
 use crate::{
     following::{Follower, areas, leader},
     route::Localization,
-    scene::SimScene,
     traffic::{DESIRED_SPEED, speed_limit},
     vehicle::Action,
     world::Control,
@@ -81,6 +82,9 @@ impl Entry<dyn EgoPolicy> for IdmPolicy {
         if !(low < 0.0 && high > 0.0) {
             return Err(format!("`limits` is [{low}, {high}]; expected a number below 0 and one above"));
         }
+        if let Some(lane_changes) = &options.lane_changes {
+            lane_changes.check()?;
+        }
         if options.curves.is_some_and(|lateral| !(lateral > 0.0)) {
             return Err(format!("`curves` is {:?}; expected m/s² above 0, or null", options.curves));
         }
@@ -89,7 +93,7 @@ impl Entry<dyn EgoPolicy> for IdmPolicy {
 }
 
 impl EgoPolicy for IdmPolicy {
-    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         let lane_change = self.0.lane_changes.map(LaneChange::new);
         Ok(Box::new(IdmDriver { options: self.0.clone(), lane_change }))
     }
@@ -123,8 +127,13 @@ impl Driver for IdmDriver {
         let target = Follower { across, ..own };
         let gaps = [own, target].map(|path| leader(route, path, areas(&others)).map(|(_, leader)| leader));
         let acceleration = gaps.map(|leader| model.acceleration(speed, leader));
+        let end = self
+            .lane_change
+            .as_ref()
+            .and_then(LaneChange::stop)
+            .map_or(f64::INFINITY, |gap| model.acceleration(speed, Some(Leader { gap, speed: 0.0 })));
         let [low, high] = self.options.limits;
-        let acceleration = acceleration[0].min(acceleration[1]).clamp(low, high);
+        let acceleration = acceleration[0].min(acceleration[1]).min(end).clamp(low, high);
         Ok(Control::Drive(Action {
             steer: steering::along(view.car(), motion, route, at.along, across),
             throttle: view.car().throttle_for(acceleration),

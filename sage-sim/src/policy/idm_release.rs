@@ -1,18 +1,15 @@
 //! The car-following policy of MetaDrive's recorded scenes, as published: km/h and metres in one formula, so
 //! that it keeps 20 m and stops and goes. Its target is 40 km/h everywhere; it does not change lanes.
 
-use std::sync::Arc;
-
 use sage_core::{
     Error,
     geometry::{OrientedBox, distance, dot, wrap_angle},
     registry::{Entry, NoOptions},
 };
 
-use super::{Driver, EgoPolicy, View};
+use super::{Driver, EgoPolicy, Start, View};
 use crate::{
     route::{Localization, Route},
-    scene::SimScene,
     vehicle::Action,
     world::Control,
 };
@@ -44,7 +41,7 @@ impl Entry<dyn EgoPolicy> for IdmRelease {
 }
 
 impl EgoPolicy for IdmRelease {
-    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(IdmReleaseDriver { sum: 0.0, last: 0.0 }))
     }
 }
@@ -57,7 +54,7 @@ struct IdmReleaseDriver {
 
 impl Driver for IdmReleaseDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        let (route, motion) = (view.route(), view.motion());
+        let (route, motion) = (view.published_route(), view.motion());
         let along = route.locate(motion.position, Localization::MetaDrive).along;
         let error = wrap_angle(route.heading(along + 1.0) - motion.heading);
         self.sum += error;

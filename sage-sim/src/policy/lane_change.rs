@@ -54,6 +54,20 @@ const LEAST_SPEED: f64 = 3.0;
 /// Reach of the search for followers, metres.
 const FOLLOWER_REACH: f64 = 60.0;
 
+impl MobilOptions {
+    /// Checks the ranges.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let Self { politeness, safe_braking, threshold } = *self;
+        let least = [("politeness", politeness), ("safe_braking", safe_braking), ("threshold", threshold)];
+        match least.into_iter().find(|(_, value)| !(*value >= 0.0 && value.is_finite())) {
+            Some((name, value)) => {
+                Err(format!("`lane_changes.{name}` is {value}; expected a number, at least 0"))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
 /// State of a driver's lane changes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LaneChange {
@@ -62,23 +76,31 @@ pub(super) struct LaneChange {
     target: f64,
     /// Offset that is driven now.
     current: f64,
+    /// Whether the lane beside the route ends ahead and the way back is occupied: the car must stop.
+    is_stuck: bool,
 }
 
 impl LaneChange {
     pub(super) fn new(options: MobilOptions) -> Self {
-        Self { options, target: 0.0, current: 0.0 }
+        Self { options, target: 0.0, current: 0.0, is_stuck: false }
     }
 
     /// Offset from the route to drive at now, metres.
     pub(super) fn offset(&mut self, view: &View, model: &Idm, at: Coordinates) -> f64 {
         let speed = view.motion().speed();
         let is_settled = (self.current - self.target).abs() < 1e-9;
-        if is_settled && view.step().is_multiple_of(DECISION_STEPS) && speed > LEAST_SPEED {
+        let is_away = self.target != 0.0;
+        if is_settled && view.step().is_multiple_of(DECISION_STEPS) && (is_away || speed > LEAST_SPEED) {
             self.decide(view, model, at, speed);
         }
         let step = LATERAL_SPEED * DT;
         self.current += (self.target - self.current).clamp(-step, step);
         self.current
+    }
+
+    /// Distance in which the car must stop, because its lane ends, metres.
+    pub(super) fn stop(&self) -> Option<f64> {
+        self.is_stuck.then_some(LEAST_AHEAD)
     }
 
     fn decide(&mut self, view: &View, model: &Idm, at: Coordinates, speed: f64) {
@@ -89,9 +111,10 @@ impl LaneChange {
             let stays = parallel.iter().any(|lane| (lane - self.target).abs() < LANE_WIDTHS[0])
                 || runs_beside(view, at, self.target, ahead);
             let others: Vec<Body> = view.others().copied().collect();
-            let gain = || self.gain(view, model, at, 0.0, &others);
-            let must_return = !stays && self.is_safe(view, model, at, 0.0, &others);
-            if must_return || gain().is_some_and(|gain| gain > self.options.threshold) {
+            let gain = self.gain(view, model, at, 0.0, &others);
+            let is_safe = self.is_safe(view, model, at, 0.0, &others);
+            self.is_stuck = !stays && !is_safe;
+            if (!stays && is_safe) || gain.is_some_and(|gain| gain > self.options.threshold) {
                 self.target = 0.0;
             }
             return;

@@ -8,8 +8,8 @@ use std::{collections::BTreeMap, fs, path::Path, path::PathBuf, sync::Arc};
 use sage_core::{Error, geometry::MAX_COORDINATE, motion::Pose, registry::Entry};
 use serde::{Deserialize, Serialize};
 
-use super::{Driver, EgoPolicy, View};
-use crate::{scene::SimScene, world::Control};
+use super::{Driver, EgoPolicy, Start, View};
+use crate::world::Control;
 
 /// Largest file that is read, bytes.
 const MAX_FILE: u64 = 1 << 30;
@@ -117,9 +117,8 @@ impl Entry<dyn EgoPolicy> for PathPolicy {
 }
 
 impl EgoPolicy for PathPolicy {
-    fn start(&self, scene: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
-        let scene = scene.scene();
-        let poses = self.0.of(&scene.id, scene.frames)?;
+    fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {
+        let poses = self.0.of(start.scene_id(), start.frames())?;
         Ok(Box::new(PathDriver(poses.into())))
     }
 }

@@ -1,7 +1,5 @@
 //! Replay of the recording, pose by pose. It knows its own future and reacts to nothing.
 
-use std::sync::Arc;
-
 use sage_core::{
     Error,
     motion::Pose,
@@ -9,8 +7,8 @@ use sage_core::{
     scene::Track,
 };
 
-use super::{Driver, EgoPolicy, Privilege, View};
-use crate::{scene::SimScene, world::Control};
+use super::{Driver, EgoPolicy, Privilege, Start, View};
+use crate::world::Control;
 
 /// The policy `replay`.
 #[derive(Clone, Copy, Debug, Default)]
@@ -32,16 +30,15 @@ impl EgoPolicy for Replay {
         Privilege::OwnLog
     }
 
-    fn start(&self, _: &Arc<SimScene>, _: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(Self))
     }
 }
 
 impl Driver for Replay {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
-        let recording =
-            view.recording().ok_or_else(|| view.error("replay needs the recording".to_owned()))?;
-        Ok(logged(&recording.tracks[view.track()], view.step() + 1))
+        let log = view.own_log().ok_or_else(|| view.error("replay needs its recording".to_owned()))?;
+        Ok(logged(log, view.step() + 1))
     }
 
     fn boxed_clone(&self) -> Box<dyn Driver> {

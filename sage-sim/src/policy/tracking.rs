@@ -10,10 +10,9 @@ use sage_core::{
     scene::Track,
 };
 
-use super::{Driver, EgoPolicy, Privilege, View, steering};
+use super::{Driver, EgoPolicy, Privilege, Start, View, steering};
 use crate::{
     route::{Coordinates, Localization, Route},
-    scene::SimScene,
     vehicle::Action,
     world::Control,
 };
@@ -41,8 +40,9 @@ impl EgoPolicy for Tracking {
         Privilege::OwnLog
     }
 
-    fn start(&self, scene: &Arc<SimScene>, track: usize, _: u64) -> Result<Box<dyn Driver>, Error> {
-        Ok(Box::new(TrackingDriver(Arc::new(Reference::of(&scene.scene().tracks[track])))))
+    fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {
+        let log = start.own_log().ok_or_else(|| start.error("tracking needs its recording".to_owned()))?;
+        Ok(Box::new(TrackingDriver(Arc::new(Reference::of(log)))))
     }
 }
 

@@ -17,7 +17,7 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// The plan of the adversary: its log up to *now*, then a trajectory for frames 11 to 90.
+    /// The plan of the adversary: its log up to *now*, then a trajectory for frames 11 to 90; absent after it.
     ///
     /// *Errors*: [`Error::Scene`] if the scene has no adversary.
     pub fn of_adversary(scene: &Scene, trajectory: &Trajectory) -> Result<Self, Error> {
@@ -37,6 +37,10 @@ impl Plan {
             motion.size[frame] = size;
             motion.valid[frame] = true;
             (before, elapsed) = ([x, y], DT);
+        }
+        // The plan says nothing of later frames, and the log there is of another drive.
+        for frame in NOW + 1 + trajectory.points().len()..scene.frames {
+            motion.valid[frame] = false;
         }
         Ok(Self { track, motion })
     }

@@ -68,7 +68,7 @@ impl Reactive {
     }
 
     /// Moves by one step; `false` at the end of the route.
-    pub(super) fn advance(&mut self, others: &[Body], own: usize, ego: &EgoBody) -> bool {
+    pub(super) fn advance(&mut self, scene: &SimScene, others: &[Body], own: usize, ego: &EgoBody) -> bool {
         let follower =
             Follower { along: self.at.along, across: self.at.across, half: self.size.map(|size| 0.5 * size) };
         let ego_last = others.len();
@@ -79,6 +79,7 @@ impl Reactive {
         let speed = (self.speed + acceleration * DT).max(0.0);
         self.at.along += 0.5 * (self.speed + speed) * DT;
         self.speed = speed;
+        self.ground = scene.follow_level(self.route.point(self.at), self.ground);
         self.at.along < self.route.length() - ROUTE_END
     }
 

@@ -24,9 +24,9 @@ const MARGIN: f64 = 0.5;
 pub(super) fn near(traffic: &Traffic, car: &Motion, radius: f64, coasts: bool, all: bool) -> Vec<Pair> {
     let reach = radius + car.speed() * DT + ACCELERATION + MARGIN;
     let mut near = within(traffic, car, reach, coasts, all);
-    if !near.is_empty() && !all {
-        // A body that touches the car may push it, by no more than it moves itself.
-        let push = near.iter().map(Pair::travel).fold(0.0, f64::max);
+    let close = near.iter().filter(|pair| pair.is_close);
+    // A body that touches the car may push it, by no more than it moves itself.
+    if let Some(push) = close.map(Pair::travel).reduce(f64::max) {
         near = within(traffic, car, reach + push, coasts, all);
     }
     near
@@ -35,13 +35,16 @@ pub(super) fn near(traffic: &Traffic, car: &Motion, radius: f64, coasts: bool, a
 fn within(traffic: &Traffic, car: &Motion, reach: f64, coasts: bool, all: bool) -> Vec<Pair> {
     let (before, after) = (traffic.bodies_before(), traffic.bodies());
     let mut pairs = Vec::new();
-    let mut keep = |pair: Pair| {
-        if all || pair.is_within(car, reach) {
+    let mut keep = |from: &Body, to: &Body, appears: bool| {
+        let mut pair = Pair { from: *from, to: *to, appears, is_close: false };
+        pair.is_close = pair.is_within(car, reach);
+        if all || pair.is_close {
             pairs.push(pair);
         }
     };
     if coasts {
-        before.iter().for_each(|body| keep(Pair { from: *body, to: *body, appears: false }));
+        // Bodies that move freely are still at the start of the step.
+        after.iter().for_each(|body| keep(body, body, false));
         return pairs;
     }
     // Both lists are in the order of their tracks. Bodies that vanish were there until the last step.
@@ -49,8 +52,8 @@ fn within(traffic: &Traffic, car: &Motion, reach: f64, coasts: bool, all: bool) 
     for to in after {
         while earlier.next_if(|body| body.track < to.track).is_some() {}
         match earlier.next_if(|body| body.track == to.track) {
-            Some(from) => keep(Pair { from: *from, to: *to, appears: false }),
-            None => keep(Pair { from: *to, to: *to, appears: true }),
+            Some(from) => keep(from, to, false),
+            None => keep(to, to, true),
         }
     }
     pairs
@@ -65,6 +68,8 @@ pub(super) struct Pair {
     pub(super) to: Body,
     /// Whether it is there only at the end.
     pub(super) appears: bool,
+    /// Whether the car can touch it within the step.
+    pub(super) is_close: bool,
 }
 
 impl Pair {
@@ -76,7 +81,7 @@ impl Pair {
     }
 
     /// Distance that it moves in the step, metres.
-    fn travel(&self) -> f64 {
+    pub(super) fn travel(&self) -> f64 {
         distance(self.from.area.center, self.to.area.center).max(self.from.speed() * DT)
     }
 

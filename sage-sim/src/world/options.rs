@@ -10,7 +10,7 @@ use crate::{lines::LineShapes, traffic::TrafficOptions};
 pub struct WorldOptions {
     /// The other road users.
     pub traffic: TrafficOptions,
-    /// Strength of engine and brake in [0, 1) ([`crate::vehicle::Vehicle::of_strength`]); `None` draws it from the seed.
+    /// Strength of engine and brake in [0, 1] ([`crate::vehicle::Vehicle::of_strength`]); `None` draws it from the seed.
     pub strength: Option<f64>,
     /// Shape of road lines and edges.
     pub lines: LineShapes,

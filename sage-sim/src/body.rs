@@ -189,14 +189,3 @@ impl BodyShape {
         Self { size: nearest.map(|frame| [track.size[frame][0], track.size[frame][1]]), class: None }
     }
 }
-
-/// Whether MetaDrive treats a vehicle as parked: its valid positions deviate by at most 3 m on either axis.
-pub fn is_parked(track: &Track) -> bool {
-    let deviation = |axis: usize| {
-        let valid = || track.position.iter().zip(&track.valid).filter(|(_, v)| **v).map(|(p, _)| p[axis]);
-        let n = valid().count().max(1) as f64;
-        let mean = valid().sum::<f64>() / n;
-        (valid().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
-    };
-    track.kind == TrackKind::Vehicle && deviation(0).max(deviation(1)) <= 3.0
-}

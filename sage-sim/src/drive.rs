@@ -6,7 +6,6 @@ use sage_core::{Error, geometry::OrientedBox, scene::Scene};
 
 use crate::{
     body::{Body, BodyKind, BodyShape},
-    navigation::Navigation,
     observation::{Driving, LENGTH, ObservationKind, observe},
     policy::{Driver, EgoPolicy, Privilege, Seat, Start, View},
     route::{Localization, Route},
@@ -70,15 +69,7 @@ impl Simulation {
         let world = World::new(scene.clone(), options.clone(), plan, seed)?;
         let track = scene.scene().ego;
         let ego = Seated { driver: started(policy, scene, track, seed)?, privilege: policy.privilege() };
-        let motion = *world.motion();
-        let navigation = Navigation::start(scene.route(), Localization::Nearest, motion.position);
-        let driving = Driving {
-            actions: [Action::default(); 2],
-            navigation,
-            navigated: motion,
-            step: 0,
-            is_replayed: false,
-        };
+        let driving = Driving::start(scene.route(), Localization::Nearest, world.motion());
         Ok(Self { world, ego, adversary: None, driving, observation: ObservationKind::Corrected })
     }
 
@@ -141,11 +132,8 @@ impl Simulation {
             Control::Drive(action) => action.limited(),
             Control::Pose { .. } => Action::default(),
         };
-        let motion = *self.world.motion();
-        self.driving.actions = [action, self.driving.actions[0]];
-        self.driving.navigated = motion;
-        self.driving.navigation.update(self.world.scene().route(), Localization::Nearest, motion.position);
-        self.driving.step += 1;
+        let (route, motion) = (self.world.scene().route(), self.world.motion());
+        self.driving.advance(action, route, Localization::Nearest, motion);
         Ok(())
     }
 }

@@ -22,7 +22,6 @@ pub use options::{EnvironmentOptions, Rewards};
 pub use rules::{Outcome, Situation, assess};
 
 use crate::{
-    navigation::Navigation,
     observation::{Driving, LENGTH, observe},
     route::{Coordinates, Localization},
     scene::SimScene,
@@ -69,17 +68,9 @@ impl Environment {
     ) -> Result<Self, Error> {
         let world = World::new(scene, options.world.clone(), plan, seed)?;
         let how = options.localization();
-        let motion = *world.motion();
         let route = world.scene().route();
-        let navigation = Navigation::start(route, how, motion.position);
-        let at = route.locate(motion.position, how);
-        let driving = Driving {
-            actions: [Action::default(); 2],
-            navigation,
-            navigated: motion,
-            step: 0,
-            is_replayed: false,
-        };
+        let at = route.locate(world.motion().position, how);
+        let driving = Driving::start(route, how, world.motion());
         Ok(Self { options, world, driving, at, is_over: false })
     }
 
@@ -130,10 +121,7 @@ impl Environment {
         let coasted = || self.world.motion_before().coasted((SUBSTEPS - 1) as f64 * SUBSTEP);
         let navigated = if is_late { coasted() } else { *self.world.motion() };
         self.driving.is_replayed = is_late;
-        self.driving.actions = [action, self.driving.actions[0]];
-        self.driving.navigated = navigated;
-        self.driving.navigation.update(self.world.scene().route(), how, navigated.position);
-        self.driving.step += 1;
+        self.driving.advance(action, self.world.scene().route(), how, &navigated);
         self.is_over = outcome.terminated || outcome.truncated;
         outcome
     }

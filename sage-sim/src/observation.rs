@@ -76,6 +76,23 @@ pub struct Driving {
     pub is_replayed: bool,
 }
 
+impl Driving {
+    /// At the start of a drive.
+    pub fn start(route: &Route, how: Localization, motion: &Motion) -> Self {
+        let navigation = Navigation::start(route, how, motion.position);
+        let actions = [Action::default(); 2];
+        Self { actions, navigation, navigated: *motion, step: 0, is_replayed: false }
+    }
+
+    /// After a step with an action, which led to a motion.
+    pub fn advance(&mut self, action: Action, route: &Route, how: Localization, motion: &Motion) {
+        self.actions = [action, self.actions[0]];
+        self.navigated = *motion;
+        self.navigation.update(route, how, motion.position);
+        self.step += 1;
+    }
+}
+
 /// Unit vectors of 12° and 30° beams.
 static BEAM_TABLES: LazyLock<([Point; BEAMS], [Point; LINE_BEAMS])> = LazyLock::new(|| {
     let unit = |k: usize, n: usize| {

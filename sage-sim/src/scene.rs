@@ -4,12 +4,12 @@ use std::sync::{Arc, OnceLock};
 
 use sage_core::{
     Error,
-    geometry::{Point, Segment},
+    geometry::Point,
     scene::{Scene, SceneIndex, Track},
 };
 
 use crate::{
-    body::{BodyShape, is_parked},
+    body::BodyShape,
     lines::{LineShapes, Lines},
     route::Route,
 };
@@ -19,8 +19,6 @@ pub(crate) const GUIDE: f64 = 200.0;
 
 /// Height difference above which two objects are on different levels, metres.
 pub(crate) const LEVEL_GAP: f64 = 3.0;
-/// Largest distance of a lane whose height something follows, metres.
-const LEVEL_REACH: f64 = 8.0;
 /// A shorter log gives no direction to drive in, metres.
 const SHORTEST_LOG: f64 = 1.0;
 
@@ -77,7 +75,7 @@ impl SimScene {
         }
         let route = Route::of_track(ego, 0, false);
         let ego_size = BodyShape::at_now(ego).size.unwrap_or([4.5, 1.9]);
-        let parked = scene.tracks.iter().map(is_parked).collect();
+        let parked = scene.tracks.iter().map(Track::is_parked).collect();
         Ok(Arc::new(Self {
             route,
             guide: OnceLock::new(),
@@ -115,7 +113,7 @@ impl SimScene {
         self.ego_size
     }
 
-    /// Whether a track is a parked vehicle ([`is_parked`]).
+    /// Whether a track is a parked vehicle ([`Track::is_parked`]).
     pub(crate) fn is_parked(&self, track: usize) -> bool {
         self.parked[track]
     }
@@ -149,14 +147,7 @@ impl SimScene {
     /// Height of the ground at a point, for something that was at a height before: that of the nearest lane of
     /// its own level. On a map without levels the height stays.
     pub(crate) fn follow_level(&self, p: Point, before: f64) -> f64 {
-        if !self.has_levels() {
-            return before;
-        }
-        let lanes = self.index.motor_lanes();
-        let is_level = |lane: &Segment| (lane.height(lane.nearest_share(p)) - before).abs() <= LEVEL_GAP;
-        lanes
-            .nearest(p, LEVEL_REACH, is_level)
-            .map_or(before, |found| lanes.segments()[found.segment].height(found.share))
+        if self.has_levels() { self.index.follow_ground(p, before, LEVEL_GAP) } else { before }
     }
 
     /// Error about this scene.

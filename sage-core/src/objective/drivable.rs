@@ -35,8 +35,6 @@ const SIDE_REACH: f64 = 15.0;
 const SIDE_STEPS: usize = 20;
 /// … and distance between two tests, metres, whichever is earlier.
 const SIDE_STRIDE: f64 = 25.0;
-/// Largest distance of a lane whose height a candidate follows, metres.
-const HEIGHT_REACH: f64 = 8.0;
 /// Largest distance of the lane that a violation names, metres.
 const NAMED_REACH: f64 = 100.0;
 
@@ -145,14 +143,9 @@ impl<'a> Drive<'a> {
         if !ctx.index().has_levels(gap) || !track.is_valid(NOW) {
             return false;
         }
-        let lanes = ctx.index().motor_lanes();
         let mut level = ground(track.position[NOW][2], track.size[NOW][2]);
         let followed = (0..=HORIZON).map(|step| {
-            let p = self.at(step).center;
-            let is_level = |lane: &Segment| (lane.height(lane.nearest_share(p)) - level).abs() <= gap;
-            if let Some(found) = lanes.nearest(p, HEIGHT_REACH, is_level) {
-                level = lanes.segments()[found.segment].height(found.share);
-            }
+            level = ctx.index().follow_ground(self.at(step).center, level, gap);
             level
         });
         self.heights = Some(followed.collect());

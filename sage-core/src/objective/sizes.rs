@@ -49,7 +49,7 @@ fn logged(track: &Track) -> [f64; 2] {
 fn metadrive_class(scene: &Scene, adversary: usize, cycle: usize) -> [f64; 2] {
     let created = |k: usize| {
         let track = &scene.tracks[k];
-        k != scene.ego && track.kind == TrackKind::Vehicle && track.is_valid(0) && !is_static(track)
+        k != scene.ego && track.kind == TrackKind::Vehicle && track.is_valid(0) && !track.is_parked()
     };
     if !created(adversary) {
         return EGO;
@@ -62,18 +62,6 @@ fn metadrive_class(scene: &Scene, adversary: usize, cycle: usize) -> [f64; 2] {
         l if l <= 5.5 => [MEDIUM, LARGE, SMALL][earlier(|l| l > 4.0 && l <= 5.5) % 3],
         _ => [LARGE, EXTRA_LARGE][earlier(|l| l > 5.5) % 2],
     }
-}
-
-/// The simulator skips cars whose valid positions vary by at most 3 m on either axis.
-fn is_static(track: &Track) -> bool {
-    let deviation = |axis: usize| {
-        let values: Vec<f64> =
-            track.position.iter().zip(&track.valid).filter(|(_, v)| **v).map(|(p, _)| p[axis]).collect();
-        let n = values.len().max(1) as f64;
-        let mean = values.iter().sum::<f64>() / n;
-        (values.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
-    };
-    deviation(0).max(deviation(1)) <= 3.0
 }
 
 #[cfg(test)]

@@ -3,10 +3,13 @@
 use std::sync::{Arc, OnceLock};
 
 use super::{Map, MapKind, levels};
-use crate::geometry::{Point, SegmentIndex, distance};
+use crate::geometry::{Point, Segment, SegmentIndex, distance};
 
 /// Largest distance between the end of a boundary and the boundary that continues it, metres.
 const JOINED: f64 = 1.0;
+
+/// Largest distance of a lane whose height something follows, metres.
+const GROUND_REACH: f64 = 8.0;
 
 /// Search structures over one map. Build it once per scene and share it.
 pub struct SceneIndex {
@@ -107,6 +110,15 @@ impl SceneIndex {
         self.edges();
         self.motor_lanes();
         self.along();
+    }
+
+    /// Height of the ground at a point, metres, for something that was at a height `before`: that of the nearest
+    /// motor lane within 8 m whose height differs by at most `gap` metres. Without one the height stays.
+    pub fn follow_ground(&self, p: Point, before: f64, gap: f64) -> f64 {
+        let lanes = self.motor_lanes();
+        let is_level = |lane: &Segment| (lane.height(lane.nearest_share(p)) - before).abs() <= gap;
+        let found = lanes.nearest(p, GROUND_REACH, is_level);
+        found.map_or(before, |found| lanes.segments()[found.segment].height(found.share))
     }
 
     /// Whether a feature of the map passes more than `gap` metres above another one. Slopes do not count.

@@ -2,6 +2,9 @@
 
 use crate::geometry::{OrientedBox, Point};
 
+/// Largest standard deviation of the positions of a parked vehicle, metres.
+const PARKED: f64 = 3.0;
+
 /// Kind of a road user.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum TrackKind {
@@ -76,6 +79,18 @@ impl Track {
     pub fn oriented_box(&self, frame: usize) -> OrientedBox {
         let [length, width, _] = self.size[frame];
         OrientedBox::new(self.point(frame), self.heading[frame], length, width)
+    }
+
+    /// Whether it is a parked vehicle by MetaDrive's rule: its valid positions have a standard deviation of at
+    /// most 3 m on either axis.
+    pub fn is_parked(&self) -> bool {
+        let deviation = |axis: usize| {
+            let valid = || self.position.iter().zip(&self.valid).filter(|(_, v)| **v).map(|(p, _)| p[axis]);
+            let n = valid().count().max(1) as f64;
+            let mean = valid().sum::<f64>() / n;
+            (valid().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
+        };
+        self.kind == TrackKind::Vehicle && deviation(0).max(deviation(1)) <= PARKED
     }
 
     /// Number of valid frames among `frames`, as far as they exist.

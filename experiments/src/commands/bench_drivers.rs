@@ -77,7 +77,7 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
     let scenes = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?;
     let mut progress = Progress::new("driven", scenes.len());
     let drives = scenes.map(|data| Ok(drives(data, &policies, args.seed)), || progress.step())?;
-    progress.finish(&format!("{} policies in {} scenes", names.len(), drives.len()));
+    progress.finish(&format!("{} policies in {}", names.len(), progress::count(drives.len(), "scene")));
     let mut rows: Vec<Vec<Row>> = names.iter().map(|_| Vec::new()).collect();
     let mut failed = 0;
     for drive in drives {

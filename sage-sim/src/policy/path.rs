@@ -3,16 +3,20 @@
 //! The file is JSON: a list of `[x, y, heading]` for frames 0, 1, … of one scene (metres, radians, world
 //! frame), or an object with such a list for each scene's id.
 
-use std::{collections::BTreeMap, fs, path::Path, path::PathBuf, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
-use sage_core::{Error, geometry::MAX_COORDINATE, motion::Pose, registry::Entry};
+use sage_core::{Error, files, geometry::MAX_COORDINATE, motion::Pose, registry::Entry};
 use serde::{Deserialize, Serialize};
 
 use super::{Driver, EgoPolicy, Start, View};
 use crate::world::Control;
 
 /// Largest file that is read, bytes.
-const MAX_FILE: u64 = 1 << 30;
+const MAX_FILE: u64 = 256 << 20;
 
 /// Drives by the scenes' ids, or one drive.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -35,11 +39,7 @@ impl DrivenPath {
     /// *Errors*: a message that names the file, and what is wrong in it.
     pub fn read(file: &Path) -> Result<Self, String> {
         let fail = |problem: String| format!("`{}`: {problem}", file.display());
-        let size = fs::metadata(file).map_err(|error| fail(error.to_string()))?.len();
-        if size > MAX_FILE {
-            return Err(fail(format!("the file has {size} bytes; at most {MAX_FILE} are read")));
-        }
-        let text = fs::read(file).map_err(|error| fail(error.to_string()))?;
+        let text = files::read(file, MAX_FILE).map_err(|error| fail(error.to_string()))?;
         let drives: Drives = serde_json::from_slice(&text).map_err(|_| {
             fail(
                 "expected a JSON list of [x, y, heading], or an object with such a list for each scene id"

@@ -1,11 +1,14 @@
 //! All inputs of `sage generate` except the scenes: generator, operating points, objective and weights.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::{
+    path::Path,
+    sync::{Arc, Mutex, PoisonError},
+};
 
 use anyhow::{Context as _, Result, ensure};
 use sage_backbones::parameters::Header;
-use sage_core::objective::FurtherMeasures;
-use sage_core::registry::Entry;
+use sage_core::{files, objective::FurtherMeasures, registry::Entry};
+use sage_data::MAX_FILE;
 use sage_generators::Facts;
 use sage_merging::{ExpertSet, Merger};
 use sage_sim::policy::{EgoPolicy, PathPolicy, Replay};
@@ -207,7 +210,8 @@ impl<'a> Plan<'a> {
             if let Some(file) =
                 options.get("file").and_then(Value::as_str).filter(|_| name == PathPolicy::NAME)
             {
-                let bytes = std::fs::read(file).with_context(|| format!("cannot read `{file}`"))?;
+                let bytes = files::read(Path::new(file), MAX_FILE);
+                let bytes = bytes.with_context(|| format!("cannot read `{file}`"))?;
                 identity["ego_file"] = json!(blake3::hash(&bytes).to_hex()[..16]);
             }
         }

@@ -7,48 +7,27 @@
 //! On maps with levels, road users more than 3 m above or below the car do not meet it. The car follows the
 //! height of the nearest lane of its own level.
 
+mod control;
+mod moving;
 mod nearby;
 mod options;
 
 use std::sync::Arc;
 
+pub use control::Control;
 pub use options::WorldOptions;
-use sage_core::{
-    Error,
-    geometry::{MAX_COORDINATE, OrientedBox, Point, sub, wrap_angle},
-    motion::{DT, Pose},
-};
+use sage_core::{Error, geometry::OrientedBox};
 
 use crate::{
     body::Body,
     lines::LineKind,
-    physics::{Obstacle, Physics},
     scene::{LEVEL_GAP, SimScene},
     traffic::{EgoBody, Plan, Traffic},
-    vehicle::{Action, Motion, SUBSTEP, SUBSTEPS, Tyres, Vehicle, Wheels},
+    vehicle::{Motion, SUBSTEPS, Tyres, Vehicle},
 };
-use nearby::{Pair, near};
 
-/// Substeps at the start in which MetaDrive's car is still in the air.
-const AIRBORNE: usize = 4;
-/// Speed that a car gains by its own tyres in a step, at most, m/s.
-const STEP_GAIN: f64 = 0.5;
 /// Depth of an overlap at the start that is taken as an error of the recorded boxes, metres.
 const START_OVERLAP: f64 = 0.5;
-
-/// What moves a car in one step.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Control {
-    /// Steering and throttle, through the tyres.
-    Drive(Action),
-    /// The pose at the end of the step, without physics.
-    Pose {
-        /// The pose.
-        pose: Pose,
-        /// Velocity, m/s; `None` for the motion since the last pose.
-        velocity: Option<Point>,
-    },
-}
 
 /// First contact with a road user in a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -295,15 +274,12 @@ impl World {
     /// the car's motion becomes too large.
     pub fn step(&mut self, control: Control, adversary: Option<Control>) -> Result<(), Error> {
         let theirs = adversary.filter(|_| self.state.driven.is_some());
-        self.check(control)?;
-        match theirs {
-            Some(theirs) => self.check(theirs)?,
-            None if self.state.driven.is_some() => {
-                return Err(self
-                    .scene
-                    .error("a policy drives the adversary, but gave no control".to_owned()));
-            }
-            None => {}
+        if theirs.is_none() && self.state.driven.is_some() {
+            let problem = "a policy drives the adversary, but gave no control".to_owned();
+            return Err(self.scene.error(problem));
+        }
+        if let Some(problem) = [Some(control), theirs].iter().flatten().find_map(Control::problem) {
+            return Err(self.scene.error(format!("step {}: {problem}", self.state.step + 1)));
         }
         self.state.step += 1;
         self.state.before = self.state.motion;
@@ -342,164 +318,8 @@ impl World {
         }
     }
 
-    /// Checks that a control is finite.
-    fn check(&self, control: Control) -> Result<(), Error> {
-        let step = self.state.step + 1;
-        match control {
-            Control::Drive(Action { steer, throttle }) if !(steer.is_finite() && throttle.is_finite()) => {
-                let problem =
-                    format!("step {step}: the action is [{steer}, {throttle}]; expected finite numbers");
-                Err(self.scene.error(problem))
-            }
-            Control::Pose { pose: Pose { position: [x, y], heading }, velocity } => {
-                let [vx, vy] = velocity.unwrap_or_default();
-                if [x, y, heading, vx, vy].iter().all(|v| v.abs() <= MAX_COORDINATE) {
-                    return Ok(());
-                }
-                let problem = format!(
-                    "step {step}: the pose is [{x}, {y}, {heading}], its velocity [{vx}, {vy}]; expected finite numbers"
-                );
-                Err(self.scene.error(problem))
-            }
-            Control::Drive(_) => Ok(()),
-        }
-    }
-
     fn area_at(&self, motion: &Motion) -> OrientedBox {
         OrientedBox::new(motion.position, motion.heading, self.size[0], self.size[1])
-    }
-
-    fn drive(&mut self, action: Action) {
-        let car = self.car;
-        let mut motion = self.state.physical;
-        let wheels = Wheels::set(&car, action.limited(), motion.speed());
-        let near = self.near(&motion);
-        let mut physics = (!near.is_empty()).then(|| self.physics(&motion, &near));
-        let most = self.fastest(&motion, &near);
-        let mut tyres = self.state.tyres;
-        let mut shown = motion;
-        for substep in 1..=SUBSTEPS {
-            shown = motion;
-            let has_grip = !(self.options.airborne_start && self.state.step == 1 && substep <= AIRBORNE);
-            let mut impulses = |motion: &mut Motion| {
-                if has_grip {
-                    tyres.apply(&car, &wheels, motion);
-                }
-            };
-            let free = motion.coasted(SUBSTEP);
-            if let Some(physics) = &mut physics {
-                physics.step(|motion| {
-                    limit(motion, most);
-                    impulses(motion);
-                });
-                motion = physics.car();
-            } else {
-                motion = free;
-                impulses(&mut motion);
-            }
-            // The physics keeps bodies apart, so the test is at the pose that the car would have reached.
-            self.note_contacts(&near, &self.area_at(&free), substep);
-        }
-        self.state.tyres = tyres;
-        self.state.physical = motion;
-        let late = Motion { velocity: motion.velocity, yaw_rate: motion.yaw_rate, ..shown };
-        self.state.motion = if self.options.late_pose { late } else { motion };
-    }
-
-    /// Moves the car to a pose along a straight line.
-    fn place(&mut self, pose: Pose, velocity: Option<Point>) {
-        let start = self.state.motion;
-        let moved = sub(pose.position, start.position);
-        let turned = wrap_angle(pose.heading - start.heading);
-        let velocity = velocity.unwrap_or([moved[0] / DT, moved[1] / DT]);
-        let end = Motion { position: pose.position, heading: pose.heading, velocity, yaw_rate: turned / DT };
-        // The physical pose is ahead of a late one.
-        let lead = if self.options.late_pose { SUBSTEP } else { 0.0 };
-        let near = self.near(&Motion { velocity: [moved[0] / DT, moved[1] / DT], ..start });
-        for substep in 1..=SUBSTEPS {
-            let share = substep as f64 / SUBSTEPS as f64;
-            let at = Motion {
-                position: [0, 1].map(|k| start.position[k] + share * moved[k] + lead * velocity[k]),
-                heading: start.heading + share * turned + lead * end.yaw_rate,
-                ..end
-            };
-            self.note_contacts(&near, &self.area_at(&at), substep);
-        }
-        self.state.motion = end;
-        self.state.physical = end.coasted(lead);
-        self.state.tyres = Tyres::default();
-    }
-
-    fn move_adversary(&mut self, control: Option<Control>) {
-        let (Some(driven), Some(control)) = (&mut self.state.driven, control) else { return };
-        let start = driven.motion;
-        match control {
-            Control::Drive(action) => {
-                let wheels = Wheels::set(&self.car, action.limited(), start.speed());
-                for _ in 0..SUBSTEPS {
-                    driven.motion = driven.motion.coasted(SUBSTEP);
-                    driven.tyres.apply(&self.car, &wheels, &mut driven.motion);
-                }
-            }
-            Control::Pose { pose, velocity } => {
-                let moved = sub(pose.position, start.position);
-                let velocity = velocity.unwrap_or([moved[0] / DT, moved[1] / DT]);
-                let turned = wrap_angle(pose.heading - start.heading);
-                let (position, heading) = (pose.position, pose.heading);
-                driven.motion = Motion { position, heading, velocity, yaw_rate: turned / DT };
-            }
-        }
-        let motion = driven.motion;
-        let [length, width] = [2.0 * driven.body.area.half_length, 2.0 * driven.body.area.half_width];
-        driven.body.area = OrientedBox::new(motion.position, motion.heading, length, width);
-        (driven.body.heading, driven.body.velocity) = (motion.heading, motion.velocity);
-        driven.body.yaw_rate = motion.yaw_rate;
-        driven.body.ground = self.scene.follow_level(motion.position, driven.body.ground);
-        self.state.traffic.set_body(driven.body);
-    }
-
-    fn near(&self, motion: &Motion) -> Vec<Pair> {
-        let radius = 0.5 * self.size[0].hypot(self.size[1]);
-        let (traffic, options) = (&self.state.traffic, &self.options);
-        let mut near = near(traffic, motion, radius, options.traffic.dynamic, options.whole_physics);
-        near.retain(|pair| self.is_on_level(&pair.from));
-        near
-    }
-
-    /// Largest speed, m/s, and yaw rate, rad/s, that contacts can give the car. Bodies that nothing pushes
-    /// would throw out a car that they squeeze between them.
-    fn fastest(&self, motion: &Motion, near: &[Pair]) -> Option<[f64; 2]> {
-        if self.options.traffic.dynamic {
-            return None;
-        }
-        let close = near.iter().filter(|pair| pair.is_close);
-        let speeds = close.map(|pair| pair.from.speed().max(pair.to.speed()).max(pair.travel() / DT));
-        // A braked or driven car gains less than this in a step.
-        let speed = speeds.fold(motion.speed(), f64::max) + STEP_GAIN;
-        Some([speed, motion.yaw_rate.abs().max(2.0 * speed / self.size[0])])
-    }
-
-    fn physics(&self, motion: &Motion, near: &[Pair]) -> Physics {
-        let present = near.iter().filter(|pair| !pair.appears);
-        let obstacles = present.map(|pair| {
-            if self.options.traffic.dynamic { Obstacle::dynamic(&pair.from) } else { pair.kinematic() }
-        });
-        Physics::new(&self.car, motion, &self.area_at(motion), obstacles.collect())
-    }
-
-    fn note_contacts(&mut self, near: &[Pair], car: &OrientedBox, substep: usize) {
-        let is_dynamic = self.options.traffic.dynamic;
-        for pair in near {
-            let track = pair.to.track;
-            if pair.appears && substep < SUBSTEPS {
-                continue;
-            }
-            let is_known = self.state.facts.contacts.iter().any(|contact| contact.track == track);
-            let other = pair.at(substep, is_dynamic);
-            if !is_known && pair.from.touches(&other, car) {
-                self.state.facts.contacts.push(Contact { track, substep, own: *car, other });
-            }
-        }
     }
 
     /// Contacts at the current frame.
@@ -532,34 +352,22 @@ impl World {
     /// Lines and edges under the car at the end of the step. MetaDrive tests lines at the physical pose and
     /// edges at the reported one.
     fn touch_lines(&mut self) {
-        let has_levels = self.has_levels();
-        let (area, shown) = (self.area_at(&self.state.physical), self.area());
         let lines = self.scene.lines(self.options.lines);
-        let (level, facts) = (self.state.level, &mut self.state.facts);
-        (facts.on_yellow, facts.on_white, facts.on_broken, facts.on_edge) = (false, false, false, false);
-        let is_level = |height: f64| !has_levels || (height - level).abs() <= LEVEL_GAP;
-        lines.touching(&area, |piece| {
-            if is_level(piece.height) {
+        let (mut yellow, mut white, mut broken, mut edge) = (false, false, false, false);
+        lines.touching(&self.area_at(&self.state.physical), |piece| {
+            if self.is_level(piece.height) {
                 match piece.kind {
-                    LineKind::SolidYellow => facts.on_yellow = true,
-                    LineKind::SolidWhite => facts.on_white = true,
-                    LineKind::Broken => facts.on_broken = true,
+                    LineKind::SolidYellow => yellow = true,
+                    LineKind::SolidWhite => white = true,
+                    LineKind::Broken => broken = true,
                     LineKind::Edge => {}
                 }
             }
         });
-        lines.touching(&shown, |piece| {
-            facts.on_edge |= piece.kind == LineKind::Edge && is_level(piece.height);
+        lines.touching(&self.area(), |piece| {
+            edge |= piece.kind == LineKind::Edge && self.is_level(piece.height);
         });
+        let facts = &mut self.state.facts;
+        (facts.on_yellow, facts.on_white, facts.on_broken, facts.on_edge) = (yellow, white, broken, edge);
     }
-}
-
-/// Limits speed and yaw rate.
-fn limit(motion: &mut Motion, most: Option<[f64; 2]>) {
-    let Some([speed, yaw_rate]) = most else { return };
-    let found = motion.speed();
-    if found > speed {
-        motion.velocity = motion.velocity.map(|v| v * speed / found);
-    }
-    motion.yaw_rate = motion.yaw_rate.clamp(-yaw_rate, yaw_rate);
 }

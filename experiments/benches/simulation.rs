@@ -8,7 +8,7 @@ use sage_core::scene::SceneIndex;
 use sage_data::Recording;
 use sage_sim::{
     SimScene,
-    drive::{Simulation, Until, drive},
+    drive::{Simulation, drive},
     environment::{Environment, EnvironmentOptions},
     observation::LENGTH,
     policy::policies,
@@ -51,7 +51,7 @@ fn policy_drives(c: &mut Criterion) {
         group.bench_function(name, |b| {
             b.iter(|| {
                 let simulation = Simulation::new(&scene, &Arc::default(), None, policy.as_ref(), 0);
-                drive(&mut simulation.expect("the scene starts"), Until::EndOfLog)
+                drive(&mut simulation.expect("the scene starts"))
             });
         });
     }

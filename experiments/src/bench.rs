@@ -1,6 +1,8 @@
 //! Benchmarks.
 
 pub(crate) mod attack_grid;
+pub(crate) mod closed_loop;
+pub(crate) mod closed_loop_report;
 pub(crate) mod curve;
 pub(crate) mod dial_chart;
 pub(crate) mod gallery;

@@ -19,6 +19,7 @@ mod cli;
 mod commands;
 mod dispatch;
 pub mod drawing;
+mod ego;
 mod generators;
 mod input;
 mod networks;

@@ -2,7 +2,11 @@
 
 use std::sync::Arc;
 
-use sage_core::{Error, geometry::OrientedBox, scene::Scene};
+use sage_core::{
+    Error,
+    geometry::{OrientedBox, Point, sub},
+    scene::Scene,
+};
 
 use crate::{
     body::{Body, BodyKind, BodyShape},
@@ -11,8 +15,8 @@ use crate::{
     route::{Localization, Route},
     scene::{SimScene, guide},
     traffic::Plan,
-    vehicle::{Action, Motion},
-    world::{Control, World, WorldOptions},
+    vehicle::{Action, Motion, SUBSTEP},
+    world::{Contact, Control, World, WorldOptions},
 };
 
 /// A contact of the car with one road user: the first.
@@ -20,12 +24,16 @@ use crate::{
 pub struct DriveContact {
     /// Step, 1 the first.
     pub step: usize,
+    /// Substep, 1 to 5.
+    pub substep: usize,
     /// The car before that step: a contact changes its velocity.
     pub car: Motion,
     /// The other road user at that step.
     pub other: Body,
     /// Boxes of the car and of the other when they meet.
     pub areas: [OrientedBox; 2],
+    /// Velocities of the car and of the other in that step until they meet, m/s.
+    pub velocities: [Point; 2],
 }
 
 /// A simulation with its drivers. A clone continues on its own.
@@ -35,6 +43,7 @@ pub struct Simulation {
     adversary: Option<(Seated, [Route; 2])>,
     driving: Driving,
     observation: ObservationKind,
+    is_posed: bool,
 }
 
 /// A driver and what it may know.
@@ -70,7 +79,8 @@ impl Simulation {
         let track = scene.scene().ego;
         let ego = Seated { driver: started(policy, scene, track, seed)?, privilege: policy.privilege() };
         let driving = Driving::start(scene.route(), Localization::Nearest, world.motion());
-        Ok(Self { world, ego, adversary: None, driving, observation: ObservationKind::Corrected })
+        let observation = ObservationKind::Corrected;
+        Ok(Self { world, ego, adversary: None, driving, observation, is_posed: false })
     }
 
     /// Lets a policy drive the adversary, from now on.
@@ -96,6 +106,11 @@ impl Simulation {
     /// The world.
     pub fn world(&self) -> &World {
         &self.world
+    }
+
+    /// Whether the last control set the car's pose: contacts then do not change the drive.
+    pub fn is_posed(&self) -> bool {
+        self.is_posed
     }
 
     /// Advances by one step.
@@ -128,6 +143,7 @@ impl Simulation {
             theirs = Some(seated.driver.control(&View::new(world, seat, seated.privilege, None))?);
         }
         self.world.step(control, theirs)?;
+        self.is_posed = matches!(control, Control::Pose { .. });
         let action = match control {
             Control::Drive(action) => action.limited(),
             Control::Pose { .. } => Action::default(),
@@ -202,63 +218,102 @@ impl Drive {
     }
 }
 
-/// When a drive ends, besides the end of the log.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Until {
-    /// Nothing else.
-    #[default]
-    EndOfLog,
-    /// The first contact with any road user.
-    Contact,
+/// Records a drive step by step.
+pub struct Recorder {
+    drive: Drive,
+    /// Coordinate along the route at the start, metres.
+    first: f64,
+    /// Tracks whose contact is no news: known ones, and those in contact since the start.
+    touched: Vec<bool>,
+    at_start: Vec<bool>,
 }
 
-/// Drives a policy to the end of the log.
-///
-/// *Errors*: as [`Simulation::new`] and [`Simulation::step`].
-pub fn drive(simulation: &mut Simulation, until: Until) -> Result<Drive, Error> {
-    let scene = simulation.world().scene().clone();
-    let route = scene.route();
-    let along = |motion: &Motion| route.locate(motion.position, Localization::Nearest).along;
-    let start = *simulation.world().motion();
-    let first = along(&start);
-    let mut drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road: None };
-    let mut touched = vec![false; scene.scene().tracks.len()];
-    // What the car touches at the start counts only if they part and touch again.
-    for contact in &simulation.world().facts().contacts {
-        touched[contact.track] = true;
+impl Recorder {
+    /// Starts the record at the present state.
+    pub fn new(simulation: &Simulation) -> Self {
+        let (world, start) = (simulation.world(), *simulation.world().motion());
+        let drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road: None };
+        let mut touched = vec![false; world.scene().scene().tracks.len()];
+        // What the car touches at the start counts only if they part and touch again.
+        for contact in &world.facts().contacts {
+            touched[contact.track] = true;
+        }
+        Self { drive, first: along(simulation), at_start: touched.clone(), touched }
     }
-    let mut at_start = touched.clone();
-    while simulation.world().step_count() + 1 < scene.scene().frames {
-        simulation.step()?;
-        let world = simulation.world();
-        let motion = *world.motion();
-        drive.motions.push(motion);
-        drive.progress = drive.progress.max(along(&motion) - first);
+
+    /// Records the step that was just driven. Returns the number of new contacts.
+    pub fn record(&mut self, simulation: &Simulation) -> usize {
+        let (drive, world) = (&mut self.drive, simulation.world());
+        let mut contacts = world.facts().contacts.clone();
+        if simulation.is_posed() {
+            // Poses say where the car is at the frames; a touch that only their interpolation shows is none.
+            contacts.retain(|contact| touches_now(world, contact.track));
+        }
+        drive.motions.push(*world.motion());
+        drive.progress = drive.progress.max(along(simulation) - self.first);
         let step = world.step_count();
         if world.facts().on_edge {
             drive.off_road = drive.off_road.or(Some(step));
         }
-        for (track, is_start) in at_start.iter_mut().enumerate() {
-            if *is_start && !world.facts().contacts.iter().any(|contact| contact.track == track) {
-                (*is_start, touched[track]) = (false, false);
+        for (track, is_start) in self.at_start.iter_mut().enumerate() {
+            if *is_start && !contacts.iter().any(|contact| contact.track == track) {
+                (*is_start, self.touched[track]) = (false, false);
             }
         }
-        let mut new: Vec<_> =
-            world.facts().contacts.iter().filter(|contact| !touched[contact.track]).collect();
+        let mut new: Vec<&Contact> = contacts.iter().filter(|contact| !self.touched[contact.track]).collect();
         new.sort_by_key(|contact| (contact.substep, contact.track));
-        for contact in new {
-            touched[contact.track] = true;
-            let is_it = |body: &&Body| body.track == contact.track;
-            let found =
-                world.bodies().iter().find(is_it).or_else(|| world.bodies_before().iter().find(is_it));
-            if let Some(other) = found {
-                let (car, areas) = (*world.motion_before(), [contact.own, contact.other]);
-                drive.contacts.push(DriveContact { step, car, other: *other, areas });
-            }
+        for contact in &new {
+            self.touched[contact.track] = true;
+            drive.contacts.extend(found(world, contact));
         }
-        if until == Until::Contact && !drive.contacts.is_empty() {
-            break;
-        }
+        new.len()
     }
-    Ok(drive)
+
+    /// The record so far.
+    pub fn drive(&self) -> &Drive {
+        &self.drive
+    }
+
+    /// The record.
+    pub fn finish(self) -> Drive {
+        self.drive
+    }
+}
+
+/// Coordinate of the car along its recorded route, metres.
+fn along(simulation: &Simulation) -> f64 {
+    let world = simulation.world();
+    world.scene().route().locate(world.motion().position, Localization::Nearest).along
+}
+
+/// Whether the car touches a road user at the present frame.
+fn touches_now(world: &World, track: usize) -> bool {
+    let mut bodies = world.bodies().iter();
+    bodies.any(|body| body.track == track && body.touches(&body.area, &world.area()))
+}
+
+/// A contact of the last step with the states that belong to it.
+fn found(world: &World, contact: &Contact) -> Option<DriveContact> {
+    let is_it = |body: &&Body| body.track == contact.track;
+    let [now, before] = [world.bodies(), world.bodies_before()].map(|bodies| bodies.iter().find(is_it));
+    let (other, car) = (now.or(before)?, *world.motion_before());
+    let elapsed = contact.substep as f64 * SUBSTEP;
+    let travel = |from: Point, to: Point| sub(to, from).map(|d| d / elapsed);
+    let areas = [contact.own, contact.other];
+    let theirs = before.map_or(other.velocity, |body| travel(body.area.center, areas[1].center));
+    let velocities = [travel(car.position, areas[0].center), theirs];
+    let (step, substep) = (world.step_count(), contact.substep);
+    Some(DriveContact { step, substep, car, other: *other, areas, velocities })
+}
+
+/// Drives a policy to the end of the log.
+///
+/// *Errors*: as [`Simulation::step`].
+pub fn drive(simulation: &mut Simulation) -> Result<Drive, Error> {
+    let mut recorder = Recorder::new(simulation);
+    while simulation.world().step_count() + 1 < simulation.world().scene().scene().frames {
+        simulation.step()?;
+        recorder.record(simulation);
+    }
+    Ok(recorder.finish())
 }

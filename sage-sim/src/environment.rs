@@ -19,6 +19,7 @@ use sage_core::{
 
 pub use batch::{AutoReset, Batch, BatchInfo, BatchOutput};
 pub use options::{EnvironmentOptions, Rewards};
+pub(crate) use rules::ARRIVED;
 pub use rules::{Outcome, Situation, assess};
 
 use crate::{

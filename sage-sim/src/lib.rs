@@ -16,7 +16,7 @@
 //! use sage_data::procedural::{Kind, generate};
 //! use sage_sim::{
 //!     SimScene,
-//!     drive::{Simulation, Until, drive},
+//!     drive::{Simulation, drive},
 //!     policy::policies,
 //! };
 //!
@@ -24,7 +24,7 @@
 //! let scene = SimScene::new(scene.clone(), SceneIndex::new(scene.map.clone()))?;
 //! let idm = policies()?.build_default("idm")?;
 //! let mut simulation = Simulation::new(&scene, &Arc::default(), None, idm.as_ref(), 0)?;
-//! let drive = drive(&mut simulation, Until::EndOfLog)?;
+//! let drive = drive(&mut simulation)?;
 //! assert_eq!(drive.motions.len(), 91);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -32,6 +32,7 @@
 pub mod body;
 pub mod drive;
 pub mod environment;
+pub mod episode;
 pub mod fault;
 pub mod following;
 mod grid;

@@ -11,7 +11,7 @@ use sage_core::scene::{Map, Track, TrackKind};
 use sage_data::procedural::{Kind, generate};
 use sage_sim::{
     SimScene,
-    drive::{Drive, Simulation, Until, drive},
+    drive::{Drive, Simulation, drive},
     fault::{FaultClass, classify},
     policy::{EgoPolicy, Privilege, Start, policies},
     vehicle::Vehicle,
@@ -24,7 +24,7 @@ fn policy(name: &str) -> Box<dyn EgoPolicy> {
 
 fn driven(scene: &Arc<SimScene>, policy: &dyn EgoPolicy) -> Drive {
     let mut simulation = Simulation::new(scene, &Arc::default(), None, policy, 0).unwrap();
-    drive(&mut simulation, Until::EndOfLog).unwrap()
+    drive(&mut simulation).unwrap()
 }
 
 fn on_road(tracks: Vec<Track>) -> Arc<SimScene> {

@@ -18,7 +18,7 @@ use sage_core::{
 };
 use sage_sim::{
     SimScene,
-    drive::{Simulation, Until, drive},
+    drive::{Simulation, drive},
     fault::{FaultClass, classify},
     traffic::{Plan, TrafficMode, TrafficOptions},
     vehicle::Action,
@@ -56,7 +56,7 @@ fn a_controller_tracks_the_log_through_the_tyres() {
     let (mut near, mut frames, mut shortfalls) = (0, 0, Vec::new());
     for scene in scenes() {
         let mut tracking = simulation(&scene, "tracking", WorldOptions::default());
-        let motions = drive(&mut tracking, Until::EndOfLog).unwrap().motions;
+        let motions = drive(&mut tracking).unwrap().motions;
         let valid = (0..motions.len()).filter(|&frame| scene.log().is_valid(frame));
         let errors: Vec<f64> =
             valid.map(|frame| distance(motions[frame].position, scene.log().point(frame))).collect();
@@ -118,7 +118,7 @@ fn reactive_traffic_keeps_its_distance() {
             traffic: TrafficOptions { mode, ..TrafficOptions::default() },
             ..WorldOptions::default()
         };
-        drive(&mut simulation(&scene, "constant", options), Until::EndOfLog).unwrap().contacts
+        drive(&mut simulation(&scene, "constant", options)).unwrap().contacts
     };
     assert_eq!(contacts(TrafficMode::Reactive).len(), 0);
     let [hit] = &contacts(TrafficMode::Replay)[..] else { panic!("one contact") };
@@ -154,7 +154,7 @@ fn a_policy_can_drive_the_adversary() {
             .unwrap()
     };
     // Its log runs into the ego from behind; the Intelligent Driver Model does not.
-    let contacts = |name: &str| drive(&mut build(name), Until::EndOfLog).unwrap().contacts.len();
+    let contacts = |name: &str| drive(&mut build(name)).unwrap().contacts.len();
     assert_eq!((contacts("replay"), contacts("idm")), (1, 0));
     let mut saved = build("idm");
     saved.step().unwrap();
@@ -218,7 +218,7 @@ fn a_map_without_lanes_is_driven_and_leaves_the_lane_question_open() {
     let scene =
         prepared(scene(sage_core::scene::Map::default(), vec![car("ego", [0.0, 0.0], 0.0, 10.0), drifting]));
     for name in ["replay", "idm", "idm-release", "expert", "expert-release", "tracking", "constant-speed"] {
-        let drive = drive(&mut simulation(&scene, name, WorldOptions::default()), Until::EndOfLog).unwrap();
+        let drive = drive(&mut simulation(&scene, name, WorldOptions::default())).unwrap();
         assert!(drive.progress > 10.0, "{name}");
         if name == "replay" {
             let class = classify(&drive.contacts[0], &sage_sim::vehicle::Vehicle::default(), scene.index());

@@ -16,7 +16,7 @@ use sage_core::{
     motion::Trajectory,
 };
 use sage_sim::{
-    drive::{Simulation, Until, drive},
+    drive::{Simulation, drive},
     traffic::Plan,
     vehicle::{Action, Tyres, Wheels},
     world::{Control, World, WorldOptions},
@@ -102,7 +102,7 @@ fn a_car_under_a_bridge_does_not_meet_the_cars_on_it() {
     let scene = prepared(scene(road_under_a_bridge(), tracks));
     let contacts = |flat: bool, name: &str| {
         let mut replay = simulation(&scene, name, WorldOptions { flat, ..WorldOptions::default() });
-        drive(&mut replay, Until::EndOfLog).unwrap().contacts.len()
+        drive(&mut replay).unwrap().contacts.len()
     };
     for name in ["replay", "tracking"] {
         assert_eq!((contacts(false, name), contacts(true, name)), (0, 1), "{name}");
@@ -219,5 +219,5 @@ fn a_plan_on_a_slope_under_a_bridge_is_met() {
     assert!(prepared_scene.index().has_levels(3.0));
     let (ego, plan) = (policy("constant-speed"), Some(Arc::new(plan)));
     let mut simulation = Simulation::new(&prepared_scene, &Arc::default(), plan, ego.as_ref(), 0).unwrap();
-    assert_eq!(drive(&mut simulation, Until::EndOfLog).unwrap().contacts.len(), 1);
+    assert_eq!(drive(&mut simulation).unwrap().contacts.len(), 1);
 }

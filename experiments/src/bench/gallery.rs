@@ -18,15 +18,17 @@ use crate::{
 };
 
 /// Writes the strongest believable attacks of each generator and operating point as SVG, some that failed, and
-/// `index.html` with the table, the pictures and the reasons. The page opens from disk.
+/// `index.html` with the tables of the run, the pictures and the reasons. The page opens from disk. `table` is
+/// of the recorded ego; without it there are no pictures.
 ///
 /// *Errors*: the folder cannot be written to.
-pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: &Table, markdown: &str) -> Result<()> {
-    let cases: Vec<_> = table.rows.iter().map(|(.., rows)| cases(rows)).collect();
+pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: Option<&Table>, markdown: &str) -> Result<()> {
+    let rows = table.map_or(&[][..], |table| &table.rows);
+    let cases: Vec<_> = rows.iter().map(|(.., rows)| cases(rows)).collect();
     let shown: HashSet<&str> = cases.iter().flatten().map(|(_, row)| &row.scene[..]).collect();
     let scenes = scenes.by_name(&shown)?;
     let mut cards = String::new();
-    for (k, (key, _, rows)) in table.rows.iter().enumerate() {
+    for (k, (key, _, rows)) in rows.iter().enumerate() {
         let method = &key.label();
         writeln!(cards, "<h2>{}</h2>", escaped(method))?;
         writeln!(

@@ -23,6 +23,7 @@ use sage_core::{
 use sage_generators::logged_future;
 use serde::{Deserialize, Serialize};
 
+use super::closed_loop::{Driven, DriverUnderTest};
 use crate::{generators::BuiltGenerator, operating_point::RowKey};
 
 /// Resamples of an interval.
@@ -55,6 +56,9 @@ pub struct SceneRow {
     pub seconds: f64,
     /// Note of the generator on its selection.
     pub note: Option<Note>,
+    /// What happens when a driver meets the attack; `None` without a simulation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub driven: Option<Driven>,
 }
 
 /// A column of the table.
@@ -233,7 +237,18 @@ impl<'d> MeasuredScene<'d> {
             trajectory: trajectory.clone(),
             seconds,
             note: attack.note,
+            driven: None,
         })
+    }
+
+    /// Drives again against the attack of each row.
+    ///
+    /// *Errors*: as [`DriverUnderTest::attack`].
+    pub(crate) fn drive(&self, rows: &mut [SceneRow], driver: &DriverUnderTest) -> Result<()> {
+        for row in rows {
+            row.driven = Some(driver.attack(&row.trajectory, row.paper.feasible, &self.ctx)?);
+        }
+        Ok(())
     }
 }
 

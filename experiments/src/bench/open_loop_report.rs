@@ -18,6 +18,8 @@ use crate::{operating_point::RowKey, terminal};
 
 /// Content of a table: columns, and for each generator and operating point its knowledge and its rows.
 pub(crate) struct Table {
+    /// The driver whose drive was attacked; `None` for the recorded ego without drivers.
+    pub ego: Option<String>,
     pub columns: Vec<Column>,
     pub rows: Vec<(RowKey, Knowledge, Vec<SceneRow>)>,
 }
@@ -76,43 +78,62 @@ pub(crate) fn markdown(table: &Table, policies: &Policies) -> Result<String> {
     Ok(out)
 }
 
-/// `table.csv`: one row per generator and measure.
+/// `table.csv`: one row per generator and measure, and per driver if there are drivers.
 ///
 /// *Errors*: none that a caller can cause.
-pub(crate) fn csv(table: &Table, policies: &Policies) -> Result<String> {
-    let mut out = "generator,measure,value,low,high,n\n".to_owned();
-    let mut row = |method: &str, measure: &str, e: Option<Estimate>| -> Result<()> {
+pub(crate) fn csv(tables: &[Table], policies: &Policies) -> Result<String> {
+    let mut out = format!("{}generator,measure,value,low,high,n\n", ego_head(tables));
+    let mut row = |ego: &str, method: &str, measure: &str, e: Option<Estimate>| -> Result<()> {
         let Some(e) = e else { return Ok(()) };
         let [method, measure] = [method, measure].map(field);
-        Ok(writeln!(out, "{method},{measure},{},{},{},{}", e.value, e.low, e.high, e.n)?)
+        Ok(writeln!(out, "{ego}{method},{measure},{},{},{},{}", e.value, e.low, e.high, e.n)?)
     };
-    for (key, _, rows) in &table.rows {
-        for column in &table.columns {
-            row(&key.label(), column.name, open_loop::estimate(column, rows))?;
+    for table in tables {
+        for (key, _, rows) in &table.rows {
+            for column in &table.columns {
+                row(&table.ego_cell(), &key.label(), column.name, open_loop::estimate(column, rows))?;
+            }
         }
     }
     for (policy, all) in policies {
         for (name, value) in EXPECTATIONS {
-            row(policy, &format!("without selection: {name}"), open_loop::mean(all, value))?;
+            row("", policy, &format!("without selection: {name}"), open_loop::mean(all, value))?;
         }
     }
     Ok(out)
 }
 
-/// `scenes.csv`: one row per scene and generator.
+/// The head of the first column if there are drivers.
+fn ego_head(tables: &[Table]) -> &'static str {
+    if tables.iter().any(|table| table.ego.is_some()) { "ego," } else { "" }
+}
+
+impl Table {
+    /// The first cell of a row if there are drivers.
+    fn ego_cell(&self) -> String {
+        self.ego.as_ref().map_or(String::new(), |ego| format!("{},", field(ego)))
+    }
+}
+
+/// `scenes.csv`: one row per scene and generator, and per driver if there are drivers.
 ///
 /// *Errors*: none that a caller can cause.
-pub(crate) fn scenes_csv(table: &Table) -> Result<String> {
-    let columns: Vec<String> = table.columns.iter().map(|c| field(c.name)).collect();
+pub(crate) fn scenes_csv(tables: &[Table]) -> Result<String> {
+    let Some(Table { columns, .. }) = tables.first() else { return Ok(String::new()) };
+    let names: Vec<String> = columns.iter().map(|c| field(c.name)).collect();
+    let head = ego_head(tables);
     let mut out =
-        format!("scene,generator,collision_type,collision_step,{},seconds,note\n", columns.join(","));
-    for (key, _, rows) in &table.rows {
+        format!("{head}scene,generator,collision_type,collision_step,{},seconds,note\n", names.join(","));
+    let rows =
+        tables.iter().flat_map(|table| table.rows.iter().map(move |(key, _, rows)| (table, key, rows)));
+    for (table, key, rows) in rows {
+        let ego = table.ego_cell();
         let method = key.label();
         for r in rows {
-            let values = table.columns.iter().map(|c| c.of(r).map_or(String::new(), |v| v.to_string()));
+            let values = columns.iter().map(|c| c.of(r).map_or(String::new(), |v| v.to_string()));
             writeln!(
                 out,
-                "{},{},{},{},{},{:.6},{}",
+                "{ego}{},{},{},{},{},{:.6},{}",
                 field(&terminal::escaped_name(&r.scene)),
                 field(&method),
                 r.collision_type.map_or("", CollisionType::name),
@@ -132,7 +153,7 @@ pub fn seconds(rows: &[SceneRow]) -> f64 {
 }
 
 /// A text as a CSV field, quoted if necessary.
-fn field(text: &str) -> String {
+pub(super) fn field(text: &str) -> String {
     if text.contains([',', '"', '\n']) {
         format!("\"{}\"", text.replace('"', "\"\""))
     } else {

@@ -16,7 +16,7 @@ use super::{
 use crate::operating_point::RowKey;
 
 /// Generators with which the others are compared.
-const BASELINES: [&str; 2] = ["prior", "random"];
+pub(super) const BASELINES: [&str; 2] = ["prior", "random"];
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
 
@@ -27,7 +27,7 @@ const MEASURES: [(&str, Holds); 2] = [("attack", is_attack), ("believable", is_b
 
 /// Wins and losses of a generator against another one.
 #[derive(Debug, PartialEq)]
-struct Pairing {
+pub(super) struct Pairing {
     won: usize,
     lost: usize,
     /// Mean difference over the common scenes with its 95 % interval.
@@ -69,14 +69,14 @@ fn pairing(rows: &[SceneRow], other: &[SceneRow], name: &str, holds: Holds) -> P
 }
 
 /// Wins, losses and the mean of differences of −1, 0 or 1.
-fn compare(differences: &[f64], name: &str) -> Pairing {
+pub(super) fn compare(differences: &[f64], name: &str) -> Pairing {
     let count = |value: f64| differences.iter().filter(|d| **d == value).count();
     let mut rng = Rng::new(0, name, "pairs");
     let difference = statistics::bootstrap_mean(differences, RESAMPLES, &mut rng);
     Pairing { won: count(1.0), lost: count(-1.0), difference }
 }
 
-fn cell(pairing: &Pairing) -> String {
+pub(super) fn cell(pairing: &Pairing) -> String {
     let Pairing { won, lost, difference } = pairing;
     let difference = difference.map_or("-".to_owned(), |e| {
         format!("{:+.1} [{:+.1}, {:+.1}] points", 100.0 * e.value, 100.0 * e.low, 100.0 * e.high)

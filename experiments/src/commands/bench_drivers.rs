@@ -10,7 +10,7 @@ use sage_core::{
 };
 use sage_sim::{
     SimScene,
-    drive::{Simulation, Until, drive},
+    drive::{Simulation, drive},
     fault::{FaultClass, classify},
     policy::{EgoPolicy, Privilege},
 };
@@ -114,7 +114,7 @@ fn drives(data: &SceneData, policies: &[Box<dyn EgoPolicy>], seed: u64) -> Resul
     let log = scene.route().length();
     let drive_one = |policy: &dyn EgoPolicy| {
         let mut simulation = Simulation::new(&scene, &std::sync::Arc::default(), None, policy, seed)?;
-        let drive = drive(&mut simulation, Until::EndOfLog)?;
+        let drive = drive(&mut simulation)?;
         let car = simulation.world().car();
         let contacts = drive.contacts.iter().map(|contact| {
             let track = scene.scene().tracks[contact.other.track].id.clone();

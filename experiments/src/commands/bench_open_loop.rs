@@ -1,8 +1,8 @@
-//! `sage bench open-loop`: compares generators against a replayed ego.
+//! `sage bench open-loop`: compares generators against a replayed ego, or against drivers.
 
 use std::{path::PathBuf, sync::Arc, time::Instant};
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use sage_backbones::{
     MotionModel,
     training::{Expectation, Measures, SceneData},
@@ -10,22 +10,26 @@ use sage_backbones::{
 use sage_core::{files, generator::Knowledge, objective::FurtherMeasures};
 use sage_generators::GeneratorInputs;
 use sage_merging::{ExpertSet, Merger};
+use sage_sim::SimScene;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use crate::{
     Outcome, Registries,
     bench::{
+        closed_loop::DriverUnderTest,
+        closed_loop_report::{self, AttackedDriver},
         gallery,
         open_loop::{self, MeasuredScene, SceneRow},
         open_loop_report::{self as report, Policies, Table},
     },
     cli::OpenLoopArgs,
+    ego::{self, Ego},
     generators::{self, BuiltGenerator},
     networks,
     operating_point::{OperatingPointSpec, RowKey},
     output::{self, Run, State},
-    part::Part,
+    part::{Part, PolicyParts},
     progress::{self, Progress},
     scenes::Scenes,
     selection::Selection,
@@ -40,14 +44,17 @@ const RESULTS_LIMIT: u64 = 256 << 20;
 /// The table as Markdown.
 const TABLE: &str = "table.md";
 /// Output files of a run, without the pictures.
-const FILES: [&str; 4] = [TABLE, "table.csv", "scenes.csv", "index.html"];
+const FILES: [&str; 5] = [TABLE, "table.csv", "scenes.csv", "drivers.csv", "index.html"];
+
+/// For each generator, one row per operating point, or its error.
+type GeneratorRows = Vec<Result<Vec<SceneRow>, String>>;
 
 /// Results of one scene.
 #[derive(Serialize, Deserialize)]
 struct SceneResult {
     scene: String,
-    /// For each generator, one row per operating point, or its error.
-    rows: Vec<Result<Vec<SceneRow>, String>>,
+    /// Rows against each driver; against the recorded ego without drivers.
+    egos: Vec<GeneratorRows>,
     /// Expectations under each policy, without selection.
     expectations: Option<Vec<Expectation>>,
 }
@@ -72,6 +79,10 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let policies = policies(policy_points, &experts, &*merger, args.seed)?;
     let paths = [&args.paths[..], &args.data].concat();
     let scenes = Scenes::of(&paths, &args.split, 0, args.seed)?.attackable()?;
+    let egos = match &args.ego {
+        Some(PolicyParts(parts)) => Ego::all(parts, registries)?,
+        None => Vec::new(),
+    };
     let identity = identity(args, &experts, &selection, &scenes, &points)?;
     let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[], &FILES)?;
     if state == State::Done {
@@ -80,14 +91,33 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     }
     let results = run.folder().inner(RESULTS.as_ref())?;
     let models: Vec<Arc<dyn MotionModel>> = policies.iter().map(|(_, model)| model.clone()).collect();
-    let one = |data: &SceneData| -> Result<SceneResult> {
-        let prior = &**experts.prior();
+    let prior = &**experts.prior();
+    let measure = |data: &SceneData, driver: Option<&DriverUnderTest>| -> Result<GeneratorRows> {
         let scene = MeasuredScene::new(data, prior, &further)?;
-        let rows =
-            |built: &BuiltGenerator| scene.rows(built, args.seed).map_err(|error| format!("{error:#}"));
+        let rows = |built: &BuiltGenerator| -> Result<Vec<SceneRow>> {
+            let mut rows = scene.rows(built, args.seed)?;
+            driver.map_or(Ok(()), |driver| scene.drive(&mut rows, driver))?;
+            Ok(rows)
+        };
+        Ok(generators.iter().map(|built| rows(built).map_err(|error| format!("{error:#}"))).collect())
+    };
+    // A driver that cannot drive in a scene fails there for every generator.
+    let failed = |error: &anyhow::Error| generators.iter().map(|_| Err(format!("{error:#}"))).collect();
+    let one = |data: &SceneData| -> Result<SceneResult> {
+        let simulated = SimScene::new(data.scene.clone(), data.index.clone());
+        let under_test = |ego| -> Result<GeneratorRows> {
+            let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
+            let driver = DriverUnderTest::new(ego, simulated, args.seed)?;
+            measure(&driver.data(data), Some(&driver))
+        };
         Ok(SceneResult {
             scene: data.name.clone(),
-            rows: generators.iter().map(rows).collect(),
+            egos: match &egos[..] {
+                [] => vec![measure(data, None)?],
+                egos => {
+                    egos.iter().map(|ego| under_test(ego).unwrap_or_else(|error| failed(&error))).collect()
+                }
+            },
             expectations: match &models[..] {
                 [] => None,
                 models => open_loop::expectations(data, prior, models, &measures)?,
@@ -98,35 +128,62 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let mut progress = Progress::new("evaluated", scenes.len());
     let mut all: Vec<SceneResult> = Vec::with_capacity(scenes.len());
     for (number, window) in scenes.windows(WINDOW).enumerate() {
-        all.extend(results_of(
-            &run,
-            results.join(format!("{number:06}.json")),
-            &window,
-            generators.len(),
-            &one,
-            || progress.step(),
-        )?);
+        let file = results.join(format!("{number:06}.json"));
+        let size = [egos.len().max(1), generators.len()];
+        all.extend(results_of(&run, file, &window, size, &one, || progress.step())?);
     }
-    progress.finish(&format!("{count} rows on {} scenes", scenes.len()));
-    let failures = report_errors(&all, &generators);
-    let table = Table { columns: open_loop::columns(&further), rows: table_rows(&all, &generators) };
-    if table.rows.iter().all(|(.., rows)| rows.is_empty()) {
+    let drivers = match egos.len() {
+        0 => String::new(),
+        n => format!(" against {}", progress::count(n, "driver")),
+    };
+    progress.finish(&format!("{count} rows{drivers} on {} scenes", scenes.len()));
+    let failures = report_errors(&all, &generators, &egos);
+    let tables: Vec<Table> = (0..egos.len().max(1))
+        .map(|ego| Table {
+            ego: egos.get(ego).map(|ego| ego.label.clone()),
+            columns: open_loop::columns(&further),
+            rows: table_rows(&all, &generators, ego),
+        })
+        .collect();
+    if tables.iter().all(|table| table.rows.iter().all(|(.., rows)| rows.is_empty())) {
         bail!("every generator failed in every scene");
     }
     let expectations = by_policy(&all, &policies);
-    let markdown = report::markdown(&table, &expectations)?;
+    let attacked = attacked_drivers(&all, &generators, &egos);
+    let markdown = match &egos[..] {
+        [] => report::markdown(&tables[0], &expectations)?,
+        _ => drivers_markdown(&attacked, &tables, &expectations)?,
+    };
     let folder = run.folder();
-    folder.write("table.csv", report::csv(&table, &expectations)?.as_bytes())?;
-    folder.write("scenes.csv", report::scenes_csv(&table)?.as_bytes())?;
-    gallery::write(folder, &scenes, &table, &markdown)?;
+    folder.write("table.csv", report::csv(&tables, &expectations)?.as_bytes())?;
+    folder.write("scenes.csv", report::scenes_csv(&tables)?.as_bytes())?;
+    if !egos.is_empty() {
+        folder.write("drivers.csv", closed_loop_report::csv(&attacked)?.as_bytes())?;
+    }
+    let of_recording = (0..tables.len()).find(|&k| egos.get(k).is_none_or(|ego| ego.is_recording));
+    gallery::write(folder, &scenes, of_recording.map(|k| &tables[k]), &markdown)?;
     folder.write(TABLE, markdown.as_bytes())?;
     run.finish(&Value::Null, clock.elapsed().as_secs_f64())?;
     output::print(&markdown)?;
+    let drivers = if egos.is_empty() { "" } else { "drivers.csv, " };
     progress::say(&format!(
-        "table.md, table.csv, scenes.csv, run.json and index.html with pictures are in `{}`",
+        "table.md, table.csv, scenes.csv, {drivers}run.json and index.html with pictures are in `{}`",
         args.folder.out.display()
     ));
     Ok(if failures == 0 { Outcome::Done } else { Outcome::Partial })
+}
+
+/// The tables of attacks on drivers, then for each driver the table against its drive before the attack.
+fn drivers_markdown(attacked: &[AttackedDriver], tables: &[Table], policies: &Policies) -> Result<String> {
+    let mut out = closed_loop_report::markdown(attacked)?;
+    for (k, table) in tables.iter().enumerate() {
+        let ego = table.ego.as_deref().unwrap_or_default();
+        out += &format!("\nThe same attacks against the drive of `{ego}` before the attack:\n\n");
+        // Expectations are of the recorded ego, whatever the drivers.
+        let is_last = k + 1 == tables.len();
+        out += &report::markdown(table, if is_last { policies } else { const { &Vec::new() } })?;
+    }
+    Ok(out)
 }
 
 /// Results of some scenes: from the file of an interrupted run if it matches, else computed.
@@ -134,7 +191,7 @@ fn results_of(
     run: &Run,
     file: PathBuf,
     scenes: &Scenes,
-    generators: usize,
+    [egos, generators]: [usize; 2],
     one: &(impl Fn(&SceneData) -> Result<SceneResult> + Sync),
     mut done: impl FnMut(),
 ) -> Result<Vec<SceneResult>> {
@@ -142,7 +199,10 @@ fn results_of(
     let before = before.and_then(|text| serde_json::from_str::<Vec<SceneResult>>(&text).ok());
     let fits = |before: &Vec<SceneResult>| {
         let names = before.iter().map(|result| &result.scene);
-        names.eq(&scenes.names()) && before.iter().all(|result| result.rows.len() == generators)
+        let has_all = |result: &SceneResult| {
+            result.egos.len() == egos && result.egos.iter().all(|rows| rows.len() == generators)
+        };
+        names.eq(&scenes.names()) && before.iter().all(has_all)
     };
     if let Some(before) = before.filter(fits) {
         before.iter().for_each(|_| done());
@@ -201,39 +261,73 @@ fn identity(
     points: &[OperatingPointSpec],
 ) -> Result<Value> {
     let hashes = experts.experts().iter().map(|(name, weights)| Ok((name.clone(), weights.hash()?.into())));
-    Ok(json!({
+    let mut identity = json!({
         "methods": args.methods.0.iter().map(Part::to_string).collect::<Vec<_>>(),
         "merger": args.points.merging.merger.to_string(), "selection": selection.objective.spec(), "seed": args.seed,
         "scenes": scenes.describe(), "names": scenes.names(), "prior": experts.prior().parameters().hash()?,
         "experts": hashes.collect::<Result<Map<String, Value>>>()?,
         "points": points, "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-    }))
+    });
+    if let Some(PolicyParts(parts)) = &args.ego {
+        identity["ego"] = parts.iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
+    }
+    Ok(identity)
 }
 
 /// Prints which generator failed in which scene; returns the number of failures.
-fn report_errors(all: &[SceneResult], generators: &[BuiltGenerator]) -> usize {
+fn report_errors(all: &[SceneResult], generators: &[BuiltGenerator], egos: &[Ego]) -> usize {
     let mut failures = 0;
     for result in all {
-        for (rows, built) in result.rows.iter().zip(generators) {
-            if let Err(error) = rows {
-                progress::say(&format!("error: {}: `{}`: {error}", built.keys[0].method, result.scene));
-                failures += 1;
+        for (k, rows) in result.egos.iter().enumerate() {
+            let ego = egos.get(k).map_or(String::new(), |ego| format!(" against {}", ego.label));
+            for (rows, built) in rows.iter().zip(generators) {
+                if let Err(error) = rows {
+                    let method = &built.keys[0].method;
+                    progress::say(&format!("error: {method}{ego}: `{}`: {error}", result.scene));
+                    failures += 1;
+                }
             }
         }
     }
     failures
 }
 
-/// Rows by generator and operating point.
-fn table_rows(all: &[SceneResult], generators: &[BuiltGenerator]) -> Vec<(RowKey, Knowledge, Vec<SceneRow>)> {
+/// Rows by generator and operating point, against one ego.
+fn table_rows(
+    all: &[SceneResult],
+    generators: &[BuiltGenerator],
+    ego: usize,
+) -> Vec<(RowKey, Knowledge, Vec<SceneRow>)> {
     let mut table = Vec::new();
     for (k, built) in generators.iter().enumerate() {
         for (point, key) in built.keys.iter().enumerate() {
-            let row = |result: &SceneResult| result.rows.get(k)?.as_ref().ok()?.get(point).cloned();
+            let row = |result: &SceneResult| result.egos.get(ego)?.get(k)?.as_ref().ok()?.get(point).cloned();
             table.push((key.clone(), built.facts.knows, all.iter().filter_map(row).collect()));
         }
     }
     table
+}
+
+/// Results by driver, generator and operating point.
+fn attacked_drivers<'a>(
+    all: &'a [SceneResult],
+    generators: &'a [BuiltGenerator],
+    egos: &'a [Ego],
+) -> Vec<AttackedDriver<'a>> {
+    let mut drivers = Vec::new();
+    for (e, ego) in egos.iter().enumerate() {
+        for (k, built) in generators.iter().enumerate() {
+            for (point, key) in built.keys.iter().enumerate() {
+                let scene = |result: &'a SceneResult| {
+                    let rows = result.egos[e][k].as_ref();
+                    (&*result.scene, rows.map(|rows| &rows[point]).map_err(|error| &**error))
+                };
+                let (scenes, knows) = (all.iter().map(scene).collect(), ego.policy.privilege());
+                drivers.push(AttackedDriver { ego: &ego.label, knows, key, scenes });
+            }
+        }
+    }
+    drivers
 }
 
 /// Expectations by policy.

@@ -45,6 +45,12 @@ pub enum SideHit {
 }
 
 impl SideHit {
+    /// The side of `ego` on which `other` overlaps it: where the centre of the overlap lies, relative to
+    /// half length and half width.
+    pub fn of(ego: &OrientedBox, other: &OrientedBox) -> Self {
+        side_hit(ego, other)
+    }
+
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {

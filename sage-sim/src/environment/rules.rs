@@ -4,7 +4,7 @@ use super::EnvironmentOptions;
 use crate::route::Coordinates;
 
 /// Share of the route at which the car has arrived.
-const ARRIVED: f64 = 0.95;
+pub(crate) const ARRIVED: f64 = 0.95;
 /// A shorter route has no completion, metres.
 const SHORTEST_ROUTE: f64 = 1.0;
 /// Distance across the route at which the car is off the road, metres.

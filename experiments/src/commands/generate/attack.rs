@@ -11,11 +11,7 @@ use sage_core::{
 };
 use sage_data::{Recording, VariantWriter, dataset};
 use sage_generators::attacked;
-use sage_sim::{
-    SimScene,
-    drive::{Simulation, Until, drive},
-    policy::EgoPolicy,
-};
+use sage_sim::SimScene;
 use serde_json::{Map, Value, json};
 
 use super::{
@@ -121,8 +117,9 @@ impl SceneWriter<'_> {
         self.check_names(&files)?;
         let mut scene = Arc::new(recording.scene.with_roles(None, plan.args.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
-        if let Some(policy) = &plan.ego {
-            scene = Arc::new(driven(&scene, &index, policy.as_ref(), plan.args.seed)?);
+        if !plan.ego.is_recording {
+            let simulated = SimScene::new(scene.clone(), index.clone())?;
+            scene = plan.ego.recorded(&scene, &plan.ego.unattacked(&simulated, plan.args.seed)?);
         }
         index.build_all();
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
@@ -240,14 +237,6 @@ impl SceneWriter<'_> {
         written
             .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
     }
-}
-
-/// The scene in which a policy has driven the ego.
-fn driven(scene: &Arc<Scene>, index: &Arc<SceneIndex>, policy: &dyn EgoPolicy, seed: u64) -> Result<Scene> {
-    let scene = SimScene::new(scene.clone(), index.clone())?;
-    let mut simulation = Simulation::new(&scene, &Arc::default(), None, policy, seed)?;
-    let drive = drive(&mut simulation, Until::EndOfLog)?;
-    Ok(drive.recorded(scene.scene()))
 }
 
 /// Label of an attack in the legend of the picture.

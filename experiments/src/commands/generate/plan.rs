@@ -1,27 +1,23 @@
 //! All inputs of `sage generate` except the scenes: generator, operating points, objective and weights.
 
-use std::{
-    path::Path,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::{Context as _, Result, ensure};
 use sage_backbones::parameters::Header;
-use sage_core::{files, objective::FurtherMeasures, registry::Entry};
-use sage_data::MAX_FILE;
+use sage_core::objective::FurtherMeasures;
 use sage_generators::Facts;
 use sage_merging::{ExpertSet, Merger};
-use sage_sim::policy::{EgoPolicy, PathPolicy, Replay};
 use serde_json::{Map, Value, json};
 
 use crate::{
     Registries,
     cli::{DatasetFormat, GenerateArgs},
+    ego::{self, Ego},
     generators::{self, BuiltGenerator},
     networks,
     operating_point::OperatingPointSpec,
     output,
-    part::{Part, PolicyPart},
+    part::Part,
     progress,
     selection::Selection,
 };
@@ -52,8 +48,8 @@ pub(super) struct Plan<'a> {
     pub(super) variants: Vec<String>,
     registries: &'a Registries,
     facts: Facts,
-    /// Drives the ego before the attack; `None` for its recording.
-    pub(super) ego: Option<Box<dyn EgoPolicy>>,
+    /// Drives the ego before the attack.
+    pub(super) ego: Ego,
     merger: Arc<dyn Merger>,
     /// Weights that scenes may need: those that the user names, or the defaults for procedural and for
     /// recorded scenes. The weights for a scene do not depend on other scenes.
@@ -73,8 +69,7 @@ impl<'a> Plan<'a> {
                 serde_json::from_str(options).context("--options is not a JSON object")?;
             method.options.extend(options);
         }
-        let PolicyPart(ego) = &args.ego;
-        let ego = (ego.name != Replay::NAME).then(|| ego.build(&registries.policies)).transpose()?;
+        let ego = Ego::new(&args.ego, registries)?;
         let facts = method.build(&registries.generators)?.facts();
         let merger: Arc<dyn Merger> = args.points.merging.merger.build(&registries.mergers)?.into();
         args.points.check(merger.range())?;
@@ -203,17 +198,8 @@ impl<'a> Plan<'a> {
             "merger": self.args.points.merging.merger.to_string(),
             "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
         });
-        if self.ego.is_some() {
-            let Part { name, options } = &self.args.ego.0;
-            identity["ego"] = json!(self.args.ego.0.to_string());
-            // Another content of the file is another run.
-            if let Some(file) =
-                options.get("file").and_then(Value::as_str).filter(|_| name == PathPolicy::NAME)
-            {
-                let bytes = files::read(Path::new(file), MAX_FILE);
-                let bytes = bytes.with_context(|| format!("cannot read `{file}`"))?;
-                identity["ego_file"] = json!(blake3::hash(&bytes).to_hex()[..16]);
-            }
+        if !self.ego.is_recording {
+            identity["ego"] = ego::identity(&self.args.ego)?;
         }
         Ok(identity)
     }
@@ -226,8 +212,8 @@ impl<'a> Plan<'a> {
             "selection": self.selection.objective.spec(),
         });
         let Value::Object(mut described) = described else { return Map::new() };
-        if self.ego.is_some() {
-            described.insert("ego".to_owned(), json!(self.args.ego.0.to_string()));
+        if !self.ego.is_recording {
+            described.insert("ego".to_owned(), json!(self.ego.label));
         }
         if !point.mix.is_empty() {
             let mix = point.mix.iter().map(|(name, weight)| (name.clone(), json!(weight)));

@@ -1,0 +1,122 @@
+//! Attacks on a driver: the driver records the unchanged scene, the attack is planned against that drive, and
+//! the driver drives again.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use sage_backbones::training::SceneData;
+use sage_core::{
+    motion::{HORIZON, NOW, Trajectory},
+    objective::{Context, Convention, Encounter, SideHit, release_reward},
+};
+use sage_sim::{
+    SimScene,
+    drive::Drive,
+    episode::{Episode, Verdict},
+    fault::FaultClass,
+    traffic::Plan,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::ego::Ego;
+
+/// Result of one attack on a driver.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Driven {
+    /// Whether the attack works.
+    pub verdict: Verdict,
+    /// The ego's first contact, if any.
+    pub contact: Option<FirstContact>,
+    /// Progress along the logged route by its length, until the end; `None` if the route is short.
+    pub completion: Option<f64>,
+    /// The paper's adversarial reward with the contact of the simulation.
+    pub reward: f64,
+    /// The published reward: the ego's path is cut at its end, so a contact scores little.
+    pub reward_cut: f64,
+}
+
+/// The ego's first contact.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct FirstContact {
+    /// Step; frame 10 is step 0.
+    pub step: i64,
+    /// Track of the other.
+    pub with: String,
+    /// Largest overlap, metres.
+    pub overlap: f64,
+    /// Relative speed, m/s.
+    pub impact_speed: f64,
+    /// Side of the ego that is hit.
+    pub side_hit: SideHit,
+    /// Who is at fault.
+    pub class: FaultClass,
+}
+
+/// A driver in one scene, with its drive before the attack.
+pub(crate) struct DriverUnderTest<'a> {
+    ego: &'a Ego,
+    scene: Arc<SimScene>,
+    seed: u64,
+    unattacked: Drive,
+}
+
+impl<'a> DriverUnderTest<'a> {
+    /// Drives the unchanged scene.
+    ///
+    /// *Errors*: the policy cannot drive in this scene.
+    pub(crate) fn new(ego: &'a Ego, scene: &Arc<SimScene>, seed: u64) -> Result<Self> {
+        let unattacked = ego.unattacked(scene, seed)?;
+        Ok(Self { ego, scene: scene.clone(), seed, unattacked })
+    }
+
+    /// The scene in which the ego's recording is the drive before the attack.
+    pub(crate) fn data(&self, data: &SceneData) -> SceneData {
+        self.ego.recorded_data(data, &self.unattacked)
+    }
+
+    /// Drives again, against an attack. `ctx` is of [`DriverUnderTest::data`].
+    ///
+    /// *Errors*: as [`Episode::run`].
+    pub(crate) fn attack(&self, attack: &Trajectory, is_feasible: bool, ctx: &Context) -> Result<Driven> {
+        let scene = self.scene.scene();
+        let adversary = scene.adversary_index()?;
+        let plan = Arc::new(Plan::of_adversary(scene, attack)?);
+        let episode = Episode::run(&self.scene, Some(plan), &*self.ego.policy, self.seed)?;
+        let first = episode.first_contacts();
+        let first = first.min_by_key(|c| c.contact.other.track != adversary);
+        Ok(Driven {
+            verdict: episode.verdict(adversary, is_feasible, &self.unattacked),
+            completion: episode.completion,
+            reward: reward(&episode, adversary, attack),
+            reward_cut: reward_cut(&episode, attack, ctx),
+            contact: first.map(|c| FirstContact {
+                step: c.contact.step as i64 - NOW as i64,
+                with: scene.tracks[c.contact.other.track].id.clone(),
+                overlap: c.overlap,
+                impact_speed: c.impact_speed,
+                side_hit: c.side_hit,
+                class: c.class,
+            }),
+        })
+    }
+}
+
+/// The paper's reward: 10 (1 − t/80) at a contact with the adversary, else closeness. The horizon stays 80
+/// steps, although the episode ends at the contact.
+fn reward(episode: &Episode, adversary: usize, attack: &Trajectory) -> f64 {
+    let hit = episode.first_contacts().find(|c| c.contact.other.track == adversary);
+    let path = episode.drive.motions.iter().skip(NOW + 1);
+    let distances = path.zip(attack.points()).map(|(motion, p)| {
+        let [x, y] = motion.position;
+        (x - p[0]).hypot(y - p[1])
+    });
+    let contact = hit.map(|c| c.contact.step.saturating_sub(NOW)).filter(|step| *step > 0);
+    let least_distance = distances.fold(f64::INFINITY, f64::min);
+    Encounter { contact, least_distance, steps: HORIZON }.reward(Convention::Paper)
+}
+
+/// The published reward of the positions up to the end of the episode.
+fn reward_cut(episode: &Episode, attack: &Trajectory, ctx: &Context) -> f64 {
+    let path: Vec<_> = episode.drive.motions.iter().skip(NOW + 1).map(|motion| motion.position).collect();
+    release_reward(attack.points(), ctx.size(), &path, ctx.ego_size()).0
+}

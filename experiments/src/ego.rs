@@ -1,0 +1,80 @@
+//! Drivers under test that the user names.
+
+use std::{path::Path, sync::Arc};
+
+use anyhow::{Context as _, Result, bail};
+use sage_backbones::training::SceneData;
+use sage_core::{files, registry::Entry, scene::Scene};
+use sage_data::MAX_FILE;
+use sage_sim::{
+    SimScene,
+    drive::{Drive, Simulation, drive},
+    policy::{EgoPolicy, PathPolicy, Replay},
+};
+use serde_json::{Value, json};
+
+use crate::{
+    Registries,
+    part::{Part, PolicyPart},
+};
+
+/// A driver under test.
+pub(crate) struct Ego {
+    /// Its name and options, as tables show them.
+    pub(crate) label: String,
+    pub(crate) policy: Box<dyn EgoPolicy>,
+    /// Whether it is the recording itself.
+    pub(crate) is_recording: bool,
+}
+
+impl Ego {
+    /// Builds the policy.
+    ///
+    /// *Errors*: the name is not registered, or the policy refuses the options.
+    pub(crate) fn new(PolicyPart(part): &PolicyPart, registries: &Registries) -> Result<Self> {
+        let policy = part.build(&registries.policies)?;
+        Ok(Self { label: part.to_string(), policy, is_recording: part.name == Replay::NAME })
+    }
+
+    /// Builds several policies.
+    ///
+    /// *Errors*: as [`Ego::new`]; one is given twice.
+    pub(crate) fn all(parts: &[PolicyPart], registries: &Registries) -> Result<Vec<Self>> {
+        let egos = parts.iter().map(|part| Self::new(part, registries)).collect::<Result<Vec<_>>>()?;
+        match (1..egos.len()).find(|&k| egos[..k].iter().any(|ego| ego.label == egos[k].label)) {
+            Some(twice) => bail!("the policy `{}` is given twice", egos[twice].label),
+            None => Ok(egos),
+        }
+    }
+
+    /// The drive in the unchanged scene, from frame 0 to the end of the recording.
+    ///
+    /// *Errors*: the policy cannot drive in this scene.
+    pub(crate) fn unattacked(&self, scene: &Arc<SimScene>, seed: u64) -> Result<Drive> {
+        let mut simulation = Simulation::new(scene, &Arc::default(), None, &*self.policy, seed)?;
+        Ok(drive(&mut simulation)?)
+    }
+
+    /// The scene as a generator sees it: with this drive in place of the ego's recording.
+    pub(crate) fn recorded(&self, scene: &Arc<Scene>, drive: &Drive) -> Arc<Scene> {
+        if self.is_recording { scene.clone() } else { Arc::new(drive.recorded(scene)) }
+    }
+
+    /// The same with its name and index.
+    pub(crate) fn recorded_data(&self, data: &SceneData, drive: &Drive) -> SceneData {
+        let scene = self.recorded(&data.scene, drive);
+        SceneData { name: data.name.clone(), scene, index: data.index.clone() }
+    }
+}
+
+/// What identifies a policy in the record of a run. Another content of a `path` file is another run.
+///
+/// *Errors*: the file of a `path` cannot be read.
+pub(crate) fn identity(PolicyPart(part): &PolicyPart) -> Result<Value> {
+    let Part { name, options } = part;
+    let file = options.get("file").and_then(Value::as_str).filter(|_| name == PathPolicy::NAME);
+    let Some(file) = file else { return Ok(json!(part.to_string())) };
+    let bytes = files::read(Path::new(file), MAX_FILE);
+    let bytes = bytes.with_context(|| format!("cannot read `{file}`"))?;
+    Ok(json!([part.to_string(), blake3::hash(&bytes).to_hex()[..16]]))
+}

@@ -1,0 +1,218 @@
+//! An episode: a drive from frame 0 to the ego's first contact or to the horizon, and what happened in it.
+//!
+//! Two episodes test an attack (`Attack` in closed loop): the policy first drives the unchanged scene, the
+//! attack is planned against that drive, and the policy then drives again with the adversary on its plan.
+
+use std::sync::Arc;
+
+use sage_core::{
+    Error,
+    geometry::{OrientedBox, Point, norm, sub},
+    motion::{HORIZON, NOW},
+    objective::{MIN_DEPTH, SideHit},
+};
+
+use crate::{
+    body::BodyKind,
+    drive::{Drive, DriveContact, Recorder, Simulation},
+    environment::ARRIVED,
+    fault::{FaultClass, classify},
+    policy::EgoPolicy,
+    scene::SimScene,
+    traffic::Plan,
+    vehicle::SUBSTEP,
+};
+
+/// Last frame of an episode.
+pub const LAST_FRAME: usize = NOW + HORIZON;
+/// Time for which both cars go on through a contact, to see how deep it becomes, seconds.
+const THROUGH: f64 = 0.5;
+/// Frames within which two contacts with the adversary are the same. Recorded boxes change from frame to frame,
+/// those of a plan do not, so even a plan that repeats the recording touches a little earlier or later.
+const SAME: usize = 5;
+/// Scenes with a shorter logged drive have no completion, metres.
+const SHORTEST_LOG: f64 = 5.0;
+
+/// Why an episode ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// The ego's first contact.
+    Contact,
+    /// Frame 90, or the end of a shorter recording.
+    Horizon,
+}
+
+/// The first contact of the ego with a road user.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EpisodeContact {
+    /// States and boxes when they meet.
+    pub contact: DriveContact,
+    /// Largest overlap of the boxes, metres. A replayed ego follows its path to the end; otherwise both go on
+    /// with their velocities for 0.5 s.
+    pub overlap: f64,
+    /// Relative speed in the step of the contact, m/s.
+    pub impact_speed: f64,
+    /// Side of the ego that is hit.
+    pub side_hit: SideHit,
+    /// Class by nuPlan's rule, and with it who is at fault.
+    pub class: FaultClass,
+}
+
+impl EpisodeContact {
+    /// Whether the boxes overlap as much as in a believable attack.
+    pub fn is_solid(&self) -> bool {
+        self.overlap >= MIN_DEPTH
+    }
+}
+
+/// A drive up to the first contact, and what happened in it. Times are frames; *now* is frame 10.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Episode {
+    /// The drive up to its end.
+    pub drive: Drive,
+    /// Why it ends.
+    pub end: End,
+    /// First frame at which 95 % of the logged route are behind the ego.
+    pub arrived: Option<usize>,
+    /// Progress along the logged route by its length; `None` if that is below 5 m.
+    pub completion: Option<f64>,
+    /// First contact with each road user, in the order of time. A replayed ego also has those after the end,
+    /// because contacts do not change its drive.
+    pub contacts: Vec<EpisodeContact>,
+}
+
+impl Episode {
+    /// Drives a policy with an optional plan of the adversary.
+    ///
+    /// *Errors*: as [`Simulation::new`] and [`Simulation::step`].
+    pub fn run(
+        scene: &Arc<SimScene>,
+        plan: Option<Arc<Plan>>,
+        policy: &dyn EgoPolicy,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        let mut simulation = Simulation::new(scene, &Arc::default(), plan, policy, seed)?;
+        let last = LAST_FRAME.min(scene.scene().frames - 1);
+        let route = scene.route().length();
+        let has_route = route >= SHORTEST_LOG;
+        let (mut recorder, mut arrived, mut found) = (Recorder::new(&simulation), None, 0);
+        while found == 0 && simulation.world().step_count() < last {
+            simulation.step()?;
+            found = recorder.record(&simulation);
+            if has_route && recorder.drive().progress > ARRIVED * route {
+                arrived = arrived.or(Some(simulation.world().step_count()));
+            }
+        }
+        let drive = recorder.drive().clone();
+        let overlaps = if found == 0 {
+            Vec::new()
+        } else if simulation.is_posed() {
+            replayed_overlaps(&mut simulation, &mut recorder, last)?
+        } else {
+            drive.contacts.iter().map(overlap_ahead).collect()
+        };
+        let car = simulation.world().car();
+        let contact = |(contact, overlap): (DriveContact, f64)| EpisodeContact {
+            overlap,
+            impact_speed: norm(sub(contact.velocities[1], contact.velocities[0])),
+            side_hit: SideHit::of(&contact.areas[0], &contact.areas[1]),
+            class: classify(&contact, car, scene.index()),
+            contact,
+        };
+        Ok(Self {
+            end: if found == 0 { End::Horizon } else { End::Contact },
+            arrived,
+            completion: has_route.then(|| drive.progress / route),
+            contacts: recorder.finish().contacts.into_iter().zip(overlaps).map(contact).collect(),
+            drive,
+        })
+    }
+
+    /// Number of steps, which is also the last frame.
+    pub fn steps(&self) -> usize {
+        self.drive.motions.len() - 1
+    }
+
+    /// The contacts that end the episode, those of the earliest substep; empty without contact.
+    pub fn first_contacts(&self) -> impl Iterator<Item = &EpisodeContact> {
+        let time = |c: &EpisodeContact| (c.contact.step, c.contact.substep);
+        let first = self.contacts.first().map(time);
+        self.contacts.iter().take_while(move |c| Some(time(c)) == first)
+    }
+
+    /// Compares this episode, in which the adversary follows a plan, with the drive without the plan.
+    pub fn verdict(&self, adversary: usize, is_feasible: bool, unattacked: &Drive) -> Verdict {
+        let hit = self.first_contacts().find(|c| c.contact.other.track == adversary);
+        let hit = hit.filter(|c| {
+            let frame = c.contact.step;
+            let is_same = |other: &DriveContact| other.other.track == adversary && other.step <= frame + SAME;
+            let is_known = |other: &DriveContact| other.step <= frame || is_same(other);
+            frame > NOW && is_feasible && !unattacked.contacts.iter().any(is_known)
+        });
+        let is_vehicle = |c: &EpisodeContact| c.contact.other.kind == BodyKind::Vehicle;
+        Verdict {
+            attack: hit.is_some(),
+            at_fault: hit.is_some_and(|c| c.class.is_at_fault() == Some(true)),
+            solid: hit.is_some_and(EpisodeContact::is_solid),
+            any_vehicle: self.first_contacts().any(is_vehicle),
+        }
+    }
+}
+
+/// Whether an attack works on a driver.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Verdict {
+    /// The ego's first contact is with the adversary, at frame 11 or later; the plan is feasible; without the
+    /// attack there is no contact by then, and none with the adversary in the next 0.5 s.
+    pub attack: bool,
+    /// An attack in whose contact nuPlan's rule gives the fault to the ego.
+    pub at_fault: bool,
+    /// An attack with an overlap of at least 0.5 m.
+    pub solid: bool,
+    /// The published flag: the ego's first contact is with any vehicle.
+    pub any_vehicle: bool,
+}
+
+/// Drives a replayed ego on to a frame. Returns the largest overlap with each road user that it meets, at
+/// the frames; between them where no frame shows any.
+fn replayed_overlaps(
+    simulation: &mut Simulation,
+    recorder: &mut Recorder,
+    last: usize,
+) -> Result<Vec<f64>, Error> {
+    let mut deepest: Vec<f64> = Vec::new();
+    loop {
+        let (world, contacts) = (simulation.world(), &recorder.drive().contacts);
+        deepest.resize(contacts.len(), 0.0);
+        let area = world.area();
+        for (depth, contact) in deepest.iter_mut().zip(contacts) {
+            let other = world.bodies().iter().find(|body| body.track == contact.other.track);
+            *depth = other.map_or(*depth, |body| depth.max(body.area.overlap_depth(&area)));
+        }
+        if world.step_count() >= last {
+            break;
+        }
+        simulation.step()?;
+        recorder.record(simulation);
+    }
+    let contacts = &recorder.drive().contacts;
+    let between = |(depth, contact): (f64, &DriveContact)| {
+        if depth > 0.0 { depth } else { contact.areas[1].overlap_depth(&contact.areas[0]) }
+    };
+    Ok(deepest.into_iter().zip(contacts).map(between).collect())
+}
+
+/// Largest overlap if both go on with their velocities, metres.
+fn overlap_ahead(contact: &DriveContact) -> f64 {
+    let count = (THROUGH / SUBSTEP).round() as usize;
+    let after = |area: &OrientedBox, velocity: &Point, time: f64| {
+        let [x, y] = area.center;
+        OrientedBox { center: [x + time * velocity[0], y + time * velocity[1]], ..*area }
+    };
+    let depth = |k: usize| {
+        let time = k as f64 * SUBSTEP;
+        let [own, other] = [0, 1].map(|k| after(&contact.areas[k], &contact.velocities[k], time));
+        other.overlap_depth(&own)
+    };
+    (0..=count).map(depth).fold(0.0, f64::max)
+}

@@ -1,6 +1,7 @@
 //! Arguments of the command line.
 
 mod attacking;
+mod driving;
 mod learning;
 
 use std::path::PathBuf;
@@ -13,8 +14,9 @@ use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
 pub(crate) use attacking::{
-    CalibrateArgs, DatasetFormat, DialBenchArgs, DriversArgs, GenerateArgs, OpenLoopArgs,
+    AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
 };
+pub(crate) use driving::{DriversArgs, SimulateArgs};
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
@@ -53,6 +55,7 @@ pub(crate) enum Command {
     Calibrate(CalibrateArgs),
     Predict(PredictArgs),
     Generate(GenerateArgs),
+    Simulate(SimulateArgs),
     /// Run a benchmark of speed or quality.
     #[command(
         subcommand,
@@ -330,6 +333,7 @@ impl Cli {
                 | Command::Calibrate(_)
                 | Command::Predict(_)
                 | Command::Generate(_)
+                | Command::Simulate(_)
                 | Command::Bench(_)
         )
     }

@@ -19,3 +19,4 @@ pub(crate) mod predict;
 pub(crate) mod pretrain;
 pub(crate) mod scenes;
 pub(crate) mod score;
+pub(crate) mod simulate;

@@ -27,6 +27,7 @@ impl Cli {
             Command::Calibrate(args) => commands::calibrate::run(&args, registries),
             Command::Predict(args) => commands::predict::run(&args, registries),
             Command::Generate(args) => commands::generate::run(&args, registries),
+            Command::Simulate(args) => commands::simulate::run(&args, registries),
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
             Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),

@@ -10,4 +10,5 @@ mod svg;
 mod viewport;
 
 pub(crate) use candidate::drawn_path;
+pub(crate) use map_layer::lane_width;
 pub use scene::{DrawnPath, Picture, draw};

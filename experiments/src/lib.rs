@@ -13,6 +13,7 @@
 //! }
 //! ```
 
+mod attackers;
 pub mod bench;
 mod candidates;
 mod cli;
@@ -26,7 +27,9 @@ mod networks;
 mod operating_point;
 mod output;
 mod part;
+mod player;
 mod progress;
+mod scene_queue;
 mod scenes;
 mod selection;
 mod signals;

@@ -38,6 +38,29 @@ pub(crate) struct GenerateArgs {
     /// Generator, by its name in `sage list`.
     #[arg(long, value_name = "NAME", default_value = "sage")]
     pub method: Part,
+    #[command(flatten)]
+    pub attack: AttackArgs,
+    /// Policy that drives the ego before the attack, by its name in `sage list`, or path:FILE with the drive of
+    /// your own planner: JSON, [x, y, heading] for each frame. The attack is planned against this drive, which
+    /// also replaces the ego's recording in the written scenes.
+    #[arg(long, value_name = "POLICY", default_value = "replay")]
+    pub ego: PolicyPart,
+    /// Print one JSON object per scene and operating point.
+    #[arg(long)]
+    pub json: bool,
+    /// Formats of the written scenes.
+    #[arg(long, value_enum, default_value_t = DatasetFormat::Both)]
+    pub format: DatasetFormat,
+    /// Attack only the scenes of shard K of N. Several machines can write all shards into one folder.
+    #[arg(long, value_name = "K/N")]
+    pub shard: Option<Shard>,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}
+
+/// How to attack a scene, besides the generator.
+#[derive(Debug, Args)]
+pub(crate) struct AttackArgs {
     /// Options of the generator as JSON, such as '{"candidates": 64}'; `sage list` shows them. The same as
     /// --method 'sage{"candidates": 64}'.
     #[arg(long, value_name = "JSON")]
@@ -52,11 +75,6 @@ pub(crate) struct GenerateArgs {
     /// Use this track as the adversary.
     #[arg(long, value_name = "ID")]
     pub adversary: Option<String>,
-    /// Policy that drives the ego before the attack, by its name in `sage list`, or path:FILE with the drive of
-    /// your own planner: JSON, [x, y, heading] for each frame. The attack is planned against this drive, which
-    /// also replaces the ego's recording in the written scenes.
-    #[arg(long, value_name = "POLICY", default_value = "replay")]
-    pub ego: PolicyPart,
     /// Weights of the experts: procedural, waymo, waymo-paper or a folder. Default: procedural; for recorded scenes waymo, if
     /// `weights/waymo` is in the current folder or SAGE_WEIGHTS names the folder `weights`.
     #[arg(long, value_name = "NAME")]
@@ -64,17 +82,6 @@ pub(crate) struct GenerateArgs {
     /// Seed of random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// Print one JSON object per scene and operating point.
-    #[arg(long)]
-    pub json: bool,
-    /// Formats of the written scenes.
-    #[arg(long, value_enum, default_value_t = DatasetFormat::Both)]
-    pub format: DatasetFormat,
-    /// Attack only the scenes of shard K of N. Several machines can write all shards into one folder.
-    #[arg(long, value_name = "K/N")]
-    pub shard: Option<Shard>,
-    #[command(flatten)]
-    pub folder: FolderArgs,
 }
 
 /// Formats of the scene files of a data set.
@@ -220,38 +227,6 @@ pub(crate) struct DialBenchArgs {
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
-    /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
-}
-
-/// Compare driving policies in unchanged scenes: contacts, at-fault contacts, completion.
-///
-/// Each policy drives the ego from frame 0 to the end of the recording, while all other agents replay theirs.
-/// Prints a table with the differences of all pairs of policies, and writes it with a row per scene and
-/// `run.json`. Without PATH, procedural scenes are generated.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage bench drivers scenes/ --policies constant-speed,idm,expert --out drivers/"
-)]
-pub(crate) struct DriversArgs {
-    /// Scene files and folders.
-    #[arg(value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    #[command(flatten)]
-    pub split: SplitArgs,
-    /// Policies, separated by commas; `sage list` shows them, and path:FILE is the drive of your own planner.
-    #[arg(
-        long,
-        value_name = "NAMES",
-        default_value = "replay,constant-speed,idm,idm-release,expert,expert-release"
-    )]
-    pub policies: PolicyParts,
-    /// Number of procedural scenes, if no PATH is given.
-    #[arg(long, value_name = "N", default_value_t = 28, value_parser = clap::value_parser!(u64).range(1..=MOST_PROCEDURAL))]
-    pub procedural: u64,
     /// Seed of random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,

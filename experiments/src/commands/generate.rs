@@ -2,16 +2,10 @@
 
 mod attack;
 mod plan;
-mod report;
 mod row;
 
 use std::{
-    collections::HashMap,
     path::{Path, PathBuf},
-    sync::{
-        Mutex, PoisonError,
-        atomic::{AtomicUsize, Ordering},
-    },
     time::Instant,
 };
 
@@ -23,22 +17,14 @@ use serde_json::{Value, json};
 use crate::{
     Outcome, Registries,
     cli::GenerateArgs,
-    input,
     output::{self, DatasetRun},
     progress,
+    scene_queue::{self, Input, Report, is_row_of},
 };
 
-use attack::{Failure, attack_scene, picture_file};
+use attack::{attack_scene, picture_file};
 use plan::Plan;
-use report::Report;
-use row::{FoundRow, is_row_of, row_file};
-
-/// A scene file with the name of its outputs.
-struct Input {
-    file: PathBuf,
-    /// Name of the file without its ending.
-    scene: String,
-}
+use row::{FoundRow, row_file};
 
 pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
@@ -49,7 +35,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     {
         std::fs::metadata(file).with_context(|| format!("cannot read `{}`", file.display()))?;
     }
-    let all = inputs(&files)?;
+    let all = scene_queue::inputs(&files)?;
     let own: Vec<&Input> =
         all.iter().filter(|input| args.shard.is_none_or(|shard| shard.holds(&input.scene))).collect();
     // Input files must not be in the output folder, even if no output has the same name.
@@ -63,8 +49,9 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let out = &args.folder.out;
     let outdated = || own.iter().flat_map(|input| outputs(&plan, out, input)).collect();
     let run = DatasetRun::start(out, plan.identity()?, args.folder.force, args.shard, outdated)?;
-    let report = Report::new(run.folder().path(), args.json, own.len());
-    let seconds = work(&plan, &run, &own, &report)?;
+    let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attack"]);
+    let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
+    let seconds = scene_queue::work(&own, &run, &report, attack)?;
     let failed = report.finish(&args.folder.out);
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let results = || {
@@ -75,7 +62,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let whole = |results: &Value| (is_whole(results) && failed == 0).then(|| clock.elapsed().as_secs_f64());
     let median = statistics::median(&seconds);
     let (results, listed) = run.finish(plan.writes_pickles(), results, median, whole)?;
-    let others = listed.saturating_sub(all.len() * plan.variants.len());
+    let others = listed.saturating_sub(all.len() * plan.variants().len());
     if is_whole(&results) && others > 0 {
         let out = args.folder.out.display();
         let others = progress::count(others, "scene");
@@ -98,53 +85,16 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     }
 }
 
-/// Attacks scenes on all threads; each thread takes the next scene. Returns seconds per variant of each
-/// attacked scene.
-///
-/// *Errors*: the first failure that ends the run.
-fn work(plan: &Plan, run: &DatasetRun, inputs: &[&Input], report: &Report) -> Result<Vec<f64>> {
-    let next = AtomicUsize::new(0);
-    let (stopped, times) = (Mutex::new(None), Mutex::new(Vec::new()));
-    let locked_stop = || stopped.lock().unwrap_or_else(PoisonError::into_inner);
-    rayon::broadcast(|_| {
-        while locked_stop().is_none() {
-            let number = next.fetch_add(1, Ordering::Relaxed);
-            let Some(input) = inputs.get(number) else { break };
-            let outcome = match attack_scene(plan, run, &input.file, &input.scene) {
-                Ok(scene) => {
-                    times.lock().unwrap_or_else(PoisonError::into_inner).extend(scene.seconds);
-                    report.done(number, scene)
-                }
-                Err(Failure::Scene(error)) if output::is_disk_full(&error) => Err(error.context(format!(
-                    "the disk is full; {} of {} scenes are finished in `{}`; free space and run the same command again",
-                    report.finished(),
-                    inputs.len(),
-                    run.folder().path().display()
-                ))),
-                Err(Failure::Scene(error)) => report.failed(number, &input.file, &error),
-                Err(Failure::Run(error)) => Err(error),
-            };
-            if let Err(error) = outcome {
-                locked_stop().get_or_insert(error);
-            }
-        }
-    });
-    match stopped.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        Some(error) => Err(error),
-        None => Ok(times.into_inner().unwrap_or_else(PoisonError::into_inner)),
-    }
-}
-
 /// True if all rows of a scene exist and are of the run with a hash.
 fn is_done(plan: &Plan, folder: &Path, run_hash: &str, input: &Input) -> bool {
     let is_row = |variant: &String| is_row_of(&folder.join(row_file(&input.scene, variant)), run_hash);
-    plan.variants.iter().all(is_row)
+    plan.variants().iter().all(is_row)
 }
 
 /// Existing outputs of a scene: its rows, the scene files that they name, and its picture.
 fn outputs(plan: &Plan, folder: &Path, input: &Input) -> Vec<String> {
     let mut names = vec![picture_file(&input.scene)];
-    for variant in &plan.variants {
+    for variant in plan.variants() {
         let (row, name) = (row_file(&input.scene, variant), format!("{}-{variant}", input.scene));
         let is_own = |file: &String| {
             let is_pickle = file.starts_with("sd_") && file.ends_with(&format!("_{name}.pkl"));
@@ -158,27 +108,4 @@ fn outputs(plan: &Plan, folder: &Path, input: &Input) -> Vec<String> {
         names.push(row);
     }
     names
-}
-
-/// Scene files with the names of their outputs.
-///
-/// *Errors*: two files have the same name, or a name cannot be listed in a data set.
-fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
-    let mut seen: HashMap<String, &Path> = HashMap::new();
-    let mut inputs = Vec::with_capacity(files.len());
-    for file in files {
-        let scene = input::scene_name(file).file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        if let Some(other) = seen.insert(scene.clone(), file) {
-            bail!(
-                "`{}` and `{}` have the same name, so their outputs would have; generate them into two folders",
-                other.display(),
-                file.display()
-            );
-        }
-        if scene.contains('\\') {
-            bail!("`{}` has a backslash in its name, which data sets cannot list; rename it", file.display());
-        }
-        inputs.push(Input { file: file.clone(), scene });
-    }
-    Ok(inputs)
 }

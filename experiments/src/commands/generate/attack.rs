@@ -15,26 +15,19 @@ use sage_sim::SimScene;
 use serde_json::{Map, Value, json};
 
 use super::{
-    plan::{Attacker, Plan},
-    report::{Line, SceneReport},
+    plan::Plan,
     row::{FoundRow, Row, ScoredCandidates, row_file},
 };
 use crate::{
+    attackers::Attacker,
     drawing::{self, Picture, drawn_path},
     operating_point::OperatingPointSpec,
     output::{self, DatasetRun},
+    scene_queue::{Failure, Line, SceneReport},
 };
 
 /// Length limit of a file name on common file systems, bytes.
 const LONGEST_FILE_NAME: usize = 255;
-
-/// Extent of a failure.
-pub(super) enum Failure {
-    /// Ends the scene; the others continue.
-    Scene(anyhow::Error),
-    /// Ends the run: no scene can be attacked.
-    Run(anyhow::Error),
-}
 
 /// Attacks a scene at all operating points and writes its files, unless they exist.
 ///
@@ -53,8 +46,8 @@ pub(super) fn attack_scene(
     }
     let recording = Recording::from_bytes(file, bytes).map_err(|error| fail(error.into()))?;
     let is_procedural =
-        !plan.needs_origin() || recording.is_procedural().map_err(|error| fail(error.into()))?;
-    let attacker = plan.attacker(is_procedural).map_err(Failure::Run)?;
+        !plan.attackers.needs_origin() || recording.is_procedural().map_err(|error| fail(error.into()))?;
+    let attacker = plan.attackers.attacker(is_procedural).map_err(Failure::Run)?;
     let writer = SceneWriter { plan, run, attacker: &attacker, scene, source_hash: &source_hash };
     writer.attack(recording).map_err(fail)
 }
@@ -73,8 +66,8 @@ fn finished(
     // No scene file is empty.
     let exists =
         |name: &String| std::fs::metadata(folder.join(name)).is_ok_and(|f| f.is_file() && f.len() > 0);
-    let mut lines = Vec::with_capacity(plan.variants.len());
-    for variant in &plan.variants {
+    let mut lines = Vec::with_capacity(plan.variants().len());
+    for variant in plan.variants() {
         let name = row_file(scene, variant);
         let path = folder.join(&name);
         // A row of another run remains after --force with fewer scenes or shards.
@@ -115,20 +108,21 @@ impl SceneWriter<'_> {
         let Self { plan, attacker, .. } = self;
         let files = VariantWriter::new(&recording)?;
         self.check_names(&files)?;
-        let mut scene = Arc::new(recording.scene.with_roles(None, plan.args.adversary.as_deref())?);
+        let mut scene = Arc::new(recording.scene.with_roles(None, plan.args.attack.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
         if !plan.ego.is_recording {
             let simulated = SimScene::new(scene.clone(), index.clone())?;
-            scene = plan.ego.recorded(&scene, &plan.ego.unattacked(&simulated, plan.args.seed)?);
+            scene = plan.ego.recorded(&scene, &plan.ego.unattacked(&simulated, plan.args.attack.seed)?);
         }
         index.build_all();
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
-        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.further));
+        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.attackers.further));
         let clock = Instant::now();
-        let attacks = attacker.built.generator.attacks(&ctx, &attacker.built.points, plan.args.seed)?;
+        let attacks =
+            attacker.built.generator.attacks(&ctx, &attacker.built.points, plan.args.attack.seed)?;
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let (mut drawn, mut lines) = (Vec::new(), Vec::new());
-        for ((point, variant), attack) in attacker.points.iter().zip(&plan.variants).zip(&attacks) {
+        for ((point, variant), attack) in attacker.points.iter().zip(plan.variants()).zip(&attacks) {
             attack.check(&scene)?;
             let described = plan.describe(point);
             let scene_files = self.scene_files(&files, &scene, attack, variant, &described)?;
@@ -155,7 +149,7 @@ impl SceneWriter<'_> {
 
     /// Refuses a scene whose outputs would have names that no file can have.
     fn check_names(&self, files: &VariantWriter) -> Result<()> {
-        for variant in &self.plan.variants {
+        for variant in self.plan.variants() {
             let name =
                 dataset::file_name(files.dataset(), files.version(), &format!("{}-{variant}", self.scene));
             ensure!(
@@ -182,7 +176,7 @@ impl SceneWriter<'_> {
             ("by", json!(concat!("sage ", env!("CARGO_PKG_VERSION")))),
             ("command", json!(output::command())),
             ("weights", json!(self.attacker.weights)),
-            ("seed", json!(plan.args.seed)),
+            ("seed", json!(plan.args.attack.seed)),
         ] {
             provenance.insert(key.to_owned(), value);
         }
@@ -213,14 +207,14 @@ impl SceneWriter<'_> {
         scene_files: &[(String, Vec<u8>)],
     ) -> Result<Row<'r>> {
         let selected = ctx.candidate(attack.trajectory().clone());
-        let violations = self.plan.selection.objective.rule().violations(&selected, ctx);
+        let violations = self.plan.attackers.selection.objective.rule().violations(&selected, ctx);
         Ok(Row {
             run_hash: self.run.hash(),
             scene: self.scene,
             variant,
             source_hash: self.source_hash,
             files: scene_files.iter().map(|(name, _)| name.clone()).collect(),
-            seed: self.plan.args.seed,
+            seed: self.plan.args.attack.seed,
             described,
             trajectory: attack.trajectory(),
             chosen: attack.chosen,

@@ -18,20 +18,11 @@ use serde_json::{
     value::{RawValue, to_raw_value},
 };
 
-use crate::terminal;
-
-/// Size limit of a row, bytes. A thousand candidates take 4 MB.
-const LIMIT: u64 = 1 << 30;
+use crate::{scene_queue::ROW_LIMIT, terminal};
 
 /// Name of a row's file.
 pub(super) fn row_file(scene: &str, variant: &str) -> String {
     format!("{scene}-{variant}.json")
-}
-
-/// True if a file is a row of the run with a hash.
-pub(super) fn is_row_of(path: &Path, run_hash: &str) -> bool {
-    let start = format!("{{\"run_hash\":\"{run_hash}\"");
-    files::read_start(path, start.len() as u64).is_ok_and(|bytes| bytes == start.as_bytes())
 }
 
 /// One attack, as its file records it.
@@ -157,7 +148,7 @@ struct FoundScores {
 impl FoundRow {
     /// Reads a row; `None` if the file is missing or incomplete.
     pub(super) fn read(path: &Path) -> Option<Self> {
-        serde_json::from_slice(&files::read(path, LIMIT).ok()?).ok()
+        serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
     }
 
     /// The printed line.
@@ -207,16 +198,4 @@ fn line(
         remarks.into_iter().flatten().collect::<Vec<_>>().join("; "),
         seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s)),
     )
-}
-
-/// The JSON line of a row's file, with the time of the attack if this run generated it.
-///
-/// *Errors*: the file cannot be read, or it is not a row.
-pub(super) fn json_line(path: &Path, seconds: Option<f64>) -> Result<Vec<u8>> {
-    let text = files::read_text(path, LIMIT)?;
-    let seconds = serde_json::to_string(&seconds)?;
-    let open = text.trim_end().strip_suffix('}').ok_or_else(|| anyhow::anyhow!("it is no JSON object"))?;
-    let mut line = Vec::with_capacity(text.len() + 32);
-    terminal::write_json_line(&mut line, &format!("{open},\"seconds\":{seconds}}}"))?;
-    Ok(line)
 }

@@ -9,31 +9,33 @@ use std::{
 
 use anyhow::{Context as _, Result};
 
-use super::row::json_line;
+use super::json_line;
 use crate::progress::{Progress, count};
 
-/// Printed line of one attack.
-pub(super) struct Line {
+/// Printed line of one result.
+pub(crate) struct Line {
     /// The line as text.
-    pub(super) text: String,
+    pub(crate) text: String,
     /// Name of the row's file, which holds the line as JSON.
-    pub(super) row: String,
-    /// Time of the attack, seconds; `None` if an earlier run finished it.
-    pub(super) seconds: Option<f64>,
+    pub(crate) row: String,
+    /// Time of the work, seconds; `None` if an earlier run finished it.
+    pub(crate) seconds: Option<f64>,
 }
 
 /// Result of one scene.
-pub(super) struct SceneReport {
-    pub(super) lines: Vec<Line>,
-    /// Time per attack, seconds; `None` if an earlier run finished all.
-    pub(super) seconds: Option<f64>,
+pub(crate) struct SceneReport {
+    pub(crate) lines: Vec<Line>,
+    /// Time per line, seconds; `None` if an earlier run finished all.
+    pub(crate) seconds: Option<f64>,
 }
 
 /// Prints results in the order of the scenes. Waiting rows stay on the disk, so memory does not grow with
 /// them.
-pub(super) struct Report {
+pub(crate) struct Report {
     folder: PathBuf,
     json: bool,
+    /// What one line is: a noun.
+    result: &'static str,
     state: Mutex<State>,
 }
 
@@ -45,30 +47,31 @@ struct State {
     /// False after the reader has closed standard output. The run continues, because it also writes files.
     is_open: bool,
     progress: Progress,
-    attacks: usize,
+    results: usize,
     failed: usize,
 }
 
 impl Report {
-    /// A report for a number of scenes with rows in a folder.
-    pub(super) fn new(folder: &Path, json: bool, scenes: usize) -> Self {
+    /// A report for a number of scenes with rows in a folder. The words are a participle for what is done to a
+    /// scene, and a noun for a line.
+    pub(crate) fn new(folder: &Path, json: bool, scenes: usize, [verb, result]: [&'static str; 2]) -> Self {
         let state = State {
             next: 0,
             waiting: BTreeMap::new(),
             is_open: true,
-            progress: Progress::new("attacked", scenes),
-            attacks: 0,
+            progress: Progress::new(verb, scenes),
+            results: 0,
             failed: 0,
         };
-        Self { folder: folder.to_owned(), json, state: Mutex::new(state) }
+        Self { folder: folder.to_owned(), json, result, state: Mutex::new(state) }
     }
 
     /// Reports a finished scene.
     ///
     /// *Errors*: standard output is not writable, or a row cannot be read back.
-    pub(super) fn done(&self, number: usize, scene: SceneReport) -> Result<()> {
+    pub(crate) fn done(&self, number: usize, scene: SceneReport) -> Result<()> {
         let mut state = self.state();
-        state.attacks += scene.lines.len();
+        state.results += scene.lines.len();
         if scene.seconds.is_some() {
             state.progress.step()
         } else {
@@ -80,7 +83,7 @@ impl Report {
     /// Reports a failed scene.
     ///
     /// *Errors*: as [`Report::done`].
-    pub(super) fn failed(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
+    pub(crate) fn failed(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
         let (file, error) = (format!("`{}`", file.display()), format!("{error:#}"));
         let is_named = error.contains(&file);
         let mut state = self.state();
@@ -95,21 +98,21 @@ impl Report {
     }
 
     /// Number of scenes finished so far.
-    pub(super) fn finished(&self) -> usize {
+    pub(crate) fn finished(&self) -> usize {
         let state = self.state();
         state.progress.done() - state.failed
     }
 
     /// Prints a summary. Returns the number of failed scenes.
-    pub(super) fn finish(self, out: &Path) -> usize {
+    pub(crate) fn finish(self, out: &Path) -> usize {
         let state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
         let scenes = state.progress.done() - state.failed;
         let found = state.progress.found();
         let before = if found > 0 { format!(", {found} of them finished before") } else { String::new() };
-        let (scenes, attacks) = (count(scenes, "scene"), count(state.attacks, "attack"));
+        let (scenes, results) = (count(scenes, "scene"), count(state.results, self.result));
         // A run without any result has said why.
-        if state.attacks > 0 || state.failed == 0 {
-            state.progress.finish(&format!("{scenes}{before}, {attacks} in `{}`", out.display()));
+        if state.results > 0 || state.failed == 0 {
+            state.progress.finish(&format!("{scenes}{before}, {results} in `{}`", out.display()));
         }
         state.failed
     }

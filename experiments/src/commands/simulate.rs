@@ -1,0 +1,202 @@
+//! `sage simulate`: drives scenes with policies, with or without attacks, and writes pages that play them.
+
+mod attack_file;
+mod index;
+mod row;
+mod scene;
+
+use std::{path::PathBuf, time::Instant};
+
+use anyhow::{Context as _, Result, bail};
+use sage_core::statistics;
+use sage_data::folder;
+use serde_json::{Value, json};
+
+use crate::{
+    Outcome, Registries,
+    attackers::Attackers,
+    cli::SimulateArgs,
+    ego::{self, Ego},
+    output::{self, DatasetRun},
+    part::PolicyParts,
+    progress,
+    scene_queue::{self, Input, Report, is_row_of},
+};
+
+use attack_file::AttackFile;
+use scene::{page_file, simulate_scene};
+
+/// What attacks the drivers.
+enum Attacked<'a> {
+    /// Nothing: the scene is driven as it is.
+    AsItIs,
+    /// An attack from a file.
+    FromFile(Box<AttackFile>),
+    /// A generator, at operating points.
+    Generated(Box<Attackers<'a>>),
+}
+
+/// All inputs of the command except the scenes.
+struct Simulation<'a> {
+    args: &'a SimulateArgs,
+    egos: Vec<Ego>,
+    attacked: Attacked<'a>,
+    /// Says on each page what attacks.
+    subtitle: String,
+}
+
+impl<'a> Simulation<'a> {
+    /// Checks all arguments except the scenes; reads weights and the attack.
+    ///
+    /// *Errors*: an argument is out of range or names an unknown part; a file cannot be read.
+    fn new(args: &'a SimulateArgs, registries: &'a Registries) -> Result<Self> {
+        let PolicyParts(parts) = &args.ego;
+        let egos = Ego::all(parts, registries)?;
+        let (attacked, subtitle) = match (&args.method, &args.attack) {
+            (Some(method), _) => {
+                let attackers = Attackers::new(method, &args.options, registries)?;
+                let subtitle =
+                    format!("attacks by {}, each planned against the drive without it", attackers.method);
+                (Attacked::Generated(Box::new(attackers)), subtitle)
+            }
+            (None, file) => {
+                refuse_attack_options(args)?;
+                match file {
+                    Some(file) => {
+                        let subtitle = format!("attack of {}", file.display());
+                        (Attacked::FromFile(Box::new(AttackFile::read(file)?)), subtitle)
+                    }
+                    None => (Attacked::AsItIs, "the scene as it is".to_owned()),
+                }
+            }
+        };
+        Ok(Self { args, egos, attacked, subtitle })
+    }
+
+    /// Name of each attack, as part of file names; empty without a generator.
+    fn variants(&self) -> &[String] {
+        match &self.attacked {
+            Attacked::Generated(attackers) => &attackers.variants,
+            _ => const { &[String::new()] },
+        }
+    }
+
+    /// Drivers (by number), attacks and files of a scene's rows, in the order of the rows.
+    fn files<'s>(&'s self, scene: &'s str) -> impl Iterator<Item = (usize, &'s str, String)> {
+        let rows = (0..self.egos.len()).flat_map(|ego| self.variants().iter().map(move |v| (ego, &**v)));
+        rows.map(move |(ego, variant)| {
+            let dash = if variant.is_empty() { "" } else { "-" };
+            (ego, variant, format!("{scene}-{}{dash}{variant}.json", self.file_name(ego)))
+        })
+    }
+
+    /// A driver's name as part of file names. Drivers whose names differ only in other characters get a number.
+    fn file_name(&self, ego: usize) -> String {
+        let plain = |ego: &Ego| -> String {
+            let keep = |c: char| if c.is_alphanumeric() || "._-".contains(c) { c } else { '-' };
+            ego.label.chars().map(keep).take(80).collect()
+        };
+        let name = plain(&self.egos[ego]);
+        match self.egos[..ego].iter().filter(|other| plain(other) == name).count() {
+            0 => name,
+            before => format!("{name}-{}", before + 1),
+        }
+    }
+
+    /// Identity of this run. The folder of another run is refused.
+    ///
+    /// *Errors*: the file of a `path` or of the attack cannot be read.
+    fn identity(&self) -> Result<Value> {
+        let mut identity = match &self.attacked {
+            Attacked::Generated(attackers) => attackers.identity()?,
+            _ => json!({
+                "command": output::command(), "seed": self.args.options.seed,
+                "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
+            }),
+        };
+        let PolicyParts(parts) = &self.args.ego;
+        identity["ego"] = parts.iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
+        identity["adversary"] = json!(self.args.options.adversary);
+        if let Attacked::FromFile(file) = &self.attacked {
+            identity["attack"] = json!(file.hash());
+        }
+        Ok(identity)
+    }
+}
+
+/// Refuses options of an attack if nothing generates one.
+fn refuse_attack_options(args: &SimulateArgs) -> Result<()> {
+    let (options, points) = (&args.options, &args.options.points);
+    let given = [
+        ("--lambda", points.lambda.is_some()),
+        ("--mu", points.mu.is_some()),
+        ("--aggression", points.aggression.is_some()),
+        ("--mix", points.mix.is_some()),
+        ("--options", options.options.is_some()),
+        ("--weights", options.weights.is_some()),
+        ("--feasibility", options.rule.feasibility.is_some()),
+    ];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        Some((name, _)) => bail!("{name} needs a generator; name it with --method, such as --method sage"),
+        None => Ok(()),
+    }
+}
+
+pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcome> {
+    let clock = Instant::now();
+    let simulation = Simulation::new(args, registries)?;
+    let files = folder::scene_files(&args.scene)?;
+    if let [file] = &files[..]
+        && file.to_str() != Some("-")
+    {
+        std::fs::metadata(file).with_context(|| format!("cannot read `{}`", file.display()))?;
+    }
+    if files.len() > 1 && args.attack.is_some() {
+        bail!(
+            "--attack is on one scene, and `{}` holds {}; to drive a folder of attacked scenes, give it as SCENE",
+            args.scene.display(),
+            files.len()
+        );
+    }
+    let inputs = scene_queue::inputs(&files)?;
+    let names: Vec<PathBuf> = files.iter().filter_map(|file| file.file_name().map(PathBuf::from)).collect();
+    output::protect_inputs(std::slice::from_ref(&args.scene), &files, &args.folder.out, &names)?;
+    let outputs = |input: &Input| -> Vec<String> {
+        let rows = simulation.files(&input.scene).map(|(.., file)| file);
+        rows.chain([page_file(&input.scene)]).collect()
+    };
+    let out = &args.folder.out;
+    let outdated = || inputs.iter().flat_map(outputs).collect();
+    let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, None, outdated)?;
+    let report = Report::new(run.folder().path(), args.json, inputs.len(), ["driven", "drive"]);
+    let all: Vec<&Input> = inputs.iter().collect();
+    let seconds = scene_queue::work(&all, &run, &report, |input| simulate_scene(&simulation, &run, input))?;
+    let failed = report.finish(out);
+    index::write(run.folder(), &simulation, &inputs, run.hash())?;
+    let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
+    let is_done = |input: &&Input| {
+        simulation.files(&input.scene).all(|(.., file)| is_row_of(&folder.join(file), &hash))
+    };
+    let results = || json!({"scenes": inputs.len(), "done": inputs.iter().filter(is_done).count()});
+    let whole = |results: &Value| {
+        (results["scenes"] == results["done"] && failed == 0).then(|| clock.elapsed().as_secs_f64())
+    };
+    run.finish(false, results, statistics::median(&seconds), whole)?;
+    if failed < inputs.len() {
+        let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
+        progress::say(&format!("to watch, open `{}` in a browser", out.join(page).display()));
+    }
+    match failed {
+        0 => Ok(Outcome::Done),
+        1 if inputs.len() == 1 => bail!("the scene could not be driven"),
+        all if all == inputs.len() => bail!("none of {all} scenes could be driven"),
+        some => {
+            progress::say(&format!(
+                "{some} of {} scenes failed; the others are in `{}`; remove the cause and run the same command again",
+                inputs.len(),
+                out.display()
+            ));
+            Ok(Outcome::Partial)
+        }
+    }
+}

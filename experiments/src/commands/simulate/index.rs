@@ -1,0 +1,87 @@
+//! The page that lists all scenes of a run.
+
+use std::fmt::Write as _;
+
+use anyhow::Result;
+
+use super::{Simulation, row::Row, scene::page_file};
+use crate::{output::Folder, scene_queue::Input, terminal};
+
+/// Name of the page.
+pub(super) const FILE: &str = "index.html";
+
+const HEAD: &str = "<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\"><title>sage simulate</title>
+<style>body{font:14px/1.4 system-ui,sans-serif;margin:1.5em;color:#222}table{border-collapse:collapse}td,th{border-bottom:1px solid #ddd;padding:3px 10px;text-align:left;vertical-align:top}th{position:sticky;top:0;background:#fff}.hit{color:#b00020;font-weight:600}</style>
+<h1>Drives</h1>
+";
+
+/// Writes the page, if there is more than one scene. Scenes without results are left out.
+///
+/// *Errors*: the folder cannot be written to.
+pub(super) fn write(
+    folder: &Folder,
+    simulation: &Simulation,
+    inputs: &[Input],
+    run_hash: &str,
+) -> Result<()> {
+    if inputs.len() < 2 {
+        return Ok(());
+    }
+    let mut page = HEAD.to_owned();
+    writeln!(page, "<p>{}</p>", escaped(&simulation.subtitle))?;
+    writeln!(page, "<table><tr><th>scene<th>driver<th>attack<th>result<th>ending</tr>")?;
+    for input in inputs {
+        let mut is_first = true;
+        for (ego, variant, file) in simulation.files(&input.scene) {
+            let row = Row::read(&folder.path().join(&file)).filter(|row| row.run_hash == run_hash);
+            let Some(row) = row else { continue };
+            let name = if std::mem::take(&mut is_first) {
+                format!("<a href=\"{}\">{}</a>", link(&page_file(&input.scene)), escaped(&input.scene))
+            } else {
+                String::new()
+            };
+            let result = match &row.attack {
+                Some(attack) if attack.verdict.attack => "<span class=hit>attack</span>",
+                Some(_) => "no attack",
+                None if row.contacts.is_empty() => "",
+                None => "<span class=hit>contact</span>",
+            };
+            let adversary = row.attack.as_ref().map(|attack| &*attack.adversary);
+            let (ego, ending) = (escaped(&simulation.egos[ego].label), escaped(&row.ending(adversary)));
+            writeln!(page, "<tr><td>{name}<td>{ego}<td>{}<td>{result}<td>{ending}</tr>", escaped(variant))?;
+        }
+    }
+    page += "</table></html>\n";
+    folder.write(FILE, page.as_bytes())
+}
+
+fn escaped(text: &str) -> String {
+    let text = terminal::escaped(text);
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+/// A file name as a link.
+fn link(name: &str) -> String {
+    let mut out = String::new();
+    for byte in name.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'.' | b'_' | b'-' => out.push(char::from(byte)),
+            _ => {
+                // Writing to a string cannot fail.
+                let _ = write!(out, "%{byte:02X}");
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_hold_no_character_with_a_meaning() {
+        assert_eq!(link("a b#?<é.html"), "a%20b%23%3F%3C%C3%A9.html");
+        assert_eq!(escaped("<b>\"&"), "&lt;b&gt;&quot;&amp;");
+    }
+}

@@ -1,0 +1,215 @@
+//! The row of one drive: its JSON file and its printed line.
+
+use std::path::Path;
+
+use sage_core::{
+    files,
+    motion::{NOW, Trajectory},
+    objective::{Reason, SideHit, verdict},
+    scene::Scene,
+};
+use sage_sim::{
+    episode::{End, Episode, EpisodeContact, Verdict},
+    fault::FaultClass,
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::{scene_queue::ROW_LIMIT, terminal};
+
+/// One drive, as its file records it. Steps count from frame 10, *now*, which is step 0.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Row {
+    /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
+    pub(super) run_hash: String,
+    /// Name of the input file without its ending.
+    pub(super) scene: String,
+    /// Driver and its options.
+    pub(super) ego: String,
+    /// Generator and operating point as in a row of `sage generate`; `method` and `lambda` are null without.
+    #[serde(flatten)]
+    pub(super) described: Map<String, Value>,
+    /// Number of steps from frame 0 to the end.
+    pub(super) steps: usize,
+    /// First step at which 95 % of the logged route are driven.
+    pub(super) arrived: Option<i64>,
+    /// First step on a road edge.
+    pub(super) off_road: Option<i64>,
+    pub(super) end: RowEnd,
+    /// Progress along the logged route by its length; null if that is below 5 m.
+    pub(super) completion: Option<f64>,
+    pub(super) contacts: Vec<ContactRow>,
+    /// x, y, heading and speed at each frame from 0 on: metres, radians, m/s.
+    pub(super) trajectory: Vec<[f64; 4]>,
+    /// The attack; null without.
+    pub(super) attack: Option<AttackRow>,
+    /// Hash of the input file.
+    pub(super) source_hash: String,
+    pub(super) seed: u64,
+}
+
+/// Why a drive ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum RowEnd {
+    Contact,
+    Horizon,
+}
+
+/// The first contact with one road user.
+#[derive(Serialize, Deserialize)]
+pub(super) struct ContactRow {
+    pub(super) step: i64,
+    /// Track of the other.
+    pub(super) with: String,
+    /// Largest overlap of the boxes, metres.
+    pub(super) overlap: f64,
+    /// Relative speed, m/s.
+    pub(super) impact_speed: f64,
+    /// Side of the ego that is hit.
+    pub(super) side_hit: SideHit,
+    /// Whether the ego is at fault; null where the map cannot tell.
+    pub(super) at_fault: Option<bool>,
+    /// Number of nuPlan's rule that decides, 1 to 5.
+    pub(super) rule: u8,
+    pub(super) class: FaultClass,
+}
+
+/// The attack of a drive.
+#[derive(Serialize, Deserialize)]
+pub(super) struct AttackRow {
+    /// Track of the adversary.
+    pub(super) adversary: String,
+    /// The adversary's plan, frames 11 to 90.
+    pub(super) trajectory: Trajectory,
+    /// Whether the plan is feasible by the paper's rule.
+    pub(super) feasible: bool,
+    /// Whether the attack on the drive before is believable; null if it does not meet that drive.
+    pub(super) believable: Option<bool>,
+    /// Why not.
+    pub(super) unbelievable: Vec<Reason>,
+    /// Whether the driver falls for it.
+    pub(super) verdict: Verdict,
+    /// Step of the first contact without the attack.
+    pub(super) unattacked_contact: Option<i64>,
+}
+
+/// Step of a frame: *now* is step 0.
+pub(super) fn step(frame: usize) -> i64 {
+    frame as i64 - NOW as i64
+}
+
+impl ContactRow {
+    fn of(contact: &EpisodeContact, scene: &Scene) -> Self {
+        let EpisodeContact { contact, overlap, impact_speed, side_hit, class } = contact;
+        Self {
+            step: step(contact.step),
+            with: scene.tracks[contact.other.track].id.clone(),
+            overlap: *overlap,
+            impact_speed: *impact_speed,
+            side_hit: *side_hit,
+            at_fault: class.is_at_fault(),
+            rule: class.rule(),
+            class: *class,
+        }
+    }
+
+    /// The contact in words. `adversary` is the track of the adversary.
+    fn words(&self, adversary: Option<&str>) -> String {
+        let Self { step, with, overlap, impact_speed, side_hit, at_fault, rule, .. } = self;
+        let who = if Some(&**with) == adversary { "the adversary".to_owned() } else { format!("`{with}`") };
+        let fault = match at_fault {
+            Some(true) => "the ego is at fault",
+            Some(false) => "the ego is not at fault",
+            None => "fault unknown",
+        };
+        let side = side_hit.name();
+        format!(
+            "contact with {who} after {:.1} s: {impact_speed:.1} m/s, ego's {side}, overlap {overlap:.2} m; {fault} (rule {rule})",
+            0.1 * *step as f64
+        )
+    }
+}
+
+/// What identifies a row and describes its attack.
+pub(super) struct RowHead<'a> {
+    pub(super) run_hash: &'a str,
+    pub(super) scene: &'a str,
+    pub(super) ego: &'a str,
+    pub(super) described: Map<String, Value>,
+    pub(super) source_hash: &'a str,
+    pub(super) seed: u64,
+}
+
+impl Row {
+    /// The row of an episode.
+    pub(super) fn new(head: RowHead, episode: &Episode, scene: &Scene, attack: Option<AttackRow>) -> Self {
+        let state = |motion: &sage_sim::vehicle::Motion| {
+            let [x, y] = motion.position;
+            [x, y, motion.heading, motion.speed()]
+        };
+        Self {
+            run_hash: head.run_hash.to_owned(),
+            scene: head.scene.to_owned(),
+            ego: head.ego.to_owned(),
+            described: head.described,
+            steps: episode.steps(),
+            arrived: episode.arrived.map(step),
+            off_road: episode.drive.off_road.map(step),
+            end: match episode.end {
+                End::Contact => RowEnd::Contact,
+                End::Horizon => RowEnd::Horizon,
+            },
+            completion: episode.completion,
+            contacts: episode.contacts.iter().map(|contact| ContactRow::of(contact, scene)).collect(),
+            trajectory: episode.drive.motions.iter().map(state).collect(),
+            attack,
+            source_hash: head.source_hash.to_owned(),
+            seed: head.seed,
+        }
+    }
+
+    /// Reads a row; `None` if the file is missing or incomplete.
+    pub(super) fn read(path: &Path) -> Option<Self> {
+        serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
+    }
+
+    /// How the drive ended, in words.
+    pub(super) fn ending(&self, adversary: Option<&str>) -> String {
+        let route =
+            self.completion.map_or(String::new(), |c| format!("{:.0} % of the route driven", 100.0 * c));
+        let off_road = self.off_road.map(|step| format!("off the road after {:.1} s", 0.1 * step as f64));
+        let contact = match (self.end, self.contacts.first()) {
+            (RowEnd::Contact, Some(contact)) => contact.words(adversary),
+            _ => "no contact".to_owned(),
+        };
+        let parts = [Some(contact), off_road, Some(route).filter(|route| !route.is_empty())];
+        parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
+    }
+
+    /// What is attacked and how, in words; empty without an attack.
+    pub(super) fn note(&self) -> String {
+        let Some(attack) = &self.attack else { return String::new() };
+        let feasible = if attack.feasible { "feasible plan" } else { "plan not feasible" };
+        let believable = verdict(attack.believable, &attack.unbelievable);
+        let planned = believable
+            .map_or("does not meet the drive it was planned against".to_owned(), |words| {
+                format!("{words} against the drive it was planned against")
+            });
+        format!("{feasible}, {planned}")
+    }
+
+    /// The printed line; `variant` names attack and operating point.
+    pub(super) fn line(&self, variant: &str) -> String {
+        let verdict = self.attack.as_ref().map(|attack| &attack.verdict);
+        let attack = match verdict {
+            None => "",
+            Some(Verdict { attack: true, .. }) => "attack; ",
+            Some(_) => "no attack; ",
+        };
+        let adversary = self.attack.as_ref().map(|attack| &*attack.adversary);
+        let names = [&self.scene, &self.ego, variant].map(terminal::escaped_name);
+        let names = names.join(" ");
+        format!("{}: {attack}{}", names.trim_end(), terminal::escaped_name(&self.ending(adversary)))
+    }
+}

@@ -1,0 +1,203 @@
+//! A self-contained HTML page that plays drives of one scene side by side.
+//!
+//! The page holds the map around the drives, the traffic, and each drive, as integers: centimetres,
+//! milliradians, centimetres per second, each as the difference to the number before. It needs no network.
+
+mod encoding;
+mod map;
+
+use anyhow::Result;
+use sage_core::{
+    geometry::{Aabb, OrientedBox, Point},
+    motion::NOW,
+    scene::{Scene, Track, TrackKind},
+};
+use sage_sim::{
+    body::BodyShape,
+    drive::Drive,
+    episode::{Episode, LAST_FRAME},
+    vehicle::Motion,
+};
+use serde::Serialize;
+
+use encoding::{EncodedBody, State};
+use map::EncodedFeature;
+
+/// Size limit of a page, bytes.
+const LIMIT: usize = 2_000_000;
+/// Detail of the map, finest first: largest error of a line, and reach around the drives, metres. The first
+/// that fits into the page is taken.
+const DETAILS: [[f64; 2]; 5] = [[0.05, 150.0], [0.1, 100.0], [0.2, 70.0], [0.5, 50.0], [1.0, 30.0]];
+
+const PAGE: &str = include_str!("player/page.html");
+const STYLE: &str = include_str!("player/style.css");
+const SCRIPT: &str = include_str!("player/player.js");
+
+/// One drive of the page.
+pub(crate) struct Panel<'a> {
+    /// Driver and attack.
+    pub(crate) name: String,
+    pub(crate) episode: &'a Episode,
+    /// What the adversary does, if there is one.
+    pub(crate) adversary: Option<&'a Track>,
+    /// The same driver without the attack.
+    pub(crate) unattacked: Option<&'a Drive>,
+    /// Says what is attacked, before the end.
+    pub(crate) note: String,
+    /// Says how it ended.
+    pub(crate) ending: String,
+}
+
+#[derive(Serialize)]
+struct Data<'a> {
+    title: &'a str,
+    subtitle: &'a str,
+    now: usize,
+    frames: usize,
+    columns: usize,
+    map: Vec<EncodedFeature>,
+    traffic: Vec<EncodedBody>,
+    panels: Vec<EncodedPanel<'a>>,
+}
+
+#[derive(Serialize)]
+struct EncodedPanel<'a> {
+    name: &'a str,
+    /// Last frame of the drive.
+    end: usize,
+    ego: EncodedBody,
+    adversary: Option<EncodedBody>,
+    ghost: Option<EncodedBody>,
+    contact: Option<EncodedContact<'a>>,
+    note: &'a str,
+    finished: &'a str,
+}
+
+#[derive(Serialize)]
+struct EncodedContact<'a> {
+    frame: usize,
+    x: i64,
+    y: i64,
+    words: &'a str,
+}
+
+/// The page. `columns` is the number of drives in a row, if there is room.
+///
+/// *Errors*: none that a caller can cause.
+pub(crate) fn page(
+    scene: &Scene,
+    [title, subtitle]: [&str; 2],
+    panels: &[Panel],
+    columns: usize,
+) -> Result<String> {
+    // World coordinates reach 100 km, so the page counts from the ego's start.
+    let origin = scene.ego().point(0);
+    let driven = Aabb::of(panels.iter().flat_map(|panel| {
+        let ego = panel.episode.drive.motions.iter().map(|motion| motion.position);
+        let other = panel.adversary.into_iter().flat_map(|track| states(track, [0.0, 0.0]).map(|s| s.1.at));
+        ego.chain(other).collect::<Vec<Point>>()
+    }));
+    let mut text = String::new();
+    for [error, reach] in DETAILS {
+        let area = Aabb { min: driven.min.map(|x| x - reach), max: driven.max.map(|x| x + reach) };
+        let data = Data {
+            title,
+            subtitle,
+            now: NOW,
+            frames: LAST_FRAME + 1,
+            columns,
+            map: map::encoded(scene, &area, error, origin),
+            traffic: traffic(scene, panels, &area, origin),
+            panels: panels.iter().map(|panel| encoded(panel, scene, origin)).collect(),
+        };
+        // Within a script element only `<` could end the data.
+        text = serde_json::to_string(&data)?.replace('<', "\\u003c");
+        if text.len() + PAGE.len() + STYLE.len() + SCRIPT.len() <= LIMIT {
+            break;
+        }
+    }
+    let title = title.replace('&', "&amp;").replace('<', "&lt;");
+    // The data come last: a title may hold the name of another part.
+    let page = PAGE.replace("{{STYLE}}", STYLE).replace("{{SCRIPT}}", SCRIPT);
+    let parts = page.split_once("{{TITLE}}").and_then(|(head, rest)| {
+        let (middle, tail) = rest.split_once("{{DATA}}")?;
+        Some([head, &title, middle, &text, tail].concat())
+    });
+    parts.ok_or_else(|| anyhow::anyhow!("the page has no place for its title or data"))
+}
+
+/// All road users besides ego and adversary that come near.
+fn traffic(scene: &Scene, panels: &[Panel], area: &Aabb, origin: Point) -> Vec<EncodedBody> {
+    let has_adversary = panels.iter().any(|panel| panel.adversary.is_some());
+    let is_shown = |k: usize| k != scene.ego && !(has_adversary && scene.adversary == Some(k));
+    let tracks = scene.tracks.iter().enumerate().filter(|(k, _)| is_shown(*k)).map(|(_, track)| track);
+    tracks
+        .filter(|track| states(track, [0.0, 0.0]).any(|(_, state)| area.meets(&Aabb::around(state.at, 0.0))))
+        .filter_map(|track| EncodedBody::of(states(track, origin), box_size(track), kind(track)))
+        .collect()
+}
+
+fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'a> {
+    let Panel { name, episode, adversary, unattacked, note, ending } = panel;
+    let size = box_size(scene.ego());
+    let drive = |drive: &Drive| {
+        let motions = drive.motions.iter().take(LAST_FRAME + 1).enumerate();
+        let states = motions.map(|(frame, motion)| (frame, State::of_motion(motion, origin)));
+        EncodedBody::of(states, size, "vehicle")
+    };
+    let contact = episode.first_contacts().next().map(|hit| {
+        let [own, other] = &hit.contact.areas;
+        // The corner of one box that lies deepest in the other is near the place of the contact.
+        let nearest = |a: &OrientedBox, b: &OrientedBox| {
+            let gap = |p: &Point| {
+                let [x, y] = b.to_local(*p);
+                (x.abs() - b.half_length).max(y.abs() - b.half_width)
+            };
+            a.corners().into_iter().map(|p| (gap(&p), p)).min_by(|p, q| p.0.total_cmp(&q.0))
+        };
+        let corners = [nearest(own, other), nearest(other, own)].into_iter().flatten();
+        let at = corners.min_by(|p, q| p.0.total_cmp(&q.0)).map_or(own.center, |(_, p)| p);
+        let [x, y] = [0, 1].map(|k| encoding::hundredths(at[k] - origin[k]));
+        EncodedContact { frame: hit.contact.step, x, y, words: ending }
+    });
+    EncodedPanel {
+        name,
+        end: episode.steps(),
+        // A drive has at least its first frame.
+        ego: drive(&episode.drive).unwrap_or_default(),
+        adversary: adversary
+            .and_then(|track| EncodedBody::of(states(track, origin), box_size(track), "vehicle")),
+        ghost: unattacked.and_then(drive),
+        contact,
+        note,
+        finished: ending,
+    }
+}
+
+/// States of a track at its valid frames, relative to an origin.
+fn states(track: &Track, origin: Point) -> impl Iterator<Item = (usize, State)> {
+    let frames = (0..track.valid.len().min(LAST_FRAME + 1)).filter(|&frame| track.is_valid(frame));
+    frames.map(move |frame| {
+        let motion = Motion {
+            position: track.point(frame),
+            heading: track.heading[frame],
+            velocity: track.velocity[frame],
+            yaw_rate: 0.0,
+        };
+        (frame, State::of_motion(&motion, origin))
+    })
+}
+
+/// Length and width of a track's box, metres.
+fn box_size(track: &Track) -> [f64; 2] {
+    BodyShape::at_now(track).size.unwrap_or([4.5, 1.9])
+}
+
+fn kind(track: &Track) -> &'static str {
+    match track.kind {
+        TrackKind::Vehicle => "vehicle",
+        TrackKind::Pedestrian => "pedestrian",
+        TrackKind::Cyclist => "cyclist",
+        TrackKind::Other(_) => "other",
+    }
+}

@@ -1,0 +1,125 @@
+//! A queue of scene files that are worked on in parallel. Each scene has rows of its own on the disk, so an
+//! interrupted run resumes, and a scene that fails does not stop the others.
+
+mod report;
+
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
+};
+
+use anyhow::{Result, bail};
+use sage_core::files;
+
+use crate::{
+    input,
+    output::{self, DatasetRun},
+    terminal,
+};
+
+pub(crate) use report::{Line, Report, SceneReport};
+
+/// Size limit of a row, bytes. A thousand candidates take 4 MB.
+pub(crate) const ROW_LIMIT: u64 = 1 << 30;
+
+/// A scene file with the name of its outputs.
+pub(crate) struct Input {
+    pub(crate) file: PathBuf,
+    /// Name of the file without its ending.
+    pub(crate) scene: String,
+}
+
+/// Extent of a failure.
+pub(crate) enum Failure {
+    /// Ends the scene; the others continue.
+    Scene(anyhow::Error),
+    /// Ends the run: no scene can be worked on.
+    Run(anyhow::Error),
+}
+
+/// Scene files with the names of their outputs.
+///
+/// *Errors*: two files have the same name, or a name cannot be listed in a data set.
+pub(crate) fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
+    let mut seen: HashMap<String, &Path> = HashMap::new();
+    let mut inputs = Vec::with_capacity(files.len());
+    for file in files {
+        let scene = input::scene_name(file).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        if let Some(other) = seen.insert(scene.clone(), file) {
+            bail!(
+                "`{}` and `{}` have the same name, so their outputs would have; generate them into two folders",
+                other.display(),
+                file.display()
+            );
+        }
+        if scene.contains('\\') {
+            bail!("`{}` has a backslash in its name, which data sets cannot list; rename it", file.display());
+        }
+        inputs.push(Input { file: file.clone(), scene });
+    }
+    Ok(inputs)
+}
+
+/// Works on scenes on all threads; each thread takes the next scene. Returns the seconds per line of each
+/// scene that this run worked on.
+///
+/// *Errors*: the first failure that ends the run.
+pub(crate) fn work(
+    inputs: &[&Input],
+    run: &DatasetRun,
+    report: &Report,
+    one: impl Fn(&Input) -> Result<SceneReport, Failure> + Sync,
+) -> Result<Vec<f64>> {
+    let next = AtomicUsize::new(0);
+    let (stopped, times) = (Mutex::new(None), Mutex::new(Vec::new()));
+    let locked_stop = || stopped.lock().unwrap_or_else(PoisonError::into_inner);
+    rayon::broadcast(|_| {
+        while locked_stop().is_none() {
+            let number = next.fetch_add(1, Ordering::Relaxed);
+            let Some(input) = inputs.get(number) else { break };
+            let outcome = match one(input) {
+                Ok(scene) => {
+                    times.lock().unwrap_or_else(PoisonError::into_inner).extend(scene.seconds);
+                    report.done(number, scene)
+                }
+                Err(Failure::Scene(error)) if output::is_disk_full(&error) => Err(error.context(format!(
+                    "the disk is full; {} of {} scenes are finished in `{}`; free space and run the same command again",
+                    report.finished(),
+                    inputs.len(),
+                    run.folder().path().display()
+                ))),
+                Err(Failure::Scene(error)) => report.failed(number, &input.file, &error),
+                Err(Failure::Run(error)) => Err(error),
+            };
+            if let Err(error) = outcome {
+                locked_stop().get_or_insert(error);
+            }
+        }
+    });
+    match stopped.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        Some(error) => Err(error),
+        None => Ok(times.into_inner().unwrap_or_else(PoisonError::into_inner)),
+    }
+}
+
+/// True if a file is a row of the run with a hash. A row is a JSON object whose first field is `run_hash`.
+pub(crate) fn is_row_of(path: &Path, run_hash: &str) -> bool {
+    let start = format!("{{\"run_hash\":\"{run_hash}\"");
+    files::read_start(path, start.len() as u64).is_ok_and(|bytes| bytes == start.as_bytes())
+}
+
+/// The JSON line of a row's file, with the time of the work if this run did it.
+///
+/// *Errors*: the file cannot be read, or it is not a row.
+fn json_line(path: &Path, seconds: Option<f64>) -> Result<Vec<u8>> {
+    let text = files::read_text(path, ROW_LIMIT)?;
+    let seconds = serde_json::to_string(&seconds)?;
+    let open = text.trim_end().strip_suffix('}').ok_or_else(|| anyhow::anyhow!("it is no JSON object"))?;
+    let mut line = Vec::with_capacity(text.len() + 32);
+    terminal::write_json_line(&mut line, &format!("{open},\"seconds\":{seconds}}}"))?;
+    Ok(line)
+}

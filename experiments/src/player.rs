@@ -40,7 +40,7 @@ pub(crate) struct Panel<'a> {
     pub(crate) episode: &'a Episode,
     /// What the adversary does, if there is one.
     pub(crate) adversary: Option<&'a Track>,
-    /// The same driver without the attack.
+    /// The same driver without the attack; the page shows it up to its first contact.
     pub(crate) unattacked: Option<&'a Drive>,
     /// Says what is attacked, before the end.
     pub(crate) note: String,
@@ -141,7 +141,8 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
     let Panel { name, episode, adversary, unattacked, note, ending } = panel;
     let size = box_size(scene.ego());
     let drive = |drive: &Drive| {
-        let motions = drive.motions.iter().take(LAST_FRAME + 1).enumerate();
+        let end = drive.contacts.first().map_or(LAST_FRAME, |contact| contact.step.min(LAST_FRAME));
+        let motions = drive.motions.iter().take(end + 1).enumerate();
         let states = motions.map(|(frame, motion)| (frame, State::of_motion(motion, origin)));
         EncodedBody::of(states, size, "vehicle")
     };

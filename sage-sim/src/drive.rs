@@ -193,6 +193,13 @@ pub struct Drive {
 }
 
 impl Drive {
+    /// The car's box at the end of the step of a contact.
+    pub(crate) fn area(&self, contact: &DriveContact) -> OrientedBox {
+        let (motion, sizes) = (&self.motions[contact.step], &contact.areas[0]);
+        let [length, width] = [2.0 * sizes.half_length, 2.0 * sizes.half_width];
+        OrientedBox::new(motion.position, motion.heading, length, width)
+    }
+
     /// The scene in which the ego's recording is this drive. Frames after its end are not valid. Heights are
     /// those of the log.
     pub fn recorded(&self, scene: &Scene) -> Scene {

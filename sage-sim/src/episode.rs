@@ -111,19 +111,25 @@ impl Episode {
         } else {
             drive.contacts.iter().map(overlap_ahead).collect()
         };
-        let car = simulation.world().car();
-        let contact = |(contact, overlap): (DriveContact, f64)| EpisodeContact {
-            overlap,
-            impact_speed: norm(sub(contact.velocities[1], contact.velocities[0])),
-            side_hit: SideHit::of(&contact.areas[0], &contact.areas[1]),
-            class: classify(&contact, car, scene.index()),
-            contact,
+        let (car, is_posed) = (simulation.world().car(), simulation.is_posed());
+        let all = recorder.finish();
+        let contact = |(contact, overlap): (&DriveContact, f64)| {
+            // A posed ego is where it is at the frame, as in the scores of an attack.
+            let at_frame = [all.area(contact), contact.other.area];
+            let [own, other] = if is_posed { &at_frame } else { &contact.areas };
+            EpisodeContact {
+                overlap,
+                impact_speed: norm(sub(contact.velocities[1], contact.velocities[0])),
+                side_hit: SideHit::of(own, other),
+                class: classify(contact, car, scene.index()),
+                contact: contact.clone(),
+            }
         };
         Ok(Self {
             end: if found == 0 { End::Horizon } else { End::Contact },
             arrived,
             completion: has_route.then(|| drive.progress / route),
-            contacts: recorder.finish().contacts.into_iter().zip(overlaps).map(contact).collect(),
+            contacts: all.contacts.iter().zip(overlaps).map(contact).collect(),
             drive,
         })
     }

@@ -148,17 +148,16 @@ function drawPanel(panel) {
   const time = Math.min(view.time, panel.end), middle = centre(panel, time), scale = view.scale * ratio;
   const { width, height } = canvas;
   panel.middle = middle;
-  // On whole pixels, so that the map does not shake under the cars.
-  middle.x = Math.round(middle.x * scale) / scale;
-  middle.y = Math.round(middle.y * scale) / scale;
+  // Whole pixels: tiles meet without gaps, and the map does not shake under the cars.
+  const x0 = Math.round(middle.x * scale - width / 2), y0 = Math.round(middle.y * scale - height / 2);
+  const left = x0 / scale, bottom = y0 / scale;
   c.setTransform(1, 0, 0, 1, 0, 0);
-  const left = middle.x - width / 2 / scale, bottom = middle.y - height / 2 / scale, size = TILE / scale;
-  for (let column = Math.floor(left / size); column * size < left + width / scale; column++) {
-    for (let row = Math.floor(bottom / size); row * size < bottom + height / scale; row++) {
-      c.drawImage(tile(column, row, scale), Math.round((column * size - left) * scale), Math.round(height - (row * size - bottom) * scale - TILE));
+  for (let column = Math.floor(x0 / TILE); column * TILE < x0 + width; column++) {
+    for (let row = Math.floor(y0 / TILE); row * TILE < y0 + height; row++) {
+      c.drawImage(tile(column, row, scale), column * TILE - x0, height - (row * TILE - y0) - TILE);
     }
   }
-  c.setTransform(scale, 0, 0, -scale, width / 2 - middle.x * scale, height / 2 + middle.y * scale);
+  c.setTransform(scale, 0, 0, -scale, -x0, height + y0);
   c.lineJoin = c.lineCap = "round";
   for (const b of traffic) {
     const p = pose(b, time);
@@ -183,15 +182,14 @@ function drawPanel(panel) {
   const adversary = panel.adversary && pose(panel.adversary, time);
   if (adversary) car(c, adversary, panel.adversary, colour.adversary, { stripes: true, outline: colour.ink });
   car(c, own, panel.ego, colour.ego, { outline: colour.ink });
-  if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(1.2, (11 * ratio) / scale));
+  if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(0.8, (7 * ratio) / scale));
   scaleBar(c, ratio, scale, height);
   const gap = adversary ? `, ${Math.hypot(adversary.x - own.x, adversary.y - own.y).toFixed(0)} m apart` : "";
   panel.live.textContent = `${own.v.toFixed(1)} m/s${gap}`;
   const over = view.time >= panel.end && panel.contact;
   panel.box.classList.toggle("over", Boolean(over));
-  panel.status.replaceChildren();
-  if (over) { const b = document.createElement("b"); b.textContent = panel.contact.words; panel.status.append(b); }
-  else panel.status.textContent = view.time < now ? "recorded history, before the attack" : view.time >= last ? panel.finished : panel.note;
+  panel.status.className = over ? "over" : "";
+  panel.status.textContent = over ? panel.contact.words : view.time < now ? "Recorded history, before the attack." : view.time >= last ? panel.finished : panel.note;
   drawStrip(panel, time, ratio);
 }
 
@@ -257,9 +255,9 @@ function redraw() {
   });
 }
 
-// About 60 m across the smaller side of a panel, at most 90 m across the larger one.
+// About 45 m across the smaller side of a view, or 90 m across the larger one.
 function firstScale() {
-  const box = panels[0].canvas.parentElement.getBoundingClientRect();
+  const box = panels.find((p) => !p.box.hidden).canvas.parentElement.getBoundingClientRect();
   return Math.max(2, Math.min(Math.min(box.width, box.height) / 45, Math.max(box.width, box.height) / 90));
 }
 
@@ -280,7 +278,7 @@ function build() {
     panel.box = make("section", element("panels"), "panel");
     const head = make("h2", panel.box);
     head.title = "Show this drive alone, or all";
-    head.append(panel.name);
+    make("b", head).textContent = panel.name;
     panel.live = make("span", head);
     const area = make("div", panel.box, "view");
     panel.canvas = make("canvas", area);
@@ -305,6 +303,13 @@ function arrange() {
   const shown = panels.filter((p) => !p.box.hidden).length, room = Math.max(1, Math.floor(element("panels").clientWidth / 280));
   const wanted = shown === 1 ? 1 : Math.min(data.columns, shown);
   element("panels").style.gridTemplateColumns = `repeat(${Math.min(wanted, room)}, minmax(0, 1fr))`;
+  // Room for the longest text, so that the view keeps its size when the text changes.
+  const tallest = (p) => {
+    p.status.style.height = "auto";
+    return Math.max(...[p.note, p.finished, p.contact?.words || ""].map((words) => { p.status.textContent = words; return p.status.offsetHeight; }));
+  };
+  const height = Math.max(...panels.filter((p) => !p.box.hidden).map(tallest));
+  panels.forEach((p) => (p.status.style.height = `${height}px`));
   redraw();
 }
 
@@ -352,7 +357,8 @@ function play(start) {
 
 function tick(at) {
   if (!view.playing) return;
-  view.time = Math.min(last, view.time + ((at - before) / 100) * view.rate);
+  // A frame may have begun before the key was pressed.
+  view.time = Math.min(last, view.time + (Math.max(0, at - before) / 100) * view.rate);
   before = at;
   redraw();
   if (over()) play(false);

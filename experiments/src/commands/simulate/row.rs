@@ -119,13 +119,13 @@ impl ContactRow {
         let Self { step, with, overlap, impact_speed, side_hit, at_fault, rule, .. } = self;
         let who = if Some(&**with) == adversary { "the adversary".to_owned() } else { format!("`{with}`") };
         let fault = match at_fault {
-            Some(true) => "the ego is at fault",
-            Some(false) => "the ego is not at fault",
+            Some(true) => "ego at fault",
+            Some(false) => "ego not at fault",
             None => "fault unknown",
         };
         let side = side_hit.name();
         format!(
-            "contact with {who} after {:.1} s: {impact_speed:.1} m/s, ego's {side}, overlap {overlap:.2} m; {fault} (rule {rule})",
+            "contact with {who} after {:.1} s: {impact_speed:.1} m/s at the ego's {side}, overlap {overlap:.2} m, {fault} (rule {rule})",
             0.1 * *step as f64
         )
     }
@@ -176,8 +176,7 @@ impl Row {
 
     /// How the drive ended, in words.
     pub(super) fn ending(&self, adversary: Option<&str>) -> String {
-        let route =
-            self.completion.map_or(String::new(), |c| format!("{:.0} % of the route driven", 100.0 * c));
+        let route = self.completion.map_or(String::new(), |c| format!("{:.0} % of the route", 100.0 * c));
         let off_road = self.off_road.map(|step| format!("off the road after {:.1} s", 0.1 * step as f64));
         let contact = match (self.end, self.contacts.first()) {
             (RowEnd::Contact, Some(contact)) => contact.words(adversary),
@@ -190,13 +189,15 @@ impl Row {
     /// What is attacked and how, in words; empty without an attack.
     pub(super) fn note(&self) -> String {
         let Some(attack) = &self.attack else { return String::new() };
-        let feasible = if attack.feasible { "feasible plan" } else { "plan not feasible" };
-        let believable = verdict(attack.believable, &attack.unbelievable);
-        let planned = believable
-            .map_or("does not meet the drive it was planned against".to_owned(), |words| {
-                format!("{words} against the drive it was planned against")
-            });
-        format!("{feasible}, {planned}")
+        let feasible = if attack.feasible { "feasible" } else { "not feasible" };
+        let contact = match verdict(attack.believable, &attack.unbelievable) {
+            None => "no contact".to_owned(),
+            Some(words) => format!("contact, {words}"),
+        };
+        let before = attack.unattacked_contact.map_or(String::new(), |step| {
+            format!(" That drive has a contact of its own after {:.1} s.", 0.1 * step as f64)
+        });
+        format!("Plan: {feasible}. Against the drive without the attack: {contact}.{before}")
     }
 
     /// The printed line; `variant` names attack and operating point.

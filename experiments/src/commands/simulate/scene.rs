@@ -263,7 +263,8 @@ impl SceneDrives<'_> {
             .iter()
             .map(|driven| {
                 let own: Option<&Track> = driven.plan.as_ref().map(|plan| &plan.motion).or(adversary);
-                let names = [&*egos[driven.ego].label, &*driven.label];
+                let label = driven.label.replace("lambda ", "λ ");
+                let names = [&*egos[driven.ego].label, &*label];
                 let id = adversary.map(|track| &*track.id);
                 Panel {
                     name: names.into_iter().filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", "),

@@ -11,7 +11,7 @@ use sage_core::{
     scene::Scene,
 };
 
-use crate::{Error, Format, metadrive, native, pickle::Document};
+use crate::{Error, Format, metadrive, native, pickle::Document, variants::PROVENANCE};
 
 /// Size limit of a scene file, bytes. The largest public ones have 2 MB.
 pub const MAX_FILE: u64 = 256 << 20;
@@ -125,6 +125,19 @@ impl Recording {
         let metadata = document.get(document.root(), "metadata");
         let dataset = metadata.and_then(|metadata| document.get(metadata, "dataset"));
         Ok(dataset.and_then(|dataset| document.text(dataset)) == Some(metadrive::PROCEDURAL_DATASET))
+    }
+
+    /// How the scene was derived from its source, as [`crate::VariantWriter`] wrote it; `None` without.
+    ///
+    /// *Errors*: a native file whose source is damaged.
+    pub fn provenance(&self) -> Result<Option<String>, Error> {
+        let Some(document) = self.document()? else {
+            let note = self.scene.notes.iter().find_map(|note| note.strip_prefix(PROVENANCE));
+            return Ok(note.map(|text| text.trim_start_matches(": ").to_owned()));
+        };
+        let metadata = document.get(document.root(), "metadata");
+        let text = metadata.and_then(|metadata| document.get(metadata, PROVENANCE));
+        Ok(text.and_then(|text| document.text(text)).map(str::to_owned))
     }
 
     /// The recording as a MetaDrive pickle.

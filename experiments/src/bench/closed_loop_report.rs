@@ -53,7 +53,7 @@ const SHARES: [(&str, Share); 4] = [
 
 /// Means over the scenes that did not fail.
 const MEANS: [(&str, Mean); 4] = [
-    ("progress", |d| d.completion),
+    ("progress", |d| d.completion.map(|c| c.min(1.0))),
     ("R_adv", |d| Some(d.reward)),
     ("R_adv, path cut", |d| Some(d.reward_cut)),
     ("impact m/s", |d| d.verdict.attack.then(|| d.contact.as_ref().map(|c| c.impact_speed)).flatten()),
@@ -89,7 +89,7 @@ pub(crate) fn markdown(all: &[AttackedDriver]) -> Result<String> {
     out += "\n*Attack*: the ego's first contact is with the adversary after *now*, the plan is feasible, and without the \
         attack there was no contact by then. *At-fault*: nuPlan's rule gives this contact to the ego. *Solid*: the boxes \
         overlap by at least 0.5 m. *Any vehicle*: the published flag, the first contact is with any vehicle. *Progress*: \
-        share of the logged route at the end. *Impact*: mean over the attacks. Intervals: 95 %, Wilson for shares, \
+        share of the logged route at the end, at most 1. *Impact*: mean over the attacks. Intervals: 95 %, Wilson for shares, \
         bootstrap for means. A scene that failed counts as not attacked.\n";
     between_drivers(&mut out, all)?;
     between_generators(&mut out, all)?;

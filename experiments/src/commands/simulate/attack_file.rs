@@ -32,7 +32,7 @@ pub(super) struct AttackFile {
 
 enum Content {
     Row(Box<GeneratedRow>),
-    Scene(Box<Scene>),
+    Scene(Box<Scene>, Map<String, Value>),
 }
 
 /// The part of a row of `sage generate` that a drive needs.
@@ -62,7 +62,9 @@ impl AttackFile {
             let row = serde_json::from_slice(&bytes);
             Content::Row(row.with_context(|| format!("`{name}` is not a row of `sage generate`"))?)
         } else {
-            Content::Scene(Box::new(Recording::from_bytes(file, bytes)?.scene))
+            let recording = Recording::from_bytes(file, bytes)?;
+            let known = provenance(&recording)?;
+            Content::Scene(Box::new(recording.scene), known)
         };
         Ok(Self { name, hash, content })
     }
@@ -95,7 +97,7 @@ impl AttackFile {
                 );
                 Ok(row.trajectory.clone())
             }
-            Content::Scene(attacked) => {
+            Content::Scene(attacked, _) => {
                 ensure!(
                     attacked.id == scene.id && attacked.frames == scene.frames,
                     "the attack in `{name}` is on scene `{}` with {} frames, not on `{}` with {}",
@@ -128,9 +130,25 @@ impl AttackFile {
 
     /// How the attack was generated, as far as the file says.
     pub(super) fn described(&self) -> Map<String, Value> {
-        let Content::Row(row) = &self.content else { return Map::new() };
-        let known =
-            DESCRIPTION.iter().filter_map(|key| Some(((*key).to_owned(), row.others.get(*key)?.clone())));
-        known.collect()
+        match &self.content {
+            Content::Row(row) => description(&row.others),
+            Content::Scene(_, known) => known.clone(),
+        }
     }
+}
+
+/// How the attack in a scene was generated, as far as its file says.
+///
+/// *Errors*: a native file whose source is damaged.
+pub(super) fn provenance(recording: &Recording) -> Result<Map<String, Value>> {
+    let text = recording.provenance()?;
+    // Another program may have written something else there.
+    let all: Option<Map<String, Value>> = text.and_then(|text| serde_json::from_str(&text).ok());
+    Ok(description(&all.unwrap_or_default()))
+}
+
+/// The fields that describe how an attack was generated.
+fn description(all: &Map<String, Value>) -> Map<String, Value> {
+    let field = |key: &&str| Some(((*key).to_owned(), all.get(*key)?.clone()));
+    DESCRIPTION.iter().filter_map(field).collect()
 }

@@ -14,7 +14,7 @@ use sage_sim::{SimScene, drive::Drive, episode::Episode, traffic::Plan};
 use serde_json::{Map, Value};
 
 use super::{
-    Attacked, Simulation,
+    Attacked, Simulation, attack_file,
     row::{AttackRow, Row, RowHead, step},
 };
 use crate::{
@@ -52,10 +52,14 @@ pub(super) fn simulate_scene(
         }
         _ => None,
     };
+    let known = match simulation.attacked {
+        Attacked::AsItIs => attack_file::provenance(&recording).map_err(fail)?,
+        _ => Map::new(),
+    };
     let clock = Instant::now();
     let adversary = simulation.args.options.adversary.as_deref();
     let scene = recording.scene.with_roles(None, adversary).map_err(|error| fail(error.into()))?;
-    let drives = SceneDrives { simulation, run, name: &input.scene, source_hash: &source_hash };
+    let drives = SceneDrives { simulation, run, name: &input.scene, source_hash: &source_hash, known };
     drives.simulate(Arc::new(scene), attacker.as_deref(), clock).map_err(fail)
 }
 
@@ -124,6 +128,8 @@ struct SceneDrives<'s> {
     run: &'s DatasetRun,
     name: &'s str,
     source_hash: &'s str,
+    /// How the attack in the scene was generated, as far as its file says.
+    known: Map<String, Value>,
 }
 
 impl SceneDrives<'_> {
@@ -207,11 +213,10 @@ impl SceneDrives<'_> {
                     attack: Some((trajectory, scores)),
                 }])
             }
-            _ => Ok(vec![PlannedAttack {
-                described: described(Map::new()),
-                label: String::new(),
-                attack: None,
-            }]),
+            _ => {
+                let described = described(self.known.clone());
+                Ok(vec![PlannedAttack { described, label: String::new(), attack: None }])
+            }
         }
     }
 

@@ -182,7 +182,7 @@ function drawPanel(panel) {
   const adversary = panel.adversary && pose(panel.adversary, time);
   if (adversary) car(c, adversary, panel.adversary, colour.adversary, { stripes: true, outline: colour.ink });
   car(c, own, panel.ego, colour.ego, { outline: colour.ink });
-  if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(0.8, (7 * ratio) / scale));
+  if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(1, (7 * ratio) / scale));
   scaleBar(c, ratio, scale, height);
   const gap = adversary ? `, ${Math.hypot(adversary.x - own.x, adversary.y - own.y).toFixed(0)} m apart` : "";
   panel.live.textContent = `${own.v.toFixed(1)} m/s${gap}`;

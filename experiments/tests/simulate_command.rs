@@ -1,0 +1,298 @@
+//! `sage simulate` and `bench open-loop --ego` as a user runs them.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod program;
+
+use std::{fs, path::Path};
+
+use program::*;
+use serde_json::{Value, json};
+
+/// Writes procedural scenes into a folder.
+fn scenes(folder: &Path, count: &str) {
+    stdout(&sage(&["scenes", "--count", count, "--seed", "4", "--out", text(folder)]));
+}
+
+#[test]
+fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let scene = example();
+    let arguments = [
+        "simulate",
+        &scene,
+        "--ego",
+        "replay,idm",
+        "--method",
+        "sage",
+        "--lambda",
+        "0,1",
+        "--json",
+        "--out",
+        text(&out),
+    ];
+    let arguments = [&arguments[..], &WEIGHTS].concat();
+    let all = rows(&sage(&arguments));
+    let order: Vec<_> =
+        all.iter().map(|row| (row["ego"].as_str().unwrap(), row["lambda"].as_f64().unwrap())).collect();
+    assert_eq!(order, [("replay", 0.0), ("replay", 1.0), ("idm", 0.0), ("idm", 1.0)]);
+    for row in &all {
+        assert_eq!((row["scene"].as_str(), row["method"].as_str()), (Some("crossing"), Some("sage")));
+        let (steps, trajectory) = (row["steps"].as_u64().unwrap(), row["trajectory"].as_array().unwrap());
+        assert_eq!(trajectory.len() as u64, steps + 1);
+        assert!(trajectory.iter().all(|state| state.as_array().unwrap().len() == 4));
+        let contacts = row["contacts"].as_array().unwrap();
+        match row["end"].as_str().unwrap() {
+            "horizon" => assert!(steps == 90 && contacts.is_empty()),
+            "contact" => assert_eq!(contacts[0]["step"].as_i64().unwrap(), steps as i64 - 10),
+            other => panic!("{other}"),
+        }
+        for contact in contacts {
+            for key in ["with", "overlap", "impact_speed", "side_hit", "rule", "class"] {
+                assert!(!contact[key].is_null(), "{key}");
+            }
+            assert!(contact["at_fault"].is_boolean());
+        }
+        for key in ["arrived", "off_road", "completion"] {
+            assert!(row.as_object().unwrap().contains_key(key), "{key}");
+        }
+        assert_eq!(row["attack"]["trajectory"].as_array().unwrap().len(), 80);
+    }
+    // A replayed ego meets the attack as `generate` scores it.
+    let attacked = folder.path().join("attacked");
+    let generate = ["generate", &scene, "--lambda", "1", "--json", "--out", text(&attacked)];
+    let generated = &rows(&sage(&[&generate[..], &WEIGHTS].concat()))[0];
+    let step = &generated["scores"]["collision_step"];
+    assert!(step.is_number());
+    assert_eq!(
+        (&all[1]["contacts"][0]["step"], all[1]["attack"]["verdict"]["attack"].as_bool()),
+        (step, Some(true))
+    );
+    assert_eq!(all[1]["attack"]["trajectory"], generated["trajectory"]);
+
+    // The same attack from its row and from its scene file, and the attacked scene as it is.
+    let row = attacked.join("crossing-lambda1.00.json");
+    let native = attacked.join("crossing-lambda1.00.safetensors");
+    let pickle = pickle(&attacked, "crossing-lambda1.00");
+    for (k, attack) in [Some(&row), Some(&native), Some(&pickle), None].into_iter().enumerate() {
+        let out = folder.path().join(format!("again-{k}"));
+        let mut arguments = vec!["simulate", "--ego", "replay", "--json", "--out", text(&out)];
+        match attack {
+            Some(attack) => arguments.extend([&*scene, "--attack", text(attack)]),
+            None => arguments.push(text(&native)),
+        }
+        let again = &rows(&sage(&arguments))[0];
+        assert_eq!(&again["contacts"][0]["step"], step, "{k}");
+        assert_eq!((again["method"].as_str(), again["lambda"].as_f64()), (Some("sage"), Some(1.0)), "{k}");
+    }
+
+    // The same command again changes nothing.
+    let page = out.join("crossing.html");
+    let written = fs::metadata(&page).unwrap().modified().unwrap();
+    let mut found = rows(&sage(&arguments));
+    for (row, before) in found.iter_mut().zip(&all) {
+        assert_eq!(row["seconds"], Value::Null);
+        row["seconds"] = before["seconds"].clone();
+        assert_eq!(row, before);
+    }
+    assert_eq!(fs::metadata(&page).unwrap().modified().unwrap(), written);
+}
+
+/// Sums of differences, as the page decodes them.
+fn sums(differences: &Value, unit: f64) -> Vec<f64> {
+    let mut sum = 0;
+    let mut next = |d: &Value| {
+        sum += d.as_i64().unwrap();
+        sum as f64 * unit
+    };
+    differences.as_array().unwrap().iter().map(&mut next).collect()
+}
+
+#[test]
+fn the_page_is_self_contained_and_holds_the_drive() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let scene = example();
+    let row = &rows(&sage(&["simulate", &scene, "--json", "--out", text(&out)]))[0];
+    let page = fs::read_to_string(out.join("crossing.html")).unwrap();
+    assert!(page.len() < 2_000_000);
+    for outside in ["http:", "https:", "src=", "href=", "@import", "url(", "fetch("] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    let (_, data) = page.split_once("type=\"application/json\">").unwrap();
+    let data: Value = serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap();
+    assert_eq!((data["title"].as_str(), data["frames"].as_u64()), (Some("crossing"), Some(91)));
+    assert!(data["map"].as_array().unwrap().len() > 5);
+    let run = &data["panels"][0]["ego"]["runs"][0];
+    let [x, y] = [sums(&run["x"], 0.01), sums(&run["y"], 0.01)];
+    let trajectory = row["trajectory"].as_array().unwrap();
+    assert_eq!(x.len(), trajectory.len());
+    let start = [0, 1].map(|k| trajectory[0][k].as_f64().unwrap());
+    for (frame, state) in trajectory.iter().enumerate() {
+        let gap = [x[frame] + start[0], y[frame] + start[1]];
+        let [dx, dy] = [0, 1].map(|k| gap[k] - state[k].as_f64().unwrap());
+        assert!(dx.abs() <= 0.0051 && dy.abs() <= 0.0051, "frame {frame}: {dx} {dy}");
+    }
+}
+
+#[test]
+fn names_cannot_break_out_of_the_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = "a{{DATA}}<img src=x>&{{TITLE}}";
+    let scene = folder.path().join(format!("{name}.pkl"));
+    fs::copy(example(), &scene).unwrap();
+    let out = folder.path().join("out");
+    stdout(&sage(&["simulate", text(&scene), "--out", text(&out)]));
+    let page = fs::read_to_string(out.join(format!("{name}.html"))).unwrap();
+    assert!(!page.contains("<img"), "{page}");
+    let (_, data) = page.split_once("type=\"application/json\">").unwrap();
+    let data: Value = serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap();
+    assert_eq!(data["title"], name);
+}
+
+#[test]
+fn a_scene_that_fails_is_named_and_the_others_go_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, out) = (folder.path().join("scenes"), folder.path().join("out"));
+    scenes(&input, "7");
+    fs::write(input.join("broken.pkl"), b"no scene").unwrap();
+    let arguments = ["simulate", text(&input), "--ego", "idm,expert", "--json", "--out", text(&out)];
+    let output = sage(&arguments);
+    assert_eq!(output.status.code(), Some(1));
+    let errors = stderr(&output);
+    assert!(errors.contains("broken.pkl") && errors.contains("1 of 8 scenes failed"), "{errors}");
+    let rows = |output: &std::process::Output| -> Vec<Value> {
+        let text = std::str::from_utf8(&output.stdout).unwrap();
+        text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+    };
+    let all = rows(&output);
+    assert_eq!(all.len(), 14);
+    // The order is that of the scenes, whatever the threads.
+    let other = folder.path().join("one");
+    let one = sage(&[
+        "--threads",
+        "1",
+        "simulate",
+        text(&input),
+        "--ego",
+        "idm,expert",
+        "--json",
+        "--out",
+        text(&other),
+    ]);
+    let plain = |rows: Vec<Value>| -> Vec<Value> {
+        let strip = |mut row: Value| {
+            row["seconds"] = Value::Null;
+            row["run_hash"] = Value::Null;
+            row
+        };
+        rows.into_iter().map(strip).collect()
+    };
+    assert_eq!(plain(all.clone()), plain(rows(&one)));
+
+    // After repair the run resumes: only the missing scene is driven.
+    fs::remove_file(input.join("broken.pkl")).unwrap();
+    let lost = all[2]["scene"].as_str().unwrap();
+    fs::remove_file(out.join(format!("{lost}-idm.json"))).unwrap();
+    let output = sage(&arguments);
+    assert!(
+        stderr(&output).contains("7 scenes, 6 of them finished before, 14 drives"),
+        "{}",
+        stderr(&output)
+    );
+    let again = rows(&output);
+    let driven = again.iter().filter(|row| !row["seconds"].is_null()).count();
+    assert_eq!((driven, plain(again)), (2, plain(all)));
+    let index = fs::read_to_string(out.join("index.html")).unwrap();
+    assert_eq!(index.matches("<a href=").count(), 7);
+}
+
+#[test]
+fn wrong_input_gets_an_error_that_names_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let scene = example();
+    let error = |more: &[&str]| failure(&[&["simulate", &*scene, "--out", text(&out)], more].concat());
+    let has = |error: String, parts: &[&str]| {
+        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
+    };
+    has(error(&["--ego", "idmm"]), &["unknown policy `idmm`", "idm,"]);
+    has(error(&["--ego", "idm,idm"]), &["`idm` is given twice"]);
+    has(error(&["--lambda", "1"]), &["--lambda needs a generator", "--method"]);
+    has(error(&["--attack", "missing.json"]), &["missing.json"]);
+
+    let path = folder.path().join("drive.json");
+    fs::write(&path, json!([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]).to_string()).unwrap();
+    has(error(&["--ego", &format!("path:{}", text(&path))]), &["path", "2", "91"]);
+
+    scenes(&folder.path().join("scenes"), "1");
+    let other = fs::read_dir(folder.path().join("scenes")).unwrap().map(|entry| entry.unwrap().path());
+    let other = other.filter(|path| path.extension().is_some_and(|e| e != "json")).min().unwrap();
+    has(error(&["--attack", text(&other)]), &["on scene", "crossing"]);
+    let attacked = folder.path().join("attacked");
+    let generate = ["generate", text(&other), "--method", "rule", "--json", "--out", text(&attacked)];
+    let row = &rows(&sage(&generate))[0];
+    let name = format!("{}-{}.json", row["scene"].as_str().unwrap(), row["variant"].as_str().unwrap());
+    has(error(&["--attack", text(&attacked.join(name))]), &["is on scene", "not on `crossing`"]);
+    assert!(!out.join("crossing.html").exists());
+    let two = sage(&["simulate", &scene, "--method", "sage", "--attack", "x.json", "--out", text(&out)]);
+    assert_eq!(two.status.code(), Some(2));
+    has(stderr(&two).to_owned(), &["cannot be used with"]);
+}
+
+#[test]
+fn drivers_are_tested_in_two_stages() {
+    let folder = tempfile::tempdir().unwrap();
+    let (input, out) = (folder.path().join("scenes"), folder.path().join("out"));
+    scenes(&input, "5");
+    let arguments = [
+        "bench",
+        "open-loop",
+        text(&input),
+        "--selection",
+        "natural",
+        "--methods",
+        "sage,rule,log",
+        "--lambda",
+        "1",
+        "--ego",
+        "replay,idm",
+        "--out",
+        text(&out),
+    ];
+    let table = stdout(&sage(&arguments)).to_owned();
+    assert!(table.contains("| replay | own log | sage 1.00 | 5 | 0 |"), "{table}");
+    assert!(table.contains("| sage 1.00 | replay − idm |"), "{table}");
+    let lines: Vec<String> =
+        fs::read_to_string(out.join("drivers.csv")).unwrap().lines().map(str::to_owned).collect();
+    assert_eq!(lines.len(), 1 + 5 * 2 * 3);
+    assert!(lines.iter().all(|line| line.matches(',').count() == 17), "{lines:#?}");
+    // Nothing happens to a driver whose adversary keeps to its log: the recorded scenes are without contact.
+    assert!(
+        lines
+            .iter()
+            .filter(|line| line.contains(",replay,log,"))
+            .all(|line| line.contains(",false,false,false,false,"))
+    );
+    // Replay repeats the open-loop table: the attack rate is the same.
+    let share = |text: &str, start: &str| -> f64 {
+        let line = text.lines().find(|line| line.starts_with(start)).unwrap();
+        line.split(',').nth(3).unwrap().parse().unwrap()
+    };
+    let csv = fs::read_to_string(out.join("table.csv")).unwrap();
+    let attacks = lines.iter().filter(|line| line.contains(",replay,sage 1.00,true,")).count();
+    assert!((share(&csv, "replay,sage 1.00,attack,") - attacks as f64 / 5.0).abs() < 1e-12);
+    // The same command prints the same table again.
+    assert_eq!(stdout(&sage(&arguments)), table);
+    let unknown = failure(&[
+        "bench",
+        "open-loop",
+        text(&input),
+        "--ego",
+        "nobody",
+        "--out",
+        text(&folder.path().join("x")),
+    ]);
+    assert!(unknown.contains("unknown policy `nobody`"), "{unknown}");
+}

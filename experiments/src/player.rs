@@ -116,7 +116,7 @@ pub(crate) fn page(
             break;
         }
     }
-    let title = title.replace('&', "&amp;").replace('<', "&lt;");
+    let title = crate::terminal::escaped_html(title);
     // The data come last: a title may hold the name of another part.
     let page = PAGE.replace("{{STYLE}}", STYLE).replace("{{SCRIPT}}", SCRIPT);
     let parts = page.split_once("{{TITLE}}").and_then(|(head, rest)| {

@@ -25,6 +25,12 @@ pub(crate) fn escaped_name(text: &str) -> String {
     escaped(text).replace('\n', "\\n")
 }
 
+/// The text for an HTML page, without characters that control a terminal or a page.
+pub(crate) fn escaped_html(text: &str) -> String {
+    let text = escaped(text);
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
 /// Writes a value as a line of JSON and escapes characters that control a terminal. A parser reads the same
 /// value.
 ///
@@ -67,6 +73,7 @@ mod tests {
         assert_eq!(escaped("plain é\n"), "plain é\n");
         assert_eq!(escaped("\u{1b}[2Ja\u{9b}b\u{202e}c\r"), "\\u{1b}[2Ja\\u{9b}b\\u{202e}c\\u{d}");
         assert_eq!(escaped_name("a\nb"), "a\\nb");
+        assert_eq!(escaped_html("<b>\"&\u{202e}"), "&lt;b&gt;&quot;&amp;\\u{202e}");
     }
 
     #[test]

@@ -1,8 +1,7 @@
 //! Writes an attack into its scene.
 
 use sage_core::{
-    geometry::Point,
-    motion::{DT, HORIZON, NOW, Pose, Trajectory, kinematics::paper},
+    motion::{HORIZON, NOW, Trajectory},
     scene::Scene,
 };
 
@@ -23,26 +22,7 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
         });
     }
     let mut scene = scene.clone();
-    let track = &mut scene.tracks[adversary];
-    let last = (0..=NOW).rev().find(|f| track.is_valid(*f)).unwrap_or(NOW);
-    let start = Pose { position: track.point(last), heading: track.heading[last] };
-    let points = attack.points();
-    let axes = paper::profile(points, &start).axis;
-    let (height, size) = (track.position[last][2], track.size[last]);
-    let mut before: Point = start.position;
-    // If the adversary's last valid frame is earlier than *now*, its first step takes more than one frame.
-    let mut elapsed = (NOW + 1 - last) as f64 * DT;
-    for (frame, (&[x, y], axis)) in (NOW + 1..).zip(points.iter().zip(&axes)) {
-        track.position[frame] = [x, y, height];
-        track.heading[frame] = axis[1].atan2(axis[0]);
-        track.velocity[frame] = [(x - before[0]) / elapsed, (y - before[1]) / elapsed];
-        track.size[frame] = size;
-        track.valid[frame] = true;
-        (before, elapsed) = ([x, y], DT);
-    }
-    for frame in NOW + HORIZON + 1..scene.frames {
-        track.valid[frame] = false;
-    }
+    scene.tracks[adversary] = scene.tracks[adversary].following(attack);
     Ok(scene)
 }
 

@@ -14,7 +14,7 @@ use crate::{
     drawing::{self, Picture, drawn_path},
     output::{self, Folder},
     scenes::Scenes,
-    terminal,
+    terminal::escaped_html as escaped,
 };
 
 /// Writes the strongest believable attacks of each generator and operating point as SVG, some that failed, and
@@ -125,11 +125,6 @@ fn html_tables(markdown: &str) -> Result<String> {
         writeln!(out, "</table>")?;
     }
     Ok(out)
-}
-
-fn escaped(text: &str) -> String {
-    let text = terminal::escaped(text);
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

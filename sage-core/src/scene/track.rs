@@ -1,6 +1,9 @@
 //! The recording of one road user.
 
-use crate::geometry::{OrientedBox, Point};
+use crate::{
+    geometry::{OrientedBox, Point, sub},
+    motion::{DT, NOW, Pose, Trajectory, kinematics::paper},
+};
 
 /// Largest standard deviation of the positions of a parked vehicle, metres.
 const PARKED: f64 = 3.0;
@@ -91,6 +94,31 @@ impl Track {
             (valid().map(|x| (x - mean).powi(2)).sum::<f64>() / n).sqrt()
         };
         self.kind == TrackKind::Vehicle && deviation(0).max(deviation(1)) <= PARKED
+    }
+
+    /// The recording up to *now*, then a trajectory as far as the recording reaches: position, heading by the
+    /// `paper` convention, velocity, the last size up to *now*. Later frames are not valid.
+    pub fn following(&self, trajectory: &Trajectory) -> Self {
+        let mut track = self.clone();
+        let last = (0..=NOW).rev().find(|&frame| track.is_valid(frame)).unwrap_or(NOW);
+        let start = Pose { position: track.point(last), heading: track.heading[last] };
+        let axes = paper::profile(trajectory.points(), &start).axis;
+        let (height, size) = (track.position[last][2], track.size[last]);
+        let mut before = start.position;
+        // If the last valid frame is earlier than *now*, the first step takes more than one frame.
+        let mut elapsed = (NOW + 1 - last) as f64 * DT;
+        let frames = NOW + 1..track.valid.len();
+        for (frame, (&[x, y], axis)) in frames.zip(trajectory.points().iter().zip(&axes)) {
+            track.position[frame] = [x, y, height];
+            track.heading[frame] = axis[1].atan2(axis[0]);
+            track.velocity[frame] = sub([x, y], before).map(|d| d / elapsed);
+            track.size[frame] = size;
+            track.valid[frame] = true;
+            (before, elapsed) = ([x, y], DT);
+        }
+        // The trajectory says nothing of later frames, and the recording there is of another drive.
+        track.valid.iter_mut().skip(NOW + 1 + trajectory.points().len()).for_each(|valid| *valid = false);
+        track
     }
 
     /// Number of valid frames among `frames`, as far as they exist.

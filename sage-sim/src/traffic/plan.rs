@@ -2,8 +2,8 @@
 
 use sage_core::{
     Error,
-    geometry::{MAX_COORDINATE, sub},
-    motion::{DT, NOW, Pose, Trajectory, kinematics::paper},
+    geometry::MAX_COORDINATE,
+    motion::Trajectory,
     scene::{Scene, Track},
 };
 
@@ -22,27 +22,7 @@ impl Plan {
     /// *Errors*: [`Error::Scene`] if the scene has no adversary.
     pub fn of_adversary(scene: &Scene, trajectory: &Trajectory) -> Result<Self, Error> {
         let track = scene.adversary_index()?;
-        let mut motion = scene.tracks[track].clone();
-        let last = (0..=NOW).rev().find(|&frame| motion.is_valid(frame)).unwrap_or(NOW);
-        let start = Pose { position: motion.point(last), heading: motion.heading[last] };
-        let axes = paper::profile(trajectory.points(), &start).axis;
-        let mut before = start.position;
-        let (height, size) = (motion.position[last][2], motion.size[last]);
-        let mut elapsed = (NOW + 1 - last) as f64 * DT;
-        for (frame, (&[x, y], axis)) in (NOW + 1..scene.frames).zip(trajectory.points().iter().zip(&axes)) {
-            let moved = sub([x, y], before);
-            motion.position[frame] = [x, y, height];
-            motion.heading[frame] = axis[1].atan2(axis[0]);
-            motion.velocity[frame] = moved.map(|d| d / elapsed);
-            motion.size[frame] = size;
-            motion.valid[frame] = true;
-            (before, elapsed) = ([x, y], DT);
-        }
-        // The plan says nothing of later frames, and the log there is of another drive.
-        for frame in NOW + 1 + trajectory.points().len()..scene.frames {
-            motion.valid[frame] = false;
-        }
-        Ok(Self { track, motion })
+        Ok(Self { track, motion: scene.tracks[track].following(trajectory) })
     }
 
     /// Checks that the plan fits a scene.

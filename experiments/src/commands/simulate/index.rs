@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use anyhow::Result;
 
 use super::{Simulation, row::Row, scene::page_file};
-use crate::{output::Folder, scene_queue::Input, terminal};
+use crate::{output::Folder, scene_queue::Input, terminal::escaped_html as escaped};
 
 /// Name of the page.
 pub(super) const FILE: &str = "index.html";
@@ -55,11 +55,6 @@ pub(super) fn write(
     folder.write(FILE, page.as_bytes())
 }
 
-fn escaped(text: &str) -> String {
-    let text = terminal::escaped(text);
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 /// A file name as a link.
 fn link(name: &str) -> String {
     let mut out = String::new();
@@ -82,6 +77,5 @@ mod tests {
     #[test]
     fn links_hold_no_character_with_a_meaning() {
         assert_eq!(link("a b#?<é.html"), "a%20b%23%3F%3C%C3%A9.html");
-        assert_eq!(escaped("<b>\"&"), "&lt;b&gt;&quot;&amp;");
     }
 }

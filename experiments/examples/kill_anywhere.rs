@@ -4,8 +4,8 @@
 //! ```sh
 //! cargo build --release && cargo run --release -p experiments --example kill_anywhere -- 100 [COMMAND …]
 //! ```
-//! Commands are pretrain, finetune, generate, convert, open-loop and calibrate, all by default. Ends with an
-//! error at the first difference.
+//! Commands are pretrain, finetune, generate, simulate, convert, open-loop and calibrate, all by default. Ends
+//! with an error at the first difference.
 
 #![allow(clippy::print_stderr)] // A program of its own, read by a person.
 

@@ -45,6 +45,11 @@ fn a_killed_generate_resumes_to_the_same_files() {
 }
 
 #[test]
+fn a_killed_simulate_resumes_to_the_same_files() {
+    killed("simulate");
+}
+
+#[test]
 fn a_killed_convert_starts_again_to_the_same_files() {
     killed("convert");
 }

@@ -17,7 +17,8 @@ use sage_core::seed::Rng;
 use serde_json::Value;
 
 /// Commands that leave files behind.
-pub const COMMANDS: [&str; 6] = ["pretrain", "finetune", "generate", "convert", "open-loop", "calibrate"];
+pub const COMMANDS: [&str; 7] =
+    ["pretrain", "finetune", "generate", "simulate", "convert", "open-loop", "calibrate"];
 
 /// A command with its inputs, which writes into a folder of its own each time.
 pub struct Case {
@@ -46,9 +47,14 @@ impl Case {
             }
             "finetune" => (&["finetune", "scenes", "--roles", "0", "--config", "quick.json"], false),
             "generate" => (&["generate", "scenes", "--weights", "procedural", "--lambda", "0,1"], false),
+            "simulate" => {
+                let attack = ["--method", "sage", "--lambda", "0,1", "--weights", "procedural"];
+                (&[&["simulate", "scenes", "--ego", "replay,idm"][..], &attack].concat(), false)
+            }
             "convert" => (&["convert", "scenes", "--to", "native"], true),
             "open-loop" => {
-                (&["bench", "open-loop", "scenes", "--methods", "sage,rule,log", "--lambda", "1"], false)
+                let methods = ["--methods", "sage,rule,log", "--lambda", "1", "--ego", "replay,idm"];
+                (&[&["bench", "open-loop", "scenes"][..], &methods].concat(), false)
             }
             "calibrate" => (&["calibrate", "scenes", "--selection", "paper-selection"], true),
             other => panic!("no case for `{other}`"),

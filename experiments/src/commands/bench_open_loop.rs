@@ -43,8 +43,8 @@ const WINDOW: usize = 16;
 const RESULTS_LIMIT: u64 = 256 << 20;
 /// The table as Markdown.
 const TABLE: &str = "table.md";
-/// Output files of a run, without the pictures.
-const FILES: [&str; 5] = [TABLE, "table.csv", "scenes.csv", "drivers.csv", "index.html"];
+/// Output files of a run, without the pictures. The last one is there only with drivers.
+const FILES: [&str; 5] = [TABLE, "table.csv", "scenes.csv", "index.html", "drivers.csv"];
 
 /// For each generator, one row per operating point, or its error.
 type GeneratorRows = Vec<Result<Vec<SceneRow>, String>>;
@@ -84,7 +84,8 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
         None => Vec::new(),
     };
     let identity = identity(args, &experts, &selection, &scenes, &points)?;
-    let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[], &FILES)?;
+    let outputs = if egos.is_empty() { &FILES[..4] } else { &FILES[..] };
+    let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[], outputs)?;
     if state == State::Done {
         output::print(&files::read_text(&run.folder().path().join(TABLE), RESULTS_LIMIT)?)?;
         return Ok(Outcome::Done);

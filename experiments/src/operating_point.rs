@@ -24,7 +24,7 @@ pub struct OperatingPointSpec {
 }
 
 impl OperatingPointSpec {
-    /// The operating point at a λ. μ equals λ unless given.
+    /// The operating point at a λ. μ equals λ unless given; for a λ beyond 0 to 1, the nearest of the two.
     ///
     /// *Errors*: λ or μ out of range.
     pub(crate) fn at(lambda: f64, mu: Option<f64>, range: Range) -> Result<Self> {
@@ -33,7 +33,7 @@ impl OperatingPointSpec {
             aggression: None,
             lambda: Some(lambda),
             mix: Vec::new(),
-            mu: checked(mu.unwrap_or(lambda))?,
+            mu: checked(mu.unwrap_or(lambda.clamp(0.0, 1.0)))?,
         })
     }
 

@@ -71,6 +71,14 @@ pub trait MotionModel: Send + Sync {
     /// *Errors*: an encoding of another network.
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, Error>;
 
+    /// The prior's mode that each of some modes stands for, to find its likelihood under the prior. The default
+    /// is the same mode.
+    ///
+    /// *Errors*: an encoding of another network.
+    fn modes_of_prior(&self, _encoding: &Encoding, modes: &[usize]) -> Result<Vec<usize>, Error> {
+        Ok(modes.to_vec())
+    }
+
     /// Log-probabilities of some modes with `points` in place of the model's own trajectories. They differ
     /// from [`MotionModel::log_probs`] only if scores depend on the trajectory.
     ///

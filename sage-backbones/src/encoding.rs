@@ -1,6 +1,13 @@
 //! Encodings: the states that a network computes from the features of one target.
 
-use std::sync::{Arc, OnceLock};
+use std::{
+    any::Any,
+    collections::HashMap,
+    sync::{
+        Arc, Mutex, OnceLock, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
+};
 
 use candle_core::Tensor;
 use serde_json::Value;
@@ -16,6 +23,18 @@ pub struct NetworkTag<'n> {
     pub options: &'n Value,
 }
 
+/// Identity of a model that keeps results with encodings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct ModelId(u64);
+
+impl ModelId {
+    /// An identity that no other model of this process has.
+    pub fn unique() -> Self {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        Self(NEXT.fetch_add(1, Ordering::Relaxed))
+    }
+}
+
 /// States of one target, tagged with the network that can read them.
 pub struct Encoding {
     features: Arc<Features>,
@@ -23,13 +42,15 @@ pub struct Encoding {
     options: Value,
     states: Vec<Tensor>,
     described: OnceLock<Option<Tensor>>,
+    kept: Mutex<HashMap<ModelId, Arc<dyn Any + Send + Sync>>>,
 }
 
 impl Encoding {
     /// States that only the network of the tag can read.
     pub fn new(network: NetworkTag, features: Arc<Features>, states: Vec<Tensor>) -> Self {
         let (network, options) = (network.name, network.options.clone());
-        Self { features, network, options, states, described: OnceLock::new() }
+        let (described, kept) = (OnceLock::new(), Mutex::default());
+        Self { features, network, options, states, described, kept }
     }
 
     /// The encoded features.
@@ -53,6 +74,26 @@ impl Encoding {
     /// All states, without a check of the network.
     pub fn states(&self) -> &[Tensor] {
         &self.states
+    }
+
+    /// What a model computes from this encoding and needs in several of its methods. The first call computes
+    /// it; a model keeps one value.
+    ///
+    /// *Errors*: those of `compute`.
+    pub fn kept<T: Send + Sync + 'static>(
+        &self,
+        model: ModelId,
+        compute: impl FnOnce() -> Result<T, Error>,
+    ) -> Result<Arc<T>, Error> {
+        let lock = || self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = lock().get(&model).cloned();
+        if let Some(found) = known.and_then(|found| found.downcast().ok()) {
+            return Ok(found);
+        }
+        // Two threads may both compute it; the bits are the same.
+        let computed = Arc::new(compute()?);
+        lock().insert(model, computed.clone());
+        Ok(computed)
     }
 
     /// Inputs of the interaction head for all modes. The first call computes them with `compute`.

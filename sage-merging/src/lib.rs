@@ -5,21 +5,44 @@
 //!   of weights are written per tensor ([`TensorMerger`]).
 //! - An [`InterpolatedModel`] is one network whose weights follow a mixture in place.
 
+mod dare;
+mod direct_extrapolation;
 mod error;
 mod expert_set;
 mod interpolated_model;
 mod linear;
+mod logit;
 mod merger;
+mod model_stock;
+mod output_mixture;
+mod per_layer;
 mod preference_vector;
+mod probability;
+mod slerp;
+mod task_arithmetic;
+mod ties;
+mod trajectory;
 mod uniform_soup;
+mod vector_extrapolation;
 
+pub use dare::{Dare, DareOptions};
+pub use direct_extrapolation::{DirectExtrapolation, DirectOptions};
 pub use error::Error;
 pub use expert_set::{ADVERSARIAL, ExpertFile, ExpertSet, REALISTIC, TensorSet};
 pub use interpolated_model::InterpolatedModel;
 pub use linear::Linear;
+pub use logit::LogitMixing;
 pub use merger::{Merger, Range, TensorMerger, TensorRule, merged_weights, mix_numbers};
+pub use model_stock::ModelStock;
+pub use per_layer::{PerLayer, PerLayerOptions};
 pub use preference_vector::PreferenceVector;
+pub use probability::ProbabilityMixing;
+pub use slerp::{Slerp, SlerpOf, SlerpOptions};
+pub use task_arithmetic::Consensus;
+pub use ties::{Ties, TiesOptions};
+pub use trajectory::{Pairs, TrajectoryMixing, TrajectoryOptions};
 pub use uniform_soup::UniformSoup;
+pub use vector_extrapolation::{Base, VectorExtrapolation, VectorOptions};
 
 use sage_core::registry::Registry;
 
@@ -27,5 +50,18 @@ use sage_core::registry::Registry;
 ///
 /// *Errors*: [`sage_core::Error::Duplicate`] if two mergers have the same name.
 pub fn mergers() -> Result<Registry<dyn Merger>, sage_core::Error> {
-    Registry::new("merger").with::<Linear>()?.with::<PreferenceVector>()?.with::<UniformSoup>()
+    Registry::new("merger")
+        .with::<Linear>()?
+        .with::<PreferenceVector>()?
+        .with::<VectorExtrapolation>()?
+        .with::<DirectExtrapolation>()?
+        .with::<LogitMixing>()?
+        .with::<ProbabilityMixing>()?
+        .with::<TrajectoryMixing>()?
+        .with::<Slerp>()?
+        .with::<Ties>()?
+        .with::<Dare>()?
+        .with::<ModelStock>()?
+        .with::<PerLayer>()?
+        .with::<UniformSoup>()
 }

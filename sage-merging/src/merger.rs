@@ -44,7 +44,11 @@ impl dyn Merger + '_ {
 pub enum Range {
     /// Weights of at least 0 that sum to 1.
     Simplex,
-    /// Any finite weights, also outside the simplex.
+    /// The same with at most two experts of weight above 0.
+    Edge,
+    /// Finite weights that sum to 1, also outside the simplex.
+    Affine,
+    /// Any finite weights.
     Beyond,
 }
 
@@ -65,14 +69,21 @@ impl Range {
         if weights.len() != experts {
             return fail(format!("a mixture of {} weights for {experts} experts", weights.len()));
         }
+        let sum: f64 = weights.iter().sum();
         match (self, at.lambda()) {
-            (Self::Simplex, Some(lambda)) if !(0.0..=1.0).contains(&lambda) => fail(format!(
+            (Self::Simplex | Self::Edge, Some(lambda)) if !(0.0..=1.0).contains(&lambda) => fail(format!(
                 "lambda is {lambda:?}; expected 0 (realistic) to 1 (adversarial): this merger does not go beyond the experts"
             )),
-            (Self::Simplex, _) if !at.is_on_simplex() => {
+            (Self::Simplex | Self::Edge, _) if !at.is_on_simplex() => {
                 fail(format!("the mixture is {weights:?}; expected weights of 0 or more that sum to 1"))
             }
-            (Self::Beyond, _) if !weights.iter().all(|weight| weight.is_finite()) => {
+            (Self::Edge, _) if weights.iter().filter(|weight| **weight > 0.0).count() > 2 => {
+                fail(format!("the mixture is {weights:?}; this merger mixes two experts at a time"))
+            }
+            (Self::Affine, _) if !(sum - 1.0).abs().le(&1e-9) => {
+                fail(format!("the mixture is {weights:?}; expected finite weights that sum to 1"))
+            }
+            (Self::Affine | Self::Beyond, _) if !weights.iter().all(|weight| weight.is_finite()) => {
                 fail(format!("the mixture is {weights:?}; expected finite weights"))
             }
             _ => Ok(()),
@@ -137,7 +148,7 @@ pub fn merged_weights(
     Ok(weights)
 }
 
-/// Mixes a tensor value by value, for mergers on the simplex whose corners are the experts. At a corner the
+/// Mixes a tensor value by value, for mergers whose corners are the experts and whose weights sum to 1. At a corner the
 /// result is the expert's own values, and a value that all experts share is unchanged. `mix` gets one value
 /// of each expert and the prior's.
 pub fn mix_numbers(tensor: &TensorSet, at: &[f64], out: &mut [f32], mix: impl Fn(&[f32], f32) -> f64) {

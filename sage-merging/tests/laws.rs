@@ -59,8 +59,32 @@ fn numbers(tensor: &Tensor) -> Vec<f32> {
 }
 
 const NETWORKS: [&str; 2] = ["densetnt", "query-transformer"];
-/// Mergers whose corners are the experts.
-const INTERPOLATING: [&str; 2] = ["linear", "preference-vector"];
+/// Mergers of weights whose corners are the experts, bit for bit.
+const INTERPOLATING: [&str; 6] =
+    ["linear", "preference-vector", "per-layer", "slerp", "vector-extrapolation", "direct-extrapolation"];
+/// Mergers of outputs.
+const OUTPUTS: [&str; 3] = ["logit", "probability", "trajectory"];
+
+/// The names of the mergers of weights.
+fn weight_mergers() -> Vec<&'static str> {
+    let all = mergers().unwrap();
+    let names: Vec<&str> = all.entries().iter().map(|entry| entry.name).collect();
+    names.into_iter().filter(|name| merger(name).tensors().is_some()).collect()
+}
+
+fn built(name: &str, options: serde_json::Value) -> Box<dyn Merger> {
+    mergers().unwrap().build(name, &options).unwrap()
+}
+
+fn merged_by(merger: &dyn Merger, set: &ExpertSet, weights: &[f64]) -> Parameters {
+    merged_weights(merger.tensors().unwrap(), set, &Mixture::new(weights.to_vec()), 0).unwrap()
+}
+
+/// Largest difference relative to the size of the values.
+fn difference(a: &Parameters, b: &Parameters) -> f32 {
+    let pairs = a.iter().zip(b.iter()).flat_map(|((_, a), (_, b))| numbers(a).into_iter().zip(numbers(b)));
+    pairs.map(|(x, y)| (x - y).abs() / x.abs().max(0.1)).fold(0.0, f32::max)
+}
 
 #[test]
 fn the_corners_are_the_experts_bit_for_bit() {
@@ -80,12 +104,12 @@ fn the_corners_are_the_experts_bit_for_bit() {
 fn tensors_that_fine_tuning_does_not_change_stay_the_priors_for_every_merger() {
     for name in NETWORKS {
         let set = experts(name, 2);
-        for entry in mergers().unwrap().entries() {
-            let half = merged(entry.name, &set, &[0.63, 0.37]);
+        for merger in weight_mergers() {
+            let half = merged(merger, &set, &[0.63, 0.37]);
             for (name, tensor) in half.iter() {
                 if !set.prior().parameter_group(name).is_finetuned() {
                     let own = set.prior().parameters().get(name).unwrap();
-                    assert_eq!(numbers(tensor), numbers(own), "{}: {name}", entry.name);
+                    assert_eq!(numbers(tensor), numbers(own), "{merger}: {name}");
                 }
             }
         }
@@ -93,10 +117,166 @@ fn tensors_that_fine_tuning_does_not_change_stay_the_priors_for_every_merger() {
 }
 
 #[test]
+fn at_density_1_the_corners_of_ties_and_dare_are_the_experts() {
+    let set = experts("densetnt", 3);
+    for merger in ["ties", "dare"] {
+        let whole = built(merger, serde_json::json!({"density": 1.0}));
+        for (k, (_, expert)) in set.experts().iter().enumerate() {
+            let mut corner = [0.0; 3];
+            corner[k] = 1.0;
+            let found = difference(&merged_by(&*whole, &set, &corner), expert);
+            assert!(found <= 1e-6, "{merger}, expert {k}: {found}");
+        }
+    }
+}
+
+#[test]
+fn copies_of_one_model_merge_to_it_bit_for_bit() {
+    for network in NETWORKS {
+        let prior = prior(network);
+        let copy = tuned(&*prior, 5);
+        let names = [REALISTIC, ADVERSARIAL];
+        let same = names.map(|name| (name.to_owned(), copy.clone())).to_vec();
+        let set = ExpertSet::new(prior, same).unwrap();
+        for merger in weight_mergers() {
+            let options = match merger {
+                "ties" | "dare" => serde_json::json!({"density": 1.0}),
+                _ => serde_json::json!({}),
+            };
+            let merger_built = built(merger, options);
+            for lambda in [0.0, 0.3, 0.5, 0.9, 1.0] {
+                let found = merged_by(&*merger_built, &set, &[1.0 - lambda, lambda]);
+                assert!(bytes(&found) == bytes(&copy), "{network}, {merger} at {lambda}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_order_of_the_experts_does_not_matter() {
+    let set = experts("densetnt", 3);
+    let turned: Vec<_> = [2, 0, 1].into_iter().map(|k| set.experts()[k].clone()).collect();
+    let turned = ExpertSet::new(set.prior().clone(), turned).unwrap();
+    for merger in weight_mergers() {
+        // SLERP mixes two at a time.
+        let weights = if merger == "slerp" { [0.3, 0.7, 0.0] } else { [0.2, 0.5, 0.3] };
+        let [a, b, c] = weights;
+        let found = difference(&merged(merger, &set, &weights), &merged(merger, &turned, &[c, a, b]));
+        assert!(found <= 1e-6, "{merger}: {found}");
+    }
+}
+
+#[test]
+fn without_phi_extrapolation_is_interpolation_and_beyond_it_follows_the_vectors() {
+    let set = experts("densetnt", 2);
+    for lambda in [0.0, 0.2, 0.5, 1.0] {
+        let weights = [1.0 - lambda, lambda];
+        let linear = bytes(&merged("linear", &set, &weights));
+        for merger in ["vector-extrapolation", "direct-extrapolation", "per-layer"] {
+            assert!(bytes(&merged(merger, &set, &weights)) == linear, "{merger} at {lambda}");
+        }
+    }
+    // Direct extrapolation is vector extrapolation with the steps (φ, −φ) from λ = 1.
+    let direct = merged("direct-extrapolation", &set, &[-0.4, 1.4]);
+    let steps = serde_json::json!({"phi": {"adversarial": 0.4, "realistic": -0.4}});
+    let vector = merged_by(&*built("vector-extrapolation", steps), &set, &[0.0, 1.0]);
+    assert!(difference(&direct, &vector) <= 1e-6);
+    let shifted =
+        merged_by(&*built("direct-extrapolation", serde_json::json!({"phi": 0.4})), &set, &[0.0, 1.0]);
+    assert!(difference(&direct, &shifted) <= 1e-6);
+    // λ = 1.4 is φ = 0.4 of the adversarial expert; the prior as a base with both vectors is their sum.
+    let beyond = merged("vector-extrapolation", &set, &[-0.4, 1.4]);
+    let phi = serde_json::json!({"base": "adversarial", "phi": {"adversarial": 0.4}});
+    assert!(difference(&beyond, &merged_by(&*built("vector-extrapolation", phi), &set, &[0.5, 0.5])) <= 1e-6);
+    let from_prior = serde_json::json!({"base": "prior", "phi": {"adversarial": 0.3, "realistic": 0.7}});
+    let from_prior = merged_by(&*built("vector-extrapolation", from_prior), &set, &[0.5, 0.5]);
+    assert!(difference(&from_prior, &merged("preference-vector", &set, &[0.7, 0.3])) <= 1e-6);
+    let unknown = built("vector-extrapolation", serde_json::json!({"phi": {"lawful": 1.0}}));
+    let error = unknown.merge(&set, &set.between(0.5).unwrap(), 0).err().unwrap().to_string();
+    assert!(error.contains("no expert `lawful`"), "{error}");
+}
+
+/// The mixture of a merger on a scene, and the probabilities of its experts.
+fn outputs(network: &str, name: &str, weights: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
+    let scene = generate(Kind::FourWay, 3, 0).unwrap();
+    let now = Observation::of(&scene, &SceneIndex::new(scene.map.clone())).unwrap();
+    let set = experts(network, weights.len());
+    let features = Arc::new(set.prior().features(&now, scene.adversary.unwrap(), None).unwrap());
+    let encoding = set.prior().encode(features).unwrap();
+    let log_probs = |model: &dyn sage_backbones::MotionModel| -> Vec<f64> {
+        numbers(&model.log_probs(&encoding).unwrap()).into_iter().map(f64::from).collect()
+    };
+    let own = set
+        .experts()
+        .iter()
+        .map(|(_, expert)| log_probs(&*set.prior().with_parameters(expert.clone()).unwrap()));
+    let own = own.collect();
+    let mixture = merger(name).merge(&set, &Mixture::new(weights.to_vec()), 0).unwrap();
+    (log_probs(&*mixture), own)
+}
+
+#[test]
+fn logits_and_probabilities_mix_as_by_hand() {
+    for network in NETWORKS {
+        let weights = [0.2, 0.5, 0.3];
+        let (logit, own) = outputs(network, "logit", &weights);
+        let (probability, _) = outputs(network, "probability", &weights);
+        let sum =
+            |mode: usize, of: fn(f64) -> f64| -> f64 { (0..3).map(|k| weights[k] * of(own[k][mode])).sum() };
+        let total: f64 = (0..logit.len()).map(|mode| sum(mode, |x| x).exp()).sum::<f64>().ln();
+        for mode in 0..logit.len() {
+            assert!((logit[mode] - (sum(mode, |x| x) - total)).abs() < 1e-4, "{network}, logit {mode}");
+            assert!((probability[mode] - sum(mode, f64::exp).ln()).abs() < 1e-4, "{network}, {mode}");
+        }
+        for mixed in [logit, probability] {
+            assert!((mixed.iter().map(|x| x.exp()).sum::<f64>() - 1.0).abs() < 1e-4);
+        }
+    }
+}
+
+#[test]
+fn corners_of_output_mergers_are_the_experts_bit_for_bit() {
+    for network in NETWORKS {
+        for name in OUTPUTS {
+            for (k, weights) in [[1.0, 0.0], [0.0, 1.0]].into_iter().enumerate() {
+                let (mixed, own) = outputs(network, name, &weights);
+                assert_eq!(mixed, own[k], "{network}, {name}, expert {k}");
+            }
+        }
+    }
+}
+
+#[test]
+fn mixed_trajectories_lie_between_those_of_the_experts() {
+    let scene = generate(Kind::FourWay, 3, 0).unwrap();
+    let now = Observation::of(&scene, &SceneIndex::new(scene.map.clone())).unwrap();
+    let set = experts("densetnt", 2);
+    let features = Arc::new(set.prior().features(&now, scene.adversary.unwrap(), None).unwrap());
+    for pairs in ["rank", "end"] {
+        let merger = built("trajectory", serde_json::json!({"pairs": pairs, "candidates": 8}));
+        let encoding = set.prior().encode(features.clone()).unwrap();
+        let model = merger.merge(&set, &set.between(0.25).unwrap(), 0).unwrap();
+        let log_probs = numbers(&model.log_probs(&encoding).unwrap());
+        let ends = model.mode_ends(&encoding).unwrap();
+        assert_eq!((log_probs.len(), ends.len()), (8, 8));
+        let all: Vec<usize> = (0..8).collect();
+        let trajectories = numbers(&model.trajectories(&encoding, &all).unwrap());
+        for (pair, end) in ends.iter().enumerate() {
+            let last = 160 * pair + 158;
+            for axis in 0..2 {
+                assert!((trajectories[last + axis] - end[axis]).abs() < 0.5, "{pairs}, pair {pair}");
+            }
+        }
+        let stands_for = model.modes_of_prior(&encoding, &all).unwrap();
+        assert!(stands_for.iter().all(|mode| *mode < set.prior().mode_ends(&encoding).unwrap().len()));
+    }
+}
+
+#[test]
 fn preference_vectors_equal_linear_on_the_simplex() {
     let set = experts("densetnt", 3);
     for weights in [[0.1, 0.9, 0.0], [0.5, 0.3, 0.2], [0.2, 0.2, 0.6]] {
-        let [a, b] = INTERPOLATING.map(|merger| merged(merger, &set, &weights));
+        let [a, b] = ["linear", "preference-vector"].map(|merger| merged(merger, &set, &weights));
         for ((name, a), (_, b)) in a.iter().zip(b.iter()) {
             for (x, y) in numbers(a).iter().zip(numbers(b)) {
                 assert!((x - y).abs() <= 1e-6 * x.abs().max(0.1), "{name}: {x} and {y}");
@@ -128,8 +308,8 @@ fn the_interpolated_model_computes_what_a_merged_model_does() {
     let now = Observation::of(&scene, &SceneIndex::new(scene.map.clone())).unwrap();
     for name in NETWORKS {
         let set = experts(name, 2);
-        for kind in mergers().unwrap().entries() {
-            let merger = merger(kind.name);
+        for kind in weight_mergers() {
+            let merger = merger(kind);
             let mut model = InterpolatedModel::new(&set, merger.tensors().unwrap(), 0).unwrap();
             let features = model.network().features(&now, scene.adversary.unwrap(), None).unwrap();
             let features = Arc::new(features);
@@ -141,7 +321,7 @@ fn the_interpolated_model_computes_what_a_merged_model_does() {
                 let fresh = merger.merge(&set, &at, 0).unwrap();
                 let expected = fresh.log_probs(&fresh.encode(features.clone()).unwrap()).unwrap();
                 let found = model.network().log_probs(&encoding).unwrap();
-                assert_eq!(numbers(&found), numbers(&expected), "{name}, {} at {lambda}", kind.name);
+                assert_eq!(numbers(&found), numbers(&expected), "{name}, {kind} at {lambda}");
             }
         }
     }

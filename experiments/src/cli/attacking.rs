@@ -294,7 +294,7 @@ impl OperatingPointArgs {
             aggression: None,
             lambda: Some(*lambda),
             mix: Vec::new(),
-            mu: self.mu.unwrap_or(*lambda),
+            mu: self.mu.unwrap_or(lambda.clamp(0.0, 1.0)),
         };
         lambdas.iter().map(|lambda| at(lambda).variant()).collect()
     }

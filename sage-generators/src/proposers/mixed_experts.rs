@@ -175,6 +175,7 @@ impl Encoded {
         let edges = encoding.features().edge_kinds.of(self.now.index());
         let accepted = drivable(retimed_trajectories, draw.candidates, &self.body, edges)?;
         let accepted_modes: Vec<usize> = accepted.iter().map(|(k, _)| retimed[*k].mode).collect();
+        let accepted_modes = model.modes_of_prior(encoding, &accepted_modes)?;
         let nll = nll(&**prior, encoding, &accepted_modes, *with_nll)?;
         let proposal = |((k, trajectory), nll): ((usize, _), _)| Proposal {
             trajectory,

@@ -1,0 +1,159 @@
+//! A model whose log-probabilities combine those of several experts. Trajectories are the prior's: fine-tuning
+//! does not change them.
+
+use std::sync::Arc;
+
+use sage_backbones::{
+    Backbone, Error as NetworkError, MotionModel,
+    backbone::finite,
+    candle::{Device, Tensor},
+    encoding::{Encoding, ModelId},
+    features::{EgoForecast, Features},
+};
+use sage_core::generator::{Mixture, Observation};
+
+use crate::{Error, ExpertSet};
+
+/// How the log-probabilities of one mode combine.
+pub(crate) trait Combination: Send + Sync + Copy + 'static {
+    /// The combined log-probability, up to a constant; each expert has a weight above 0.
+    fn combine(weights: &[f64], log_probs: &[f64]) -> f64;
+}
+
+/// The experts that take part in a mixture.
+pub(crate) struct Members {
+    pub(crate) prior: Arc<dyn Backbone>,
+    pub(crate) models: Vec<Arc<dyn Backbone>>,
+    pub(crate) weights: Vec<f64>,
+}
+
+impl Members {
+    /// The experts with a weight above 0, as networks.
+    ///
+    /// *Errors*: none for a checked set.
+    pub(crate) fn of(experts: &ExpertSet, at: &Mixture) -> Result<Self, Error> {
+        let (mut models, mut weights) = (Vec::new(), Vec::new());
+        for ((_, parameters), weight) in experts.experts().iter().zip(at.weights()) {
+            if *weight > 0.0 {
+                models.push(network(experts, parameters.clone())?);
+                weights.push(*weight);
+            }
+        }
+        Ok(Self { prior: experts.prior().clone(), models, weights })
+    }
+}
+
+/// An expert as a network.
+pub(crate) fn network(
+    experts: &ExpertSet,
+    parameters: sage_backbones::Parameters,
+) -> Result<Arc<dyn Backbone>, Error> {
+    Ok(experts.prior().with_parameters(parameters)?.into())
+}
+
+/// The model at a corner of the simplex: the expert itself.
+///
+/// *Errors*: none for a checked set.
+pub(crate) fn at_corner(experts: &ExpertSet, at: &Mixture) -> Result<Option<Arc<dyn MotionModel>>, Error> {
+    let Some(corner) = at.corner() else { return Ok(None) };
+    let model: Arc<dyn MotionModel> = network(experts, experts.experts()[corner].1.clone())?;
+    Ok(Some(model))
+}
+
+/// Experts whose log-probabilities are combined.
+pub(crate) struct OutputMixture<C> {
+    id: ModelId,
+    members: Members,
+    combination: std::marker::PhantomData<C>,
+}
+
+impl<C: Combination> OutputMixture<C> {
+    /// The model at a mixture on the simplex.
+    ///
+    /// *Errors*: none for a checked set.
+    pub(crate) fn model(experts: &ExpertSet, at: &Mixture) -> Result<Arc<dyn MotionModel>, Error> {
+        if let Some(expert) = at_corner(experts, at)? {
+            return Ok(expert);
+        }
+        let members = Members::of(experts, at)?;
+        Ok(Arc::new(Self { id: ModelId::unique(), members, combination: std::marker::PhantomData }))
+    }
+
+    /// Combined log-probabilities from those of each expert, without renormalisation.
+    fn combined(&self, all: &[Vec<f64>]) -> Vec<f64> {
+        let weights = &self.members.weights;
+        let of_mode = |mode: usize| -> f64 {
+            let log_probs: Vec<f64> = all.iter().map(|log_probs| log_probs[mode]).collect();
+            C::combine(weights, &log_probs)
+        };
+        (0..all[0].len()).map(of_mode).collect()
+    }
+
+    /// Log-probabilities of each expert, computed once per encoding.
+    fn own(&self, encoding: &Encoding) -> Result<Arc<Vec<Tensor>>, NetworkError> {
+        let of = |model: &Arc<dyn Backbone>| model.log_probs(encoding);
+        encoding.kept(self.id, || self.members.models.iter().map(of).collect())
+    }
+}
+
+fn numbers(tensors: &[Tensor]) -> Result<Vec<Vec<f64>>, NetworkError> {
+    tensors.iter().map(finite::<f64>).collect()
+}
+
+impl<C: Combination> MotionModel for OutputMixture<C> {
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, NetworkError> {
+        self.members.prior.features(now, target, ego)
+    }
+
+    fn encode(&self, features: Arc<Features>) -> Result<Encoding, NetworkError> {
+        self.members.prior.encode(features)
+    }
+
+    fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, NetworkError> {
+        let combined = self.combined(&numbers(&self.own(encoding)?)?);
+        let total = log_sum_exp(&combined);
+        tensor(combined.iter().map(|log_prob| log_prob - total))
+    }
+
+    fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, NetworkError> {
+        self.members.prior.mode_ends(encoding)
+    }
+
+    fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, NetworkError> {
+        self.members.prior.trajectories(encoding, modes)
+    }
+
+    fn log_probs_along(
+        &self,
+        encoding: &Encoding,
+        log_probs: &Tensor,
+        modes: &[usize],
+        points: &Tensor,
+    ) -> Result<Tensor, NetworkError> {
+        let own = self.own(encoding)?;
+        let experts = self.members.models.iter().zip(&*own);
+        let along = experts.map(|(model, own)| model.log_probs_along(encoding, own, modes, points));
+        let along = self.combined(&numbers(&along.collect::<Result<Vec<_>, _>>()?)?);
+        let plain = self.combined(&numbers(&own)?);
+        // Both are up to the same constant, which the given log-probabilities have without.
+        let given = finite::<f64>(log_probs)?;
+        tensor(modes.iter().zip(along).map(|(&mode, along)| given[mode] + along - plain[mode]))
+    }
+}
+
+fn tensor(numbers: impl Iterator<Item = f64>) -> Result<Tensor, NetworkError> {
+    let numbers: Vec<f32> = numbers.map(|x| x as f32).collect();
+    let count = numbers.len();
+    Ok(Tensor::from_vec(numbers, count, &Device::Cpu)?)
+}
+
+/// `ln Σ exp x`.
+pub(crate) fn log_sum_exp(numbers: &[f64]) -> f64 {
+    let largest = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    largest + numbers.iter().map(|x| (x - largest).exp()).sum::<f64>().ln()
+}

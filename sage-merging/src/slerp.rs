@@ -1,0 +1,162 @@
+//! SLERP: interpolation at constant angular speed, `sin((1 − λ) ψ)/sin ψ · v_0 + sin(λ ψ)/sin ψ · v_1`.
+//!
+//! By default `v` are the preference vectors of the whole model and ψ is the angle between them: raw weights
+//! of experts of one prior are so nearly parallel that SLERP of them is interpolation. With `of: weights`,
+//! each tensor has its own angle, and a tensor with a cosine above 0.9995 is interpolated, as in mergekit.
+//!
+//! Properties: at a corner the result is the expert's own values; the order of the two does not matter;
+//! parallel vectors are interpolated.
+
+use sage_core::registry::Entry;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    Error, ExpertSet, Linear, Merger, PreferenceVector, Range, TensorMerger, TensorRule, TensorSet,
+    merger::mix_numbers,
+};
+
+/// Cosine above which two vectors are interpolated.
+const PARALLEL: f64 = 0.9995;
+
+/// Options of [`Slerp`].
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SlerpOptions {
+    /// What is interpolated.
+    pub of: SlerpOf,
+}
+
+/// What SLERP interpolates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SlerpOf {
+    /// The preference vectors of the whole model.
+    #[default]
+    Vectors,
+    /// The weights of each tensor.
+    Weights,
+}
+
+/// Spherical interpolation of two experts.
+#[derive(Clone, Copy)]
+pub struct Slerp(SlerpOptions);
+
+impl TensorMerger for Slerp {
+    fn range(&self) -> Range {
+        Range::Edge
+    }
+
+    fn prepare(&self, experts: &ExpertSet, _: u64) -> Result<Box<dyn TensorRule>, Error> {
+        if self.0.of == SlerpOf::Weights {
+            return Ok(Box::new(PerTensor));
+        }
+        let count = experts.names().len();
+        let mut products = vec![vec![0.0; count]; count];
+        for tuned in experts.tuned_tensors()? {
+            let vectors = vectors(&tuned.set());
+            for (a, row) in products.iter_mut().enumerate() {
+                for (b, product) in row.iter_mut().enumerate() {
+                    *product += dot(&vectors[a], &vectors[b]);
+                }
+            }
+        }
+        Ok(Box::new(WholeModel { products }))
+    }
+}
+
+/// The experts' differences from the prior.
+fn vectors(tensor: &TensorSet) -> Vec<Vec<f64>> {
+    let difference = |(x, prior): (&f32, &f32)| f64::from(*x) - f64::from(*prior);
+    tensor.experts.iter().map(|expert| expert.iter().zip(tensor.prior).map(difference).collect()).collect()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Weights of two vectors with a cosine, at the share of the second; `None` if they are parallel.
+fn spherical(cosine: f64, share: f64) -> Option<[f64; 2]> {
+    if cosine.is_nan() || cosine.abs() > PARALLEL {
+        return None;
+    }
+    let angle = cosine.acos();
+    Some([((1.0 - share) * angle).sin() / angle.sin(), (share * angle).sin() / angle.sin()])
+}
+
+/// The two experts of a mixture on an edge.
+fn pair(at: &[f64]) -> [usize; 2] {
+    let mut positive = (0..at.len()).filter(|&k| at[k] > 0.0);
+    let first = positive.next().unwrap_or(0);
+    [first, positive.next().unwrap_or(first)]
+}
+
+struct WholeModel {
+    /// Scalar products of the preference vectors.
+    products: Vec<Vec<f64>>,
+}
+
+impl TensorRule for WholeModel {
+    fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
+        let ([a, b], p) = (pair(at), &self.products);
+        match spherical(p[a][b] / (p[a][a] * p[b][b]).sqrt(), at[b]) {
+            None => PreferenceVector.merge(tensor, at, out),
+            Some([of_a, of_b]) => mix_numbers(tensor, at, out, |numbers, prior| {
+                let prior = f64::from(prior);
+                let vector = |k: usize| f64::from(numbers[k]) - prior;
+                prior + of_a * vector(a) + of_b * vector(b)
+            }),
+        }
+    }
+}
+
+struct PerTensor;
+
+impl TensorRule for PerTensor {
+    fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
+        let [a, b] = pair(at);
+        let [x, y] = [a, b].map(|k| tensor.experts[k].iter().map(|x| f64::from(*x)).collect::<Vec<_>>());
+        match spherical(dot(&x, &y) / (dot(&x, &x) * dot(&y, &y)).sqrt(), at[b]) {
+            None => Linear.merge(tensor, at, out),
+            Some([of_a, of_b]) => mix_numbers(tensor, at, out, |numbers, _| {
+                of_a * f64::from(numbers[a]) + of_b * f64::from(numbers[b])
+            }),
+        }
+    }
+}
+
+impl Entry<dyn Merger> for Slerp {
+    const NAME: &'static str = "slerp";
+    const SUMMARY: &'static str = "interpolation of two experts at constant angular speed";
+    const SOURCE: &'static str = "Shoemake 1985; of weights as in mergekit";
+    type Options = SlerpOptions;
+
+    fn build(options: SlerpOptions) -> Result<Box<dyn Merger>, String> {
+        Ok(Box::new(Self(options)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn half_way_between_orthogonal_vectors_is_at_45_degrees() {
+        let experts = [vec![4.0f32, 1.0], vec![1.0, 4.0]];
+        let tensor = TensorSet { name: "w", prior: &[1.0, 1.0], experts: &experts };
+        let mut out = [0.0f32; 2];
+        // Vectors (3, 0) and (0, 3): half way has length 3.
+        WholeModel { products: vec![vec![9.0, 0.0], vec![0.0, 9.0]] }.merge(&tensor, &[0.5, 0.5], &mut out);
+        let expected = 1.0 + 3.0 * std::f32::consts::FRAC_1_SQRT_2;
+        assert!(out.iter().all(|x| (x - expected).abs() < 1e-6), "{out:?}");
+    }
+
+    #[test]
+    fn weights_of_one_tensor_keep_their_norm() {
+        let experts = [vec![1.0f32, 0.0], vec![0.0, 1.0]];
+        let tensor = TensorSet { name: "w", prior: &[0.0, 0.0], experts: &experts };
+        let mut out = [0.0f32; 2];
+        PerTensor.merge(&tensor, &[0.25, 0.75], &mut out);
+        let (sin, cos) = (0.75 * std::f32::consts::FRAC_PI_2).sin_cos();
+        assert!((out[0] - cos).abs() < 1e-6 && (out[1] - sin).abs() < 1e-6, "{out:?}");
+    }
+}

@@ -1,0 +1,260 @@
+//! Trajectory mixing: candidates of the experts are paired, and the weighted mean of a pair is a candidate of the
+//! mixture.
+//!
+//! Each expert's candidates are its likeliest modes with a minimum spacing, in the order of their
+//! probability. They are paired by rank, or each candidate of the expert with the largest weight with the
+//! nearest free one of every other expert. The log-probability of a pair is the weighted mean of those of its
+//! members, renormalised over all pairs. Property: at a corner it is the expert, bit for bit.
+
+use std::sync::Arc;
+
+use sage_backbones::{
+    Error as NetworkError, MotionModel,
+    backbone::finite,
+    candidates::{Selection, select},
+    candle::{Device, Tensor},
+    encoding::{Encoding, ModelId},
+    features::{EgoForecast, Features},
+};
+use sage_core::{
+    generator::{Mixture, Observation},
+    registry::Entry,
+    seed::Rng,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    Error, ExpertSet, Merger, Range,
+    output_mixture::{Members, at_corner, log_sum_exp},
+};
+
+/// Options of [`TrajectoryMixing`].
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrajectoryOptions {
+    /// Number of candidates of each expert.
+    pub candidates: usize,
+    /// Least distance between the ends of an expert's candidates, metres.
+    pub apart: f32,
+    /// How candidates are paired.
+    pub pairs: Pairs,
+}
+
+impl Default for TrajectoryOptions {
+    fn default() -> Self {
+        Self { candidates: 64, apart: 3.0, pairs: Pairs::Rank }
+    }
+}
+
+/// How candidates of the experts are paired.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Pairs {
+    /// The k-th likeliest of each.
+    Rank,
+    /// The nearest end points.
+    End,
+}
+
+/// Weighted means of the experts' trajectories.
+#[derive(Clone, Copy)]
+pub struct TrajectoryMixing(TrajectoryOptions);
+
+impl Merger for TrajectoryMixing {
+    fn range(&self) -> Range {
+        Range::Simplex
+    }
+
+    fn model(&self, experts: &ExpertSet, at: &Mixture, _: u64) -> Result<Arc<dyn MotionModel>, Error> {
+        if let Some(expert) = at_corner(experts, at)? {
+            return Ok(expert);
+        }
+        let (members, options) = (Members::of(experts, at)?, self.0);
+        Ok(Arc::new(MeanTrajectories { id: ModelId::unique(), members, options }))
+    }
+}
+
+struct MeanTrajectories {
+    id: ModelId,
+    members: Members,
+    options: TrajectoryOptions,
+}
+
+/// Paired candidates of one encoding.
+struct Paired {
+    /// Log-probabilities of each expert.
+    own: Vec<Tensor>,
+    /// For each expert, its mode in each pair.
+    modes: Vec<Vec<usize>>,
+    /// Log-probability of each pair.
+    log_probs: Vec<f64>,
+    /// What the renormalisation subtracts.
+    total: f64,
+    /// Mean end of each pair, metres, target frame.
+    ends: Vec<[f32; 2]>,
+}
+
+impl MeanTrajectories {
+    fn paired(&self, encoding: &Encoding) -> Result<Arc<Paired>, NetworkError> {
+        encoding.kept(self.id, || self.pair(encoding))
+    }
+
+    fn pair(&self, encoding: &Encoding) -> Result<Paired, NetworkError> {
+        let Members { prior, models, weights } = &self.members;
+        let TrajectoryOptions { candidates, apart, pairs } = self.options;
+        let ends = prior.mode_ends(encoding)?;
+        let own = models.iter().map(|model| model.log_probs(encoding)).collect::<Result<Vec<_>, _>>()?;
+        let chosen = |log_probs: &Tensor| -> Result<Vec<usize>, NetworkError> {
+            // Suppression draws nothing.
+            let mut rng = Rng::new(0, "trajectory mixing", "none");
+            let policy = finite::<f32>(log_probs)?;
+            Ok(select(&policy, &ends, candidates, Selection::Nms { radius: apart }, &mut rng))
+        };
+        let ranked = own.iter().map(chosen).collect::<Result<Vec<_>, _>>()?;
+        let modes = match pairs {
+            Pairs::Rank => ranked,
+            Pairs::End => by_end(ranked, weights, &ends),
+        };
+        let numbers = own.iter().map(finite::<f64>).collect::<Result<Vec<_>, _>>()?;
+        let count = modes.iter().map(Vec::len).min().unwrap_or(0);
+        let mean = |pair: usize| -> f64 {
+            (0..weights.len()).map(|k| weights[k] * numbers[k][modes[k][pair]]).sum()
+        };
+        let means: Vec<f64> = (0..count).map(mean).collect();
+        let total = log_sum_exp(&means);
+        let end = |pair: usize| {
+            [0, 1].map(|axis| {
+                let terms = (0..weights.len()).map(|k| weights[k] * f64::from(ends[modes[k][pair]][axis]));
+                terms.sum::<f64>() as f32
+            })
+        };
+        Ok(Paired {
+            log_probs: means.iter().map(|mean| mean - total).collect(),
+            ends: (0..count).map(end).collect(),
+            own,
+            modes,
+            total,
+        })
+    }
+}
+
+/// Reorders the candidates of all experts but the heaviest, so that each is near its partner's end.
+fn by_end(ranked: Vec<Vec<usize>>, weights: &[f64], ends: &[[f32; 2]]) -> Vec<Vec<usize>> {
+    let heaviest = (0..weights.len()).rev().max_by(|a, b| weights[*a].total_cmp(&weights[*b])).unwrap_or(0);
+    let leading = ranked[heaviest].clone();
+    let gap = |a: usize, b: usize| (ends[a][0] - ends[b][0]).hypot(ends[a][1] - ends[b][1]);
+    let partners = |(k, mut free): (usize, Vec<usize>)| {
+        if k == heaviest {
+            return free;
+        }
+        let nearest = |lead: &usize| {
+            let at = (0..free.len()).min_by(|a, b| gap(free[*a], *lead).total_cmp(&gap(free[*b], *lead)))?;
+            Some(free.remove(at))
+        };
+        leading.iter().filter_map(nearest).collect()
+    };
+    ranked.into_iter().enumerate().map(partners).collect()
+}
+
+impl MotionModel for MeanTrajectories {
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, NetworkError> {
+        self.members.prior.features(now, target, ego)
+    }
+
+    fn encode(&self, features: Arc<Features>) -> Result<Encoding, NetworkError> {
+        self.members.prior.encode(features)
+    }
+
+    fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, NetworkError> {
+        tensor(self.paired(encoding)?.log_probs.iter().copied())
+    }
+
+    fn mode_ends(&self, encoding: &Encoding) -> Result<Vec<[f32; 2]>, NetworkError> {
+        Ok(self.paired(encoding)?.ends.clone())
+    }
+
+    fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, NetworkError> {
+        let (Members { prior, weights, .. }, paired) = (&self.members, self.paired(encoding)?);
+        let mut mean: Option<Tensor> = None;
+        for (own, weight) in paired.modes.iter().zip(weights) {
+            let own: Vec<usize> = modes.iter().map(|&pair| own[pair]).collect();
+            let part = (prior.trajectories(encoding, &own)? * *weight)?;
+            mean = Some(match mean {
+                None => part,
+                Some(mean) => (mean + part)?,
+            });
+        }
+        mean.ok_or_else(|| NetworkError::Training("a mixture of no trajectories".to_owned()))
+    }
+
+    fn log_probs_along(
+        &self,
+        encoding: &Encoding,
+        _: &Tensor,
+        modes: &[usize],
+        points: &Tensor,
+    ) -> Result<Tensor, NetworkError> {
+        let (Members { models, weights, .. }, paired) = (&self.members, self.paired(encoding)?);
+        let mut mean = vec![-paired.total; modes.len()];
+        for (k, model) in models.iter().enumerate() {
+            let own: Vec<usize> = modes.iter().map(|&pair| paired.modes[k][pair]).collect();
+            let along = model.log_probs_along(encoding, &paired.own[k], &own, points)?;
+            let along = finite::<f64>(&along)?;
+            mean.iter_mut().zip(along).for_each(|(mean, along)| *mean += weights[k] * along);
+        }
+        tensor(mean.into_iter())
+    }
+
+    /// The prior's mode that ends nearest to the mean end.
+    fn modes_of_prior(&self, encoding: &Encoding, modes: &[usize]) -> Result<Vec<usize>, NetworkError> {
+        let (ends, paired) = (self.members.prior.mode_ends(encoding)?, self.paired(encoding)?);
+        let nearest = |&pair: &usize| {
+            let [x, y] = paired.ends[pair];
+            let gap = |mode: &usize| (ends[*mode][0] - x).hypot(ends[*mode][1] - y);
+            (0..ends.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0)
+        };
+        Ok(modes.iter().map(nearest).collect())
+    }
+}
+
+fn tensor(numbers: impl Iterator<Item = f64>) -> Result<Tensor, NetworkError> {
+    let numbers: Vec<f32> = numbers.map(|x| x as f32).collect();
+    let count = numbers.len();
+    Ok(Tensor::from_vec(numbers, count, &Device::Cpu)?)
+}
+
+impl Entry<dyn Merger> for TrajectoryMixing {
+    const NAME: &'static str = "trajectory";
+    const SUMMARY: &'static str =
+        "weighted means of the experts' trajectories, paired by rank or by end point";
+    const SOURCE: &'static str = "SAGE (ICLR 2026): the baseline of output-space mixing";
+    type Options = TrajectoryOptions;
+
+    fn build(options: TrajectoryOptions) -> Result<Box<dyn Merger>, String> {
+        if !(1..=1024).contains(&options.candidates) {
+            return Err(format!("`candidates` is {}; expected 1 to 1024", options.candidates));
+        }
+        if !(0.0..=100.0).contains(&options.apart) {
+            return Err(format!("`apart` is {}; expected 0 to 100 metres", options.apart));
+        }
+        Ok(Box::new(Self(options)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_free_candidates_become_partners() {
+        let ends = [[0.0, 0.0], [10.0, 0.0], [1.0, 0.0], [9.0, 0.0]];
+        // The second expert is heavier: its modes 2 and 3 take the nearest of 1 and 0.
+        let modes = by_end(vec![vec![1, 0], vec![2, 3]], &[0.4, 0.6], &ends);
+        assert_eq!(modes, [[0, 1], [2, 3]]);
+    }
+}

@@ -9,14 +9,11 @@ use sage_data::MAX_FILE;
 use sage_sim::{
     SimScene,
     drive::{Drive, Simulation, drive},
-    policy::{EgoPolicy, PathPolicy, Replay},
+    policy::{EgoPolicy, Replay},
 };
 use serde_json::{Value, json};
 
-use crate::{
-    Registries,
-    part::{Part, PolicyPart},
-};
+use crate::{Registries, part::PolicyPart};
 
 /// A driver under test.
 pub(crate) struct Ego {
@@ -31,9 +28,10 @@ impl Ego {
     /// Builds the policy.
     ///
     /// *Errors*: the name is not registered, or the policy refuses the options.
-    pub(crate) fn new(PolicyPart(part): &PolicyPart, registries: &Registries) -> Result<Self> {
+    pub(crate) fn new(named: &PolicyPart, registries: &Registries) -> Result<Self> {
+        let PolicyPart(part) = named;
         let policy = part.build(&registries.policies)?;
-        Ok(Self { label: part.to_string(), policy, is_recording: part.name == Replay::NAME })
+        Ok(Self { label: named.to_string(), policy, is_recording: part.name == Replay::NAME })
     }
 
     /// Builds several policies.
@@ -70,10 +68,8 @@ impl Ego {
 /// What identifies a policy in the record of a run. Another content of a `path` file is another run.
 ///
 /// *Errors*: the file of a `path` cannot be read.
-pub(crate) fn identity(PolicyPart(part): &PolicyPart) -> Result<Value> {
-    let Part { name, options } = part;
-    let file = options.get("file").and_then(Value::as_str).filter(|_| name == PathPolicy::NAME);
-    let Some(file) = file else { return Ok(json!(part.to_string())) };
+pub(crate) fn identity(part: &PolicyPart) -> Result<Value> {
+    let Some(file) = part.file() else { return Ok(json!(part.to_string())) };
     let bytes = files::read(Path::new(file), MAX_FILE);
     let bytes = bytes.with_context(|| format!("cannot read `{file}`"))?;
     Ok(json!([part.to_string(), blake3::hash(&bytes).to_hex()[..16]]))

@@ -18,7 +18,10 @@ use crate::terminal;
 
 pub(crate) use command_line::{command, program};
 pub(crate) use dataset_run::DatasetRun;
-pub(crate) use run::{Run, State};
+pub(crate) use run::{RECORD, Run, State};
+
+/// Length limit of a file name on common file systems, bytes.
+pub(crate) const LONGEST_FILE_NAME: usize = 255;
 
 /// An output folder that only this run writes to.
 pub(crate) struct Folder {

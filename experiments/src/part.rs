@@ -57,6 +57,23 @@ impl fmt::Display for Part {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PolicyPart(pub(crate) Part);
 
+impl PolicyPart {
+    /// The file of a `path`.
+    pub(crate) fn file(&self) -> Option<&str> {
+        let Self(part) = self;
+        part.options.get("file").and_then(Value::as_str).filter(|_| part.name == "path")
+    }
+}
+
+impl fmt::Display for PolicyPart {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        match self.file() {
+            Some(file) if self.0.options.len() == 1 => write!(f, "path:{file}"),
+            _ => self.0.fmt(f),
+        }
+    }
+}
+
 impl FromStr for PolicyPart {
     type Err = String;
 

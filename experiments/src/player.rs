@@ -42,6 +42,8 @@ pub(crate) struct Panel<'a> {
     pub(crate) adversary: Option<&'a Track>,
     /// The same driver without the attack; the page shows it up to its first contact.
     pub(crate) unattacked: Option<&'a Drive>,
+    /// Whether the attack works; `None` without an attack.
+    pub(crate) verdict: Option<bool>,
     /// Says what is attacked, before the end.
     pub(crate) note: String,
     /// Says how it ended.
@@ -68,17 +70,17 @@ struct EncodedPanel<'a> {
     ego: EncodedBody,
     adversary: Option<EncodedBody>,
     ghost: Option<EncodedBody>,
-    contact: Option<EncodedContact<'a>>,
+    contact: Option<EncodedContact>,
+    verdict: Option<bool>,
     note: &'a str,
-    finished: &'a str,
+    ending: &'a str,
 }
 
 #[derive(Serialize)]
-struct EncodedContact<'a> {
+struct EncodedContact {
     frame: usize,
     x: i64,
     y: i64,
-    words: &'a str,
 }
 
 /// The page. `columns` is the number of drives in a row, if there is room.
@@ -138,7 +140,7 @@ fn traffic(scene: &Scene, panels: &[Panel], area: &Aabb, origin: Point) -> Vec<E
 }
 
 fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'a> {
-    let Panel { name, episode, adversary, unattacked, note, ending } = panel;
+    let Panel { name, episode, adversary, unattacked, verdict, note, ending } = panel;
     let size = box_size(scene.ego());
     let drive = |drive: &Drive| {
         let end = drive.contacts.first().map_or(LAST_FRAME, |contact| contact.step.min(LAST_FRAME));
@@ -159,7 +161,7 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         let corners = [nearest(own, other), nearest(other, own)].into_iter().flatten();
         let at = corners.min_by(|p, q| p.0.total_cmp(&q.0)).map_or(own.center, |(_, p)| p);
         let [x, y] = [0, 1].map(|k| encoding::hundredths(at[k] - origin[k]));
-        EncodedContact { frame: hit.contact.step, x, y, words: ending }
+        EncodedContact { frame: hit.contact.step, x, y }
     });
     EncodedPanel {
         name,
@@ -167,11 +169,12 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         // A drive has at least its first frame.
         ego: drive(&episode.drive).unwrap_or_default(),
         adversary: adversary
-            .and_then(|track| EncodedBody::of(states(track, origin), box_size(track), "vehicle")),
+            .and_then(|track| EncodedBody::of(states(track, origin), box_size(track), kind(track))),
         ghost: unattacked.and_then(drive),
         contact,
+        verdict: *verdict,
         note,
-        finished: ending,
+        ending,
     }
 }
 

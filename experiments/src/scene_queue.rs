@@ -51,13 +51,13 @@ pub(crate) fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
         let scene = input::scene_name(file).file_stem().unwrap_or_default().to_string_lossy().into_owned();
         if let Some(other) = seen.insert(scene.clone(), file) {
             bail!(
-                "`{}` and `{}` have the same name, so their outputs would have; generate them into two folders",
+                "`{}` and `{}` have the same name, so their outputs would have; rename one, or run them into two folders",
                 other.display(),
                 file.display()
             );
         }
         if scene.contains('\\') {
-            bail!("`{}` has a backslash in its name, which data sets cannot list; rename it", file.display());
+            bail!("`{}` has a backslash in its name, which outputs cannot have; rename it", file.display());
         }
         inputs.push(Input { file: file.clone(), scene });
     }

@@ -87,6 +87,33 @@ fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
         assert_eq!((again["method"].as_str(), again["lambda"].as_f64()), (Some("sage"), Some(1.0)), "{k}");
     }
 
+    // An attack by another car than the default adversary is driven by that car.
+    let by_other = folder.path().join("by-other");
+    let generate = [
+        "generate",
+        &scene,
+        "--adversary",
+        "leader",
+        "--method",
+        "random",
+        "--json",
+        "--out",
+        text(&by_other),
+    ];
+    let generated = &rows(&sage(&[&generate[..], &WEIGHTS].concat()))[0];
+    assert_eq!(generated["adversary"], "leader");
+    let name = format!("{}-{}", generated["scene"].as_str().unwrap(), generated["variant"].as_str().unwrap());
+    for (k, attack) in ["json", "safetensors"].into_iter().enumerate() {
+        let out = folder.path().join(format!("other-{k}"));
+        let attack = by_other.join(format!("{name}.{attack}"));
+        let arguments =
+            ["simulate", &scene, "--attack", text(&attack), "--ego", "replay", "--json", "--out", text(&out)];
+        let row = &rows(&sage(&arguments))[0];
+        assert_eq!((&row["adversary"], row["attack"]["verdict"].is_object()), (&json!("leader"), true));
+        let twice = failure(&[&arguments[..], &["--force", "--adversary", "crosser"]].concat());
+        assert!(twice.contains("is `leader`, not `crosser`"), "{twice}");
+    }
+
     // The same command again changes nothing.
     let page = out.join("crossing.html");
     let written = fs::metadata(&page).unwrap().modified().unwrap();
@@ -220,11 +247,22 @@ fn wrong_input_gets_an_error_that_names_it() {
     has(error(&["--ego", "idmm"]), &["unknown policy `idmm`", "idm,"]);
     has(error(&["--ego", "idm,idm"]), &["`idm` is given twice"]);
     has(error(&["--lambda", "1"]), &["--lambda needs a generator", "--method"]);
+    has(error(&["--selection", "nonsense"]), &["--selection needs a generator"]);
     has(error(&["--attack", "missing.json"]), &["missing.json"]);
 
     let path = folder.path().join("drive.json");
     fs::write(&path, json!([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]).to_string()).unwrap();
     has(error(&["--ego", &format!("path:{}", text(&path))]), &["path", "2", "91"]);
+
+    let far: Vec<[f64; 3]> = (0..91).map(|k| [1e4 + f64::from(k), 0.0, 0.0]).collect();
+    fs::write(&path, json!(far).to_string()).unwrap();
+    has(error(&["--ego", &format!("path:{}", text(&path))]), &["drive.json", "of another scene"]);
+    let row = folder.path().join("row.json");
+    for wrong in ["[1]", "{}", r#"{"scene": "crossing", "source_hash": "0", "trajectory": [[1, 2, 3, 4]]}"#] {
+        fs::write(&row, wrong).unwrap();
+        has(error(&["--attack", text(&row)]), &["row.json", "is not a row of `sage generate`"]);
+    }
+    has(error(&["--attack", &scene]), &["holds no attack", "crossing"]);
 
     scenes(&folder.path().join("scenes"), "1");
     let other = fs::read_dir(folder.path().join("scenes")).unwrap().map(|entry| entry.unwrap().path());

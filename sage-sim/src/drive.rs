@@ -269,11 +269,12 @@ impl Recorder {
         }
         let mut new: Vec<&Contact> = contacts.iter().filter(|contact| !self.touched[contact.track]).collect();
         new.sort_by_key(|contact| (contact.substep, contact.track));
+        let before = drive.contacts.len();
         for contact in &new {
             self.touched[contact.track] = true;
             drive.contacts.extend(found(world, contact));
         }
-        new.len()
+        drive.contacts.len() - before
     }
 
     /// The record so far.

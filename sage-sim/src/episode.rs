@@ -38,7 +38,7 @@ const SHORTEST_LOG: f64 = 5.0;
 pub enum End {
     /// The ego's first contact.
     Contact,
-    /// Frame 90, or the end of a shorter recording.
+    /// Frame 90, or the last frame of a shorter recording.
     Horizon,
 }
 
@@ -125,11 +125,15 @@ impl Episode {
                 contact: contact.clone(),
             }
         };
+        let mut contacts: Vec<EpisodeContact> = all.contacts.iter().zip(overlaps).map(contact).collect();
+        // Of contacts at the same time, the adversary's is the first.
+        let planned = simulation.world().plan().map(|plan| plan.track);
+        contacts.sort_by_key(|c| (c.contact.step, c.contact.substep, Some(c.contact.other.track) != planned));
         Ok(Self {
             end: if found == 0 { End::Horizon } else { End::Contact },
             arrived,
             completion: has_route.then(|| drive.progress / route),
-            contacts: all.contacts.iter().zip(overlaps).map(contact).collect(),
+            contacts,
             drive,
         })
     }

@@ -22,7 +22,7 @@ use std::{cell::OnceCell, fmt};
 
 use sage_core::{
     Error,
-    geometry::OrientedBox,
+    geometry::{OrientedBox, Point},
     registry::Registry,
     scene::{Map, Scene, SceneIndex, Track},
 };
@@ -130,6 +130,11 @@ impl<'a> Start<'a> {
     /// Search structures of the map.
     pub fn index(&self) -> &'a SceneIndex {
         self.scene.index()
+    }
+
+    /// Position at the start, metres.
+    fn first_position(&self) -> Point {
+        self.scene.scene().tracks[self.track].point(0)
     }
 
     /// Seed of random numbers.

@@ -82,8 +82,7 @@ impl<'a> DriverUnderTest<'a> {
         let adversary = scene.adversary_index()?;
         let plan = Arc::new(Plan::of_adversary(scene, attack)?);
         let episode = Episode::run(&self.scene, Some(plan), &*self.ego.policy, self.seed)?;
-        let first = episode.first_contacts();
-        let first = first.min_by_key(|c| c.contact.other.track != adversary);
+        let first = episode.first_contacts().next();
         Ok(Driven {
             verdict: episode.verdict(adversary, is_feasible, &self.unattacked),
             completion: episode.completion,

@@ -87,7 +87,7 @@ pub(crate) fn markdown(all: &[AttackedDriver]) -> Result<String> {
         writeln!(out, "| {ego} | {knows} | {label} | {n} | {failed} | {cells} |")?;
     }
     out += "\n*Attack*: the ego's first contact is with the adversary after *now*, the plan is feasible, and without the \
-        attack there was no contact by then. *At-fault*: nuPlan's rule gives this contact to the ego. *Solid*: the boxes \
+        attack there was no contact by then, nor one with the adversary in the next 0.5 s. *At-fault*: nuPlan's rule gives this contact to the ego. *Solid*: the boxes \
         overlap by at least 0.5 m. *Any vehicle*: the published flag, the first contact is with any vehicle. *Progress*: \
         share of the logged route at the end, at most 1. *Impact*: mean over the attacks. Intervals: 95 %, Wilson for shares, \
         bootstrap for means. A scene that failed counts as not attacked.\n";

@@ -1,6 +1,7 @@
 //! `sage simulate`: drives scenes with policies, with or without attacks, and writes pages that play them.
 
 mod attack_file;
+mod attacks;
 mod index;
 mod row;
 mod scene;
@@ -17,8 +18,8 @@ use crate::{
     attackers::Attackers,
     cli::SimulateArgs,
     ego::{self, Ego},
-    output::{self, DatasetRun},
-    part::PolicyParts,
+    output::{self, DatasetRun, LONGEST_FILE_NAME, RECORD},
+    part::{PolicyPart, PolicyParts},
     progress,
     scene_queue::{self, Input, Report, is_row_of},
 };
@@ -135,6 +136,8 @@ fn refuse_attack_options(args: &SimulateArgs) -> Result<()> {
         ("--options", options.options.is_some()),
         ("--weights", options.weights.is_some()),
         ("--feasibility", options.rule.feasibility.is_some()),
+        ("--selection", options.selection != "natural"),
+        ("--merger", points.merging.merger.name != "linear"),
     ];
     match given.into_iter().find(|(_, is_given)| *is_given) {
         Some((name, _)) => bail!("{name} needs a generator; name it with --method, such as --method sage"),
@@ -159,14 +162,27 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
         );
     }
     let inputs = scene_queue::inputs(&files)?;
-    let names: Vec<PathBuf> = files.iter().filter_map(|file| file.file_name().map(PathBuf::from)).collect();
-    output::protect_inputs(std::slice::from_ref(&args.scene), &files, &args.folder.out, &names)?;
+    if inputs.len() > 1 && inputs.iter().any(|input| page_file(&input.scene) == index::FILE) {
+        bail!("a scene is named `index`, like the page that lists the scenes; rename it");
+    }
     let outputs = |input: &Input| -> Vec<String> {
         let rows = simulation.files(&input.scene).map(|(.., file)| file);
         rows.chain([page_file(&input.scene)]).collect()
     };
+    let mut written: Vec<PathBuf> = inputs.iter().flat_map(outputs).map(PathBuf::from).collect();
+    if let Some(long) = written.iter().find(|name| name.as_os_str().len() > LONGEST_FILE_NAME) {
+        bail!(
+            "`{}` would be the name of an output, longer than a file name can be; rename the scene",
+            long.display()
+        );
+    }
+    written.extend([index::FILE, RECORD].map(PathBuf::from));
+    let mut read = files.clone();
+    read.extend(args.attack.clone());
+    read.extend(args.ego.0.iter().filter_map(PolicyPart::file).map(PathBuf::from));
+    output::protect_inputs(std::slice::from_ref(&args.scene), &read, &args.folder.out, &written)?;
     let out = &args.folder.out;
-    let outdated = || inputs.iter().flat_map(outputs).collect();
+    let outdated = || inputs.iter().flat_map(outputs).chain([index::FILE.to_owned()]).collect();
     let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, None, outdated)?;
     let report = Report::new(run.folder().path(), args.json, inputs.len(), ["driven", "drive"]);
     let all: Vec<&Input> = inputs.iter().collect();

@@ -11,7 +11,7 @@ use super::{Folder, command};
 use crate::progress;
 
 /// File with the identity, results and duration of a run.
-pub(super) const RECORD: &str = "run.json";
+pub(crate) const RECORD: &str = "run.json";
 /// Size limit of a record, bytes.
 const RECORD_LIMIT: u64 = 4 << 20;
 

@@ -46,7 +46,7 @@ const panels = data.panels.map((p, number) => ({ ...p, number, ego: body(p.ego),
 
 // --- state ---
 
-const view = { time: now, playing: false, rate: 1, scale: 0, follow: "ego", centre: null, alone: null, ghost: true };
+const view = { time: now, playing: false, rate: 1, scale: 0, isZoomed: false, follow: "ego", centre: null, alone: null, ghost: true };
 const hits = panels.filter((p) => p.contact).map((p) => p.contact.frame);
 
 // --- map tiles: drawn once for each zoom, shared by all panels ---
@@ -108,7 +108,11 @@ function car(c, p, b, tone, { stripes = false, outline = "#555d66", dashed = fal
 
 function trail(c, b, from, to, tone, width) {
   c.beginPath();
-  for (let t = Math.max(0, from - b.first); t <= Math.min(b.x.length - 1, to - b.first); t++) c.lineTo(b.x[t], b.y[t]);
+  for (let t = Math.max(0, from - b.first), drawn = false; t <= Math.min(b.x.length - 1, to - b.first); t++) {
+    const isThere = b.x[t] === b.x[t];
+    if (isThere) drawn ? c.lineTo(b.x[t], b.y[t]) : c.moveTo(b.x[t], b.y[t]);
+    drawn = isThere;
+  }
   c.strokeStyle = tone;
   c.lineWidth = width;
   c.stroke();
@@ -184,12 +188,13 @@ function drawPanel(panel) {
   car(c, own, panel.ego, colour.ego, { outline: colour.ink });
   if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(1, (7 * ratio) / scale));
   scaleBar(c, ratio, scale, height);
-  const gap = adversary ? `, ${Math.hypot(adversary.x - own.x, adversary.y - own.y).toFixed(0)} m apart` : "";
+  const gap = adversary ? `, centres ${Math.hypot(adversary.x - own.x, adversary.y - own.y).toFixed(0)} m apart` : "";
   panel.live.textContent = `${own.v.toFixed(1)} m/s${gap}`;
-  const over = view.time >= panel.end && panel.contact;
-  panel.box.classList.toggle("over", Boolean(over));
-  panel.status.className = over ? "over" : "";
-  panel.status.textContent = over ? panel.contact.words : view.time < now ? "Recorded history, before the attack." : view.time >= last ? panel.finished : panel.note;
+  const over = view.time >= panel.end;
+  panel.box.classList.toggle("over", Boolean(over && panel.contact));
+  panel.badge.hidden = !over || panel.verdict === null;
+  panel.status.className = over && panel.contact ? "over" : "";
+  panel.status.textContent = over ? panel.ending : view.time < now ? panel.history : panel.note;
   drawStrip(panel, time, ratio);
 }
 
@@ -248,7 +253,7 @@ function redraw() {
   requestAnimationFrame(() => {
     waiting = false;
     if (!view.scale) view.scale = firstScale();
-    panels.filter((p) => !p.box.hidden).forEach(drawPanel);
+    panels.filter((p) => !p.box.hidden && p.isVisible).forEach(drawPanel);
     element("time").value = view.time;
     element("clock").textContent = `${((view.time - now) / 10).toFixed(1)} s`;
     element("play").textContent = view.playing ? "Pause" : "Play";
@@ -269,6 +274,7 @@ function build() {
   element("subtitle").textContent = data.subtitle;
   element("time").max = last;
   element("ghost").parentElement.hidden = element("ghost-legend").hidden = !panels.some((p) => p.ghost);
+  if (!panels.some((p) => p.adversary)) element("adversary-legend").hidden = true;
   if (!panels.some((p) => p.adversary)) element("follow").querySelectorAll("[value=adversary],[value=both]").forEach((o) => o.remove());
   const mark = (frame, name) => { const i = document.createElement("i"); i.className = name; i.style.left = `${(100 * frame) / last}%`; element("marks").append(i); };
   mark(now, "now");
@@ -279,22 +285,32 @@ function build() {
     const head = make("h2", panel.box);
     head.title = "Show this drive alone, or all";
     make("b", head).textContent = panel.name;
+    panel.badge = make("em", head, panel.verdict ? "hit" : "");
+    panel.badge.textContent = panel.verdict ? "attack" : "no attack";
     panel.live = make("span", head);
+    panel.history = panel.verdict === null ? "Before now." : "Before now: the attack begins at 0 s.";
     const area = make("div", panel.box, "view");
     panel.canvas = make("canvas", area);
     panel.canvas.setAttribute("aria-label", `Drive of ${panel.name} from above`);
     panel.strip = make("canvas", make("div", panel.box, "strip"));
     panel.status = make("p", panel.box);
     head.addEventListener("click", () => alone(view.alone === null ? panel.number : null));
+    panel.isVisible = true;
     drag(area, panel);
   }
+  // Drives that are scrolled out of view are not drawn.
+  const seen = new IntersectionObserver((changes) => {
+    changes.forEach(({ target, isIntersecting }) => (panels.find((p) => p.box === target).isVisible = isIntersecting));
+    redraw();
+  });
+  panels.forEach((p) => seen.observe(p.box));
   arrange();
 }
 
 function alone(number) {
   view.alone = number;
+  view.isZoomed = false;
   panels.forEach((p) => (p.box.hidden = number !== null && p.number !== number));
-  view.scale = 0;
   arrange();
 }
 
@@ -302,25 +318,39 @@ function alone(number) {
 function arrange() {
   const shown = panels.filter((p) => !p.box.hidden).length, room = Math.max(1, Math.floor(element("panels").clientWidth / 280));
   const wanted = shown === 1 ? 1 : Math.min(data.columns, shown);
-  element("panels").style.gridTemplateColumns = `repeat(${Math.min(wanted, room)}, minmax(0, 1fr))`;
+  // On a wide page each driver keeps its row, even if it has to be scrolled; on a narrow one rows wrap.
+  const [columns, least] = wanted > room && room > 2 ? [wanted, "240px"] : [Math.min(wanted, room), "0"];
+  element("panels").style.gridTemplateColumns = `repeat(${columns}, minmax(${least}, 1fr))`;
+  if (!view.isZoomed) view.scale = 0;
   // Room for the longest text, so that the view keeps its size when the text changes.
   const tallest = (p) => {
     p.status.style.height = "auto";
-    return Math.max(...[p.note, p.finished, p.contact?.words || ""].map((words) => { p.status.textContent = words; return p.status.offsetHeight; }));
+    return Math.max(...[p.note, p.ending, p.history].map((words) => { p.status.textContent = words; return p.status.offsetHeight; }));
   };
   const height = Math.max(...panels.filter((p) => !p.box.hidden).map(tallest));
   panels.forEach((p) => (p.status.style.height = `${height}px`));
   redraw();
 }
 
-function zoom(factor) {
+// Zooms about a point of a view, in pixels from its centre, or about the centre.
+function zoom(factor, at = [0, 0]) {
+  const before = view.scale;
+  view.isZoomed = true;
   view.scale = Math.min(60, Math.max(0.6, view.scale * factor));
+  if (view.follow === "free") {
+    const shift = 1 / before - 1 / view.scale;
+    view.centre = { x: view.centre.x + at[0] * shift, y: view.centre.y - at[1] * shift };
+  }
   redraw();
 }
 
 function drag(area, panel) {
   let from = null;
-  area.addEventListener("pointerdown", (e) => { from = [e.clientX, e.clientY]; area.setPointerCapture(e.pointerId); });
+  area.addEventListener("pointerdown", (e) => {
+    if (e.button !== 0) return;
+    from = [e.clientX, e.clientY];
+    area.setPointerCapture(e.pointerId);
+  });
   area.addEventListener("pointermove", (e) => {
     if (!from) return;
     view.centre = { x: panel.middle.x - (e.clientX - from[0]) / view.scale, y: panel.middle.y + (e.clientY - from[1]) / view.scale };
@@ -328,12 +358,16 @@ function drag(area, panel) {
     panel.middle = view.centre;
     follow("free");
   });
-  area.addEventListener("pointerup", () => (from = null));
-  area.addEventListener("wheel", (e) => { e.preventDefault(); zoom(Math.exp(-0.0015 * e.deltaY)); }, { passive: false });
+  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) area.addEventListener(end, () => (from = null));
+  area.addEventListener("wheel", (e) => {
+    e.preventDefault();
+    const box = area.getBoundingClientRect();
+    zoom(Math.exp(-0.0015 * e.deltaY), [e.clientX - box.left - box.width / 2, e.clientY - box.top - box.height / 2]);
+  }, { passive: false });
 }
 
 function follow(what) {
-  if (what === "free" && !view.centre) view.centre = { ...panels[0].middle };
+  if (what === "free" && !view.centre) view.centre = { ...panels.find((p) => !p.box.hidden).middle };
   if (what !== "free") view.centre = null;
   view.follow = element("follow").value = what;
   redraw();
@@ -344,14 +378,13 @@ function seek(frame) {
   redraw();
 }
 
-// The last moment that matters: some time after the last contact, or the end.
-const over = () => view.time >= last;
-let before = 0;
+let before = 0, ticking = 0;
 function play(start) {
-  if (start && over()) view.time = 0;
+  if (start && view.time >= last) view.time = 0;
   view.playing = start;
   before = performance.now();
-  if (start) requestAnimationFrame(tick);
+  cancelAnimationFrame(ticking);
+  if (start) ticking = requestAnimationFrame(tick);
   redraw();
 }
 
@@ -361,16 +394,16 @@ function tick(at) {
   view.time = Math.min(last, view.time + (Math.max(0, at - before) / 100) * view.rate);
   before = at;
   redraw();
-  if (over()) play(false);
-  else requestAnimationFrame(tick);
+  if (view.time >= last) play(false);
+  else ticking = requestAnimationFrame(tick);
 }
 
 const step = (frames) => { play(false); seek(Math.round(view.time) + frames); };
 const next = (list) => { play(false); seek(list.length ? list.find((f) => f > view.time + 0.01) ?? list[0] : view.time); };
 const keys = {
-  " ": () => play(!view.playing), ArrowLeft: (e) => step(e.shiftKey ? -10 : -1), ArrowRight: (e) => step(e.shiftKey ? 10 : 1),
+  " ": (e) => e.repeat || play(!view.playing), ArrowLeft: (e) => step(e.shiftKey ? -10 : -1), ArrowRight: (e) => step(e.shiftKey ? 10 : 1),
   Home: () => step(-last), End: () => step(last), "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8), "−": () => zoom(0.8),
-  c: () => next([...hits].sort((a, b) => a - b)), g: () => element("ghost").click(), "?": () => element("help").click(),
+  c: () => next(panels.filter((p) => p.contact && !p.box.hidden).map((p) => p.contact.frame).sort((a, b) => a - b)), g: () => element("ghost").click(), "?": () => element("help").click(),
   f: () => { const options = [...element("follow").options].map((o) => o.value); follow(options[(options.indexOf(view.follow) + 1) % options.length]); },
   0: () => alone(null),
 };
@@ -388,10 +421,14 @@ element("help").addEventListener("click", (e) => { element("keys").hidden = !ele
 document.addEventListener("keydown", (e) => {
   if (e.ctrlKey || e.metaKey || e.altKey || (e.target.tagName === "SELECT" && e.key !== "Escape")) return;
   const key = e.key.length === 1 ? e.key.toLowerCase() : e.key;
-  if (e.key === " " && e.target.tagName === "BUTTON" && e.target.id !== "play") return;
+  // Space also presses the button and ticks the box that the keyboard is on.
+  if (e.key === " " && ((e.target.tagName === "BUTTON" && e.target.id !== "play") || e.target.type === "checkbox")) return;
   const digit = Number(key);
   const action = keys[key] || (digit >= 1 && digit <= panels.length && key !== " " ? () => alone(digit - 1) : null);
   if (action) { e.preventDefault(); action(e); }
 });
+// What the mouse used does not keep the keyboard.
+document.querySelectorAll("nav button, nav input").forEach((e) => e.addEventListener("click", (event) => event.detail && e.blur()));
+document.querySelectorAll("nav select").forEach((e) => e.addEventListener("change", () => e.blur()));
 window.addEventListener("resize", arrange);
 build();

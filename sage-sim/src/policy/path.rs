@@ -90,6 +90,9 @@ impl DrivenPath {
     }
 }
 
+/// Way in the first step that no car covers, metres.
+const FARTHEST_STEP: f64 = 10.0;
+
 /// The policy `path`.
 #[derive(Clone, Debug)]
 pub struct PathPolicy(Arc<DrivenPath>);
@@ -119,6 +122,16 @@ impl Entry<dyn EgoPolicy> for PathPolicy {
 impl EgoPolicy for PathPolicy {
     fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {
         let poses = self.0.of(start.scene_id(), start.frames())?;
+        if let Some([x, y, _]) = poses.get(1) {
+            let from = start.first_position();
+            let gap = (x - from[0]).hypot(y - from[1]);
+            if gap > FARTHEST_STEP {
+                return Err(start.error(format!(
+                    "the drive in `{}` is {gap:.0} m from the recorded start after one step; it is of another scene",
+                    self.0.file.display()
+                )));
+            }
+        }
         Ok(Box::new(PathDriver(poses.into())))
     }
 }

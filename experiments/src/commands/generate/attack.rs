@@ -22,12 +22,9 @@ use crate::{
     attackers::Attacker,
     drawing::{self, Picture, drawn_path},
     operating_point::OperatingPointSpec,
-    output::{self, DatasetRun},
+    output::{self, DatasetRun, LONGEST_FILE_NAME},
     scene_queue::{Failure, Line, SceneReport},
 };
-
-/// Length limit of a file name on common file systems, bytes.
-const LONGEST_FILE_NAME: usize = 255;
 
 /// Attacks a scene at all operating points and writes its files, unless they exist.
 ///
@@ -200,7 +197,7 @@ impl SceneWriter<'_> {
     fn row<'r>(
         &'r self,
         scored: &'r ScoredCandidates,
-        ctx: &Context,
+        ctx: &'r Context,
         attack: &'r Attack,
         variant: &'r str,
         described: Map<String, Value>,
@@ -215,6 +212,7 @@ impl SceneWriter<'_> {
             source_hash: self.source_hash,
             files: scene_files.iter().map(|(name, _)| name.clone()).collect(),
             seed: self.plan.args.attack.seed,
+            adversary: &ctx.adversary().id,
             described,
             trajectory: attack.trajectory(),
             chosen: attack.chosen,

@@ -39,6 +39,8 @@ pub(super) struct Row<'r> {
     /// The scene files of this attack.
     pub(super) files: Vec<String>,
     pub(super) seed: u64,
+    /// Track of the adversary.
+    pub(super) adversary: &'r str,
     #[serde(flatten)]
     pub(super) described: Map<String, Value>,
     pub(super) trajectory: &'r Trajectory,

@@ -2,25 +2,25 @@
 
 use std::path::Path;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::{
     files,
     geometry::distance,
     motion::{HORIZON, NOW, Trajectory},
-    scene::Scene,
+    scene::{Scene, Track},
 };
 use sage_data::Recording;
-use serde::Deserialize;
 use serde_json::{Map, Value};
 
 use crate::scene_queue::ROW_LIMIT;
 
-/// Distance between an adversary *now* and one step later that no vehicle covers, metres.
+/// Way in one step that no vehicle covers, metres.
 const FAR: f64 = 10.0;
-/// Distance between two positions of the history that are the same, metres. Files store 32-bit numbers.
+/// Distance between two positions that are the same, metres. Files store 32-bit numbers.
 const SAME: f64 = 0.05;
 /// Fields that describe how an attack was generated.
-const DESCRIPTION: [&str; 7] = ["method", "options", "lambda", "mu", "aggression", "mix", "merger"];
+const DESCRIPTION: [&str; 8] =
+    ["method", "options", "lambda", "mu", "aggression", "mix", "merger", "selection"];
 
 /// An attack from a file.
 pub(super) struct AttackFile {
@@ -28,21 +28,40 @@ pub(super) struct AttackFile {
     /// Hash of the file.
     hash: String,
     content: Content,
+    /// How it was generated.
+    described: Map<String, Value>,
 }
 
 enum Content {
-    Row(Box<GeneratedRow>),
-    Scene(Box<Scene>, Map<String, Value>),
+    Row(GeneratedRow),
+    Scene(Box<Scene>),
 }
 
 /// The part of a row of `sage generate` that a drive needs.
-#[derive(Deserialize)]
 struct GeneratedRow {
     scene: String,
+    /// Rows of earlier versions do not name it.
+    adversary: Option<String>,
     source_hash: String,
     trajectory: Trajectory,
-    #[serde(flatten)]
-    others: Map<String, Value>,
+}
+
+impl GeneratedRow {
+    fn of(all: &Map<String, Value>) -> Result<Self> {
+        let text = |key: &str| {
+            let found = all.get(key).and_then(Value::as_str).map(str::to_owned);
+            found.ok_or_else(|| anyhow!("its field `{key}` is no text"))
+        };
+        let trajectory = all.get("trajectory").cloned().unwrap_or_default();
+        let trajectory = serde_json::from_value(trajectory);
+        Ok(Self {
+            scene: text("scene")?,
+            adversary: text("adversary").ok(),
+            source_hash: text("source_hash")?,
+            trajectory: trajectory
+                .map_err(|_| anyhow!("its field `trajectory` is not {HORIZON} times [x, y]"))?,
+        })
+    }
 }
 
 impl AttackFile {
@@ -51,6 +70,7 @@ impl AttackFile {
     /// *Errors*: the file cannot be read, or it is neither.
     pub(super) fn read(file: &Path) -> Result<Self> {
         let name = file.display().to_string();
+        ensure!(file.to_str() != Some("-"), "--attack needs a file, not standard input");
         let is_row = file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("json"));
         let bytes = if is_row {
             files::read(file, ROW_LIMIT).with_context(|| format!("cannot read `{name}`"))?
@@ -58,15 +78,19 @@ impl AttackFile {
             sage_data::read_bytes(file)?
         };
         let hash = blake3::hash(&bytes).to_hex()[..16].to_owned();
-        let content = if is_row {
-            let row = serde_json::from_slice(&bytes);
-            Content::Row(row.with_context(|| format!("`{name}` is not a row of `sage generate`"))?)
+        let (content, described) = if is_row {
+            let all = serde_json::from_slice(&bytes).context("it is no JSON object");
+            let row = all.and_then(|all| Ok((GeneratedRow::of(&all)?, all)));
+            let (row, all) = row.with_context(|| {
+                format!("`{name}` is not a row of `sage generate`; --attack takes a row or an attacked scene")
+            })?;
+            (Content::Row(row), description(&all))
         } else {
             let recording = Recording::from_bytes(file, bytes)?;
-            let known = provenance(&recording)?;
-            Content::Scene(Box::new(recording.scene), known)
+            let described = provenance(&recording)?;
+            (Content::Scene(Box::new(recording.scene)), described)
         };
-        Ok(Self { name, hash, content })
+        Ok(Self { name, hash, content, described })
     }
 
     /// Hash of the file.
@@ -74,66 +98,116 @@ impl AttackFile {
         &self.hash
     }
 
-    /// The adversary's trajectory in a scene.
+    /// How the attack was generated, as far as the file says.
+    pub(super) fn described(&self) -> &Map<String, Value> {
+        &self.described
+    }
+
+    /// Adversary (a track id) and trajectory of the attack in a scene. `wanted` is the adversary that the user
+    /// names.
     ///
-    /// *Errors*: the attack is of another scene, or its adversary is not there throughout.
-    pub(super) fn trajectory(
+    /// *Errors*: the attack is of another scene or another adversary, or there is none.
+    pub(super) fn attack(
         &self,
         scene: &Scene,
         scene_name: &str,
         source_hash: &str,
-    ) -> Result<Trajectory> {
-        let adversary = scene.adversary_index()?;
+        wanted: Option<&str>,
+    ) -> Result<(String, Trajectory)> {
         let name = &self.name;
-        match &self.content {
-            Content::Row(row) => {
-                let is_same_file = row.source_hash == source_hash;
-                let is_near = scene.tracks[adversary].is_valid(NOW)
-                    && distance(scene.tracks[adversary].point(NOW), row.trajectory.points()[0]) < FAR;
-                ensure!(
-                    is_same_file || (row.scene == scene_name && is_near),
-                    "the attack in `{name}` is on scene `{}`, not on `{scene_name}`",
-                    row.scene
-                );
-                Ok(row.trajectory.clone())
+        let (adversary, trajectory) = match &self.content {
+            Content::Row(row) => self.of_row(row, scene, scene_name, source_hash, wanted)?,
+            Content::Scene(attacked) => {
+                let track = self.changed_track(attacked, scene, scene_name)?;
+                (track.id.clone(), self.future(track)?)
             }
-            Content::Scene(attacked, _) => {
-                ensure!(
-                    attacked.id == scene.id && attacked.frames == scene.frames,
-                    "the attack in `{name}` is on scene `{}` with {} frames, not on `{}` with {}",
-                    attacked.id,
-                    attacked.frames,
-                    scene.id,
-                    scene.frames
-                );
-                let id = &scene.tracks[adversary].id;
-                let Some(track) = attacked.tracks.iter().find(|track| track.id == *id) else {
-                    bail!("`{name}` has no track `{id}`, the adversary of `{scene_name}`");
-                };
-                let own = &scene.tracks[adversary];
-                let differs = |f: &usize| own.is_valid(*f) && distance(own.point(*f), track.point(*f)) > SAME;
-                if let Some(frame) = (0..=NOW).find(differs) {
-                    bail!(
-                        "the adversary `{id}` of `{name}` is elsewhere at frame {frame}; the attack is on another scene"
-                    );
-                }
-                let frames = NOW + 1..=NOW + HORIZON;
-                if let Some(frame) = frames.clone().find(|frame| !track.is_valid(*frame)) {
-                    bail!(
-                        "the adversary `{id}` of `{name}` is not valid at frame {frame}; an attack needs frames 11 to 90"
-                    );
-                }
-                Ok(Trajectory::new(name, frames.map(|frame| track.point(frame)).collect())?)
+        };
+        if let Some(wanted) = wanted.filter(|wanted| *wanted != adversary) {
+            bail!("the adversary of `{name}` is `{adversary}`, not `{wanted}`");
+        }
+        Ok((adversary, trajectory))
+    }
+
+    fn of_row(
+        &self,
+        row: &GeneratedRow,
+        scene: &Scene,
+        scene_name: &str,
+        source_hash: &str,
+        wanted: Option<&str>,
+    ) -> Result<(String, Trajectory)> {
+        let name = &self.name;
+        ensure!(
+            row.source_hash == source_hash || row.scene == scene_name,
+            "the attack in `{name}` is on scene `{}`, not on `{scene_name}`",
+            row.scene
+        );
+        let track = match row.adversary.as_deref().or(wanted) {
+            Some(id) => scene.tracks.iter().find(|track| track.id == id),
+            None => Some(scene.adversary()?),
+        };
+        let starts_there = |track: &&Track| {
+            track.is_valid(NOW) && distance(track.point(NOW), row.trajectory.points()[0]) < FAR
+        };
+        let track = track.filter(starts_there).with_context(|| {
+            format!(
+                "the attack in `{name}` does not begin at a car of `{scene_name}`; it is on another scene"
+            )
+        })?;
+        Ok((track.id.clone(), row.trajectory.clone()))
+    }
+
+    /// The track that drives elsewhere than in the scene.
+    fn changed_track<'a>(&self, attacked: &'a Scene, scene: &Scene, scene_name: &str) -> Result<&'a Track> {
+        let name = &self.name;
+        ensure!(
+            attacked.id == scene.id && attacked.frames == scene.frames,
+            "the attack in `{name}` is on scene `{}` with {} frames, not on `{scene_name}` (`{}`) with {}",
+            attacked.id,
+            attacked.frames,
+            scene.id,
+            scene.frames
+        );
+        let mut changed = Vec::new();
+        for track in &attacked.tracks {
+            let Some(own) = scene.tracks.iter().find(|own| own.id == track.id) else {
+                bail!("`{name}` has a track `{}`, which `{scene_name}` has not", track.id);
+            };
+            let differs = |f: &usize| {
+                own.is_valid(*f) != track.is_valid(*f)
+                    || own.is_valid(*f) && distance(own.point(*f), track.point(*f)) > SAME
+            };
+            match (0..scene.frames).find(differs) {
+                Some(frame) if frame <= NOW => bail!(
+                    "track `{}` of `{name}` is elsewhere at frame {frame}; the attack is on another scene",
+                    track.id
+                ),
+                Some(_) => changed.push(track),
+                None => {}
             }
+        }
+        match changed[..] {
+            [track] => Ok(track),
+            [] => bail!("`{name}` holds no attack: every track drives as in `{scene_name}`"),
+            [first, second, ..] => bail!(
+                "`{name}` holds no attack of one adversary: the tracks `{}` and `{}` both drive elsewhere",
+                first.id,
+                second.id
+            ),
         }
     }
 
-    /// How the attack was generated, as far as the file says.
-    pub(super) fn described(&self) -> Map<String, Value> {
-        match &self.content {
-            Content::Row(row) => description(&row.others),
-            Content::Scene(_, known) => known.clone(),
+    fn future(&self, track: &Track) -> Result<Trajectory> {
+        let (name, frames) = (&self.name, NOW + 1..=NOW + HORIZON);
+        if let Some(frame) = frames.clone().find(|frame| !track.is_valid(*frame)) {
+            bail!(
+                "the adversary `{}` of `{name}` is not valid at frame {frame}; an attack needs frames {} to {}",
+                track.id,
+                NOW + 1,
+                NOW + HORIZON
+            );
         }
+        Ok(Trajectory::new(name, frames.map(|frame| track.point(frame)).collect())?)
     }
 }
 

@@ -15,7 +15,7 @@ const HEAD: &str = "<!doctype html><html lang=en><meta charset=utf-8><meta name=
 <h1>Drives</h1>
 ";
 
-/// Writes the page, if there is more than one scene. Scenes without results are left out.
+/// Writes the page, if there is more than one scene. A scene without results has failed.
 ///
 /// *Errors*: the folder cannot be written to.
 pub(super) fn write(
@@ -29,7 +29,7 @@ pub(super) fn write(
     }
     let mut page = HEAD.to_owned();
     writeln!(page, "<p>{}</p>", escaped(&simulation.subtitle))?;
-    writeln!(page, "<table><tr><th>scene<th>driver<th>attack<th>result<th>ending</tr>")?;
+    writeln!(page, "<table><tr><th>scene<th>driver<th>attack<th>result</tr>")?;
     for input in inputs {
         let mut is_first = true;
         for (ego, variant, file) in simulation.files(&input.scene) {
@@ -40,15 +40,13 @@ pub(super) fn write(
             } else {
                 String::new()
             };
-            let result = match &row.attack {
-                Some(attack) if attack.verdict.attack => "<span class=hit>attack</span>",
-                Some(_) => "no attack",
-                None if row.contacts.is_empty() => "",
-                None => "<span class=hit>contact</span>",
-            };
-            let adversary = row.attack.as_ref().map(|attack| &*attack.adversary);
-            let (ego, ending) = (escaped(&simulation.egos[ego].label), escaped(&row.ending(adversary)));
-            writeln!(page, "<tr><td>{name}<td>{ego}<td>{}<td>{result}<td>{ending}</tr>", escaped(variant))?;
+            let is_hit = row.verdict().map_or(!row.contacts.is_empty(), |verdict| verdict.is_attack);
+            let class = if is_hit { " class=hit" } else { "" };
+            let (ego, ending) = (escaped(&simulation.egos[ego].label), escaped(&row.ending()));
+            writeln!(page, "<tr><td>{name}<td>{ego}<td>{}<td{class}>{ending}</tr>", escaped(variant))?;
+        }
+        if is_first {
+            writeln!(page, "<tr><td>{}<td><td><td>failed</tr>", escaped(&input.scene))?;
         }
     }
     page += "</table></html>\n";

@@ -26,6 +26,8 @@ pub(super) struct Row {
     pub(super) scene: String,
     /// Driver and its options.
     pub(super) ego: String,
+    /// Track of the adversary.
+    pub(super) adversary: Option<String>,
     /// Generator and operating point as in a row of `sage generate`; `method` and `lambda` are null without.
     #[serde(flatten)]
     pub(super) described: Map<String, Value>,
@@ -78,8 +80,6 @@ pub(super) struct ContactRow {
 /// The attack of a drive.
 #[derive(Serialize, Deserialize)]
 pub(super) struct AttackRow {
-    /// Track of the adversary.
-    pub(super) adversary: String,
     /// The adversary's plan, frames 11 to 90.
     pub(super) trajectory: Trajectory,
     /// Whether the plan is feasible by the paper's rule.
@@ -125,10 +125,25 @@ impl ContactRow {
         };
         let side = side_hit.name();
         format!(
-            "contact with {who} after {:.1} s: {impact_speed:.1} m/s at the ego's {side}, overlap {overlap:.2} m, {fault} (rule {rule})",
-            0.1 * *step as f64
+            "contact with {who} {}: {impact_speed:.1} m/s at the ego's {side}, overlap {overlap:.2} m, {fault} (rule {rule})",
+            time(*step)
         )
     }
+}
+
+/// A step in words.
+fn time(step: i64) -> String {
+    match 0.1 * step as f64 {
+        seconds if step > 0 => format!("after {seconds:.1} s"),
+        _ if step == 0 => "now".to_owned(),
+        seconds => format!("{:.1} s before now", -seconds),
+    }
+}
+
+/// Whether an attack works, in words.
+pub(super) struct VerdictInWords {
+    pub(super) is_attack: bool,
+    pub(super) words: String,
 }
 
 /// What identifies a row and describes its attack.
@@ -152,6 +167,7 @@ impl Row {
             run_hash: head.run_hash.to_owned(),
             scene: head.scene.to_owned(),
             ego: head.ego.to_owned(),
+            adversary: scene.adversary.map(|k| scene.tracks[k].id.clone()),
             described: head.described,
             steps: episode.steps(),
             arrived: episode.arrived.map(step),
@@ -174,19 +190,39 @@ impl Row {
         serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
     }
 
-    /// How the drive ended, in words.
-    pub(super) fn ending(&self, adversary: Option<&str>) -> String {
-        let route = self.completion.map_or(String::new(), |c| format!("{:.0} % of the route", 100.0 * c));
-        let off_road = self.off_road.map(|step| format!("off the road after {:.1} s", 0.1 * step as f64));
-        let contact = match (self.end, self.contacts.first()) {
-            (RowEnd::Contact, Some(contact)) => contact.words(adversary),
-            _ => "no contact".to_owned(),
+    /// Whether the attack works, and why not; `None` without an attack.
+    pub(super) fn verdict(&self) -> Option<VerdictInWords> {
+        let attack = self.attack.as_ref()?;
+        if attack.verdict.attack {
+            return Some(VerdictInWords { is_attack: true, words: "attack".to_owned() });
+        }
+        let first = self.contacts.first();
+        let reason = match (first, attack.unattacked_contact) {
+            (None, _) => String::new(),
+            (Some(contact), _) if Some(&contact.with) != self.adversary.as_ref() => {
+                " (not with the adversary)".to_owned()
+            }
+            (Some(contact), _) if contact.step <= 0 => " (before the attack begins)".to_owned(),
+            _ if !attack.feasible => " (the plan is not feasible)".to_owned(),
+            (_, Some(step)) => format!(" (without it there is a contact {})", time(step)),
+            (_, None) => String::new(),
         };
-        let parts = [Some(contact), off_road, Some(route).filter(|route| !route.is_empty())];
-        parts.into_iter().flatten().collect::<Vec<_>>().join("; ")
+        Some(VerdictInWords { is_attack: false, words: format!("no attack{reason}") })
     }
 
-    /// What is attacked and how, in words; empty without an attack.
+    /// Whether the attack works and how the drive ended, in words.
+    pub(super) fn ending(&self) -> String {
+        let route = self.completion.map(|c| format!("{:.0} % of the route", 100.0 * c));
+        let off_road = self.off_road.map(|step| format!("off the road {}", time(step)));
+        let contact = match (self.end, self.contacts.first()) {
+            (RowEnd::Contact, Some(contact)) => contact.words(self.adversary.as_deref()),
+            _ => "no contact".to_owned(),
+        };
+        let verdict = self.verdict().map(|verdict| verdict.words);
+        [verdict, Some(contact), off_road, route].into_iter().flatten().collect::<Vec<_>>().join("; ")
+    }
+
+    /// The plan of the attack in words; empty without an attack.
     pub(super) fn note(&self) -> String {
         let Some(attack) = &self.attack else { return String::new() };
         let feasible = if attack.feasible { "feasible" } else { "not feasible" };
@@ -194,23 +230,16 @@ impl Row {
             None => "no contact".to_owned(),
             Some(words) => format!("contact, {words}"),
         };
-        let before = attack.unattacked_contact.map_or(String::new(), |step| {
-            format!(" That drive has a contact of its own after {:.1} s.", 0.1 * step as f64)
-        });
+        let before = attack
+            .unattacked_contact
+            .map_or(String::new(), |step| format!(" That drive has a contact of its own {}.", time(step)));
         format!("Plan: {feasible}. Against the drive without the attack: {contact}.{before}")
     }
 
     /// The printed line; `variant` names attack and operating point.
     pub(super) fn line(&self, variant: &str) -> String {
-        let verdict = self.attack.as_ref().map(|attack| &attack.verdict);
-        let attack = match verdict {
-            None => "",
-            Some(Verdict { attack: true, .. }) => "attack; ",
-            Some(_) => "no attack; ",
-        };
-        let adversary = self.attack.as_ref().map(|attack| &*attack.adversary);
         let names = [&self.scene, &self.ego, variant].map(terminal::escaped_name);
         let names = names.join(" ");
-        format!("{}: {attack}{}", names.trim_end(), terminal::escaped_name(&self.ending(adversary)))
+        format!("{}: {}", names.trim_end(), terminal::escaped_name(&self.ending()))
     }
 }

@@ -5,16 +5,19 @@ use std::{sync::Arc, time::Instant};
 use anyhow::{Context as _, Result};
 use sage_core::{
     files,
-    motion::Trajectory,
-    objective::{Context, ContextOptions, Scorer},
     scene::{Scene, SceneIndex, Track},
 };
 use sage_data::Recording;
-use sage_sim::{SimScene, drive::Drive, episode::Episode, traffic::Plan};
-use serde_json::{Map, Value};
+use sage_sim::{
+    SimScene,
+    drive::Drive,
+    episode::{Episode, LAST_FRAME},
+    traffic::Plan,
+};
 
 use super::{
-    Attacked, Simulation, attack_file,
+    Simulation,
+    attacks::{PlannedDrive, SceneAttacks},
     row::{AttackRow, Row, RowHead, step},
 };
 use crate::{
@@ -44,23 +47,13 @@ pub(super) fn simulate_scene(
         return Ok(found);
     }
     let recording = Recording::from_bytes(&input.file, bytes).map_err(|error| fail(error.into()))?;
-    let attacker = match &simulation.attacked {
-        Attacked::Generated(attackers) => {
-            let is_procedural =
-                !attackers.needs_origin() || recording.is_procedural().map_err(|error| fail(error.into()))?;
-            Some(attackers.attacker(is_procedural).map_err(Failure::Run)?)
-        }
-        _ => None,
-    };
-    let known = match simulation.attacked {
-        Attacked::AsItIs => attack_file::provenance(&recording).map_err(fail)?,
-        _ => Map::new(),
-    };
+    let wanted = simulation.args.options.adversary.as_deref();
+    let (attacks, adversary) =
+        SceneAttacks::of(&simulation.attacked, &recording, &input.scene, &source_hash, wanted)?;
     let clock = Instant::now();
-    let adversary = simulation.args.options.adversary.as_deref();
-    let scene = recording.scene.with_roles(None, adversary).map_err(|error| fail(error.into()))?;
-    let drives = SceneDrives { simulation, run, name: &input.scene, source_hash: &source_hash, known };
-    drives.simulate(Arc::new(scene), attacker.as_deref(), clock).map_err(fail)
+    let scene = recording.scene.with_roles(None, adversary.as_deref()).map_err(|error| fail(error.into()))?;
+    let drives = SceneDrives { simulation, run, name: &input.scene, source_hash: &source_hash, attacks };
+    drives.simulate(Arc::new(scene), clock).map_err(fail)
 }
 
 /// The lines of a scene whose files all exist; `None` if any is missing.
@@ -98,21 +91,6 @@ fn finished(
         .then_some(SceneReport { lines, seconds: None }))
 }
 
-/// An attack on a driver with what its row says of it.
-struct PlannedAttack {
-    described: Map<String, Value>,
-    label: String,
-    /// `None` for the scene as it is.
-    attack: Option<(Trajectory, AttackScores)>,
-}
-
-/// Scores of an attack against the drive that it was planned against.
-struct AttackScores {
-    feasible: bool,
-    believable: Option<bool>,
-    unbelievable: Vec<sage_core::objective::Reason>,
-}
-
 /// One drive with its row.
 struct DrivenRow {
     ego: usize,
@@ -128,17 +106,11 @@ struct SceneDrives<'s> {
     run: &'s DatasetRun,
     name: &'s str,
     source_hash: &'s str,
-    /// How the attack in the scene was generated, as far as its file says.
-    known: Map<String, Value>,
+    attacks: SceneAttacks<'s>,
 }
 
 impl SceneDrives<'_> {
-    fn simulate(
-        &self,
-        scene: Arc<Scene>,
-        attacker: Option<&crate::attackers::Attacker>,
-        clock: Instant,
-    ) -> Result<SceneReport> {
+    fn simulate(&self, scene: Arc<Scene>, clock: Instant) -> Result<SceneReport> {
         let index = SceneIndex::new(scene.map.clone());
         let simulated = SimScene::new(scene.clone(), index.clone())?;
         let seed = self.simulation.args.options.seed;
@@ -146,78 +118,21 @@ impl SceneDrives<'_> {
         let mut unattacked: Vec<Option<Drive>> = Vec::new();
         for (number, ego) in self.simulation.egos.iter().enumerate() {
             let failed = || format!("the policy `{}` cannot drive here", ego.label);
-            let before = match self.simulation.attacked {
-                Attacked::AsItIs => None,
-                _ => Some(ego.unattacked(&simulated, seed).with_context(failed)?),
-            };
-            let attacks = self.attacks(&scene, &index, ego, before.as_ref(), attacker)?;
-            for planned in attacks {
-                let plan =
-                    planned.attack.as_ref().map(|(trajectory, _)| Plan::of_adversary(&scene, trajectory));
+            let before = self.attacks.has_attack().then(|| ego.unattacked(&simulated, seed));
+            let before = before.transpose().with_context(failed)?;
+            for planned in self.attacks.planned(&scene, &index, ego, before.as_ref())? {
+                let plan = planned.attack.as_ref().map(|a| Plan::of_adversary(&scene, &a.trajectory));
                 let plan = plan.transpose()?.map(Arc::new);
                 let episode =
                     Episode::run(&simulated, plan.clone(), &*ego.policy, seed).with_context(failed)?;
-                let row = self.row(&scene, ego, &episode, before.as_ref(), &planned)?;
-                rows.push(DrivenRow { ego: number, label: planned.label, episode, plan, row });
+                let label = planned.label.clone();
+                let row = self.row(&scene, ego, &episode, before.as_ref(), planned)?;
+                rows.push(DrivenRow { ego: number, label, episode, plan, row });
             }
             unattacked.push(before);
         }
         let seconds = clock.elapsed().as_secs_f64() / rows.len().max(1) as f64;
         self.write(&scene, &rows, &unattacked, seconds)
-    }
-
-    /// The attacks on a driver; one without an attack for the scene as it is.
-    fn attacks(
-        &self,
-        scene: &Arc<Scene>,
-        index: &Arc<SceneIndex>,
-        ego: &Ego,
-        before: Option<&Drive>,
-        attacker: Option<&crate::attackers::Attacker>,
-    ) -> Result<Vec<PlannedAttack>> {
-        let context = || {
-            let recorded = before.map_or_else(|| scene.clone(), |drive| ego.recorded(scene, drive));
-            Context::new(&recorded, index, &ContextOptions::default())
-        };
-        let scores = |ctx: &Context, trajectory: &Trajectory| {
-            let scores = Scorer::new(ctx).scores(&ctx.candidate(trajectory.clone()));
-            let (feasible, believable) = (scores.feasible, scores.believable);
-            AttackScores { feasible, believable, unbelievable: scores.unbelievable }
-        };
-        match (&self.simulation.attacked, attacker) {
-            (Attacked::Generated(attackers), Some(attacker)) => {
-                let ctx = context()?;
-                let attacks =
-                    attacker.built.generator.attacks(&ctx, &attacker.built.points, attackers.args.seed)?;
-                let planned = attacks.into_iter().zip(&attacker.points).map(|(attack, point)| {
-                    attack.check(ctx.scene())?;
-                    let trajectory = attack.trajectory().clone();
-                    let scores = scores(&ctx, &trajectory);
-                    let label = if attacker.built.facts.uses_operating_point() {
-                        point.long_label()
-                    } else {
-                        attackers.method.to_string()
-                    };
-                    let described = attackers.describe(point);
-                    Ok(PlannedAttack { described, label, attack: Some((trajectory, scores)) })
-                });
-                planned.collect()
-            }
-            (Attacked::FromFile(file), _) => {
-                let trajectory = file.trajectory(scene, self.name, self.source_hash)?;
-                let scores = scores(&context()?, &trajectory);
-                let described = described(file.described());
-                Ok(vec![PlannedAttack {
-                    described,
-                    label: String::new(),
-                    attack: Some((trajectory, scores)),
-                }])
-            }
-            _ => {
-                let described = described(self.known.clone());
-                Ok(vec![PlannedAttack { described, label: String::new(), attack: None }])
-            }
-        }
     }
 
     fn row(
@@ -226,19 +141,19 @@ impl SceneDrives<'_> {
         ego: &Ego,
         episode: &Episode,
         before: Option<&Drive>,
-        planned: &PlannedAttack,
+        planned: PlannedDrive,
     ) -> Result<Row> {
-        let attack = match (&planned.attack, before) {
-            (Some((trajectory, scores)), Some(before)) => {
-                let adversary = scene.adversary_index()?;
+        let attack = match (planned.attack, before) {
+            (Some(attack), Some(before)) => {
+                let verdict = episode.verdict(scene.adversary_index()?, attack.feasible, before);
+                let first = before.contacts.first().map(|contact| contact.step);
                 Some(AttackRow {
-                    adversary: scene.tracks[adversary].id.clone(),
-                    trajectory: trajectory.clone(),
-                    feasible: scores.feasible,
-                    believable: scores.believable,
-                    unbelievable: scores.unbelievable.clone(),
-                    verdict: episode.verdict(adversary, scores.feasible, before),
-                    unattacked_contact: before.contacts.first().map(|contact| step(contact.step)),
+                    trajectory: attack.trajectory,
+                    feasible: attack.feasible,
+                    believable: attack.believable,
+                    unbelievable: attack.unbelievable,
+                    verdict,
+                    unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
                 })
             }
             _ => None,
@@ -247,7 +162,7 @@ impl SceneDrives<'_> {
             run_hash: self.run.hash(),
             scene: self.name,
             ego: &ego.label,
-            described: planned.described.clone(),
+            described: planned.described,
             source_hash: self.source_hash,
             seed: self.simulation.args.options.seed,
         };
@@ -270,14 +185,14 @@ impl SceneDrives<'_> {
                 let own: Option<&Track> = driven.plan.as_ref().map(|plan| &plan.motion).or(adversary);
                 let label = driven.label.replace("lambda ", "λ ");
                 let names = [&*egos[driven.ego].label, &*label];
-                let id = adversary.map(|track| &*track.id);
                 Panel {
                     name: names.into_iter().filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", "),
                     episode: &driven.episode,
                     adversary: own,
                     unattacked: unattacked[driven.ego].as_ref(),
                     note: driven.row.note(),
-                    ending: driven.row.ending(id),
+                    verdict: driven.row.verdict().map(|verdict| verdict.is_attack),
+                    ending: driven.row.ending(),
                 }
             })
             .collect();
@@ -301,12 +216,4 @@ impl SceneDrives<'_> {
         })?;
         Ok(SceneReport { lines, seconds: Some(seconds) })
     }
-}
-
-/// A description whose fields `method` and `lambda` are there, null if they are not known.
-fn described(mut known: Map<String, Value>) -> Map<String, Value> {
-    for key in ["method", "lambda"] {
-        known.entry(key).or_insert(Value::Null);
-    }
-    known
 }

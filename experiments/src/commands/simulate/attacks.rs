@@ -1,0 +1,145 @@
+//! What attacks the drivers of one scene.
+
+use std::sync::Arc;
+
+use anyhow::{Result, ensure};
+use sage_core::{
+    motion::{HORIZON, NOW, Trajectory},
+    objective::{Context, ContextOptions, Reason, Scorer},
+    scene::{Scene, SceneIndex},
+};
+use sage_data::Recording;
+use sage_sim::drive::Drive;
+use serde_json::{Map, Value};
+
+use super::{Attacked, attack_file};
+use crate::{
+    attackers::{Attacker, Attackers},
+    ego::Ego,
+    scene_queue::Failure,
+};
+
+/// What attacks the drivers of one scene.
+pub(super) enum SceneAttacks<'a> {
+    /// Nothing; with the description of an attack that the scene holds already.
+    AsItIs(Map<String, Value>),
+    /// One attack from a file, with its description.
+    Given(Trajectory, Map<String, Value>),
+    /// A generator at its operating points.
+    Generated(&'a Attackers<'a>, Arc<Attacker>),
+}
+
+/// One drive of a driver: its attack, and what its row says of it.
+pub(super) struct PlannedDrive {
+    pub(super) described: Map<String, Value>,
+    /// Name of the operating point on the page; empty without a generator.
+    pub(super) label: String,
+    /// `None` for the scene as it is.
+    pub(super) attack: Option<PlannedAttack>,
+}
+
+/// An attack with its scores against the drive that it was planned against.
+pub(super) struct PlannedAttack {
+    pub(super) trajectory: Trajectory,
+    pub(super) feasible: bool,
+    pub(super) believable: Option<bool>,
+    pub(super) unbelievable: Vec<Reason>,
+}
+
+impl<'a> SceneAttacks<'a> {
+    /// The attacks of a scene, and its adversary, if the attack names it.
+    ///
+    /// *Errors*: an attack on another scene; weights that cannot be used end the run.
+    pub(super) fn of(
+        attacked: &'a Attacked,
+        recording: &Recording,
+        scene_name: &str,
+        source_hash: &str,
+        wanted: Option<&str>,
+    ) -> Result<(Self, Option<String>), Failure> {
+        let fail = |error: anyhow::Error| Failure::Scene(error);
+        let wanted_id = || wanted.map(str::to_owned);
+        Ok(match attacked {
+            Attacked::AsItIs => {
+                (Self::AsItIs(attack_file::provenance(recording).map_err(fail)?), wanted_id())
+            }
+            Attacked::FromFile(file) => {
+                let attack = file.attack(&recording.scene, scene_name, source_hash, wanted);
+                let (adversary, trajectory) = attack.map_err(fail)?;
+                (Self::Given(trajectory, file.described().clone()), Some(adversary))
+            }
+            Attacked::Generated(attackers) => {
+                let is_procedural = !attackers.needs_origin()
+                    || recording.is_procedural().map_err(|error| fail(error.into()))?;
+                let attacker = attackers.attacker(is_procedural).map_err(Failure::Run)?;
+                (Self::Generated(attackers, attacker), wanted_id())
+            }
+        })
+    }
+
+    /// Whether the driver is attacked, and so first drives the unchanged scene.
+    pub(super) fn has_attack(&self) -> bool {
+        !matches!(self, Self::AsItIs(_))
+    }
+
+    /// The drives of a driver. `before` is its drive in the unchanged scene.
+    ///
+    /// *Errors*: a scene that cannot be attacked; those of the generator.
+    pub(super) fn planned(
+        &self,
+        scene: &Arc<Scene>,
+        index: &Arc<SceneIndex>,
+        ego: &Ego,
+        before: Option<&Drive>,
+    ) -> Result<Vec<PlannedDrive>> {
+        let context = || {
+            let last = NOW + HORIZON;
+            ensure!(
+                scene.frames > last,
+                "it ends at frame {}, and an attack needs frames up to {last}; drive it without an attack",
+                scene.frames - 1
+            );
+            let recorded = before.map_or_else(|| scene.clone(), |drive| ego.recorded(scene, drive));
+            Ok(Context::new(&recorded, index, &ContextOptions::default())?)
+        };
+        match self {
+            Self::AsItIs(known) => {
+                let described = complete(known.clone());
+                Ok(vec![PlannedDrive { described, label: String::new(), attack: None }])
+            }
+            Self::Given(trajectory, described) => {
+                let attack = Some(PlannedAttack::of(&context()?, trajectory.clone()));
+                let described = complete(described.clone());
+                Ok(vec![PlannedDrive { described, label: String::new(), attack }])
+            }
+            Self::Generated(attackers, attacker) => {
+                let (ctx, built) = (context()?, &attacker.built);
+                let attacks = built.generator.attacks(&ctx, &built.points, attackers.args.seed)?;
+                let planned = attacks.into_iter().zip(&attacker.points).map(|(attack, point)| {
+                    attack.check(ctx.scene())?;
+                    let uses_point = built.facts.uses_operating_point();
+                    let label = if uses_point { point.long_label() } else { attackers.method.to_string() };
+                    let attack = PlannedAttack::of(&ctx, attack.trajectory().clone());
+                    Ok(PlannedDrive { described: attackers.describe(point), label, attack: Some(attack) })
+                });
+                planned.collect()
+            }
+        }
+    }
+}
+
+impl PlannedAttack {
+    fn of(ctx: &Context, trajectory: Trajectory) -> Self {
+        let scores = Scorer::new(ctx).scores(&ctx.candidate(trajectory.clone()));
+        let (feasible, believable) = (scores.feasible, scores.believable);
+        Self { trajectory, feasible, believable, unbelievable: scores.unbelievable }
+    }
+}
+
+/// A description whose fields `method` and `lambda` are there, null if they are not known.
+fn complete(mut known: Map<String, Value>) -> Map<String, Value> {
+    for key in ["method", "lambda"] {
+        known.entry(key).or_insert(Value::Null);
+    }
+    known
+}

@@ -188,7 +188,7 @@ function drawPanel(panel) {
   car(c, own, panel.ego, colour.ego, { outline: colour.ink });
   if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(1, (7 * ratio) / scale));
   scaleBar(c, ratio, scale, height);
-  const gap = adversary ? `, centres ${Math.hypot(adversary.x - own.x, adversary.y - own.y).toFixed(0)} m apart` : "";
+  const gap = adversary ? `, ${Math.hypot(adversary.x - own.x, adversary.y - own.y).toFixed(0)} m apart` : "";
   panel.live.textContent = `${own.v.toFixed(1)} m/s${gap}`;
   const over = view.time >= panel.end;
   panel.box.classList.toggle("over", Boolean(over && panel.contact));
@@ -288,6 +288,7 @@ function build() {
     panel.badge = make("em", head, panel.verdict ? "hit" : "");
     panel.badge.textContent = panel.verdict ? "attack" : "no attack";
     panel.live = make("span", head);
+    panel.live.title = "Speed of the ego, and distance of the centres of ego and adversary";
     panel.history = panel.verdict === null ? "Before now." : "Before now: the attack begins at 0 s.";
     const area = make("div", panel.box, "view");
     panel.canvas = make("canvas", area);

@@ -94,7 +94,8 @@ impl<'a> Attackers<'a> {
             }
         };
         let load = |name: String| {
-            let (experts, header) = networks::find_experts(&registries.backbones, &name)?;
+            let find = if facts.depends_on_lambda { networks::find_experts } else { networks::find_prior };
+            let (experts, header) = find(&registries.backbones, &name)?;
             Ok(Weights { name, experts, header })
         };
         let experts = names.into_iter().map(load).collect::<Result<Vec<_>>>()?;

@@ -17,7 +17,9 @@ pub(crate) use attacking::{
     AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
 };
 pub(crate) use driving::{DriversArgs, SimulateArgs};
-pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
+pub(crate) use learning::{
+    ExpertsArgs, FinetuneArgs, MergeArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg,
+};
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
 pub(crate) const MOST_PROCEDURAL: u64 = 100_000;
@@ -52,6 +54,7 @@ pub(crate) enum Command {
     Scenes(ScenesArgs),
     Pretrain(PretrainArgs),
     Finetune(FinetuneArgs),
+    Merge(MergeArgs),
     Calibrate(CalibrateArgs),
     Predict(PredictArgs),
     Generate(GenerateArgs),
@@ -330,6 +333,7 @@ impl Cli {
             Command::Demo(_)
                 | Command::Pretrain(_)
                 | Command::Finetune(_)
+                | Command::Merge(_)
                 | Command::Calibrate(_)
                 | Command::Predict(_)
                 | Command::Generate(_)

@@ -15,6 +15,7 @@ pub(crate) mod finetune;
 pub(crate) mod generate;
 pub(crate) mod inspect;
 pub(crate) mod list;
+pub(crate) mod merge;
 pub(crate) mod predict;
 pub(crate) mod pretrain;
 pub(crate) mod scenes;

@@ -24,6 +24,7 @@ impl Cli {
             Command::Scenes(args) => commands::scenes::run(&args),
             Command::Pretrain(args) => commands::pretrain::run(&args, registries),
             Command::Finetune(args) => commands::finetune::run(&args, registries),
+            Command::Merge(args) => commands::merge::run(&args, registries),
             Command::Calibrate(args) => commands::calibrate::run(&args, registries),
             Command::Predict(args) => commands::predict::run(&args, registries),
             Command::Generate(args) => commands::generate::run(&args, registries),

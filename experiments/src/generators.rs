@@ -46,7 +46,9 @@ impl BuiltGenerator {
                 let mu = if facts.depends_on_mu { None } else { spec.lambda };
                 key(Some(OperatingPointSpec { mu: mu.unwrap_or(spec.mu), ..spec.clone() }))
             };
-            let points = specs.iter().map(|spec| spec.point(inputs.experts.as_ref()));
+            // Without a mixture the names of the experts do not matter.
+            let experts = inputs.experts.as_ref().filter(|_| facts.depends_on_lambda);
+            let points = specs.iter().map(|spec| spec.point(experts));
             let keys: Vec<RowKey> = specs.iter().map(key).collect();
             refuse_duplicates(&keys)?;
             (keys, points.collect::<Result<_>>()?)

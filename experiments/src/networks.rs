@@ -128,6 +128,14 @@ pub(crate) fn find_experts(registry: &Registry<dyn Backbone>, name: &str) -> Res
     ExpertSet::load(&find(name)?, registry).with_context(|| format!("weights `{name}`"))
 }
 
+/// The prior of some weights without its experts.
+///
+/// *Errors*: as [`load`].
+pub(crate) fn find_prior(registry: &Registry<dyn Backbone>, name: &str) -> Result<(ExpertSet, Header)> {
+    let (prior, header) = find(name)?.prior(registry).with_context(|| format!("weights `{name}`"))?;
+    Ok((ExpertSet::of_prior(prior.into()), header))
+}
+
 /// Prints on stderr which experts are used.
 pub(crate) fn announce_experts(name: &str, experts: &ExpertSet, header: &Header) {
     say_weights(name, experts.prior().name(), header);

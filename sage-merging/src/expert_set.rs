@@ -133,6 +133,11 @@ impl ExpertSet {
         Ok((Self::of_files(prior.into(), files)?, header))
     }
 
+    /// A prior without experts, for what needs no mixture.
+    pub fn of_prior(prior: Arc<dyn Backbone>) -> Self {
+        Self { prior, experts: Arc::new([]) }
+    }
+
     /// The experts of a prior from their files, by the names of the files.
     ///
     /// *Errors*: a file that holds another expert, an expert of another prior, or no note of either; else

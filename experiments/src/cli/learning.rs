@@ -243,3 +243,23 @@ impl From<Edges> for EdgeKinds {
         }
     }
 }
+
+/// Merge experts into one network by a recipe.
+///
+/// RECIPE is YAML in mergekit's shape: `merge_method` (a merger of weights in `sage list`, or mergekit's name of it),
+/// `base_model` (the prior: weights by name, or a folder), `models` (files of experts, each with its `weight`),
+/// and `parameters` (options of the merger). Everything is checked before anything is written. The output folder
+/// holds the weights, a copy of the recipe and a model card. `docs/method.md`, section 'Merge recipes', shows one.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage merge recipe.yaml --out merged/\n  sage generate scenes/ --weights merged/ --method prior --out attacked/"
+)]
+pub(crate) struct MergeArgs {
+    /// Recipe (YAML).
+    pub recipe: PathBuf,
+    /// Seed of mergers that use random numbers.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}

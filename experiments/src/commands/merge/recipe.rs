@@ -1,0 +1,214 @@
+//! Merge recipes: YAML in mergekit's shape.
+//!
+//! `merge_method`, `base_model`, `models` with `parameters`, shared `parameters`, `dtype`. mergekit's names of
+//! methods and parameters are accepted where a merger of ours computes the same. What mergekit accepts and we do
+//! not is an error that names it.
+
+use std::{collections::BTreeSet, path::Path};
+
+use anyhow::{Context as _, Result, bail, ensure};
+use sage_core::files;
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+
+use crate::part::Part;
+
+/// Size limit of a recipe, bytes.
+const LIMIT: u64 = 1 << 20;
+/// Keys of mergekit's recipes that have no meaning here.
+const MERGEKIT_KEYS: [&str; 9] = [
+    "slices",
+    "modules",
+    "tokenizer",
+    "tokenizer_source",
+    "chat_template",
+    "out_dtype",
+    "architecture",
+    "name",
+    "finetune",
+];
+
+/// A recipe as it is written.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    merge_method: String,
+    #[serde(default)]
+    base_model: Option<String>,
+    models: Vec<WrittenModel>,
+    #[serde(default)]
+    parameters: Map<String, Value>,
+    #[serde(default)]
+    dtype: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct WrittenModel {
+    model: String,
+    #[serde(default)]
+    parameters: Map<String, Value>,
+}
+
+/// A checked recipe.
+#[derive(Debug)]
+pub(super) struct Recipe {
+    /// The merger with its options.
+    pub(super) merger: Part,
+    /// Weights of the prior.
+    pub(super) base: String,
+    /// Files of the experts with their weights in the mixture.
+    pub(super) models: Vec<(String, f64)>,
+}
+
+impl Recipe {
+    /// Reads a recipe. Returns its text as well.
+    ///
+    /// *Errors*: the file cannot be read; it is no recipe; it uses what only mergekit has.
+    pub(super) fn read(file: &Path) -> Result<(Self, String)> {
+        let named = || format!("`{}`", file.display());
+        let text = files::read_argument_text(file, LIMIT);
+        let text = text.with_context(|| format!("cannot read {}", named()))?;
+        let recipe = Self::parse(&text).with_context(named)?;
+        Ok((recipe, text))
+    }
+
+    fn parse(text: &str) -> Result<Self> {
+        let value: Value = serde_saphyr::from_str(text).context("it is no YAML")?;
+        let keys = value.as_object().context("it is no recipe: expected `merge_method`, `models`, …")?;
+        if let Some(key) = MERGEKIT_KEYS.iter().find(|key| keys.contains_key(**key)) {
+            bail!("`{key}` is not supported: mergekit has it for language models");
+        }
+        let written: Written = serde_json::from_value(value)?;
+        if let Some(dtype) = written.dtype.as_deref().filter(|dtype| !matches!(*dtype, "float32" | "F32")) {
+            bail!("`dtype` is `{dtype}`; weights are merged in float32");
+        }
+        let base = written.base_model.context("`base_model` is missing: the prior of the experts")?;
+        ensure!(!written.models.is_empty(), "`models` is empty; name the experts to merge");
+        let mut shared = written.parameters;
+        let (name, mut options) = merger(&written.merge_method);
+        let share = shared.remove("t").map(|t| t.as_f64().context("`t` is no number")).transpose()?;
+        own_parameters(name, &mut shared, &mut options)?;
+        options.extend(shared);
+        let count = written.models.len();
+        if share.is_some() {
+            ensure!(name == "slerp" && count == 2, "`t` is for slerp of two models; give each a `weight`");
+        }
+        let mut densities: BTreeSet<String> = BTreeSet::new();
+        let mut models = Vec::with_capacity(count);
+        for (k, WrittenModel { model, mut parameters }) in written.models.into_iter().enumerate() {
+            let ignores_weights = matches!(name, "model-stock" | "uniform-soup");
+            let weight = match (parameters.remove("weight"), share) {
+                (Some(weight), None) => {
+                    weight.as_f64().with_context(|| format!("`weight` of `{model}` is no number"))?
+                }
+                (Some(_), Some(_)) => bail!("`{model}` has a `weight`, and `t` is given as well"),
+                (None, Some(t)) => [1.0 - t, t][k],
+                (None, None) if ignores_weights => 1.0 / count as f64,
+                (None, None) => bail!("`{model}` has no `weight` in its `parameters`"),
+            };
+            if let Some(density) = parameters.remove("density") {
+                densities.insert(density.to_string());
+                options.insert("density".to_owned(), density);
+            }
+            if let Some(key) = parameters.keys().next() {
+                bail!(
+                    "the parameter `{key}` of `{model}` is not supported; a model has `weight` and `density`"
+                );
+            }
+            models.push((model, weight));
+        }
+        ensure!(densities.len() < 2, "`density` differs between the models; one for all is supported");
+        Ok(Self { merger: Part { name: name.to_owned(), options }, base, models })
+    }
+}
+
+/// Our name of a method, and the options that mergekit's name implies.
+fn merger(method: &str) -> (&str, Map<String, Value>) {
+    let consensus = |consensus: &str| Map::from_iter([("consensus".to_owned(), json!(consensus))]);
+    match method {
+        "dare_linear" => ("dare", consensus("none")),
+        "dare_ties" => ("dare", consensus("sum")),
+        "model_stock" => ("model-stock", Map::new()),
+        "task_arithmetic" => ("preference-vector", Map::new()),
+        "slerp" => ("slerp", Map::new()),
+        other => (other, Map::new()),
+    }
+}
+
+/// Moves mergekit's shared parameters to our options, or refuses them.
+fn own_parameters(
+    name: &str,
+    shared: &mut Map<String, Value>,
+    options: &mut Map<String, Value>,
+) -> Result<()> {
+    let is_sparse = matches!(name, "ties" | "dare");
+    if let Some(scale) = shared.remove("lambda") {
+        ensure!(
+            is_sparse,
+            "`lambda` is the scale of TIES and DARE; the mixture comes from the `weight` of each model"
+        );
+        options.insert("scale".to_owned(), scale);
+    }
+    // Values that mergekit's methods can switch and ours cannot.
+    let fixed = [("normalize", name != "dare"), ("rescale", name == "dare"), ("int8_mask", false)];
+    for (key, ours) in fixed {
+        if let Some(value) = shared.remove(key) {
+            ensure!(value == json!(ours), "`{key}: {value}` is not supported; `{name}` has `{key}: {ours}`");
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TIES: &str = "
+merge_method: ties
+base_model: waymo
+models:
+  - model: realistic.safetensors
+    parameters: {weight: 0.3, density: 0.5}
+  - model: adversarial.safetensors
+    parameters: {weight: 0.7, density: 0.5}
+parameters:
+  lambda: 0.9
+  normalize: true
+dtype: float32
+";
+
+    #[test]
+    fn a_recipe_of_mergekit_is_read() {
+        let recipe = Recipe::parse(TIES).unwrap();
+        assert_eq!(recipe.merger.to_string(), r#"ties{"density":0.5,"scale":0.9}"#);
+        assert_eq!((&*recipe.base, recipe.models.len()), ("waymo", 2));
+        assert_eq!(recipe.models[1], ("adversarial.safetensors".to_owned(), 0.7));
+        let slerp =
+            "{merge_method: slerp, base_model: p, models: [{model: a}, {model: b}], parameters: {t: 0.25}}";
+        assert_eq!(Recipe::parse(slerp).unwrap().models, [("a".to_owned(), 0.75), ("b".to_owned(), 0.25)]);
+    }
+
+    #[test]
+    fn what_is_not_supported_is_named() {
+        let error = |text: &str| format!("{:#}", Recipe::parse(text).unwrap_err());
+        for (change, to, named) in [
+            ("normalize: true", "normalize: false", "`normalize: false` is not supported"),
+            ("normalize: true", "int8_mask: true", "`int8_mask: true` is not supported"),
+            ("dtype: float32", "dtype: bfloat16", "`dtype` is `bfloat16`"),
+            ("dtype: float32", "slices: []", "`slices` is not supported"),
+            ("dtype: float32", "colour: red", "unknown field `colour`"),
+            ("{weight: 0.3, density: 0.5}", "{density: 0.5}", "`realistic.safetensors` has no `weight`"),
+            ("{weight: 0.3, density: 0.5}", "{weight: 0.3, gamma: 1}", "`gamma` of `realistic.safetensors`"),
+            ("{weight: 0.3, density: 0.5}", "{weight: 0.3, density: 0.4}", "`density` differs"),
+            ("base_model: waymo\n", "", "`base_model` is missing"),
+            ("merge_method: ties", "merge_method: linear", "`lambda` is the scale"),
+        ] {
+            assert!(TIES.contains(change), "{change}");
+            let found = error(&TIES.replace(change, to));
+            assert!(found.contains(named), "{to}: {found}");
+        }
+        assert!(error("[1, 2]").contains("it is no recipe"));
+        assert!(error("a: [").contains("it is no YAML"));
+    }
+}

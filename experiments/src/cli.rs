@@ -14,7 +14,7 @@ use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
 pub(crate) use attacking::{
-    AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
+    AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs, ParetoArgs,
 };
 pub(crate) use driving::{DriversArgs, SimulateArgs};
 pub(crate) use learning::{
@@ -274,6 +274,7 @@ pub(crate) enum BenchCommand {
     Prediction(PredictionArgs),
     OpenLoop(OpenLoopArgs),
     Dial(DialBenchArgs),
+    Pareto(ParetoArgs),
     Drivers(DriversArgs),
     Experts(ExpertsArgs),
 }

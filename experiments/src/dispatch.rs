@@ -33,6 +33,7 @@ impl Cli {
             Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
             Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),
             Command::Bench(BenchCommand::Drivers(args)) => commands::bench_drivers::run(&args, registries),
+            Command::Bench(BenchCommand::Pareto(args)) => commands::bench_pareto::run(&args, registries),
             Command::Bench(BenchCommand::Dial(args)) => commands::bench_dial::run(&args, registries),
             Command::Bench(BenchCommand::Prediction(args)) => {
                 commands::bench_prediction::run(&args, registries)

@@ -74,3 +74,26 @@ fn wrong_recipes_are_named_and_nothing_is_written() {
         assert!(found.contains(named), "{named}: {found}");
     }
 }
+
+#[test]
+fn mergers_are_compared_over_lambda() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenes, out) = (folder.path().join("scenes"), folder.path().join("out"));
+    stdout(&sage(&["scenes", "--count", "3", "--seed", "4", "--out", text(&scenes)]));
+    let mergers = "linear,vector-extrapolation,trajectory";
+    let table = sage(&["bench", "pareto", text(&scenes), "--mergers", mergers, "--out", text(&out)]);
+    let table = stdout(&table);
+    // Between the experts, vector extrapolation is interpolation.
+    assert!(
+        table.contains("| vector-extrapolation | 3 |") && table.contains("| 0.000 [0.000, 0.000] |"),
+        "{table}"
+    );
+    let csv = fs::read_to_string(out.join("pareto.csv")).unwrap();
+    // 21 values of λ for three mergers with selection, and for two without.
+    assert_eq!(csv.lines().count(), 1 + 21 * 5);
+    for chart in
+        ["pareto.svg", "pareto-without-selection.svg", "control.svg", "control-without-selection.svg"]
+    {
+        assert!(fs::read_to_string(out.join(chart)).unwrap().contains("linear"), "{chart}");
+    }
+}

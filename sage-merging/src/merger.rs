@@ -23,6 +23,11 @@ pub trait Merger: Send + Sync {
     /// *Errors*: experts that it cannot mix.
     fn model(&self, experts: &ExpertSet, at: &Mixture, seed: u64) -> Result<Arc<dyn MotionModel>, Error>;
 
+    /// Whether the modes of its models are those of the prior: the same number, ends and trajectories.
+    fn keeps_modes(&self) -> bool {
+        true
+    }
+
     /// The merger of weights, if it is one; an [`InterpolatedModel`](crate::InterpolatedModel) needs it.
     fn tensors(&self) -> Option<&dyn TensorMerger> {
         None

@@ -65,6 +65,10 @@ impl Merger for TrajectoryMixing {
         Range::Simplex
     }
 
+    fn keeps_modes(&self) -> bool {
+        false
+    }
+
     fn model(&self, experts: &ExpertSet, at: &Mixture, _: u64) -> Result<Arc<dyn MotionModel>, Error> {
         if let Some(expert) = at_corner(experts, at)? {
             return Ok(expert);

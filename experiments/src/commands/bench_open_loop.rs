@@ -75,7 +75,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let generators = generators(args, registries, &inputs, &points)?;
     // The policies are reported only if a generator uses them.
     let has_network = generators.iter().any(|built| built.facts.needs_experts);
-    let policy_points = if has_network { &points[..] } else { &[] };
+    let policy_points = if has_network && merger.keeps_modes() { &points[..] } else { &[] };
     let policies = policies(policy_points, &experts, &*merger, args.seed)?;
     let paths = [&args.paths[..], &args.data].concat();
     let scenes = Scenes::of(&paths, &args.split, 0, args.seed)?.attackable()?;

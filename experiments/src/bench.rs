@@ -3,9 +3,11 @@
 pub(crate) mod attack_grid;
 pub(crate) mod closed_loop;
 pub(crate) mod closed_loop_report;
+pub(crate) mod connectivity;
 pub(crate) mod curve;
 pub(crate) mod dial_chart;
 pub(crate) mod gallery;
+pub(crate) mod heat_map;
 pub(crate) mod line_chart;
 mod network_speed;
 pub(crate) mod open_loop;

@@ -18,7 +18,8 @@ pub(crate) use attacking::{
 };
 pub(crate) use driving::{DriversArgs, SimulateArgs};
 pub(crate) use learning::{
-    ExpertsArgs, FinetuneArgs, MergeArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg,
+    ConnectivityArgs, ExpertsArgs, FinetuneArgs, MergeArgs, PredictArgs, PredictionArgs, PretrainArgs,
+    SelectArg,
 };
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
@@ -59,6 +60,12 @@ pub(crate) enum Command {
     Predict(PredictArgs),
     Generate(GenerateArgs),
     Simulate(SimulateArgs),
+    /// Analyse a set of experts.
+    #[command(
+        subcommand,
+        after_help = "Example:\n  sage analyse connectivity scenes/ --weights experts/ --out connectivity/"
+    )]
+    Analyse(AnalyseCommand),
     /// Run a benchmark of speed or quality.
     #[command(
         subcommand,
@@ -269,6 +276,11 @@ pub(crate) enum SizesArg {
 }
 
 #[derive(Debug, Subcommand)]
+pub(crate) enum AnalyseCommand {
+    Connectivity(ConnectivityArgs),
+}
+
+#[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
     Speed(SpeedArgs),
     Prediction(PredictionArgs),
@@ -339,6 +351,7 @@ impl Cli {
                 | Command::Predict(_)
                 | Command::Generate(_)
                 | Command::Simulate(_)
+                | Command::Analyse(_)
                 | Command::Bench(_)
         )
     }

@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use crate::{
     Outcome, Registries,
-    cli::{BenchCommand, Cli, Command},
+    cli::{AnalyseCommand, BenchCommand, Cli, Command},
     commands, threads,
 };
 
@@ -29,6 +29,9 @@ impl Cli {
             Command::Predict(args) => commands::predict::run(&args, registries),
             Command::Generate(args) => commands::generate::run(&args, registries),
             Command::Simulate(args) => commands::simulate::run(&args, registries),
+            Command::Analyse(AnalyseCommand::Connectivity(args)) => {
+                commands::analyse_connectivity::run(&args, registries)
+            }
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
             Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),

@@ -97,3 +97,30 @@ fn mergers_are_compared_over_lambda() {
         assert!(fs::read_to_string(out.join(chart)).unwrap().contains("linear"), "{chart}");
     }
 }
+
+#[test]
+fn connectivity_has_its_figures_and_ends_at_the_experts() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenes, out) = (folder.path().join("scenes"), folder.path().join("out"));
+    stdout(&sage(&["scenes", "--count", "2", "--seed", "4", "--out", text(&scenes)]));
+    let page = sage(&["analyse", "connectivity", text(&scenes), "--out", text(&out)]);
+    let page = stdout(&page);
+    assert!(page.contains("| angle | ") && page.contains("| 0.9 R_adv - 0.1 P_real |"), "{page}");
+    let rows = |file: &str| -> Vec<Vec<f64>> {
+        let text = fs::read_to_string(out.join(file)).unwrap();
+        text.lines().skip(1).map(|line| line.split(',').map(|x| x.parse().unwrap()).collect()).collect()
+    };
+    let (path, landscape) = (rows("path.csv"), rows("landscape.csv"));
+    assert_eq!((path.len(), landscape.len()), (21, 441));
+    // The landscape has no cell at the experts, but its rows lie around those of the path.
+    let rewards: Vec<f64> = landscape.iter().map(|row| row[2]).collect();
+    let (low, high) =
+        (rewards.iter().copied().fold(f64::MAX, f64::min), rewards.iter().copied().fold(0.0, f64::max));
+    assert!(path.iter().all(|row| row[3] >= low - 0.5 && row[3] <= high + 0.5));
+    // The cosine to the adversarial expert rises to 1.
+    assert!(path.windows(2).all(|pair| pair[1][2] > pair[0][2]) && (path[20][2] - 1.0).abs() < 1e-9);
+    let layers = fs::read_to_string(out.join("layers.csv")).unwrap();
+    let shares: f64 =
+        layers.lines().skip(1).map(|line| line.split(',').nth(3).unwrap().parse::<f64>().unwrap()).sum();
+    assert!((shares - 1.0).abs() < 1e-9, "{shares}");
+}

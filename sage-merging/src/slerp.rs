@@ -11,7 +11,7 @@ use sage_core::registry::Entry;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Error, ExpertSet, Linear, Merger, PreferenceVector, Range, TensorMerger, TensorRule, TensorSet,
+    Error, ExpertSet, Geometry, Linear, Merger, PreferenceVector, Range, TensorMerger, TensorRule, TensorSet,
     merger::mix_numbers,
 };
 
@@ -50,24 +50,8 @@ impl TensorMerger for Slerp {
         if self.0.of == SlerpOf::Weights {
             return Ok(Box::new(PerTensor));
         }
-        let count = experts.names().len();
-        let mut products = vec![vec![0.0; count]; count];
-        for tuned in experts.tuned_tensors()? {
-            let vectors = vectors(&tuned.set());
-            for (a, row) in products.iter_mut().enumerate() {
-                for (b, product) in row.iter_mut().enumerate() {
-                    *product += dot(&vectors[a], &vectors[b]);
-                }
-            }
-        }
-        Ok(Box::new(WholeModel { products }))
+        Ok(Box::new(WholeModel { geometry: Geometry::of(experts)? }))
     }
-}
-
-/// The experts' differences from the prior.
-fn vectors(tensor: &TensorSet) -> Vec<Vec<f64>> {
-    let difference = |(x, prior): (&f32, &f32)| f64::from(*x) - f64::from(*prior);
-    tensor.experts.iter().map(|expert| expert.iter().zip(tensor.prior).map(difference).collect()).collect()
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -91,14 +75,14 @@ fn pair(at: &[f64]) -> [usize; 2] {
 }
 
 struct WholeModel {
-    /// Scalar products of the preference vectors.
-    products: Vec<Vec<f64>>,
+    geometry: Geometry,
 }
 
 impl TensorRule for WholeModel {
     fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
-        let ([a, b], p) = (pair(at), &self.products);
-        match spherical(p[a][b] / (p[a][a] * p[b][b]).sqrt(), at[b]) {
+        let [a, b] = pair(at);
+        let product = |a: usize, b: usize| self.geometry.product(a, b);
+        match spherical(product(a, b) / (product(a, a) * product(b, b)).sqrt(), at[b]) {
             None => PreferenceVector.merge(tensor, at, out),
             Some([of_a, of_b]) => mix_numbers(tensor, at, out, |numbers, prior| {
                 let prior = f64::from(prior);
@@ -145,7 +129,8 @@ mod tests {
         let tensor = TensorSet { name: "w", prior: &[1.0, 1.0], experts: &experts };
         let mut out = [0.0f32; 2];
         // Vectors (3, 0) and (0, 3): half way has length 3.
-        WholeModel { products: vec![vec![9.0, 0.0], vec![0.0, 9.0]] }.merge(&tensor, &[0.5, 0.5], &mut out);
+        let geometry = Geometry::of_products(vec![vec![9.0, 0.0], vec![0.0, 9.0]]);
+        WholeModel { geometry }.merge(&tensor, &[0.5, 0.5], &mut out);
         let expected = 1.0 + 3.0 * std::f32::consts::FRAC_1_SQRT_2;
         assert!(out.iter().all(|x| (x - expected).abs() < 1e-6), "{out:?}");
     }

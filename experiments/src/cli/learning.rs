@@ -263,3 +263,29 @@ pub(crate) struct MergeArgs {
     #[command(flatten)]
     pub folder: FolderArgs,
 }
+
+/// Analyse linear mode connectivity: geometry of two experts, rewards on the path between them and on the plane
+/// through them and the prior.
+///
+/// Writes a page with the figures (`connectivity.md`), and CSV files and charts of the path, of the landscape on
+/// the plane (21 x 21 models), and of each tensor's share of the movement. Rewards are expectations under the
+/// policy, without selection.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage analyse connectivity target/data/womd_cat500/val --weights waymo --out connectivity/"
+)]
+pub(crate) struct ConnectivityArgs {
+    /// Scene files and folders.
+    #[arg(required = true, value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub weights: String,
+    /// Seed of random numbers.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}

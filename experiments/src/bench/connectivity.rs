@@ -1,0 +1,86 @@
+//! Rewards along the path between two experts: height above the chord, concavity and barrier, with intervals.
+
+use super::pareto::{Measure, Sweep};
+use sage_core::statistics::Estimate;
+
+/// A value of a front that is maximised.
+pub(crate) type Value = fn(&Measure) -> f64;
+
+/// The values that the paper's claims are about. The experts maximise mixtures of both with weight 0.9.
+pub(crate) const VALUES: [(&str, Value); 4] = [
+    ("R_adv", |m| m.reward),
+    ("-P_real", |m| -m.penalty),
+    ("0.9 R_adv - 0.1 P_real", |m| 0.9 * m.reward - 0.1 * m.penalty),
+    ("0.1 R_adv - 0.9 P_real", |m| 0.1 * m.reward - 0.9 * m.penalty),
+];
+
+/// What a value does along the path.
+pub(crate) struct Path {
+    /// Least and greatest height above the chord, and the mean over the inner λ.
+    pub(crate) least: Estimate,
+    pub(crate) mean: Estimate,
+    /// Barrier of the loss, the negative value: the greatest depth below the chord; below 0 if there is none.
+    pub(crate) barrier: Estimate,
+    /// Share of the inner λ at which the second difference is not above 0, in percent.
+    pub(crate) concave: Estimate,
+}
+
+impl Path {
+    /// The path of a value; `None` without scenes.
+    pub(crate) fn of(sweep: &Sweep, value: Value) -> Option<Self> {
+        Some(Self {
+            least: sweep.estimate(|front| heights(front, value).into_iter().fold(f64::INFINITY, f64::min))?,
+            mean: sweep.estimate(|front| mean(&heights(front, value)))?,
+            barrier: sweep.estimate(|front| {
+                heights(front, value).into_iter().map(|height| -height).fold(f64::NEG_INFINITY, f64::max)
+            })?,
+            concave: sweep.estimate(|front| concave(front, value))?,
+        })
+    }
+}
+
+/// Heights above the chord between the ends, at the inner points.
+pub(crate) fn heights(front: &[Measure], value: Value) -> Vec<f64> {
+    let last = front.len().saturating_sub(1);
+    let (first, end) = (front.first().map_or(0.0, value), front.last().map_or(0.0, value));
+    let height = |k: usize| {
+        let share = k as f64 / last as f64;
+        value(&front[k]) - ((1.0 - share) * first + share * end)
+    };
+    (1..last).map(height).collect()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// Share of the inner points with a second difference of at most 0, in percent.
+fn concave(front: &[Measure], value: Value) -> f64 {
+    let bends = front.windows(3).map(|w| value(&w[0]) - 2.0 * value(&w[1]) + value(&w[2]));
+    let (count, down) = bends
+        .fold((0.0, 0.0), |(count, down), bend| (count + 1.0, if bend <= 0.0 { down + 1.0 } else { down }));
+    100.0 * down / f64::max(count, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sweep(of: fn(f64) -> f64) -> Sweep {
+        let at = |k: u32| Measure { reward: of(f64::from(k) / 4.0), ..Measure::default() };
+        Sweep { scenes: vec![(0..=4).map(at).collect(); 3] }
+    }
+
+    #[test]
+    fn a_parabola_lies_above_its_chord_and_a_valley_has_a_barrier() {
+        let hill = Path::of(&sweep(|x| 2.0 * x + x * (1.0 - x)), VALUES[0].1).unwrap();
+        // At λ = 1/4 and 3/4 the height is 3/16, at 1/2 it is 1/4.
+        assert!((hill.least.value - 0.1875).abs() < 1e-12 && (hill.barrier.value + 0.1875).abs() < 1e-12);
+        assert!((hill.mean.value - (2.0 * 0.1875 + 0.25) / 3.0).abs() < 1e-12);
+        assert_eq!(hill.concave.value, 100.0);
+        let valley = Path::of(&sweep(|x| x - x * (1.0 - x)), VALUES[0].1).unwrap();
+        assert!((valley.barrier.value - 0.25).abs() < 1e-12);
+        assert_eq!(valley.concave.value, 0.0);
+        assert!(Path::of(&Sweep::default(), VALUES[0].1).is_none());
+    }
+}

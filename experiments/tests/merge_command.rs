@@ -59,7 +59,7 @@ fn wrong_recipes_are_named_and_nothing_is_written() {
     };
     let linear = recipe("linear", [0.3, 0.7], "{}");
     for (recipe, named) in [
-        (recipe("linear", [0.3, 0.9], "{}"), "that sum to 1"),
+        (recipe("slerp", [0.3, 0.9], "{}"), "that sum to 1"),
         (recipe("linear", [0.3, 0.7], "{phi: 1}"), "unknown field `phi`"),
         (recipe("logit", [0.3, 0.7], "{}"), "`logit` mixes outputs"),
         (recipe("passthrough", [0.3, 0.7], "{}"), "unknown merger `passthrough`"),

@@ -23,6 +23,9 @@ pub struct NetworkTag<'n> {
     pub options: &'n Value,
 }
 
+/// Number of models whose results an encoding keeps; then it forgets all of them.
+const KEPT: usize = 256;
+
 /// Identity of a model that keeps results with encodings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct ModelId(u64);
@@ -92,7 +95,11 @@ impl Encoding {
         }
         // Two threads may both compute it; the bits are the same.
         let computed = Arc::new(compute()?);
-        lock().insert(model, computed.clone());
+        let mut kept = lock();
+        if kept.len() >= KEPT {
+            kept.clear();
+        }
+        kept.insert(model, computed.clone());
         Ok(computed)
     }
 

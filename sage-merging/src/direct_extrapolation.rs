@@ -1,7 +1,7 @@
 //! Direct extrapolation: the line through the experts, also outside them, `(1 − λ − φ) θ_real + (λ + φ) θ_adv`.
 //!
 //! Properties: on the simplex with φ = 0 it is [`crate::Linear`], with the same bits. It is vector
-//! extrapolation from λ = 1 with the vectors `φ` and `−φ` (T13 of the theory).
+//! extrapolation from λ = 1 with the steps `φ` and `−φ`.
 
 use sage_core::registry::Entry;
 use serde::{Deserialize, Serialize};

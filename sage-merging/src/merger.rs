@@ -148,12 +148,18 @@ pub fn merged_weights(
     for tuned in experts.tuned_tensors()? {
         let mut out = vec![0.0; tuned.prior.len()];
         rule.merge(&tuned.set(), at.weights(), &mut out);
+        if let Some(value) = out.iter().find(|value| !value.is_finite()) {
+            let problem =
+                format!("tensor `{}` would hold {value} at the mixture {:?}", tuned.name, at.weights());
+            return Err(Error::Mixture { problem });
+        }
         weights.insert(&*tuned.name, Tensor::from_vec(out, tuned.shape.as_slice(), &Device::Cpu)?);
     }
     Ok(weights)
 }
 
-/// Mixes a tensor value by value, for mergers whose corners are the experts and whose weights sum to 1. At a corner the
+/// Mixes a tensor value by value, for mergers whose corners are the experts and that keep a value on which all
+/// experts agree. At a corner the
 /// result is the expert's own values, and a value that all experts share is unchanged. `mix` gets one value
 /// of each expert and the prior's.
 pub fn mix_numbers(tensor: &TensorSet, at: &[f64], out: &mut [f32], mix: impl Fn(&[f32], f32) -> f64) {

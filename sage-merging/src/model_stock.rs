@@ -1,7 +1,7 @@
 //! Model stock: the mean of the experts, drawn towards the prior by the angle between them,
 //! `t θ_mean + (1 − t) θ_prior` with `t = k cos ψ / (1 + (k − 1) cos ψ)`, for each tensor.
 //!
-//! ψ is the mean angle between the preference vectors of `k` experts. λ has no effect. Properties: experts with
+//! `cos ψ` is the mean cosine between the preference vectors of `k` experts. λ has no effect. Properties: experts with
 //! the same weights merge to them; the order of the experts does not matter, except for rounding.
 
 use sage_core::registry::{Entry, NoOptions};
@@ -53,6 +53,9 @@ fn share_of_mean(vectors: &[Vec<f64>]) -> f64 {
     }
     let cosine = cosines.iter().sum::<f64>() / cosines.len() as f64;
     // Experts that point away from each other have no common centre beyond the prior.
+    if cosine <= 0.0 {
+        return 0.0;
+    }
     (count as f64 * cosine / (1.0 + (count as f64 - 1.0) * cosine)).clamp(0.0, 1.0)
 }
 

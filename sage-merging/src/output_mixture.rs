@@ -146,7 +146,8 @@ impl<C: Combination> MotionModel for OutputMixture<C> {
     }
 }
 
-fn tensor(numbers: impl Iterator<Item = f64>) -> Result<Tensor, NetworkError> {
+/// Numbers as a tensor.
+pub(crate) fn tensor(numbers: impl Iterator<Item = f64>) -> Result<Tensor, NetworkError> {
     let numbers: Vec<f32> = numbers.map(|x| x as f32).collect();
     let count = numbers.len();
     Ok(Tensor::from_vec(numbers, count, &Device::Cpu)?)

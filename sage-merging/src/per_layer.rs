@@ -47,7 +47,9 @@ impl TensorRule for PerLayer {
         if power == 1.0 {
             return Linear.merge(tensor, at, out);
         }
-        let raised: Vec<f64> = at.iter().map(|weight| weight.powf(power)).collect();
+        // Relative to the largest weight, so that a high power does not round all of them to 0.
+        let largest = at.iter().copied().fold(0.0, f64::max);
+        let raised: Vec<f64> = at.iter().map(|weight| (weight / largest).powf(power)).collect();
         let sum: f64 = raised.iter().sum();
         let weights: Vec<f64> = raised.iter().map(|weight| weight / sum).collect();
         Linear.merge(tensor, &weights, out);

@@ -1,4 +1,5 @@
-//! SLERP: interpolation at constant angular speed, `sin((1 − λ) ψ)/sin ψ · v_0 + sin(λ ψ)/sin ψ · v_1`.
+//! SLERP: spherical interpolation, `sin((1 − λ) ψ)/sin ψ · v_0 + sin(λ ψ)/sin ψ · v_1`. Vectors of equal norm turn
+//! at constant speed.
 //!
 //! By default `v` are the preference vectors of the whole model and ψ is the angle between them: raw weights
 //! of experts of one prior are so nearly parallel that SLERP of them is interpolation. With `of: weights`,
@@ -7,12 +8,11 @@
 //! Properties: at a corner the result is the expert's own values; the order of the two does not matter;
 //! parallel vectors are interpolated.
 
-use sage_core::registry::Entry;
+use sage_core::{generator::corner, registry::Entry};
 use serde::{Deserialize, Serialize};
 
 use crate::{
     Error, ExpertSet, Geometry, Linear, Merger, PreferenceVector, Range, TensorMerger, TensorRule, TensorSet,
-    merger::mix_numbers,
 };
 
 /// Cosine above which two vectors are interpolated.
@@ -84,11 +84,14 @@ impl TensorRule for WholeModel {
         let product = |a: usize, b: usize| self.geometry.product(a, b);
         match spherical(product(a, b) / (product(a, a) * product(b, b)).sqrt(), at[b]) {
             None => PreferenceVector.merge(tensor, at, out),
-            Some([of_a, of_b]) => mix_numbers(tensor, at, out, |numbers, prior| {
-                let prior = f64::from(prior);
-                let vector = |k: usize| f64::from(numbers[k]) - prior;
-                prior + of_a * vector(a) + of_b * vector(b)
-            }),
+            Some(_) if corner(at).is_some() => Linear.merge(tensor, at, out),
+            Some([of_a, of_b]) => {
+                for (k, out) in out.iter_mut().enumerate() {
+                    let prior = f64::from(tensor.prior[k]);
+                    let [x, y] = [a, b].map(|expert| f64::from(tensor.experts[expert][k]) - prior);
+                    *out = (prior + of_a * x + of_b * y) as f32;
+                }
+            }
         }
     }
 }
@@ -101,16 +104,19 @@ impl TensorRule for PerTensor {
         let [x, y] = [a, b].map(|k| tensor.experts[k].iter().map(|x| f64::from(*x)).collect::<Vec<_>>());
         match spherical(dot(&x, &y) / (dot(&x, &x) * dot(&y, &y)).sqrt(), at[b]) {
             None => Linear.merge(tensor, at, out),
-            Some([of_a, of_b]) => mix_numbers(tensor, at, out, |numbers, _| {
-                of_a * f64::from(numbers[a]) + of_b * f64::from(numbers[b])
-            }),
+            Some(_) if corner(at).is_some() => Linear.merge(tensor, at, out),
+            Some([of_a, of_b]) => {
+                for ((out, x), y) in out.iter_mut().zip(&x).zip(&y) {
+                    *out = (of_a * x + of_b * y) as f32;
+                }
+            }
         }
     }
 }
 
 impl Entry<dyn Merger> for Slerp {
     const NAME: &'static str = "slerp";
-    const SUMMARY: &'static str = "interpolation of two experts at constant angular speed";
+    const SUMMARY: &'static str = "spherical interpolation of two experts";
     const SOURCE: &'static str = "Shoemake 1985; of weights as in mergekit";
     type Options = SlerpOptions;
 
@@ -133,6 +139,22 @@ mod tests {
         WholeModel { geometry }.merge(&tensor, &[0.5, 0.5], &mut out);
         let expected = 1.0 + 3.0 * std::f32::consts::FRAC_1_SQRT_2;
         assert!(out.iter().all(|x| (x - expected).abs() < 1e-6), "{out:?}");
+    }
+
+    #[test]
+    fn a_third_expert_and_shared_values_do_not_matter() {
+        // Vectors (1, 0, 1) and (0, 1, 1): ψ = 60°, at half both weights are sin 30°/sin 60° = 1/√3.
+        let experts = [vec![1.0f32, 0.0, 1.0], vec![0.0, 1.0, 1.0], vec![9.0, 9.0, 9.0]];
+        let tensor = TensorSet { name: "w", prior: &[0.0; 3], experts: &experts };
+        let mut products = vec![vec![2.0, 1.0, 18.0], vec![1.0, 2.0, 18.0]];
+        products.push(vec![18.0, 18.0, 243.0]);
+        let mut out = [0.0f32; 3];
+        let rule = WholeModel { geometry: Geometry::of_products(products) };
+        rule.merge(&tensor, &[0.5, 0.5, 0.0], &mut out);
+        let weight = 1.0 / 3f32.sqrt();
+        for (found, expected) in out.iter().zip([weight, weight, 2.0 * weight]) {
+            assert!((found - expected).abs() < 1e-6, "{out:?}");
+        }
     }
 
     #[test]

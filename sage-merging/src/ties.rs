@@ -1,7 +1,8 @@
 //! TIES: each task vector is trimmed to its largest values, the experts elect a sign for each value, and those
 //! that agree are averaged.
 //!
-//! Properties: at density 1 a corner is its expert (to rounding); experts with the same weights merge to
+//! A value that one expert alone changed counts in full whatever its weight, so the result jumps where a weight
+//! becomes 0. Properties: at density 1 a corner is its expert (to rounding); experts with the same weights merge to
 //! them; the order of the experts does not matter.
 
 use sage_core::registry::Entry;

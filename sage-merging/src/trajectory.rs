@@ -3,8 +3,8 @@
 //!
 //! Each expert's candidates are its likeliest modes with a minimum spacing, in the order of their
 //! probability. They are paired by rank, or each candidate of the expert with the largest weight with the
-//! nearest free one of every other expert. The log-probability of a pair is the weighted mean of those of its
-//! members, renormalised over all pairs. Property: at a corner it is the expert, bit for bit.
+//! nearest free one of every other expert. The log-probability of a pair is the weighted mean of those that the
+//! experts give to the mean trajectory, renormalised over all pairs. Property: at a corner it is the expert, bit for bit.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use sage_backbones::{
     candidates::{Selection, select},
     candle::{Device, Tensor},
     encoding::{Encoding, ModelId},
-    features::{EgoForecast, Features},
+    features::{EgoForecast, FORECAST_STEPS, Features, STRIDE},
 };
 use sage_core::{
     generator::{Mixture, Observation},
@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Error, ExpertSet, Merger, Range,
-    output_mixture::{Members, at_corner, log_sum_exp},
+    output_mixture::{Members, at_corner, log_sum_exp, tensor},
 };
 
 /// Options of [`TrajectoryMixing`].
@@ -42,7 +42,7 @@ pub struct TrajectoryOptions {
 
 impl Default for TrajectoryOptions {
     fn default() -> Self {
-        Self { candidates: 64, apart: 3.0, pairs: Pairs::Rank }
+        Self { candidates: 96, apart: 3.0, pairs: Pairs::Rank }
     }
 }
 
@@ -119,12 +119,13 @@ impl MeanTrajectories {
             Pairs::Rank => ranked,
             Pairs::End => by_end(ranked, weights, &ends),
         };
-        let numbers = own.iter().map(finite::<f64>).collect::<Result<Vec<_>, _>>()?;
         let count = modes.iter().map(Vec::len).min().unwrap_or(0);
-        let mean = |pair: usize| -> f64 {
-            (0..weights.len()).map(|k| weights[k] * numbers[k][modes[k][pair]]).sum()
-        };
-        let means: Vec<f64> = (0..count).map(mean).collect();
+        // Each expert scores the mean trajectory in place of its own.
+        let all: Vec<usize> = (0..count).collect();
+        let every: Vec<u32> = (1..=FORECAST_STEPS).map(|step| (step * STRIDE - 1) as u32).collect();
+        let every = Tensor::from_vec(every, FORECAST_STEPS, &Device::Cpu)?;
+        let points = self.mean_trajectories(encoding, &modes, &all)?.index_select(&every, 1)?;
+        let means = self.mean_log_probs(encoding, &own, &modes, &all, &points)?;
         let total = log_sum_exp(&means);
         let end = |pair: usize| {
             [0, 1].map(|axis| {
@@ -139,6 +140,47 @@ impl MeanTrajectories {
             modes,
             total,
         })
+    }
+}
+
+impl MeanTrajectories {
+    /// Mean trajectories of some pairs; `modes` are each expert's modes by pair.
+    fn mean_trajectories(
+        &self,
+        encoding: &Encoding,
+        modes: &[Vec<usize>],
+        pairs: &[usize],
+    ) -> Result<Tensor, NetworkError> {
+        let Members { prior, weights, .. } = &self.members;
+        let mut mean: Option<Tensor> = None;
+        for (own, weight) in modes.iter().zip(weights) {
+            let own: Vec<usize> = pairs.iter().map(|&pair| own[pair]).collect();
+            let part = (prior.trajectories(encoding, &own)? * *weight)?;
+            mean = Some(match mean {
+                None => part,
+                Some(mean) => (mean + part)?,
+            });
+        }
+        mean.ok_or_else(|| NetworkError::Training("a mixture of no trajectories".to_owned()))
+    }
+
+    /// Mean log-probabilities of some pairs along points, without renormalisation.
+    fn mean_log_probs(
+        &self,
+        encoding: &Encoding,
+        own: &[Tensor],
+        modes: &[Vec<usize>],
+        pairs: &[usize],
+        points: &Tensor,
+    ) -> Result<Vec<f64>, NetworkError> {
+        let Members { models, weights, .. } = &self.members;
+        let mut mean = vec![0.0; pairs.len()];
+        for (k, model) in models.iter().enumerate() {
+            let members: Vec<usize> = pairs.iter().map(|&pair| modes[k][pair]).collect();
+            let along = finite::<f64>(&model.log_probs_along(encoding, &own[k], &members, points)?)?;
+            mean.iter_mut().zip(along).for_each(|(mean, along)| *mean += weights[k] * along);
+        }
+        Ok(mean)
     }
 }
 
@@ -183,17 +225,7 @@ impl MotionModel for MeanTrajectories {
     }
 
     fn trajectories(&self, encoding: &Encoding, modes: &[usize]) -> Result<Tensor, NetworkError> {
-        let (Members { prior, weights, .. }, paired) = (&self.members, self.paired(encoding)?);
-        let mut mean: Option<Tensor> = None;
-        for (own, weight) in paired.modes.iter().zip(weights) {
-            let own: Vec<usize> = modes.iter().map(|&pair| own[pair]).collect();
-            let part = (prior.trajectories(encoding, &own)? * *weight)?;
-            mean = Some(match mean {
-                None => part,
-                Some(mean) => (mean + part)?,
-            });
-        }
-        mean.ok_or_else(|| NetworkError::Training("a mixture of no trajectories".to_owned()))
+        self.mean_trajectories(encoding, &self.paired(encoding)?.modes, modes)
     }
 
     fn log_probs_along(
@@ -203,15 +235,9 @@ impl MotionModel for MeanTrajectories {
         modes: &[usize],
         points: &Tensor,
     ) -> Result<Tensor, NetworkError> {
-        let (Members { models, weights, .. }, paired) = (&self.members, self.paired(encoding)?);
-        let mut mean = vec![-paired.total; modes.len()];
-        for (k, model) in models.iter().enumerate() {
-            let own: Vec<usize> = modes.iter().map(|&pair| paired.modes[k][pair]).collect();
-            let along = model.log_probs_along(encoding, &paired.own[k], &own, points)?;
-            let along = finite::<f64>(&along)?;
-            mean.iter_mut().zip(along).for_each(|(mean, along)| *mean += weights[k] * along);
-        }
-        tensor(mean.into_iter())
+        let paired = self.paired(encoding)?;
+        let means = self.mean_log_probs(encoding, &paired.own, &paired.modes, modes, points)?;
+        tensor(means.into_iter().map(|mean| mean - paired.total))
     }
 
     /// The prior's mode that ends nearest to the mean end.
@@ -224,12 +250,6 @@ impl MotionModel for MeanTrajectories {
         };
         Ok(modes.iter().map(nearest).collect())
     }
-}
-
-fn tensor(numbers: impl Iterator<Item = f64>) -> Result<Tensor, NetworkError> {
-    let numbers: Vec<f32> = numbers.map(|x| x as f32).collect();
-    let count = numbers.len();
-    Ok(Tensor::from_vec(numbers, count, &Device::Cpu)?)
 }
 
 impl Entry<dyn Merger> for TrajectoryMixing {

@@ -364,3 +364,40 @@ fn mismatching_mixtures_and_experts_are_refused() {
     assert!(ExpertSet::new(ours.clone(), twice).err().unwrap().to_string().contains("two experts `a`"));
     assert!(ExpertSet::new(ours, Vec::new()).is_err());
 }
+
+#[test]
+fn log_probs_along_the_own_trajectories_are_the_log_probs() {
+    let scene = generate(Kind::FourWay, 3, 0).unwrap();
+    let now = Observation::of(&scene, &SceneIndex::new(scene.map.clone())).unwrap();
+    let steps: Vec<u32> = (1..=20).map(|step| 4 * step - 1).collect();
+    let steps = Tensor::from_vec(steps, 20, &Device::Cpu).unwrap();
+    for network in NETWORKS {
+        let set = experts(network, 3);
+        let features = Arc::new(set.prior().features(&now, scene.adversary.unwrap(), None).unwrap());
+        let encoding = set.prior().encode(features).unwrap();
+        for name in OUTPUTS {
+            let at = Mixture::new(vec![0.2, 0.5, 0.3]);
+            let model = merger(name).merge(&set, &at, 0).unwrap();
+            let log_probs = model.log_probs(&encoding).unwrap();
+            let modes: Vec<usize> = (0..numbers(&log_probs).len()).step_by(7).collect();
+            let points = model.trajectories(&encoding, &modes).unwrap().index_select(&steps, 1).unwrap();
+            let along = numbers(&model.log_probs_along(&encoding, &log_probs, &modes, &points).unwrap());
+            let plain = numbers(&log_probs);
+            for (mode, along) in modes.iter().zip(along) {
+                assert!((along - plain[*mode]).abs() < 2e-3, "{network}, {name}, mode {mode}: {along}");
+            }
+        }
+    }
+}
+
+#[test]
+fn high_powers_of_a_layer_do_not_round_to_nothing() {
+    let set = experts("densetnt", 2);
+    let sharp = built("per-layer", serde_json::json!({"powers": {"": 5000.0}}));
+    let half = merged_by(&*sharp, &set, &[0.5, 0.5]);
+    assert!(difference(&half, &merged("linear", &set, &[0.5, 0.5])) <= 1e-6);
+    let huge = built("direct-extrapolation", serde_json::json!({"phi": 1e39}));
+    let at = set.between(0.5).unwrap();
+    let error = merged_weights(huge.tensors().unwrap(), &set, &at, 0).err().unwrap().to_string();
+    assert!(error.contains("tensor `") && error.contains("would hold"), "{error}");
+}

@@ -1,4 +1,5 @@
-//! Rewards along the path between two experts: height above the chord, concavity and barrier, with intervals.
+//! Rewards along the path between two experts: height above the chord and concavity, with intervals. The chord is
+//! what probability mixing attains: expectations are linear in the probabilities.
 
 use super::pareto::{Measure, Sweep};
 use sage_core::statistics::Estimate;
@@ -16,11 +17,10 @@ pub(crate) const VALUES: [(&str, Value); 4] = [
 
 /// What a value does along the path.
 pub(crate) struct Path {
-    /// Least and greatest height above the chord, and the mean over the inner λ.
+    /// Least height above the chord and the mean over the inner λ. A least height below 0 is a barrier of the
+    /// loss, the negative value.
     pub(crate) least: Estimate,
     pub(crate) mean: Estimate,
-    /// Barrier of the loss, the negative value: the greatest depth below the chord; below 0 if there is none.
-    pub(crate) barrier: Estimate,
     /// Share of the inner λ at which the second difference is not above 0, in percent.
     pub(crate) concave: Estimate,
 }
@@ -31,9 +31,6 @@ impl Path {
         Some(Self {
             least: sweep.estimate(|front| heights(front, value).into_iter().fold(f64::INFINITY, f64::min))?,
             mean: sweep.estimate(|front| mean(&heights(front, value)))?,
-            barrier: sweep.estimate(|front| {
-                heights(front, value).into_iter().map(|height| -height).fold(f64::NEG_INFINITY, f64::max)
-            })?,
             concave: sweep.estimate(|front| concave(front, value))?,
         })
     }
@@ -75,11 +72,11 @@ mod tests {
     fn a_parabola_lies_above_its_chord_and_a_valley_has_a_barrier() {
         let hill = Path::of(&sweep(|x| 2.0 * x + x * (1.0 - x)), VALUES[0].1).unwrap();
         // At λ = 1/4 and 3/4 the height is 3/16, at 1/2 it is 1/4.
-        assert!((hill.least.value - 0.1875).abs() < 1e-12 && (hill.barrier.value + 0.1875).abs() < 1e-12);
+        assert!((hill.least.value - 0.1875).abs() < 1e-12);
         assert!((hill.mean.value - (2.0 * 0.1875 + 0.25) / 3.0).abs() < 1e-12);
         assert_eq!(hill.concave.value, 100.0);
         let valley = Path::of(&sweep(|x| x - x * (1.0 - x)), VALUES[0].1).unwrap();
-        assert!((valley.barrier.value - 0.25).abs() < 1e-12);
+        assert!((valley.least.value + 0.25).abs() < 1e-12);
         assert_eq!(valley.concave.value, 0.0);
         assert!(Path::of(&Sweep::default(), VALUES[0].1).is_none());
     }

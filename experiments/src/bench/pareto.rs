@@ -1,6 +1,9 @@
 //! Fronts of reward against realism: means over scenes, hypervolume, evenness and monotonicity, with intervals.
 
-use sage_core::{seed::Rng, statistics::Estimate};
+use sage_core::{
+    seed::Rng,
+    statistics::{self, Estimate},
+};
 
 /// Reference point of the hypervolume: R_adv 0 and P_real 6.
 const REFERENCE: [f64; 2] = [0.0, 6.0];
@@ -76,17 +79,16 @@ impl Sweep {
         }
         let other = other.unwrap_or(self);
         let mut rng = Rng::new(0, "pareto", "scenes");
-        let mut drawn: Vec<f64> = (0..RESAMPLES)
+        let drawn: Vec<f64> = (0..RESAMPLES)
             .map(|_| {
                 let draw = |_| (rng.uniform(0.0, count as f64) as usize).min(count - 1);
                 let scenes: Vec<usize> = (0..count).map(draw).collect();
                 of(&self.front_of(&scenes), &other.front_of(&scenes))
             })
             .collect();
-        drawn.sort_by(f64::total_cmp);
-        let at = |share: f64| drawn[((share * RESAMPLES as f64) as usize).min(RESAMPLES - 1)];
         let value = of(&self.front(), &other.front());
-        Some(Estimate { value, low: at(0.025), high: at(0.975), n: count })
+        let [low, high] = [0.025, 0.975].map(|share| statistics::quantile(&drawn, share));
+        Some(Estimate { value, low: low?, high: high?, n: count })
     }
 }
 

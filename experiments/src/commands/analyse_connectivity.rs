@@ -212,10 +212,10 @@ fn page(geometry: &Geometry, experts: &ExpertSet, path: &Sweep, mixing: &[[f64; 
         1.0 / cosine,
     );
     out += "\nExpectations under the interpolated policy, above the chord between the experts:\n\n\
-        | value | least height | mean height | barrier | concave at % of lambda |\n| --- | --- | --- | --- | --- |\n";
+        | value | least height | mean height | concave at % of lambda |\n| --- | --- | --- | --- |\n";
     for (name, value) in VALUES {
-        let path = Path::of(path, value).context("at least one scene was evaluated")?;
-        let cells = [&path.least, &path.mean, &path.barrier, &path.concave].map(cell);
+        let path = Path::of(path, value).context("no scene could be evaluated")?;
+        let cells = [&path.least, &path.mean, &path.concave].map(cell);
         writeln!(out, "| {name} | {} |", cells.join(" | "))?;
     }
     out += "\nWeight mixing against output mixing, by the mean trajectory of the policy and the log: loss of output \
@@ -228,8 +228,8 @@ fn page(geometry: &Geometry, experts: &ExpertSet, path: &Sweep, mixing: &[[f64; 
         let shown = estimate.as_ref().map_or("-".to_owned(), cell);
         writeln!(out, "| {lambda} | {} | {shown} |", differences.len())?;
     }
-    out += "\nIntervals: 95 %, bootstrap over scenes. *Barrier*: greatest depth below the chord; below 0 if the value is \
-        above it everywhere. Selection among candidates is outside all of this.\n";
+    out += "\nIntervals: 95 %, bootstrap over scenes. The chord is what probability mixing attains. A least height below 0 \
+        is a barrier. Selection among candidates is outside all of this.\n";
     Ok(out)
 }
 

@@ -143,7 +143,7 @@ fn measure(row: &SceneRow) -> Measure {
 fn table(names: &[&str], sweeps: &[Sweeps]) -> Result<String> {
     let mut out = "Mergers over 21 values of lambda. With selection: the best candidate at each lambda. Without: \
         expectations under the policy.\n\n\
-        | merger | N | hypervolume | minus the first | reward monotone % | unevenness, points | without selection: hypervolume | minus the first | ms an attack |\n\
+        | merger | N | hypervolume | minus the first | reward monotone % | unevenness, points | without selection: hypervolume | minus the first | ms a generation |\n\
         | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n"
         .to_owned();
     let cell = |e: Option<Estimate>| {
@@ -201,7 +201,7 @@ fn charts(out: &Folder, names: &[&str], sweeps: &[Sweeps], lambdas: &[f64]) -> R
     };
     let plane: &dyn Fn(f64, &Measure) -> [f64; 2] = &|_, m| [m.penalty, m.reward];
     let control: &dyn Fn(f64, &Measure) -> [f64; 2] = &|lambda, m| [lambda, 100.0 * m.attack];
-    let [realism, dial] = [["P_real (smaller is better)", "R_adv"], ["lambda", "scenes attacked, %"]];
+    let [realism, dial] = [["P_real (smaller is better)", "R_adv"], ["lambda", "feasible hits, %"]];
     for (file, axes, lines) in [
         ("pareto.svg", realism, lines(|sweeps| &sweeps.selected, plane)),
         ("pareto-without-selection.svg", realism, lines(|sweeps| &sweeps.free, plane)),

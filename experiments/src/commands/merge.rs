@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, ensure};
 use sage_backbones::{Parameters, parameters::Header, weights::PRIOR_FILE};
 use sage_core::generator::Mixture;
-use sage_merging::{ExpertFile, ExpertSet, merged_weights};
+use sage_merging::{ExpertFile, ExpertSet, Range, merged_weights};
 use serde_json::json;
 
 use crate::{
@@ -27,11 +27,16 @@ const CARD_FILE: &str = "README.md";
 
 pub(crate) fn run(args: &MergeArgs, registries: &Registries) -> Result<Outcome> {
     let (recipe, text) = Recipe::read(&args.recipe)?;
+    merge(args, registries, &recipe, &text).with_context(|| format!("`{}`", args.recipe.display()))
+}
+
+fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str) -> Result<Outcome> {
     let merger = recipe.merger.build(&registries.mergers)?;
     let tensors = merger.tensors().with_context(|| {
         format!("`{}` mixes outputs of the experts; a recipe needs a merger of weights", recipe.merger.name)
     })?;
-    let prior = networks::load(&registries.backbones, &recipe.base)?;
+    let base = beside(&args.recipe, &recipe.base);
+    let prior = networks::load(&registries.backbones, &base.to_string_lossy())?;
     let mut files = Vec::new();
     for (model, _) in &recipe.models {
         files.push(expert(&args.recipe, model)?);
@@ -39,6 +44,12 @@ pub(crate) fn run(args: &MergeArgs, registries: &Registries) -> Result<Outcome> 
     let names: Vec<String> = files.iter().map(|(name, _)| name.clone()).collect();
     let experts = ExpertSet::of_files(prior.network.into(), files)?;
     let mixture = Mixture::new(recipe.models.iter().map(|(_, weight)| *weight).collect());
+    ensure!(
+        mixture.is_on_simplex() || merger.range() != Range::Simplex && merger.range() != Range::Edge,
+        "the weights are {:?}; `{}` needs weights of 0 or more that sum to 1",
+        mixture.weights(),
+        recipe.merger.name
+    );
     let merged = merged_weights(tensors, &experts, &mixture, args.seed)?;
     // Everything is checked, so the folder is made only now.
     let folder = Folder::make(&args.folder.out, args.folder.force)?;
@@ -55,7 +66,7 @@ pub(crate) fn run(args: &MergeArgs, registries: &Registries) -> Result<Outcome> 
         names.iter().zip(mixture.weights()).map(|(name, weight)| json!([name, weight])).collect();
     header.notes.insert("merged".to_owned(), json!([recipe.merger.to_string(), models]).to_string());
     folder.write(RECIPE_FILE, text.as_bytes())?;
-    folder.write(CARD_FILE, card(&recipe, &experts, &header)?.as_bytes())?;
+    folder.write(CARD_FILE, card(recipe, &experts, &header)?.as_bytes())?;
     merged.save(&header, &folder.path().join(PRIOR_FILE))?;
     progress::say(&format!(
         "merged {} experts by `{}`; use them with --weights {} --method prior",
@@ -66,12 +77,15 @@ pub(crate) fn run(args: &MergeArgs, registries: &Registries) -> Result<Outcome> 
     Ok(Outcome::Done)
 }
 
-/// An expert's file with the name that its header gives. A path is relative to the current folder, or to that of
-/// the recipe.
+/// A path of a recipe: relative to the recipe if it is there, else to the current folder.
+fn beside(recipe: &Path, path: &str) -> PathBuf {
+    let beside = recipe.parent().map(|folder| folder.join(path));
+    beside.filter(|beside| beside.exists()).unwrap_or_else(|| PathBuf::from(path))
+}
+
+/// An expert's file with the name that its header gives.
 fn expert(recipe: &Path, model: &str) -> Result<(String, ExpertFile)> {
-    let beside = recipe.parent().map(|folder| folder.join(model));
-    let own = PathBuf::from(model);
-    let path = beside.filter(|beside| !own.is_file() && beside.is_file()).unwrap_or(own);
+    let path = beside(recipe, model);
     let (parameters, header): (Parameters, Header) = Parameters::load(&path)?;
     let name = header.notes.get(ExpertFile::EXPERT).cloned();
     let name = name.with_context(|| {

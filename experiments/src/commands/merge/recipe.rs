@@ -4,7 +4,7 @@
 //! methods and parameters are accepted where a merger of ours computes the same. What mergekit accepts and we do
 //! not is an error that names it.
 
-use std::{collections::BTreeSet, path::Path};
+use std::path::Path;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::files;
@@ -87,14 +87,21 @@ impl Recipe {
         ensure!(!written.models.is_empty(), "`models` is empty; name the experts to merge");
         let mut shared = written.parameters;
         let (name, mut options) = merger(&written.merge_method);
+        let normalizes = name == "linear" && shared.get("normalize") != Some(&json!(false));
+        let shared_density = shared.remove("density");
         let share = shared.remove("t").map(|t| t.as_f64().context("`t` is no number")).transpose()?;
         own_parameters(name, &mut shared, &mut options)?;
+        if let Some(key) = shared.keys().find(|key| options.get(*key).is_some_and(|own| *own != shared[*key]))
+        {
+            // A method of our own name, such as `slerp`, leaves its option to the recipe.
+            ensure!(key == "of", "`{key}` is given twice: by `parameters` and by the method or `lambda`");
+        }
         options.extend(shared);
         let count = written.models.len();
         if share.is_some() {
             ensure!(name == "slerp" && count == 2, "`t` is for slerp of two models; give each a `weight`");
         }
-        let mut densities: BTreeSet<String> = BTreeSet::new();
+        let mut densities: Vec<f64> = Vec::new();
         let mut models = Vec::with_capacity(count);
         for (k, WrittenModel { model, mut parameters }) in written.models.into_iter().enumerate() {
             let ignores_weights = matches!(name, "model-stock" | "uniform-soup");
@@ -107,10 +114,10 @@ impl Recipe {
                 (None, None) if ignores_weights => 1.0 / count as f64,
                 (None, None) => bail!("`{model}` has no `weight` in its `parameters`"),
             };
-            if let Some(density) = parameters.remove("density") {
-                densities.insert(density.to_string());
-                options.insert("density".to_owned(), density);
-            }
+            // As in mergekit: the model's own, the shared one, or all values.
+            let density =
+                parameters.remove("density").or_else(|| shared_density.clone()).unwrap_or(json!(1.0));
+            densities.push(density.as_f64().with_context(|| format!("`density` of `{model}` is no number"))?);
             if let Some(key) = parameters.keys().next() {
                 bail!(
                     "the parameter `{key}` of `{model}` is not supported; a model has `weight` and `density`"
@@ -118,7 +125,20 @@ impl Recipe {
             }
             models.push((model, weight));
         }
-        ensure!(densities.len() < 2, "`density` differs between the models; one for all is supported");
+        ensure!(
+            densities.iter().all(|density| *density == densities[0]),
+            "`density` differs between the models; one for all is supported"
+        );
+        if matches!(name, "ties" | "dare") {
+            options.insert("density".to_owned(), json!(densities[0]));
+        } else {
+            ensure!(densities[0] == 1.0, "`density` is for TIES and DARE; `{name}` has none");
+        }
+        if normalizes {
+            let sum: f64 = models.iter().map(|(_, weight)| weight).sum();
+            ensure!(sum.is_finite() && sum != 0.0, "the weights sum to {sum}, so they cannot be normalised");
+            models.iter_mut().for_each(|(_, weight)| *weight /= sum);
+        }
         Ok(Self { merger: Part { name: name.to_owned(), options }, base, models })
     }
 }
@@ -131,7 +151,7 @@ fn merger(method: &str) -> (&str, Map<String, Value>) {
         "dare_ties" => ("dare", consensus("sum")),
         "model_stock" => ("model-stock", Map::new()),
         "task_arithmetic" => ("preference-vector", Map::new()),
-        "slerp" => ("slerp", Map::new()),
+        "slerp" => ("slerp", Map::from_iter([("of".to_owned(), json!("weights"))])),
         other => (other, Map::new()),
     }
 }
@@ -151,7 +171,10 @@ fn own_parameters(
         options.insert("scale".to_owned(), scale);
     }
     // Values that mergekit's methods can switch and ours cannot.
-    let fixed = [("normalize", name != "dare"), ("rescale", name == "dare"), ("int8_mask", false)];
+    let fixed = [("normalize", name == "ties"), ("rescale", name == "dare"), ("int8_mask", false)];
+    if name == "linear" {
+        shared.remove("normalize");
+    }
     for (key, ours) in fixed {
         if let Some(value) = shared.remove(key) {
             ensure!(value == json!(ours), "`{key}: {value}` is not supported; `{name}` has `{key}: {ours}`");
@@ -186,7 +209,16 @@ dtype: float32
         assert_eq!(recipe.models[1], ("adversarial.safetensors".to_owned(), 0.7));
         let slerp =
             "{merge_method: slerp, base_model: p, models: [{model: a}, {model: b}], parameters: {t: 0.25}}";
-        assert_eq!(Recipe::parse(slerp).unwrap().models, [("a".to_owned(), 0.75), ("b".to_owned(), 0.25)]);
+        let slerp = Recipe::parse(slerp).unwrap();
+        assert_eq!(slerp.models, [("a".to_owned(), 0.75), ("b".to_owned(), 0.25)]);
+        assert_eq!(slerp.merger.to_string(), r#"slerp{"of":"weights"}"#);
+        // As in mergekit, `linear` divides by the sum of the weights, and nothing is dropped by default.
+        let sum = "{merge_method: linear, base_model: p, models: [{model: a, parameters: {weight: 1}}, {model: b, parameters: {weight: 3}}]}";
+        assert_eq!(Recipe::parse(sum).unwrap().models[1], ("b".to_owned(), 0.75));
+        let all = TIES.replace(", density: 0.5", "");
+        assert_eq!(Recipe::parse(&all).unwrap().merger.options["density"], 1.0);
+        let shared = all.replace("normalize: true", "density: 0.25");
+        assert_eq!(Recipe::parse(&shared).unwrap().merger.options["density"], 0.25);
     }
 
     #[test]
@@ -203,6 +235,8 @@ dtype: float32
             ("{weight: 0.3, density: 0.5}", "{weight: 0.3, density: 0.4}", "`density` differs"),
             ("base_model: waymo\n", "", "`base_model` is missing"),
             ("merge_method: ties", "merge_method: linear", "`lambda` is the scale"),
+            ("lambda: 0.9", "lambda: 0.9\n  scale: 0.5", "`scale` is given twice"),
+            ("{weight: 0.3, density: 0.5}", "{weight: 0.3}", "`density` differs"),
         ] {
             assert!(TIES.contains(change), "{change}");
             let found = error(&TIES.replace(change, to));

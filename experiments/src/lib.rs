@@ -18,6 +18,7 @@ pub mod bench;
 mod candidates;
 mod cli;
 mod commands;
+pub mod contact_row;
 mod dispatch;
 pub mod drawing;
 mod ego;

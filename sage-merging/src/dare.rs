@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet,
-    task_arithmetic::{Consensus, TaskArithmetic, check_density, task_vectors},
+    task_arithmetic::{Consensus, TaskArithmetic, check, task_vectors},
 };
 
 /// Options of [`Dare`].
@@ -73,10 +73,7 @@ impl Entry<dyn Merger> for Dare {
     type Options = DareOptions;
 
     fn build(options: DareOptions) -> Result<Box<dyn Merger>, String> {
-        check_density(options.density)?;
-        if !options.scale.is_finite() {
-            return Err(format!("`scale` is {}; expected a finite number", options.scale));
-        }
+        check(options.density, options.scale)?;
         Ok(Box::new(Self(options)))
     }
 }

@@ -73,15 +73,17 @@ pub(crate) fn task_vectors(tensor: &TensorSet) -> Vec<Vec<f64>> {
     tensor.experts.iter().map(|expert| expert.iter().zip(tensor.prior).map(difference).collect()).collect()
 }
 
-/// Checks a share of values that are kept.
+/// Checks a share of values that are kept, and a factor.
 ///
-/// *Errors*: a share outside (0, 1].
-pub(crate) fn check_density(density: f64) -> Result<(), String> {
-    if density > 0.0 && density <= 1.0 {
-        Ok(())
-    } else {
-        Err(format!("`density` is {density}; expected a number above 0, up to 1"))
+/// *Errors*: a share outside (0, 1]; a factor that is not finite.
+pub(crate) fn check(density: f64, scale: f64) -> Result<(), String> {
+    if !(density > 0.0 && density <= 1.0) {
+        return Err(format!("`density` is {density}; expected a number above 0, up to 1"));
     }
+    if !scale.is_finite() {
+        return Err(format!("`scale` is {scale}; expected a finite number"));
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -7,18 +7,17 @@ use anyhow::Result;
 use sage_backbones::training::SceneData;
 use sage_core::{
     motion::{HORIZON, NOW, Trajectory},
-    objective::{Context, Convention, Encounter, SideHit, release_reward},
+    objective::{Context, Convention, Encounter, release_reward},
 };
 use sage_sim::{
     SimScene,
     drive::Drive,
     episode::{Episode, Verdict},
-    fault::FaultClass,
     traffic::Plan,
 };
 use serde::{Deserialize, Serialize};
 
-use crate::ego::Ego;
+use crate::{contact_row::ContactRow, ego::Ego};
 
 /// Result of one attack on a driver.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -26,30 +25,13 @@ pub struct Driven {
     /// Whether the attack works.
     pub verdict: Verdict,
     /// The ego's first contact, if any.
-    pub contact: Option<FirstContact>,
+    pub contact: Option<ContactRow>,
     /// Progress along the logged route by its length, until the end; `None` if the route is short.
     pub completion: Option<f64>,
     /// The paper's adversarial reward with the contact of the simulation.
     pub reward: f64,
     /// The published reward: the ego's path is cut at its end, so a contact scores little.
     pub reward_cut: f64,
-}
-
-/// The ego's first contact.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct FirstContact {
-    /// Step; frame 10 is step 0.
-    pub step: i64,
-    /// Track of the other.
-    pub with: String,
-    /// Largest overlap, metres.
-    pub overlap: f64,
-    /// Relative speed, m/s.
-    pub impact_speed: f64,
-    /// Side of the ego that is hit.
-    pub side_hit: SideHit,
-    /// Who is at fault.
-    pub class: FaultClass,
 }
 
 /// A driver in one scene, with its drive before the attack.
@@ -88,14 +70,7 @@ impl<'a> DriverUnderTest<'a> {
             completion: episode.completion,
             reward: reward(&episode, adversary, attack),
             reward_cut: reward_cut(&episode, attack, ctx),
-            contact: first.map(|c| FirstContact {
-                step: c.contact.step as i64 - NOW as i64,
-                with: scene.tracks[c.contact.other.track].id.clone(),
-                overlap: c.overlap,
-                impact_speed: c.impact_speed,
-                side_hit: c.side_hit,
-                class: c.class,
-            }),
+            contact: first.map(|contact| ContactRow::of(contact, scene)),
         })
     }
 }

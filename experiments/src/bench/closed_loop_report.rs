@@ -9,13 +9,8 @@ use sage_core::{
 };
 use sage_sim::policy::Privilege;
 
-use super::{
-    closed_loop::{Driven, FirstContact},
-    open_loop::SceneRow,
-    open_loop_report::field,
-    pairs,
-};
-use crate::{operating_point::RowKey, terminal};
+use super::{closed_loop::Driven, open_loop::SceneRow, open_loop_report::field, pairs};
+use crate::{contact_row::ContactRow, operating_point::RowKey, terminal};
 
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
@@ -177,12 +172,11 @@ fn cells(driven: &Driven) -> String {
     let Driven { verdict: v, contact, completion, reward, reward_cut } = driven;
     let contact = match contact {
         None => ",,,,,,".to_owned(),
-        Some(FirstContact { step, with, overlap, impact_speed, side_hit, class }) => format!(
-            "{step},{},{overlap},{impact_speed},{},{},{}",
+        Some(ContactRow { step, with, overlap, impact_speed, side_hit, at_fault, rule, .. }) => format!(
+            "{step},{},{overlap},{impact_speed},{},{},{rule}",
             field(&terminal::escaped_name(with)),
             side_hit.name(),
-            class.is_at_fault().map_or(String::new(), |is| is.to_string()),
-            class.rule()
+            at_fault.map_or(String::new(), |is| is.to_string())
         ),
     };
     let completion = completion.map_or(String::new(), |c| c.to_string());

@@ -19,6 +19,7 @@ use serde_json::json;
 use crate::{
     Outcome, Registries,
     cli::DriversArgs,
+    ego::Ego,
     output::{self, Folder},
     part::PolicyParts,
     progress::{self, Progress},
@@ -67,16 +68,12 @@ const PROPERTIES: [Property; 3] = [
 
 pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome> {
     let PolicyParts(parts) = &args.policies;
-    let names: Vec<String> = parts.iter().map(|part| part.0.to_string()).collect();
-    let build = |part: &crate::part::PolicyPart| part.0.build(&registries.policies);
-    let policies = parts.iter().map(build).collect::<Result<Vec<_>>>()?;
-    if let Some(twice) = (1..names.len()).find(|k| names[..*k].contains(&names[*k])) {
-        bail!("the policy `{}` is given twice", names[twice]);
-    }
+    let egos = Ego::all(parts, registries)?;
+    let names: Vec<String> = egos.iter().map(|ego| ego.label.clone()).collect();
     let out = Folder::make(&args.folder.out, args.folder.force)?;
     let scenes = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?;
     let mut progress = Progress::new("driven", scenes.len());
-    let drives = scenes.map(|data| Ok(drives(data, &policies, args.seed)), || progress.step())?;
+    let drives = scenes.map(|data| Ok(drives(data, &egos, args.seed)), || progress.step())?;
     progress.finish(&format!("{} policies in {}", names.len(), progress::count(drives.len(), "scene")));
     let mut rows: Vec<Vec<Row>> = names.iter().map(|_| Vec::new()).collect();
     let mut failed = 0;
@@ -92,7 +89,7 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
     if rows.iter().all(Vec::is_empty) {
         bail!("no scene could be driven");
     }
-    let privileges: Vec<Privilege> = policies.iter().map(|policy| policy.privilege()).collect();
+    let privileges: Vec<Privilege> = egos.iter().map(|ego| ego.policy.privilege()).collect();
     let markdown = table(&names, &privileges, &rows)? + &pairs(&names, &rows, args.seed)?;
     out.write("drivers.md", markdown.as_bytes())?;
     out.write("scenes.csv", csv(&names, &rows)?.as_bytes())?;
@@ -109,7 +106,7 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
 /// Drives of all policies in one scene.
 ///
 /// *Errors*: the scene cannot be driven by one of them.
-fn drives(data: &SceneData, policies: &[Box<dyn EgoPolicy>], seed: u64) -> Result<Vec<Row>> {
+fn drives(data: &SceneData, egos: &[Ego], seed: u64) -> Result<Vec<Row>> {
     let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
     let log = scene.route().length();
     let drive_one = |policy: &dyn EgoPolicy| {
@@ -128,7 +125,7 @@ fn drives(data: &SceneData, policies: &[Box<dyn EgoPolicy>], seed: u64) -> Resul
             completion: (log >= SHORTEST_LOG).then(|| drive.progress / log),
         })
     };
-    policies.iter().map(|policy| drive_one(policy.as_ref())).collect()
+    egos.iter().map(|ego| drive_one(&*ego.policy)).collect()
 }
 
 fn table(names: &[String], privileges: &[Privilege], rows: &[Vec<Row>]) -> Result<String> {

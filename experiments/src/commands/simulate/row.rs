@@ -4,18 +4,19 @@ use std::path::Path;
 
 use sage_core::{
     files,
-    motion::{NOW, Trajectory},
-    objective::{Reason, SideHit, verdict},
+    motion::Trajectory,
+    objective::{Reason, verdict},
     scene::Scene,
 };
-use sage_sim::{
-    episode::{End, Episode, EpisodeContact, Verdict},
-    fault::FaultClass,
-};
+use sage_sim::episode::{End, Episode, Verdict};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use crate::{scene_queue::ROW_LIMIT, terminal};
+use crate::{
+    contact_row::{ContactRow, step},
+    scene_queue::ROW_LIMIT,
+    terminal,
+};
 
 /// One drive, as its file records it. Steps count from frame 10, *now*, which is step 0.
 #[derive(Serialize, Deserialize)]
@@ -58,25 +59,6 @@ pub(super) enum RowEnd {
     Horizon,
 }
 
-/// The first contact with one road user.
-#[derive(Serialize, Deserialize)]
-pub(super) struct ContactRow {
-    pub(super) step: i64,
-    /// Track of the other.
-    pub(super) with: String,
-    /// Largest overlap of the boxes, metres.
-    pub(super) overlap: f64,
-    /// Relative speed, m/s.
-    pub(super) impact_speed: f64,
-    /// Side of the ego that is hit.
-    pub(super) side_hit: SideHit,
-    /// Whether the ego is at fault; null where the map cannot tell.
-    pub(super) at_fault: Option<bool>,
-    /// Number of nuPlan's rule that decides, 1 to 5.
-    pub(super) rule: u8,
-    pub(super) class: FaultClass,
-}
-
 /// The attack of a drive.
 #[derive(Serialize, Deserialize)]
 pub(super) struct AttackRow {
@@ -94,41 +76,20 @@ pub(super) struct AttackRow {
     pub(super) unattacked_contact: Option<i64>,
 }
 
-/// Step of a frame: *now* is step 0.
-pub(super) fn step(frame: usize) -> i64 {
-    frame as i64 - NOW as i64
-}
-
-impl ContactRow {
-    fn of(contact: &EpisodeContact, scene: &Scene) -> Self {
-        let EpisodeContact { contact, overlap, impact_speed, side_hit, class } = contact;
-        Self {
-            step: step(contact.step),
-            with: scene.tracks[contact.other.track].id.clone(),
-            overlap: *overlap,
-            impact_speed: *impact_speed,
-            side_hit: *side_hit,
-            at_fault: class.is_at_fault(),
-            rule: class.rule(),
-            class: *class,
-        }
-    }
-
-    /// The contact in words. `adversary` is the track of the adversary.
-    fn words(&self, adversary: Option<&str>) -> String {
-        let Self { step, with, overlap, impact_speed, side_hit, at_fault, rule, .. } = self;
-        let who = if Some(&**with) == adversary { "the adversary".to_owned() } else { format!("`{with}`") };
-        let fault = match at_fault {
-            Some(true) => "ego at fault",
-            Some(false) => "ego not at fault",
-            None => "fault unknown",
-        };
-        let side = side_hit.name();
-        format!(
-            "contact with {who} {}: {impact_speed:.1} m/s at the ego's {side}, overlap {overlap:.2} m, {fault} (rule {rule})",
-            time(*step)
-        )
-    }
+/// A contact in words. `adversary` is the track of the adversary.
+fn words(contact: &ContactRow, adversary: Option<&str>) -> String {
+    let ContactRow { step, with, overlap, impact_speed, side_hit, at_fault, rule, .. } = contact;
+    let who = if Some(&**with) == adversary { "the adversary".to_owned() } else { format!("`{with}`") };
+    let fault = match at_fault {
+        Some(true) => "ego at fault",
+        Some(false) => "ego not at fault",
+        None => "fault unknown",
+    };
+    let side = side_hit.name();
+    format!(
+        "contact with {who} {}: {impact_speed:.1} m/s at the ego's {side}, overlap {overlap:.2} m, {fault} (rule {rule})",
+        time(*step)
+    )
 }
 
 /// A step in words.
@@ -215,7 +176,7 @@ impl Row {
         let route = self.completion.map(|c| format!("{:.0} % of the route", 100.0 * c));
         let off_road = self.off_road.map(|step| format!("off the road {}", time(step)));
         let contact = match (self.end, self.contacts.first()) {
-            (RowEnd::Contact, Some(contact)) => contact.words(self.adversary.as_deref()),
+            (RowEnd::Contact, Some(contact)) => words(contact, self.adversary.as_deref()),
             _ => "no contact".to_owned(),
         };
         let verdict = self.verdict().map(|verdict| verdict.words);

@@ -18,9 +18,10 @@ use sage_sim::{
 use super::{
     Simulation,
     attacks::{PlannedDrive, SceneAttacks},
-    row::{AttackRow, Row, RowHead, step},
+    row::{AttackRow, Row, RowHead},
 };
 use crate::{
+    contact_row::step,
     ego::Ego,
     output::DatasetRun,
     player::{self, Panel},

@@ -93,17 +93,17 @@ impl Backbone for GoalScorer {
         Ok(Box::new(Self::over(self.options.clone(), self.specs.clone(), parameters)?))
     }
 
+    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
+        let goals = tensor(&features.goal_features, self.layers.last.weight.dtype())?;
+        Ok(Encoding::new(self.tag(), features, vec![goals]))
+    }
+
     fn trainable(&self) -> Option<&dyn Trainable> {
         Some(self)
     }
 }
 
 impl MotionModel for GoalScorer {
-    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
-        let goals = tensor(&features.goal_features, self.layers.last.weight.dtype())?;
-        Ok(Encoding::new(self.tag(), features, vec![goals]))
-    }
-
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let [goals] = encoding.states_of(self.tag())?;
         let hidden = self.layers.second.forward(&self.layers.first.forward(goals)?)?;

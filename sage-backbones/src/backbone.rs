@@ -1,5 +1,5 @@
-//! Traits of motion prediction networks: [`MotionModel`] gives modes and trajectories, [`Backbone`] adds
-//! parameters, [`Trainable`] adds a training loss.
+//! Traits of motion prediction networks: [`MotionModel`] gives modes and trajectories of an encoded scene,
+//! [`Backbone`] adds parameters, features and the encoder, [`Trainable`] adds a training loss.
 
 use std::sync::Arc;
 
@@ -26,25 +26,6 @@ pub use crate::parameter_group::ParameterGroup;
 /// Implementations are pure: the same parameters and features give the same bits on any thread.
 /// If a parameter tensor is a variable, results carry gradients to it.
 pub trait MotionModel: Send + Sync {
-    /// Features of a target: a track of the observation that is valid *now*. `ego` is a forecast of the ego.
-    /// Without one, the ego follows its lane under several acceleration profiles. The default is
-    /// [`Features::of`] with road boundaries as edges; a network may define its own features.
-    ///
-    /// *Errors*: [`Error::Core`] if the target is not valid *now*.
-    fn features(
-        &self,
-        now: &Observation,
-        target: usize,
-        ego: Option<&EgoForecast>,
-    ) -> Result<Features, Error> {
-        Features::of(now, target, ego, EdgeKinds::default())
-    }
-
-    /// Encodes the features once; scores and trajectories are computed from the encoding.
-    ///
-    /// *Errors*: [`Error::Tensor`] for features of another network.
-    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error>;
-
     /// Log-probabilities of all modes.
     ///
     /// *Shapes*: (modes); they sum to 1 as probabilities.
@@ -120,6 +101,25 @@ pub trait Backbone: MotionModel {
         NetworkTag { name: self.name(), options: self.options() }
     }
 
+    /// Features of a target: a track of the observation that is valid *now*. `ego` is a forecast of the ego.
+    /// Without one, the ego follows its lane under several acceleration profiles. The default is
+    /// [`Features::of`] with road boundaries as edges; a network may define its own features.
+    ///
+    /// *Errors*: [`Error::Core`] if the target is not valid *now*.
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, Error> {
+        Features::of(now, target, ego, EdgeKinds::default())
+    }
+
+    /// Encodes the features once; scores and trajectories are computed from the encoding.
+    ///
+    /// *Errors*: [`Error::Tensor`] for features of another network.
+    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error>;
+
     /// Its training interface; `None` if it has no parameters to train.
     fn trainable(&self) -> Option<&dyn Trainable> {
         None
@@ -154,9 +154,9 @@ pub trait Trainable: Backbone {
 
     /// Features of a target with its recorded end point after 8 s (metres, world frame), so that
     /// [`Trainable::loss`] can decode the trajectory to that point. The default is
-    /// [`MotionModel::features`].
+    /// [`Backbone::features`].
     ///
-    /// *Errors*: as [`MotionModel::features`].
+    /// *Errors*: as [`Backbone::features`].
     fn labelled_features(&self, now: &Observation, target: usize, _end: Point) -> Result<Features, Error> {
         self.features(now, target, None)
     }

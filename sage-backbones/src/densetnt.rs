@@ -212,6 +212,23 @@ impl Backbone for DenseTnt {
         Ok(Box::new(Self::build(self.name, self.options.clone(), self.shape, specs, parameters)?))
     }
 
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, Error> {
+        if self.is_published() {
+            cat::features(now.scene(), target)
+        } else {
+            Features::of(now, target, ego, self.shape.edges)
+        }
+    }
+
+    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
+        self.encode_padded(&features, 0)
+    }
+
     fn trainable(&self) -> Option<&dyn Trainable> {
         Some(self)
     }
@@ -270,23 +287,6 @@ impl Trainable for DenseTnt {
 }
 
 impl MotionModel for DenseTnt {
-    fn features(
-        &self,
-        now: &Observation,
-        target: usize,
-        ego: Option<&EgoForecast>,
-    ) -> Result<Features, Error> {
-        if self.is_published() {
-            cat::features(now.scene(), target)
-        } else {
-            Features::of(now, target, ego, self.shape.edges)
-        }
-    }
-
-    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
-        self.encode_padded(&features, 0)
-    }
-
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let mut scores = self.raw_scores(encoding, None)?;
         if let Some((head, rows)) = self.interaction(encoding)? {

@@ -61,6 +61,11 @@ impl Encoding {
         &self.features
     }
 
+    /// The encoded features, to encode them with another network.
+    pub fn shared_features(&self) -> Arc<Features> {
+        self.features.clone()
+    }
+
     /// The states, for the network that computed them.
     ///
     /// *Errors*: [`Error::Training`] if another network computed them.

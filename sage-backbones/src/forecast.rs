@@ -1,4 +1,4 @@
-//! Ego forecasts of a motion model, as input for another target.
+//! Ego forecasts of a network, as input for another target.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use sage_core::{generator::Observation, motion::NOW, seed::Rng};
 
 use crate::{
     Error,
-    backbone::MotionModel,
+    backbone::Backbone,
     candidates::Selection,
     features::{EgoForecast, Features, Layout},
     prediction::predict,
@@ -22,7 +22,7 @@ const EGO_MODE_RADIUS: f32 = 4.0;
 ///
 /// *Errors*: those of the network.
 pub fn ego_forecast(
-    model: &dyn MotionModel,
+    model: &dyn Backbone,
     now: &Observation,
     target: usize,
     subsampling: Subsampling,
@@ -45,7 +45,7 @@ pub fn ego_forecast(
 ///
 /// *Errors*: those of the network.
 pub fn features_with_forecast(
-    model: &dyn MotionModel,
+    model: &dyn Backbone,
     now: &Observation,
     target: usize,
     subsampling: Subsampling,

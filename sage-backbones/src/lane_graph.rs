@@ -89,13 +89,13 @@ impl Backbone for LaneGraph {
     fn with_parameters(&self, parameters: Parameters) -> Result<Box<dyn Backbone>, Error> {
         Ok(Box::new(Self { options: self.options.clone(), json: self.json.clone(), parameters }))
     }
-}
 
-impl MotionModel for LaneGraph {
     fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
         Ok(Encoding::new(self.tag(), features, Vec::new()))
     }
+}
 
+impl MotionModel for LaneGraph {
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let features = encoding.features();
         let scores: Vec<f32> =

@@ -1,8 +1,8 @@
 //! Motion prediction: modes, probabilities and trajectories of one agent for the next 8 s.
 //!
 //! - [`features::Features`] describes the surroundings of one target agent and the goals it could reach.
-//! - A [`MotionModel`] turns features into modes with probabilities and trajectories. A [`Backbone`] is a
-//!   motion model with parameters; a [`Trainable`] backbone also has a training loss. [`backbones`] is the
+//! - A [`MotionModel`] gives modes with probabilities and trajectories of an encoded scene. A [`Backbone`] is a
+//!   motion model with parameters and an encoder; a [`Trainable`] backbone also has a training loss. [`backbones`] is the
 //!   registry of this crate: DenseTNT in our version and as published, a query transformer, and a lane-graph
 //!   prior without weights.
 //! - [`prediction::predict`] selects candidates; [`training::pretrain`] trains a prior and
@@ -39,6 +39,7 @@ mod interaction_head;
 pub mod labels;
 pub mod lane_graph;
 pub mod nn;
+mod own_encoder;
 mod parameter_group;
 pub mod parameters;
 pub mod prediction;
@@ -52,6 +53,7 @@ pub use backbone::{Backbone, MotionModel, Trainable};
 /// The tensor library, in the version that the layers of this crate use.
 pub use candle_core as candle;
 pub use error::Error;
+pub use own_encoder::OwnEncoder;
 pub use parameters::Parameters;
 
 use densetnt::{Cat, DenseTnt};

@@ -10,7 +10,7 @@ use sage_core::{
 
 use crate::{
     Error,
-    backbone::{MotionModel, finite, to_world},
+    backbone::{Backbone, MotionModel, finite, to_world},
     candidates::{Selection, select},
     encoding::Encoding,
     features::Features,
@@ -33,7 +33,7 @@ pub struct Predicted {
 ///
 /// *Errors*: those of the network; [`Error::Training`] if its probabilities are not finite.
 pub fn predict(
-    network: &dyn MotionModel,
+    network: &dyn Backbone,
     features: Arc<Features>,
     k: usize,
     selection: Selection,

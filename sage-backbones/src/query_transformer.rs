@@ -184,6 +184,33 @@ impl Backbone for QueryTransformer {
         Ok(Box::new(Self::build(options, self.shape.clone(), specs, parameters)?))
     }
 
+    fn features(
+        &self,
+        now: &Observation,
+        target: usize,
+        ego: Option<&EgoForecast>,
+    ) -> Result<Features, Error> {
+        Features::of(now, target, ego, self.shape.edges)
+    }
+
+    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
+        let vectors = tensor(&features.vectors, self.dtype)?;
+        let encoded = self.parts.encoder.forward(&vectors, &features.groups, features.agents, 0)?;
+        let anchors = anchors(&features);
+        let rows: Vec<f32> =
+            anchors.iter().flat_map(|&goal| features.goal_features.row(goal)).copied().collect();
+        let rows = Table { columns: GOAL_COLUMNS, values: rows };
+        let mut queries = self.parts.anchor.forward(&tensor(&rows, self.dtype)?)?;
+        for layer in &self.parts.layers {
+            let scene = layer.scene.forward(&queries, &encoded.elements)?;
+            let others = layer.queries.forward(&queries, &queries)?;
+            let change = layer.mlp.forward_parts(&[&encoded.target], &[&queries, &scene, &others])?;
+            queries = (queries + change)?;
+        }
+        let trajectories = self.decode(&queries, &anchors, &features)?;
+        Ok(Encoding::new(self.tag(), features, vec![queries, encoded.target, trajectories]))
+    }
+
     fn trainable(&self) -> Option<&dyn Trainable> {
         Some(self)
     }
@@ -231,33 +258,6 @@ impl Trainable for QueryTransformer {
 }
 
 impl MotionModel for QueryTransformer {
-    fn features(
-        &self,
-        now: &Observation,
-        target: usize,
-        ego: Option<&EgoForecast>,
-    ) -> Result<Features, Error> {
-        Features::of(now, target, ego, self.shape.edges)
-    }
-
-    fn encode(&self, features: Arc<Features>) -> Result<Encoding, Error> {
-        let vectors = tensor(&features.vectors, self.dtype)?;
-        let encoded = self.parts.encoder.forward(&vectors, &features.groups, features.agents, 0)?;
-        let anchors = anchors(&features);
-        let rows: Vec<f32> =
-            anchors.iter().flat_map(|&goal| features.goal_features.row(goal)).copied().collect();
-        let rows = Table { columns: GOAL_COLUMNS, values: rows };
-        let mut queries = self.parts.anchor.forward(&tensor(&rows, self.dtype)?)?;
-        for layer in &self.parts.layers {
-            let scene = layer.scene.forward(&queries, &encoded.elements)?;
-            let others = layer.queries.forward(&queries, &queries)?;
-            let change = layer.mlp.forward_parts(&[&encoded.target], &[&queries, &scene, &others])?;
-            queries = (queries + change)?;
-        }
-        let trajectories = self.decode(&queries, &anchors, &features)?;
-        Ok(Encoding::new(self.tag(), features, vec![queries, encoded.target, trajectories]))
-    }
-
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, Error> {
         let [queries, target, trajectories] = self.states(encoding)?;
         let mut scores = self.raw_scores(queries, target)?;

@@ -7,6 +7,7 @@
 //! is stricter, and [`doubts`] lists why a person would not believe an attack. Each part has its own file and is usable alone. A [`Context`] holds the scene data that
 //! they need and is built once for all candidates.
 
+mod above_speed_limit;
 mod adversarial;
 mod against_traffic;
 mod behavior;
@@ -38,6 +39,7 @@ mod sizes;
 mod spec;
 pub mod violation;
 
+pub use above_speed_limit::{AboveSpeedLimit, above_speed_limit};
 pub use adversarial::{AdversarialOptions, AdversarialReward, release_reward};
 pub use against_traffic::{AgainstTraffic, against_traffic};
 pub use behavior::{BehaviorPenalty, behavior_penalty};
@@ -82,6 +84,7 @@ pub fn rewards() -> Result<Registry<dyn Reward>, Error> {
         .with::<RealismPenalty>()?
         .with::<LaneDistance>()?
         .with::<AgainstTraffic>()?
+        .with::<AboveSpeedLimit>()?
         .with::<ContactDepth>()?
         .with::<NegativeLogLikelihood>()?
         .with::<criticality::ImpactSpeed>()?

@@ -3,9 +3,11 @@
 use std::{path::PathBuf, sync::Arc};
 
 use sage_backbones::{
-    Backbone, Parameters,
+    Backbone, MotionModel, OwnEncoder, Parameters,
+    backbone::ParameterGroup,
     candle::{DType, Tensor},
     parameters::Header,
+    training::Tunes,
     weights::Weights,
 };
 use sage_core::{generator::Mixture, registry::Registry};
@@ -24,6 +26,7 @@ pub const ADVERSARIAL: &str = "adversarial";
 pub struct ExpertSet {
     prior: Arc<dyn Backbone>,
     experts: Arc<[(String, Parameters)]>,
+    tunes: Tunes,
 }
 
 /// Content of an expert's file.
@@ -41,6 +44,19 @@ impl ExpertFile {
     pub const EXPERT: &str = sage_backbones::weights::EXPERT_NOTE;
     /// Note in the header: hash of the prior that the expert was tuned from.
     pub const PRIOR: &str = "prior";
+    /// Note in the header: [`Tunes`] of the expert; without it, [`Tunes::Scores`].
+    pub const TUNES: &str = "tunes";
+
+    /// What was tuned.
+    ///
+    /// *Errors*: a note that names nothing known.
+    fn tunes(&self) -> Result<Tunes, Error> {
+        let Some(note) = self.header.notes.get(Self::TUNES) else { return Ok(Tunes::default()) };
+        serde_json::from_value(Value::from(&**note)).map_err(|_| {
+            let problem = format!("the note `{}` is `{}`; expected `scores` or `all`", Self::TUNES, note.escape_debug());
+            sage_backbones::Error::Format { path: self.path.clone(), problem }.into()
+        })
+    }
 
     /// The weights, if the file holds that expert of that prior.
     fn checked(self, expert: &str, prior: &str, options: &Value) -> Result<Parameters, Error> {
@@ -135,7 +151,7 @@ impl ExpertSet {
 
     /// A prior without experts, for what needs no mixture.
     pub fn of_prior(prior: Arc<dyn Backbone>) -> Self {
-        Self { prior, experts: Arc::new([]) }
+        Self { prior, experts: Arc::new([]), tunes: Tunes::Scores }
     }
 
     /// The experts of a prior from their files, by the names of the files.
@@ -147,19 +163,36 @@ impl ExpertSet {
         files: impl IntoIterator<Item = (String, ExpertFile)>,
     ) -> Result<Self, Error> {
         let hash = prior.parameters().hash()?;
+        let mut tunes = Tunes::Scores;
         let checked = files.into_iter().map(|(name, file)| {
+            // One expert with its own encoder makes all models of the set encode for themselves.
+            if file.tunes()? == Tunes::All {
+                tunes = Tunes::All;
+            }
             let parameters = file.checked(&name, &hash, prior.options())?;
             Ok((name, parameters))
         });
         let experts = checked.collect::<Result<Vec<_>, Error>>()?;
-        Self::new(prior, experts)
+        Self::tuned(prior, experts, tunes)
     }
 
-    /// Checks and takes a prior and named experts, in the order of a mixture's weights.
+    /// A prior and named experts of which the scores alone were tuned, in the order of a mixture's weights.
+    ///
+    /// *Errors*: as [`ExpertSet::tuned`].
+    pub fn new(prior: Arc<dyn Backbone>, experts: Vec<(String, Parameters)>) -> Result<Self, Error> {
+        Self::tuned(prior, experts, Tunes::Scores)
+    }
+
+    /// Checks and takes a prior and named experts, in the order of a mixture's weights. `tunes` says what of them
+    /// was tuned.
     ///
     /// *Errors*: no expert, or two of the same name; weights of another network or of another prior, with
     /// each mismatching tensor.
-    pub fn new(prior: Arc<dyn Backbone>, experts: Vec<(String, Parameters)>) -> Result<Self, Error> {
+    pub fn tuned(
+        prior: Arc<dyn Backbone>,
+        experts: Vec<(String, Parameters)>,
+        tunes: Tunes,
+    ) -> Result<Self, Error> {
         let names: Vec<&str> = experts.iter().map(|(name, _)| name.as_str()).collect();
         let twice = names.iter().enumerate().find(|(k, name)| names[..*k].contains(name));
         if let Some((_, name)) = twice {
@@ -171,14 +204,33 @@ impl ExpertSet {
         for (name, expert) in &experts {
             let mut problems = expert.mismatches(prior.parameter_specs());
             if problems.is_empty() {
-                problems = differences_from_prior(&*prior, expert)?;
+                problems = differences_from_prior(&*prior, expert, tunes)?;
             }
             if !problems.is_empty() {
                 let what = format!("the {name} expert");
                 return Err(sage_backbones::Error::Weights { what, problems }.into());
             }
         }
-        Ok(Self { prior, experts: experts.into() })
+        Ok(Self { prior, experts: experts.into(), tunes })
+    }
+
+    /// What of the experts was tuned.
+    pub fn tunes(&self) -> Tunes {
+        self.tunes
+    }
+
+    /// The model of merged weights, for encodings of the prior.
+    ///
+    /// *Errors*: weights that do not fit the network.
+    pub fn model(&self, weights: Parameters) -> Result<Arc<dyn MotionModel>, Error> {
+        let network = self.prior.with_parameters(weights)?;
+        Ok(match self.tunes {
+            Tunes::Scores => {
+                let network: Arc<dyn Backbone> = network.into();
+                network
+            }
+            Tunes::All => Arc::new(OwnEncoder::new(network, self.prior.clone())),
+        })
     }
 
     /// The prior.
@@ -261,11 +313,17 @@ fn numbers(tensor: &Tensor) -> Result<Vec<f32>, Error> {
 
 /// Problems of an expert tuned from another prior: tensors that differ from the prior's although
 /// fine-tuning does not change them.
-fn differences_from_prior(prior: &dyn Backbone, expert: &Parameters) -> Result<Vec<String>, Error> {
+fn differences_from_prior(
+    prior: &dyn Backbone,
+    expert: &Parameters,
+    tunes: Tunes,
+) -> Result<Vec<String>, Error> {
     let mut problems = Vec::new();
     for (name, own) in expert.iter() {
         let Some(base) = prior.parameters().get(name) else { continue };
-        if !prior.parameter_group(name).is_finetuned() && numbers(own)? != numbers(base)? {
+        let group = prior.parameter_group(name);
+        let is_tuned = group.is_finetuned() || tunes == Tunes::All && group == ParameterGroup::Prior;
+        if !is_tuned && numbers(own)? != numbers(base)? {
             problems.push(format!("tensor `{name}` differs from the prior's: it was tuned from another one"));
         }
     }

@@ -1,6 +1,6 @@
 //! The interpolated model: one network whose weights follow a mixture.
 
-use sage_backbones::{Backbone, candle::Tensor, parameters::Variables};
+use sage_backbones::{Backbone, candle::Tensor, parameters::Variables, training::Tunes};
 use sage_core::generator::Mixture;
 
 use crate::{Error, ExpertSet, Range, TensorMerger, TensorRule, expert_set::TunedTensor};
@@ -19,8 +19,12 @@ pub struct InterpolatedModel {
 impl InterpolatedModel {
     /// A network at the prior's weights; [`InterpolatedModel::set`] mixes the experts.
     ///
-    /// *Errors*: experts that the merger cannot mix.
+    /// *Errors*: experts that the merger cannot mix, or that have their own encoders.
     pub fn new(experts: &ExpertSet, merger: &dyn TensorMerger, seed: u64) -> Result<Self, Error> {
+        if experts.tunes() != Tunes::Scores {
+            let problem = "experts with their own encoders have no network that follows a mixture in place; use `Merger::merge`";
+            return Err(Error::Mixture { problem: problem.to_owned() });
+        }
         let tuned = experts.tuned_tensors()?;
         let prior = experts.prior();
         let (tracked, variables) =

@@ -124,8 +124,7 @@ impl<T: TensorMerger> Merger for T {
 
     fn model(&self, experts: &ExpertSet, at: &Mixture, seed: u64) -> Result<Arc<dyn MotionModel>, Error> {
         let weights = merged_weights(self, experts, at, seed)?;
-        let model: Arc<dyn sage_backbones::Backbone> = experts.prior().with_parameters(weights)?.into();
-        Ok(model)
+        experts.model(weights)
     }
 
     fn tensors(&self) -> Option<&dyn TensorMerger> {

@@ -8,9 +8,8 @@ use sage_backbones::{
     backbone::finite,
     candle::{Device, Tensor},
     encoding::{Encoding, ModelId},
-    features::{EgoForecast, Features},
 };
-use sage_core::generator::{Mixture, Observation};
+use sage_core::generator::Mixture;
 
 use crate::{Error, ExpertSet};
 
@@ -23,19 +22,19 @@ pub(crate) trait Combination: Send + Sync + Copy + 'static {
 /// The experts that take part in a mixture.
 pub(crate) struct Members {
     pub(crate) prior: Arc<dyn Backbone>,
-    pub(crate) models: Vec<Arc<dyn Backbone>>,
+    pub(crate) models: Vec<Arc<dyn MotionModel>>,
     pub(crate) weights: Vec<f64>,
 }
 
 impl Members {
-    /// The experts with a weight above 0, as networks.
+    /// The experts with a weight above 0.
     ///
     /// *Errors*: none for a checked set.
     pub(crate) fn of(experts: &ExpertSet, at: &Mixture) -> Result<Self, Error> {
         let (mut models, mut weights) = (Vec::new(), Vec::new());
         for ((_, parameters), weight) in experts.experts().iter().zip(at.weights()) {
             if *weight > 0.0 {
-                models.push(network(experts, parameters.clone())?);
+                models.push(experts.model(parameters.clone())?);
                 weights.push(*weight);
             }
         }
@@ -43,21 +42,12 @@ impl Members {
     }
 }
 
-/// An expert as a network.
-pub(crate) fn network(
-    experts: &ExpertSet,
-    parameters: sage_backbones::Parameters,
-) -> Result<Arc<dyn Backbone>, Error> {
-    Ok(experts.prior().with_parameters(parameters)?.into())
-}
-
 /// The model at a corner of the simplex: the expert itself.
 ///
 /// *Errors*: none for a checked set.
 pub(crate) fn at_corner(experts: &ExpertSet, at: &Mixture) -> Result<Option<Arc<dyn MotionModel>>, Error> {
     let Some(corner) = at.corner() else { return Ok(None) };
-    let model: Arc<dyn MotionModel> = network(experts, experts.experts()[corner].1.clone())?;
-    Ok(Some(model))
+    Ok(Some(experts.model(experts.experts()[corner].1.clone())?))
 }
 
 /// Experts whose log-probabilities are combined.
@@ -91,7 +81,7 @@ impl<C: Combination> OutputMixture<C> {
 
     /// Log-probabilities of each expert, computed once per encoding.
     fn own(&self, encoding: &Encoding) -> Result<Arc<Vec<Tensor>>, NetworkError> {
-        let of = |model: &Arc<dyn Backbone>| model.log_probs(encoding);
+        let of = |model: &Arc<dyn MotionModel>| model.log_probs(encoding);
         encoding.kept(self.id, || self.members.models.iter().map(of).collect())
     }
 }
@@ -101,19 +91,6 @@ fn numbers(tensors: &[Tensor]) -> Result<Vec<Vec<f64>>, NetworkError> {
 }
 
 impl<C: Combination> MotionModel for OutputMixture<C> {
-    fn features(
-        &self,
-        now: &Observation,
-        target: usize,
-        ego: Option<&EgoForecast>,
-    ) -> Result<Features, NetworkError> {
-        self.members.prior.features(now, target, ego)
-    }
-
-    fn encode(&self, features: Arc<Features>) -> Result<Encoding, NetworkError> {
-        self.members.prior.encode(features)
-    }
-
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, NetworkError> {
         let combined = self.combined(&numbers(&self.own(encoding)?)?);
         let total = log_sum_exp(&combined);

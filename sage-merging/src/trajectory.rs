@@ -14,10 +14,10 @@ use sage_backbones::{
     candidates::{Selection, select},
     candle::{Device, Tensor},
     encoding::{Encoding, ModelId},
-    features::{EgoForecast, FORECAST_STEPS, Features, STRIDE},
+    features::{FORECAST_STEPS, STRIDE},
 };
 use sage_core::{
-    generator::{Mixture, Observation},
+    generator::Mixture,
     registry::Entry,
     seed::Rng,
 };
@@ -203,19 +203,6 @@ fn by_end(ranked: Vec<Vec<usize>>, weights: &[f64], ends: &[[f32; 2]]) -> Vec<Ve
 }
 
 impl MotionModel for MeanTrajectories {
-    fn features(
-        &self,
-        now: &Observation,
-        target: usize,
-        ego: Option<&EgoForecast>,
-    ) -> Result<Features, NetworkError> {
-        self.members.prior.features(now, target, ego)
-    }
-
-    fn encode(&self, features: Arc<Features>) -> Result<Encoding, NetworkError> {
-        self.members.prior.encode(features)
-    }
-
     fn log_probs(&self, encoding: &Encoding) -> Result<Tensor, NetworkError> {
         tensor(self.paired(encoding)?.log_probs.iter().copied())
     }

@@ -1,23 +1,23 @@
 //! `sage finetune`: tunes experts from a prior: a realistic and an adversarial one, unless a config names
 //! others.
 
-use std::{path::Path, time::Instant};
+use std::{path::Path, sync::Arc, time::Instant};
 
 use anyhow::{Context as _, Result, bail, ensure};
 use rayon::prelude::*;
 use sage_backbones::{
-    Backbone,
+    Backbone, MotionModel,
     features::EdgeKinds,
     parameters::Header,
     training::{
         CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, SceneData,
-        finetune, role_assignments,
+        Tunes, finetune, role_assignments,
     },
     weights::PRIOR_FILE,
 };
 use sage_core::objective::{Objective, ObjectiveSpec};
 use sage_generators::DIAL_FILE;
-use sage_merging::{ADVERSARIAL, ExpertFile, REALISTIC};
+use sage_merging::{ADVERSARIAL, ExpertFile, ExpertSet, REALISTIC};
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -140,7 +140,8 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     results.extend([PRIOR_FILE.to_owned(), "finetune.csv".to_owned()]);
     let loaded = with_edges(networks::load(&registries.backbones, &args.prior)?, args, registries)?;
     networks::announce(&loaded);
-    let prior = &*loaded.network;
+    let shared: Arc<dyn Backbone> = loaded.network.into();
+    let prior = &*shared;
     let train = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.read_all()?;
     let dev = match &args.dev {
         Some(dev) => Scenes::under(std::slice::from_ref(dev))?.read_all()?,
@@ -213,8 +214,12 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         header.notes.insert(ExpertFile::EXPERT.to_owned(), name.clone());
         header.notes.insert(ExpertFile::PRIOR.to_owned(), prior.parameters().hash()?);
         header.notes.insert("options".to_owned(), serde_json::to_string(options)?);
+        if options.tunes == Tunes::All {
+            header.notes.insert(ExpertFile::TUNES.to_owned(), "all".to_owned());
+        }
         weights.save(&header, &folder.path().join(format!("{name}.safetensors")))?;
-        let tuned = prior.with_parameters(weights)?;
+        let set = ExpertSet::tuned(shared.clone(), vec![(name.clone(), weights.clone())], options.tunes)?;
+        let tuned = set.model(weights)?;
         for (set, scenes) in [("train", &all[..count]), ("dev", &dev[..])] {
             if let Some([before, after]) = expectations(prior, &*tuned, scenes)? {
                 progress::say(&format!(
@@ -236,7 +241,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         }
         reports.push(json!({"expert": name, "options": options}));
     }
-    loaded.network.parameters().save(&loaded.header, &folder.path().join(PRIOR_FILE))?;
+    prior.parameters().save(&loaded.header, &folder.path().join(PRIOR_FILE))?;
     folder.write("finetune.csv", table.as_bytes())?;
     run.finish(&json!({"experts": reports}), clock.elapsed().as_secs_f64())?;
     progress::say(&format!(
@@ -260,13 +265,13 @@ fn with_other_roles(scenes: Vec<SceneData>, most: usize) -> Vec<SceneData> {
 /// Mean expectations of the prior and of an expert.
 fn expectations(
     prior: &dyn Backbone,
-    tuned: &dyn Backbone,
+    tuned: &dyn MotionModel,
     scenes: &[PreparedScene],
 ) -> Result<Option<[Expectation; 2]>> {
     if scenes.is_empty() {
         return Ok(None);
     }
-    let mean = |policy: &dyn Backbone| -> Result<Expectation> {
+    let mean = |policy: &dyn MotionModel| -> Result<Expectation> {
         let all: Vec<_> = scenes.par_iter().with_max_len(1).map(|scene| scene.expectation(policy)).collect();
         Expectation::mean(&all.into_iter().collect::<Result<Vec<_>, _>>()?).context("no scene")
     };

@@ -5,7 +5,7 @@ mod recipe;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, ensure};
-use sage_backbones::{Parameters, parameters::Header, weights::PRIOR_FILE};
+use sage_backbones::{Parameters, parameters::Header, training::Tunes, weights::PRIOR_FILE};
 use sage_core::generator::Mixture;
 use sage_merging::{ExpertFile, ExpertSet, Range, merged_weights};
 use serde_json::json;
@@ -43,6 +43,10 @@ fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str)
     }
     let names: Vec<String> = files.iter().map(|(name, _)| name.clone()).collect();
     let experts = ExpertSet::of_files(prior.network.into(), files)?;
+    ensure!(
+        experts.tunes() == Tunes::Scores,
+        "these experts have their own encoders, and their trajectories are the prior's: one network cannot hold both; mix them with --mix or --lambda"
+    );
     let mixture = Mixture::new(recipe.models.iter().map(|(_, weight)| *weight).collect());
     ensure!(
         mixture.is_on_simplex() || merger.range() != Range::Simplex && merger.range() != Range::Edge,

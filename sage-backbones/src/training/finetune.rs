@@ -4,7 +4,10 @@
 //! ([`sage_core::preference_pairs`]). The loss of a pair is `−ln σ(kl_beta · (Δ − Δ_ref))`. `Δ` is the
 //! difference of the log-probabilities of winner and loser under the policy; `Δ_ref` is that under the prior,
 //! at the same goals. Everything that fine-tuning does not change is computed once: encodings, the
-//! trajectories of all goals, and their terms of the experts' objectives.
+//! trajectories of all goals, and their terms of the experts' objectives. With [`Tunes::All`] the encoder is
+//! tuned too, and the policy encodes each scene again; the trajectories stay the prior's.
+
+use std::collections::BTreeSet;
 
 use candle_core::{Device, Tensor};
 use sage_core::{
@@ -23,8 +26,11 @@ use super::{
 };
 use crate::{
     Error, Parameters,
-    backbone::{Backbone, Loss, finite},
+    backbone::{Backbone, Loss, ParameterGroup, finite},
     candidates::{Selection, select},
+    encoding::Encoding,
+    nn::AdamWConfig,
+    own_encoder::reencode,
 };
 
 /// Options of fine-tuning.
@@ -33,6 +39,9 @@ use crate::{
 pub struct FinetuneOptions {
     /// Objective of the expert.
     pub objective: ObjectiveSpec,
+    /// Parameters that are tuned.
+    #[serde(skip_serializing_if = "Tunes::is_scores")]
+    pub tunes: Tunes,
     /// Rule that forms pairs.
     pub pairing: Pairing,
     /// Least difference of the two rewards of a pair.
@@ -68,6 +77,7 @@ impl Default for FinetuneOptions {
     fn default() -> Self {
         Self {
             objective: preset("natural-adversarial"),
+            tunes: Tunes::Scores,
             pairing: Pairing::Hierarchical,
             // About a second of contact time: pairs are between hits and misses rather than between misses.
             margin: 1.0,
@@ -129,6 +139,23 @@ fn preset(name: &str) -> ObjectiveSpec {
         feasibility: Default::default(),
         violation_weight: 0.0,
     })
+}
+
+/// Parameters that fine-tuning changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Tunes {
+    /// Those of the scores and of the interaction head. Encodings stay the prior's.
+    #[default]
+    Scores,
+    /// All that the probabilities depend on, with the encoder. The trajectories of the modes stay the prior's.
+    All,
+}
+
+impl Tunes {
+    fn is_scores(&self) -> bool {
+        *self == Self::Scores
+    }
 }
 
 /// Results of one epoch of fine-tuning: means over scenes.
@@ -193,15 +220,32 @@ pub fn finetune(
         clip: options.clip,
         weight_decay: options.weight_decay,
     };
-    let mut trainer =
-        Trainer::new(prior, |name| prior.parameter_group(name).is_finetuned(), loop_options.config())?;
-    let mut task = Preferences { scenes, expert: measures.expert(objective)?, options, callback };
+    let of_encoder = match options.tunes {
+        Tunes::Scores => BTreeSet::new(),
+        Tunes::All => encoder_parameters(prior, &scenes[0])?,
+    };
+    let is_tuned =
+        |name: &str| prior.parameter_group(name).is_finetuned() || of_encoder.contains(name);
+    let mut trainer = Trainer::new(prior, is_tuned, loop_options.config())?;
+    let mut task = Preferences { prior, scenes, expert: measures.expert(objective)?, options, callback };
     epochs::run(&mut task, &mut trainer, &loop_options, checkpoint)?;
     trainer.weights()
 }
 
+/// Names of the parameters of the prior's group that log-probabilities depend on. The others, such as the decoder of
+/// trajectories, have no gradient; weight decay alone must not change them.
+fn encoder_parameters(prior: &dyn Backbone, scene: &PreparedScene) -> Result<BTreeSet<String>, Error> {
+    let of_prior = |name: &str| prior.parameter_group(name) == ParameterGroup::Prior;
+    let trainer = Trainer::new(prior, of_prior, AdamWConfig::default())?;
+    let encoding = reencode(trainer.network(), prior, &scene.encoding)?;
+    let store = trainer.network().log_probs(&encoding)?.get(0)?.backward()?;
+    let reached = trainer.variables().iter().filter(|(_, variable)| store.get(variable).is_some());
+    Ok(reached.map(|(name, _)| name.to_owned()).collect())
+}
+
 /// Fine-tuning on pairs of candidates of prepared scenes.
 struct Preferences<'s, H> {
+    prior: &'s dyn Backbone,
     scenes: &'s [PreparedScene],
     expert: ExpertObjective<'s>,
     options: &'s FinetuneOptions,
@@ -231,7 +275,13 @@ impl<H: FnMut(&FinetuneRow) + Sync> Task for Preferences<'_, H> {
         epoch: u32,
         _step: usize,
     ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
-        scene_gradient(trainer, &self.scenes[*scene], &self.expert, self.options, epoch)
+        let scene = &self.scenes[*scene];
+        let own = match self.options.tunes {
+            Tunes::Scores => None,
+            Tunes::All => Some(reencode(trainer.network(), self.prior, &scene.encoding)?),
+        };
+        let encoding = own.as_ref().unwrap_or(&scene.encoding);
+        scene_gradient(trainer, scene, encoding, &self.expert, self.options, epoch)
     }
 
     fn row(&mut self, _: &Trainer, epoch: Epoch<FinetuneRow>) -> Result<FinetuneRow, Error> {
@@ -257,11 +307,12 @@ impl<H: FnMut(&FinetuneRow) + Sync> Task for Preferences<'_, H> {
 fn scene_gradient(
     trainer: &Trainer,
     scene: &PreparedScene,
+    encoding: &Encoding,
     expert: &ExpertObjective,
     options: &FinetuneOptions,
     epoch: u32,
 ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
-    let log_probs = trainer.network().log_probs(&scene.encoding)?;
+    let log_probs = trainer.network().log_probs(encoding)?;
     let what = format!("epoch {epoch}, scene `{}`", scene.name);
     let policy: Vec<f32> = finite(&log_probs).map_err(|error| Error::Training(format!("{what}: {error}")))?;
     let mut rng = Rng::new(options.seed, &scene.name, &format!("candidates of epoch {epoch}"));

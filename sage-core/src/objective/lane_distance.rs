@@ -9,7 +9,7 @@ use super::{
 use crate::registry::Entry;
 
 /// Steps between two measured ones: cheap enough for a selection among many candidates.
-const COARSE: usize = 4;
+pub(super) const COARSE: usize = 4;
 
 /// Mean distance to the nearest lane in the direction of motion over every fourth step of a part of the
 /// trajectory, metres, at most 20; `None` if the part has no such step.

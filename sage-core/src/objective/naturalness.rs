@@ -54,8 +54,7 @@ impl Naturalness {
                     error += turn(segment, axis).abs();
                     moving += 1;
                 }
-                let lane = ctx.index().map().features[segment.feature as usize].lane.as_ref();
-                let limit = lane.and_then(|lane| lane.speed_limit).filter(|limit| *limit > 0.0);
+                let limit = limit_of(ctx, segment);
                 speeding += usize::from(limit.is_some_and(|limit| speed > TOLERANCE * limit));
             }
             if along.is_none_or(|n| n.distance > BESIDE) {
@@ -114,6 +113,18 @@ fn is_against_nearest(ctx: &Context, point: Point, axis: Point, speed: f64) -> b
 /// Distance of a point to the nearest lane in the direction of motion, metres, at most [`FARTHEST`].
 pub(super) fn lane_distance_at(ctx: &Context, point: Point, axis: Point) -> f64 {
     nearest_along(ctx, point, axis).map_or(FARTHEST, |nearest| nearest.distance)
+}
+
+/// Speed limit of the nearest lane in the direction of motion within [`FARTHEST`], m/s; `None` if it has none.
+pub(super) fn speed_limit_at(ctx: &Context, point: Point, axis: Point) -> Option<f64> {
+    let nearest = nearest_along(ctx, point, axis)?;
+    limit_of(ctx, &ctx.index().motor_lanes().segments()[nearest.segment])
+}
+
+/// Speed limit of a segment's lane, m/s.
+fn limit_of(ctx: &Context, segment: &Segment) -> Option<f64> {
+    let lane = ctx.index().map().features[segment.feature as usize].lane.as_ref();
+    lane.and_then(|lane| lane.speed_limit).filter(|limit| *limit > 0.0)
 }
 
 fn nearest_along(ctx: &Context, point: Point, axis: Point) -> Option<Nearest> {

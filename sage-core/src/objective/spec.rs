@@ -140,10 +140,11 @@ fn is_zero(weight: &f64) -> bool {
 }
 
 /// The shipped objectives: name and description.
-pub const PRESETS: [(&str, &str); 7] = [
+pub const PRESETS: [(&str, &str); 8] = [
     ("natural", "believable attacks: (1 − mu) · natural-realistic + mu · natural-adversarial"),
     ("natural-adversarial", "the shipped adversarial expert: early solid contact, realism, lanes, traffic"),
     ("natural-realistic", "the shipped realistic expert: realism, lanes, traffic"),
+    ("lawful", "the shipped lawful expert: lanes, direction of traffic, speed limits; medians by the rule `drivable`"),
     ("paper-selection", "the paper's selection: mu · adversarial − (1 − mu) · realism"),
     ("paper-adversarial", "the paper's adversarial expert: 0.9 · adversarial − 0.1 · realism"),
     ("paper-realistic", "the paper's realistic expert: 0.1 · adversarial − 0.9 · realism"),
@@ -182,6 +183,7 @@ impl ObjectiveSpec {
             }),
             "natural-adversarial" => natural(&|weight| constant(weight(&NATURAL_ADVERSARIAL))),
             "natural-realistic" => natural(&|weight| constant(weight(&NATURAL_REALISTIC))),
+            "lawful" => lawful(),
             "paper-selection" | "paper" => {
                 paper(Weight::Linear { mu0: 0.0, mu1: 1.0 }, Weight::Linear { mu0: -1.0, mu1: 0.0 })
             }
@@ -217,6 +219,22 @@ fn natural(weight: &dyn Fn(fn(&Natural) -> f64) -> Weight) -> ObjectiveSpec {
     ];
     // A term without weight at every μ costs time and changes nothing.
     let terms = terms.into_iter().filter(|term| term.weight != Weight::Constant(0.0)).collect();
+    ObjectiveSpec { terms, feasibility: PartSpec::named("drivable"), violation_weight: 0.0 }
+}
+
+/// The traffic rules that a map holds. The rule `drivable` adds the medians. A little of P_real keeps a car that
+/// has no lane near it from any motion.
+fn lawful() -> ObjectiveSpec {
+    let whole = |name: &str, weight| TermSpec {
+        options: Map::from_iter([("phase".to_owned(), "whole".into())]),
+        ..term(name, Weight::Constant(weight))
+    };
+    let terms = vec![
+        whole("lane-distance", -1.0),
+        whole("against-traffic", -1.0),
+        whole("above-speed-limit", -1.0),
+        term("realism", Weight::Constant(-0.1)),
+    ];
     ObjectiveSpec { terms, feasibility: PartSpec::named("drivable"), violation_weight: 0.0 }
 }
 

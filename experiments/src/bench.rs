@@ -1,11 +1,12 @@
 //! Benchmarks.
 
 pub(crate) mod attack_grid;
+pub(crate) mod bar_chart;
 pub(crate) mod closed_loop;
 pub(crate) mod closed_loop_report;
 pub(crate) mod connectivity;
+pub(crate) mod connectivity_report;
 pub(crate) mod curve;
-pub(crate) mod dial_chart;
 pub(crate) mod gallery;
 pub(crate) mod heat_map;
 pub(crate) mod line_chart;
@@ -15,6 +16,8 @@ pub(crate) mod open_loop_report;
 mod pairs;
 pub(crate) mod pareto;
 pub(crate) mod prediction;
+pub(crate) mod principal_components;
 mod simulation_speed;
 pub mod speed;
 mod timing;
+pub(crate) mod triangle;

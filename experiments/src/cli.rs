@@ -3,6 +3,7 @@
 mod attacking;
 mod driving;
 mod learning;
+mod mixing;
 
 use std::path::PathBuf;
 
@@ -14,13 +15,13 @@ use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
 pub(crate) use attacking::{
-    AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs, ParetoArgs,
+    AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
 };
 pub(crate) use driving::{DriversArgs, SimulateArgs};
 pub(crate) use learning::{
-    ConnectivityArgs, ExpertsArgs, FinetuneArgs, MergeArgs, PredictArgs, PredictionArgs, PretrainArgs,
-    SelectArg,
+    ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg,
 };
+pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
 pub(crate) const MOST_PROCEDURAL: u64 = 100_000;
@@ -287,6 +288,7 @@ pub(crate) enum BenchCommand {
     OpenLoop(OpenLoopArgs),
     Dial(DialBenchArgs),
     Pareto(ParetoArgs),
+    Mixtures(MixturesArgs),
     Drivers(DriversArgs),
     Experts(ExpertsArgs),
 }

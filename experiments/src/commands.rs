@@ -5,6 +5,7 @@ pub(crate) mod bench_dial;
 pub(crate) mod bench_drivers;
 pub(crate) mod bench_experts;
 pub(crate) mod bench_open_loop;
+pub(crate) mod bench_mixtures;
 pub(crate) mod bench_pareto;
 pub(crate) mod bench_prediction;
 pub(crate) mod bench_speed;

@@ -31,6 +31,7 @@ mod part;
 mod player;
 mod progress;
 mod scene_queue;
+mod scene_windows;
 mod scenes;
 mod selection;
 mod signals;

@@ -13,7 +13,7 @@ mod step;
 pub use checkpoint::{Checkpoint, EpochRow};
 pub use epochs::CheckpointFile;
 pub use finetune::{FinetuneOptions, FinetuneRow, Tunes, finetune};
-pub use goal_table::{Expectation, GoalTable, Measures};
+pub use goal_table::{Expectation, ExpertObjective, GoalTable, Measures};
 pub use prepared_scene::PreparedScene;
 pub use pretrain::{Observer, PretrainOptions, Pretrained, pretrain};
 pub use role_assignments::role_assignments;

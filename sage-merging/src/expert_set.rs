@@ -19,6 +19,8 @@ use crate::Error;
 pub const REALISTIC: &str = "realistic";
 /// The expert at λ = 1.
 pub const ADVERSARIAL: &str = "adversarial";
+/// The expert that keeps the traffic rules; a mixture by λ gives it no weight.
+pub const LAWFUL: &str = "lawful";
 
 /// A prior and its experts, checked: all have the same tensors, and tensors that fine-tuning does not
 /// change have the same bits.
@@ -236,6 +238,15 @@ impl ExpertSet {
     /// The prior.
     pub fn prior(&self) -> &Arc<dyn Backbone> {
         &self.prior
+    }
+
+    /// The same prior with some of the experts, in the given order.
+    ///
+    /// *Errors*: [`Error::Expert`] for a name that is not in the set.
+    pub fn only(&self, names: &[&str]) -> Result<Self, Error> {
+        let experts = names.iter().map(|name| Ok(self.experts[self.index_of(name)?].clone()));
+        let experts = experts.collect::<Result<Vec<_>, Error>>()?;
+        Ok(Self { prior: self.prior.clone(), experts: experts.into(), tunes: self.tunes })
     }
 
     /// Names of the experts, in the order of a mixture's weights.

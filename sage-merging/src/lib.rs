@@ -29,7 +29,7 @@ mod vector_extrapolation;
 pub use dare::{Dare, DareOptions};
 pub use direct_extrapolation::{DirectExtrapolation, DirectOptions};
 pub use error::Error;
-pub use expert_set::{ADVERSARIAL, ExpertFile, ExpertSet, REALISTIC, TensorSet};
+pub use expert_set::{ADVERSARIAL, ExpertFile, ExpertSet, LAWFUL, REALISTIC, TensorSet};
 pub use geometry::{Geometry, TensorGeometry};
 pub use interpolated_model::InterpolatedModel;
 pub use linear::Linear;

@@ -15,6 +15,16 @@ pub(crate) const VALUES: [(&str, Value); 4] = [
     ("0.1 R_adv - 0.9 P_real", |m| 0.1 * m.reward - 0.9 * m.penalty),
 ];
 
+/// λ at which `mu R_adv − (1 − mu) P_real` is largest along the path, with its interval. By the theory it rises with
+/// μ, from 0 to 1.
+pub(crate) fn best_lambda(sweep: &Sweep, mu: f64) -> Option<Estimate> {
+    let value = |m: &Measure| mu * m.reward - (1.0 - mu) * m.penalty;
+    sweep.estimate(|front| {
+        let best = (0..front.len()).max_by(|a, b| value(&front[*a]).total_cmp(&value(&front[*b])));
+        best.unwrap_or(0) as f64 / front.len().saturating_sub(1).max(1) as f64
+    })
+}
+
 /// What a value does along the path.
 pub(crate) struct Path {
     /// Least height above the chord and the mean over the inner λ. A least height below 0 is a barrier of the
@@ -79,5 +89,8 @@ mod tests {
         assert!((valley.least.value + 0.25).abs() < 1e-12);
         assert_eq!(valley.concave.value, 0.0);
         assert!(Path::of(&Sweep::default(), VALUES[0].1).is_none());
+        // The reward of the hill is largest at the end, its penalty is 0 everywhere.
+        assert_eq!(best_lambda(&sweep(|x| x), 1.0).unwrap().value, 1.0);
+        assert_eq!(best_lambda(&sweep(|x| -x), 1.0).unwrap().value, 0.0);
     }
 }

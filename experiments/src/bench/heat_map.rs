@@ -26,7 +26,7 @@ pub(crate) fn draw(grid: &Grid) -> Result<String> {
     Ok(svg)
 }
 
-fn colour(share: f64) -> RGBColor {
+pub(super) fn colour(share: f64) -> RGBColor {
     let position = share.clamp(0.0, 1.0) * (RAMP.len() - 1) as f64;
     let low = (position.floor() as usize).min(RAMP.len() - 2);
     let part = position - low as f64;

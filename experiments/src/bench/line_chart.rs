@@ -1,5 +1,7 @@
 //! Charts of several lines through measured points.
 
+use std::ops::Range;
+
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
 
@@ -17,63 +19,116 @@ const COLORS: [RGBColor; 8] = [
     RGBColor(148, 103, 189),
 ];
 
-/// Draws named lines.
+/// A named line and its points.
+pub(crate) type Line = (String, Vec<[f64; 2]>);
+
+/// A chart of lines.
+#[derive(Default)]
+pub(crate) struct Chart<'a> {
+    pub(crate) axes: [&'a str; 2],
+    pub(crate) lines: Vec<Line>,
+    /// Ranges of both axes; by default those of the points with a margin.
+    pub(crate) ranges: Option<[Range<f64>; 2]>,
+    /// Whether a unit has the same length on both axes, so that angles are true.
+    pub(crate) is_isometric: bool,
+    /// Ends of a dashed line.
+    pub(crate) dashed: Option<[[f64; 2]; 2]>,
+    /// Named points.
+    pub(crate) marks: Vec<(String, [f64; 2])>,
+}
+
+/// Draws named lines, with ranges that fit their points.
 ///
 /// *Errors*: none that a caller can cause.
-pub(crate) fn draw([x, y]: [&str; 2], lines: &[(String, Vec<[f64; 2]>)]) -> Result<String> {
-    let mut svg = String::new();
-    plot(&mut svg, [x, y], lines).map_err(|e| anyhow!("the chart cannot be drawn: {e}"))?;
-    Ok(svg)
+pub(crate) fn draw(axes: [&str; 2], lines: Vec<Line>) -> Result<String> {
+    Chart { axes, lines, ..Chart::default() }.draw()
 }
 
-/// Range of a coordinate with a margin.
-fn range(lines: &[(String, Vec<[f64; 2]>)], axis: usize) -> std::ops::Range<f64> {
-    let all = || lines.iter().flat_map(|(_, points)| points).map(|p| p[axis]).filter(|x| x.is_finite());
-    let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
-    if low > high {
-        return 0.0..1.0;
+impl Chart<'_> {
+    /// Draws the chart.
+    ///
+    /// *Errors*: none that a caller can cause.
+    pub(crate) fn draw(&self) -> Result<String> {
+        let mut svg = String::new();
+        self.plot(&mut svg).map_err(|e| anyhow!("the chart cannot be drawn: {e}"))?;
+        Ok(svg)
     }
-    let margin = 0.05 * (high - low).max(1e-6);
-    low - margin..high + margin
-}
 
-fn plot(
-    svg: &mut String,
-    [x, y]: [&str; 2],
-    lines: &[(String, Vec<[f64; 2]>)],
-) -> Result<(), Box<dyn std::error::Error>> {
-    let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
-    root.fill(&WHITE)?;
-    let mut chart = ChartBuilder::on(&root)
-        .margin(12)
-        .x_label_area_size(42)
-        .y_label_area_size(56)
-        .build_cartesian_2d(range(lines, 0), range(lines, 1))?;
-    chart
-        .configure_mesh()
-        .x_desc(x)
-        .y_desc(y)
-        .label_style(("sans-serif", 14))
-        .axis_desc_style(("sans-serif", 15))
-        .light_line_style(WHITE)
-        .draw()?;
-    // A line without points keeps its colour for other charts.
-    for ((name, points), color) in
-        lines.iter().zip(COLORS.iter().cycle()).filter(|(line, _)| !line.1.is_empty())
-    {
-        let points: Vec<(f64, f64)> = points.iter().map(|[x, y]| (*x, *y)).collect();
+    /// Range of the points along an axis, with a margin.
+    fn range(&self, axis: usize) -> Range<f64> {
+        let points = self.lines.iter().flat_map(|(_, points)| points).chain(self.marks.iter().map(|(_, p)| p));
+        let all = || points.clone().map(|p| p[axis]).filter(|x| x.is_finite());
+        let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
+        if low > high {
+            return 0.0..1.0;
+        }
+        let margin = 0.05 * (high - low).max(1e-6);
+        low - margin..high + margin
+    }
+
+    fn ranges(&self) -> [Range<f64>; 2] {
+        if let Some(ranges) = &self.ranges {
+            return ranges.clone();
+        }
+        let [x, y] = [0, 1].map(|axis| self.range(axis));
+        if !self.is_isometric {
+            return [x, y];
+        }
+        let wide = f64::from(SIZE.0) / f64::from(SIZE.1);
+        let height = (y.end - y.start).max((x.end - x.start) / wide);
+        let around = |range: &Range<f64>, length: f64| {
+            let middle = 0.5 * (range.start + range.end);
+            middle - 0.5 * length..middle + 0.5 * length
+        };
+        [around(&x, height * wide), around(&y, height)]
+    }
+
+    fn plot(&self, svg: &mut String) -> Result<(), Box<dyn std::error::Error>> {
+        let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
+        root.fill(&WHITE)?;
+        let [xs, ys] = self.ranges();
+        let mut chart = ChartBuilder::on(&root)
+            .margin(12)
+            .x_label_area_size(42)
+            .y_label_area_size(56)
+            .build_cartesian_2d(xs.clone(), ys.clone())?;
+        let [x, y] = self.axes;
         chart
-            .draw_series(LineSeries::new(points.clone(), color.stroke_width(2)))?
-            .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
-        chart.draw_series(points.into_iter().map(|point| Circle::new(point, 2, color.filled())))?;
+            .configure_mesh()
+            .x_desc(x)
+            .y_desc(y)
+            .label_style(("sans-serif", 14))
+            .axis_desc_style(("sans-serif", 15))
+            .light_line_style(WHITE)
+            .draw()?;
+        if let Some(ends) = self.dashed {
+            let grey = RGBColor(150, 150, 150);
+            let ends = ends.map(|[x, y]| (x, y));
+            chart.draw_series(DashedLineSeries::new(ends, 5, 5, grey.stroke_width(1)))?;
+        }
+        // A line without points keeps its colour for other charts.
+        let lines = self.lines.iter().zip(COLORS.iter().cycle());
+        for ((name, points), color) in lines.filter(|(line, _)| !line.1.is_empty()) {
+            let points: Vec<(f64, f64)> = points.iter().map(|[x, y]| (*x, *y)).collect();
+            chart
+                .draw_series(LineSeries::new(points.clone(), color.stroke_width(2)))?
+                .label(name)
+                .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
+            chart.draw_series(points.into_iter().map(|point| Circle::new(point, 2, color.filled())))?;
+        }
+        let (dx, dy) = (0.012 * (xs.end - xs.start), 0.012 * (ys.end - ys.start));
+        for (name, [x, y]) in &self.marks {
+            chart.draw_series([Circle::new((*x, *y), 5, BLACK.filled())])?;
+            let style = ("sans-serif", 14).into_font().color(&BLACK);
+            chart.draw_series([Text::new(name.clone(), (x + dx, y + 3.0 * dy), style)])?;
+        }
+        chart
+            .configure_series_labels()
+            .position(SeriesLabelPosition::LowerRight)
+            .label_font(("sans-serif", 13))
+            .background_style(WHITE.mix(0.8))
+            .draw()?;
+        root.present()?;
+        Ok(())
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerRight)
-        .label_font(("sans-serif", 13))
-        .background_style(WHITE.mix(0.8))
-        .draw()?;
-    root.present()?;
-    Ok(())
 }

@@ -1,9 +1,11 @@
 //! Fronts of reward against realism: means over scenes, hypervolume, evenness and monotonicity, with intervals.
 
+use sage_backbones::training::Expectation;
 use sage_core::{
     seed::Rng,
     statistics::{self, Estimate},
 };
+use serde::{Deserialize, Serialize};
 
 /// Reference point of the hypervolume: R_adv 0 and P_real 6.
 const REFERENCE: [f64; 2] = [0.0, 6.0];
@@ -11,7 +13,7 @@ const REFERENCE: [f64; 2] = [0.0, 6.0];
 const RESAMPLES: usize = 1000;
 
 /// Measures of one scene at one λ.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Measure {
     /// R_adv.
     pub(crate) reward: f64,
@@ -21,6 +23,12 @@ pub(crate) struct Measure {
     pub(crate) attack: f64,
     /// Rate of believable attacks, or their probability.
     pub(crate) believable: f64,
+}
+
+impl From<Expectation> for Measure {
+    fn from(e: Expectation) -> Self {
+        Self { reward: e.reward, penalty: e.penalty, attack: e.attack, believable: e.believable }
+    }
 }
 
 impl Measure {

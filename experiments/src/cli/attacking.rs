@@ -234,47 +234,6 @@ pub(crate) struct DialBenchArgs {
     pub folder: FolderArgs,
 }
 
-/// Compare mergers: reward against realism over 21 values of lambda.
-///
-/// SAGE attacks every scene with each merger at lambda 0, 0.05, … 1. Writes hypervolumes with intervals, paired
-/// with the first merger, the points as CSV, and charts: R_adv against P_real, and the attack rate against
-/// lambda. Every row comes twice: for the selected candidates, and without selection as expectations under the
-/// policy, because the selection hides differences.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage bench pareto target/data/womd_cat500/val --weights waymo --mergers linear,logit,trajectory --out pareto/"
-)]
-pub(crate) struct ParetoArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    #[command(flatten)]
-    pub split: SplitArgs,
-    /// Comma-separated mergers; with options as NAME{"option": value}.
-    #[arg(
-        long,
-        value_name = "NAMES",
-        default_value = "linear,logit,probability,trajectory,slerp,ties,dare,vector-extrapolation"
-    )]
-    pub mergers: Parts,
-    /// Weight mu of the selection at every lambda; default: lambda.
-    #[arg(long, value_name = "M", value_parser = number)]
-    pub mu: Option<f64>,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: String,
-    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "natural")]
-    pub selection: String,
-    #[command(flatten)]
-    pub rule: FeasibilityArgs,
-    /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
-}
-
 /// Operating points of a command.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct OperatingPointArgs {
@@ -392,7 +351,7 @@ pub(crate) struct FeasibilityArgs {
 pub(crate) struct Values(pub Vec<f64>);
 
 /// Parses a finite number.
-fn number(text: &str) -> std::result::Result<f64, String> {
+pub(super) fn number(text: &str) -> std::result::Result<f64, String> {
     match text.trim().parse::<f64>() {
         Ok(number) if number.is_finite() => Ok(number),
         _ => Err(format!("`{text}` is not a finite number")),

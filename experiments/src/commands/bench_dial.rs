@@ -13,7 +13,7 @@ use crate::{
     Outcome, Registries,
     bench::{
         attack_grid::{AttackGrid, Attacks, Linearity, shapley_of_lambda},
-        dial_chart::{self, Line},
+        line_chart::{Chart, Line},
     },
     cli::DialBenchArgs,
     commands::calibrate::aggressions,
@@ -33,6 +33,14 @@ struct Sweep {
     name: &'static str,
     /// λ, μ and the attacks at each operating point.
     points: Vec<(f64, f64, Attacks)>,
+}
+
+impl Sweep {
+    /// Rates in percent over the aggression.
+    fn line(&self, rate: Rate) -> Line {
+        let points = aggressions().into_iter().zip(&self.points);
+        (self.name.to_owned(), points.map(|(a, (.., attacks))| [a, 100.0 * attacks.rate(rate)]).collect())
+    }
 }
 
 pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outcome> {
@@ -72,14 +80,11 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     let rate = |l: f64, m: f64| grid.attacks(l, m).map_or(f64::NAN, |a| a.rate(fitted.rate));
     let reward = |l: f64, m: f64| grid.attacks(l, m).map_or(f64::NAN, |a| a.reward());
     table_of_both(&mut markdown, fitted.rate.name(), &rate, &reward)?;
-    let lines = sweeps.iter().map(|sweep| Line {
-        name: sweep.name,
-        rates: sweep.points.iter().map(|(_, _, attacks)| attacks.rate(fitted.rate)).collect(),
-    });
+    let lines: Vec<Line> = sweeps.iter().map(|sweep| sweep.line(fitted.rate)).collect();
     let file = |name: &str, text: &str| out.write(name, text.as_bytes());
     file("dial.md", &markdown)?;
     file("dial.csv", &csv)?;
-    file("dial.svg", &dial_chart::draw(fitted.rate, &lines.collect::<Vec<_>>())?)?;
+    file("dial.svg", &chart(fitted.rate, lines)?)?;
     let record = json!({
         "command": output::command(), "scenes": scenes.len(), "data": scenes.describe(),
         "seed": args.seed, "selection": selection.objective.spec(), "merger": merger_name, "version": env!("CARGO_PKG_VERSION"),
@@ -91,6 +96,23 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
         args.folder.out.display()
     ));
     Ok(Outcome::Done)
+}
+
+/// Rates over the aggression, and a straight line between the ends of the first sweep.
+fn chart(rate: Rate, lines: Vec<Line>) -> Result<String> {
+    let shown = match rate {
+        Rate::Attack => "scenes attacked, %",
+        Rate::Believable => "scenes attacked believably, %",
+    };
+    let ends = lines.first().map(|(_, points)| &points[..]);
+    Chart {
+        axes: ["aggression, or lambda = mu", shown],
+        ranges: Some([0.0..1.0, 0.0..100.0]),
+        dashed: ends.and_then(|points| Some([*points.first()?, *points.last()?])),
+        lines,
+        ..Chart::default()
+    }
+    .draw()
 }
 
 /// Rates and reward along each sweep, and the deviation from a straight line.

@@ -1,6 +1,6 @@
 //! `sage bench open-loop`: compares generators against a replayed ego, or against drivers.
 
-use std::{path::PathBuf, sync::Arc, time::Instant};
+use std::{sync::Arc, time::Instant};
 
 use anyhow::{Result, anyhow, bail};
 use sage_backbones::{
@@ -31,16 +31,13 @@ use crate::{
     output::{self, Run, State},
     part::{Part, PolicyParts},
     progress::{self, Progress},
+    scene_windows::{self, RESULTS, SceneOutcome},
     scenes::Scenes,
     selection::Selection,
 };
 
-/// Folder of the results from which an interrupted run resumes.
-const RESULTS: &str = ".sage-rows";
-/// Scenes per file of results.
-const WINDOW: usize = 16;
-/// Size limit of a file of results, bytes.
-const RESULTS_LIMIT: u64 = 256 << 20;
+/// Size limit of a table that an earlier run wrote, bytes.
+const TABLE_LIMIT: u64 = 64 << 20;
 /// The table as Markdown.
 const TABLE: &str = "table.md";
 /// Output files of a run, without the pictures. The last one is there only with drivers.
@@ -57,6 +54,12 @@ struct SceneResult {
     egos: Vec<GeneratorRows>,
     /// Expectations under each policy, without selection.
     expectations: Option<Vec<Expectation>>,
+}
+
+impl SceneOutcome for SceneResult {
+    fn scene(&self) -> &str {
+        &self.scene
+    }
 }
 
 pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcome> {
@@ -87,10 +90,9 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let outputs = if egos.is_empty() { &FILES[..4] } else { &FILES[..] };
     let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[], outputs)?;
     if state == State::Done {
-        output::print(&files::read_text(&run.folder().path().join(TABLE), RESULTS_LIMIT)?)?;
+        output::print(&files::read_text(&run.folder().path().join(TABLE), TABLE_LIMIT)?)?;
         return Ok(Outcome::Done);
     }
-    let results = run.folder().inner(RESULTS.as_ref())?;
     let models: Vec<Arc<dyn MotionModel>> = policies.iter().map(|(_, model)| model.clone()).collect();
     let prior = &**experts.prior();
     let measure = |data: &SceneData, driver: Option<&DriverUnderTest>| -> Result<GeneratorRows> {
@@ -127,12 +129,11 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     };
     let count: usize = generators.iter().map(|built| built.keys.len()).sum();
     let mut progress = Progress::new("evaluated", scenes.len());
-    let mut all: Vec<SceneResult> = Vec::with_capacity(scenes.len());
-    for (number, window) in scenes.windows(WINDOW).enumerate() {
-        let file = results.join(format!("{number:06}.json"));
-        let size = [egos.len().max(1), generators.len()];
-        all.extend(results_of(&run, file, &window, size, &one, || progress.step())?);
-    }
+    let is_whole = |result: &SceneResult| {
+        result.egos.len() == egos.len().max(1)
+            && result.egos.iter().all(|rows| rows.len() == generators.len())
+    };
+    let all = scene_windows::results(&run, &scenes, is_whole, one, || progress.step())?;
     let drivers = match egos.len() {
         0 => String::new(),
         n => format!(" against {}", progress::count(n, "driver")),
@@ -185,34 +186,6 @@ fn drivers_markdown(attacked: &[AttackedDriver], tables: &[Table], policies: &Po
         out += &report::markdown(table, if is_last { policies } else { const { &Vec::new() } })?;
     }
     Ok(out)
-}
-
-/// Results of some scenes: from the file of an interrupted run if it matches, else computed.
-fn results_of(
-    run: &Run,
-    file: PathBuf,
-    scenes: &Scenes,
-    [egos, generators]: [usize; 2],
-    one: &(impl Fn(&SceneData) -> Result<SceneResult> + Sync),
-    mut done: impl FnMut(),
-) -> Result<Vec<SceneResult>> {
-    let before = files::read_text(&file, RESULTS_LIMIT).ok();
-    let before = before.and_then(|text| serde_json::from_str::<Vec<SceneResult>>(&text).ok());
-    let fits = |before: &Vec<SceneResult>| {
-        let names = before.iter().map(|result| &result.scene);
-        let has_all = |result: &SceneResult| {
-            result.egos.len() == egos && result.egos.iter().all(|rows| rows.len() == generators)
-        };
-        names.eq(&scenes.names()) && before.iter().all(has_all)
-    };
-    if let Some(before) = before.filter(fits) {
-        before.iter().for_each(|_| done());
-        return Ok(before);
-    }
-    let results = scenes.map(one, done)?;
-    let name = file.strip_prefix(run.folder().path()).unwrap_or(&file).display().to_string();
-    run.folder().write(&name, serde_json::to_string(&results)?.as_bytes())?;
-    Ok(results)
 }
 
 /// The generators in the order of the table. An upper bound gets only the operating point with the largest μ.

@@ -89,12 +89,7 @@ pub(crate) fn run(args: &ParetoArgs, registries: &Registries) -> Result<Outcome>
         let scene = MeasuredScene::new(data, prior, &further)?;
         let rows = compared.iter().map(|compared| scene.rows(&compared.built, args.seed));
         let free = open_loop::expectations(data, prior, &models, &measures)?;
-        let free = free.context("the scene was attackable")?.into_iter().map(|e| Measure {
-            reward: e.reward,
-            penalty: e.penalty,
-            attack: e.attack,
-            believable: e.believable,
-        });
+        let free = free.context("the scene was attackable")?.into_iter().map(Measure::from);
         Ok((rows.collect::<Result<_>>()?, free.collect()))
     };
     let mut progress = Progress::new("evaluated", scenes.len());
@@ -208,7 +203,7 @@ fn charts(out: &Folder, names: &[&str], sweeps: &[Sweeps], lambdas: &[f64]) -> R
         ("control.svg", dial, lines(|sweeps| &sweeps.selected, control)),
         ("control-without-selection.svg", dial, lines(|sweeps| &sweeps.free, control)),
     ] {
-        out.write(file, line_chart::draw(axes, &lines)?.as_bytes())?;
+        out.write(file, line_chart::draw(axes, lines)?.as_bytes())?;
     }
     Ok(())
 }

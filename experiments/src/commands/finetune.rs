@@ -1,5 +1,5 @@
-//! `sage finetune`: tunes experts from a prior: a realistic and an adversarial one, unless a config names
-//! others.
+//! `sage finetune`: tunes experts from a prior: a realistic, an adversarial and a lawful one, unless a config
+//! names others.
 
 use std::{path::Path, sync::Arc, time::Instant};
 
@@ -17,7 +17,7 @@ use sage_backbones::{
 };
 use sage_core::objective::{Objective, ObjectiveSpec};
 use sage_generators::DIAL_FILE;
-use sage_merging::{ADVERSARIAL, ExpertFile, ExpertSet, REALISTIC};
+use sage_merging::{ADVERSARIAL, ExpertFile, ExpertSet, LAWFUL, REALISTIC};
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -43,15 +43,15 @@ struct Expert {
 }
 
 /// The experts of a run. Options of the config file apply to all experts; options under `experts` apply to
-/// one expert by name. Without `experts` there are a realistic and an adversarial one.
+/// one expert by name. Without `experts` there are a realistic, an adversarial and a lawful one.
 fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> {
     let mut shared = match &args.config {
         Some(path) => read_config(path)?,
         None => Map::new(),
     };
-    let both = || [REALISTIC, ADVERSARIAL].map(|name| (name.to_owned(), json!({}))).into_iter().collect();
+    let all = || [REALISTIC, ADVERSARIAL, LAWFUL].map(|name| (name.to_owned(), json!({})));
     let own: Map<String, Value> = match shared.remove("experts") {
-        None => both(),
+        None => all().into_iter().collect(),
         Some(Value::Object(experts)) if !experts.is_empty() => experts,
         Some(other) => bail!("`experts` is `{other}`; expected an object of options by name"),
     };
@@ -59,7 +59,11 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> 
     let mut experts = Vec::with_capacity(own.len());
     for (name, own) in own {
         check_name(&name)?;
-        let base = if name == REALISTIC { FinetuneOptions::realistic() } else { FinetuneOptions::default() };
+        let base = match &*name {
+            REALISTIC => FinetuneOptions::realistic(),
+            LAWFUL => FinetuneOptions::lawful(),
+            _ => FinetuneOptions::default(),
+        };
         let rule = serde_json::to_value(&base.objective.feasibility)?;
         let mut all = serde_json::to_value(base)?;
         if let Some(all) = all.as_object_mut() {

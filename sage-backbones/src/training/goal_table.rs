@@ -59,7 +59,7 @@ impl Measures {
     ///
     /// *Errors*: [`Error::Training`] for an objective that was not among the measured ones, or that
     /// [`Measures::check`] refuses.
-    pub(super) fn expert<'o>(&self, objective: &'o Objective) -> Result<ExpertObjective<'o>, Error> {
+    pub fn expert<'o>(&self, objective: &'o Objective) -> Result<ExpertObjective<'o>, Error> {
         Self::check(objective)?;
         let terms = objective.term_indices_in(&self.union);
         let terms = terms.ok_or_else(|| {
@@ -70,7 +70,7 @@ impl Measures {
 }
 
 /// An expert's objective over the measured terms.
-pub(super) struct ExpertObjective<'o> {
+pub struct ExpertObjective<'o> {
     objective: &'o Objective,
     /// Indices of its terms among the measured ones.
     terms: Vec<usize>,
@@ -138,6 +138,14 @@ impl GoalTable {
             sum.kl += p * (log_prob - reference[goal]);
         }
         sum
+    }
+}
+
+impl GoalTable {
+    /// Mean value of an objective under a policy, from its log-probabilities.
+    pub(super) fn expected_value(&self, log_probs: &[f64], expert: &ExpertObjective) -> f64 {
+        let terms = log_probs.iter().enumerate();
+        terms.map(|(goal, log_prob)| log_prob.exp() * self.value(goal, expert)).sum()
     }
 }
 

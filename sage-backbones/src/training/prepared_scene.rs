@@ -11,7 +11,7 @@ use sage_core::{
 
 use super::{
     SceneData,
-    goal_table::{Expectation, GoalTable, Measures},
+    goal_table::{Expectation, ExpertObjective, GoalTable, Measures},
 };
 use crate::{
     Error,
@@ -102,6 +102,14 @@ impl PreparedScene {
     /// *Errors*: those of the network.
     pub fn expectation(&self, policy: &dyn MotionModel) -> Result<Expectation, Error> {
         Ok(self.expectation_of(&finite::<f64>(&policy.log_probs(&self.encoding)?)?))
+    }
+
+    /// Mean value of a measured objective under a policy with the same encoder.
+    ///
+    /// *Errors*: those of the network.
+    pub fn expected_value(&self, policy: &dyn MotionModel, expert: &ExpertObjective) -> Result<f64, Error> {
+        let log_probs = finite::<f64>(&policy.log_probs(&self.encoding)?)?;
+        Ok(self.table.expected_value(&log_probs, expert))
     }
 
     /// Expectations under a policy, from its log-probabilities.

@@ -18,9 +18,7 @@ pub(crate) use attacking::{
     AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
 };
 pub(crate) use driving::{DriversArgs, SimulateArgs};
-pub(crate) use learning::{
-    ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg,
-};
+pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.

@@ -65,7 +65,10 @@ fn wrong_recipes_are_named_and_nothing_is_written() {
         (recipe("passthrough", [0.3, 0.7], "{}"), "unknown merger `passthrough`"),
         (linear.replace("adversarial.safetensors", "missing.safetensors"), "missing.safetensors"),
         (linear.replace("adversarial.safetensors", "prior.safetensors"), "does not say which expert it is"),
-        (linear.replace("adversarial.safetensors", "realistic.safetensors"), "two experts `realistic`"),
+        (
+            linear.replace("linear", "greedy-soup").replace("{}", "{scenes: x}"),
+            "`greedy-soup` finds the weights",
+        ),
         (linear.replace("base_model: procedural", "base_model: nothing"), "no weights `nothing`"),
         (format!("{linear}slices: []\n"), "`slices` is not supported"),
         (format!("{linear}colour: red\n"), "unknown field `colour`"),

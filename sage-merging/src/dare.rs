@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet,
-    task_arithmetic::{Consensus, TaskArithmetic, check, task_vectors},
+    task_arithmetic::{Consensus, SparseRule, Sparsify, TaskArithmetic, check},
 };
 
 /// Options of [`Dare`].
@@ -37,7 +37,7 @@ pub struct Dare(DareOptions);
 impl TensorMerger for Dare {
     fn prepare(&self, experts: &ExpertSet, seed: u64) -> Result<Box<dyn TensorRule>, Error> {
         let names = experts.names().into_iter().map(str::to_owned).collect();
-        Ok(Box::new(Drops { options: self.0, names, seed }))
+        Ok(Box::new(SparseRule::new(Drops { options: self.0, names, seed })))
     }
 }
 
@@ -48,20 +48,23 @@ struct Drops {
     seed: u64,
 }
 
-impl TensorRule for Drops {
-    fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
-        let DareOptions { density, consensus, scale } = self.options;
-        let mut vectors = task_vectors(tensor);
-        if density < 1.0 {
-            for (vector, name) in vectors.iter_mut().zip(&self.names) {
-                let mut rng = Rng::new(self.seed, &format!("{name} {}", tensor.name), "dare");
-                for value in vector {
-                    *value = if rng.uniform(0.0, 1.0) < density { *value / density } else { 0.0 };
-                }
+impl Sparsify for Drops {
+    fn sparsify(&self, tensor: &TensorSet, vectors: &mut [Vec<f64>]) {
+        let density = self.options.density;
+        if density >= 1.0 {
+            return;
+        }
+        for (vector, name) in vectors.iter_mut().zip(&self.names) {
+            let mut rng = Rng::new(self.seed, &format!("{name} {}", tensor.name), "dare");
+            for value in vector {
+                *value = if rng.uniform(0.0, 1.0) < density { *value / density } else { 0.0 };
             }
         }
-        let rule = TaskArithmetic { consensus, normalizes: false, scale };
-        rule.merge(tensor, &vectors, at, out);
+    }
+
+    fn arithmetic(&self) -> TaskArithmetic {
+        let DareOptions { consensus, scale, .. } = self.options;
+        TaskArithmetic { consensus, normalizes: false, scale }
     }
 }
 
@@ -91,7 +94,11 @@ mod tests {
         let mut mean = [0.0f64; 3];
         for seed in 0..4000 {
             let mut out = [0.0f32; 3];
-            Drops { options, names: names.clone(), seed }.merge(&tensor, &[0.4, 0.6], &mut out);
+            SparseRule::new(Drops { options, names: names.clone(), seed }).merge(
+                &tensor,
+                &[0.4, 0.6],
+                &mut out,
+            );
             out.iter().zip(&mut mean).for_each(|(x, mean)| *mean += f64::from(*x) / 4000.0);
         }
         // 0.25 + 0.4 × 2.75 − 0.6 × 1.25; 0.4 + 1.2; 0.2. A value has a deviation of up to 2.

@@ -35,6 +35,8 @@ pub struct ExpertSet {
 pub struct ExpertFile {
     /// The file, for messages.
     pub path: PathBuf,
+    /// Name of the expert that the header must give.
+    pub named: String,
     /// The weights.
     pub parameters: Parameters,
     /// The header of the file.
@@ -55,13 +57,18 @@ impl ExpertFile {
     fn tunes(&self) -> Result<Tunes, Error> {
         let Some(note) = self.header.notes.get(Self::TUNES) else { return Ok(Tunes::default()) };
         serde_json::from_value(Value::from(&**note)).map_err(|_| {
-            let problem = format!("the note `{}` is `{}`; expected `scores` or `all`", Self::TUNES, note.escape_debug());
+            let problem = format!(
+                "the note `{}` is `{}`; expected `scores` or `all`",
+                Self::TUNES,
+                note.escape_debug()
+            );
             sage_backbones::Error::Format { path: self.path.clone(), problem }.into()
         })
     }
 
     /// The weights, if the file holds that expert of that prior.
-    fn checked(self, expert: &str, prior: &str, options: &Value) -> Result<Parameters, Error> {
+    fn checked(self, prior: &str, options: &Value) -> Result<Parameters, Error> {
+        let expert = &self.named;
         let remedy = "recreate the experts with `sage finetune`";
         let notes = &self.header.notes;
         let foreign = self.parameters.iter().find(|(_, tensor)| tensor.dtype() != DType::F32);
@@ -139,7 +146,8 @@ impl ExpertSet {
             // A file named as an expert without the note is refused; checkpoints of training are skipped.
             let is_expert = header.notes.contains_key(ExpertFile::EXPERT);
             if is_expert || [REALISTIC, ADVERSARIAL].contains(&name) {
-                files.push((name.to_owned(), ExpertFile { path, parameters, header }));
+                let named = name.to_owned();
+                files.push((named.clone(), ExpertFile { path, named, parameters, header }));
             }
         }
         if files.is_empty() {
@@ -156,7 +164,7 @@ impl ExpertSet {
         Self { prior, experts: Arc::new([]), tunes: Tunes::Scores }
     }
 
-    /// The experts of a prior from their files, by the names of the files.
+    /// The experts of a prior from their files, by names of the caller.
     ///
     /// *Errors*: a file that holds another expert, an expert of another prior, or no note of either; else
     /// as [`ExpertSet::new`].
@@ -171,7 +179,7 @@ impl ExpertSet {
             if file.tunes()? == Tunes::All {
                 tunes = Tunes::All;
             }
-            let parameters = file.checked(&name, &hash, prior.options())?;
+            let parameters = file.checked(&hash, prior.options())?;
             Ok((name, parameters))
         });
         let experts = checked.collect::<Result<Vec<_>, Error>>()?;

@@ -49,7 +49,8 @@ impl InterpolatedModel {
     ///
     /// *Errors*: [`Error::Mixture`] for one that the merger refuses.
     pub fn set(&mut self, at: &Mixture) -> Result<(), Error> {
-        self.range.check_weights(self.experts, at)?;
+        let at = at.among(self.experts);
+        self.range.check_weights(self.experts, &at)?;
         // Both are sorted by name.
         for ((_, variable), tuned) in self.variables.iter().zip(&self.tuned) {
             let mut out = vec![0.0; tuned.prior.len()];

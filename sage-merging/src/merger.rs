@@ -39,8 +39,9 @@ impl dyn Merger + '_ {
     ///
     /// *Errors*: [`Error::Mixture`] for one that it refuses; those of [`Merger::model`].
     pub fn merge(&self, experts: &ExpertSet, at: &Mixture, seed: u64) -> Result<Arc<dyn MotionModel>, Error> {
-        self.range().check(experts, at)?;
-        self.model(experts, at, seed)
+        let at = at.among(experts.names().len());
+        self.range().check(experts, &at)?;
+        self.model(experts, &at, seed)
     }
 }
 
@@ -141,7 +142,8 @@ pub fn merged_weights(
     at: &Mixture,
     seed: u64,
 ) -> Result<Parameters, Error> {
-    merger.range().check(experts, at)?;
+    let at = at.among(experts.names().len());
+    merger.range().check(experts, &at)?;
     let rule = merger.prepare(experts, seed)?;
     let mut weights = experts.prior().parameters().clone();
     for tuned in experts.tuned_tensors()? {

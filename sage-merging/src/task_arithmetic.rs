@@ -3,7 +3,12 @@
 //! `θ = θ_prior + scale · Σ w_i m_i τ_i / divisor`, with the sparse difference `τ_i` of each expert from the prior
 //! and `m_i` 1 where its sign is that of the majority. Source: the generalised task arithmetic of mergekit.
 
-use crate::TensorSet;
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use crate::{TensorRule, TensorSet};
 
 /// How the experts agree on the sign of a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -64,6 +69,42 @@ impl TaskArithmetic {
             }
             *out = (f64::from(tensor.prior[k]) + self.scale * sum) as f32;
         }
+    }
+}
+
+/// Makes the task vectors of a tensor sparse.
+pub(crate) trait Sparsify: Send + Sync {
+    /// Sets values of the experts' task vectors to 0, and may scale the others.
+    fn sparsify(&self, tensor: &TensorSet, vectors: &mut [Vec<f64>]);
+
+    /// How the sparse vectors are merged.
+    fn arithmetic(&self) -> TaskArithmetic;
+}
+
+/// The rule of a sparse merger. Sparse vectors do not depend on the mixture, so they are computed once per tensor.
+pub(crate) struct SparseRule<S> {
+    sparsify: S,
+    known: Mutex<BTreeMap<String, Arc<Vec<Vec<f64>>>>>,
+}
+
+impl<S> SparseRule<S> {
+    pub(crate) fn new(sparsify: S) -> Self {
+        Self { sparsify, known: Mutex::default() }
+    }
+}
+
+impl<S: Sparsify> TensorRule for SparseRule<S> {
+    fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
+        // After a panic in another thread the map holds complete vectors only.
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        let vectors = known.entry(tensor.name.to_owned()).or_insert_with(|| {
+            let mut vectors = task_vectors(tensor);
+            self.sparsify.sparsify(tensor, &mut vectors);
+            Arc::new(vectors)
+        });
+        let vectors = vectors.clone();
+        drop(known);
+        self.sparsify.arithmetic().merge(tensor, &vectors, at, out);
     }
 }
 

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet,
-    task_arithmetic::{Consensus, TaskArithmetic, check, task_vectors},
+    task_arithmetic::{Consensus, SparseRule, Sparsify, TaskArithmetic, check},
 };
 
 /// Options of [`Ties`].
@@ -35,16 +35,17 @@ pub struct Ties(TiesOptions);
 
 impl TensorMerger for Ties {
     fn prepare(&self, _: &ExpertSet, _: u64) -> Result<Box<dyn TensorRule>, Error> {
-        Ok(Box::new(*self))
+        Ok(Box::new(SparseRule::new(*self)))
     }
 }
 
-impl TensorRule for Ties {
-    fn merge(&self, tensor: &TensorSet, at: &[f64], out: &mut [f32]) {
-        let mut vectors = task_vectors(tensor);
+impl Sparsify for Ties {
+    fn sparsify(&self, _: &TensorSet, vectors: &mut [Vec<f64>]) {
         vectors.iter_mut().for_each(|vector| trim(vector, self.0.density));
-        let rule = TaskArithmetic { consensus: Consensus::Sum, normalizes: true, scale: self.0.scale };
-        rule.merge(tensor, &vectors, at, out);
+    }
+
+    fn arithmetic(&self) -> TaskArithmetic {
+        TaskArithmetic { consensus: Consensus::Sum, normalizes: true, scale: self.0.scale }
     }
 }
 
@@ -93,7 +94,11 @@ mod tests {
         let experts = [vec![3.0f32, 0.0, 1.1], vec![2.0, 4.0, 0.8]];
         let tensor = TensorSet { name: "w", prior: &[1.0, 1.0, 1.0], experts: &experts };
         let mut out = [0.0f32; 3];
-        Ties(TiesOptions { density: 0.67, scale: 1.0 }).merge(&tensor, &[0.5, 0.5], &mut out);
+        SparseRule::new(Ties(TiesOptions { density: 0.67, scale: 1.0 })).merge(
+            &tensor,
+            &[0.5, 0.5],
+            &mut out,
+        );
         // Column 2: −0.5 against 1.5, so 3 alone.
         assert_eq!(out, [2.5, 4.0, 1.0]);
     }

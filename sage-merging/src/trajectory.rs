@@ -16,11 +16,7 @@ use sage_backbones::{
     encoding::{Encoding, ModelId},
     features::{FORECAST_STEPS, STRIDE},
 };
-use sage_core::{
-    generator::Mixture,
-    registry::Entry,
-    seed::Rng,
-};
+use sage_core::{generator::Mixture, registry::Entry, seed::Rng};
 use serde::{Deserialize, Serialize};
 
 use crate::{

@@ -5,5 +5,6 @@ pub const PROCEDURAL: &[(&str, &[u8])] = &[
     ("prior.safetensors", include_bytes!("../procedural/prior.safetensors")),
     ("realistic.safetensors", include_bytes!("../procedural/realistic.safetensors")),
     ("adversarial.safetensors", include_bytes!("../procedural/adversarial.safetensors")),
+    ("lawful.safetensors", include_bytes!("../procedural/lawful.safetensors")),
     ("dial.json", include_bytes!("../procedural/dial.json")),
 ];

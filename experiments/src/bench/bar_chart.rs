@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 
 use crate::terminal::escaped_html;
 
-/// Height of a row, width of the names and of the longest bar, pixels.
+/// Height of a row, width of a letter of the names and of the longest bar, pixels.
 const ROW: usize = 26;
-const NAMES: usize = 330;
+const LETTER: usize = 8;
 const BARS: usize = 380;
 /// Colours of the two values, those of the first lines of a line chart.
 const COLORS: [&str; 2] = ["#0072b2", "#d55e00"];
@@ -14,14 +14,15 @@ const COLORS: [&str; 2] = ["#0072b2", "#d55e00"];
 /// Draws the bars of shares from 0 to 1; `names` are those of the two values.
 pub(crate) fn draw(names: [&str; 2], rows: &[(&str, [f64; 2])]) -> String {
     let height = ROW * (rows.len() + 2);
-    let width = NAMES + BARS + 80;
+    let left = LETTER * rows.iter().map(|row| row.0.len()).max().unwrap_or(0) + 16;
+    let width = left + BARS + 80;
     let most = rows.iter().flat_map(|row| row.1).filter(|x| x.is_finite()).fold(1e-12, f64::max);
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" height=\"{height}\" \
          font-family=\"sans-serif\" font-size=\"13\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
     );
     for (k, (name, color)) in names.iter().zip(COLORS).enumerate() {
-        let x = NAMES + 200 * k;
+        let x = left + 200 * k;
         // Writing to a string cannot fail.
         let _ = writeln!(
             svg,
@@ -35,7 +36,7 @@ pub(crate) fn draw(names: [&str; 2], rows: &[(&str, [f64; 2])]) -> String {
         let _ = writeln!(
             svg,
             "<text x=\"{}\" y=\"{}\" text-anchor=\"end\">{}</text>",
-            NAMES - 8,
+            left - 8,
             y + 15,
             escaped_html(name)
         );
@@ -43,10 +44,10 @@ pub(crate) fn draw(names: [&str; 2], rows: &[(&str, [f64; 2])]) -> String {
             let length = if value.is_finite() { BARS as f64 * value / most } else { 0.0 };
             let _ = writeln!(
                 svg,
-                "<rect x=\"{NAMES}\" y=\"{}\" width=\"{length:.1}\" height=\"9\" fill=\"{color}\"/>\
+                "<rect x=\"{left}\" y=\"{}\" width=\"{length:.1}\" height=\"9\" fill=\"{color}\"/>\
                  <text x=\"{:.1}\" y=\"{}\" font-size=\"10\">{:.1} %</text>",
                 y + 10 * j,
-                NAMES as f64 + length + 5.0,
+                left as f64 + length + 5.0,
                 y + 10 * j + 8,
                 100.0 * value
             );

@@ -23,8 +23,18 @@ use crate::{commands::analyse_connectivity::COMPARED, output::Folder};
 pub(crate) const PAGE: &str = "connectivity.md";
 /// All files.
 pub(crate) const FILES: [&str; 13] = [
-    PAGE, "path.csv", "path.svg", "geometry.svg", "layers.csv", "layers.svg", "landscape.csv",
-    "landscape-reward.svg", "landscape-penalty.svg", "extrapolation.csv", "extrapolation.svg", "components.csv",
+    PAGE,
+    "path.csv",
+    "path.svg",
+    "geometry.svg",
+    "layers.csv",
+    "layers.svg",
+    "landscape.csv",
+    "landscape-reward.svg",
+    "landscape-penalty.svg",
+    "extrapolation.csv",
+    "extrapolation.svg",
+    "components.csv",
     "components.svg",
 ];
 /// Resamples of an interval.
@@ -61,19 +71,29 @@ impl Connectivity<'_> {
     /// *Errors*: the folder cannot be written to.
     pub(crate) fn write(&self, folder: &Folder) -> Result<()> {
         folder.write("path.csv", self.path_csv()?.as_bytes())?;
-        folder.write("path.svg", line_chart::draw(["lambda", "height above the chord"], self.heights())?.as_bytes())?;
+        folder.write(
+            "path.svg",
+            line_chart::draw(["lambda", "height above the chord"], self.heights())?.as_bytes(),
+        )?;
         folder.write("geometry.svg", line_chart::draw(["lambda", "value"], self.norms())?.as_bytes())?;
         folder.write("layers.csv", self.layers_csv()?.as_bytes())?;
         folder.write("layers.svg", self.layers().as_bytes())?;
         folder.write("landscape.csv", self.landscape_csv()?.as_bytes())?;
-        let pictures: [(&str, &str, fn(&Measure) -> f64); 2] =
-            [("landscape-reward.svg", "R_adv", |m| m.reward), ("landscape-penalty.svg", "P_real", |m| m.penalty)];
+        let pictures: [(&str, &str, fn(&Measure) -> f64); 2] = [
+            ("landscape-reward.svg", "R_adv", |m| m.reward),
+            ("landscape-penalty.svg", "P_real", |m| m.penalty),
+        ];
         for (file, title, value) in pictures {
             folder.write(file, self.landscape(title, value)?.as_bytes())?;
         }
         folder.write("extrapolation.csv", self.extrapolation_csv()?.as_bytes())?;
-        let axes = ["length of the step / distance between the experts", "R_adv"];
-        folder.write("extrapolation.svg", line_chart::draw(axes, self.extrapolation())?.as_bytes())?;
+        let beyond = Chart {
+            axes: ["length of the step / distance between the experts", "R_adv"],
+            lines: self.extrapolation(),
+            is_legend_high: true,
+            ..Chart::default()
+        };
+        folder.write("extrapolation.svg", beyond.draw()?.as_bytes())?;
         let (csv, svg) = self.components()?;
         folder.write("components.csv", csv.as_bytes())?;
         folder.write("components.svg", svg.as_bytes())?;
@@ -182,7 +202,11 @@ impl Connectivity<'_> {
         for (lambda, m) in self.lambdas.iter().zip(self.path.front()) {
             let at = [1.0 - lambda, *lambda];
             let (norm, cosine) = (self.geometry.norm(&at), self.geometry.cosine(&at, &[0.0, 1.0]));
-            writeln!(out, "{lambda},{norm},{cosine},{},{},{},{}", m.reward, m.penalty, m.attack, m.believable)?;
+            writeln!(
+                out,
+                "{lambda},{norm},{cosine},{},{},{},{}",
+                m.reward, m.penalty, m.attack, m.believable
+            )?;
         }
         Ok(out)
     }
@@ -245,7 +269,11 @@ impl Connectivity<'_> {
         for (name, sweep) in BEYOND.into_iter().zip(&self.beyond) {
             for (step, m) in self.steps.iter().zip(sweep.front()) {
                 let length = step * distance;
-                writeln!(out, "{name},{step},{length},{},{},{},{}", m.reward, m.penalty, m.attack, m.believable)?;
+                writeln!(
+                    out,
+                    "{name},{step},{length},{},{},{},{}",
+                    m.reward, m.penalty, m.attack, m.believable
+                )?;
             }
         }
         Ok(out)

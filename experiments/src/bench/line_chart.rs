@@ -33,6 +33,8 @@ pub(crate) struct Chart<'a> {
     pub(crate) is_isometric: bool,
     /// Ends of a dashed line.
     pub(crate) dashed: Option<[[f64; 2]; 2]>,
+    /// Whether the legend is at the upper right, not at the lower right.
+    pub(crate) is_legend_high: bool,
     /// Named points.
     pub(crate) marks: Vec<(String, [f64; 2])>,
 }
@@ -56,7 +58,8 @@ impl Chart<'_> {
 
     /// Range of the points along an axis, with a margin.
     fn range(&self, axis: usize) -> Range<f64> {
-        let points = self.lines.iter().flat_map(|(_, points)| points).chain(self.marks.iter().map(|(_, p)| p));
+        let points =
+            self.lines.iter().flat_map(|(_, points)| points).chain(self.marks.iter().map(|(_, p)| p));
         let all = || points.clone().map(|p| p[axis]).filter(|x| x.is_finite());
         let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
         if low > high {
@@ -124,7 +127,11 @@ impl Chart<'_> {
         }
         chart
             .configure_series_labels()
-            .position(SeriesLabelPosition::LowerRight)
+            .position(if self.is_legend_high {
+                SeriesLabelPosition::UpperRight
+            } else {
+                SeriesLabelPosition::LowerRight
+            })
             .label_font(("sans-serif", 13))
             .background_style(WHITE.mix(0.8))
             .draw()?;

@@ -129,29 +129,34 @@ fn attacks(
     let selection = selection::Selection::of(&registries, "natural", None)?;
     let inputs = generators::inputs(Some(&experts), &merger, &selection, 0);
     let sage = registries.generators.build_default("sage")?.build(&inputs)?;
-    let at = |lambda: f64| OperatingPoint { mixture: Mixture::between(lambda), mu: lambda };
+    let at = |lambda: f64| OperatingPoint::at(lambda, lambda);
     let sweep: Vec<OperatingPoint> = (0..11).map(|k| at(f64::from(k) / 10.0)).collect();
+    let half = [at(0.5)];
     let (mut attacks, mut sweeps) = (Vec::new(), Vec::new());
     for case in cases {
         let ctx = Context::new(&case.data.scene, &case.data.index, &ContextOptions::default())?;
         let case = std::slice::from_ref(case);
-        attacks.extend(over(case, repeat, |_| Ok(sage.attacks(&ctx, &[at(0.5)], 0)?))?);
+        attacks.extend(over(case, repeat, |_| Ok(sage.attacks(&ctx, &half, 0)?))?);
         sweeps.extend(over(case, repeat.div_ceil(4), |_| Ok(sage.attacks(&ctx, &sweep, 0)?))?);
     }
     let further: Vec<f64> = sweeps.iter().zip(&attacks).map(|(all, one)| (all - one) / 10.0).collect();
     report(timing("attack: indexed scene to selected trajectory, median of scenes", attacks, Some(10.0)))?;
     report(timing("attack: each further lambda of eleven, median of scenes", further, None))?;
-    let linear = merger.tensors().context("linear mixes weights")?;
-    let mut model = InterpolatedModel::new(&experts, linear, 0)?;
-    let mut lambda = 0.0;
-    let changes = measure(repeat, || {
-        lambda = (lambda + 0.37) % 1.0;
-        let at = Mixture::between(lambda);
-        let start = Instant::now();
-        let changed = model.set(&at);
-        (start.elapsed(), black_box(changed))
-    });
-    report(timing("change of lambda in place", changes, Some(1.0)))
+    for entry in registries.mergers.entries() {
+        let merger = registries.mergers.build_default(entry.name)?;
+        let Some(tensors) = merger.tensors() else { continue };
+        let mut model = InterpolatedModel::new(&experts, tensors, 0)?;
+        let mut lambda = 0.0;
+        let changes = measure(repeat, || {
+            lambda = (lambda + 0.37) % 1.0;
+            let at = Mixture::between(lambda);
+            let start = Instant::now();
+            let changed = model.set(&at);
+            (start.elapsed(), black_box(changed))
+        });
+        report(timing(format!("change of lambda in place, merger {}", entry.name), changes, Some(1.0)))?;
+    }
+    Ok(())
 }
 
 /// Features with exactly [`GOALS`] goals: the goals of the case, repeated.

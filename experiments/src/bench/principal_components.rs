@@ -47,7 +47,8 @@ impl Components {
 
     /// Coordinates of a model at weights of the experts: the prior plus the weighted preference vectors.
     pub(crate) fn coordinates(&self, weights: &[f64]) -> [f64; 2] {
-        let from_mean: Vec<f64> = weights.iter().zip(&self.mean).map(|(weight, mean)| weight - mean).collect();
+        let from_mean: Vec<f64> =
+            weights.iter().zip(&self.mean).map(|(weight, mean)| weight - mean).collect();
         let dot = |axis: &Vec<f64>| {
             let row = |a: usize| -> f64 { (0..axis.len()).map(|b| self.products[(a, b)] * axis[b]).sum() };
             (0..axis.len()).map(|a| from_mean[a] * row(a)).sum()

@@ -1,6 +1,9 @@
 //! Data and results of time measurements.
 
-use std::path::{Path, PathBuf};
+use std::{
+    borrow::Cow,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context as _, Result};
 use sage_core::{files, scene::Scene, statistics::quantile};
@@ -14,7 +17,7 @@ pub const CANDIDATES: usize = 32;
 #[derive(Clone, Debug, Serialize)]
 pub struct Timing {
     /// Name of the measurement, with its unit of work.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// Number of repetitions, or of scenes for a median over scenes.
     pub n: usize,
     /// Median, milliseconds.
@@ -76,7 +79,14 @@ pub(super) fn measure<T>(repeat: usize, mut run: impl FnMut() -> (std::time::Dur
     (0..repeat.max(1)).map(|_| run().0.as_secs_f64() * 1e3).collect()
 }
 
-pub(super) fn timing(name: &'static str, times: Vec<f64>, target_ms: Option<f64>) -> Timing {
+pub(super) fn timing(name: impl Into<Cow<'static, str>>, times: Vec<f64>, target_ms: Option<f64>) -> Timing {
     let at = |share| quantile(&times, share).unwrap_or(f64::NAN);
-    Timing { name, n: times.len(), median_ms: at(0.5), min_ms: at(0.0), p90_ms: at(0.9), target_ms }
+    Timing {
+        name: name.into(),
+        n: times.len(),
+        median_ms: at(0.5),
+        min_ms: at(0.0),
+        p90_ms: at(0.9),
+        target_ms,
+    }
 }

@@ -60,7 +60,7 @@ fn plot(
         let mut chart = ChartBuilder::on(area)
             .caption(caption, ("sans-serif", 15))
             .margin(8)
-            .build_cartesian_2d(-0.16..1.16, -0.2..1.12)?;
+            .build_cartesian_2d(-0.16..1.16, -0.26..1.12)?;
         let cells = centres.iter().zip(&triangle.values).map(|(mixture, value)| {
             let (x, y) = position(*mixture);
             let corner = |k: u32| {

@@ -110,7 +110,10 @@ pub(crate) fn run(args: &ConnectivityArgs, registries: &Registries) -> Result<Ou
     };
     let mut progress = Progress::new("evaluated", scenes.len());
     let fits = |result: &SceneResult| {
-        result.measured.as_ref().is_none_or(|m| m.path.len() == lambdas.len() && m.plane.len() == plane.len().pow(2))
+        result
+            .measured
+            .as_ref()
+            .is_none_or(|m| m.path.len() == lambdas.len() && m.plane.len() == plane.len().pow(2))
     };
     let results = scene_windows::results(&run, &scenes, fits, one, || progress.step())?;
     let results: Vec<Measured> = results.into_iter().filter_map(|result| result.measured).collect();
@@ -132,7 +135,11 @@ pub(crate) fn run(args: &ConnectivityArgs, registries: &Registries) -> Result<Ou
     found.write(folder)?;
     run.finish(&Value::Null, clock.elapsed().as_secs_f64())?;
     output::print(&found.page()?)?;
-    progress::say(&format!("{}, CSV files and pictures are in `{}`", report::PAGE, args.folder.out.display()));
+    progress::say(&format!(
+        "{}, CSV files and pictures are in `{}`",
+        report::PAGE,
+        args.folder.out.display()
+    ));
     Ok(Outcome::Done)
 }
 

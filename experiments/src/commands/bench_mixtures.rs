@@ -85,9 +85,10 @@ pub(crate) fn run(args: &MixturesArgs, registries: &Registries) -> Result<Outcom
     let mut progress = Progress::new("evaluated", scenes.len());
     let all = scenes.map(one, || progress.step())?;
     progress.finish(&format!("{} mixtures", mixtures.len()));
-    for (k, (kind, file)) in [("with selection", "triangle.svg"), ("without selection", "triangle-policy.svg")]
-        .into_iter()
-        .enumerate()
+    for (k, (kind, file)) in
+        [("with selection", "triangle.svg"), ("without selection", "triangle-policy.svg")]
+            .into_iter()
+            .enumerate()
     {
         let value = |of: usize| -> Vec<f64> {
             let mean = |at: usize| mean(all.iter().map(|scene| scene[k][at][of]));
@@ -108,7 +109,10 @@ pub(crate) fn run(args: &MixturesArgs, registries: &Registries) -> Result<Outcom
     });
     out.write("run.json", format!("{record:#}\n").as_bytes())?;
     output::print(&markdown)?;
-    progress::say(&format!("table.md, mixtures.csv, run.json and pictures are in `{}`", args.folder.out.display()));
+    progress::say(&format!(
+        "table.md, mixtures.csv, run.json and pictures are in `{}`",
+        args.folder.out.display()
+    ));
     Ok(Outcome::Done)
 }
 
@@ -151,7 +155,10 @@ fn table(names: [&str; 3], mixtures: &[[f64; 3]], all: &[OfScene]) -> Result<Str
                 let values: Vec<f64> = all.iter().map(|scene| scene[kind][at][of]).collect();
                 let mut rng = Rng::new(0, TITLES[of], "mixtures");
                 let estimate = statistics::bootstrap_mean(&values, RESAMPLES, &mut rng);
-                cells.push(estimate.map_or("-".to_owned(), |e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high)));
+                cells.push(
+                    estimate
+                        .map_or("-".to_owned(), |e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high)),
+                );
             }
         }
         writeln!(out, "| {} |", cells.join(" | "))?;

@@ -10,8 +10,8 @@ use sage_backbones::{
     features::EdgeKinds,
     parameters::Header,
     training::{
-        CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, SceneData,
-        Tunes, finetune, role_assignments,
+        CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, SceneData, Tunes,
+        finetune, role_assignments,
     },
     weights::PRIOR_FILE,
 };

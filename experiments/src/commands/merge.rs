@@ -1,5 +1,6 @@
 //! `sage merge`: merges experts by a recipe into one network.
 
+mod greedy_soup;
 mod recipe;
 
 use std::path::{Path, PathBuf};
@@ -18,6 +19,7 @@ use crate::{
     progress,
 };
 
+use greedy_soup::{Search, Step};
 use recipe::Recipe;
 
 /// Copy of the recipe in the output folder.
@@ -37,17 +39,28 @@ fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str)
     })?;
     let base = beside(&args.recipe, &recipe.base);
     let prior = networks::load(&registries.backbones, &base.to_string_lossy())?;
-    let mut files = Vec::new();
+    let mut files: Vec<(String, ExpertFile)> = Vec::new();
     for (model, _) in &recipe.models {
-        files.push(expert(&args.recipe, model)?);
+        let file = expert(&args.recipe, model)?;
+        let others = files.iter().filter(|(_, other)| other.named == file.named).count();
+        // Several tunings of one expert are told apart by number.
+        let label = if others == 0 { file.named.clone() } else { format!("{} {}", file.named, others + 1) };
+        files.push((label, file));
     }
-    let names: Vec<String> = files.iter().map(|(name, _)| name.clone()).collect();
+    let sources: Vec<Source> = files.iter().map(|(name, file)| Source::of(name, file)).collect();
     let experts = ExpertSet::of_files(prior.network.into(), files)?;
     ensure!(
         experts.tunes() == Tunes::Scores,
         "these experts have their own encoders, and their trajectories are the prior's: one network cannot hold both; mix them with --mix or --lambda"
     );
-    let mixture = Mixture::new(recipe.models.iter().map(|(_, weight)| *weight).collect());
+    let given = Mixture::new(recipe.models.iter().map(|(_, weight)| *weight).collect());
+    let (mixture, steps) = match &recipe.search {
+        None => (given, Vec::new()),
+        Some(search) => {
+            let paths: Vec<PathBuf> = search.scenes.iter().map(|path| beside(&args.recipe, path)).collect();
+            search.run(&paths, &experts, registries, args.seed)?
+        }
+    };
     ensure!(
         mixture.is_on_simplex() || merger.range() != Range::Simplex && merger.range() != Range::Edge,
         "the weights are {:?}; `{}` needs weights of 0 or more that sum to 1",
@@ -63,18 +76,18 @@ fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str)
         seed: args.seed,
         data: prior.header.data.clone(),
         command: output::command(),
-        license: prior.header.license.clone(),
+        license: licenses(&prior.header, &sources),
         ..Header::default()
     };
     let models: Vec<_> =
-        names.iter().zip(mixture.weights()).map(|(name, weight)| json!([name, weight])).collect();
+        sources.iter().zip(mixture.weights()).map(|(source, weight)| json!([source.name, weight])).collect();
     header.notes.insert("merged".to_owned(), json!([recipe.merger.to_string(), models]).to_string());
     folder.write(RECIPE_FILE, text.as_bytes())?;
-    folder.write(CARD_FILE, card(recipe, &experts, &header)?.as_bytes())?;
+    folder.write(CARD_FILE, card(recipe, &experts, &mixture, &sources, &steps, &header)?.as_bytes())?;
     merged.save(&header, &folder.path().join(PRIOR_FILE))?;
     progress::say(&format!(
         "merged {} experts by `{}`; use them with --weights {} --method prior",
-        names.len(),
+        sources.len(),
         recipe.merger,
         args.folder.out.display()
     ));
@@ -88,35 +101,86 @@ fn beside(recipe: &Path, path: &str) -> PathBuf {
 }
 
 /// An expert's file with the name that its header gives.
-fn expert(recipe: &Path, model: &str) -> Result<(String, ExpertFile)> {
+fn expert(recipe: &Path, model: &str) -> Result<ExpertFile> {
     let path = beside(recipe, model);
     let (parameters, header): (Parameters, Header) = Parameters::load(&path)?;
-    let name = header.notes.get(ExpertFile::EXPERT).cloned();
-    let name = name.with_context(|| {
+    let named = header.notes.get(ExpertFile::EXPERT).cloned();
+    let named = named.with_context(|| {
         format!("`{}` does not say which expert it is; name files that `sage finetune` wrote", path.display())
     })?;
-    ensure!(!name.is_empty(), "`{}` names no expert in its header", path.display());
-    Ok((name, ExpertFile { path, parameters, header }))
+    ensure!(!named.is_empty(), "`{}` names no expert in its header", path.display());
+    Ok(ExpertFile { path, named, parameters, header })
+}
+
+/// The different licences of the prior and the experts.
+fn licenses(prior: &Header, sources: &[Source]) -> String {
+    let mut all: Vec<&str> = Vec::new();
+    for license in std::iter::once(&prior.license).chain(sources.iter().map(|source| &source.license)) {
+        if !license.is_empty() && !all.contains(&&**license) {
+            all.push(license);
+        }
+    }
+    all.join(" ")
+}
+
+/// Where an expert comes from, for the model card.
+struct Source {
+    name: String,
+    data: String,
+    license: String,
+}
+
+impl Source {
+    fn of(name: &str, file: &ExpertFile) -> Self {
+        let Header { data, license, .. } = &file.header;
+        Self { name: name.to_owned(), data: data.clone(), license: license.clone() }
+    }
 }
 
 /// The model card.
-fn card(recipe: &Recipe, experts: &ExpertSet, header: &Header) -> Result<String> {
+fn card(
+    recipe: &Recipe,
+    experts: &ExpertSet,
+    mixture: &Mixture,
+    sources: &[Source],
+    steps: &[Step],
+    header: &Header,
+) -> Result<String> {
     let mut rows = String::new();
-    for ((name, parameters), (model, weight)) in experts.experts().iter().zip(&recipe.models) {
-        rows += &format!("| {name} | {weight} | `{model}` | `{}` |\n", &parameters.hash()?[..16]);
+    let experts_of = experts.experts().iter().zip(&recipe.models).zip(sources).zip(mixture.weights());
+    for ((((name, parameters), (model, _)), source), weight) in experts_of {
+        let [data, license] = [&source.data, &source.license].map(|text| stated(text));
+        let hash = &parameters.hash()?[..16];
+        rows += &format!("| {name} | {weight} | `{model}` | `{hash}` | {data} | {license} |\n");
     }
-    let license = if header.license.is_empty() { "none stated" } else { &header.license };
+    let mut search = String::new();
+    if let Some(Search { scenes, selection, mu }) = &recipe.search {
+        search = format!(
+            "\nThe weights are those of a greedy soup on `{}`, by the mean value of the selected attacks under `{selection}` at mu {mu}:\n\n\
+             | expert | own value | value of the soup with it | in the soup |\n| --- | --- | --- | --- |\n",
+            scenes.join("`, `")
+        );
+        for step in steps {
+            let kept = if step.is_kept { "yes" } else { "no" };
+            search += &format!("| {} | {:.4} | {:.4} | {kept} |\n", step.expert, step.own, step.with_it);
+        }
+    }
     Ok(format!(
         "# Merged weights\n\n`{PRIOR_FILE}` holds experts of one prior merged into one network. `{RECIPE_FILE}` is the recipe.\n\n\
-         | | |\n| --- | --- |\n| merger | `{}` |\n| backbone | {} |\n| prior | `{}` (`{}`) |\n| trained on | {} |\n| command | `{}` |\n| version | sage {} |\n| licence | {license} |\n\n\
-         | expert | weight | file | hash |\n| --- | --- | --- | --- |\n{rows}\n\
+         | | |\n| --- | --- |\n| merger | `{}` |\n| backbone | {} |\n| prior | `{}` (`{}`) |\n| prior trained on | {} |\n| licence | {} |\n| command | `{}` |\n| version | sage {} |\n\n\
+         | expert | weight | file | hash | tuned on | licence |\n| --- | --- | --- | --- | --- | --- |\n{rows}{search}\n\
          Use it: `sage generate SCENES --weights DIR --method prior --out OUT`, with this folder as DIR.\n",
         recipe.merger,
         header.backbone,
         recipe.base,
         &experts.prior().parameters().hash()?[..16],
-        if header.data.is_empty() { "not stated" } else { &header.data },
+        stated(&header.data),
+        stated(&header.license),
         header.command,
         env!("CARGO_PKG_VERSION"),
     ))
+}
+
+fn stated(text: &str) -> &str {
+    if text.is_empty() { "not stated" } else { text }
 }

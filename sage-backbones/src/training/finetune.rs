@@ -230,8 +230,7 @@ pub fn finetune(
         Tunes::Scores => BTreeSet::new(),
         Tunes::All => encoder_parameters(prior, &scenes[0])?,
     };
-    let is_tuned =
-        |name: &str| prior.parameter_group(name).is_finetuned() || of_encoder.contains(name);
+    let is_tuned = |name: &str| prior.parameter_group(name).is_finetuned() || of_encoder.contains(name);
     let mut trainer = Trainer::new(prior, is_tuned, loop_options.config())?;
     let mut task = Preferences { prior, scenes, expert: measures.expert(objective)?, options, callback };
     epochs::run(&mut task, &mut trainer, &loop_options, checkpoint)?;

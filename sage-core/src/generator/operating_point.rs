@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-/// A mixture of experts: one weight per expert, in the order of the expert set.
+/// A mixture of experts: one weight per expert, in the order of the expert set. Experts beyond the given weights
+/// have weight 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mixture(Vec<f64>);
 
@@ -23,6 +24,12 @@ impl Mixture {
     /// The weights.
     pub fn weights(&self) -> &[f64] {
         &self.0
+    }
+
+    /// The mixture of a number of experts, at least as many as it has weights for: the others get weight 0.
+    pub fn among(&self, experts: usize) -> Self {
+        let rest = experts.saturating_sub(self.0.len());
+        Self(self.0.iter().copied().chain(std::iter::repeat_n(0.0, rest)).collect())
     }
 
     /// λ, the weight of the second expert, if there are exactly two.
@@ -80,6 +87,8 @@ mod tests {
         assert!(Mixture::new(vec![0.5, 0.3, 0.2]).is_on_simplex());
         assert!(!Mixture::between(1.5).is_on_simplex() && !Mixture::new(vec![0.5, 0.4]).is_on_simplex());
         assert!(!Mixture::between(f64::NAN).is_on_simplex());
+        assert_eq!(Mixture::between(0.25).among(3).weights(), [0.75, 0.25, 0.0]);
+        assert_eq!(Mixture::between(0.25).among(2), Mixture::between(0.25));
         assert_eq!(Mixture::between(0.25).lambda(), Some(0.25));
         assert_eq!(Mixture::new(vec![0.5, 0.3, 0.2]).lambda(), None);
     }

@@ -144,7 +144,10 @@ pub const PRESETS: [(&str, &str); 8] = [
     ("natural", "believable attacks: (1 − mu) · natural-realistic + mu · natural-adversarial"),
     ("natural-adversarial", "the shipped adversarial expert: early solid contact, realism, lanes, traffic"),
     ("natural-realistic", "the shipped realistic expert: realism, lanes, traffic"),
-    ("lawful", "the shipped lawful expert: lanes, direction of traffic, speed limits; medians by the rule `drivable`"),
+    (
+        "lawful",
+        "the shipped lawful expert: lanes, direction of traffic, speed limits; medians by the rule `drivable`",
+    ),
     ("paper-selection", "the paper's selection: mu · adversarial − (1 − mu) · realism"),
     ("paper-adversarial", "the paper's adversarial expert: 0.9 · adversarial − 0.1 · realism"),
     ("paper-realistic", "the paper's realistic expert: 0.1 · adversarial − 0.9 · realism"),

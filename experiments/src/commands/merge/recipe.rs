@@ -11,8 +11,11 @@ use sage_core::files;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
+use super::greedy_soup::Search;
 use crate::part::Part;
 
+/// Method whose weights are found by a search.
+const GREEDY_SOUP: &str = "greedy-soup";
 /// Size limit of a recipe, bytes.
 const LIMIT: u64 = 1 << 20;
 /// Keys of mergekit's recipes that have no meaning here.
@@ -59,6 +62,8 @@ pub(super) struct Recipe {
     pub(super) base: String,
     /// Files of the experts with their weights in the mixture.
     pub(super) models: Vec<(String, f64)>,
+    /// The search that finds the weights, if the recipe asks for one.
+    pub(super) search: Option<Search>,
 }
 
 impl Recipe {
@@ -86,6 +91,7 @@ impl Recipe {
         let base = written.base_model.context("`base_model` is missing: the prior of the experts")?;
         ensure!(!written.models.is_empty(), "`models` is empty; name the experts to merge");
         let mut shared = written.parameters;
+        let search = (written.merge_method == GREEDY_SOUP).then(|| search(&mut shared)).transpose()?;
         let (name, mut options) = merger(&written.merge_method);
         let normalizes = name == "linear" && shared.get("normalize") != Some(&json!(false));
         let shared_density = shared.remove("density");
@@ -106,12 +112,15 @@ impl Recipe {
         for (k, WrittenModel { model, mut parameters }) in written.models.into_iter().enumerate() {
             let ignores_weights = matches!(name, "model-stock" | "uniform-soup");
             let weight = match (parameters.remove("weight"), share) {
+                (Some(_), None) if search.is_some() => {
+                    bail!("`{model}` has a `weight`; `{GREEDY_SOUP}` finds the weights")
+                }
                 (Some(weight), None) => {
                     weight.as_f64().with_context(|| format!("`weight` of `{model}` is no number"))?
                 }
                 (Some(_), Some(_)) => bail!("`{model}` has a `weight`, and `t` is given as well"),
                 (None, Some(t)) => [1.0 - t, t][k],
-                (None, None) if ignores_weights => 1.0 / count as f64,
+                (None, None) if ignores_weights || search.is_some() => 1.0 / count as f64,
                 (None, None) => bail!("`{model}` has no `weight` in its `parameters`"),
             };
             // As in mergekit: the model's own, the shared one, or all values.
@@ -139,7 +148,7 @@ impl Recipe {
             ensure!(sum.is_finite() && sum != 0.0, "the weights sum to {sum}, so they cannot be normalised");
             models.iter_mut().for_each(|(_, weight)| *weight /= sum);
         }
-        Ok(Self { merger: Part { name: name.to_owned(), options }, base, models })
+        Ok(Self { merger: Part { name: name.to_owned(), options }, base, models, search })
     }
 }
 
@@ -150,10 +159,30 @@ fn merger(method: &str) -> (&str, Map<String, Value>) {
         "dare_linear" => ("dare", consensus("none")),
         "dare_ties" => ("dare", consensus("sum")),
         "model_stock" => ("model-stock", Map::new()),
+        GREEDY_SOUP => ("linear", Map::new()),
         "task_arithmetic" => ("preference-vector", Map::new()),
         "slerp" => ("slerp", Map::from_iter([("of".to_owned(), json!("weights"))])),
         other => (other, Map::new()),
     }
+}
+
+/// Takes the parameters of a greedy soup.
+fn search(shared: &mut Map<String, Value>) -> Result<Search> {
+    let text = |value: &Value| value.as_str().map(str::to_owned);
+    let scenes = match shared.remove("scenes") {
+        Some(Value::Array(all)) => all.iter().map(text).collect(),
+        one => one.as_ref().and_then(text).map(|one| vec![one]),
+    };
+    let scenes = scenes.filter(|scenes| !scenes.is_empty()).with_context(|| {
+        format!("`{GREEDY_SOUP}` needs the parameter `scenes`: a file or folder of scenes, or a list of them")
+    })?;
+    let selection = shared.remove("selection").unwrap_or(json!("natural"));
+    let mu = shared.remove("mu").unwrap_or(json!(0.5));
+    Ok(Search {
+        scenes,
+        selection: text(&selection).context("`selection` is no name of an objective")?,
+        mu: mu.as_f64().filter(|mu| (0.0..=1.0).contains(mu)).context("`mu` is not a number from 0 to 1")?,
+    })
 }
 
 /// Moves mergekit's shared parameters to our options, or refuses them.
@@ -219,6 +248,23 @@ dtype: float32
         assert_eq!(Recipe::parse(&all).unwrap().merger.options["density"], 1.0);
         let shared = all.replace("normalize: true", "density: 0.25");
         assert_eq!(Recipe::parse(&shared).unwrap().merger.options["density"], 0.25);
+    }
+
+    #[test]
+    fn a_greedy_soup_names_its_scenes_and_no_weights() {
+        let soup = "{merge_method: greedy-soup, base_model: p, models: [{model: a}, {model: b}], parameters: {scenes: dev, mu: 1}}";
+        let recipe = Recipe::parse(soup).unwrap();
+        let search = Search { scenes: vec!["dev".to_owned()], selection: "natural".to_owned(), mu: 1.0 };
+        assert_eq!((recipe.search, &*recipe.merger.name), (Some(search), "linear"));
+        for (change, to, named) in [
+            ("scenes: dev, ", "", "needs the parameter `scenes`"),
+            ("scenes: dev", "scenes: []", "needs the parameter `scenes`"),
+            ("mu: 1", "mu: 2", "`mu` is not a number from 0 to 1"),
+            ("{model: a}", "{model: a, parameters: {weight: 1}}", "finds the weights"),
+        ] {
+            let error = format!("{:#}", Recipe::parse(&soup.replace(change, to)).unwrap_err());
+            assert!(error.contains(named), "{to}: {error}");
+        }
     }
 
     #[test]

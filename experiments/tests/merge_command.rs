@@ -126,4 +126,130 @@ fn connectivity_has_its_figures_and_ends_at_the_experts() {
     let shares: f64 =
         layers.lines().skip(1).map(|line| line.split(',').nth(3).unwrap().parse::<f64>().unwrap()).sum();
     assert!((shares - 1.0).abs() < 1e-9, "{shares}");
+    // Both extrapolations begin at the adversarial expert.
+    let beyond = fs::read_to_string(out.join("extrapolation.csv")).unwrap();
+    let at_start = |name: &str| {
+        let line = beyond.lines().find(|line| line.starts_with(&format!("{name},0,"))).unwrap();
+        line.split(',').skip(3).map(|x| x.parse::<f64>().unwrap()).collect::<Vec<_>>()
+    };
+    assert_eq!(at_start("vector"), at_start("direct"));
+    assert_eq!(at_start("direct"), path[20][3..]);
+    // Three experts and their prior are in the components; distances there are at most those in full.
+    let components = fs::read_to_string(out.join("components.csv")).unwrap();
+    let point = |name: &str| -> [f64; 2] {
+        let line = components.lines().find(|line| line.starts_with(&format!("{name},"))).unwrap();
+        let mut numbers = line.split(',').skip(1).map(|x| x.parse().unwrap());
+        [numbers.next().unwrap(), numbers.next().unwrap()]
+    };
+    let [[a, b], [c, d]] = [point("prior"), point("adversarial")];
+    let (shown, whole) = ((a - c).hypot(b - d), path[20][1]);
+    assert!(shown <= whole + 1e-9 && shown > 0.8 * whole, "{shown} of {whole}");
+    point("lawful");
+    // The same command shows the page again.
+    let again = sage(&["analyse", "connectivity", text(&scenes), "--out", text(&out)]);
+    assert!(stderr(&again).contains("and it is done"), "{}", stderr(&again));
+    assert_eq!(stdout(&again), page);
+}
+
+#[test]
+fn mixtures_of_three_experts_are_measured_on_their_triangle() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenes, out) = (folder.path().join("scenes"), folder.path().join("out"));
+    stdout(&sage(&["scenes", "--count", "2", "--seed", "4", "--out", text(&scenes)]));
+    let bench = |more: &[&str], out: &str| {
+        let out = folder.path().join(out);
+        let all = ["bench", "mixtures", text(&scenes), "--steps", "2", "--out", text(&out)];
+        sage(&[&all[..], more].concat())
+    };
+    let table = bench(&[], "out");
+    // The corners, the centres of the sides; the centre is not on this lattice.
+    let weights = stdout(&table).lines().filter(|line| line.starts_with("| 0.") || line.starts_with("| 1."));
+    assert_eq!(weights.count(), 6);
+    let csv = fs::read_to_string(out.join("mixtures.csv")).unwrap();
+    assert!(csv.starts_with("realistic,adversarial,lawful,selection,attack,penalty,lane_distance\n"));
+    assert_eq!(csv.lines().count(), 1 + 2 * 6);
+    for picture in ["triangle.svg", "triangle-policy.svg"] {
+        assert!(fs::read_to_string(out.join(picture)).unwrap().contains("lawful"), "{picture}");
+    }
+    let error = |more: &[&str]| stderr(&bench(more, "wrong")).to_owned();
+    assert!(error(&["--experts", "realistic,lawful"]).contains("a triangle has three corners"));
+    assert!(error(&["--experts", "realistic,lawful,calm"]).contains("no expert `calm`"));
+    assert!(error(&["--experts", "realistic,lawful,lawful"]).contains("`lawful` is given twice"));
+    assert!(error(&["--merger", "trajectory"]).contains("changes the modes"));
+    assert!(!folder.path().join("wrong").exists());
+}
+
+#[test]
+fn a_greedy_soup_keeps_what_does_not_lower_its_value() {
+    let folder = tempfile::tempdir().unwrap();
+    let [scenes, file, out] = ["scenes", "soup.yaml", "soup"].map(|name| folder.path().join(name));
+    stdout(&sage(&["scenes", "--count", "3", "--seed", "4", "--out", text(&scenes)]));
+    let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
+    let models: String = ["realistic", "adversarial", "lawful", "adversarial"]
+        .map(|name| format!("  - model: {}\n", weights.join(format!("{name}.safetensors")).display()))
+        .concat();
+    let parameters = "parameters: {scenes: scenes, mu: 1.0}";
+    let recipe =
+        format!("merge_method: greedy-soup\nbase_model: procedural\nmodels:\n{models}{parameters}\n");
+    fs::write(&file, &recipe).unwrap();
+    stdout(&sage(&["merge", text(&file), "--out", text(&out)]));
+    let card = fs::read_to_string(out.join("README.md")).unwrap();
+    // The steps of the search: the best first; a second copy of it changes nothing, so it stays.
+    let steps: Vec<&str> =
+        card.lines().filter(|line| line.ends_with("| yes |") || line.ends_with("| no |")).collect();
+    assert_eq!(steps.len(), 4, "{card}");
+    assert!(steps[0].starts_with("| adversarial |") && steps[0].ends_with("| yes |"), "{card}");
+    assert!(steps[1].starts_with("| adversarial 2 |") && steps[1].ends_with("| yes |"), "{card}");
+    fs::write(&file, recipe.replace("scenes: scenes", "scenes: nowhere")).unwrap();
+    let error = failure(&["merge", text(&file), "--out", text(&folder.path().join("none"))]);
+    assert!(error.contains("nowhere") && !folder.path().join("none").exists(), "{error}");
+}
+
+#[test]
+fn experts_with_their_own_encoders_are_tuned_and_mixed() {
+    let folder = tempfile::tempdir().unwrap();
+    let [config, experts, file] =
+        ["tune.json", "experts", "recipe.yaml"].map(|name| folder.path().join(name));
+    let tune = r#"{"tunes": "all", "epochs": 1, "candidates": 16, "weight_decay": 0.01, "experts": {"realistic": {}, "adversarial": {}}}"#;
+    fs::write(&config, tune).unwrap();
+    let finetune =
+        ["finetune", "--procedural", "2", "--roles", "0", "--config", text(&config), "--out", text(&experts)];
+    let done = sage(&finetune);
+    assert!(done.status.success(), "{}", stderr(&done));
+    // The encoder moved; the decoder of trajectories, which the loss does not see, did not.
+    let tensors = |name: &str| {
+        let file = experts.join(format!("{name}.safetensors"));
+        sage_backbones::Parameters::load(&file).unwrap().0
+    };
+    let (prior, expert) = (tensors("prior"), tensors("adversarial"));
+    let moved: Vec<&str> = prior
+        .iter()
+        .filter(|(name, tensor)| {
+            let numbers = |tensor: &sage_backbones::candle::Tensor| -> Vec<f32> {
+                tensor.flatten_all().unwrap().to_vec1().unwrap()
+            };
+            numbers(tensor) != numbers(expert.get(name).unwrap())
+        })
+        .map(|(name, _)| name)
+        .collect();
+    let begins = |start: &str| moved.iter().any(|name| name.starts_with(start));
+    assert!(begins("sub_graph.") && begins("rounds.") && !begins("decoder.tnt_"), "{moved:?}");
+    let scene = example();
+    let attack = |more: &[&str], out: &str| {
+        let out = folder.path().join(out);
+        let all = ["generate", &scene, "--weights", text(&experts), "--json", "--out", text(&out)];
+        rows(&sage(&[&all[..], more].concat())).remove(0)["candidates"].clone()
+    };
+    let linear = attack(&["--lambda", "0.5"], "linear");
+    assert_ne!(linear, attack(&["--lambda", "1"], "end"));
+    assert_ne!(linear, attack(&["--lambda", "0.5", "--merger", "logit"], "logit"));
+    let path = |name: &str| experts.join(format!("{name}.safetensors"));
+    let recipe = format!(
+        "merge_method: linear\nbase_model: {}\nmodels:\n  - {{model: {}, parameters: {{weight: 1}}}}\n",
+        text(&experts),
+        path("adversarial").display()
+    );
+    fs::write(&file, recipe).unwrap();
+    let error = failure(&["merge", text(&file), "--out", text(&folder.path().join("merged"))]);
+    assert!(error.contains("own encoders"), "{error}");
 }

@@ -56,14 +56,14 @@ pub(crate) struct PretrainArgs {
     pub folder: FolderArgs,
 }
 
-/// Fine-tune a realistic and an adversarial expert from a prior (HGPO).
+/// Fine-tune a realistic, an adversarial and a lawful expert from a prior (HGPO).
 ///
 /// Preference pairs are formed among the policy's own candidates: feasible over infeasible, then higher over
 /// lower by each expert's objective. A --config file can set other objectives or other experts: {"experts":
-/// {"lawful": {"objective": …}, …}}. The encoder and the trajectories stay those of the prior. The same
-/// command resumes an interrupted run. Scenes are held in memory with all their goals: about 12 MB each with
-/// three --roles. The output folder holds `prior.safetensors`, `realistic.safetensors`,
-/// `adversarial.safetensors`, `finetune.csv` and `run.json`; other commands read it with `--weights`.
+/// {"calm": {"objective": …}, …}}. The trajectories stay those of the prior, and so does the encoder unless
+/// the config sets {"tunes": "all"}. The same command resumes an interrupted run. Scenes are held in memory with all
+/// their goals: about 12 MB each with three --roles. The output folder holds `prior.safetensors`, a file for each
+/// expert, `finetune.csv` and `run.json`; other commands read it with `--weights`.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits docs/results/splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --procedural 200 --prior procedural --out procedural-experts/"

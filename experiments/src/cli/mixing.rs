@@ -14,8 +14,9 @@ use crate::part::Parts;
 ///
 /// RECIPE is YAML in mergekit's shape: `merge_method` (a merger of weights in `sage list`, or mergekit's name of it),
 /// `base_model` (the prior: weights by name, or a folder), `models` (files of experts, each with its `weight`),
-/// and `parameters` (options of the merger). Everything is checked before anything is written. The output folder
-/// holds the weights, a copy of the recipe and a model card. `docs/method.md`, section 'Merge recipes', shows one.
+/// and `parameters` (options of the merger). The method `greedy-soup` finds the weights by a search on the scenes
+/// that `parameters` names. Everything is checked before anything is written. The output folder holds the weights, a
+/// copy of the recipe and a model card. `docs/method.md`, section 'Merge recipes', shows one.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sage merge recipe.yaml --out merged/\n  sage generate scenes/ --weights merged/ --method prior --out attacked/"
@@ -50,7 +51,7 @@ pub(crate) struct ParetoArgs {
     #[arg(
         long,
         value_name = "NAMES",
-        default_value = "linear,logit,probability,trajectory,slerp,ties,dare,vector-extrapolation"
+        default_value = "linear,logit,probability,trajectory,slerp,ties,dare"
     )]
     pub mergers: Parts,
     /// Weight mu of the selection at every lambda; default: lambda.
@@ -90,7 +91,7 @@ pub(crate) struct MixturesArgs {
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "realistic,adversarial,lawful")]
     pub experts: Vec<String>,
     /// Steps along each side of the triangle.
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=50))]
+    #[arg(long, value_name = "N", default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=50))]
     pub steps: u32,
     #[command(flatten)]
     pub merging: MergerArgs,
@@ -112,12 +113,13 @@ pub(crate) struct MixturesArgs {
     pub folder: FolderArgs,
 }
 
-/// Analyse linear mode connectivity: geometry of two experts, rewards on the path between them and on the plane
-/// through them and the prior.
+/// Analyse linear mode connectivity: geometry of the realistic and the adversarial expert, rewards on the path
+/// between them, on the plane through them and the prior, and beyond the adversarial one.
 ///
-/// Writes a page with the figures (`connectivity.md`), and CSV files and charts of the path, of the landscape on
-/// the plane (21 x 21 models), and of each tensor's share of the movement. Rewards are expectations under the
-/// policy, without selection.
+/// Writes a page with the figures (`connectivity.md`), and CSV files and pictures of the path, of the landscape on
+/// the plane (21 x 21 models), of extrapolation at equal step lengths, of the principal components of all experts,
+/// and of each tensor's share of the movement. Rewards are expectations under the policy, without selection. The
+/// same command resumes an interrupted run.
 #[derive(Debug, Args)]
 #[command(
     after_help = "Example:\n  sage analyse connectivity target/data/womd_cat500/val --weights waymo --out connectivity/"

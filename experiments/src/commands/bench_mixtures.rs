@@ -2,7 +2,7 @@
 
 use std::{fmt::Write as _, sync::Arc};
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use sage_backbones::{
     MotionModel,
     training::{Measures, PreparedScene, SceneData},
@@ -43,9 +43,12 @@ type OfScene = [Vec<Values>; 2];
 
 pub(crate) fn run(args: &MixturesArgs, registries: &Registries) -> Result<Outcome> {
     let [first, second, third] = &args.experts[..] else {
-        anyhow::bail!("--experts names {} experts; a triangle has three corners", args.experts.len());
+        bail!("--experts names {} experts; a triangle has three corners", args.experts.len());
     };
     let names = [&**first, &**second, &**third];
+    if let Some(k) = (1..3).find(|&k| names[..k].contains(&names[k])) {
+        bail!("`{}` is given twice in --experts", names[k]);
+    }
     let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
     let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
     ensure!(

@@ -52,6 +52,9 @@ pub(crate) struct TaskArithmetic {
 impl TaskArithmetic {
     /// Writes the merged tensor. `vectors` are the sparse task vectors.
     pub(crate) fn merge(&self, tensor: &TensorSet, vectors: &[Vec<f64>], at: &[f64], out: &mut [f32]) {
+        // An expert without weight counts nowhere.
+        let (at, vectors): (Vec<f64>, Vec<&Vec<f64>>) =
+            at.iter().zip(vectors).filter(|(weight, _)| **weight != 0.0).unzip();
         let mut weighted = vec![0.0; vectors.len()];
         for (k, out) in out.iter_mut().enumerate() {
             for (i, weighted) in weighted.iter_mut().enumerate() {

@@ -11,7 +11,7 @@ use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, REALISTIC};
 
 use super::{
     bar_chart,
-    connectivity::{Path, VALUES, best_lambda, heights},
+    connectivity::{Path, VALUES, Value, best_lambda, heights},
     heat_map::{self, Grid},
     line_chart::{self, Chart, Line},
     pareto::{Measure, Sweep},
@@ -79,7 +79,7 @@ impl Connectivity<'_> {
         folder.write("layers.csv", self.layers_csv()?.as_bytes())?;
         folder.write("layers.svg", self.layers().as_bytes())?;
         folder.write("landscape.csv", self.landscape_csv()?.as_bytes())?;
-        let pictures: [(&str, &str, fn(&Measure) -> f64); 2] = [
+        let pictures: [(&str, &str, Value); 2] = [
             ("landscape-reward.svg", "R_adv", |m| m.reward),
             ("landscape-penalty.svg", "P_real", |m| m.penalty),
         ];

@@ -48,11 +48,7 @@ pub(crate) struct ParetoArgs {
     #[command(flatten)]
     pub split: SplitArgs,
     /// Comma-separated mergers; with options as NAME{"option": value}.
-    #[arg(
-        long,
-        value_name = "NAMES",
-        default_value = "linear,logit,probability,trajectory,slerp,ties,dare"
-    )]
+    #[arg(long, value_name = "NAMES", default_value = "linear,logit,probability,trajectory,slerp,ties,dare")]
     pub mergers: Parts,
     /// Weight mu of the selection at every lambda; default: lambda.
     #[arg(long, value_name = "M", value_parser = number)]

@@ -55,7 +55,7 @@ impl OperatingPointSpec {
             aggression: None,
             lambda: None,
             mix: mix.to_vec(),
-            mu: checked(mu.unwrap_or(adversarial))?,
+            mu: checked(mu.unwrap_or(adversarial.clamp(0.0, 1.0)))?,
         })
     }
 

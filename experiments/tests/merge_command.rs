@@ -42,6 +42,9 @@ fn a_merged_network_attacks_as_its_experts_do_at_that_mixture() {
     let by_merged = ["--weights", text(&merged), "--method", "prior", "--mu", "0.7"];
     let by_mixture = ["--weights", "procedural", "--mix", "realistic=0.3,adversarial=0.7"];
     assert_eq!(attack(&by_merged, "a"), attack(&by_mixture, "b"));
+    // Task arithmetic takes weights of any sum, as in mergekit.
+    fs::write(&file, recipe("task_arithmetic", [1.0, 1.0], "{}")).unwrap();
+    stdout(&sage(&["merge", text(&file), "--out", text(&folder.path().join("sum"))]));
     let error =
         failure(&["generate", &scene, "--weights", text(&merged), "--out", text(&folder.path().join("c"))]);
     assert!(error.contains("realistic.safetensors"), "{error}");

@@ -8,7 +8,7 @@ use sage_core::{registry::Entry, seed::Rng};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet,
+    Error, ExpertSet, Merger, Range, TensorMerger, TensorRule, TensorSet,
     task_arithmetic::{Consensus, SparseRule, Sparsify, TaskArithmetic, check},
 };
 
@@ -35,6 +35,10 @@ impl Default for DareOptions {
 pub struct Dare(DareOptions);
 
 impl TensorMerger for Dare {
+    fn range(&self) -> Range {
+        Range::Beyond
+    }
+
     fn prepare(&self, experts: &ExpertSet, seed: u64) -> Result<Box<dyn TensorRule>, Error> {
         let names = experts.names().into_iter().map(str::to_owned).collect();
         Ok(Box::new(SparseRule::new(Drops { options: self.0, names, seed })))

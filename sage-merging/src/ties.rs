@@ -9,7 +9,7 @@ use sage_core::registry::Entry;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Error, ExpertSet, Merger, TensorMerger, TensorRule, TensorSet,
+    Error, ExpertSet, Merger, Range, TensorMerger, TensorRule, TensorSet,
     task_arithmetic::{Consensus, SparseRule, Sparsify, TaskArithmetic, check},
 };
 
@@ -34,6 +34,10 @@ impl Default for TiesOptions {
 pub struct Ties(TiesOptions);
 
 impl TensorMerger for Ties {
+    fn range(&self) -> Range {
+        Range::Beyond
+    }
+
     fn prepare(&self, _: &ExpertSet, _: u64) -> Result<Box<dyn TensorRule>, Error> {
         Ok(Box::new(SparseRule::new(*self)))
     }

@@ -150,7 +150,7 @@ fn an_interrupted_fine_tuning_resumes_to_the_same_bits() {
     let _ = child.kill();
     child.wait().unwrap();
     assert!(tune(&interrupted).wait().unwrap().success());
-    for expert in ["realistic", "adversarial"] {
+    for expert in ["realistic", "adversarial", "lawful"] {
         let [a, b] = [&whole, &interrupted].map(|dir| {
             let file = dir.join(format!("{expert}.safetensors"));
             sage_backbones::Parameters::load(&file).unwrap().0.hash().unwrap()
@@ -158,7 +158,7 @@ fn an_interrupted_fine_tuning_resumes_to_the_same_bits() {
         assert_eq!(a, b, "{expert}");
     }
     let table = |dir: &Path| std::fs::read_to_string(dir.join("finetune.csv")).unwrap().lines().count();
-    assert_eq!((table(&whole), table(&interrupted)), (7, 7));
+    assert_eq!((table(&whole), table(&interrupted)), (10, 10));
 }
 
 #[test]

@@ -92,7 +92,7 @@ pub fn classify(contact: &DriveContact, car: &Vehicle, index: &SceneIndex) -> Fa
 }
 
 /// Whether all corners of a box lie in one lane, or in lanes that follow each other. `None` without lanes.
-fn is_in_one_lane(area: &OrientedBox, index: &SceneIndex) -> Option<bool> {
+pub(crate) fn is_in_one_lane(area: &OrientedBox, index: &SceneIndex) -> Option<bool> {
     let map = index.map();
     if index.motor_lanes().segments().is_empty() {
         return None;

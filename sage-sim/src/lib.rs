@@ -5,7 +5,8 @@
 //! - [`Environment`](environment::Environment): reset and step with observation, reward, cost and endings, for
 //!   learning drivers; [`Batch`](environment::Batch) steps many at once.
 //! - [`EgoPolicy`](policy::EgoPolicy): drivers by name ([`policy::policies`]), driven by
-//!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact.
+//!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact, [`avoidable`] whether a driver could have
+//!   avoided an attack.
 //!
 //! A policy in a scene:
 //!
@@ -29,6 +30,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod avoidable;
 pub mod body;
 pub mod drive;
 pub mod environment;

@@ -21,6 +21,7 @@ use sage_core::{
     statistics::{self, Estimate},
 };
 use sage_generators::logged_future;
+use sage_sim::avoidable::{Avoidable, Avoidance, AvoidanceOptions};
 use serde::{Deserialize, Serialize};
 
 use super::closed_loop::{Driven, DriverUnderTest};
@@ -56,6 +57,9 @@ pub struct SceneRow {
     pub seconds: f64,
     /// Note of the generator on its selection.
     pub note: Option<Note>,
+    /// Whether a driver could have avoided the attack; `None` unless it was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub avoidable: Option<Avoidable>,
     /// What happens when a driver meets the attack; `None` without a simulation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub driven: Option<Driven>,
@@ -93,9 +97,12 @@ impl Column {
     }
 }
 
-/// Columns of a table: the built-in ones, a mean for each further reward, a share for each further rule.
-pub(crate) fn columns(further: &FurtherMeasures) -> Vec<Column> {
-    let own = COLUMNS.iter().map(|c| Column { name: c.name, value: c.value, is_share: c.is_share });
+/// Columns of a table: the built-in ones, those of the search for ways out if it was made, a mean for each further
+/// reward, a share for each further rule.
+pub(crate) fn columns(further: &FurtherMeasures, with_avoidable: bool) -> Vec<Column> {
+    let searched = if with_avoidable { AVOIDABLE } else { &[] };
+    let own = COLUMNS.iter().chain(searched);
+    let own = own.map(|c| Column { name: c.name, value: c.value, is_share: c.is_share });
     let rewards = further.rewards().filter(|name| !SHOWN.contains(name));
     let rewards = rewards.map(|name| Column { name, value: Value::Reward, is_share: false });
     let rules = further.rules().map(|name| Column { name, value: Value::Rule, is_share: true });
@@ -142,6 +149,16 @@ pub const COLUMNS: &[Column] = &[
     mean_of("release: crash-object", |r| Some(r.release.crash_object)),
 ];
 
+/// Columns of the search for ways out, over the attacks alone. Times are of attacks for which one was found.
+const AVOIDABLE: &[Column] = &[
+    share("avoidable", |r| avoidable(r).and_then(|a| yes(a.avoidable?))),
+    share("avoidable, nobody behind", |r| avoidable(r).and_then(|a| yes(a.avoidable_unhit?))),
+    share("recovers", |r| avoidable(r).and_then(|a| yes(a.recovers?))),
+    mean_of("react s", |r| avoidable(r)?.time_to_react),
+    mean_of("brake s", |r| avoidable(r)?.time_to_brake),
+    mean_of("steer s", |r| avoidable(r)?.time_to_steer),
+];
+
 /// True if a feasible trajectory hits the ego.
 pub fn is_attack(row: &SceneRow) -> bool {
     row.paper.collision && row.paper.feasible
@@ -150,6 +167,11 @@ pub fn is_attack(row: &SceneRow) -> bool {
 /// True if a person would believe the attack.
 pub fn is_believable(row: &SceneRow) -> bool {
     row.paper.believable == Some(true)
+}
+
+/// Whether an attack is avoidable; `None` if it is no attack.
+fn avoidable(row: &SceneRow) -> Option<&Avoidable> {
+    row.avoidable.as_ref().filter(|_| is_attack(row))
 }
 
 fn touches_median(row: &SceneRow) -> bool {
@@ -181,6 +203,7 @@ pub(crate) struct MeasuredScene<'d> {
     natural_log: Naturalness,
     likelihood: Option<PriorOfAdversary>,
     nll_log: Option<f64>,
+    avoidance: Option<Avoidance>,
 }
 
 impl<'d> MeasuredScene<'d> {
@@ -201,7 +224,15 @@ impl<'d> MeasuredScene<'d> {
         let natural_log = Naturalness::of(&ctx.candidate(log.clone()), &ctx);
         let likelihood = PriorOfAdversary::of(data, prior)?;
         let nll_log = likelihood.as_ref().and_then(|prior| prior.nll(&log));
-        Ok(Self { data, ctx, release, further, natural_log, likelihood, nll_log })
+        Ok(Self { data, ctx, release, further, natural_log, likelihood, nll_log, avoidance: None })
+    }
+
+    /// The same, with the search for ways out of attacks.
+    ///
+    /// *Errors*: options out of range.
+    pub(crate) fn with_avoidance(self, options: Option<AvoidanceOptions>) -> Result<Self> {
+        let avoidance = options.map(|options| Avoidance::new(&self.ctx, options)).transpose()?;
+        Ok(Self { avoidance, ..self })
     }
 
     /// Runs a generator at all its operating points; a row for each.
@@ -237,6 +268,7 @@ impl<'d> MeasuredScene<'d> {
             trajectory: trajectory.clone(),
             seconds,
             note: attack.note,
+            avoidable: self.avoidance.as_ref().map(|avoidance| avoidance.of(&candidate)),
             driven: None,
         })
     }

@@ -8,6 +8,7 @@ use sage_core::generator::Mixture;
 use sage_data::dataset::Shard;
 use sage_generators::{Aggression, Rate};
 use sage_merging::Range;
+use sage_sim::avoidable::AvoidanceOptions;
 
 use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
 use crate::{
@@ -136,6 +137,8 @@ pub(crate) struct OpenLoopArgs {
     /// Without this option no driver is simulated, and the ego is its recording.
     #[arg(long, value_name = "POLICIES")]
     pub ego: Option<PolicyParts>,
+    #[command(flatten)]
+    pub avoidable: AvoidableArgs,
     /// Seed of random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
@@ -232,6 +235,28 @@ pub(crate) struct DialBenchArgs {
     pub seed: u64,
     #[command(flatten)]
     pub folder: FolderArgs,
+}
+
+/// Search for ways out of attacks.
+#[derive(Clone, Debug, Default, Args)]
+pub(crate) struct AvoidableArgs {
+    /// Search whether a driver could have avoided each attack, and how late. Options as JSON, such as
+    /// '{"refinement": 2}' or '{"lateral": 4}'.
+    #[arg(long, value_name = "JSON", num_args = 0..=1, default_missing_value = "{}", value_parser = avoidance)]
+    pub avoidable: Option<AvoidanceOptions>,
+}
+
+impl AvoidableArgs {
+    /// The options of the search, if it was asked for.
+    pub(crate) fn options(&self) -> Option<AvoidanceOptions> {
+        self.avoidable
+    }
+}
+
+fn avoidance(text: &str) -> std::result::Result<AvoidanceOptions, String> {
+    let options: AvoidanceOptions = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    options.check().map_err(|error| error.to_string())?;
+    Ok(options)
 }
 
 /// Operating points of a command.

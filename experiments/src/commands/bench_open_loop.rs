@@ -96,7 +96,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let models: Vec<Arc<dyn MotionModel>> = policies.iter().map(|(_, model)| model.clone()).collect();
     let prior = &**experts.prior();
     let measure = |data: &SceneData, driver: Option<&DriverUnderTest>| -> Result<GeneratorRows> {
-        let scene = MeasuredScene::new(data, prior, &further)?;
+        let scene = MeasuredScene::new(data, prior, &further)?.with_avoidance(args.avoidable.options())?;
         let rows = |built: &BuiltGenerator| -> Result<Vec<SceneRow>> {
             let mut rows = scene.rows(built, args.seed)?;
             driver.map_or(Ok(()), |driver| scene.drive(&mut rows, driver))?;
@@ -143,7 +143,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let tables: Vec<Table> = (0..egos.len().max(1))
         .map(|ego| Table {
             ego: egos.get(ego).map(|ego| ego.label.clone()),
-            columns: open_loop::columns(&further),
+            columns: open_loop::columns(&further, args.avoidable.options().is_some()),
             rows: table_rows(&all, &generators, ego),
         })
         .collect();
@@ -244,6 +244,9 @@ fn identity(
     });
     if let Some(PolicyParts(parts)) = &args.ego {
         identity["ego"] = parts.iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
+    }
+    if let Some(options) = &args.avoidable.options() {
+        identity["avoidable"] = serde_json::to_value(options)?;
     }
     Ok(identity)
 }

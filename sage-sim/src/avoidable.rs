@@ -1,0 +1,379 @@
+//! Whether a driver could have avoided an attack: a search for a way out, and when the last one began.
+//!
+//! The adversary keeps to its plan and the others to their recording. The ego keeps to its path up to a frame and
+//! then follows one of many manoeuvres of a kinematic bicycle within [`AvoidanceOptions`]. A manoeuvre is a *way
+//! out* if its box touches nothing up to frame 90: not the adversary, no other road user, no edge, no median,
+//! swept between frames. Lines under the box at the start may be left, and a road user that runs into the ego from
+//! behind is noted, because a recorded follower does not react. Starts are tried from the contact backwards, so the
+//! first way out that is found is the last one.
+//!
+//! A way out that is found exists, and any simulator can replay it. That none is found proves nothing.
+
+mod car;
+mod limits;
+mod manoeuvres;
+mod reference_line;
+mod surroundings;
+
+use sage_core::{
+    geometry::{OrientedBox, Point, dot, norm, sub},
+    motion::{DT, HORIZON, NOW},
+    objective::{Candidate, Context, Encounter},
+};
+use serde::{Deserialize, Serialize};
+
+pub use limits::AvoidanceOptions;
+
+use crate::fault::is_in_one_lane;
+use car::{Car, State};
+use manoeuvres::{Manoeuvre, manoeuvres};
+use reference_line::ReferenceLine;
+use surroundings::{Moving, Passed, Surroundings, plan};
+
+/// A way out: box centre and heading at the 80 steps, metres and rad, world frame.
+pub type Witness = Vec<[f64; 3]>;
+
+/// Whether an attack is avoidable, and how late.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Avoidable {
+    /// Whether a way out was found, contacts from behind allowed; `None` if the question does not arise.
+    pub avoidable: Option<bool>,
+    /// Why it does not arise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub avoidable_reason: Option<String>,
+    /// Whether a way out without any contact from behind was found.
+    pub avoidable_unhit: Option<bool>,
+    /// Whether someone else runs into the ego from behind on the last way out.
+    pub hit_from_behind: Option<bool>,
+    /// Whether a straight full brake after frame 90 stays free for 2 s.
+    pub recovers: Option<bool>,
+    /// Whether the last way out leaves the lane at a frame at which the ego's own path is in one.
+    pub leaves_lane: Option<bool>,
+    /// Seconds from the last start to the contact; `None` without a way out.
+    pub time_to_react: Option<f64>,
+    /// The same of braking alone, on the ego's path.
+    pub time_to_brake: Option<f64>,
+    /// The same of steering alone, at the speed of the start.
+    pub time_to_steer: Option<f64>,
+    /// The last way out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub witness: Option<Witness>,
+}
+
+/// A scene and a path of the ego, prepared for all plans of the adversary.
+pub struct Avoidance {
+    ctx: Context,
+    surroundings: Surroundings,
+    /// Boxes of the ego at steps 0 to 80, up to the first gap.
+    path: Vec<OrientedBox>,
+    car: Car,
+    line: ReferenceLine,
+    /// Station of the rear axle at each step of the path.
+    stations: Vec<f64>,
+    manoeuvres: Vec<Manoeuvre>,
+    options: AvoidanceOptions,
+    /// Why nothing can be said about any plan.
+    refused: Option<String>,
+}
+
+/// A plan of the adversary, and the ego's path up to its contact.
+struct Attack {
+    adversary: Vec<Moving>,
+    prefix: Prefix,
+}
+
+/// The recorded path before a contact.
+struct Prefix {
+    /// Last step from which a manoeuvre may start.
+    last: usize,
+    /// Who runs into the ego from behind: step and track.
+    hits: Vec<(usize, usize)>,
+}
+
+impl Prefix {
+    fn hits_before(&self, start: usize) -> Vec<usize> {
+        self.hits.iter().filter(|(step, _)| *step <= start).map(|(_, track)| *track).collect()
+    }
+}
+
+/// A rollout that touched nothing.
+struct Free {
+    manoeuvre: Manoeuvre,
+    start: usize,
+    is_hit: bool,
+}
+
+impl Avoidance {
+    /// Prepares the first path of a context.
+    ///
+    /// *Errors*: [`sage_core::Error::Options`] for options out of range.
+    pub fn new(ctx: &Context, options: AvoidanceOptions) -> Result<Self, sage_core::Error> {
+        options.check()?;
+        let ego = ctx.scene().ego();
+        let mut path = vec![ego.oriented_box(NOW)];
+        path.extend(ctx.ego().boxes().iter().map_while(|area| *area));
+        // The size of the path is that of the scores.
+        let size = *path.last().unwrap_or(&path[0]);
+        path[0] = OrientedBox { half_length: size.half_length, half_width: size.half_width, ..path[0] };
+        let car = Car::new(&size, options);
+        let axles: Vec<Point> = path.iter().map(|area| car.axle(area)).collect();
+        let line = ReferenceLine::new(&axles, path[0].axis, ctx.index());
+        let mut station = line.station_of(axles[0]);
+        let stations = axles.iter().map(|axle| {
+            station = line.place(*axle, station).station;
+            station
+        });
+        let stations = stations.collect();
+        let surroundings = Surroundings::new(ctx);
+        let mut avoidance = Self {
+            ctx: ctx.clone(),
+            surroundings,
+            path,
+            car,
+            line,
+            stations,
+            manoeuvres: manoeuvres(&options),
+            options,
+            refused: None,
+        };
+        avoidance.refused = avoidance.refusal();
+        Ok(avoidance)
+    }
+
+    fn refusal(&self) -> Option<String> {
+        let (scene, index) = (self.ctx.scene(), self.ctx.index());
+        if !scene.ego().is_valid(NOW) {
+            return Some("the ego is not valid now".to_owned());
+        }
+        if index.edges().segments().is_empty() {
+            return Some("the map has no road edges".to_owned());
+        }
+        let now = &self.path[0];
+        let touching = |k: usize| {
+            let track = &scene.tracks[k];
+            track.is_valid(NOW) && k != scene.ego && track.oriented_box(NOW).intersects(now)
+        };
+        let found = (0..scene.tracks.len()).find(|k| touching(*k) && !self.is_other_level(*k))?;
+        Some(format!("the ego touches `{}` now", scene.tracks[found].id))
+    }
+
+    /// Whether a track is above or below the ego *now*.
+    fn is_other_level(&self, track: usize) -> bool {
+        let scene = self.ctx.scene();
+        let height = |k: usize| scene.tracks[k].position[NOW][2] - 0.5 * scene.tracks[k].size[NOW][2];
+        (height(track) - height(scene.ego)).abs() > 3.0
+    }
+
+    /// Whether a plan of the adversary is avoidable.
+    pub fn of(&self, candidate: &Candidate) -> Avoidable {
+        let refuse =
+            |reason: &str| Avoidable { avoidable_reason: Some(reason.to_owned()), ..Avoidable::default() };
+        if let Some(reason) = &self.refused {
+            return refuse(reason);
+        }
+        let Some(contact) = Encounter::of(candidate, self.ctx.ego()).contact else {
+            return refuse("no contact");
+        };
+        if contact >= self.path.len() {
+            return refuse("the ego's path has a gap before the contact");
+        }
+        let track = self.ctx.scene().adversary_index().unwrap_or_default();
+        let adversary = plan(track, candidate.box_now(), candidate.boxes());
+        let attack = Attack { prefix: self.prefix(contact, &adversary), adversary };
+        let search = |fits: &dyn Fn(&Manoeuvre) -> bool| -> Option<Free> {
+            (0..=attack.prefix.last).rev().find_map(|start| self.way_out(start, &attack, fits, true))
+        };
+        let react = search(&|_| true);
+        let seconds = |free: &Option<Free>| free.as_ref().map(|free| (contact - free.start) as f64 * DT);
+        let Some(way) = &react else {
+            return Avoidable {
+                avoidable: Some(false),
+                avoidable_unhit: Some(false),
+                ..Avoidable::default()
+            };
+        };
+        let unhit = !way.is_hit || {
+            let earlier = (0..=way.start).rev();
+            earlier.into_iter().any(|start| self.way_out(start, &attack, &|_| true, false).is_some())
+        };
+        let (witness, recovers) = self.trace(way, &attack);
+        Avoidable {
+            avoidable: Some(true),
+            avoidable_reason: None,
+            avoidable_unhit: Some(unhit),
+            hit_from_behind: Some(way.is_hit),
+            recovers: Some(recovers),
+            leaves_lane: self.leaves_lane(&witness, way.start),
+            time_to_react: seconds(&react),
+            time_to_brake: seconds(&search(&Manoeuvre::brakes)),
+            time_to_steer: seconds(&search(&Manoeuvre::steers)),
+            witness: Some(witness),
+        }
+    }
+
+    /// The recorded path up to the contact, as far as it touches nothing.
+    fn prefix(&self, contact: usize, adversary: &[Moving]) -> Prefix {
+        let mut passed = Passed::default();
+        let mut prefix = Prefix { last: contact - 1, hits: Vec::new() };
+        for step in 1..contact {
+            let pair = [step - 1, step].map(|k| self.car.grown(&self.path[k]));
+            let bounds = pair[0].aabb().union(&pair[1].aabb());
+            let pair = [&pair[0], &pair[1]];
+            let known = passed.from_behind.len();
+            if self.surroundings.met(step, pair, &bounds, adversary, self.car.rear, &mut passed).is_some() {
+                prefix.last = step - 1;
+                break;
+            }
+            prefix.hits.extend(passed.from_behind[known..].iter().map(|track| (step, *track)));
+        }
+        prefix
+    }
+
+    /// The first manoeuvre from a start that touches nothing; one that nobody runs into is preferred.
+    fn way_out(
+        &self,
+        start: usize,
+        attack: &Attack,
+        fits: &dyn Fn(&Manoeuvre) -> bool,
+        may_be_hit: bool,
+    ) -> Option<Free> {
+        let mut hit = None;
+        for manoeuvre in self.manoeuvres.iter().filter(|manoeuvre| fits(manoeuvre)) {
+            let Some(passed) = self.roll_out(start, manoeuvre, attack, &mut |_, _| {}) else { continue };
+            let free = Free { manoeuvre: *manoeuvre, start, is_hit: !passed.from_behind.is_empty() };
+            if !free.is_hit {
+                return Some(free);
+            }
+            hit = hit.or(Some(free));
+        }
+        hit.filter(|_| may_be_hit)
+    }
+
+    /// Follows a manoeuvre to the last step; `None` if it touches something. `each` gets the boxes of a step and
+    /// the speed.
+    fn roll_out(
+        &self,
+        start: usize,
+        manoeuvre: &Manoeuvre,
+        attack: &Attack,
+        each: &mut dyn FnMut(&OrientedBox, f64),
+    ) -> Option<Passed> {
+        let from = self.car.grown(&self.path[start]);
+        let mut passed = self.surroundings.passed(&from, attack.prefix.hits_before(start));
+        let mut motion = Motion::new(self, start, manoeuvre);
+        let mut before = from;
+        for step in start + 1..=HORIZON {
+            let (area, speed) = motion.step(self, (step - start - 1) as f64 * DT);
+            let pair = [&before, &area];
+            if self.surroundings.touched(step, pair, &attack.adversary, self.car.rear, &mut passed).is_some()
+            {
+                return None;
+            }
+            each(&area, speed);
+            before = area;
+        }
+        Some(passed)
+    }
+
+    /// The witness of a way out, and whether it recovers.
+    fn trace(&self, way: &Free, attack: &Attack) -> (Witness, bool) {
+        let row = |area: &OrientedBox| [area.center[0], area.center[1], area.axis[1].atan2(area.axis[0])];
+        let mut witness: Witness = self.path[1..=way.start].iter().map(row).collect();
+        let start = self.car.grown(&self.path[way.start]);
+        let (mut last, mut speed) = ([start, start], 0.0);
+        let passed = self.roll_out(way.start, &way.manoeuvre, attack, &mut |area, now| {
+            witness.push(row(area));
+            last = [last[1], *area];
+            speed = now;
+        });
+        let passed = passed.unwrap_or_default();
+        let [before, end] = &last;
+        let recovers =
+            self.surroundings.recovers([before, end], speed, self.options.brake, &attack.adversary, &passed);
+        (witness, recovers)
+    }
+
+    /// Whether a witness is out of every lane at a step after its start at which the path is in one; `None` on a map
+    /// without lanes.
+    fn leaves_lane(&self, witness: &Witness, start: usize) -> Option<bool> {
+        let index = self.ctx.index();
+        let size = &self.path[0];
+        let mut leaves = false;
+        for (k, [x, y, heading]) in witness.iter().enumerate().skip(start) {
+            let Some(path) = self.path.get(k + 1) else { break };
+            let own = OrientedBox::new([*x, *y], *heading, 2.0 * size.half_length, 2.0 * size.half_width);
+            leaves |= is_in_one_lane(path, index)? && !is_in_one_lane(&own, index)?;
+        }
+        Some(leaves)
+    }
+
+    /// Speed at a step of the path, by backward difference, m/s.
+    fn speed(&self, step: usize) -> f64 {
+        let area = &self.path[step];
+        if step == 0 {
+            let ego = self.ctx.scene().ego();
+            let before = (NOW > 0 && ego.is_valid(NOW - 1)).then(|| ego.point(NOW - 1));
+            let velocity =
+                before.map_or(ego.velocity[NOW], |before| sub(area.center, before).map(|x| x / DT));
+            return dot(velocity, area.axis).max(0.0);
+        }
+        dot(sub(area.center, self.path[step - 1].center), area.axis).max(0.0) / DT
+    }
+}
+
+/// The ego on a manoeuvre.
+enum Motion<'m> {
+    /// Steered along the line, at an offset.
+    Steered { state: State, manoeuvre: &'m Manoeuvre, offset: f64 },
+    /// On the recorded path: step of the path, metres beyond it, speed and acceleration.
+    OnPath { manoeuvre: &'m Manoeuvre, step: usize, beyond: f64, speed: f64, acceleration: f64 },
+}
+
+impl<'m> Motion<'m> {
+    fn new(avoidance: &Avoidance, start: usize, manoeuvre: &'m Manoeuvre) -> Self {
+        let speed = avoidance.speed(start);
+        match manoeuvre.sidestep {
+            None => Self::OnPath { manoeuvre, step: start, beyond: 0.0, speed, acceleration: 0.0 },
+            Some(sidestep) => {
+                let area = &avoidance.path[start];
+                let state = avoidance.car.state(area, speed, avoidance.stations[start]);
+                let place = avoidance.line.place(state.axle, state.station);
+                Self::Steered { state, manoeuvre, offset: place.offset + sidestep }
+            }
+        }
+    }
+
+    /// Box and speed after the next step, `time` seconds after the start.
+    fn step(&mut self, avoidance: &Avoidance, time: f64) -> (OrientedBox, f64) {
+        let acts = time + 1e-9 >= avoidance.options.dead_time;
+        let time = time - avoidance.options.dead_time;
+        match self {
+            Self::Steered { state, manoeuvre, offset } => {
+                let command = if acts { manoeuvre.acceleration(time) } else { 0.0 };
+                let line = &avoidance.line;
+                let offset = if acts { *offset } else { line.place(state.axle, state.station).offset };
+                avoidance.car.step(state, command, offset, line);
+                (avoidance.car.area(state), state.speed)
+            }
+            Self::OnPath { manoeuvre, step, beyond, speed, acceleration } => {
+                let command = if acts { manoeuvre.acceleration(time) } else { 0.0 };
+                let (a, next, length) = avoidance.car.along(*speed, *acceleration, command);
+                (*speed, *acceleration) = (next, a);
+                *beyond += length;
+                let path = &avoidance.path;
+                while let Some(ahead) = path.get(*step + 1) {
+                    let leg = norm(sub(ahead.center, path[*step].center));
+                    if *beyond < leg {
+                        let share = *beyond / leg;
+                        return (avoidance.car.grown(&path[*step].between(ahead, share)), next);
+                    }
+                    *beyond -= leg;
+                    *step += 1;
+                }
+                let end = &path[*step];
+                let center = [end.center[0] + *beyond * end.axis[0], end.center[1] + *beyond * end.axis[1]];
+                (avoidance.car.grown(&OrientedBox { center, ..*end }), next)
+            }
+        }
+    }
+}

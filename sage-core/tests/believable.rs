@@ -4,6 +4,8 @@
 
 mod hand_made;
 
+use std::sync::Arc;
+
 use approx::assert_relative_eq;
 use hand_made::{candidate, car, context, road, score, with_feature};
 use sage_core::{
@@ -11,7 +13,7 @@ use sage_core::{
         Naturalness, Phase, Reward, Scores, Situation, Violation, against_traffic, feasibilities,
         is_believable, rewards,
     },
-    scene::{MapKind, Scene},
+    scene::{Lane, MapKind, Scene},
     seed::Rng,
 };
 use serde_json::{Value, json};
@@ -92,6 +94,21 @@ fn a_second_against_the_traffic_is_believable_and_more_is_not() {
     // In its own lane it is not against the traffic.
     let scene = lanes([60.0, 2.1], [-10.0, 0.0]);
     assert_eq!(value(&scene, "against-traffic", json!({}), |t| [60.0 - 10.0 * t, 2.1]), Some(0.0));
+}
+
+#[test]
+fn speed_counts_above_the_limit_of_the_lane_alone() {
+    let scene = lanes([60.0, 4.0], [-10.0, 0.0]);
+    let mut map = (*scene.map).clone();
+    let at = map.features.iter().position(|feature| feature.id == "west").unwrap();
+    map.features[at].lane = Some(Box::new(Lane { speed_limit: Some(8.0), ..Lane::default() }));
+    let limited = Scene { map: Arc::new(map), ..scene.clone() };
+    let at_speed = |speed: f64| move |t: f64| [60.0 - speed * t, 4.0];
+    let excess = |scene: &Scene, speed| value(scene, "above-speed-limit", json!({}), at_speed(speed));
+    assert_relative_eq!(excess(&limited, 10.0).unwrap(), 2.0, max_relative = 1e-6);
+    assert_eq!(excess(&limited, 7.0), Some(0.0));
+    // No limit, nothing to measure.
+    assert_eq!(excess(&scene, 10.0), None);
 }
 
 #[test]

@@ -60,7 +60,7 @@ fn the_papers_selection_equals_its_formula_and_one_evaluation_gives_every_mu() {
 #[test]
 fn a_union_measures_the_terms_of_all_its_objectives() {
     let all = PRESETS.map(|(name, _)| preset(name));
-    for (rule, count) in [("paper", 2), ("drivable", 7)] {
+    for (rule, count) in [("paper", 2), ("drivable", 10)] {
         let same: Vec<&Objective> = all.iter().filter(|o| o.spec().feasibility.name == rule).collect();
         let union = Objective::union(&same).unwrap().unwrap();
         assert_eq!(union.spec().terms.len(), count, "{rule}");

@@ -13,13 +13,14 @@ use sage_backbones::{
     training::{Examples, SceneData, Trainer, recorded_sample, trainable},
 };
 use sage_core::{
-    generator::{Mixture, OperatingPoint},
-    objective::{Context, ContextOptions},
+    generator::{Generator, Mixture, OperatingPoint},
+    objective::{Context, ContextOptions, Encounter},
     registry::Registry,
     seed::Rng,
     statistics::median,
 };
 use sage_merging::{InterpolatedModel, Merger, mergers};
+use sage_sim::avoidable::{Avoidance, AvoidanceOptions};
 
 use crate::{Registries, generators, networks, selection};
 
@@ -139,6 +140,7 @@ fn attacks(
         attacks.extend(over(case, repeat, |_| Ok(sage.attacks(&ctx, &half, 0)?))?);
         sweeps.extend(over(case, repeat.div_ceil(4), |_| Ok(sage.attacks(&ctx, &sweep, 0)?))?);
     }
+    ways_out(&*sage, cases, repeat, report)?;
     let further: Vec<f64> = sweeps.iter().zip(&attacks).map(|(all, one)| (all - one) / 10.0).collect();
     report(timing("attack: indexed scene to selected trajectory, median of scenes", attacks, Some(10.0)))?;
     report(timing("attack: each further lambda of eleven, median of scenes", further, None))?;
@@ -157,6 +159,35 @@ fn attacks(
         report(timing(format!("change of lambda in place, merger {}", entry.name), changes, Some(1.0)))?;
     }
     Ok(())
+}
+
+/// Times the search for ways out: of the selected attack, and of its first candidates that hit the ego.
+fn ways_out(
+    sage: &dyn Generator,
+    cases: &[Case],
+    repeat: usize,
+    report: &mut impl FnMut(Timing) -> Result<()>,
+) -> Result<()> {
+    let (mut one, mut many) = (Vec::new(), Vec::new());
+    for case in cases {
+        let ctx = Context::new(&case.data.scene, &case.data.index, &ContextOptions::default())?;
+        let attack = sage.attacks(&ctx, &[OperatingPoint::at(1.0, 1.0)], 0)?.remove(0);
+        let chosen = ctx.candidate(attack.trajectory().clone());
+        if Encounter::of(&chosen, ctx.ego()).contact.is_none() {
+            continue;
+        }
+        let all = attack.candidates.iter().take(CANDIDATES).map(|p| ctx.candidate(p.trajectory.clone()));
+        let all: Vec<_> = all.collect();
+        let (case, repeat) = (std::slice::from_ref(case), repeat.div_ceil(10));
+        let search = || Avoidance::new(&ctx, AvoidanceOptions::default());
+        one.extend(over(case, repeat, |_| Ok(search()?.of(&chosen)))?);
+        many.extend(over(case, repeat, |_| {
+            let search = search()?;
+            Ok(all.iter().map(|candidate| search.of(candidate)).collect::<Vec<_>>())
+        })?);
+    }
+    report(timing("avoidable: one attack, median of scenes", one, Some(5.0)))?;
+    report(timing("avoidable: 32 candidates, median of scenes", many, Some(60.0)))
 }
 
 /// Features with exactly [`GOALS`] goals: the goals of the case, repeated.

@@ -15,7 +15,7 @@ use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
 pub(crate) use attacking::{
-    AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
+    AttackArgs, AvoidableArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
 };
 pub(crate) use driving::{DriversArgs, SimulateArgs};
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
@@ -149,6 +149,8 @@ pub(crate) struct ScoreArgs {
     /// Use this track as the adversary.
     #[arg(long, value_name = "ID")]
     pub adversary: Option<String>,
+    #[command(flatten)]
+    pub avoidable: AvoidableArgs,
     /// Print one JSON object per line.
     #[arg(long)]
     pub json: bool,

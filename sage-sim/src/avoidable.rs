@@ -60,6 +60,16 @@ pub struct Avoidable {
     pub witness: Option<Witness>,
 }
 
+impl Avoidable {
+    /// The part of the witness from its start on, and the time of the start, seconds after *now*, of an attack whose
+    /// contact is at a step.
+    pub fn way_out(&self, contact: usize) -> Option<(f64, &[[f64; 3]])> {
+        let start = contact as f64 * DT - self.time_to_react?;
+        let first = (start / DT).round().max(0.0) as usize;
+        Some((start.max(0.0), self.witness.as_ref()?.get(first.saturating_sub(1)..)?))
+    }
+}
+
 /// A scene and a path of the ego, prepared for all plans of the adversary.
 pub struct Avoidance {
     ctx: Context,
@@ -180,11 +190,11 @@ impl Avoidance {
         let track = self.ctx.scene().adversary_index().unwrap_or_default();
         let adversary = plan(track, candidate.box_now(), candidate.boxes());
         let attack = Attack { prefix: self.prefix(contact, &adversary), adversary };
-        let search = |fits: &dyn Fn(&Manoeuvre) -> bool| -> Option<Free> {
-            (0..=attack.prefix.last).rev().find_map(|start| self.way_out(start, &attack, fits, true))
+        let search = |latest: usize, fits: &dyn Fn(&Manoeuvre) -> bool| -> Option<Free> {
+            (0..=latest).rev().find_map(|start| self.way_out(start, &attack, fits, true))
         };
-        let react = search(&|_| true);
-        let seconds = |free: &Option<Free>| free.as_ref().map(|free| (contact - free.start) as f64 * DT);
+        let react = search(attack.prefix.last, &|_| true);
+        let seconds = |free: &Option<Free>| free.as_ref().map(|free| (contact - free.start) as f64 / 10.0);
         let Some(way) = &react else {
             return Avoidable {
                 avoidable: Some(false),
@@ -193,9 +203,9 @@ impl Avoidance {
             };
         };
         let unhit = !way.is_hit || {
-            let earlier = (0..=way.start).rev();
-            earlier.into_iter().any(|start| self.way_out(start, &attack, &|_| true, false).is_some())
+            (0..=way.start).rev().any(|start| self.way_out(start, &attack, &|_| true, false).is_some())
         };
+        // Later starts than that of the last way out have failed with all manoeuvres.
         let (witness, recovers) = self.trace(way, &attack);
         Avoidable {
             avoidable: Some(true),
@@ -205,8 +215,8 @@ impl Avoidance {
             recovers: Some(recovers),
             leaves_lane: self.leaves_lane(&witness, way.start),
             time_to_react: seconds(&react),
-            time_to_brake: seconds(&search(&Manoeuvre::brakes)),
-            time_to_steer: seconds(&search(&Manoeuvre::steers)),
+            time_to_brake: seconds(&search(way.start, &Manoeuvre::brakes)),
+            time_to_steer: seconds(&search(way.start, &Manoeuvre::steers)),
             witness: Some(witness),
         }
     }
@@ -298,13 +308,14 @@ impl Avoidance {
     fn leaves_lane(&self, witness: &Witness, start: usize) -> Option<bool> {
         let index = self.ctx.index();
         let size = &self.path[0];
-        let mut leaves = false;
         for (k, [x, y, heading]) in witness.iter().enumerate().skip(start) {
             let Some(path) = self.path.get(k + 1) else { break };
             let own = OrientedBox::new([*x, *y], *heading, 2.0 * size.half_length, 2.0 * size.half_width);
-            leaves |= is_in_one_lane(path, index)? && !is_in_one_lane(&own, index)?;
+            if !is_in_one_lane(&own, index)? && is_in_one_lane(path, index)? {
+                return Some(true);
+            }
         }
-        Some(leaves)
+        Some(false)
     }
 
     /// Speed at a step of the path, by backward difference, m/s.

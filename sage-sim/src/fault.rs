@@ -22,7 +22,7 @@ const HALF_WIDTHS: [f64; 2] = [1.5, 2.2];
 /// Space that a car in its lane keeps to the lane's borders, metres.
 const SPARE: f64 = 0.2;
 /// Largest distance of a lane's centre line that is looked at, metres.
-const LANE_REACH: f64 = 8.0;
+const LANE_REACH: f64 = 2.5;
 
 /// Class of a contact, and with it who is at fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -117,12 +117,17 @@ fn lanes_at(p: Point, index: &SceneIndex) -> Vec<usize> {
             let segment = &lanes.segments()[k];
             let feature = segment.feature as usize;
             let share = segment.nearest_share(p);
+            let across = norm(sub(p, segment.at(share)));
+            if across > HALF_WIDTHS[1] - SPARE || found.contains(&feature) {
+                continue;
+            }
             let is_beyond = (share <= 0.0 && !segment.joined[0]) || (share >= 1.0 && !segment.joined[1]);
-            let d = sub(segment.b, segment.a);
-            let is_left = cross(d, sub(p, segment.a)) > 0.0;
-            let half = half_width(map, feature, p, usize::from(!is_left));
-            let is_inside = norm(sub(p, segment.at(share))) <= half - SPARE;
-            if is_inside && !is_beyond && !found.contains(&feature) {
+            let half = || {
+                let is_left = cross(sub(segment.b, segment.a), sub(p, segment.a)) > 0.0;
+                half_width(map, feature, p, usize::from(!is_left))
+            };
+            // Within the narrowest lane the width does not matter.
+            if !is_beyond && (across <= HALF_WIDTHS[0] - SPARE || across <= half() - SPARE) {
                 found.push(feature);
             }
         }

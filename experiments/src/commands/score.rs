@@ -7,6 +7,7 @@ use sage_core::{
     objective::{Context, ContextOptions, FurtherMeasures, Scorer, Scores, Sizes},
     scene::SceneIndex,
 };
+use sage_sim::avoidable::{Avoidable, Avoidance};
 use serde::Serialize;
 
 use crate::{
@@ -20,6 +21,8 @@ struct Row<'r> {
     name: &'r str,
     #[serde(flatten)]
     scores: Scores,
+    #[serde(flatten)]
+    avoidable: Option<Avoidable>,
 }
 
 pub(crate) fn run(args: &ScoreArgs, registries: &Registries) -> Result<Outcome> {
@@ -52,8 +55,11 @@ pub(crate) fn run(args: &ScoreArgs, registries: &Registries) -> Result<Outcome> 
                 &own
             }
         };
-        let scores = Scorer::with(ctx, &further).scores(&ctx.candidate(candidate.trajectory));
-        table.row(&Row { name: &candidate.name, scores })?;
+        let prepared = ctx.candidate(candidate.trajectory);
+        let scores = Scorer::with(ctx, &further).scores(&prepared);
+        let avoidable = args.avoidable.options().map(|options| Avoidance::new(ctx, options)).transpose()?;
+        let avoidable = avoidable.map(|avoidance| avoidance.of(&prepared));
+        table.row(&Row { name: &candidate.name, scores, avoidable })?;
     }
     Ok(Outcome::Done)
 }
@@ -96,6 +102,9 @@ impl<W: Write> Table<'_, W> {
             for name in self.further.rewards().chain(self.further.rules()) {
                 write!(self.out, " {name:>width$}", width = column(name))?;
             }
+            if row.avoidable.is_some() {
+                write!(self.out, " avoidable react brake steer")?;
+            }
             writeln!(self.out, "  violations")?;
         }
         self.rows += 1;
@@ -117,6 +126,12 @@ impl<W: Write> Table<'_, W> {
         for name in self.further.rules() {
             let satisfied = yes(s.rules.get(name).is_none_or(Vec::is_empty));
             further += &format!(" {satisfied:>width$}", width = column(name));
+        }
+        if let Some(a) = &row.avoidable {
+            let [react, brake, steer] =
+                [a.time_to_react, a.time_to_brake, a.time_to_steer].map(|time| number(time, 1));
+            let avoidable = a.avoidable.map_or("-", yes);
+            further += &format!(" {avoidable:>9} {react:>5} {brake:>5} {steer:>5}");
         }
         let line = format!(
             "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}  {}",

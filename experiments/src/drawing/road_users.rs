@@ -123,6 +123,19 @@ pub(super) fn role(svg: &mut Svg, viewport: &Viewport, b: &OrientedBox, role: Ro
     svg.polygon(&corners, &format!(r#"fill="none" stroke="{}" stroke-width="1""#, color::INK));
 }
 
+/// Draws the ego's way out of an attack.
+pub(super) fn way_out(svg: &mut Svg, viewport: &Viewport, points: &[Point]) {
+    let pixels: Vec<Point> = points.iter().map(|p| viewport.pixel(*p)).collect();
+    way_out_line(svg, &pixels);
+}
+
+/// The line of a way out, in pixels.
+pub(super) fn way_out_line(svg: &mut Svg, pixels: &[Point]) {
+    let attributes =
+        format!(r#"fill="none" stroke="{}" stroke-width="3" stroke-dasharray="6 4""#, color::WAY_OUT);
+    svg.lines(&[pixels.to_vec()], &attributes);
+}
+
 /// Draws a trajectory coloured by time, with a mark each second: dots for the ego, diamonds for the
 /// adversary.
 pub(super) fn trajectory(svg: &mut Svg, viewport: &Viewport, points: &[Point], role: Role) {

@@ -41,6 +41,8 @@ pub struct Picture {
     pub candidates: Vec<DrawnPath>,
     /// The ego's path, if it differs from the logged one.
     pub ego_path: Option<Vec<Point>>,
+    /// The last way out of an attack: the ego's positions from its start on, and the time of the start, seconds.
+    pub way_out: Option<(f64, Vec<Point>)>,
     /// Draw the whole map instead of the surroundings of ego and adversary.
     pub whole_map: bool,
 }
@@ -52,7 +54,8 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     let ego_path = picture.ego_path.clone().unwrap_or_else(|| road_users::logged_trajectory(scene.ego()));
     let adversary_log = adversary.map(road_users::logged_trajectory).unwrap_or_default();
     let mut area = road_users::bounds(&ego_path);
-    for points in picture.candidates.iter().map(|c| &c.points).chain([&adversary_log]) {
+    let way_out = picture.way_out.iter().map(|(_, points)| points);
+    for points in picture.candidates.iter().map(|c| &c.points).chain([&adversary_log]).chain(way_out) {
         area = area.union(&road_users::bounds(points));
     }
     for track in [Some(scene.ego()), adversary].into_iter().flatten().filter(|t| t.is_valid(frame)) {
@@ -81,6 +84,9 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     road_users::trajectory(&mut svg, &viewport, &ego_path, Role::Ego);
     if picture.candidates.is_empty() {
         road_users::trajectory(&mut svg, &viewport, &adversary_log, Role::Adversary);
+    }
+    if let Some((_, points)) = &picture.way_out {
+        road_users::way_out(&mut svg, &viewport, points);
     }
     for candidate in &picture.candidates {
         road_users::trajectory(&mut svg, &viewport, &candidate.points, Role::Adversary);
@@ -117,6 +123,7 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
         ego: &scene.ego().id,
         adversary: adversary.map(|track| &track.id[..]),
         candidates: &names,
+        way_out: picture.way_out.as_ref().map(|(start, _)| *start),
         has_contact: picture.candidates.iter().any(|c| c.contact.is_some()),
         map: &map,
         users: &users,

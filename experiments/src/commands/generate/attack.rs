@@ -6,17 +6,21 @@ use anyhow::{Context as _, Result, anyhow, ensure};
 use sage_core::{
     files,
     generator::{Attack, Note},
+    geometry::Point,
     objective::{Context, ContextOptions, Scorer},
     scene::{Scene, SceneIndex},
 };
 use sage_data::{Recording, VariantWriter, dataset};
 use sage_generators::attacked;
-use sage_sim::SimScene;
+use sage_sim::{
+    SimScene,
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
+};
 use serde_json::{Map, Value, json};
 
 use super::{
     plan::Plan,
-    row::{FoundRow, Row, ScoredCandidates, row_file},
+    row::{ChosenScores, FoundRow, Row, ScoredCandidates, row_file},
 };
 use crate::{
     attackers::Attacker,
@@ -113,7 +117,9 @@ impl SceneWriter<'_> {
         }
         index.build_all();
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
-        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.attackers.further));
+        let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
+        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.attackers.further), avoidance);
+        let mut way_out = None;
         let clock = Instant::now();
         let attacks =
             attacker.built.generator.attacks(&ctx, &attacker.built.points, plan.args.attack.seed)?;
@@ -124,7 +130,11 @@ impl SceneWriter<'_> {
             let described = plan.describe(point);
             let scene_files = self.scene_files(&files, &scene, attack, variant, &described)?;
             scored.score(attack)?;
-            let row = self.row(&scored, &ctx, attack, variant, described, &scene_files)?;
+            let avoidable = scored.avoidable(attack.trajectory())?;
+            let contact = scored.get(attack.trajectory())?.scores.collision_step;
+            // The picture shows that of the last attack that has one.
+            way_out = contact.and_then(|contact| drawn_way_out(&avoidable, contact)).or(way_out);
+            let row = self.row(&scored, avoidable, &ctx, attack, variant, described, &scene_files)?;
             lines.push(Line {
                 text: row.line(seconds),
                 row: row_file(self.scene, variant),
@@ -138,7 +148,8 @@ impl SceneWriter<'_> {
             self.write(&all)?;
             drawn.push(drawn_path(label(point, attacker), &ctx, attack.trajectory().clone()));
         }
-        let picture = Picture { title: self.scene.to_owned(), candidates: drawn, ..Picture::default() };
+        let picture =
+            Picture { title: self.scene.to_owned(), candidates: drawn, way_out, ..Picture::default() };
         let picture = drawing::draw(&scene, &picture);
         self.write(&[(&picture_file(self.scene), picture.as_bytes())])?;
         Ok(SceneReport { lines, seconds: Some(seconds) })
@@ -197,6 +208,7 @@ impl SceneWriter<'_> {
     fn row<'r>(
         &'r self,
         scored: &'r ScoredCandidates,
+        avoidable: Avoidable,
         ctx: &'r Context,
         attack: &'r Attack,
         variant: &'r str,
@@ -219,7 +231,7 @@ impl SceneWriter<'_> {
             feasible: violations.is_empty(),
             violations,
             note: attack.note.as_ref().map(Note::to_string),
-            scores: scored.get(attack.trajectory())?,
+            scores: ChosenScores { scores: &scored.get(attack.trajectory())?.scores, avoidable },
             candidates: scored.rows(attack)?,
         })
     }
@@ -229,6 +241,12 @@ impl SceneWriter<'_> {
         written
             .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
     }
+}
+
+/// The way out of an attack for its picture.
+fn drawn_way_out(avoidable: &Avoidable, contact: usize) -> Option<(f64, Vec<Point>)> {
+    let (start, rows) = avoidable.way_out(contact)?;
+    Some((start, rows.iter().map(|[x, y, _]| [*x, *y]).collect()))
 }
 
 /// Label of an attack in the legend of the picture.

@@ -12,7 +12,8 @@ use sage_core::{
     motion::Trajectory,
     objective::{Context, Reason, Scorer, Scores, Violation, verdict},
 };
-use serde::{Deserialize, Serialize, Serializer};
+use sage_sim::avoidable::{Avoidable, Avoidance};
+use serde::{Deserialize, Serialize};
 use serde_json::{
     Map, Value,
     value::{RawValue, to_raw_value},
@@ -49,13 +50,17 @@ pub(super) struct Row<'r> {
     pub(super) feasible: bool,
     pub(super) violations: Vec<Violation>,
     pub(super) note: Option<String>,
-    #[serde(serialize_with = "as_json")]
-    pub(super) scores: &'r Scored,
+    pub(super) scores: ChosenScores<'r>,
     pub(super) candidates: Vec<CandidateRow<'r>>,
 }
 
-fn as_json<S: Serializer>(scored: &Scored, serializer: S) -> Result<S::Ok, S::Error> {
-    scored.json.serialize(serializer)
+/// Scores of the chosen candidate, and whether a driver could have avoided it.
+#[derive(Serialize)]
+pub(super) struct ChosenScores<'r> {
+    #[serde(flatten)]
+    pub(super) scores: &'r Scores,
+    #[serde(flatten)]
+    pub(super) avoidable: Avoidable,
 }
 
 /// One candidate of an attack.
@@ -79,14 +84,18 @@ pub(super) struct Scored {
 pub(super) struct ScoredCandidates<'s> {
     ctx: &'s Context,
     scorer: Scorer<'s>,
+    avoidance: Avoidance,
+    /// Whether a driver could have avoided a chosen candidate, by its index in `all`.
+    avoidable: HashMap<usize, Avoidable>,
     all: Vec<Scored>,
     /// Index of each trajectory in `all`, by the bits of its coordinates.
     indices: HashMap<Vec<u64>, usize>,
 }
 
 impl<'s> ScoredCandidates<'s> {
-    pub(super) fn new(ctx: &'s Context, scorer: Scorer<'s>) -> Self {
-        Self { ctx, scorer, all: Vec::new(), indices: HashMap::new() }
+    pub(super) fn new(ctx: &'s Context, scorer: Scorer<'s>, avoidance: Avoidance) -> Self {
+        let (all, indices, avoidable) = (Vec::new(), HashMap::new(), HashMap::new());
+        Self { ctx, scorer, avoidance, avoidable, all, indices }
     }
 
     /// Scores the trajectories of an attack.
@@ -102,10 +111,21 @@ impl<'s> ScoredCandidates<'s> {
         Ok(())
     }
 
+    /// Whether a driver could have avoided a scored trajectory.
+    pub(super) fn avoidable(&mut self, trajectory: &Trajectory) -> Result<Avoidable> {
+        let index = self.index(trajectory)?;
+        let (ctx, avoidance) = (self.ctx, &self.avoidance);
+        let search = || avoidance.of(&ctx.candidate(trajectory.clone()));
+        Ok(self.avoidable.entry(index).or_insert_with(search).clone())
+    }
+
+    fn index(&self, trajectory: &Trajectory) -> Result<usize> {
+        self.indices.get(&bits(trajectory)).copied().context("the trajectory is among the candidates")
+    }
+
     /// Scores of a trajectory that [`ScoredCandidates::score`] has scored.
     pub(super) fn get(&self, trajectory: &Trajectory) -> Result<&Scored> {
-        let index = self.indices.get(&bits(trajectory)).context("the trajectory is among the candidates")?;
-        Ok(&self.all[*index])
+        Ok(&self.all[self.index(trajectory)?])
     }
 
     /// The candidates of a scored attack.
@@ -169,7 +189,7 @@ impl FoundRow {
 impl Row<'_> {
     /// The printed line; `seconds` is the time of the attack.
     pub(super) fn line(&self, seconds: f64) -> String {
-        let Self { scene, variant, feasible, note, scores: Scored { scores, .. }, .. } = self;
+        let Self { scene, variant, feasible, note, scores: ChosenScores { scores, .. }, .. } = self;
         line(
             [scene, variant],
             scores.collision_step,

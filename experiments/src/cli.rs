@@ -16,6 +16,7 @@ use sage_data::procedural::Kind;
 
 pub(crate) use attacking::{
     AttackArgs, AvoidableArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
+    ReactArgs,
 };
 pub(crate) use driving::{DriversArgs, SimulateArgs};
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
@@ -287,6 +288,7 @@ pub(crate) enum BenchCommand {
     Prediction(PredictionArgs),
     OpenLoop(OpenLoopArgs),
     Dial(DialBenchArgs),
+    React(ReactArgs),
     Pareto(ParetoArgs),
     Mixtures(MixturesArgs),
     Drivers(DriversArgs),

@@ -8,6 +8,7 @@ pub(crate) mod bench_mixtures;
 pub(crate) mod bench_open_loop;
 pub(crate) mod bench_pareto;
 pub(crate) mod bench_prediction;
+pub(crate) mod bench_react;
 pub(crate) mod bench_speed;
 pub(crate) mod calibrate;
 pub(crate) mod completions;

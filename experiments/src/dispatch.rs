@@ -38,6 +38,7 @@ impl Cli {
             Command::Bench(BenchCommand::Drivers(args)) => commands::bench_drivers::run(&args, registries),
             Command::Bench(BenchCommand::Pareto(args)) => commands::bench_pareto::run(&args, registries),
             Command::Bench(BenchCommand::Mixtures(args)) => commands::bench_mixtures::run(&args, registries),
+            Command::Bench(BenchCommand::React(args)) => commands::bench_react::run(&args, registries),
             Command::Bench(BenchCommand::Dial(args)) => commands::bench_dial::run(&args, registries),
             Command::Bench(BenchCommand::Prediction(args)) => {
                 commands::bench_prediction::run(&args, registries)

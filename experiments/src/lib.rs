@@ -30,6 +30,7 @@ mod output;
 mod part;
 mod player;
 mod progress;
+mod react;
 mod scene_queue;
 mod scene_windows;
 mod scenes;

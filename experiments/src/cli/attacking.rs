@@ -14,6 +14,7 @@ use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
 use crate::{
     operating_point::{OperatingPointSpec, aggression_variant},
     part::{Part, Parts, PolicyPart, PolicyParts},
+    react,
 };
 
 /// Generate adversarial scenes: replace the adversary's future and keep everything else.
@@ -31,7 +32,7 @@ use crate::{
 /// the other scenes continue.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json\n  sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/\n  sage generate scenes/0.pkl --ego path:drive.json --lambda 1 --out against-my-planner/"
+    after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json\n  sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/\n  sage generate scenes/ --lambda 1 --react 1.5 --out late/\n  sage generate scenes/0.pkl --ego path:drive.json --lambda 1 --out against-my-planner/"
 )]
 pub(crate) struct GenerateArgs {
     /// Scene file, or folder of scene files.
@@ -46,6 +47,12 @@ pub(crate) struct GenerateArgs {
     /// also replaces the ego's recording in the written scenes.
     #[arg(long, value_name = "POLICY", default_value = "replay")]
     pub ego: PolicyPart,
+    /// Time to react, seconds: choose the most adversarial candidate that a reaction this long before the contact
+    /// avoids and no later one (within 0.25 s), else the nearest, with a note.
+    #[arg(long, value_name = "T", value_parser = seconds)]
+    pub react: Option<f64>,
+    #[command(flatten)]
+    pub avoidable: AvoidableArgs,
     /// Print one JSON object per scene and operating point.
     #[arg(long)]
     pub json: bool,
@@ -241,7 +248,7 @@ pub(crate) struct DialBenchArgs {
 #[derive(Clone, Debug, Default, Args)]
 pub(crate) struct AvoidableArgs {
     /// Search whether a driver could have avoided each attack, and how late. Options as JSON, such as
-    /// '{"refinement": 2}' or '{"lateral": 4}'.
+    /// '{"refinement": 2}' or '{"lateral": 4}' (`generate` always searches, by default without options).
     #[arg(long, value_name = "JSON", num_args = 0..=1, default_missing_value = "{}", value_parser = avoidance)]
     pub avoidable: Option<AvoidanceOptions>,
 }
@@ -253,10 +260,57 @@ impl AvoidableArgs {
     }
 }
 
+fn seconds(text: &str) -> std::result::Result<f64, String> {
+    let seconds = number(text)?;
+    if !(0.0..=react::LONGEST).contains(&seconds) {
+        return Err(format!("{seconds} is not a time from 0 to {} seconds", react::LONGEST));
+    }
+    Ok(seconds)
+}
+
 fn avoidance(text: &str) -> std::result::Result<AvoidanceOptions, String> {
     let options: AvoidanceOptions = serde_json::from_str(text).map_err(|error| error.to_string())?;
     options.check().map_err(|error| error.to_string())?;
     Ok(options)
+}
+
+/// Measure how well `generate --react` works: the times to react that can be chosen among candidates.
+///
+/// Every generator attacks each scene. For each target time, the table has the share of scenes with an avoidable
+/// attack whose time to react is within 0.25 s of it, and the median of the chosen times.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage bench react target/data/womd_cat500/val --weights waymo --methods sage,random,rule --out react/"
+)]
+pub(crate) struct ReactArgs {
+    /// Scene files and folders.
+    #[arg(required = true, value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Comma-separated generators; with options as NAME{"option": value}.
+    #[arg(long, value_name = "NAMES", default_value = "sage,random,rule")]
+    pub methods: Parts,
+    /// Comma-separated target times, seconds.
+    #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = seconds, default_value = "0.5,1,1.5,2")]
+    pub targets: Vec<f64>,
+    #[command(flatten)]
+    pub points: OperatingPointArgs,
+    #[command(flatten)]
+    pub avoidable: AvoidableArgs,
+    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
+    #[arg(long, value_name = "NAME", default_value = "natural")]
+    pub selection: String,
+    #[command(flatten)]
+    pub rule: FeasibilityArgs,
+    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub weights: String,
+    /// Seed of random numbers.
+    #[arg(long, value_name = "S", default_value_t = 0)]
+    pub seed: u64,
+    #[command(flatten)]
+    pub folder: FolderArgs,
 }
 
 /// Operating points of a command.

@@ -14,7 +14,7 @@ use sage_data::{Recording, VariantWriter, dataset};
 use sage_generators::attacked;
 use sage_sim::{
     SimScene,
-    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
+    avoidable::{Avoidable, Avoidance},
 };
 use serde_json::{Map, Value, json};
 
@@ -27,6 +27,7 @@ use crate::{
     drawing::{self, Picture, drawn_path},
     operating_point::OperatingPointSpec,
     output::{self, DatasetRun, LONGEST_FILE_NAME},
+    react,
     scene_queue::{Failure, Line, SceneReport},
 };
 
@@ -117,12 +118,19 @@ impl SceneWriter<'_> {
         }
         index.build_all();
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
-        let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
-        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.attackers.further), avoidance);
+        let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
+        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.attackers.further), &avoidance);
         let mut way_out = None;
         let clock = Instant::now();
-        let attacks =
+        let mut attacks =
             attacker.built.generator.attacks(&ctx, &attacker.built.points, plan.args.attack.seed)?;
+        if let Some(target) = plan.args.react {
+            let objective = &plan.attackers.selection.objective;
+            for (point, attack) in attacker.points.iter().zip(&mut attacks) {
+                let avoided = react::avoided(attack, &ctx, objective, point.mu, &avoidance);
+                react::choose(attack, &avoided, target);
+            }
+        }
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let (mut drawn, mut lines) = (Vec::new(), Vec::new());
         for ((point, variant), attack) in attacker.points.iter().zip(plan.variants()).zip(&attacks) {

@@ -52,6 +52,9 @@ impl<'a> Plan<'a> {
         if !self.ego.is_recording {
             identity["ego"] = ego::identity(&self.args.ego)?;
         }
+        if self.args.react.is_some() || self.args.avoidable.options().is_some() {
+            identity["react"] = json!({"target": self.args.react, "search": self.args.avoidable.options()});
+        }
         Ok(identity)
     }
 
@@ -60,6 +63,9 @@ impl<'a> Plan<'a> {
         let mut described = self.attackers.describe(point);
         if !self.ego.is_recording {
             described.insert("ego".to_owned(), json!(self.ego.label));
+        }
+        if let Some(target) = self.args.react {
+            described.insert("react".to_owned(), json!(target));
         }
         described
     }

@@ -84,7 +84,7 @@ pub(super) struct Scored {
 pub(super) struct ScoredCandidates<'s> {
     ctx: &'s Context,
     scorer: Scorer<'s>,
-    avoidance: Avoidance,
+    avoidance: &'s Avoidance,
     /// Whether a driver could have avoided a chosen candidate, by its index in `all`.
     avoidable: HashMap<usize, Avoidable>,
     all: Vec<Scored>,
@@ -93,7 +93,7 @@ pub(super) struct ScoredCandidates<'s> {
 }
 
 impl<'s> ScoredCandidates<'s> {
-    pub(super) fn new(ctx: &'s Context, scorer: Scorer<'s>, avoidance: Avoidance) -> Self {
+    pub(super) fn new(ctx: &'s Context, scorer: Scorer<'s>, avoidance: &'s Avoidance) -> Self {
         let (all, indices, avoidable) = (Vec::new(), HashMap::new(), HashMap::new());
         Self { ctx, scorer, avoidance, avoidable, all, indices }
     }
@@ -114,7 +114,7 @@ impl<'s> ScoredCandidates<'s> {
     /// Whether a driver could have avoided a scored trajectory.
     pub(super) fn avoidable(&mut self, trajectory: &Trajectory) -> Result<Avoidable> {
         let index = self.index(trajectory)?;
-        let (ctx, avoidance) = (self.ctx, &self.avoidance);
+        let (ctx, avoidance) = (self.ctx, self.avoidance);
         let search = || avoidance.of(&ctx.candidate(trajectory.clone()));
         Ok(self.avoidable.entry(index).or_insert_with(search).clone())
     }

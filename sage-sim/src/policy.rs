@@ -14,6 +14,7 @@ mod idm_release;
 mod lane_change;
 mod path;
 mod pid;
+mod r157;
 mod replay;
 mod steering;
 mod tracking;
@@ -34,6 +35,7 @@ pub use expert_release::ExpertRelease;
 pub use idm::IdmPolicy;
 pub use idm_release::IdmRelease;
 pub use path::{DrivenPath, PathPolicy};
+pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
 pub use tracking::Tracking;
 
@@ -55,6 +57,7 @@ pub fn policies() -> Result<Registry<dyn EgoPolicy>, Error> {
         .with::<Replay>()?
         .with::<IdmPolicy>()?
         .with::<IdmRelease>()?
+        .with::<R157>()?
         .with::<Expert>()?
         .with::<ExpertRelease>()?
         .with::<Tracking>()?

@@ -62,7 +62,15 @@ impl Entry<dyn EgoPolicy> for IdmPolicy {
     type Options = IdmOptions;
 
     fn build(options: IdmOptions) -> Result<Box<dyn EgoPolicy>, String> {
-        let m = &options.model;
+        options.check()?;
+        Ok(Box::new(Self(options)))
+    }
+}
+
+impl IdmOptions {
+    /// Refuses values out of range.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let m = &self.model;
         let above_0 = [
             ("desired_speed", m.desired_speed),
             ("standing_gap", m.standing_gap),
@@ -78,35 +86,62 @@ impl Entry<dyn EgoPolicy> for IdmPolicy {
         if !(m.time_gap >= 0.0) {
             return Err(format!("`model.time_gap` is {}; expected seconds, at least 0", m.time_gap));
         }
-        let [low, high] = options.limits;
+        let [low, high] = self.limits;
         if !(low < 0.0 && high > 0.0) {
             return Err(format!("`limits` is [{low}, {high}]; expected a number below 0 and one above"));
         }
-        if let Some(lane_changes) = &options.lane_changes {
+        if let Some(lane_changes) = &self.lane_changes {
             lane_changes.check()?;
         }
-        if options.curves.is_some_and(|lateral| !(lateral > 0.0)) {
-            return Err(format!("`curves` is {:?}; expected m/s² above 0, or null", options.curves));
+        if self.curves.is_some_and(|lateral| !(lateral > 0.0)) {
+            return Err(format!("`curves` is {:?}; expected m/s² above 0, or null", self.curves));
         }
-        Ok(Box::new(Self(options)))
+        Ok(())
     }
 }
 
 impl EgoPolicy for IdmPolicy {
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
-        let lane_change = self.0.lane_changes.map(LaneChange::new);
-        Ok(Box::new(IdmDriver { options: self.0.clone(), lane_change }))
+        Ok(Box::new(IdmDriver::new(self.0.clone())))
     }
 }
 
+/// A driver by the model; others build on it.
 #[derive(Clone)]
-struct IdmDriver {
+pub(super) struct IdmDriver {
     options: IdmOptions,
     lane_change: Option<LaneChange>,
 }
 
+/// What the model wants in a step.
+pub(super) struct Plan {
+    /// Acceleration, m/s².
+    pub(super) acceleration: f64,
+    /// Steering, in [−1, 1].
+    pub(super) steer: f64,
+    /// Place on the route, metres.
+    pub(super) along: f64,
+}
+
 impl Driver for IdmDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
+        let Plan { acceleration, steer, .. } = self.plan(view);
+        Ok(Control::Drive(Action { steer, throttle: view.car().throttle_for(acceleration) }))
+    }
+
+    fn boxed_clone(&self) -> Box<dyn Driver> {
+        Box::new(self.clone())
+    }
+}
+
+impl IdmDriver {
+    pub(super) fn new(options: IdmOptions) -> Self {
+        let lane_change = options.lane_changes.map(LaneChange::new);
+        Self { options, lane_change }
+    }
+
+    /// The next step by the model.
+    pub(super) fn plan(&mut self, view: &View) -> Plan {
         let (route, motion) = (view.route(), view.motion());
         let limit = self.options.speed_limits.then(|| speed_limit(view.scene(), motion.position)).flatten();
         let at = route.locate(motion.position, Localization::Nearest);
@@ -134,13 +169,7 @@ impl Driver for IdmDriver {
             .map_or(f64::INFINITY, |gap| model.acceleration(speed, Some(Leader { gap, speed: 0.0 })));
         let [low, high] = self.options.limits;
         let acceleration = acceleration[0].min(acceleration[1]).min(end).clamp(low, high);
-        Ok(Control::Drive(Action {
-            steer: steering::along(view.car(), motion, route, at.along, across),
-            throttle: view.car().throttle_for(acceleration),
-        }))
-    }
-
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(self.clone())
+        let steer = steering::along(view.car(), motion, route, at.along, across);
+        Plan { acceleration, steer, along: at.along }
     }
 }

@@ -20,7 +20,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     plan::Plan,
-    row::{ChosenScores, FoundRow, Row, ScoredCandidates, row_file},
+    row::{CandidateRow, ChosenScores, FoundRow, Row, ScoredCandidates, row_file},
 };
 use crate::{
     attackers::Attacker,
@@ -142,7 +142,9 @@ impl SceneWriter<'_> {
             let contact = scored.get(attack.trajectory())?.scores.collision_step;
             // The picture shows that of the last attack that has one.
             way_out = contact.and_then(|contact| drawn_way_out(&avoidable, contact)).or(way_out);
-            let row = self.row(&scored, avoidable, &ctx, attack, variant, described, &scene_files)?;
+            let scores = ChosenScores { scores: &scored.get(attack.trajectory())?.scores, avoidable };
+            let row =
+                self.row((scores, scored.rows(attack)?), &ctx, attack, variant, described, &scene_files)?;
             lines.push(Line {
                 text: row.line(seconds),
                 row: row_file(self.scene, variant),
@@ -215,8 +217,7 @@ impl SceneWriter<'_> {
 
     fn row<'r>(
         &'r self,
-        scored: &'r ScoredCandidates,
-        avoidable: Avoidable,
+        (scores, candidates): (ChosenScores<'r>, Vec<CandidateRow<'r>>),
         ctx: &'r Context,
         attack: &'r Attack,
         variant: &'r str,
@@ -239,8 +240,8 @@ impl SceneWriter<'_> {
             feasible: violations.is_empty(),
             violations,
             note: attack.note.as_ref().map(Note::to_string),
-            scores: ChosenScores { scores: &scored.get(attack.trajectory())?.scores, avoidable },
-            candidates: scored.rows(attack)?,
+            scores,
+            candidates,
         })
     }
 

@@ -11,6 +11,7 @@ mod expert_release;
 mod forecast;
 mod idm;
 mod idm_release;
+mod idm_sets;
 mod lane_change;
 mod path;
 mod pid;
@@ -34,6 +35,7 @@ pub use expert::Expert;
 pub use expert_release::ExpertRelease;
 pub use idm::IdmPolicy;
 pub use idm_release::IdmRelease;
+pub use idm_sets::{IdmNuPlan, IdmVMax};
 pub use path::{DrivenPath, PathPolicy};
 pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
@@ -57,6 +59,8 @@ pub fn policies() -> Result<Registry<dyn EgoPolicy>, Error> {
         .with::<Replay>()?
         .with::<IdmPolicy>()?
         .with::<IdmRelease>()?
+        .with::<IdmNuPlan>()?
+        .with::<IdmVMax>()?
         .with::<R157>()?
         .with::<Expert>()?
         .with::<ExpertRelease>()?

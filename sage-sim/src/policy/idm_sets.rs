@@ -1,0 +1,121 @@
+//! Car following with the parameters of public benchmarks: nuPlan's planner, and V-Max's driver. They drive along the
+//! logged route without lane changes.
+
+use sage_core::{
+    Error,
+    motion::idm::Idm,
+    registry::{Entry, NoOptions},
+};
+
+use super::{
+    Driver, EgoPolicy, Start,
+    idm::{IdmDriver, IdmOptions},
+};
+
+/// nuPlan's planner where a lane has no limit, m/s.
+const NUPLAN_SPEED: f64 = 10.0;
+
+fn without_lane_changes(model: Idm, limits: [f64; 2]) -> IdmOptions {
+    IdmOptions { model, limits, lane_changes: None, ..IdmOptions::default() }
+}
+
+/// The policy `idm-nuplan`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct IdmNuPlan;
+
+impl IdmNuPlan {
+    fn options() -> IdmOptions {
+        let model = Idm {
+            desired_speed: NUPLAN_SPEED,
+            time_gap: 1.5,
+            standing_gap: 1.0,
+            acceleration: 1.0,
+            deceleration: 3.0,
+            exponent: 4.0,
+        };
+        without_lane_changes(model, [-3.0, 1.0])
+    }
+}
+
+impl Entry<dyn EgoPolicy> for IdmNuPlan {
+    const NAME: &'static str = "idm-nuplan";
+    const SUMMARY: &'static str = "car following along the logged route, parameters of nuPlan's planner";
+    const SOURCE: &'static str = "nuplan-devkit, IDM planner";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn EgoPolicy>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl EgoPolicy for IdmNuPlan {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(IdmDriver::new(Self::options())))
+    }
+}
+
+/// The policy `idm-vmax`.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct IdmVMax;
+
+impl IdmVMax {
+    fn options() -> IdmOptions {
+        let model = Idm {
+            time_gap: 2.0,
+            standing_gap: 2.0,
+            acceleration: 2.0,
+            deceleration: 4.0,
+            exponent: 4.0,
+            ..IdmOptions::default().model
+        };
+        without_lane_changes(model, [-6.0, 6.0])
+    }
+}
+
+impl Entry<dyn EgoPolicy> for IdmVMax {
+    const NAME: &'static str = "idm-vmax";
+    const SUMMARY: &'static str = "car following along the logged route, parameters of V-Max";
+    const SOURCE: &'static str = "V-Max, rule-based IDM";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn EgoPolicy>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl EgoPolicy for IdmVMax {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(IdmDriver::new(Self::options())))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sage_core::motion::idm::Leader;
+
+    use super::*;
+
+    #[test]
+    fn accelerations_are_those_of_the_published_formulas() {
+        // At (speed, speed of the leader, gap) with a target of 13.4112 m/s.
+        let cases = [[10.0, 10.0, 30.0], [10.0, 5.0, 20.0], [10.0, 0.0, 40.0], [5.0, 5.0, 8.0]];
+        for (options, expected) in [
+            (IdmNuPlan::options(), [0.4064, -1.6247, -0.5673, -0.1482]),
+            (IdmVMax::options(), [0.3062, -3.3734, -0.5861, -2.5386]),
+            (
+                without_lane_changes(IdmOptions::default().model, [-3.0, 1.0]),
+                [0.3698, -1.7793, -0.6240, -0.4295],
+            ),
+        ] {
+            let model = Idm { desired_speed: 13.4112, ..options.model };
+            for ([speed, leader, gap], expected) in cases.into_iter().zip(expected) {
+                let found = model.acceleration(speed, Some(Leader { gap, speed: leader }));
+                let [low, high] = options.limits;
+                assert!(
+                    (found.clamp(low, high) - expected).abs() < 1e-4,
+                    "{speed}, {leader}, {gap}: {found}"
+                );
+            }
+        }
+    }
+}

@@ -1,6 +1,7 @@
 //! Arguments of the command line.
 
 mod attacking;
+mod avoiding;
 mod driving;
 mod learning;
 mod mixing;
@@ -15,9 +16,9 @@ use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
 pub(crate) use attacking::{
-    AttackArgs, AvoidableArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
-    ReactArgs,
+    AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
 };
+pub(crate) use avoiding::{AvoidableArgs, ReactArgs};
 pub(crate) use driving::{DriversArgs, SimulateArgs};
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};

@@ -8,13 +8,14 @@ use sage_core::generator::Mixture;
 use sage_data::dataset::Shard;
 use sage_generators::{Aggression, Rate};
 use sage_merging::Range;
-use sage_sim::avoidable::AvoidanceOptions;
 
-use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
+use super::{
+    FolderArgs, MOST_PROCEDURAL, SplitArgs,
+    avoiding::{AvoidableArgs, seconds},
+};
 use crate::{
     operating_point::{OperatingPointSpec, aggression_variant},
     part::{Part, Parts, PolicyPart, PolicyParts},
-    react,
 };
 
 /// Generate adversarial scenes: replace the adversary's future and keep everything else.
@@ -237,75 +238,6 @@ pub(crate) struct DialBenchArgs {
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
-    /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
-}
-
-/// Search for ways out of attacks.
-#[derive(Clone, Debug, Default, Args)]
-pub(crate) struct AvoidableArgs {
-    /// Search whether a driver could have avoided each attack, and how late. Options as JSON, such as
-    /// '{"refinement": 2}' or '{"lateral": 4}' (`generate` always searches, by default without options).
-    #[arg(long, value_name = "JSON", num_args = 0..=1, default_missing_value = "{}", value_parser = avoidance)]
-    pub avoidable: Option<AvoidanceOptions>,
-}
-
-impl AvoidableArgs {
-    /// The options of the search, if it was asked for.
-    pub(crate) fn options(&self) -> Option<AvoidanceOptions> {
-        self.avoidable
-    }
-}
-
-fn seconds(text: &str) -> std::result::Result<f64, String> {
-    let seconds = number(text)?;
-    if !(0.0..=react::LONGEST).contains(&seconds) {
-        return Err(format!("{seconds} is not a time from 0 to {} seconds", react::LONGEST));
-    }
-    Ok(seconds)
-}
-
-fn avoidance(text: &str) -> std::result::Result<AvoidanceOptions, String> {
-    let options: AvoidanceOptions = serde_json::from_str(text).map_err(|error| error.to_string())?;
-    options.check().map_err(|error| error.to_string())?;
-    Ok(options)
-}
-
-/// Measure how well `generate --react` works: the times to react that can be chosen among candidates.
-///
-/// Every generator attacks each scene. For each target time, the table has the share of scenes with an avoidable
-/// attack whose time to react is within 0.25 s of it, and the median of the chosen times.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage bench react target/data/womd_cat500/val --weights waymo --methods sage,random,rule --out react/"
-)]
-pub(crate) struct ReactArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    #[command(flatten)]
-    pub split: SplitArgs,
-    /// Comma-separated generators; with options as NAME{"option": value}.
-    #[arg(long, value_name = "NAMES", default_value = "sage,random,rule")]
-    pub methods: Parts,
-    /// Comma-separated target times, seconds.
-    #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = seconds, default_value = "0.5,1,1.5,2")]
-    pub targets: Vec<f64>,
-    #[command(flatten)]
-    pub points: OperatingPointArgs,
-    #[command(flatten)]
-    pub avoidable: AvoidableArgs,
-    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "natural")]
-    pub selection: String,
-    #[command(flatten)]
-    pub rule: FeasibilityArgs,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: String,
     /// Seed of random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,

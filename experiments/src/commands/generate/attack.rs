@@ -8,6 +8,7 @@ use sage_core::{
     generator::{Attack, Note},
     geometry::Point,
     objective::{Context, ContextOptions, Scorer},
+    registry::Entry as _,
     scene::{Scene, SceneIndex},
 };
 use sage_data::{Recording, VariantWriter, dataset};
@@ -15,6 +16,9 @@ use sage_generators::attacked;
 use sage_sim::{
     SimScene,
     avoidable::{Avoidable, Avoidance},
+    episode::Episode,
+    policy::{EgoPolicy, R157, R157Options},
+    traffic::Plan as TrafficPlan,
 };
 use serde_json::{Map, Value, json};
 
@@ -96,6 +100,19 @@ pub(super) fn picture_file(scene: &str) -> String {
     format!("{scene}.svg")
 }
 
+/// The careful driver in a scene; without what cannot be simulated.
+struct Careful {
+    scene: Option<Arc<SimScene>>,
+    driver: Option<Box<dyn EgoPolicy>>,
+}
+
+impl Careful {
+    fn new(scene: &Arc<Scene>, index: &Arc<SceneIndex>) -> Self {
+        let scene = SimScene::new(scene.clone(), index.clone()).ok();
+        Self { scene, driver: R157::build(R157Options::default()).ok() }
+    }
+}
+
 /// Writes the attacks of one scene.
 struct SceneWriter<'w> {
     plan: &'w Plan<'w>,
@@ -120,7 +137,7 @@ impl SceneWriter<'_> {
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
         let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
         let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.attackers.further), &avoidance);
-        let mut way_out = None;
+        let (mut way_out, mut careful) = (None, None);
         let clock = Instant::now();
         let mut attacks =
             attacker.built.generator.attacks(&ctx, &attacker.built.points, plan.args.attack.seed)?;
@@ -142,7 +159,14 @@ impl SceneWriter<'_> {
             let contact = scored.get(attack.trajectory())?.scores.collision_step;
             // The picture shows that of the last attack that has one.
             way_out = contact.and_then(|contact| drawn_way_out(&avoidable, contact)).or(way_out);
-            let scores = ChosenScores { scores: &scored.get(attack.trajectory())?.scores, avoidable };
+            let r157_avoids = match contact {
+                Some(_) => {
+                    self.r157_avoids(careful.get_or_insert_with(|| Careful::new(&scene, &index)), attack)
+                }
+                None => None,
+            };
+            let scores = &scored.get(attack.trajectory())?.scores;
+            let scores = ChosenScores { scores, avoidable, r157_avoids };
             let row =
                 self.row((scores, scored.rows(attack)?), &ctx, attack, variant, described, &scene_files)?;
             lines.push(Line {
@@ -243,6 +267,20 @@ impl SceneWriter<'_> {
             scores,
             candidates,
         })
+    }
+
+    /// Whether the careful driver avoids an attack; `None` if it meets another road user first, or cannot drive.
+    fn r157_avoids(&self, careful: &Careful, attack: &Attack) -> Option<bool> {
+        let scene = careful.scene.as_ref()?;
+        let adversary = scene.scene().adversary_index().ok()?;
+        let plan = TrafficPlan::of_adversary(scene.scene(), attack.trajectory()).ok()?;
+        let driver = careful.driver.as_deref()?;
+        let episode = Episode::run(scene, Some(Arc::new(plan)), driver, self.plan.args.attack.seed).ok()?;
+        let mut first = episode.first_contacts().peekable();
+        if first.peek().is_none() {
+            return Some(true);
+        }
+        first.any(|contact| contact.contact.other.track == adversary).then_some(false)
     }
 
     fn write(&self, all: &[(&str, &[u8])]) -> Result<()> {

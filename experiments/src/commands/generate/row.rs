@@ -61,6 +61,9 @@ pub(super) struct ChosenScores<'r> {
     pub(super) scores: &'r Scores,
     #[serde(flatten)]
     pub(super) avoidable: Avoidable,
+    /// Whether the driver `r157`, in the ego's place from frame 0 on, has no contact with the adversary; `None` if the
+    /// attack has none, or if this driver meets another road user first.
+    pub(super) r157_avoids: Option<bool>,
 }
 
 /// One candidate of an attack.

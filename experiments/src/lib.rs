@@ -51,6 +51,7 @@ use sage_core::{
 };
 use sage_generators::{GeneratorKind, generators};
 use sage_merging::{Merger, mergers};
+use sage_sim::avoidable::TimeToReact;
 use sage_sim::policy::{EgoPolicy, policies};
 
 pub use cli::Cli;
@@ -78,7 +79,7 @@ impl Registries {
     /// *Errors*: [`Error::Duplicate`] if two parts of a kind have the same name.
     pub fn shipped() -> Result<Self, Error> {
         Ok(Self {
-            rewards: objective::rewards()?,
+            rewards: objective::rewards()?.with::<TimeToReact>()?,
             feasibilities: objective::feasibilities()?,
             backbones: backbones()?,
             mergers: mergers()?,

@@ -14,6 +14,7 @@ mod limits;
 mod manoeuvres;
 mod reference_line;
 mod surroundings;
+mod time_to_react;
 
 use sage_core::{
     geometry::{OrientedBox, Point, dot, norm, sub},
@@ -23,6 +24,7 @@ use sage_core::{
 use serde::{Deserialize, Serialize};
 
 pub use limits::AvoidanceOptions;
+pub use time_to_react::{TimeToReact, TimeToReactOptions};
 
 use crate::fault::is_in_one_lane;
 use car::{Car, State};

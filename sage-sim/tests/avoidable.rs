@@ -11,11 +11,14 @@ use hand_made::{car, road, scene};
 use sage_core::{
     geometry::{OrientedBox, distance},
     motion::{HORIZON, NOW, Trajectory},
-    objective::{Context, ContextOptions, EgoPaths, Encounter},
+    objective::{
+        Context, ContextOptions, EgoPaths, Encounter, FurtherMeasures, ObjectiveSpec, Situation,
+        feasibilities, rewards,
+    },
     scene::{Map, MapFeature, MapKind, Scene, SceneIndex, Track},
 };
 use sage_data::procedural::{Kind, generate};
-use sage_sim::avoidable::{Avoidable, Avoidance, AvoidanceOptions};
+use sage_sim::avoidable::{Avoidable, Avoidance, AvoidanceOptions, TimeToReact};
 
 /// A street along x between two edges.
 fn street(half: f64) -> Map {
@@ -165,6 +168,37 @@ fn weaker_drivers_must_react_earlier() {
     let late = time(AvoidanceOptions { dead_time: 0.7, ..AvoidanceOptions::default() });
     assert!((late - plain - 0.7).abs() < 1e-9, "{late} and {plain}");
     assert!(time(AvoidanceOptions::comfortable()) > r157);
+}
+
+#[test]
+fn the_time_to_react_is_a_reward() {
+    let ctx = |wall: f64| {
+        let tracks = vec![car("ego", [0.0, 0.0], 0.0, 12.0), car("wall", [wall, 0.0], 0.0, 0.0)];
+        context(scene(street(1.4), tracks))
+    };
+    let registry = rewards().unwrap().with::<TimeToReact>().unwrap();
+    let score = |ctx: &Context, target: f64| {
+        let reward = registry.build("time-to-react", &serde_json::json!({"target": target})).unwrap();
+        let candidate = ctx.candidate(recorded(ctx));
+        let value = reward.score(&Situation::new(&candidate, ctx.ego(), ctx)).unwrap();
+        assert!(reward.slow_range().is_some_and(|[low, high]| (low..=high).contains(&value)));
+        value
+    };
+    let near = ctx(64.0);
+    let time = found(&near, AvoidanceOptions::default()).time_to_react.unwrap();
+    assert_eq!(score(&near, time), 0.0);
+    assert!((score(&near, 1.5) + (1.5 - time)).abs() < 1e-9 && score(&near, 8.0) == -3.0);
+    assert_eq!(score(&ctx(200.0), 1.5), -3.0);
+    let error = registry.build("time-to-react", &serde_json::json!({"target": 9})).err().unwrap().to_string();
+    assert!(error.contains("expected 0 to 8"), "{error}");
+    // It is slow, so tables have it only on demand.
+    let rules = feasibilities().unwrap();
+    let spec: ObjectiveSpec =
+        serde_json::from_value(serde_json::json!({"terms": [{"name": "time-to-react", "weight": 1}]}))
+            .unwrap();
+    let shown =
+        |spec| FurtherMeasures::of(&registry, &rules, spec).unwrap().rewards().any(|n| n == "time-to-react");
+    assert!(!shown(None) && shown(Some(&spec)));
 }
 
 /// Straight plans of the adversary to where the ego is at some steps.

@@ -46,4 +46,9 @@ pub trait Reward: Send + Sync {
     fn slow_range(&self) -> Option<[f64; 2]> {
         None
     }
+
+    /// Whether it takes milliseconds. Tables show such a reward only if the selection names it.
+    fn is_costly(&self) -> bool {
+        false
+    }
 }

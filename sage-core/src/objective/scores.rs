@@ -71,7 +71,8 @@ pub struct FurtherMeasures {
 }
 
 impl FurtherMeasures {
-    /// All registered parts except those with a field in [`Scores`]. A part that the selection names
+    /// All registered parts except those with a field in [`Scores`], and costly rewards that the selection does not
+    /// name. A part that the selection names
     /// once has the selection's options, any other part its defaults.
     ///
     /// *Errors*: [`Error::Options`] for an entry that refuses its options.
@@ -95,7 +96,8 @@ impl FurtherMeasures {
         ];
         let mut rewards = all_but(rewards, &known, &given)?;
         // Only the proposer knows a trajectory's likelihood under the prior.
-        rewards.retain(|(_, reward)| !reward.needs_prior());
+        let is_named = |name: &str| given.iter().any(|(given, _)| *given == name);
+        rewards.retain(|(name, reward)| !reward.needs_prior() && (!reward.is_costly() || is_named(name)));
         Ok(Self { rewards, rules: all_but(rules, &known, &given)? })
     }
 

@@ -223,12 +223,21 @@ impl From<RateArg> for Rate {
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage bench dial target/data/womd_cat500/val --weights waymo --out dial/")]
 pub(crate) struct DialBenchArgs {
+    #[command(flatten)]
+    pub on: ComparisonArgs,
+    #[command(flatten)]
+    pub merging: MergerArgs,
+}
+
+/// What a comparison runs on: scenes, experts and selection, and the folder of its results.
+#[derive(Debug, Args)]
+pub(crate) struct ComparisonArgs {
     /// Scene files and folders.
     #[arg(required = true, value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
-    /// Weights of the experts with their dial: procedural, waymo, waymo-paper or a folder.
+    /// Weights of the experts, with their dial if one is used: procedural, waymo, waymo-paper or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
@@ -236,8 +245,6 @@ pub(crate) struct DialBenchArgs {
     pub selection: String,
     #[command(flatten)]
     pub rule: FeasibilityArgs,
-    #[command(flatten)]
-    pub merging: MergerArgs,
     /// Seed of random numbers.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,

@@ -1,14 +1,9 @@
 //! Arguments of the search for ways out of attacks.
 
-use std::path::PathBuf;
-
 use clap::Args;
 use sage_sim::avoidable::AvoidanceOptions;
 
-use super::{
-    FolderArgs, SplitArgs,
-    attacking::{FeasibilityArgs, OperatingPointArgs, number},
-};
+use super::attacking::{ComparisonArgs, OperatingPointArgs, number};
 use crate::{part::Parts, react};
 
 /// Search for ways out of attacks.
@@ -50,11 +45,8 @@ fn avoidance(text: &str) -> std::result::Result<AvoidanceOptions, String> {
     after_help = "Example:\n  sage bench react target/data/womd_cat500/val --weights waymo --methods sage,random,rule --out react/"
 )]
 pub(crate) struct ReactArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
     #[command(flatten)]
-    pub split: SplitArgs,
+    pub on: ComparisonArgs,
     /// Comma-separated generators; with options as NAME{"option": value}.
     #[arg(long, value_name = "NAMES", default_value = "sage,random,rule")]
     pub methods: Parts,
@@ -65,17 +57,4 @@ pub(crate) struct ReactArgs {
     pub points: OperatingPointArgs,
     #[command(flatten)]
     pub avoidable: AvoidableArgs,
-    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "natural")]
-    pub selection: String,
-    #[command(flatten)]
-    pub rule: FeasibilityArgs,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: String,
-    /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
 }

@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::{
     FolderArgs, SplitArgs,
-    attacking::{FeasibilityArgs, MergerArgs, number},
+    attacking::{ComparisonArgs, MergerArgs, number},
 };
 use crate::part::Parts;
 
@@ -42,30 +42,14 @@ pub(crate) struct MergeArgs {
     after_help = "Example:\n  sage bench pareto target/data/womd_cat500/val --weights waymo --mergers linear,logit,trajectory --out pareto/"
 )]
 pub(crate) struct ParetoArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
     #[command(flatten)]
-    pub split: SplitArgs,
+    pub on: ComparisonArgs,
     /// Comma-separated mergers; with options as NAME{"option": value}.
     #[arg(long, value_name = "NAMES", default_value = "linear,logit,probability,trajectory,slerp,ties,dare")]
     pub mergers: Parts,
     /// Weight mu of the selection at every lambda; default: lambda.
     #[arg(long, value_name = "M", value_parser = number)]
     pub mu: Option<f64>,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: String,
-    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "natural")]
-    pub selection: String,
-    #[command(flatten)]
-    pub rule: FeasibilityArgs,
-    /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
 }
 
 /// Measure mixtures of three experts: attack rate, P_real and lane distance on the triangle of their weights.
@@ -78,11 +62,8 @@ pub(crate) struct ParetoArgs {
     after_help = "Example:\n  sage bench mixtures target/data/womd_cat500/val --weights waymo --out mixtures/"
 )]
 pub(crate) struct MixturesArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
     #[command(flatten)]
-    pub split: SplitArgs,
+    pub on: ComparisonArgs,
     /// Three experts, separated by commas.
     #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "realistic,adversarial,lawful")]
     pub experts: Vec<String>,
@@ -94,19 +75,6 @@ pub(crate) struct MixturesArgs {
     /// Weight mu of the selection at every mixture; default: the weight of the adversarial expert.
     #[arg(long, value_name = "M", value_parser = number)]
     pub mu: Option<f64>,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: String,
-    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "natural")]
-    pub selection: String,
-    #[command(flatten)]
-    pub rule: FeasibilityArgs,
-    /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
 }
 
 /// Analyse linear mode connectivity: geometry of the realistic and the adversarial expert, rewards on the path

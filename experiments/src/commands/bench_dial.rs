@@ -44,21 +44,21 @@ impl Sweep {
 }
 
 pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outcome> {
-    let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
+    let selection = Selection::of(registries, &args.on.selection, args.on.rule.feasibility.as_ref())?;
     let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
-    let experts = networks::load_experts(&registries.backbones, &args.weights)?;
+    let experts = networks::load_experts(&registries.backbones, &args.on.weights)?;
     let merger_name = args.merging.merger.to_string();
-    let fitted = networks::find_dial(&args.weights, &experts, &selection)?;
-    let dial = networks::load_dial(&args.weights, &experts, &selection, &merger_name)?;
-    let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
-    let out = Folder::make(&args.folder.out, args.folder.force)?;
-    let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
+    let fitted = networks::find_dial(&args.on.weights, &experts, &selection)?;
+    let dial = networks::load_dial(&args.on.weights, &experts, &selection, &merger_name)?;
+    let inputs = generators::inputs(Some(&experts), &merger, &selection, args.on.seed);
+    let out = Folder::make(&args.on.folder.out, args.on.folder.force)?;
+    let scenes = Scenes::of(&args.on.paths, &args.on.split, 0, args.on.seed)?.attackable()?;
     let mut lambdas = aggressions();
     lambdas.extend(LAMBDAS.into_iter().filter(|l| !aggressions().iter().any(|p| (p - l).abs() < 1e-9)));
     let mut progress = Progress::new("evaluated", scenes.len());
     let step = || progress.step();
     let objectives = [inputs.selection.clone()];
-    let mut grid = AttackGrid::of(&scenes, &inputs, &objectives, &lambdas, args.seed, step)?;
+    let mut grid = AttackGrid::of(&scenes, &inputs, &objectives, &lambdas, args.on.seed, step)?;
     let grid = grid.pop().context("one objective gives one grid")?;
     progress.finish(&format!("{} values of lambda on {} scenes", lambdas.len(), scenes.len()));
     let attacks = |lambda: f64, mu: f64| grid.attacks(lambda, mu).context("a lambda was not evaluated");
@@ -87,13 +87,13 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
     file("dial.svg", &chart(fitted.rate, lines)?)?;
     let record = json!({
         "command": output::command(), "scenes": scenes.len(), "data": scenes.describe(),
-        "seed": args.seed, "selection": selection.objective.spec(), "merger": merger_name, "version": env!("CARGO_PKG_VERSION"),
+        "seed": args.on.seed, "selection": selection.objective.spec(), "merger": merger_name, "version": env!("CARGO_PKG_VERSION"),
     });
     file("run.json", &format!("{record:#}\n"))?;
     output::print(&markdown)?;
     progress::say(&format!(
         "dial.md, dial.csv, dial.svg and run.json are in `{}`",
-        args.folder.out.display()
+        args.on.folder.out.display()
     ));
     Ok(Outcome::Done)
 }

@@ -49,34 +49,34 @@ pub(crate) fn run(args: &MixturesArgs, registries: &Registries) -> Result<Outcom
     if let Some(k) = (1..3).find(|&k| names[..k].contains(&names[k])) {
         bail!("`{}` is given twice in --experts", names[k]);
     }
-    let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
+    let selection = Selection::of(registries, &args.on.selection, args.on.rule.feasibility.as_ref())?;
     let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
     ensure!(
         merger.keeps_modes(),
         "`{}` changes the modes, so there are no expectations without selection",
         args.merging.merger
     );
-    let experts = networks::load_experts(&registries.backbones, &args.weights)?;
+    let experts = networks::load_experts(&registries.backbones, &args.on.weights)?;
     let mixtures = triangle::mixtures(args.steps);
     let (mut points, mut models) = (Vec::new(), Vec::<Arc<dyn MotionModel>>::new());
     for weights in &mixtures {
         let named: Vec<(String, f64)> = names.iter().map(|name| (*name).to_owned()).zip(*weights).collect();
         let mixture = experts.mixture(&names.into_iter().zip(*weights).collect::<Vec<_>>())?;
-        models.push(merger.merge(&experts, &mixture, args.seed)?);
+        models.push(merger.merge(&experts, &mixture, args.on.seed)?);
         points.push(OperatingPointSpec::mixed(&named, args.mu)?);
     }
-    let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
+    let inputs = generators::inputs(Some(&experts), &merger, &selection, args.on.seed);
     let sage = Part { name: "sage".to_owned(), options: serde_json::Map::new() };
     let built = BuiltGenerator::new(&sage, registries, &inputs, &points)?;
     let lanes = lane_distance(registries)?;
     let measures = Measures::of(&[&lanes], &registries.rewards, &registries.feasibilities)?;
     let lane_distance = measures.expert(&lanes)?;
-    let out = Folder::make(&args.folder.out, args.folder.force)?;
-    let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
+    let out = Folder::make(&args.on.folder.out, args.on.folder.force)?;
+    let scenes = Scenes::of(&args.on.paths, &args.on.split, 0, args.on.seed)?.attackable()?;
     let further = FurtherMeasures::default();
     let one = |data: &SceneData| -> Result<OfScene> {
         let prior = &**experts.prior();
-        let rows = MeasuredScene::new(data, prior, &further)?.rows(&built, args.seed)?;
+        let rows = MeasuredScene::new(data, prior, &further)?.rows(&built, args.on.seed)?;
         let prepared = PreparedScene::new(prior, data, false, &measures)?.context("it was attackable")?;
         let free = models.iter().map(|model| -> Result<Values> {
             let expected = prepared.expectation(&**model)?;
@@ -107,14 +107,14 @@ pub(crate) fn run(args: &MixturesArgs, registries: &Registries) -> Result<Outcom
     out.write("mixtures.csv", csv(names, &mixtures, &all)?.as_bytes())?;
     let record = json!({
         "command": output::command(), "experts": names, "merger": args.merging.merger.to_string(),
-        "weights": args.weights, "mu": args.mu, "selection": selection.objective.spec(), "seed": args.seed,
+        "weights": args.on.weights, "mu": args.mu, "selection": selection.objective.spec(), "seed": args.on.seed,
         "scenes": scenes.describe(), "version": env!("CARGO_PKG_VERSION"),
     });
     out.write("run.json", format!("{record:#}\n").as_bytes())?;
     output::print(&markdown)?;
     progress::say(&format!(
         "table.md, mixtures.csv, run.json and pictures are in `{}`",
-        args.folder.out.display()
+        args.on.folder.out.display()
     ));
     Ok(Outcome::Done)
 }

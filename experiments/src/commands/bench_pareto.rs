@@ -52,14 +52,14 @@ struct Sweeps {
 }
 
 pub(crate) fn run(args: &ParetoArgs, registries: &Registries) -> Result<Outcome> {
-    let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
-    let experts = networks::load_experts(&registries.backbones, &args.weights)?;
+    let selection = Selection::of(registries, &args.on.selection, args.on.rule.feasibility.as_ref())?;
+    let experts = networks::load_experts(&registries.backbones, &args.on.weights)?;
     let lambdas: Vec<f64> = (0..=STEPS).map(|k| k as f64 / STEPS as f64).collect();
     let Parts(parts) = &args.mergers;
     let mut compared = Vec::with_capacity(parts.len());
     for part in parts {
         let merger: Arc<dyn Merger> = part.build(&registries.mergers)?.into();
-        let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
+        let inputs = generators::inputs(Some(&experts), &merger, &selection, args.on.seed);
         let points: Vec<OperatingPointSpec> = lambdas
             .iter()
             .map(|lambda| OperatingPointSpec::at(*lambda, args.mu, merger.range()))
@@ -68,7 +68,7 @@ pub(crate) fn run(args: &ParetoArgs, registries: &Registries) -> Result<Outcome>
         let models = merger.keeps_modes().then(|| {
             lambdas
                 .iter()
-                .map(|lambda| merger.merge(&experts, &experts.between(*lambda)?, args.seed))
+                .map(|lambda| merger.merge(&experts, &experts.between(*lambda)?, args.on.seed))
                 .collect()
         });
         compared.push(Compared {
@@ -77,8 +77,8 @@ pub(crate) fn run(args: &ParetoArgs, registries: &Registries) -> Result<Outcome>
             models: models.transpose()?,
         });
     }
-    let out = Folder::make(&args.folder.out, args.folder.force)?;
-    let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
+    let out = Folder::make(&args.on.folder.out, args.on.folder.force)?;
+    let scenes = Scenes::of(&args.on.paths, &args.on.split, 0, args.on.seed)?.attackable()?;
     let measures = Measures::of(&[], &registries.rewards, &registries.feasibilities)?;
     let further = FurtherMeasures::default();
     // One evaluation of a scene's goals serves all models.
@@ -87,7 +87,7 @@ pub(crate) fn run(args: &ParetoArgs, registries: &Registries) -> Result<Outcome>
     let one = |data: &SceneData| -> Result<(Vec<Vec<SceneRow>>, Vec<Measure>)> {
         let prior = &**experts.prior();
         let scene = MeasuredScene::new(data, prior, &further)?;
-        let rows = compared.iter().map(|compared| scene.rows(&compared.built, args.seed));
+        let rows = compared.iter().map(|compared| scene.rows(&compared.built, args.on.seed));
         let free = open_loop::expectations(data, prior, &models, &measures)?;
         let free = free.context("the scene was attackable")?.into_iter().map(Measure::from);
         Ok((rows.collect::<Result<_>>()?, free.collect()))
@@ -112,15 +112,15 @@ pub(crate) fn run(args: &ParetoArgs, registries: &Registries) -> Result<Outcome>
     out.write("pareto.csv", csv(&names, &sweeps, &lambdas)?.as_bytes())?;
     charts(&out, &names, &sweeps, &lambdas)?;
     let record = json!({
-        "command": output::command(), "mergers": names, "weights": args.weights, "mu": args.mu,
-        "selection": selection.objective.spec(), "seed": args.seed, "scenes": scenes.describe(),
+        "command": output::command(), "mergers": names, "weights": args.on.weights, "mu": args.mu,
+        "selection": selection.objective.spec(), "seed": args.on.seed, "scenes": scenes.describe(),
         "version": env!("CARGO_PKG_VERSION"),
     });
     out.write("run.json", format!("{record:#}\n").as_bytes())?;
     output::print(&markdown)?;
     progress::say(&format!(
         "table.md, pareto.csv, run.json and charts are in `{}`",
-        args.folder.out.display()
+        args.on.folder.out.display()
     ));
     Ok(Outcome::Done)
 }

@@ -29,28 +29,28 @@ use crate::{
 type OfScene = Vec<Vec<Option<f64>>>;
 
 pub(crate) fn run(args: &ReactArgs, registries: &Registries) -> Result<Outcome> {
-    let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
+    let selection = Selection::of(registries, &args.on.selection, args.on.rule.feasibility.as_ref())?;
     let merger: Arc<dyn Merger> = args.points.merging.merger.build(&registries.mergers)?.into();
     args.points.check(merger.range())?;
-    let experts = networks::load_experts(&registries.backbones, &args.weights)?;
+    let experts = networks::load_experts(&registries.backbones, &args.on.weights)?;
     let merger_name = args.points.merging.merger.to_string();
-    let dial = || networks::load_dial(&args.weights, &experts, &selection, &merger_name);
+    let dial = || networks::load_dial(&args.on.weights, &experts, &selection, &merger_name);
     let points = args.points.specs(dial, merger.range(), &[1.0])?;
-    let inputs = generators::inputs(Some(&experts), &merger, &selection, args.seed);
+    let inputs = generators::inputs(Some(&experts), &merger, &selection, args.on.seed);
     let Parts(methods) = &args.methods;
     let built = methods.iter().map(|part| BuiltGenerator::new(part, registries, &inputs, &points));
     let built = built.collect::<Result<Vec<_>>>()?;
     let labels: Vec<String> =
         built.iter().flat_map(|built| built.keys.iter().map(|key| key.label())).collect();
     let options = args.avoidable.options().unwrap_or_default();
-    let out = Folder::make(&args.folder.out, args.folder.force)?;
-    let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
+    let out = Folder::make(&args.on.folder.out, args.on.folder.force)?;
+    let scenes = Scenes::of(&args.on.paths, &args.on.split, 0, args.on.seed)?.attackable()?;
     let one = |data: &SceneData| -> Result<OfScene> {
         let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
         let avoidance = Avoidance::new(&ctx, options)?;
         let mut rows = Vec::with_capacity(labels.len());
         for built in &built {
-            let attacks = built.generator.attacks(&ctx, &built.points, args.seed)?;
+            let attacks = built.generator.attacks(&ctx, &built.points, args.on.seed)?;
             for (attack, point) in attacks.iter().zip(&built.points) {
                 let avoided = react::avoided(attack, &ctx, &selection.objective, point.mu, &avoidance);
                 let time = |target: &f64| react::chosen(&avoided, *target).map(|one| one.time);
@@ -66,12 +66,12 @@ pub(crate) fn run(args: &ReactArgs, registries: &Registries) -> Result<Outcome> 
     out.write("table.md", markdown.as_bytes())?;
     out.write("table.csv", csv.as_bytes())?;
     let record = json!({
-        "command": output::command(), "weights": args.weights, "selection": selection.objective.spec(),
-        "seed": args.seed, "search": options, "scenes": scenes.describe(), "version": env!("CARGO_PKG_VERSION"),
+        "command": output::command(), "weights": args.on.weights, "selection": selection.objective.spec(),
+        "seed": args.on.seed, "search": options, "scenes": scenes.describe(), "version": env!("CARGO_PKG_VERSION"),
     });
     out.write("run.json", format!("{record:#}\n").as_bytes())?;
     output::print(&markdown)?;
-    progress::say(&format!("table.md, table.csv and run.json are in `{}`", args.folder.out.display()));
+    progress::say(&format!("table.md, table.csv and run.json are in `{}`", args.on.folder.out.display()));
     Ok(Outcome::Done)
 }
 

@@ -18,7 +18,13 @@ use sage_core::{
     scene::{Map, MapFeature, MapKind, Scene, SceneIndex, Track},
 };
 use sage_data::procedural::{Kind, generate};
-use sage_sim::avoidable::{Avoidable, Avoidance, AvoidanceOptions, TimeToReact};
+use sage_sim::{
+    SimScene,
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions, TimeToReact},
+    episode::Episode,
+    policy::policies,
+    traffic::Plan,
+};
 
 /// A street along x between two edges.
 fn street(half: f64) -> Map {
@@ -243,11 +249,36 @@ fn witnesses_touch_nothing_when_other_code_replays_them() {
             let Some(witness) = out.witness else { continue };
             witnesses += 1;
             assert_eq!(witness.len(), HORIZON);
-            replay(&ctx, &candidate, &witness, out.hit_from_behind == Some(true));
+            let is_hit = out.hit_from_behind == Some(true);
+            replay(&ctx, &candidate, &witness, is_hit);
+            simulate(&ctx, &index, candidate.trajectory(), &witness, is_hit);
         }
     }
     println!("{witnesses} ways out of {attacks} attacks");
     assert!(witnesses > 20, "{witnesses}");
+}
+
+/// Drives the witness in the simulation, against the plan.
+fn simulate(ctx: &Context, index: &Arc<SceneIndex>, plan: &Trajectory, witness: &[[f64; 3]], is_hit: bool) {
+    let scene = ctx.scene();
+    let ego = scene.ego();
+    if !(0..=NOW).all(|frame| ego.is_valid(frame)) || scene.frames != NOW + HORIZON + 1 {
+        return;
+    }
+    let pose = |frame: usize| [ego.point(frame)[0], ego.point(frame)[1], ego.heading[frame]];
+    let drive: Vec<[f64; 3]> = (0..=NOW).map(pose).chain(witness.iter().copied()).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("drive.json");
+    std::fs::write(&file, serde_json::to_string(&drive).unwrap()).unwrap();
+    let driver = policies().unwrap().build("path", &serde_json::json!({"file": file})).unwrap();
+    let simulated = SimScene::new(scene.clone(), index.clone()).unwrap();
+    let plan = Plan::of_adversary(scene, plan).unwrap();
+    let episode = Episode::run(&simulated, Some(Arc::new(plan)), driver.as_ref(), 0).unwrap();
+    let adversary = scene.adversary_index().unwrap();
+    for contact in episode.contacts.iter().filter(|contact| contact.contact.step > NOW) {
+        let other = contact.contact.other.track;
+        assert!(other != adversary && is_hit, "{}: `{}`", scene.id, scene.tracks[other].id);
+    }
 }
 
 fn replay(ctx: &Context, candidate: &sage_core::objective::Candidate, witness: &[[f64; 3]], is_hit: bool) {

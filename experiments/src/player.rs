@@ -9,7 +9,7 @@ mod map;
 use anyhow::Result;
 use sage_core::{
     geometry::{Aabb, OrientedBox, Point},
-    motion::NOW,
+    motion::{DT, NOW},
     scene::{Scene, Track, TrackKind},
 };
 use sage_sim::{
@@ -42,6 +42,8 @@ pub(crate) struct Panel<'a> {
     pub(crate) adversary: Option<&'a Track>,
     /// The same driver without the attack; the page shows it up to its first contact.
     pub(crate) unattacked: Option<&'a Drive>,
+    /// The last way out of that drive, from its start to frame 90: box centres and headings.
+    pub(crate) way_out: Option<&'a [[f64; 3]]>,
     /// Whether the attack works; `None` without an attack.
     pub(crate) verdict: Option<bool>,
     /// Says what is attacked, before the end.
@@ -70,6 +72,7 @@ struct EncodedPanel<'a> {
     ego: EncodedBody,
     adversary: Option<EncodedBody>,
     ghost: Option<EncodedBody>,
+    escape: Option<EncodedBody>,
     contact: Option<EncodedContact>,
     verdict: Option<bool>,
     note: &'a str,
@@ -140,7 +143,7 @@ fn traffic(scene: &Scene, panels: &[Panel], area: &Aabb, origin: Point) -> Vec<E
 }
 
 fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'a> {
-    let Panel { name, episode, adversary, unattacked, verdict, note, ending } = panel;
+    let Panel { name, episode, adversary, unattacked, way_out, verdict, note, ending } = panel;
     let size = box_size(scene.ego());
     let drive = |drive: &Drive| {
         let end = drive.contacts.first().map_or(LAST_FRAME, |contact| contact.step.min(LAST_FRAME));
@@ -171,11 +174,27 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         adversary: adversary
             .and_then(|track| EncodedBody::of(states(track, origin), box_size(track), kind(track))),
         ghost: unattacked.and_then(drive),
+        escape: way_out.and_then(|rows| EncodedBody::of(way_out_states(rows, origin), size, "vehicle")),
         contact,
         verdict: *verdict,
         note,
         ending,
     }
+}
+
+/// States of a way out, which ends at the last frame.
+fn way_out_states(rows: &[[f64; 3]], origin: Point) -> impl Iterator<Item = (usize, State)> {
+    let first = LAST_FRAME + 1 - rows.len().min(LAST_FRAME + 1);
+    rows.iter().enumerate().map(move |(k, &[x, y, heading])| {
+        let [before_x, before_y, _] = rows[k.saturating_sub(1)];
+        let motion = Motion {
+            position: [x, y],
+            heading,
+            velocity: [(x - before_x) / DT, (y - before_y) / DT],
+            yaw_rate: 0.0,
+        };
+        (first + k, State::of_motion(&motion, origin))
+    })
 }
 
 /// States of a track at its valid frames, relative to an origin.

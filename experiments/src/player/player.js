@@ -3,7 +3,7 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 const element = (id) => document.getElementById(id);
 const now = data.now, last = data.frames - 1;
-const colour = { ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222" };
+const colour = { ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222", escape: "#007a52" };
 
 // --- decoding ---
 
@@ -42,7 +42,7 @@ const features = data.map.map(({ kind, width, x, y }) => {
   return { kind, width: (width || 0) / 100, path, box };
 });
 const traffic = data.traffic.map(body);
-const panels = data.panels.map((p, number) => ({ ...p, number, ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost) }));
+const panels = data.panels.map((p, number) => ({ ...p, number, ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost), escape: p.escape && body(p.escape) }));
 
 // --- state ---
 
@@ -173,6 +173,7 @@ function drawPanel(panel) {
   if (panel.ghost && view.ghost) {
     c.setLineDash([0.8, 0.8]);
     trail(c, panel.ghost, now, last, "rgba(0,114,178,.55)", thin);
+    if (panel.escape) trail(c, panel.escape, now, last, colour.escape, 1.5 * thin);
     c.setLineDash([]);
   }
   if (panel.adversary) {
@@ -183,6 +184,8 @@ function drawPanel(panel) {
   const ghost = panel.ghost && view.ghost && pose(panel.ghost, time);
   const own = pose(panel.ego, time);
   if (ghost && Math.hypot(ghost.x - own.x, ghost.y - own.y) > 0.3) car(c, ghost, panel.ego, colour.ego, { dashed: true });
+  const escape = panel.escape && view.ghost && pose(panel.escape, time);
+  if (escape) car(c, escape, panel.ego, colour.escape, { dashed: true });
   const adversary = panel.adversary && pose(panel.adversary, time);
   if (adversary) car(c, adversary, panel.adversary, colour.adversary, { stripes: true, outline: colour.ink });
   car(c, own, panel.ego, colour.ego, { outline: colour.ink });
@@ -274,6 +277,7 @@ function build() {
   element("subtitle").textContent = data.subtitle;
   element("time").max = last;
   element("ghost").parentElement.hidden = element("ghost-legend").hidden = !panels.some((p) => p.ghost);
+  element("escape-legend").hidden = !panels.some((p) => p.escape);
   if (!panels.some((p) => p.adversary)) element("adversary-legend").hidden = true;
   if (!panels.some((p) => p.adversary)) element("follow").querySelectorAll("[value=adversary],[value=both]").forEach((o) => o.remove());
   const mark = (frame, name) => { const i = document.createElement("i"); i.className = name; i.style.left = `${(100 * frame) / last}%`; element("marks").append(i); };

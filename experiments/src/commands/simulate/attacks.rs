@@ -9,7 +9,10 @@ use sage_core::{
     scene::{Scene, SceneIndex},
 };
 use sage_data::Recording;
-use sage_sim::drive::Drive;
+use sage_sim::{
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
+    drive::Drive,
+};
 use serde_json::{Map, Value};
 
 use super::{Attacked, attack_file};
@@ -44,6 +47,10 @@ pub(super) struct PlannedAttack {
     pub(super) feasible: bool,
     pub(super) believable: Option<bool>,
     pub(super) unbelievable: Vec<Reason>,
+    /// Step of the contact with that drive.
+    pub(super) contact: Option<usize>,
+    /// Whether that drive has a way out.
+    pub(super) avoidable: Avoidable,
 }
 
 impl<'a> SceneAttacks<'a> {
@@ -108,18 +115,21 @@ impl<'a> SceneAttacks<'a> {
                 Ok(vec![PlannedDrive { described, label: String::new(), attack: None }])
             }
             Self::Given(trajectory, described) => {
-                let attack = Some(PlannedAttack::of(&context()?, trajectory.clone()));
+                let ctx = context()?;
+                let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
+                let attack = Some(PlannedAttack::of(&ctx, &avoidance, trajectory.clone()));
                 let described = complete(described.clone());
                 Ok(vec![PlannedDrive { described, label: String::new(), attack }])
             }
             Self::Generated(attackers, attacker) => {
                 let (ctx, built) = (context()?, &attacker.built);
+                let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
                 let attacks = built.generator.attacks(&ctx, &built.points, attackers.args.seed)?;
                 let planned = attacks.into_iter().zip(&attacker.points).map(|(attack, point)| {
                     attack.check(ctx.scene())?;
                     let uses_point = built.facts.uses_operating_point();
                     let label = if uses_point { point.long_label() } else { attackers.method.to_string() };
-                    let attack = PlannedAttack::of(&ctx, attack.trajectory().clone());
+                    let attack = PlannedAttack::of(&ctx, &avoidance, attack.trajectory().clone());
                     Ok(PlannedDrive { described: attackers.describe(point), label, attack: Some(attack) })
                 });
                 planned.collect()
@@ -129,10 +139,14 @@ impl<'a> SceneAttacks<'a> {
 }
 
 impl PlannedAttack {
-    fn of(ctx: &Context, trajectory: Trajectory) -> Self {
-        let scores = Scorer::new(ctx).scores(&ctx.candidate(trajectory.clone()));
+    /// A plan with its scores against the drive before, and the last way out from that drive.
+    fn of(ctx: &Context, avoidance: &Avoidance, trajectory: Trajectory) -> Self {
+        let candidate = ctx.candidate(trajectory.clone());
+        let scores = Scorer::new(ctx).scores(&candidate);
         let (feasible, believable) = (scores.feasible, scores.believable);
-        Self { trajectory, feasible, believable, unbelievable: scores.unbelievable }
+        let avoidable = avoidance.of(&candidate);
+        let contact = scores.collision_step;
+        Self { trajectory, feasible, believable, unbelievable: scores.unbelievable, contact, avoidable }
     }
 }
 

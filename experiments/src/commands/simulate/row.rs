@@ -8,7 +8,10 @@ use sage_core::{
     objective::{Reason, verdict},
     scene::Scene,
 };
-use sage_sim::episode::{End, Episode, Verdict};
+use sage_sim::{
+    avoidable::Avoidable,
+    episode::{End, Episode, Verdict},
+};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
@@ -74,6 +77,9 @@ pub(super) struct AttackRow {
     pub(super) verdict: Verdict,
     /// Step of the first contact without the attack.
     pub(super) unattacked_contact: Option<i64>,
+    /// Whether the drive before has a way out of the attack.
+    #[serde(flatten)]
+    pub(super) avoidable: Avoidable,
 }
 
 /// A contact in words. `adversary` is the track of the adversary.
@@ -194,7 +200,14 @@ impl Row {
         let before = attack
             .unattacked_contact
             .map_or(String::new(), |step| format!(" That drive has a contact of its own {}.", time(step)));
-        format!("Plan: {feasible}. Against the drive without the attack: {contact}.{before}")
+        let out = match (attack.avoidable.avoidable, attack.avoidable.time_to_react) {
+            (Some(true), Some(time)) => {
+                format!(" That drive has a way out up to {time:.1} s before the contact.")
+            }
+            (Some(false), _) => " No way out of it was found for that drive.".to_owned(),
+            _ => String::new(),
+        };
+        format!("Plan: {feasible}. Against the drive without the attack: {contact}.{out}{before}")
     }
 
     /// The printed line; `variant` names attack and operating point.

@@ -98,6 +98,8 @@ struct DrivenRow {
     label: String,
     episode: Episode,
     plan: Option<Arc<Plan>>,
+    /// Step of the planned contact with the drive before.
+    contact: Option<usize>,
     row: Row,
 }
 
@@ -127,8 +129,9 @@ impl SceneDrives<'_> {
                 let episode =
                     Episode::run(&simulated, plan.clone(), &*ego.policy, seed).with_context(failed)?;
                 let label = planned.label.clone();
+                let contact = planned.attack.as_ref().and_then(|attack| attack.contact);
                 let row = self.row(&scene, ego, &episode, before.as_ref(), planned)?;
-                rows.push(DrivenRow { ego: number, label, episode, plan, row });
+                rows.push(DrivenRow { ego: number, label, episode, plan, contact, row });
             }
             unattacked.push(before);
         }
@@ -154,6 +157,7 @@ impl SceneDrives<'_> {
                     believable: attack.believable,
                     unbelievable: attack.unbelievable,
                     verdict,
+                    avoidable: attack.avoidable,
                     unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
                 })
             }
@@ -191,6 +195,10 @@ impl SceneDrives<'_> {
                     episode: &driven.episode,
                     adversary: own,
                     unattacked: unattacked[driven.ego].as_ref(),
+                    way_out: driven
+                        .contact
+                        .and_then(|contact| driven.row.attack.as_ref()?.avoidable.way_out(contact))
+                        .map(|(_, rows)| rows),
                     note: driven.row.note(),
                     verdict: driven.row.verdict().map(|verdict| verdict.is_attack),
                     ending: driven.row.ending(),

@@ -57,6 +57,8 @@ pub struct Avoidable {
     pub time_to_brake: Option<f64>,
     /// The same of steering alone, at the speed of the start.
     pub time_to_steer: Option<f64>,
+    /// Peak deceleration of the mildest way out that begins *now*, m/s²; `None` if only later starts have one.
+    pub mildest_deceleration: Option<f64>,
     /// The last way out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub witness: Option<Witness>,
@@ -219,8 +221,17 @@ impl Avoidance {
             time_to_react: seconds(&react),
             time_to_brake: seconds(&search(way.start, &Manoeuvre::brakes)),
             time_to_steer: seconds(&search(way.start, &Manoeuvre::steers)),
+            mildest_deceleration: self.mildest(&attack),
             witness: Some(witness),
         }
+    }
+
+    /// Least deceleration of a manoeuvre that is a way out from *now* on, m/s².
+    fn mildest(&self, attack: &Attack) -> Option<f64> {
+        let mut by_deceleration: Vec<&Manoeuvre> = self.manoeuvres.iter().collect();
+        by_deceleration.sort_by(|a, b| a.deceleration().total_cmp(&b.deceleration()));
+        let is_free = |m: &&&Manoeuvre| self.roll_out(0, m, attack, &mut |_, _| {}).is_some();
+        by_deceleration.iter().find(is_free).map(|manoeuvre| manoeuvre.deceleration())
     }
 
     /// The recorded path up to the contact, as far as it touches nothing.

@@ -74,6 +74,10 @@ fn before_a_wall_of_cars_braking_starts_a_sixteenth_of_the_speed_before() {
         assert_eq!((out.avoidable, out.hit_from_behind, out.recovers), (Some(true), Some(false), Some(true)));
         assert!(is_within_frames(out.time_to_brake, speed / 16.0), "{speed}: {:?}", out.time_to_brake);
         assert_eq!((out.time_to_react, out.time_to_steer), (out.time_to_brake, None), "{speed}");
+        // From *now* on there is v² / (2 · 2 m/s²) or less to stop in: three seconds at full speed.
+        let [free, needs] = [3.0 * speed - 4.5, speed * speed / 4.0];
+        let mildest = if needs < free { 2.0 } else { 4.0 };
+        assert_eq!(out.mildest_deceleration, Some(mildest), "{speed}");
     }
 }
 

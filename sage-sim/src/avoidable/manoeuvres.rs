@@ -43,7 +43,6 @@ impl Manoeuvre {
     }
 
     /// Largest deceleration, m/s².
-    #[cfg(test)]
     pub(super) fn deceleration(&self) -> f64 {
         self.accelerations.iter().fold(0.0, |most, a| f64::max(most, -a))
     }

@@ -30,7 +30,7 @@ use crate::fault::is_in_one_lane;
 use car::{Car, State};
 use manoeuvres::{Manoeuvre, manoeuvres};
 use reference_line::ReferenceLine;
-use surroundings::{Moving, Passed, Surroundings, plan};
+use surroundings::{HEIGHT_GAP, Moving, Passed, Surroundings, plan};
 
 /// A way out: box centre and heading at the 80 steps, metres and rad, world frame.
 pub type Witness = Vec<[f64; 3]>;
@@ -175,7 +175,7 @@ impl Avoidance {
     fn is_other_level(&self, track: usize) -> bool {
         let scene = self.ctx.scene();
         let height = |k: usize| scene.tracks[k].position[NOW][2] - 0.5 * scene.tracks[k].size[NOW][2];
-        (height(track) - height(scene.ego)).abs() > 3.0
+        (height(track) - height(scene.ego)).abs() > HEIGHT_GAP
     }
 
     /// Whether a plan of the adversary is avoidable.

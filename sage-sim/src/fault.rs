@@ -75,9 +75,7 @@ pub fn classify(contact: &DriveContact, car: &Vehicle, index: &SceneIndex) -> Fa
     if contact.other.speed() <= STANDING || contact.other.kind == BodyKind::Object {
         return FaultClass::StoppedTrack;
     }
-    let rear = [own.center[0] - car.rear * own.axis[0], own.center[1] - car.rear * own.axis[1]];
-    let d = sub(other.center, rear);
-    if dot(d, own.axis) < norm(d) * BEHIND.cos() {
+    if is_behind(own, car.rear, other.center) {
         return FaultClass::ActiveRear;
     }
     let [front_left, .., front_right] = own.corners();
@@ -89,6 +87,13 @@ pub fn classify(contact: &DriveContact, car: &Vehicle, index: &SceneIndex) -> Fa
         Some(true) => FaultClass::LateralInLane,
         Some(false) => FaultClass::LateralOffLane,
     }
+}
+
+/// Whether a point is behind a car, whose rear axle is `rear` metres behind the centre of its box.
+pub(crate) fn is_behind(own: &OrientedBox, rear: f64, other: Point) -> bool {
+    let axle = [own.center[0] - rear * own.axis[0], own.center[1] - rear * own.axis[1]];
+    let d = sub(other, axle);
+    dot(d, own.axis) < norm(d) * BEHIND.cos()
 }
 
 /// Whether all corners of a box lie in one lane, or in lanes that follow each other. `None` without lanes.

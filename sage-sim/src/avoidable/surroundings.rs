@@ -3,16 +3,16 @@
 use std::sync::Arc;
 
 use sage_core::{
-    geometry::{Aabb, OrientedBox, Point, SweptBox, boxes_meet_between, dot, norm, sub},
+    geometry::{Aabb, OrientedBox, Point, SweptBox, boxes_meet_between, sub},
     motion::{HORIZON, NOW},
     objective::Context,
     scene::SceneIndex,
 };
 
+use crate::fault::is_behind;
+
 /// Objects more than this above or below the ego are on another level, metres.
-const HEIGHT_GAP: f64 = 3.0;
-/// Angle at the rear axle from the heading beyond which a road user is behind: 150°.
-const BEHIND: f64 = -0.866_025_403_784_438_6;
+pub(super) const HEIGHT_GAP: f64 = 3.0;
 /// The ego's box is grown by this on each side, metres, so that other simulators agree that nothing touches.
 pub(super) const MARGIN: f64 = 1e-3;
 
@@ -213,10 +213,4 @@ impl Surroundings {
 pub(super) fn plan(track: usize, now: OrientedBox, boxes: &[OrientedBox]) -> Vec<Moving> {
     let from = std::iter::once(&now).chain(boxes);
     from.zip(boxes).map(|(from, to)| Moving::new(track, *from, *to)).collect()
-}
-
-fn is_behind(own: &OrientedBox, rear: f64, other: Point) -> bool {
-    let axle = [own.center[0] - rear * own.axis[0], own.center[1] - rear * own.axis[1]];
-    let d = sub(other, axle);
-    dot(d, own.axis) < norm(d) * BEHIND
 }

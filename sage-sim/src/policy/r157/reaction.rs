@@ -108,8 +108,11 @@ impl Reaction {
 
     /// The deceleration that the road user demands at a time (seconds), m/s², at least 0.
     pub(super) fn deceleration(&mut self, seen: &Seen, time: f64, reading: Reading) -> f64 {
+        let was_evaluating = matches!(self.stage, Stage::Evaluating { .. });
         self.stage = self.next(seen, time, reading);
         self.before = seen.deviation;
+        // The headway to one that a leader revealed is tested once, at the end of its evaluation.
+        self.is_revealed &= !was_evaluating || matches!(self.stage, Stage::Evaluating { .. });
         match self.stage {
             Stage::Braking { since } => DECELERATION * ramp(time - since, RAMP),
             Stage::Reacting { .. } if reading == Reading::Overlap => ROLLING_OFF,
@@ -133,15 +136,12 @@ impl Reaction {
     }
 
     fn next(&self, seen: &Seen, time: f64, reading: Reading) -> Stage {
+        // One that is back on its line, or has left the path, is only watched.
+        if !seen.is_inside && (reading == Reading::Overlap || seen.deviation < WANDERING) {
+            return Stage::Watching;
+        }
         let mut stage = self.stage;
         if stage == Stage::Watching {
-            let comes_in = match reading {
-                Reading::Overlap => seen.is_inside,
-                _ => seen.deviation >= WANDERING || seen.is_inside,
-            };
-            if !comes_in {
-                return stage;
-            }
             stage = Stage::Evaluating { since: self.reached(WANDERING, seen, time) };
         }
         let mut evaluated = time;
@@ -157,7 +157,7 @@ impl Reaction {
                 Reading::Overlap => time,
             };
             if evaluated > time + ROUNDING {
-                return if seen.deviation < WANDERING && !seen.is_inside { Stage::Watching } else { stage };
+                return stage;
             }
             stage = Stage::Evaluated;
         }
@@ -179,7 +179,7 @@ impl Reaction {
             }
             stage = Stage::Braking { since: since + DELAY };
         }
-        // The road user left, or is not approached any more.
+        // It is not approached any more.
         if seen.closing <= 0.0 || seen.speed <= 0.0 {
             return Stage::Evaluated;
         }
@@ -294,6 +294,46 @@ mod tests {
         let (by_distance, _) = cut_in(15.0, [60.0, 40.0], 1.0, Reading::Distance);
         let (by_overlap, _) = cut_in(15.0, [60.0, 40.0], 1.0, Reading::Overlap);
         assert!((by_overlap - 2.4).abs() < STEP && by_overlap > by_distance, "{by_overlap}");
+    }
+
+    #[test]
+    fn one_that_goes_back_or_has_left_is_passed_without_braking() {
+        let strongest = |deviations: &[f64], starts_inside: bool, reading| {
+            let seen = |deviation, is_inside| Seen {
+                deviation,
+                is_inside,
+                gap: 8.0,
+                closing: 5.0,
+                speed: 16.0,
+                ..Seen::default()
+            };
+            let mut reaction = Reaction::new(&seen(0.0, starts_inside));
+            let steps = deviations.iter().enumerate();
+            steps
+                .map(|(k, d)| reaction.deceleration(&seen(*d, false), 0.1 * k as f64, reading))
+                .fold(0.0, f64::max)
+        };
+        // Over the zone and evaluated, but back on its line before the delay is over.
+        let swing: Vec<f64> =
+            (0..8).map(|k| 0.2 * f64::from(k)).chain(std::iter::repeat_n(0.1, 40)).collect();
+        assert_eq!(strongest(&swing, false, Reading::Distance), 0.0);
+        // A former leader in the next lane.
+        for reading in [Reading::Distance, Reading::Time, Reading::Overlap] {
+            assert_eq!(strongest(&[-3.5; 40], true, reading), 0.0);
+        }
+    }
+
+    #[test]
+    fn a_revealed_headway_is_tested_once() {
+        let seen = |closing| Seen { is_inside: true, gap: 20.0, closing, speed: 16.0, ..Seen::default() };
+        let brakes = |closing: fn(usize) -> f64| {
+            let mut reaction = Reaction::new(&seen(0.0));
+            reaction.reveal(0.0);
+            (0..40).any(|k| reaction.deceleration(&seen(closing(k)), 0.1 * k as f64, Reading::Distance) > 0.0)
+        };
+        // A headway of 1.25 s, approached at the end of the evaluation; approached only later.
+        assert!(brakes(|_| 1.0));
+        assert!(!brakes(|k| if k > 10 { 1.0 } else { 0.0 }));
     }
 
     #[test]

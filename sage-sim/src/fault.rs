@@ -69,13 +69,26 @@ impl FaultClass {
 /// Class of a contact.
 pub fn classify(contact: &DriveContact, car: &Vehicle, index: &SceneIndex) -> FaultClass {
     let [own, other] = &contact.areas;
-    if contact.car.speed() <= STANDING {
+    let speeds = [contact.car.speed(), contact.other.speed()];
+    classify_meeting([own, other], speeds, contact.other.kind, car.rear, index)
+}
+
+/// Class of a meeting of two boxes, the own one first, at their speeds (m/s). The rear axle is `rear` metres behind
+/// the centre of the own box.
+pub(crate) fn classify_meeting(
+    [own, other]: [&OrientedBox; 2],
+    [own_speed, other_speed]: [f64; 2],
+    kind: BodyKind,
+    rear: f64,
+    index: &SceneIndex,
+) -> FaultClass {
+    if own_speed <= STANDING {
         return FaultClass::StoppedEgo;
     }
-    if contact.other.speed() <= STANDING || contact.other.kind == BodyKind::Object {
+    if other_speed <= STANDING || kind == BodyKind::Object {
         return FaultClass::StoppedTrack;
     }
-    if is_behind(own, car.rear, other.center) {
+    if is_behind(own, rear, other.center) {
         return FaultClass::ActiveRear;
     }
     let [front_left, .., front_right] = own.corners();
@@ -91,9 +104,14 @@ pub fn classify(contact: &DriveContact, car: &Vehicle, index: &SceneIndex) -> Fa
 
 /// Whether a point is behind a car, whose rear axle is `rear` metres behind the centre of its box.
 pub(crate) fn is_behind(own: &OrientedBox, rear: f64, other: Point) -> bool {
+    bearing(own, rear, other) < BEHIND.cos()
+}
+
+/// Cosine of the angle at the rear axle between the heading and a point.
+pub(crate) fn bearing(own: &OrientedBox, rear: f64, other: Point) -> f64 {
     let axle = [own.center[0] - rear * own.axis[0], own.center[1] - rear * own.axis[1]];
     let d = sub(other, axle);
-    dot(d, own.axis) < norm(d) * BEHIND.cos()
+    dot(d, own.axis) / norm(d).max(1e-9)
 }
 
 /// Whether all corners of a box lie in one lane, or in lanes that follow each other. `None` without lanes.
@@ -102,38 +120,39 @@ pub(crate) fn is_in_one_lane(area: &OrientedBox, index: &SceneIndex) -> Option<b
     if index.motor_lanes().segments().is_empty() {
         return None;
     }
-    let lanes = area.corners().map(|corner| lanes_at(corner, index));
+    let lanes = area.corners().map(|corner| lanes_at(corner, SPARE, index));
     let follows = |a: usize, b: usize| {
         let exits = |k: usize| map.features[k].lane.as_ref().map_or(&[][..], |lane| &lane.exits);
         a == b || exits(a).contains(&b) || exits(b).contains(&a)
     };
     // A lane such that every corner lies in it or in one directly before or after it.
-    let in_chain = |lane: usize| lanes.iter().all(|at| at.iter().any(|&other| follows(lane, other)));
-    Some(lanes.iter().flatten().any(|&lane| in_chain(lane)))
+    let in_chain = |lane: usize| lanes.iter().all(|at| at.iter().any(|other| follows(lane, other.0)));
+    Some(lanes.iter().flatten().any(|lane| in_chain(lane.0)))
 }
 
-/// Lanes (map features) that contain a point.
-fn lanes_at(p: Point, index: &SceneIndex) -> Vec<usize> {
+/// Lanes (map features) that contain a point at least `spare` metres inside their borders, with their directions there.
+pub(crate) fn lanes_at(p: Point, spare: f64, index: &SceneIndex) -> Vec<(usize, Point)> {
     let (map, lanes) = (index.map(), index.motor_lanes());
     let bounds = sage_core::geometry::Aabb::around(p, LANE_REACH);
-    let mut found: Vec<usize> = Vec::new();
+    let mut found: Vec<(usize, Point)> = Vec::new();
     for run in lanes.near(&bounds) {
         for k in run {
             let segment = &lanes.segments()[k];
             let feature = segment.feature as usize;
             let share = segment.nearest_share(p);
             let across = norm(sub(p, segment.at(share)));
-            if across > HALF_WIDTHS[1] - SPARE || found.contains(&feature) {
+            if across > HALF_WIDTHS[1] - spare || found.iter().any(|lane| lane.0 == feature) {
                 continue;
             }
             let is_beyond = (share <= 0.0 && !segment.joined[0]) || (share >= 1.0 && !segment.joined[1]);
+            let direction = sub(segment.b, segment.a);
             let half = || {
-                let is_left = cross(sub(segment.b, segment.a), sub(p, segment.a)) > 0.0;
+                let is_left = cross(direction, sub(p, segment.a)) > 0.0;
                 half_width(map, feature, p, usize::from(!is_left))
             };
             // Within the narrowest lane the width does not matter.
-            if !is_beyond && (across <= HALF_WIDTHS[0] - SPARE || across <= half() - SPARE) {
-                found.push(feature);
+            if !is_beyond && (across <= HALF_WIDTHS[0] - spare || across <= half() - spare) {
+                found.push((feature, direction.map(|d| d / norm(direction).max(1e-9))));
             }
         }
     }

@@ -14,6 +14,7 @@ mod idm_release;
 mod idm_sets;
 mod lane_change;
 mod path;
+mod pdm;
 mod pid;
 mod r157;
 mod replay;
@@ -37,6 +38,7 @@ pub use idm::IdmPolicy;
 pub use idm_release::IdmRelease;
 pub use idm_sets::{IdmNuPlan, IdmVMax};
 pub use path::{DrivenPath, PathPolicy};
+pub use pdm::{Pdm, PdmOptions};
 pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
 pub use tracking::Tracking;
@@ -62,6 +64,7 @@ pub fn policies() -> Result<Registry<dyn EgoPolicy>, Error> {
         .with::<IdmNuPlan>()?
         .with::<IdmVMax>()?
         .with::<R157>()?
+        .with::<Pdm>()?
         .with::<Expert>()?
         .with::<ExpertRelease>()?
         .with::<Tracking>()?
@@ -271,7 +274,12 @@ impl<'a> View<'a> {
 
     /// The other road users now, on the own level, in the order of their tracks.
     pub fn others(&self) -> impl Iterator<Item = &Body> {
-        self.others.iter().filter(|body| self.world.are_level(body.ground, self.ground))
+        self.others.iter().filter(|body| self.is_level(body.ground))
+    }
+
+    /// Whether something at a height of the ground (metres) is on the own level.
+    pub fn is_level(&self, height: f64) -> bool {
+        self.world.are_level(height, self.ground)
     }
 
     /// The map.

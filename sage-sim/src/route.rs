@@ -4,7 +4,7 @@
 //! travel, as in MetaDrive.
 
 use sage_core::{
-    geometry::{Point, Segment, distance, dot, sub},
+    geometry::{Point, Segment, distance, dot, norm, sub},
     scene::{SceneIndex, Track},
 };
 
@@ -253,6 +253,27 @@ impl Route {
         let k = self.legs.partition_point(|leg| leg.before + leg.length <= along);
         &self.legs[k.min(self.legs.len() - 1)]
     }
+}
+
+/// Points of equal spacing on a polyline, metres; at least two.
+pub(crate) fn resampled(all: &[Point], spacing: f64) -> Vec<Point> {
+    let mut points = vec![all[0]];
+    let mut rest = spacing;
+    for pair in all.windows(2) {
+        let d = sub(pair[1], pair[0]);
+        let length = norm(d);
+        let mut at = rest;
+        while at <= length {
+            let share = at / length;
+            points.push([pair[0][0] + share * d[0], pair[0][1] + share * d[1]]);
+            at += spacing;
+        }
+        rest = at - length;
+    }
+    if points.len() == 1 {
+        points.push([all[0][0] + spacing, all[0][1]]);
+    }
+    points
 }
 
 /// The motor lane (map feature) at a point, in a direction.

@@ -5,7 +5,7 @@ use sage_core::{
     scene::SceneIndex,
 };
 
-use crate::route::Route;
+use crate::route::{Route, resampled};
 
 /// Distance of its points, metres.
 const SPACING: f64 = 0.5;
@@ -55,7 +55,7 @@ impl ReferenceLine {
             let unit = d.map(|x| x / norm(d).max(1e-9));
             all.push([last[0] + BEYOND * unit[0], last[1] + BEYOND * unit[1]]);
         }
-        let points = resampled(&all);
+        let points = resampled(&all, SPACING);
         let count = points.len();
         let along: Vec<Point> = (0..count)
             .map(|k| {
@@ -94,25 +94,4 @@ impl ReferenceLine {
         let nearest = (0..self.points.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))).unwrap_or(0);
         self.place(p, nearest as f64 * SPACING).station
     }
-}
-
-/// Points of equal spacing on a polyline.
-fn resampled(all: &[Point]) -> Vec<Point> {
-    let mut points = vec![all[0]];
-    let mut rest = SPACING;
-    for pair in all.windows(2) {
-        let d = sub(pair[1], pair[0]);
-        let length = norm(d);
-        let mut at = rest;
-        while at <= length {
-            let share = at / length;
-            points.push([pair[0][0] + share * d[0], pair[0][1] + share * d[1]]);
-            at += SPACING;
-        }
-        rest = at - length;
-    }
-    if points.len() == 1 {
-        points.push([all[0][0] + SPACING, all[0][1]]);
-    }
-    points
 }

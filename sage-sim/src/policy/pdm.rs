@@ -57,8 +57,9 @@ pub struct PdmOptions {
     /// Lateral acceleration in curves, m/s²: a lower target speed before and in them. `null`, as published, for no
     /// limit.
     pub curves: Option<f64>,
-    /// Whether two defects of the published code are kept: every proposal starts with a step behind a standing leader,
-    /// and one that has a road user ahead may keep the length of a path's end. Speeds may then fall below 0.
+    /// Whether three traits of the published code are kept: every proposal starts with a step behind a standing leader,
+    /// one that has a road user ahead may keep the length of a path's end, and those behind whose forecast passes
+    /// through the car become its leaders. Speeds may then fall below 0.
     pub as_published: bool,
 }
 
@@ -237,4 +238,44 @@ fn speed_limit(view: &View) -> f64 {
         (is_own && limit > 0.0).then_some(limit)
     });
     limits.reduce(f64::max).unwrap_or(DESIRED_SPEED)
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    #[test]
+    fn the_emergency_brake_is_the_published_one() {
+        let bicycle = Bicycle { wheelbase: 3.089, max_steering: 1.0 };
+        for (speed, acceleration) in [(5.0, -3.5955), (1.0, -3.9591)] {
+            let state = Driven { axle: [0.0; 2], heading: 0.3, speed, acceleration: 0.0, steering: 0.0 };
+            let command = emergency(&bicycle, &state);
+            assert_relative_eq!(command.acceleration, acceleration, epsilon = 1e-3);
+            assert_relative_eq!(command.rate, 0.0, epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_first_of_equal_scores_wins() {
+        let line: Vec<Point> = (0..60).map(|k| [f64::from(k), 0.0]).collect();
+        let paths = Path::all(&crate::route::Route::new(&line), None);
+        let shape = Shape { half: [2.3, 1.0], rear: 1.4 };
+        let others = [];
+        let outset =
+            Outset { axle: [0.0; 2], speed: 5.0, limit: 10.0, shape, others: &others, as_published: false };
+        let mut all = proposals::proposals(&paths, &outset);
+        assert_eq!(all.len(), 15);
+        let scores = |values: &[f64]| -> Vec<Scored> {
+            values.iter().map(|value| Scored { value: *value, at_fault: None }).collect()
+        };
+        let mut values = vec![0.0; 15];
+        assert_eq!(best(&all, &scores(&values)), 0);
+        (values[3], values[7]) = (0.5, 0.5);
+        assert_eq!(best(&all, &scores(&values)), 3);
+        all.extend(proposals::stops(&paths, &outset));
+        // Without a way to go on, it stops on the centre path.
+        assert_eq!(best(&all, &scores(&[0.0; 18])), 15);
+    }
 }

@@ -3,7 +3,7 @@
 //! The planner smooths accelerations with one parabola through all states, and differences of headings with the
 //! polynomial through five of them (Savitzky and Golay).
 
-use sage_core::{geometry::wrap_angle, motion::DT};
+use sage_core::motion::DT;
 
 use super::tracker::Driven;
 
@@ -33,7 +33,7 @@ pub(super) fn is_comfortable(states: &[Driven]) -> bool {
 }
 
 fn turns_gently(states: &[Driven]) -> bool {
-    let heading = |k: usize| wrap_angle(states[k].heading - states[0].heading);
+    let heading = |k: usize| states[k].heading - states[0].heading;
     let count = states.len();
     (0..count).all(|k| {
         // The window of five states around the state, or at the end of the series.

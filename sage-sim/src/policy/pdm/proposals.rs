@@ -13,6 +13,7 @@ use super::{
     path::{OFFSETS, Path, Place},
     tracker::Reference,
 };
+use crate::fault::is_behind;
 
 /// Steps of a proposal.
 pub(super) const STEPS: usize = 40;
@@ -167,8 +168,14 @@ fn corridor<'a>(path: &Path, start: f64, outset: &Outset<'a>) -> Vec<Vec<Ahead<'
     let range = [start, start + CORRIDOR * outset.limit];
     let half_width = outset.shape.half[1];
     let bounds = path.bounds([range[0], range[1].min(path.length())], half_width);
+    let place = path.at(start);
+    let own = outset.shape.area(place.position, place.axis);
     let mut found: Vec<Vec<Ahead>> = (0..=STEPS / RENEWED).map(|_| Vec::new()).collect();
     for other in outset.others.iter().filter(|other| other.bounds(STEPS).meets(&bounds)) {
+        // A forecast that does not react takes those behind through the car; nobody brakes for them.
+        if !outset.as_published && is_behind(&own, outset.shape.rear, other.at(0).center) {
+            continue;
+        }
         let look = |step: usize| {
             let area = other.at(step);
             let along = path.project(area.center);
@@ -231,5 +238,19 @@ mod tests {
         // The strongest deceleration of 3 m/s² is not enough from 10 m/s within 15 m.
         let (left, hit) = stopped(10.0, 15.0);
         assert!(hit && (left + 2.19).abs() < 0.02, "{left}");
+    }
+
+    #[test]
+    fn the_published_first_step_brakes_for_nothing() {
+        let line: Vec<Point> = (0..60).map(|k| [f64::from(k), 0.0]).collect();
+        let paths = Path::all(&crate::route::Route::new(&line), None);
+        let shape = Shape { half: [2.3, 1.0], rear: 1.4 };
+        let first = |as_published| {
+            let outset =
+                Outset { axle: [0.0; 2], speed: 10.0, limit: 15.0, shape, others: &[], as_published };
+            proposals(&paths, &outset)[4].states[1][1]
+        };
+        assert!((first(true) - 9.7).abs() < 1e-9);
+        assert!(first(false) > 10.1);
     }
 }

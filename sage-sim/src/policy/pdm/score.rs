@@ -3,7 +3,7 @@
 use std::cell::OnceCell;
 
 use sage_core::{
-    geometry::{Aabb, OrientedBox, Point, SweptBox, distance, dot},
+    geometry::{Aabb, OrientedBox, Point, SweptBox, distance, dot, norm, sub},
     motion::DT,
 };
 
@@ -20,6 +20,8 @@ const OBJECT_CONTACT: f64 = 0.5;
 const EDGE_SPACE: f64 = 0.2;
 /// Metres against the traffic: below the first nothing happens, below the second the factor is a half, then 0.
 const AGAINST: [f64; 2] = [2.0, 6.0];
+/// Half the width of a lane in the test of its direction, metres: stated widths are distances to the next boundary.
+const HALF_LANE: f64 = 1.85;
 /// Cosine of the angle from which a lane counts as opposite (120°).
 const OPPOSITE: f64 = -0.5;
 /// Weights of progress, time to collision and comfort.
@@ -181,9 +183,21 @@ impl Scorer<'_> {
 
     /// Whether the centre is in a lane of the opposite direction and in none of its own.
     fn is_against(&self, own: &OrientedBox) -> bool {
-        let lanes = lanes_at(own.center, 0.0, self.view.index());
-        let along = |lane: &(usize, Point)| dot(lane.1, own.axis);
-        lanes.iter().any(|lane| along(lane) < OPPOSITE) && !lanes.iter().any(|lane| along(lane) >= 0.0)
+        let lanes = self.view.index().motor_lanes();
+        let mut is_opposite = false;
+        for k in lanes.near(&Aabb::around(own.center, HALF_LANE)).flatten() {
+            let segment = &lanes.segments()[k];
+            let away = sub(own.center, segment.at(segment.nearest_share(own.center)));
+            if dot(away, away) <= HALF_LANE * HALF_LANE {
+                let direction = sub(segment.b, segment.a);
+                let along = dot(direction, own.axis);
+                if along >= 0.0 {
+                    return false;
+                }
+                is_opposite |= along < OPPOSITE * norm(direction);
+            }
+        }
+        is_opposite
     }
 
     /// Whether no step, continued for 0.9 s at constant velocity, meets another: one ahead, or, where the car is not in
@@ -213,8 +227,8 @@ impl Scorer<'_> {
                         return true;
                     }
                     let rear = self.shape.rear;
-                    is_counted = bearing(own, rear, area.center) > IN_FRONT
-                        || (!is_behind(own, rear, area.center)
+                    is_counted = bearing(&moved, rear, area.center) > IN_FRONT
+                        || (!is_behind(&moved, rear, area.center)
                             && *is_between_lanes.get_or_init(|| self.is_between_lanes(own, state.axle)));
                     false
                 });

@@ -19,5 +19,7 @@ pub(crate) mod prediction;
 pub(crate) mod principal_components;
 mod simulation_speed;
 pub mod speed;
+pub(crate) mod tested_drivers;
+pub(crate) mod tested_drivers_report;
 mod timing;
 pub(crate) mod triangle;

@@ -180,12 +180,18 @@ impl Avoidance {
 
     /// Whether a plan of the adversary is avoidable.
     pub fn of(&self, candidate: &Candidate) -> Avoidable {
+        self.of_contact(candidate, Encounter::of(candidate, self.ctx.ego()).contact)
+    }
+
+    /// The same for a contact at a known step, 1 or later. The path of a driver that a contact pushed aside need not
+    /// show it.
+    pub fn of_contact(&self, candidate: &Candidate, contact: Option<usize>) -> Avoidable {
         let refuse =
             |reason: &str| Avoidable { avoidable_reason: Some(reason.to_owned()), ..Avoidable::default() };
         if let Some(reason) = &self.refused {
             return refuse(reason);
         }
-        let Some(contact) = Encounter::of(candidate, self.ctx.ego()).contact else {
+        let Some(contact) = contact.filter(|step| *step > 0) else {
             return refuse("no contact");
         };
         if contact >= self.path.len() {

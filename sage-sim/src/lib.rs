@@ -32,6 +32,7 @@
 
 pub mod avoidable;
 pub mod body;
+pub mod comfort;
 pub mod drive;
 pub mod environment;
 pub mod episode;
@@ -46,6 +47,7 @@ pub mod policy;
 mod rays;
 pub mod route;
 mod scene;
+mod smoothing;
 pub mod traffic;
 pub mod vehicle;
 pub mod world;

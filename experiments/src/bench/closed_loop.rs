@@ -7,12 +7,14 @@ use anyhow::Result;
 use sage_backbones::training::SceneData;
 use sage_core::{
     motion::{HORIZON, NOW, Trajectory},
-    objective::{Context, Convention, Encounter, release_reward},
+    objective::{Context, ContextOptions, Convention, Encounter, release_reward},
+    scene::Scene,
 };
 use sage_sim::{
     SimScene,
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::Drive,
-    episode::{Episode, Verdict},
+    episode::{Episode, EpisodeContact, Verdict},
     traffic::Plan,
 };
 use serde::{Deserialize, Serialize};
@@ -47,8 +49,12 @@ impl<'a> DriverUnderTest<'a> {
     ///
     /// *Errors*: the policy cannot drive in this scene.
     pub(crate) fn new(ego: &'a Ego, scene: &Arc<SimScene>, seed: u64) -> Result<Self> {
-        let unattacked = ego.unattacked(scene, seed)?;
-        Ok(Self { ego, scene: scene.clone(), seed, unattacked })
+        Ok(Self::after(ego, scene, seed, ego.unattacked(scene, seed)?))
+    }
+
+    /// A driver that has driven the unchanged scene.
+    pub(crate) fn after(ego: &'a Ego, scene: &Arc<SimScene>, seed: u64, unattacked: Drive) -> Self {
+        Self { ego, scene: scene.clone(), seed, unattacked }
     }
 
     /// The scene in which the ego's recording is the drive before the attack.
@@ -60,16 +66,52 @@ impl<'a> DriverUnderTest<'a> {
     ///
     /// *Errors*: as [`Episode::run`].
     pub(crate) fn attack(&self, attack: &Trajectory, is_feasible: bool, ctx: &Context) -> Result<Driven> {
+        self.result(&self.episode(attack)?, attack, is_feasible, ctx)
+    }
+
+    /// The same, with the search for a way out that the driver had in the attacked drive; `None` if the attack does
+    /// not work.
+    ///
+    /// *Errors*: as [`Episode::run`], and [`Avoidance::new`].
+    pub(crate) fn attack_and_search(
+        &self,
+        attack: &Trajectory,
+        is_feasible: bool,
+        ctx: &Context,
+        search: AvoidanceOptions,
+    ) -> Result<(Driven, Option<Avoidable>)> {
+        let episode = self.episode(attack)?;
+        let driven = self.result(&episode, attack, is_feasible, ctx)?;
+        let contact = episode.contacts.first().filter(|_| driven.verdict.attack);
+        let way_out = |contact: &EpisodeContact| -> Result<Avoidable> {
+            let attacked: Arc<Scene> = episode.drive.recorded(self.scene.scene()).into();
+            let ctx = Context::new(&attacked, self.scene.index(), &ContextOptions::default())?;
+            let step = contact.contact.step.checked_sub(NOW);
+            Ok(Avoidance::new(&ctx, search)?.of_contact(&ctx.candidate(attack.clone()), step))
+        };
+        Ok((driven, contact.map(way_out).transpose()?))
+    }
+
+    fn episode(&self, attack: &Trajectory) -> Result<Episode> {
+        let plan = Arc::new(Plan::of_adversary(self.scene.scene(), attack)?);
+        Ok(Episode::run(&self.scene, Some(plan), &*self.ego.policy, self.seed)?)
+    }
+
+    fn result(
+        &self,
+        episode: &Episode,
+        attack: &Trajectory,
+        is_feasible: bool,
+        ctx: &Context,
+    ) -> Result<Driven> {
         let scene = self.scene.scene();
         let adversary = scene.adversary_index()?;
-        let plan = Arc::new(Plan::of_adversary(scene, attack)?);
-        let episode = Episode::run(&self.scene, Some(plan), &*self.ego.policy, self.seed)?;
         let first = episode.first_contacts().next();
         Ok(Driven {
             verdict: episode.verdict(adversary, is_feasible, &self.unattacked),
             completion: episode.completion,
-            reward: reward(&episode, adversary, attack),
-            reward_cut: reward_cut(&episode, attack, ctx),
+            reward: reward(episode, adversary, attack),
+            reward_cut: reward_cut(episode, attack, ctx),
             contact: first.map(|contact| ContactRow::of(contact, scene)),
         })
     }

@@ -1,0 +1,133 @@
+//! Drivers in one scene: each drives it unchanged, and then against the attacks of every generator.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use sage_backbones::training::SceneData;
+use sage_core::objective::{Context, ContextOptions, Objective};
+use sage_sim::{
+    SimScene,
+    avoidable::{Avoidable, AvoidanceOptions},
+    comfort::is_comfortable,
+    drive::{Drive, Simulation, drive},
+    fault::{FaultClass, classify},
+};
+
+use super::closed_loop::{Driven, DriverUnderTest};
+use crate::{ego::Ego, generators::BuiltGenerator};
+
+/// Scenes with a shorter logged drive have no completion, metres.
+const SHORTEST_LOG: f64 = 5.0;
+
+/// A driver in one scene.
+pub(crate) struct TestedDriver {
+    pub(crate) scene: String,
+    pub(crate) unattacked: Unattacked,
+    /// For each generator and operating point, the attack on this driver; empty in scenes without an adversary.
+    pub(crate) attacks: Vec<Attacked>,
+}
+
+/// A drive in the unchanged scene.
+pub(crate) struct Unattacked {
+    pub(crate) steps: usize,
+    /// First contacts: step, track and class.
+    pub(crate) contacts: Vec<(usize, String, FaultClass)>,
+    /// First step at which a road edge is touched.
+    pub(crate) off_road: Option<usize>,
+    /// Progress by the progress of the log; `None` if that is too short.
+    pub(crate) completion: Option<f64>,
+    /// Whether it keeps nuPlan's bounds of comfort.
+    pub(crate) is_comfortable: Option<bool>,
+}
+
+/// An attack on a driver.
+pub(crate) struct Attacked {
+    pub(crate) driven: Driven,
+    /// Whether the driver had a way out; `None` if the attack does not work.
+    pub(crate) avoidable: Option<Avoidable>,
+}
+
+impl Unattacked {
+    fn of(drive: &Drive, data: &SceneData, scene: &SimScene, simulation: &Simulation) -> Self {
+        let (car, log) = (simulation.world().car(), scene.route().length());
+        let contacts = drive.contacts.iter().map(|contact| {
+            let track = data.scene.tracks[contact.other.track].id.clone();
+            (contact.step, track, classify(contact, car, &data.index))
+        });
+        Self {
+            steps: drive.motions.len() - 1,
+            contacts: contacts.collect(),
+            off_road: drive.off_road,
+            completion: (log >= SHORTEST_LOG).then(|| drive.progress / log),
+            is_comfortable: is_comfortable(&drive.motions),
+        }
+    }
+
+    /// Whether the ego is at fault in its first contact. Later ones are consequences of the first.
+    pub(crate) fn is_at_fault(&self) -> bool {
+        let first = self.contacts.first().map(|(step, ..)| *step);
+        let at_first = self.contacts.iter().filter(|(step, ..)| Some(*step) == first);
+        at_first.into_iter().any(|(_, _, class)| class.is_at_fault() == Some(true))
+    }
+
+    /// Whether the car touches a road edge before any contact.
+    pub(crate) fn is_off_road(&self) -> bool {
+        let first = self.contacts.first().map_or(usize::MAX, |(step, ..)| *step);
+        self.off_road.is_some_and(|step| step < first)
+    }
+}
+
+/// What attacks the drivers.
+pub(crate) struct Attackers<'a> {
+    pub(crate) generators: &'a [BuiltGenerator],
+    /// Its feasibility rule decides whether an attack counts.
+    pub(crate) objective: &'a Objective,
+    pub(crate) search: AvoidanceOptions,
+    pub(crate) seed: u64,
+}
+
+/// A driver in a scene, unchanged and under all attacks.
+///
+/// *Errors*: the driver cannot drive in the scene, or a generator fails.
+pub(crate) fn test(
+    data: &SceneData,
+    scene: &Arc<SimScene>,
+    ego: &Ego,
+    attackers: Option<&Attackers>,
+    seed: u64,
+) -> Result<TestedDriver> {
+    let mut simulation = Simulation::new(scene, &Arc::default(), None, &*ego.policy, seed)?;
+    let drive = drive(&mut simulation)?;
+    let unattacked = Unattacked::of(&drive, data, scene, &simulation);
+    let attackers = attackers.filter(|_| data.scene.adversary.is_some());
+    let attacks = attackers.map(|attackers| attackers.attack(data, scene, ego, drive)).transpose()?;
+    Ok(TestedDriver { scene: data.name.clone(), unattacked, attacks: attacks.unwrap_or_default() })
+}
+
+impl Attackers<'_> {
+    /// The attacks of all generators on the drive of a driver, and what it does against each.
+    fn attack(
+        &self,
+        data: &SceneData,
+        scene: &Arc<SimScene>,
+        ego: &Ego,
+        unattacked: Drive,
+    ) -> Result<Vec<Attacked>> {
+        let driver = DriverUnderTest::after(ego, scene, self.seed, unattacked);
+        let recorded = driver.data(data);
+        let ctx = Context::new(&recorded.scene, &recorded.index, &ContextOptions::default())?;
+        let mut all = Vec::new();
+        for built in self.generators {
+            for attack in built.generator.attacks(&ctx, &built.points, self.seed)? {
+                attack.check(&recorded.scene)?;
+                let trajectory = attack.trajectory();
+                let is_feasible =
+                    self.objective.evaluate(&ctx.candidate(trajectory.clone()), &ctx).is_feasible();
+                let (driven, avoidable) =
+                    driver.attack_and_search(trajectory, is_feasible, &ctx, self.search)?;
+                all.push(Attacked { driven, avoidable });
+            }
+        }
+        Ok(all)
+    }
+}

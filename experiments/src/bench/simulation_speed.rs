@@ -6,11 +6,15 @@ use anyhow::{Context as _, Result};
 use sage_core::{scene::SceneIndex, seed::Rng};
 use sage_sim::{
     SimScene,
+    drive::{Simulation, drive},
     environment::{AutoReset, Batch, BatchOutput, Environment, EnvironmentOptions},
     observation::LENGTH,
+    policy::{EgoPolicy, policies},
     vehicle::Action,
     world::WorldOptions,
 };
+
+use serde_json::json;
 
 use super::timing::{Data, Timing, timing};
 
@@ -77,7 +81,31 @@ pub(super) fn run(data: &Data, repeat: usize, report: &mut impl FnMut(Timing) ->
         let times = (0..repeat).map(|_| batch(&scenes, &training, &pool)).collect::<Result<Vec<_>>>()?;
         report(timing(name, times, None))?;
     }
+    for (name, options, target) in [
+        ("simulation: 1000 steps of driver `idm`", ("idm", json!({})), None),
+        ("simulation: 1000 steps of driver `expert`", ("expert", json!({})), None),
+        ("simulation: 1000 steps of driver `pdm`", ("pdm", json!({})), Some(2000.0)),
+        (
+            "simulation: 1000 steps of driver `pdm` with `brake`",
+            ("pdm", json!({"brake": true})),
+            Some(2000.0),
+        ),
+    ] {
+        let policy = policies()?.build(options.0, &options.1)?;
+        let times = (0..LEAST).map(|_| driver(&scenes, &*policy)).collect::<Result<Vec<_>>>()?;
+        report(timing(name, times, target))?;
+    }
     Ok(())
+}
+
+/// Time of [`STEPS`] steps of a driver through all scenes, milliseconds.
+fn driver(scenes: &[Arc<SimScene>], policy: &dyn EgoPolicy) -> Result<f64> {
+    let (mut steps, start) = (0, Instant::now());
+    for scene in scenes {
+        let mut simulation = Simulation::new(scene, &Arc::default(), None, policy, 0)?;
+        steps += drive(&mut simulation)?.motions.len() - 1;
+    }
+    Ok(1e3 * start.elapsed().as_secs_f64() * STEPS / steps as f64)
 }
 
 fn with_parked(options: &EnvironmentOptions) -> EnvironmentOptions {

@@ -315,8 +315,22 @@ fn drivers_are_compared_by_scene() {
     );
     let rows = std::fs::read_to_string(out.join("scenes.csv")).unwrap();
     assert_eq!(rows.lines().count(), 15);
+    // Each driver meets an attack in each scene.
+    assert!(
+        table.contains("| sage 1.00 | idm | 7 |") && table.contains("Paired by scene, sage 1.00"),
+        "{table}"
+    );
+    let attacks = std::fs::read_to_string(out.join("attacks.csv")).unwrap();
+    assert_eq!(attacks.lines().count(), 15);
+    let is_attack = |line: &&str| line.split(',').nth(3) == Some("true");
+    let found = attacks.lines().filter(is_attack).map(|line| line.split(',').nth(8).unwrap_or_default());
+    let found: Vec<&str> = found.collect();
+    assert!(!found.is_empty() && found.iter().all(|avoidable| ["true", "false"].contains(avoidable)));
     assert!(stderr(&drivers(&[])).contains("--force"), "a folder is not overwritten");
     assert_eq!(stdout(&drivers(&["--force", "--threads", "1"])), table);
+    let unattacked = drivers(&["--force", "--unattacked"]);
+    assert!(!stdout(&unattacked).contains("sage 1.00"));
+    assert_eq!(std::fs::read_to_string(out.join("attacks.csv")).unwrap().lines().count(), 1);
     let twice =
         sage(&["bench", "drivers", "--policies", "idm,idm", "--out", text(&folder.path().join("twice"))]);
     assert!(stderr(&twice).contains("the policy `idm` is given twice"));

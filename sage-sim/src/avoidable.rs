@@ -10,14 +10,16 @@
 //! A way out that is found exists, and any simulator can replay it. That none is found proves nothing.
 
 mod car;
+mod follower;
 mod limits;
 mod manoeuvres;
+mod motion;
 mod reference_line;
 mod surroundings;
 mod time_to_react;
 
 use sage_core::{
-    geometry::{OrientedBox, Point, dot, norm, sub},
+    geometry::{OrientedBox, Point, dot, sub},
     motion::{DT, HORIZON, NOW},
     objective::{Candidate, Context, Encounter},
 };
@@ -27,8 +29,9 @@ pub use limits::AvoidanceOptions;
 pub use time_to_react::{TimeToReact, TimeToReactOptions};
 
 use crate::fault::is_in_one_lane;
-use car::{Car, State};
+use car::Car;
 use manoeuvres::{Manoeuvre, manoeuvres};
+use motion::Motion;
 use reference_line::ReferenceLine;
 use surroundings::{HEIGHT_GAP, Moving, Passed, Surroundings, plan};
 
@@ -47,6 +50,10 @@ pub struct Avoidable {
     pub avoidable_unhit: Option<bool>,
     /// Whether someone else runs into the ego from behind on the last way out.
     pub hit_from_behind: Option<bool>,
+    /// Whether one of them would do so too as a careful driver, who brakes 0.75 s after the way out begins; `None` if nobody
+    /// runs into the ego.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hit_by_reactive_follower: Option<bool>,
     /// Whether a straight full brake after frame 90 stays free for 2 s.
     pub recovers: Option<bool>,
     /// Whether the last way out leaves the lane at a frame at which the ego's own path is in one.
@@ -108,6 +115,14 @@ impl Prefix {
     fn hits_before(&self, start: usize) -> Vec<usize> {
         self.hits.iter().filter(|(step, _)| *step <= start).map(|(_, track)| *track).collect()
     }
+}
+
+/// A way out, step by step.
+struct Traced {
+    witness: Witness,
+    recovers: bool,
+    /// Tracks that run into the ego from behind.
+    followers: Vec<usize>,
 }
 
 /// A rollout that touched nothing.
@@ -216,12 +231,15 @@ impl Avoidance {
             (0..=way.start).rev().any(|start| self.way_out(start, &attack, &|_| true, false).is_some())
         };
         // Later starts than that of the last way out have failed with all manoeuvres.
-        let (witness, recovers) = self.trace(way, &attack);
+        let Traced { witness, recovers, followers } = self.trace(way, &attack);
         Avoidable {
             avoidable: Some(true),
             avoidable_reason: None,
             avoidable_unhit: Some(unhit),
             hit_from_behind: Some(way.is_hit),
+            hit_by_reactive_follower: way
+                .is_hit
+                .then(|| self.is_hit_by_careful(&followers, &witness, way.start)),
             recovers: Some(recovers),
             leaves_lane: self.leaves_lane(&witness, way.start),
             time_to_react: seconds(&react),
@@ -304,8 +322,8 @@ impl Avoidance {
         Some(passed)
     }
 
-    /// The witness of a way out, and whether it recovers.
-    fn trace(&self, way: &Free, attack: &Attack) -> (Witness, bool) {
+    /// The witness of a way out, and what happens on it.
+    fn trace(&self, way: &Free, attack: &Attack) -> Traced {
         let row = |area: &OrientedBox| [area.center[0], area.center[1], area.axis[1].atan2(area.axis[0])];
         let mut witness: Witness = self.path[1..=way.start].iter().map(row).collect();
         let start = self.car.grown(&self.path[way.start]);
@@ -319,7 +337,17 @@ impl Avoidance {
         let [before, end] = &last;
         let recovers =
             self.surroundings.recovers([before, end], speed, self.options.brake, &attack.adversary, &passed);
-        (witness, recovers)
+        Traced { witness, recovers, followers: passed.from_behind }
+    }
+
+    /// Whether one of those who run into the ego would do so as a careful driver.
+    fn is_hit_by_careful(&self, followers: &[usize], witness: &Witness, start: usize) -> bool {
+        let size = &self.path[0];
+        let area = |[x, y, heading]: &[f64; 3]| {
+            OrientedBox::new([*x, *y], *heading, 2.0 * size.half_length, 2.0 * size.half_width)
+        };
+        let own: Vec<OrientedBox> = std::iter::once(self.path[0]).chain(witness.iter().map(area)).collect();
+        followers.iter().any(|track| follower::is_hit(&self.ctx, *track, &own, start))
     }
 
     /// Whether a witness is out of every lane at a step after its start at which the path is in one; `None` on a map
@@ -348,62 +376,5 @@ impl Avoidance {
             return dot(velocity, area.axis).max(0.0);
         }
         dot(sub(area.center, self.path[step - 1].center), area.axis).max(0.0) / DT
-    }
-}
-
-/// The ego on a manoeuvre.
-enum Motion<'m> {
-    /// Steered along the line, at an offset.
-    Steered { state: State, manoeuvre: &'m Manoeuvre, offset: f64 },
-    /// On the recorded path: step of the path, metres beyond it, speed and acceleration.
-    OnPath { manoeuvre: &'m Manoeuvre, step: usize, beyond: f64, speed: f64, acceleration: f64 },
-}
-
-impl<'m> Motion<'m> {
-    fn new(avoidance: &Avoidance, start: usize, manoeuvre: &'m Manoeuvre) -> Self {
-        let speed = avoidance.speed(start);
-        match manoeuvre.sidestep {
-            None => Self::OnPath { manoeuvre, step: start, beyond: 0.0, speed, acceleration: 0.0 },
-            Some(sidestep) => {
-                let area = &avoidance.path[start];
-                let state = avoidance.car.state(area, speed, avoidance.stations[start]);
-                let place = avoidance.line.place(state.axle, state.station);
-                Self::Steered { state, manoeuvre, offset: place.offset + sidestep }
-            }
-        }
-    }
-
-    /// Box and speed after the next step, `time` seconds after the start.
-    fn step(&mut self, avoidance: &Avoidance, time: f64) -> (OrientedBox, f64) {
-        let acts = time + 1e-9 >= avoidance.options.dead_time;
-        let time = time - avoidance.options.dead_time;
-        match self {
-            Self::Steered { state, manoeuvre, offset } => {
-                let command = if acts { manoeuvre.acceleration(time) } else { 0.0 };
-                let line = &avoidance.line;
-                let offset = if acts { *offset } else { line.place(state.axle, state.station).offset };
-                avoidance.car.step(state, command, offset, line);
-                (avoidance.car.area(state), state.speed)
-            }
-            Self::OnPath { manoeuvre, step, beyond, speed, acceleration } => {
-                let command = if acts { manoeuvre.acceleration(time) } else { 0.0 };
-                let (a, next, length) = avoidance.car.along(*speed, *acceleration, command);
-                (*speed, *acceleration) = (next, a);
-                *beyond += length;
-                let path = &avoidance.path;
-                while let Some(ahead) = path.get(*step + 1) {
-                    let leg = norm(sub(ahead.center, path[*step].center));
-                    if *beyond < leg {
-                        let share = *beyond / leg;
-                        return (avoidance.car.grown(&path[*step].between(ahead, share)), next);
-                    }
-                    *beyond -= leg;
-                    *step += 1;
-                }
-                let end = &path[*step];
-                let center = [end.center[0] + *beyond * end.axis[0], end.center[1] + *beyond * end.axis[1]];
-                (avoidance.car.grown(&OrientedBox { center, ..*end }), next)
-            }
-        }
     }
 }

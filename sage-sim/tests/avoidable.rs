@@ -129,15 +129,23 @@ fn nothing_helps_against_a_car_that_comes_on_in_a_street_of_one_lane() {
 #[test]
 fn a_follower_that_does_not_react_is_told_apart() {
     // 16 m behind at the same speed: it runs into the ego that brakes before the wall.
-    let tracks = vec![
-        car("ego", [0.0, 0.0], 0.0, 12.0),
-        car("wall", [60.0, 0.0], 0.0, 0.0),
-        car("follower", [-16.0, 0.0], 0.0, 12.0),
-    ];
-    let out = in_street(1.4, tracks);
+    let followed = |from: f64| {
+        let tracks = vec![
+            car("ego", [0.0, 0.0], 0.0, 12.0),
+            car("wall", [60.0, 0.0], 0.0, 0.0),
+            car("follower", [from, 0.0], 0.0, 12.0),
+        ];
+        in_street(1.4, tracks)
+    };
+    let out = followed(-16.0);
     assert_eq!((out.avoidable, out.avoidable_unhit), (Some(true), Some(false)));
     assert_eq!(out.hit_from_behind, Some(true));
     assert!(is_within_frames(out.time_to_brake, 0.75), "{:?}", out.time_to_brake);
+    // The ego stops within 9 m, a careful driver behind it needs 9 m to react and 12.9 m to stop: 12.9 m between the
+    // bumpers suffice.
+    let careful = |gap: f64| followed(-4.5 - gap).hit_by_reactive_follower;
+    assert_eq!((careful(11.5), careful(14.5)), (Some(true), Some(false)));
+    assert_eq!(followed(-60.0).hit_by_reactive_follower, None);
 }
 
 #[test]

@@ -6,11 +6,15 @@ use sage_sim::avoidable::AvoidanceOptions;
 use super::attacking::{ComparisonArgs, OperatingPointArgs, number};
 use crate::{part::Parts, react};
 
+/// Name of the preset of comfortable limits.
+const COMFORTABLE: &str = "comfortable";
+
 /// Search for ways out of attacks.
 #[derive(Clone, Debug, Default, Args)]
 pub(crate) struct AvoidableArgs {
     /// Search whether a driver could have avoided each attack, and how late. Options as JSON, such as
-    /// '{"refinement": 2}' or '{"lateral": 4}' (`generate` always searches, by default without options).
+    /// '{"refinement": 2}' or '{"lateral": 4}', or the word `comfortable` for nuPlan's limits of comfort
+    /// (`generate` always searches, by default without options).
     #[arg(long, value_name = "JSON", num_args = 0..=1, default_missing_value = "{}", value_parser = avoidance)]
     pub avoidable: Option<AvoidanceOptions>,
 }
@@ -31,6 +35,9 @@ pub(super) fn seconds(text: &str) -> std::result::Result<f64, String> {
 }
 
 fn avoidance(text: &str) -> std::result::Result<AvoidanceOptions, String> {
+    if text == COMFORTABLE {
+        return Ok(AvoidanceOptions::comfortable());
+    }
     let options: AvoidanceOptions = serde_json::from_str(text).map_err(|error| error.to_string())?;
     options.check().map_err(|error| error.to_string())?;
     Ok(options)

@@ -81,11 +81,7 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
     let markdown = report::markdown(&drivers, &keys, args.seed)?;
     out.write("drivers.md", markdown.as_bytes())?;
     out.write("scenes.csv", report::unattacked_csv(&drivers)?.as_bytes())?;
-    let mut files = "drivers.md, scenes.csv";
-    if !keys.is_empty() {
-        out.write("attacks.csv", report::attacks_csv(&drivers, &keys)?.as_bytes())?;
-        files = "drivers.md, scenes.csv, attacks.csv";
-    }
+    out.write("attacks.csv", report::attacks_csv(&drivers, &keys)?.as_bytes())?;
     let record = json!({
         "command": output::command(), "policies": egos.iter().map(|ego| &ego.label).collect::<Vec<_>>(),
         "generators": keys.iter().map(RowKey::label).collect::<Vec<_>>(), "scenes": scenes.describe(),
@@ -93,7 +89,10 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
     });
     out.write("run.json", format!("{record:#}\n").as_bytes())?;
     output::print(&markdown)?;
-    progress::say(&format!("{files} and run.json are in `{}`", args.folder.out.display()));
+    progress::say(&format!(
+        "drivers.md, scenes.csv, attacks.csv and run.json are in `{}`",
+        args.folder.out.display()
+    ));
     Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
 }
 

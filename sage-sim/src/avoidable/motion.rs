@@ -1,9 +1,6 @@
 //! The ego on a manoeuvre, step by step.
 
-use sage_core::{
-    geometry::{OrientedBox, norm, sub},
-    motion::DT,
-};
+use sage_core::geometry::{OrientedBox, norm, sub};
 
 use super::{Avoidance, car::State, manoeuvres::Manoeuvre};
 

@@ -2,7 +2,7 @@
 //!
 //! Each is a [`sage_core::generator::Generator`], built by name from [`generators`] and
 //! [`GeneratorInputs`]. Most are a [`Pair`]: a proposer ([`proposers`]), whose input is the observation up
-//! to *now*, and a selector ([`selector`]), which may use the ego's path. [`Rule`] and [`Log`] are not pairs.
+//! to *now*, and a selector ([`selector`]), which may use the ego's path. [`King`], [`AdvTrajOpt`], [`Rule`] and [`Log`] are not pairs.
 //! An [`Aggression`] combines λ and μ into one dial.
 //!
 //! From a scene to an attack, with the embedded weights ([`Weights::at`] loads a folder):
@@ -40,6 +40,7 @@
 //!
 //! [`Weights::at`]: sage_backbones::weights::Weights::at
 
+mod adv_traj_opt;
 mod aggression;
 mod apply;
 mod dial;
@@ -47,14 +48,17 @@ mod drivable;
 mod error;
 mod generator_inputs;
 mod generator_kind;
+mod king;
 mod log;
 mod mixtures;
+mod optimisers;
 mod pair;
 pub mod proposers;
 mod rule;
 pub mod selector;
 mod speed_profile;
 
+pub use adv_traj_opt::{AdvTrajOpt, PublishedAdvTrajOpt};
 pub use aggression::Aggression;
 pub use apply::attacked;
 pub use dial::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
@@ -62,8 +66,10 @@ pub use drivable::{drivable, is_drivable};
 pub use error::Error;
 pub use generator_inputs::GeneratorInputs;
 pub use generator_kind::{Facts, GeneratorKind};
+pub use king::{King, PublishedKing};
 pub use log::{Log, logged_future};
 pub use mixtures::Mixtures;
+pub use optimisers::Begin;
 pub use pair::{Pair, ProposerKind};
 pub use rule::{Rule, bezier};
 
@@ -82,6 +88,10 @@ pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
         .with::<Pair<RandomGoals, Best>>()?
         .with::<Pair<AllGoals, Best>>()?
         .with::<Pair<CatGoals, CatSelector>>()?
+        .with::<King>()?
+        .with::<PublishedKing>()?
+        .with::<AdvTrajOpt>()?
+        .with::<PublishedAdvTrajOpt>()?
         .with::<Rule>()?
         .with::<Log>()
 }

@@ -18,8 +18,8 @@ use serde::{Deserialize, Serialize};
 use crate::{
     Facts, GeneratorInputs, GeneratorKind,
     optimisers::{
-        Begin, Optimised, Optimiser, Start, Weights, bicycle::Bicycle, bounds, check_steps, evaluate, facts,
-        fit, sage_of, smoothing::Smoothing,
+        Optimised, Optimiser, Optimum, Start, StartFrom, Weights, bicycle::Bicycle, bounds, check_steps,
+        evaluate, facts, fit, sage_of, smoothing::Smoothing,
     },
 };
 
@@ -47,7 +47,7 @@ pub struct AdvTrajOpt {
     /// Largest deviation from the base, metres.
     pub deviation: f64,
     /// Where the search begins: `log` or `sage`.
-    pub start: Begin,
+    pub start: StartFrom,
 }
 
 impl Default for AdvTrajOpt {
@@ -60,7 +60,7 @@ impl Default for AdvTrajOpt {
             rate: 0.2,
             smoothing: 1e6,
             deviation: 10.0,
-            start: Begin::Log,
+            start: StartFrom::Log,
         }
     }
 }
@@ -144,7 +144,7 @@ impl GeneratorKind for AdvTrajOpt {
 
 impl GeneratorKind for PublishedAdvTrajOpt {
     fn facts(&self) -> Facts {
-        facts(Begin::Log, false)
+        facts(StartFrom::Log, false)
     }
 
     fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
@@ -179,6 +179,20 @@ impl Search {
         let bicycle = Bicycle::of_length(ctx.size()[0]);
         let (controls, _) = fit::controls(&bicycle, &start.now, &start.poses);
         bicycle.motion(&start.now, &controls).poses
+    }
+
+    /// Moves a displacement along a gradient with respect to the positions. Headings follow from them and have none.
+    fn ascend(&self, displacement: &mut [Point], gradient: &mut [Point]) {
+        let mut length = 1.0;
+        if let Some(smoothing) = &self.smoothing {
+            smoothing.apply(gradient);
+            length = gradient.iter().map(|g| norm(*g)).fold(0.0, f64::max);
+        }
+        if length > 0.0 {
+            for (d, g) in displacement.iter_mut().zip(gradient) {
+                (0..2).for_each(|i| d[i] += self.rate / length * g[i]);
+            }
+        }
     }
 
     /// The largest of the scales at which the displaced base keeps all bounds; 0 if none does.
@@ -217,7 +231,7 @@ fn poses(points: impl Iterator<Item = Point>, base: &[Pose], now: Point) -> Vec<
 }
 
 impl Optimiser for Search {
-    fn optimise(&self, start: &Start, ctx: &Context) -> Result<Vec<Point>, Error> {
+    fn optimise(&self, start: &Start, ctx: &Context) -> Result<Optimum, Error> {
         let base = self.base(start, ctx);
         let (now, history) = (start.now.position, [start.now.position, start.before[0]]);
         let own = bounds::greatest(history, base.iter().map(|pose| pose.position));
@@ -225,27 +239,16 @@ impl Optimiser for Search {
         let mut objective = self.weights.objective();
         let mut gradient = PoseGradient::default();
         let mut displacement = vec![[0.0; 2]; base.len()];
-        let mut best: Option<(f64, Vec<Point>)> = None;
-        for step in 0..=self.steps {
+        let first = poses(displaced(&base, &displacement, 0.0), &base, now);
+        let value = evaluate(&mut objective, &first, ctx, &mut gradient, 0)?;
+        let mut best = Optimum::start(value, &first);
+        for step in 1..=self.steps {
+            self.ascend(&mut displacement, &mut gradient.position);
             let scale = self.scale(&base, &displacement, history, bounds);
             let poses = poses(displaced(&base, &displacement, scale), &base, now);
             let value = evaluate(&mut objective, &poses, ctx, &mut gradient, step)?;
-            if best.as_ref().is_none_or(|(known, _)| value > *known) {
-                best = Some((value, poses.iter().map(|pose| pose.position).collect()));
-            }
-            // Headings follow from the positions and have no gradient.
-            let mut by_position = std::mem::take(&mut gradient.position);
-            let mut length = 1.0;
-            if let Some(smoothing) = &self.smoothing {
-                smoothing.apply(&mut by_position);
-                length = by_position.iter().map(|g| norm(*g)).fold(0.0, f64::max);
-            }
-            if length > 0.0 {
-                for (d, g) in displacement.iter_mut().zip(&by_position) {
-                    (0..2).for_each(|i| d[i] += self.rate / length * g[i]);
-                }
-            }
+            best.update(value, &poses);
         }
-        Ok(best.map(|(_, points)| points).unwrap_or_default())
+        Ok(best)
     }
 }

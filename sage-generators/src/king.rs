@@ -8,7 +8,6 @@
 use sage_core::{
     Error,
     generator::Generator,
-    geometry::Point,
     objective::{Context, PoseGradient},
     registry::Entry,
 };
@@ -17,8 +16,8 @@ use serde::{Deserialize, Serialize};
 use crate::{
     Facts, GeneratorInputs, GeneratorKind,
     optimisers::{
-        Begin, Optimised, Optimiser, Start, Weights, adam::Adam, bicycle::Bicycle, check_steps, evaluate,
-        facts, fit, sage_of,
+        Optimised, Optimiser, Optimum, Start, StartFrom, Weights, adam::Adam, bicycle::Bicycle, check_steps,
+        evaluate, facts, fit, sage_of,
     },
 };
 
@@ -40,12 +39,19 @@ pub struct King {
     /// Rate of Adam.
     pub rate: f64,
     /// Where the search begins: `log` or `sage`.
-    pub start: Begin,
+    pub start: StartFrom,
 }
 
 impl Default for King {
     fn default() -> Self {
-        Self { adversarial: 0.9, realism: 0.1, clearance: 0.3, steps: 100, rate: 0.005, start: Begin::Log }
+        Self {
+            adversarial: 0.9,
+            realism: 0.1,
+            clearance: 0.3,
+            steps: 100,
+            rate: 0.005,
+            start: StartFrom::Log,
+        }
     }
 }
 
@@ -103,7 +109,7 @@ impl Entry<dyn GeneratorKind> for PublishedKing {
             clearance: 0.0,
             steps,
             rate,
-            start: Begin::Log,
+            start: StartFrom::Log,
         })
     }
 }
@@ -119,23 +125,21 @@ impl GeneratorKind for King {
 }
 
 impl Optimiser for King {
-    fn optimise(&self, start: &Start, ctx: &Context) -> Result<Vec<Point>, Error> {
+    fn optimise(&self, start: &Start, ctx: &Context) -> Result<Optimum, Error> {
         let bicycle = Bicycle::of_length(ctx.size()[0]);
         let (mut controls, _) = fit::controls(&bicycle, &start.now, &start.poses);
         let mut objective = self.weights().objective();
         let mut adam = Adam::new(controls.len(), self.rate, BETAS);
         let mut gradient = PoseGradient::default();
-        let mut best: Option<(f64, Vec<Point>)> = None;
-        for step in 0..=self.steps {
-            let motion = bicycle.motion(&start.now, &controls);
+        let mut motion = bicycle.motion(&start.now, &controls);
+        let value = evaluate(&mut objective, &motion.poses, ctx, &mut gradient, 0)?;
+        let mut best = Optimum::start(value, &motion.poses);
+        for step in 1..=self.steps {
+            adam.step(&mut controls, &bicycle.gradient(&motion, &gradient), 1.0);
+            motion = bicycle.motion(&start.now, &controls);
             let value = evaluate(&mut objective, &motion.poses, ctx, &mut gradient, step)?;
-            if best.as_ref().is_none_or(|(known, _)| value > *known) {
-                best = Some((value, motion.poses.iter().map(|pose| pose.position).collect()));
-            }
-            if step < self.steps {
-                adam.step(&mut controls, &bicycle.gradient(&motion, &gradient), 1.0);
-            }
+            best.update(value, &motion.poses);
         }
-        Ok(best.map(|(_, points)| points).unwrap_or_default())
+        Ok(best)
     }
 }

@@ -69,7 +69,7 @@ pub use generator_kind::{Facts, GeneratorKind};
 pub use king::{King, PublishedKing};
 pub use log::{Log, logged_future};
 pub use mixtures::Mixtures;
-pub use optimisers::Begin;
+pub use optimisers::StartFrom;
 pub use pair::{Pair, ProposerKind};
 pub use rule::{Rule, bezier};
 

@@ -10,7 +10,7 @@ mod start;
 
 use sage_core::{
     Error,
-    generator::{Attack, Generator, Knowledge, OperatingPoint, Proposal},
+    generator::{Attack, Generator, Knowledge, Note, OperatingPoint, Proposal},
     geometry::Point,
     motion::{Pose, Trajectory},
     objective::{Clearance, Context, PoseGradient, SmoothAdversarial, SmoothObjective, SmoothRealism},
@@ -18,12 +18,14 @@ use sage_core::{
 
 use crate::{Facts, GeneratorInputs, ProposerKind, generators, proposers::MixedExperts};
 
-pub use start::Begin;
 pub(crate) use start::Start;
+pub use start::StartFrom;
 
 /// Least and greatest weight of a term, number of steps, and rate that options may have.
 const WEIGHTS: [f64; 2] = [0.0, 100.0];
 const MOST_STEPS: usize = 10_000;
+/// Note on an attack that is where the search began.
+const NOTHING_BETTER: &str = "the search found nothing better than its start";
 
 /// Weights of the terms that an optimiser maximises.
 #[derive(Clone, Copy, Debug)]
@@ -65,12 +67,37 @@ pub(crate) fn check_steps(steps: usize, rate: f64) -> Result<(), String> {
     Ok(())
 }
 
+/// The best positions of a search, and the values of the smooth objective at its start and there.
+pub(crate) struct Optimum {
+    pub(crate) points: Vec<Point>,
+    pub(crate) began: f64,
+    pub(crate) value: f64,
+}
+
+impl Optimum {
+    /// The start of a search.
+    pub(crate) fn start(value: f64, poses: &[Pose]) -> Self {
+        Self { points: positions(poses), began: value, value }
+    }
+
+    /// Takes what is better.
+    pub(crate) fn update(&mut self, value: f64, poses: &[Pose]) {
+        if value > self.value {
+            (self.value, self.points) = (value, positions(poses));
+        }
+    }
+}
+
+fn positions(poses: &[Pose]) -> Vec<Point> {
+    poses.iter().map(|pose| pose.position).collect()
+}
+
 /// An optimiser of trajectories.
 pub(crate) trait Optimiser: Send + Sync {
-    /// The best positions that a search from a start finds, at least as good as the start.
+    /// The best that a search finds, at least as good as its start.
     ///
     /// *Errors*: a term whose gradient is not finite, with the step.
-    fn optimise(&self, start: &Start, ctx: &Context) -> Result<Vec<Point>, Error>;
+    fn optimise(&self, start: &Start, ctx: &Context) -> Result<Optimum, Error>;
 }
 
 /// The generator of an optimiser.
@@ -83,8 +110,10 @@ pub(crate) struct Optimised<O> {
 impl<O: Optimiser> Generator for Optimised<O> {
     fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, Error> {
         let optimised = |start: Start| -> Result<Attack, Error> {
-            let points = self.optimiser.optimise(&start, ctx)?;
-            Ok(Attack::only(Proposal::of(Trajectory::new("optimised trajectory", points)?)))
+            let Optimum { points, began, value } = self.optimiser.optimise(&start, ctx)?;
+            let attack = Attack::only(Proposal::of(Trajectory::new("optimised trajectory", points)?));
+            let note = (value <= began).then(|| Note::Other(NOTHING_BETTER.to_owned()));
+            Ok(Attack { note, ..attack })
         };
         match &self.sage {
             Some(sage) => {
@@ -101,19 +130,19 @@ impl<O: Optimiser> Generator for Optimised<O> {
 ///
 /// *Errors*: a missing input.
 pub(crate) fn sage_of(
-    begin: Begin,
+    from: StartFrom,
     inputs: &GeneratorInputs,
 ) -> Result<Option<Box<dyn Generator>>, crate::Error> {
     let build = || -> Result<Box<dyn Generator>, crate::Error> {
         let sage = generators()?.build_default(MixedExperts::NAME)?;
         sage.build(inputs)
     };
-    (begin == Begin::Sage).then(build).transpose()
+    (from == StartFrom::Sage).then(build).transpose()
 }
 
 /// Properties of an optimiser's generator.
-pub(crate) fn facts(begin: Begin, others_future: bool) -> Facts {
-    let from_sage = begin == Begin::Sage;
+pub(crate) fn facts(from: StartFrom, others_future: bool) -> Facts {
+    let from_sage = from == StartFrom::Sage;
     Facts {
         knows: Knowledge {
             ego_future: true,

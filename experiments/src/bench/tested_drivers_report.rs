@@ -131,14 +131,13 @@ fn pairs(out: &mut String, drivers: &[DriverRows], keys: &[RowKey], seed: u64) -
         return Ok(());
     }
     let without = UNATTACKED.map(|(name, holds)| {
-        let value: Box<dyn Fn(&TestedDriver) -> Option<bool>> = Box::new(holds);
+        let value: Holds = Box::new(holds);
         (name, value)
     });
     table(out, "without attack", drivers, &without, seed)?;
     for (k, key) in keys.iter().enumerate() {
         let under = ATTACKED.map(|(name, holds)| {
-            let value: Box<dyn Fn(&TestedDriver) -> Option<bool>> =
-                Box::new(move |driver| driver.attacks.get(k).map(holds));
+            let value: Holds = Box::new(move |driver| driver.attacks.get(k).map(holds));
             (name, value)
         });
         table(out, &key.label(), drivers, &under, seed)?;
@@ -147,7 +146,9 @@ fn pairs(out: &mut String, drivers: &[DriverRows], keys: &[RowKey], seed: u64) -
     Ok(())
 }
 
-type Property = (&'static str, Box<dyn Fn(&TestedDriver) -> Option<bool>>);
+/// Whether something holds for a driver in a scene; `None` if it was not measured.
+type Holds = Box<dyn Fn(&TestedDriver) -> Option<bool>>;
+type Property = (&'static str, Holds);
 
 fn table(
     out: &mut String,

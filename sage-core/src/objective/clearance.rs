@@ -44,7 +44,9 @@ impl DifferentiableReward for Clearance {
         let mut value = 0.0;
         for (k, pose) in poses.iter().enumerate() {
             let (sin, cos) = pose.heading.sin_cos();
-            for missing in [self.to_edges(pose, ctx), self.to_others(pose, k + 1, ctx)].into_iter().flatten()
+            for missing in [self.missing_to_edges(pose, ctx), self.missing_to_others(pose, k + 1, ctx)]
+                .into_iter()
+                .flatten()
             {
                 value += missing.metres;
                 let away = missing.away;
@@ -69,7 +71,7 @@ impl Clearance {
         (OWN.map(disc), RADIUS * width)
     }
 
-    fn to_edges(&self, pose: &Pose, ctx: &Context) -> Option<Missing> {
+    fn missing_to_edges(&self, pose: &Pose, ctx: &Context) -> Option<Missing> {
         let (discs, radius) = Self::discs(pose, ctx.size());
         let (reach, edges) = (radius + self.space, ctx.index().edges());
         let all = discs.iter().fold(Aabb::EMPTY, |all, (_, p)| all.union(&Aabb::around(*p, reach)));
@@ -84,7 +86,7 @@ impl Clearance {
         worst
     }
 
-    fn to_others(&self, pose: &Pose, step: usize, ctx: &Context) -> Option<Missing> {
+    fn missing_to_others(&self, pose: &Pose, step: usize, ctx: &Context) -> Option<Missing> {
         let (size, mut worst) = (ctx.size(), None);
         let (discs, radius) = Self::discs(pose, size);
         for other in ctx.others() {

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 /// Where a search begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Begin {
+pub enum StartFrom {
     /// The adversary's recorded future.
     #[default]
     Log,

@@ -117,7 +117,7 @@ impl Entry<dyn GeneratorKind> for PublishedAdvTrajOpt {
 }
 
 impl AdvTrajOpt {
-    fn search(&self) -> Search {
+    pub(crate) fn search(&self) -> Search {
         let Self { adversarial, realism, clearance, steps, rate, deviation, .. } = *self;
         let smoothing = Some(Smoothing::new(HORIZON, self.smoothing));
         Search { weights: Weights { adversarial, realism, clearance }, steps, rate, deviation, smoothing }
@@ -152,7 +152,8 @@ impl GeneratorKind for PublishedAdvTrajOpt {
     }
 }
 
-struct Search {
+/// A search over positions.
+pub(crate) struct Search {
     weights: Weights,
     steps: usize,
     rate: f64,
@@ -172,7 +173,7 @@ impl Search {
     }
 
     /// The base trajectory.
-    fn base(&self, start: &Start, ctx: &Context) -> Vec<Pose> {
+    pub(crate) fn base(&self, start: &Start, ctx: &Context) -> Vec<Pose> {
         if self.smoothing.is_none() {
             return start.poses.clone();
         }

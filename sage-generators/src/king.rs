@@ -21,6 +21,10 @@ use crate::{
     },
 };
 
+/// Rate of a further search by that of the one before.
+const RETRY: f64 = 0.2;
+/// Most further searches.
+const MOST_RETRIES: usize = 10;
 /// Decay of Adam's moments.
 const BETAS: [f64; 2] = [0.8, 0.99];
 
@@ -38,6 +42,8 @@ pub struct King {
     pub steps: usize,
     /// Rate of Adam.
     pub rate: f64,
+    /// Further searches, each at a fifth of the rate, if one finds nothing better than its start.
+    pub retries: usize,
     /// Where the search begins: `log` or `sage`.
     pub start: StartFrom,
 }
@@ -50,6 +56,7 @@ impl Default for King {
             clearance: 0.3,
             steps: 100,
             rate: 0.005,
+            retries: 2,
             start: StartFrom::Log,
         }
     }
@@ -91,6 +98,9 @@ impl Entry<dyn GeneratorKind> for King {
     fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
         options.weights().check()?;
         check_steps(options.steps, options.rate)?;
+        if options.retries > MOST_RETRIES {
+            return Err(format!("`retries` is {}; expected 0 to {MOST_RETRIES}", options.retries));
+        }
         Ok(Box::new(options))
     }
 }
@@ -109,6 +119,7 @@ impl Entry<dyn GeneratorKind> for PublishedKing {
             clearance: 0.0,
             steps,
             rate,
+            retries: 0,
             start: StartFrom::Log,
         })
     }
@@ -127,9 +138,33 @@ impl GeneratorKind for King {
 impl Optimiser for King {
     fn optimise(&self, start: &Start, ctx: &Context) -> Result<Optimum, Error> {
         let bicycle = Bicycle::of_length(ctx.size()[0]);
-        let (mut controls, _) = fit::controls(&bicycle, &start.now, &start.poses);
+        let (controls, _) = fit::controls(&bicycle, &start.now, &start.poses);
+        let mut rate = self.rate;
+        let mut found = self.search(&bicycle, start, controls.clone(), rate, ctx)?;
+        for _ in 0..self.retries {
+            if found.value > found.began {
+                break;
+            }
+            // Adam's first step is as long as its rate: at speed it leaves the road.
+            rate *= RETRY;
+            found = self.search(&bicycle, start, controls.clone(), rate, ctx)?;
+        }
+        Ok(found)
+    }
+}
+
+impl King {
+    /// A search from controls, at a rate.
+    fn search(
+        &self,
+        bicycle: &Bicycle,
+        start: &Start,
+        mut controls: Vec<[f64; 2]>,
+        rate: f64,
+        ctx: &Context,
+    ) -> Result<Optimum, Error> {
         let mut objective = self.weights().objective();
-        let mut adam = Adam::new(controls.len(), self.rate, BETAS);
+        let mut adam = Adam::new(controls.len(), rate, BETAS);
         let mut gradient = PoseGradient::default();
         let mut motion = bicycle.motion(&start.now, &controls);
         let value = evaluate(&mut objective, &motion.poses, ctx, &mut gradient, 0)?;

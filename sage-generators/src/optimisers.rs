@@ -171,3 +171,117 @@ pub(crate) fn evaluate(
         problem: format!("the gradient of `{term}` is not finite at step {step} of the optimisation"),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use sage_core::{
+        geometry::{cross, distance, dot, norm, sub},
+        motion::DT,
+        objective::DifferentiableReward,
+        scene::{Scene, SceneIndex},
+    };
+    use sage_data::procedural::{Kind, generate};
+
+    use super::{
+        bicycle::{ACCELERATION, DECELERATION, STEERING},
+        *,
+    };
+    use crate::{AdvTrajOpt, King};
+
+    /// Procedural scenes of every kind.
+    fn contexts() -> Vec<Context> {
+        let scenes = Kind::ALL.iter().flat_map(|kind| (0..4).filter_map(|n| generate(*kind, 7, n)));
+        let context = |scene: Scene| {
+            let scene = Arc::new(scene);
+            let index = SceneIndex::new(scene.map.clone());
+            Context::new(&scene, &index, &Default::default())
+        };
+        scenes.filter_map(|scene| context(scene).ok()).collect()
+    }
+
+    #[test]
+    fn searches_end_better_than_they_began() {
+        let contexts = contexts();
+        let search = AdvTrajOpt::default().search();
+        let optimisers: [&dyn Optimiser; 2] = [&King::default(), &search];
+        for optimiser in optimisers {
+            let mut better = 0;
+            for ctx in &contexts {
+                let start = Start::of_log(ctx).unwrap_or_else(|error| panic!("{error}"));
+                let found = optimiser.optimise(&start, ctx).unwrap_or_else(|error| panic!("{error}"));
+                assert!(found.value >= found.began, "{}", ctx.scene().id);
+                assert!(found.points.len() == 80 && found.points.iter().flatten().all(|x| x.is_finite()));
+                better += usize::from(found.value > found.began);
+            }
+            assert!(
+                contexts.len() > 20 && better * 10 > contexts.len() * 9,
+                "{better} of {}",
+                contexts.len()
+            );
+        }
+    }
+
+    #[test]
+    fn king_keeps_the_limits_of_its_bicycle() {
+        for ctx in contexts() {
+            let start = Start::of_log(&ctx).unwrap_or_else(|error| panic!("{error}"));
+            let found = King::default().optimise(&start, &ctx).unwrap_or_else(|error| panic!("{error}"));
+            let points = [&[start.now.position][..], &found.points].concat();
+            let ways: Vec<Point> = points.windows(2).map(|p| sub(p[1], p[0])).collect();
+            let rear = bicycle::Bicycle::of_length(ctx.size()[0]).rear;
+            // The slip at full steering; the course turns by the heading's turn and by the change of the slip.
+            let slip = (0.5 * STEERING.tan()).atan();
+            for pair in ways.windows(2) {
+                let [a, b] = [norm(pair[0]), norm(pair[1])];
+                let gain = (b - a) / DT / DT;
+                // The softplus adds at most ln 2 / 7 m/s to a standing car.
+                assert!(gain >= -DECELERATION - 1e-6 && gain <= ACCELERATION + 1.0, "{gain}");
+                if a > 0.05 {
+                    let turn = cross(pair[0], pair[1]).atan2(dot(pair[0], pair[1])).abs();
+                    assert!(turn <= a / rear * slip.sin() + 2.0 * slip + 1e-6, "{turn}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn positions_keep_their_bounds() {
+        let search = AdvTrajOpt::default().search();
+        for ctx in contexts() {
+            let start = Start::of_log(&ctx).unwrap_or_else(|error| panic!("{error}"));
+            let (base, history) = (search.base(&start, &ctx), [start.now.position, start.before[0]]);
+            let greatest = |points: &[Point]| bounds::greatest(history, points.iter().copied());
+            let base: Vec<Point> = base.iter().map(|pose| pose.position).collect();
+            let bounds = bounds::raised(greatest(&base)).map(|bound| bound * (1.0 + 1e-9));
+            let found = search.optimise(&start, &ctx).unwrap_or_else(|error| panic!("{error}"));
+            assert!(bounds::are_kept(greatest(&found.points), bounds), "{}", ctx.scene().id);
+            let farthest = found.points.iter().zip(&base).map(|(a, b)| distance(*a, *b)).fold(0.0, f64::max);
+            assert!(farthest <= 10.0 + 1e-9, "{farthest}");
+        }
+    }
+
+    #[test]
+    fn a_gradient_that_is_not_finite_names_scene_step_and_term() {
+        struct Broken;
+        impl DifferentiableReward for Broken {
+            fn name(&self) -> &str {
+                "broken"
+            }
+
+            fn value(&self, _: &[Pose], _: &Context, _: &mut PoseGradient) -> f64 {
+                f64::NAN
+            }
+        }
+        let ctx = &contexts()[0];
+        let start = Start::of_log(ctx).unwrap_or_else(|error| panic!("{error}"));
+        let mut objective = SmoothObjective::new(vec![(1.0, Box::new(Broken))]);
+        let error = evaluate(&mut objective, &start.poses, ctx, &mut PoseGradient::default(), 12);
+        let text = error.err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(
+            text.contains(&ctx.scene().id) && text.contains("`broken` is not finite at step 12"),
+            "{text}"
+        );
+    }
+}

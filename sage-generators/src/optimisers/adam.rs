@@ -42,10 +42,12 @@ mod tests {
         let mut adam = Adam::new(1, 0.1, [0.9, 0.999]);
         let mut x = [[3.0, -2.0]];
         let gradient = |x: &[[f64; 2]]| [[2.0 * (x[0][0] - 1.0), 20.0 * (x[0][1] + 1.0)]];
-        adam.step(&mut x, &gradient(&x), -1.0);
+        let slope = gradient(&x);
+        adam.step(&mut x, &slope, -1.0);
         assert!((x[0][0] - 2.9).abs() < 1e-6 && (x[0][1] + 1.9).abs() < 1e-6, "{x:?}");
         for _ in 0..600 {
-            adam.step(&mut x, &gradient(&x), -1.0);
+            let slope = gradient(&x);
+            adam.step(&mut x, &slope, -1.0);
         }
         assert!((x[0][0] - 1.0).abs() < 1e-3 && (x[0][1] + 1.0).abs() < 1e-3, "{x:?}");
     }

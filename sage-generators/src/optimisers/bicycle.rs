@@ -18,6 +18,8 @@ pub(crate) const STEERING: f64 = 0.6;
 const REAR: f64 = 0.3;
 /// Sharpness of the softplus that keeps the speed above 0, s/m.
 const SHARPNESS: f64 = 7.0;
+/// Speed of a car that stands, m/s.
+const LEAST_SPEED: f64 = 1e-3;
 
 /// A car as a bicycle with its axles at the same distance from the centre.
 #[derive(Clone, Copy, Debug)]
@@ -115,6 +117,12 @@ fn softplus(x: f64) -> f64 {
     x.max(0.0) + (-(SHARPNESS * x).abs()).exp().ln_1p() / SHARPNESS
 }
 
+/// The speed that [`softplus`] turns into a given one, m/s; far below 0 for a standing car.
+pub(crate) fn inverse_softplus(speed: f64) -> f64 {
+    let x = SHARPNESS * speed.max(LEAST_SPEED);
+    (x + (-(-x).exp()).ln_1p()) / SHARPNESS
+}
+
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
@@ -138,6 +146,14 @@ mod tests {
             assert_relative_eq!(pose.heading, heading, epsilon = 1e-9);
             assert_relative_eq!(motion.steps[1].speed, speed, epsilon = 1e-9);
         }
+    }
+
+    #[test]
+    fn the_inverse_of_the_softplus_is_one() {
+        for speed in [0.002, 0.1, 1.0, 20.0] {
+            assert_relative_eq!(softplus(inverse_softplus(speed)), speed, max_relative = 1e-9);
+        }
+        assert!(softplus(inverse_softplus(0.0)) < 0.002);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use sage_core::{
 
 use super::{
     adam::Adam,
-    bicycle::{ACCELERATION, Bicycle, DECELERATION, Motion, STEERING},
+    bicycle::{ACCELERATION, Bicycle, DECELERATION, Motion, STEERING, inverse_softplus},
 };
 
 /// Steps and rate of the refinement, and the weight of changes of the controls.
@@ -84,7 +84,7 @@ fn inverse(bicycle: &Bicycle, start: &State, poses: &[Pose]) -> Vec<[f64; 2]> {
     };
     let control = |k: usize| {
         let (v, next) = (speed(k), speed(k + 1));
-        let acceleration = (next - v) / DT;
+        let acceleration = (inverse_softplus(next) - v) / DT;
         let strength = if acceleration > 0.0 { ACCELERATION } else { DECELERATION };
         let turn = wrap_angle(headings[k + 1] - headings[k]) / DT;
         let slip = (turn * bicycle.rear / v.max(SLOW)).clamp(-MOST_SLIP, MOST_SLIP).asin();

@@ -237,7 +237,7 @@ mod tests {
                 let [a, b] = [norm(pair[0]), norm(pair[1])];
                 let gain = (b - a) / DT / DT;
                 // The softplus adds at most ln 2 / 7 m/s to a standing car.
-                assert!(gain >= -DECELERATION - 1e-6 && gain <= ACCELERATION + 1.0, "{gain}");
+                assert!((-DECELERATION - 1e-6..=ACCELERATION + 1.0).contains(&gain), "{gain}");
                 if a > 0.05 {
                     let turn = cross(pair[0], pair[1]).atan2(dot(pair[0], pair[1])).abs();
                     assert!(turn <= a / rear * slip.sin() + 2.0 * slip + 1e-6, "{turn}");

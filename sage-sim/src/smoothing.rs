@@ -68,8 +68,7 @@ mod tests {
 
     #[test]
     fn polynomials_of_the_order_come_back_with_their_derivatives() {
-        let series: Vec<f64> =
-            (0..20).map(|k| f64::from(k)).map(|x| 1.0 - 0.3 * x + 0.02 * x * x * x).collect();
+        let series: Vec<f64> = (0..20).map(f64::from).map(|x| 1.0 - 0.3 * x + 0.02 * x * x * x).collect();
         let derivatives: [fn(f64) -> f64; 3] =
             [|x| 1.0 - 0.3 * x + 0.02 * x * x * x, |x| -0.3 + 0.06 * x * x, |x| 0.12 * x];
         for window in [5, 8, 15, 20] {

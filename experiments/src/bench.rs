@@ -7,6 +7,7 @@ pub(crate) mod closed_loop_report;
 pub(crate) mod connectivity;
 pub(crate) mod connectivity_report;
 pub(crate) mod curve;
+pub(crate) mod front;
 pub(crate) mod gallery;
 pub(crate) mod heat_map;
 pub(crate) mod line_chart;

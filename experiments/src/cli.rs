@@ -2,6 +2,7 @@
 
 mod attacking;
 mod avoiding;
+mod comparing;
 mod driving;
 mod learning;
 mod mixing;
@@ -19,6 +20,7 @@ pub(crate) use attacking::{
     AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
 };
 pub(crate) use avoiding::{AvoidableArgs, ReactArgs};
+pub(crate) use comparing::FrontArgs;
 pub(crate) use driving::{DriversArgs, SimulateArgs};
 pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};
@@ -290,6 +292,7 @@ pub(crate) enum BenchCommand {
     OpenLoop(OpenLoopArgs),
     Dial(DialBenchArgs),
     React(ReactArgs),
+    Front(FrontArgs),
     Pareto(ParetoArgs),
     Mixtures(MixturesArgs),
     Drivers(DriversArgs),

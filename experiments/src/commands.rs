@@ -4,6 +4,7 @@ pub(crate) mod analyse_connectivity;
 pub(crate) mod bench_dial;
 pub(crate) mod bench_drivers;
 pub(crate) mod bench_experts;
+pub(crate) mod bench_front;
 pub(crate) mod bench_mixtures;
 pub(crate) mod bench_open_loop;
 pub(crate) mod bench_pareto;

@@ -19,7 +19,7 @@ use crate::{
     Facts, GeneratorInputs, GeneratorKind,
     optimisers::{
         Optimised, Optimiser, Optimum, Start, StartFrom, Weights, bicycle::Bicycle, bounds, check_steps,
-        evaluate, facts, fit, sage_of, smoothing::Smoothing,
+        evaluate, facts, fit, generator_of, smoothing::Smoothing,
     },
 };
 
@@ -46,7 +46,7 @@ pub struct AdvTrajOpt {
     pub smoothing: f64,
     /// Largest deviation from the base, metres.
     pub deviation: f64,
-    /// Where the search begins: `log` or `sage`.
+    /// Where the search begins: `log`, or the attack of `prior` or `sage`.
     pub start: StartFrom,
 }
 
@@ -138,7 +138,7 @@ impl GeneratorKind for AdvTrajOpt {
     }
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
-        Ok(Box::new(Optimised { optimiser: self.search(), sage: sage_of(self.start, inputs)? }))
+        Ok(Box::new(Optimised { optimiser: self.search(), first: generator_of(self.start, inputs)? }))
     }
 }
 
@@ -148,7 +148,7 @@ impl GeneratorKind for PublishedAdvTrajOpt {
     }
 
     fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
-        Ok(Box::new(Optimised { optimiser: self.search(), sage: None }))
+        Ok(Box::new(Optimised { optimiser: self.search(), first: None }))
     }
 }
 

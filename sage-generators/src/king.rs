@@ -17,7 +17,7 @@ use crate::{
     Facts, GeneratorInputs, GeneratorKind,
     optimisers::{
         Optimised, Optimiser, Optimum, Start, StartFrom, Weights, adam::Adam, bicycle::Bicycle, check_steps,
-        evaluate, facts, fit, sage_of,
+        evaluate, facts, fit, generator_of,
     },
 };
 
@@ -44,7 +44,7 @@ pub struct King {
     pub rate: f64,
     /// Further searches, each at a fifth of the rate, if one finds nothing better than its start.
     pub retries: usize,
-    /// Where the search begins: `log` or `sage`.
+    /// Where the search begins: `log`, or the attack of `prior` or `sage`.
     pub start: StartFrom,
 }
 
@@ -131,7 +131,7 @@ impl GeneratorKind for King {
     }
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
-        Ok(Box::new(Optimised { optimiser: *self, sage: sage_of(self.start, inputs)? }))
+        Ok(Box::new(Optimised { optimiser: *self, first: generator_of(self.start, inputs)? }))
     }
 }
 

@@ -16,7 +16,7 @@ use sage_core::{
     objective::{Clearance, Context, PoseGradient, SmoothAdversarial, SmoothObjective, SmoothRealism},
 };
 
-use crate::{Facts, GeneratorInputs, ProposerKind, generators, proposers::MixedExperts};
+use crate::{Facts, GeneratorInputs, generators};
 
 pub(crate) use start::Start;
 pub use start::StartFrom;
@@ -103,8 +103,8 @@ pub(crate) trait Optimiser: Send + Sync {
 /// The generator of an optimiser.
 pub(crate) struct Optimised<O> {
     pub(crate) optimiser: O,
-    /// Attacks of SAGE, if the search starts there.
-    pub(crate) sage: Option<Box<dyn Generator>>,
+    /// What makes the attacks from which the search begins, if it does not begin at the recording.
+    pub(crate) first: Option<Box<dyn Generator>>,
 }
 
 impl<O: Optimiser> Generator for Optimised<O> {
@@ -115,9 +115,9 @@ impl<O: Optimiser> Generator for Optimised<O> {
             let note = (value <= began).then(|| Note::Other(NOTHING_BETTER.to_owned()));
             Ok(Attack { note, ..attack })
         };
-        match &self.sage {
-            Some(sage) => {
-                let attacks = sage.attacks(ctx, at, seed)?;
+        match &self.first {
+            Some(first) => {
+                let attacks = first.attacks(ctx, at, seed)?;
                 let one = |attack: &Attack| optimised(Start::of_plan(ctx, attack.trajectory())?);
                 attacks.iter().map(one).collect()
             }
@@ -126,32 +126,29 @@ impl<O: Optimiser> Generator for Optimised<O> {
     }
 }
 
-/// SAGE with its default options, if a search begins there.
+/// The generator with default options from whose attack a search begins, if there is one.
 ///
 /// *Errors*: a missing input.
-pub(crate) fn sage_of(
+pub(crate) fn generator_of(
     from: StartFrom,
     inputs: &GeneratorInputs,
 ) -> Result<Option<Box<dyn Generator>>, crate::Error> {
-    let build = || -> Result<Box<dyn Generator>, crate::Error> {
-        let sage = generators()?.build_default(MixedExperts::NAME)?;
-        sage.build(inputs)
-    };
-    (from == StartFrom::Sage).then(build).transpose()
+    let build = |name| generators()?.build_default(name)?.build(inputs);
+    from.generator().map(build).transpose()
 }
 
 /// Properties of an optimiser's generator.
 pub(crate) fn facts(from: StartFrom, others_future: bool) -> Facts {
-    let from_sage = from == StartFrom::Sage;
+    let from_log = from == StartFrom::Log;
     Facts {
         knows: Knowledge {
             ego_future: true,
-            others_future: others_future || from_sage,
-            own_future: !from_sage,
+            others_future: others_future || !from_log,
+            own_future: from_log,
         },
-        depends_on_lambda: from_sage,
-        depends_on_mu: from_sage,
-        needs_experts: from_sage,
+        depends_on_lambda: from == StartFrom::Sage,
+        depends_on_mu: !from_log,
+        needs_experts: !from_log,
         is_upper_bound: false,
     }
 }

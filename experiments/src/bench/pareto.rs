@@ -80,6 +80,20 @@ impl Sweep {
         self.compared(Some(other), |own, other| of(own) - of(other))
     }
 
+    /// A quantity of two fronts over the same scenes.
+    pub(crate) fn against(
+        &self,
+        other: &Self,
+        of: impl Fn(&[Measure], &[Measure]) -> f64,
+    ) -> Option<Estimate> {
+        self.compared(Some(other), of)
+    }
+
+    /// The sweep of one of its points alone.
+    pub(crate) fn only(&self, point: usize) -> Self {
+        Self { scenes: self.scenes.iter().map(|measures| vec![measures[point]]).collect() }
+    }
+
     fn compared(&self, other: Option<&Self>, of: impl Fn(&[Measure], &[Measure]) -> f64) -> Option<Estimate> {
         let count = self.scenes.len();
         if count == 0 || other.is_some_and(|other| other.scenes.len() != count) {

@@ -17,8 +17,9 @@ use serde_json::json;
 use crate::{
     Outcome, Registries,
     bench::{
+        front::measure,
         line_chart,
-        open_loop::{self, MeasuredScene, SceneRow, is_attack, is_believable},
+        open_loop::{self, MeasuredScene, SceneRow},
         pareto::{Measure, Sweep, hypervolume, monotone, unevenness},
     },
     cli::ParetoArgs,
@@ -123,16 +124,6 @@ pub(crate) fn run(args: &ParetoArgs, registries: &Registries) -> Result<Outcome>
         args.on.folder.out.display()
     ));
     Ok(Outcome::Done)
-}
-
-fn measure(row: &SceneRow) -> Measure {
-    let share = |is: bool| f64::from(u8::from(is));
-    Measure {
-        reward: row.paper.adversarial_reward,
-        penalty: row.paper.kinematic_penalty + row.paper.behavior_penalty,
-        attack: share(is_attack(row)),
-        believable: share(is_believable(row)),
-    }
 }
 
 fn table(names: &[&str], sweeps: &[Sweeps]) -> Result<String> {

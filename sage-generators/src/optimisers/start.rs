@@ -9,6 +9,11 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
+use crate::{
+    ProposerKind,
+    proposers::{MixedExperts, Prior},
+};
+
 /// Where a search begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -16,8 +21,21 @@ pub enum StartFrom {
     /// The adversary's recorded future.
     #[default]
     Log,
+    /// The attack that the selection finds among the prior's candidates.
+    Prior,
     /// SAGE's attack at the operating point.
     Sage,
+}
+
+impl StartFrom {
+    /// Name of the generator whose attack is the start; `None` for the recording.
+    pub(crate) fn generator(self) -> Option<&'static str> {
+        match self {
+            Self::Log => None,
+            Self::Prior => Some(Prior::NAME),
+            Self::Sage => Some(MixedExperts::NAME),
+        }
+    }
 }
 
 /// The start of a search.

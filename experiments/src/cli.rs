@@ -22,7 +22,9 @@ pub(crate) use attacking::{
 pub(crate) use avoiding::{AvoidableArgs, ReactArgs};
 pub(crate) use comparing::FrontArgs;
 pub(crate) use driving::{DriversArgs, SimulateArgs};
-pub(crate) use learning::{ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
+pub(crate) use learning::{
+    AblationArgs, ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg,
+};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
@@ -293,6 +295,7 @@ pub(crate) enum BenchCommand {
     Dial(DialBenchArgs),
     React(ReactArgs),
     Front(FrontArgs),
+    Ablation(AblationArgs),
     Pareto(ParetoArgs),
     Mixtures(MixturesArgs),
     Drivers(DriversArgs),

@@ -1,6 +1,7 @@
 //! One file per command. A command takes parsed arguments and writes its results to stdout or files.
 
 pub(crate) mod analyse_connectivity;
+pub(crate) mod bench_ablation;
 pub(crate) mod bench_dial;
 pub(crate) mod bench_drivers;
 pub(crate) mod bench_experts;

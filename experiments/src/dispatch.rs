@@ -36,6 +36,7 @@ impl Cli {
             Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
             Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),
             Command::Bench(BenchCommand::Drivers(args)) => commands::bench_drivers::run(&args, registries),
+            Command::Bench(BenchCommand::Ablation(args)) => commands::bench_ablation::run(&args, registries),
             Command::Bench(BenchCommand::Front(args)) => commands::bench_front::run(&args, registries),
             Command::Bench(BenchCommand::Pareto(args)) => commands::bench_pareto::run(&args, registries),
             Command::Bench(BenchCommand::Mixtures(args)) => commands::bench_mixtures::run(&args, registries),

@@ -9,7 +9,7 @@ use sage_core::{
 };
 
 use super::{
-    line_chart,
+    line_chart::{Chart, Line},
     open_loop::{SceneRow, is_attack, is_believable},
     pareto::{Measure, Sweep, hypervolume},
 };
@@ -201,7 +201,7 @@ pub(crate) fn csv(fronts: &[Front]) -> Result<String> {
 ///
 /// *Errors*: a file cannot be written.
 pub(crate) fn charts(out: &Folder, fronts: &[Front]) -> Result<()> {
-    let lines = |point: &dyn Fn(&Measure, &Point) -> Option<[f64; 2]>| -> Vec<line_chart::Line> {
+    let lines = |point: &dyn Fn(&Measure, &Point) -> Option<[f64; 2]>| -> Vec<Line> {
         let line = |front: &Front| {
             let means = front.sweep.front();
             let points = means.iter().zip(&front.points).filter_map(|(m, p)| point(m, p));
@@ -218,7 +218,11 @@ pub(crate) fn charts(out: &Folder, fronts: &[Front]) -> Result<()> {
         ("attack-nll.svg", ["negative log-likelihood, nats", attack], lines(&|m, p| of(&p.nll, m))),
         ("reward-realism.svg", [realism, "R_adv"], lines(&|m, _| Some([m.penalty, m.reward]))),
     ] {
-        out.write(file, line_chart::draw(axes, lines)?.as_bytes())?;
+        // A generator with one point is a mark.
+        let (single, lines): (Vec<Line>, Vec<Line>) =
+            lines.into_iter().partition(|(_, points)| points.len() == 1);
+        let marks = single.into_iter().map(|(name, points)| (name, points[0])).collect();
+        out.write(file, Chart { axes, lines, marks, ..Chart::default() }.draw()?.as_bytes())?;
     }
     Ok(())
 }

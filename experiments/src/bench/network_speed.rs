@@ -144,6 +144,16 @@ fn attacks(
     let further: Vec<f64> = sweeps.iter().zip(&attacks).map(|(all, one)| (all - one) / 10.0).collect();
     report(timing("attack: indexed scene to selected trajectory, median of scenes", attacks, Some(10.0)))?;
     report(timing("attack: each further lambda of eleven, median of scenes", further, None))?;
+    for (name, target) in [("king", 20.0), ("adv-traj-opt", 10.0), ("rule", 1.0)] {
+        let generator = registries.generators.build_default(name)?.build(&inputs)?;
+        let mut times = Vec::new();
+        for case in cases {
+            let ctx = Context::new(&case.data.scene, &case.data.index, &ContextOptions::default())?;
+            let case = std::slice::from_ref(case);
+            times.extend(over(case, repeat.div_ceil(4), |_| Ok(generator.attacks(&ctx, &half, 0)?))?);
+        }
+        report(timing(format!("attack by `{name}`, median of scenes"), times, Some(target)))?;
+    }
     for entry in registries.mergers.entries() {
         let merger = registries.mergers.build_default(entry.name)?;
         let Some(tensors) = merger.tensors() else { continue };

@@ -49,7 +49,8 @@ pub(crate) struct GenerateArgs {
     #[arg(long, value_name = "POLICY", default_value = "replay")]
     pub ego: PolicyPart,
     /// Time to react, seconds: choose the most adversarial candidate that a reaction this long before the contact
-    /// avoids and no later one (within 0.25 s), else the nearest, with a note.
+    /// avoids and no later one (within 0.25 s), else the nearest, with a note. More candidates hold more late and
+    /// early ones: --options '{"candidates": 384, "apart": 2}'.
     #[arg(long, value_name = "T", value_parser = seconds)]
     pub react: Option<f64>,
     #[command(flatten)]

@@ -6,7 +6,7 @@ use super::attacking::{ComparisonArgs, OperatingPointArgs};
 use crate::part::Parts;
 
 /// SAGE, the baselines, and the optimisers at five weights.
-const METHODS: &str = r#"sage,prior,random,king{"adversarial":0.1,"realism":0.9},king{"adversarial":0.3,"realism":0.7},king{"adversarial":0.5,"realism":0.5},king{"adversarial":0.7,"realism":0.3},king,king{"adversarial":2},adv-traj-opt{"adversarial":0.1,"realism":0.9},adv-traj-opt{"adversarial":0.3,"realism":0.7},adv-traj-opt{"adversarial":0.5,"realism":0.5},adv-traj-opt{"adversarial":0.7,"realism":0.3},adv-traj-opt,king-published,adv-traj-opt-published,cat,rule,log"#;
+const METHODS: &str = r#"sage,prior,random,king{"adversarial":0.1,"realism":0.9},king{"adversarial":0.3,"realism":0.7},king{"adversarial":0.5,"realism":0.5},king{"adversarial":0.7,"realism":0.3},king,king{"adversarial":2},adv-traj-opt{"adversarial":0.1,"realism":0.9},adv-traj-opt{"adversarial":0.3,"realism":0.7},adv-traj-opt{"adversarial":0.5,"realism":0.5},adv-traj-opt{"adversarial":0.7,"realism":0.3},adv-traj-opt,king-published,adv-traj-opt-published,cat,rule"#;
 
 /// Compare generators by attack rate against realism.
 ///

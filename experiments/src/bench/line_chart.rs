@@ -3,7 +3,10 @@
 use std::ops::Range;
 
 use anyhow::{Result, anyhow};
-use plotters::prelude::*;
+use plotters::{
+    prelude::*,
+    style::text_anchor::{HPos, Pos, VPos},
+};
 
 /// Size of a picture, pixels.
 const SIZE: (u32, u32) = (760, 520);
@@ -123,7 +126,11 @@ impl Chart<'_> {
         for (name, [x, y]) in &self.marks {
             chart.draw_series([Circle::new((*x, *y), 5, BLACK.filled())])?;
             let style = ("sans-serif", 14).into_font().color(&BLACK);
-            chart.draw_series([Text::new(name.clone(), (x + dx, y + 3.0 * dy), style)])?;
+            // Near the right border the name is to the left.
+            let is_right = *x > xs.start + 0.8 * (xs.end - xs.start);
+            let (place, side) = if is_right { (x - dx, HPos::Right) } else { (x + dx, HPos::Left) };
+            let style = style.pos(Pos::new(side, VPos::Top));
+            chart.draw_series([Text::new(name.clone(), (place, y + 3.0 * dy), style)])?;
         }
         chart
             .configure_series_labels()

@@ -130,7 +130,11 @@ pub(crate) struct OpenLoopArgs {
     #[command(flatten)]
     pub split: SplitArgs,
     /// Comma-separated generators; with options as NAME{"option": value}.
-    #[arg(long, value_name = "NAMES", default_value = "sage,prior,most-likely,random,oracle,cat,rule,log")]
+    #[arg(
+        long,
+        value_name = "NAMES",
+        default_value = "sage,prior,most-likely,random,oracle,king,king-published,adv-traj-opt,adv-traj-opt-published,cat,rule,log"
+    )]
     pub methods: Parts,
     #[command(flatten)]
     pub points: OperatingPointArgs,

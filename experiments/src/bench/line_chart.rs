@@ -11,7 +11,7 @@ use plotters::{
 /// Size of a picture, pixels.
 const SIZE: (u32, u32) = (760, 520);
 /// Colours of the lines, in their order; they repeat.
-const COLORS: [RGBColor; 8] = [
+const COLORS: [RGBColor; 12] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -20,6 +20,10 @@ const COLORS: [RGBColor; 8] = [
     RGBColor(230, 159, 0),
     RGBColor(90, 90, 90),
     RGBColor(148, 103, 189),
+    RGBColor(140, 86, 75),
+    RGBColor(128, 128, 0),
+    RGBColor(200, 30, 60),
+    RGBColor(20, 20, 20),
 ];
 
 /// A named line and its points.

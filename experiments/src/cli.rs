@@ -6,6 +6,7 @@ mod comparing;
 mod driving;
 mod learning;
 mod mixing;
+mod theory;
 
 use std::path::PathBuf;
 
@@ -26,6 +27,7 @@ pub(crate) use learning::{
     AblationArgs, ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg,
 };
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};
+pub(crate) use theory::TheoryArgs;
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
 pub(crate) const MOST_PROCEDURAL: u64 = 100_000;
@@ -46,7 +48,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Demo(DemoArgs),
-    /// List rewards, feasibility rules, objectives, backbones, mergers, generators and driving policies.
+    /// List rewards, feasibility rules, objectives, backbones, mergers, generators, driving policies and claims.
     #[command(after_help = "Example:\n  sage list --json")]
     List {
         /// Print one JSON object per line.
@@ -61,6 +63,7 @@ pub(crate) enum Command {
     Pretrain(PretrainArgs),
     Finetune(FinetuneArgs),
     Merge(MergeArgs),
+    Theory(TheoryArgs),
     Calibrate(CalibrateArgs),
     Predict(PredictArgs),
     Generate(GenerateArgs),

@@ -27,3 +27,4 @@ pub(crate) mod pretrain;
 pub(crate) mod scenes;
 pub(crate) mod score;
 pub(crate) mod simulate;
+pub(crate) mod theory;

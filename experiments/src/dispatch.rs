@@ -17,6 +17,7 @@ impl Cli {
         match self.command {
             Command::Demo(args) => commands::demo::run(&args, registries),
             Command::List { json } => commands::list::run(registries, json),
+            Command::Theory(args) => commands::theory::run(&args, registries),
             Command::Inspect(args) => commands::inspect::run(&args),
             Command::Score(args) => commands::score::run(&args, registries),
             Command::Draw(args) => commands::draw::run(&args),

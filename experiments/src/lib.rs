@@ -53,6 +53,7 @@ use sage_generators::{GeneratorKind, generators};
 use sage_merging::{Merger, mergers};
 use sage_sim::avoidable::TimeToReact;
 use sage_sim::policy::{EgoPolicy, policies};
+use theory_checks::{Check, claims};
 
 pub use cli::Cli;
 pub use operating_point::{OperatingPointSpec, RowKey};
@@ -71,6 +72,8 @@ pub struct Registries {
     pub generators: Registry<dyn GeneratorKind>,
     /// Driving policies.
     pub policies: Registry<dyn EgoPolicy>,
+    /// Claims of the theory.
+    pub claims: Registry<dyn Check>,
 }
 
 impl Registries {
@@ -85,6 +88,7 @@ impl Registries {
             mergers: mergers()?,
             generators: generators()?,
             policies: policies()?,
+            claims: claims()?,
         })
     }
 }

@@ -176,31 +176,3 @@ fn options_read_back_and_refuse_unknown_keys() {
     assert!(error.to_string().contains("unknown field `late_poze`"), "{error}");
     assert!(EnvironmentOptions::preset("other").is_none());
 }
-
-/// Resident memory, KiB, where the system tells it.
-fn resident() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
-    line.split_whitespace().nth(1)?.parse().ok()
-}
-
-#[test]
-fn ten_thousand_resets_leave_memory_flat() {
-    let scenes = scenes();
-    let options = Arc::new(EnvironmentOptions::training());
-    let mut seen = [0.0; LENGTH];
-    let mut reset = |count: usize| {
-        for k in 0..count {
-            let scene = scenes[k % scenes.len()].clone();
-            let mut episode = Environment::reset(scene, options.clone(), None, k as u64).unwrap();
-            episode.step(Action::default()).unwrap();
-            episode.observe(&mut seen);
-        }
-    };
-    reset(1000);
-    let before = resident();
-    reset(10_000);
-    if let (Some(before), Some(after)) = (before, resident()) {
-        assert!(after < before + 4096, "{before} KiB, then {after} KiB");
-    }
-}

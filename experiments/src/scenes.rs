@@ -160,6 +160,13 @@ impl Scenes {
         Ok(Self { entries })
     }
 
+    /// All scenes that can be read, each read once so that its content is known.
+    ///
+    /// *Errors*: the first file that is not a scene.
+    pub(crate) fn known(self) -> Result<Self> {
+        self.checked("read", |_| true)
+    }
+
     /// Scenes that have an ego path and an adversary that is valid *now*. Prints how many have not.
     ///
     /// *Errors*: a file is not a scene, or no scene is left.
@@ -225,7 +232,8 @@ impl Scenes {
         Ok(found)
     }
 
-    /// Number of scenes and a hash of their contents in order. Only valid after [`Scenes::attackable`].
+    /// Number of scenes and a hash of their contents in order. Only valid after [`Scenes::attackable`] or
+    /// [`Scenes::known`].
     pub(crate) fn describe(&self) -> String {
         description(self.entries.iter().map(|entry| entry.content.unwrap_or_default()))
     }

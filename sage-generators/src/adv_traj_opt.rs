@@ -65,7 +65,8 @@ impl Default for AdvTrajOpt {
     }
 }
 
-/// The generator `adv-traj-opt-published`: the plain gradient on the recorded positions, without clearance.
+/// The generator `adv-traj-opt-published`: the plain gradient on the recorded positions, without clearance. It starts from the
+/// recording, where the original draws ten random starts within 1 m; the bound of 10 m and the 50 scales are ours.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct PublishedAdvTrajOpt {
@@ -106,8 +107,9 @@ impl Entry<dyn GeneratorKind> for AdvTrajOpt {
 
 impl Entry<dyn GeneratorKind> for PublishedAdvTrajOpt {
     const NAME: &'static str = "adv-traj-opt-published";
-    const SUMMARY: &'static str = "projected gradient ascent on positions, as published";
-    const SOURCE: &'static str = "Zhang et al. (2022), as the SAGE paper configures it";
+    const SUMMARY: &'static str = "projected gradient ascent on positions, by the plain gradient";
+    const SOURCE: &'static str =
+        "Zhang et al. (2022), with the steps of the SAGE paper; start and bounds are not published";
     type Options = Self;
 
     fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
@@ -183,16 +185,18 @@ impl Search {
     }
 
     /// Moves a displacement along a gradient with respect to the positions. Headings follow from them and have none.
-    fn ascend(&self, displacement: &mut [Point], gradient: &mut [Point]) {
-        let mut length = 1.0;
-        if let Some(smoothing) = &self.smoothing {
-            smoothing.apply(gradient);
-            length = gradient.iter().map(|g| norm(*g)).fold(0.0, f64::max);
-        }
-        if length > 0.0 {
-            for (d, g) in displacement.iter_mut().zip(gradient) {
-                (0..2).for_each(|i| d[i] += self.rate / length * g[i]);
+    /// `scale` is that at which the gradient was taken.
+    fn ascend(&self, displacement: &mut [Point], gradient: &mut [Point], scale: f64) {
+        let step = match &self.smoothing {
+            None => self.rate * scale,
+            Some(smoothing) => {
+                smoothing.apply(gradient);
+                let length = gradient.iter().map(|g| norm(*g)).fold(0.0, f64::max);
+                if length > 0.0 { self.rate / length } else { 0.0 }
             }
+        };
+        for (d, g) in displacement.iter_mut().zip(gradient) {
+            (0..2).for_each(|i| d[i] += step * g[i]);
         }
     }
 
@@ -243,9 +247,10 @@ impl Optimiser for Search {
         let first = poses(displaced(&base, &displacement, 0.0), &base, now);
         let value = evaluate(&mut objective, &first, ctx, &mut gradient, 0)?;
         let mut best = Optimum::start(value, &first);
+        let mut scale = 1.0;
         for step in 1..=self.steps {
-            self.ascend(&mut displacement, &mut gradient.position);
-            let scale = self.scale(&base, &displacement, history, bounds);
+            self.ascend(&mut displacement, &mut gradient.position, scale);
+            scale = self.scale(&base, &displacement, history, bounds);
             let poses = poses(displaced(&base, &displacement, scale), &base, now);
             let value = evaluate(&mut objective, &poses, ctx, &mut gradient, step)?;
             best.update(value, &poses);

@@ -51,7 +51,7 @@ pub struct Avoidable {
     /// Whether someone else runs into the ego from behind on the last way out.
     pub hit_from_behind: Option<bool>,
     /// Whether one of them would do so too as a careful driver, who brakes 0.75 s after the way out begins; `None` if nobody
-    /// runs into the ego.
+    /// runs into the ego, or one that does is not recorded throughout.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hit_by_reactive_follower: Option<bool>,
     /// Whether a straight full brake after frame 90 stays free for 2 s.
@@ -237,9 +237,7 @@ impl Avoidance {
             avoidable_reason: None,
             avoidable_unhit: Some(unhit),
             hit_from_behind: Some(way.is_hit),
-            hit_by_reactive_follower: way
-                .is_hit
-                .then(|| self.is_hit_by_careful(&followers, &witness, way.start)),
+            hit_by_reactive_follower: self.is_hit_by_careful(&followers, &witness, way.start),
             recovers: Some(recovers),
             leaves_lane: self.leaves_lane(&witness, way.start),
             time_to_react: seconds(&react),
@@ -341,13 +339,20 @@ impl Avoidance {
     }
 
     /// Whether one of those who run into the ego would do so as a careful driver.
-    fn is_hit_by_careful(&self, followers: &[usize], witness: &Witness, start: usize) -> bool {
+    fn is_hit_by_careful(&self, followers: &[usize], witness: &Witness, start: usize) -> Option<bool> {
+        if followers.is_empty() {
+            return None;
+        }
         let size = &self.path[0];
         let area = |[x, y, heading]: &[f64; 3]| {
             OrientedBox::new([*x, *y], *heading, 2.0 * size.half_length, 2.0 * size.half_width)
         };
         let own: Vec<OrientedBox> = std::iter::once(self.path[0]).chain(witness.iter().map(area)).collect();
-        followers.iter().any(|track| follower::is_hit(&self.ctx, *track, &own, start))
+        let found = followers.iter().map(|track| follower::is_hit(&self.ctx, *track, &own, start));
+        let found: Vec<Option<bool>> = found.collect();
+        // One that is hit decides; without one, all must be known.
+        let is_hit = found.contains(&Some(true));
+        (is_hit || !found.contains(&None)).then_some(is_hit)
     }
 
     /// Whether a witness is out of every lane at a step after its start at which the path is in one; `None` on a map

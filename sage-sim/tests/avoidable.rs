@@ -141,10 +141,10 @@ fn a_follower_that_does_not_react_is_told_apart() {
     assert_eq!((out.avoidable, out.avoidable_unhit), (Some(true), Some(false)));
     assert_eq!(out.hit_from_behind, Some(true));
     assert!(is_within_frames(out.time_to_brake, 0.75), "{:?}", out.time_to_brake);
-    // The ego stops within 9 m, a careful driver behind it needs 9 m to react and 12.9 m to stop: 12.9 m between the
-    // bumpers suffice.
+    // The ego stops within 9 m. A careful driver behind it needs 9 m to react and 13 m to stop: 13 m between the bumpers
+    // suffice.
     let careful = |gap: f64| followed(-4.5 - gap).hit_by_reactive_follower;
-    assert_eq!((careful(11.5), careful(14.5)), (Some(true), Some(false)));
+    assert_eq!((careful(12.5), careful(13.5)), (Some(true), Some(false)));
     assert_eq!(followed(-60.0).hit_by_reactive_follower, None);
 }
 

@@ -9,7 +9,7 @@ mod reference;
 use std::sync::Arc;
 
 use hand_made::{car, prepared, road, scene};
-use sage_core::scene::{Scene, Track};
+use sage_core::scene::{MapFeature, MapKind, Scene, Track};
 use sage_sim::{
     episode::{End, Episode},
     policy::policies,
@@ -99,6 +99,21 @@ fn only_its_options_brake_harder_than_the_published_proposals() {
     assert!(hits(json!({"as_published": true})));
     assert!(!hits(json!({"brake": true})));
     assert!(!hits(json!({"any_speed": true})));
+}
+
+#[test]
+fn a_curb_close_beside_the_car_does_not_stop_it() {
+    // The side of the car is 0.15 m from the curb, nearer than the space that it keeps elsewhere.
+    let mut map = road();
+    let start = map.points.len();
+    map.points.extend((0..=300).map(|k| [-20.0 + 0.5 * f64::from(k), -1.15, 0.0]));
+    let points = start..map.points.len();
+    map.features.push(MapFeature { id: "curb".to_owned(), kind: MapKind::EdgeBoundary, points, lane: None });
+    for options in [json!({}), json!({"brake": true})] {
+        let driven = drive_scene(scene(map.clone(), vec![ego(5.0)]), &options);
+        let last = driven.drive.motions.last().unwrap();
+        assert!(last.position[0] > 60.0 && driven.drive.off_road.is_none(), "{options}: {:?}", last.position);
+    }
 }
 
 #[test]

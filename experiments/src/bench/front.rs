@@ -89,7 +89,7 @@ pub(crate) fn measure(row: &SceneRow) -> Measure {
 }
 
 /// The largest value on a front at no more than a penalty, straight between its points; that of the most realistic
-/// point if all are less realistic.
+/// point if all are less realistic, which happens in resamples.
 fn within(front: &[Measure], penalty: f64, value: fn(&Measure) -> f64) -> f64 {
     let at = |m: &Measure| (m.penalty <= penalty).then(|| value(m));
     let crossing = |pair: &[Measure]| {
@@ -139,8 +139,9 @@ pub(crate) fn markdown(fronts: &[Front]) -> Result<String> {
         let means = front.sweep.front();
         for (k, (point, mean)) in front.points.iter().zip(&means).enumerate() {
             let single = front.sweep.only(k);
+            let is_reached = first.sweep.front().iter().any(|own| own.penalty <= mean.penalty);
             let less = |value: fn(&Measure) -> f64, scale: f64| {
-                if std::ptr::eq(front, first) {
+                if std::ptr::eq(front, first) || !is_reached {
                     return "-".to_owned();
                 }
                 let difference = first.sweep.against(&single, |own, other| {
@@ -166,7 +167,7 @@ pub(crate) fn markdown(fronts: &[Front]) -> Result<String> {
     }
     out += "\n*Hypervolume*: area in the plane of R_adv and P_real that the mean over scenes dominates at any point, up to R_adv 0 \
         and P_real 6. *Equal P_real*: the best of the first generator's front, straight between its points, that is at least as \
-        realistic; its most realistic point where none is. *nll*: negative log-likelihood under the prior. Intervals: 95 %, bootstrap over scenes; \
+        realistic (- where none is); the best of several points of a front against one point, which favours the front a little. *nll*: negative log-likelihood under the prior. Intervals: 95 %, bootstrap over scenes; \
         differences are paired.\n";
     Ok(out)
 }

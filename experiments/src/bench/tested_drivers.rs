@@ -11,6 +11,7 @@ use sage_sim::{
     comfort::is_comfortable,
     drive::{Drive, Simulation, drive},
     fault::{FaultClass, classify},
+    vehicle::Motion,
 };
 
 use super::closed_loop::{Driven, DriverUnderTest};
@@ -25,6 +26,8 @@ pub(crate) struct TestedDriver {
     pub(crate) unattacked: Unattacked,
     /// For each generator and operating point, the attack on this driver; empty in scenes without an adversary.
     pub(crate) attacks: Vec<Attacked>,
+    /// Why there are no attacks, if they failed.
+    pub(crate) failed: Option<String>,
 }
 
 /// A drive in the unchanged scene.
@@ -36,7 +39,7 @@ pub(crate) struct Unattacked {
     pub(crate) off_road: Option<usize>,
     /// Progress by the progress of the log; `None` if that is too short.
     pub(crate) completion: Option<f64>,
-    /// Whether it keeps nuPlan's bounds of comfort.
+    /// Whether it keeps nuPlan's bounds of comfort, up to its first contact.
     pub(crate) is_comfortable: Option<bool>,
 }
 
@@ -59,7 +62,7 @@ impl Unattacked {
             contacts: contacts.collect(),
             off_road: drive.off_road,
             completion: (log >= SHORTEST_LOG).then(|| drive.progress / log),
-            is_comfortable: is_comfortable(&drive.motions),
+            is_comfortable: is_comfortable(until_contact(drive)),
         }
     }
 
@@ -77,6 +80,12 @@ impl Unattacked {
     }
 }
 
+/// The motions before the first contact: what it does to the car is not the driver's.
+fn until_contact(drive: &Drive) -> &[Motion] {
+    let end = drive.contacts.first().map_or(drive.motions.len(), |contact| contact.step);
+    &drive.motions[..end.min(drive.motions.len())]
+}
+
 /// What attacks the drivers.
 pub(crate) struct Attackers<'a> {
     pub(crate) generators: &'a [BuiltGenerator],
@@ -88,7 +97,7 @@ pub(crate) struct Attackers<'a> {
 
 /// A driver in a scene, unchanged and under all attacks.
 ///
-/// *Errors*: the driver cannot drive in the scene, or a generator fails.
+/// *Errors*: the driver cannot drive in the scene.
 pub(crate) fn test(
     data: &SceneData,
     scene: &Arc<SimScene>,
@@ -100,8 +109,12 @@ pub(crate) fn test(
     let drive = drive(&mut simulation)?;
     let unattacked = Unattacked::of(&drive, data, scene, &simulation);
     let attackers = attackers.filter(|_| data.scene.adversary.is_some());
-    let attacks = attackers.map(|attackers| attackers.attack(data, scene, ego, drive)).transpose()?;
-    Ok(TestedDriver { scene: data.name.clone(), unattacked, attacks: attacks.unwrap_or_default() })
+    let (attacks, failed) = match attackers.map(|attackers| attackers.attack(data, scene, ego, drive)) {
+        None => (Vec::new(), None),
+        Some(Ok(attacks)) => (attacks, None),
+        Some(Err(error)) => (Vec::new(), Some(format!("{error:#}"))),
+    };
+    Ok(TestedDriver { scene: data.name.clone(), unattacked, attacks, failed })
 }
 
 impl Attackers<'_> {

@@ -26,7 +26,7 @@ pub(crate) struct DriverRows {
 }
 
 type OfDrive = fn(&TestedDriver) -> Option<bool>;
-type OfAttack = fn(&Attacked) -> bool;
+type OfAttack = fn(&Attacked) -> Option<bool>;
 
 /// Shares of drives in the unchanged scenes.
 const UNATTACKED: [(&str, OfDrive); 4] = [
@@ -38,9 +38,10 @@ const UNATTACKED: [(&str, OfDrive); 4] = [
 
 /// Shares of attacks.
 const ATTACKED: [(&str, OfAttack); 3] = [
-    ("attack", |a| a.driven.verdict.attack),
-    ("at-fault attack", |a| a.driven.verdict.at_fault),
-    ("avoidable attack", |a| a.avoidable.as_ref().is_some_and(|found| found.avoidable == Some(true))),
+    ("attack", |a| Some(a.driven.verdict.attack)),
+    ("at-fault attack", |a| Some(a.driven.verdict.at_fault)),
+    // No attack, or whether it is avoidable where the search can say it.
+    ("avoidable attack", |a| a.avoidable.as_ref().map_or(Some(false), |found| found.avoidable)),
 ];
 
 /// All tables: unchanged scenes, attacks, and paired differences.
@@ -69,7 +70,7 @@ fn unattacked(out: &mut String, drivers: &[DriverRows]) -> Result<()> {
     }
     *out += "\nIntervals: 95 %, Wilson. An *at-fault contact* is one that nuPlan's rule gives to the ego; \
         only the first contact of a drive counts, and one on a map without lanes that its rule 5 would decide does not. *Off the road*: a road edge is touched before any contact. \
-        *Comfortable*: the drive keeps nuPlan's bounds of acceleration, jerk and turning; `replay` shows how many recordings do. \
+        *Comfortable*: up to its first contact the drive keeps nuPlan's bounds of acceleration, jerk and turning; `replay` shows how many recordings do. \
         *Completion* is progress along the logged route by that of the log, which may be below or above 1.\n";
     Ok(())
 }
@@ -86,7 +87,7 @@ fn attacked(out: &mut String, drivers: &[DriverRows], keys: &[RowKey]) -> Result
     for (k, key) in keys.iter().enumerate() {
         for DriverRows { name, scenes, .. } in drivers {
             let all: Vec<&Attacked> = scenes.iter().filter_map(|scene| scene.attacks.get(k)).collect();
-            let shares = ATTACKED.map(|(_, holds)| share(all.iter().map(|one| holds(one))));
+            let shares = ATTACKED.map(|(_, holds)| share(all.iter().filter_map(|one| holds(one))));
             let searched = all.iter().filter_map(|one| one.avoidable.as_ref());
             let of_attacks = share(searched.clone().filter_map(|found| found.avoidable));
             let times: Vec<f64> = searched.filter_map(|found| found.time_to_react).collect();
@@ -110,8 +111,8 @@ fn attacked(out: &mut String, drivers: &[DriverRows], keys: &[RowKey]) -> Result
     }
     *out += "\n*Attack*: the ego's first contact is with the adversary after *now*, the plan is feasible, and without the \
         attack there was no contact by then, nor one with the adversary in the next 0.5 s. *At-fault*: nuPlan's rule gives \
-        this contact to the ego. *Avoidable*: a search over braking and steering found a way on without contact, from the driver's own \
-        path up to then; *time to react*: how long before the contact the last one starts, mean. *Progress*: share of the logged route at the \
+        this contact to the ego. *Avoidable*: a search over braking and steering found a way on, from the driver's own path up to then, on which at most a replayed \
+        follower touches it from behind; *time to react*: how long before the contact the last one starts, mean over the attacks with one. *Progress*: share of the logged route at the \
         end, at most 1, mean. Intervals: 95 %, Wilson for shares, bootstrap for means.\n";
     Ok(())
 }
@@ -137,7 +138,7 @@ fn pairs(out: &mut String, drivers: &[DriverRows], keys: &[RowKey], seed: u64) -
     table(out, "without attack", drivers, &without, seed)?;
     for (k, key) in keys.iter().enumerate() {
         let under = ATTACKED.map(|(name, holds)| {
-            let value: Holds = Box::new(move |driver| driver.attacks.get(k).map(holds));
+            let value: Holds = Box::new(move |driver| driver.attacks.get(k).and_then(holds));
             (name, value)
         });
         table(out, &key.label(), drivers, &under, seed)?;
@@ -224,7 +225,7 @@ pub(crate) fn unattacked_csv(drivers: &[DriverRows]) -> Result<String> {
 pub(crate) fn attacks_csv(drivers: &[DriverRows], keys: &[RowKey]) -> Result<String> {
     let mut out =
         "policy,generator,scene,attack,at_fault_attack,contact_step,at_fault,impact_speed,avoidable,\
-        avoidable_reason,hit_from_behind,time_to_react,time_to_brake,time_to_steer,progress\n"
+        avoidable_reason,avoidable_unhit,hit_from_behind,hit_by_reactive_follower,time_to_react,time_to_brake,time_to_steer,progress\n"
             .to_owned();
     for driver in drivers {
         for (k, key) in keys.iter().enumerate() {
@@ -233,7 +234,7 @@ pub(crate) fn attacks_csv(drivers: &[DriverRows], keys: &[RowKey]) -> Result<Str
                 let found = one.avoidable.as_ref();
                 writeln!(
                     out,
-                    "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+                    "{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
                     field(&driver.name),
                     field(&key.label()),
                     field(&terminal::escaped_name(&row.scene)),
@@ -244,7 +245,9 @@ pub(crate) fn attacks_csv(drivers: &[DriverRows], keys: &[RowKey]) -> Result<Str
                     text(contact.map(|contact| contact.impact_speed)),
                     text(found.and_then(|found| found.avoidable)),
                     field(found.and_then(|found| found.avoidable_reason.as_deref()).unwrap_or_default()),
+                    text(found.and_then(|found| found.avoidable_unhit)),
                     text(found.and_then(|found| found.hit_from_behind)),
+                    text(found.and_then(|found| found.hit_by_reactive_follower)),
                     text(found.and_then(|found| found.time_to_react)),
                     text(found.and_then(|found| found.time_to_brake)),
                     text(found.and_then(|found| found.time_to_steer)),

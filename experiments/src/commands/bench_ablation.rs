@@ -213,7 +213,7 @@ fn table(tuned: &[Tuned], seed: u64) -> Result<String> {
         writeln!(out, "| {name} | {} | {} | {a} | {b} |", own.rows.len(), cells.join(" | "))?;
     }
     out += "\nThe first six columns are of the candidate with the largest R_adv among the feasible ones (w_adv = 1); the last two are \
-        expectations under the policy, without selection. Intervals: 95 %, bootstrap over scenes; differences are paired.\n";
+        expectations under the policy, without selection. One seed of tuning; intervals do not hold its variance. Intervals: 95 %, bootstrap over scenes; differences are paired.\n";
     Ok(out)
 }
 

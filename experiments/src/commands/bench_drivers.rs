@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use sage_backbones::training::SceneData;
 use sage_merging::Merger;
 use sage_sim::SimScene;
@@ -41,7 +41,7 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
     };
     let attackers = (!generators.is_empty()).then_some(&attackers);
     let out = Folder::make(&args.folder.out, args.folder.force)?;
-    let scenes = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?;
+    let scenes = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.known()?;
     let one = |data: &SceneData| -> Result<Vec<Result<TestedDriver>>> {
         let scene = SimScene::new(data.scene.clone(), data.index.clone())?;
         Ok(egos.iter().map(|ego| test(data, &scene, ego, attackers, args.seed)).collect())
@@ -68,7 +68,12 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
             Ok(tested) => {
                 for (driver, row) in drivers.iter_mut().zip(tested) {
                     match row {
-                        Ok(row) => driver.scenes.push(row),
+                        Ok(row) => {
+                            if let Some(problem) = &row.failed {
+                                fail(&format!("attacks on {}: ", driver.name), &anyhow!("{problem}"));
+                            }
+                            driver.scenes.push(row);
+                        }
                         Err(error) => fail(&format!("{}: ", driver.name), &error),
                     }
                 }

@@ -1,6 +1,7 @@
 //! Missing distance to road edges, medians and other road users, with a gradient.
 //!
-//! Discs cover the adversary and the others. Of each step the disc counts that misses most.
+//! Discs cover the adversary and the others. Of each step the disc counts that misses most. Heights are not compared, so a
+//! road above or below counts too.
 
 use super::{Context, DifferentiableReward, PoseGradient};
 use crate::{

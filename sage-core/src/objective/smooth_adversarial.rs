@@ -3,7 +3,8 @@
 //! The boxes' signed gap `s_t` (greatest separation along their four axes, negative in contact) gives a soft contact
 //! `q_t = σ(−s_t / τ)` and a soft "no contact before" `S_t = Π_{k<t} (1 − q_k)`. The value is
 //! `Σ_t 10 (1 − t/T) q_t S_t + S_T exp(−0.2 d) − γ max(0, s)` with soft minima `d` of the centres' distance and `s` of the gap.
-//! The last term pulls from afar and vanishes at contact. As τ → 0 with γ = 0 the value tends to the published reward.
+//! The last term pulls from afar and vanishes at contact. As τ → 0 with γ = 0 the value tends to the published
+//! reward, but for its cut at 20 m and a soft minimum of the distance.
 
 use super::{Context, DifferentiableReward, PoseGradient};
 use crate::{

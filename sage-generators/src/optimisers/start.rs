@@ -2,7 +2,7 @@
 
 use sage_core::{
     Error,
-    geometry::{Point, distance, wrap_angle},
+    geometry::{Point, distance, norm, wrap_angle},
     motion::{DT, HORIZON, NOW, Pose, State, Trajectory},
     objective::Context,
     scene::Track,
@@ -56,7 +56,15 @@ impl Start {
         let frames = filled(ctx)?;
         let pose = |frame: usize| frames[frame.min(frames.len() - 1)];
         let [before, last, now] = [NOW - 2, NOW - 1, NOW].map(pose);
-        let speed = distance(before.position, now.position) / (2.0 * DT);
+        // Held ends have no speed.
+        let track = ctx.adversary();
+        let is_known = [NOW - 2, NOW].iter().all(|frame| track.is_valid(*frame));
+        let recorded = || track.velocity.get(NOW).map_or(0.0, |v| norm(*v));
+        let speed = if is_known || !track.is_valid(NOW) {
+            distance(before.position, now.position) / (2.0 * DT)
+        } else {
+            recorded()
+        };
         Ok(Self {
             now: State { position: now.position, heading: now.heading, speed },
             before: [last.position, before.position],

@@ -12,31 +12,46 @@ const DECELERATION: f64 = 0.774 * 9.81;
 const RAMP: f64 = 0.6;
 
 /// Whether a follower that brakes on its recorded path, from 0.75 s after the ego's way out begins, meets the boxes of the
-/// ego. `own` has the ego's boxes at steps 0 to 80.
-pub(super) fn is_hit(ctx: &Context, track: usize, own: &[OrientedBox], start: usize) -> bool {
-    let Some(other) = ctx.others().iter().find(|other| other.track == track) else { return false };
-    let recorded: Vec<OrientedBox> = (start..=HORIZON).map_while(|step| other.at(step).copied()).collect();
-    let Some(first) = recorded.first() else { return false };
-    let mut follower = Follower { recorded: &recorded, leg: 0, into: 0.0 };
-    let (mut before, mut speed) = (*first, 0.0);
+/// ego; `None` if it is not recorded throughout. `own` has the ego's boxes at steps 0 to 80. One that met the ego before
+/// the way out began does so whatever it does then.
+pub(super) fn is_hit(ctx: &Context, track: usize, own: &[OrientedBox], start: usize) -> Option<bool> {
+    let other = ctx.others().iter().find(|other| other.track == track)?;
+    let recorded: Vec<OrientedBox> =
+        (0..=HORIZON.min(own.len() - 1)).map_while(|step| other.at(step).copied()).collect();
+    if recorded.len() < own.len() {
+        return None;
+    }
+    let meets =
+        |other: [&OrientedBox; 2], step: usize| boxes_meet_between(other, [&own[step - 1], &own[step]]);
+    if (1..=start).any(|step| meets([&recorded[step - 1], &recorded[step]], step)) {
+        return Some(true);
+    }
+    let mut follower = Follower { recorded: &recorded[start..], leg: 0, into: 0.0 };
+    let logged = |step: usize| distance(recorded[step - 1].center, recorded[step].center) / DT;
+    let (mut before, mut speed) = (recorded[start], logged(start.max(1)));
     for step in start + 1..own.len() {
         let time = DT * (step - start) as f64;
-        if let Some(pair) = recorded.get(step - 1 - start..=step - start) {
-            let logged = distance(pair[0].center, pair[1].center) / DT;
-            // Until it reacts, and never faster than recorded.
-            speed = if time <= DELAY { logged } else { f64::min(speed, logged) };
-        }
-        if time > DELAY {
-            let rising = ((time - DELAY) / RAMP).min(1.0);
-            speed = (speed - DT * rising * DECELERATION).max(0.0);
-        }
-        let Some(area) = follower.advance(speed * DT) else { return false };
-        if boxes_meet_between([&before, &area], [&own[step - 1], &own[step]]) {
-            return true;
+        // It keeps to its recording until it reacts, and is never faster than that.
+        let free = if time <= DELAY { logged(step) } else { speed.min(logged(step)) };
+        let next = (free - DT * DECELERATION * rising(time - DELAY)).max(0.0);
+        let way = if time <= DELAY { free } else { 0.5 * (free + next) } * DT;
+        speed = next;
+        let Some(area) = follower.advance(way) else { return Some(false) };
+        if meets([&before, &area], step) {
+            return Some(true);
         }
         before = area;
     }
-    false
+    Some(false)
+}
+
+/// Mean share of the deceleration over the step that ends a time after the reaction, seconds.
+fn rising(end: f64) -> f64 {
+    let filled = |time: f64| {
+        let time = time.max(0.0);
+        if time < RAMP { 0.5 * time * time / RAMP } else { time - 0.5 * RAMP }
+    };
+    (filled(end) - filled(end - DT)) / DT
 }
 
 /// A follower on its recorded path.

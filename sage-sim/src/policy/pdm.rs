@@ -57,9 +57,9 @@ pub struct PdmOptions {
     /// Lateral acceleration in curves, m/s²: a lower target speed before and in them. `null`, as published, for no
     /// limit.
     pub curves: Option<f64>,
-    /// Whether three traits of the published code are kept: every proposal starts with a step behind a standing leader,
+    /// Whether four traits of the published code are kept: every proposal starts with a step behind a standing leader,
     /// one that has a road user ahead may keep the length of a path's end, and those behind whose forecast passes
-    /// through the car become its leaders. Speeds may then fall below 0.
+    /// through the car become its leaders, and the desired gap may be negative. Speeds may then fall below 0.
     pub as_published: bool,
 }
 

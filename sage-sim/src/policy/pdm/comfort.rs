@@ -1,5 +1,5 @@
-//! Comfort of a driven proposal by nuPlan's bounds, smoothed as the planner does: accelerations by one parabola through
-//! all states.
+//! Comfort of a driven proposal by nuPlan's bounds: accelerations and jerk from one parabola through all states, as in the
+//! planner but for its first smoothing over eight states.
 
 use std::sync::LazyLock;
 

@@ -158,7 +158,15 @@ pub(super) fn stops(paths: &[Path; 3], outset: &Outset) -> impl Iterator<Item = 
 fn follow([along, speed]: [f64; 2], followed: &Followed, target: f64, as_published: bool) -> [f64; 2] {
     let model = model(target.max(1e-3));
     let gap = (followed.along - along - followed.half_length).max(model.standing_gap);
-    let wanted = model.acceleration(speed.max(0.0), Some(Leader { gap, speed: followed.speed }));
+    let wanted = if as_published {
+        // The published gap may become negative behind a much faster leader; its square then brakes.
+        let root = 2.0 * (model.acceleration * model.deceleration).sqrt();
+        let desired = model.standing_gap + speed * model.time_gap + speed * (speed - followed.speed) / root;
+        let free = 1.0 - (speed.max(0.0) / model.desired_speed).powf(model.exponent);
+        model.acceleration * (free - (desired / gap).powi(2))
+    } else {
+        model.acceleration(speed, Some(Leader { gap, speed: followed.speed }))
+    };
     let next = speed + DT * wanted.clamp(LIMITS[0], LIMITS[1]);
     [along + DT * speed, if as_published { next } else { next.max(0.0) }]
 }
@@ -217,6 +225,13 @@ fn leader(path: &Path, corridor: &[Ahead], along: f64, outset: &Outset) -> Follo
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn behind_a_much_faster_leader_only_the_published_formula_brakes() {
+        let followed = Followed { along: 5.0, speed: 20.0, half_length: 0.0 };
+        let gain = |as_published| (follow([0.0, 5.0], &followed, 15.0, as_published)[1] - 5.0) / DT;
+        assert!((gain(true) + 3.0).abs() < 1e-9 && gain(false) > 1.0, "{} {}", gain(true), gain(false));
+    }
 
     /// Gap at the end behind a standing leader, and whether it was ever below 0.
     fn stopped(speed: f64, gap: f64) -> (f64, bool) {

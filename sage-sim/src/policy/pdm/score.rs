@@ -128,15 +128,17 @@ impl Scorer<'_> {
             let rear = self.shape.rear;
             let class =
                 classify_meeting([&drive.areas[step], &area], speeds, other.kind, rear, self.view.index());
-            if class.is_at_fault() == Some(true) {
-                factor *= if other.kind == BodyKind::Object { OBJECT_CONTACT } else { 0.0 };
+            // On a map without lanes a side contact counts.
+            if class.is_at_fault() != Some(false) {
+                factor = f64::min(factor, if other.kind == BodyKind::Object { OBJECT_CONTACT } else { 0.0 });
                 first = Some(first.map_or(step, |before: usize| before.min(step)));
             }
         }
         (factor, first)
     }
 
-    /// Whether an edge or median is touched that the car did not touch at the start.
+    /// Whether an edge or median is touched. One that is nearer than the space at the start must only not be touched; one
+    /// that is touched there does not count.
     fn touches_edge(&self, drive: &Drive) -> bool {
         let edges = self.view.index().edges();
         let grown = |area: &OrientedBox| OrientedBox {
@@ -144,20 +146,23 @@ impl Scorer<'_> {
             half_width: area.half_width + EDGE_SPACE,
             ..*area
         };
-        let start = grown(&drive.areas[0]);
-        let touched_at_start = |k: usize| {
-            let segment = &edges.segments()[k];
-            start.intersects_segment(segment.a, segment.b)
+        let start = &drive.areas[0];
+        let features_at = |area: &OrientedBox| -> Vec<u32> {
+            let bounds = area.aabb();
+            let touched = edges.near(&bounds).flatten().map(|k| &edges.segments()[k]);
+            touched.filter(|s| area.intersects_segment(s.a, s.b)).map(|s| s.feature).collect()
         };
+        let (near, touched) = (features_at(&grown(start)), features_at(start));
         drive.areas.windows(2).any(|pair| {
             let [from, to] = [grown(&pair[0]), grown(&pair[1])];
-            let sweep = SweptBox::between(&from, &to);
+            let (wide, narrow) = (SweptBox::between(&from, &to), SweptBox::between(&pair[0], &pair[1]));
             let bounds = from.aabb().union(&to.aabb());
             edges.near(&bounds).flatten().any(|k| {
                 let segment = &edges.segments()[k];
+                let sweep = if near.contains(&segment.feature) { &narrow } else { &wide };
                 sweep.intersects_segment(segment.a, segment.b)
                     && self.view.is_level(segment.height(0.5))
-                    && !touched_at_start(k)
+                    && !touched.contains(&segment.feature)
             })
         })
     }
@@ -167,11 +172,10 @@ impl Scorer<'_> {
         let (mut run, mut longest) = (0.0, 0.0f64);
         for pair in drive.areas.windows(2) {
             let way = distance(pair[0].center, pair[1].center);
-            if way > 0.0 && self.is_against(&pair[1]) {
-                run += way;
+            // A car that stands keeps its run.
+            if way > 0.0 {
+                run = if self.is_against(&pair[1]) { run + way } else { 0.0 };
                 longest = longest.max(run);
-            } else {
-                run = 0.0;
             }
         }
         match longest {
@@ -243,7 +247,7 @@ impl Scorer<'_> {
     /// Whether a car is in several lanes, or its rear axle where lanes cross.
     fn is_between_lanes(&self, own: &OrientedBox, axle: Point) -> bool {
         let index = self.view.index();
-        if is_in_one_lane(own, index) == Some(false) {
+        if is_in_one_lane(own, index) != Some(true) {
             return true;
         }
         let lanes = lanes_at(axle, 0.0, index);

@@ -36,7 +36,9 @@ pub struct Outcome {
 pub enum Verdict {
     /// No violation.
     Holds,
-    /// At least one violation.
+    /// The claim is false as printed: its counterexamples are where they are predicted, and there is one.
+    FailsAsPrinted,
+    /// At least one comparison misses its tolerance.
     Violated,
 }
 
@@ -53,15 +55,20 @@ pub trait Check: Send + Sync {
     /// Wrong versions of the formula that the check must notice.
     fn planted(&self) -> &'static [&'static str];
 
+    /// The verdict if every comparison comes out.
+    fn confirmed(&self) -> Verdict {
+        Verdict::Holds
+    }
+
     /// Runs the experiment, with one of the planted errors in place of the formula if given.
     fn run(&self, setup: &Setup, planted: Option<usize>) -> Outcome;
 }
 
 /// The verdict of an outcome. Stored cases count as comparisons.
-pub fn judge(_: &dyn Check, outcome: &Outcome) -> Verdict {
+pub fn judge(check: &dyn Check, outcome: &Outcome) -> Verdict {
     let is_fixed = outcome.fixture_error.is_none_or(|error| error <= 1.0);
     if outcome.violations == 0 && outcome.comparisons > 0 && is_fixed {
-        Verdict::Holds
+        check.confirmed()
     } else {
         Verdict::Violated
     }
@@ -92,6 +99,11 @@ impl Tally {
             self.violations += 1;
         }
         self.worst = if margin.is_nan() { f64::NEG_INFINITY } else { self.worst.min(margin) };
+    }
+
+    /// Notes whether something holds.
+    pub fn holds(&mut self, holds: bool) {
+        self.equal(f64::from(u8::from(holds)), 1.0, 0.5);
     }
 
     /// Compares with a stored number.

@@ -4,6 +4,7 @@ mod t0;
 mod t1;
 mod t2;
 mod t3;
+mod t6;
 
 use sage_core::seed::Rng;
 
@@ -11,6 +12,7 @@ pub use t0::TwoExpertsAreAnyPreference;
 pub use t1::EqualCurvature;
 pub use t2::UnequalCurvature;
 pub use t3::GeneralHessians;
+pub use t6::PrintedBound;
 
 use crate::Preference;
 

@@ -36,5 +36,6 @@ pub fn claims() -> Result<Registry<dyn Check>, Error> {
         .with::<claims::TwoExpertsAreAnyPreference>()?
         .with::<claims::EqualCurvature>()?
         .with::<claims::UnequalCurvature>()?
-        .with::<claims::GeneralHessians>()
+        .with::<claims::GeneralHessians>()?
+        .with::<claims::PrintedBound>()
 }

@@ -6,7 +6,8 @@ use clap::Args;
 ///
 /// A line for each claim: comparisons of its formula with a direct computation on seeded instances, those that
 /// miss their tolerance, the smallest share of the tolerance that is left, the largest error of stored cases as a
-/// share of theirs, and the verdict. The exit code is 0 if all claims hold.
+/// share of theirs, and the verdict: a claim holds, or fails as printed, with counterexamples where they are
+/// predicted. The exit code is 0 if every verdict is the expected one.
 ///
 /// With --plant every claim also runs with wrong versions of its formula, which its check must notice. The last
 /// line says how many were, and the exit code is 0 if all were.

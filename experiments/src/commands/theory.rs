@@ -36,18 +36,19 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
     Ok(if is_well { Outcome::Done } else { Outcome::Partial })
 }
 
-/// A line for each claim, and whether all hold.
+/// A line for each claim, and whether all verdicts are the expected ones.
 fn checked(claims: &[Claim], setup: &Setup, as_json: bool) -> Result<(String, bool)> {
     let found: Vec<Found> = claims.par_iter().map(|claim| claim.check.run(setup, None)).collect();
     let mut out = String::new();
     if !as_json {
-        let head = "claim  comparisons  violations  tolerance left  stored cases  verdict   statement";
+        let head =
+            "claim  comparisons  violations  tolerance left  stored cases  verdict           statement";
         writeln!(out, "{head}")?;
     }
     let mut all_hold = true;
     for (claim, found) in claims.iter().zip(&found) {
         let verdict = judge(&*claim.check, found);
-        all_hold &= verdict == Verdict::Holds;
+        all_hold &= verdict == claim.check.confirmed();
         if as_json {
             let row = json!({
                 "claim": claim.id, "statement": claim.statement, "source": claim.source,
@@ -60,7 +61,7 @@ fn checked(claims: &[Claim], setup: &Setup, as_json: bool) -> Result<(String, bo
         let stored = found.fixture_error.map_or("-".to_owned(), |error| format!("{error:.1e}"));
         writeln!(
             out,
-            "{:<5}  {:>11}  {:>10}  {:>13.2}%  {stored:>12}  {:<8}  {}",
+            "{:<5}  {:>11}  {:>10}  {:>13.2}%  {stored:>12}  {:<16}  {}",
             claim.id,
             found.comparisons,
             found.violations,
@@ -99,6 +100,7 @@ fn planted(claims: &[Claim], setup: &Setup, as_json: bool) -> Result<(String, bo
 fn word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Holds => "holds",
+        Verdict::FailsAsPrinted => "fails as printed",
         Verdict::Violated => "VIOLATED",
     }
 }

@@ -25,22 +25,22 @@ impl Entry<dyn Check> for UnequalCurvature {
 }
 
 /// Rewards with curvatures `a` and `b` whose optima are 1 apart. Everything lies on one line, the adversarial optimum at 1.
-struct Line {
-    a: f64,
-    b: f64,
+pub(super) struct Line {
+    pub(super) a: f64,
+    pub(super) b: f64,
 }
 
 impl Line {
-    fn curvature(&self, weight: f64) -> f64 {
+    pub(super) fn curvature(&self, weight: f64) -> f64 {
         weight * self.a + (1.0 - weight) * self.b
     }
 
-    fn optimum(&self, weight: f64) -> f64 {
+    pub(super) fn optimum(&self, weight: f64) -> f64 {
         weight * self.a / self.curvature(weight)
     }
 
     /// Best λ and gap by search on the segment.
-    fn direct(&self, at: Preference) -> [f64; 2] {
+    pub(super) fn direct(&self, at: Preference) -> [f64; 2] {
         let [hat, first, second] = [at.mu, at.beta, 1.0 - at.beta].map(|weight| self.optimum(weight));
         let point = |lambda: f64| (1.0 - lambda) * second + lambda * first;
         let best = root(|lambda| (hat - point(lambda)) * (first - second));

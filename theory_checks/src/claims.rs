@@ -5,6 +5,8 @@ mod t1;
 mod t2;
 mod t3;
 mod t6;
+mod t8;
+mod t9;
 
 use sage_core::seed::Rng;
 
@@ -13,6 +15,8 @@ pub use t1::EqualCurvature;
 pub use t2::UnequalCurvature;
 pub use t3::GeneralHessians;
 pub use t6::PrintedBound;
+pub use t8::VectorForm;
+pub use t9::NormAndCosine;
 
 use crate::Preference;
 

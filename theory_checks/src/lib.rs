@@ -37,5 +37,7 @@ pub fn claims() -> Result<Registry<dyn Check>, Error> {
         .with::<claims::EqualCurvature>()?
         .with::<claims::UnequalCurvature>()?
         .with::<claims::GeneralHessians>()?
-        .with::<claims::PrintedBound>()
+        .with::<claims::PrintedBound>()?
+        .with::<claims::VectorForm>()?
+        .with::<claims::NormAndCosine>()
 }

@@ -1,0 +1,62 @@
+//! T8: interpolating weights is adding preference vectors.
+
+use sage_core::{
+    registry::{Entry, NoOptions},
+    seed::Rng,
+};
+
+use super::normals;
+use crate::{Check, Outcome, Setup, Tally};
+
+/// Dimensions, in turn.
+const DIMENSIONS: [usize; 4] = [1, 10, 100, 1000];
+const TOLERANCE: f64 = 1e-12;
+
+/// The claim T8.
+pub struct VectorForm;
+
+impl Entry<dyn Check> for VectorForm {
+    const NAME: &'static str = "T8";
+    const SUMMARY: &'static str = "interpolating weights adds preference vectors to the prior, for any λ";
+    const SOURCE: &'static str = "SAGE (ICLR 2026), preference vectors";
+    type Options = NoOptions;
+
+    fn build(_: NoOptions) -> Result<Box<dyn Check>, String> {
+        Ok(Box::new(Self))
+    }
+}
+
+impl Check for VectorForm {
+    fn formula(&self) -> &'static str {
+        "θ(λ) = θ_ref + λ Δ_adv + (1 − λ) Δ_real with Δ_i = θ_i − θ_ref"
+    }
+
+    fn caveat(&self) -> &'static str {
+        "because the coefficients sum to 1; otherwise the prior matters"
+    }
+
+    fn planted(&self) -> &'static [&'static str] {
+        &["coefficients exchanged", "θ_ref added twice"]
+    }
+
+    fn run(&self, setup: &Setup, planted: Option<usize>) -> Outcome {
+        let mut rng = Rng::new(setup.seed, "T8", "instances");
+        let mut tally = Tally::default();
+        for instance in 0..setup.instances {
+            let dimension = DIMENSIONS[instance % DIMENSIONS.len()];
+            let [prior, adversarial, realistic] = [(); 3].map(|()| normals(&mut rng, dimension));
+            // Beyond the experts too.
+            let lambda = rng.uniform(-1.0, 2.0);
+            let mut worst = 0.0f64;
+            for k in 0..dimension {
+                let mixed = (1.0 - lambda) * realistic[k] + lambda * adversarial[k];
+                let deltas = [adversarial[k] - prior[k], realistic[k] - prior[k]];
+                let [a, b] = if planted == Some(0) { [1.0 - lambda, lambda] } else { [lambda, 1.0 - lambda] };
+                let start = if planted == Some(1) { 2.0 * prior[k] } else { prior[k] };
+                worst = worst.max((start + a * deltas[0] + b * deltas[1] - mixed).abs());
+            }
+            tally.equal(worst, 0.0, TOLERANCE);
+        }
+        tally.outcome()
+    }
+}

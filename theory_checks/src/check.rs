@@ -65,7 +65,7 @@ pub trait Check: Send + Sync {
 }
 
 /// The verdict of an outcome. Stored cases count as comparisons.
-pub fn judge(check: &dyn Check, outcome: &Outcome) -> Verdict {
+pub fn evaluate(check: &dyn Check, outcome: &Outcome) -> Verdict {
     let is_fixed = outcome.fixture_error.is_none_or(|error| error <= 1.0);
     if outcome.violations == 0 && outcome.comparisons > 0 && is_fixed {
         check.confirmed()

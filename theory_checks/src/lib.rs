@@ -8,14 +8,14 @@
 //! expert 2 `R_{1−β}`, with β in (0.5, 1]. `θ(λ) = (1 − λ) θ_2 + λ θ_1`, and `gap(μ) = R_μ(θ̂_μ) − max_λ R_μ(θ(λ))` over λ in [0, 1].
 //!
 //! ```
-//! use theory_checks::{Setup, Verdict, claims, judge};
+//! use theory_checks::{Setup, Verdict, claims, evaluate};
 //!
 //! let claims = claims()?;
 //! let t1 = claims.build_default("T1")?;
 //! let setup = Setup { instances: 20, ..Setup::default() };
-//! assert_eq!(judge(&*t1, &t1.run(&setup, None)), Verdict::Holds);
+//! assert_eq!(evaluate(&*t1, &t1.run(&setup, None)), Verdict::Holds);
 //! // Without the factor ½ the formula is wrong, and the check says so.
-//! assert_eq!(judge(&*t1, &t1.run(&setup, Some(0))), Verdict::Violated);
+//! assert_eq!(evaluate(&*t1, &t1.run(&setup, Some(0))), Verdict::Violated);
 //! # Ok::<(), sage_core::Error>(())
 //! ```
 
@@ -23,7 +23,7 @@ mod check;
 mod claims;
 mod preference;
 
-pub use check::{Check, Outcome, Setup, Tally, Verdict, judge};
+pub use check::{Check, Outcome, Setup, Tally, Verdict, evaluate};
 pub use preference::Preference;
 
 use sage_core::{Error, registry::Registry};

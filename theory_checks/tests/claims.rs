@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
-use theory_checks::{Setup, Verdict, claims, judge};
+use theory_checks::{Setup, Verdict, claims, evaluate};
 
 #[test]
 fn claims_hold_and_planted_errors_are_noticed() {
@@ -11,12 +11,12 @@ fn claims_hold_and_planted_errors_are_noticed() {
     for entry in claims.entries() {
         let check = claims.build_default(entry.name).unwrap();
         let outcome = check.run(&setup, None);
-        assert_eq!(judge(&*check, &outcome), check.confirmed(), "{}: {outcome:?}", entry.name);
+        assert_eq!(evaluate(&*check, &outcome), check.confirmed(), "{}: {outcome:?}", entry.name);
         assert_ne!(check.confirmed(), Verdict::Violated);
         assert!(!check.planted().is_empty() && outcome.comparisons >= setup.instances);
         for (k, planted) in check.planted().iter().enumerate() {
             let outcome = check.run(&setup, Some(k));
-            assert_eq!(judge(&*check, &outcome), Verdict::Violated, "{}: {planted}", entry.name);
+            assert_eq!(evaluate(&*check, &outcome), Verdict::Violated, "{}: {planted}", entry.name);
         }
         assert_eq!(check.run(&setup, None), outcome, "the same seed gives the same bits");
     }

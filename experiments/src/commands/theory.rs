@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use anyhow::Result;
 use rayon::prelude::*;
 use serde_json::json;
-use theory_checks::{Check, Outcome as Found, Setup, Verdict, judge};
+use theory_checks::{Check, Outcome as Found, Setup, Verdict, evaluate};
 
 use crate::{Outcome, Registries, cli::TheoryArgs, output};
 
@@ -47,7 +47,7 @@ fn checked(claims: &[Claim], setup: &Setup, as_json: bool) -> Result<(String, bo
     }
     let mut all_hold = true;
     for (claim, found) in claims.iter().zip(&found) {
-        let verdict = judge(&*claim.check, found);
+        let verdict = evaluate(&*claim.check, found);
         all_hold &= verdict == claim.check.confirmed();
         if as_json {
             let row = json!({
@@ -79,7 +79,7 @@ fn planted(claims: &[Claim], setup: &Setup, as_json: bool) -> Result<(String, bo
         claims.iter().flat_map(|claim| (0..claim.check.planted().len()).map(move |k| (claim, k))).collect();
     let caught: Vec<bool> = cases
         .par_iter()
-        .map(|(claim, k)| judge(&*claim.check, &claim.check.run(setup, Some(*k))) == Verdict::Violated)
+        .map(|(claim, k)| evaluate(&*claim.check, &claim.check.run(setup, Some(*k))) == Verdict::Violated)
         .collect();
     let mut out = String::new();
     for ((claim, k), caught) in cases.iter().zip(&caught) {

@@ -1,12 +1,9 @@
 //! T0: any preference is a combination of the two experts' rewards.
 
-use sage_core::{
-    registry::{Entry, NoOptions},
-    seed::Rng,
-};
+use sage_core::registry::{Entry, NoOptions};
 
-use super::preference;
-use crate::{Check, Outcome, Setup, Tally};
+use super::instances::preference;
+use crate::{Check, Report, Setup};
 
 /// Rounding of one operation; `1/(2β − 1)` amplifies it.
 const ROUNDING: f64 = 1e-14;
@@ -30,6 +27,10 @@ impl Check for TwoExpertsAreAnyPreference {
         "R_μ = c₁ R₁ + c₂ R₂ with c₁ = (μ + β − 1)/(2β − 1), c₂ = (β − μ)/(2β − 1), c₁ + c₂ = 1"
     }
 
+    fn experiment(&self) -> &'static str {
+        "1000 random μ and β, each with 4 pairs of normal numbers as values or components of gradients; tolerance 1e-14 (|c₁| + |c₂|)"
+    }
+
     fn caveat(&self) -> &'static str {
         "an identity of values and gradients; the coefficients are negative outside [1 − β, β]"
     }
@@ -38,11 +39,9 @@ impl Check for TwoExpertsAreAnyPreference {
         &["c₁ and c₂ exchanged"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Outcome {
-        let mut rng = Rng::new(setup.seed, "T0", "instances");
-        let mut tally = Tally::default();
-        for instance in 0..setup.instances {
-            let at = preference(&mut rng, instance);
+    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+        let tally = setup.each("T0", 1000, |instance, rng, tally| {
+            let at = preference(rng, instance);
             let [mut c1, mut c2] = at.coefficients();
             if planted == Some(0) {
                 (c1, c2) = (c2, c1);
@@ -57,7 +56,7 @@ impl Check for TwoExpertsAreAnyPreference {
                 let combined = c1 * mixed(at.beta) + c2 * mixed(1.0 - at.beta);
                 tally.equal(combined, mixed(at.mu), tolerance * scale);
             }
-        }
-        tally.outcome()
+        });
+        tally.report(vec![], vec![])
     }
 }

@@ -1,12 +1,13 @@
 //! T1: with equal curvature the experts' segment holds every optimum between them.
 
-use sage_core::{
-    registry::{Entry, NoOptions},
-    seed::Rng,
-};
+use sage_core::registry::{Entry, NoOptions};
 
-use super::{normals, preference, root};
-use crate::{Check, Outcome, Setup, Tally};
+use super::instances::preference;
+use crate::{
+    Check, Report, Setup,
+    random::{log_uniform, normals},
+    root,
+};
 
 /// Dimensions, in turn.
 const DIMENSIONS: [usize; 5] = [1, 2, 10, 100, 1000];
@@ -32,46 +33,42 @@ impl Check for EqualCurvature {
         "R_i = C_i − η/2 ‖θ − θ_i*‖²: best λ = clip(c₁, 0, 1), gap = η/2 (μ − clip(μ, 1 − β, β))² ‖θ_adv* − θ_real*‖²"
     }
 
+    fn experiment(&self) -> &'static str {
+        "1000 instances in dimensions 1, 2, 10, 100 and 1000, β in {0.51, 0.6, 0.75, 0.9, 1}, η in 10^[-1, 1], normal optima; best λ by bisection of the slope, gap as ½ xᵀHx"
+    }
+
     fn caveat(&self) -> &'static str {
-        "λ = μ, as in experiments, is optimal for (1 − β) + (2β − 1) μ, not for μ"
+        "the distance of the experts is (2β − 1) times that of the optima; what λ = μ costs is T1b"
     }
 
     fn planted(&self) -> &'static [&'static str] {
         &["without the factor ½", "μ clipped to [0, 1]", "λ = μ"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Outcome {
-        let mut rng = Rng::new(setup.seed, "T1", "instances");
-        let mut tally = Tally::default();
-        for instance in 0..setup.instances {
+    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+        let tally = setup.each("T1", 1000, |instance, rng, tally| {
             let dimension = DIMENSIONS[instance % DIMENSIONS.len()];
             // Dimensions and values of β have the same period.
-            let at = preference(&mut rng, instance + instance / DIMENSIONS.len());
-            let eta = 10f64.powf(rng.uniform(-1.0, 1.0));
-            let [adversarial, realistic] = [(); 2].map(|()| normals(&mut rng, dimension));
-            let optimum = |weight: f64| -> Vec<f64> {
-                adversarial.iter().zip(&realistic).map(|(a, r)| weight * a + (1.0 - weight) * r).collect()
-            };
+            let at = preference(rng, instance + instance / DIMENSIONS.len());
+            let eta = log_uniform(rng, [-1.0, 1.0]);
+            let [adversarial, realistic] = [(); 2].map(|()| normals(rng, dimension));
+            let optimum = |weight: f64| weight * &adversarial + (1.0 - weight) * &realistic;
             let (hat, first, second) = (optimum(at.mu), optimum(at.beta), optimum(1.0 - at.beta));
-            let on_segment = |lambda: f64| -> Vec<f64> {
-                first.iter().zip(&second).map(|(a, b)| (1.0 - lambda) * b + lambda * a).collect()
-            };
-            let squared = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>();
-            // The gradient of R_μ along the segment, without the formula.
-            let slope = |lambda: f64| -> f64 {
-                let here = on_segment(lambda);
-                (0..dimension).map(|k| (hat[k] - here[k]) * (first[k] - second[k])).sum()
-            };
-            let best = root(slope);
-            let direct = 0.5 * eta * squared(&on_segment(best), &hat);
-            let distance = squared(&adversarial, &realistic);
+            let at_lambda = |lambda: f64| (1.0 - lambda) * &second + lambda * &first;
+            // The slope of R_μ along the segment, without the formula.
+            let way = &first - &second;
+            let best = root(|lambda| (&hat - at_lambda(lambda)).dot(&way));
+            let direct = 0.5 * eta * (at_lambda(best) - &hat).norm_squared();
+            let distance = (&adversarial - &realistic).norm_squared();
             let clipped = if planted == Some(1) { at.mu.clamp(0.0, 1.0) } else { at.clipped() };
             let half = if planted == Some(0) { 1.0 } else { 0.5 };
             let gap = half * eta * (at.mu - clipped) * (at.mu - clipped) * distance;
             tally.equal(gap, direct, TOLERANCE * (1.0 + eta * distance));
             let lambda = if planted == Some(2) { at.mu } else { at.coefficients()[0].clamp(0.0, 1.0) };
             tally.equal(lambda, best, TOLERANCE);
-        }
-        tally.outcome()
+            let apart = (2.0 * at.beta - 1.0).powi(2) * distance;
+            tally.equal(way.norm_squared(), apart, TOLERANCE * (1.0 + distance));
+        });
+        tally.report(vec![], vec![])
     }
 }

@@ -1,14 +1,18 @@
 //! T2: with unequal scalar curvatures the interval is the same, and λ is not linear in μ.
 
-use sage_core::{
-    registry::{Entry, NoOptions},
-    seed::Rng,
-};
+use sage_core::registry::{Entry, NoOptions};
 
-use super::{preference, root};
-use crate::{Check, Outcome, Preference, Setup, Tally};
+use super::instances::preference;
+use crate::{Bounds, Check, Preference, Report, Setup, random::log_uniform, reward::Curvature, root};
 
 const TOLERANCE: f64 = 1e-9;
+/// b and μ for a = 1 and β = 0.9, then λ, gap, max-bound and min-bound.
+const FIXTURE: [(f64, f64, [f64; 4]); 4] = [
+    (1.0, 0.0, [0.0, 0.005, 0.405, 0.005]),
+    (4.0, 0.3, [0.10483871, 0.0, 0.549723230, 0.00754023422]),
+    (4.0, 0.95, [1.0, 0.010290712632, 0.367135643, 0.010290712632]),
+    (4.0, 0.02, [0.0, 9.4922745492e-4, 0.930405791, 9.4922745492e-4]),
+];
 
 /// The claim T2.
 pub struct UnequalCurvature;
@@ -47,7 +51,18 @@ impl Line {
         [best, 0.5 * self.curvature(at.mu) * (point(best) - hat).powi(2)]
     }
 
-    /// The same by the formulas.
+    /// Distance between the experts.
+    pub(super) fn distance(&self, beta: f64) -> f64 {
+        self.optimum(beta) - self.optimum(1.0 - beta)
+    }
+
+    /// Bounds of the gap.
+    pub(super) fn bounds(&self, at: Preference) -> Bounds {
+        let curvatures = [self.a, self.b].map(|curvature| Curvature { m: curvature, l: curvature });
+        Bounds::of(at, curvatures, self.distance(at.beta))
+    }
+
+    /// The same as [`Self::direct`] by the formulas.
     fn formula(&self, at: Preference, planted: Option<usize>) -> [f64; 2] {
         let [c1, c2] = at.coefficients();
         let [first, second] = [at.beta, 1.0 - at.beta].map(|weight| self.curvature(weight));
@@ -65,6 +80,10 @@ impl Check for UnequalCurvature {
         "λ = c₁ L(β)/L(μ) with L(w) = w a + (1 − w) b; gap = a² b² (μ − μ_c)² Δ² / (2 L(μ) L(μ_c)²), μ_c = clip(μ, 1 − β, β)"
     }
 
+    fn experiment(&self) -> &'static str {
+        "1000 instances, curvatures in 10^[-1, 1], β in {0.51, 0.6, 0.75, 0.9, 1}, optima 1 apart (all optima lie on one line); best λ by bisection, gap as ½ L(μ) x²"
+    }
+
     fn caveat(&self) -> &'static str {
         "needs scalar curvatures: with general Hessians the optima leave the segment (T3)"
     }
@@ -73,26 +92,32 @@ impl Check for UnequalCurvature {
         &["λ = c₁", "L(μ)² in place of L(μ_c)²", "a and b exchanged"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Outcome {
-        let mut rng = Rng::new(setup.seed, "T2", "instances");
-        let mut tally = Tally::default();
+    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
         let formula = |line: &Line, at: Preference| {
             let exchanged = Line { a: line.b, b: line.a };
             if planted == Some(2) { exchanged.formula(at, None) } else { line.formula(at, planted) }
         };
-        for instance in 0..setup.instances {
-            let at = preference(&mut rng, instance);
-            let [a, b] = [(); 2].map(|()| 10f64.powf(rng.uniform(-1.0, 1.0)));
+        let mut tally = setup.each("T2", 1000, |instance, rng, tally| {
+            let at = preference(rng, instance);
+            let [a, b] = [(); 2].map(|()| log_uniform(rng, [-1.0, 1.0]));
             let line = Line { a, b };
             let ([lambda, gap], [best, direct]) = (formula(&line, at), line.direct(at));
             tally.equal(lambda, best, TOLERANCE);
             tally.equal(gap, direct, TOLERANCE * (1.0 + a + b));
+            let width = 2.0 * at.beta - 1.0;
+            let apart = a * b * width / (line.curvature(at.beta) * line.curvature(1.0 - at.beta));
+            tally.equal(line.distance(at.beta), apart, TOLERANCE * (1.0 + apart));
+        });
+        for (b, mu, [lambda, gap, max, min]) in FIXTURE {
+            let (line, at) = (Line { a: 1.0, b }, Preference { mu, beta: 0.9 });
+            let ([found, direct], bounds) = (formula(&line, at), line.bounds(at));
+            tally.stored(found, lambda, 1e-8);
+            tally.stored(direct, gap, 1e-12);
+            tally.stored(bounds.max(), max, 1e-9);
+            tally.stored(bounds.min(), min, 1e-11);
+            tally.stored(bounds.centre().unwrap_or(0.0), 0.0, 1e-12);
         }
-        let stored = |b: f64, mu: f64| formula(&Line { a: 1.0, b }, Preference { mu, beta: 0.9 });
-        tally.stored(stored(1.0, 0.0)[1], 0.005, 1e-12);
-        tally.stored(stored(4.0, 0.3)[0], 0.10483871, 1e-8);
-        tally.stored(stored(4.0, 0.95)[1], 0.010290712632, 1e-12);
-        tally.stored(stored(4.0, 0.02)[1], 9.4922745492e-4, 1e-13);
-        tally.outcome()
+        tally.stored(Line { a: 1.0, b: 4.0 }.distance(0.9), 0.66528067, 1e-8);
+        tally.report(vec![], vec![])
     }
 }

@@ -1,12 +1,8 @@
 //! T8: interpolating weights is adding preference vectors.
 
-use sage_core::{
-    registry::{Entry, NoOptions},
-    seed::Rng,
-};
+use sage_core::registry::{Entry, NoOptions};
 
-use super::normals;
-use crate::{Check, Outcome, Setup, Tally};
+use crate::{Check, Report, Setup, random::normals};
 
 /// Dimensions, in turn.
 const DIMENSIONS: [usize; 4] = [1, 10, 100, 1000];
@@ -31,6 +27,10 @@ impl Check for VectorForm {
         "θ(λ) = θ_ref + λ Δ_adv + (1 − λ) Δ_real with Δ_i = θ_i − θ_ref"
     }
 
+    fn experiment(&self) -> &'static str {
+        "1000 instances in dimensions 1, 10, 100 and 1000, normal weights, λ in [−1, 2]"
+    }
+
     fn caveat(&self) -> &'static str {
         "because the coefficients sum to 1; otherwise the prior matters"
     }
@@ -39,12 +39,10 @@ impl Check for VectorForm {
         &["coefficients exchanged", "θ_ref added twice"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Outcome {
-        let mut rng = Rng::new(setup.seed, "T8", "instances");
-        let mut tally = Tally::default();
-        for instance in 0..setup.instances {
+    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+        let tally = setup.each("T8", 1000, |instance, rng, tally| {
             let dimension = DIMENSIONS[instance % DIMENSIONS.len()];
-            let [prior, adversarial, realistic] = [(); 3].map(|()| normals(&mut rng, dimension));
+            let [prior, adversarial, realistic] = [(); 3].map(|()| normals(rng, dimension));
             // Beyond the experts too.
             let lambda = rng.uniform(-1.0, 2.0);
             let mut worst = 0.0f64;
@@ -56,7 +54,7 @@ impl Check for VectorForm {
                 worst = worst.max((start + a * deltas[0] + b * deltas[1] - mixed).abs());
             }
             tally.equal(worst, 0.0, TOLERANCE);
-        }
-        tally.outcome()
+        });
+        tally.report(vec![], vec![])
     }
 }

@@ -1,12 +1,12 @@
 //! T9: norm and cosine of the preference vector along the path.
 
-use sage_core::{
-    registry::{Entry, NoOptions},
-    seed::Rng,
-};
+use nalgebra::DVector;
+use sage_core::registry::{Entry, NoOptions};
 
-use super::normals;
-use crate::{Check, Outcome, Setup, Tally};
+use crate::{
+    Check, Report, Setup, Verdict,
+    random::{log_uniform, normals},
+};
 
 /// Dimensions, in turn.
 const DIMENSIONS: [usize; 4] = [2, 3, 10, 100];
@@ -28,59 +28,64 @@ impl Entry<dyn Check> for NormAndCosine {
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
 impl Check for NormAndCosine {
     fn formula(&self) -> &'static str {
-        "v(λ) = Δ_real + λ (Δ_adv − Δ_real): cos(v, Δ_adv) rises; ‖v‖ rises iff ⟨Δ_real, Δ_adv − Δ_real⟩ ≥ 0, falls iff ⟨Δ_adv, Δ_adv − Δ_real⟩ ≤ 0, else dips"
+        "v(λ) = Δ_real + λ w, w = Δ_adv − Δ_real: cos(v, Δ_adv) rises for every angle ψ; ‖v‖ rises iff ⟨Δ_real, w⟩ ≥ 0, falls iff ⟨Δ_adv, w⟩ ≤ 0, else dips at −⟨Δ_real, w⟩/‖w‖²"
+    }
+
+    fn experiment(&self) -> &'static str {
+        "5000 pairs of vectors in dimensions 2, 3, 10 and 100, correlated, ratio of lengths in 10^[-1, 1]; the norm by the signs of its slope at both ends, the dip and the cosine on 21 points"
     }
 
     fn caveat(&self) -> &'static str {
-        "a cosine that rises is geometry, no evidence about training; the norm is monotone only for a ratio of the norms of at least 1/cos ψ"
+        "a cosine that rises is geometry, no evidence about training; the condition of the norm is a ratio of the lengths of at least 1/cos ψ, 2 at 60°"
     }
 
     fn planted(&self) -> &'static [&'static str] {
         &["the cosine to Δ_real rises", "the sign of the criterion of the norm flipped"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Outcome {
-        let mut rng = Rng::new(setup.seed, "T9", "instances");
-        let mut tally = Tally::default();
-        for instance in 0..setup.instances {
+    fn expected(&self) -> Verdict {
+        Verdict::HoldsIf
+    }
+
+    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+        let mut tally = setup.each("T9", 5000, |instance, rng, tally| {
             let dimension = DIMENSIONS[instance % DIMENSIONS.len()];
-            let adversarial = normals(&mut rng, dimension);
+            let adversarial = normals(rng, dimension);
             // Correlated and of another length, so that all three cases of the norm occur.
-            let (shared, scale) = (rng.uniform(-1.0, 1.0), 10f64.powf(rng.uniform(-1.0, 1.0)));
-            let other = normals(&mut rng, dimension);
-            let realistic: Vec<f64> = adversarial
-                .iter()
-                .zip(&other)
-                .map(|(a, b)| scale * (shared * a + (1.0 - shared.abs()) * b))
-                .collect();
-            let way: Vec<f64> = adversarial.iter().zip(&realistic).map(|(a, r)| a - r).collect();
-            let at = |k: usize| -> Vec<f64> {
-                let lambda = k as f64 / (POINTS - 1) as f64;
-                realistic.iter().zip(&way).map(|(r, w)| r + lambda * w).collect()
-            };
-            let path: Vec<Vec<f64>> = (0..POINTS).map(at).collect();
+            let (shared, scale) = (rng.uniform(-1.0, 1.0), log_uniform(rng, [-1.0, 1.0]));
+            let other = normals(rng, dimension);
+            let realistic = scale * (shared * &adversarial + (1.0 - shared.abs()) * other);
+            let way = &adversarial - &realistic;
+            let at = |k: usize| &realistic + k as f64 / (POINTS - 1) as f64 * &way;
+            let path: Vec<DVector<f64>> = (0..POINTS).map(at).collect();
             let target = if planted == Some(0) { &realistic } else { &adversarial };
-            let cosine = |v: &[f64]| dot(v, target) / (dot(v, v) * dot(target, target)).sqrt();
-            let cosines: Vec<f64> = path.iter().map(|v| cosine(v)).collect();
+            let cosines: Vec<f64> = path.iter().map(|v| v.dot(target) / (v.norm() * target.norm())).collect();
             tally.holds(cosines.windows(2).all(|pair| pair[1] >= pair[0] - 1e-12));
-            let norms: Vec<f64> = path.iter().map(|v| dot(v, v)).collect();
-            let steps = || norms.windows(2).map(|pair| pair[1] - pair[0]);
-            let slack = 1e-12 * norms.iter().copied().fold(0.0, f64::max);
+            // The condition in terms of the angle against the path itself.
+            let (long, short) = (adversarial.norm(), realistic.norm());
+            let cosine = adversarial.dot(&realistic) / (long * short);
             let sign = if planted == Some(1) { -1.0 } else { 1.0 };
-            let (first, last) = (sign * dot(&realistic, &way), sign * dot(&adversarial, &way));
-            // Between the ends of the criterion the grid cannot tell a dip from a monotone norm.
-            let resolution = dot(&way, &way) / (POINTS - 1) as f64;
-            if first.abs() > resolution && last.abs() > resolution {
-                tally.holds(steps().all(|step| step >= -slack) == (first >= 0.0));
-                tally.holds(steps().all(|step| step <= slack) == (last <= 0.0));
+            let (rises, falls) =
+                (sign * (cosine - short / long) >= 0.0, sign * (cosine - long / short) >= 0.0);
+            let (start, end) = (realistic.dot(&way), adversarial.dot(&way));
+            tally.holds(rises == (start >= 0.0) && falls == (end <= 0.0));
+            let dip = (-start / way.norm_squared()).clamp(0.0, 1.0);
+            let least = (&realistic + dip * &way).norm();
+            let on_path = path.iter().map(|v| v.norm()).fold(f64::INFINITY, f64::min);
+            tally.at_most(least, on_path, 1e-12 * long);
+            // Where the condition is missed the norm dips below both ends.
+            if !rises && !falls {
+                tally.exception(least < long.min(short));
             }
+        });
+        // Equal lengths at an angle dip to the cosine of half of it.
+        for degrees in [10.0f64, 60.0, 120.0] {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            let middle = 0.5 * DVector::from_row_slice(&[1.0 + cos, sin]);
+            tally.stored(middle.norm(), (0.5 * degrees.to_radians()).cos(), 1e-12);
         }
-        tally.outcome()
+        tally.report(vec![], vec![])
     }
 }

@@ -1,0 +1,125 @@
+//! Measured numbers beside those of an independent implementation.
+
+use sage_core::statistics;
+use serde::Serialize;
+
+/// A table of measured numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Table {
+    /// What the table shows, with the distribution that its numbers depend on.
+    pub caption: String,
+    /// Heading of the first column, then of each column of numbers.
+    pub columns: Vec<String>,
+    /// Rows: a name and its numbers.
+    pub rows: Vec<(String, Vec<Number>)>,
+}
+
+impl Table {
+    /// A table without rows.
+    pub fn new(caption: &str, columns: &[&str]) -> Self {
+        let columns = columns.iter().map(|column| (*column).to_owned()).collect();
+        Self { caption: caption.to_owned(), columns, rows: Vec::new() }
+    }
+
+    /// Adds a row.
+    pub fn row(&mut self, name: impl Into<String>, numbers: impl IntoIterator<Item = Number>) {
+        self.rows.push((name.into(), numbers.into_iter().collect()));
+    }
+}
+
+/// How near a number must be to that of an independent implementation, which drew other instances.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Agreement {
+    /// Within three standard errors of the difference; the other number is of the same number of instances.
+    ThreeStandardErrors,
+    /// Of the same sign and within a factor.
+    Factor(f64),
+    /// Within a distance.
+    Distance(f64),
+}
+
+/// A measured number.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Number {
+    /// The value; not a number where nothing was measured.
+    pub value: f64,
+    /// Its standard error, if it has one.
+    pub standard_error: Option<f64>,
+    /// The number of an independent implementation, and how near it must be.
+    pub reference: Option<(f64, Agreement)>,
+}
+
+impl Number {
+    /// A number without an error.
+    pub fn new(value: f64) -> Self {
+        Self { value, standard_error: None, reference: None }
+    }
+
+    /// A share of trials, with its standard error.
+    pub fn share(of: &[f64]) -> Self {
+        let value = statistics::mean(of).unwrap_or(f64::NAN);
+        // Half a success keeps the error of 0 and 1 above 0.
+        let n = of.len().max(1) as f64;
+        let smoothed = (value * n + 0.5) / (n + 1.0);
+        Self { standard_error: Some((smoothed * (1.0 - smoothed) / n).sqrt()), ..Self::new(value) }
+    }
+
+    /// The median of values of which `independent` are independent, with its standard error: half the distance
+    /// of the quantiles that lie a standard deviation of the rank to either side.
+    pub fn median(values: &[f64], independent: usize) -> Self {
+        let quantile = |share: f64| statistics::quantile(values, share).unwrap_or(f64::NAN);
+        let step = 0.5 / (independent.max(1) as f64).sqrt();
+        let error = 0.5 * (quantile(0.5 + step) - quantile(0.5 - step));
+        Self { standard_error: Some(error), ..Self::new(quantile(0.5)) }
+    }
+
+    /// Quantiles of values.
+    pub fn quantiles<const N: usize>(values: &[f64], shares: [f64; N]) -> [Self; N] {
+        shares.map(|share| Self::new(statistics::quantile(values, share).unwrap_or(f64::NAN)))
+    }
+
+    /// The same with the number of an independent implementation.
+    #[must_use]
+    pub fn beside(self, reference: f64, agreement: Agreement) -> Self {
+        Self { reference: Some((reference, agreement)), ..self }
+    }
+
+    /// Whether the number agrees with that of an independent implementation; `None` if there is none.
+    pub fn agrees(&self) -> Option<bool> {
+        let (reference, agreement) = self.reference?;
+        let distance = (self.value - reference).abs();
+        Some(match agreement {
+            Agreement::ThreeStandardErrors => {
+                // Printed with two or three digits, and drawn as often as ours.
+                let printed = 0.005 * reference.abs();
+                distance <= 3.0 * std::f64::consts::SQRT_2 * self.standard_error? + printed
+            }
+            Agreement::Factor(factor) => (1.0 / factor..=factor).contains(&(self.value / reference)),
+            Agreement::Distance(most) => distance <= most,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_agree_within_their_tolerance() {
+        let values: Vec<f64> = (0..101).map(f64::from).collect();
+        let median = Number::median(&values, 100);
+        // A twentieth of the range to either side of the middle rank.
+        approx::assert_relative_eq!(median.value, 50.0);
+        approx::assert_relative_eq!(median.standard_error.unwrap_or(0.0), 5.0, max_relative = 1e-12);
+        let agrees = |reference: f64| median.beside(reference, Agreement::ThreeStandardErrors).agrees();
+        assert_eq!((agrees(60.0), agrees(75.0), median.agrees()), (Some(true), Some(false), None));
+        let two = Number::new(2.0);
+        assert_eq!(two.beside(4.0, Agreement::Factor(2.0)).agrees(), Some(true));
+        assert_eq!(two.beside(0.9, Agreement::Factor(2.0)).agrees(), Some(false));
+        assert_eq!(two.beside(2.1, Agreement::Distance(0.15)).agrees(), Some(true));
+        let nothing = Number::new(f64::NAN);
+        assert_eq!(nothing.beside(2.0, Agreement::Factor(2.0)).agrees(), Some(false));
+        assert!(Number::share(&[1.0; 20]).standard_error.is_some_and(|error| error > 0.0));
+    }
+}

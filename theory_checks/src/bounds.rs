@@ -18,7 +18,7 @@ pub struct Bounds {
 impl Bounds {
     /// Bounds for R_adv and R_real with these constants, and experts at a distance.
     pub fn of(at: Preference, rewards: [Curvature; 2], distance: f64) -> Self {
-        let mixed = |weight: f64| Curvature::mixed([weight, 1.0 - weight], rewards);
+        let mixed = |weight: f64| Curvature::mixed(&[weight, 1.0 - weight], &rewards);
         Self {
             coefficients: at.coefficients(),
             experts: [mixed(at.beta), mixed(1.0 - at.beta)],

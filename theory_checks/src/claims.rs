@@ -1,6 +1,7 @@
 //! The claims, one file each.
 
 mod instances;
+mod nets;
 mod quadratics;
 mod t0;
 mod t1;
@@ -8,6 +9,13 @@ mod t10;
 mod t11;
 mod t12;
 mod t13;
+mod t14;
+mod t14x;
+mod t15;
+mod t16;
+mod t17;
+mod t18;
+mod t19;
 mod t1b;
 mod t2;
 mod t3;
@@ -35,3 +43,10 @@ pub use t10::ConcavityAlongPath;
 pub use t11::WidthOfOptimality;
 pub use t12::FirstOrder;
 pub use t13::Extrapolation;
+pub use t14::FourSteps;
+pub use t14x::ExactComparison;
+pub use t15::WhatDecides;
+pub use t16::RayleighCondition;
+pub use t17::PreferenceLearning;
+pub use t18::Smoothness;
+pub use t19::ManyExperts;

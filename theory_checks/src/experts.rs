@@ -18,33 +18,42 @@ const SHRINKS: f64 = 0.25;
 /// Halvings of the interval of the best λ.
 const BISECTIONS: usize = 52;
 
-/// `w_0 R_0 + w_1 R_1`.
+/// A weighted sum of rewards.
 pub struct Mixed<'r> {
-    /// Both rewards.
-    pub of: [&'r dyn Concave; 2],
+    /// The rewards, at least one.
+    pub of: Vec<&'r dyn Concave>,
     /// Their weights.
-    pub weights: [f64; 2],
+    pub weights: Vec<f64>,
+}
+
+impl Mixed<'_> {
+    fn sum<T: std::iter::Sum>(&self, term: impl Fn(f64, &dyn Concave) -> T) -> T {
+        self.weights.iter().zip(&self.of).map(|(weight, reward)| term(*weight, *reward)).sum()
+    }
 }
 
 impl Concave for Mixed<'_> {
     fn dimension(&self) -> usize {
-        self.of[0].dimension()
+        self.of.first().map_or(0, |reward| reward.dimension())
     }
 
     fn curvature(&self) -> Curvature {
-        Curvature::mixed(self.weights, self.of.map(Concave::curvature))
+        let curvatures: Vec<Curvature> = self.of.iter().map(|reward| reward.curvature()).collect();
+        Curvature::mixed(&self.weights, &curvatures)
     }
 
     fn value(&self, theta: &DVector<f64>) -> f64 {
-        self.weights[0] * self.of[0].value(theta) + self.weights[1] * self.of[1].value(theta)
+        self.sum(|weight, reward| weight * reward.value(theta))
     }
 
     fn gradient(&self, theta: &DVector<f64>) -> DVector<f64> {
-        self.weights[0] * self.of[0].gradient(theta) + self.weights[1] * self.of[1].gradient(theta)
+        self.sum(|weight, reward| weight * reward.gradient(theta))
     }
 
     fn hessian(&self, theta: &DVector<f64>) -> DMatrix<f64> {
-        self.weights[0] * self.of[0].hessian(theta) + self.weights[1] * self.of[1].hessian(theta)
+        let zero = DMatrix::zeros(theta.len(), theta.len());
+        let terms = self.weights.iter().zip(&self.of);
+        terms.fold(zero, |sum, (weight, reward)| sum + *weight * reward.hessian(theta))
     }
 }
 
@@ -173,5 +182,5 @@ impl<'r> Experts<'r> {
 }
 
 fn mixed(rewards: [&dyn Concave; 2], weight: f64) -> Mixed<'_> {
-    Mixed { of: rewards, weights: [weight, 1.0 - weight] }
+    Mixed { of: rewards.to_vec(), weights: vec![weight, 1.0 - weight] }
 }

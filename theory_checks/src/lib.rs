@@ -23,13 +23,16 @@ mod check;
 mod claims;
 mod experts;
 mod figure;
+pub mod mixing;
 mod preference;
+mod quadrature;
 pub mod random;
 mod report;
 pub mod reward;
 mod setup;
 mod table;
 mod tally;
+pub mod tanh_net;
 
 pub use bounds::Bounds;
 pub use check::Check;
@@ -63,5 +66,12 @@ pub fn claims() -> Result<Registry<dyn Check>, Error> {
         .with::<claims::ConcavityAlongPath>()?
         .with::<claims::WidthOfOptimality>()?
         .with::<claims::FirstOrder>()?
-        .with::<claims::Extrapolation>()
+        .with::<claims::Extrapolation>()?
+        .with::<claims::FourSteps>()?
+        .with::<claims::ExactComparison>()?
+        .with::<claims::WhatDecides>()?
+        .with::<claims::RayleighCondition>()?
+        .with::<claims::PreferenceLearning>()?
+        .with::<claims::Smoothness>()?
+        .with::<claims::ManyExperts>()
 }

@@ -19,9 +19,11 @@ pub struct Curvature {
 
 impl Curvature {
     /// Bounds for a sum of rewards with these weights.
-    pub fn mixed(weights: [f64; 2], of: [Self; 2]) -> Self {
-        let sum = |value: fn(&Self) -> f64| weights[0] * value(&of[0]) + weights[1] * value(&of[1]);
-        Self { m: sum(|c| c.m), l: sum(|c| c.l) }
+    pub fn mixed<'c>(weights: &[f64], of: impl IntoIterator<Item = &'c Self>) -> Self {
+        weights.iter().zip(of).fold(Self { m: 0.0, l: 0.0 }, |sum, (weight, c)| Self {
+            m: sum.m + weight * c.m,
+            l: sum.l + weight * c.l,
+        })
     }
 }
 

@@ -74,6 +74,16 @@ impl Number {
         Self { standard_error: Some(error), ..Self::new(quantile(0.5)) }
     }
 
+    /// Root of the mean square of values, with its standard error.
+    pub fn root_mean_square(values: &[f64]) -> Self {
+        let squares: Vec<f64> = values.iter().map(|value| value * value).collect();
+        let mean = statistics::mean(&squares).unwrap_or(f64::NAN);
+        let variance = squares.iter().map(|square| (square - mean).powi(2)).sum::<f64>();
+        let n = squares.len() as f64;
+        let error = (variance / (n * (n - 1.0).max(1.0))).sqrt() / (2.0 * mean.sqrt());
+        Self { standard_error: Some(error), ..Self::new(mean.sqrt()) }
+    }
+
     /// Quantiles of values.
     pub fn quantiles<const N: usize>(values: &[f64], shares: [f64; N]) -> [Self; N] {
         shares.map(|share| Self::new(statistics::quantile(values, share).unwrap_or(f64::NAN)))

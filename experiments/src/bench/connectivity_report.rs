@@ -12,12 +12,14 @@ use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, REALISTIC};
 use super::{
     bar_chart,
     connectivity::{Path, VALUES, Value, best_lambda, heights},
+    expert_path::Points,
     heat_map::{self, Grid},
     line_chart::{self, Chart, Line},
     pareto::{Measure, Sweep},
     principal_components::Components,
+    weight_and_output::{COMPARED, Comparison},
 };
-use crate::{commands::analyse_connectivity::COMPARED, output::Folder};
+use crate::output::Folder;
 
 /// The page as Markdown.
 pub(crate) const PAGE: &str = "connectivity.md";
@@ -57,12 +59,9 @@ pub(crate) struct Connectivity<'e> {
     pub(crate) landscape: Vec<Measure>,
     /// Beyond the adversarial expert along its vector, and along the line through both.
     pub(crate) beyond: [Sweep; 2],
-    /// Loss of output mixing minus that of weight mixing, by scene.
-    pub(crate) mixing: Vec<[f64; 3]>,
-    pub(crate) lambdas: Vec<f64>,
-    pub(crate) plane: Vec<f64>,
-    /// Lengths of the extrapolations, as shares of the distance between the experts.
-    pub(crate) steps: Vec<f64>,
+    /// Weight against output mixing, by scene.
+    pub(crate) mixing: Vec<[Comparison; 3]>,
+    pub(crate) points: Points,
 }
 
 impl Connectivity<'_> {
@@ -144,7 +143,7 @@ impl Connectivity<'_> {
             | step | vector: R_adv | direct: R_adv | vector minus direct: R_adv | P_real |\n| --- | --- | --- | --- | --- |\n"
             .to_owned();
         let [vector, direct] = &self.beyond;
-        for (k, step) in self.steps.iter().enumerate().step_by(2) {
+        for (k, step) in self.points.steps.iter().enumerate().step_by(2) {
             let reward = |front: &[Measure]| front[k].reward;
             let cells = [
                 vector.estimate(reward),
@@ -164,7 +163,7 @@ impl Connectivity<'_> {
             | lambda | N | difference |\n| --- | --- | --- |\n"
             .to_owned();
         for (k, lambda) in COMPARED.iter().enumerate() {
-            let differences: Vec<f64> = self.mixing.iter().map(|scene| scene[k]).collect();
+            let differences: Vec<f64> = self.mixing.iter().map(|scene| scene[k].gain()).collect();
             let mut rng = Rng::new(0, "mixing", "connectivity");
             let estimate = statistics::bootstrap_mean(&differences, RESAMPLES, &mut rng);
             let shown = estimate.as_ref().map_or("-".to_owned(), cell);
@@ -178,7 +177,7 @@ impl Connectivity<'_> {
         let front = self.path.front();
         let line = |(name, value): &(&str, fn(&Measure) -> f64)| {
             let heights = heights(&front, *value);
-            let points = heights.iter().zip(&self.lambdas[1..]).map(|(height, lambda)| [*lambda, *height]);
+            let points = heights.iter().zip(&self.points.lambdas[1..]).map(|(height, lambda)| [*lambda, *height]);
             ((*name).to_owned(), points.collect())
         };
         VALUES.iter().map(line).collect()
@@ -188,7 +187,7 @@ impl Connectivity<'_> {
     fn norms(&self) -> Vec<Line> {
         let whole = self.geometry.norm(&[0.0, 1.0]);
         let line = |name: &str, value: &dyn Fn(&[f64; 2]) -> f64| {
-            let points = self.lambdas.iter().map(|lambda| [*lambda, value(&[1.0 - lambda, *lambda])]);
+            let points = self.points.lambdas.iter().map(|lambda| [*lambda, value(&[1.0 - lambda, *lambda])]);
             (name.to_owned(), points.collect())
         };
         vec![
@@ -199,7 +198,7 @@ impl Connectivity<'_> {
 
     fn path_csv(&self) -> Result<String> {
         let mut out = "lambda,norm,cosine_to_adversarial,reward,penalty,attack,believable\n".to_owned();
-        for (lambda, m) in self.lambdas.iter().zip(self.path.front()) {
+        for (lambda, m) in self.points.lambdas.iter().zip(self.path.front()) {
             let at = [1.0 - lambda, *lambda];
             let (norm, cosine) = (self.geometry.norm(&at), self.geometry.cosine(&at, &[0.0, 1.0]));
             writeln!(
@@ -240,7 +239,7 @@ impl Connectivity<'_> {
         heat_map::draw(&Grid {
             title,
             axes: ["share of the adversarial vector", "share of the realistic vector"],
-            at: &self.plane,
+            at: &self.points.plane,
             values: self.landscape.iter().map(value).collect(),
             marks: &marks,
         })
@@ -249,7 +248,7 @@ impl Connectivity<'_> {
     fn landscape_csv(&self) -> Result<String> {
         let mut out = "adversarial,realistic,reward,penalty,attack,believable\n".to_owned();
         for (k, m) in self.landscape.iter().enumerate() {
-            let (a, b) = (self.plane[k % self.plane.len()], self.plane[k / self.plane.len()]);
+            let (a, b) = (self.points.plane[k % self.points.plane.len()], self.points.plane[k / self.points.plane.len()]);
             writeln!(out, "{a},{b},{},{},{},{}", m.reward, m.penalty, m.attack, m.believable)?;
         }
         Ok(out)
@@ -257,7 +256,7 @@ impl Connectivity<'_> {
 
     fn extrapolation(&self) -> Vec<Line> {
         let line = |(name, sweep): (&str, &Sweep)| {
-            let points = self.steps.iter().zip(sweep.front()).map(|(step, m)| [*step, m.reward]);
+            let points = self.points.steps.iter().zip(sweep.front()).map(|(step, m)| [*step, m.reward]);
             (name.to_owned(), points.collect())
         };
         BEYOND.into_iter().zip(&self.beyond).map(line).collect()
@@ -267,7 +266,7 @@ impl Connectivity<'_> {
         let mut out = "extrapolation,step,length,reward,penalty,attack,believable\n".to_owned();
         let distance = self.geometry.norm(&[-1.0, 1.0]);
         for (name, sweep) in BEYOND.into_iter().zip(&self.beyond) {
-            for (step, m) in self.steps.iter().zip(sweep.front()) {
+            for (step, m) in self.points.steps.iter().zip(sweep.front()) {
                 let length = step * distance;
                 writeln!(
                     out,
@@ -295,9 +294,9 @@ impl Connectivity<'_> {
             Ok((name.to_owned(), points.collect::<Result<_>>()?))
         };
         let lines = vec![
-            line("interpolation", &self.lambdas, &|x| [1.0 - x, x])?,
-            line("vector extrapolation", &self.steps, &|x| [0.0, 1.0 + x * of_vector])?,
-            line("direct extrapolation", &self.steps, &|x| [-x, 1.0 + x])?,
+            line("interpolation", &self.points.lambdas, &|x| [1.0 - x, x])?,
+            line("vector extrapolation", &self.points.steps, &|x| [0.0, 1.0 + x * of_vector])?,
+            line("direct extrapolation", &self.points.steps, &|x| [-x, 1.0 + x])?,
         ];
         let mut marks = vec![("prior".to_owned(), place(0.0, 0.0)?)];
         for name in names {

@@ -4,7 +4,7 @@ use sage_core::registry::{Entry, NoOptions};
 
 use super::{quadratics::Quadratics, t2::Line};
 use crate::{
-    Agreement::{Distance, ThreeStandardErrors},
+    Agreement::{Distance, Factor},
     Check, Figure, Number, Preference, Report, Setup, Table, Verdict,
 };
 
@@ -123,7 +123,7 @@ impl Check for WidthOfOptimality {
             let median =
                 |beta: f64| Number::median(measured.samples(&format!("{beta}")), setup.scaled(SEEDS));
             let beside = |(beta, known): (&f64, f64)| {
-                let agreement = if known == 0.0 { Distance(1e-9) } else { ThreeStandardErrors };
+                let agreement = if known == 0.0 { Distance(1e-9) } else { Factor(2.5) };
                 median(*beta).beside(known, agreement)
             };
             let numbers = BETAS.iter().zip(known).map(beside);

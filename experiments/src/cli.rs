@@ -367,6 +367,7 @@ impl Cli {
                 | Command::Simulate(_)
                 | Command::Analyse(_)
                 | Command::Bench(_)
+                | Command::Theory(TheoryArgs { data: Some(_), .. })
         )
     }
 }

@@ -318,6 +318,21 @@ fn a_policy_drives_and_is_attacked() {
 }
 
 #[test]
+fn a_claim_is_checked_with_its_planted_errors_and_has_a_section_of_the_page() {
+    let Some(program) = own("own_claim") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("page");
+    let theory = ["theory", "--only", "safest", "--instances", "100", "--json"];
+    let row = rows(&run(&program, &[&theory[..], &["--report", text(&out)]].concat())).remove(0);
+    assert_eq!((&row["verdict"], &row["report"]["violations"]), (&Value::from("holds"), &Value::from(0)));
+    let page = std::fs::read_to_string(out.join("theory.md")).unwrap();
+    assert!(page.contains("## safest: equal curvature") && page.contains("| safest | λ = 1 | caught |"));
+    let planted = run(&program, &["theory", "--only", "safest", "--plant", "--instances", "100"]);
+    assert!(stdout(&planted).ends_with("caught 2 of 2\n"), "{}", stdout(&planted));
+    assert!(stdout(&run(&program, &["list"])).contains("has the smallest loss in the worst case over μ"));
+}
+
+#[test]
 fn a_proposer_goes_with_the_shipped_selector() {
     let Some(program) = own("own_proposer") else { return };
     let folder = tempfile::tempdir().unwrap();

@@ -30,6 +30,51 @@ fn claims_hold_in_lines_and_as_json() {
 }
 
 #[test]
+fn a_page_states_every_claim_and_opens_from_disk() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("page");
+    let theory = ["theory", "--instances", "20", "--report", text(&out)];
+    let output = sage(&theory);
+    assert!(output.status.success(), "{}", stdout(&output));
+    assert!(stderr(&output).contains("diagnostics of trained experts are left out"), "{}", stderr(&output));
+    let [html, markdown] =
+        ["index.html", "theory.md"].map(|file| std::fs::read_to_string(out.join(file)).unwrap());
+    for line in stdout(&output).lines().skip(1) {
+        let id = line.split(' ').next().unwrap();
+        assert!(
+            html.contains(&format!("<h2 id=\"{id}\">")) && markdown.contains(&format!("## {id}: ")),
+            "{id}"
+        );
+    }
+    assert!(html.contains("<svg") && !html.contains("src=") && !html.contains("http://127"));
+    for figure in markdown.lines().filter(|line| line.starts_with("![")) {
+        let file = figure.split(['(', ')']).rev().nth(1).unwrap();
+        assert!(out.join(file).exists(), "{figure}");
+    }
+    assert!(!markdown.contains("MISSED") && markdown.contains("| T14x | without k E‖Δf‖² | caught |"));
+    // A folder that holds something is not written to unasked.
+    assert!(failure(&theory).contains("--force"), "{}", failure(&theory));
+    assert!(sage(&[&theory[..], &["--force"]].concat()).status.success());
+}
+
+#[test]
+fn trained_experts_are_measured_on_scenes_as_diagnostics() {
+    let scene = example();
+    let theory = ["theory", "--only", "T0", "--instances", "20", "--data", &scene];
+    let output = sage(&theory);
+    let lines = stdout(&output);
+    for id in ["G1", "G2", "G3", "G4", "G5", "G6"] {
+        assert!(lines.lines().any(|line| line.starts_with(id)), "{id}: {lines}");
+    }
+    assert!(lines.contains("Diagnostics, no proofs. Experts `procedural` on 1 scenes."), "{lines}");
+    let rows = rows(&sage(&[&theory[..], &["--json"]].concat()));
+    assert_eq!((rows.len(), &rows[1]["diagnostic"]), (7, &Value::from("G1")));
+    let without_scenes = sage(&["theory", "--weights", "procedural"]);
+    assert_eq!(without_scenes.status.code(), Some(2));
+    assert!(stderr(&without_scenes).contains("--data"));
+}
+
+#[test]
 fn planted_errors_are_caught() {
     let output = sage(&["theory", "--plant", "--instances", "100"]);
     let last = stdout(&output).lines().last().unwrap().to_owned();

@@ -1,38 +1,50 @@
 //! Figures of a report, as data.
 
-use serde::Serialize;
-
-/// A chart of lines or points.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// A chart of lines and points.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
     /// What the figure shows, in one line.
     pub title: String,
     /// Names of both axes.
     pub axes: [String; 2],
-    /// Whether an axis is logarithmic.
+    /// Whether an axis is logarithmic; values that have no logarithm are not drawn.
     pub is_log: [bool; 2],
-    /// Whether points are joined by lines.
-    pub is_joined: bool,
-    /// Names and points of the series.
-    pub series: Vec<(String, Vec<[f64; 2]>)>,
+    /// What is drawn.
+    pub series: Vec<Series>,
+}
+
+/// A named line or a named set of points.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Series {
+    /// Name in the legend.
+    pub name: String,
+    /// Points in the order of the line.
+    pub points: Vec<[f64; 2]>,
+    /// Whether the points are joined by a line.
+    pub is_line: bool,
 }
 
 impl Figure {
-    /// A chart of lines on even axes.
-    pub fn lines(title: &str, axes: [&str; 2], series: Vec<(String, Vec<[f64; 2]>)>) -> Self {
-        let axes = axes.map(str::to_owned);
-        Self { title: title.to_owned(), axes, is_log: [false; 2], is_joined: true, series }
+    /// A chart on even axes.
+    pub fn new(title: &str, axes: [&str; 2], series: Vec<Series>) -> Self {
+        Self { title: title.to_owned(), axes: axes.map(str::to_owned), is_log: [false; 2], series }
     }
 
-    /// The same on logarithmic axes; points that have no logarithm are not drawn.
+    /// The same on logarithmic axes.
     #[must_use]
     pub fn logarithmic(self, is_log: [bool; 2]) -> Self {
         Self { is_log, ..self }
     }
+}
 
-    /// The same as points that are not joined.
-    #[must_use]
-    pub fn scattered(self) -> Self {
-        Self { is_joined: false, ..self }
+impl Series {
+    /// A line through points.
+    pub fn line(name: impl Into<String>, points: Vec<[f64; 2]>) -> Self {
+        Self { name: name.into(), points, is_line: true }
+    }
+
+    /// Points without a line.
+    pub fn points(name: impl Into<String>, points: Vec<[f64; 2]>) -> Self {
+        Self { name: name.into(), points, is_line: false }
     }
 }

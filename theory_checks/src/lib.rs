@@ -37,7 +37,7 @@ pub mod tanh_net;
 pub use bounds::Bounds;
 pub use check::Check;
 pub use experts::{Experts, Loss, Mixed, optimum, root};
-pub use figure::Figure;
+pub use figure::{Figure, Series};
 pub use preference::Preference;
 pub use report::{Report, Verdict, notices};
 pub use setup::Setup;

@@ -29,6 +29,7 @@ pub struct Report {
     /// Measured numbers, beside those of an independent implementation.
     pub tables: Vec<Table>,
     /// Figures for the page.
+    #[serde(skip)]
     pub figures: Vec<Figure>,
 }
 

@@ -29,6 +29,12 @@ impl Setup {
         (stated * self.instances).div_ceil(FULL).max(1)
     }
 
+    /// The same at its whole size or more: for experiments that show nothing with a few instances, and cost little.
+    #[must_use]
+    pub fn whole(self) -> Self {
+        Self { instances: self.instances.max(FULL), ..self }
+    }
+
     /// Whether the experiment has its whole size, where the slowest instances are included.
     pub fn is_full(&self) -> bool {
         self.instances >= FULL

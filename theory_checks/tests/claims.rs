@@ -22,6 +22,44 @@ fn claims_come_to_their_verdicts_and_planted_errors_are_noticed() {
 }
 
 #[test]
+fn stored_counterexamples_refute_the_claims_as_printed() {
+    let claims = claims().unwrap();
+    let refuted = ["T6", "T7", "T11", "T15", "T16", "T18"];
+    for id in refuted {
+        // A single random instance: the stored ones are always there.
+        let report = claims.build_default(id).unwrap().run(&Setup { seed: 1, instances: 1 }, None);
+        assert!(report.counterexamples > Some(0), "{id}: {report:?}");
+        assert!(report.fixture_error <= Some(1.0), "{id}: {report:?}");
+    }
+    let of = |verdict: Verdict| {
+        let expected = |id: &&str| claims.build_default(id).unwrap().expected() == verdict;
+        claims.entries().iter().map(|entry| entry.name).filter(expected).collect::<Vec<_>>()
+    };
+    assert_eq!(of(Verdict::FailsAsPrinted), refuted);
+    assert_eq!(of(Verdict::HoldsIf), ["T9", "T12", "T13", "T17"]);
+    assert_eq!(of(Verdict::HoldsWithSlack), ["T4"]);
+}
+
+#[test]
+fn numbers_agree_with_those_of_an_independent_implementation() {
+    let claims = claims().unwrap();
+    let mut compared = 0;
+    for entry in claims.entries() {
+        let report = claims.build_default(entry.name).unwrap().run(&Setup::default(), None);
+        assert_eq!(Verdict::of(&report), claims.build_default(entry.name).unwrap().expected());
+        for table in &report.tables {
+            for (name, numbers) in &table.rows {
+                for (number, column) in numbers.iter().zip(&table.columns[1..]) {
+                    compared += usize::from(number.reference.is_some());
+                    assert_ne!(number.agrees(), Some(false), "{} {name} {column}: {number:?}", entry.name);
+                }
+            }
+        }
+    }
+    assert!(compared > 150, "{compared} numbers");
+}
+
+#[test]
 fn the_same_seed_gives_the_same_bits_on_any_number_of_threads() {
     let setup = Setup { seed: 3, instances: 20 };
     let run = |threads: usize| {

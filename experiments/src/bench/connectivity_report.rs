@@ -177,7 +177,8 @@ impl Connectivity<'_> {
         let front = self.path.front();
         let line = |(name, value): &(&str, fn(&Measure) -> f64)| {
             let heights = heights(&front, *value);
-            let points = heights.iter().zip(&self.points.lambdas[1..]).map(|(height, lambda)| [*lambda, *height]);
+            let points =
+                heights.iter().zip(&self.points.lambdas[1..]).map(|(height, lambda)| [*lambda, *height]);
             ((*name).to_owned(), points.collect())
         };
         VALUES.iter().map(line).collect()
@@ -248,7 +249,10 @@ impl Connectivity<'_> {
     fn landscape_csv(&self) -> Result<String> {
         let mut out = "adversarial,realistic,reward,penalty,attack,believable\n".to_owned();
         for (k, m) in self.landscape.iter().enumerate() {
-            let (a, b) = (self.points.plane[k % self.points.plane.len()], self.points.plane[k / self.points.plane.len()]);
+            let (a, b) = (
+                self.points.plane[k % self.points.plane.len()],
+                self.points.plane[k / self.points.plane.len()],
+            );
             writeln!(out, "{a},{b},{},{},{},{}", m.reward, m.penalty, m.attack, m.believable)?;
         }
         Ok(out)

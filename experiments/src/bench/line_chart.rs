@@ -34,6 +34,10 @@ pub(crate) type Line = (String, Vec<[f64; 2]>);
 pub(crate) struct Chart<'a> {
     pub(crate) axes: [&'a str; 2],
     pub(crate) lines: Vec<Line>,
+    /// Named sets of points that are not joined; their colours follow those of the lines.
+    pub(crate) dots: Vec<Line>,
+    /// Whether an axis is logarithmic; points that have no logarithm are left out.
+    pub(crate) is_log: [bool; 2],
     /// Ranges of both axes; by default those of the points with a margin.
     pub(crate) ranges: Option<[Range<f64>; 2]>,
     /// Whether a unit has the same length on both axes, so that angles are true.
@@ -59,14 +63,23 @@ impl Chart<'_> {
     /// *Errors*: none that a caller can cause.
     pub(crate) fn draw(&self) -> Result<String> {
         let mut svg = String::new();
-        self.plot(&mut svg).map_err(|e| anyhow!("the chart cannot be drawn: {e}"))?;
+        let placed = |lines: &[Line]| lines.iter().map(|line| self.placed(line)).collect::<Vec<_>>();
+        self.plot(&mut svg, &placed(&self.lines), &placed(&self.dots))
+            .map_err(|e| anyhow!("the chart cannot be drawn: {e}"))?;
         Ok(svg)
     }
 
-    /// Range of the points along an axis, with a margin.
-    fn range(&self, axis: usize) -> Range<f64> {
-        let points =
-            self.lines.iter().flat_map(|(_, points)| points).chain(self.marks.iter().map(|(_, p)| p));
+    /// A line with the logarithms of its points on logarithmic axes.
+    fn placed(&self, (name, points): &Line) -> Line {
+        let place =
+            |point: &[f64; 2]| [0, 1].map(|k| if self.is_log[k] { point[k].log10() } else { point[k] });
+        let is_drawn = |point: &[f64; 2]| point.iter().all(|x| x.is_finite());
+        (name.clone(), points.iter().map(place).filter(is_drawn).collect())
+    }
+
+    /// Range of points along an axis, with a margin.
+    fn range(&self, lines: &[&Line], axis: usize) -> Range<f64> {
+        let points = lines.iter().flat_map(|(_, points)| points).chain(self.marks.iter().map(|(_, p)| p));
         let all = || points.clone().map(|p| p[axis]).filter(|x| x.is_finite());
         let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
         if low > high {
@@ -76,11 +89,11 @@ impl Chart<'_> {
         low - margin..high + margin
     }
 
-    fn ranges(&self) -> [Range<f64>; 2] {
+    fn ranges(&self, lines: &[&Line]) -> [Range<f64>; 2] {
         if let Some(ranges) = &self.ranges {
             return ranges.clone();
         }
-        let [x, y] = [0, 1].map(|axis| self.range(axis));
+        let [x, y] = [0, 1].map(|axis| self.range(lines, axis));
         if !self.is_isometric {
             return [x, y];
         }
@@ -93,19 +106,30 @@ impl Chart<'_> {
         [around(&x, height * wide), around(&y, height)]
     }
 
-    fn plot(&self, svg: &mut String) -> Result<(), Box<dyn std::error::Error>> {
+    fn plot(
+        &self,
+        svg: &mut String,
+        lines: &[Line],
+        dots: &[Line],
+    ) -> Result<(), Box<dyn std::error::Error>> {
         let root = SVGBackend::with_string(svg, SIZE).into_drawing_area();
         root.fill(&WHITE)?;
-        let [xs, ys] = self.ranges();
+        let [xs, ys] = self.ranges(&lines.iter().chain(dots).collect::<Vec<_>>());
         let mut chart = ChartBuilder::on(&root)
             .margin(12)
             .x_label_area_size(42)
             .y_label_area_size(56)
             .build_cartesian_2d(xs.clone(), ys.clone())?;
         let [x, y] = self.axes;
-        chart
-            .configure_mesh()
-            .x_desc(x)
+        let mut mesh = chart.configure_mesh();
+        let power = |x: &f64| format!("{:.1e}", 10f64.powf(*x));
+        if self.is_log[0] {
+            mesh.x_label_formatter(&power);
+        }
+        if self.is_log[1] {
+            mesh.y_label_formatter(&power);
+        }
+        mesh.x_desc(x)
             .y_desc(y)
             .label_style(("sans-serif", 14))
             .axis_desc_style(("sans-serif", 15))
@@ -117,14 +141,22 @@ impl Chart<'_> {
             chart.draw_series(DashedLineSeries::new(ends, 5, 5, grey.stroke_width(1)))?;
         }
         // A line without points keeps its colour for other charts.
-        let lines = self.lines.iter().zip(COLORS.iter().cycle());
-        for ((name, points), color) in lines.filter(|(line, _)| !line.1.is_empty()) {
+        let drawn = lines.iter().zip(COLORS.iter().cycle());
+        for ((name, points), color) in drawn.filter(|(line, _)| !line.1.is_empty()) {
             let points: Vec<(f64, f64)> = points.iter().map(|[x, y]| (*x, *y)).collect();
             chart
                 .draw_series(LineSeries::new(points.clone(), color.stroke_width(2)))?
                 .label(name)
                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
             chart.draw_series(points.into_iter().map(|point| Circle::new(point, 2, color.filled())))?;
+        }
+        let drawn = dots.iter().zip(COLORS.iter().cycle().skip(lines.len()));
+        for ((name, points), color) in drawn.filter(|(line, _)| !line.1.is_empty()) {
+            let points = points.iter().map(|[x, y]| Circle::new((*x, *y), 2, color.mix(0.6).filled()));
+            chart
+                .draw_series(points)?
+                .label(name)
+                .legend(move |(x, y)| Circle::new((x + 9, y), 3, color.filled()));
         }
         let (dx, dy) = (0.012 * (xs.end - xs.start), 0.012 * (ys.end - ys.start));
         for (name, [x, y]) in &self.marks {

@@ -1,21 +1,32 @@
 //! Arguments of `theory`.
 
+use std::path::PathBuf;
+
 use clap::Args;
+
+use super::SplitArgs;
 
 /// Check the theorems of preference-mixed experts numerically.
 ///
-/// A line for each claim: comparisons of its formula with a direct computation on seeded instances, those that
-/// miss their tolerance, the smallest share of the tolerance that is left, the largest error of stored cases as a
-/// share of theirs, and the verdict: a claim holds, or fails as printed, with counterexamples where they are
-/// predicted. The exit code is 0 if every verdict is the expected one.
+/// A line for each claim: instances, comparisons of its formula with a direct computation, those that miss their
+/// tolerance, the smallest share of the tolerance that is left, the smallest ratio of a bound to what it bounds, the
+/// largest error of stored cases as a share of their tolerance, and the verdict. A claim holds; holds with slack (a
+/// bound that no instance attains); holds if (under a condition, with failures outside it); or fails as printed (an
+/// instance refutes the paper's text, and a corrected form has no violation). The exit code is 0 if every verdict is
+/// the expected one and every stored case comes out.
 ///
-/// With --plant every claim also runs with wrong versions of its formula, which its check must notice. The last
-/// line says how many were, and the exit code is 0 if all were.
+/// With --plant every claim also runs with wrong versions of its formula, which its check must notice; a check that
+/// misses one is broken. The last line says how many were caught, and the exit code is 0 if all were.
+///
+/// With --report a page states for each claim formula, experiment, numbers, figures, verdict and caveat. With --data
+/// the same questions are put to trained experts on scenes, as diagnostics: they prove nothing.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:\n  sage theory\n  sage theory --plant --only T1,T3")]
+#[command(
+    after_help = "Examples:\n  sage theory\n  sage theory --plant --only T1,T3\n  sage theory --report theory/\n  sage theory --data target/data/womd_cat500/val --weights waymo --report theory/"
+)]
 pub(crate) struct TheoryArgs {
     /// Run every claim with its planted errors.
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["report", "data"])]
     pub plant: bool,
     /// Only the claims with these comma-separated ids; `sage list` shows them.
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
@@ -23,10 +34,24 @@ pub(crate) struct TheoryArgs {
     /// Seed of the instances.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// Number of random instances of each claim.
-    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    /// Instances for every 1000 that a claim's experiment states: 100 runs a tenth of each.
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub instances: u32,
     /// Print one JSON object per claim, or per planted error.
     #[arg(long)]
     pub json: bool,
+    /// Write a page (`index.html`, `theory.md`) with figures into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
+    /// Write into a folder that is not empty.
+    #[arg(long, requires = "report")]
+    pub force: bool,
+    /// Scene files and folders for the diagnostics of trained experts.
+    #[arg(long, value_name = "PATH", num_args = 1..)]
+    pub data: Option<Vec<PathBuf>>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
+    #[arg(long, value_name = "NAME", default_value = "procedural", requires = "data")]
+    pub weights: String,
 }

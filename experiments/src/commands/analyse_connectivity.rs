@@ -75,12 +75,9 @@ pub(crate) fn run(args: &ConnectivityArgs, registries: &Registries) -> Result<Ou
     };
     let mut progress = Progress::new("evaluated", scenes.len());
     let fits = |result: &SceneResult| {
-        result
-            .measured
-            .as_ref()
-            .is_none_or(|m| {
-                m.path.len() == points.lambdas.len() && m.plane.len() == points.plane.len().pow(2)
-            })
+        result.measured.as_ref().is_none_or(|m| {
+            m.path.len() == points.lambdas.len() && m.plane.len() == points.plane.len().pow(2)
+        })
     };
     let results = scene_windows::results(&run, &scenes, fits, one, || progress.step())?;
     let results: Vec<Measured> = results.into_iter().filter_map(|result| result.measured).collect();

@@ -1,5 +1,8 @@
 //! `sage theory`: the theorems, checked numerically.
 
+mod diagnostics;
+mod page;
+
 use std::fmt::Write as _;
 
 use anyhow::Result;
@@ -7,7 +10,16 @@ use rayon::prelude::*;
 use serde_json::json;
 use theory_checks::{Check, Report, Setup, Verdict, notices};
 
-use crate::{Outcome, Registries, cli::TheoryArgs, output};
+use self::{diagnostics::Diagnostic, page::Page};
+use crate::{
+    Outcome, Registries,
+    cli::TheoryArgs,
+    output::{self, Folder},
+    progress,
+};
+
+/// Share of the instances with which planted errors run for a page.
+const PLANTED_SHARE: usize = 10;
 
 /// A claim with its experiment.
 pub(crate) struct Claim {
@@ -17,12 +29,55 @@ pub(crate) struct Claim {
     pub(crate) check: Box<dyn Check>,
 }
 
+/// A planted error, and whether its check noticed it.
+struct Planted<'c> {
+    claim: &'c str,
+    error: &'static str,
+    is_caught: bool,
+}
+
 pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome> {
     let claims = selected(&args.only, registries)?;
     let setup = Setup { seed: args.seed, instances: args.instances as usize };
-    let (text, is_well) =
-        if args.plant { planted(&claims, &setup, args.json)? } else { checked(&claims, &setup, args.json)? };
+    if args.plant {
+        let planted = planted(&claims, &setup);
+        output::print(&planted_lines(&planted, args.json)?)?;
+        return Ok(if planted.iter().all(|planted| planted.is_caught) {
+            Outcome::Done
+        } else {
+            Outcome::Partial
+        });
+    }
+    // A folder that cannot be written to is an error before the work.
+    let folder = args.report.as_ref().map(|report| Folder::make(report, args.force)).transpose()?;
+    let reports: Vec<Report> = claims.par_iter().map(|claim| claim.check.run(&setup, None)).collect();
+    let diagnostics = args.data.is_some().then(|| diagnostics::run(args, registries)).transpose()?;
+    let mut text = claim_lines(&claims, &reports, &setup, args.json)?;
+    if let Some((subject, diagnostics)) = &diagnostics {
+        text += &diagnostic_lines(subject, diagnostics, args.json)?;
+    } else {
+        progress::say(
+            "diagnostics of trained experts are left out: they need scenes (--data) and weights (--weights)",
+        );
+    }
     output::print(&text)?;
+    let is_expected = |(claim, report): (&Claim, &Report)| Verdict::of(report) == claim.check.expected();
+    let mut is_well = claims.iter().zip(&reports).all(is_expected);
+    if let Some(folder) = &folder {
+        let planted_setup = Setup { instances: (setup.instances / PLANTED_SHARE).max(1), ..setup };
+        let planted = planted(&claims, &planted_setup);
+        is_well &= planted.iter().all(|planted| planted.is_caught);
+        let page = Page {
+            claims: &claims,
+            reports: &reports,
+            planted: &planted,
+            setup: &setup,
+            planted_setup: &planted_setup,
+            diagnostics: diagnostics.as_ref(),
+        };
+        page.write(folder)?;
+        progress::say(&format!("index.html, theory.md and figures are in `{}`", folder.path().display()));
+    }
     Ok(if is_well { Outcome::Done } else { Outcome::Partial })
 }
 
@@ -41,32 +96,30 @@ fn selected(only: &[String], registries: &Registries) -> Result<Vec<Claim>> {
     ids.into_iter().map(claim).collect()
 }
 
-/// A line for each claim, and whether all verdicts are the expected ones.
-fn checked(claims: &[Claim], setup: &Setup, as_json: bool) -> Result<(String, bool)> {
-    let reports: Vec<Report> = claims.par_iter().map(|claim| claim.check.run(setup, None)).collect();
+/// A line for each claim.
+fn claim_lines(claims: &[Claim], reports: &[Report], setup: &Setup, as_json: bool) -> Result<String> {
     let mut out = String::new();
     if !as_json {
         let head = "claim  instances  comparisons  violations  margin left  tightness  stored  verdict           statement";
         writeln!(out, "{head}")?;
     }
-    let mut all_expected = true;
-    for (claim, report) in claims.iter().zip(&reports) {
-        let verdict = Verdict::of(report);
-        all_expected &= verdict == claim.check.expected();
+    for (claim, report) in claims.iter().zip(reports) {
+        let (verdict, expected) = (Verdict::of(report), claim.check.expected());
         if as_json {
             let row = json!({
                 "claim": claim.id, "statement": claim.statement, "source": claim.source,
                 "formula": claim.check.formula(), "experiment": claim.check.experiment(),
-                "caveat": claim.check.caveat(), "report": report, "verdict": verdict,
-                "expected": claim.check.expected(), "seed": setup.seed, "instances": setup.instances,
+                "caveat": claim.check.caveat(), "report": report, "verdict": verdict, "expected": expected,
+                "seed": setup.seed, "instances": setup.instances,
             });
             writeln!(out, "{row}")?;
             continue;
         }
         let or_none = |value: Option<String>| value.unwrap_or("-".to_owned());
+        let note = if verdict == expected { "" } else { " (another verdict was expected)" };
         writeln!(
             out,
-            "{:<5}  {:>9}  {:>11}  {:>10}  {:>10.2}%  {:>9}  {:>6}  {:<16}  {}",
+            "{:<5}  {:>9}  {:>11}  {:>10}  {:>10.2}%  {:>9}  {:>6}  {:<16}  {}{note}",
             claim.id,
             report.instances,
             report.comparisons,
@@ -78,26 +131,66 @@ fn checked(claims: &[Claim], setup: &Setup, as_json: bool) -> Result<(String, bo
             claim.statement
         )?;
     }
-    Ok((out, all_expected))
+    Ok(out)
 }
 
-/// A line for each planted error, and whether all are noticed.
-fn planted(claims: &[Claim], setup: &Setup, as_json: bool) -> Result<(String, bool)> {
-    let cases: Vec<(&Claim, usize)> =
-        claims.iter().flat_map(|claim| (0..claim.check.planted().len()).map(move |k| (claim, k))).collect();
-    let caught: Vec<bool> = cases.par_iter().map(|(claim, k)| notices(&*claim.check, *k, setup)).collect();
+/// A line for each diagnostic.
+fn diagnostic_lines(subject: &str, diagnostics: &[Diagnostic], as_json: bool) -> Result<String> {
     let mut out = String::new();
-    for ((claim, k), caught) in cases.iter().zip(&caught) {
-        let error = claim.check.planted()[*k];
+    if !as_json {
+        writeln!(out, "\nDiagnostics, no proofs. {subject}")?;
+    }
+    for diagnostic in diagnostics {
+        let Diagnostic { id, question, finding, .. } = diagnostic;
         if as_json {
-            writeln!(out, "{}", json!({"claim": claim.id, "planted": error, "caught": caught}))?;
+            let tables: Vec<_> = diagnostic
+                .tables
+                .iter()
+                .map(|grid| json!({"caption": grid.caption, "columns": grid.columns, "rows": grid.rows}))
+                .collect();
+            let row = json!({
+                "diagnostic": id, "question": question, "finding": finding, "caveat": diagnostic.caveat,
+                "subject": subject, "tables": tables,
+            });
+            writeln!(out, "{row}")?;
         } else {
-            writeln!(out, "{:<5}  {:<6}  {error}", claim.id, if *caught { "caught" } else { "MISSED" })?;
+            writeln!(out, "{id}  {question}\n    {finding}")?;
         }
     }
-    let count = caught.iter().filter(|caught| **caught).count();
-    if !as_json {
-        writeln!(out, "caught {count} of {}", caught.len())?;
+    Ok(out)
+}
+
+/// All planted errors, and whether they are noticed.
+fn planted<'c>(claims: &'c [Claim], setup: &Setup) -> Vec<Planted<'c>> {
+    let cases: Vec<(&Claim, usize)> =
+        claims.iter().flat_map(|claim| (0..claim.check.planted().len()).map(move |k| (claim, k))).collect();
+    let one = |(claim, k): &(&'c Claim, usize)| Planted {
+        claim: claim.id,
+        error: claim.check.planted()[*k],
+        is_caught: notices(&*claim.check, *k, setup),
+    };
+    cases.par_iter().map(one).collect()
+}
+
+/// A line for each planted error, the checks that are broken, and how many errors were caught.
+fn planted_lines(planted: &[Planted<'_>], as_json: bool) -> Result<String> {
+    let mut out = String::new();
+    for Planted { claim, error, is_caught } in planted {
+        if as_json {
+            writeln!(out, "{}", json!({"claim": claim, "planted": error, "caught": is_caught}))?;
+        } else {
+            let word = if *is_caught { "caught" } else { "MISSED" };
+            writeln!(out, "{claim:<5}  {word}  {error}")?;
+        }
     }
-    Ok((out, count == caught.len()))
+    if !as_json {
+        let mut broken: Vec<&str> = planted.iter().filter(|p| !p.is_caught).map(|p| p.claim).collect();
+        broken.dedup();
+        for claim in broken {
+            writeln!(out, "the check of {claim} is broken")?;
+        }
+        let count = planted.iter().filter(|planted| planted.is_caught).count();
+        writeln!(out, "caught {count} of {}", planted.len())?;
+    }
+    Ok(out)
 }

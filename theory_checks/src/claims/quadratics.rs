@@ -17,6 +17,9 @@ pub struct Quadratics {
     pub curvatures: [Curvature; 2],
 }
 
+/// Numbers of a shape.
+pub const SHAPE: usize = 7;
+
 /// What a preference gets from the segment of the experts.
 pub struct Segment {
     /// Best λ and gap by the formulas, and by search.
@@ -43,6 +46,25 @@ impl Quadratics {
         });
         let optima = [(); 2].map(|()| normals(rng, dimension));
         Self { hessians, optima, curvatures: [Curvature { m: 1.0, l: condition }; 2] }
+    }
+
+    /// Quadratics in the plane by the logarithms of four eigenvalues, the turn between both Hessians and the place of
+    /// one optimum relative to the other.
+    pub fn of_shape(shape: &[f64; SHAPE]) -> Self {
+        let [a, b, c, d, turn, x, y] = *shape;
+        let matrix = |eigenvalues: [f64; 2], turn: f64| {
+            let (sin, cos) = turn.sin_cos();
+            let axes = DMatrix::from_row_slice(2, 2, &[cos, -sin, sin, cos]);
+            &axes * DMatrix::from_diagonal(&DVector::from_row_slice(&eigenvalues)) * axes.transpose()
+        };
+        // Rounding decides where Hessians are further from round.
+        let eigenvalues = [[a, b], [c, d]].map(|pair| pair.map(|log| log.clamp(-7.0, 7.0).exp()));
+        let curvatures = eigenvalues.map(|[p, q]| Curvature { m: p.min(q), l: p.max(q) });
+        Self {
+            hessians: [matrix(eigenvalues[0], 0.0), matrix(eigenvalues[1], turn)],
+            optima: [DVector::from_row_slice(&[x, y]), DVector::zeros(2)],
+            curvatures,
+        }
     }
 
     fn hessian(&self, weight: f64) -> DMatrix<f64> {

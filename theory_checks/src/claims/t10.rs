@@ -97,7 +97,7 @@ impl Check for ConcavityAlongPath {
             let pair = Pair::draw(rng, instance, DIMENSIONS[instance / 5 % DIMENSIONS.len()]);
             between(pair.rewards()[0], rng, tally, planted);
         });
-        let tight = setup.each("T10 tight", 100, |instance, rng, tally| {
+        let tight = setup.whole().each("T10 tight", 100, |instance, rng, tally| {
             let center = normals(rng, DIMENSIONS[instance % DIMENSIONS.len()]);
             let curvature = log_uniform(rng, [-1.0, 1.0]);
             between(&Separable::isotropic(curvature, center), rng, tally, planted);

@@ -5,7 +5,7 @@ use sage_core::registry::{Entry, NoOptions};
 use super::{quadratics::Quadratics, t2::Line};
 use crate::{
     Agreement::{Distance, Factor},
-    Check, Figure, Number, Preference, Report, Setup, Table, Verdict,
+    Check, Figure, Number, Preference, Report, Series, Setup, Table, Verdict,
 };
 
 /// Widths and gaps of equal curvature: β and the width.
@@ -21,6 +21,8 @@ const MEDIANS: [(f64, [f64; 7]); 3] = [
 ];
 const DIMENSION: usize = 10;
 const SEEDS: usize = 60;
+/// Gaps below this are rounding.
+const ROUNDING: f64 = 1e-9;
 /// Steps of μ of the table.
 const PREFERENCES: usize = 40;
 
@@ -123,17 +125,22 @@ impl Check for WidthOfOptimality {
             let median =
                 |beta: f64| Number::median(measured.samples(&format!("{beta}")), setup.scaled(SEEDS));
             let beside = |(beta, known): (&f64, f64)| {
-                let agreement = if known == 0.0 { Distance(1e-9) } else { Factor(2.5) };
+                let agreement = if known == 0.0 { Distance(ROUNDING) } else { Factor(2.5) };
                 median(*beta).beside(known, agreement)
             };
             let numbers = BETAS.iter().zip(known).map(beside);
             let count = |beta: f64| Number::new(measured.samples(&format!("{beta} is best")).iter().sum());
             table.row(format!("{condition}"), numbers.chain([0.9, 0.95, 1.0].map(count)));
-            let points = BETAS.map(|beta| [beta, median(beta).value]).to_vec();
-            series.push((format!("κ = {condition}"), points));
+            // What rounding leaves of a gap of 0 has no place on a logarithmic axis.
+            let points = BETAS
+                .map(|beta| [beta, median(beta).value])
+                .into_iter()
+                .filter(|[_, gap]| *gap > ROUNDING)
+                .collect();
+            series.push(Series::line(format!("κ = {condition}"), points));
             tally = tally.and(measured);
         }
-        let figure = Figure::lines(
+        let figure = Figure::new(
             "The largest gap over μ for each β: an inner β is best only where Hessians differ",
             ["β", "median of the largest gap"],
             series,

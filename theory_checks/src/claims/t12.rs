@@ -127,6 +127,18 @@ fn attained(rng: &mut Rng, tally: &mut Tally) {
     tally.equal(cosine(&flow.vector(time), &flow.gradient(0.0)), least_cosine(time), 1e-9);
 }
 
+/// A prior as far from the optimum in the curved as in the flat direction: after long training the vector is diagonal,
+/// the gradient at the prior is not.
+fn stored(tally: &mut Tally) {
+    let flow = Flow {
+        spectrum: DVector::from_row_slice(&[1.0, 0.01]),
+        offset: DVector::from_row_slice(&[1.0, 1.0]),
+    };
+    let far = cosine(&flow.vector(1e4), &flow.gradient(0.0));
+    tally.stored(far, 1.01 / (2.0f64 * 1.0001).sqrt(), 1e-12);
+    tally.exception(far < SAME);
+}
+
 impl Check for FirstOrder {
     fn formula(&self) -> &'static str {
         "gradient flow of a quadratic: Δ = (I − e^{−Ht}) (θ* − θ_ref); cos(Δ, ∇R(θ_ref)) ≥ 2√a/(1 + a), a = (1 − e^{−tL})/(tL)"
@@ -151,6 +163,7 @@ impl Check for FirstOrder {
     fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
         let random = setup.each("T12", 500, |_, rng, tally| flow(rng, tally, planted));
         let mut tally = random.and(setup.each("T12 tight", 100, |_, rng, tally| attained(rng, tally)));
+        stored(&mut tally);
         let mut columns = vec!["".to_owned()];
         columns.extend(TIMES.map(|time| format!("t L = {time}")));
         let mut table = Table::new(

@@ -9,7 +9,7 @@ use sage_core::{
 use super::{instances::Pair, t2::Line};
 use crate::{
     Agreement::Factor,
-    Check, Experts, Figure, Number, Preference, Report, Setup, Table, Tally, Verdict,
+    Check, Experts, Figure, Number, Preference, Report, Series, Setup, Table, Tally, Verdict,
     random::{normals, rotation},
     reward::{Concave, Curvature, Family, Separable, Shape},
 };
@@ -62,6 +62,9 @@ fn converged(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
     let along = adversarial + phi * (adversarial - &prior) + sign * phi * (realistic - &prior);
     let scale = 1.0 + adversarial.norm() + realistic.norm() + prior.norm();
     tally.equal((along - experts.at(1.0 + phi)).norm(), 0.0, 1e-12 * scale);
+    // Vectors of one length: the direct step is the shorter one iff their angle is below 60°.
+    let [one, other] = [(); 2].map(|()| normals(rng, 3).normalize());
+    tally.holds(((&one - &other).norm() < 1.0) == (one.dot(&other) > 0.5));
     // At an optimum of R_1 both gradients are antiparallel, so every direction has one exchange rate.
     let [of_adversarial, of_realistic] = experts.rewards.map(|reward| reward.gradient(adversarial));
     let sum = BETA * &of_adversarial + (1.0 - BETA) * &of_realistic;
@@ -220,11 +223,11 @@ impl Check for Extrapolation {
         let points = rates[0].iter().zip(&rates[1]).map(|(gain, cost)| [*gain, *cost]).collect();
         let most = rates[0].iter().copied().fold(0.0, f64::max);
         let line = vec![[-most, most * BETA / (1.0 - BETA)], [most, -most * BETA / (1.0 - BETA)]];
-        let figure = Figure::lines(
+        let figure = Figure::new(
             "Slopes of both rewards at the adversarial expert, along the experts' line and along random directions",
             ["slope of R_adv", "slope of R_real"],
-            vec![("directions".to_owned(), points), ("−β/(1 − β)".to_owned(), line)],
+            vec![Series::points("directions", points), Series::line("−β/(1 − β)", line)],
         );
-        tally.report(tables(&tally).into(), vec![figure.scattered()])
+        tally.report(tables(&tally).into(), vec![figure])
     }
 }

@@ -10,7 +10,7 @@ use sage_core::{
 use super::nets::{SIZES, problem};
 use crate::{
     Agreement::Distance,
-    Check, Figure, Number, Report, Setup, Table, Tally,
+    Check, Figure, Number, Report, Series, Setup, Table, Tally,
     mixing::{Mixing, Problem},
     quadrature::{gauss_legendre, integral},
     random::log_uniform,
@@ -40,22 +40,54 @@ const FIXTURE: [Stored; 4] = [
     (
         1.0,
         0.5,
-        [0.022414354647, 0.023377977256, 0.023545981754, 0.022319916583, 0.065583012, -0.188367854, 0.0557744907],
+        [
+            0.022414354647,
+            0.023377977256,
+            0.023545981754,
+            0.022319916583,
+            0.065583012,
+            -0.188367854,
+            0.0557744907,
+        ],
     ),
     (
         1.0,
         0.25,
-        [0.019080601334, 0.019745749713, 0.021848140913, 0.023735373276, 0.0356440121, -0.233046836, 0.0557744907],
+        [
+            0.019080601334,
+            0.019745749713,
+            0.021848140913,
+            0.023735373276,
+            0.0356440121,
+            -0.233046836,
+            0.0557744907,
+        ],
     ),
     (
         0.1,
         0.5,
-        [3.3266843813e-4, 3.3296550544e-4, 3.3300186009e-4, 3.3289494540e-4, 1.93135677e-4, -2.66401488e-3, 1.92280359e-4],
+        [
+            3.3266843813e-4,
+            3.3296550544e-4,
+            3.3300186009e-4,
+            3.3289494540e-4,
+            1.93135677e-4,
+            -2.66401488e-3,
+            1.92280359e-4,
+        ],
     ),
     (
         0.1,
         0.25,
-        [2.5092589151e-4, 2.5109719591e-4, 2.5308480705e-4, 2.5382385849e-4, 1.84397144e-4, -2.69957128e-3, 1.92280359e-4],
+        [
+            2.5092589151e-4,
+            2.5109719591e-4,
+            2.5308480705e-4,
+            2.5382385849e-4,
+            1.84397144e-4,
+            -2.69957128e-3,
+            1.92280359e-4,
+        ],
     ),
 ];
 
@@ -64,7 +96,8 @@ pub struct FourSteps;
 
 impl Entry<dyn Check> for FourSteps {
     const NAME: &'static str = "T14";
-    const SUMMARY: &'static str = "L_w − L_e ≈ −k (L'' − E‖Δf‖²), with known orders of the error of each step";
+    const SUMMARY: &'static str =
+        "L_w − L_e ≈ −k (L'' − E‖Δf‖²), with known orders of the error of each step";
     const SOURCE: &'static str = "SAGE (ICLR 2026), lemma on weight against output mixing";
     type Options = NoOptions;
 
@@ -128,9 +161,7 @@ fn slope(values: [f64; SCALES.len()]) -> f64 {
 
 /// Orders of all errors in ‖δ‖.
 fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
-    // A median of fewer slopes does not show an order.
-    let whole = Setup { instances: setup.instances.max(Setup::default().instances), ..*setup };
-    let tally = whole.each("T14 orders", SEEDS, |_, rng, tally| {
+    let tally = setup.whole().each("T14 orders", SEEDS, |_, rng, tally| {
         let start = problem(rng, SIZES, INPUTS, 1.0);
         for (is_met, alpha, _, _) in ORDERS {
             let found = SCALES.map(|scale| {
@@ -150,7 +181,10 @@ fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
     });
     let mut columns = vec!["residual; α"];
     columns.extend(QUANTITIES);
-    let mut table = Table::new("Median slopes on log–log axes in ‖δ‖, scales 1/8 to 1/64, 4-16-3 networks, 256 inputs", &columns);
+    let mut table = Table::new(
+        "Median slopes on log–log axes in ‖δ‖, scales 1/8 to 1/64, 4-16-3 networks, 256 inputs",
+        &columns,
+    );
     let mut judged = Tally::default();
     for (is_met, alpha, orders, known) in ORDERS {
         let numbers = QUANTITIES.iter().enumerate().map(|(k, quantity)| {
@@ -171,9 +205,9 @@ fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
             let median = statistics::median(tally.samples(&format!("{quantity} at {scale}")));
             [*scale, median.unwrap_or(f64::NAN)]
         };
-        ((*quantity).to_owned(), SCALES.iter().map(point).collect())
+        Series::line(*quantity, SCALES.iter().map(point).collect())
     };
-    let figure = Figure::lines(
+    let figure = Figure::new(
         "Errors of the steps against the scale of δ, residual O(1), α = 0.3: median of 20 networks",
         ["scale of δ", "error"],
         QUANTITIES.iter().map(line).collect(),

@@ -56,8 +56,7 @@ impl Check for ExactComparison {
             let diversity = if planted == Some(0) { 0.0 } else { mixing.k() * mixing.distance };
             tally.equal(mixing.chord - diversity, mixing.output, TOLERANCE * scale);
             let weighted = |t: f64| ((1.0 - alpha) * t).min(alpha * (1.0 - t)) * problem.at(t).bend();
-            let bent =
-                integral(&nodes, 0.0, alpha, weighted) + integral(&nodes, alpha, 1.0, weighted);
+            let bent = integral(&nodes, 0.0, alpha, weighted) + integral(&nodes, alpha, 1.0, weighted);
             tally.equal(mixing.chord - bent, mixing.weight, TOLERANCE * scale);
             tally.equal(diversity - bent, mixing.difference(), TOLERANCE * scale);
             let is_better = mixing.chord - mixing.weight > diversity;

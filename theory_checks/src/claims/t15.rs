@@ -1,5 +1,6 @@
 //! T15: what decides between weight mixing and output mixing.
 
+use nalgebra::{DMatrix, DVector};
 use sage_core::{
     registry::{Entry, NoOptions},
     seed::Rng,
@@ -52,7 +53,8 @@ pub struct WhatDecides;
 impl Entry<dyn Check> for WhatDecides {
     const NAME: &'static str = "T15";
     const SUMMARY: &'static str = "a path along which the loss is convex makes weight mixing superior";
-    const SOURCE: &'static str = "SAGE (ICLR 2026), lemma on weight against output mixing; corrected by this project";
+    const SOURCE: &'static str =
+        "SAGE (ICLR 2026), lemma on weight against output mixing; corrected by this project";
     type Options = NoOptions;
 
     fn build(_: NoOptions) -> Result<Box<dyn Check>, String> {
@@ -111,11 +113,39 @@ fn trained(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
     }
 }
 
+/// `b tanh(a x)` on three points with targets 0: convex along the whole path, and weight mixing is worse.
+fn stored(tally: &mut Tally) {
+    let one = |a: f64, b: f64| TanhNet {
+        inner: DMatrix::from_element(1, 1, a),
+        offsets: DVector::zeros(1),
+        outer: DMatrix::from_element(1, 1, b),
+    };
+    let problem = Problem {
+        first: one(0.7, 1.1),
+        delta: one(0.6, 0.5),
+        inputs: DMatrix::from_row_slice(1, 3, &[-1.0, 0.5, 2.0]),
+        targets: DMatrix::zeros(1, 3),
+    };
+    let mixing = problem.at(ALPHA);
+    tally.stored(mixing.difference(), 0.008281350883, 1e-12);
+    tally.stored(mixing.bend(), 0.324946362661, 1e-12);
+    tally.stored(mixing.curvature, -0.067589680571, 1e-12);
+    let is_convex = (0..=100).all(|k| problem.at(f64::from(k) / 100.0).bend() > 0.0);
+    tally.counterexample(is_convex && mixing.difference() > 0.0);
+}
+
 fn tables(tally: &Tally) -> Vec<Table> {
     let share = |name: String| Number::share(tally.samples(&name));
     let mut random = Table::new(
         "Random 4-16-3 networks, α = ½, 128 inputs; the rates of winning are those of this family, the agreement of signs is not",
-        &["scale of δ", "sign of the formula right", "sign of −E[r f''] right", "L'' > 0", "weight mixing worse given L'' > 0", "median relative error of the formula"],
+        &[
+            "scale of δ",
+            "sign of the formula right",
+            "sign of −E[r f''] right",
+            "L'' > 0",
+            "weight mixing worse given L'' > 0",
+            "median relative error of the formula",
+        ],
     );
     for (scale, [formula, curvature, convex, worse, error]) in KNOWN {
         let median = statistics::median(tally.samples(&format!("{scale} error"))).unwrap_or(f64::NAN);
@@ -132,7 +162,14 @@ fn tables(tally: &Tally) -> Vec<Table> {
     }
     let mut pairs = Table::new(
         "A 4-32-3 network trained on y0 (3000 steps of gradient descent with momentum 0.9, rate 0.05) and tuned to y0 + A and to y0 + B (500 steps, rate 0.03), loss on a target; the midpoint favours output mixing by construction",
-        &["amplitude; target", "weight mixing better", "sign of the formula right", "L'' > 0", "convex but worse", "median L_w − L_e"],
+        &[
+            "amplitude; target",
+            "weight mixing better",
+            "sign of the formula right",
+            "L'' > 0",
+            "convex but worse",
+            "median L_w − L_e",
+        ],
     );
     for (amplitude, name, better, difference) in PAIRS {
         let of = |what: &str| share(format!("{amplitude} {name} {what}"));
@@ -158,7 +195,7 @@ impl Check for WhatDecides {
     }
 
     fn experiment(&self) -> &'static str {
-        "1000 random 4-16-3 tanh networks for each of five scales of δ (as in T14, 128 inputs, α = ½), and 20 trained pairs"
+        "1000 random 4-16-3 tanh networks for each of five scales of δ (as in T14, 128 inputs, α = ½), and 20 trained pairs; a stored network with one weight in each layer, convex along its whole path"
     }
 
     fn caveat(&self) -> &'static str {
@@ -188,6 +225,7 @@ impl Check for WhatDecides {
             }
         }
         tally = tally.and(setup.each("T15 trained", SEEDS, |_, rng, tally| trained(rng, tally, planted)));
+        stored(&mut tally);
         tally.report(tables(&tally), vec![])
     }
 }

@@ -21,14 +21,15 @@ const INPUTS: usize = 40;
 const ALPHA: f64 = 0.5;
 /// Scales of δ with the share of right signs of an independent implementation.
 const KNOWN: [(f64, f64); 3] = [(0.25, 0.991), (0.1, 0.999), (0.03, 1.0)];
-const NETWORKS: usize = 500;
+const NETWORKS: usize = 1000;
 
 /// The claim T16.
 pub struct RayleighCondition;
 
 impl Entry<dyn Check> for RayleighCondition {
     const NAME: &'static str = "T16";
-    const SUMMARY: &'static str = "the curvature exceeds the Rayleigh quotient of the Fisher matrix, so weights mix better";
+    const SUMMARY: &'static str =
+        "the curvature exceeds the Rayleigh quotient of the Fisher matrix, so weights mix better";
     const SOURCE: &'static str = "SAGE (ICLR 2026), Rayleigh condition; corrected by this project";
     type Options = NoOptions;
 
@@ -84,7 +85,8 @@ fn whole(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
     problem.targets = normal_matrix(rng, WHOLE[2], INPUTS);
     let net = problem.first.plus(ALPHA, &problem.delta);
     let direction = vector(&problem.delta);
-    let inputs = if planted == Some(1) { problem.inputs.columns(0, 1).into_owned() } else { problem.inputs.clone() };
+    let inputs =
+        if planted == Some(1) { problem.inputs.columns(0, 1).into_owned() } else { problem.inputs.clone() };
     let length = direction.norm_squared();
     let rayleigh = direction.dot(&(fisher(&net, &inputs) * &direction)) / length;
     let eta = if planted == Some(0) {
@@ -134,13 +136,26 @@ fn linear(rng: &mut Rng, tally: &mut Tally) {
     tally.counterexample(eta <= rayleigh * (1.0 + 1e-9));
 }
 
+/// `f = θ x` on two inputs: η and the quotient are both 2.5.
+fn stored(tally: &mut Tally) {
+    let inputs = [1.0, 2.0];
+    let targets = [0.5, -1.0];
+    let loss =
+        |theta: f64| -> f64 { inputs.iter().zip(targets).map(|(x, y)| 0.25 * (theta * x - y).powi(2)).sum() };
+    let eta = loss(1.0) - 2.0 * loss(0.0) + loss(-1.0);
+    let quotient = inputs.iter().map(|x| 0.5 * x * x).sum::<f64>();
+    tally.stored(eta, 2.5, 1e-12);
+    tally.stored(quotient, 2.5, 1e-12);
+    tally.counterexample(eta <= quotient);
+}
+
 impl Check for RayleighCondition {
     fn formula(&self) -> &'static str {
         "η = δᵀ H δ/‖δ‖² > δᵀ F δ/‖δ‖², F = E[Jᵀ J], is E[r f''] > 0: with H = F + E[r ∇²f] nothing new, and a tie where outputs are linear in the weights"
     }
 
     fn experiment(&self) -> &'static str {
-        "100 3-5-2 tanh networks with normal targets, F from all Jacobians and η from differences of the loss; 200 linear models; 500 4-16-3 networks for each of three scales of δ"
+        "100 3-5-2 tanh networks with normal targets, F from all Jacobians and η from differences of the loss; 200 linear models; 1000 4-16-3 networks for each of three scales of δ"
     }
 
     fn caveat(&self) -> &'static str {
@@ -158,6 +173,7 @@ impl Check for RayleighCondition {
     fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
         let mut tally = setup.each("T16", 100, |_, rng, tally| whole(rng, tally, planted));
         tally = tally.and(setup.each("T16 linear", 200, |_, rng, tally| linear(rng, tally)));
+        stored(&mut tally);
         let mut table = Table::new(
             "Share of networks where the sign of η minus the quotient is that of L_e − L_w",
             &["scale of δ", "share"],

@@ -10,7 +10,7 @@ use sage_core::{
 
 use crate::{
     Agreement::ThreeStandardErrors,
-    Check, Figure, Number, Report, Setup, Table, Tally, Verdict, optimum,
+    Check, Figure, Number, Report, Series, Setup, Table, Tally, Verdict, optimum,
     random::normals,
     reward::{Concave, Curvature},
 };
@@ -48,7 +48,8 @@ pub struct PreferenceLearning;
 
 impl Entry<dyn Check> for PreferenceLearning {
     const NAME: &'static str = "T17";
-    const SUMMARY: &'static str = "preference learning maximises the reward that made the labels, less a KL penalty";
+    const SUMMARY: &'static str =
+        "preference learning maximises the reward that made the labels, less a KL penalty";
     const SOURCE: &'static str = "DPO (NeurIPS 2023); SAGE (ICLR 2026), assumption on HGPO";
     type Options = NoOptions;
 
@@ -253,14 +254,17 @@ impl Check for PreferenceLearning {
     }
 
     fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let mut tally = setup.each("T17", 150, |instance, rng, tally| population(instance, rng, tally, planted));
+        let mut tally =
+            setup.each("T17", 150, |instance, rng, tally| population(instance, rng, tally, planted));
         tally = tally.and(setup.each("T17 order", 200, |_, rng, tally| order_alone(rng, tally)));
         let mut labels = Table::new(
             "Sampled labels, 10 items with normal rewards: root mean square error of the rewards over the Fisher prediction √(tr I⁺/(n K)), and the median error",
             &["labels", "ratio", "error"],
         );
         for (count, known) in SAMPLED {
-            let measured = setup.each(&format!("T17 {count}"), SEEDS, |_, rng, tally| sampled(count, rng, tally));
+            let measured = setup
+                .whole()
+                .each(&format!("T17 {count}"), SEEDS, |_, rng, tally| sampled(count, rng, tally));
             let ratio = Number::root_mean_square(measured.samples(&format!("{count}")));
             if count >= MANY {
                 // 15 % and what the number of seeds leaves open.
@@ -298,10 +302,13 @@ impl Check for PreferenceLearning {
         stored(&mut tally);
         let limit = (RANKED - 1) as f64 * 10f64.ln() / TEMPERATURE;
         let line = vec![[1e3, spreads[1][1]], [1e5, spreads[1][1] + 2.0 * limit]];
-        let figure = Figure::lines(
+        let figure = Figure::new(
             "Pairs that the higher reward always wins: the log-ratios spread without end",
             ["steps of gradient descent", "spread of log(π/π_ref)"],
-            vec![("measured".to_owned(), spreads), (format!("limit: {limit:.1} a decade"), line)],
+            vec![
+                Series::line("measured", spreads),
+                Series::line(format!("limit: {limit:.1} a decade"), line),
+            ],
         );
         tally.report(vec![labels, pairs], vec![figure.logarithmic([true, false])])
     }

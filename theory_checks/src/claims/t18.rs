@@ -76,8 +76,7 @@ fn contacts(tally: &mut Tally, planted: Option<usize>) -> Table {
     );
     for (name, convention) in [("paper", Convention::Paper), ("release", Convention::Release)] {
         for step in 1..=HORIZON {
-            let [inside, outside] =
-                [-NEAR, NEAR].map(|shift| reward(convention, step, WIDTH + shift));
+            let [inside, outside] = [-NEAR, NEAR].map(|shift| reward(convention, step, WIDTH + shift));
             tally.equal(jump(convention, step, planted), inside - outside, 1e-8);
             // A Lipschitz constant would have to exceed the quotient of these differences.
             tally.counterexample((inside - outside).abs() / (2.0 * NEAR) > 1e6);
@@ -107,7 +106,11 @@ fn contacts(tally: &mut Tally, planted: Option<usize>) -> Table {
 }
 
 /// Value, gradient and Hessian of `J = Σ p_k R_k` in the logits.
-fn expectation(logits: &DVector<f64>, rewards: &DVector<f64>, planted: Option<usize>) -> (DVector<f64>, DMatrix<f64>) {
+fn expectation(
+    logits: &DVector<f64>,
+    rewards: &DVector<f64>,
+    planted: Option<usize>,
+) -> (DVector<f64>, DMatrix<f64>) {
     let p = softmax(logits);
     let mean = p.dot(rewards);
     let a = p.zip_map(rewards, |p, r| p * (r - mean));
@@ -150,7 +153,8 @@ fn softened(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
 fn sharpest(rng: &mut Rng, tally: &mut Tally) {
     let count = 2 + rng.below(15);
     let logits = rng.uniform(0.1, 3.0) * normals(rng, count);
-    let rewards = DVector::from_fn(count, |k, _| if k == 0 { 1.0 } else { f64::from(u8::from(rng.unit() < 0.5)) });
+    let rewards =
+        DVector::from_fn(count, |k, _| if k == 0 { 1.0 } else { f64::from(u8::from(rng.unit() < 0.5)) });
     let [low, high] = spectral_norm(&expectation(&logits, &rewards, None).1);
     tally.at_most(high.max(-low), SHARPEST, 1e-12);
     tally.sample("sharpest", high.max(-low));
@@ -211,12 +215,12 @@ impl Check for Smoothness {
         tally = tally.and(setup.each("T18 noise", 40, |_, rng, tally| noise(rng, tally)));
         let jumps = contacts(&mut tally, planted);
         let largest = |name: &str| tally.samples(name).iter().copied().fold(0.0, f64::max);
-        let mut norms = Table::new(
-            "Hessian of the expected reward in the logits",
-            &["quantity", "value"],
-        );
+        let mut norms = Table::new("Hessian of the expected reward in the logits", &["quantity", "value"]);
         norms.row("largest norm / bound", [Number::new(largest("norm")).beside(0.384, Distance(0.05))]);
-        norms.row("largest norm, rewards 0 and 1", [Number::new(largest("sharpest")).beside(SHARPEST, Distance(1e-3))]);
+        norms.row(
+            "largest norm, rewards 0 and 1",
+            [Number::new(largest("sharpest")).beside(SHARPEST, Distance(1e-3))],
+        );
         let share = Number::share(tally.samples("indefinite"));
         norms.row("indefinite, share", [share.beside(0.9, Distance(0.12))]);
         tally.report(vec![jumps, norms], vec![])

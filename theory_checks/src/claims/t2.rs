@@ -118,6 +118,10 @@ impl Check for UnequalCurvature {
             tally.stored(bounds.centre().unwrap_or(0.0), 0.0, 1e-12);
         }
         tally.stored(Line { a: 1.0, b: 4.0 }.distance(0.9), 0.66528067, 1e-8);
+        let coefficients = Preference { mu: 0.3, beta: 0.9 }.coefficients();
+        for (found, known) in coefficients.into_iter().zip([0.25, 0.75]) {
+            tally.stored(found, known, 1e-12);
+        }
         tally.report(vec![], vec![])
     }
 }

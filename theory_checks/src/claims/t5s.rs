@@ -4,7 +4,7 @@ use sage_core::registry::{Entry, NoOptions};
 
 use super::instances::Pair;
 use crate::{
-    Check, Experts, Figure, Report, Setup, Tally,
+    Check, Experts, Figure, Report, Series, Setup, Tally,
     random::log_uniform,
     reward::{Curvature, Family, Shape},
 };
@@ -106,10 +106,10 @@ impl Check for SignRule {
             let [mus, lambdas] =
                 ["mu", "lambda"].map(|of| tally.samples(&format!("{instance} {of}")).to_vec());
             let points = mus.into_iter().zip(lambdas).map(|(mu, lambda)| [mu, lambda]).collect();
-            (format!("instance {instance}"), points)
+            Series::line(format!("instance {instance}"), points)
         };
-        let series = (0..90).map(curve).filter(|(_, points): &(String, Vec<[f64; 2]>)| !points.is_empty());
-        let figure = Figure::lines(
+        let series = (0..90).map(curve).filter(|series| !series.points.is_empty());
+        let figure = Figure::new(
             "The best λ for each μ, for random pairs of rewards with β = 0.9",
             ["μ", "best λ"],
             series.take(8).collect(),

@@ -1,0 +1,452 @@
+//! What the theory asks of trained experts: measured on scenes, as diagnostics.
+
+use anyhow::{Context as _, Result};
+use sage_backbones::training::{Measures, PreparedScene, SceneData};
+use sage_core::{
+    seed::Rng,
+    statistics::{self, Estimate},
+};
+use sage_merging::{ADVERSARIAL, Geometry, REALISTIC};
+use theory_checks::{Figure, Preference, Series};
+
+use super::page::Grid;
+use crate::{
+    Registries,
+    bench::{
+        connectivity::{VALUES, Value, best_lambda, heights},
+        expert_path::{self, Measured, Points},
+        pareto::{Measure, Sweep},
+        weight_and_output::{COMPARED, Comparison},
+    },
+    cli::TheoryArgs,
+    networks,
+    progress::Progress,
+    scenes::Scenes,
+};
+
+/// Weight of each expert's own reward in the shipped experts.
+const BETA: f64 = 0.9;
+/// μ whose best λ is compared with the sign rule.
+const PREFERENCES: [f64; 9] = [0.0, 0.05, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 1.0];
+/// Resamples of an interval.
+const RESAMPLES: usize = 2000;
+/// Scenes in memory at a time.
+const WINDOW: usize = 16;
+
+/// A diagnostic of trained experts.
+pub(super) struct Diagnostic {
+    /// G1 to G6.
+    pub(super) id: &'static str,
+    /// What is asked.
+    pub(super) question: &'static str,
+    /// What was found, in one line.
+    pub(super) finding: String,
+    /// The claim behind it, and what the finding does not say.
+    pub(super) caveat: &'static str,
+    pub(super) tables: Vec<Grid>,
+    pub(super) figures: Vec<Figure>,
+}
+
+/// Measures of all scenes.
+struct Found {
+    path: Sweep,
+    beyond: [Sweep; 2],
+    mixing: Vec<[Comparison; 3]>,
+    geometry: Geometry,
+    points: Points,
+}
+
+/// All diagnostics of the realistic and the adversarial expert on scenes, and what they were measured on.
+///
+/// *Errors*: experts or scenes cannot be read, or no scene can be attacked.
+pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String, Vec<Diagnostic>)> {
+    let paths = args.data.as_deref().unwrap_or_default();
+    let experts =
+        networks::load_experts(&registries.backbones, &args.weights)?.only(&[REALISTIC, ADVERSARIAL])?;
+    let geometry = Geometry::of(&experts)?;
+    let points = Points::with(Vec::new());
+    let models = expert_path::models(&experts, &geometry, &points, args.seed)?;
+    let scenes = Scenes::of(paths, &args.split, 0, args.seed)?.attackable()?;
+    let measures = Measures::of(&[], &registries.rewards, &registries.feasibilities)?;
+    let prior = &**experts.prior();
+    let one = |data: &SceneData| -> Result<Option<Measured>> {
+        let prepared = PreparedScene::new(prior, data, false, &measures)?;
+        prepared.map(|prepared| models.measure(data, prior, &prepared)).transpose()
+    };
+    let mut progress = Progress::new("evaluated", scenes.len());
+    let mut measured = Vec::new();
+    for window in scenes.windows(WINDOW) {
+        measured.extend(window.map(one, || progress.step())?.into_iter().flatten());
+    }
+    progress.finish(&format!("{} models on {} scenes", models.len(), measured.len()));
+    let sweep = |of: fn(&Measured) -> &Vec<Measure>| Sweep {
+        scenes: measured.iter().map(|measured| of(measured).clone()).collect(),
+    };
+    let found = Found {
+        path: sweep(|m| &m.path),
+        beyond: [sweep(|m| &m.beyond[0]), sweep(|m| &m.beyond[1])],
+        mixing: measured.iter().filter_map(|measured| measured.mixing).collect(),
+        geometry,
+        points,
+    };
+    let subject = format!("Experts `{}` on {} scenes.", args.weights, measured.len());
+    let all = [
+        found.path(),
+        found.best(),
+        Some(found.vectors()),
+        found.extrapolation(),
+        found.mixing(),
+        found.stand_in(),
+    ];
+    let all: Option<Vec<Diagnostic>> = all.into_iter().collect();
+    Ok((subject, all.context("none of the scenes could be evaluated")?))
+}
+
+impl Found {
+    /// Rewards along the path: heights above the chord in units of λ(1 − λ) D²/2, and barriers.
+    fn path(&self) -> Option<Diagnostic> {
+        let squared = self.geometry.norm(&[-1.0, 1.0]).powi(2);
+        let last = (self.points.lambdas.len() - 1) as f64;
+        let curvatures = |front: &[Measure], value: Value| -> Vec<f64> {
+            let heights = heights(front, value).into_iter().enumerate();
+            heights
+                .map(|(k, height)| {
+                    let lambda = (k + 1) as f64 / last;
+                    2.0 * height / (lambda * (1.0 - lambda) * squared)
+                })
+                .collect()
+        };
+        let mut path = Grid::new(
+            "q(λ) = 2 (R − chord)/(λ (1 − λ) D²) over the inner λ: a strongly concave reward keeps it above 0",
+            &["reward", "least q", "mean q", "largest q"],
+        );
+        let mut barriers = Grid::new(
+            "Barrier of the loss −R: largest height over the chord, and over the mean of both ends",
+            &["reward", "over the chord", "over the mean"],
+        );
+        let mut refuted = Vec::new();
+        let front = self.path.front();
+        let mut curves = Vec::new();
+        for (name, value) in VALUES {
+            let of = |fold: fn(&[f64]) -> f64| self.path.estimate(|front| fold(&curvatures(front, value)));
+            let least = of(|q| q.iter().copied().fold(f64::INFINITY, f64::min))?;
+            let mean = of(|q| statistics::mean(q).unwrap_or(f64::NAN))?;
+            let largest = of(|q| q.iter().copied().fold(f64::NEG_INFINITY, f64::max))?;
+            if least.high < 0.0 {
+                refuted.push(name);
+            }
+            path.row(name, [least, mean, largest].map(|e| cell(&e, 4)));
+            let over_chord = self.path.estimate(|front| {
+                heights(front, value).into_iter().map(|height| -height).fold(0.0, f64::max)
+            })?;
+            let over_mean = self.path.estimate(|front| {
+                let ends = [front.first(), front.last()].map(|end| end.map_or(0.0, value));
+                front.iter().map(|m| 0.5 * (ends[0] + ends[1]) - value(m)).fold(f64::NEG_INFINITY, f64::max)
+            })?;
+            barriers.row(name, [over_chord, over_mean].map(|e| cell(&e, 3)));
+            let points = self.points.lambdas[1..].iter().zip(curvatures(&front, value));
+            curves.push(Series::line(name, points.map(|(lambda, q)| [*lambda, q]).collect()));
+        }
+        let mut rewards = Vec::new();
+        for (name, value) in &VALUES[..2] {
+            let points: Vec<[f64; 2]> =
+                self.points.lambdas.iter().zip(&front).map(|(lambda, m)| [*lambda, value(m)]).collect();
+            let ends = vec![*points.first()?, *points.last()?];
+            rewards.push(Series::line(*name, points));
+            rewards.push(Series::line(format!("chord of {name}"), ends));
+        }
+        let finding = if refuted.is_empty() {
+            "no reward's least q is below 0 beyond its interval".to_owned()
+        } else {
+            format!("q is below 0, so no strong concavity along the path, for {}", refuted.join("; "))
+        };
+        Some(Diagnostic {
+            id: "G1",
+            question: "Are the rewards concave along the path, and is there a barrier (T10)?",
+            finding,
+            caveat: "Expectations under the interpolated policy, without selection. A q above 0 would not imply concavity.",
+            tables: vec![path, barriers],
+            figures: vec![
+                Figure::new(
+                    "Rewards along the experts' path, with their chords",
+                    ["λ", "expectation"],
+                    rewards,
+                ),
+                Figure::new("q along the path", ["λ", "q"], curves),
+            ],
+        })
+    }
+
+    /// The best λ for each μ against the sign rule.
+    fn best(&self) -> Option<Diagnostic> {
+        let mut table = Grid::new(
+            "λ at which μ R_adv − (1 − μ) P_real is largest, of 21",
+            &["μ", "best λ", "rule for β = 0.9"],
+        );
+        let mut points = Vec::new();
+        let mut against = Vec::new();
+        for mu in PREFERENCES {
+            let best = best_lambda(&self.path, mu)?;
+            let at = Preference { mu, beta: BETA };
+            let (rule, [low, high]) = match at.coefficients() {
+                [c1, _] if c1 <= 1e-9 => ("0", [0.0, 0.0]),
+                [_, c2] if c2 <= 1e-9 => ("1", [1.0, 1.0]),
+                // An inner λ: the nearest points of the path.
+                _ => ("between", [0.05, 0.95]),
+            };
+            if best.high < low || best.low > high {
+                against.push(format!("{mu}"));
+            }
+            table.row(&format!("{mu}"), [cell(&best, 2), rule.to_owned()]);
+            points.push([mu, best.value]);
+        }
+        let rises = points.windows(2).all(|pair| pair[1][1] >= pair[0][1]);
+        let finding = format!(
+            "the best λ {} with μ; {}",
+            if rises { "never falls" } else { "falls somewhere" },
+            if against.is_empty() {
+                "no interval contradicts the sign rule".to_owned()
+            } else {
+                format!("the interval contradicts the sign rule at μ = {}", against.join(", "))
+            }
+        );
+        Some(Diagnostic {
+            id: "G2",
+            question: "Does the best λ follow the sign rule (T5s)?",
+            finding,
+            caveat: "A violation means rewards that are not concave, experts that are not at their optimum, or noise.",
+            tables: vec![table],
+            figures: vec![Figure::new(
+                "The best λ for each μ",
+                ["μ", "best λ"],
+                vec![Series::line("trained experts", points)],
+            )],
+        })
+    }
+
+    /// Norm and cosine of the preference vector along the path.
+    fn vectors(&self) -> Diagnostic {
+        let norm = |at: [f64; 2]| self.geometry.norm(&at);
+        let (real, adversarial) = (norm([1.0, 0.0]), norm([0.0, 1.0]));
+        let cosine = self.geometry.cosine(&[1.0, 0.0], &[0.0, 1.0]);
+        let ratio = adversarial.max(real) / adversarial.min(real);
+        let mut table = Grid::new("Geometry of both preference vectors", &["quantity", "value"]);
+        for (name, value) in [
+            ("norm, realistic", format!("{real:.3}")),
+            ("norm, adversarial", format!("{adversarial:.3}")),
+            ("angle ψ", format!("{:.2}°", cosine.acos().to_degrees())),
+            ("ratio of the norms", format!("{ratio:.3}")),
+            ("1/cos ψ", format!("{:.3}", 1.0 / cosine)),
+        ] {
+            table.row(name, [value]);
+        }
+        let is_monotone = cosine > 0.0 && ratio >= 1.0 / cosine;
+        let line = |name: &str, value: &dyn Fn([f64; 2]) -> f64| {
+            let points = self.points.lambdas.iter().map(|lambda| [*lambda, value([1.0 - lambda, *lambda])]);
+            Series::line(name, points.collect())
+        };
+        let curves = vec![
+            line("norm / norm of the adversarial vector", &|at| norm(at) / adversarial),
+            line("cosine to the adversarial vector", &|at| self.geometry.cosine(&at, &[0.0, 1.0])),
+        ];
+        Diagnostic {
+            id: "G3",
+            question: "Do norm and cosine of the preference vector change monotonically (T9)?",
+            finding: format!(
+                "the cosine rises, as it must; the norm {}",
+                if is_monotone {
+                    "is monotone: the ratio of the norms is above 1/cos ψ"
+                } else {
+                    "dips between the experts"
+                }
+            ),
+            caveat: "A monotone cosine is geometry, no evidence about training.",
+            tables: vec![table],
+            figures: vec![Figure::new("Norm and cosine along the path", ["λ", "value"], curves)],
+        }
+    }
+
+    /// Both extrapolations at equal steps.
+    fn extrapolation(&self) -> Option<Diagnostic> {
+        let [vector, direct] = &self.beyond;
+        let mut table = Grid::new(
+            "Beyond the adversarial expert; steps as shares of the distance between the experts",
+            &[
+                "step",
+                "along its vector: R_adv",
+                "along the line: R_adv",
+                "difference: R_adv",
+                "difference: P_real",
+            ],
+        );
+        let (mut better, mut worse) = (Vec::new(), Vec::new());
+        for (k, step) in self.points.steps.iter().enumerate().skip(1) {
+            let reward = |front: &[Measure]| front[k].reward;
+            let difference = vector.difference(direct, reward)?;
+            if difference.low > 0.0 {
+                better.push(format!("{step}"));
+            }
+            if difference.high < 0.0 {
+                worse.push(format!("{step}"));
+            }
+            let cells = [
+                vector.estimate(reward)?,
+                direct.estimate(reward)?,
+                difference,
+                vector.difference(direct, |front| front[k].penalty)?,
+            ];
+            table.row(&format!("{step}"), cells.map(|e| cell(&e, 2)));
+        }
+        let line = |(name, sweep): (&str, &Sweep)| {
+            let points = self.points.steps.iter().zip(sweep.front()).map(|(step, m)| [*step, m.reward]);
+            Series::line(name, points.collect())
+        };
+        let list =
+            |steps: Vec<String>| if steps.is_empty() { "no step".to_owned() } else { steps.join(", ") };
+        Some(Diagnostic {
+            id: "G4",
+            question: "Is extrapolation along the adversarial vector better than along the experts' line (T13)?",
+            finding: format!(
+                "R_adv by the vector is higher for certain at {}, lower at {}",
+                list(better),
+                list(worse)
+            ),
+            caveat: "At equal lengths of the step. At a converged expert neither has an advantage to first order.",
+            tables: vec![table],
+            figures: vec![Figure::new(
+                "R_adv beyond the adversarial expert",
+                ["step / distance between the experts", "R_adv"],
+                [("along its vector", vector), ("along the line", direct)].map(line).to_vec(),
+            )],
+        })
+    }
+
+    /// Weight against output mixing without derivatives.
+    fn mixing(&self) -> Option<Diagnostic> {
+        let mut table = Grid::new(
+            "Half the mean squared distance of the mean trajectory from the log, m²: weight mixing is better where chord − L_w exceeds k E‖Δf‖²",
+            &["λ", "chord − L_w", "k E‖Δf‖²", "L_e − L_w", "scenes where weights are better, %"],
+        );
+        let mut verdicts = Vec::new();
+        for (k, lambda) in COMPARED.iter().enumerate() {
+            let mean = |of: fn(&Comparison) -> f64| self.bootstrap(|scenes| average(scenes, k, of));
+            let gain = mean(Comparison::gain)?;
+            let sign = if gain.low > 0.0 {
+                "weights"
+            } else if gain.high < 0.0 {
+                "outputs"
+            } else {
+                "neither for certain"
+            };
+            verdicts.push(format!("{sign} at {lambda}"));
+            let cells = [
+                cell(&mean(|c| c.chord - c.weight)?, 2),
+                cell(&mean(|c| c.diversity)?, 2),
+                cell(&gain, 2),
+                cell(&mean(|c| if c.gain() > 0.0 { 100.0 } else { 0.0 })?, 0),
+            ];
+            table.row(&format!("{lambda}"), cells);
+        }
+        Some(Diagnostic {
+            id: "G5",
+            question: "Does weight mixing beat output mixing in the squared error (T14x)?",
+            finding: format!("better is: {}", verdicts.join(", ")),
+            caveat: "An exact test without derivatives. A loss below its chord alone is too weak: k E‖Δf‖² is what output mixing gains.",
+            tables: vec![table],
+            figures: vec![],
+        })
+    }
+
+    /// The squared error in place of a log-likelihood.
+    fn stand_in(&self) -> Option<Diagnostic> {
+        let mut table = Grid::new(
+            "Squared error of the mean trajectory against the negative log-likelihood (nll) of the mode nearest to the log, by scene",
+            &[
+                "λ",
+                "rank correlation of both, weight mixing",
+                "R² of the best line",
+                "scenes where both prefer the same mixture, %",
+                "nll of output − weight mixing, nats",
+                "squared error of output − weight mixing, m²",
+            ],
+        );
+        let mut correlations = Vec::new();
+        for (k, lambda) in COMPARED.iter().enumerate() {
+            let pairs = |scenes: &[&[Comparison; 3]]| -> [Vec<f64>; 2] {
+                [scenes.iter().map(|s| s[k].weight).collect(), scenes.iter().map(|s| s[k].nll[0]).collect()]
+            };
+            let correlation = self.bootstrap(|scenes| {
+                let [errors, likelihoods] = pairs(scenes);
+                statistics::rank_correlation(&errors, &likelihoods)
+            })?;
+            let explained = self.bootstrap(|scenes| {
+                let [errors, likelihoods] = pairs(scenes);
+                explained(&errors, &likelihoods)
+            })?;
+            let agree = self.bootstrap(|scenes| {
+                average(scenes, k, |c| if (c.gain() > 0.0) == (c.nll[1] > c.nll[0]) { 100.0 } else { 0.0 })
+            })?;
+            let likelihood = self.bootstrap(|scenes| average(scenes, k, |c| c.nll[1] - c.nll[0]))?;
+            let error = self.bootstrap(|scenes| average(scenes, k, Comparison::gain))?;
+            correlations.push(correlation.value);
+            let cells = [
+                cell(&correlation, 2),
+                cell(&explained, 2),
+                cell(&agree, 0),
+                cell(&likelihood, 2),
+                cell(&error, 1),
+            ];
+            table.row(&format!("{lambda}"), cells);
+        }
+        let middle: Vec<[f64; 2]> = self.mixing.iter().map(|s| [s[1].weight, s[1].nll[0]]).collect();
+        let most = correlations.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        Some(Diagnostic {
+            id: "G6",
+            question: "Can a squared error stand in for the log-likelihood of the motion model?",
+            finding: format!("rank correlation over scenes at most {most:.2}"),
+            caveat: "The paper's comparison of mixtures takes the squared error of mixed trajectories for a negative log-likelihood. They are the same only for a normal distribution of fixed width around one trajectory: R² would be 1. The policy here has many modes.",
+            tables: vec![table],
+            figures: vec![
+                Figure::new(
+                    "Squared error of the mean trajectory and nll, weight mixing at λ = 0.5, by scene",
+                    ["squared error / 2, m²", "nll, nats"],
+                    vec![Series::points("scenes", middle)],
+                )
+                .logarithmic([true, false]),
+            ],
+        })
+    }
+
+    /// A quantity of the scenes with its 95 % interval.
+    fn bootstrap(&self, of: impl Fn(&[&[Comparison; 3]]) -> f64) -> Option<Estimate> {
+        let all: Vec<&[Comparison; 3]> = self.mixing.iter().collect();
+        let n = all.len();
+        if n == 0 {
+            return None;
+        }
+        let mut rng = Rng::new(0, "theory", "scenes");
+        let draw = |rng: &mut Rng| -> Vec<&[Comparison; 3]> { (0..n).map(|_| all[rng.below(n)]).collect() };
+        let drawn: Vec<f64> = (0..RESAMPLES).map(|_| of(&draw(&mut rng))).collect();
+        let [low, high] = [0.025, 0.975].map(|share| statistics::quantile(&drawn, share));
+        Some(Estimate { value: of(&all), low: low?, high: high?, n })
+    }
+}
+
+fn average(scenes: &[&[Comparison; 3]], k: usize, of: fn(&Comparison) -> f64) -> f64 {
+    let values: Vec<f64> = scenes.iter().map(|scene| of(&scene[k])).collect();
+    statistics::mean(&values).unwrap_or(f64::NAN)
+}
+
+/// Share of the variance of `y` that a line in `x` explains.
+fn explained(x: &[f64], y: &[f64]) -> f64 {
+    let mean = |of: &[f64]| statistics::mean(of).unwrap_or(f64::NAN);
+    let (mx, my) = (mean(x), mean(y));
+    let product = |a: &[f64], ma: f64, b: &[f64], mb: f64| -> f64 {
+        a.iter().zip(b).map(|(a, b)| (a - ma) * (b - mb)).sum()
+    };
+    product(x, mx, y, my).powi(2) / (product(x, mx, x, mx) * product(y, my, y, my))
+}
+
+fn cell(e: &Estimate, digits: usize) -> String {
+    format!("{:.digits$} [{:.digits$}, {:.digits$}]", e.value, e.low, e.high)
+}

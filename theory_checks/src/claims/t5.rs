@@ -274,7 +274,7 @@ fn gaps_and_bounds(tally: &Tally) -> Figure {
     let points = |region: &str| -> Vec<[f64; 2]> {
         let [gaps, bounds] = ["gap", "bound"].map(|of| tally.samples(&format!("{of} {region}")));
         // Enough to see where they lie.
-        gaps.iter().zip(bounds).map(|(gap, bound)| [*gap, *bound]).take(800).collect()
+        gaps.iter().zip(bounds).map(|(gap, bound)| [*gap, *bound]).take(300).collect()
     };
     let largest = tally.samples("bound outside").iter().copied().fold(1.0, f64::max);
     let series = vec![

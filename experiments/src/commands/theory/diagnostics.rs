@@ -121,7 +121,7 @@ impl Found {
             &["reward", "least q", "mean q", "largest q"],
         );
         let mut barriers = Grid::new(
-            "Barrier of the loss −R: largest height over the chord, and over the mean of both ends",
+            "Barrier of the loss −R: its largest height over the chord at the inner λ, below 0 for a concave reward; and over the mean of both ends",
             &["reward", "over the chord", "over the mean"],
         );
         let mut refuted = Vec::new();
@@ -137,28 +137,33 @@ impl Found {
             }
             path.row(name, [least, mean, largest].map(|e| cell(&e, 4)));
             let over_chord = self.path.estimate(|front| {
-                heights(front, value).into_iter().map(|height| -height).fold(0.0, f64::max)
+                heights(front, value).into_iter().map(|height| -height).fold(f64::NEG_INFINITY, f64::max)
             })?;
             let over_mean = self.path.estimate(|front| {
                 let ends = [front.first(), front.last()].map(|end| end.map_or(0.0, value));
-                front.iter().map(|m| 0.5 * (ends[0] + ends[1]) - value(m)).fold(f64::NEG_INFINITY, f64::max)
+                let heights = front.iter().map(|m| 0.5 * (ends[0] + ends[1]) - value(m));
+                heights.skip(1).take(front.len().saturating_sub(2)).fold(f64::NEG_INFINITY, f64::max)
             })?;
             barriers.row(name, [over_chord, over_mean].map(|e| cell(&e, 3)));
             let points = self.points.lambdas[1..].iter().zip(curvatures(&front, value));
             curves.push(Series::line(name, points.map(|(lambda, q)| [*lambda, q]).collect()));
         }
-        let mut rewards = Vec::new();
-        for (name, value) in &VALUES[..2] {
-            let points: Vec<[f64; 2]> =
-                self.points.lambdas.iter().zip(&front).map(|(lambda, m)| [*lambda, value(m)]).collect();
-            let ends = vec![*points.first()?, *points.last()?];
-            rewards.push(Series::line(*name, points));
-            rewards.push(Series::line(format!("chord of {name}"), ends));
-        }
+        let with_chord = |(name, value): (&str, Value)| {
+            let points = self.points.lambdas.iter().zip(&front).map(|(lambda, m)| [*lambda, value(m)]);
+            let points: Vec<[f64; 2]> = points.collect();
+            let chord = [points.first(), points.last()].into_iter().flatten().copied().collect();
+            let title = format!("{name} along the experts' path, and its chord");
+            Figure::new(&title, ["λ", name], vec![Series::line(name, points), Series::line("chord", chord)])
+        };
+        let mut figures: Vec<Figure> = VALUES[..2].iter().copied().map(with_chord).collect();
+        figures.push(Figure::new("q along the path", ["λ", "q"], curves));
         let finding = if refuted.is_empty() {
             "no reward's least q is below 0 beyond its interval".to_owned()
         } else {
-            format!("q is below 0, so no strong concavity along the path, for {}", refuted.join("; "))
+            format!(
+                "q is below 0 for certain, so these are not concave along the path: {}",
+                refuted.join("; ")
+            )
         };
         Some(Diagnostic {
             id: "G1",
@@ -166,14 +171,7 @@ impl Found {
             finding,
             caveat: "Expectations under the interpolated policy, without selection. A q above 0 would not imply concavity.",
             tables: vec![path, barriers],
-            figures: vec![
-                Figure::new(
-                    "Rewards along the experts' path, with their chords",
-                    ["λ", "expectation"],
-                    rewards,
-                ),
-                Figure::new("q along the path", ["λ", "q"], curves),
-            ],
+            figures,
         })
     }
 
@@ -336,7 +334,7 @@ impl Found {
             } else if gain.high < 0.0 {
                 "outputs"
             } else {
-                "neither for certain"
+                "neither"
             };
             verdicts.push(format!("{sign} at {lambda}"));
             let cells = [
@@ -350,7 +348,7 @@ impl Found {
         Some(Diagnostic {
             id: "G5",
             question: "Does weight mixing beat output mixing in the squared error (T14x)?",
-            finding: format!("better is: {}", verdicts.join(", ")),
+            finding: format!("better for certain: {}", verdicts.join(", ")),
             caveat: "An exact test without derivatives. A loss below its chord alone is too weak: k E‖Δf‖² is what output mixing gains.",
             tables: vec![table],
             figures: vec![],
@@ -370,7 +368,7 @@ impl Found {
                 "squared error of output − weight mixing, m²",
             ],
         );
-        let mut correlations = Vec::new();
+        let (mut correlations, mut agreements) = (Vec::new(), Vec::new());
         for (k, lambda) in COMPARED.iter().enumerate() {
             let pairs = |scenes: &[&[Comparison; 3]]| -> [Vec<f64>; 2] {
                 [scenes.iter().map(|s| s[k].weight).collect(), scenes.iter().map(|s| s[k].nll[0]).collect()]
@@ -389,6 +387,7 @@ impl Found {
             let likelihood = self.bootstrap(|scenes| average(scenes, k, |c| c.nll[1] - c.nll[0]))?;
             let error = self.bootstrap(|scenes| average(scenes, k, Comparison::gain))?;
             correlations.push(correlation.value);
+            agreements.push(agree.value);
             let cells = [
                 cell(&correlation, 2),
                 cell(&explained, 2),
@@ -399,11 +398,15 @@ impl Found {
             table.row(&format!("{lambda}"), cells);
         }
         let middle: Vec<[f64; 2]> = self.mixing.iter().map(|s| [s[1].weight, s[1].nll[0]]).collect();
+        let greatest = agreements.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let least = agreements.iter().copied().fold(f64::INFINITY, f64::min);
         let most = correlations.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         Some(Diagnostic {
             id: "G6",
             question: "Can a squared error stand in for the log-likelihood of the motion model?",
-            finding: format!("rank correlation over scenes at most {most:.2}"),
+            finding: format!(
+                "rank correlation over scenes at most {most:.2}; both prefer the same mixture in {least:.0} to {greatest:.0} % of the scenes"
+            ),
             caveat: "The paper's comparison of mixtures takes the squared error of mixed trajectories for a negative log-likelihood. They are the same only for a normal distribution of fixed width around one trajectory: R² would be 1. The policy here has many modes.",
             tables: vec![table],
             figures: vec![
@@ -448,5 +451,8 @@ fn explained(x: &[f64], y: &[f64]) -> f64 {
 }
 
 fn cell(e: &Estimate, digits: usize) -> String {
-    format!("{:.digits$} [{:.digits$}, {:.digits$}]", e.value, e.low, e.high)
+    // Adding 0 after rounding takes the sign from a negative 0.
+    let scale = 10f64.powi(i32::try_from(digits).unwrap_or(0));
+    let [value, low, high] = [e.value, e.low, e.high].map(|x| (x * scale).round() / scale + 0.0);
+    format!("{value:.digits$} [{low:.digits$}, {high:.digits$}]")
 }

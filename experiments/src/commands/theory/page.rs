@@ -76,19 +76,15 @@ fn shown(number: &Number) -> String {
     text
 }
 
-/// Three significant digits.
+/// Three significant digits, all of a whole number.
 fn digits(value: f64) -> String {
     let size = value.abs();
-    if value == 0.0 || (1e-3..1e4).contains(&size) {
-        let decimals = if size >= 100.0 {
-            0
-        } else if size >= 10.0 {
-            1
-        } else if size >= 1.0 || size == 0.0 {
-            2
-        } else {
-            2 - size.log10().floor() as i32
-        };
+    // Counts are whole.
+    if value.fract() == 0.0 && size < 1e7 {
+        return format!("{value:.0}");
+    }
+    if (1e-3..1e4).contains(&size) {
+        let decimals = 2 - size.log10().floor() as i32;
         return format!("{value:.*}", decimals.max(0) as usize);
     }
     if size.is_infinite() { "∞".to_owned() } else { format!("{value:.1e}") }
@@ -436,10 +432,13 @@ mod tests {
 
     #[test]
     fn numbers_have_three_digits_and_say_what_differs() {
-        assert_eq!([0.0, 0.123456, 1.5, 12.34, 123.4].map(digits), ["0.00", "0.123", "1.50", "12.3", "123"]);
-        assert_eq!([1.2e-5, 4.7e4, f64::INFINITY].map(digits), ["1.2e-5", "4.7e4", "∞"]);
+        assert_eq!([0.0, 0.123456, 1.5, 12.34, 123.4].map(digits), ["0", "0.123", "1.50", "12.3", "123"]);
+        assert_eq!(
+            [1.2e-5, 47_123.4, 18_310.0, f64::INFINITY].map(digits),
+            ["1.2e-5", "4.7e4", "18310", "∞"]
+        );
         let number = Number::new(2.0).beside(3.0, Agreement::Factor(1.2));
-        assert_eq!(shown(&number), "2.00 (3.00, differs)");
+        assert_eq!(shown(&number), "2 (3, differs)");
         assert_eq!(shown(&Number::new(f64::NAN)), "-");
     }
 

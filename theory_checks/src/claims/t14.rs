@@ -1,20 +1,20 @@
 //! T14: the four steps of the paper's comparison of weight mixing with output mixing.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use sage_core::{
     registry::{Entry, NoOptions},
     seed::Rng,
     statistics,
 };
 
-use super::nets::{SIZES, problem};
+use super::nets::{POINTS, SIZES, one, problem};
 use crate::{
     Agreement::Distance,
     Check, Figure, Number, Report, Series, Setup, Table, Tally,
     mixing::{Mixing, Problem},
     quadrature::{gauss_legendre, integral},
     random::log_uniform,
-    tanh_net::{TanhNet, loss},
+    tanh_net::loss,
 };
 
 /// Inputs, scales of δ and seeds of the orders.
@@ -217,16 +217,11 @@ fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
 
 /// `b tanh(a x)` on three points.
 fn stored(tally: &mut Tally, planted: Option<usize>) {
-    let one = |a: f64, b: f64| TanhNet {
-        inner: DMatrix::from_element(1, 1, a),
-        offsets: DVector::zeros(1),
-        outer: DMatrix::from_element(1, 1, b),
-    };
     for (scale, alpha, known) in FIXTURE {
         let problem = Problem {
             first: one(0.7, 1.1),
             delta: one(0.6 * scale, -0.5 * scale),
-            inputs: DMatrix::from_row_slice(1, 3, &[-1.0, 0.5, 2.0]),
+            inputs: DMatrix::from_row_slice(1, 3, &POINTS),
             targets: DMatrix::from_row_slice(1, 3, &[0.2, -0.4, 1.0]),
         };
         let mixing = problem.at(alpha);

@@ -1,13 +1,13 @@
 //! T15: what decides between weight mixing and output mixing.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 use sage_core::{
     registry::{Entry, NoOptions},
     seed::Rng,
     statistics,
 };
 
-use super::nets::{SIZES, problem, targets};
+use super::nets::{POINTS, SIZES, one, problem, targets};
 use crate::{
     Agreement::{Distance, Factor},
     Check, Number, Report, Setup, Table, Tally, Verdict,
@@ -115,15 +115,10 @@ fn trained(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
 
 /// `b tanh(a x)` on three points with targets 0: convex along the whole path, and weight mixing is worse.
 fn stored(tally: &mut Tally) {
-    let one = |a: f64, b: f64| TanhNet {
-        inner: DMatrix::from_element(1, 1, a),
-        offsets: DVector::zeros(1),
-        outer: DMatrix::from_element(1, 1, b),
-    };
     let problem = Problem {
         first: one(0.7, 1.1),
         delta: one(0.6, 0.5),
-        inputs: DMatrix::from_row_slice(1, 3, &[-1.0, 0.5, 2.0]),
+        inputs: DMatrix::from_row_slice(1, 3, &POINTS),
         targets: DMatrix::zeros(1, 3),
     };
     let mixing = problem.at(ALPHA);

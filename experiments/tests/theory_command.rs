@@ -24,7 +24,7 @@ fn claims_hold_in_lines_and_as_json() {
     assert_eq!((&rows[0]["claim"], &rows[0]["verdict"]), (&Value::from("T3"), &Value::from("holds")));
     assert!(rows[0]["report"]["comparisons"].as_u64() > Some(60));
     let again =
-        sage(&["theory", "--only", "T3", "--instances", "30", "--seed", "4", "--threads", "2", "--json"]);
+        sage(&["theory", "--only", "T3,T3", "--instances", "30", "--seed", "4", "--threads", "2", "--json"]);
     assert_eq!(stdout(&again), stdout(&output));
     assert!(failure(&["theory", "--only", "T99"]).contains("unknown claim `T99`; known: T0"));
 }
@@ -66,9 +66,11 @@ fn trained_experts_are_measured_on_scenes_as_diagnostics() {
     for id in ["G1", "G2", "G3", "G4", "G5", "G6"] {
         assert!(lines.lines().any(|line| line.starts_with(id)), "{id}: {lines}");
     }
-    assert!(lines.contains("Diagnostics, no proofs. Experts `procedural` on 1 scenes."), "{lines}");
+    assert!(lines.contains("Diagnostics, no proofs. Experts `procedural` on 1 scene."), "{lines}");
     let rows = rows(&sage(&[&theory[..], &["--json"]].concat()));
     assert_eq!((rows.len(), &rows[1]["diagnostic"]), (7, &Value::from("G1")));
+    assert!(failure(&["theory", "--scenes", "a"]).contains("give these with `--data`"));
+    assert!(failure(&["theory", "--only", "T0", "--data", "nowhere"]).contains("nowhere"));
     let without_scenes = sage(&["theory", "--weights", "procedural"]);
     assert_eq!(without_scenes.status.code(), Some(2));
     assert!(stderr(&without_scenes).contains("--data"));

@@ -3,9 +3,12 @@
 mod diagnostics;
 mod page;
 
-use std::fmt::Write as _;
+use std::{
+    fmt::Write as _,
+    sync::{Mutex, PoisonError},
+};
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use rayon::prelude::*;
 use serde_json::json;
 use theory_checks::{Check, Report, Setup, Verdict, notices};
@@ -15,7 +18,7 @@ use crate::{
     Outcome, Registries,
     cli::TheoryArgs,
     output::{self, Folder},
-    progress,
+    progress::{self, Progress},
 };
 
 /// Share of the instances with which planted errors run for a page.
@@ -37,6 +40,11 @@ struct Planted<'c> {
 }
 
 pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome> {
+    let split = &args.split;
+    ensure!(
+        args.data.is_some() || (split.splits.is_none() && split.scenes.is_empty()),
+        "`--splits` and `--scenes` select scenes for the diagnostics; give these with `--data`"
+    );
     let claims = selected(&args.only, registries)?;
     let setup = Setup { seed: args.seed, instances: args.instances as usize };
     if args.plant {
@@ -50,8 +58,17 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
     }
     // A folder that cannot be written to is an error before the work.
     let folder = args.report.as_ref().map(|report| Folder::make(report, args.force)).transpose()?;
-    let reports: Vec<Report> = claims.par_iter().map(|claim| claim.check.run(&setup, None)).collect();
+    // Scenes that cannot be read are an error before the claims, which take longer.
     let diagnostics = args.data.is_some().then(|| diagnostics::run(args, registries)).transpose()?;
+    let progress = Mutex::new(Progress::new("checked", claims.len()));
+    let run = |claim: &Claim| {
+        let report = claim.check.run(&setup, None);
+        progress.lock().unwrap_or_else(PoisonError::into_inner).step();
+        report
+    };
+    let reports: Vec<Report> = claims.par_iter().map(run).collect();
+    let progress = progress.into_inner().unwrap_or_else(PoisonError::into_inner);
+    progress.finish(&progress::count(claims.len(), "claim"));
     let mut text = claim_lines(&claims, &reports, &setup, args.json)?;
     if let Some((subject, diagnostics)) = &diagnostics {
         text += &diagnostic_lines(subject, diagnostics, args.json)?;
@@ -88,12 +105,18 @@ fn selected(only: &[String], registries: &Registries) -> Result<Vec<Claim>> {
         [] => known.entries().iter().map(|entry| entry.name).collect(),
         only => only.iter().map(|id| Ok(known.get(id)?.name)).collect::<Result<_>>()?,
     };
-    let claim = |id: &str| {
+    let claim = |id: &str| -> Result<Claim> {
         let entry = known.get(id)?;
         let check = known.build_default(id)?;
         Ok(Claim { id: entry.name, statement: entry.summary, source: entry.source, check })
     };
-    ids.into_iter().map(claim).collect()
+    let mut claims: Vec<Claim> = Vec::new();
+    for id in ids {
+        if claims.iter().all(|known| known.id != id) {
+            claims.push(claim(id)?);
+        }
+    }
+    Ok(claims)
 }
 
 /// A line for each claim.

@@ -20,7 +20,7 @@ use crate::{
     },
     cli::TheoryArgs,
     networks,
-    progress::Progress,
+    progress::{self, Progress},
     scenes::Scenes,
 };
 
@@ -89,7 +89,7 @@ pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String,
         geometry,
         points,
     };
-    let subject = format!("Experts `{}` on {} scenes.", args.weights, measured.len());
+    let subject = format!("Experts `{}` on {}.", args.weights, progress::count(measured.len(), "scene"));
     let all = [
         found.path(),
         found.best(),

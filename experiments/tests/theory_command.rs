@@ -66,9 +66,17 @@ fn trained_experts_are_measured_on_scenes_as_diagnostics() {
     for id in ["G1", "G2", "G3", "G4", "G5", "G6"] {
         assert!(lines.lines().any(|line| line.starts_with(id)), "{id}: {lines}");
     }
+    assert!(lines.contains("too few scenes for a finding (1)"), "{lines}");
     assert!(lines.contains("Diagnostics, no proofs. Experts `procedural` on 1 scene."), "{lines}");
     let rows = rows(&sage(&[&theory[..], &["--json"]].concat()));
     assert_eq!((rows.len(), &rows[1]["diagnostic"]), (7, &Value::from("G1")));
+    // The loss of output mixing is the chord less the diversity, exactly.
+    let mixing = rows.iter().find(|row| row["diagnostic"] == "G5").unwrap();
+    for row in mixing["tables"][0]["rows"].as_array().unwrap() {
+        let number =
+            |k: usize| -> f64 { row[k].as_str().unwrap().split(' ').next().unwrap().parse().unwrap() };
+        assert!((number(1) - number(2) - number(3)).abs() < 0.02, "{row}");
+    }
     assert!(failure(&["theory", "--scenes", "a"]).contains("give these with `--data`"));
     assert!(failure(&["theory", "--only", "T0", "--data", "nowhere"]).contains("nowhere"));
     let without_scenes = sage(&["theory", "--weights", "procedural"]);

@@ -11,7 +11,7 @@ use crate::{
 const FOUND: f64 = 1e-11;
 const ROUNDING: f64 = 1e-8;
 /// Most steps of Newton's method, and halvings of a step.
-const STEPS: usize = 200;
+const STEPS: usize = 1000;
 const HALVINGS: i32 = 50;
 /// Share of a step by which it must shrink the gradient.
 const SHRINKS: f64 = 0.25;

@@ -8,13 +8,13 @@
 //! expert 2 `R_{1−β}`, with β in (0.5, 1]. `θ(λ) = (1 − λ) θ_2 + λ θ_1`, and `gap(μ) = R_μ(θ̂_μ) − max_λ R_μ(θ(λ))` over λ in [0, 1].
 //!
 //! ```
-//! use theory_checks::{Setup, Verdict, claims, notices};
+//! use theory_checks::{Setup, Verdict, caught, claims};
 //!
 //! let t1 = claims()?.build_default("T1")?;
 //! let setup = Setup { instances: 20, ..Setup::default() };
 //! assert_eq!(Verdict::of(&t1.run(&setup, None)), Verdict::Holds);
-//! // Without the factor ½ the formula is wrong, and the check notices.
-//! assert!(notices(&*t1, 0, &setup));
+//! // Without the factor ½, and with other errors, the formula is wrong, and the check notices.
+//! assert!(caught(&*t1, &setup).iter().all(|is_caught| *is_caught));
 //! # Ok::<(), sage_core::Error>(())
 //! ```
 
@@ -23,6 +23,7 @@ mod check;
 mod claims;
 mod experts;
 mod figure;
+mod json;
 pub mod mixing;
 mod preference;
 mod quadrature;
@@ -39,7 +40,7 @@ pub use check::Check;
 pub use experts::{Experts, Loss, Mixed, optimum, root};
 pub use figure::{Figure, Series};
 pub use preference::Preference;
-pub use report::{Report, Verdict, notices};
+pub use report::{Report, Verdict, caught};
 pub use setup::Setup;
 pub use table::{Agreement, Number, Table};
 pub use tally::Tally;

@@ -1,8 +1,9 @@
 //! What an experiment found, and the verdict on its claim.
 
+use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::{Check, Figure, Table};
+use crate::{Check, Figure, Setup, Table, json};
 
 /// A bound is attained if it exceeds what it bounds by no more than this share.
 const ATTAINED: f64 = 1e-6;
@@ -16,11 +17,16 @@ pub struct Report {
     pub comparisons: usize,
     /// Comparisons that miss their tolerance.
     pub violations: usize,
+    /// Instances whose direct computation found no solution.
+    pub unsolved: usize,
     /// Smallest share of the tolerance that is left; negative where one is missed.
+    #[serde(serialize_with = "json::number")]
     pub worst_margin: f64,
     /// Smallest ratio of a bound to what it bounds; `None` if the claim is no bound.
+    #[serde(serialize_with = "json::optional")]
     pub tightness: Option<f64>,
     /// Largest error of the stored cases, as a share of their tolerance; `None` without stored cases.
+    #[serde(serialize_with = "json::optional")]
     pub fixture_error: Option<f64>,
     /// Instances that refute the claim as printed; `None` if it is not printed otherwise.
     pub counterexamples: Option<usize>,
@@ -47,14 +53,18 @@ pub enum Verdict {
     FailsAsPrinted,
     /// A comparison or a stored case misses its tolerance.
     Violated,
+    /// No violation, but nothing was compared, or a direct computation found no solution.
+    Undecided,
 }
 
 impl Verdict {
     /// The verdict that a report supports.
     pub fn of(report: &Report) -> Self {
         let misses_a_stored_case = report.fixture_error.is_some_and(|error| error > 1.0);
-        if report.violations > 0 || report.comparisons == 0 || misses_a_stored_case {
+        if report.violations > 0 || misses_a_stored_case {
             Self::Violated
+        } else if report.comparisons == 0 || report.unsolved > 0 {
+            Self::Undecided
         } else if report.counterexamples.is_some_and(|count| count > 0) {
             Self::FailsAsPrinted
         } else if report.exceptions.is_some_and(|count| count > 0) {
@@ -74,11 +84,73 @@ impl Verdict {
             Self::HoldsIf => "holds if",
             Self::FailsAsPrinted => "fails as printed",
             Self::Violated => "VIOLATED",
+            Self::Undecided => "UNDECIDED",
         }
     }
 }
 
-/// Whether a check notices one of its planted errors: it then comes to another verdict.
-pub fn notices(check: &dyn Check, planted: usize, setup: &crate::Setup) -> bool {
-    Verdict::of(&check.run(setup, Some(planted))) != check.expected()
+/// Which of its planted errors a check notices: those with which it comes to another verdict. None if it does not come
+/// to the expected verdict without them.
+pub fn caught(check: &dyn Check, setup: &Setup) -> Vec<bool> {
+    let planted: Vec<Option<usize>> =
+        std::iter::once(None).chain((0..check.planted().len()).map(Some)).collect();
+    let run = |planted: &Option<usize>| Verdict::of(&check.run(setup, *planted)) == check.expected();
+    let as_expected: Vec<bool> = planted.par_iter().map(run).collect();
+    as_expected[1..].iter().map(|with_error| as_expected[0] && !with_error).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Tally;
+
+    fn verdict(count: impl Fn(&mut Tally)) -> Verdict {
+        let mut tally = Tally::instance();
+        tally.holds(true);
+        count(&mut tally);
+        Verdict::of(&tally.report(vec![], vec![]))
+    }
+
+    #[test]
+    fn verdicts_follow_from_counts_and_the_worst_decides() {
+        assert_eq!(verdict(|_| ()), Verdict::Holds);
+        assert_eq!(verdict(|t| t.ratio(1.0)), Verdict::Holds);
+        assert_eq!(verdict(|t| t.ratio(1.1)), Verdict::HoldsWithSlack);
+        assert_eq!(verdict(|t| t.exception(false)), Verdict::Holds);
+        assert_eq!(verdict(|t| t.exception(true)), Verdict::HoldsIf);
+        let both = |t: &mut Tally| {
+            t.exception(true);
+            t.counterexample(true);
+        };
+        assert_eq!(verdict(both), Verdict::FailsAsPrinted);
+        assert_eq!(verdict(|t| t.equal(1.0, 1.1, 0.01)), Verdict::Violated);
+        assert_eq!(verdict(|t| t.equal(f64::NAN, 0.0, 1.0)), Verdict::Violated);
+        assert_eq!(verdict(|t| t.at_most(2.0, 1.0, 0.5)), Verdict::Violated);
+        assert_eq!(verdict(|t| t.at_most(f64::NAN, 1.0, 0.5)), Verdict::Violated);
+        assert_eq!(verdict(|t| t.stored(1.0, f64::NAN, 1.0)), Verdict::Violated);
+        assert_eq!(verdict(Tally::unsolved), Verdict::Undecided);
+        assert_eq!(Verdict::of(&Report::default()), Verdict::Undecided);
+    }
+
+    #[test]
+    fn tallies_add_up() {
+        let mut one = Tally::instance();
+        one.equal(1.0, 1.0 + 0.25, 1.0);
+        one.sample("x", 1.0);
+        let mut other = Tally::instance();
+        other.counterexample(true);
+        other.ratio(2.0);
+        other.stored(1.0, 1.5, 1.0);
+        other.sample("x", 2.0);
+        let both = one.and(other);
+        assert_eq!(both.samples("x"), [1.0, 2.0]);
+        let report = both.report(vec![], vec![]);
+        assert_eq!((report.instances, report.comparisons, report.counterexamples), (2, 1, Some(1)));
+        assert_eq!(
+            (report.worst_margin, report.tightness, report.fixture_error),
+            (0.75, Some(2.0), Some(0.5))
+        );
+        let json = serde_json::to_value(Report { worst_margin: f64::NEG_INFINITY, ..report }).unwrap();
+        assert_eq!(json["worst_margin"], "-inf");
+    }
 }

@@ -3,6 +3,8 @@
 use sage_core::statistics;
 use serde::Serialize;
 
+use crate::json;
+
 /// A table of measured numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Table {
@@ -43,17 +45,21 @@ pub enum Agreement {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Number {
     /// The value; not a number where nothing was measured.
+    #[serde(serialize_with = "json::number")]
     pub value: f64,
     /// Its standard error, if it has one.
+    #[serde(serialize_with = "json::optional")]
     pub standard_error: Option<f64>,
-    /// The number of an independent implementation, and how near it must be.
-    pub reference: Option<(f64, Agreement)>,
+    /// The number of an independent implementation.
+    pub reference: Option<f64>,
+    /// How near it must be; `None` where it depends on a distribution that is not the same.
+    pub agreement: Option<Agreement>,
 }
 
 impl Number {
     /// A number without an error.
     pub fn new(value: f64) -> Self {
-        Self { value, standard_error: None, reference: None }
+        Self { value, standard_error: None, reference: None, agreement: None }
     }
 
     /// A share of trials, with its standard error.
@@ -92,12 +98,18 @@ impl Number {
     /// The same with the number of an independent implementation.
     #[must_use]
     pub fn beside(self, reference: f64, agreement: Agreement) -> Self {
-        Self { reference: Some((reference, agreement)), ..self }
+        Self { reference: Some(reference), agreement: Some(agreement), ..self }
     }
 
-    /// Whether the number agrees with that of an independent implementation; `None` if there is none.
+    /// The same beside a number that another distribution of instances gave.
+    #[must_use]
+    pub fn beside_another(self, reference: f64) -> Self {
+        Self { reference: Some(reference), ..self }
+    }
+
+    /// Whether the number agrees with that of an independent implementation; `None` if it need not.
     pub fn agrees(&self) -> Option<bool> {
-        let (reference, agreement) = self.reference?;
+        let (reference, agreement) = (self.reference?, self.agreement?);
         let distance = (self.value - reference).abs();
         Some(match agreement {
             Agreement::ThreeStandardErrors => {

@@ -10,6 +10,7 @@ pub struct Tally {
     instances: usize,
     comparisons: usize,
     violations: usize,
+    unsolved: usize,
     worst: f64,
     tightness: Option<f64>,
     fixture: Option<f64>,
@@ -24,6 +25,7 @@ impl Default for Tally {
             instances: 0,
             comparisons: 0,
             violations: 0,
+            unsolved: 0,
             worst: 1.0,
             tightness: None,
             fixture: None,
@@ -53,6 +55,11 @@ impl Tally {
     /// Notes whether something holds.
     pub fn holds(&mut self, holds: bool) {
         self.compare(if holds { 1.0 } else { -1.0 });
+    }
+
+    /// Notes that the direct computation found no solution, so that nothing could be compared.
+    pub fn unsolved(&mut self) {
+        self.unsolved += 1;
     }
 
     /// Counts a comparison with the share of its tolerance that is left.
@@ -104,6 +111,7 @@ impl Tally {
         self.instances += other.instances;
         self.comparisons += other.comparisons;
         self.violations += other.violations;
+        self.unsolved += other.unsolved;
         self.worst = self.worst.min(other.worst);
         self.counterexamples = both(self.counterexamples, other.counterexamples);
         self.exceptions = both(self.exceptions, other.exceptions);
@@ -125,6 +133,7 @@ impl Tally {
             instances: self.instances,
             comparisons: self.comparisons,
             violations: self.violations,
+            unsolved: self.unsolved,
             worst_margin: self.worst,
             tightness: self.tightness,
             fixture_error: self.fixture,

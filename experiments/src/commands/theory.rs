@@ -11,7 +11,7 @@ use std::{
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
 use serde_json::json;
-use theory_checks::{Check, Report, Setup, Verdict, notices};
+use theory_checks::{Check, Report, Setup, Verdict, caught};
 
 use self::{diagnostics::Diagnostic, page::Page};
 use crate::{
@@ -185,14 +185,11 @@ fn diagnostic_lines(subject: &str, diagnostics: &[Diagnostic], as_json: bool) ->
 
 /// All planted errors, and whether they are noticed.
 fn planted<'c>(claims: &'c [Claim], setup: &Setup) -> Vec<Planted<'c>> {
-    let cases: Vec<(&Claim, usize)> =
-        claims.iter().flat_map(|claim| (0..claim.check.planted().len()).map(move |k| (claim, k))).collect();
-    let one = |(claim, k): &(&'c Claim, usize)| Planted {
-        claim: claim.id,
-        error: claim.check.planted()[*k],
-        is_caught: notices(&*claim.check, *k, setup),
+    let one = |claim: &'c Claim| {
+        let errors = claim.check.planted().iter().zip(caught(&*claim.check, setup));
+        errors.map(|(error, is_caught)| Planted { claim: claim.id, error, is_caught }).collect::<Vec<_>>()
     };
-    cases.par_iter().map(one).collect()
+    claims.par_iter().flat_map_iter(one).collect()
 }
 
 /// A line for each planted error, the checks that are broken, and how many errors were caught.

@@ -28,7 +28,7 @@ impl Check for TwoExpertsAreAnyPreference {
     }
 
     fn experiment(&self) -> &'static str {
-        "1000 random μ and β, each with 4 pairs of normal numbers as values or components of gradients; tolerance 1e-14 (|c₁| + |c₂|)"
+        "1000 instances, β in {0.51, 0.6, 0.75, 0.9, 1}, μ uniform, 0, 1 or at a border of [1 − β, β], each with 4 pairs of normal numbers as values or components of gradients; tolerance 1e-14 (|c₁| + |c₂|)"
     }
 
     fn caveat(&self) -> &'static str {

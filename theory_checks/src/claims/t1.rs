@@ -30,11 +30,11 @@ impl Entry<dyn Check> for EqualCurvature {
 
 impl Check for EqualCurvature {
     fn formula(&self) -> &'static str {
-        "R_i = C_i − η/2 ‖θ − θ_i*‖²: best λ = clip(c₁, 0, 1), gap = η/2 (μ − clip(μ, 1 − β, β))² ‖θ_adv* − θ_real*‖²"
+        "R_i = C_i − η/2 ‖θ − θ_i*‖²: θ̂_μ = μ θ_adv* + (1 − μ) θ_real*, best λ = clip(c₁, 0, 1), gap = η/2 (μ − clip(μ, 1 − β, β))² ‖θ_adv* − θ_real*‖²"
     }
 
     fn experiment(&self) -> &'static str {
-        "1000 instances in dimensions 1, 2, 10, 100 and 1000, β in {0.51, 0.6, 0.75, 0.9, 1}, η in 10^[-1, 1], normal optima; best λ by bisection of the slope, gap as ½ xᵀHx"
+        "1000 instances in dimensions 1, 2, 10, 100 and 1000, β in {0.51, 0.6, 0.75, 0.9, 1}, η in 10^[-1, 1], normal optima; optima by their gradient, best λ by bisection of the slope, gap as ½ xᵀHx"
     }
 
     fn caveat(&self) -> &'static str {
@@ -42,7 +42,7 @@ impl Check for EqualCurvature {
     }
 
     fn planted(&self) -> &'static [&'static str] {
-        &["without the factor ½", "μ clipped to [0, 1]", "λ = μ"]
+        &["without the factor ½", "μ clipped to [0, 1]", "λ = μ", "μ and 1 − μ exchanged in the optimum"]
     }
 
     fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
@@ -52,7 +52,17 @@ impl Check for EqualCurvature {
             let at = preference(rng, instance + instance / DIMENSIONS.len());
             let eta = log_uniform(rng, [-1.0, 1.0]);
             let [adversarial, realistic] = [(); 2].map(|()| normals(rng, dimension));
-            let optimum = |weight: f64| weight * &adversarial + (1.0 - weight) * &realistic;
+            let optimum = |weight: f64| {
+                let weight = if planted == Some(3) { 1.0 - weight } else { weight };
+                weight * &adversarial + (1.0 - weight) * &realistic
+            };
+            // The gradients of both rewards cancel there.
+            for weight in [at.mu, at.beta, 1.0 - at.beta] {
+                let theta = optimum(weight);
+                let gradient =
+                    weight * eta * (&adversarial - &theta) + (1.0 - weight) * eta * (&realistic - &theta);
+                tally.equal(gradient.norm(), 0.0, TOLERANCE * (1.0 + eta));
+            }
             let (hat, first, second) = (optimum(at.mu), optimum(at.beta), optimum(1.0 - at.beta));
             let at_lambda = |lambda: f64| (1.0 - lambda) * &second + lambda * &first;
             // The slope of R_μ along the segment, without the formula.

@@ -202,7 +202,7 @@ impl Check for FirstOrder {
                 });
                 table.row("length, κ = 100 (± spread of one instance)", lengths);
                 let adam = Number::median(measured.samples("adam"), setup.scaled(SEEDS));
-                let first = adam.beside((2.0 / std::f64::consts::PI).sqrt(), ThreeStandardErrors);
+                let first = adam.beside(0.798, ThreeStandardErrors);
                 table.row("first step of Adam, normal gradient", [first]);
             }
             tally = tally.and(measured);

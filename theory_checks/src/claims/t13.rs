@@ -25,7 +25,7 @@ const STEPS: [(f64, [f64; 2]); 3] = [(0.05, [0.032, 0.018]), (0.3, [0.118, 0.033
 const TIMES: [(f64, [f64; 2]); 4] =
     [(0.1, [0.25, 0.41]), (1.0, [0.13, 0.22]), (3.0, [0.036, 0.067]), (10.0, [-0.008, -0.006])];
 const STEP: f64 = 0.2;
-/// Share of instances on which vector extrapolation must be better for under-trained experts, in percent.
+/// Share of instances on which vector extrapolation must be better for under-trained experts.
 const MOSTLY: f64 = 0.95;
 
 /// The claim T13.
@@ -53,7 +53,7 @@ fn ways(adversarial: &DVector<f64>, realistic: &DVector<f64>, prior: &DVector<f6
 fn converged(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
     let families = [Shape::LogCosh, Shape::PseudoHuber].map(Family::Separable);
     let pair = Pair::with(rng, families, CONSTANTS, 1.0, DIMENSION);
-    let Some(experts) = pair.experts(BETA) else { return tally.holds(false) };
+    let Some(experts) = pair.experts(BETA) else { return tally.unsolved() };
     let prior = normals(rng, DIMENSION);
     let [adversarial, realistic] = &experts.thetas;
     // The identity: beyond the line is along both vectors.
@@ -115,7 +115,7 @@ fn stopped(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
     let rewards = [draw(rng), draw(rng)];
     let start = prior.clone();
     let Some(experts) = Experts::of([&rewards[0], &rewards[1]], BETA, &start) else {
-        return tally.holds(false);
+        return tally.unsolved();
     };
     for (time, _) in TIMES {
         let stop = |weight: f64, optimum: &DVector<f64>| {

@@ -34,7 +34,7 @@ impl Check for ExactComparison {
     }
 
     fn experiment(&self) -> &'static str {
-        "50 random 4-16-3 tanh networks as in T14, α in [0.05, 0.95], Gauss and Legendre's quadrature with 60 nodes on each side of the kink"
+        "50 random 4-16-3 tanh networks (weights as in T14, δ times 10^[-1.5, 0], 32 inputs), α in [0.05, 0.95], Gauss and Legendre's quadrature with 60 nodes on each side of the kink"
     }
 
     fn caveat(&self) -> &'static str {

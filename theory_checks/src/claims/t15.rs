@@ -37,14 +37,15 @@ const TRAINED: [usize; 3] = [4, 32, 3];
 const SEEDS: usize = 20;
 const TRAINING: (usize, f64) = (3000, 0.05);
 const TUNING: (usize, f64) = (500, 0.03);
-/// Amplitude, target, share where weight mixing is better, and median L_w − L_e of an independent implementation.
-const PAIRS: [(f64, &str, f64, f64); 6] = [
-    (0.5, "midpoint", 0.0, 6.1e-2),
-    (0.5, "y0 + A", 0.0, 5.5e-2),
-    (0.1, "midpoint", 0.0, 7.2e-5),
-    (0.1, "y0", 0.35, 2.8e-5),
-    (0.1, "y0 + A", 0.20, 5.0e-5),
-    (0.1, "unrelated", 0.10, 1.3e-3),
+/// Amplitude, target, shares (weight mixing better, sign of the formula right, L'' > 0, convex but worse) and median
+/// L_w − L_e of an independent implementation, whose training was another.
+const PAIRS: [(f64, &str, [f64; 4], f64); 6] = [
+    (0.5, "midpoint", [0.0, 1.0, 0.25, 0.25], 6.1e-2),
+    (0.5, "y0 + A", [0.0, 1.0, 0.25, 0.25], 5.5e-2),
+    (0.1, "midpoint", [0.0, 1.0, 1.0, 1.0], 7.2e-5),
+    (0.1, "y0", [0.35, 1.0, 1.0, 0.65], 2.8e-5),
+    (0.1, "y0 + A", [0.20, 0.95, 1.0, 0.80], 5.0e-5),
+    (0.1, "unrelated", [0.10, 1.0, 0.65, 0.55], 1.3e-3),
 ];
 
 /// The claim T15.
@@ -83,7 +84,9 @@ fn compare(tally: &mut Tally, name: &str, problem: &Problem, planted: Option<usi
     tally.sample(format!("{name} better"), flag(!is_worse));
     tally.sample(format!("{name} error"), ((mixing.printed() - difference) / difference).abs());
     tally.sample(format!("{name} difference"), difference);
-    tally.counterexample(is_convex && is_worse);
+    // Convex along the whole path, as the claim asks.
+    let along = |k: u32| problem.at(f64::from(k) / 20.0).bend() > 0.0;
+    tally.counterexample(is_convex && is_worse && (0..=20).all(along));
 }
 
 /// A network trained on y0 and tuned to y0 + A and to y0 + B, compared on several targets.
@@ -149,14 +152,14 @@ fn tables(tally: &Tally) -> Vec<Table> {
             [
                 share(format!("{scale} formula")).beside(formula, Distance(0.05)),
                 share(format!("{scale} curvature")).beside(curvature, Distance(0.05)),
-                share(format!("{scale} convex")).beside(convex, Distance(0.1)),
-                share(format!("{scale} worse")).beside(worse, Distance(0.1)),
+                share(format!("{scale} convex")).beside_another(convex),
+                share(format!("{scale} worse")).beside_another(worse),
                 Number::new(median).beside(error, Factor(3.0)),
             ],
         );
     }
     let mut pairs = Table::new(
-        "A 4-32-3 network trained on y0 (3000 steps of gradient descent with momentum 0.9, rate 0.05) and tuned to y0 + A and to y0 + B (500 steps, rate 0.03), loss on a target; the midpoint favours output mixing by construction",
+        "A 4-32-3 network trained on y0 (3000 steps of gradient descent with momentum 0.9, rate 0.05) and tuned to y0 + A and to y0 + B (500 steps, rate 0.03), loss on a target. The midpoint favours output mixing by construction, at y0 both are near a tie, and the shares depend on the training, which was another in the independent implementation",
         &[
             "amplitude; target",
             "weight mixing better",
@@ -166,17 +169,17 @@ fn tables(tally: &Tally) -> Vec<Table> {
             "median L_w − L_e",
         ],
     );
-    for (amplitude, name, better, difference) in PAIRS {
+    for (amplitude, name, [better, formula, convex, worse], difference) in PAIRS {
         let of = |what: &str| share(format!("{amplitude} {name} {what}"));
         let values = tally.samples(&format!("{amplitude} {name} difference"));
         let median = statistics::median(values).unwrap_or(f64::NAN);
         pairs.row(
             format!("{amplitude}; {name}"),
             [
-                of("better").beside(better, Distance(0.35)),
-                of("formula"),
-                of("convex"),
-                of("convex but worse"),
+                of("better").beside_another(better),
+                of("formula").beside_another(formula),
+                of("convex").beside_another(convex),
+                of("convex but worse").beside_another(worse),
                 Number::new(median).beside(difference, Factor(10.0)),
             ],
         );

@@ -1,5 +1,6 @@
 //! T1b: interpolation at λ = μ, as in experiments, is optimal for another preference.
 
+use nalgebra::DVector;
 use sage_core::registry::{Entry, NoOptions};
 
 use super::instances::preference;
@@ -45,19 +46,27 @@ impl Check for LambdaEqualsMu {
 
     fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
         let tally = setup.each("T1b", 1000, |instance, rng, tally| {
-            let at = preference(rng, instance + instance / DIMENSIONS.len());
+            let at = preference(rng, instance);
             let eta = log_uniform(rng, [-1.0, 1.0]);
             let dimension = DIMENSIONS[instance % DIMENSIONS.len()];
             let [adversarial, realistic] = [(); 2].map(|()| normals(rng, dimension));
             let optimum = |weight: f64| weight * &adversarial + (1.0 - weight) * &realistic;
+            // θ(μ) is where the gradient of R_μ' is 0, in terms of the rewards.
             let theta = at.mu * optimum(at.beta) + (1.0 - at.mu) * optimum(1.0 - at.beta);
             let distance = (&adversarial - &realistic).norm_squared();
             let other =
                 if planted == Some(0) { at.mu } else { (1.0 - at.beta) + (2.0 * at.beta - 1.0) * at.mu };
-            tally.equal((&theta - optimum(other)).norm_squared(), 0.0, TOLERANCE * (1.0 + distance));
+            let gradient =
+                other * eta * (&adversarial - &theta) + (1.0 - other) * eta * (&realistic - &theta);
+            tally.equal(gradient.norm_squared(), 0.0, TOLERANCE * (1.0 + eta * eta * distance));
             let share = (1.0 - at.beta).powi(if planted == Some(1) { 1 } else { 2 });
             let loss = 0.5 * eta * share * (1.0 - 2.0 * at.mu).powi(2) * distance;
-            let direct = 0.5 * eta * (&theta - optimum(at.mu)).norm_squared();
+            let value = |theta: &DVector<f64>| {
+                let [own, other] =
+                    [&adversarial, &realistic].map(|top| -0.5 * eta * (theta - top).norm_squared());
+                at.mu * own + (1.0 - at.mu) * other
+            };
+            let direct = value(&optimum(at.mu)) - value(&theta);
             tally.equal(loss, direct, TOLERANCE * (1.0 + eta * distance));
         });
         tally.report(vec![], vec![])

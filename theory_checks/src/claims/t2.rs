@@ -101,6 +101,19 @@ impl Check for UnequalCurvature {
             let at = preference(rng, instance);
             let [a, b] = [(); 2].map(|()| log_uniform(rng, [-1.0, 1.0]));
             let line = Line { a, b };
+            // Where the gradients w a (1 − θ) and (1 − w) b (0 − θ) cancel.
+            for weight in [at.mu, at.beta, 1.0 - at.beta] {
+                let theta = if planted == Some(2) {
+                    Line { a: b, b: a }.optimum(weight)
+                } else {
+                    line.optimum(weight)
+                };
+                tally.equal(
+                    weight * a * (1.0 - theta) - (1.0 - weight) * b * theta,
+                    0.0,
+                    TOLERANCE * (a + b),
+                );
+            }
             let ([lambda, gap], [best, direct]) = (formula(&line, at), line.direct(at));
             tally.equal(lambda, best, TOLERANCE);
             tally.equal(gap, direct, TOLERANCE * (1.0 + a + b));

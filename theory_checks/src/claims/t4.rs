@@ -85,12 +85,12 @@ fn measured_slack(beta: f64, ratio: f64) -> f64 {
 fn pointwise(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
     let pair = Pair::draw(rng, instance, DIMENSIONS[instance / 25 % DIMENSIONS.len()]);
     let beta = BETAS[instance % BETAS.len()];
-    let Some(experts) = pair.experts(beta) else { return tally.holds(false) };
+    let Some(experts) = pair.experts(beta) else { return tally.unsolved() };
     for mu in PREFERENCES {
         let bounds = experts.bounds(mu);
         let reversed_m = experts.preferred(1.0 - mu).curvature().m;
         let Some((_, gap)) = experts.gap(mu) else {
-            tally.holds(false);
+            tally.unsolved();
             continue;
         };
         if let Some(ratio) = gap.ratio(bounds.max()) {

@@ -74,8 +74,15 @@ fn two_hills(tally: &mut Tally, is_honest: bool) -> [f64; 2] {
     let (first, second) = (top(BETA, 0.05), top(1.0 - BETA, 0.05));
     // μ = 0.5: the best point of the segment is the top of the lower hill.
     let gap = value(0.5, top(0.5, 6.05)) - value(0.5, top(0.5, 0.05));
-    // Curvature at the experts' optima; honestly there is none between the hills.
-    let m = if is_honest { 0.0 } else { 0.99625 };
+    // Curvature of R_μ at the top that the experts are near; honestly there is none between the hills.
+    let bend = |x: f64| {
+        let hill = |t: f64| (t * t - 1.0) * (-0.5 * t * t).exp();
+        -(hill(x) + 1.5 * hill(x - 6.0))
+    };
+    let lower = top(0.5, 0.05);
+    let local = 0.5 * bend(lower) + 0.5 * bend(lower - 0.1);
+    tally.stored(local, 0.99625, 1e-5);
+    let m = if is_honest { 0.0 } else { local };
     let bounds = Bounds::of(Preference { mu: 0.5, beta: BETA }, [Curvature { m, l: 1.5 }; 2], second - first);
     tally.stored(first, 0.009964, 1e-6);
     tally.stored(second, 0.090036, 1e-6);
@@ -125,6 +132,13 @@ impl Check for LocalConcavity {
         );
         for (distance, [gap, max, min]) in FIXTURE {
             let flat = Flat { distance };
+            if distance == 10.0 {
+                let (first, second) = (flat.optimum(BETA), flat.optimum(1.0 - BETA));
+                tally.stored(first, 9.98889, 1e-5);
+                tally.stored(second, 8.52778, 1e-5);
+                tally.stored(first - second, 1.46111, 1e-5);
+                tally.stored(first.cosh().powi(-2), 8.4e-9, 5e-11);
+            }
             let ((found, bounds), (_, honest)) = (flat.measured(false), flat.measured(true));
             for (found, known) in [(found, gap), (bounds.max(), max), (bounds.min(), min)] {
                 tally.stored(found, known, 1e-5);

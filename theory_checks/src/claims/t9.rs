@@ -34,7 +34,7 @@ impl Check for NormAndCosine {
     }
 
     fn experiment(&self) -> &'static str {
-        "5000 pairs of vectors in dimensions 2, 3, 10 and 100, correlated, ratio of lengths in 10^[-1, 1]; the norm by the signs of its slope at both ends, the dip and the cosine on 21 points"
+        "5000 pairs of vectors in dimensions 2, 3, 10 and 100, correlated, one of them scaled by 10^[-1, 1]; the norm by the signs of its slope at both ends, the dip and the cosine on 21 points"
     }
 
     fn caveat(&self) -> &'static str {
@@ -71,6 +71,14 @@ impl Check for NormAndCosine {
                 (sign * (cosine - short / long) >= 0.0, sign * (cosine - long / short) >= 0.0);
             let (start, end) = (realistic.dot(&way), adversarial.dot(&way));
             tally.holds(rises == (start >= 0.0) && falls == (end <= 0.0));
+            // The path itself, where 21 points can show it.
+            let norms: Vec<f64> = path.iter().map(|v| v.norm()).collect();
+            let slack = 1e-12 * long.max(short);
+            if rises {
+                tally.holds(norms.windows(2).all(|pair| pair[1] >= pair[0] - slack));
+            } else if falls {
+                tally.holds(norms.windows(2).all(|pair| pair[1] <= pair[0] + slack));
+            }
             let dip = (-start / way.norm_squared()).clamp(0.0, 1.0);
             let least = (&realistic + dip * &way).norm();
             let on_path = path.iter().map(|v| v.norm()).fold(f64::INFINITY, f64::min);

@@ -1,6 +1,6 @@
 //! What the theory asks of trained experts: measured on scenes, as diagnostics.
 
-use anyhow::{Context as _, Result};
+use anyhow::{Result, ensure};
 use sage_backbones::training::{Measures, PreparedScene, SceneData};
 use sage_core::{
     seed::Rng,
@@ -30,6 +30,8 @@ const BETA: f64 = 0.9;
 const PREFERENCES: [f64; 9] = [0.0, 0.05, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 1.0];
 /// Resamples of an interval.
 const RESAMPLES: usize = 2000;
+/// Scenes below which intervals say nothing.
+const FEW: usize = 10;
 /// Scenes in memory at a time.
 const WINDOW: usize = 16;
 
@@ -89,6 +91,7 @@ pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String,
         geometry,
         points,
     };
+    ensure!(!measured.is_empty(), "none of the scenes could be evaluated");
     let subject = format!("Experts `{}` on {}.", args.weights, progress::count(measured.len(), "scene"));
     let all = [
         found.path(),
@@ -98,8 +101,10 @@ pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String,
         found.mixing(),
         found.stand_in(),
     ];
-    let all: Option<Vec<Diagnostic>> = all.into_iter().collect();
-    Ok((subject, all.context("none of the scenes could be evaluated")?))
+    if found.mixing.is_empty() {
+        progress::say("G5 and G6 are left out: no scene records the adversary's whole future");
+    }
+    Ok((subject, all.into_iter().flatten().collect()))
 }
 
 impl Found {
@@ -159,17 +164,17 @@ impl Found {
         let mut figures: Vec<Figure> = VALUES[..2].iter().copied().map(with_chord).collect();
         figures.push(Figure::new("q along the path", ["λ", "q"], curves));
         let finding = if refuted.is_empty() {
-            "no mean q is below 0 for certain".to_owned()
+            "the interval of no mean q is below 0".to_owned()
         } else {
             format!(
-                "the mean q is below 0 for certain, so these are not concave along the path: {}",
+                "the interval of the mean q is below 0, so these are not concave along the path: {}",
                 refuted.join("; ")
             )
         };
         Some(Diagnostic {
             id: "G1",
             question: "Are the rewards concave along the path, and is there a barrier (T10)?",
-            finding,
+            finding: unless_few(self.path.scenes.len(), finding),
             caveat: "A q above 0 would not imply concavity. Noise draws the least and the largest of 19 values outwards, and so the barrier, but not their mean.",
             tables: vec![path, barriers],
             figures,
@@ -204,16 +209,16 @@ impl Found {
             "the best λ {} with μ; {}",
             if rises { "never falls" } else { "falls somewhere" },
             if against.is_empty() {
-                "no interval contradicts the sign rule".to_owned()
+                "no interval is against the sign rule".to_owned()
             } else {
-                format!("the interval contradicts the sign rule at μ = {}", against.join(", "))
+                format!("the interval is not where the sign rule asks for it at μ = {}", against.join(", "))
             }
         );
         Some(Diagnostic {
             id: "G2",
             question: "Does the best λ follow the sign rule (T5s)?",
-            finding,
-            caveat: "A violation means rewards that are not concave, experts that are not at their optimum, or noise.",
+            finding: unless_few(self.path.scenes.len(), finding),
+            caveat: "Not following it means rewards that are not concave, experts that are not at their optimum, noise, or a best λ nearer to an end than the grid shows. The rule is for experts tuned with β = 0.9, as the shipped ones.",
             tables: vec![table],
             figures: vec![Figure::new(
                 "The best λ for each μ",
@@ -305,12 +310,15 @@ impl Found {
         Some(Diagnostic {
             id: "G4",
             question: "Is extrapolation along the adversarial vector better than along the experts' line (T13)?",
-            finding: format!(
-                "R_adv by the vector is higher for certain at {}, lower at {}",
-                list(better),
-                list(worse)
+            finding: unless_few(
+                vector.scenes.len(),
+                format!(
+                    "the interval of the vector's advantage in R_adv is above 0 at {}, below 0 at {}",
+                    list(better),
+                    list(worse)
+                ),
             ),
-            caveat: "At equal lengths of the step. At a converged expert neither has an advantage to first order.",
+            caveat: "At equal lengths of the step; twelve intervals are not corrected for their number. At a converged expert neither has an advantage to first order.",
             tables: vec![table],
             figures: vec![Figure::new(
                 "R_adv beyond the adversarial expert",
@@ -323,7 +331,10 @@ impl Found {
     /// Weight against output mixing without derivatives.
     fn mixing(&self) -> Option<Diagnostic> {
         let mut table = Grid::new(
-            "Half the mean squared distance of the mean trajectory from the log, m²: weight mixing is better where chord − L_w exceeds k E‖Δf‖²",
+            &format!(
+                "Half the mean squared distance of the mean trajectory from the log, m²: weight mixing is better where chord − L_w exceeds k E‖Δf‖² (N = {} with a whole log)",
+                self.mixing.len()
+            ),
             &["λ", "chord − L_w", "k E‖Δf‖²", "L_e − L_w", "scenes where weights are better, %"],
         );
         let mut verdicts = Vec::new();
@@ -349,7 +360,10 @@ impl Found {
         Some(Diagnostic {
             id: "G5",
             question: "Does weight mixing beat output mixing in the squared error (T14x)?",
-            finding: format!("better for certain: {}", verdicts.join(", ")),
+            finding: unless_few(
+                self.mixing.len(),
+                format!("favoured by the interval: {}", verdicts.join(", ")),
+            ),
             caveat: "An exact test without derivatives. A loss below its chord alone is too weak: k E‖Δf‖² is what output mixing gains.",
             tables: vec![table],
             figures: vec![],
@@ -359,7 +373,10 @@ impl Found {
     /// The squared error in place of a log-likelihood.
     fn stand_in(&self) -> Option<Diagnostic> {
         let mut table = Grid::new(
-            "Squared error of the mean trajectory against the negative log-likelihood (nll) of the mode nearest to the log, by scene",
+            &format!(
+                "Squared error of the mean trajectory against the negative log-likelihood (nll) of the mode nearest to the log, by scene (N = {})",
+                self.mixing.len()
+            ),
             &[
                 "λ",
                 "rank correlation of both, weight mixing",
@@ -405,8 +422,11 @@ impl Found {
         Some(Diagnostic {
             id: "G6",
             question: "Can a squared error stand in for the log-likelihood of the motion model?",
-            finding: format!(
-                "rank correlation over scenes at most {most:.2}; both prefer the same mixture in {least:.0} to {greatest:.0} % of the scenes"
+            finding: unless_few(
+                self.mixing.len(),
+                format!(
+                    "rank correlation over scenes at most {most:.2}; both prefer the same mixture in {least:.0} to {greatest:.0} % of the scenes"
+                ),
             ),
             caveat: "The paper's comparison of mixtures takes the squared error of mixed trajectories for a negative log-likelihood. They are the same only for a normal distribution of fixed width around one trajectory: R² would be 1. The policy here has many modes.",
             tables: vec![table],
@@ -434,6 +454,11 @@ impl Found {
         let [low, high] = [0.025, 0.975].map(|share| statistics::quantile(&drawn, share));
         Some(Estimate { value: of(&all), low: low?, high: high?, n })
     }
+}
+
+/// What was found, unless there are too few scenes to say it.
+fn unless_few(scenes: usize, found: String) -> String {
+    if scenes < FEW { format!("too few scenes for a finding ({scenes})") } else { found }
 }
 
 fn average(scenes: &[&[Comparison; 3]], k: usize, of: fn(&Comparison) -> f64) -> f64 {

@@ -22,12 +22,13 @@ const INTRODUCTION: &str = "Each claim of the theory of preference-mixed experts
     (adversarial) maximises R_β, expert 2 (realistic) R_(1−β), with β in (0.5, 1]. θ(λ) = (1 − λ) θ_2 + λ θ_1, d = θ_1 − θ_2, D = ‖d‖. The gap \
     of μ is R_μ(θ̂_μ) less the largest R_μ(θ(λ)) over λ in [0, 1]. μ is inside if 1 − β < μ < β. A reward is L-smooth and m-strongly concave if \
     the eigenvalues of the Hessian of −R lie in [m, L].";
-const VERDICTS: [(Verdict, &str); 5] = [
+const VERDICTS: [(Verdict, &str); 6] = [
     (Verdict::Holds, "no comparison misses its tolerance; a bound is attained by some instance"),
     (Verdict::HoldsWithSlack, "a bound without violation that no instance attains"),
     (Verdict::HoldsIf, "true under a stated condition; outside it there are failures"),
     (Verdict::FailsAsPrinted, "an instance refutes the paper's text; the corrected form has no violation"),
     (Verdict::Violated, "a comparison or a stored case misses its tolerance"),
+    (Verdict::Undecided, "a direct computation found no solution"),
 ];
 
 /// A table of texts.
@@ -69,8 +70,8 @@ fn shown(number: &Number) -> String {
     if let Some(error) = number.standard_error {
         let _ = write!(text, " ± {}", of_error(error));
     }
-    if let Some((reference, _)) = number.reference {
-        let differs = if number.agrees() == Some(true) { "" } else { ", differs" };
+    if let Some(reference) = number.reference {
+        let differs = if number.agrees() == Some(false) { ", differs" } else { "" };
         let _ = write!(text, " ({}{differs})", digits(reference));
     }
     text
@@ -243,6 +244,9 @@ fn claim_blocks<'a>(claim: &'a Claim, report: &'a Report, blocks: &mut Vec<Block
     blocks.push(Block::Heading(2, claim.id.into(), format!("{}: {}", claim.id, claim.statement)));
     let mut outcome =
         format!("{} ({} comparisons, {} violations", verdict.words(), report.comparisons, report.violations);
+    if report.unsolved > 0 {
+        let _ = write!(outcome, ", {} without a solution", report.unsolved);
+    }
     if let Some(count) = report.counterexamples {
         let _ = write!(outcome, ", {count} counterexamples to the printed claim");
     }
@@ -275,7 +279,7 @@ fn claim_blocks<'a>(claim: &'a Claim, report: &'a Report, blocks: &mut Vec<Block
     blocks.extend(report.tables.iter().map(|table| Block::Grid(Grid::of(table))));
     if has_references {
         blocks.push(Block::Text(
-            "±: standard error. In parentheses: an independent implementation on instances of its own."
+            "±: standard error. In parentheses: an independent implementation on instances of its own; where it drew from another distribution, only the trend is comparable."
                 .into(),
         ));
     }
@@ -394,7 +398,7 @@ fn class(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Holds => "yes",
         Verdict::HoldsWithSlack | Verdict::HoldsIf => "partly",
-        Verdict::FailsAsPrinted | Verdict::Violated => "no",
+        Verdict::FailsAsPrinted | Verdict::Violated | Verdict::Undecided => "no",
     }
 }
 

@@ -42,13 +42,83 @@ fn printed(line: &Line, at: Preference, planted: Option<usize>) -> f64 {
     Bounds { coefficients, m: line.curvature(1.0 - at.mu), ..bounds }.max()
 }
 
+/// Wrong versions of the min-bound outside [1 − β, β], where the right one is the gap: name, the wrong bound, and the
+/// shares of cases in which it is below the gap in an independent implementation.
+type Wrong = (&'static str, fn(&Bounds, Preference, &Line) -> f64, f64);
+const WRONG: [Wrong; 8] = [
+    ("half the bound", |b, _, _| 0.5 * b.min(), 1.0),
+    (
+        "2β in place of 2β − 1 in c₁ and c₂",
+        |b, at, _| {
+            let share = (2.0 * at.beta - 1.0) / (2.0 * at.beta);
+            Bounds { coefficients: b.coefficients.map(|c| c * share), ..*b }.min()
+        },
+        1.0,
+    ),
+    (
+        "μ and 1 − μ exchanged in m_μ",
+        |b, at, line| Bounds { m: line.curvature(1.0 - at.mu), ..*b }.min(),
+        0.5,
+    ),
+    ("L₁ and L₂ exchanged", |b, _, _| nearer(&Bounds { experts: [b.experts[1], b.experts[0]], ..*b }), 0.5),
+    (
+        "as printed in the appendix, largest f",
+        |b, at, line| {
+            let [c1, c2] = b.coefficients;
+            Bounds { coefficients: [c2, c1], m: line.curvature(1.0 - at.mu), ..*b }.max()
+        },
+        0.18,
+    ),
+    ("half the max-bound", |b, _, _| 0.5 * b.max(), 0.24),
+    ("twice the bound", |b, _, _| 2.0 * b.min(), 0.0),
+    (
+        "μ − β + 1 in c₁",
+        |b, at, _| {
+            let c1 = (at.mu - at.beta + 1.0) / (2.0 * at.beta - 1.0);
+            nearer(&Bounds { coefficients: [c1, b.coefficients[1]], ..*b })
+        },
+        0.0,
+    ),
+];
+
+/// The bound at the nearer expert: λ = 0 for a negative c_1, else λ = 1.
+fn nearer(bounds: &Bounds) -> f64 {
+    let [first, second] = [0.0, 1.0].map(|lambda| bounds.at_lambda(lambda));
+    if bounds.coefficients[1] > 0.0 { first } else { second }
+}
+
+/// How often a one-sided test and a test of equality notice a wrong bound.
+fn power(setup: &Setup) -> Table {
+    let mut table = Table::new(
+        "Why inequalities need instances where they are attained: isotropic quadratics with μ outside, where the min-bound is the gap; share of cases in which a wrong bound is noticed",
+        &["wrong bound", "by gap ≤ bound", "by gap = bound"],
+    );
+    let measured = setup.each("T6 power", 16_700, |instance, rng, tally| {
+        let line = Line { a: log_uniform(rng, [-1.0, 1.0]), b: log_uniform(rng, [-1.0, 1.0]) };
+        let beta = rng.uniform(0.55, 0.99);
+        let outside = rng.unit() * (1.0 - beta);
+        let at = Preference { mu: if instance.is_multiple_of(2) { outside } else { 1.0 - outside }, beta };
+        let ([_, gap], bounds) = (line.direct(at), line.bounds(at));
+        for (name, wrong, _) in WRONG {
+            let bound = wrong(&bounds, at, &line);
+            tally.sample(format!("{name} below"), f64::from(u8::from(bound < gap * (1.0 - NEAR))));
+            tally.sample(format!("{name} other"), f64::from(u8::from((bound - gap).abs() > NEAR * gap)));
+        }
+    });
+    for (name, _, known) in WRONG {
+        let share = |of: &str| Number::new(Number::share(measured.samples(&format!("{name} {of}"))).value);
+        table.row(name, [share("below").beside_another(known), share("other")]);
+    }
+    table
+}
+
 impl Check for PrintedBound {
     fn formula(&self) -> &'static str {
         "printed: max(|c₂| L₁, |c₁| L₂)² D² / (2 [(1 − μ) m_adv + μ m_real]); at μ = 1 below the gap iff b/a > (β/(1 − β))²"
     }
 
     fn experiment(&self) -> &'static str {
-        "5000 quadratics with scalar curvatures a in 10^[-1, 1] and b/a in 10^[-1, 3] at μ = 1, β in {0.51, 0.6, 0.75, 0.9}; six stored cases"
+        "5000 quadratics with scalar curvatures a in 10^[-1, 1] and b/a in 10^[-1, 3] at μ = 1, β in {0.51, 0.6, 0.75, 0.9}; six stored cases; 16 700 isotropic quadratics with μ outside for the power of the tests"
     }
 
     fn caveat(&self) -> &'static str {
@@ -93,6 +163,6 @@ impl Check for PrintedBound {
             tally.counterexample(found[1] < found[0] * (1.0 - NEAR));
             table.row(format!("{beta}; {a}; {b}; {mu}"), found.map(Number::new));
         }
-        tally.report(vec![table], vec![])
+        tally.report(vec![table, power(setup)], vec![])
     }
 }

@@ -313,7 +313,33 @@ fn draw(figure: &Figure) -> Result<String> {
         let series = figure.series.iter().filter(|series| series.is_line == is_line);
         series.map(|series| (series.name.clone(), series.points.clone())).collect()
     };
-    Chart { axes: [x, y], lines: of(true), dots: of(false), is_log: figure.is_log, ..Chart::default() }.draw()
+    let (axes, is_legend_high) = ([&**x, &**y], is_low_right(figure));
+    Chart {
+        axes,
+        lines: of(true),
+        dots: of(false),
+        is_log: figure.is_log,
+        is_legend_high,
+        ..Chart::default()
+    }
+    .draw()
+}
+
+/// Whether more points are at the lower right of a figure than at the upper right, where a legend then is.
+fn is_low_right(figure: &Figure) -> bool {
+    let place = |point: &[f64; 2]| [0, 1].map(|k| if figure.is_log[k] { point[k].log10() } else { point[k] });
+    let points = figure.series.iter().flat_map(|series| &series.points).map(place);
+    let points: Vec<[f64; 2]> = points.filter(|point| point.iter().all(|x| x.is_finite())).collect();
+    let share = |point: &[f64; 2], k: usize| {
+        let (low, high) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), point| {
+            (low.min(point[k]), high.max(point[k]))
+        });
+        (point[k] - low) / (high - low)
+    };
+    let right = points.iter().filter(|point| share(point, 0) > 0.7).map(|point| share(point, 1));
+    let (low, high) =
+        right.fold((0, 0), |(low, high), y| (low + u32::from(y < 0.25), high + u32::from(y > 0.75)));
+    low > high
 }
 
 impl Block<'_> {

@@ -91,13 +91,16 @@ pub(crate) fn compare(
         let weight = prediction(model)?;
         let mixed: Vec<f64> =
             real.mean.iter().zip(&adversarial.mean).map(|(r, a)| (1.0 - lambda) * r + lambda * a).collect();
-        let probability = (1.0 - lambda) * real.log_prob.exp() + lambda * adversarial.log_prob.exp();
+        // Relative to the larger probability, so that small ones do not vanish.
+        let most = real.log_prob.max(adversarial.log_prob);
+        let share =
+            (1.0 - lambda) * (real.log_prob - most).exp() + lambda * (adversarial.log_prob - most).exp();
         Ok(Comparison {
             weight: loss(&weight.mean),
             output: loss(&mixed),
             chord: (1.0 - lambda) * loss(&real.mean) + lambda * loss(&adversarial.mean),
             diversity: 0.5 * lambda * (1.0 - lambda) * squared(&real.mean, &adversarial.mean),
-            nll: [-weight.log_prob, -probability.ln()],
+            nll: [-weight.log_prob, -(most + share.ln())],
         })
     };
     let [first, second, third] = COMPARED;

@@ -188,7 +188,7 @@ fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
         "Median slopes on log–log axes in ‖δ‖, scales 1/8 to 1/64, 4-16-3 networks, 256 inputs; without a residual step 2 is exact (-)",
         &columns,
     );
-    let mut judged = Tally::default();
+    let mut compared = Tally::default();
     for (is_met, alpha, orders, known) in ORDERS {
         let numbers = QUANTITIES.iter().enumerate().map(|(k, quantity)| {
             let median = Number::median(tally.samples(&format!("{is_met} {alpha} {quantity}")), SEEDS);
@@ -196,10 +196,10 @@ fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
             if order.is_nan() {
                 // The step is exact.
                 let largest = tally.samples("step 2 without a residual").iter().copied().fold(0.0, f64::max);
-                judged.equal(largest, 0.0, 1e-30);
+                compared.equal(largest, 0.0, 1e-30);
                 return Number::new(f64::NAN);
             }
-            judged.equal(median.value, order, NEAR);
+            compared.equal(median.value, order, NEAR);
             median.beside(known[k], Distance(0.15))
         });
         let numbers: Vec<Number> = numbers.collect();
@@ -217,7 +217,7 @@ fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
         ["scale of δ", "error"],
         QUANTITIES.iter().map(line).collect(),
     );
-    (tally.and(judged), table, figure.logarithmic([true; 2]))
+    (tally.and(compared), table, figure.logarithmic([true; 2]))
 }
 
 /// `b tanh(a x)` on three points.

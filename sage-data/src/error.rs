@@ -2,7 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::pickle::PickleError;
+use crate::{
+    pickle::PickleError,
+    womd::{FrameProblem, MessageError},
+};
 
 /// An error of `sage-data`. Every variant names the file.
 #[derive(Debug, thiserror::Error)]
@@ -54,8 +57,31 @@ pub enum Error {
         /// Expected value.
         expected: String,
     },
+    /// A shard whose records cannot be read.
+    #[error("`{}`, record {record} at byte {offset}: {problem}", path.display())]
+    Shard {
+        /// The shard.
+        path: PathBuf,
+        /// Number of the record, from 0.
+        record: usize,
+        /// Offset of the record in the file, after decompression, bytes.
+        offset: u64,
+        /// What is wrong.
+        problem: FrameProblem,
+    },
+    /// A record of a shard that is no scene.
+    #[error("`{}` {problem}", path.display())]
+    Message {
+        /// The shard and the number of the record, such as `SHARD#3`.
+        path: PathBuf,
+        /// What is wrong, and where.
+        problem: MessageError,
+    },
     /// A folder without a scene.
-    #[error("no scene in `{}`; expected files that end in .pkl or .safetensors", path.display())]
+    #[error(
+        "no scene in `{}`; expected files that end in .pkl or .safetensors, or whose names hold `tfrecord`",
+        path.display()
+    )]
     NoScenes {
         /// The folder.
         path: PathBuf,

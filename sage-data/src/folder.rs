@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::{
     Error,
     pickle::{Document, PickleProblem},
-    recording,
+    recording, womd,
 };
 
 /// Number of files that are read before their results go to the caller. Memory holds this many results, but
@@ -21,15 +21,29 @@ const WINDOW: usize = 64;
 /// File name endings of scene files.
 const ENDINGS: [&str; 2] = [".pkl", ".safetensors"];
 
-/// Scene files under a path, in natural order.
+/// Scenes under a path, in natural order: files, and records of shards such as `SHARD#3`.
 ///
-/// A path that is not a folder is the only file. In a folder they are the files that `dataset_summary.pkl`
-/// lists, in the folders that `dataset_mapping.pkl` gives. Without a summary they are all `.pkl` and
-/// `.safetensors` files below the folder.
+/// A path that is not a folder is the only file; a shard is the list of its records. In a folder they are the
+/// files that `dataset_summary.pkl` lists, in the folders that `dataset_mapping.pkl` gives. Without a summary they
+/// are all `.pkl` and `.safetensors` files below the folder, and the files whose names hold `tfrecord`.
 ///
 /// *Errors*: [`Error::Read`] for a folder that cannot be listed, [`Error::NoScenes`] for a folder without
-/// scenes, [`Error::Field`] for a summary whose names are not file names.
+/// scenes, [`Error::Field`] for a summary whose names are not file names, [`Error::Shard`] for a shard without
+/// records.
 pub fn scene_files(path: &Path) -> Result<Vec<PathBuf>, Error> {
+    let mut scenes = Vec::new();
+    for file in files(path)? {
+        if womd::is_shard(&file) {
+            scenes.extend(womd::record_paths(&file)?);
+        } else {
+            scenes.push(womd::numbered(&file)?);
+        }
+    }
+    Ok(scenes)
+}
+
+/// Files under a path, as [`scene_files`] lists them, shards as they are.
+pub(crate) fn files(path: &Path) -> Result<Vec<PathBuf>, Error> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);
     }
@@ -75,7 +89,7 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
             let Ok(found) = std::fs::metadata(&path) else { continue };
             if found.is_dir() {
                 open.push(path);
-            } else if found.is_file() && is_scene_name(&name) {
+            } else if found.is_file() && (is_scene_name(&name) || womd::is_shard_name(&path)) {
                 files.push(path);
             }
         }

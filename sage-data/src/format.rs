@@ -1,5 +1,7 @@
 //! Formats of scene files, detected by their first bytes.
 
+use crate::womd;
+
 /// Formats of scene files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
@@ -7,10 +9,12 @@ pub enum Format {
     Pickle,
     /// A native file: safetensors.
     Native,
+    /// Records of `Scenario` protos, as the Waymo Open Motion Dataset has them.
+    TfRecord,
 }
 
 impl Format {
-    /// The format of a file; `None` if it is neither. No other code detects formats.
+    /// The format of a file; `None` if it is none of them. No other code detects formats.
     ///
     /// A file that starts like a pickle is a pickle and nothing else, because Python would load it as one.
     /// A file that is data to one reader and a program to another would be a security risk.
@@ -19,7 +23,7 @@ impl Format {
             [0x80, 2..=5, ..] => Some(Self::Pickle),
             // The length of the header in eight bytes, followed by its opening brace.
             [_, _, _, _, _, _, _, _, b'{', ..] => Some(Self::Native),
-            _ => None,
+            _ => womd::begins_with_record(bytes).then_some(Self::TfRecord),
         }
     }
 }

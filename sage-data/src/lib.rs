@@ -4,6 +4,7 @@
 //! interprets its opcodes into a [`pickle::Document`] of plain values and never executes anything.
 //! [`metadrive`] converts such a document into a [`sage_core::scene::Scene`] and back. Content that the
 //! scene does not model stays in the document, so that writing loses nothing. Native files are safetensors.
+//! [`womd`] reads the files of the Waymo Open Motion Dataset into such documents.
 //!
 //! ```no_run
 //! let recording = sage_data::Recording::read("scene.pkl".as_ref())?;
@@ -22,9 +23,12 @@ pub mod pickle;
 pub mod procedural;
 mod recording;
 pub mod split;
+mod stream;
 mod variants;
+pub mod womd;
 
 pub use error::Error;
 pub use format::Format;
 pub use recording::{MAX_FILE, Recording, Source, read_bytes};
+pub use stream::{Item, stream};
 pub use variants::{PROVENANCE, Variant, VariantWriter};

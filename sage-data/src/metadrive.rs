@@ -6,6 +6,7 @@ mod fields;
 mod fresh;
 mod summary;
 
+pub(crate) use decode::MAX_FRAMES;
 pub use decode::decode;
 pub use encode::encode;
 pub(crate) use encode::{annotate, write_changes};

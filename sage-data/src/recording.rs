@@ -11,7 +11,7 @@ use sage_core::{
     scene::Scene,
 };
 
-use crate::{Error, Format, metadrive, native, pickle::Document, variants::PROVENANCE};
+use crate::{Error, Format, metadrive, native, pickle::Document, variants::PROVENANCE, womd};
 
 /// Size limit of a scene file, bytes. The largest public ones have 2 MB.
 pub const MAX_FILE: u64 = 256 << 20;
@@ -74,12 +74,14 @@ pub enum Source {
     Pickle(Document),
     /// A native file, as bytes; its MetaDrive source is unpacked on demand.
     Native(Vec<u8>),
+    /// A record of the Waymo Open Motion Dataset, as MetaDrive values without summaries.
+    Record(Document),
     /// No file: the scene is procedural.
     Procedural,
 }
 
 impl Recording {
-    /// Reads and checks a scene file of either format.
+    /// Reads and checks a scene file of any format, or a record of a shard: `SHARD#3` or `SHARD#<id>`.
     ///
     /// *Errors*: [`Error`], which names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, Error> {
@@ -95,10 +97,23 @@ impl Recording {
             check_lines(&scene, path)?;
             return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes) });
         }
+        if is_record(path, &bytes) {
+            return Self::of_record(path, &womd::only_record(path, bytes)?);
+        }
         let source = parse(path, bytes)?;
         let scene = metadrive::decode(&source, path)?;
         check_lines(&scene, path)?;
         Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source) })
+    }
+
+    /// Reads and checks a record with its frame; `path` names it in errors, such as `SHARD#3`.
+    ///
+    /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
+    pub(crate) fn of_record(path: &Path, framed: &[u8]) -> Result<Self, Error> {
+        let source = womd::document(path, framed)?;
+        let scene = metadrive::decode(&source, path)?;
+        check_lines(&scene, path)?;
+        Ok(Self { path: path.to_owned(), scene, source: Source::Record(source) })
     }
 
     /// A recording of a procedural scene, which has no file.
@@ -112,6 +127,11 @@ impl Recording {
     pub fn document(&self) -> Result<Option<Cow<'_, Document>>, Error> {
         Ok(match &self.source {
             Source::Pickle(document) => Some(Cow::Borrowed(document)),
+            Source::Record(document) => {
+                let mut document = document.clone();
+                metadrive::complete(&mut document);
+                Some(Cow::Owned(document))
+            }
             Source::Native(bytes) => native::document(bytes, &self.path)?.map(Cow::Owned),
             Source::Procedural => None,
         })
@@ -178,6 +198,12 @@ impl Recording {
     }
 }
 
+/// True if some bytes are a record or a shard. A file that is named like a shard is one, because the length of a
+/// record can look like the start of a pickle.
+fn is_record(path: &Path, bytes: &[u8]) -> bool {
+    womd::is_shard_name(path) || womd::is_gzip(bytes) || Format::of(bytes) == Some(Format::TfRecord)
+}
+
 /// The values of a pickle file.
 pub(crate) fn parse(path: &Path, bytes: Vec<u8>) -> Result<Document, Error> {
     Document::parse(bytes).map_err(|problem| Error::Pickle { path: path.to_owned(), problem })
@@ -185,8 +211,13 @@ pub(crate) fn parse(path: &Path, bytes: Vec<u8>) -> Result<Document, Error> {
 
 /// The bytes of a scene file that the user gave or that is in a folder, for [`Recording::from_bytes`].
 ///
-/// *Errors*: [`Error::Read`]; [`Error::TooLarge`] beyond [`MAX_FILE`].
+/// For a record of a shard they are the record with its frame.
+///
+/// *Errors*: [`Error::Read`]; [`Error::TooLarge`] beyond [`MAX_FILE`]; [`Error::Shard`].
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
+    if womd::is_shard(path) || womd::split_path(path).is_some() {
+        return womd::read_framed(path);
+    }
     read_with(path, files::read_argument)
 }
 
@@ -195,7 +226,15 @@ pub(crate) fn read_inside(path: &Path) -> Result<Vec<u8>, Error> {
     read_with(path, files::read)
 }
 
-fn read_with(path: &Path, read: fn(&Path, u64) -> std::io::Result<Vec<u8>>) -> Result<Vec<u8>, Error> {
+/// All bytes of a pipe that the user gave.
+pub(crate) fn read_stream(path: &Path, stream: impl std::io::Read) -> Result<Vec<u8>, Error> {
+    read_with(path, |_, limit| files::read_open(stream, 0, limit))
+}
+
+fn read_with(
+    path: &Path,
+    read: impl FnOnce(&Path, u64) -> std::io::Result<Vec<u8>>,
+) -> Result<Vec<u8>, Error> {
     read(path, MAX_FILE).map_err(|source| match source.kind() {
         std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MAX_FILE },
         _ => Error::Read { path: path.to_owned(), source },

@@ -1,7 +1,7 @@
 //! Reads with a size limit. Devices and sockets are refused. A pipe is read once, to its end.
 
 use std::{
-    fs::{File, FileType, Metadata},
+    fs::{File, FileType},
     io::{self, ErrorKind, Read},
     path::Path,
 };
@@ -19,7 +19,7 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     if !found.is_file() {
         return Err(wrong_kind(found.file_type(), "expected a regular file"));
     }
-    read_open(File::open(path)?, Some(&found), limit)
+    read_open(File::open(path)?, found.len(), limit)
 }
 
 /// Reads a path that the user gave: a regular file, a pipe (such as a process substitution), or `-` for
@@ -27,14 +27,35 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 ///
 /// *Errors*: as [`read`], but pipes are read to their end.
 pub fn read_argument(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    match open_argument(path)? {
+        Opened::File(file, size) => read_open(file, size, limit),
+        Opened::Stream(stream) => read_open(stream, 0, limit),
+    }
+}
+
+/// An open input that the user gave.
+pub enum Opened {
+    /// A regular file and its size, bytes.
+    File(File, u64),
+    /// A pipe or standard input, which can be read only once.
+    Stream(Box<dyn Read + Send>),
+}
+
+/// Opens a path that the user gave, as [`read_argument`] does.
+///
+/// *Errors*: as [`read_argument`].
+pub fn open_argument(path: &Path) -> io::Result<Opened> {
     if path.to_str() == Some(STANDARD_INPUT) {
-        return read_open(io::stdin().lock(), None, limit);
+        return Ok(Opened::Stream(Box::new(io::stdin())));
     }
     let found = std::fs::metadata(path)?;
-    if !found.is_file() && !is_pipe(found.file_type()) {
+    if found.is_file() {
+        return Ok(Opened::File(File::open(path)?, found.len()));
+    }
+    if !is_pipe(found.file_type()) {
         return Err(wrong_kind(found.file_type(), "expected a file, a pipe, or - for standard input"));
     }
-    read_open(File::open(path)?, Some(&found), limit)
+    Ok(Opened::Stream(Box::new(File::open(path)?)))
 }
 
 /// The first bytes of a regular file, at most `length`.
@@ -68,8 +89,10 @@ fn text(bytes: Vec<u8>) -> io::Result<String> {
     String::from_utf8(bytes).map_err(|_| io::Error::new(ErrorKind::InvalidData, "the text is not UTF-8"))
 }
 
-fn read_open(source: impl Read, found: Option<&Metadata>, limit: u64) -> io::Result<Vec<u8>> {
-    let size = found.map_or(0, Metadata::len);
+/// All bytes of an open source of about `size` bytes.
+///
+/// *Errors*: those of the system; [`ErrorKind::FileTooLarge`] beyond `limit` bytes.
+pub fn read_open(source: impl Read, size: u64, limit: u64) -> io::Result<Vec<u8>> {
     if size > limit {
         return Err(too_large(limit));
     }

@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Maximum number of frames of a recording: over an hour at 10 Hz.
-const MAX_FRAMES: usize = 40_000;
+pub(crate) const MAX_FRAMES: usize = 40_000;
 
 /// Turns the values of a file into a checked scene; `path` names the file in errors.
 ///

@@ -13,6 +13,11 @@ impl Document {
         Self { bytes: Vec::new(), nodes: vec![Node::None], root: Id(0), file_size: 0 }
     }
 
+    /// Sets the size of the file from which the values come, bytes; it limits how far they may be repeated.
+    pub(crate) fn set_file_size(&mut self, bytes: usize) {
+        self.file_size = bytes;
+    }
+
     /// Sets the root value.
     pub(crate) fn set_root(&mut self, root: Id) {
         self.root = root;

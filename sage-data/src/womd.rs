@@ -1,0 +1,81 @@
+//! The Waymo Open Motion Dataset as Waymo publishes it: TFRecord files of `Scenario` protos.
+//!
+//! A record becomes the MetaDrive values that ScenarioNet's converter makes of it, widths of lanes included, and goes
+//! through the decoder that pickles go through. A scene is then the same, whichever file it came from.
+//!
+//! [`Shard`] reads a file record by record. `docs/formats.md` lists what is read.
+
+mod decode;
+mod features;
+mod foreign;
+mod lanes;
+mod lights;
+mod shard;
+mod tfrecord;
+mod tracks;
+mod values;
+mod width;
+mod wire;
+mod words;
+
+use std::path::Path;
+
+pub use shard::{Shard, is_shard};
+pub(crate) use shard::{Open, is_gzip, is_shard_name, open, numbered, only_record, read_framed, record_paths, split_path};
+pub(crate) use tfrecord::begins_with_record;
+pub use tfrecord::{FrameProblem, Record};
+pub use wire::{MessageError, MessageProblem};
+
+use crate::{Error, Recording, pickle::Document};
+
+/// The MetaDrive values of a record with its frame, without summaries. `path` names it, such as `SHARD#3`.
+///
+/// *Errors*: [`Error::Shard`] for a wrong checksum, [`Error::Message`] for a record that is no scene.
+pub(crate) fn document(path: &Path, framed: &[u8]) -> Result<Document, Error> {
+    let data = tfrecord::checked_data(framed)
+        .map_err(|problem| Error::Shard { path: path.to_owned(), record: 0, offset: 0, problem })?;
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let source_file = name.rsplit_once('#').map_or(&name[..], |(shard, _)| shard);
+    decode::decode(data, source_file).map_err(|problem| Error::Message { path: path.to_owned(), problem })
+}
+
+/// Name of a scene: that of its file without the ending, or the id of a record such as `SHARD#3`.
+///
+/// *Errors*: as [`document`], or the record cannot be read.
+pub fn scene_name(path: &Path) -> Result<String, Error> {
+    if split_path(path).is_none() {
+        return Ok(path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned());
+    }
+    id_of(path, &read_framed(path)?)
+}
+
+impl Record {
+    /// Reads and checks the scene. `path` names the record, such as `SHARD#3`.
+    pub(crate) fn read(&self, path: &Path) -> Result<Recording, Error> {
+        Recording::of_record(path, &self.framed).map_err(|error| self.located(error))
+    }
+
+    /// Id of the scene.
+    pub(crate) fn scene_id(&self, path: &Path) -> Result<String, Error> {
+        id_of(path, &self.framed).map_err(|error| self.located(error))
+    }
+
+    /// The error with the record's number and offset in its shard.
+    fn located(&self, error: Error) -> Error {
+        match error {
+            Error::Shard { path, problem, .. } => {
+                Error::Shard { path, record: self.number, offset: self.offset, problem }
+            }
+            other => other,
+        }
+    }
+}
+
+/// Id of the scene of a record with its frame.
+///
+/// *Errors*: as [`document`].
+fn id_of(path: &Path, framed: &[u8]) -> Result<String, Error> {
+    let data = tfrecord::checked_data(framed)
+        .map_err(|problem| Error::Shard { path: path.to_owned(), record: 0, offset: 0, problem })?;
+    decode::id(data).map(str::to_owned).map_err(|problem| Error::Message { path: path.to_owned(), problem })
+}

@@ -1,0 +1,288 @@
+//! Decodes a `Scenario` message into the MetaDrive values that ScenarioNet's converter makes of it.
+//!
+//! The fields are those of `waymo.open_dataset.Scenario`. Fields that scenes do not use, such as lidar, are skipped.
+
+use sage_core::motion::{HISTORY, MAX_COORDINATE};
+
+use super::{
+    features, foreign, lights, tracks,
+    values::{Budget, DICT, ENTRY, Values},
+    wire::{Field, Message, MessageError, MessageProblem, Place},
+    words::OBJECT_TYPES,
+};
+use crate::{
+    metadrive::MAX_FRAMES,
+    pickle::{Document, Id},
+};
+
+/// Name of the data set, and of the version in names of files.
+pub(crate) const DATASET: &str = "waymo";
+pub(crate) const VERSION: &str = "womd";
+
+/// A `Scenario` whose parts are not decoded yet.
+pub(super) struct Scenario<'r> {
+    id: &'r str,
+    /// Size of the record, bytes.
+    pub(super) record_size: usize,
+    pub(super) timestamps: Vec<f32>,
+    pub(super) tracks: Vec<Message<'r>>,
+    pub(super) steps: Vec<Message<'r>>,
+    pub(super) features: Vec<Message<'r>>,
+    predictions: Vec<Message<'r>>,
+    objects_of_interest: Vec<i64>,
+    sdc_track_index: Option<(i32, usize)>,
+    current_time_index: i32,
+}
+
+/// The values of a record, as in a MetaDrive file without summaries. `source_file` is the name of the shard.
+///
+/// *Errors*: [`MessageError`] with the offset, the field, the value found and the value expected.
+pub(super) fn decode(record: &[u8], source_file: &str) -> Result<Document, MessageError> {
+    let mut budget = Budget::of(record.len());
+    let scenario = scenario(record, &mut budget)?;
+    let frames = scenario.timestamps.len();
+    let mut values = Values::new();
+    let tracks = tracks::decode(&scenario, &mut values, &mut budget)?;
+    let lights = lights::decode(&scenario, &mut values, &mut budget)?;
+    let features = features::decode(&scenario, &mut values, &mut budget)?;
+    let metadata = metadata(&scenario, &tracks, source_file, &mut values)?;
+    let entries = tracks.iter().map(|track| (track.name, track.value)).collect();
+    let tracks = values.entries(entries);
+    let (id, version) = (values.text(scenario.id), values.word(VERSION));
+    let length = values.int(frames as i64);
+    let root = values.dict([
+        ("id", id),
+        ("version", version),
+        ("length", length),
+        ("tracks", tracks),
+        ("dynamic_map_states", lights),
+        ("map_features", features),
+        ("metadata", metadata),
+    ]);
+    values.document.set_root(root);
+    values.document.set_file_size(record.len());
+    Ok(values.document)
+}
+
+/// The id of a record. The rest is not decoded.
+///
+/// *Errors*: a record that is no `Scenario`.
+pub(super) fn id(record: &[u8]) -> Result<&str, MessageError> {
+    let root = Place::ROOT;
+    let mut id = None;
+    let mut fields = Message { bytes: record, offset: 0 }.fields();
+    while let Some(field) = fields.next(&root).map_err(|error| foreign::explained(record, error))? {
+        if field.number == 5 {
+            id = Some(field.text(&root.field("scenario_id"))?);
+        }
+    }
+    id.ok_or_else(|| foreign::refused(record, "it has no scenario_id"))
+}
+
+/// The fields of the outermost message.
+fn scenario<'r>(record: &'r [u8], budget: &mut Budget) -> Result<Scenario<'r>, MessageError> {
+    let root = Place::ROOT;
+    if record.is_empty() {
+        return Err(MessageError::at(0, &root, MessageProblem::Empty));
+    }
+    let mut found = Scenario {
+        id: "",
+        record_size: record.len(),
+        timestamps: Vec::new(),
+        tracks: Vec::new(),
+        steps: Vec::new(),
+        features: Vec::new(),
+        predictions: Vec::new(),
+        objects_of_interest: Vec::new(),
+        sdc_track_index: None,
+        current_time_index: 0,
+    };
+    let mut fields = Message { bytes: record, offset: 0 }.fields();
+    loop {
+        let field = fields.next(&root).and_then(|field| match field {
+            Some(field) => add(&mut found, field, budget).map(|()| true),
+            None => Ok(false),
+        });
+        match field {
+            Ok(true) => {}
+            Ok(false) => break,
+            // Before the first track, another message is the likeliest cause.
+            Err(error) if found.tracks.is_empty() => return Err(foreign::explained(record, error)),
+            Err(error) => return Err(error),
+        }
+    }
+    if found.timestamps.is_empty() && found.tracks.is_empty() {
+        return Err(foreign::refused(record, "it has neither timestamps nor tracks"));
+    }
+    let frames = found.timestamps.len();
+    if !(HISTORY..=MAX_FRAMES).contains(&frames) {
+        let place = root.field("timestamps_seconds");
+        let expected = format!("{HISTORY} to {MAX_FRAMES} frames");
+        return Err(MessageError::value(0, &place, format!("a list of {frames} frames"), expected));
+    }
+    Ok(found)
+}
+
+/// Adds a field of the outermost message.
+fn add<'r>(found: &mut Scenario<'r>, field: Field<'r>, budget: &mut Budget) -> Result<(), MessageError> {
+    /// Memory of an element: the message, its dicts, and its name.
+    const TRACK: usize = 400;
+    const FEATURE: usize = 200;
+    const OTHER: usize = 150;
+    let root = Place::ROOT;
+    let mut message = |name: &'static str, list: &mut Vec<Message<'r>>, bytes: usize| {
+        let place = root.item(name, list.len());
+        list.push(field.message(&place)?);
+        budget.spend(bytes, field.offset, &place, name)
+    };
+    match field.number {
+        1 => {
+            let place = root.field("timestamps_seconds");
+            field.doubles(&place, |offset, seconds| {
+                if !seconds.is_finite() {
+                    return Err(MessageError::value(offset, &place, seconds, "a finite number of seconds"));
+                }
+                found.timestamps.push(seconds as f32);
+                budget.spend(size_of::<f32>() + size_of::<f64>(), offset, &place, "frames")
+            })
+        }
+        2 => message("tracks", &mut found.tracks, TRACK),
+        4 => field.integers(&root.field("objects_of_interest"), |id| {
+            found.objects_of_interest.push(id);
+            budget.spend(64, field.offset, &root.field("objects_of_interest"), "objects_of_interest")
+        }),
+        5 => {
+            let place = root.field("scenario_id");
+            found.id = field.text(&place)?;
+            budget.spend(found.id.len(), field.offset, &place, "text")
+        }
+        6 => {
+            let place = root.field("sdc_track_index");
+            found.sdc_track_index = Some((field.int32(&place)?, field.offset));
+            Ok(())
+        }
+        7 => message("dynamic_map_states", &mut found.steps, size_of::<Message>()),
+        8 => message("map_features", &mut found.features, FEATURE),
+        10 => {
+            found.current_time_index = field.int32(&root.field("current_time_index"))?;
+            Ok(())
+        }
+        11 => message("tracks_to_predict", &mut found.predictions, OTHER + DICT + 4 * ENTRY),
+        _ => Ok(()),
+    }
+}
+
+/// A track in the document.
+pub(super) struct TrackEntry {
+    /// Its id as a str.
+    pub(super) name: Id,
+    pub(super) kind: Id,
+    pub(super) value: Id,
+}
+
+fn metadata(
+    scenario: &Scenario,
+    tracks: &[TrackEntry],
+    source_file: &str,
+    values: &mut Values,
+) -> Result<Id, MessageError> {
+    let root = Place::ROOT;
+    let (index, offset) = scenario.sdc_track_index.unwrap_or((0, 0));
+    let ego = usize::try_from(index).ok().and_then(|index| tracks.get(index)).ok_or_else(|| {
+        let place = root.field("sdc_track_index");
+        MessageError::value(offset, &place, index, format!("the index of one of {} tracks", tracks.len()))
+    })?;
+    let predictions = predictions(scenario, tracks, values)?;
+    let interest = scenario.objects_of_interest.iter().map(|id| values.decimal(*id)).collect();
+    let interest = values.list(interest);
+    let frames = scenario.timestamps.len();
+    let seconds: Vec<u8> = scenario.timestamps.iter().flat_map(|x| x.to_le_bytes()).collect();
+    let seconds = values.floats(&[frames], &seconds);
+    let (id, file) = (values.text(scenario.id), values.text(source_file));
+    let dataset = values.word(DATASET);
+    let [length, now, index] = [frames as i64, scenario.current_time_index.into(), index.into()]
+        .map(|value| values.int(value));
+    let processed = values.bool(false);
+    Ok(values.dict([
+        ("id", id),
+        ("coordinate", dataset),
+        ("ts", seconds),
+        ("metadrive_processed", processed),
+        ("sdc_id", ego.name),
+        ("dataset", dataset),
+        ("scenario_id", id),
+        ("source_file", file),
+        ("track_length", length),
+        ("current_time_index", now),
+        ("sdc_track_index", index),
+        ("objects_of_interest", interest),
+        ("tracks_to_predict", predictions),
+    ]))
+}
+
+/// `tracks_to_predict`: by id, the later of two with the same id at the place of the earlier.
+fn predictions(scenario: &Scenario, tracks: &[TrackEntry], values: &mut Values) -> Result<Id, MessageError> {
+    let root = Place::ROOT;
+    let mut entries: Vec<(Id, Id)> = Vec::with_capacity(scenario.predictions.len());
+    // Number of the entry of each track, from 1; 0 for none.
+    let mut at = vec![0; tracks.len()];
+    for (k, message) in scenario.predictions.iter().enumerate() {
+        let place = root.item("tracks_to_predict", k);
+        let (mut index, mut offset, mut difficulty) = (0, message.offset, 0);
+        let mut fields = message.fields();
+        while let Some(field) = fields.next(&place)? {
+            match field.number {
+                1 => (index, offset) = (field.int32(&place.field("track_index"))?, field.offset),
+                2 => difficulty = field.int32(&place.field("difficulty"))?,
+                _ => {}
+            }
+        }
+        let found = usize::try_from(index).ok().and_then(|index| Some((index, tracks.get(index)?)));
+        let (number, track) = found.ok_or_else(|| {
+            let expected = format!("the index of one of {} tracks", tracks.len());
+            MessageError::value(offset, &place.field("track_index"), index, expected)
+        })?;
+        let [index, difficulty] = [index, difficulty].map(|value| values.int(value.into()));
+        let entry = values.dict([
+            ("track_index", index),
+            ("track_id", track.name),
+            ("difficulty", difficulty),
+            ("object_type", track.kind),
+        ]);
+        match at[number] {
+            0 => {
+                entries.push((track.name, entry));
+                at[number] = entries.len();
+            }
+            earlier => entries[earlier - 1].1 = entry,
+        }
+    }
+    Ok(values.entries(entries))
+}
+
+/// Checks a number of a record.
+///
+/// *Errors*: a number that is not finite or not within ±[`MAX_COORDINATE`].
+#[inline]
+pub(super) fn checked(
+    value: f64,
+    field: &Field,
+    place: &Place,
+    name: &'static str,
+) -> Result<f64, MessageError> {
+    if value.abs() <= MAX_COORDINATE {
+        return Ok(value);
+    }
+    let expected = format!("a finite number within ±{MAX_COORDINATE:e}");
+    Err(MessageError::value(field.offset, &place.field(name), value, expected))
+}
+
+/// The word of a known track type.
+pub(super) fn object_type(field: &Field, place: &Place) -> Result<&'static str, MessageError> {
+    let place = place.field("object_type");
+    let word = field.word(&OBJECT_TYPES, &place)?;
+    if word == OBJECT_TYPES[0] {
+        return Err(MessageError::value(field.offset, &place, "0 (TYPE_UNSET)", "1 to 4"));
+    }
+    Ok(word)
+}

@@ -1,0 +1,167 @@
+//! Tracks of a `Scenario`.
+
+use std::collections::HashSet;
+
+use super::{
+    decode::{DATASET, Scenario, TrackEntry, checked, object_type},
+    values::{Budget, Values},
+    wire::{Message, MessageError, Place},
+};
+
+/// Numbers of a state after `center_x`, in the order of the columns.
+const COLUMNS: usize = 9;
+/// Memory of a frame: the columns as 32-bit floats, and `valid`.
+const FRAME: usize = 4 * COLUMNS + 1;
+
+/// The columns of one track, reused for the next.
+struct Columns {
+    frames: usize,
+    /// x, y, z per frame; then length, width, height, heading; then the velocity.
+    position: Vec<[f32; 3]>,
+    scalars: [Vec<f32>; 4],
+    velocity: Vec<[f32; 2]>,
+    valid: Vec<u8>,
+}
+
+/// Decodes all tracks, in their order.
+///
+/// *Errors*: as [`super::decode::decode`].
+pub(super) fn decode(
+    scenario: &Scenario,
+    values: &mut Values,
+    budget: &mut Budget,
+) -> Result<Vec<TrackEntry>, MessageError> {
+    let root = Place::ROOT;
+    let frames = scenario.timestamps.len();
+    let mut columns = Columns {
+        frames,
+        position: Vec::new(),
+        scalars: [const { Vec::new() }; 4],
+        velocity: Vec::new(),
+        valid: Vec::new(),
+    };
+    let (length, dataset) = (values.int(frames as i64), values.word(DATASET));
+    let mut known = HashSet::with_capacity(scenario.tracks.len());
+    let mut tracks = Vec::with_capacity(scenario.tracks.len());
+    for (k, message) in scenario.tracks.iter().enumerate() {
+        let place = root.item("tracks", k);
+        budget.spend(frames * FRAME, message.offset, &place, "tracks times frames")?;
+        let (id, kind) = columns.fill(message, &place, budget)?;
+        if !known.insert(id) {
+            let found = format!("{id}, which occurs twice");
+            return Err(MessageError::value(message.offset, &place.field("id"), found, "one track per id"));
+        }
+        let (name, kind) = (values.decimal(id.into()), values.word(kind));
+        let state = columns.state(values);
+        let metadata = values.dict([
+            ("track_length", length),
+            ("type", kind),
+            ("object_id", name),
+            ("dataset", dataset),
+        ]);
+        let value = values.dict([("type", kind), ("state", state), ("metadata", metadata)]);
+        tracks.push(TrackEntry { name, kind, value });
+    }
+    Ok(tracks)
+}
+
+impl Columns {
+    /// Reads the states of a track. Returns its id and type.
+    fn fill(
+        &mut self,
+        message: &Message,
+        place: &Place,
+        budget: &mut Budget,
+    ) -> Result<(i32, &'static str), MessageError> {
+        self.position.clear();
+        self.position.resize(self.frames, [0.0; 3]);
+        for column in &mut self.scalars {
+            column.clear();
+            column.resize(self.frames, 0.0);
+        }
+        self.velocity.clear();
+        self.velocity.resize(self.frames, [0.0; 2]);
+        self.valid.clear();
+        self.valid.resize(self.frames, 0);
+        let (mut id, mut kind, mut count) = (0, None, 0);
+        let mut fields = message.fields();
+        while let Some(field) = fields.next(place)? {
+            match field.number {
+                1 => id = field.int32(&place.field("id"))?,
+                2 => kind = Some(object_type(&field, place)?),
+                3 => {
+                    let state_place = place.item("states", count);
+                    let state = field.message(&state_place)?;
+                    // States beyond the last frame are dropped, as by the converter.
+                    if count < self.frames {
+                        self.read_state(count, state, &state_place)?;
+                    } else {
+                        budget.spend(FRAME, field.offset, &state_place, "states")?;
+                    }
+                    count += 1;
+                }
+                _ => {}
+            }
+        }
+        let kind = kind.ok_or_else(|| {
+            MessageError::value(message.offset, &place.field("object_type"), "missing", "1 to 4")
+        })?;
+        Ok((id, kind))
+    }
+
+    #[inline]
+    fn read_state(&mut self, frame: usize, state: Message, place: &Place) -> Result<(), MessageError> {
+        let mut fields = state.fields();
+        while let Some(field) = fields.next(place)? {
+            let float = |name| checked(field.float(&place.field(name))?.into(), &field, place, name);
+            match field.number {
+                2 | 3 | 4 => {
+                    let axis = field.number as usize - 2;
+                    let name = ["center_x", "center_y", "center_z"][axis];
+                    let value = checked(field.double(&place.field(name))?, &field, place, name)?;
+                    self.position[frame][axis] = value as f32;
+                }
+                5..=8 => {
+                    let column = field.number as usize - 5;
+                    let value = float(["length", "width", "height", "heading"][column])?;
+                    self.scalars[column][frame] = value as f32;
+                }
+                9 | 10 => {
+                    let axis = field.number as usize - 9;
+                    self.velocity[frame][axis] = float(["velocity_x", "velocity_y"][axis])? as f32;
+                }
+                11 => self.valid[frame] = u8::from(field.bool(&place.field("valid"))?),
+                _ => {}
+            }
+        }
+        for (name, column) in ["length", "width"].into_iter().zip(&self.scalars) {
+            if self.valid[frame] != 0 && column[frame] <= 0.0 {
+                let expected = "metres above 0 where the state is valid";
+                return Err(MessageError::value(state.offset, &place.field(name), column[frame], expected));
+            }
+        }
+        Ok(())
+    }
+
+    /// The columns as the `state` of a track.
+    fn state(&self, values: &mut Values) -> crate::pickle::Id {
+        fn bytes<'n>(numbers: impl IntoIterator<Item = &'n f32>) -> Vec<u8> {
+            numbers.into_iter().flat_map(|x| x.to_le_bytes()).collect()
+        }
+        let n = self.frames;
+        let position = values.floats(&[n, 3], &bytes(self.position.as_flattened()));
+        let scalars = [0, 1, 2, 3].map(|k| values.floats(&[n], &bytes(&self.scalars[k])));
+        let [length, width, height, heading] = scalars;
+        let velocity = values.floats(&[n, 2], &bytes(self.velocity.as_flattened()));
+        let valid = values.bools(&self.valid);
+        values.dict([
+            ("position", position),
+            ("length", length),
+            ("width", width),
+            ("height", height),
+            ("heading", heading),
+            ("velocity", velocity),
+            ("valid", valid),
+        ])
+    }
+}

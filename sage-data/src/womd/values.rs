@@ -1,0 +1,133 @@
+//! MetaDrive values that are built from a record: shared texts and numbers, and a limit on their size.
+
+use std::collections::HashMap;
+
+use super::wire::{MessageError, Place};
+use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node};
+
+const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
+const BOOL: Dtype = Dtype { kind: ElementKind::Bool, size: 1, big_endian: false };
+
+/// A dict without entries and with this many entries takes about `DICT + ENTRY * n` bytes.
+pub(super) const DICT: usize = 64;
+pub(super) const ENTRY: usize = 8;
+
+/// Bytes that the values of a record may still take.
+pub(super) struct Budget(usize);
+
+impl Budget {
+    /// The limit for a record, as for pickles. Without a limit, a message of two bytes could become a track.
+    pub(super) fn of(record: usize) -> Self {
+        Self(record.saturating_mul(4).saturating_add(4 << 20))
+    }
+
+    /// Accounts for values of `bytes` bytes.
+    ///
+    /// *Errors*: the limit is reached; `what` names the values.
+    #[inline]
+    pub(super) fn spend(
+        &mut self,
+        bytes: usize,
+        offset: usize,
+        place: &Place,
+        what: &str,
+    ) -> Result<(), MessageError> {
+        match self.0.checked_sub(bytes) {
+            Some(left) => {
+                self.0 = left;
+                Ok(())
+            }
+            None => Err(MessageError::value(
+                offset,
+                place,
+                format!("part of a scene with more {what} than a record of its size describes"),
+                "a scene that is not many times larger than its record",
+            )),
+        }
+    }
+}
+
+/// Builds the document of a record. Equal texts and integers are one value.
+pub(super) struct Values {
+    pub(super) document: Document,
+    words: HashMap<&'static str, Id>,
+    integers: HashMap<i64, Id>,
+    decimals: HashMap<i64, Id>,
+    none: Id,
+    no: Id,
+    yes: Id,
+}
+
+impl Values {
+    pub(super) fn new() -> Self {
+        let mut document = Document::empty();
+        let [none, no, yes] = [Node::None, Node::Bool(false), Node::Bool(true)].map(|node| document.push(node));
+        let (words, integers, decimals) = (HashMap::new(), HashMap::new(), HashMap::new());
+        Self { document, words, integers, decimals, none, no, yes }
+    }
+
+    pub(super) fn none(&self) -> Id {
+        self.none
+    }
+
+    pub(super) fn bool(&self, value: bool) -> Id {
+        if value { self.yes } else { self.no }
+    }
+
+    /// A key or a word of an enum.
+    pub(super) fn word(&mut self, word: &'static str) -> Id {
+        *self.words.entry(word).or_insert_with(|| self.document.new_text(word))
+    }
+
+    pub(super) fn text(&mut self, text: &str) -> Id {
+        self.document.new_text(text)
+    }
+
+    pub(super) fn int(&mut self, value: i64) -> Id {
+        *self.integers.entry(value).or_insert_with(|| self.document.push(Node::Int(value)))
+    }
+
+    /// An integer as a str.
+    pub(super) fn decimal(&mut self, value: i64) -> Id {
+        *self.decimals.entry(value).or_insert_with(|| self.document.new_text(&value.to_string()))
+    }
+
+    pub(super) fn float(&mut self, value: f64) -> Id {
+        self.document.push(Node::Float(value))
+    }
+
+    pub(super) fn list(&mut self, items: Vec<Id>) -> Id {
+        self.document.push(Node::List(items))
+    }
+
+    pub(super) fn dict<const N: usize>(&mut self, entries: [(&'static str, Id); N]) -> Id {
+        let entries = entries.map(|(key, value)| (self.word(key), value)).to_vec();
+        self.entries(entries)
+    }
+
+    pub(super) fn entries(&mut self, entries: Vec<(Id, Id)>) -> Id {
+        self.document.push(Node::Dict(entries))
+    }
+
+    /// An array of 32-bit floats from their little-endian bytes.
+    pub(super) fn floats(&mut self, shape: &[usize], bytes: &[u8]) -> Id {
+        self.array(F32, shape, bytes)
+    }
+
+    /// An array of bools, one byte each.
+    pub(super) fn bools(&mut self, bytes: &[u8]) -> Id {
+        self.array(BOOL, &[bytes.len()], bytes)
+    }
+
+    fn array(&mut self, dtype: Dtype, shape: &[usize], bytes: &[u8]) -> Id {
+        let data = self.document.push_bytes(bytes);
+        let shape = shape.iter().map(|n| *n as u32).collect();
+        self.document.push(Node::Array(Box::new(Array {
+            dtype,
+            shape,
+            fortran: false,
+            from_buffer: false,
+            data,
+        })))
+    }
+}

@@ -1,0 +1,236 @@
+//! TFRecord files of `Scenario` protos: the fixtures read as an independent reader reads them.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod real;
+mod sha256;
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use sage_data::{
+    Recording,
+    pickle::{Document, Id, Node},
+    stream,
+};
+use serde_json::{Value, json};
+
+fn synthetic() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/womd_synthetic.tfrecord")
+}
+
+/// All scenes of a shard.
+fn scenes(shard: &Path) -> Vec<Recording> {
+    let mut scenes = Vec::new();
+    stream(
+        &[shard.to_owned()],
+        |item| item.read(),
+        |_, recording| {
+            scenes.push(recording?);
+            Ok::<(), sage_data::Error>(())
+        },
+    )
+    .unwrap();
+    scenes
+}
+
+fn get(document: &Document, id: Id, key: &str) -> Id {
+    document.get(id, key).unwrap_or_else(|| panic!("no `{key}`"))
+}
+
+fn text(document: &Document, id: Id) -> String {
+    document.text(id).unwrap().to_owned()
+}
+
+/// Entries of a dict by text.
+fn entries(document: &Document, id: Id) -> Vec<(String, Id)> {
+    document.entries(id).unwrap().iter().map(|(key, value)| (text(document, *key), *value)).collect()
+}
+
+fn array_bytes(document: &Document, id: Id) -> &[u8] {
+    match document.node(id) {
+        Node::Array(array) => document.bytes(array.data),
+        node => panic!("{} instead of an array", node.kind()),
+    }
+}
+
+fn floats(document: &Document, id: Id) -> Vec<f64> {
+    array_bytes(document, id).as_chunks::<4>().0.iter().map(|x| f64::from(f32::from_le_bytes(*x))).collect()
+}
+
+/// Plain values as JSON, with the keys in their order and without spaces.
+fn compact(document: &Document, id: Id) -> String {
+    match document.node(id) {
+        Node::Int(x) => x.to_string(),
+        Node::Str(_) => format!("{:?}", text(document, id)),
+        Node::List(items) => {
+            let items: Vec<String> = items.iter().map(|item| compact(document, *item)).collect();
+            format!("[{}]", items.join(","))
+        }
+        Node::Dict(entries) => {
+            let entry = |(key, value): &(Id, Id)| format!("{}:{}", compact(document, *key), compact(document, *value));
+            format!("{{{}}}", entries.iter().map(entry).collect::<Vec<_>>().join(","))
+        }
+        node => panic!("{}", node.kind()),
+    }
+}
+
+fn plain(document: &Document, id: Id) -> Value {
+    serde_json::from_str(&compact(document, id)).unwrap()
+}
+
+fn count(words: impl IntoIterator<Item = String>) -> BTreeMap<String, usize> {
+    let mut counts = BTreeMap::new();
+    words.into_iter().for_each(|word| *counts.entry(word).or_default() += 1);
+    counts
+}
+
+fn hash<'d>(arrays: impl IntoIterator<Item = &'d [u8]>) -> String {
+    sha256::hex(&arrays.into_iter().collect::<Vec<_>>().concat())
+}
+
+/// Numbers and hashes of everything in a document, in the form of the fixtures' JSON files.
+fn described(document: &Document) -> Value {
+    let root = document.root();
+    let metadata = get(document, root, "metadata");
+    let ts = floats(document, get(document, metadata, "ts"));
+    let mut all = json!({
+        "id": text(document, get(document, root, "id")),
+        "frames": document.integer(get(document, root, "length")),
+        "ts_sha256": hash([array_bytes(document, get(document, metadata, "ts"))]),
+        "ts_first_last": [ts[0], ts[ts.len() - 1]],
+        "tracks": tracks(document),
+        "lights": lights(document),
+        "map": map(document),
+    });
+    for key in ["sdc_id", "sdc_track_index", "current_time_index", "objects_of_interest", "tracks_to_predict"] {
+        all[key] = plain(document, get(document, metadata, key));
+    }
+    all
+}
+
+fn tracks(document: &Document) -> Value {
+    const COLUMNS: [&str; 6] = ["position", "length", "width", "height", "heading", "velocity"];
+    let tracks = entries(document, get(document, document.root(), "tracks"));
+    let state = |track: Id| get(document, track, "state");
+    let valid: Vec<&[u8]> =
+        tracks.iter().map(|(_, track)| array_bytes(document, get(document, state(*track), "valid"))).collect();
+    let column =
+        |key: &str| hash(tracks.iter().map(|(_, track)| array_bytes(document, get(document, state(*track), key))));
+    let metadata = get(document, document.root(), "metadata");
+    let ego_id = text(document, get(document, metadata, "sdc_id"));
+    let ego = state(tracks.iter().find(|(id, _)| *id == ego_id).unwrap().1);
+    let at_10 = |key: &str| {
+        let values = floats(document, get(document, ego, key));
+        let width = values.len() / valid[0].len();
+        let row = values[10 * width..11 * width].to_vec();
+        if width == 1 { json!(row[0]) } else { json!(row) }
+    };
+    json!({
+        "ids": tracks.iter().map(|(id, _)| id).collect::<Vec<_>>(),
+        "kinds": count(tracks.iter().map(|(_, track)| text(document, get(document, *track, "type")))),
+        "valid_frames": valid.iter().copied().flatten().filter(|valid| **valid != 0).count(),
+        "valid_sha256": hash(valid.iter().copied()),
+        "sha256": COLUMNS.into_iter().map(|key| (key, column(key))).collect::<BTreeMap<_, _>>(),
+        "ego_frame_10": COLUMNS.into_iter().map(|key| (key, at_10(key))).collect::<BTreeMap<_, _>>(),
+    })
+}
+
+fn lights(document: &Document) -> Value {
+    let lights = entries(document, get(document, document.root(), "dynamic_map_states"));
+    let states = |light: Id| -> Vec<String> {
+        let states = get(document, get(document, light, "state"), "object_state");
+        let word = |state: &Id| document.text(*state).unwrap_or("None").to_owned();
+        document.items(states).unwrap().iter().map(word).collect()
+    };
+    let rows: Vec<String> = lights.iter().map(|(_, light)| states(*light).join(",")).collect();
+    json!({
+        "lanes": lights.iter().map(|(lane, _)| lane).collect::<Vec<_>>(),
+        "states": count(lights.iter().flat_map(|(_, light)| states(*light))),
+        "by_frame_sha256": sha256::hex(rows.join("\n").as_bytes()),
+        "stop_points":
+            lights.iter().map(|(_, light)| floats(document, get(document, *light, "stop_point"))).collect::<Vec<_>>(),
+    })
+}
+
+fn map(document: &Document) -> Value {
+    const LINKS: [&str; 6] =
+        ["entry_lanes", "exit_lanes", "left_boundaries", "right_boundaries", "left_neighbor", "right_neighbor"];
+    let features = entries(document, get(document, document.root(), "map_features"));
+    let points = |feature: Id| {
+        let keys = ["polyline", "polygon", "position"].into_iter();
+        array_bytes(document, keys.into_iter().find_map(|key| document.get(feature, key)).unwrap())
+    };
+    let kind = |feature: Id| text(document, get(document, feature, "type"));
+    let lanes: Vec<(&String, Id)> = features
+        .iter()
+        .filter(|(_, feature)| document.get(*feature, "width").is_some())
+        .map(|(id, lane)| (id, *lane))
+        .collect();
+    let links: Vec<String> = lanes
+        .iter()
+        .map(|(_, lane)| {
+            let lists = LINKS.map(|key| compact(document, get(document, *lane, key)));
+            format!("[{}]", lists.join(","))
+        })
+        .collect();
+    let signs = features.iter().filter(|(_, feature)| kind(*feature) == "STOP_SIGN");
+    let (first_id, first) = lanes[0];
+    let row = |key: &str, n: usize| floats(document, get(document, first, key))[..n].to_vec();
+    json!({
+        "ids_sha256":
+            sha256::hex(features.iter().map(|(id, _)| &id[..]).collect::<Vec<_>>().join(",").as_bytes()),
+        "features": features.len(),
+        "kinds": count(features.iter().map(|(_, feature)| kind(*feature))),
+        "points": features.iter().map(|(_, feature)| points(*feature).len() / 12).sum::<usize>(),
+        "points_sha256": hash(features.iter().map(|(_, feature)| points(*feature))),
+        "widths":
+            lanes.iter().map(|(_, lane)| array_bytes(document, get(document, *lane, "width")).len() / 8).sum::<usize>(),
+        "widths_sha256": hash(lanes.iter().map(|(_, lane)| array_bytes(document, get(document, *lane, "width")))),
+        "speed_limits_mph": count(lanes.iter().map(|(_, lane)| {
+            format!("{:?}", document.number(get(document, *lane, "speed_limit_mph")).unwrap())
+        })),
+        "links_sha256": sha256::hex(format!("[{}]", links.join(",")).as_bytes()),
+        "links": LINKS.into_iter().map(|key| {
+            (key, lanes.iter().map(|(_, lane)| document.items(get(document, *lane, key)).unwrap().len()).sum::<usize>())
+        }).collect::<BTreeMap<_, _>>(),
+        "stop_sign_lanes": signs.map(|(id, sign)| (id, plain(document, get(document, *sign, "lane"))))
+            .collect::<BTreeMap<_, _>>(),
+        "first_lane": {
+            "id": first_id,
+            "points": floats(document, get(document, first, "polyline")).len() / 3,
+            "polyline_0": row("polyline", 3),
+            "width_0": row("width", 2),
+            "speed_limit_kmh": document.number(get(document, first, "speed_limit_kmh")),
+        },
+    })
+}
+
+/// Asserts that a shard reads as its JSON file states.
+fn assert_described(shard: &Path) {
+    let expected = std::fs::read_to_string(shard.with_extension("json")).unwrap();
+    let expected: Value = serde_json::from_str(&expected).unwrap();
+    let scenes = scenes(shard);
+    assert_eq!(scenes.len(), expected["scenes"].as_array().unwrap().len());
+    for (scene, expected) in scenes.iter().zip(expected["scenes"].as_array().unwrap()) {
+        let found = described(&scene.document().unwrap().unwrap());
+        for (key, expected) in expected.as_object().unwrap() {
+            assert_eq!(found[key], *expected, "{}: {key}", scene.path.display());
+        }
+    }
+}
+
+#[test]
+fn an_invented_shard_reads_as_an_independent_reader_reads_it() {
+    assert_described(&synthetic());
+}
+
+#[test]
+fn shards_of_the_data_set_read_as_an_independent_reader_reads_them() {
+    for name in ["womd_real.tfrecord", "womd_genuine.tfrecord"] {
+        let Some(shard) = real::reference(&format!("formats/{name}")) else { return };
+        assert_described(&shard);
+    }
+}

@@ -51,7 +51,9 @@ pub fn scene_name(path: &Path) -> Result<String, Error> {
 
 impl Record {
     /// Reads and checks the scene. `path` names the record, such as `SHARD#3`.
-    pub(crate) fn read(&self, path: &Path) -> Result<Recording, Error> {
+    ///
+    /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
+    pub fn read(&self, path: &Path) -> Result<Recording, Error> {
         Recording::of_record(path, &self.framed).map_err(|error| self.located(error))
     }
 

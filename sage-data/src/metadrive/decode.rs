@@ -353,11 +353,11 @@ impl Links<'_, '_> {
         })
     }
 
-    /// Items of a list under a key; empty if there is no list.
-    fn items(&self, id: Id, key: &str, field: &Field) -> Result<&[Id], Error> {
+    /// Items of a list under a key, each of which becomes a `T`; empty if there is no list.
+    fn items<T>(&self, id: Id, key: &str, field: &Field) -> Result<&[Id], Error> {
         let items = self.fields.optional(id, key).and_then(|list| self.fields.document.items(list));
         let items = items.unwrap_or_default();
-        self.fields.spend(&field.key(key), size_of::<Neighbor>() * items.len())?;
+        self.fields.spend(&field.key(key), size_of::<T>() * items.len())?;
         Ok(items)
     }
 
@@ -374,7 +374,7 @@ impl Links<'_, '_> {
     }
 
     fn ids(&self, id: Id, key: &str, field: &Field) -> Result<Vec<usize>, Error> {
-        Ok(self.items(id, key, field)?.iter().filter_map(|item| self.feature(*item)).collect())
+        Ok(self.items::<usize>(id, key, field)?.iter().filter_map(|item| self.feature(*item)).collect())
     }
 
     /// An index range under two keys of a dict.
@@ -398,7 +398,7 @@ impl Links<'_, '_> {
                 other: self.range(item, "neighbor_start_index", "neighbor_end_index")?,
             })
         };
-        Ok(self.items(id, key, field)?.iter().filter_map(|item| neighbor(*item)).collect())
+        Ok(self.items::<Neighbor>(id, key, field)?.iter().filter_map(|item| neighbor(*item)).collect())
     }
 
     fn boundaries(&self, id: Id, key: &str, field: &Field) -> Result<Vec<Boundary>, Error> {
@@ -408,6 +408,6 @@ impl Links<'_, '_> {
                 own: self.range(item, "lane_start_index", "lane_end_index")?,
             })
         };
-        Ok(self.items(id, key, field)?.iter().filter_map(|item| boundary(*item)).collect())
+        Ok(self.items::<Boundary>(id, key, field)?.iter().filter_map(|item| boundary(*item)).collect())
     }
 }

@@ -42,6 +42,16 @@ impl Document {
         Span { start, len: bytes.len() as u32 }
     }
 
+    /// Adds 32-bit floats, little-endian.
+    pub(crate) fn push_floats(&mut self, numbers: &[f32]) -> Span {
+        let start = self.bytes.len();
+        self.bytes.resize(start + 4 * numbers.len(), 0);
+        for (slot, x) in self.bytes[start..].as_chunks_mut::<4>().0.iter_mut().zip(numbers) {
+            *slot = x.to_le_bytes();
+        }
+        Span { start: start as u32, len: 4 * numbers.len() as u32 }
+    }
+
     /// Sets a str key of a dict.
     pub(crate) fn set(&mut self, dict: Id, key: &str, value: Id) {
         let span = self.push_bytes(key.as_bytes());

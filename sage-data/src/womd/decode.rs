@@ -196,8 +196,7 @@ fn metadata(
     let interest = scenario.objects_of_interest.iter().map(|id| values.decimal(*id)).collect();
     let interest = values.list(interest);
     let frames = scenario.timestamps.len();
-    let seconds: Vec<u8> = scenario.timestamps.iter().flat_map(|x| x.to_le_bytes()).collect();
-    let seconds = values.floats(&[frames], &seconds);
+    let seconds = values.floats(&[frames], &scenario.timestamps);
     let (id, file) = (values.text(scenario.id), values.text(source_file));
     let dataset = values.word(DATASET);
     let [length, now, index] = [frames as i64, scenario.current_time_index.into(), index.into()]

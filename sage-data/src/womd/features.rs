@@ -2,19 +2,21 @@
 
 use std::{collections::HashMap, ops::Range};
 
+use sage_core::motion::MAX_COORDINATE;
+
 use super::{
     decode::{Scenario, checked},
     lanes::{self, LaneFields},
     lights::point,
     values::{Budget, Values},
     width,
-    wire::{Message, MessageError, Place},
+    wire::{Fields, Message, MessageError, Place},
     words::{LANE, MEMBERS, Member, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN},
 };
 use crate::pickle::Id;
 
-/// Memory of a point: in the polylines while they are decoded, and in the document.
-const POINT: usize = 24;
+/// Memory of a point: in the document, and in the scene.
+const POINT: usize = 36;
 
 /// The features of a map by id, in the order of the file, and their points.
 pub(super) struct Features {
@@ -142,7 +144,9 @@ impl Features {
         let mut kind = words[0];
         for part in parts {
             let mut fields = part.fields();
-            while let Some(field) = fields.next(place)? {
+            loop {
+                push_usual_points(&mut fields, 2, &mut self.points, place, budget)?;
+                let Some(field) = fields.next(place)? else { break };
                 match field.number {
                     1 => kind = field.word(words, &place.field("type"))?,
                     2 => {
@@ -158,7 +162,9 @@ impl Features {
     fn polygon(&mut self, parts: &[Message], place: &Place, budget: &mut Budget) -> Result<(), MessageError> {
         for part in parts {
             let mut fields = part.fields();
-            while let Some(field) = fields.next(place)? {
+            loop {
+                push_usual_points(&mut fields, 1, &mut self.points, place, budget)?;
+                let Some(field) = fields.next(place)? else { break };
                 if field.number == 1 {
                     push_point(field.message(&place.field("polygon"))?, "polygon", place, &mut self.points, budget)?;
                 }
@@ -199,10 +205,9 @@ impl Features {
     /// The feature in the document.
     fn write(&self, feature: &Feature, widths: &[[f32; 2]], values: &mut Values) -> Id {
         let points = self.points(feature);
-        let bytes = little_endian(points.as_flattened());
         let n = points.len();
         let shape: &[usize] = if feature.key == "position" { &[3] } else { &[n, 3] };
-        let points = values.floats(shape, &bytes);
+        let points = values.floats(shape, points.as_flattened());
         let kind = values.word(feature.kind);
         match &feature.content {
             Content::Line => values.dict([("type", kind), (feature.key, points)]),
@@ -211,15 +216,11 @@ impl Features {
                 values.dict([("type", kind), ("lane", lanes), ("position", points)])
             }
             Content::Lane(lane) => {
-                let widths = values.floats(&[n, 2], &little_endian(widths.as_flattened()));
+                let widths = values.floats(&[n, 2], widths.as_flattened());
                 lane.write(kind, points, widths, values)
             }
         }
     }
-}
-
-fn little_endian(numbers: &[f32]) -> Vec<u8> {
-    numbers.iter().flat_map(|x| x.to_le_bytes()).collect()
 }
 
 /// Reads a point of a polyline or polygon.
@@ -234,26 +235,34 @@ pub(super) fn push_point(
     let place = place.field(name);
     budget.spend(POINT, message.offset, &place, "points")?;
     let mut new = [0.0; 3];
-    // Waymo's files have all three numbers in their order.
-    if let [0x09, x @ .., ] = message.bytes
-        && let Some(numbers) = plain_point(x)
-        && numbers.iter().all(|x| x.abs() <= sage_core::motion::MAX_COORDINATE)
-    {
-        new = numbers.map(|x| x as f32);
-    } else {
-        point(message, &place, &mut new)?;
-    }
+    point(message, &place, &mut new)?;
     points.push(new);
     Ok(())
 }
 
-/// The numbers of a point after its first key, if they are x, y and z in this order.
+/// Reads points as Waymo's files have them, with x, y and z in this order, up to another field.
 #[inline]
-fn plain_point(bytes: &[u8]) -> Option<[f64; 3]> {
-    let bytes: &[u8; 26] = bytes.try_into().ok()?;
-    let number = |first: usize| -> Option<f64> { Some(f64::from_le_bytes(*bytes[first..].first_chunk()?)) };
-    (bytes[8] == 0x11 && bytes[17] == 0x19).then_some(())?;
-    Some([number(0)?, number(9)?, number(18)?])
+pub(super) fn push_usual_points(
+    fields: &mut Fields,
+    number: u8,
+    points: &mut Vec<[f32; 3]>,
+    place: &Place,
+    budget: &mut Budget,
+) -> Result<(), MessageError> {
+    /// Bytes of a point with its key and length.
+    const POINT_FIELD: usize = 29;
+    let (first, offset) = (points.len(), fields.offset());
+    while let Some(bytes) = fields.peek::<POINT_FIELD>() {
+        let numbers = [3, 12, 21].map(|at| f64::from_le_bytes(std::array::from_fn(|k| bytes[at + k])));
+        let keys = [bytes[0], bytes[1], bytes[2], bytes[11], bytes[20]];
+        let is_usual = keys == [number << 3 | 2, 27, 0x09, 0x11, 0x19];
+        if !is_usual || !numbers.iter().all(|x| x.abs() <= MAX_COORDINATE) {
+            break;
+        }
+        points.push(numbers.map(|x| x as f32));
+        fields.advance(POINT_FIELD);
+    }
+    budget.spend(POINT * (points.len() - first), offset, place, "points")
 }
 
 /// A speed limit, miles per hour.

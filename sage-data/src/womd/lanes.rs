@@ -1,7 +1,7 @@
 //! Lanes of a `Scenario`.
 
 use super::{
-    features::{push_point, speed_limit},
+    features::{push_point, push_usual_points, speed_limit},
     values::{Budget, DICT, ENTRY, Values},
     wire::{Field, Message, MessageError, Place},
     words::{LANE_TYPES, ROAD_LINE_TYPES},
@@ -46,7 +46,9 @@ pub(super) fn read(
     let (mut kind, mut lane) = (LANE_TYPES[0], LaneFields::default());
     for part in parts {
         let mut fields = part.fields();
-        while let Some(field) = fields.next(place)? {
+        loop {
+            push_usual_points(&mut fields, 8, points, place, budget)?;
+            let Some(field) = fields.next(place)? else { break };
             match field.number {
                 1 => lane.speed_limit_mph = speed_limit(&field, place)?,
                 2 => kind = field.word(&LANE_TYPES, &place.field("type"))?,

@@ -97,8 +97,7 @@ impl Light {
         let (kind, dataset) = (values.word("TRAFFIC_LIGHT"), values.word(DATASET));
         let states = values.list(self.states);
         let state = values.dict([("object_state", states)]);
-        let stop: Vec<u8> = self.stop_point.iter().flat_map(|x| x.to_le_bytes()).collect();
-        let stop = values.floats(&[3], &stop);
+        let stop = values.floats(&[3], &self.stop_point);
         let length = values.int(frames as i64);
         let metadata = values.dict([
             ("track_length", length),

@@ -51,7 +51,9 @@ impl Shard {
     }
 
     /// A shard whose bytes are in memory. `path` only names it in errors.
-    fn of_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
+    ///
+    /// *Errors*: as [`Shard::open`].
+    pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
         let start = bytes[..bytes.len().min(START)].to_vec();
         Self::new(path, &start, Source::Stream(Box::new(Cursor::new(bytes)), false))
     }
@@ -264,7 +266,7 @@ pub(crate) fn only_record(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Error>
     if checked_data(&bytes).is_ok_and(|data| data.len() + HEADER + FOOTER == bytes.len()) {
         return Ok(bytes);
     }
-    let mut records = Shard::of_bytes(path, bytes)?;
+    let mut records = Shard::from_bytes(path, bytes)?;
     let first = records.next_record().transpose()?;
     let mut count = 1;
     while let Some(next) = records.next_record() {

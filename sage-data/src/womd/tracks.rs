@@ -2,6 +2,8 @@
 
 use std::collections::HashSet;
 
+use sage_core::motion::MAX_COORDINATE;
+
 use super::{
     decode::{DATASET, Scenario, TrackEntry, checked, object_type},
     values::{Budget, Values},
@@ -12,6 +14,9 @@ use super::{
 const COLUMNS: usize = 9;
 /// Memory of a frame: the columns as 32-bit floats, and `valid`.
 const FRAME: usize = 4 * COLUMNS + 1;
+
+/// Bytes of a state with all its fields.
+const USUAL_STATE: usize = 59;
 
 /// The columns of one track, reused for the next.
 struct Columns {
@@ -111,6 +116,11 @@ impl Columns {
 
     #[inline]
     fn read_state(&mut self, frame: usize, state: Message, place: &Place) -> Result<(), MessageError> {
+        if let Ok(bytes) = state.bytes.try_into()
+            && self.read_usual_state(frame, bytes)
+        {
+            return Ok(());
+        }
         let mut fields = state.fields();
         while let Some(field) = fields.next(place)? {
             let float = |name| checked(field.float(&place.field(name))?.into(), &field, place, name);
@@ -143,16 +153,49 @@ impl Columns {
         Ok(())
     }
 
+    /// Reads a state as Waymo's files have it: all fields in the order of their numbers. Returns false, and reads
+    /// nothing, if it is another, or if a number is none that a scene has.
+    #[inline]
+    fn read_usual_state(&mut self, frame: usize, bytes: &[u8; USUAL_STATE]) -> bool {
+        const KEYS: [(usize, u8); 10] = [
+            (0, 0x11),
+            (9, 0x19),
+            (18, 0x21),
+            (27, 0x2d),
+            (32, 0x35),
+            (37, 0x3d),
+            (42, 0x45),
+            (47, 0x4d),
+            (52, 0x55),
+            (57, 0x58),
+        ];
+        let double = |at: usize| f64::from_le_bytes(std::array::from_fn(|k| bytes[at + k]));
+        let float = |at: usize| f32::from_le_bytes(std::array::from_fn(|k| bytes[at + k]));
+        let position = [1, 10, 19].map(double);
+        let [length, width, height, heading, vx, vy] = [28, 33, 38, 43, 48, 53].map(float);
+        let limit = MAX_COORDINATE;
+        let is_usual = KEYS.iter().all(|(at, key)| bytes[*at] == *key)
+            && position.iter().all(|x| x.abs() <= limit)
+            && [length, width, height, heading, vx, vy].iter().all(|x| f64::from(x.abs()) <= limit)
+            && (bytes[58] == 0 || bytes[58] == 1 && length > 0.0 && width > 0.0);
+        if is_usual {
+            self.position[frame] = position.map(|x| x as f32);
+            for (column, value) in self.scalars.iter_mut().zip([length, width, height, heading]) {
+                column[frame] = value;
+            }
+            self.velocity[frame] = [vx, vy];
+            self.valid[frame] = bytes[58];
+        }
+        is_usual
+    }
+
     /// The columns as the `state` of a track.
     fn state(&self, values: &mut Values) -> crate::pickle::Id {
-        fn bytes<'n>(numbers: impl IntoIterator<Item = &'n f32>) -> Vec<u8> {
-            numbers.into_iter().flat_map(|x| x.to_le_bytes()).collect()
-        }
         let n = self.frames;
-        let position = values.floats(&[n, 3], &bytes(self.position.as_flattened()));
-        let scalars = [0, 1, 2, 3].map(|k| values.floats(&[n], &bytes(&self.scalars[k])));
+        let position = values.floats(&[n, 3], self.position.as_flattened());
+        let scalars = [0, 1, 2, 3].map(|k| values.floats(&[n], &self.scalars[k]));
         let [length, width, height, heading] = scalars;
-        let velocity = values.floats(&[n, 2], &bytes(self.velocity.as_flattened()));
+        let velocity = values.floats(&[n, 2], self.velocity.as_flattened());
         let valid = values.bools(&self.valid);
         values.dict([
             ("position", position),

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::wire::{MessageError, Place};
-use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node};
+use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node, Span};
 
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 const BOOL: Dtype = Dtype { kind: ElementKind::Bool, size: 1, big_endian: false };
@@ -47,12 +47,51 @@ impl Budget {
     }
 }
 
+/// Integers as texts. Most are indices of points, which need no hashing.
+struct Decimals {
+    small: Vec<Option<Id>>,
+    others: HashMap<i64, Option<Id>>,
+}
+
+impl Decimals {
+    fn new() -> Self {
+        Self { small: vec![None; 1024], others: HashMap::new() }
+    }
+}
+
+/// Keys and words of enums, by the address and length of their text in the program. Two texts with one content may
+/// become two values.
+struct Words([Option<(usize, usize, Id)>; SLOTS]);
+
+/// Places for words, of which there are about a hundred.
+const SLOTS: usize = 512;
+
+impl Words {
+    fn get(&mut self, word: &'static str, document: &mut Document) -> Id {
+        let (address, length) = (word.as_ptr().addr(), word.len());
+        let mut slot = address.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (usize::BITS - SLOTS.ilog2());
+        // Ends at the latest after a round: then the word is not kept.
+        for _ in 0..SLOTS {
+            match &mut self.0[slot] {
+                Some((a, n, id)) if (*a, *n) == (address, length) => return *id,
+                Some(_) => slot = (slot + 1) % SLOTS,
+                empty => {
+                    let id = document.new_text(word);
+                    *empty = Some((address, length, id));
+                    return id;
+                }
+            }
+        }
+        document.new_text(word)
+    }
+}
+
 /// Builds the document of a record. Equal texts and integers are one value.
 pub(super) struct Values {
     pub(super) document: Document,
-    words: HashMap<&'static str, Id>,
+    words: Words,
     integers: HashMap<i64, Id>,
-    decimals: HashMap<i64, Id>,
+    decimals: Decimals,
     none: Id,
     no: Id,
     yes: Id,
@@ -62,7 +101,7 @@ impl Values {
     pub(super) fn new() -> Self {
         let mut document = Document::empty();
         let [none, no, yes] = [Node::None, Node::Bool(false), Node::Bool(true)].map(|node| document.push(node));
-        let (words, integers, decimals) = (HashMap::new(), HashMap::new(), HashMap::new());
+        let (words, integers, decimals) = (Words([None; SLOTS]), HashMap::new(), Decimals::new());
         Self { document, words, integers, decimals, none, no, yes }
     }
 
@@ -76,7 +115,7 @@ impl Values {
 
     /// A key or a word of an enum.
     pub(super) fn word(&mut self, word: &'static str) -> Id {
-        *self.words.entry(word).or_insert_with(|| self.document.new_text(word))
+        self.words.get(word, &mut self.document)
     }
 
     pub(super) fn text(&mut self, text: &str) -> Id {
@@ -89,7 +128,11 @@ impl Values {
 
     /// An integer as a str.
     pub(super) fn decimal(&mut self, value: i64) -> Id {
-        *self.decimals.entry(value).or_insert_with(|| self.document.new_text(&value.to_string()))
+        let known = match usize::try_from(value).ok().and_then(|value| self.decimals.small.get_mut(value)) {
+            Some(known) => known,
+            None => self.decimals.others.entry(value).or_insert(None),
+        };
+        *known.get_or_insert_with(|| self.document.new_text(&value.to_string()))
     }
 
     pub(super) fn float(&mut self, value: f64) -> Id {
@@ -109,18 +152,19 @@ impl Values {
         self.document.push(Node::Dict(entries))
     }
 
-    /// An array of 32-bit floats from their little-endian bytes.
-    pub(super) fn floats(&mut self, shape: &[usize], bytes: &[u8]) -> Id {
-        self.array(F32, shape, bytes)
+    /// An array of 32-bit floats.
+    pub(super) fn floats(&mut self, shape: &[usize], numbers: &[f32]) -> Id {
+        let data = self.document.push_floats(numbers);
+        self.array(F32, shape, data)
     }
 
     /// An array of bools, one byte each.
     pub(super) fn bools(&mut self, bytes: &[u8]) -> Id {
-        self.array(BOOL, &[bytes.len()], bytes)
+        let data = self.document.push_bytes(bytes);
+        self.array(BOOL, &[bytes.len()], data)
     }
 
-    fn array(&mut self, dtype: Dtype, shape: &[usize], bytes: &[u8]) -> Id {
-        let data = self.document.push_bytes(bytes);
+    fn array(&mut self, dtype: Dtype, shape: &[usize], data: Span) -> Id {
         let shape = shape.iter().map(|n| *n as u32).collect();
         self.document.push(Node::Array(Box::new(Array {
             dtype,

@@ -8,10 +8,11 @@ mod sha256;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
+    process::Command,
 };
 
 use sage_data::{
-    Recording,
+    Recording, folder,
     pickle::{Document, Id, Node},
     stream,
 };
@@ -232,5 +233,32 @@ fn shards_of_the_data_set_read_as_an_independent_reader_reads_them() {
     for name in ["womd_real.tfrecord", "womd_genuine.tfrecord"] {
         let Some(shard) = real::reference(&format!("formats/{name}")) else { return };
         assert_described(&shard);
+    }
+}
+
+/// Writes shards of the recorded scenes with Waymo's own protos, by the reference's script, and compares. Needs a
+/// Python with numpy and `waymo_open_dataset.protos`.
+#[test]
+fn a_scene_is_the_same_from_a_record_and_from_a_pickle() {
+    let (Some(data), Some(script)) = (real::data(), real::reference("formats/make_womd.py")) else { return };
+    let Some(python) = real::waymo_python() else { return };
+    let folder = tempfile::tempdir().unwrap();
+    for split in ["dev", "val"] {
+        let files = folder::scene_files(&data.join(split)).unwrap();
+        let shard = folder.path().join(format!("{split}.tfrecord"));
+        let made = Command::new(&python)
+            .arg(&script)
+            .args([Path::new("real"), &shard, &shard.with_extension("json")])
+            .args(&files)
+            .status()
+            .unwrap();
+        assert!(made.success());
+        let records = scenes(&shard);
+        assert_eq!(records.len(), files.len());
+        for (record, file) in records.iter().zip(&files) {
+            let pickle = Recording::read(file).unwrap();
+            assert_eq!(record.scene, pickle.scene, "{}", file.display());
+            assert_eq!(record.scene.content_hash(), pickle.scene.content_hash());
+        }
     }
 }

@@ -27,3 +27,12 @@ pub fn reference(name: &str) -> Option<PathBuf> {
 pub fn samples() -> Option<PathBuf> {
     folder("SAGE_SAMPLES")
 }
+
+/// A Python that has numpy and `waymo_open_dataset.protos`.
+pub fn waymo_python() -> Option<PathBuf> {
+    let found = std::env::var_os("SAGE_WAYMO_PYTHON").map(PathBuf::from);
+    if found.is_none() {
+        let _ = writeln!(std::io::stderr(), "left out: `SAGE_WAYMO_PYTHON` names no Python");
+    }
+    found
+}

@@ -11,7 +11,12 @@ use sage_core::{
     scene::Scene,
 };
 
-use crate::{Error, Format, metadrive, native, pickle::Document, variants::PROVENANCE, womd};
+use crate::{
+    Error, Format, metadrive, native,
+    pickle::Document,
+    variants::PROVENANCE,
+    womd::{self, EncodedScenario},
+};
 
 /// Size limit of a scene file, bytes. The largest public ones have 2 MB.
 pub const MAX_FILE: u64 = 256 << 20;
@@ -178,6 +183,16 @@ impl Recording {
     /// *Errors*: as [`Recording::to_pickle`].
     pub fn to_native(&self) -> Result<Vec<u8>, Error> {
         native::encode(&self.scene, self.written()?.as_ref(), &self.path)
+    }
+
+    /// The recording as a `Scenario` message of the Waymo Open Motion Dataset.
+    ///
+    /// *Errors*: as [`Recording::to_pickle`].
+    pub fn to_scenario(&self) -> Result<EncodedScenario, Error> {
+        Ok(match self.written()? {
+            Some(document) => womd::encode(&self.scene, &document),
+            None => womd::encode(&self.scene, &metadrive::fresh(&self.scene)),
+        })
     }
 
     /// The source with the tracks of the scene.

@@ -6,10 +6,14 @@
 //! [`Shard`] reads a file record by record. `docs/formats.md` lists what is read.
 
 mod decode;
+mod encode;
+mod encode_map;
 mod features;
 mod foreign;
+mod ids;
 mod lanes;
 mod lights;
+mod message;
 mod shard;
 mod tfrecord;
 mod tracks;
@@ -20,10 +24,12 @@ mod words;
 
 use std::path::Path;
 
+pub(crate) use encode::encode;
+pub use encode::EncodedScenario;
 pub use shard::{Shard, is_shard};
 pub(crate) use shard::{Open, is_gzip, is_shard_name, open, numbered, only_record, read_framed, record_paths, split_path};
 pub(crate) use tfrecord::begins_with_record;
-pub use tfrecord::{FrameProblem, Record};
+pub use tfrecord::{FrameProblem, Record, frame};
 pub use wire::{MessageError, MessageProblem};
 
 use crate::{Error, Recording, pickle::Document};

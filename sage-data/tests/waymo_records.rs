@@ -9,12 +9,15 @@ use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
     process::Command,
+    sync::Arc,
 };
 
+use sage_core::scene::{Lane, Map, Scene};
 use sage_data::{
     Recording, folder,
-    pickle::{Document, Id, Node},
-    stream,
+    pickle::{Document, Id, Node, same},
+    procedural::{self, Kind},
+    stream, womd,
 };
 use serde_json::{Value, json};
 
@@ -261,4 +264,101 @@ fn a_scene_is_the_same_from_a_record_and_from_a_pickle() {
             assert_eq!(record.scene.content_hash(), pickle.scene.content_hash());
         }
     }
+}
+
+/// A recording as a record, read again.
+fn through_record(recording: &Recording) -> (Recording, Vec<String>) {
+    let encoded = recording.to_scenario().unwrap();
+    let framed = womd::frame(&encoded.data);
+    (Recording::from_bytes(Path::new("written.tfrecord#0"), framed).unwrap(), encoded.notes)
+}
+
+/// Asserts that two documents hold the same values under some keys of the root.
+fn assert_same(a: &Document, b: &Document, keys: &[&str], name: &str) {
+    for key in keys {
+        assert!(same(a, get(a, a.root(), key), b, get(b, b.root(), key)), "{name}: {key}");
+    }
+}
+
+const ALL: [&str; 5] = ["id", "length", "tracks", "dynamic_map_states", "map_features"];
+
+#[test]
+fn a_record_that_is_written_reads_as_the_one_that_was_read() {
+    let mut shards = vec![synthetic()];
+    for name in ["womd_real.tfrecord", "womd_genuine.tfrecord"] {
+        shards.extend(real::reference(&format!("formats/{name}")));
+    }
+    for recording in shards.iter().flat_map(|shard| scenes(shard)) {
+        let (again, notes) = through_record(&recording);
+        assert_eq!(notes, [""; 0], "{}", recording.path.display());
+        assert_eq!(again.scene, recording.scene);
+        let [first, second] = [&recording, &again].map(|r| r.document().unwrap().unwrap());
+        let name = recording.path.display().to_string();
+        assert_same(&first, &second, &ALL, &name);
+        let [a, b] = [&first, &second].map(|d| get(d, d.root(), "metadata"));
+        for key in ["ts", "sdc_id", "sdc_track_index", "current_time_index", "objects_of_interest", "tracks_to_predict"] {
+            assert!(same(&first, get(&first, a, key), &second, get(&second, b, key)), "{name}: {key}");
+        }
+        // Written again, the record is the same, bit for bit.
+        assert_eq!(again.to_scenario().unwrap().data, recording.to_scenario().unwrap().data);
+    }
+}
+
+#[test]
+fn a_pickle_is_the_same_after_a_record() {
+    let Some(data) = real::data() else { return };
+    for file in folder::scene_files(&data.join("val")).unwrap() {
+        let recording = Recording::read(&file).unwrap();
+        let (again, notes) = through_record(&recording);
+        assert_eq!(notes, [""; 0], "{}", file.display());
+        assert_eq!(again.scene, recording.scene);
+        let [first, second] = [&recording, &again].map(|r| r.document().unwrap().unwrap());
+        assert_same(&first, &second, &ALL, &file.display().to_string());
+    }
+}
+
+#[test]
+fn ids_that_are_texts_are_numbered() {
+    let mut scene = procedural::generate(Kind::ALL[0], 1, 0).unwrap();
+    let mut map = Map::clone(&scene.map);
+    map.features.iter_mut().for_each(|feature| feature.id.insert_str(0, "feature "));
+    scene.map = Arc::new(map);
+    scene.tracks.iter_mut().for_each(|track| track.id.insert_str(0, "track "));
+    scene.lights.iter_mut().for_each(|light| light.lane.insert_str(0, "feature "));
+    let recording = Recording::procedural(scene);
+    let encoded = recording.to_scenario().unwrap();
+    let ids = encoded.ids.unwrap();
+    let (again, _) = through_record(&recording);
+    assert_eq!(again.scene.tracks.len(), recording.scene.tracks.len());
+    for (number, (new, old)) in again.scene.tracks.iter().zip(&recording.scene.tracks).enumerate() {
+        assert_eq!(new.id, (number + 1).to_string());
+        assert_eq!(ids["tracks"][&new.id], old.id);
+        assert_eq!((&new.valid, new.kind.name()), (&old.valid, old.kind.name()));
+    }
+    assert_eq!((again.scene.ego, again.scene.adversary), (recording.scene.ego, recording.scene.adversary));
+    for (new, old) in again.scene.map.features.iter().zip(&recording.scene.map.features) {
+        assert_eq!(ids["map_features"][&new.id], old.id);
+        assert_eq!((new.points.clone(), new.kind.name()), (old.points.clone(), old.kind.name()));
+        let links = |lane: &Option<Box<Lane>>| {
+            lane.as_ref().map(|lane| (lane.entries.clone(), lane.exits.clone(), lane.neighbors.clone()))
+        };
+        assert_eq!(links(&new.lane), links(&old.lane));
+    }
+    let lights = |scene: &Scene| scene.lights.iter().map(|light| light.states.clone()).collect::<Vec<_>>();
+    assert_eq!(lights(&again.scene), lights(&recording.scene));
+}
+
+#[test]
+fn scenes_of_other_data_sets_become_records_with_notes() {
+    let Some(samples) = real::samples() else { return };
+    let recording = Recording::read(&samples.join("scenarionet/nuscenes_0.pkl")).unwrap();
+    let (again, notes) = through_record(&recording);
+    assert!(notes.iter().any(|note| note.contains("TRAFFIC_CONE")), "{notes:?}");
+    assert_eq!(again.scene.tracks.len(), recording.scene.tracks.len());
+    assert_eq!(again.scene.ego, recording.scene.ego);
+    let overpass = Recording::read(&samples.join("scenarionet/waymo_overpass.pkl")).unwrap();
+    let (again, notes) = through_record(&overpass);
+    assert_eq!(notes, [""; 0]);
+    let [first, second] = [&overpass, &again].map(|r| r.document().unwrap().unwrap());
+    assert_same(&first, &second, &ALL, "overpass");
 }

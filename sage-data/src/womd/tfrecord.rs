@@ -130,8 +130,8 @@ pub(crate) fn begins_with_record(bytes: &[u8]) -> bool {
     !matches!(data_length(bytes), Err(FrameProblem::LengthChecksum | FrameProblem::Truncated { .. }))
 }
 
-/// A record around some data.
-pub(super) fn frame(data: &[u8]) -> Vec<u8> {
+/// A record around some data, with both checksums.
+pub fn frame(data: &[u8]) -> Vec<u8> {
     let length = (data.len() as u64).to_le_bytes();
     let mut framed = Vec::with_capacity(HEADER + data.len() + FOOTER);
     framed.extend(length);

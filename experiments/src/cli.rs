@@ -126,6 +126,9 @@ pub(crate) struct InspectArgs {
     /// Also list the tracks of each scene.
     #[arg(long, conflicts_with = "json")]
     pub tracks: bool,
+    /// Report a broken record of a shard and go on with the next one, instead of leaving the rest of the shard.
+    #[arg(long)]
+    pub keep_going: bool,
 }
 
 /// Score candidate trajectories of the adversary: reward, penalties, feasibility, criticality.

@@ -24,7 +24,8 @@ pub(crate) fn count(number: usize, noun: &str) -> String {
 /// Counts finished items.
 pub(crate) struct Progress {
     verb: &'static str,
-    total: usize,
+    /// Number of items; `None` if it is not known.
+    total: Option<usize>,
     done: usize,
     /// Number of items that earlier runs finished.
     found: usize,
@@ -34,10 +35,10 @@ pub(crate) struct Progress {
 }
 
 impl Progress {
-    /// Progress of `total` items; `verb` is a participle, such as `converted`.
-    pub(crate) fn new(verb: &'static str, total: usize) -> Self {
+    /// Progress of `total` items, which may be unknown; `verb` is a participle, such as `converted`.
+    pub(crate) fn new(verb: &'static str, total: impl Into<Option<usize>>) -> Self {
         let terminal = std::io::stderr().is_terminal();
-        Self { verb, total, done: 0, found: 0, start: Instant::now(), shown: None, terminal }
+        Self { verb, total: total.into(), done: 0, found: 0, start: Instant::now(), shown: None, terminal }
     }
 
     /// Counts an item that this run finished.
@@ -67,15 +68,15 @@ impl Progress {
         if !self.terminal || self.shown.is_some_and(|shown| shown.elapsed() < INTERVAL) {
             return;
         }
-        let worked = (self.done - self.found).max(1) as f64;
-        let left = self.start.elapsed().as_secs_f64() / worked * (self.total - self.done) as f64;
-        let _ = write!(
-            std::io::stderr(),
-            "\r{} {} of {}, about {left:.0} s left   ",
-            self.verb,
-            self.done,
-            self.total
-        );
+        let Self { verb, done, .. } = self;
+        let _ = match self.total {
+            Some(total) => {
+                let worked = (done - self.found).max(1) as f64;
+                let left = self.start.elapsed().as_secs_f64() / worked * total.saturating_sub(*done) as f64;
+                write!(std::io::stderr(), "\r{verb} {done} of {total}, about {left:.0} s left   ")
+            }
+            None => write!(std::io::stderr(), "\r{verb} {done}   "),
+        };
         self.shown = Some(Instant::now());
     }
 

@@ -29,7 +29,7 @@ pub(crate) const ROW_LIMIT: u64 = 1 << 30;
 /// A scene file with the name of its outputs.
 pub(crate) struct Input {
     pub(crate) file: PathBuf,
-    /// Name of the file without its ending.
+    /// Name of the file without its ending, or the id of a record.
     pub(crate) scene: String,
 }
 
@@ -48,7 +48,7 @@ pub(crate) fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
     let mut seen: HashMap<String, &Path> = HashMap::new();
     let mut inputs = Vec::with_capacity(files.len());
     for file in files {
-        let scene = input::scene_name(file).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let scene = input::scene_name(file)?;
         if let Some(other) = seen.insert(scene.clone(), file) {
             bail!(
                 "`{}` and `{}` have the same name, so their outputs would have; rename one, or run them into two folders",

@@ -2,7 +2,7 @@
 //! long the list is.
 
 use std::{
-    collections::{BTreeMap, HashSet},
+    collections::{BTreeMap, HashMap, HashSet},
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -17,6 +17,7 @@ use sage_core::{
 use sage_data::{
     Recording, folder,
     procedural::{self, Kind},
+    womd,
 };
 
 use crate::{
@@ -93,7 +94,9 @@ impl Scenes {
                 continue;
             }
             let origin =
-                if file.is_file() { Origin::File(file) } else { Origin::InMemory(Arc::new(read(&file)?)) };
+                if file.is_file() || womd::is_record_path(&file) {
+                Origin::File(file)
+            } else { Origin::InMemory(Arc::new(read(&file)?)) };
             entries.push(Entry { origin, content: None });
         }
         Ok(Self { entries })
@@ -291,7 +294,11 @@ fn selected(mut files: Vec<PathBuf>, split: &SplitArgs) -> Result<Vec<PathBuf>> 
     if split.splits.is_none() && split.scenes.is_empty() {
         return Ok(files);
     }
-    let is_named = |file: &Path, name: &String| file.file_stem().is_some_and(|stem| stem == name.as_str());
+    let names: HashMap<PathBuf, String> = files
+        .iter()
+        .map(|file| Ok((file.clone(), folder::scene_name(file)?)))
+        .collect::<Result<_, sage_data::Error>>()?;
+    let is_named = |file: &Path, name: &String| names.get(file) == Some(name);
     let among = |names: &[String], file: &Path| names.iter().any(|name| is_named(file, name));
     if let Some(missing) = split.scenes.iter().find(|name| !files.iter().any(|file| is_named(file, name))) {
         bail!("no scene `{missing}` among the {} given", files.len());

@@ -35,9 +35,19 @@ pub fn file_name(dataset: &str, version: &str, scene: &str) -> String {
     format!("sd_{}_{}_{scene}.pkl", plain(dataset), plain(version))
 }
 
+/// A text from the content of a file as part of a file name: any character other than a letter, digit, `.`, `_` or
+/// `-` becomes `-`.
+pub(crate) fn plain_name(text: &str) -> String {
+    replaced(text, |c| c == '_')
+}
+
 fn plain(text: &str) -> String {
-    let replaced = |c: char| if c.is_ascii_alphanumeric() || c == '.' || c == '-' { c } else { '-' };
-    let plain: String = text.chars().map(replaced).take(LONGEST_NAME).collect();
+    replaced(text, |_| false)
+}
+
+fn replaced(text: &str, is_also_plain: impl Fn(char) -> bool) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '.' || c == '-' || is_also_plain(c);
+    let plain: String = text.chars().map(|c| if is_plain(c) { c } else { '-' }).take(LONGEST_NAME).collect();
     if plain.is_empty() { "unknown".to_owned() } else { plain }
 }
 

@@ -42,6 +42,16 @@ pub fn scene_files(path: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(scenes)
 }
 
+/// Name of a scene for its outputs: that of its file without the ending, or the id of a record such as `SHARD#3`.
+///
+/// *Errors*: a record that cannot be read, or that is no scene.
+pub fn scene_name(path: &Path) -> Result<String, Error> {
+    if womd::is_record_path(path) {
+        return womd::id_of(path, &womd::read_framed(path)?);
+    }
+    Ok(path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned())
+}
+
 /// Files under a path, as [`scene_files`] lists them, shards as they are.
 pub(crate) fn files(path: &Path) -> Result<Vec<PathBuf>, Error> {
     if !path.is_dir() {

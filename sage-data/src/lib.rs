@@ -23,12 +23,11 @@ pub mod pickle;
 pub mod procedural;
 mod recording;
 pub mod split;
-mod stream;
+pub mod stream;
 mod variants;
 pub mod womd;
 
 pub use error::Error;
 pub use format::Format;
 pub use recording::{MAX_FILE, Recording, Source, read_bytes};
-pub use stream::{Item, stream};
 pub use variants::{PROVENANCE, Variant, VariantWriter};

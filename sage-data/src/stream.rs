@@ -1,5 +1,4 @@
-//! Scenes of files, folders and shards, read one after another and worked on in parallel. Memory stays the same,
-//! however many there are.
+//! Scenes of files, folders and shards, one after another. Memory stays the same, however many there are.
 
 use std::{
     path::{Path, PathBuf},
@@ -13,13 +12,54 @@ use crate::{
     womd::{self, Open, Record, Shard},
 };
 
-/// Scenes that are worked on before their results go to the caller.
+/// Items that are worked on before their results go to the caller.
 const WINDOW: usize = 64;
 /// Bytes of records that wait for their turn at most, besides those of one record.
 const WINDOW_BYTES: usize = 8 << 20;
 
+/// Files, pipes and shards that the user gave.
+pub struct Inputs {
+    /// The folder that a file is listed relative to, and the file.
+    files: Vec<(PathBuf, PathBuf)>,
+}
+
+impl Inputs {
+    /// The files under some paths, in their order. A path is a scene file, a record such as `SHARD#3`, a shard, a
+    /// pipe, or a folder of files and shards.
+    ///
+    /// *Errors*: as [`folder::scene_files`].
+    pub fn under(paths: &[PathBuf]) -> Result<Self, Error> {
+        let mut files = Vec::new();
+        for path in paths {
+            let root = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
+            files.extend(folder::files(path)?.into_iter().map(|file| (root.to_owned(), file)));
+        }
+        Ok(Self { files })
+    }
+
+    /// The files; a shard is one file.
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
+        self.files.iter().map(|(_, file)| file.as_path())
+    }
+
+    /// Number of scenes; `None` if a pipe or a compressed shard would have to be read to count them.
+    pub fn count(&self) -> Option<usize> {
+        self.files().map(|file| if is_pipe(file) { None } else { womd::count(file) }).sum()
+    }
+
+    /// The scenes, one after another.
+    pub fn items(&self) -> Items {
+        Items { files: self.files.clone().into_iter(), shard: None }
+    }
+}
+
+fn is_pipe(file: &Path) -> bool {
+    file.to_str() == Some("-") || std::fs::metadata(file).is_ok_and(|found| !found.is_file())
+}
+
 /// A scene to be read.
 pub struct Item {
+    root: PathBuf,
     path: PathBuf,
     content: Content,
 }
@@ -29,7 +69,7 @@ enum Content {
     /// What a pipe held.
     Bytes(Vec<u8>),
     Record(Record),
-    /// A record, or a whole file, that cannot be read.
+    /// A shard that cannot be read on.
     Broken(Error),
 }
 
@@ -41,16 +81,19 @@ impl Item {
 
     /// True for a record of a shard, which is named after its scene and not after its file.
     pub fn is_record(&self) -> bool {
-        matches!(self.content, Content::Record(_))
+        matches!(self.content, Content::Record(_) | Content::Broken(_)) || womd::is_record_path(&self.path)
     }
 
-    /// The file name of an output, without ending: that of the file, or the id of a record.
+    /// Name for outputs, without ending: the path of a file relative to the folder that was given, or the id of a
+    /// record.
     ///
-    /// *Errors*: a record that is no scene.
-    pub fn scene_name(&self) -> Result<String, Error> {
+    /// *Errors*: a record that cannot be read, or that is no scene.
+    pub fn name(&self) -> Result<PathBuf, Error> {
         match &self.content {
-            Content::Record(record) => record.scene_id(&self.path),
-            _ => Ok(self.path.file_stem().unwrap_or(self.path.as_os_str()).to_string_lossy().into_owned()),
+            Content::Record(record) => Ok(record.scene_id(&self.path)?.into()),
+            _ if self.is_record() => Ok(folder::scene_name(&self.path)?.into()),
+            _ if self.path.to_str() == Some("-") => Ok("stdin".into()),
+            _ => Ok(folder::name_below(&self.root, &self.path).with_extension("")),
         }
     }
 
@@ -66,76 +109,20 @@ impl Item {
         }
     }
 
-    fn size(&self) -> usize {
+    /// Bytes that the item holds in memory.
+    pub fn size(&self) -> usize {
         match &self.content {
+            Content::Bytes(bytes) => bytes.len(),
             Content::Record(record) => record.framed.len(),
-            _ => 0,
+            Content::File | Content::Broken(_) => 0,
         }
     }
 }
 
-/// Applies `work` to the scenes under some paths, in parallel, and passes the results to `take` in their order.
-/// Stops at the first `Err` of `take` and returns it.
-///
-/// A path is a scene file, a record, a shard, a pipe with a shard, or a folder of files and shards.
-///
-/// *Errors*: the first of `take`. A file, folder or shard that cannot be read is an [`Item`] whose reading fails.
-pub fn stream<T: Send, E: Send>(
-    paths: &[PathBuf],
-    work: impl Fn(Item) -> T + Sync,
-    mut take: impl FnMut(&Path, T) -> Result<(), E> + Send,
-) -> Result<(), E> {
-    let mut items = Items { paths: paths.to_vec().into_iter(), files: Vec::new().into_iter(), shard: None };
-    let mut window = items.window();
-    while !window.is_empty() {
-        // The next window is read while this one is worked on.
-        let (results, next) = rayon::join(
-            || {
-                let one = |item: Item| (item.path.clone(), work(item));
-                window.into_par_iter().with_max_len(1).map(one).collect::<Vec<_>>()
-            },
-            || items.window(),
-        );
-        for (path, result) in results {
-            take(&path, result)?;
-        }
-        window = next;
-    }
-    Ok(())
-}
-
-/// All scenes under some paths, one after another.
-struct Items {
-    paths: vec::IntoIter<PathBuf>,
-    files: vec::IntoIter<PathBuf>,
-    shard: Option<Shard>,
-}
-
-impl Items {
-    /// Opens a file: a shard, of which the records follow, or one scene.
-    fn open(&mut self, file: &Path) -> Result<Option<Content>, Error> {
-        let is_pipe = file.to_str() == Some("-") || std::fs::metadata(file).is_ok_and(|found| !found.is_file());
-        if !is_pipe && !womd::is_shard(file) {
-            return Ok(Some(Content::File));
-        }
-        match womd::open(file)? {
-            Open::Shard(shard) => {
-                self.shard = Some(shard);
-                Ok(None)
-            }
-            Open::Other(stream) => Ok(Some(Content::Bytes(recording::read_stream(file, stream)?))),
-        }
-    }
-
-    fn window(&mut self) -> Vec<Item> {
-        let (mut window, mut size) = (Vec::new(), 0);
-        while window.len() < WINDOW && size < WINDOW_BYTES {
-            let Some(item) = self.next() else { break };
-            size += item.size();
-            window.push(item);
-        }
-        window
-    }
+/// The scenes of some inputs, one after another. A shard is read record by record.
+pub struct Items {
+    files: vec::IntoIter<(PathBuf, PathBuf)>,
+    shard: Option<(PathBuf, Shard)>,
 }
 
 impl Iterator for Items {
@@ -143,32 +130,75 @@ impl Iterator for Items {
 
     fn next(&mut self) -> Option<Item> {
         loop {
-            if let Some(shard) = &mut self.shard {
+            if let Some((root, shard)) = &mut self.shard {
+                let root = root.clone();
                 match shard.next_record() {
                     Some(Ok(record)) => {
                         let path = shard.path_of(&record);
-                        return Some(Item { path, content: Content::Record(record) });
+                        return Some(Item { root, path, content: Content::Record(record) });
                     }
-                    Some(Err(error)) => return Some(broken(shard.path(), error)),
+                    Some(Err(error)) => {
+                        let path = shard.path().to_owned();
+                        return Some(Item { root, path, content: Content::Broken(error) });
+                    }
                     None => self.shard = None,
                 }
             }
-            if let Some(file) = self.files.next() {
-                match self.open(&file) {
-                    Ok(Some(content)) => return Some(Item { path: file, content }),
-                    Ok(None) => continue,
-                    Err(error) => return Some(broken(&file, error)),
+            let (root, path) = self.files.next()?;
+            let content = match open(&path) {
+                Ok(Opened::One(content)) => content,
+                Ok(Opened::Shard(shard)) => {
+                    self.shard = Some((root, shard));
+                    continue;
                 }
-            }
-            let path = self.paths.next()?;
-            match folder::files(&path) {
-                Ok(files) => self.files = files.into_iter(),
-                Err(error) => return Some(broken(&path, error)),
-            }
+                Err(error) => Content::Broken(error),
+            };
+            return Some(Item { root, path, content });
         }
     }
 }
 
-fn broken(path: &Path, error: Error) -> Item {
-    Item { path: path.to_owned(), content: Content::Broken(error) }
+enum Opened {
+    One(Content),
+    Shard(Shard),
+}
+
+fn open(file: &Path) -> Result<Opened, Error> {
+    if !is_pipe(file) && !womd::is_shard(file) {
+        return Ok(Opened::One(Content::File));
+    }
+    Ok(match womd::open(file)? {
+        Open::Shard(shard) => Opened::Shard(shard),
+        Open::Other(stream) => Opened::One(Content::Bytes(recording::read_stream(file, stream)?)),
+    })
+}
+
+/// Applies `work` to items on all threads and passes the results to `take` in the order of the items. Stops at the
+/// first `Err` of `take` and returns it. `size` is the memory of an item, bytes; few large items are held at once.
+pub fn map_in_order<I: Send, T: Send, E: Send>(
+    mut items: impl Iterator<Item = I> + Send,
+    size: impl Fn(&I) -> usize + Send + Sync,
+    work: impl Fn(I) -> T + Sync,
+    mut take: impl FnMut(T) -> Result<(), E>,
+) -> Result<(), E> {
+    let mut fill = || {
+        let (mut window, mut bytes) = (Vec::new(), 0);
+        while window.len() < WINDOW && bytes < WINDOW_BYTES {
+            let Some(item) = items.next() else { break };
+            bytes += size(&item);
+            window.push(item);
+        }
+        window
+    };
+    let mut window = fill();
+    while !window.is_empty() {
+        // The next window is read while this one is worked on.
+        let (results, next) = rayon::join(
+            || window.into_par_iter().with_max_len(1).map(&work).collect::<Vec<_>>(),
+            &mut fill,
+        );
+        results.into_iter().try_for_each(&mut take)?;
+        window = next;
+    }
+    Ok(())
 }

@@ -26,13 +26,13 @@ use std::path::Path;
 
 pub(crate) use encode::encode;
 pub use encode::EncodedScenario;
-pub use shard::{Shard, is_shard};
-pub(crate) use shard::{Open, is_gzip, is_shard_name, open, numbered, only_record, read_framed, record_paths, split_path};
+pub use shard::{Shard, is_record_path, is_shard};
+pub(crate) use shard::{Open, count, is_gzip, is_shard_name, open, numbered, only_record, read_framed, record_paths, split_path};
 pub(crate) use tfrecord::begins_with_record;
 pub use tfrecord::{FrameProblem, Record, frame};
 pub use wire::{MessageError, MessageProblem};
 
-use crate::{Error, Recording, pickle::Document};
+use crate::{Error, Recording, dataset, pickle::Document};
 
 /// The MetaDrive values of a record with its frame, without summaries. `path` names it, such as `SHARD#3`.
 ///
@@ -43,16 +43,6 @@ pub(crate) fn document(path: &Path, framed: &[u8]) -> Result<Document, Error> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let source_file = name.rsplit_once('#').map_or(&name[..], |(shard, _)| shard);
     decode::decode(data, source_file).map_err(|problem| Error::Message { path: path.to_owned(), problem })
-}
-
-/// Name of a scene: that of its file without the ending, or the id of a record such as `SHARD#3`.
-///
-/// *Errors*: as [`document`], or the record cannot be read.
-pub fn scene_name(path: &Path) -> Result<String, Error> {
-    if split_path(path).is_none() {
-        return Ok(path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned());
-    }
-    id_of(path, &read_framed(path)?)
 }
 
 impl Record {
@@ -79,11 +69,11 @@ impl Record {
     }
 }
 
-/// Id of the scene of a record with its frame.
+/// Id of the scene of a record with its frame, as part of file names: it comes from the content of a file.
 ///
 /// *Errors*: as [`document`].
-fn id_of(path: &Path, framed: &[u8]) -> Result<String, Error> {
+pub(crate) fn id_of(path: &Path, framed: &[u8]) -> Result<String, Error> {
     let data = tfrecord::checked_data(framed)
         .map_err(|problem| Error::Shard { path: path.to_owned(), record: 0, offset: 0, problem })?;
-    decode::id(data).map(str::to_owned).map_err(|problem| Error::Message { path: path.to_owned(), problem })
+    decode::id(data).map(dataset::plain_name).map_err(|problem| Error::Message { path: path.to_owned(), problem })
 }

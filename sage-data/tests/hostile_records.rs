@@ -12,7 +12,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use sage_data::{Error, Recording, stream, womd::Shard};
+use sage_data::{
+    Error, Recording,
+    stream::{Inputs, Item, map_in_order},
+    womd::Shard,
+};
 use serde_json::Value;
 
 /// An allocation beyond the limit fails, which ends the test.
@@ -110,10 +114,11 @@ fn assert_expected(name: &str, file: &Path, expected: &Value) -> (Duration, usiz
     let before = ALLOCATOR.allocated();
     let clock = Instant::now();
     let mut scenes = 0;
-    let outcome = stream(
-        &[file.to_owned()],
+    let outcome = map_in_order(
+        Inputs::under(&[file.to_owned()]).unwrap().items(),
+        Item::size,
         |item| item.read().map(|_| ()),
-        |_, scene| {
+        |scene| {
             scene?;
             scenes += 1;
             Ok::<(), Error>(())

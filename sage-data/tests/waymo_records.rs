@@ -17,7 +17,8 @@ use sage_data::{
     Recording, folder,
     pickle::{Document, Id, Node, same},
     procedural::{self, Kind},
-    stream, womd,
+    stream::Inputs,
+    womd,
 };
 use serde_json::{Value, json};
 
@@ -27,17 +28,7 @@ fn synthetic() -> PathBuf {
 
 /// All scenes of a shard.
 fn scenes(shard: &Path) -> Vec<Recording> {
-    let mut scenes = Vec::new();
-    stream(
-        &[shard.to_owned()],
-        |item| item.read(),
-        |_, recording| {
-            scenes.push(recording?);
-            Ok::<(), sage_data::Error>(())
-        },
-    )
-    .unwrap();
-    scenes
+    Inputs::under(&[shard.to_owned()]).unwrap().items().map(|item| item.read().unwrap()).collect()
 }
 
 fn get(document: &Document, id: Id, key: &str) -> Id {

@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::{Context as _, Result};
 use sage_core::{files, scene::Scene, statistics::quantile};
-use sage_data::{MAX_FILE, Recording, folder};
+use sage_data::{MAX_FILE, Recording, folder, womd};
 use serde::Serialize;
 
 /// Number of candidates that are scored together.
@@ -42,7 +42,7 @@ impl Data {
     ///
     /// *Errors*: the path cannot be read or listed.
     pub fn of(path: &Path) -> Result<Self> {
-        if path.is_dir() {
+        if path.is_dir() || womd::is_shard(path) {
             return Ok(Self { files: folder::scene_files(path)?, content: None });
         }
         let bytes = files::read_argument(path, MAX_FILE);
@@ -62,7 +62,7 @@ impl Data {
     pub(super) fn bytes(&self, path: &Path) -> Result<Vec<u8>> {
         match &self.content {
             Some(bytes) => Ok(bytes.clone()),
-            None => files::read(path, MAX_FILE).with_context(|| format!("cannot read `{}`", path.display())),
+            None => Ok(sage_data::read_bytes(path)?),
         }
     }
 

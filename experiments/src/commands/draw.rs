@@ -13,6 +13,7 @@ use crate::{
     candidates::NamedCandidate,
     cli::DrawArgs,
     drawing::{self, DrawnPath, Picture, drawn_path},
+    input,
     output::OutputFile,
 };
 
@@ -24,7 +25,7 @@ pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
     }
     let scene = Arc::new(scene);
     let candidates = args.candidates.as_deref().map(candidates::read).transpose()?.unwrap_or_default();
-    let title = args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let title = input::scene_name(&args.scene)?;
     let picture = Picture {
         title,
         frame: args.frame,

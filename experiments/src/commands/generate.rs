@@ -30,11 +30,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let clock = Instant::now();
     let plan = Plan::new(args, registries)?;
     let files = folder::scene_files(&args.scene)?;
-    if let [file] = &files[..]
-        && file.to_str() != Some("-")
-    {
-        std::fs::metadata(file).with_context(|| format!("cannot read `{}`", file.display()))?;
-    }
+    input::check_single(&files)?;
     let all = scene_queue::inputs(&files)?;
     let own: Vec<&Input> =
         all.iter().filter(|input| args.shard.is_none_or(|shard| shard.holds(&input.scene))).collect();

@@ -9,13 +9,12 @@ use std::{
 use anyhow::Result;
 use sage_core::scene::Scene;
 use sage_data::{
-    Recording,
     checks::{Duplicates, Summary},
-    folder,
+    stream::{Inputs, Item, map_in_order},
 };
 use serde_json::json;
 
-use crate::{Outcome, cli::InspectArgs, input, progress, terminal};
+use crate::{Outcome, cli::InspectArgs, progress, terminal};
 
 /// Summary of a scene after reading.
 struct Row {
@@ -24,32 +23,61 @@ struct Row {
 }
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
-    let mut files: Vec<PathBuf> = Vec::new();
-    for path in &args.paths {
-        files.extend(folder::scene_files(path)?);
-    }
-    let read = |path: &Path| {
-        let recording = Recording::read(path)?;
-        Ok::<Row, sage_data::Error>(Row {
-            summary: Summary::of(&scene_name(path), &recording.scene),
+    let inputs = Inputs::under(&args.paths)?;
+    let read = |item: Item| {
+        let (name, path, is_record) = (scene_name(&item), item.path().to_owned(), item.is_record());
+        let row = item.read().map(|recording| Row {
+            summary: Summary::of(&name, &recording.scene),
             tracks: if args.tracks { list_tracks(&recording.scene) } else { Vec::new() },
-        })
+        });
+        Found { name, path, is_record, row }
     };
     let mut report = Report {
         out: std::io::stdout().lock(),
         json: args.json,
-        single: files.len() == 1,
+        single: inputs.count() == Some(1),
+        shard: None,
         total: Total::default(),
     };
     report.header()?;
-    folder::in_order(&files, read, |path, row| report.row(path, row))?;
+    let mut stopped = None;
+    map_in_order(inputs.items(), Item::size, read, |found| -> Result<()> {
+        // Without --keep-going, the first broken record of a shard ends it.
+        let shard = found.is_record.then(|| shard_of(&found.path));
+        if shard.is_some() && shard == stopped {
+            report.total.left_out += 1;
+            return Ok(());
+        }
+        if found.row.is_err() && !args.keep_going {
+            stopped = shard;
+        }
+        report.row(found)
+    })?;
     report.finish()
 }
 
-/// Name of a scene: its file's, without the ending.
-fn scene_name(path: &Path) -> String {
-    let path = input::scene_name(path);
-    path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+/// A scene with the name of its row.
+struct Found {
+    name: String,
+    path: PathBuf,
+    is_record: bool,
+    row: Result<Row, sage_data::Error>,
+}
+
+/// Name of a scene: its file's, without the ending, or a record's as `SHARD#3`.
+fn scene_name(item: &Item) -> String {
+    let path = item.path();
+    let name = if item.is_record() { path.file_name() } else { path.file_stem() };
+    match path.to_str() {
+        Some("-") => "stdin".to_owned(),
+        _ => name.unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
+    }
+}
+
+/// The shard of a record such as `SHARD#3`.
+fn shard_of(path: &Path) -> PathBuf {
+    let text = path.to_string_lossy();
+    text.rsplit_once('#').map_or_else(|| path.to_owned(), |(shard, _)| PathBuf::from(shard))
 }
 
 fn list_tracks(scene: &Scene) -> Vec<String> {
@@ -73,6 +101,8 @@ fn list_tracks(scene: &Scene) -> Vec<String> {
 struct Total {
     scenes: usize,
     failed: usize,
+    /// Records after a broken one.
+    left_out: usize,
     tracks: usize,
     points: usize,
     warnings: BTreeMap<&'static str, usize>,
@@ -84,6 +114,8 @@ struct Report<W> {
     json: bool,
     /// True for one scene: each warning is then printed in full.
     single: bool,
+    /// Shard of the last printed record.
+    shard: Option<PathBuf>,
     total: Total,
 }
 
@@ -112,7 +144,8 @@ impl<W: Write> Report<W> {
         Ok(())
     }
 
-    fn row(&mut self, path: &Path, row: Result<Row, sage_data::Error>) -> Result<()> {
+    fn row(&mut self, found: Found) -> Result<()> {
+        let Found { name, path, is_record, row } = found;
         let Row { mut summary, tracks } = match row {
             Ok(row) => row,
             Err(error) => {
@@ -120,7 +153,7 @@ impl<W: Write> Report<W> {
                 let error = format!("{:#}", anyhow::Error::from(error));
                 progress::say(&format!("error: {error}"));
                 if self.json {
-                    let row = json!({ "scene": scene_name(path), "error": error });
+                    let row = json!({ "scene": name, "error": error });
                     terminal::json_line(&mut self.out, &row)?;
                 }
                 return Ok(());
@@ -136,6 +169,16 @@ impl<W: Write> Report<W> {
         if self.json {
             return Ok(terminal::json_line(&mut self.out, &summary)?);
         }
+        // The name of a shard has no room in a column, so it stands above its records.
+        let mut label = terminal::escaped_name(&summary.scene);
+        if is_record {
+            let shard = shard_of(&path);
+            if self.shard.as_ref() != Some(&shard) {
+                writeln!(self.out, "{}:", terminal::escaped_name(&shard.to_string_lossy()))?;
+                self.shard = Some(shard);
+            }
+            label = label.rsplit_once('#').map_or(label.clone(), |(_, number)| format!("#{number}"));
+        }
         let kind = |name: &str| summary.tracks.get(name).copied().unwrap_or(0);
         let (vehicles, peds, cyclists) = (kind("VEHICLE"), kind("PEDESTRIAN"), kind("CYCLIST"));
         let other = summary.tracks.values().sum::<usize>() - vehicles - peds - cyclists;
@@ -143,7 +186,7 @@ impl<W: Write> Report<W> {
         writeln!(
             self.out,
             "{:<14} {:<18} {:>6} {:>8} {:>5} {:>5} {:>5} {:>8} {:>7} {:>6}  {:<10} {:<10} {:>5} {:>6}  {}",
-            terminal::escaped_name(&summary.scene),
+            label,
             summary.id.escape_debug().to_string(),
             summary.frames,
             vehicles,
@@ -177,6 +220,10 @@ impl<W: Write> Report<W> {
             [count(*scenes, "scene"), count(*tracks, "track"), count(*points, "map point")].join(", ");
         if *failed > 0 {
             sum += &format!(", {} not read", count(*failed, "file"));
+        }
+        if self.total.left_out > 0 {
+            let left_out = count(self.total.left_out, "record");
+            sum += &format!(" and {left_out} after them left out (--keep-going reads them)");
         }
         if !warnings.is_empty() {
             let words: Vec<String> = warnings.iter().map(|(kind, n)| format!("{n} {kind}")).collect();

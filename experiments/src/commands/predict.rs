@@ -21,7 +21,7 @@ use crate::{
     Outcome, Registries,
     cli::{PredictArgs, SelectArg},
     drawing::{self, DrawnPath, Picture},
-    networks,
+    input, networks,
     output::OutputFile,
     progress, terminal,
 };
@@ -71,7 +71,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     }
     if let Some(out) = &out {
         scene.adversary = Some(target).filter(|t| *t != scene.ego).or(scene.adversary);
-        let title = args.scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let title = input::scene_name(&args.scene)?;
         let picture = Picture { title, candidates: drawn(&scene, target, &predicted), ..Picture::default() };
         out.write(drawing::draw(&scene, &picture).as_bytes())?;
         if out.is_stdout() {

@@ -149,11 +149,7 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
     let clock = Instant::now();
     let simulation = Simulation::new(args, registries)?;
     let files = folder::scene_files(&args.scene)?;
-    if let [file] = &files[..]
-        && file.to_str() != Some("-")
-    {
-        std::fs::metadata(file).with_context(|| format!("cannot read `{}`", file.display()))?;
-    }
+    input::check_single(&files)?;
     if files.len() > 1 && args.attack.is_some() {
         bail!(
             "--attack is on one scene, and `{}` holds {}; to drive a folder of attacked scenes, give it as SCENE",

@@ -187,8 +187,24 @@ fn record_path(shard: &Path, number: usize) -> PathBuf {
 /// The shard and the record that a path such as `SHARD#3` names; `None` for other paths.
 pub(crate) fn split_path(path: &Path) -> Option<(PathBuf, String)> {
     let (shard, record) = path.to_str()?.rsplit_once('#')?;
+    // A record, or a file whose name holds a `#`.
     let names_record = !record.is_empty() && !path.exists() && is_shard(Path::new(shard));
     names_record.then(|| (PathBuf::from(shard), record.to_owned()))
+}
+
+/// True if a path names a record of a shard, such as `SHARD#3`.
+pub fn is_record_path(path: &Path) -> bool {
+    split_path(path).is_some()
+}
+
+/// Number of scenes in a file; `None` for a compressed shard, which would have to be read.
+pub(crate) fn count(file: &Path) -> Option<usize> {
+    if !is_shard(file) {
+        return Some(1);
+    }
+    let start = files::read_start(file, START as u64).unwrap_or_default();
+    // A shard that cannot be read counts as one failure.
+    if is_gzip(&start) { None } else { Some(record_paths(file).map_or(1, |paths| paths.len())) }
 }
 
 /// Paths of all records of a shard. The last one may be cut or damaged, which reading it reports.
@@ -234,27 +250,35 @@ pub(crate) fn numbered(path: &Path) -> Result<PathBuf, Error> {
 ///
 /// *Errors*: as [`numbered`]; several records.
 pub(crate) fn read_framed(path: &Path) -> Result<Vec<u8>, Error> {
-    let (shard, number) = match split_path(&numbered(path)?) {
-        Some((shard, number)) => (shard, number.parse().unwrap_or(0)),
-        None => match record_paths(path)?.len() {
-            1 => (path.to_owned(), 0),
-            count => return Err(several(path, count)),
-        },
+    let Some((shard, wanted)) = split_path(path) else {
+        return match record_paths(path)?.len() {
+            1 => read_number(path, 0)?.ok_or_else(|| several(path, 0)),
+            count => Err(several(path, count)),
+        };
     };
-    let mut records = Shard::open(&shard)?;
-    for _ in 0..number {
-        records.skip_record().transpose()?;
+    let found = wanted.parse().ok().map(|number| read_number(&shard, number)).transpose()?.flatten();
+    match found {
+        Some(framed) => Ok(framed),
+        // A number beyond the last record may be an id.
+        None => read_framed(&numbered(path)?),
     }
-    match records.next_record().transpose()? {
-        Some(record) => match checked_data(&record.framed) {
-            Ok(_) => Ok(record.framed),
-            Err(problem) => {
-                Err(Error::Shard { path: shard, record: record.number, offset: record.offset, problem })
-            }
-        },
-        None => {
-            let source = io::Error::new(io::ErrorKind::UnexpectedEof, "it became shorter while it was read");
-            Err(Error::Read { path: shard, source })
+}
+
+/// A record with its frame, by its number; `None` beyond the last.
+fn read_number(shard: &Path, number: usize) -> Result<Option<Vec<u8>>, Error> {
+    let mut records = Shard::open(shard)?;
+    for _ in 0..number {
+        match records.skip_record() {
+            Some(skipped) => skipped?,
+            None => return Ok(None),
+        }
+    }
+    let Some(record) = records.next_record().transpose()? else { return Ok(None) };
+    match checked_data(&record.framed) {
+        Ok(_) => Ok(Some(record.framed)),
+        Err(problem) => {
+            let path = shard.to_owned();
+            Err(Error::Shard { path, record: record.number, offset: record.offset, problem })
         }
     }
 }
@@ -278,10 +302,14 @@ pub(crate) fn only_record(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Error>
 
 /// The error of a shard with several scenes where one is expected.
 fn several(path: &Path, count: usize) -> Error {
+    let remedy = match path.is_file() {
+        true => format!("name one of them, such as `{}#0`", path.display()),
+        false => "save the shard to a file, and name one of them as FILE#0".to_owned(),
+    };
     Error::Field {
         path: path.to_owned(),
         field: "(records)".to_owned(),
         found: format!("a list of {count} scenes"),
-        expected: format!("one scene, such as `{}#0`", path.display()),
+        expected: format!("one scene; {remedy}"),
     }
 }

@@ -18,11 +18,14 @@ pub mod folder;
 mod format;
 pub mod metadrive;
 mod native;
+pub mod opendrive;
+pub mod openscenario;
 pub mod pickle;
 pub mod procedural;
 mod recording;
 pub mod split;
 mod variants;
+mod xml;
 
 pub use error::Error;
 pub use format::Format;

@@ -30,6 +30,12 @@ impl Pose {
         Self(pose.map(|value| rounded(value, POSITION)))
     }
 
+    /// Whether place and heading are those of another pose, and the height differs by at most `rise` metres.
+    pub(super) fn stays_at(self, other: Self, rise: f64) -> bool {
+        let ([x, y, z, heading], [other_x, other_y, other_z, other_heading]) = (self.0, other.0);
+        [x, y, heading] == [other_x, other_y, other_heading] && (z - other_z).abs() <= rise
+    }
+
     pub(super) fn write(self, xml: &mut Xml) {
         let [x, y, z, heading] = self.0;
         xml.nested(&["Position", "WorldPosition"], |xml| {

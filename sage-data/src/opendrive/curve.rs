@@ -8,6 +8,11 @@ use crate::xml::{Xml, rounded};
 /// Largest angle between the chord and a heading at which a piece is a straight line, radians.
 const STRAIGHT: f64 = 1e-7;
 
+/// Largest change of a length by halving its interval, metres.
+const ACCURACY: f64 = 1e-7;
+/// Largest number of times that an interval is halved.
+const HALVINGS: usize = 20;
+
 /// Nodes and weights of Gauss's quadrature with twelve points on [−1, 1], for positive nodes.
 const QUADRATURE: [[f64; 2]; 6] = [
     [0.125_233_408_511_468_92, 0.249_147_045_813_402_8],
@@ -66,14 +71,33 @@ impl Piece {
 }
 
 /// Integral of √(u′² + v′²) over [0, 1].
-fn arc_length([b_u, c_u, d_u, c_v, d_v]: &[f64; 5]) -> f64 {
+fn arc_length(cubic: &[f64; 5]) -> f64 {
+    refined(cubic, [0.0, 1.0], quadrature(cubic, [0.0, 1.0]), HALVINGS)
+}
+
+/// The integral over an interval whose quadrature is `whole`. Where a curve turns back on itself the speed has
+/// a cusp, which needs shorter intervals.
+fn refined(cubic: &[f64; 5], [from, to]: [f64; 2], whole: f64, halvings: usize) -> f64 {
+    let middle = 0.5 * (from + to);
+    let halves = [[from, middle], [middle, to]];
+    let lengths = halves.map(|half| quadrature(cubic, half));
+    let sum = lengths[0] + lengths[1];
+    if halvings == 0 || (sum - whole).abs() < ACCURACY {
+        return sum;
+    }
+    (0..2).map(|k| refined(cubic, halves[k], lengths[k], halvings - 1)).sum()
+}
+
+fn quadrature([b_u, c_u, d_u, c_v, d_v]: &[f64; 5], [from, to]: [f64; 2]) -> f64 {
+    let (middle, reach) = (0.5 * (from + to), 0.5 * (to - from));
     let speed = |p: f64| {
         let u = b_u + p * (2.0 * c_u + 3.0 * p * d_u);
         let v = p * (2.0 * c_v + 3.0 * p * d_v);
         (u * u + v * v).sqrt()
     };
-    let pair = |[node, weight]: &[f64; 2]| weight * (speed(0.5 - 0.5 * node) + speed(0.5 + 0.5 * node));
-    0.5 * QUADRATURE.iter().map(pair).sum::<f64>()
+    let pair =
+        |[node, weight]: &[f64; 2]| weight * (speed(middle - reach * node) + speed(middle + reach * node));
+    reach * QUADRATURE.iter().map(pair).sum::<f64>()
 }
 
 #[cfg(test)]
@@ -93,6 +117,17 @@ mod tests {
             (0..100_000).map(|k| distance(at(f64::from(k) * 1e-5), at(f64::from(k + 1) * 1e-5))).sum()
         };
         assert!((piece.length - fine).abs() < 1e-6, "{} {fine}", piece.length);
+    }
+
+    #[test]
+    fn a_curve_with_a_cusp_has_its_length() {
+        // Back to nearly where it starts: u' changes sign, and v is small.
+        let piece = Piece::between([0.0, 0.0], [10.0, 1e-4], [0.0, std::f64::consts::PI]);
+        let [b_u, c_u, d_u, c_v, d_v] = piece.cubic.unwrap();
+        let at = |p: f64| [p * (b_u + p * (c_u + p * d_u)), p * p * (c_v + p * d_v)];
+        let fine: f64 =
+            (0..100_000).map(|k| distance(at(f64::from(k) * 1e-5), at(f64::from(k + 1) * 1e-5))).sum();
+        assert!((piece.length - fine).abs() < 1e-5, "{} {fine}", piece.length);
     }
 
     #[test]

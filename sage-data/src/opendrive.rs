@@ -29,8 +29,8 @@ use center_line::{COORDINATE, CenterLine, plane};
 use lanes::RoadLane;
 use links::Link;
 use road::{Joint, Road, Signal};
-pub(crate) use width::median;
 use width::RoadMark;
+pub(crate) use width::median;
 
 /// Decimals of lengths, headings and coefficients. Each number that others are computed from is rounded first,
 /// so that the file is consistent far below the tolerances of readers.

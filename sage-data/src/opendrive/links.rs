@@ -125,7 +125,11 @@ fn name(map: &Map, lanes: &[RoadLane], link: Link) -> String {
 }
 
 /// Two different lanes.
-fn two<'l, 's>(lanes: &'l mut [RoadLane<'s>], a: usize, b: usize) -> (&'l mut RoadLane<'s>, &'l mut RoadLane<'s>) {
+fn two<'l, 's>(
+    lanes: &'l mut [RoadLane<'s>],
+    a: usize,
+    b: usize,
+) -> (&'l mut RoadLane<'s>, &'l mut RoadLane<'s>) {
     let (low, high) = lanes.split_at_mut(a.max(b));
     if a < b { (&mut low[a], &mut high[0]) } else { (&mut high[0], &mut low[b]) }
 }

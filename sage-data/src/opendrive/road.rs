@@ -1,13 +1,13 @@
 //! One road of the file: a reference line with one lane on its right (ASAM OpenDRIVE 1.7, chapters 8 to 10).
 
 use sage_core::{
-    geometry::{Point, distance, dot, sub},
+    geometry::{Point, cross, distance, dot, norm, sub},
     scene::MapKind,
 };
 
 use super::{
     CURVE,
-    center_line::{CenterLine, plane},
+    center_line::{CenterLine, TOLERANCE, plane},
     curve::Piece,
     elevation,
     width::RoadMark,
@@ -197,19 +197,24 @@ struct Layout {
 
 impl Layout {
     fn of(line: &CenterLine) -> Self {
-        let kept = line.kept();
-        let mut pieces = Vec::with_capacity(kept.len());
-        let mut along = Vec::with_capacity(kept.len());
-        let mut s = 0.0;
-        along.push(s);
-        for pair in kept.windows(2) {
-            let [start, end] = [pair[0], pair[1]].map(|index| plane(line.points[index]));
-            let piece = Piece::between(start, end, [line.headings[pair[0]], line.headings[pair[1]]]);
-            s = rounded(s + piece.length, CURVE);
-            along.push(s);
-            pieces.push(piece);
+        let chords = line.kept();
+        let mut layout = Self { kept: vec![0], pieces: Vec::with_capacity(chords.len()), along: vec![0.0] };
+        // Stretches to come, the next one last.
+        let mut stretches: Vec<[usize; 2]> = chords.windows(2).rev().map(|pair| [pair[0], pair[1]]).collect();
+        while let Some([from, to]) = stretches.pop() {
+            let [start, end] = [from, to].map(|index| plane(line.points[index]));
+            let piece = Piece::between(start, end, [line.headings[from], line.headings[to]]);
+            // On a long stretch a small error of a heading leads the curve away from the points.
+            if leaves_points(&piece, line, [from, to]) {
+                let middle = (from + to) / 2;
+                stretches.extend([[middle, to], [from, middle]]);
+                continue;
+            }
+            layout.kept.push(to);
+            layout.along.push(rounded(layout.length() + piece.length, CURVE));
+            layout.pieces.push(piece);
         }
-        Self { kept, pieces, along }
+        layout
     }
 
     fn length(&self) -> f64 {
@@ -249,4 +254,17 @@ impl Layout {
         }
         best.1
     }
+}
+
+/// Whether a piece passes one of the points between its ends at more than the tolerance, to the side.
+fn leaves_points(piece: &Piece, line: &CenterLine, [from, to]: [usize; 2]) -> bool {
+    let place = |k: usize| plane(line.points[k]);
+    let chord = sub(place(to), place(from));
+    let total: f64 = (from + 1..=to).map(|k| distance(place(k - 1), place(k))).sum();
+    let mut sum = 0.0;
+    (from + 1..to).any(|k| {
+        sum += distance(place(k - 1), place(k));
+        let off = cross(chord, sub(piece.at(sum / total), place(k))).abs();
+        off > TOLERANCE * norm(chord)
+    })
 }

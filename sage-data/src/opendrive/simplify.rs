@@ -6,7 +6,11 @@ const STRETCH: usize = 1024;
 
 /// Indices of the points that stay, in order, of a line of `count` points. `deviation(a, b, k)` is the
 /// distance of point `k` from the chord from `a` to `b`; removed points deviate by at most `tolerance`.
-pub(super) fn kept(count: usize, tolerance: f64, deviation: impl Fn(usize, usize, usize) -> f64) -> Vec<usize> {
+pub(super) fn kept(
+    count: usize,
+    tolerance: f64,
+    deviation: impl Fn(usize, usize, usize) -> f64,
+) -> Vec<usize> {
     let Some(last) = count.checked_sub(1) else { return Vec::new() };
     let mut keeps = vec![false; count];
     keeps[last] = true;

@@ -30,7 +30,9 @@ impl Scenario<'_> {
     fn description(&self) -> String {
         let replay = match self.options.ego {
             EgoMode::Replay => "replayed",
-            EgoMode::Controller => "replayed but for the ego, which has a controller and to which nobody reacts",
+            EgoMode::Controller => {
+                "replayed but for the ego, which has a controller and to which nobody reacts"
+            }
         };
         let origin = origin_text(self.network.origin);
         format!("Scene {}, {replay}. Add ({origin}) to positions for the source's frame.", self.scene.id)

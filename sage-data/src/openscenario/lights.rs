@@ -27,7 +27,8 @@ struct Change {
 
 impl Change {
     fn write(&self, xml: &mut Xml) {
-        let tags = ["GlobalAction", "InfrastructureAction", "TrafficSignalAction", "TrafficSignalStateAction"];
+        let tags =
+            ["GlobalAction", "InfrastructureAction", "TrafficSignalAction", "TrafficSignalStateAction"];
         xml.nested(&tags, |xml| {
             xml.integer("name", self.signal as i64).text("state", lamps(self.state));
         });

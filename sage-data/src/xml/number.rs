@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn parsing_a_text_gives_the_rounded_number() {
-        let mut value = 1e-7;
+        let mut value = 1e-7f64;
         while value < 1e8 {
             for x in [value, -value, value * 1.000_123_456_789, (value * 1e3).sin() * value] {
                 for decimals in 0..=12 {

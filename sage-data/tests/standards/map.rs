@@ -65,9 +65,10 @@ impl Piece {
     /// Place and direction at a share of the piece.
     pub fn at(&self, p: f64) -> (Point, f64) {
         let straight = [[0.0, self.length, 0.0, 0.0], [0.0; 4]];
-        let [u, v] = self.cubic.unwrap_or(straight).map(|[a, b, c, d]| {
-            [a + p * (b + p * (c + p * d)), b + p * (2.0 * c + 3.0 * p * d)]
-        });
+        let [u, v] = self
+            .cubic
+            .unwrap_or(straight)
+            .map(|[a, b, c, d]| [a + p * (b + p * (c + p * d)), b + p * (2.0 * c + 3.0 * p * d)]);
         let (sin, cos) = self.heading.sin_cos();
         let place = [self.start[0] + u[0] * cos - v[0] * sin, self.start[1] + u[0] * sin + v[0] * cos];
         (place, self.heading + v[1].atan2(u[1]))
@@ -75,7 +76,7 @@ impl Piece {
 
     /// Length of a fine polyline through the piece.
     pub fn measured(&self) -> f64 {
-        let steps = 2000;
+        let steps = 500;
         let at = |k: i32| self.at(f64::from(k) / f64::from(steps)).0;
         (0..steps).map(|k| gap(at(k), at(k + 1))).sum()
     }
@@ -195,11 +196,8 @@ impl Network {
             if next.to_junction {
                 let through = self.junctions[&next.id].iter().filter(|c| c.incoming == road.id);
                 let after = |c: &Connection| &self.roads[&c.connecting].successor.as_ref().unwrap().id;
-                followers = self.junctions[&next.id]
-                    .iter()
-                    .filter(|c| c.incoming == road.id)
-                    .map(after)
-                    .collect();
+                followers =
+                    self.junctions[&next.id].iter().filter(|c| c.incoming == road.id).map(after).collect();
                 assert_eq!(followers.len(), through.count());
             }
             links.extend(followers.iter().map(|id| (road.name.clone(), self.roads[*id].name.clone())));

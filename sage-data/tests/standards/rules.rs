@@ -97,7 +97,9 @@ pub fn scenario(root: &Element, standard: Standard, map_file: &str, network: &Ne
             "Pedestrian" => is(Standard::V1_0) == element.get("model").is_some(),
             "Controller" => (standard >= Standard::V1_2) == element.get("controllerType").is_some(),
             "PrivateAction" => is(Standard::V1_0) || element.child("ActivateControllerAction").is_none(),
-            "Event" => element.at("priority") == if standard >= Standard::V1_2 { "override" } else { "overwrite" },
+            "Event" => {
+                element.at("priority") == if standard >= Standard::V1_2 { "override" } else { "overwrite" }
+            }
             "Actors" => element.at("selectTriggeringEntities") == "false",
             "Act" | "Maneuver" => !element.children.is_empty(),
             _ => true,

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use sage_core::scene::{
-    AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Scene, Track, TrackKind, TrafficLight,
+    AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Scene, Track, TrackKind,
+    TrafficLight,
 };
 
 /// Frames of an invented scene.
@@ -68,7 +69,8 @@ pub fn lanes(all: &[(&str, &[[f64; 2]], &[usize])]) -> Map {
 }
 
 fn light(lane: &str, stop: Option<[f64; 3]>) -> TrafficLight {
-    let state = |f: usize| [LightState::Stop, LightState::Go, LightState::Unknown, LightState::Caution][f / 25];
+    let state =
+        |f: usize| [LightState::Stop, LightState::Go, LightState::Unknown, LightState::Caution][f / 25];
     TrafficLight { lane: lane.to_owned(), stop_point: stop, states: (0..FRAMES).map(state).collect() }
 }
 
@@ -141,7 +143,8 @@ pub fn odd() -> Vec<Scene> {
         ]);
         // Boundaries and widths that make no sense.
         let lane = map.features[2].lane.as_mut().unwrap();
-        lane.boundaries = [vec![Boundary { feature: 77, own: [9, 3] }], vec![Boundary { feature: 0, own: [0, 9] }]];
+        lane.boundaries =
+            [vec![Boundary { feature: 77, own: [9, 3] }], vec![Boundary { feature: 0, own: [0, 9] }]];
         lane.width = vec![[-1.0, 1e9]; 2];
         lane.speed_limit = Some(-1.0);
         map
@@ -164,8 +167,31 @@ pub fn odd() -> Vec<Scene> {
 }
 
 fn odd_ids() -> Vec<Track> {
-    let ids = ["", "a b", "a_b", "a:b", "a_b_2", "$x", "ego", "<&\">\u{1}\n\u{ffff}'", "ü/😀", "${1+1}", "Adversary"];
-    let kinds = ["VEHICLE", "VEHICLE", "VEHICLE", "VEHICLE", "VEHICLE", "PEDESTRIAN", "CYCLIST", "TRAFFIC_CONE", "", "é"];
+    let ids = [
+        "",
+        "a b",
+        "a_b",
+        "a:b",
+        "a_b_2",
+        "$x",
+        "ego",
+        "<&\">\u{1}\n\u{ffff}'",
+        "ü/😀",
+        "${1+1}",
+        "Adversary",
+    ];
+    let kinds = [
+        "VEHICLE",
+        "VEHICLE",
+        "VEHICLE",
+        "VEHICLE",
+        "VEHICLE",
+        "PEDESTRIAN",
+        "CYCLIST",
+        "TRAFFIC_CONE",
+        "",
+        "é",
+    ];
     let at = |k: usize| kinds[k % kinds.len()];
     let tracks = ids.iter().enumerate();
     tracks.map(|(k, id)| track(id, at(k), 4.0 * (k + 1) as f64, k as f64, |_| true)).collect()

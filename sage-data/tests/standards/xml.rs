@@ -15,7 +15,9 @@ impl Element {
         let body = text
             .strip_prefix("<?xml version=\"1.0\" encoding=\"UTF-8\"?>")
             .ok_or("the declaration is missing")?;
-        if let Some(c) = body.chars().find(|c| (*c < ' ' && !"\t\n\r".contains(*c)) || "\u{fffe}\u{ffff}".contains(*c)) {
+        if let Some(c) =
+            body.chars().find(|c| (*c < ' ' && !"\t\n\r".contains(*c)) || "\u{fffe}\u{ffff}".contains(*c))
+        {
             return Err(format!("character {c:?}"));
         }
         let mut reader = Reader { rest: body.trim() };

@@ -1,15 +1,15 @@
 //! The map of a scene as an ASAM OpenDRIVE 1.7 road network.
 //!
-//! Recorded maps hold the centre lines of lanes and which lane follows which. Each lane becomes a road with one
-//! lane, whose centre is the recorded line:
+//! A recorded map holds the centre lines of lanes and which lane follows which. Each lane becomes a road with
+//! one lane, whose centre is the recorded line:
 //!
-//! - The reference line consists of straight lines and cubic curves through the recorded points, within 3 cm.
+//! - The reference line consists of straight lines and cubic curves. They pass the recorded points within 3 cm.
 //! - Two lanes that have only each other at their ends are joined directly. All other links pass through a
 //!   junction: the first 2 m of the later lane become one connecting road per link.
 //! - A traffic light is a signal beside the lane that it controls.
 //!
-//! Not written: neighbours as lane changes, crosswalks, speed bumps and road edges. [`RoadNetwork::notes`] names
-//! lanes, links and lights that are left out.
+//! Not written: neighbours as lane changes, crosswalks, speed bumps and road edges. [`RoadNetwork::notes`]
+//! names lanes, links and lights that are left out.
 
 mod center_line;
 mod curve;
@@ -30,10 +30,9 @@ use lanes::RoadLane;
 use links::Link;
 use road::{Joint, Road, Signal};
 use width::RoadMark;
-pub(crate) use width::median;
 
-/// Decimals of lengths, headings and coefficients. Each number that others are computed from is rounded first,
-/// so that the file is consistent far below the tolerances of readers.
+/// Decimals of lengths, headings and coefficients. Numbers are rounded before others are computed from them,
+/// so the file is consistent far below the tolerances of readers.
 const CURVE: usize = 9;
 /// Id of the first junction; more if there are as many roads.
 const FIRST_JUNCTION: usize = 100_001;
@@ -147,7 +146,7 @@ impl Network<'_> {
         let connections: usize = junctions.iter().map(Vec::len).sum();
         let mut first_junction = FIRST_JUNCTION;
         while first_junction <= self.lanes.len() + connections {
-            first_junction = 10 * first_junction;
+            first_junction *= 10;
         }
         for lane in 0..self.lanes.len() {
             self.write_lane(xml, lane, first_junction);

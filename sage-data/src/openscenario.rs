@@ -1,13 +1,17 @@
 //! A scene as an ASAM OpenSCENARIO XML file that replays it, in the versions 1.0 to 1.3.
 //!
-//! Each road user appears, follows its recorded positions and headings, and leaves at the recorded frames. The
-//! simulation time of a frame is a tenth of its number, in seconds. Traffic lights change as recorded.
+//! Each road user appears, follows its recorded positions and headings, and leaves at the recorded frames.
+//! The simulation time of a frame is a tenth of its number, in seconds. Traffic lights change as recorded.
 //!
 //! - Positions are those of the scene less an origin of whole metres near the ego ([`origin_of`]). The map
 //!   ([`RoadNetwork`]) has the same origin.
 //! - The reference point of a road user is the centre of its box on the ground, not the rear axle: recordings
 //!   know no axles.
 //! - Each road user has one size: the median over its frames; that at *now* for the ego and the adversary.
+//! - A gap of up to 10 frames in a recording is left to the player's interpolation. In a longer one the road
+//!   user leaves and appears again.
+//! - A road user that stays in one position and heading has no trajectory, even if its recorded height varies
+//!   by up to 0.1 m.
 //! - With [`EgoMode::Controller`] the ego gets a start speed, a route and an external controller. The others
 //!   replay and do not react to it.
 //!
@@ -93,7 +97,7 @@ impl Export {
     }
 }
 
-/// Origin of a scene's files: the first valid place of the ego, rounded down to whole metres.
+/// Origin of a scene's files: the first valid position of the ego, rounded down to whole metres.
 ///
 /// Players that compute in 32-bit floats lose millimetres at coordinates of ten kilometres.
 pub fn origin_of(scene: &Scene) -> [f64; 3] {

@@ -174,9 +174,9 @@ mod tests {
         // Steps of 0.1 and 0.3 rad: the tangent at each inner point is its angle and a right angle.
         let angles = [0.0, 0.1, 0.4, 0.5, 0.8f64];
         let circle = line(&angles.map(|a| [10.0 * a.cos(), 10.0 * a.sin()]));
-        for k in 1..4 {
-            let tangent = angles[k] + std::f64::consts::FRAC_PI_2;
-            assert!((circle.headings[k] - tangent).abs() < 1e-3, "{} {tangent}", circle.headings[k]);
+        for (angle, heading) in angles.iter().zip(&circle.headings).take(4).skip(1) {
+            let tangent = angle + std::f64::consts::FRAC_PI_2;
+            assert!((heading - tangent).abs() < 1e-3, "{heading} {tangent}");
         }
     }
 

@@ -15,7 +15,7 @@ const HALVINGS: usize = 20;
 
 /// Nodes and weights of Gauss's quadrature with twelve points on [−1, 1], for positive nodes.
 const QUADRATURE: [[f64; 2]; 6] = [
-    [0.125_233_408_511_468_92, 0.249_147_045_813_402_8],
+    [0.125_233_408_511_468_9, 0.249_147_045_813_402_8],
     [0.367_831_498_998_180_2, 0.233_492_536_538_354_8],
     [0.587_317_954_286_617_4, 0.203_167_426_723_065_9],
     [0.769_902_674_194_304_7, 0.160_078_328_543_346_2],
@@ -35,8 +35,8 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    /// The piece between two points with a heading at each: straight, or the cubic Hermite curve whose speed at
-    /// both ends is the chord.
+    /// The piece between two points with a heading at each: straight, or the cubic Hermite curve whose speed
+    /// at both ends is the chord.
     pub(super) fn between(start: Point, end: Point, headings: [f64; 2]) -> Self {
         let chord = sub(end, start);
         let (bearing, span) = (chord[1].atan2(chord[0]), distance(start, end));
@@ -83,8 +83,8 @@ fn arc_length(cubic: &[f64; 5]) -> f64 {
     refined(cubic, [0.0, 1.0], quadrature(cubic, [0.0, 1.0]), HALVINGS)
 }
 
-/// The integral over an interval whose quadrature is `whole`. Where a curve turns back on itself the speed has
-/// a cusp, which needs shorter intervals.
+/// The integral over an interval whose quadrature is `whole`. Where a curve turns back on itself, the speed
+/// has a cusp, which needs shorter intervals.
 fn refined(cubic: &[f64; 5], [from, to]: [f64; 2], whole: f64, halvings: usize) -> f64 {
     let middle = 0.5 * (from + to);
     let halves = [[from, middle], [middle, to]];

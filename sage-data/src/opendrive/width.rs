@@ -1,6 +1,9 @@
 //! Widths and road marks of a lane, from what the recording says of its sides.
 
-use sage_core::scene::{Boundary, Lane, Map, MapKind};
+use sage_core::{
+    scene::{Boundary, Lane, Map, MapKind},
+    statistics::median,
+};
 
 /// Recorded half widths outside this range say nothing, metres.
 const PLAUSIBLE: std::ops::Range<f64> = 0.5..3.0;
@@ -14,18 +17,10 @@ const UNKNOWN_BIKE: f64 = 0.9;
 pub(super) fn halves(lane: &Lane, is_bike: bool) -> [f64; 2] {
     [0, 1].map(|side| {
         let widths = lane.width.iter().map(|widths| widths[side]);
-        let mut plausible: Vec<f64> =
+        let plausible: Vec<f64> =
             widths.filter(|width| *width > PLAUSIBLE.start && *width < PLAUSIBLE.end).collect();
-        median(&mut plausible).unwrap_or(if is_bike { UNKNOWN_BIKE } else { UNKNOWN })
+        median(&plausible).unwrap_or(if is_bike { UNKNOWN_BIKE } else { UNKNOWN })
     })
-}
-
-/// Median; the mean of the two middle numbers if their count is even.
-pub(crate) fn median(numbers: &mut [f64]) -> Option<f64> {
-    numbers.sort_unstable_by(f64::total_cmp);
-    let middle = numbers.len() / 2;
-    let upper = *numbers.get(middle)?;
-    Some(if numbers.len() % 2 == 1 { upper } else { 0.5 * (numbers[middle - 1] + upper) })
 }
 
 /// Type and colour of a road mark.

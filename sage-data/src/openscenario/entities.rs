@@ -3,13 +3,11 @@
 use sage_core::{
     motion::NOW,
     scene::{Track, TrackKind},
+    statistics::median,
 };
 
 use super::{Entity, Scenario, Standard, header::write_properties};
-use crate::{
-    opendrive::median,
-    xml::{Xml, number_text},
-};
+use crate::xml::{Xml, number_text};
 
 /// Decimals of a length, metres.
 const LENGTH: usize = 6;
@@ -157,7 +155,7 @@ fn size(entity: &Entity) -> [f64; 3] {
     if let Some(frame) = at_now {
         return track.size[frame];
     }
-    [0, 1, 2].map(|side| median(&mut sizes(track, side).collect::<Vec<_>>()).unwrap_or(1.0))
+    [0, 1, 2].map(|side| median(&sizes(track, side).collect::<Vec<_>>()).unwrap_or(1.0))
 }
 
 fn sizes(track: &Track, side: usize) -> impl Iterator<Item = f64> {

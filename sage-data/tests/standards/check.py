@@ -34,7 +34,10 @@ def checked(file):
         if not result.exists():
             return [f"{program} gave no result: {run.stderr[-400:]}"], collections.Counter()
         checkers = list(ElementTree.parse(result).getroot().iter("Checker"))
-    issues = [f"{checker.get('checkerId')}: {issue.get('description')}" for checker in checkers for issue in checker.iter("Issue")]
+    issues = []
+    for checker in checkers:
+        name = checker.get("checkerId")
+        issues += [f"{name}: {issue.get('description')}" for issue in checker.iter("Issue")]
     statuses = collections.Counter(checker.get("status") for checker in checkers)
     if not statuses["completed"] or statuses["error"]:
         issues.append(f"checkers did not run: {dict(statuses)}")
@@ -47,7 +50,7 @@ def schemas():
     import qc_openscenario
     from lxml import etree
 
-    folders = {".xosc": pathlib.Path(qc_openscenario.__file__).parent, ".xodr": pathlib.Path(qc_opendrive.__file__).parent}
+    packages = {".xosc": qc_openscenario, ".xodr": qc_opendrive}
     known = {}
 
     def validate(file):
@@ -56,9 +59,11 @@ def schemas():
         version = f"{header.get('revMajor')}.{header.get('revMinor')}"
         name = f"{version}.0/OpenSCENARIO.xsd" if file.suffix == ".xosc" else "1.7.0/opendrive_17_core.xsd"
         if name not in known:
-            known[name] = etree.XMLSchema(etree.parse(folders[file.suffix] / "schema" / name))
+            folder = pathlib.Path(packages[file.suffix].__file__).parent
+            known[name] = etree.XMLSchema(etree.parse(folder / "schema" / name))
         known[name].validate(document)
-        return [f"line {error.line}: {error.message}" for error in known[name].error_log], collections.Counter([name])
+        errors = [f"line {error.line}: {error.message}" for error in known[name].error_log]
+        return errors, collections.Counter([name])
 
     return validate
 

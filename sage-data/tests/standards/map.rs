@@ -186,7 +186,7 @@ impl Network {
         }
     }
 
-    /// The lanes that follow each lane, by name, found by walking successors: directly or over a connecting road.
+    /// The lanes that follow each lane, by name: walks successors, directly or over a connecting road.
     pub fn links(&self) -> BTreeSet<(String, String)> {
         let mut links = BTreeSet::new();
         let roads = self.roads.values().filter(|road| road.junction.is_none());

@@ -1,6 +1,7 @@
-//! Readers and rules of the written files, independent of the writers.
+//! Readers and rules of the written files, independent of the writers, and the tests of maps.
 
 pub mod map;
+mod map_tests;
 pub mod play;
 pub mod rules;
 pub mod scenes;

@@ -50,8 +50,11 @@ pub fn scene(id: &str, tracks: Vec<Track>, map: Map) -> Scene {
     }
 }
 
-/// A map of lanes, each with id, points in the plane and exits.
-pub fn lanes(all: &[(&str, &[[f64; 2]], &[usize])]) -> Map {
+/// A lane: id, points in the plane, and exits.
+type LaneSpec<'l> = (&'l str, &'l [[f64; 2]], &'l [usize]);
+
+/// A map of lanes.
+pub fn lanes(all: &[LaneSpec]) -> Map {
     let mut map = Map::default();
     for (id, points, exits) in all {
         let from = map.points.len();

@@ -5,7 +5,7 @@
 pub struct Element {
     pub tag: String,
     pub attributes: Vec<(String, String)>,
-    pub children: Vec<Element>,
+    pub children: Vec<Self>,
     pub text: String,
 }
 
@@ -41,21 +41,21 @@ impl Element {
         text.parse().unwrap_or_else(|_| panic!("{name}={text}"))
     }
 
-    pub fn all<'e>(&'e self, tag: &'e str) -> impl Iterator<Item = &'e Element> {
+    pub fn all<'e>(&'e self, tag: &'e str) -> impl Iterator<Item = &'e Self> {
         self.children.iter().filter(move |child| child.tag == tag)
     }
 
-    pub fn child(&self, tag: &str) -> Option<&Element> {
+    pub fn child(&self, tag: &str) -> Option<&Self> {
         self.children.iter().find(|child| child.tag == tag)
     }
 
     /// The element at the end of a path of tags, first children each.
-    pub fn find(&self, path: &[&str]) -> Option<&Element> {
+    pub fn find(&self, path: &[&str]) -> Option<&Self> {
         path.iter().try_fold(self, |element, tag| element.child(tag))
     }
 
     /// This element and all below it.
-    pub fn walk(&self) -> Vec<&Element> {
+    pub fn walk(&self) -> Vec<&Self> {
         let mut all = vec![self];
         let mut next = 0;
         while next < all.len() {

@@ -19,6 +19,8 @@ pub mod folder;
 mod format;
 pub mod metadrive;
 mod native;
+pub mod opendrive;
+pub mod openscenario;
 pub mod pickle;
 pub mod procedural;
 mod recording;
@@ -26,6 +28,7 @@ pub mod split;
 pub mod stream;
 mod variants;
 pub mod womd;
+mod xml;
 
 pub use error::Error;
 pub use format::Format;

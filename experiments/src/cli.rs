@@ -3,6 +3,7 @@
 mod attacking;
 mod avoiding;
 mod comparing;
+mod converting;
 mod driving;
 mod learning;
 mod mixing;
@@ -22,6 +23,7 @@ pub(crate) use attacking::{
 };
 pub(crate) use avoiding::{AvoidableArgs, ReactArgs};
 pub(crate) use comparing::FrontArgs;
+pub(crate) use converting::{ConvertArgs, ConvertFormat};
 pub(crate) use driving::{DriversArgs, SimulateArgs};
 pub(crate) use learning::{
     AblationArgs, ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg,
@@ -198,23 +200,6 @@ pub(crate) struct DrawArgs {
     /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
-}
-
-/// Convert scene files between MetaDrive pickles and native files.
-///
-/// The conversion is lossless in both directions: a native file also stores the source's data that it does
-/// not model. The output keeps the folder structure. docs/formats.md describes native files.
-#[derive(Debug, Args)]
-#[command(after_help = "Example:\n  sage convert scenes/ --to native --out native/")]
-pub(crate) struct ConvertArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    /// Output format.
-    #[arg(long, value_enum)]
-    pub to: Format,
-    #[command(flatten)]
-    pub folder: FolderArgs,
 }
 
 /// Generate procedural scenes with an ego and an adversary in conflict.

@@ -31,6 +31,7 @@ mod part;
 mod player;
 mod progress;
 mod react;
+mod scenario_files;
 mod scene_queue;
 mod scene_windows;
 mod scenes;

@@ -71,7 +71,7 @@ impl Progress {
         let Self { verb, done, .. } = self;
         let _ = match self.total {
             Some(total) => {
-                let worked = (done - self.found).max(1) as f64;
+                let worked = (*done - self.found).max(1) as f64;
                 let left = self.start.elapsed().as_secs_f64() / worked * total.saturating_sub(*done) as f64;
                 write!(std::io::stderr(), "\r{verb} {done} of {total}, about {left:.0} s left   ")
             }

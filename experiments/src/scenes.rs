@@ -93,10 +93,11 @@ impl Scenes {
             if !seen.insert(file.canonicalize().unwrap_or_else(|_| file.clone())) {
                 continue;
             }
-            let origin =
-                if file.is_file() || womd::is_record_path(&file) {
+            let origin = if file.is_file() || womd::is_record_path(&file) {
                 Origin::File(file)
-            } else { Origin::InMemory(Arc::new(read(&file)?)) };
+            } else {
+                Origin::InMemory(Arc::new(read(&file)?))
+            };
             entries.push(Entry { origin, content: None });
         }
         Ok(Self { entries })

@@ -8,7 +8,9 @@ mod read;
 mod write;
 
 pub use claim::{Claim, ClaimError};
-pub use read::{Opened, open_argument, read, read_argument, read_argument_text, read_open, read_start, read_text};
+pub use read::{
+    Opened, open_argument, read, read_argument, read_argument_text, read_open, read_start, read_text,
+};
 pub use write::{Existing, discard_unfinished, write, write_all, write_with};
 
 use std::io::ErrorKind;

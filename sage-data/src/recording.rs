@@ -146,10 +146,23 @@ impl Recording {
     ///
     /// *Errors*: a native file whose source is damaged.
     pub fn is_procedural(&self) -> Result<bool, Error> {
-        let Some(document) = self.document()? else { return Ok(true) };
+        Ok(self.dataset()?.as_deref() == Some(metadrive::PROCEDURAL_DATASET))
+    }
+
+    /// Name of the data set in the metadata, such as `waymo`; that of this project for a procedural scene.
+    ///
+    /// *Errors*: a native file whose source is damaged.
+    pub fn dataset(&self) -> Result<Option<String>, Error> {
+        let document = match &self.source {
+            Source::Record(document) => Cow::Borrowed(document),
+            _ => match self.document()? {
+                Some(document) => document,
+                None => return Ok(Some(metadrive::PROCEDURAL_DATASET.to_owned())),
+            },
+        };
         let metadata = document.get(document.root(), "metadata");
         let dataset = metadata.and_then(|metadata| document.get(metadata, "dataset"));
-        Ok(dataset.and_then(|dataset| document.text(dataset)) == Some(metadrive::PROCEDURAL_DATASET))
+        Ok(dataset.and_then(|dataset| document.text(dataset)).map(str::to_owned))
     }
 
     /// How the scene was derived from its source, as [`crate::VariantWriter`] wrote it; `None` without.

@@ -42,6 +42,13 @@ impl Inputs {
         self.files.iter().map(|(_, file)| file.as_path())
     }
 
+    /// Names for the outputs of the files that are no shards, as [`Item::name`] gives them.
+    pub fn names(&self) -> impl Iterator<Item = PathBuf> {
+        let scenes =
+            self.files.iter().filter(|(_, file)| !womd::is_shard(file) && !womd::is_record_path(file));
+        scenes.map(|(root, file)| name_of(root, file))
+    }
+
     /// Number of scenes; `None` if a pipe or a compressed shard would have to be read to count them.
     pub fn count(&self) -> Option<usize> {
         self.files().map(|file| if is_pipe(file) { None } else { womd::count(file) }).sum()
@@ -55,6 +62,14 @@ impl Inputs {
 
 fn is_pipe(file: &Path) -> bool {
     file.to_str() == Some("-") || std::fs::metadata(file).is_ok_and(|found| !found.is_file())
+}
+
+/// Name for the output of a file.
+fn name_of(root: &Path, file: &Path) -> PathBuf {
+    if file.to_str() == Some("-") {
+        return "stdin".into();
+    }
+    folder::name_below(root, file).with_extension("")
 }
 
 /// A scene to be read.
@@ -92,8 +107,7 @@ impl Item {
         match &self.content {
             Content::Record(record) => Ok(record.scene_id(&self.path)?.into()),
             _ if self.is_record() => Ok(folder::scene_name(&self.path)?.into()),
-            _ if self.path.to_str() == Some("-") => Ok("stdin".into()),
-            _ => Ok(folder::name_below(&self.root, &self.path).with_extension("")),
+            _ => Ok(name_of(&self.root, &self.path)),
         }
     }
 
@@ -193,10 +207,8 @@ pub fn map_in_order<I: Send, T: Send, E: Send>(
     let mut window = fill();
     while !window.is_empty() {
         // The next window is read while this one is worked on.
-        let (results, next) = rayon::join(
-            || window.into_par_iter().with_max_len(1).map(&work).collect::<Vec<_>>(),
-            &mut fill,
-        );
+        let (results, next) =
+            rayon::join(|| window.into_par_iter().with_max_len(1).map(&work).collect::<Vec<_>>(), &mut fill);
         results.into_iter().try_for_each(&mut take)?;
         window = next;
     }

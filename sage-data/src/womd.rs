@@ -24,10 +24,13 @@ mod words;
 
 use std::path::Path;
 
-pub(crate) use encode::encode;
+pub use decode::{DATASET, VERSION};
 pub use encode::EncodedScenario;
+pub(crate) use encode::encode;
+pub(crate) use shard::{
+    Open, count, is_gzip, is_shard_name, numbered, only_record, open, read_framed, record_paths, split_path,
+};
 pub use shard::{Shard, is_record_path, is_shard};
-pub(crate) use shard::{Open, count, is_gzip, is_shard_name, open, numbered, only_record, read_framed, record_paths, split_path};
 pub(crate) use tfrecord::begins_with_record;
 pub use tfrecord::{FrameProblem, Record, frame};
 pub use wire::{MessageError, MessageProblem};
@@ -38,8 +41,12 @@ use crate::{Error, Recording, dataset, pickle::Document};
 ///
 /// *Errors*: [`Error::Shard`] for a wrong checksum, [`Error::Message`] for a record that is no scene.
 pub(crate) fn document(path: &Path, framed: &[u8]) -> Result<Document, Error> {
-    let data = tfrecord::checked_data(framed)
-        .map_err(|problem| Error::Shard { path: path.to_owned(), record: 0, offset: 0, problem })?;
+    let data = tfrecord::checked_data(framed).map_err(|problem| Error::Shard {
+        path: path.to_owned(),
+        record: 0,
+        offset: 0,
+        problem,
+    })?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let source_file = name.rsplit_once('#').map_or(&name[..], |(shard, _)| shard);
     decode::decode(data, source_file).map_err(|problem| Error::Message { path: path.to_owned(), problem })
@@ -73,7 +80,13 @@ impl Record {
 ///
 /// *Errors*: as [`document`].
 pub(crate) fn id_of(path: &Path, framed: &[u8]) -> Result<String, Error> {
-    let data = tfrecord::checked_data(framed)
-        .map_err(|problem| Error::Shard { path: path.to_owned(), record: 0, offset: 0, problem })?;
-    decode::id(data).map(dataset::plain_name).map_err(|problem| Error::Message { path: path.to_owned(), problem })
+    let data = tfrecord::checked_data(framed).map_err(|problem| Error::Shard {
+        path: path.to_owned(),
+        record: 0,
+        offset: 0,
+        problem,
+    })?;
+    decode::id(data)
+        .map(dataset::plain_name)
+        .map_err(|problem| Error::Message { path: path.to_owned(), problem })
 }

@@ -91,7 +91,8 @@ fn a_cut_gzip_file_is_an_error() {
         assert!(error.contains("truncated"), "cut at {cut}: {error}");
     }
     // Two members one after another are one file.
-    let [first, second] = [&synthetic()[..ends(&synthetic())[0]], &synthetic()[ends(&synthetic())[0]..]].map(gzip);
+    let [first, second] =
+        [&synthetic()[..ends(&synthetic())[0]], &synthetic()[ends(&synthetic())[0]..]].map(gzip);
     assert_eq!(read(&[&first[..], &second].concat()).0.len(), 2);
     let (scenes, error) = read(&[&first[..], b"no member"].concat());
     assert!(scenes.len() == 1 && error.is_some_and(|error| error.contains("gzip")));
@@ -159,7 +160,8 @@ fn hostile_shards_are_refused_or_scenes() {
     let (mut slowest, mut largest) = (Duration::ZERO, 0);
     for (name, expected) in expected.as_object().unwrap() {
         let file: PathBuf = folder.path().join(format!("{name}.tfrecord"));
-        if name == "gz_cut" && std::fs::read(&file).unwrap() == std::fs::read(folder.path().join("gz.tfrecord")).unwrap()
+        if name == "gz_cut"
+            && std::fs::read(&file).unwrap() == std::fs::read(folder.path().join("gz.tfrecord")).unwrap()
         {
             // The script cuts beyond the end; `a_cut_gzip_file_is_an_error` cuts before it.
             continue;

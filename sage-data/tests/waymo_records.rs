@@ -65,7 +65,9 @@ fn compact(document: &Document, id: Id) -> String {
             format!("[{}]", items.join(","))
         }
         Node::Dict(entries) => {
-            let entry = |(key, value): &(Id, Id)| format!("{}:{}", compact(document, *key), compact(document, *value));
+            let entry = |(key, value): &(Id, Id)| {
+                format!("{}:{}", compact(document, *key), compact(document, *value))
+            };
             format!("{{{}}}", entries.iter().map(entry).collect::<Vec<_>>().join(","))
         }
         node => panic!("{}", node.kind()),
@@ -100,7 +102,8 @@ fn described(document: &Document) -> Value {
         "lights": lights(document),
         "map": map(document),
     });
-    for key in ["sdc_id", "sdc_track_index", "current_time_index", "objects_of_interest", "tracks_to_predict"] {
+    for key in ["sdc_id", "sdc_track_index", "current_time_index", "objects_of_interest", "tracks_to_predict"]
+    {
         all[key] = plain(document, get(document, metadata, key));
     }
     all
@@ -110,10 +113,13 @@ fn tracks(document: &Document) -> Value {
     const COLUMNS: [&str; 6] = ["position", "length", "width", "height", "heading", "velocity"];
     let tracks = entries(document, get(document, document.root(), "tracks"));
     let state = |track: Id| get(document, track, "state");
-    let valid: Vec<&[u8]> =
-        tracks.iter().map(|(_, track)| array_bytes(document, get(document, state(*track), "valid"))).collect();
-    let column =
-        |key: &str| hash(tracks.iter().map(|(_, track)| array_bytes(document, get(document, state(*track), key))));
+    let valid: Vec<&[u8]> = tracks
+        .iter()
+        .map(|(_, track)| array_bytes(document, get(document, state(*track), "valid")))
+        .collect();
+    let column = |key: &str| {
+        hash(tracks.iter().map(|(_, track)| array_bytes(document, get(document, state(*track), key))))
+    };
     let metadata = get(document, document.root(), "metadata");
     let ego_id = text(document, get(document, metadata, "sdc_id"));
     let ego = state(tracks.iter().find(|(id, _)| *id == ego_id).unwrap().1);
@@ -151,8 +157,14 @@ fn lights(document: &Document) -> Value {
 }
 
 fn map(document: &Document) -> Value {
-    const LINKS: [&str; 6] =
-        ["entry_lanes", "exit_lanes", "left_boundaries", "right_boundaries", "left_neighbor", "right_neighbor"];
+    const LINKS: [&str; 6] = [
+        "entry_lanes",
+        "exit_lanes",
+        "left_boundaries",
+        "right_boundaries",
+        "left_neighbor",
+        "right_neighbor",
+    ];
     let features = entries(document, get(document, document.root(), "map_features"));
     let points = |feature: Id| {
         let keys = ["polyline", "polygon", "position"].into_iter();
@@ -287,7 +299,14 @@ fn a_record_that_is_written_reads_as_the_one_that_was_read() {
         let name = recording.path.display().to_string();
         assert_same(&first, &second, &ALL, &name);
         let [a, b] = [&first, &second].map(|d| get(d, d.root(), "metadata"));
-        for key in ["ts", "sdc_id", "sdc_track_index", "current_time_index", "objects_of_interest", "tracks_to_predict"] {
+        for key in [
+            "ts",
+            "sdc_id",
+            "sdc_track_index",
+            "current_time_index",
+            "objects_of_interest",
+            "tracks_to_predict",
+        ] {
             assert!(same(&first, get(&first, a, key), &second, get(&second, b, key)), "{name}: {key}");
         }
         // Written again, the record is the same, bit for bit.

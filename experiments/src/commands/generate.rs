@@ -9,7 +9,7 @@ use std::{
     time::Instant,
 };
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use sage_core::statistics;
 use sage_data::folder;
 use serde_json::{Value, json};
@@ -17,6 +17,7 @@ use serde_json::{Value, json};
 use crate::{
     Outcome, Registries,
     cli::GenerateArgs,
+    input,
     output::{self, DatasetRun},
     progress,
     scene_queue::{self, Input, Report, is_row_of},

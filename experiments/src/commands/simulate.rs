@@ -8,7 +8,7 @@ mod scene;
 
 use std::{path::PathBuf, time::Instant};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use sage_core::statistics;
 use sage_data::folder;
 use serde_json::{Value, json};
@@ -18,6 +18,7 @@ use crate::{
     attackers::Attackers,
     cli::SimulateArgs,
     ego::{self, Ego},
+    input,
     output::{self, DatasetRun, LONGEST_FILE_NAME, RECORD},
     part::{PolicyPart, PolicyParts},
     progress,

@@ -15,9 +15,10 @@ use crate::{
     pickle::{Document, Id},
 };
 
-/// Name of the data set, and of the version in names of files.
-pub(crate) const DATASET: &str = "waymo";
-pub(crate) const VERSION: &str = "womd";
+/// Name of the data set in MetaDrive values and names of files.
+pub const DATASET: &str = "waymo";
+/// Its version there; records do not tell the true one.
+pub const VERSION: &str = "womd";
 
 /// A `Scenario` whose parts are not decoded yet.
 pub(super) struct Scenario<'r> {
@@ -199,8 +200,8 @@ fn metadata(
     let seconds = values.floats(&[frames], &scenario.timestamps);
     let (id, file) = (values.text(scenario.id), values.text(source_file));
     let dataset = values.word(DATASET);
-    let [length, now, index] = [frames as i64, scenario.current_time_index.into(), index.into()]
-        .map(|value| values.int(value));
+    let [length, now, index] =
+        [frames as i64, scenario.current_time_index.into(), index.into()].map(|value| values.int(value));
     let processed = values.bool(false);
     Ok(values.dict([
         ("id", id),

@@ -102,8 +102,8 @@ fn write_track(out: &mut Writer, track: &Track, ids: &Ids, notes: &mut Notes) {
 fn write_state(out: &mut Writer, track: &Track, frame: usize) {
     let ([x, y, z], [length, width, height]) = (track.position[frame], track.size[frame]);
     let ([vx, vy], heading) = (track.velocity[frame], track.heading[frame]);
-    let is_short =
-        !track.valid[frame] && [x, y, length, width, height, heading, vx, vy].iter().all(|value| *value == 0.0);
+    let is_short = !track.valid[frame]
+        && [x, y, length, width, height, heading, vx, vy].iter().all(|value| *value == 0.0);
     if is_short {
         out.double(4, z);
     } else {
@@ -164,7 +164,13 @@ fn signal_state(document: &Document, word: Option<Id>, state: LightState, notes:
     })
 }
 
-fn write_predictions(out: &mut Writer, scene: &Scene, document: &Document, list: Option<Id>, notes: &mut Notes) {
+fn write_predictions(
+    out: &mut Writer,
+    scene: &Scene,
+    document: &Document,
+    list: Option<Id>,
+    notes: &mut Notes,
+) {
     let entries = list.and_then(|list| document.entries(list)).unwrap_or_default();
     for (key, entry) in entries {
         let id = document.identifier(*key);

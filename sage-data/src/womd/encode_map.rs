@@ -35,9 +35,11 @@ fn unknown_edges(document: &Document, entries: &[(Id, Id)]) -> HashSet<String> {
         for key in BOUNDARIES {
             let list = document.get(*entry, key).and_then(|list| document.items(list)).unwrap_or_default();
             for boundary in list {
-                let is_unknown = document.get(*boundary, "boundary_type").and_then(|word| document.text(word))
-                    == Some(ROAD_LINE_TYPES[0]);
-                let id = document.get(*boundary, "boundary_feature_id").and_then(|id| document.identifier(id));
+                let is_unknown =
+                    document.get(*boundary, "boundary_type").and_then(|word| document.text(word))
+                        == Some(ROAD_LINE_TYPES[0]);
+                let id =
+                    document.get(*boundary, "boundary_feature_id").and_then(|id| document.identifier(id));
                 edges.extend(id.filter(|_| is_unknown));
             }
         }

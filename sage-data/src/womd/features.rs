@@ -150,7 +150,13 @@ impl Features {
                 match field.number {
                     1 => kind = field.word(words, &place.field("type"))?,
                     2 => {
-                        push_point(field.message(&place.field("polyline"))?, "polyline", place, &mut self.points, budget)?;
+                        push_point(
+                            field.message(&place.field("polyline"))?,
+                            "polyline",
+                            place,
+                            &mut self.points,
+                            budget,
+                        )?;
                     }
                     _ => {}
                 }
@@ -166,7 +172,13 @@ impl Features {
                 push_usual_points(&mut fields, 1, &mut self.points, place, budget)?;
                 let Some(field) = fields.next(place)? else { break };
                 if field.number == 1 {
-                    push_point(field.message(&place.field("polygon"))?, "polygon", place, &mut self.points, budget)?;
+                    push_point(
+                        field.message(&place.field("polygon"))?,
+                        "polygon",
+                        place,
+                        &mut self.points,
+                        budget,
+                    )?;
                 }
             }
         }

@@ -20,7 +20,11 @@ pub(super) fn explained(record: &[u8], error: MessageError) -> MessageError {
         (None, error @ MessageError { problem: MessageProblem::Value { .. }, .. }) => error,
         (None, error) => {
             let text = format!("the record is no Scenario message, or damaged: {error}");
-            MessageError { offset: error.offset, field: String::new(), problem: MessageProblem::Foreign(text) }
+            MessageError {
+                offset: error.offset,
+                field: String::new(),
+                problem: MessageProblem::Foreign(text),
+            }
         }
     }
 }

@@ -39,7 +39,8 @@ impl Ids {
 
     /// Id by number, in the order of the numbers; empty if ids kept their values.
     pub(super) fn table(&self) -> Vec<(i64, String)> {
-        let mut table: Vec<(i64, String)> = self.numbers.iter().map(|(id, number)| (*number, id.clone())).collect();
+        let mut table: Vec<(i64, String)> =
+            self.numbers.iter().map(|(id, number)| (*number, id.clone())).collect();
         table.sort_unstable();
         table
     }

@@ -70,7 +70,9 @@ impl Shard {
         let inflated = Box::new(MultiGzDecoder::new(BufReader::new(source)));
         let (start, inflated) = with_start(inflated).map_err(|error| fail(FrameProblem::gzip(&error)))?;
         match other_format(&start) {
-            Some(found) => Err(fail(FrameProblem::NotTfRecord(format!("gzip of {found}; decompress it first")))),
+            Some(found) => {
+                Err(fail(FrameProblem::NotTfRecord(format!("gzip of {found}; decompress it first"))))
+            }
             None => Ok(Self { path: path.to_owned(), frames: Frames::new(Source::Stream(inflated, true)) }),
         }
     }
@@ -169,7 +171,8 @@ fn located(path: &Path, error: FrameError) -> Error {
 /// True if a regular file is a shard: by its name, or by its first bytes.
 pub fn is_shard(path: &Path) -> bool {
     let is_file = std::fs::metadata(path).is_ok_and(|found| found.is_file());
-    is_file && (is_shard_name(path) || files::read_start(path, START as u64).is_ok_and(|start| is_start(&start)))
+    is_file
+        && (is_shard_name(path) || files::read_start(path, START as u64).is_ok_and(|start| is_start(&start)))
 }
 
 /// True if a path names a shard, as the files of the data set are named: it holds `tfrecord`.

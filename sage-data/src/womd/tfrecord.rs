@@ -100,9 +100,10 @@ pub(super) fn checked_data(framed: &[u8]) -> Result<&[u8], FrameProblem> {
     let length = data_length(framed)? as usize;
     let needed = (HEADER + length + FOOTER) as u64;
     let found = framed.len() as u64;
-    let (Some(data), Some(footer)) =
-        (framed.get(HEADER..HEADER + length), framed.get(HEADER + length..).and_then(|rest| rest.first_chunk()))
-    else {
+    let (Some(data), Some(footer)) = (
+        framed.get(HEADER..HEADER + length),
+        framed.get(HEADER + length..).and_then(|rest| rest.first_chunk()),
+    ) else {
         return Err(FrameProblem::Truncated { found, needed });
     };
     if u32::from_le_bytes(*footer) != masked_crc(data) {
@@ -113,7 +114,8 @@ pub(super) fn checked_data(framed: &[u8]) -> Result<&[u8], FrameProblem> {
 
 /// The length of a record's data from its header.
 fn data_length(header: &[u8]) -> Result<u64, FrameProblem> {
-    let truncated = || FrameProblem::Truncated { found: header.len() as u64, needed: (HEADER + FOOTER) as u64 };
+    let truncated =
+        || FrameProblem::Truncated { found: header.len() as u64, needed: (HEADER + FOOTER) as u64 };
     let length: &[u8; 8] = header.first_chunk().ok_or_else(truncated)?;
     let checksum: &[u8; 4] = header[8..].first_chunk().ok_or_else(truncated)?;
     if u32::from_le_bytes(*checksum) != masked_crc(length) {
@@ -299,7 +301,8 @@ mod tests {
     fn records_are_read_in_order_and_cut_ones_are_errors() {
         let file = [frame(b"first"), frame(b""), frame(&[7; 5000])].concat();
         for cut in 0..=file.len() {
-            let mut frames = Frames::new(Source::Stream(Box::new(io::Cursor::new(file[..cut].to_vec())), false));
+            let mut frames =
+                Frames::new(Source::Stream(Box::new(io::Cursor::new(file[..cut].to_vec())), false));
             let mut whole = Vec::new();
             let end = loop {
                 match frames.next() {

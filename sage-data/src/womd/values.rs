@@ -100,7 +100,8 @@ pub(super) struct Values {
 impl Values {
     pub(super) fn new() -> Self {
         let mut document = Document::empty();
-        let [none, no, yes] = [Node::None, Node::Bool(false), Node::Bool(true)].map(|node| document.push(node));
+        let [none, no, yes] =
+            [Node::None, Node::Bool(false), Node::Bool(true)].map(|node| document.push(node));
         let (words, integers, decimals) = (Words([None; SLOTS]), HashMap::new(), Decimals::new());
         Self { document, words, integers, decimals, none, no, yes }
     }

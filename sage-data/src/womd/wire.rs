@@ -190,7 +190,11 @@ impl<'r> Fields<'r> {
         let mut open_groups = 0;
         loop {
             if self.at == self.message.bytes.len() {
-                return if open_groups == 0 { Ok(None) } else { Err(self.error(place, MessageProblem::Group)) };
+                return if open_groups == 0 {
+                    Ok(None)
+                } else {
+                    Err(self.error(place, MessageProblem::Group))
+                };
             }
             let start = self.at;
             let key = self.varint(place)?;
@@ -265,8 +269,7 @@ impl<'r> Fields<'r> {
             }
             _ => {
                 let found = varint(&self.message.bytes[self.at..]);
-                let (value, length) =
-                    found.ok_or_else(|| self.error(place, MessageProblem::Varint))?;
+                let (value, length) = found.ok_or_else(|| self.error(place, MessageProblem::Varint))?;
                 self.at += length;
                 Ok(value)
             }
@@ -353,8 +356,7 @@ impl<'r> Field<'r> {
     /// *Errors*: another wire type, or a number that does not fit.
     pub(super) fn int32(&self, place: &Place) -> Result<i32, MessageError> {
         let value = self.int64(place)?;
-        i32::try_from(value)
-            .map_err(|_| MessageError::value(self.offset, place, value, "a 32-bit integer"))
+        i32::try_from(value).map_err(|_| MessageError::value(self.offset, place, value, "a 32-bit integer"))
     }
 
     /// A bool.
@@ -392,8 +394,7 @@ impl<'r> Field<'r> {
     /// *Errors*: another wire type, or bytes that are not UTF-8.
     pub(super) fn text(&self, place: &Place) -> Result<&'r str, MessageError> {
         let bytes = self.message(place)?.bytes;
-        std::str::from_utf8(bytes)
-            .map_err(|_| MessageError::at(self.offset, place, MessageProblem::Text))
+        std::str::from_utf8(bytes).map_err(|_| MessageError::at(self.offset, place, MessageProblem::Text))
     }
 
     /// Passes one or several integers, packed or not, to `take`.

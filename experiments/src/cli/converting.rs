@@ -1,0 +1,115 @@
+//! Arguments of `sage convert`.
+
+use std::{path::PathBuf, str::FromStr};
+
+use anyhow::{Result, bail};
+use clap::{
+    Args, ValueEnum,
+    builder::{PossibleValuesParser, TypedValueParser},
+};
+use sage_data::{
+    dataset::Shard,
+    openscenario::{EgoMode, Standard, UnknownName},
+};
+
+use super::FolderArgs;
+
+/// Default number of scenes of a shard: about 0.5 GB.
+const SHARD_SIZE: usize = 500;
+
+/// Convert scenes between formats, one after another, on all cores.
+///
+/// PATH is a scene file, a shard of the Waymo Open Motion Dataset (TFRecord, also gzip), a record of a shard
+/// (SHARD#3 or SHARD#ID), a pipe (-), or a folder of files and shards.
+///
+/// A converted file keeps its name and the folder structure; a record becomes a file named by the id of its
+/// scene. With --to pickle the folder is a data set that MetaDrive opens. The same command resumes an
+/// interrupted run. docs/formats.md lists what each format keeps.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sage convert scenes/ --to native --out native/\n  sage convert validation.tfrecord-00000-of-00150 --to pickle --out dataset/\n  sage convert scenes/ --to womd --out shards/\n  sage convert scenes/0.pkl --to openscenario --ego controller --out scenarios/"
+)]
+pub(crate) struct ConvertArgs {
+    /// Scene files, shards, records and folders.
+    #[arg(required = true, value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    /// Output format.
+    #[arg(long, value_enum)]
+    pub to: ConvertFormat,
+    /// Version of OpenSCENARIO with --to openscenario (default: 1.2).
+    #[arg(long, value_name = "VERSION", value_parser = standards())]
+    pub standard: Option<Standard>,
+    /// Who drives the ego with --to openscenario: the recording, or an external controller that gets a start
+    /// speed and a route (default: replay).
+    #[arg(long, value_name = "WHO", value_parser = ego_modes())]
+    pub ego: Option<EgoMode>,
+    /// Scenes per shard with --to womd (default: 500).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    shard_size: Option<u32>,
+    /// Convert only the scenes of part K of N. Several machines can write all parts into one folder. Not with
+    /// --to womd.
+    #[arg(long, value_name = "K/N")]
+    pub shard: Option<Shard>,
+    /// Report a broken record of a shard and go on with the next one, instead of stopping.
+    #[arg(long)]
+    pub keep_going: bool,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}
+
+impl ConvertArgs {
+    /// Scenes per shard.
+    pub(crate) fn shard_size(&self) -> usize {
+        self.shard_size.map_or(SHARD_SIZE, |size| size as usize)
+    }
+
+    /// Refuses options that the output format does not have.
+    ///
+    /// *Errors*: the first such option.
+    pub(crate) fn check(&self) -> Result<()> {
+        let is_womd = matches!(self.to, ConvertFormat::Womd);
+        if self.shard_size.is_some() && !is_womd {
+            bail!("--shard-size needs --to womd");
+        }
+        if self.shard.is_some() && is_womd {
+            bail!("--shard is not for --to womd, whose shards have --shard-size scenes");
+        }
+        let is_scenario = matches!(self.to, ConvertFormat::Openscenario);
+        let given = [("--standard", self.standard.is_some()), ("--ego", self.ego.is_some())];
+        match given.into_iter().find(|(_, is_given)| *is_given) {
+            Some((name, _)) if !is_scenario => bail!("{name} needs --to openscenario"),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Output formats of `sage convert`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ConvertFormat {
+    /// safetensors file: fastest to load, readable by other tools.
+    Native,
+    /// Pickle for MetaDrive and ScenarioNet.
+    Pickle,
+    /// Shards of the Waymo Open Motion Dataset: TFRecord files of Scenario protos.
+    Womd,
+    /// OpenSCENARIO XML with an OpenDRIVE map, for simulators.
+    Openscenario,
+}
+
+/// Parses a version of OpenSCENARIO.
+pub(super) fn standards() -> impl TypedValueParser<Value = Standard> {
+    names(Standard::ALL.map(Standard::name))
+}
+
+/// Parses who drives the ego of a scenario.
+pub(super) fn ego_modes() -> impl TypedValueParser<Value = EgoMode> {
+    names(EgoMode::ALL.map(EgoMode::name))
+}
+
+/// Parses one of some names.
+fn names<T, const N: usize>(all: [&'static str; N]) -> impl TypedValueParser<Value = T>
+where
+    T: FromStr<Err = UnknownName> + Clone + Send + Sync + 'static,
+{
+    PossibleValuesParser::new(all).try_map(|name| name.parse())
+}

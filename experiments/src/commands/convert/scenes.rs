@@ -1,0 +1,176 @@
+//! Formats with a file per scene.
+
+use std::{
+    collections::{HashMap, HashSet},
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context as _, Result, anyhow};
+use sage_core::files::{self, Existing};
+use sage_data::{
+    Recording, dataset,
+    openscenario::{Export, Options},
+    stream::{Inputs, Item, map_in_order},
+};
+
+use super::{Tally, ending};
+use crate::{
+    cli::{ConvertArgs, ConvertFormat},
+    output::{self, DatasetRun},
+    progress::Progress,
+    scenario_files,
+};
+
+/// A scene, and the name of its file; or why it has none.
+enum Job {
+    Convert(Item, PathBuf),
+    Refused(anyhow::Error, Source),
+}
+
+/// Where a scene comes from, which decides whether a failure ends the run.
+#[derive(Clone, Copy, PartialEq)]
+enum Source {
+    File,
+    Record,
+}
+
+/// What became of a scene.
+enum Done {
+    Written(Vec<String>),
+    /// An earlier run wrote it.
+    Found,
+    Failed(anyhow::Error, Source),
+}
+
+/// Converts all scenes.
+///
+/// *Errors*: a record that cannot be read, without --keep-going; a full disk.
+pub(super) fn convert(
+    args: &ConvertArgs,
+    inputs: &Inputs,
+    run: &DatasetRun,
+    progress: &mut Progress,
+    tally: &mut Tally,
+) -> Result<()> {
+    let mut names = Names { args, run, taken: HashMap::new(), folders: HashSet::new() };
+    let jobs = inputs.items().filter_map(|item| names.job(item).transpose());
+    let jobs = jobs.map(|job| job.unwrap_or_else(|error| Job::Refused(error, Source::File)));
+    let size = |job: &Job| if let Job::Convert(item, _) = job { item.size() } else { 0 };
+    let folder = run.folder().path();
+    map_in_order(
+        jobs,
+        size,
+        |job| one(args, folder, job),
+        |done| match done {
+            Done::Written(notes) => {
+                tally.whole += 1;
+                tally.add_notes(notes);
+                progress.step();
+                Ok(())
+            }
+            Done::Found => {
+                tally.whole += 1;
+                progress.step_found();
+                Ok(())
+            }
+            Done::Failed(error, _) if output::is_disk_full(&error) => Err(error),
+            Done::Failed(error, Source::Record) if !args.keep_going => {
+                Err(error.context("a record cannot be converted; --keep-going skips it"))
+            }
+            Done::Failed(error, _) => {
+                tally.failed += 1;
+                progress.step();
+                progress.say(&format!("error: {error:#}"));
+                Ok(())
+            }
+        },
+    )
+}
+
+/// Names of the outputs.
+struct Names<'r> {
+    args: &'r ConvertArgs,
+    run: &'r DatasetRun,
+    /// The scene that has each name.
+    taken: HashMap<PathBuf, PathBuf>,
+    /// Folders that exist in the output folder.
+    folders: HashSet<PathBuf>,
+}
+
+impl Names<'_> {
+    /// The work on a scene; `None` if it belongs to another part.
+    fn job(&mut self, item: Item) -> Result<Option<Job>> {
+        let source = if item.is_record() { Source::Record } else { Source::File };
+        let path = item.path().to_owned();
+        let name = match item.name() {
+            Ok(name) => name,
+            // Reading it gives the error.
+            Err(_) => return Ok(Some(Job::Convert(item, PathBuf::new()))),
+        };
+        if self.args.shard.is_some_and(|shard| !shard.holds(&name.to_string_lossy())) {
+            return Ok(None);
+        }
+        let mut name = name.with_added_extension(ending(self.args.to));
+        if source == Source::Record && self.args.to == ConvertFormat::Pickle {
+            let id = name.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            name = dataset::file_name(sage_data::womd::DATASET, sage_data::womd::VERSION, &id).into();
+        }
+        if let Some(other) = self.taken.insert(name.clone(), path.clone()) {
+            let error = anyhow!(
+                "`{}` and `{}` are scenes with one name, `{}`; convert them into separate folders",
+                other.display(),
+                path.display(),
+                name.display()
+            );
+            return Ok(Some(Job::Refused(error, source)));
+        }
+        if let Some(parent) = name.parent().filter(|parent| !parent.as_os_str().is_empty())
+            && self.folders.insert(parent.to_owned())
+        {
+            self.run.folder().inner(parent)?;
+        }
+        Ok(Some(Job::Convert(item, name)))
+    }
+}
+
+/// Converts one scene.
+fn one(args: &ConvertArgs, folder: &Path, job: Job) -> Done {
+    let (item, name) = match job {
+        Job::Convert(item, name) => (item, name),
+        Job::Refused(error, source) => return Done::Failed(error, source),
+    };
+    let source = if item.is_record() { Source::Record } else { Source::File };
+    let target = folder.join(&name);
+    // No scene file is empty, and a file under its final name is complete.
+    let is_found = std::fs::metadata(&target).is_ok_and(|found| found.is_file() && found.len() > 0);
+    if is_found && !args.folder.force {
+        return Done::Found;
+    }
+    let written = item.read().map_err(anyhow::Error::from).and_then(|recording| match args.to {
+        ConvertFormat::Openscenario => write_scenario(args, &recording, &target),
+        _ => Ok(recording.write(&target).map(|()| Vec::new())?),
+    });
+    written.map_or_else(|error| Done::Failed(error, source), Done::Written)
+}
+
+/// Writes a scenario and its map. Returns what they lack.
+fn write_scenario(args: &ConvertArgs, recording: &Recording, target: &Path) -> Result<Vec<String>> {
+    let options = Options {
+        standard: args.standard.unwrap_or_default(),
+        ego: args.ego.unwrap_or_default(),
+        license: scenario_files::license(recording)?,
+    };
+    let export = Export::new(&recording.scene, options);
+    let scenario = export.scenario(&recording.scene, &scenario_files::provenance(recording)?);
+    let write = |path: &Path, text: &str| {
+        files::write(path, text.as_bytes(), Existing::Replace)
+            .with_context(|| format!("cannot write `{}`", path.display()))
+    };
+    // The scenario goes last, because its presence means that its map is there.
+    let map = target.with_file_name(export.network().file_name());
+    if !map.is_file() || args.folder.force {
+        write(&map, &export.network().xml)?;
+    }
+    write(target, &scenario)?;
+    Ok(export.notes().map(|note| format!("`{}`: {note}", recording.path.display())).collect())
+}

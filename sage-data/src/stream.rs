@@ -15,7 +15,7 @@ use crate::{
 /// Items that are worked on before their results go to the caller.
 const WINDOW: usize = 64;
 /// Bytes of records that wait for their turn at most, besides those of one record.
-const WINDOW_BYTES: usize = 8 << 20;
+const WINDOW_BYTES: usize = 4 << 20;
 
 /// Files, pipes and shards that the user gave.
 pub struct Inputs {

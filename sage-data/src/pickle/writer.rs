@@ -35,6 +35,11 @@ impl Document {
         id
     }
 
+    /// Makes room for bytes that will be added.
+    pub(crate) fn reserve_bytes(&mut self, bytes: usize) {
+        self.bytes.reserve_exact(bytes);
+    }
+
     /// Adds bytes.
     pub(crate) fn push_bytes(&mut self, bytes: &[u8]) -> Span {
         let start = self.bytes.len() as u32;

@@ -42,7 +42,7 @@ pub(super) fn decode(record: &[u8], source_file: &str) -> Result<Document, Messa
     let mut budget = Budget::of(record.len());
     let scenario = scenario(record, &mut budget)?;
     let frames = scenario.timestamps.len();
-    let mut values = Values::new();
+    let mut values = Values::with_capacity(record.len());
     let tracks = tracks::decode(&scenario, &mut values, &mut budget)?;
     let lights = lights::decode(&scenario, &mut values, &mut budget)?;
     let features = features::decode(&scenario, &mut values, &mut budget)?;

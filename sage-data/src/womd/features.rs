@@ -18,6 +18,9 @@ use crate::pickle::Id;
 /// Memory of a point: in the document, and in the scene.
 const POINT: usize = 36;
 
+/// Bytes of a point of a message, with its key and length.
+const POINT_FIELD: usize = 29;
+
 /// The features of a map by id, in the order of the file, and their points.
 pub(super) struct Features {
     all: Vec<Feature>,
@@ -52,7 +55,9 @@ pub(super) fn decode(
     values: &mut Values,
     budget: &mut Budget,
 ) -> Result<Id, MessageError> {
-    let mut features = Features { all: Vec::new(), index: HashMap::new(), points: Vec::new() };
+    let bytes: usize = scenario.features.iter().map(|message| message.bytes.len()).sum();
+    let points = Vec::with_capacity(bytes / POINT_FIELD);
+    let mut features = Features { all: Vec::new(), index: HashMap::new(), points };
     for (number, message) in scenario.features.iter().enumerate() {
         let Some(feature) = features.read(*message, number, values, budget)? else { continue };
         let next = features.all.len();
@@ -261,8 +266,6 @@ pub(super) fn push_usual_points(
     place: &Place,
     budget: &mut Budget,
 ) -> Result<(), MessageError> {
-    /// Bytes of a point with its key and length.
-    const POINT_FIELD: usize = 29;
     let (first, offset) = (points.len(), fields.offset());
     while let Some(bytes) = fields.peek::<POINT_FIELD>() {
         let numbers = [3, 12, 21].map(|at| f64::from_le_bytes(std::array::from_fn(|k| bytes[at + k])));

@@ -5,13 +5,17 @@ use std::path::PathBuf;
 use anyhow::Result;
 use clap::{Args, ValueEnum};
 use sage_core::generator::Mixture;
-use sage_data::dataset::Shard;
+use sage_data::{
+    dataset::Shard,
+    openscenario::{EgoMode, Standard},
+};
 use sage_generators::{Aggression, Rate};
 use sage_merging::Range;
 
 use super::{
     FolderArgs, MOST_PROCEDURAL, SplitArgs,
     avoiding::{AvoidableArgs, seconds},
+    converting::{ego_modes, standards},
 };
 use crate::{
     operating_point::{OperatingPointSpec, aggression_variant},
@@ -20,10 +24,11 @@ use crate::{
 
 /// Generate adversarial scenes: replace the adversary's future and keep everything else.
 ///
-/// SCENE is a scene file (MetaDrive or ScenarioNet pickle, or native file) or a folder of them. Each scene is
+/// SCENE is a scene file (MetaDrive or ScenarioNet pickle, or native file), a shard of the Waymo Open Motion
+/// Dataset, a record of it (SHARD#3), or a folder of files and shards. Each scene is
 /// attacked at each operating point that --lambda, --aggression or --mix gives (default: lambda 1).
 ///
-/// The output folder is a data set that MetaDrive and ScenarioNet read, unless --format is native. It holds a
+/// The output folder is a data set that MetaDrive and ScenarioNet read, unless --format excludes pickles. It holds a
 /// pickle, a native file and a JSON row per scene and operating point. The row lists all candidates with
 /// their scores. An SVG picture per scene shows its attacks. The folder also holds `dataset_summary.pkl`,
 /// `dataset_mapping.pkl` and `run.json`. `docs/formats.md`, section 'Data sets', describes all files.
@@ -61,6 +66,13 @@ pub(crate) struct GenerateArgs {
     /// Formats of the written scenes.
     #[arg(long, value_enum, default_value_t = DatasetFormat::Both)]
     pub format: DatasetFormat,
+    /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
+    #[arg(long, value_name = "VERSION", value_parser = standards())]
+    pub standard: Option<Standard>,
+    /// Who drives the ego with --format openscenario: the recording, or an external controller that gets a start
+    /// speed and a route (default: replay).
+    #[arg(long, value_name = "WHO", value_parser = ego_modes())]
+    pub scenario_ego: Option<EgoMode>,
     /// Attack only the scenes of shard K of N. Several machines can write all shards into one folder.
     #[arg(long, value_name = "K/N")]
     pub shard: Option<Shard>,
@@ -103,6 +115,8 @@ pub(crate) enum DatasetFormat {
     Pickle,
     /// Native files (safetensors).
     Native,
+    /// OpenSCENARIO files and their OpenDRIVE maps, for simulators.
+    Openscenario,
 }
 
 /// Compare generators against a replayed ego, or against drivers that react.

@@ -96,7 +96,8 @@ fn outputs(plan: &Plan, folder: &Path, input: &Input) -> Vec<String> {
         let is_own = |file: &String| {
             let is_pickle = file.starts_with("sd_") && file.ends_with(&format!("_{name}.pkl"));
             let is_native = *file == format!("{name}.safetensors");
-            (is_pickle || is_native) && !file.contains(['/', '\\'])
+            let is_scenario = *file == format!("{name}.xosc");
+            (is_pickle || is_native || is_scenario) && !file.contains(['/', '\\'])
         };
         // The row is removed last, because it alone knows the names.
         if let Some(found) = FoundRow::read(&folder.join(&row)) {

@@ -7,11 +7,15 @@ use sage_core::{
     files,
     generator::{Attack, Note},
     geometry::Point,
-    objective::{Context, ContextOptions, Scorer},
+    motion::DT,
+    objective::{Context, ContextOptions, Scorer, Scores},
     registry::Entry as _,
     scene::{Scene, SceneIndex},
 };
-use sage_data::{Recording, VariantWriter, dataset};
+use sage_data::{
+    Recording, VariantWriter, dataset,
+    openscenario::{Export, License, Options, Provenance},
+};
 use sage_generators::attacked;
 use sage_sim::{
     SimScene,
@@ -32,6 +36,7 @@ use crate::{
     operating_point::OperatingPointSpec,
     output::{self, DatasetRun, LONGEST_FILE_NAME},
     react,
+    scenario_files::{self, with_facts},
     scene_queue::{Failure, Line, SceneReport},
 };
 
@@ -127,6 +132,7 @@ impl SceneWriter<'_> {
         let Self { plan, attacker, .. } = self;
         let files = VariantWriter::new(&recording)?;
         self.check_names(&files)?;
+        let origin = plan.scenario_options().map(|_| scenario_origin(&recording)).transpose()?;
         let mut scene = Arc::new(recording.scene.with_roles(None, plan.args.attack.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
         if !plan.ego.is_recording {
@@ -137,6 +143,9 @@ impl SceneWriter<'_> {
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
         let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
         let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.attackers.further), &avoidance);
+        let export = plan.scenario_options().zip(origin).map(|(options, (license, origin))| {
+            (Export::new(&scene, Options { license, ..options }), origin)
+        });
         let (mut way_out, mut careful) = (None, None);
         let clock = Instant::now();
         let mut attacks =
@@ -153,7 +162,6 @@ impl SceneWriter<'_> {
         for ((point, variant), attack) in attacker.points.iter().zip(plan.variants()).zip(&attacks) {
             attack.check(&scene)?;
             let described = plan.describe(point);
-            let scene_files = self.scene_files(&files, &scene, attack, variant, &described)?;
             scored.score(attack)?;
             let avoidable = scored.avoidable(attack.trajectory())?;
             let contact = scored.get(attack.trajectory())?.scores.collision_step;
@@ -166,6 +174,16 @@ impl SceneWriter<'_> {
                 None => None,
             };
             let scores = &scored.get(attack.trajectory())?.scores;
+            let mut scene_files = self.scene_files(&files, &scene, attack, variant, &described)?;
+            if let Some((export, origin)) = &export {
+                let facts = self.facts(&ctx, attack, &described, scores);
+                let attacked = attacked(&scene, attack.trajectory())?;
+                let scenario = export.scenario(&attacked, &with_facts(origin.clone(), &facts));
+                let network = export.network();
+                // The scenario goes after its map.
+                scene_files.push((network.file_name(), network.xml.clone().into_bytes()));
+                scene_files.push((format!("{}-{variant}.xosc", self.scene), scenario.into_bytes()));
+            }
             let scores = ChosenScores { scores, avoidable, r157_avoids };
             let row =
                 self.row((scores, scored.rows(attack)?), &ctx, attack, variant, described, &scene_files)?;
@@ -203,7 +221,32 @@ impl SceneWriter<'_> {
         Ok(())
     }
 
-    /// The attacked scene in the requested formats, as file names and contents.
+    /// What an OpenSCENARIO file says about its attack.
+    fn facts(
+        &self,
+        ctx: &Context,
+        attack: &Attack,
+        described: &Map<String, Value>,
+        scores: &Scores,
+    ) -> Map<String, Value> {
+        let candidate = ctx.candidate(attack.trajectory().clone());
+        let violations = self.plan.attackers.selection.objective.rule().violations(&candidate, ctx);
+        let mut facts = described.clone();
+        for (key, value) in [
+            ("seed", json!(self.plan.args.attack.seed)),
+            ("adversary", json!(ctx.adversary().id)),
+            ("feasible", json!(violations.is_empty())),
+            ("contact_after_seconds", json!(scores.collision_step.map(|step| step as f64 * DT))),
+            ("adversarial_reward", json!(scores.adversarial_reward)),
+            ("kinematic_penalty", json!(scores.kinematic_penalty)),
+            ("behavior_penalty", json!(scores.behavior_penalty)),
+        ] {
+            facts.insert(key.to_owned(), value);
+        }
+        facts
+    }
+
+    /// The attacked scene as data set files, as file names and contents.
     fn scene_files(
         &self,
         files: &VariantWriter,
@@ -288,6 +331,11 @@ impl SceneWriter<'_> {
         written
             .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
     }
+}
+
+/// Licence and origin of a recording, for OpenSCENARIO files.
+fn scenario_origin(recording: &Recording) -> Result<(Option<License>, Provenance)> {
+    Ok((scenario_files::license(recording)?, scenario_files::provenance(recording)?))
 }
 
 /// The way out of an attack for its picture.

@@ -1,6 +1,7 @@
 //! All inputs of `sage generate` except the scenes.
 
-use anyhow::Result;
+use anyhow::{Result, bail};
+use sage_data::openscenario::Options;
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -24,6 +25,10 @@ impl<'a> Plan<'a> {
     ///
     /// *Errors*: an argument is out of range or names an unknown part; weights cannot be used.
     pub(super) fn new(args: &'a GenerateArgs, registries: &'a Registries) -> Result<Self> {
+        let is_scenario = args.format == DatasetFormat::Openscenario;
+        if !is_scenario && (args.standard.is_some() || args.scenario_ego.is_some()) {
+            bail!("--standard and --scenario-ego need --format openscenario");
+        }
         let ego = Ego::new(&args.ego, registries)?;
         let attackers = Attackers::new(&args.method, &args.attack, registries)?;
         Ok(Self { args, attackers, ego })
@@ -36,12 +41,22 @@ impl<'a> Plan<'a> {
 
     /// True if pickles are written.
     pub(super) fn writes_pickles(&self) -> bool {
-        self.args.format != DatasetFormat::Native
+        matches!(self.args.format, DatasetFormat::Both | DatasetFormat::Pickle)
     }
 
     /// True if native files are written.
     pub(super) fn writes_native(&self) -> bool {
-        self.args.format != DatasetFormat::Pickle
+        matches!(self.args.format, DatasetFormat::Both | DatasetFormat::Native)
+    }
+
+    /// Choices for OpenSCENARIO files, without the licence; `None` if none are written.
+    pub(super) fn scenario_options(&self) -> Option<Options> {
+        let GenerateArgs { format, standard, scenario_ego, .. } = self.args;
+        (*format == DatasetFormat::Openscenario).then(|| Options {
+            standard: standard.unwrap_or_default(),
+            ego: scenario_ego.unwrap_or_default(),
+            license: None,
+        })
     }
 
     /// Identity of this run. The folder of another run is refused.
@@ -49,6 +64,9 @@ impl<'a> Plan<'a> {
     /// *Errors*: the file of a `path` cannot be read.
     pub(super) fn identity(&self) -> Result<Value> {
         let mut identity = self.attackers.identity()?;
+        if let Some(options) = self.scenario_options() {
+            identity["scenario"] = json!([options.standard.name(), options.ego.name()]);
+        }
         if !self.ego.is_recording {
             identity["ego"] = ego::identity(&self.args.ego)?;
         }

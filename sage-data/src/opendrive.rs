@@ -68,6 +68,7 @@ impl RoadNetwork {
         xml.element("OpenDRIVE", |xml| {
             write_header(xml, &lanes, origin, license);
             Network { scene, lanes: &lanes, signals: &placed }.write(xml, &junctions, &mut notes);
+            notes.iter().for_each(|note| write_user_data(xml, "sage:note", note));
         });
         let xml = xml.finish();
         let name = format!("map-{}", &blake3::hash(xml.as_bytes()).to_hex()[..16]);
@@ -97,13 +98,14 @@ fn write_header(xml: &mut Xml, lanes: &[RoadLane], origin: [f64; 3], license: Op
         xml.integer("revMajor", 1).integer("revMinor", 7).text("name", "").text("version", "1.00");
         xml.number("north", north, COORDINATE).number("south", south, COORDINATE);
         xml.number("east", east, COORDINATE).number("west", west, COORDINATE).text("vendor", "sage");
-        let mut user_data = |code: &str, value: &str| {
-            xml.element("userData", |xml| {
-                xml.text("code", code).text("value", value);
-            });
-        };
-        user_data("sage:origin", &origin_text(origin));
-        license.into_iter().for_each(|notice| user_data("sage:license", notice));
+        write_user_data(xml, "sage:origin", &origin_text(origin));
+        license.into_iter().for_each(|notice| write_user_data(xml, "sage:license", notice));
+    });
+}
+
+fn write_user_data(xml: &mut Xml, code: &str, value: &str) {
+    xml.element("userData", |xml| {
+        xml.text("code", code).text("value", value);
     });
 }
 

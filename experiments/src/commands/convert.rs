@@ -20,6 +20,9 @@ use crate::{
     progress::{self, Progress, count},
 };
 
+/// Notes that are printed. Those of an OpenSCENARIO file are also in its map.
+const MOST_NOTES: usize = 12;
+
 /// What a run has done.
 #[derive(Default)]
 struct Tally {
@@ -68,11 +71,12 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
             false => error.context(sum),
         });
     }
-    for (note, count) in &notes {
-        progress.say(&format!(
-            "note: {note}{}",
-            if *count > 1 { format!(" ({count} scenes)") } else { String::new() }
-        ));
+    for (note, count) in notes.iter().take(MOST_NOTES) {
+        let scenes = if *count > 1 { format!(" ({count} scenes)") } else { String::new() };
+        progress.say(&format!("note: {note}{scenes}"));
+    }
+    if notes.len() > MOST_NOTES {
+        progress.say(&format!("note: and {} more of this kind", notes.len() - MOST_NOTES));
     }
     let results = || json!({"scenes": whole, "failed": failed});
     let seconds = |_: &Value| (failed == 0 && args.shard.is_none()).then(|| clock.elapsed().as_secs_f64());

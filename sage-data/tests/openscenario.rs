@@ -15,7 +15,6 @@ use std::{
     path::{Path, PathBuf},
     process::Command,
     sync::Arc,
-    time::Instant,
 };
 
 use sage_core::{
@@ -393,9 +392,8 @@ fn a_controlled_ego_has_a_start_a_route_and_a_controller() {
 }
 
 #[test]
-fn files_are_small_and_written_fast() {
+fn files_are_small() {
     let scenes = [procedural(), val()].concat();
-    let start = Instant::now();
     for scene in &scenes {
         let export = Export::new(scene, Options::default());
         let sizes = [export.scenario(scene, &Provenance::default()).len(), export.network().xml.len()];
@@ -403,10 +401,6 @@ fn files_are_small_and_written_fast() {
         let users = scene.tracks.len().max(125) as f64;
         assert!(sizes[0] as f64 <= 2e6 * users / 250.0 && sizes[1] < 4_000_000, "{}: {sizes:?}", scene.id);
     }
-    let each = start.elapsed().as_secs_f64() / scenes.len() as f64;
-    println!("{:.2} ms a scene", 1e3 * each);
-    // 20 scenes a second on two threads. Slow machines and builds without optimisation pass, too.
-    assert!(each < 0.1, "{each} s a scene");
 }
 
 #[test]

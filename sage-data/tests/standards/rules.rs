@@ -27,7 +27,7 @@ const ORDER: [(&str, &[&str]); 26] = [
     ("Event", &["Action", "StartTrigger"]),
     ("FollowTrajectoryAction", &["Trajectory", "TrajectoryRef", "TimeReference", "TrajectoryFollowingMode"]),
     ("SpeedAction", &["SpeedActionDynamics", "SpeedActionTarget"]),
-    ("OpenDRIVE", &["header", "road", "junction"]),
+    ("OpenDRIVE", &["header", "road", "junction", "userData"]),
     ("road", &["link", "type", "planView", "elevationProfile", "lanes", "objects", "signals"]),
     ("link", &["predecessor", "successor"]),
     ("planView", &["geometry"]),

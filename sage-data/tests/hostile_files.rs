@@ -64,6 +64,20 @@ fn native_mutants_are_refused_or_scenes() {
 }
 
 #[test]
+fn message_mutants_are_refused_or_scenes() {
+    let shard = include_bytes!("data/womd_synthetic.tfrecord");
+    let mutator = Mutator::new(mutation::messages(shard));
+    let (mut scenes, mut refused) = (0, 0);
+    for number in 0..2_000 {
+        match mutation::read_message(&mutator.make_message(number)).0 {
+            Outcome::Scene => scenes += 1,
+            Outcome::Refused => refused += 1,
+        }
+    }
+    assert!(scenes > 100 && refused > 800, "{scenes} scenes, {refused} refused");
+}
+
+#[test]
 fn searches_and_copies_of_shared_values_are_limited() {
     for number in 0.. {
         let mutant = mutation::repeated(number);

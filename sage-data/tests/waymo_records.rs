@@ -372,3 +372,33 @@ fn scenes_of_other_data_sets_become_records_with_notes() {
     let [first, second] = [&overpass, &again].map(|r| r.document().unwrap().unwrap());
     assert_same(&first, &second, &ALL, "overpass");
 }
+
+/// Waymo's own protos parse what is written, and an independent converter makes the same values of it.
+#[test]
+fn written_files_agree_with_waymos_protos_and_an_independent_converter() {
+    let Some(script) = real::reference("formats/make_womd.py") else { return };
+    let Some(python) = real::waymo_python() else { return };
+    let compare = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/waymo/compare.py");
+    let mut shards = vec![synthetic()];
+    for name in ["womd_real.tfrecord", "womd_genuine.tfrecord"] {
+        shards.extend(real::reference(&format!("formats/{name}")));
+    }
+    for shard in shards {
+        let folder = tempfile::tempdir().unwrap();
+        let written = folder.path().join("written.tfrecord");
+        let mut records = Vec::new();
+        for recording in scenes(&shard) {
+            records.extend(womd::frame(&recording.to_scenario().unwrap().data));
+            let name = format!("sd_waymo_womd_{}.pkl", recording.scene.id);
+            std::fs::write(folder.path().join(name), recording.to_pickle().unwrap()).unwrap();
+        }
+        std::fs::write(&written, records).unwrap();
+        let outcome = Command::new(&python)
+            .arg(&compare)
+            .args([script.parent().unwrap(), &shard, folder.path(), &written])
+            .output()
+            .unwrap();
+        let error = String::from_utf8_lossy(&outcome.stderr).into_owned();
+        assert!(outcome.status.success(), "{}: {error}", shard.display());
+    }
+}

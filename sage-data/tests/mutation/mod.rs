@@ -5,6 +5,7 @@
 
 mod globals;
 mod native;
+mod records;
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind},
@@ -22,6 +23,7 @@ use sage_core::{
 use sage_data::{Error, Recording, Source, checks::Summary};
 
 pub use globals::HOSTILE;
+pub use records::{consume_message, messages};
 
 /// Generator of seeded inputs.
 pub struct Mutator {
@@ -117,6 +119,15 @@ pub enum Outcome {
 /// Reads an input and uses the result. Panics if reading panics, if a hostile input is accepted, or if an
 /// accepted scene cannot be written and read again.
 pub fn read(mutant: &Mutant) -> (Outcome, f64) {
+    read_by(consume, mutant)
+}
+
+/// The same for a message.
+pub fn read_message(mutant: &Mutant) -> (Outcome, f64) {
+    read_by(consume_message, mutant)
+}
+
+fn read_by(consume: fn(&[u8]) -> Result<(), Error>, mutant: &Mutant) -> (Outcome, f64) {
     let start = Instant::now();
     let outcome = catch_unwind(AssertUnwindSafe(|| consume(&mutant.bytes)));
     let seconds = start.elapsed().as_secs_f64();

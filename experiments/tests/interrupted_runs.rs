@@ -50,8 +50,10 @@ fn a_killed_simulate_resumes_to_the_same_files() {
 }
 
 #[test]
-fn a_killed_convert_starts_again_to_the_same_files() {
-    killed("convert");
+fn a_killed_convert_resumes_to_the_same_files() {
+    for format in ["convert", "convert-shards", "convert-scenarios"] {
+        killed(format);
+    }
 }
 
 #[test]

@@ -30,7 +30,7 @@ pub(crate) use encode::encode;
 pub(crate) use shard::{
     Open, count, is_gzip, is_shard_name, numbered, only_record, open, read_framed, record_paths, split_path,
 };
-pub use shard::{Shard, is_record_path, is_shard};
+pub use shard::{Shard, is_record_path, is_shard, shard_of};
 pub(crate) use tfrecord::begins_with_record;
 pub use tfrecord::{FrameProblem, Record, frame};
 pub use wire::{MessageError, MessageProblem};
@@ -47,9 +47,9 @@ pub(crate) fn document(path: &Path, framed: &[u8]) -> Result<Document, Error> {
         offset: 0,
         problem,
     })?;
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let source_file = name.rsplit_once('#').map_or(&name[..], |(shard, _)| shard);
-    decode::decode(data, source_file).map_err(|problem| Error::Message { path: path.to_owned(), problem })
+    let shard = shard_of(path);
+    let source_file = shard.file_name().unwrap_or_default().to_string_lossy();
+    decode::decode(data, &source_file).map_err(|problem| Error::Message { path: path.to_owned(), problem })
 }
 
 impl Record {
@@ -69,6 +69,7 @@ impl Record {
     fn located(&self, error: Error) -> Error {
         match error {
             Error::Shard { path, problem, .. } => {
+                let path = shard_of(&path);
                 Error::Shard { path, record: self.number, offset: self.offset, problem }
             }
             other => other,

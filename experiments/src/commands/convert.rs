@@ -50,6 +50,9 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     if distinct.len() < names.len() {
         bail!("several inputs would become one file; convert them into separate folders");
     }
+    if args.to == ConvertFormat::Womd {
+        shards::total(&inputs)?;
+    }
     let out = &args.folder.out;
     let files: Vec<PathBuf> = inputs.files().map(Path::to_owned).collect();
     let outputs: Vec<PathBuf> = names.iter().map(|name| name.with_extension(ending(args.to))).collect();

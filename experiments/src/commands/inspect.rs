@@ -11,6 +11,7 @@ use sage_core::scene::Scene;
 use sage_data::{
     checks::{Duplicates, Summary},
     stream::{Inputs, Item, map_in_order},
+    womd::shard_of,
 };
 use serde_json::json;
 
@@ -72,12 +73,6 @@ fn scene_name(item: &Item) -> String {
         Some("-") => "stdin".to_owned(),
         _ => name.unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
     }
-}
-
-/// The shard of a record such as `SHARD#3`.
-fn shard_of(path: &Path) -> PathBuf {
-    let text = path.to_string_lossy();
-    text.rsplit_once('#').map_or_else(|| path.to_owned(), |(shard, _)| PathBuf::from(shard))
 }
 
 fn list_tracks(scene: &Scene) -> Vec<String> {

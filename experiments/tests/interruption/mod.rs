@@ -17,8 +17,17 @@ use sage_core::seed::Rng;
 use serde_json::Value;
 
 /// Commands that leave files behind.
-pub const COMMANDS: [&str; 7] =
-    ["pretrain", "finetune", "generate", "simulate", "convert", "open-loop", "calibrate"];
+pub const COMMANDS: [&str; 9] = [
+    "pretrain",
+    "finetune",
+    "generate",
+    "simulate",
+    "convert",
+    "convert-shards",
+    "convert-scenarios",
+    "open-loop",
+    "calibrate",
+];
 
 /// A command with its inputs, which writes into a folder of its own each time.
 pub struct Case {
@@ -51,7 +60,9 @@ impl Case {
                 let attack = ["--method", "sage", "--lambda", "0,1", "--weights", "procedural"];
                 (&[&["simulate", "scenes", "--ego", "replay,idm"][..], &attack].concat(), false)
             }
-            "convert" => (&["convert", "scenes", "--to", "native"], true),
+            "convert" => (&["convert", "scenes", "--to", "native"], false),
+            "convert-shards" => (&["convert", "scenes", "--to", "womd", "--shard-size", "2"], false),
+            "convert-scenarios" => (&["convert", "scenes", "--to", "openscenario"], false),
             "open-loop" => {
                 let methods = ["--methods", "sage,rule,log", "--lambda", "1", "--ego", "replay,idm"];
                 (&[&["bench", "open-loop", "scenes"][..], &methods].concat(), false)

@@ -70,6 +70,9 @@ pub(super) fn decode(record: &[u8], source_file: &str) -> Result<Document, Messa
 /// *Errors*: a record that is no `Scenario`.
 pub(super) fn id(record: &[u8]) -> Result<&str, MessageError> {
     let root = Place::ROOT;
+    if record.is_empty() {
+        return Err(MessageError::at(0, &root, MessageProblem::Empty));
+    }
     let mut id = None;
     let mut fields = Message { bytes: record, offset: 0 }.fields();
     while let Some(field) = fields.next(&root).map_err(|error| foreign::explained(record, error))? {

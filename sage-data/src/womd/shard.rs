@@ -187,6 +187,12 @@ fn record_path(shard: &Path, number: usize) -> PathBuf {
     path.into()
 }
 
+/// The shard of a path such as `SHARD#3`; other paths as they are.
+pub fn shard_of(path: &Path) -> PathBuf {
+    let text = path.to_string_lossy();
+    text.rsplit_once('#').map_or_else(|| path.to_owned(), |(shard, _)| PathBuf::from(shard))
+}
+
 /// The shard and the record that a path such as `SHARD#3` names; `None` for other paths.
 pub(crate) fn split_path(path: &Path) -> Option<(PathBuf, String)> {
     let (shard, record) = path.to_str()?.rsplit_once('#')?;

@@ -63,7 +63,8 @@ impl Mutator {
                 "byte repeated"
             }
             6 => {
-                let message = [&[0x12, 0x00][..], &[0x42, 0x00], &[0x3a, 0x00], &[0x09, 0, 0, 0, 0, 0, 0, 0, 0]];
+                let message =
+                    [&[0x12, 0x00][..], &[0x42, 0x00], &[0x3a, 0x00], &[0x09, 0, 0, 0, 0, 0, 0, 0, 0]];
                 let message = message[rng.below(4)];
                 bytes.extend(std::iter::repeat_n(message, 1 << rng.below(16)).flatten());
                 "fields repeated"

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, io, path::PathBuf};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result};
 use sage_core::files::{self, Existing};
 use sage_data::{
     stream::{Inputs, Item, map_in_order},
@@ -33,6 +33,15 @@ struct Part {
     notes: BTreeMap<String, usize>,
 }
 
+/// Number of scenes, which the names of shards need.
+///
+/// *Errors*: it is not known.
+pub(super) fn total(inputs: &Inputs) -> Result<usize> {
+    inputs.count().context(
+        "the names of shards hold the number of shards, and the number of scenes in a pipe or a compressed shard is not known; save or decompress it first",
+    )
+}
+
 /// Converts all scenes into shards with the same number of scenes each.
 ///
 /// *Errors*: the number of scenes is not known; a record that cannot be read, without --keep-going; a full disk.
@@ -43,11 +52,7 @@ pub(super) fn convert(
     progress: &mut Progress,
     tally: &mut Tally,
 ) -> Result<()> {
-    let Some(total) = inputs.count() else {
-        bail!(
-            "the names of shards hold the number of shards, and the number of scenes in a pipe or a compressed shard is not known; save or decompress it first"
-        );
-    };
+    let total = total(inputs)?;
     let size = args.shard_size();
     let shards = total.div_ceil(size);
     let parts = run.folder().inner(PARTS.as_ref())?;

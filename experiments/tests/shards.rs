@@ -165,7 +165,7 @@ fn a_broken_record_ends_a_run_or_is_skipped() {
     let stopped = failure(&["convert", text(&broken), "--to", "native", "--out", text(&at("stopped"))]);
     assert!(stopped.contains(&place) && stopped.contains("--keep-going"), "{stopped}");
     for (to, count) in [("native", 4), ("pickle", 4), ("openscenario", 4), ("womd", 4)] {
-        let out = at(to);
+        let out = at(&format!("to-{to}"));
         let run = sage(&["convert", text(&broken), "--to", to, "--keep-going", "--out", text(&out)]);
         assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
         assert!(stderr(&run).contains(&place) && stderr(&run).contains("1 failed"), "{}", stderr(&run));

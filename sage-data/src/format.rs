@@ -21,9 +21,11 @@ impl Format {
     pub fn of(bytes: &[u8]) -> Option<Self> {
         match bytes {
             [0x80, 2..=5, ..] => Some(Self::Pickle),
+            // Before native files, because a checksum may look like their brace.
+            _ if womd::begins_with_record(bytes) => Some(Self::TfRecord),
             // The length of the header in eight bytes, followed by its opening brace.
             [_, _, _, _, _, _, _, _, b'{', ..] => Some(Self::Native),
-            _ => womd::begins_with_record(bytes).then_some(Self::TfRecord),
+            _ => None,
         }
     }
 }
@@ -38,6 +40,9 @@ mod tests {
         assert_eq!(Format::of(b"\x80\x04G\0\0\0\0\0{\"a\": 1}"), Some(Format::Pickle));
         assert_eq!(Format::of(b"\x88\x04\0\0\0\0\0\0{}"), Some(Format::Native));
         assert_eq!(Format::of(b"\x80\x06\0\0\0\0\0\0{}"), Some(Format::Native));
+        // The checksum of some length begins with a brace.
+        let brace = (0u64..).map(|n| womd::frame(&vec![0; n as usize])).find(|record| record[8] == b'{');
+        assert_eq!(Format::of(&brace.unwrap()), Some(Format::TfRecord));
         for neither in [&b""[..], b"\x80", b"\x80\x01N.", b"{}", b"no scene at all"] {
             assert_eq!(Format::of(neither), None);
         }

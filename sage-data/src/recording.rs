@@ -97,13 +97,13 @@ impl Recording {
     ///
     /// *Errors*: as [`Recording::read`].
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
+        if is_record(path, &bytes) {
+            return Self::of_record(path, &womd::only_record(path, bytes)?);
+        }
         if Format::of(&bytes) == Some(Format::Native) {
             let scene = native::decode(&bytes, path)?;
             check_lines(&scene, path)?;
             return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes) });
-        }
-        if is_record(path, &bytes) {
-            return Self::of_record(path, &womd::only_record(path, bytes)?);
         }
         let source = parse(path, bytes)?;
         let scene = metadrive::decode(&source, path)?;

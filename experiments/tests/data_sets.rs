@@ -83,6 +83,31 @@ fn the_folder_is_a_data_set_with_summary_and_mapping() {
     metadrive_opens(&out, 10);
 }
 
+#[test]
+fn a_converted_shard_is_a_data_set_with_summary_and_mapping() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    stdout(&sage(&[
+        "convert",
+        text(&scenes(folder.path(), 3)),
+        "--to",
+        "womd",
+        "--out",
+        text(&at("shards")),
+    ]));
+    let invented =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../sage-data/tests/data/womd_synthetic.tfrecord");
+    let shards = at("shards");
+    stdout(&sage(&["convert", text(&shards), text(&invented), "--to", "pickle", "--out", text(&at("set"))]));
+    let summary = document(&at("set/dataset_summary.pkl"));
+    let names = keys(&summary, summary.root());
+    assert_eq!(names.len(), 5);
+    for (name, entry) in names.iter().zip(summary.entries(summary.root()).unwrap()) {
+        check_summary(&document(&at("set").join(name)), &summary, entry.1);
+    }
+    metadrive_opens(&at("set"), 5);
+}
+
 /// Compares the summaries in a file with its tracks, and with its entry in the data set's summary.
 fn check_summary(file: &Document, summary: &Document, entry: Id) {
     let metadata = file.get(file.root(), "metadata").unwrap();

@@ -42,12 +42,10 @@ fn stored_counterexamples_refute_the_claims_as_printed() {
 
 #[test]
 fn optima_of_nearly_flat_rewards_are_found() {
-    // With these seeds the steps of Newton's method are short, hundreds of times.
+    // With this seed the steps of Newton's method are short, hundreds of times.
     let check = claims().unwrap().build_default("T5s").unwrap();
-    for seed in [6] {
-        let report = check.run(&Setup { seed, ..Setup::default() }, None);
-        assert_eq!((report.unsolved, Verdict::of(&report)), (0, Verdict::Holds), "seed {seed}");
-    }
+    let report = check.run(&Setup { seed: 6, ..Setup::default() }, None);
+    assert_eq!((report.unsolved, Verdict::of(&report)), (0, Verdict::Holds));
 }
 
 #[test]

@@ -1,10 +1,6 @@
 //! `sage inspect`: summarises scenes in order, one row each; files are read in parallel.
 
-use std::{
-    collections::BTreeMap,
-    io::Write,
-    path::{Path, PathBuf},
-};
+use std::{collections::BTreeMap, io::Write, path::PathBuf};
 
 use anyhow::Result;
 use sage_core::scene::Scene;

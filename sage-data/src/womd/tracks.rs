@@ -125,7 +125,7 @@ impl Columns {
         while let Some(field) = fields.next(place)? {
             let float = |name| checked(field.float(&place.field(name))?.into(), &field, place, name);
             match field.number {
-                2 | 3 | 4 => {
+                2..=4 => {
                     let axis = field.number as usize - 2;
                     let name = ["center_x", "center_y", "center_z"][axis];
                     let value = checked(field.double(&place.field(name))?, &field, place, name)?;

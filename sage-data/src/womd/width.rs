@@ -39,9 +39,9 @@ pub(super) fn widths(
     let place = root.item("map_features", feature.number);
     let place = place.field("lane");
     let mut widths = vec![[0.0; 2]; line.len()];
-    for side in 0..2 {
+    for (side, name) in SIDES.into_iter().enumerate() {
         for (k, boundary) in lane.boundaries[side].iter().enumerate() {
-            let place = place.item(SIDES[side], k);
+            let place = place.item(name, k);
             let own = points_of(boundary, line.len(), &place)?;
             // A boundary that the map does not hold bounds nothing.
             let Some(other) = features.polyline(boundary.feature) else { continue };

@@ -1,6 +1,6 @@
 //! Shards of the Waymo Open Motion Dataset.
 
-use std::{collections::BTreeMap, io, path::PathBuf};
+use std::{collections::BTreeMap, io, path::Path};
 
 use anyhow::{Context as _, Result};
 use sage_core::files::{self, Existing};
@@ -87,7 +87,7 @@ pub(super) fn convert(
 }
 
 /// What is known of a shard that an earlier run finished.
-fn found(known: &std::path::Path, shard: &std::path::Path) -> Option<Part> {
+fn found(known: &Path, shard: &Path) -> Option<Part> {
     let text = files::read_text(known, PART_LIMIT).ok()?;
     serde_json::from_str(&text).ok().filter(|_| shard.is_file())
 }
@@ -97,7 +97,7 @@ fn write_shard(
     args: &ConvertArgs,
     items: &mut (impl Iterator<Item = Item> + Send),
     size: usize,
-    path: &PathBuf,
+    path: &Path,
     progress: &mut Progress,
 ) -> Result<Part> {
     let mut part = Part::default();

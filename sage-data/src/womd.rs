@@ -7,18 +7,10 @@
 
 mod decode;
 mod encode;
-mod encode_map;
-mod features;
-mod foreign;
-mod ids;
-mod lanes;
-mod lights;
-mod message;
+mod message_error;
+mod record_path;
 mod shard;
 mod tfrecord;
-mod tracks;
-mod values;
-mod width;
 mod wire;
 mod words;
 
@@ -27,13 +19,13 @@ use std::path::Path;
 pub use decode::{DATASET, VERSION};
 pub use encode::EncodedScenario;
 pub(crate) use encode::encode;
-pub(crate) use shard::{
-    Open, count, is_gzip, is_shard_name, numbered, only_record, open, read_framed, record_paths, split_path,
-};
-pub use shard::{Shard, is_record_path, is_shard, shard_of};
+pub use message_error::{MessageError, MessageProblem};
+pub use record_path::{is_record_path, shard_of};
+pub(crate) use record_path::{numbered, only_record, read_framed, record_paths, split_path};
+pub(crate) use shard::{Open, count, is_gzip, is_shard_name, open};
+pub use shard::{Shard, is_shard};
 pub(crate) use tfrecord::begins_with_record;
 pub use tfrecord::{FrameProblem, Record, frame};
-pub use wire::{MessageError, MessageProblem};
 
 use crate::{Error, Recording, dataset, pickle::Document};
 

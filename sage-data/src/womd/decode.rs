@@ -2,18 +2,26 @@
 //!
 //! The fields are those of `waymo.open_dataset.Scenario`. Fields that scenes do not use, such as lidar, are skipped.
 
+mod features;
+mod foreign;
+mod lanes;
+mod lights;
+mod tracks;
+mod values;
+mod width;
+
 use sage_core::motion::{HISTORY, MAX_COORDINATE};
 
 use super::{
-    features, foreign, lights, tracks,
-    values::{Budget, DICT, ENTRY, Values},
-    wire::{Field, Message, MessageError, MessageProblem, Place},
+    message_error::{MessageError, MessageProblem, Place},
+    wire::{Field, Message},
     words::OBJECT_TYPES,
 };
 use crate::{
     metadrive::MAX_FRAMES,
     pickle::{Document, Id},
 };
+use values::{Budget, DICT, ENTRY, Values};
 
 /// Name of the data set in MetaDrive values and names of files.
 pub const DATASET: &str = "waymo";
@@ -21,14 +29,14 @@ pub const DATASET: &str = "waymo";
 pub const VERSION: &str = "womd";
 
 /// A `Scenario` whose parts are not decoded yet.
-pub(super) struct Scenario<'r> {
+struct Scenario<'r> {
     id: &'r str,
     /// Size of the record, bytes.
-    pub(super) record_size: usize,
-    pub(super) timestamps: Vec<f32>,
-    pub(super) tracks: Vec<Message<'r>>,
-    pub(super) steps: Vec<Message<'r>>,
-    pub(super) features: Vec<Message<'r>>,
+    record_size: usize,
+    timestamps: Vec<f32>,
+    tracks: Vec<Message<'r>>,
+    steps: Vec<Message<'r>>,
+    features: Vec<Message<'r>>,
     predictions: Vec<Message<'r>>,
     objects_of_interest: Vec<i64>,
     sdc_track_index: Option<(i32, usize)>,
@@ -177,11 +185,11 @@ fn add<'r>(found: &mut Scenario<'r>, field: Field<'r>, budget: &mut Budget) -> R
 }
 
 /// A track in the document.
-pub(super) struct TrackEntry {
+struct TrackEntry {
     /// Its id as a str.
-    pub(super) name: Id,
-    pub(super) kind: Id,
-    pub(super) value: Id,
+    name: Id,
+    kind: Id,
+    value: Id,
 }
 
 fn metadata(
@@ -267,12 +275,7 @@ fn predictions(scenario: &Scenario, tracks: &[TrackEntry], values: &mut Values) 
 ///
 /// *Errors*: a number that is not finite or not within ±[`MAX_COORDINATE`].
 #[inline]
-pub(super) fn checked(
-    value: f64,
-    field: &Field,
-    place: &Place,
-    name: &'static str,
-) -> Result<f64, MessageError> {
+fn checked(value: f64, field: &Field, place: &Place, name: &'static str) -> Result<f64, MessageError> {
     if value.abs() <= MAX_COORDINATE {
         return Ok(value);
     }
@@ -281,7 +284,7 @@ pub(super) fn checked(
 }
 
 /// The word of a known track type.
-pub(super) fn object_type(field: &Field, place: &Place) -> Result<&'static str, MessageError> {
+fn object_type(field: &Field, place: &Place) -> Result<&'static str, MessageError> {
     let place = place.field("object_type");
     let word = field.word(&OBJECT_TYPES, &place)?;
     if word == OBJECT_TYPES[0] {

@@ -3,6 +3,10 @@
 //! Numbers are those of the scene. What a scene does not model (types of lights, interpolated lanes, difficulties) comes
 //! from its MetaDrive values.
 
+mod ids;
+mod map;
+mod message;
+
 use std::collections::BTreeMap;
 
 use sage_core::{
@@ -11,13 +15,10 @@ use sage_core::{
 };
 use serde_json::{Value, json};
 
-use super::{
-    encode_map,
-    ids::Ids,
-    message::Writer,
-    words::{OBJECT_TYPES, SIGNAL_STATES},
-};
+use super::words::{OBJECT_TYPES, SIGNAL_STATES};
 use crate::pickle::{Document, Id, Node};
+use ids::Ids;
+use message::Writer;
 
 /// A scene as the data of a record.
 pub struct EncodedScenario {
@@ -31,10 +32,10 @@ pub struct EncodedScenario {
 
 /// Counts of what could not be kept.
 #[derive(Default)]
-pub(super) struct Notes(BTreeMap<String, usize>);
+struct Notes(BTreeMap<String, usize>);
 
 impl Notes {
-    pub(super) fn add(&mut self, what: impl Into<String>) {
+    fn add(&mut self, what: impl Into<String>) {
         *self.0.entry(what.into()).or_default() += 1;
     }
 }
@@ -65,7 +66,7 @@ pub(crate) fn encode(scene: &Scene, document: &Document) -> EncodedScenario {
     out.bytes(5, id.as_bytes());
     out.integer(6, scene.ego as i64);
     write_lights(&mut out, scene, document, &features, &mut notes);
-    encode_map::write(&mut out, scene, document, &features, &mut notes);
+    map::write(&mut out, scene, document, &features, &mut notes);
     let now = get("current_time_index").and_then(|now| document.integer(now));
     out.integer(10, now.filter(|now| i32::try_from(*now).is_ok()).unwrap_or(NOW as i64));
     write_predictions(&mut out, scene, document, get("tracks_to_predict"), &mut notes);

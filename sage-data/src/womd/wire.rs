@@ -2,135 +2,7 @@
 //!
 //! Source: the encoding guide of Protocol Buffers. Groups, which no schema here uses, are skipped.
 
-use std::fmt;
-
-/// Deepest nesting of groups that are skipped.
-const MAX_GROUPS: usize = 100;
-
-/// A field of the message: its name and those of the messages around it. Names are borrowed from the stack and
-/// copied only for an error.
-#[derive(Clone, Copy)]
-pub(super) struct Place<'p> {
-    parent: Option<&'p Self>,
-    name: &'static str,
-    index: Option<usize>,
-}
-
-impl<'p> Place<'p> {
-    /// The outermost message.
-    pub(super) const ROOT: Place<'static> = Place { parent: None, name: "", index: None };
-
-    /// A field of this message.
-    pub(super) fn field(&'p self, name: &'static str) -> Self {
-        Self { parent: Some(self), name, index: None }
-    }
-
-    /// An element of a repeated field of this message.
-    pub(super) fn item(&'p self, name: &'static str, index: usize) -> Self {
-        Self { parent: Some(self), name, index: Some(index) }
-    }
-}
-
-impl fmt::Display for Place<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some(parent) = self.parent.filter(|parent| parent.parent.is_some()) {
-            write!(f, "{parent}/")?;
-        }
-        f.write_str(self.name)?;
-        self.index.map_or(Ok(()), |index| write!(f, "[{index}]"))
-    }
-}
-
-/// A message that is refused.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("at byte {offset} of the record: {}{problem}", in_field(field))]
-pub struct MessageError {
-    /// Offset in the record, bytes.
-    pub offset: usize,
-    /// Names of the field and of the messages around it, joined by slashes; empty for the record itself.
-    pub field: String,
-    /// What is wrong.
-    pub problem: MessageProblem,
-}
-
-fn in_field(field: &str) -> String {
-    if field.is_empty() { String::new() } else { format!("field `{field}` ") }
-}
-
-/// What is wrong with a message.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[non_exhaustive]
-pub enum MessageProblem {
-    /// A record without bytes.
-    #[error("the record is empty; expected a Scenario message")]
-    Empty,
-    /// Another message than a `Scenario`.
-    #[error("{0}")]
-    Foreign(String),
-    /// A value that extends beyond the end of its message.
-    #[error("is truncated: {needed} more bytes needed, {left} left in its message")]
-    Truncated {
-        /// Declared length, bytes.
-        needed: u64,
-        /// Bytes left in the message.
-        left: usize,
-    },
-    /// A variable-length integer of more than ten bytes, or without an end.
-    #[error("has a varint of more than 10 bytes or without an end")]
-    Varint,
-    /// A field number outside 1 to 2²⁹−1.
-    #[error("holds field number {0}; expected 1 to 536870911")]
-    FieldNumber(u64),
-    /// A wire type that does not exist.
-    #[error("holds wire type {0}; expected 0, 1, 2 or 5")]
-    UnknownWireType(u8),
-    /// A known field of another wire type than the schema's.
-    #[error("has the wire type {found}; expected {expected}")]
-    WireType {
-        /// Name of the wire type found.
-        found: &'static str,
-        /// Name of the wire type of the schema.
-        expected: &'static str,
-    },
-    /// A group without a start or an end.
-    #[error("holds a group without its start or end")]
-    Group,
-    /// Groups nested too deep.
-    #[error("holds groups more than {MAX_GROUPS} deep")]
-    Depth,
-    /// Packed numbers whose length is not a multiple of their size.
-    #[error("has {0} bytes of packed numbers of 8 bytes each")]
-    Packed(usize),
-    /// Text that is not UTF-8.
-    #[error("is not UTF-8")]
-    Text,
-    /// A value that no scene has there.
-    #[error("is {found}; expected {expected}")]
-    Value {
-        /// The value.
-        found: String,
-        /// What a scene has there.
-        expected: String,
-    },
-}
-
-impl MessageError {
-    /// An error at a field.
-    pub(super) fn at(offset: usize, place: &Place, problem: MessageProblem) -> Self {
-        Self { offset, field: place.to_string(), problem }
-    }
-
-    /// A value that no scene has.
-    pub(super) fn value(
-        offset: usize,
-        place: &Place,
-        found: impl fmt::Display,
-        expected: impl Into<String>,
-    ) -> Self {
-        let problem = MessageProblem::Value { found: found.to_string(), expected: expected.into() };
-        Self::at(offset, place, problem)
-    }
-}
+use super::message_error::{MAX_GROUPS, MessageError, MessageProblem, Place};
 
 /// Bytes of a message, and where they begin in the record.
 #[derive(Clone, Copy)]
@@ -168,6 +40,13 @@ pub(super) struct Field<'r> {
     pub(super) offset: usize,
 }
 
+/// What a key begins.
+enum Part<'r> {
+    Field(Field<'r>),
+    StartGroup(u32),
+    EndGroup(u32),
+}
+
 /// Reads the fields of a message in their order.
 pub(super) struct Fields<'r> {
     message: Message<'r>,
@@ -187,52 +66,64 @@ impl<'r> Fields<'r> {
     /// *Errors*: bytes that are no field; the error names `place`.
     #[inline]
     pub(super) fn next(&mut self, place: &Place) -> Result<Option<Field<'r>>, MessageError> {
-        let mut open_groups = 0;
-        loop {
-            if self.at == self.message.bytes.len() {
-                return if open_groups == 0 {
-                    Ok(None)
-                } else {
-                    Err(self.error(place, MessageProblem::Group))
-                };
-            }
-            let start = self.at;
-            let key = self.varint(place)?;
-            let number = key >> 3;
-            if number == 0 || number >= 1 << 29 {
-                return Err(self.error_at(start, place, MessageProblem::FieldNumber(number)));
-            }
-            let mut offset = self.at;
-            let value = match key & 7 {
-                0 => Value::Varint(self.varint(place)?),
-                1 => Value::Fixed64(*self.array(place)?),
-                2 => {
-                    let length = self.varint(place)?;
-                    offset = self.at;
-                    Value::Bytes(self.take(length, place)?)
-                }
-                5 => Value::Fixed32(*self.array(place)?),
-                3 if open_groups == MAX_GROUPS => {
-                    return Err(self.error_at(start, place, MessageProblem::Depth));
-                }
-                3 => {
-                    open_groups += 1;
-                    continue;
-                }
-                4 if open_groups == 0 => return Err(self.error_at(start, place, MessageProblem::Group)),
-                4 => {
-                    open_groups -= 1;
-                    continue;
-                }
-                other => {
-                    return Err(self.error_at(start, place, MessageProblem::UnknownWireType(other as u8)));
-                }
-            };
-            if open_groups == 0 {
-                let offset = self.message.offset + offset;
-                return Ok(Some(Field { number: number as u32, value, offset }));
+        while self.at < self.message.bytes.len() {
+            match self.part(place)? {
+                Part::Field(field) => return Ok(Some(field)),
+                Part::StartGroup(number) => self.skip_group(number, place)?,
+                Part::EndGroup(_) => return Err(self.error(place, MessageProblem::Group)),
             }
         }
+        Ok(None)
+    }
+
+    /// A field, or the start or end of a group.
+    #[inline]
+    fn part(&mut self, place: &Place) -> Result<Part<'r>, MessageError> {
+        let start = self.at;
+        let key = self.varint(place)?;
+        let number = key >> 3;
+        if number == 0 || number >= 1 << 29 {
+            return Err(self.error_at(start, place, MessageProblem::FieldNumber(number)));
+        }
+        let number = number as u32;
+        let mut at = self.at;
+        let value = match key & 7 {
+            0 => Value::Varint(self.varint(place)?),
+            1 => Value::Fixed64(*self.array(place)?),
+            2 => {
+                let length = self.varint(place)?;
+                at = self.at;
+                Value::Bytes(self.take(length, place)?)
+            }
+            5 => Value::Fixed32(*self.array(place)?),
+            3 => return Ok(Part::StartGroup(number)),
+            4 => return Ok(Part::EndGroup(number)),
+            other => {
+                return Err(self.error_at(start, place, MessageProblem::UnknownWireType(other as u8)));
+            }
+        };
+        Ok(Part::Field(Field { number, value, offset: self.message.offset + at }))
+    }
+
+    /// Skips the rest of a group and the groups in it.
+    #[cold]
+    fn skip_group(&mut self, number: u32, place: &Place) -> Result<(), MessageError> {
+        let mut open = vec![number];
+        while let Some(innermost) = open.last().copied() {
+            if self.at == self.message.bytes.len() {
+                return Err(self.error(place, MessageProblem::Group));
+            }
+            match self.part(place)? {
+                Part::Field(_) => {}
+                Part::StartGroup(_) if open.len() == MAX_GROUPS => {
+                    return Err(self.error(place, MessageProblem::Depth));
+                }
+                Part::StartGroup(number) => open.push(number),
+                Part::EndGroup(number) if number == innermost => drop(open.pop()),
+                Part::EndGroup(_) => return Err(self.error(place, MessageProblem::Group)),
+            }
+        }
+        Ok(())
     }
 
     /// Offset in the record of the next field.
@@ -465,6 +356,8 @@ mod tests {
         let problem = |bytes: &[u8]| first(bytes).err().map(|error| error.problem);
         assert_eq!(problem(&[0x7b, 0x08, 0x01]), Some(MessageProblem::Group));
         assert_eq!(problem(&[0x7c]), Some(MessageProblem::Group));
+        // The end of another group.
+        assert_eq!(problem(&[0x7b, 0x74]), Some(MessageProblem::Group));
         assert_eq!(problem(&[0x7b; 200]), Some(MessageProblem::Depth));
     }
 
@@ -473,13 +366,5 @@ mod tests {
         let error = first(&[0x0a, 0x05, 1, 2, 3]).err().unwrap();
         assert_eq!(error.problem, MessageProblem::Truncated { needed: 5, left: 3 });
         assert_eq!(error.offset, 2);
-    }
-
-    #[test]
-    fn places_name_the_messages_around_a_field() {
-        let root = Place::ROOT;
-        let track = root.item("tracks", 3);
-        let state = track.item("states", 20);
-        assert_eq!(state.field("center_x").to_string(), "tracks[3]/states[20]/center_x");
     }
 }

@@ -5,9 +5,15 @@ use std::collections::HashSet;
 use sage_core::motion::MAX_COORDINATE;
 
 use super::{
-    decode::{DATASET, Scenario, TrackEntry, checked, object_type},
+    DATASET, Scenario, TrackEntry, checked, object_type,
     values::{Budget, Values},
-    wire::{Message, MessageError, Place},
+};
+use crate::{
+    pickle::Id,
+    womd::{
+        message_error::{MessageError, Place},
+        wire::Message,
+    },
 };
 
 /// Numbers of a state after `center_x`, in the order of the columns.
@@ -30,7 +36,7 @@ struct Columns {
 
 /// Decodes all tracks, in their order.
 ///
-/// *Errors*: as [`super::decode::decode`].
+/// *Errors*: as [`super::decode`].
 pub(super) fn decode(
     scenario: &Scenario,
     values: &mut Values,
@@ -190,7 +196,7 @@ impl Columns {
     }
 
     /// The columns as the `state` of a track.
-    fn state(&self, values: &mut Values) -> crate::pickle::Id {
+    fn state(&self, values: &mut Values) -> Id {
         let n = self.frames;
         let position = values.floats(&[n, 3], self.position.as_flattened());
         let scalars = [0, 1, 2, 3].map(|k| values.floats(&[n], &self.scalars[k]));

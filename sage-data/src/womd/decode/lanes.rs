@@ -3,10 +3,15 @@
 use super::{
     features::{push_point, push_usual_points, speed_limit},
     values::{Budget, DICT, ENTRY, Values},
-    wire::{Field, Message, MessageError, Place},
-    words::{LANE_TYPES, ROAD_LINE_TYPES},
 };
-use crate::pickle::Id;
+use crate::{
+    pickle::Id,
+    womd::{
+        message_error::{MessageError, Place},
+        wire::{Field, Message},
+        words::{LANE_TYPES, ROAD_LINE_TYPES},
+    },
+};
 
 /// Kilometres of a mile.
 const MILE: f64 = 1.609_344;
@@ -35,7 +40,7 @@ pub(super) struct Boundary {
 
 /// Reads the parts of a lane; its points are added to `points`. Returns its type and its other fields.
 ///
-/// *Errors*: as [`super::decode::decode`].
+/// *Errors*: as [`super::decode`].
 pub(super) fn read(
     parts: &[Message],
     place: &Place,

@@ -7,8 +7,8 @@
 use super::{
     features::{Feature, Features},
     lanes::{Boundary, LaneFields},
-    wire::{MessageError, Place},
 };
+use crate::womd::message_error::{MessageError, Place};
 
 /// Names of the boundaries of both sides.
 const SIDES: [&str; 2] = ["left_boundaries", "right_boundaries"];

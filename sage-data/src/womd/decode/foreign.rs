@@ -1,6 +1,7 @@
 //! Names what a record holds if it is no `Scenario`.
 
-use super::wire::{Field, Message, MessageError, MessageProblem, Place, Value};
+use crate::womd::message_error::{MessageError, MessageProblem, Place};
+use crate::womd::wire::{Field, Message, Value};
 
 /// The error for a record that is no `Scenario`, for `reason`.
 pub(super) fn refused(record: &[u8], reason: &str) -> MessageError {

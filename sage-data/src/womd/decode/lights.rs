@@ -3,12 +3,17 @@
 use std::collections::HashMap;
 
 use super::{
-    decode::{DATASET, Scenario, checked},
+    DATASET, Scenario, checked,
     values::{Budget, Values},
-    wire::{Message, MessageError, Place},
-    words::SIGNAL_STATES,
 };
-use crate::pickle::Id;
+use crate::{
+    pickle::Id,
+    womd::{
+        message_error::{MessageError, Place},
+        wire::Message,
+        words::SIGNAL_STATES,
+    },
+};
 
 /// A light while its states are collected.
 struct Light {
@@ -21,7 +26,7 @@ struct Light {
 ///
 /// In one frame, the later of two states of a lane holds; the last stop point of a lane holds for all frames.
 ///
-/// *Errors*: as [`super::decode::decode`].
+/// *Errors*: as [`super::decode`].
 pub(super) fn decode(
     scenario: &Scenario,
     values: &mut Values,

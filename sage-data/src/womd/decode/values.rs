@@ -2,8 +2,10 @@
 
 use std::collections::HashMap;
 
-use super::wire::{MessageError, Place};
-use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node, Span};
+use crate::{
+    pickle::{Array, Document, Dtype, ElementKind, Id, Node, Span},
+    womd::message_error::{MessageError, Place},
+};
 
 const F32: Dtype = Dtype { kind: ElementKind::Float, size: 4, big_endian: false };
 const BOOL: Dtype = Dtype { kind: ElementKind::Bool, size: 1, big_endian: false };

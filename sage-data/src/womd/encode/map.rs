@@ -4,13 +4,13 @@ use std::collections::HashSet;
 
 use sage_core::scene::{MapFeature, Scene};
 
-use super::{
-    encode::Notes,
-    ids::Ids,
-    message::Writer,
-    words::{LANE, LANE_TYPES, MEMBERS, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN},
+use super::{Notes, ids::Ids, message::Writer};
+use crate::{
+    pickle::{Document, Id},
+    womd::words::{
+        LANE, LANE_TYPES, MEMBERS, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN,
+    },
 };
-use crate::pickle::{Document, Id};
 
 /// Kilometres of a mile.
 const MILE: f64 = 1.609_344;

@@ -5,15 +5,20 @@ use std::{collections::HashMap, ops::Range};
 use sage_core::motion::MAX_COORDINATE;
 
 use super::{
-    decode::{Scenario, checked},
+    Scenario, checked,
     lanes::{self, LaneFields},
     lights::point,
     values::{Budget, Values},
     width,
-    wire::{Fields, Message, MessageError, Place},
-    words::{LANE, MEMBERS, Member, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN},
 };
-use crate::pickle::Id;
+use crate::{
+    pickle::Id,
+    womd::{
+        message_error::{MessageError, Place},
+        wire::{Field, Fields, Message},
+        words::{LANE, MEMBERS, Member, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN},
+    },
+};
 
 /// Memory of a point: in the document, and in the scene.
 const POINT: usize = 36;
@@ -49,7 +54,7 @@ enum Content {
 /// Decodes all features into a dict. The later of two features with one id takes the place of the earlier; a
 /// feature of no kind is dropped.
 ///
-/// *Errors*: as [`super::decode::decode`].
+/// *Errors*: as [`super::decode`].
 pub(super) fn decode(
     scenario: &Scenario,
     values: &mut Values,
@@ -281,6 +286,6 @@ pub(super) fn push_usual_points(
 }
 
 /// A speed limit, miles per hour.
-pub(super) fn speed_limit(field: &super::wire::Field, place: &Place) -> Result<f64, MessageError> {
+pub(super) fn speed_limit(field: &Field, place: &Place) -> Result<f64, MessageError> {
     checked(field.double(&place.field("speed_limit_mph"))?, field, place, "speed_limit_mph")
 }

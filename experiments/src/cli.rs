@@ -112,11 +112,11 @@ pub(crate) struct DemoArgs {
 
 /// Summarise scenes and warn about unusual data.
 ///
-/// PATH is a scene file (MetaDrive or ScenarioNet pickle, or native file) or a folder of them. Rows go to
-/// stdout. With --json the totals at the end go to stderr.
+/// PATH is a scene file (MetaDrive or ScenarioNet pickle, or native file), a shard of the Waymo Open Motion
+/// Dataset (TFRecord), a record of it (SHARD#3), a pipe (-), or a folder of files and shards. Rows go to stdout. With --json the totals at the end go to stderr.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage inspect scenes/\n  sage inspect scenes/ --json | jq 'select(.warnings != [])'\n  sage inspect scenes/0.pkl --tracks"
+    after_help = "Examples:\n  sage inspect scenes/\n  sage inspect scenes/ --json | jq 'select(.warnings != [])'\n  sage inspect scenes/0.pkl --tracks\n  sage inspect validation.tfrecord-00000-of-00150"
 )]
 pub(crate) struct InspectArgs {
     /// Scene files and folders.

@@ -1,8 +1,11 @@
 //! Scenes as OpenSCENARIO files: what the files say about their origin.
 
+use std::path::Path;
+
 use sage_data::{
     Recording,
     openscenario::{License, Provenance},
+    womd::is_record_path,
 };
 use serde_json::{Map, Value};
 
@@ -13,7 +16,10 @@ const PRIVATE: [&str; 2] = ["command", "weights"];
 ///
 /// *Errors*: a native file whose source is damaged.
 pub(crate) fn provenance(recording: &Recording) -> Result<Provenance, sage_data::Error> {
-    let file = recording.path.file_name().unwrap_or(recording.path.as_os_str()).to_string_lossy();
+    // The name of a pipe says nothing and may differ from run to run.
+    let is_file = recording.path.is_file() || is_record_path(&recording.path);
+    let name = recording.path.file_name().filter(|_| is_file);
+    let file = name.map_or("pipe".into(), |name| name.to_string_lossy());
     let mut provenance = Provenance::default()
         .with("by", concat!("sage ", env!("CARGO_PKG_VERSION")))
         .with("source", file)
@@ -36,7 +42,11 @@ pub(crate) fn license(recording: &Recording) -> Result<Option<License>, sage_dat
 /// The same with the facts of an attack.
 pub(crate) fn with_facts(mut provenance: Provenance, facts: &Map<String, Value>) -> Provenance {
     for (key, value) in facts.iter().filter(|(key, value)| !PRIVATE.contains(&&key[..]) && !value.is_null()) {
-        let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        let mut text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        if let Some(path) = text.strip_prefix("path:") {
+            let name = Path::new(path).file_name().unwrap_or_default();
+            text = format!("path:{}", name.to_string_lossy());
+        }
         provenance = provenance.with(key, text);
     }
     provenance

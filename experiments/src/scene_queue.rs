@@ -43,12 +43,14 @@ pub(crate) enum Failure {
 
 /// Scene files with the names of their outputs.
 ///
-/// *Errors*: two files have the same name, or a name cannot be listed in a data set.
+/// *Errors*: two scenes have the same name, or a name cannot be listed in a data set.
 pub(crate) fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
     let mut seen: HashMap<String, &Path> = HashMap::new();
     let mut inputs = Vec::with_capacity(files.len());
     for file in files {
-        let scene = input::scene_name(file)?;
+        // A record that cannot be named fails when it is read.
+        let unnamed = || file.file_name().unwrap_or_default().to_string_lossy().replace('#', "-record-");
+        let scene = input::scene_name(file).unwrap_or_else(|_| unnamed());
         if let Some(other) = seen.insert(scene.clone(), file) {
             bail!(
                 "`{}` and `{}` have the same name, so their outputs would have; rename one, or run them into two folders",

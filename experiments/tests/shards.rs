@@ -99,12 +99,13 @@ fn a_shard_becomes_a_data_set_and_the_same_shard_again() {
     assert!(at("pickles/dataset_summary.pkl").is_file());
     let names: Vec<String> =
         files(&at("pickles")).into_keys().filter(|name| name.starts_with("sd_")).collect();
-    assert!(names.iter().all(|name| name.starts_with("sd_waymo_womd_")), "{names:?}");
+    // The scenes are not Waymo's, and their records say so.
+    assert!(names.iter().all(|name| name.starts_with("sd_sage_womd_")), "{names:?}");
     convert(&shard, "native", &at("native"), &[]);
     for record in folder::scene_files(&shard).unwrap() {
         let scene = Recording::read(&record).unwrap().scene;
         let id = folder::scene_name(&record).unwrap();
-        let pickle = Recording::read(&at("pickles").join(format!("sd_waymo_womd_{id}.pkl"))).unwrap();
+        let pickle = Recording::read(&at("pickles").join(format!("sd_sage_womd_{id}.pkl"))).unwrap();
         let native = Recording::read(&at("native").join(format!("{id}.safetensors"))).unwrap();
         assert!(scene == pickle.scene && scene == native.scene, "{id}");
     }

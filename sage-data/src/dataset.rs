@@ -35,10 +35,16 @@ pub fn file_name(dataset: &str, version: &str, scene: &str) -> String {
     format!("sd_{}_{}_{scene}.pkl", plain(dataset), plain(version))
 }
 
-/// A text from the content of a file as part of a file name: any character other than a letter, digit, `.`, `_` or
-/// `-` becomes `-`.
+/// A text from the content of a file as a file name: any character other than a letter, digit, `.`, `_` or `-`
+/// becomes `-`. A text that had others, or was too long, gets a hash, so that different texts have different names.
 pub(crate) fn plain_name(text: &str) -> String {
-    replaced(text, |c| c == '_')
+    let plain = replaced(text, |c| c == '_');
+    // Names of dots are folders.
+    if plain == text && !plain.bytes().all(|byte| byte == b'.') {
+        return plain;
+    }
+    let start = plain.trim_matches('.');
+    format!("{start}-{}", &blake3::hash(text.as_bytes()).to_hex()[..8])
 }
 
 fn plain(text: &str) -> String {

@@ -47,7 +47,7 @@ pub fn scene_files(path: &Path) -> Result<Vec<PathBuf>, Error> {
 /// *Errors*: a record that cannot be read, or that is no scene.
 pub fn scene_name(path: &Path) -> Result<String, Error> {
     if womd::is_record_path(path) {
-        return womd::id_of(path, &womd::read_framed(path)?);
+        return Ok(womd::heading_of(path, &womd::read_framed(path)?)?.name);
     }
     Ok(path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned())
 }

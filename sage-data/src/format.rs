@@ -20,6 +20,13 @@ impl Format {
     /// A file that is data to one reader and a program to another would be a security risk.
     pub fn of(bytes: &[u8]) -> Option<Self> {
         match bytes {
+            // The length of a record can begin like a pickle. Python refuses the zeros that follow, but for those
+            // after BINFLOAT and UNICODE, which take any bytes.
+            [0x80, 2..=5, third, 0, 0, 0, 0, 0, ..]
+                if !matches!(third, b'G' | b'V') && womd::begins_with_record(bytes) =>
+            {
+                Some(Self::TfRecord)
+            }
             [0x80, 2..=5, ..] => Some(Self::Pickle),
             // Before native files, because a checksum may look like their brace.
             _ if womd::begins_with_record(bytes) => Some(Self::TfRecord),
@@ -43,6 +50,9 @@ mod tests {
         // The checksum of some length begins with a brace.
         let brace = (0u64..).map(|n| womd::frame(&vec![0; n as usize])).find(|record| record[8] == b'{');
         assert_eq!(Format::of(&brace.unwrap()), Some(Format::TfRecord));
+        let like_a_pickle = |third: u8| womd::frame(&vec![0; usize::from(third) << 16 | 0x0280]);
+        assert_eq!(Format::of(&like_a_pickle(1)), Some(Format::TfRecord));
+        assert_eq!(Format::of(&like_a_pickle(b'V')), Some(Format::Pickle));
         for neither in [&b""[..], b"\x80", b"\x80\x01N.", b"{}", b"no scene at all"] {
             assert_eq!(Format::of(neither), None);
         }

@@ -200,12 +200,21 @@ impl Recording {
 
     /// The recording as a `Scenario` message of the Waymo Open Motion Dataset.
     ///
-    /// *Errors*: as [`Recording::to_pickle`].
+    /// A scene that this project changed is named after its file, because all variants of a scene have its id.
+    ///
+    /// *Errors*: as [`Recording::to_pickle`]; [`Error::TooLarge`] for a record that no reader takes.
     pub fn to_scenario(&self) -> Result<EncodedScenario, Error> {
-        Ok(match self.written()? {
-            Some(document) => womd::encode(&self.scene, &document),
-            None => womd::encode(&self.scene, &metadrive::fresh(&self.scene)),
-        })
+        let is_variant = !matches!(self.source, Source::Record(_)) && self.provenance()?.is_some();
+        let stem = self.path.file_stem().filter(|_| is_variant).map(|stem| stem.to_string_lossy());
+        let encode = |document: &Document| womd::encode(&self.scene, document, stem.as_deref());
+        let encoded = match self.written()? {
+            Some(document) => encode(&document),
+            None => encode(&metadrive::fresh(&self.scene)),
+        };
+        if encoded.data.len() as u64 > womd::MAX_RECORD {
+            return Err(Error::TooLarge { path: self.path.clone(), limit: womd::MAX_RECORD });
+        }
+        Ok(encoded)
     }
 
     /// The source with the tracks of the scene.

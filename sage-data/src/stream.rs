@@ -14,8 +14,8 @@ use crate::{
 
 /// Items that are worked on before their results go to the caller.
 const WINDOW: usize = 64;
-/// Bytes of records that wait for their turn at most, besides those of one record.
-const WINDOW_BYTES: usize = 4 << 20;
+/// Bytes of scenes that wait for their turn at most, for each thread, besides those of one scene.
+const WINDOW_BYTES: usize = 2 << 20;
 
 /// Files, pipes and shards that the user gave.
 pub struct Inputs {
@@ -32,7 +32,9 @@ impl Inputs {
         let mut files = Vec::new();
         for path in paths {
             let root = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
-            files.extend(folder::files(path)?.into_iter().map(|file| (root.to_owned(), file)));
+            for file in folder::files(path)? {
+                files.push((root.to_owned(), womd::numbered(&file)?));
+            }
         }
         Ok(Self { files })
     }
@@ -80,7 +82,8 @@ pub struct Item {
 }
 
 enum Content {
-    File,
+    /// A file with its size, bytes.
+    File(usize),
     /// What a pipe held.
     Bytes(Vec<u8>),
     Record(Record),
@@ -94,21 +97,28 @@ impl Item {
         &self.path
     }
 
-    /// True for a record of a shard, which is named after its scene and not after its file.
-    pub fn is_record(&self) -> bool {
-        matches!(self.content, Content::Record(_) | Content::Broken(_)) || womd::is_record_path(&self.path)
+    /// The shard of which it is a record; `None` for a file, and for a record that was given by itself.
+    pub fn shard(&self) -> Option<&Path> {
+        match &self.content {
+            Content::Record(record) => Some(&record.shard),
+            Content::Broken(_) => Some(&self.path),
+            _ => None,
+        }
     }
 
     /// Name for outputs, without ending: the path of a file relative to the folder that was given, or the id of a
-    /// record.
+    /// record. For a record also the data set.
     ///
     /// *Errors*: a record that cannot be read, or that is no scene.
-    pub fn name(&self) -> Result<PathBuf, Error> {
-        match &self.content {
-            Content::Record(record) => Ok(record.scene_id(&self.path)?.into()),
-            _ if self.is_record() => Ok(folder::scene_name(&self.path)?.into()),
-            _ => Ok(name_of(&self.root, &self.path)),
-        }
+    pub fn name(&self) -> Result<(PathBuf, Option<String>), Error> {
+        let heading = match &self.content {
+            Content::Record(record) => record.heading()?,
+            _ if womd::is_record_path(&self.path) => {
+                womd::heading_of(&self.path, &crate::read_bytes(&self.path)?)?
+            }
+            _ => return Ok((name_of(&self.root, &self.path), None)),
+        };
+        Ok((heading.name.into(), Some(heading.dataset)))
     }
 
     /// Reads and checks the scene.
@@ -116,9 +126,9 @@ impl Item {
     /// *Errors*: as [`Recording::read`].
     pub fn read(self) -> Result<Recording, Error> {
         match self.content {
-            Content::File => Recording::read(&self.path),
+            Content::File(_) => Recording::read(&self.path),
             Content::Bytes(bytes) => Recording::from_bytes(&self.path, bytes),
-            Content::Record(record) => record.read(&self.path),
+            Content::Record(record) => record.read(),
             Content::Broken(error) => Err(error),
         }
     }
@@ -128,7 +138,8 @@ impl Item {
         match &self.content {
             Content::Bytes(bytes) => bytes.len(),
             Content::Record(record) => record.framed.len(),
-            Content::File | Content::Broken(_) => 0,
+            Content::File(size) => *size,
+            Content::Broken(_) => 0,
         }
     }
 }
@@ -148,7 +159,7 @@ impl Iterator for Items {
                 let root = root.clone();
                 match shard.next_record() {
                     Some(Ok(record)) => {
-                        let path = shard.path_of(&record);
+                        let path = record.path();
                         return Some(Item { root, path, content: Content::Record(record) });
                     }
                     Some(Err(error)) => {
@@ -179,7 +190,8 @@ enum Opened {
 
 fn open(file: &Path) -> Result<Opened, Error> {
     if !is_pipe(file) && !womd::is_shard(file) {
-        return Ok(Opened::One(Content::File));
+        let size = std::fs::metadata(file).map_or(0, |found| found.len());
+        return Ok(Opened::One(Content::File(usize::try_from(size).unwrap_or(usize::MAX))));
     }
     Ok(match womd::open(file)? {
         Open::Shard(shard) => Opened::Shard(shard),
@@ -195,9 +207,10 @@ pub fn map_in_order<I: Send, T: Send, E: Send>(
     work: impl Fn(I) -> T + Sync,
     mut take: impl FnMut(T) -> Result<(), E>,
 ) -> Result<(), E> {
+    let limit = WINDOW_BYTES * rayon::current_num_threads();
     let mut fill = || {
         let (mut window, mut bytes) = (Vec::new(), 0);
-        while window.len() < WINDOW && bytes < WINDOW_BYTES {
+        while window.len() < WINDOW && bytes < limit {
             let Some(item) = items.next() else { break };
             bytes += size(&item);
             window.push(item);

@@ -14,72 +14,87 @@ mod tfrecord;
 mod wire;
 mod words;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 pub use decode::{DATASET, VERSION};
-pub use encode::EncodedScenario;
 pub(crate) use encode::encode;
+pub use encode::{EncodedScenario, Notes};
 pub use message_error::{MessageError, MessageProblem};
 pub use record_path::{is_record_path, shard_of};
 pub(crate) use record_path::{numbered, only_record, read_framed, record_paths, split_path};
 pub(crate) use shard::{Open, count, is_gzip, is_shard_name, open};
 pub use shard::{Shard, is_shard};
-pub(crate) use tfrecord::begins_with_record;
-pub use tfrecord::{FrameProblem, Record, frame};
+pub use tfrecord::{FrameProblem, Record, frame, write_frame};
+pub(crate) use tfrecord::{MAX_RECORD, begins_with_record};
 
 use crate::{Error, Recording, dataset, pickle::Document};
 
-/// The MetaDrive values of a record with its frame, without summaries. `path` names it, such as `SHARD#3`.
+/// The MetaDrive values of a record with its frame, without summaries. `path` names it in errors, such as `SHARD#3`.
 ///
 /// *Errors*: [`Error::Shard`] for a wrong checksum, [`Error::Message`] for a record that is no scene.
 pub(crate) fn document(path: &Path, framed: &[u8]) -> Result<Document, Error> {
-    let data = tfrecord::checked_data(framed).map_err(|problem| Error::Shard {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let shard = name.rsplit_once('#').filter(|_| is_record_path(path)).map(|(shard, _)| shard);
+    let source_file = shard.unwrap_or(&name);
+    let decoded = decode::decode(data(path, framed)?, source_file);
+    decoded.map_err(|problem| Error::Message { path: path.to_owned(), problem })
+}
+
+/// Name of the scene of a record with its frame, for file names, and its data set.
+///
+/// *Errors*: as [`document`].
+pub(crate) fn heading_of(path: &Path, framed: &[u8]) -> Result<SceneHeading, Error> {
+    let heading = decode::heading(data(path, framed)?);
+    let heading = heading.map_err(|problem| Error::Message { path: path.to_owned(), problem })?;
+    Ok(SceneHeading { name: dataset::plain_name(heading.id), dataset: heading.dataset.to_owned() })
+}
+
+/// Name and data set of a scene that is not decoded.
+pub struct SceneHeading {
+    /// Its id, as part of file names.
+    pub name: String,
+    /// The data set that its MetaDrive values name.
+    pub dataset: String,
+}
+
+/// The data of a record whose place in a shard is not known.
+fn data<'r>(path: &Path, framed: &'r [u8]) -> Result<&'r [u8], Error> {
+    tfrecord::checked_data(framed).map_err(|problem| Error::Shard {
         path: path.to_owned(),
         record: 0,
         offset: 0,
         problem,
-    })?;
-    let shard = shard_of(path);
-    let source_file = shard.file_name().unwrap_or_default().to_string_lossy();
-    decode::decode(data, &source_file).map_err(|problem| Error::Message { path: path.to_owned(), problem })
+    })
 }
 
 impl Record {
-    /// Reads and checks the scene. `path` names the record, such as `SHARD#3`.
-    ///
-    /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
-    pub fn read(&self, path: &Path) -> Result<Recording, Error> {
-        Recording::of_record(path, &self.framed).map_err(|error| self.located(error))
+    /// Path of the record, such as `SHARD#3`.
+    pub fn path(&self) -> PathBuf {
+        record_path::record_path(&self.shard, self.number)
     }
 
-    /// Id of the scene.
-    pub(crate) fn scene_id(&self, path: &Path) -> Result<String, Error> {
-        id_of(path, &self.framed).map_err(|error| self.located(error))
+    /// Reads and checks the scene.
+    ///
+    /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
+    pub fn read(&self) -> Result<Recording, Error> {
+        Recording::of_record(&self.path(), &self.framed).map_err(|error| self.located(error))
+    }
+
+    /// Name and data set of the scene, which is not decoded.
+    ///
+    /// *Errors*: [`Error::Shard`] or [`Error::Message`].
+    pub fn heading(&self) -> Result<SceneHeading, Error> {
+        heading_of(&self.path(), &self.framed).map_err(|error| self.located(error))
     }
 
     /// The error with the record's number and offset in its shard.
     fn located(&self, error: Error) -> Error {
         match error {
-            Error::Shard { path, problem, .. } => {
-                let path = shard_of(&path);
+            Error::Shard { problem, .. } => {
+                let path = self.shard.clone();
                 Error::Shard { path, record: self.number, offset: self.offset, problem }
             }
             other => other,
         }
     }
-}
-
-/// Id of the scene of a record with its frame, as part of file names: it comes from the content of a file.
-///
-/// *Errors*: as [`document`].
-pub(crate) fn id_of(path: &Path, framed: &[u8]) -> Result<String, Error> {
-    let data = tfrecord::checked_data(framed).map_err(|problem| Error::Shard {
-        path: path.to_owned(),
-        record: 0,
-        offset: 0,
-        problem,
-    })?;
-    decode::id(data)
-        .map(dataset::plain_name)
-        .map_err(|problem| Error::Message { path: path.to_owned(), problem })
 }

@@ -43,7 +43,7 @@ fn read(bytes: &[u8]) -> (Vec<Recording>, Option<String>) {
         let mut shard = Shard::from_bytes(Path::new("some.tfrecord"), bytes.to_vec())?;
         while let Some(record) = shard.next_record() {
             let record = record?;
-            scenes.push(record.read(&shard.path_of(&record))?);
+            scenes.push(record.read()?);
         }
         Ok(())
     };

@@ -14,7 +14,7 @@ use std::{
 
 use sage_core::scene::{Lane, Map, Scene};
 use sage_data::{
-    Recording, folder,
+    Recording, VariantWriter, folder,
     pickle::{Document, Id, Node, same},
     procedural::{self, Kind},
     stream::Inputs,
@@ -270,7 +270,7 @@ fn a_scene_is_the_same_from_a_record_and_from_a_pickle() {
 }
 
 /// A recording as a record, read again.
-fn through_record(recording: &Recording) -> (Recording, Vec<String>) {
+fn through_record(recording: &Recording) -> (Recording, womd::Notes) {
     let encoded = recording.to_scenario().unwrap();
     let framed = womd::frame(&encoded.data);
     (Recording::from_bytes(Path::new("written.tfrecord#0"), framed).unwrap(), encoded.notes)
@@ -293,7 +293,7 @@ fn a_record_that_is_written_reads_as_the_one_that_was_read() {
     }
     for recording in shards.iter().flat_map(|shard| scenes(shard)) {
         let (again, notes) = through_record(&recording);
-        assert_eq!(notes, [""; 0], "{}", recording.path.display());
+        assert_eq!(notes, womd::Notes::new(), "{}", recording.path.display());
         assert_eq!(again.scene, recording.scene);
         let [first, second] = [&recording, &again].map(|r| r.document().unwrap().unwrap());
         let name = recording.path.display().to_string();
@@ -320,7 +320,7 @@ fn a_pickle_is_the_same_after_a_record() {
     for file in folder::scene_files(&data.join("val")).unwrap() {
         let recording = Recording::read(&file).unwrap();
         let (again, notes) = through_record(&recording);
-        assert_eq!(notes, [""; 0], "{}", file.display());
+        assert_eq!(notes, womd::Notes::new(), "{}", file.display());
         assert_eq!(again.scene, recording.scene);
         let [first, second] = [&recording, &again].map(|r| r.document().unwrap().unwrap());
         assert_same(&first, &second, &ALL, &file.display().to_string());
@@ -363,14 +363,35 @@ fn scenes_of_other_data_sets_become_records_with_notes() {
     let Some(samples) = real::samples() else { return };
     let recording = Recording::read(&samples.join("scenarionet/nuscenes_0.pkl")).unwrap();
     let (again, notes) = through_record(&recording);
-    assert!(notes.iter().any(|note| note.contains("TRAFFIC_CONE")), "{notes:?}");
+    assert!(notes["tracks of type TRAFFIC_CONE, written as OTHER"] == 5, "{notes:?}");
     assert_eq!(again.scene.tracks.len(), recording.scene.tracks.len());
     assert_eq!(again.scene.ego, recording.scene.ego);
     let overpass = Recording::read(&samples.join("scenarionet/waymo_overpass.pkl")).unwrap();
     let (again, notes) = through_record(&overpass);
-    assert_eq!(notes, [""; 0]);
+    assert_eq!(notes, womd::Notes::new());
     let [first, second] = [&overpass, &again].map(|r| r.document().unwrap().unwrap());
     assert_same(&first, &second, &ALL, "overpass");
+}
+
+#[test]
+fn a_record_keeps_the_data_set_and_how_a_scene_was_made() {
+    let scene = procedural::generate(Kind::ALL[0], 1, 0).unwrap();
+    let made = Recording::procedural(scene);
+    let (again, _) = through_record(&made);
+    assert_eq!(again.dataset().unwrap(), made.dataset().unwrap());
+    assert!(again.is_procedural().unwrap());
+    assert_eq!(scenes(&synthetic())[0].dataset().unwrap().as_deref(), Some("waymo"));
+    // An attacked scene has the id of its recording, so its record has the name of its file.
+    let folder = tempfile::tempdir().unwrap();
+    let attacked =
+        VariantWriter::new(&made).unwrap().variant(&made.scene, "{\"lambda\":1}").unwrap().to_pickle();
+    let file = folder.path().join("some-lambda1.00.pkl");
+    std::fs::write(&file, attacked).unwrap();
+    let (again, _) = through_record(&Recording::read(&file).unwrap());
+    assert_eq!(again.provenance().unwrap().as_deref(), Some("{\"lambda\":1}"));
+    assert_eq!(again.scene.id, "some-lambda1.00");
+    let (again, _) = through_record(&again);
+    assert_eq!((again.provenance().unwrap().is_some(), &again.scene.id[..]), (true, "some-lambda1.00"));
 }
 
 /// Waymo's own protos parse what is written, and an independent converter makes the same values of it.

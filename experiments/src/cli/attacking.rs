@@ -41,7 +41,7 @@ use crate::{
     after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json\n  sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/\n  sage generate scenes/ --lambda 1 --react 1.5 --out late/\n  sage generate scenes/0.pkl --ego path:drive.json --lambda 1 --out against-my-planner/"
 )]
 pub(crate) struct GenerateArgs {
-    /// Scene file, or folder of scene files.
+    /// Scene file, shard, record (SHARD#3), or folder of them.
     pub scene: PathBuf,
     /// Generator, by its name in `sage list`.
     #[arg(long, value_name = "NAME", default_value = "sage")]

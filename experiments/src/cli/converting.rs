@@ -23,7 +23,7 @@ const SHARD_SIZE: usize = 500;
 /// (SHARD#3 or SHARD#ID), a pipe (-), or a folder of files and shards.
 ///
 /// A converted file keeps its name and the folder structure; a record becomes a file named by the id of its
-/// scene. With --to pickle the folder is a data set that MetaDrive opens. The same command resumes an
+/// scene. With --to pickle, records become a data set that MetaDrive opens. The same command resumes an
 /// interrupted run. docs/formats.md lists what each format keeps.
 #[derive(Debug, Args)]
 #[command(

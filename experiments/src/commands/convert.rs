@@ -6,11 +6,11 @@ mod shards;
 use std::{
     collections::{BTreeMap, HashSet},
     path::{Path, PathBuf},
-    time::Instant,
+    time::{Instant, UNIX_EPOCH},
 };
 
 use anyhow::{Result, bail};
-use sage_data::stream::Inputs;
+use sage_data::{dataset, stream::Inputs, womd};
 use serde_json::{Value, json};
 
 use crate::{
@@ -34,9 +34,9 @@ struct Tally {
 }
 
 impl Tally {
-    fn add_notes(&mut self, notes: impl IntoIterator<Item = String>) {
-        for note in notes {
-            *self.notes.entry(note).or_default() += 1;
+    fn add_notes(&mut self, notes: impl IntoIterator<Item = (String, usize)>) {
+        for (note, count) in notes {
+            *self.notes.entry(note).or_default() += count;
         }
     }
 }
@@ -50,14 +50,15 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     if distinct.len() < names.len() {
         bail!("several inputs would become one file; convert them into separate folders");
     }
-    if args.to == ConvertFormat::Womd {
-        shards::total(&inputs)?;
-    }
     let out = &args.folder.out;
     let files: Vec<PathBuf> = inputs.files().map(Path::to_owned).collect();
-    let outputs: Vec<PathBuf> = names.iter().map(|name| name.with_extension(ending(args.to))).collect();
+    let outputs = match args.to {
+        ConvertFormat::Womd => shards::files(shards::total(&inputs)?, args.shard_size()),
+        format => names.iter().map(|name| file_name(name, format)).collect(),
+    };
     output::protect_inputs(&args.paths, &files, out, &outputs)?;
-    let run = DatasetRun::start(out, identity(args, &inputs), args.folder.force, args.shard, Vec::new)?;
+    let outdated = || if args.to == ConvertFormat::Womd { shards::outdated(out) } else { Vec::new() };
+    let run = DatasetRun::start(out, identity(args, &inputs), args.folder.force, args.shard, outdated)?;
     let mut progress = Progress::new("converted", inputs.count().filter(|_| args.shard.is_none()));
     let mut tally = Tally::default();
     let outcome = match args.to {
@@ -75,20 +76,54 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
         });
     }
     for (note, count) in notes.iter().take(MOST_NOTES) {
-        let scenes = if *count > 1 { format!(" ({count} scenes)") } else { String::new() };
-        progress.say(&format!("note: {note}{scenes}"));
+        let times = if *count > 1 { format!(" ({count} times)") } else { String::new() };
+        progress.say(&format!("note: {note}{times}"));
     }
     if notes.len() > MOST_NOTES {
         progress.say(&format!("note: and {} more of this kind", notes.len() - MOST_NOTES));
     }
-    let results = || json!({"scenes": whole, "failed": failed});
-    let seconds = |_: &Value| (failed == 0 && args.shard.is_none()).then(|| clock.elapsed().as_secs_f64());
+    // Other parts may have written scenes too.
+    let folder = run.folder().path().to_owned();
+    let done = || if args.shard.is_some() { count_files(&folder, args.to) } else { whole };
+    let results = || json!({"scenes": done(), "failed": failed});
+    let is_whole =
+        |results: &Value| args.shard.is_none() || inputs.count().is_some_and(|all| results["scenes"] == all);
+    let seconds = |results: &Value| (failed == 0 && is_whole(results)).then(|| clock.elapsed().as_secs_f64());
     run.finish(args.to == ConvertFormat::Pickle, results, None, seconds)?;
     progress.finish(&format!("{} in `{}`, {failed} failed", count(whole, "scene"), out.display()));
     if let Some(shard) = args.shard {
         progress::say(&format!("note: this is part {} of {}", shard.number, shard.of));
     }
     Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
+}
+
+/// The error of a record that ends a run, with the remedy if there is one.
+fn stopped(error: anyhow::Error) -> anyhow::Error {
+    match error.downcast_ref::<sage_data::Error>() {
+        Some(sage_data::Error::Shard { problem, .. }) if !problem.is_skippable() => error,
+        Some(sage_data::Error::Read { .. }) => error,
+        _ => error.context("a record cannot be converted; --keep-going skips it"),
+    }
+}
+
+/// Name of the file of a scene in a format.
+fn file_name(name: &Path, format: ConvertFormat) -> PathBuf {
+    // Names may hold dots, after which an extension would be replaced.
+    let mut file = name.as_os_str().to_owned();
+    file.push(".");
+    file.push(ending(format));
+    file.into()
+}
+
+/// Number of scene files of a format below a folder.
+fn count_files(folder: &Path, format: ConvertFormat) -> usize {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_table = |path: &Path| [dataset::SUMMARY, dataset::MAPPING].iter().any(|name| path.ends_with(name));
+    let is_scene =
+        |path: &Path| path.extension().is_some_and(|found| found == ending(format)) && !is_table(path);
+    entries
+        .map(|path| if path.is_dir() { count_files(&path, format) } else { usize::from(is_scene(&path)) })
+        .sum()
 }
 
 /// Ending of the files of a format.
@@ -104,17 +139,20 @@ fn ending(format: ConvertFormat) -> &'static str {
 /// What identifies a run: the options and the inputs. A run with --force is another one, because files of earlier runs
 /// do not count as its own.
 fn identity(args: &ConvertArgs, inputs: &Inputs) -> Value {
-    let size = |file: &Path| std::fs::metadata(file).map_or(0, |found| found.len());
     let is_scenario = args.to == ConvertFormat::Openscenario;
+    let mut hasher = blake3::Hasher::new();
+    for file in inputs.files() {
+        let found = std::fs::metadata(womd::shard_of(file).as_deref().unwrap_or(file)).ok();
+        let changed = found.as_ref().and_then(|found| found.modified().ok()?.duration_since(UNIX_EPOCH).ok());
+        let described = (file, found.map(|found| found.len()), changed.map(|time| time.as_nanos()));
+        hasher.update(format!("{described:?}").as_bytes());
+    }
     json!({
         "convert": ending(args.to),
         "standard": is_scenario.then(|| args.standard.unwrap_or_default().name()),
         "ego": is_scenario.then(|| args.ego.unwrap_or_default().name()),
         "shard_size": (args.to == ConvertFormat::Womd).then(|| args.shard_size()),
-        "paths": args.paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>(),
-        "files": inputs.files().count(),
-        "bytes": inputs.files().map(size).sum::<u64>(),
-        "keep_going": args.keep_going,
+        "inputs": hasher.finalize().to_hex()[..16],
         "force": args.folder.force,
         "program": output::program(),
     })

@@ -1,13 +1,17 @@
 //! `sage inspect`: summarises scenes in order, one row each; files are read in parallel.
 
-use std::{collections::BTreeMap, io::Write, path::PathBuf};
+use std::{
+    collections::BTreeMap,
+    io::Write,
+    path::{Path, PathBuf},
+};
 
 use anyhow::Result;
 use sage_core::scene::Scene;
 use sage_data::{
     checks::{Duplicates, Summary},
     stream::{Inputs, Item, map_in_order},
-    womd::shard_of,
+    womd::is_record_path,
 };
 use serde_json::json;
 
@@ -22,12 +26,12 @@ struct Row {
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
     let inputs = Inputs::under(&args.paths)?;
     let read = |item: Item| {
-        let (name, path, is_record) = (scene_name(&item), item.path().to_owned(), item.is_record());
+        let (name, shard) = (scene_name(&item), item.shard().map(Path::to_owned));
         let row = item.read().map(|recording| Row {
             summary: Summary::of(&name, &recording.scene),
             tracks: if args.tracks { list_tracks(&recording.scene) } else { Vec::new() },
         });
-        Found { name, path, is_record, row }
+        Found { name, shard, row }
     };
     let mut report = Report {
         out: std::io::stdout().lock(),
@@ -40,13 +44,12 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
     let mut stopped = None;
     map_in_order(inputs.items(), Item::size, read, |found| -> Result<()> {
         // Without --keep-going, the first broken record of a shard ends it.
-        let shard = found.is_record.then(|| shard_of(&found.path));
-        if shard.is_some() && shard == stopped {
+        if found.shard.is_some() && found.shard == stopped {
             report.total.left_out += 1;
             return Ok(());
         }
         if found.row.is_err() && !args.keep_going {
-            stopped = shard;
+            stopped = found.shard.clone();
         }
         report.row(found)
     })?;
@@ -56,15 +59,16 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
 /// A scene with the name of its row.
 struct Found {
     name: String,
-    path: PathBuf,
-    is_record: bool,
+    /// The shard of a record.
+    shard: Option<PathBuf>,
     row: Result<Row, sage_data::Error>,
 }
 
 /// Name of a scene: its file's, without the ending, or a record's as `SHARD#3`.
 fn scene_name(item: &Item) -> String {
     let path = item.path();
-    let name = if item.is_record() { path.file_name() } else { path.file_stem() };
+    let is_record = item.shard().is_some() || is_record_path(path);
+    let name = if is_record { path.file_name() } else { path.file_stem() };
     match path.to_str() {
         Some("-") => "stdin".to_owned(),
         _ => name.unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
@@ -136,7 +140,7 @@ impl<W: Write> Report<W> {
     }
 
     fn row(&mut self, found: Found) -> Result<()> {
-        let Found { name, path, is_record, row } = found;
+        let Found { name, shard, row } = found;
         let Row { mut summary, tracks } = match row {
             Ok(row) => row,
             Err(error) => {
@@ -162,8 +166,7 @@ impl<W: Write> Report<W> {
         }
         // The name of a shard has no room in a column, so it stands above its records.
         let mut label = terminal::escaped_name(&summary.scene);
-        if is_record {
-            let shard = shard_of(&path);
+        if let Some(shard) = shard {
             if self.shard.as_ref() != Some(&shard) {
                 writeln!(self.out, "{}:", terminal::escaped_name(&shard.to_string_lossy()))?;
                 self.shard = Some(shard);

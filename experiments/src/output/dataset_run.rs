@@ -66,7 +66,7 @@ impl DatasetRun {
             let is_unused = record.as_ref().is_some_and(|r| r["run"].is_object() && r["seconds"].is_null());
             if !run.folder.holds_at_most(if is_unused { &[RECORD] } else { &[] })? {
                 bail!(
-                    "`{}` is not empty and holds no run of the same command, weights and program; give --force to write into it anyway",
+                    "`{}` is not empty and holds no run of the same command, inputs and program; give --force to write into it anyway",
                     path.display()
                 );
             }

@@ -15,11 +15,12 @@ use sage_core::motion::{HISTORY, MAX_COORDINATE};
 use super::{
     message_error::{MessageError, MessageProblem, Place},
     wire::{Field, Message},
-    words::OBJECT_TYPES,
+    words::{DIFFICULTIES, OBJECT_TYPES},
 };
 use crate::{
     metadrive::MAX_FRAMES,
     pickle::{Document, Id},
+    variants::PROVENANCE,
 };
 use values::{Budget, DICT, ENTRY, Values};
 
@@ -28,9 +29,17 @@ pub const DATASET: &str = "waymo";
 /// Its version there; records do not tell the true one.
 pub const VERSION: &str = "womd";
 
+/// Fields that this project adds to records, which other readers skip as unknown: the data set of a scene that is not
+/// Waymo's, and how a scene was made.
+pub(super) const FIELD_DATASET: u32 = 7001;
+pub(super) const FIELD_PROVENANCE: u32 = 7002;
+
 /// A `Scenario` whose parts are not decoded yet.
 struct Scenario<'r> {
     id: &'r str,
+    dataset: &'r str,
+    /// How the scene was made, if this project made it.
+    provenance: Option<&'r str>,
     /// Size of the record, bytes.
     record_size: usize,
     timestamps: Vec<f32>,
@@ -73,22 +82,38 @@ pub(super) fn decode(record: &[u8], source_file: &str) -> Result<Document, Messa
     Ok(values.document)
 }
 
-/// The id of a record. The rest is not decoded.
+/// What a record says of itself before it is decoded.
+pub(super) struct Heading<'r> {
+    pub(super) id: &'r str,
+    pub(super) dataset: &'r str,
+}
+
+/// The id and the data set of a record. The rest is not decoded.
 ///
 /// *Errors*: a record that is no `Scenario`.
-pub(super) fn id(record: &[u8]) -> Result<&str, MessageError> {
+pub(super) fn heading(record: &[u8]) -> Result<Heading<'_>, MessageError> {
     let root = Place::ROOT;
     if record.is_empty() {
         return Err(MessageError::at(0, &root, MessageProblem::Empty));
     }
-    let mut id = None;
+    let mut found = Heading { id: "", dataset: DATASET };
     let mut fields = Message { bytes: record, offset: 0 }.fields();
     while let Some(field) = fields.next(&root).map_err(|error| foreign::explained(record, error))? {
-        if field.number == 5 {
-            id = Some(field.text(&root.field("scenario_id"))?);
+        match field.number {
+            5 => found.id = field.text(&root.field("scenario_id"))?,
+            FIELD_DATASET => found.dataset = field.text(&root.field("sage_dataset"))?,
+            _ => {}
         }
     }
-    id.ok_or_else(|| foreign::refused(record, "it has no scenario_id"))
+    match found.id {
+        "" => Err(foreign::explained(record, missing_id())),
+        _ => Ok(found),
+    }
+}
+
+/// The error of a record without an id, after which scenes are named.
+fn missing_id() -> MessageError {
+    MessageError::value(0, &Place::ROOT.field("scenario_id"), "missing", "the id of the scene")
 }
 
 /// The fields of the outermost message.
@@ -99,6 +124,8 @@ fn scenario<'r>(record: &'r [u8], budget: &mut Budget) -> Result<Scenario<'r>, M
     }
     let mut found = Scenario {
         id: "",
+        dataset: DATASET,
+        provenance: None,
         record_size: record.len(),
         timestamps: Vec::new(),
         tracks: Vec::new(),
@@ -132,6 +159,9 @@ fn scenario<'r>(record: &'r [u8], budget: &mut Budget) -> Result<Scenario<'r>, M
         let expected = format!("{HISTORY} to {MAX_FRAMES} frames");
         return Err(MessageError::value(0, &place, format!("a list of {frames} frames"), expected));
     }
+    if found.id.is_empty() {
+        return Err(missing_id());
+    }
     Ok(found)
 }
 
@@ -141,6 +171,8 @@ fn add<'r>(found: &mut Scenario<'r>, field: Field<'r>, budget: &mut Budget) -> R
     const TRACK: usize = 400;
     const FEATURE: usize = 200;
     const OTHER: usize = 150;
+    /// Limit of a time, seconds: beyond any clock.
+    const MAX_SECONDS: f64 = 1e15;
     let root = Place::ROOT;
     let mut message = |name: &'static str, list: &mut Vec<Message<'r>>, bytes: usize| {
         let place = root.item(name, list.len());
@@ -151,8 +183,9 @@ fn add<'r>(found: &mut Scenario<'r>, field: Field<'r>, budget: &mut Budget) -> R
         1 => {
             let place = root.field("timestamps_seconds");
             field.doubles(&place, |offset, seconds| {
-                if !seconds.is_finite() {
-                    return Err(MessageError::value(offset, &place, seconds, "a finite number of seconds"));
+                if !(seconds.abs() <= MAX_SECONDS) {
+                    let expected = format!("a finite number of seconds within ±{MAX_SECONDS:e}");
+                    return Err(MessageError::value(offset, &place, seconds, expected));
                 }
                 found.timestamps.push(seconds as f32);
                 budget.spend(size_of::<f32>() + size_of::<f64>(), offset, &place, "frames")
@@ -178,6 +211,16 @@ fn add<'r>(found: &mut Scenario<'r>, field: Field<'r>, budget: &mut Budget) -> R
         10 => {
             found.current_time_index = field.int32(&root.field("current_time_index"))?;
             Ok(())
+        }
+        FIELD_DATASET | FIELD_PROVENANCE => {
+            let place =
+                root.field(if field.number == FIELD_DATASET { "sage_dataset" } else { "sage_provenance" });
+            let text = field.text(&place)?;
+            match field.number {
+                FIELD_DATASET => found.dataset = text,
+                _ => found.provenance = Some(text),
+            }
+            budget.spend(text.len(), field.offset, &place, "text")
         }
         11 => message("tracks_to_predict", &mut found.predictions, OTHER + DICT + 4 * ENTRY),
         _ => Ok(()),
@@ -210,13 +253,13 @@ fn metadata(
     let frames = scenario.timestamps.len();
     let seconds = values.floats(&[frames], &scenario.timestamps);
     let (id, file) = (values.text(scenario.id), values.text(source_file));
-    let dataset = values.word(DATASET);
+    let (coordinate, dataset) = (values.word(DATASET), values.text(scenario.dataset));
     let [length, now, index] =
         [frames as i64, scenario.current_time_index.into(), index.into()].map(|value| values.int(value));
     let processed = values.bool(false);
-    Ok(values.dict([
+    let metadata = values.dict([
         ("id", id),
-        ("coordinate", dataset),
+        ("coordinate", coordinate),
         ("ts", seconds),
         ("metadrive_processed", processed),
         ("sdc_id", ego.name),
@@ -228,7 +271,12 @@ fn metadata(
         ("sdc_track_index", index),
         ("objects_of_interest", interest),
         ("tracks_to_predict", predictions),
-    ]))
+    ]);
+    if let Some(provenance) = scenario.provenance {
+        let provenance = values.text(provenance);
+        values.document.set(metadata, PROVENANCE, provenance);
+    }
+    Ok(metadata)
 }
 
 /// `tracks_to_predict`: by id, the later of two with the same id at the place of the earlier.
@@ -244,7 +292,11 @@ fn predictions(scenario: &Scenario, tracks: &[TrackEntry], values: &mut Values) 
         while let Some(field) = fields.next(&place)? {
             match field.number {
                 1 => (index, offset) = (field.int32(&place.field("track_index"))?, field.offset),
-                2 => difficulty = field.int32(&place.field("difficulty"))?,
+                2 => {
+                    let place = place.field("difficulty");
+                    field.word(&DIFFICULTIES, &place)?;
+                    difficulty = field.int32(&place)?;
+                }
                 _ => {}
             }
         }
@@ -280,7 +332,9 @@ fn checked(value: f64, field: &Field, place: &Place, name: &'static str) -> Resu
         return Ok(value);
     }
     let expected = format!("a finite number within ±{MAX_COORDINATE:e}");
-    Err(MessageError::value(field.offset, &place.field(name), value, expected))
+    // In full, a number may have 300 digits.
+    let found = if value.abs() < 1e16 { value.to_string() } else { format!("{value:e}") };
+    Err(MessageError::value(field.offset, &place.field(name), found, expected))
 }
 
 /// The word of a known track type.

@@ -7,7 +7,7 @@ mod ids;
 mod map;
 mod message;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use sage_core::{
     motion::{DT, NOW},
@@ -15,8 +15,14 @@ use sage_core::{
 };
 use serde_json::{Value, json};
 
-use super::words::{OBJECT_TYPES, SIGNAL_STATES};
-use crate::pickle::{Document, Id, Node};
+use super::{
+    decode::{DATASET, FIELD_DATASET, FIELD_PROVENANCE},
+    words::{OBJECT_TYPES, SIGNAL_STATES},
+};
+use crate::{
+    pickle::{Document, Id, Node},
+    variants::PROVENANCE,
+};
 use ids::Ids;
 use message::Writer;
 
@@ -26,22 +32,22 @@ pub struct EncodedScenario {
     pub data: Vec<u8>,
     /// Ids by number, if the ids of tracks or features are texts; `None` if all kept their values.
     pub ids: Option<Value>,
-    /// What could not be kept.
-    pub notes: Vec<String>,
+    /// What could not be kept, and how often.
+    pub notes: Notes,
 }
 
-/// Counts of what could not be kept.
-#[derive(Default)]
-struct Notes(BTreeMap<String, usize>);
+/// What could not be kept, and how often.
+pub type Notes = BTreeMap<String, usize>;
 
-impl Notes {
-    fn add(&mut self, what: impl Into<String>) {
-        *self.0.entry(what.into()).or_default() += 1;
-    }
+/// Counts one more of what could not be kept.
+fn note(notes: &mut Notes, what: impl Into<String>) {
+    *notes.entry(what.into()).or_default() += 1;
 }
 
 /// Encodes a scene and its MetaDrive values, which list tracks, features and lights in the same order.
-pub(crate) fn encode(scene: &Scene, document: &Document) -> EncodedScenario {
+///
+/// `id` replaces the id of the scene, which variants of one scene share.
+pub(crate) fn encode(scene: &Scene, document: &Document, id: Option<&str>) -> EncodedScenario {
     let (tracks, features) = (Ids::of_tracks(scene), Ids::of_features(scene));
     let mut notes = Notes::default();
     let metadata = document.get(document.root(), "metadata");
@@ -54,28 +60,39 @@ pub(crate) fn encode(scene: &Scene, document: &Document) -> EncodedScenario {
     for track in &scene.tracks {
         out.message(2, |out| write_track(out, track, &tracks, &mut notes));
     }
+    let index: HashMap<&str, usize> =
+        scene.tracks.iter().enumerate().map(|(k, track)| (&track.id[..], k)).collect();
     let interest = get("objects_of_interest").and_then(|list| document.items(list)).unwrap_or_default();
     for id in interest {
-        let id = document.identifier(*id).filter(|id| scene.tracks.iter().any(|track| track.id == *id));
+        let id = document.identifier(*id).filter(|id| index.contains_key(&id[..]));
         match id.and_then(|id| tracks.get(&id)) {
             Some(id) => out.integer(4, id),
-            None => notes.add("objects of interest that are no tracks"),
+            None => note(&mut notes, "objects of interest that are no tracks"),
         }
     }
-    let id = get("scenario_id").and_then(|id| document.identifier(id)).unwrap_or_else(|| scene.id.clone());
+    let own =
+        || get("scenario_id").and_then(|id| document.identifier(id)).unwrap_or_else(|| scene.id.clone());
+    let id = id.map_or_else(own, str::to_owned);
     out.bytes(5, id.as_bytes());
     out.integer(6, scene.ego as i64);
     write_lights(&mut out, scene, document, &features, &mut notes);
     map::write(&mut out, scene, document, &features, &mut notes);
     let now = get("current_time_index").and_then(|now| document.integer(now));
     out.integer(10, now.filter(|now| i32::try_from(*now).is_ok()).unwrap_or(NOW as i64));
-    write_predictions(&mut out, scene, document, get("tracks_to_predict"), &mut notes);
+    write_predictions(&mut out, &index, document, get("tracks_to_predict"), &mut notes);
+    let text = |key: &str| get(key).and_then(|value| document.text(value));
+    // Without it, readers take the scene for Waymo's.
+    if let Some(dataset) = text("dataset").filter(|dataset| *dataset != DATASET) {
+        out.bytes(FIELD_DATASET, dataset.as_bytes());
+    }
+    if let Some(provenance) = text(PROVENANCE) {
+        out.bytes(FIELD_PROVENANCE, provenance.as_bytes());
+    }
     let tables = json!({"tracks": table(&tracks), "map_features": table(&features)});
     let is_numbered = tables.as_object().is_some_and(|tables| tables.values().any(|table| !table.is_null()));
     if is_numbered {
-        notes.add("scenes with ids that are no integers; ids.json lists their numbers");
+        note(&mut notes, "scenes with ids that are no integers, which `ids.json` lists by their numbers");
     }
-    let notes = notes.0.into_iter().map(|(what, count)| format!("{count} {what}")).collect();
     EncodedScenario { data: out.0, ids: is_numbered.then_some(tables), notes }
 }
 
@@ -91,7 +108,7 @@ fn write_track(out: &mut Writer, track: &Track, ids: &Ids, notes: &mut Notes) {
     out.integer(1, ids.get(&track.id).unwrap_or(0));
     let kind = OBJECT_TYPES.iter().skip(1).position(|word| *word == track.kind.name());
     if kind.is_none() {
-        notes.add(format!("tracks of type {}, written as OTHER", track.kind.name()));
+        note(notes, format!("tracks of type {}, written as OTHER", track.kind.name()));
     }
     out.integer(2, kind.map_or(OBJECT_TYPES.len() - 1, |kind| kind + 1) as i64);
     for frame in 0..track.valid.len() {
@@ -125,7 +142,7 @@ fn write_lights(out: &mut Writer, scene: &Scene, document: &Document, features: 
     let mut columns = Vec::with_capacity(lights.len());
     for (light, (_, entry)) in scene.lights.iter().zip(lights) {
         let Some(lane) = features.get(&light.lane) else {
-            notes.add("lights of lanes that are not in the map");
+            note(notes, "lights of lanes that are not in the map");
             continue;
         };
         let words = document.get(*entry, "state").and_then(|state| document.get(state, "object_state"));
@@ -156,7 +173,7 @@ fn signal_state(document: &Document, word: Option<Id>, state: LightState, notes:
     if let Some(number) = SIGNAL_STATES.iter().position(|known| *known == text) {
         return Some(number as i64);
     }
-    notes.add(format!("states {text} of lights, written as stop, caution, go or unknown"));
+    note(notes, format!("states {text} of lights, written as stop, caution, go or unknown"));
     Some(match state {
         LightState::Unknown => 0,
         LightState::Stop => 4,
@@ -167,22 +184,26 @@ fn signal_state(document: &Document, word: Option<Id>, state: LightState, notes:
 
 fn write_predictions(
     out: &mut Writer,
-    scene: &Scene,
+    index: &HashMap<&str, usize>,
     document: &Document,
     list: Option<Id>,
     notes: &mut Notes,
 ) {
     let entries = list.and_then(|list| document.entries(list)).unwrap_or_default();
     for (key, entry) in entries {
-        let id = document.identifier(*key);
-        let Some(index) = scene.tracks.iter().position(|track| Some(&track.id) == id.as_ref()) else {
-            notes.add("tracks to predict that are no tracks");
+        let id = document.identifier(*key).unwrap_or_default();
+        let Some(index) = index.get(&id[..]).copied() else {
+            note(notes, "tracks to predict that are no tracks");
             continue;
         };
         let difficulty = document.get(*entry, "difficulty").and_then(|level| document.integer(level));
+        let known = difficulty.filter(|level| (0..=2).contains(level));
+        if difficulty.is_some() && known.is_none() {
+            note(notes, "difficulties other than 0, 1 and 2, written as 0");
+        }
         out.message(11, |out| {
             out.integer(1, index as i64);
-            out.integer(2, difficulty.filter(|level| (0..=2).contains(level)).unwrap_or(0));
+            out.integer(2, known.unwrap_or(0));
         });
     }
 }

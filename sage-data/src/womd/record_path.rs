@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{
     decode,
     shard::{Shard, is_shard},
-    tfrecord::{FOOTER, HEADER, checked_data},
+    tfrecord::{checked_data, frame_length},
 };
 use crate::Error;
 
@@ -17,18 +17,17 @@ pub(super) fn record_path(shard: &Path, number: usize) -> PathBuf {
     path.into()
 }
 
-/// The shard of a path such as `SHARD#3`; other paths as they are.
-pub fn shard_of(path: &Path) -> PathBuf {
-    let text = path.to_string_lossy();
-    text.rsplit_once('#').map_or_else(|| path.to_owned(), |(shard, _)| PathBuf::from(shard))
-}
-
 /// The shard and the record that a path such as `SHARD#3` names; `None` for other paths.
 pub(crate) fn split_path(path: &Path) -> Option<(PathBuf, String)> {
     let (shard, record) = path.to_str()?.rsplit_once('#')?;
     // A record, or a file whose name holds a `#`.
     let names_record = !record.is_empty() && !path.exists() && is_shard(Path::new(shard));
     names_record.then(|| (PathBuf::from(shard), record.to_owned()))
+}
+
+/// The shard of a path such as `SHARD#3`; `None` for other paths.
+pub fn shard_of(path: &Path) -> Option<PathBuf> {
+    split_path(path).map(|(shard, _)| shard)
 }
 
 /// True if a path names a record of a shard, such as `SHARD#3`.
@@ -40,15 +39,20 @@ pub fn is_record_path(path: &Path) -> bool {
 ///
 /// *Errors*: [`Error::Read`], or [`Error::Shard`] if not even the first record is there.
 pub(crate) fn record_paths(shard: &Path) -> Result<Vec<PathBuf>, Error> {
+    Ok((0..count_records(shard)?).map(|number| record_path(shard, number)).collect())
+}
+
+/// Number of records of a shard, as [`record_paths`] lists them.
+pub(super) fn count_records(shard: &Path) -> Result<usize, Error> {
     let mut records = Shard::open(shard)?;
-    let mut paths = Vec::new();
+    let mut count = 0;
     while let Some(skipped) = records.skip_record() {
-        if paths.is_empty() {
+        if count == 0 {
             skipped?;
         }
-        paths.push(record_path(shard, paths.len()));
+        count += 1;
     }
-    Ok(paths)
+    Ok(count)
 }
 
 /// The path of a record by its number, for one that names it by its id.
@@ -56,15 +60,16 @@ pub(crate) fn record_paths(shard: &Path) -> Result<Vec<PathBuf>, Error> {
 /// *Errors*: there is no such record; [`Error::Read`] or [`Error::Shard`].
 pub(crate) fn numbered(path: &Path) -> Result<PathBuf, Error> {
     let Some((shard, wanted)) = split_path(path) else { return Ok(path.to_owned()) };
-    let count = record_paths(&shard)?.len();
-    if let Some(number) = wanted.parse().ok().filter(|number| *number < count) {
+    let count = count_records(&shard)?;
+    if let Some(number) = number(&wanted).filter(|number| *number < count) {
         return Ok(record_path(&shard, number));
     }
     let mut records = Shard::open(&shard)?;
     while let Some(record) = records.next_record() {
         let record = record?;
-        if checked_data(&record.framed).is_ok_and(|data| decode::id(data).is_ok_and(|id| id == wanted)) {
-            return Ok(records.path_of(&record));
+        let is_it = |data: &[u8]| decode::heading(data).is_ok_and(|heading| heading.id == wanted);
+        if checked_data(&record.framed).is_ok_and(is_it) {
+            return Ok(record.path());
         }
     }
     Err(Error::Field {
@@ -80,17 +85,22 @@ pub(crate) fn numbered(path: &Path) -> Result<PathBuf, Error> {
 /// *Errors*: as [`numbered`]; several records.
 pub(crate) fn read_framed(path: &Path) -> Result<Vec<u8>, Error> {
     let Some((shard, wanted)) = split_path(path) else {
-        return match record_paths(path)?.len() {
+        return match count_records(path)? {
             1 => read_number(path, 0)?.ok_or_else(|| several(path, 0)),
             count => Err(several(path, count)),
         };
     };
-    let found = wanted.parse().ok().map(|number| read_number(&shard, number)).transpose()?.flatten();
+    let found = number(&wanted).map(|number| read_number(&shard, number)).transpose()?.flatten();
     match found {
         Some(framed) => Ok(framed),
         // A number beyond the last record may be an id.
         None => read_framed(&numbered(path)?),
     }
+}
+
+/// The number of a record in a path; `None` for an id.
+fn number(text: &str) -> Option<usize> {
+    text.parse().ok().filter(|_| text.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// A record with its frame, by its number; `None` beyond the last.
@@ -116,7 +126,8 @@ fn read_number(shard: &Path, number: usize) -> Result<Option<Vec<u8>>, Error> {
 ///
 /// *Errors*: [`Error::Shard`]; several records.
 pub(crate) fn only_record(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Error> {
-    if checked_data(&bytes).is_ok_and(|data| data.len() + HEADER + FOOTER == bytes.len()) {
+    // Whoever decodes the record verifies its data.
+    if frame_length(&bytes).is_ok_and(|length| length == bytes.len() as u64) {
         return Ok(bytes);
     }
     let mut records = Shard::from_bytes(path, bytes)?;

@@ -9,7 +9,7 @@ use flate2::read::MultiGzDecoder;
 use sage_core::files::{self, Opened};
 
 use super::{
-    record_path::{record_path, record_paths},
+    record_path::count_records,
     tfrecord::{
         Failure, FrameError, FrameProblem, Frames, HEADER, Record, Source, begins_with_record, read_up_to,
     },
@@ -66,9 +66,9 @@ impl Shard {
         let inflated = Box::new(MultiGzDecoder::new(BufReader::new(source)));
         let (start, inflated) = with_start(inflated).map_err(|error| fail(FrameProblem::gzip(&error)))?;
         match other_format(&start) {
-            Some(found) => {
-                Err(fail(FrameProblem::NotTfRecord(format!("gzip of {found}; decompress it first"))))
-            }
+            Some(found) => Err(fail(FrameProblem::NotTfRecord(format!(
+                "compressed: decompress it first; inside is {found}"
+            )))),
             None => Ok(Self { path: path.to_owned(), frames: Frames::new(Source::Stream(inflated, true)) }),
         }
     }
@@ -77,7 +77,7 @@ impl Shard {
     ///
     /// *Errors*: [`Error::Shard`] or [`Error::Read`].
     pub fn next_record(&mut self) -> Option<Result<Record, Error>> {
-        let next = self.frames.next()?;
+        let next = self.frames.next(&self.path)?;
         Some(next.map_err(|error| located(&self.path, error)))
     }
 
@@ -90,11 +90,6 @@ impl Shard {
     /// The file.
     pub(crate) fn path(&self) -> &Path {
         &self.path
-    }
-
-    /// Path of one of its records.
-    pub fn path_of(&self, record: &Record) -> PathBuf {
-        record_path(&self.path, record.number)
     }
 }
 
@@ -126,7 +121,7 @@ fn other_format(start: &[u8]) -> Option<String> {
         _ if is_gzip(start) => ("a gzip file", "gz"),
         _ => return None,
     };
-    Some(format!("{what}, which is no TFRecord file; its name must end in .{ending}"))
+    Some(format!("{what}, which is no TFRecord file; give it a name that ends in .{ending}"))
 }
 
 /// A shard, or bytes of another format.
@@ -174,9 +169,15 @@ pub fn is_shard(path: &Path) -> bool {
         && (is_shard_name(path) || files::read_start(path, START as u64).is_ok_and(|start| is_start(&start)))
 }
 
-/// True if a path names a shard, as the files of the data set are named: it holds `tfrecord`.
+/// True if a path names a shard, as the files of the data set are named: it holds `tfrecord`, and then at most the
+/// number of the shard and `.gz`.
 pub(crate) fn is_shard_name(path: &Path) -> bool {
-    path.file_name().is_some_and(|name| name.to_string_lossy().contains(NAME))
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let Some((_, rest)) = name.rsplit_once(NAME) else { return false };
+    let rest = rest.strip_suffix(".gz").unwrap_or(rest);
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let numbers = rest.strip_prefix('-').and_then(|rest| rest.split_once("-of-"));
+    rest.is_empty() || numbers.is_some_and(|(number, of)| is_number(number) && is_number(of))
 }
 
 /// Number of scenes in a file; `None` for a compressed shard, which would have to be read.
@@ -186,5 +187,5 @@ pub(crate) fn count(file: &Path) -> Option<usize> {
     }
     let start = files::read_start(file, START as u64).unwrap_or_default();
     // A shard that cannot be read counts as one failure.
-    if is_gzip(&start) { None } else { Some(record_paths(file).map_or(1, |paths| paths.len())) }
+    if is_gzip(&start) { None } else { Some(count_records(file).unwrap_or(1)) }
 }

@@ -11,7 +11,8 @@
 
 use std::{
     fs::File,
-    io::{self, ErrorKind, Read, Seek, SeekFrom},
+    io::{self, ErrorKind, Read, Seek, SeekFrom, Write},
+    path::{Path, PathBuf},
 };
 
 /// Bytes before the data of a record.
@@ -19,7 +20,7 @@ pub(super) const HEADER: usize = 12;
 /// Bytes after the data of a record.
 pub(super) const FOOTER: usize = 4;
 /// Limit of the length of a record, bytes. Records without lidar have about 1 MB.
-pub(super) const MAX_RECORD: u64 = 64 << 20;
+pub(crate) const MAX_RECORD: u64 = 64 << 20;
 
 /// The checksum of TFRecord: a rotated CRC-32C with a constant added, so that data that holds checksums has none of
 /// its own.
@@ -87,6 +88,8 @@ pub(super) enum Failure {
 
 /// A record with its frame. The checksum of its data is not verified yet.
 pub struct Record {
+    /// The file.
+    pub shard: PathBuf,
     /// Number of the record in its file, from 0.
     pub number: usize,
     /// Offset of the record in the file, after decompression, bytes.
@@ -127,6 +130,11 @@ fn data_length(header: &[u8]) -> Result<u64, FrameProblem> {
     }
 }
 
+/// Length of a record with its frame, from its header.
+pub(super) fn frame_length(framed: &[u8]) -> Result<u64, FrameProblem> {
+    Ok(data_length(framed)? + (HEADER + FOOTER) as u64)
+}
+
 /// True if a file begins with the header of a record.
 pub(crate) fn begins_with_record(bytes: &[u8]) -> bool {
     !matches!(data_length(bytes), Err(FrameProblem::LengthChecksum | FrameProblem::Truncated { .. }))
@@ -134,13 +142,22 @@ pub(crate) fn begins_with_record(bytes: &[u8]) -> bool {
 
 /// A record around some data, with both checksums.
 pub fn frame(data: &[u8]) -> Vec<u8> {
-    let length = (data.len() as u64).to_le_bytes();
     let mut framed = Vec::with_capacity(HEADER + data.len() + FOOTER);
-    framed.extend(length);
-    framed.extend(masked_crc(&length).to_le_bytes());
-    framed.extend(data);
-    framed.extend(masked_crc(data).to_le_bytes());
+    // Writing into memory does not fail.
+    let _ = write_frame(&mut framed, data);
     framed
+}
+
+/// Writes a record around some data. Returns its length, bytes.
+///
+/// *Errors*: those of `out`.
+pub fn write_frame(out: &mut (impl Write + ?Sized), data: &[u8]) -> io::Result<u64> {
+    let length = (data.len() as u64).to_le_bytes();
+    out.write_all(&length)?;
+    out.write_all(&masked_crc(&length).to_le_bytes())?;
+    out.write_all(data)?;
+    out.write_all(&masked_crc(data).to_le_bytes())?;
+    Ok((HEADER + data.len() + FOOTER) as u64)
 }
 
 /// Bytes of a file, a pipe, or a decompressor.
@@ -189,10 +206,10 @@ impl Frames {
     }
 
     /// The next record; `None` at the end of the file, and after an error.
-    pub(super) fn next(&mut self) -> Option<Result<Record, FrameError>> {
+    pub(super) fn next(&mut self, shard: &Path) -> Option<Result<Record, FrameError>> {
         let (number, offset) = (self.number, self.offset);
         let framed = self.advance(read_record)?;
-        Some(framed.map(|framed| Record { number, offset, framed }))
+        Some(framed.map(|framed| Record { shard: shard.to_owned(), number, offset, framed }))
     }
 
     /// Skips the next record; `None` as for [`Frames::next`].
@@ -305,7 +322,7 @@ mod tests {
                 Frames::new(Source::Stream(Box::new(io::Cursor::new(file[..cut].to_vec())), false));
             let mut whole = Vec::new();
             let end = loop {
-                match frames.next() {
+                match frames.next(Path::new("some")) {
                     Some(Ok(record)) => whole.push(checked_data(&record.framed).unwrap().len()),
                     Some(Err(error)) => break Some(error.problem),
                     None => break None,

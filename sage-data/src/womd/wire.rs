@@ -247,7 +247,9 @@ impl<'r> Field<'r> {
     /// *Errors*: another wire type, or a number that does not fit.
     pub(super) fn int32(&self, place: &Place) -> Result<i32, MessageError> {
         let value = self.int64(place)?;
-        i32::try_from(value).map_err(|_| MessageError::value(self.offset, place, value, "a 32-bit integer"))
+        // Some writers encode a negative number in 32 bits.
+        let narrow = i32::try_from(value).ok().or(u32::try_from(value).ok().map(|value| value as i32));
+        narrow.ok_or_else(|| MessageError::value(self.offset, place, value, "a 32-bit integer"))
     }
 
     /// A bool.

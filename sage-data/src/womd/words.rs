@@ -3,6 +3,9 @@
 /// Words of `Track.ObjectType`.
 pub(super) const OBJECT_TYPES: [&str; 5] = ["UNSET", "VEHICLE", "PEDESTRIAN", "CYCLIST", "OTHER"];
 
+/// Words of `RequiredPrediction.DifficultyLevel`.
+pub(super) const DIFFICULTIES: [&str; 3] = ["NONE", "LEVEL_1", "LEVEL_2"];
+
 /// Words of `LaneCenter.LaneType`.
 pub(super) const LANE_TYPES: [&str; 4] =
     ["LANE_UNKNOWN", "LANE_FREEWAY", "LANE_SURFACE_STREET", "LANE_BIKE_LANE"];

@@ -11,9 +11,10 @@ use sage_data::{
     Recording, dataset,
     openscenario::{Export, Options},
     stream::{Inputs, Item, map_in_order},
+    womd::VERSION,
 };
 
-use super::{Tally, ending};
+use super::{Tally, file_name};
 use crate::{
     cli::{ConvertArgs, ConvertFormat},
     output::{self, DatasetRun},
@@ -34,6 +35,12 @@ enum Source {
     Record,
 }
 
+impl Source {
+    fn of(item: &Item) -> Self {
+        if item.shard().is_some() { Self::Record } else { Self::File }
+    }
+}
+
 /// What became of a scene.
 enum Done {
     Written(Vec<String>),
@@ -52,7 +59,9 @@ pub(super) fn convert(
     progress: &mut Progress,
     tally: &mut Tally,
 ) -> Result<()> {
-    let mut names = Names { args, run, taken: HashMap::new(), folders: HashSet::new() };
+    let root = run.folder().path().canonicalize().unwrap_or_else(|_| run.folder().path().to_owned());
+    let given = inputs.files().filter_map(|file| file.canonicalize().ok()).collect();
+    let mut names = Names { args, run, taken: HashMap::new(), inputs: given, root, folders: HashSet::new() };
     let jobs = inputs.items().filter_map(|item| names.job(item).transpose());
     let jobs = jobs.map(|job| job.unwrap_or_else(|error| Job::Refused(error, Source::File)));
     let size = |job: &Job| if let Job::Convert(item, _) = job { item.size() } else { 0 };
@@ -64,7 +73,7 @@ pub(super) fn convert(
         |done| match done {
             Done::Written(notes) => {
                 tally.whole += 1;
-                tally.add_notes(notes);
+                tally.add_notes(notes.into_iter().map(|note| (note, 1)));
                 progress.step();
                 Ok(())
             }
@@ -74,9 +83,7 @@ pub(super) fn convert(
                 Ok(())
             }
             Done::Failed(error, _) if output::is_disk_full(&error) => Err(error),
-            Done::Failed(error, Source::Record) if !args.keep_going => {
-                Err(error.context("a record cannot be converted; --keep-going skips it"))
-            }
+            Done::Failed(error, Source::Record) if !args.keep_going => Err(super::stopped(error)),
             Done::Failed(error, _) => {
                 tally.failed += 1;
                 progress.step();
@@ -93,6 +100,9 @@ struct Names<'r> {
     run: &'r DatasetRun,
     /// The scene that has each name.
     taken: HashMap<PathBuf, PathBuf>,
+    /// The input files and the output folder, links resolved.
+    inputs: HashSet<PathBuf>,
+    root: PathBuf,
     /// Folders that exist in the output folder.
     folders: HashSet<PathBuf>,
 }
@@ -100,24 +110,28 @@ struct Names<'r> {
 impl Names<'_> {
     /// The work on a scene; `None` if it belongs to another part.
     fn job(&mut self, item: Item) -> Result<Option<Job>> {
-        let source = if item.is_record() { Source::Record } else { Source::File };
+        let source = Source::of(&item);
         let path = item.path().to_owned();
-        let name = match item.name() {
+        let (name, dataset) = match item.name() {
             Ok(name) => name,
-            // Reading it gives the error.
-            Err(_) => return Ok(Some(Job::Convert(item, PathBuf::new()))),
+            Err(error) => return Ok(Some(Job::Refused(error.into(), source))),
         };
         if self.args.shard.is_some_and(|shard| !shard.holds(&name.to_string_lossy())) {
             return Ok(None);
         }
-        let mut name = name.with_added_extension(ending(self.args.to));
-        if source == Source::Record && self.args.to == ConvertFormat::Pickle {
-            let id = name.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            name = dataset::file_name(sage_data::womd::DATASET, sage_data::womd::VERSION, &id).into();
+        let name = match dataset {
+            Some(dataset) if self.args.to == ConvertFormat::Pickle => {
+                dataset::file_name(&dataset, VERSION, &name.to_string_lossy()).into()
+            }
+            _ => file_name(&name, self.args.to),
+        };
+        if self.inputs.contains(&self.root.join(&name)) {
+            let error = anyhow!("`{}` would take the place of an input; name another --out", name.display());
+            return Ok(Some(Job::Refused(error, source)));
         }
         if let Some(other) = self.taken.insert(name.clone(), path.clone()) {
             let error = anyhow!(
-                "`{}` and `{}` are scenes with one name, `{}`; convert them into separate folders",
+                "`{}` and `{}` are scenes with one name, `{}`; convert them into separate folders, or leave out the later one by --keep-going",
                 other.display(),
                 path.display(),
                 name.display()
@@ -139,7 +153,7 @@ fn one(args: &ConvertArgs, folder: &Path, job: Job) -> Done {
         Job::Convert(item, name) => (item, name),
         Job::Refused(error, source) => return Done::Failed(error, source),
     };
-    let source = if item.is_record() { Source::Record } else { Source::File };
+    let source = Source::of(&item);
     let target = folder.join(&name);
     // No scene file is empty, and a file under its final name is complete.
     let is_found = std::fs::metadata(&target).is_ok_and(|found| found.is_file() && found.len() > 0);

@@ -1,6 +1,10 @@
 //! Shards of the Waymo Open Motion Dataset.
 
-use std::{collections::BTreeMap, io, path::Path};
+use std::{
+    collections::BTreeMap,
+    io,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context as _, Result};
 use sage_core::files::{self, Existing};
@@ -28,8 +32,10 @@ const PART_LIMIT: u64 = 1 << 30;
 struct Part {
     scenes: usize,
     failed: usize,
-    /// Ids by number, by the path of the scene.
-    ids: BTreeMap<String, Value>,
+    /// Size of the shard, bytes.
+    bytes: u64,
+    /// Ids by number, by the number of the record.
+    ids: BTreeMap<usize, Value>,
     notes: BTreeMap<String, usize>,
 }
 
@@ -40,6 +46,26 @@ pub(super) fn total(inputs: &Inputs) -> Result<usize> {
     inputs.count().context(
         "the names of shards hold the number of shards, and the number of scenes in a pipe or a compressed shard is not known; save or decompress it first",
     )
+}
+
+/// Names of the shards of a number of scenes.
+pub(super) fn files(total: usize, size: usize) -> Vec<PathBuf> {
+    let shards = total.div_ceil(size);
+    (0..shards).map(|number| format!("{NAME}.tfrecord-{number:05}-of-{shards:05}").into()).collect()
+}
+
+/// Files of earlier runs in a folder, which a run with --force removes.
+pub(super) fn outdated(folder: &Path) -> Vec<String> {
+    let names = |folder: &Path| {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect::<Vec<_>>()
+    };
+    let start = format!("{NAME}.tfrecord-");
+    let mut outdated: Vec<String> =
+        names(folder).into_iter().filter(|name| name.starts_with(&start) || name == IDS).collect();
+    let parts = names(&folder.join(PARTS)).into_iter().filter(|name| name.ends_with(".json"));
+    outdated.extend(parts.map(|name| format!("{PARTS}/{name}")));
+    outdated
 }
 
 /// Converts all scenes into shards with the same number of scenes each.
@@ -54,12 +80,10 @@ pub(super) fn convert(
 ) -> Result<()> {
     let total = total(inputs)?;
     let size = args.shard_size();
-    let shards = total.div_ceil(size);
     let parts = run.folder().inner(PARTS.as_ref())?;
     let mut items = inputs.items();
     let mut ids = BTreeMap::new();
-    for number in 0..shards {
-        let name = format!("{NAME}.tfrecord-{number:05}-of-{shards:05}");
+    for (number, name) in files(total, size).into_iter().enumerate() {
         let known = parts.join(format!("{number:05}.json"));
         let found = if args.folder.force { None } else { found(&known, &run.folder().path().join(&name)) };
         let part = match found {
@@ -75,10 +99,8 @@ pub(super) fn convert(
         };
         tally.whole += part.scenes;
         tally.failed += part.failed;
-        for (note, count) in part.notes {
-            *tally.notes.entry(note).or_default() += count;
-        }
-        ids.extend(part.ids);
+        tally.add_notes(part.notes);
+        ids.extend(part.ids.into_iter().map(|(record, ids)| (format!("{}#{record}", name.display()), ids)));
     }
     if !ids.is_empty() {
         run.folder().write(IDS, format!("{:#}\n", serde_json::to_value(&ids)?).as_bytes())?;
@@ -89,7 +111,8 @@ pub(super) fn convert(
 /// What is known of a shard that an earlier run finished.
 fn found(known: &Path, shard: &Path) -> Option<Part> {
     let text = files::read_text(known, PART_LIMIT).ok()?;
-    serde_json::from_str(&text).ok().filter(|_| shard.is_file())
+    let size = std::fs::metadata(shard).map_or(0, |found| found.len());
+    serde_json::from_str(&text).ok().filter(|part: &Part| part.bytes == size)
 }
 
 /// Writes the next scenes into a shard.
@@ -103,20 +126,20 @@ fn write_shard(
     let mut part = Part::default();
     let mut stopped = None;
     let encode = |item: Item| {
-        let (path, is_record) = (item.path().display().to_string(), item.is_record());
+        let is_record = item.shard().is_some();
         let encoded = item.read().and_then(|recording| recording.to_scenario());
-        (path, is_record, encoded.map(|encoded| (womd::frame(&encoded.data), encoded)))
+        (is_record, encoded)
     };
     let written = files::write_with(path, Existing::Replace, |out| {
-        map_in_order(items.take(size), Item::size, encode, |(path, is_record, encoded)| {
+        map_in_order(items.take(size), Item::size, encode, |(is_record, encoded)| {
             progress.step();
             match encoded {
-                Ok((framed, EncodedScenario { ids, notes, .. })) => {
-                    out.write_all(&framed)?;
+                Ok(EncodedScenario { data, ids, notes }) => {
+                    part.bytes += womd::write_frame(out, &data)?;
+                    part.ids.extend(ids.map(|ids| (part.scenes, ids)));
                     part.scenes += 1;
-                    part.ids.extend(ids.map(|ids| (path, ids)));
-                    for note in notes {
-                        *part.notes.entry(note).or_default() += 1;
+                    for (note, count) in notes {
+                        *part.notes.entry(note).or_default() += count;
                     }
                 }
                 Err(error) if is_record && !args.keep_going => {
@@ -133,8 +156,12 @@ fn write_shard(
         })
     });
     if let Some(error) = stopped {
-        return Err(error.context("a record cannot be converted; --keep-going skips it"));
+        return Err(super::stopped(error));
     }
     written.with_context(|| format!("cannot write `{}`", path.display()))?;
+    if part.scenes == 0 {
+        // Readers take a shard without records for a damaged one.
+        std::fs::remove_file(path).with_context(|| format!("cannot remove `{}`", path.display()))?;
+    }
     Ok(part)
 }

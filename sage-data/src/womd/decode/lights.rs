@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::{
-    DATASET, Scenario, checked,
+    Scenario, checked,
     values::{Budget, Values},
 };
 use crate::{
@@ -61,7 +61,8 @@ pub(super) fn decode(
             lights[number].stop_point = stop_point;
         }
     }
-    let entries = lights.into_iter().map(|light| light.write(frames, values)).collect();
+    let dataset = values.text(scenario.dataset);
+    let entries = lights.into_iter().map(|light| light.write(frames, dataset, values)).collect();
     Ok(values.entries(entries))
 }
 
@@ -97,9 +98,9 @@ pub(super) fn point(message: Message, place: &Place, point: &mut [f32; 3]) -> Re
 }
 
 impl Light {
-    fn write(self, frames: usize, values: &mut Values) -> (Id, Id) {
+    fn write(self, frames: usize, dataset: Id, values: &mut Values) -> (Id, Id) {
         let (name, lane) = (values.decimal(self.lane), values.int(self.lane));
-        let (kind, dataset) = (values.word("TRAFFIC_LIGHT"), values.word(DATASET));
+        let kind = values.word("TRAFFIC_LIGHT");
         let states = values.list(self.states);
         let state = values.dict([("object_state", states)]);
         let stop = values.floats(&[3], &self.stop_point);

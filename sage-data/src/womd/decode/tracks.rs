@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use sage_core::motion::MAX_COORDINATE;
 
 use super::{
-    DATASET, Scenario, TrackEntry, checked, object_type,
+    Scenario, TrackEntry, checked, object_type,
     values::{Budget, Values},
 };
 use crate::{
@@ -51,7 +51,7 @@ pub(super) fn decode(
         velocity: Vec::new(),
         valid: Vec::new(),
     };
-    let (length, dataset) = (values.int(frames as i64), values.word(DATASET));
+    let (length, dataset) = (values.int(frames as i64), values.text(scenario.dataset));
     let mut known = HashSet::with_capacity(scenario.tracks.len());
     let mut tracks = Vec::with_capacity(scenario.tracks.len());
     for (k, message) in scenario.tracks.iter().enumerate() {
@@ -122,9 +122,16 @@ impl Columns {
 
     #[inline]
     fn read_state(&mut self, frame: usize, state: Message, place: &Place) -> Result<(), MessageError> {
-        if let Ok(bytes) = state.bytes.try_into()
-            && self.read_usual_state(frame, bytes)
-        {
+        let is_read = match *state.bytes {
+            // Waymo's files keep only the height of a state that is not valid.
+            [0x21, a, b, c, d, e, f, g, h, 0x58, 0] => {
+                let z = f64::from_le_bytes([a, b, c, d, e, f, g, h]);
+                self.position[frame][2] = z as f32;
+                z.abs() <= MAX_COORDINATE
+            }
+            _ => state.bytes.try_into().is_ok_and(|bytes| self.read_usual_state(frame, bytes)),
+        };
+        if is_read {
             return Ok(());
         }
         let mut fields = state.fields();

@@ -61,25 +61,26 @@ impl Decimals {
     }
 }
 
-/// Keys and words of enums, by the address and length of their text in the program. Two texts with one content may
-/// become two values.
-struct Words([Option<(usize, usize, Id)>; SLOTS]);
+/// Keys and words of enums. Their addresses in the program need no hashing of texts.
+struct Words([Option<(&'static str, Id)>; SLOTS]);
 
 /// Places for words, of which there are about a hundred.
 const SLOTS: usize = 512;
 
 impl Words {
     fn get(&mut self, word: &'static str, document: &mut Document) -> Id {
-        let (address, length) = (word.as_ptr().addr(), word.len());
-        let mut slot = address.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (usize::BITS - SLOTS.ilog2());
+        let mut slot =
+            word.as_ptr().addr().wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (usize::BITS - SLOTS.ilog2());
         // Ends at the latest after a round: then the word is not kept.
         for _ in 0..SLOTS {
-            match &mut self.0[slot] {
-                Some((a, n, id)) if (*a, *n) == (address, length) => return *id,
+            match self.0[slot] {
+                Some((known, id)) if std::ptr::eq(known, word) => return id,
                 Some(_) => slot = (slot + 1) % SLOTS,
-                empty => {
-                    let id = document.new_text(word);
-                    *empty = Some((address, length, id));
+                None => {
+                    // The program may hold a text at two addresses, and the result must not depend on that.
+                    let known = self.0.iter().flatten().find(|(known, _)| *known == word);
+                    let id = known.map_or_else(|| document.new_text(word), |(_, id)| *id);
+                    self.0[slot] = Some((word, id));
                     return id;
                 }
             }

@@ -2,9 +2,12 @@
 
 use std::collections::HashSet;
 
-use sage_core::scene::{MapFeature, Scene};
+use sage_core::{
+    motion::MAX_COORDINATE,
+    scene::{MapFeature, Scene},
+};
 
-use super::{Notes, ids::Ids, message::Writer};
+use super::{Notes, ids::Ids, message::Writer, note};
 use crate::{
     pickle::{Document, Id},
     womd::words::{
@@ -63,7 +66,7 @@ impl Map<'_> {
         let line = index(&ROAD_LINE_TYPES);
         let (number, kind) = if is_lane {
             if index(&LANE_TYPES).is_none() {
-                notes.add(format!("lanes of type {name}, written as LANE_UNKNOWN"));
+                note(notes, format!("lanes of type {name}, written as LANE_UNKNOWN"));
             }
             (LANE, index(&LANE_TYPES).unwrap_or(0))
         } else if is_edge {
@@ -73,10 +76,10 @@ impl Map<'_> {
         } else if let Some(member) = MEMBERS.iter().find(|member| member.kind == name) {
             (member.number, 0)
         } else if name.starts_with("ROAD_LINE_") {
-            notes.add(format!("road lines of type {name}, written as UNKNOWN"));
+            note(notes, format!("road lines of type {name}, written as UNKNOWN"));
             (ROAD_LINE, 0)
         } else {
-            notes.add(format!("map features of type {name}, which the format does not have"));
+            note(notes, format!("map features of type {name}, which the format does not have"));
             return;
         };
         out.message(8, |out| {
@@ -104,7 +107,11 @@ impl Map<'_> {
         let document = self.document;
         let number = |key: &str| document.get(entry, key).and_then(|value| document.number(value));
         let mph = number("speed_limit_mph").or_else(|| number("speed_limit_kmh").map(|kmh| kmh / MILE));
-        out.double(1, mph.filter(|mph| mph.is_finite()).unwrap_or(0.0));
+        let known = mph.filter(|mph| mph.abs() <= MAX_COORDINATE);
+        if mph.is_some() && known.is_none() {
+            note(notes, "speed limits beyond any, written as none");
+        }
+        out.double(1, known.unwrap_or(0.0));
         out.integer(2, kind as i64);
         if number("interpolating") == Some(1.0) {
             out.integer(3, 1);
@@ -125,7 +132,7 @@ impl Map<'_> {
                 if (0..points).contains(&first) && (0..points).contains(&last) {
                     self.write_boundary(out, number, *boundary, notes);
                 } else {
-                    notes.add("boundaries of points that their lane does not have");
+                    note(notes, "boundaries of points that their lane does not have");
                 }
             }
         }
@@ -135,7 +142,7 @@ impl Map<'_> {
         // Some data sets list only ids.
         let id = self.document.get(neighbor, "feature_id").unwrap_or(neighbor);
         let Some(id) = self.document.identifier(id).and_then(|id| self.ids.get(&id)) else {
-            return notes.add("links to lanes that are not in the map");
+            return note(notes, "links to lanes that are not in the map");
         };
         out.message(number, |out| {
             out.integer(1, id);
@@ -156,7 +163,7 @@ impl Map<'_> {
         let id = id.filter(|id| id != "0");
         let feature = id.as_ref().and_then(|id| self.ids.get(id));
         if feature.is_none() && id.is_some() {
-            notes.add("boundaries that are not in the map");
+            note(notes, "boundaries that are not in the map");
         }
         let word = document.get(boundary, "boundary_type").and_then(|word| document.text(word));
         let kind = ROAD_LINE_TYPES.iter().position(|known| Some(*known) == word).unwrap_or(0);
@@ -182,7 +189,7 @@ impl Map<'_> {
         for item in self.items(entry, key) {
             match self.document.identifier(*item).and_then(|id| self.ids.get(&id)) {
                 Some(number) => numbers.push(number),
-                None => notes.add("links to lanes that are not in the map"),
+                None => note(notes, "links to lanes that are not in the map"),
             }
         }
         numbers

@@ -263,6 +263,7 @@ fn attacked_scenarios_share_their_map_and_state_their_origin() {
         for fact in facts {
             assert!(text.contains(&format!("sage:{fact}")), "{lambda}: {fact}");
         }
+        assert!(text.contains("attacked by sage, replayed"), "{lambda}");
         // Neither the path of an input nor the command.
         assert!(!text.contains("examples/") && !text.contains("--out"), "{lambda}");
     }

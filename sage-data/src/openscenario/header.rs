@@ -35,7 +35,12 @@ impl Scenario<'_> {
             }
         };
         let origin = origin_text(self.network.origin);
-        format!("Scene {}, {replay}. Add ({origin}) to positions for the source's frame.", self.scene.id)
+        let method = self.provenance.facts().find(|(key, _)| *key == "method");
+        let attacked = method.map_or(String::new(), |(_, method)| format!("attacked by {method}, "));
+        format!(
+            "Scene {}, {attacked}{replay}. Add ({origin}) to positions for the source's frame.",
+            self.scene.id
+        )
     }
 
     /// Facts on the file: the scene, the origin, the licence, then the provenance.

@@ -6,17 +6,13 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-use rayon::prelude::*;
-
 use crate::{
     Error,
     pickle::{Document, PickleProblem},
-    recording, womd,
+    recording,
+    stream::map_in_order,
+    womd,
 };
-
-/// Number of files that are read before their results go to the caller. Memory holds this many results, but
-/// only one scene per thread.
-const WINDOW: usize = 64;
 
 /// File name endings of scene files.
 const ENDINGS: [&str; 2] = [".pkl", ".safetensors"];
@@ -73,13 +69,7 @@ pub fn in_order<T: Send, E>(
     read: impl Fn(&Path) -> T + Sync,
     mut take: impl FnMut(&Path, T) -> Result<(), E>,
 ) -> Result<(), E> {
-    for window in files.chunks(WINDOW) {
-        let results: Vec<T> = window.par_iter().map(|file| read(file)).collect();
-        for (file, result) in window.iter().zip(results) {
-            take(file, result)?;
-        }
-    }
-    Ok(())
+    map_in_order(files.iter(), |_| 0, |file| (file, read(file)), |(file, result)| take(file, result))
 }
 
 /// Scene files below a folder. Links are followed, each folder once. Pipes, sockets and devices are skipped.

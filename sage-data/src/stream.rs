@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use crate::{
     Error, Recording, folder, recording,
-    womd::{self, Open, Record, Shard},
+    womd::{self, Open, Record, ShardReader},
 };
 
 /// Items that are worked on before their results go to the caller.
@@ -147,7 +147,7 @@ impl Item {
 /// The scenes of some inputs, one after another. A shard is read record by record.
 pub struct Items {
     files: vec::IntoIter<(PathBuf, PathBuf)>,
-    shard: Option<(PathBuf, Shard)>,
+    shard: Option<(PathBuf, ShardReader)>,
 }
 
 impl Iterator for Items {
@@ -185,7 +185,7 @@ impl Iterator for Items {
 
 enum Opened {
     One(Content),
-    Shard(Shard),
+    Shard(ShardReader),
 }
 
 fn open(file: &Path) -> Result<Opened, Error> {
@@ -201,7 +201,7 @@ fn open(file: &Path) -> Result<Opened, Error> {
 
 /// Applies `work` to items on all threads and passes the results to `take` in the order of the items. Stops at the
 /// first `Err` of `take` and returns it. `size` is the memory of an item, bytes; few large items are held at once.
-pub fn map_in_order<I: Send, T: Send, E: Send>(
+pub fn map_in_order<I: Send, T: Send, E>(
     mut items: impl Iterator<Item = I> + Send,
     size: impl Fn(&I) -> usize + Send + Sync,
     work: impl Fn(I) -> T + Sync,

@@ -3,7 +3,7 @@
 //! A record becomes the MetaDrive values that ScenarioNet's converter makes of it, widths of lanes included, and goes
 //! through the decoder that pickles go through. A scene is then the same, whichever file it came from.
 //!
-//! [`Shard`] reads a file record by record. `docs/formats.md` lists what is read.
+//! [`ShardReader`] reads a file record by record. `docs/formats.md` lists what is read.
 
 mod decode;
 mod encode;
@@ -23,7 +23,7 @@ pub use message_error::{MessageError, MessageProblem};
 pub use record_path::{is_record_path, shard_of};
 pub(crate) use record_path::{numbered, only_record, read_framed, record_paths, split_path};
 pub(crate) use shard::{Open, count, is_gzip, is_shard_name, open};
-pub use shard::{Shard, is_shard};
+pub use shard::{ShardReader, is_shard};
 pub use tfrecord::{FrameProblem, Record, frame, write_frame};
 pub(crate) use tfrecord::{MAX_RECORD, begins_with_record};
 

@@ -15,7 +15,7 @@ use std::{
 use sage_data::{
     Error, Recording,
     stream::{Inputs, Item, map_in_order},
-    womd::Shard,
+    womd::ShardReader,
 };
 use serde_json::Value;
 
@@ -40,7 +40,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
 fn read(bytes: &[u8]) -> (Vec<Recording>, Option<String>) {
     let mut scenes = Vec::new();
     let read = || -> Result<(), Error> {
-        let mut shard = Shard::from_bytes(Path::new("some.tfrecord"), bytes.to_vec())?;
+        let mut shard = ShardReader::from_bytes(Path::new("some.tfrecord"), bytes.to_vec())?;
         while let Some(record) = shard.next_record() {
             let record = record?;
             scenes.push(record.read()?);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::{
     decode,
-    shard::{Shard, is_shard},
+    shard::{ShardReader, is_shard},
     tfrecord::{checked_data, frame_length},
 };
 use crate::Error;
@@ -44,7 +44,7 @@ pub(crate) fn record_paths(shard: &Path) -> Result<Vec<PathBuf>, Error> {
 
 /// Number of records of a shard, as [`record_paths`] lists them.
 pub(super) fn count_records(shard: &Path) -> Result<usize, Error> {
-    let mut records = Shard::open(shard)?;
+    let mut records = ShardReader::open(shard)?;
     let mut count = 0;
     while let Some(skipped) = records.skip_record() {
         if count == 0 {
@@ -64,7 +64,7 @@ pub(crate) fn numbered(path: &Path) -> Result<PathBuf, Error> {
     if let Some(number) = number(&wanted).filter(|number| *number < count) {
         return Ok(record_path(&shard, number));
     }
-    let mut records = Shard::open(&shard)?;
+    let mut records = ShardReader::open(&shard)?;
     while let Some(record) = records.next_record() {
         let record = record?;
         let is_it = |data: &[u8]| decode::heading(data).is_ok_and(|heading| heading.id == wanted);
@@ -105,7 +105,7 @@ fn number(text: &str) -> Option<usize> {
 
 /// A record with its frame, by its number; `None` beyond the last.
 fn read_number(shard: &Path, number: usize) -> Result<Option<Vec<u8>>, Error> {
-    let mut records = Shard::open(shard)?;
+    let mut records = ShardReader::open(shard)?;
     for _ in 0..number {
         match records.skip_record() {
             Some(skipped) => skipped?,
@@ -130,7 +130,7 @@ pub(crate) fn only_record(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Error>
     if frame_length(&bytes).is_ok_and(|length| length == bytes.len() as u64) {
         return Ok(bytes);
     }
-    let mut records = Shard::from_bytes(path, bytes)?;
+    let mut records = ShardReader::from_bytes(path, bytes)?;
     let first = records.next_record().transpose()?;
     let mut count = 1;
     while let Some(next) = records.next_record() {

@@ -22,12 +22,12 @@ const NAME: &str = "tfrecord";
 const START: usize = HEADER;
 
 /// A shard that is read record by record. Memory holds one record.
-pub struct Shard {
+pub struct ShardReader {
     path: PathBuf,
     frames: Frames,
 }
 
-impl Shard {
+impl ShardReader {
     /// Opens a shard: a file, a pipe, or `-` for standard input, compressed by gzip or not.
     ///
     /// *Errors*: [`Error::Read`]; [`Error::Shard`] for another format, which it names.
@@ -48,7 +48,7 @@ impl Shard {
 
     /// A shard whose bytes are in memory. `path` only names it in errors.
     ///
-    /// *Errors*: as [`Shard::open`].
+    /// *Errors*: as [`ShardReader::open`].
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
         let start = bytes[..bytes.len().min(START)].to_vec();
         Self::new(path, &start, Source::Stream(Box::new(Cursor::new(bytes)), false))
@@ -126,13 +126,13 @@ fn other_format(start: &[u8]) -> Option<String> {
 
 /// A shard, or bytes of another format.
 pub(crate) enum Open {
-    Shard(Shard),
+    Shard(ShardReader),
     Other(Box<dyn Read + Send>),
 }
 
 /// Opens a file or a pipe. A pipe may hold any format.
 ///
-/// *Errors*: as [`Shard::open`].
+/// *Errors*: as [`ShardReader::open`].
 pub(crate) fn open(path: &Path) -> Result<Open, Error> {
     let fail = |source| Error::Read { path: path.to_owned(), source };
     match files::open_argument(path).map_err(fail)? {
@@ -141,9 +141,9 @@ pub(crate) fn open(path: &Path) -> Result<Open, Error> {
             if !is_start(&start) {
                 return Ok(Open::Other(stream));
             }
-            Shard::new(path, &start, Source::Stream(stream, false)).map(Open::Shard)
+            ShardReader::new(path, &start, Source::Stream(stream, false)).map(Open::Shard)
         }
-        Opened::File(..) => Shard::open(path).map(Open::Shard),
+        Opened::File(..) => ShardReader::open(path).map(Open::Shard),
     }
 }
 

@@ -1,5 +1,8 @@
 //! Names of the enum values of a `Scenario`, by number, as ScenarioNet's converter writes them.
 
+/// Kilometres of a mile, in which records state speed limits.
+pub(super) const MILE: f64 = 1.609_344;
+
 /// Words of `Track.ObjectType`.
 pub(super) const OBJECT_TYPES: [&str; 5] = ["UNSET", "VEHICLE", "PEDESTRIAN", "CYCLIST", "OTHER"];
 

@@ -9,12 +9,9 @@ use crate::{
     womd::{
         message_error::{MessageError, Place},
         wire::{Field, Message},
-        words::{LANE_TYPES, ROAD_LINE_TYPES},
+        words::{LANE_TYPES, MILE, ROAD_LINE_TYPES},
     },
 };
-
-/// Kilometres of a mile.
-const MILE: f64 = 1.609_344;
 
 /// A lane without its points.
 #[derive(Default)]

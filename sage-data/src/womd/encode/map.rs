@@ -11,12 +11,10 @@ use super::{Notes, ids::Ids, message::Writer, note};
 use crate::{
     pickle::{Document, Id},
     womd::words::{
-        LANE, LANE_TYPES, MEMBERS, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN,
+        LANE, LANE_TYPES, MEMBERS, MILE, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN,
     },
 };
 
-/// Kilometres of a mile.
-const MILE: f64 = 1.609_344;
 /// Keys of both sides of a lane in MetaDrive values.
 const NEIGHBORS: [&str; 2] = ["left_neighbor", "right_neighbor"];
 const BOUNDARIES: [&str; 2] = ["left_boundaries", "right_boundaries"];

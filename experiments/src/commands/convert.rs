@@ -67,7 +67,8 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     };
     let Tally { whole, failed, notes } = tally;
     if let Err(error) = outcome {
-        let sum = format!("{} converted in `{}`", count(whole, "scene"), out.display());
+        let of = inputs.count().map_or(String::new(), |all| format!(" of {all}"));
+        let sum = format!("{whole}{of} scenes are converted in `{}`", out.display());
         return Err(match output::is_disk_full(&error) {
             true => {
                 error.context(format!("the disk is full; {sum}; free space and run the same command again"))

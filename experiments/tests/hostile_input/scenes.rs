@@ -132,7 +132,7 @@ fn convert_writes_inside_its_folder_alone() {
             assert!(said.contains("relative to the summary's"), "{said}");
         } else {
             assert_eq!(code, 0, "{said}");
-            assert_eq!(hostile::snapshot(&out).keys().collect::<Vec<_>>(), ["a.safetensors"]);
+            assert_eq!(hostile::snapshot(&out).keys().collect::<Vec<_>>(), ["a.safetensors", "run.json"]);
         }
     }
     assert_eq!(hostile::snapshot(&at("waymo")).len(), 1);
@@ -221,7 +221,8 @@ fn arguments_that_are_no_text_are_no_reason_to_panic() {
         .output()
         .unwrap();
     assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
-    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 1);
+    // The scene and the record of the run.
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2);
     // Messages repeat what was typed, without control characters.
     let run = sage(&["inspect", "--e\u{1b}[31mx"]);
     assert_eq!(run.status.code(), Some(2));

@@ -20,10 +20,11 @@
 //! ```
 //! use sage_data::{openscenario::{Export, Options, Provenance}, procedural::{Kind, generate}};
 //!
-//! let scene = generate(Kind::FourWay, 1, 0).expect("a draw succeeds");
+//! let scene = generate(Kind::FourWay, 1, 0).ok_or("no scene with this seed and number")?;
 //! let export = Export::new(&scene, Options::default());
 //! let scenario = export.scenario(&scene, &Provenance::default().with("source", "four-way.pkl"));
 //! assert!(scenario.contains(&export.network().file_name()));
+//! # Ok::<(), &str>(())
 //! ```
 
 mod actions;

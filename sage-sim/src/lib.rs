@@ -45,6 +45,7 @@ pub mod observation;
 pub mod physics;
 pub mod policy;
 mod rays;
+pub mod rl;
 pub mod route;
 mod scene;
 mod smoothing;

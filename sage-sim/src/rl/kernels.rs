@@ -1,0 +1,290 @@
+//! The inner loops of the networks, over flat row-major matrices.
+//!
+//! Products of matrices come from `faer`, on one thread: its kernels choose the widest vectors of the processor at run
+//! time, and the bits do not depend on the number of threads. All other loops are compiled for several vector widths
+//! and chosen at run time too; their order of operations, and with it every bit, is the same in all of them.
+
+use std::{
+    fmt::Debug,
+    ops::{Add, AddAssign, Div, Mul, Neg, Sub},
+};
+
+use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul, traits::RealField};
+
+/// `f32` or `f64`.
+pub trait Real:
+    RealField
+    + Copy
+    + Default
+    + Debug
+    + PartialOrd
+    + Send
+    + Sync
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+    + AddAssign
+    + 'static
+{
+    /// The nearest number.
+    fn of(x: f64) -> Self;
+    /// As `f64`.
+    fn wide(self) -> f64;
+    /// Square root.
+    fn root(self) -> Self;
+    /// Hyperbolic tangent.
+    fn hyperbolic_tangent(self) -> Self;
+}
+
+impl Real for f32 {
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        x as Self
+    }
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        f64::from(self)
+    }
+    #[inline(always)]
+    fn root(self) -> Self {
+        Self::sqrt(self)
+    }
+    #[inline(always)]
+    fn hyperbolic_tangent(self) -> Self {
+        self.tanh()
+    }
+}
+
+impl Real for f64 {
+    #[inline(always)]
+    fn of(x: f64) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn wide(self) -> f64 {
+        self
+    }
+    #[inline(always)]
+    fn root(self) -> Self {
+        Self::sqrt(self)
+    }
+    #[inline(always)]
+    fn hyperbolic_tangent(self) -> Self {
+        self.tanh()
+    }
+}
+
+/// Running totals of a dot product: as many as fill two vectors of AVX2 in `f32`.
+const LANES: usize = 16;
+
+/// Runs a loop compiled for the widest vectors of the processor. All that it calls must be inlined.
+#[inline(always)]
+pub(super) fn vectorised<R>(run: impl FnOnce() -> R) -> R {
+    pulp::Arch::new().dispatch(run)
+}
+
+/// A row-major matrix in a slice: the numbers, and how many rows and columns.
+#[derive(Clone, Copy)]
+pub(super) struct Rows<'a, T> {
+    pub(super) numbers: &'a [T],
+    pub(super) shape: [usize; 2],
+}
+
+impl<'a, T> Rows<'a, T> {
+    pub(super) fn new(numbers: &'a [T], shape: [usize; 2]) -> Self {
+        debug_assert_eq!(numbers.len(), shape[0] * shape[1]);
+        Self { numbers, shape }
+    }
+
+    fn view(self) -> MatRef<'a, T> {
+        MatRef::from_row_major_slice(self.numbers, self.shape[0], self.shape[1])
+    }
+}
+
+/// `out = a bᵀ`.
+pub(super) fn times_transposed<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
+    let out = MatMut::from_row_major_slice_mut(out, a.shape[0], b.shape[0]);
+    matmul(out, Accum::Replace, a.view(), b.view().transpose(), T::of(1.0), Par::Seq);
+}
+
+/// `out = a b`.
+pub(super) fn times<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
+    let out = MatMut::from_row_major_slice_mut(out, a.shape[0], b.shape[1]);
+    matmul(out, Accum::Replace, a.view(), b.view(), T::of(1.0), Par::Seq);
+}
+
+/// `out = aᵀ b`.
+pub(super) fn transposed_times<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
+    let out = MatMut::from_row_major_slice_mut(out, a.shape[1], b.shape[1]);
+    matmul(out, Accum::Replace, a.view().transpose(), b.view(), T::of(1.0), Par::Seq);
+}
+
+/// Adds a bias to every row and takes the positive part. NaN stays NaN.
+pub(super) fn add_bias_relu<T: Real>(rows: &mut [T], bias: &[T]) {
+    let zero = T::default();
+    vectorised(|| {
+        for row in rows.chunks_exact_mut(bias.len()) {
+            for (x, b) in row.iter_mut().zip(bias) {
+                let y = *x + *b;
+                *x = if y < zero { zero } else { y };
+            }
+        }
+    });
+}
+
+/// Sum of the products of two slices.
+#[inline(always)]
+fn dot<T: Real>(a: &[T], b: &[T]) -> T {
+    let mut lanes = [T::default(); LANES];
+    let (a_chunks, b_chunks) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest = a_chunks.remainder().iter().zip(b_chunks.remainder());
+    for (a, b) in a_chunks.zip(b_chunks) {
+        for k in 0..LANES {
+            lanes[k] += a[k] * b[k];
+        }
+    }
+    for (lane, (a, b)) in lanes.iter_mut().zip(rest) {
+        *lane += *a * *b;
+    }
+    let mut width = LANES / 2;
+    while width > 0 {
+        for k in 0..width {
+            lanes[k] = lanes[k] + lanes[k + width];
+        }
+        width /= 2;
+    }
+    lanes[0]
+}
+
+/// `out = x wᵀ + bias` for few outputs, as dot products; a matrix product of so few columns is slower.
+pub(super) fn narrow_layer<T: Real>(out: &mut [T], x: &[T], w: &[T], bias: &[T]) {
+    let width = w.len() / bias.len();
+    vectorised(|| {
+        for (out, x) in out.chunks_exact_mut(bias.len()).zip(x.chunks_exact(width)) {
+            for ((out, w), b) in out.iter_mut().zip(w.chunks_exact(width)).zip(bias) {
+                *out = dot(x, w) + *b;
+            }
+        }
+    });
+}
+
+/// Backward pass of [`narrow_layer`] after a ReLU layer: from the gradient of the outputs to the gradient before
+/// the ReLU (`input`), and, if asked for, of weights and biases. `x` is the output of the ReLU.
+pub(super) fn narrow_layer_backward<T: Real>(
+    output: &[T],
+    x: &[T],
+    w: &[T],
+    input: &mut [T],
+    gradients: Option<(&mut [T], &mut [T])>,
+    outputs: usize,
+) {
+    let width = w.len() / outputs;
+    vectorised(|| {
+        let rows = output.chunks_exact(outputs).zip(x.chunks_exact(width));
+        for ((d, x), input) in rows.zip(input.chunks_exact_mut(width)) {
+            through_narrow_layer(d, w, x, input);
+        }
+    });
+    let Some((weights, biases)) = gradients else { return };
+    weights.fill(T::default());
+    biases.fill(T::default());
+    vectorised(|| {
+        for (d, x) in output.chunks_exact(outputs).zip(x.chunks_exact(width)) {
+            for ((d, weights), bias) in d.iter().zip(weights.chunks_exact_mut(width)).zip(biases.iter_mut()) {
+                *bias += *d;
+                for (g, x) in weights.iter_mut().zip(x) {
+                    *g += *d * *x;
+                }
+            }
+        }
+    });
+}
+
+/// Gradient of one row before the ReLU.
+#[inline(always)]
+fn through_narrow_layer<T: Real>(d: &[T], w: &[T], x: &[T], input: &mut [T]) {
+    let zero = T::default();
+    for (k, d) in d.iter().enumerate() {
+        let w = &w[k * x.len()..][..x.len()];
+        for (g, w) in input.iter_mut().zip(w) {
+            *g = if k == 0 { *d * *w } else { *g + *d * *w };
+        }
+    }
+    for (g, x) in input.iter_mut().zip(x) {
+        *g = if *x > zero { *g } else { zero };
+    }
+}
+
+/// Sets gradients to 0 where the ReLU's output is not positive.
+pub(super) fn mask<T: Real>(gradient: &mut [T], output: &[T]) {
+    let zero = T::default();
+    vectorised(|| {
+        for (g, x) in gradient.iter_mut().zip(output) {
+            *g = if *x > zero { *g } else { zero };
+        }
+    });
+}
+
+/// Sums of the columns.
+pub(super) fn column_sums<T: Real>(sums: &mut [T], rows: &[T]) {
+    sums.fill(T::default());
+    vectorised(|| {
+        for row in rows.chunks_exact(sums.len()) {
+            for (sum, x) in sums.iter_mut().zip(row) {
+                *sum += *x;
+            }
+        }
+    });
+}
+
+/// Writes `[a | b]` row by row.
+pub(super) fn join<T: Copy>(out: &mut [T], a: &[T], b: &[T], [left, right]: [usize; 2]) {
+    let rows = a.chunks_exact(left).zip(b.chunks_exact(right));
+    for (out, (a, b)) in out.chunks_exact_mut(left + right).zip(rows) {
+        out[..left].copy_from_slice(a);
+        out[left..].copy_from_slice(b);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_are_those_of_the_definition() {
+        let a = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        let b = [1.0, 0.0, 2.0, -1.0, 3.0, 1.0];
+        let mut out = [0.0; 4];
+        times_transposed(&mut out, Rows::new(&a, [2, 3]), Rows::new(&b, [2, 3]));
+        assert_eq!(out, [7.0, 8.0, 16.0, 17.0]);
+        times(&mut out, Rows::new(&a, [2, 3]), Rows::new(&b, [3, 2]));
+        assert_eq!(out, [14.0, 1.0, 32.0, 1.0]);
+        let mut out = [0.0; 9];
+        transposed_times(&mut out, Rows::new(&a, [2, 3]), Rows::new(&b, [2, 3]));
+        assert_eq!(out, [-3.0, 12.0, 6.0, -3.0, 15.0, 9.0, -3.0, 18.0, 12.0]);
+    }
+
+    #[test]
+    fn dot_products_take_every_item() {
+        for n in 0..50 {
+            let a: Vec<f64> = (0..n).map(f64::from).collect();
+            let expected: f64 = a.iter().map(|x| x * x).sum();
+            assert_eq!(dot(&a, &a), expected);
+        }
+    }
+
+    #[test]
+    fn relu_keeps_nan_and_stops_at_zero() {
+        let mut rows = [1.0_f32, -3.0, f32::NAN, -0.5];
+        add_bias_relu(&mut rows, &[0.5, 0.5]);
+        assert_eq!(rows[0], 1.5);
+        assert_eq!(rows[1], 0.0);
+        assert!(rows[2].is_nan());
+        assert_eq!(rows[3], 0.0);
+        let mut gradient = [1.0_f32, 1.0];
+        mask(&mut gradient, &[0.0, 2.0]);
+        assert_eq!(gradient, [0.0, 1.0]);
+    }
+}

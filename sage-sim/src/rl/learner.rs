@@ -1,0 +1,337 @@
+//! One TD3 learner: networks, targets, optimisers, and the update from a batch.
+//!
+//! Update number k = 1, 2, …:
+//! 1. `y = r + (1 − d) γ min(Q₁', Q₂')(s', a')`, `a' = clip(π'(s') + clip(σ n, ±c), ±a_max)`, n standard normal.
+//! 2. One Adam step of both critics on `mean (Q₁ − y)² + mean (Q₂ − y)²`.
+//! 3. If `policy_delay` divides k: one Adam step of the actor on `−mean Q₁(s, π(s))`, with the critic after its step;
+//!    then all targets move by τ.
+
+use std::collections::BTreeMap;
+
+use sage_core::seed::Rng;
+
+use super::{
+    Network, Shape, Td3Options,
+    adam::Moments,
+    kernels::{Real, join},
+    network::{Activations, HiddenGradients},
+};
+
+/// A network with its target and optimiser.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Trained<T> {
+    pub(super) online: Network<T>,
+    pub(super) target: Network<T>,
+    pub(super) moments: Moments<T>,
+}
+
+impl<T: Real> Trained<T> {
+    fn new(online: Network<T>) -> Self {
+        let moments = Moments::new(online.parameters().len());
+        Self { target: online.clone(), online, moments }
+    }
+}
+
+/// A tensor of a learner.
+#[derive(Clone, Debug)]
+pub struct NamedTensor<'a, T> {
+    /// Name, such as `target.critic.q1.l2.weight`.
+    pub name: String,
+    /// Sizes of its axes.
+    pub shape: Vec<usize>,
+    /// Its numbers, row-major.
+    pub numbers: &'a [T],
+}
+
+/// Transitions of one update, as columns.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TransitionBatch<T> {
+    /// Observations, rows × observation size.
+    pub observations: Vec<T>,
+    /// Actions, rows × action size.
+    pub actions: Vec<T>,
+    /// Rewards.
+    pub rewards: Vec<T>,
+    /// Observations after the step.
+    pub next_observations: Vec<T>,
+    /// 1, or 0 where the step ended the episode by arrival or failure.
+    pub not_terminal: Vec<T>,
+    /// Standard normal draws for the noise of the target actions, rows × action size.
+    pub noise: Vec<T>,
+}
+
+impl<T: Real> TransitionBatch<T> {
+    /// A batch of zeros.
+    pub fn new(rows: usize, observation: usize, action: usize) -> Self {
+        let zeros = |width: usize| vec![T::default(); rows * width];
+        Self {
+            observations: zeros(observation),
+            actions: zeros(action),
+            rewards: zeros(1),
+            next_observations: zeros(observation),
+            not_terminal: zeros(1),
+            noise: zeros(action),
+        }
+    }
+}
+
+/// What an update shows about the learner.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct UpdateReport {
+    /// Loss of the critics before the step.
+    pub critic_loss: f64,
+    /// Loss of the actor before its step, in the updates that have one.
+    pub actor_loss: Option<f64>,
+    /// Mean absolute value of the first critic over the batch, before the step.
+    pub mean_abs_q: f64,
+}
+
+/// Working memory of an update.
+#[derive(Clone, Debug)]
+struct Scratch<T> {
+    actor: Activations<T>,
+    critics: [Activations<T>; 2],
+    joined: Vec<T>,
+    actions: Vec<T>,
+    targets: Vec<T>,
+    q_gradient: Vec<T>,
+    action_gradient: Vec<T>,
+    hidden: HiddenGradients<T>,
+    gradient: Vec<T>,
+}
+
+/// A TD3 learner.
+#[derive(Clone, Debug)]
+pub struct Learner<T> {
+    options: Td3Options,
+    sizes: [usize; 2],
+    pub(super) actor: Trained<T>,
+    pub(super) critics: [Trained<T>; 2],
+    updates: u64,
+    scratch: Scratch<T>,
+}
+
+impl<T: Real> Learner<T> {
+    /// A learner with random initial weights for an observation and an action size.
+    ///
+    /// *Errors*: as [`Td3Options::check`].
+    pub fn new(options: Td3Options, [observation, action]: [usize; 2], seed: u64) -> Result<Self, String> {
+        options.check()?;
+        let network = |purpose, inputs, outputs| {
+            let shape = Shape { inputs, hidden: options.hidden, outputs };
+            Trained::new(Network::random(shape, &mut Rng::new(seed, "", purpose)))
+        };
+        let actor = network("actor", observation, action);
+        let critics = ["critic 1", "critic 2"].map(|purpose| network(purpose, observation + action, 1));
+        let (rows, q) = (options.batch, *critics[0].online.shape());
+        let zeros = |width: usize| vec![T::default(); rows * width];
+        let scratch = Scratch {
+            actor: Activations::new(rows, actor.online.shape()),
+            critics: [(); 2].map(|()| Activations::new(rows, &q)),
+            joined: zeros(observation + action),
+            actions: zeros(action),
+            targets: zeros(1),
+            q_gradient: zeros(1),
+            action_gradient: zeros(action),
+            hidden: HiddenGradients::new(rows, &q),
+            gradient: vec![T::default(); q.count().max(actor.online.shape().count())],
+        };
+        Ok(Self { options, sizes: [observation, action], actor, critics, updates: 0, scratch })
+    }
+
+    /// Options.
+    pub fn options(&self) -> &Td3Options {
+        &self.options
+    }
+
+    /// The actor.
+    pub fn actor(&self) -> &Network<T> {
+        &self.actor.online
+    }
+
+    /// Number of updates so far.
+    pub fn updates(&self) -> u64 {
+        self.updates
+    }
+
+    /// Actions for a batch of observations, row-major.
+    pub fn act(&self, observations: &[T], actions: &mut Vec<T>) {
+        let rows = observations.len() / self.sizes[0];
+        let mut at = Activations::new(rows, self.actor.online.shape());
+        self.actor.online.forward(observations, &mut at);
+        let bound = T::of(self.options.max_action);
+        actions.clear();
+        actions.extend(at.output.iter().map(|x| bound * x.hyperbolic_tangent()));
+    }
+
+    /// All tensors that change: networks, targets (`target.…`) and moments (`m.…`, `v.…`), as views.
+    pub fn tensors(&self) -> Vec<NamedTensor<'_, T>> {
+        let mut all = Vec::new();
+        for (network, trained) in self.parts() {
+            let columns = [
+                ("", trained.online.parameters()),
+                ("target.", trained.target.parameters()),
+                ("m.", &trained.moments.first[..]),
+                ("v.", &trained.moments.second[..]),
+            ];
+            let shape = trained.online.shape();
+            for (prefix, numbers) in columns {
+                for ((name, shape), range) in shape.tensors().into_iter().zip(shape.ranges()) {
+                    all.push(NamedTensor { name: format!("{prefix}{network}.{name}"), shape, numbers: &numbers[range] });
+                }
+            }
+        }
+        all
+    }
+
+    /// Sets all tensors and the number of updates.
+    ///
+    /// *Errors*: the name of a tensor that is missing or has another size; nothing has changed then.
+    pub fn set_tensors(&mut self, tensors: &BTreeMap<String, Vec<T>>, updates: u64) -> Result<(), String> {
+        for NamedTensor { name, numbers, .. } in self.tensors() {
+            let found = tensors.get(&name).ok_or_else(|| format!("tensor `{name}` is missing"))?;
+            if found.len() != numbers.len() {
+                let expected = numbers.len();
+                return Err(format!("tensor `{name}` has {} numbers; expected {expected}", found.len()));
+            }
+        }
+        let [q1, q2] = &mut self.critics;
+        for (network, trained) in [("actor", &mut self.actor), ("critic.q1", q1), ("critic.q2", q2)] {
+            let shape = *trained.online.shape();
+            let columns = [
+                ("", trained.online.parameters_mut()),
+                ("target.", trained.target.parameters_mut()),
+                ("m.", &mut trained.moments.first[..]),
+                ("v.", &mut trained.moments.second[..]),
+            ];
+            for (prefix, numbers) in columns {
+                for ((name, _), range) in shape.tensors().iter().zip(shape.ranges()) {
+                    numbers[range].copy_from_slice(&tensors[&format!("{prefix}{network}.{name}")]);
+                }
+            }
+        }
+        self.updates = updates;
+        Ok(())
+    }
+
+    /// Name of the first tensor of the online networks with a number that is not finite.
+    pub fn not_finite(&self) -> Option<String> {
+        self.parts()
+            .into_iter()
+            .find_map(|(network, trained)| Some(format!("{network}.{}", trained.online.not_finite()?)))
+    }
+
+    fn parts(&self) -> [(&'static str, &Trained<T>); 3] {
+        let [q1, q2] = &self.critics;
+        [("actor", &self.actor), ("critic.q1", q1), ("critic.q2", q2)]
+    }
+
+    /// The targets `y` of the last update.
+    pub fn last_targets(&self) -> &[T] {
+        &self.scratch.targets
+    }
+
+    /// One update. `batch` holds [`Td3Options::batch`] rows.
+    pub fn update(&mut self, batch: &TransitionBatch<T>) -> UpdateReport {
+        debug_assert_eq!(batch.rewards.len(), self.options.batch);
+        self.updates += 1;
+        let acts = self.updates.is_multiple_of(self.options.policy_delay);
+        self.compute_targets(batch);
+        let (critic_loss, mean_abs_q) = self.update_critics(batch, acts);
+        let actor_loss = acts.then(|| self.update_actor(batch));
+        UpdateReport { critic_loss, actor_loss, mean_abs_q }
+    }
+
+    /// Step 1: the targets of the critics.
+    fn compute_targets(&mut self, batch: &TransitionBatch<T>) {
+        let (options, s) = (&self.options, &mut self.scratch);
+        let bound = T::of(options.max_action);
+        let noise = T::of(options.target_noise * options.max_action);
+        let clip = T::of(options.noise_clip * options.max_action);
+        self.actor.target.forward(&batch.next_observations, &mut s.actor);
+        for ((a, x), n) in s.actions.iter_mut().zip(&s.actor.output).zip(&batch.noise) {
+            let smoothing = clamp(*n * noise, clip);
+            *a = clamp(bound * x.hyperbolic_tangent() + smoothing, bound);
+        }
+        join(&mut s.joined, &batch.next_observations, &s.actions, self.sizes);
+        for (critic, at) in self.critics.iter().zip(&mut s.critics) {
+            critic.target.forward(&s.joined, at);
+        }
+        let gamma = T::of(options.gamma);
+        let values = s.critics[0].output.iter().zip(&s.critics[1].output);
+        let rewards = batch.rewards.iter().zip(&batch.not_terminal);
+        for ((y, (q1, q2)), (r, go_on)) in s.targets.iter_mut().zip(values).zip(rewards) {
+            // NaN in either one must show: comparisons alone would drop it.
+            let least = if *q2 < *q1 || q2.wide().is_nan() { *q2 } else { *q1 };
+            *y = *r + *go_on * gamma * least;
+        }
+    }
+
+    /// Step 2: one step of both critics. Returns the loss and the mean |Q₁|.
+    fn update_critics(&mut self, batch: &TransitionBatch<T>, moves_targets: bool) -> (f64, f64) {
+        let (options, s) = (&self.options, &mut self.scratch);
+        join(&mut s.joined, &batch.observations, &batch.actions, self.sizes);
+        let rows = options.batch as f64;
+        let scale = T::of(2.0 / rows);
+        let (mut loss, mut mean_abs_q) = (0.0, 0.0);
+        for (k, (critic, at)) in self.critics.iter_mut().zip(&mut s.critics).enumerate() {
+            critic.online.forward(&s.joined, at);
+            for ((g, q), y) in s.q_gradient.iter_mut().zip(&at.output).zip(&s.targets) {
+                let error = *q - *y;
+                *g = scale * error;
+                loss += error.wide() * error.wide() / rows;
+            }
+            if k == 0 {
+                mean_abs_q = at.output.iter().map(|q| q.wide().abs()).sum::<f64>() / rows;
+            }
+            let gradient = &mut s.gradient[..critic.online.shape().count()];
+            critic.online.backward(&s.joined, at, &s.q_gradient, &mut s.hidden, gradient);
+            let target = moves_targets.then(|| critic.target.parameters_mut());
+            let online = critic.online.parameters_mut();
+            critic.moments.step(online, gradient, target, options.critic_rate, self.updates, options);
+        }
+        (loss, mean_abs_q)
+    }
+
+    /// Step 3: one step of the actor. Returns its loss.
+    fn update_actor(&mut self, batch: &TransitionBatch<T>) -> f64 {
+        let (options, s) = (&self.options, &mut self.scratch);
+        let [observation, action] = self.sizes;
+        let bound = T::of(options.max_action);
+        self.actor.online.forward(&batch.observations, &mut s.actor);
+        // From here on, the output of the actor is tanh of its last layer.
+        for (a, x) in s.actions.iter_mut().zip(&mut s.actor.output) {
+            *x = x.hyperbolic_tangent();
+            *a = bound * *x;
+        }
+        join(&mut s.joined, &batch.observations, &s.actions, self.sizes);
+        let (critic, at) = (&self.critics[0].online, &mut s.critics[0]);
+        critic.forward(&s.joined, at);
+        let rows = options.batch as f64;
+        let loss = -at.output.iter().map(|q| q.wide()).sum::<f64>() / rows;
+        s.q_gradient.fill(T::of(-1.0 / rows));
+        let columns = observation..observation + action;
+        critic.backward_to_inputs(at, &s.q_gradient, &mut s.hidden, columns, &mut s.action_gradient);
+        for (g, tanh) in s.action_gradient.iter_mut().zip(&s.actor.output) {
+            *g = *g * bound * (T::of(1.0) - *tanh * *tanh);
+        }
+        let gradient = &mut s.gradient[..self.actor.online.shape().count()];
+        let actor = &mut self.actor;
+        actor.online.backward(&batch.observations, &s.actor, &s.action_gradient, &mut s.hidden, gradient);
+        let step = self.updates / options.policy_delay;
+        let target = Some(actor.target.parameters_mut());
+        actor.moments.step(actor.online.parameters_mut(), gradient, target, options.actor_rate, step, options);
+        loss
+    }
+}
+
+/// Limits to ±bound; NaN stays NaN.
+fn clamp<T: Real>(x: T, bound: T) -> T {
+    if x > bound {
+        bound
+    } else if x < -bound {
+        -bound
+    } else {
+        x
+    }
+}

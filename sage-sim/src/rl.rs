@@ -17,6 +17,6 @@ mod replay_buffer;
 
 pub use kernels::Real;
 pub use learner::{Learner, NamedTensor, TransitionBatch, UpdateReport};
-pub use network::{Network, Shape};
+pub use network::{Network, Shape, SingleRow};
 pub use options::Td3Options;
 pub use replay_buffer::{ReplayBuffer, Transition};

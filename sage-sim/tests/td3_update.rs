@@ -115,8 +115,8 @@ fn a_hundred_updates_at_full_size_agree() {
     // depends on the processor; an error in a formula would show in all seeds.
     let after = |seed| after_updates::<f32>(&Td3Options::default(), [101, 2], 100, [1.0, 1.0], seed, None);
     let narrow: Vec<f64> = [14, 19, 12, 9, 13].into_iter().map(after).collect();
-    assert!(narrow.iter().any(|gap| *gap <= 1e-5), "{narrow:e?}");
-    assert!(narrow.iter().all(|gap| *gap <= 0.02), "{narrow:e?}");
+    assert!(narrow.iter().any(|gap| *gap <= 1e-5), "{narrow:?}");
+    assert!(narrow.iter().all(|gap| *gap <= 0.02), "{narrow:?}");
 }
 
 #[test]

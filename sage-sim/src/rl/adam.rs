@@ -1,9 +1,6 @@
 //! Adam (Kingma and Ba 2015), with the move of the target network in the same pass over the weights.
 
-use super::{
-    Td3Options,
-    kernels::{Real, vectorised},
-};
+use super::{Td3Options, kernels::Real};
 
 /// Moments of one network's parameters.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,22 +61,42 @@ impl<T: Real> Moments<T> {
         let step = Step::<T>::new(rate, step, options);
         let (tau, rest) = (T::of(options.tau), T::of(1.0 - options.tau));
         let (first, second) = (&mut self.first[..], &mut self.second[..]);
-        vectorised(|| {
-            let all = first.iter_mut().zip(second.iter_mut()).zip(parameters.iter_mut()).zip(gradient);
-            match target {
-                None => {
-                    for (((m, v), p), g) in all {
-                        step.apply(m, v, p, *g);
-                    }
-                }
-                Some(target) => {
-                    for ((((m, v), p), g), t) in all.zip(target) {
-                        step.apply(m, v, p, *g);
-                        *t = tau * *p + rest * *t;
-                    }
+        pulp::Arch::new().dispatch(Pass { first, second, parameters, gradient, target, step, tau, rest });
+    }
+}
+
+/// One pass over the parameters.
+struct Pass<'a, T> {
+    first: &'a mut [T],
+    second: &'a mut [T],
+    parameters: &'a mut [T],
+    gradient: &'a [T],
+    target: Option<&'a mut [T]>,
+    step: Step<T>,
+    tau: T,
+    rest: T,
+}
+
+impl<T: Real> pulp::NullaryFnOnce for Pass<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { first, second, parameters, gradient, target, step, tau, rest } = self;
+        let all = first.iter_mut().zip(second).zip(parameters).zip(gradient);
+        match target {
+            None => {
+                for (((m, v), p), g) in all {
+                    step.apply(m, v, p, *g);
                 }
             }
-        });
+            Some(target) => {
+                for ((((m, v), p), g), t) in all.zip(target) {
+                    step.apply(m, v, p, *g);
+                    *t = tau * *p + rest * *t;
+                }
+            }
+        }
     }
 }
 

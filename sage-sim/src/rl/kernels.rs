@@ -79,7 +79,8 @@ impl Real for f64 {
 /// Running totals of a dot product: as many as fill two vectors of AVX2 in `f32`.
 const LANES: usize = 16;
 
-/// Runs a loop compiled for the widest vectors of the processor. All that it calls must be inlined.
+/// Runs a short loop compiled for the widest vectors of the processor. A closure that is too long to be inlined would
+/// not be; longer loops are types with an inlined `call`.
 #[inline(always)]
 pub(super) fn vectorised<R>(run: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(run)
@@ -134,6 +135,13 @@ pub(super) fn add_bias_relu<T: Real>(rows: &mut [T], bias: &[T]) {
     });
 }
 
+/// Takes the positive part. NaN stays NaN.
+pub(super) fn positive_part<T: Real>(numbers: &mut [T]) {
+    for x in numbers {
+        *x = if *x < T::default() { T::default() } else { *x };
+    }
+}
+
 /// Sum of the products of two slices.
 #[inline(always)]
 fn dot<T: Real>(a: &[T], b: &[T]) -> T {
@@ -160,46 +168,88 @@ fn dot<T: Real>(a: &[T], b: &[T]) -> T {
 
 /// `out = x wᵀ + bias` for few outputs, as dot products; a matrix product of so few columns is slower.
 pub(super) fn narrow_layer<T: Real>(out: &mut [T], x: &[T], w: &[T], bias: &[T]) {
-    let width = w.len() / bias.len();
-    vectorised(|| {
+    pulp::Arch::new().dispatch(NarrowLayer { out, x, w, bias });
+}
+
+struct NarrowLayer<'a, T> {
+    out: &'a mut [T],
+    x: &'a [T],
+    w: &'a [T],
+    bias: &'a [T],
+}
+
+impl<T: Real> pulp::NullaryFnOnce for NarrowLayer<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { out, x, w, bias } = self;
+        let width = w.len() / bias.len();
         for (out, x) in out.chunks_exact_mut(bias.len()).zip(x.chunks_exact(width)) {
             for ((out, w), b) in out.iter_mut().zip(w.chunks_exact(width)).zip(bias) {
                 *out = dot(x, w) + *b;
             }
         }
-    });
+    }
+}
+
+/// Gradients of a narrow layer's parameters, and of the bias before the ReLU.
+pub(super) struct NarrowGradients<'a, T> {
+    pub(super) weights: &'a mut [T],
+    pub(super) biases: &'a mut [T],
+    pub(super) hidden_biases: &'a mut [T],
 }
 
 /// Backward pass of [`narrow_layer`] after a ReLU layer: from the gradient of the outputs to the gradient before
-/// the ReLU (`input`), and, if asked for, of weights and biases. `x` is the output of the ReLU.
+/// the ReLU (`input`), and, if asked for, of the parameters. `x` is the output of the ReLU.
 pub(super) fn narrow_layer_backward<T: Real>(
     output: &[T],
     x: &[T],
     w: &[T],
     input: &mut [T],
-    gradients: Option<(&mut [T], &mut [T])>,
+    gradients: Option<NarrowGradients<T>>,
     outputs: usize,
 ) {
-    let width = w.len() / outputs;
-    vectorised(|| {
+    pulp::Arch::new().dispatch(NarrowBackward { output, x, w, input, gradients, outputs });
+}
+
+struct NarrowBackward<'a, T> {
+    output: &'a [T],
+    x: &'a [T],
+    w: &'a [T],
+    input: &'a mut [T],
+    gradients: Option<NarrowGradients<'a, T>>,
+    outputs: usize,
+}
+
+impl<T: Real> pulp::NullaryFnOnce for NarrowBackward<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { output, x, w, input, mut gradients, outputs } = self;
+        let width = w.len() / outputs;
+        if let Some(gradients) = &mut gradients {
+            gradients.weights.fill(T::default());
+            gradients.biases.fill(T::default());
+            gradients.hidden_biases.fill(T::default());
+        }
         let rows = output.chunks_exact(outputs).zip(x.chunks_exact(width));
         for ((d, x), input) in rows.zip(input.chunks_exact_mut(width)) {
             through_narrow_layer(d, w, x, input);
-        }
-    });
-    let Some((weights, biases)) = gradients else { return };
-    weights.fill(T::default());
-    biases.fill(T::default());
-    vectorised(|| {
-        for (d, x) in output.chunks_exact(outputs).zip(x.chunks_exact(width)) {
-            for ((d, weights), bias) in d.iter().zip(weights.chunks_exact_mut(width)).zip(biases.iter_mut()) {
+            let Some(gradients) = &mut gradients else { continue };
+            for (sum, g) in gradients.hidden_biases.iter_mut().zip(&*input) {
+                *sum += *g;
+            }
+            let columns = gradients.weights.chunks_exact_mut(width).zip(gradients.biases.iter_mut());
+            for (d, (weights, bias)) in d.iter().zip(columns) {
                 *bias += *d;
                 for (g, x) in weights.iter_mut().zip(x) {
                     *g += *d * *x;
                 }
             }
         }
-    });
+    }
 }
 
 /// Gradient of one row before the ReLU.
@@ -217,24 +267,26 @@ fn through_narrow_layer<T: Real>(d: &[T], w: &[T], x: &[T], input: &mut [T]) {
     }
 }
 
+/// Sets gradients to 0 where the ReLU's output is not positive, and sums the columns of the result.
+pub(super) fn mask_and_sum<T: Real>(gradient: &mut [T], output: &[T], sums: &mut [T]) {
+    let (zero, width) = (T::default(), sums.len());
+    sums.fill(zero);
+    vectorised(|| {
+        for (row, output) in gradient.chunks_exact_mut(width).zip(output.chunks_exact(width)) {
+            for ((g, x), sum) in row.iter_mut().zip(output).zip(sums.iter_mut()) {
+                *g = if *x > zero { *g } else { zero };
+                *sum += *g;
+            }
+        }
+    });
+}
+
 /// Sets gradients to 0 where the ReLU's output is not positive.
 pub(super) fn mask<T: Real>(gradient: &mut [T], output: &[T]) {
     let zero = T::default();
     vectorised(|| {
         for (g, x) in gradient.iter_mut().zip(output) {
             *g = if *x > zero { *g } else { zero };
-        }
-    });
-}
-
-/// Sums of the columns.
-pub(super) fn column_sums<T: Real>(sums: &mut [T], rows: &[T]) {
-    sums.fill(T::default());
-    vectorised(|| {
-        for row in rows.chunks_exact(sums.len()) {
-            for (sum, x) in sums.iter_mut().zip(row) {
-                *sum += *x;
-            }
         }
     });
 }

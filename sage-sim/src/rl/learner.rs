@@ -14,7 +14,7 @@ use super::{
     Network, Shape, Td3Options,
     adam::Moments,
     kernels::{Real, join},
-    network::{Activations, HiddenGradients},
+    network::{Activations, HiddenGradients, SingleRow},
 };
 
 /// A network with its target and optimiser.
@@ -154,14 +154,13 @@ impl<T: Real> Learner<T> {
         self.updates
     }
 
-    /// Actions for a batch of observations, row-major.
-    pub fn act(&self, observations: &[T], actions: &mut Vec<T>) {
-        let rows = observations.len() / self.sizes[0];
-        let mut at = Activations::new(rows, self.actor.online.shape());
-        self.actor.online.forward(observations, &mut at);
+    /// The action of the actor for one observation, without noise.
+    pub fn act(&self, observation: &[T], memory: &mut SingleRow<T>, action: &mut [T]) {
+        self.actor.online.forward_one(observation, memory, action);
         let bound = T::of(self.options.max_action);
-        actions.clear();
-        actions.extend(at.output.iter().map(|x| bound * x.hyperbolic_tangent()));
+        for x in action {
+            *x = bound * x.hyperbolic_tangent();
+        }
     }
 
     /// All tensors that change: networks, targets (`target.…`) and moments (`m.…`, `v.…`), as views.

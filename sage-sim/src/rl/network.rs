@@ -8,8 +8,8 @@ use std::ops::Range;
 use sage_core::seed::Rng;
 
 use super::kernels::{
-    Real, Rows, add_bias_relu, column_sums, mask, narrow_layer, narrow_layer_backward, times,
-    times_transposed, transposed_times,
+    NarrowGradients, Real, Rows, add_bias_relu, mask, mask_and_sum, narrow_layer, narrow_layer_backward,
+    positive_part, times, times_transposed, transposed_times,
 };
 
 /// Sizes of a network.
@@ -66,6 +66,13 @@ pub(super) struct Activations<T> {
     pub(super) first: Vec<T>,
     pub(super) second: Vec<T>,
     pub(super) output: Vec<T>,
+}
+
+/// Working memory of [`Network::forward_one`].
+#[derive(Clone, Debug, Default)]
+pub struct SingleRow<T> {
+    first: Vec<T>,
+    second: Vec<T>,
 }
 
 /// Gradients of a batch before the ReLUs.
@@ -144,6 +151,19 @@ impl<T: Real> Network<T> {
         narrow_layer(&mut to.output, &to.second, w3, b3);
     }
 
+    /// Outputs for one input. It differs from a row of a batch by rounding only, and takes no memory but `memory`.
+    pub fn forward_one(&self, input: &[T], memory: &mut SingleRow<T>, output: &mut [T]) {
+        let [w1, b1, w2, b2, w3, b3] = self.tensors();
+        let SingleRow { first, second } = memory;
+        first.resize(b1.len(), T::default());
+        second.resize(b2.len(), T::default());
+        narrow_layer(first, input, w1, b1);
+        positive_part(first);
+        narrow_layer(second, first, w2, b2);
+        positive_part(second);
+        narrow_layer(output, second, w3, b3);
+    }
+
     /// Gradients of all parameters from those of the outputs.
     pub(super) fn backward(
         &self,
@@ -158,16 +178,15 @@ impl<T: Real> Network<T> {
         let [_, _, w2, _, w3, _] = self.tensors();
         let [r1, rb1, r2, rb2, r3, rb3] = self.shape.ranges();
         let (low, high) = gradient.split_at_mut(r3.start);
-        let last = high.split_at_mut(rb3.start - r3.start);
+        let (weights, biases) = high.split_at_mut(rb3.start - r3.start);
+        let last = NarrowGradients { weights, biases, hidden_biases: &mut low[rb2] };
         narrow_layer_backward(output, &at.second, w3, &mut hidden.second, Some(last), outputs);
         let second = Rows::new(&hidden.second, [rows, h2]);
         transposed_times(&mut low[r2], second, Rows::new(&at.first, [rows, h1]));
-        column_sums(&mut low[rb2], &hidden.second);
         times(&mut hidden.first, second, Rows::new(w2, [h2, h1]));
-        mask(&mut hidden.first, &at.first);
+        mask_and_sum(&mut hidden.first, &at.first, &mut low[rb1]);
         let first = Rows::new(&hidden.first, [rows, h1]);
         transposed_times(&mut low[r1], first, Rows::new(inputs, [rows, width]));
-        column_sums(&mut low[rb1], &hidden.first);
     }
 
     /// Gradient of some inputs from that of the outputs: `to` gets a row per row of the batch.

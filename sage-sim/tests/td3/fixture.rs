@@ -3,7 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use safetensors::SafeTensors;
-use sage_sim::rl::{Learner, Real, TransitionBatch};
+use sage_sim::rl::{Learner, Real, SingleRow, TransitionBatch};
 
 pub struct Fixture(BTreeMap<String, Vec<f64>>);
 
@@ -87,10 +87,14 @@ impl Fixture {
         // after the first.
         assert_eq!(compared, 3 * 72 - 12);
         assert_eq!(actor_losses, 2);
-        let mut actions = Vec::new();
-        learner.act(&self.get("batch.state")[..32 * 7].iter().map(|x| T::of(*x)).collect::<Vec<_>>(), &mut actions);
-        for (x, y) in actions.iter().zip(self.get(&format!("{precision}.policy5"))) {
-            assert!((x.wide() - y).abs() <= bound, "{precision} policy: {x:?} and {y}");
+        let (mut memory, mut action) = (SingleRow::default(), [T::of(0.0); 2]);
+        let rows = self.get("batch.state")[..32 * 7].chunks_exact(7);
+        for (row, expected) in rows.zip(self.get(&format!("{precision}.policy5")).chunks_exact(2)) {
+            let row: Vec<T> = row.iter().map(|x| T::of(*x)).collect();
+            learner.act(&row, &mut memory, &mut action);
+            for (x, y) in action.iter().zip(expected) {
+                assert!((x.wide() - y).abs() <= bound, "{precision} policy: {x:?} and {y}");
+            }
         }
     }
 }

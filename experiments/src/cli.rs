@@ -8,6 +8,7 @@ mod driving;
 mod learning;
 mod mixing;
 mod theory;
+mod training;
 
 use std::path::PathBuf;
 
@@ -30,6 +31,7 @@ pub(crate) use learning::{
 };
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};
 pub(crate) use theory::TheoryArgs;
+pub(crate) use training::TrainEgoArgs;
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
 pub(crate) const MOST_PROCEDURAL: u64 = 100_000;
@@ -70,6 +72,7 @@ pub(crate) enum Command {
     Predict(PredictArgs),
     Generate(GenerateArgs),
     Simulate(SimulateArgs),
+    TrainEgo(TrainEgoArgs),
     /// Analyse a set of experts.
     #[command(
         subcommand,
@@ -353,6 +356,7 @@ impl Cli {
                 | Command::Predict(_)
                 | Command::Generate(_)
                 | Command::Simulate(_)
+                | Command::TrainEgo(_)
                 | Command::Analyse(_)
                 | Command::Bench(_)
                 | Command::Theory(TheoryArgs { data: Some(_), .. })

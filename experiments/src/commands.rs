@@ -28,3 +28,4 @@ pub(crate) mod scenes;
 pub(crate) mod score;
 pub(crate) mod simulate;
 pub(crate) mod theory;
+pub(crate) mod train_ego;

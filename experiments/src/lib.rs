@@ -54,6 +54,11 @@ use sage_generators::{GeneratorKind, generators};
 use sage_merging::{Merger, mergers};
 use sage_sim::avoidable::TimeToReact;
 use sage_sim::policy::{EgoPolicy, policies};
+use sage_sim::rl::{
+    Curriculum, SceneSampler,
+    curriculum::curricula,
+    scene_sampler::scene_samplers,
+};
 use theory_checks::{Check, claims};
 
 pub use cli::Cli;
@@ -73,6 +78,10 @@ pub struct Registries {
     pub generators: Registry<dyn GeneratorKind>,
     /// Driving policies.
     pub policies: Registry<dyn EgoPolicy>,
+    /// Curricula of closed-loop training.
+    pub curricula: Registry<dyn Curriculum>,
+    /// Scene samplers of closed-loop training.
+    pub scene_samplers: Registry<dyn SceneSampler>,
     /// Claims of the theory.
     pub claims: Registry<dyn Check>,
 }
@@ -89,6 +98,8 @@ impl Registries {
             mergers: mergers()?,
             generators: generators()?,
             policies: policies()?,
+            curricula: curricula()?,
+            scene_samplers: scene_samplers()?,
             claims: claims()?,
         })
     }

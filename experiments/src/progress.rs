@@ -16,6 +16,13 @@ pub(crate) fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{}", terminal::escaped(text));
 }
 
+/// Shows a line that the next one replaces, on a terminal only.
+pub(crate) fn show(text: &str) {
+    if std::io::stderr().is_terminal() {
+        let _ = write!(std::io::stderr(), "\r{}   ", terminal::escaped(text));
+    }
+}
+
 /// A number with its noun: `1 scene`, `2 scenes`.
 pub(crate) fn count(number: usize, noun: &str) -> String {
     format!("{number} {noun}{}", if number == 1 { "" } else { "s" })

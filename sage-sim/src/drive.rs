@@ -301,7 +301,7 @@ fn touches_now(world: &World, track: usize) -> bool {
 }
 
 /// A contact of the last step with the states that belong to it.
-fn found(world: &World, contact: &Contact) -> Option<DriveContact> {
+pub(crate) fn found(world: &World, contact: &Contact) -> Option<DriveContact> {
     let is_it = |body: &&Body| body.track == contact.track;
     let [now, before] = [world.bodies(), world.bodies_before()].map(|bodies| bodies.iter().find(is_it));
     let (other, car) = (now.or(before)?, *world.motion_before());

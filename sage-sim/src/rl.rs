@@ -1,22 +1,41 @@
-//! Reinforcement learning of a driving policy: TD3 (Fujimoto et al. 2018, arXiv 1802.09477).
+//! Reinforcement learning of a driving policy: TD3 (Fujimoto et al. 2018, arXiv 1802.09477), alone and in closed-loop
+//! training against an adversary.
 //!
 //! - [`Learner`]: actor, twin critics, their targets and optimisers; one [`update`](Learner::update) from a batch.
 //! - [`ReplayBuffer`]: transitions in a ring, each observation once.
-//! - [`Td3Options`]: every number of the algorithm, with the paper's defaults.
+//! - [`Training`]: the loop of episodes, updates and evaluations, with a [`Curriculum`], a [`SceneSampler`] and an
+//!   [`Attacker`].
+//! - [`ActorPolicy`]: the driving policy of an actor.
 //!
-//! Observation and action sizes are free. The update is written by hand: buffers are allocated once, products come
-//! from `faer`, gradients are formulas, and Adam changes weights, moments and targets in one pass. It is generic
-//! over `f32` (training) and `f64` (tests against candle's automatic differentiation).
+//! Observation and action sizes of the learner are free. The update is written by hand: buffers are allocated once,
+//! products come from `faer`, gradients are formulas, and Adam changes weights, moments and targets in one pass. It is
+//! generic over `f32` (training) and `f64` (tests against candle's automatic differentiation).
 
 mod adam;
+mod attacker;
+mod checkpoint;
+pub mod curriculum;
+mod evaluation;
 mod kernels;
 mod learner;
 mod network;
 mod options;
+mod policy;
+mod policy_file;
 mod replay_buffer;
+pub mod scene_sampler;
+mod training;
 
+pub use checkpoint::{BUFFER, CHECKPOINT};
+pub use attacker::{Attacker, GeneratorAttacker};
+pub use curriculum::{Curriculum, Progress, SuccessRates};
+pub use evaluation::{EpisodeRow, drive_episode, evaluate, evaluation_rules};
 pub use kernels::Real;
 pub use learner::{Learner, NamedTensor, TransitionBatch, UpdateReport};
 pub use network::{Network, Shape, SingleRow};
 pub use options::Td3Options;
+pub use policy::ActorPolicy;
+pub use policy_file::{PolicyCard, parse_policy, read_policy, write_policy};
 pub use replay_buffer::{ReplayBuffer, Transition};
+pub use scene_sampler::{SceneRecord, SceneSampler};
+pub use training::{Counters, Evaluation, KEPT_ACTORS, Setting, Stop, Training, TrainingOptions, TrainingState};

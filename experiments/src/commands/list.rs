@@ -22,6 +22,8 @@ pub(crate) fn run(registries: &Registries, as_json: bool) -> Result<Outcome> {
     print(&mut out, &registries.mergers, as_json)?;
     generators(&mut out, &registries.generators, as_json)?;
     policies(&mut out, &registries.policies, as_json)?;
+    print(&mut out, &registries.curricula, as_json)?;
+    print(&mut out, &registries.scene_samplers, as_json)?;
     print(&mut out, &registries.claims, as_json)?;
     Ok(Outcome::Done)
 }

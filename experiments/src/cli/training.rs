@@ -1,0 +1,105 @@
+//! Arguments of the commands that train driving policies.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
+use crate::part::Part;
+
+/// Train a driving policy by TD3, alone or against an adversary (SAGE, algorithm 2).
+///
+/// Every episode is a scene in which the adversary attacks with the probability and intensity of the curriculum; the
+/// generator plans against the newest drive of the policy in that scene. After every step follow --ratio updates. At
+/// fixed steps the policy is evaluated on the scenes of --eval, unchanged and under attack at λ = 1.
+///
+/// The output folder holds a folder per seed (`seed-0/`): `policy.safetensors` with its card, the policies of the last
+/// five evaluations, `evaluations.csv`, `episodes.csv`, and a checkpoint; beside them `curves.csv`, SVG curves and
+/// `run.json`. The same command resumes an interrupted run with bit-identical results. A policy file drives wherever
+/// an ego is named: `sage simulate SCENE --ego td3:run/seed-0/policy.safetensors`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sage train-ego --generator none --updates 20000 --seeds 0..1 --out run/\n  sage train-ego target/data/womd_cat500/pretrain --splits docs/results/splits.json --split train --eval target/data/womd_cat500/dev --generator sage --updates 200000 --ratio 0.5 --seeds 0..5 --out run/"
+)]
+pub(crate) struct TrainEgoArgs {
+    /// Scene files and folders for training (default: procedural scenes).
+    #[arg(value_name = "PATH")]
+    pub paths: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    /// Scene files and folders for evaluation (default: procedural scenes of another seed).
+    #[arg(long, value_name = "PATH", num_args = 1..)]
+    pub eval: Vec<PathBuf>,
+    /// Evaluate on scenes of the training too.
+    #[arg(long)]
+    pub allow_overlap: bool,
+    /// Number of procedural scenes for training, if no PATH is given; a third as many are for evaluation.
+    #[arg(long, value_name = "N", default_value_t = 120, value_parser = clap::value_parser!(u64).range(3..=MOST_PROCEDURAL))]
+    pub procedural: u64,
+    /// Generator of the attacks, by its name in `sage list`, or none.
+    #[arg(long, value_name = "NAME", default_value = "none")]
+    pub generator: Part,
+    /// Generator of the attacks in the evaluation, or none.
+    #[arg(long, value_name = "NAME", default_value = "sage")]
+    pub eval_generator: Part,
+    /// Weights of the experts: procedural, waymo, waymo-paper or a folder (default: as in `sage generate`).
+    #[arg(long, value_name = "NAME")]
+    pub weights: Option<String>,
+    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
+    #[arg(long, value_name = "NAME", default_value = "natural")]
+    pub selection: String,
+    /// When and how strongly the adversary attacks, by its name in `sage list`.
+    #[arg(long, value_name = "NAME", default_value = "paper")]
+    pub curriculum: Part,
+    /// Which scene is next, by its name in `sage list`.
+    #[arg(long, value_name = "NAME", default_value = "uniform")]
+    pub sampler: Part,
+    /// Updates of the networks.
+    #[arg(long, value_name = "N", default_value_t = 100_000)]
+    pub updates: u64,
+    /// Updates per step of the environment; 1 as published.
+    #[arg(long, value_name = "R", default_value_t = 1.0)]
+    pub ratio: f64,
+    /// Steps with random actions before the first update.
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    pub random_steps: u64,
+    /// Seeds, as FIRST..END (END is not among them).
+    #[arg(long, value_name = "A..B", default_value = "0..1", value_parser = seeds)]
+    pub seeds: std::ops::Range<u64>,
+    /// Environments per run that take turns.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub environments: usize,
+    /// Largest number of steps of an episode; above 91 it goes on after the recording (251 as published).
+    #[arg(long, value_name = "N", default_value_t = 91)]
+    pub max_steps: usize,
+    /// Store the limit of steps as a terminal step, as published.
+    #[arg(long)]
+    pub limit_is_terminal: bool,
+    /// Newest drives of a scene, of which one is attacked.
+    #[arg(long, value_name = "K", default_value_t = 1)]
+    pub drives: usize,
+    /// Number of evaluations, evenly spaced, the last at the end.
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub evaluations: u64,
+    /// Further options of TD3 as JSON, such as '{"gamma": 0.98}'.
+    #[arg(long, value_name = "JSON")]
+    pub td3: Option<String>,
+    /// Steps between two checkpoints.
+    #[arg(long, value_name = "N", default_value_t = 5000, value_parser = clap::value_parser!(u64).range(1..))]
+    pub checkpoint_every: u64,
+    /// Licence text for the card of the policies.
+    #[arg(long, value_name = "TEXT")]
+    pub license: Option<String>,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}
+
+fn seeds(text: &str) -> Result<std::ops::Range<u64>, String> {
+    let problem = || format!("`{text}` is not a range of seeds; write FIRST..END, such as 0..5");
+    let (first, end) = text.split_once("..").ok_or_else(problem)?;
+    let range = first.parse().map_err(|_| problem())?..end.parse().map_err(|_| problem())?;
+    if range.is_empty() || range.end - range.start > 1000 {
+        return Err(format!("`{text}` holds no seed, or more than 1000"));
+    }
+    Ok(range)
+}

@@ -1,0 +1,214 @@
+//! `sage train-ego`: trains driving policies, a run per seed.
+
+mod adversary;
+mod one_seed;
+mod report;
+
+use std::{
+    collections::BTreeSet,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
+    time::Instant,
+};
+
+use anyhow::{Context as _, Result, anyhow, bail};
+use sage_backbones::training::SceneData;
+use sage_sim::{
+    SimScene,
+    rl::{Td3Options, TrainingOptions},
+};
+use serde_json::{Map, Value, json};
+
+use crate::{
+    Outcome, Registries,
+    cli::{SplitArgs, TrainEgoArgs},
+    networks,
+    output::{self, Run, State},
+    part::Part,
+    progress,
+    scenes::{self, Scenes},
+    selection::Selection,
+};
+use adversary::Adversary;
+
+/// Name for no generator.
+const NONE: &str = "none";
+/// Procedural scenes of the evaluation have this seed, those of the training have 0.
+const EVALUATION_SEED: u64 = 1;
+/// Licence of policies that saw procedural scenes only.
+const OWN_LICENSE: &str = "MIT OR Apache-2.0";
+/// Licence note of policies that saw recorded scenes.
+const DATA_LICENSE: &str = "trained on recorded scenes: the terms of their data set apply";
+
+/// Everything that all seeds share.
+struct Shared<'a> {
+    args: &'a TrainEgoArgs,
+    registries: &'a Registries,
+    training: Vec<Arc<SimScene>>,
+    evaluation: Vec<Arc<SimScene>>,
+    names: Vec<String>,
+    attacker: Option<Adversary>,
+    examiner: Option<Adversary>,
+    options: TrainingOptions,
+    identity: Value,
+    license: String,
+}
+
+pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcome> {
+    let clock = Instant::now();
+    let options = options(args)?;
+    args.curriculum.build(&registries.curricula)?;
+    args.sampler.build(&registries.scene_samplers)?;
+    let selection = Selection::of(registries, &args.selection, None)?;
+    let weights = match &args.weights {
+        Some(name) => name.clone(),
+        None => networks::default_for(args.paths.is_empty())?.to_owned(),
+    };
+    let build = |part: &Part| -> Result<Option<Adversary>> {
+        (part.name != NONE).then(|| Adversary::new(part, &weights, &selection, registries)).transpose()
+    };
+    let (attacker, examiner) = (build(&args.generator)?, build(&args.eval_generator)?);
+    let needs_adversary = attacker.is_some() || examiner.is_some();
+    let training = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
+    let every = SplitArgs { splits: None, split: None, without_split: None, scenes: Vec::new() };
+    let evaluation =
+        scenes(&args.eval, &every, args.procedural.div_ceil(3), EVALUATION_SEED, needs_adversary)?;
+    refuse_overlap(args, &training, &evaluation)?;
+    let hashes = [&training, &evaluation].map(|data| scenes::describe(data));
+    let weights_of = [&attacker, &examiner].map(|built| built.as_ref().map(|built| built.weights.clone()));
+    let identity = json!({
+        "command": "train-ego", "options": options, "generator": args.generator.to_string(),
+        "evaluation_generator": args.eval_generator.to_string(), "curriculum": args.curriculum.to_string(),
+        "sampler": args.sampler.to_string(), "selection": selection.objective.spec(),
+        "weights": weights_of,
+        "scenes": hashes[0], "evaluation_scenes": hashes[1], "checkpoint_every": args.checkpoint_every,
+        "seeds": [args.seeds.start, args.seeds.end], "program": output::program(),
+    });
+    let own = if args.paths.is_empty() { OWN_LICENSE } else { DATA_LICENSE };
+    let shared = Shared {
+        args,
+        registries,
+        names: evaluation.iter().map(|data| data.name.clone()).collect(),
+        training: simulated(&training)?,
+        evaluation: simulated(&evaluation)?,
+        attacker,
+        examiner,
+        options,
+        identity,
+        license: args.license.clone().unwrap_or_else(|| own.to_owned()),
+    };
+    drop((training, evaluation));
+    let temporary: Vec<String> =
+        args.seeds.clone().map(|seed| format!("{}/{}", one_seed::folder(seed), sage_sim::rl::BUFFER)).collect();
+    let temporary: Vec<&str> = temporary.iter().map(String::as_str).collect();
+    let results = ["curves.csv", "curves.svg"];
+    let (run, state) =
+        Run::start(&args.folder.out, shared.identity.clone(), args.folder.force, &temporary, &results, &results)?;
+    if state == State::Done {
+        return Ok(Outcome::Done);
+    }
+    if state == State::New {
+        for seed in args.seeds.clone() {
+            one_seed::clear(&run.folder().inner(one_seed::folder(seed).as_ref())?)?;
+        }
+    }
+    let trained = all_seeds(&shared, &run)?;
+    report::write(&run, &shared, &trained)?;
+    let summary = report::summary(&shared, &trained);
+    run.finish(&summary, clock.elapsed().as_secs_f64())?;
+    output::print(&report::markdown(&shared, &trained)?)?;
+    progress::say(&format!("policies, curves and run.json are in `{}`", args.folder.out.display()));
+    Ok(Outcome::Done)
+}
+
+/// Options of the runs; the seed is set later.
+fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
+    let td3: Td3Options = match &args.td3 {
+        None => Td3Options::default(),
+        Some(text) => {
+            let given: Map<String, Value> = serde_json::from_str(text).context("--td3 is not a JSON object")?;
+            serde_json::from_value(Value::Object(given)).context("--td3")?
+        }
+    };
+    let options = TrainingOptions {
+        td3: Td3Options { random_steps: args.random_steps, ..td3 },
+        updates: args.updates,
+        ratio: args.ratio,
+        environments: args.environments,
+        max_steps: args.max_steps,
+        limit_is_terminal: args.limit_is_terminal,
+        paths: args.drives,
+        evaluations: args.evaluations,
+        seed: 0,
+    };
+    options.check().map_err(|problem| anyhow!(problem))?;
+    Ok(options)
+}
+
+fn scenes(
+    paths: &[std::path::PathBuf],
+    split: &SplitArgs,
+    procedural: u64,
+    seed: u64,
+    needs_adversary: bool,
+) -> Result<Vec<SceneData>> {
+    let all = Scenes::of(paths, split, procedural, seed)?;
+    let all = if needs_adversary { all.attackable()? } else { all.known()? };
+    let all = all.read_all()?;
+    if all.is_empty() {
+        bail!("no scenes are left; give more paths or other filters");
+    }
+    Ok(all)
+}
+
+fn refuse_overlap(args: &TrainEgoArgs, training: &[SceneData], evaluation: &[SceneData]) -> Result<()> {
+    let seen: BTreeSet<[u8; 16]> = training.iter().map(|data| data.scene.content_hash()).collect();
+    let both: Vec<&str> = evaluation
+        .iter()
+        .filter(|data| seen.contains(&data.scene.content_hash()))
+        .map(|data| &*data.name)
+        .collect();
+    if let Some(first) = both.first()
+        && !args.allow_overlap
+    {
+        bail!(
+            "{} of {} scenes of the evaluation are among those of the training, such as `{first}`; give others with --eval, or --allow-overlap",
+            both.len(),
+            evaluation.len()
+        );
+    }
+    Ok(())
+}
+
+fn simulated(data: &[SceneData]) -> Result<Vec<Arc<SimScene>>> {
+    data.iter()
+        .map(|data| {
+            SimScene::new(data.scene.clone(), data.index.clone()).with_context(|| format!("`{}`", data.name))
+        })
+        .collect()
+}
+
+/// Trains all seeds, each on a thread of its own. They share no state, so the number of threads changes no bit.
+fn all_seeds(shared: &Shared, run: &Run) -> Result<Vec<one_seed::Trained>> {
+    let seeds: Vec<u64> = shared.args.seeds.clone().collect();
+    let next = AtomicUsize::new(0);
+    let done = Mutex::new(Vec::new());
+    let clock = report::Clock::new(shared.options.steps() * seeds.len() as u64);
+    let work = || {
+        while let Some(seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) {
+            let trained = one_seed::train(shared, run, *seed, &clock).with_context(|| format!("seed {seed}"));
+            let failed = trained.is_err();
+            done.lock().unwrap_or_else(PoisonError::into_inner).push((*seed, trained));
+            if failed {
+                next.store(seeds.len(), Ordering::Relaxed);
+            }
+        }
+    };
+    let threads = rayon::current_num_threads().min(seeds.len());
+    std::thread::scope(|scope| (0..threads).for_each(|_| drop(scope.spawn(work))));
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(seed, _)| *seed);
+    done.into_iter().map(|(_, trained)| trained).collect()
+}

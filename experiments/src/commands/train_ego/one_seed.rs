@@ -1,0 +1,135 @@
+//! The run of one seed: resumes from its checkpoint, trains, saves, writes its results.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result, anyhow};
+use sage_sim::rl::{
+    CHECKPOINT, Counters, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions, TrainingState,
+    write_policy,
+};
+use serde_json::json;
+
+use super::{Shared, report};
+use crate::output::Run;
+
+/// A trained seed.
+pub(super) struct Trained {
+    pub(super) seed: u64,
+    pub(super) evaluations: Vec<Evaluation>,
+    pub(super) losses: Vec<[f64; 3]>,
+    pub(super) counters: Counters,
+    pub(super) updates: u64,
+}
+
+/// Name of a seed's folder.
+pub(super) fn folder(seed: u64) -> String {
+    format!("seed-{seed}")
+}
+
+/// Removes the checkpoint of another run.
+pub(super) fn clear(folder: &Path) -> Result<()> {
+    match std::fs::remove_file(folder.join(CHECKPOINT)) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("cannot remove `{}`", folder.join(CHECKPOINT).display()))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Trains one seed to its end.
+///
+/// *Errors*: the run breaks off ([`sage_sim::rl::Stop`]), or a file cannot be written.
+pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock) -> Result<Trained> {
+    let options = TrainingOptions { seed, ..shared.options.clone() };
+    let path = run.folder().inner(folder(seed).as_ref())?;
+    std::fs::create_dir_all(&path).with_context(|| format!("cannot make `{}`", path.display()))?;
+    let identity = format!("{} seed {seed}", shared.identity);
+    let loaded = TrainingState::load(&path, &identity, &options, shared.training.len());
+    let loaded = loaded.map_err(|problem| anyhow!(problem))?;
+    let resumed = loaded.is_some();
+    let (state, mut saved) = match loaded {
+        Some(loaded) => loaded,
+        None => (TrainingState::new(&options, shared.training.len()).map_err(|problem| anyhow!(problem))?, 0),
+    };
+    let curriculum = shared.args.curriculum.build(&shared.registries.curricula)?;
+    let sampler = shared.args.sampler.build(&shared.registries.scene_samplers)?;
+    let setting = Setting {
+        scenes: &shared.training,
+        evaluation: &shared.evaluation,
+        attacker: shared.attacker.as_ref().map(|adversary| adversary as _),
+        examiner: shared.examiner.as_ref().map(|adversary| adversary as _),
+        curriculum: &*curriculum,
+        sampler: &*sampler,
+    };
+    let total = options.steps();
+    let mut training = Training::new(options, setting, state);
+    if resumed {
+        clock.resumed(seed, training.state().counters().steps);
+    }
+    while !training.is_done() {
+        let until = training.state().counters().steps + shared.args.checkpoint_every;
+        let before = training.state().evaluations().len();
+        training.advance(until.min(total), |_| clock.step()).map_err(|stop| {
+            anyhow!(
+                "{stop}; the last good checkpoint is `{}`: the same command goes on from it, other options need another --out",
+                path.join(CHECKPOINT).display()
+            )
+        })?;
+        let state = training.state();
+        if let Some(tensor) = state.learner().not_finite() {
+            return Err(anyhow!(
+                "step {}: tensor `{tensor}` is not finite; the last good checkpoint is `{}`",
+                state.counters().steps,
+                path.join(CHECKPOINT).display()
+            ));
+        }
+        saved = state.save(&path, &identity, saved).with_context(|| format!("cannot write to `{}`", path.display()))?;
+        for evaluation in &state.evaluations()[before..] {
+            clock.evaluated(seed, evaluation, total);
+        }
+    }
+    let state = training.state();
+    let trained = Trained {
+        seed,
+        evaluations: state.evaluations().to_vec(),
+        losses: state.loss_curve().to_vec(),
+        counters: state.counters().clone(),
+        updates: state.learner().updates(),
+    };
+    write_policies(shared, run, &trained)?;
+    Ok(trained)
+}
+
+/// Writes the final policy, those of the last evaluations, and the tables of the seed.
+fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
+    let name = folder(trained.seed);
+    let write = |file: &str, evaluation: &Evaluation| -> Result<()> {
+        let Some(actor) = &evaluation.actor else { return Ok(()) };
+        let card = card(shared, trained, evaluation);
+        let path = run.folder().inner(name.as_ref())?.join(file);
+        write_policy(&path, actor, &card).with_context(|| format!("cannot write `{}`", path.display()))
+    };
+    for evaluation in trained.evaluations.iter().rev().take(KEPT_ACTORS) {
+        write(&format!("policy-{}.safetensors", evaluation.step), evaluation)?;
+    }
+    if let Some(last) = trained.evaluations.last() {
+        write("policy.safetensors", last)?;
+    }
+    run.folder().write(&format!("{name}/evaluations.csv"), report::curve_csv(std::slice::from_ref(trained)).as_bytes())?;
+    run.folder().write(&format!("{name}/episodes.csv"), report::episodes_csv(trained, &shared.names)?.as_bytes())
+}
+
+fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCard {
+    let args = shared.args;
+    let training = json!({
+        "algorithm": "TD3", "generator": args.generator.to_string(), "curriculum": args.curriculum.to_string(),
+        "sampler": args.sampler.to_string(), "weights": shared.attacker.as_ref().map(|a| &a.weights),
+        "seed": trained.seed, "updates": evaluation.updates, "steps": evaluation.step,
+        "scenes": shared.identity["scenes"], "options": shared.options,
+    });
+    let measured = json!({
+        "scenes": shared.identity["evaluation_scenes"], "attacks": args.eval_generator.to_string(),
+        "unchanged": report::means(&evaluation.unchanged), "attacked": report::means(&evaluation.attacked),
+    });
+    PolicyCard::new(training, measured, shared.license.clone())
+}

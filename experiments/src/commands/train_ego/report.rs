@@ -1,0 +1,237 @@
+//! Progress, curves and tables of trained policies.
+
+use std::{
+    fmt::Write as _,
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::Instant,
+};
+
+use anyhow::Result;
+use sage_sim::rl::{EpisodeRow, Evaluation};
+use serde_json::{Map, Value, json};
+
+use super::{Shared, one_seed::Trained};
+use crate::{
+    bench::line_chart::{Chart, Line},
+    output::Run,
+    progress,
+};
+
+/// Names and values of what an evaluation reports, as means over its episodes.
+pub(super) const COLUMNS: [(&str, fn(&EpisodeRow) -> f64); 13] = [
+    ("reward", |r| r.reward),
+    ("cost", |r| r.cost),
+    ("completion", |r| r.completion),
+    ("completion_recorded", |r| r.completion_recorded),
+    ("contact", |r| flag(r.contact)),
+    ("at_fault", |r| flag(r.at_fault)),
+    ("adversary", |r| flag(r.adversary)),
+    ("off_road", |r| flag(r.off_road)),
+    ("arrived", |r| flag(r.arrived)),
+    ("time_limit", |r| flag(r.time_limit)),
+    ("failed", |r| flag(r.failed.is_some())),
+    ("speed", |r| r.speed),
+    ("jerk", |r| r.jerk),
+];
+/// Newest evaluations that a table averages.
+const AVERAGED: usize = 5;
+
+fn flag(is: bool) -> f64 {
+    f64::from(u8::from(is))
+}
+
+/// Mean of a column. Speed and jerk are means over steps, so longer episodes weigh more.
+fn mean(rows: &[EpisodeRow], name: &str, value: fn(&EpisodeRow) -> f64) -> f64 {
+    let weight = |row: &EpisodeRow| if ["speed", "jerk"].contains(&name) { row.steps as f64 } else { 1.0 };
+    let sum: f64 = rows.iter().map(weight).sum();
+    rows.iter().map(|row| weight(row) * value(row)).sum::<f64>() / sum.max(1.0)
+}
+
+/// Means of all columns, with the number of episodes.
+pub(super) fn means(rows: &[EpisodeRow]) -> Value {
+    let mut all: Map<String, Value> =
+        COLUMNS.iter().map(|(name, value)| ((*name).to_owned(), json!(mean(rows, name, *value)))).collect();
+    all.insert("episodes".to_owned(), json!(rows.len()));
+    Value::Object(all)
+}
+
+/// Curves of some seeds as CSV: a row per evaluation and kind of scenes.
+pub(super) fn curve_csv(trained: &[Trained]) -> String {
+    let mut csv = "seed,step,updates,scenes,episodes".to_owned();
+    for (name, _) in COLUMNS {
+        let _ = write!(csv, ",{name}");
+    }
+    csv.push_str(",critic_loss,mean_abs_q\n");
+    for run in trained {
+        for (evaluation, [_, loss, q]) in run.evaluations.iter().zip(&run.losses) {
+            for (kind, rows) in kinds(evaluation) {
+                let Evaluation { step, updates, .. } = evaluation;
+                let _ = write!(csv, "{},{step},{updates},{kind},{}", run.seed, rows.len());
+                for (name, value) in COLUMNS {
+                    let _ = write!(csv, ",{}", mean(rows, name, value));
+                }
+                let _ = writeln!(csv, ",{loss},{q}");
+            }
+        }
+    }
+    csv
+}
+
+/// Rows of all episodes of the newest evaluations of a seed.
+pub(super) fn episodes_csv(trained: &Trained, names: &[String]) -> Result<String> {
+    let mut csv = "seed,step,scenes,scene,steps".to_owned();
+    for (name, _) in COLUMNS {
+        let _ = write!(csv, ",{name}");
+    }
+    csv.push('\n');
+    let first = trained.evaluations.len().saturating_sub(AVERAGED);
+    for evaluation in &trained.evaluations[first..] {
+        for (kind, rows) in kinds(evaluation) {
+            for row in rows {
+                let name = names[row.scene].replace('"', "'");
+                let _ = write!(csv, "{},{},{kind},\"{name}\",{}", trained.seed, evaluation.step, row.steps);
+                for (_, value) in COLUMNS {
+                    let _ = write!(csv, ",{}", value(row));
+                }
+                csv.push('\n');
+            }
+        }
+    }
+    Ok(csv)
+}
+
+fn kinds(evaluation: &Evaluation) -> impl Iterator<Item = (&'static str, &[EpisodeRow])> {
+    [("unchanged", &evaluation.unchanged[..]), ("attacked", &evaluation.attacked[..])]
+        .into_iter()
+        .filter(|(_, rows)| !rows.is_empty())
+}
+
+/// Writes the curves of all seeds as CSV and SVG.
+///
+/// *Errors*: a file cannot be written.
+pub(super) fn write(run: &Run, _: &Shared, trained: &[Trained]) -> Result<()> {
+    run.folder().write("curves.csv", curve_csv(trained).as_bytes())?;
+    let mut lines: Vec<Line> = Vec::new();
+    for (kind, column) in [("unchanged", 2), ("attacked", 2), ("unchanged", 4), ("attacked", 4), ("unchanged", 7)] {
+        let (name, value) = COLUMNS[column];
+        let count = trained.iter().map(|run| run.evaluations.len()).min().unwrap_or(0);
+        let mut points = Vec::new();
+        for k in 0..count {
+            let rows = trained.iter().flat_map(|run| kinds(&run.evaluations[k]).filter(|(of, _)| *of == kind));
+            let values: Vec<f64> = rows.map(|(_, rows)| mean(rows, name, value)).collect();
+            let step = trained.first().map_or(0, |run| run.evaluations[k].step);
+            if !values.is_empty() {
+                points.push([step as f64, values.iter().sum::<f64>() / values.len() as f64]);
+            }
+        }
+        if !points.is_empty() {
+            lines.push((format!("{}, {kind} scenes", name.replace('_', " ")), points));
+        }
+    }
+    let chart = Chart { axes: ["steps", "share, mean of seeds"], lines, ..Chart::default() };
+    run.folder().write("curves.svg", chart.draw()?.as_bytes())
+}
+
+/// Mean over the newest evaluations of a seed, per kind of scenes.
+fn newest(trained: &Trained, kind: &str, column: usize) -> Option<f64> {
+    let (name, value) = COLUMNS[column];
+    let first = trained.evaluations.len().saturating_sub(AVERAGED);
+    let rows = trained.evaluations[first..].iter().flat_map(kinds).filter(|(of, _)| *of == kind);
+    let values: Vec<f64> = rows.map(|(_, rows)| mean(rows, name, value)).collect();
+    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// A table: a row per seed and kind of scenes, means of the last five evaluations.
+pub(super) fn markdown(shared: &Shared, trained: &[Trained]) -> Result<String> {
+    let mut text = format!(
+        "Means of the last {AVERAGED} evaluations, {} scenes each. `completion_recorded` ends with the recording.\n\n| seed | scenes |",
+        shared.evaluation.len()
+    );
+    for (name, _) in COLUMNS {
+        let _ = write!(text, " {name} |");
+    }
+    text.push_str("\n| --- | --- |");
+    text.push_str(&" ---: |".repeat(COLUMNS.len()));
+    text.push('\n');
+    for run in trained {
+        for kind in ["unchanged", "attacked"] {
+            if newest(run, kind, 0).is_none() {
+                continue;
+            }
+            let _ = write!(text, "| {} | {kind} |", run.seed);
+            for column in 0..COLUMNS.len() {
+                let _ = write!(text, " {:.2} |", newest(run, kind, column).unwrap_or(f64::NAN));
+            }
+            text.push('\n');
+        }
+    }
+    Ok(text)
+}
+
+/// Results for `run.json`.
+pub(super) fn summary(_: &Shared, trained: &[Trained]) -> Value {
+    let of = |run: &Trained| {
+        let last = run.evaluations.last();
+        json!({
+            "seed": run.seed, "updates": run.updates, "counters": run.counters,
+            "unchanged": last.map(|e| means(&e.unchanged)), "attacked": last.map(|e| means(&e.attacked)),
+        })
+    };
+    json!({"seeds": trained.iter().map(of).collect::<Vec<_>>()})
+}
+
+/// Progress of all seeds together.
+pub(super) struct Clock {
+    start: Instant,
+    total: u64,
+    done: AtomicU64,
+    found: AtomicU64,
+    shown: Mutex<Instant>,
+}
+
+/// Seconds between two updates of the line on a terminal.
+const INTERVAL: f64 = 1.0;
+
+impl Clock {
+    pub(super) fn new(total: u64) -> Self {
+        let (done, found) = (AtomicU64::new(0), AtomicU64::new(0));
+        Self { start: Instant::now(), total, done, found, shown: Mutex::new(Instant::now()) }
+    }
+
+    pub(super) fn resumed(&self, seed: u64, steps: u64) {
+        self.done.fetch_add(steps, Ordering::Relaxed);
+        self.found.fetch_add(steps, Ordering::Relaxed);
+        progress::say(&format!("seed {seed} resumes at step {steps}"));
+    }
+
+    pub(super) fn step(&self) {
+        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        // The clock is read now and then only.
+        if !done.is_multiple_of(64) {
+            return;
+        }
+        let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
+        if shown.elapsed().as_secs_f64() >= INTERVAL {
+            *shown = Instant::now();
+            progress::show(&format!("step {done} of {}, {}", self.total, self.left()));
+        }
+    }
+
+    fn left(&self) -> String {
+        let (done, found) = (self.done.load(Ordering::Relaxed), self.found.load(Ordering::Relaxed));
+        let rate = (done - found).max(1) as f64 / self.start.elapsed().as_secs_f64();
+        format!("{rate:.0} steps/s, about {:.0} min left", (self.total - done.min(self.total)) as f64 / rate / 60.0)
+    }
+
+    pub(super) fn evaluated(&self, seed: u64, evaluation: &Evaluation, total: u64) {
+        let mut text = format!("seed {seed}, step {} of {total}:", evaluation.step);
+        for (kind, rows) in kinds(evaluation) {
+            let [completion, contact, off_road] = [2, 4, 7].map(|k| mean(rows, COLUMNS[k].0, COLUMNS[k].1));
+            let _ = write!(text, " {kind}: completion {completion:.2}, contact {contact:.2}, off road {off_road:.2};");
+        }
+        progress::say(&format!("{text} {}", self.left()));
+    }
+}

@@ -1,0 +1,169 @@
+//! The published evaluation of a driver in closed loop: one episode per scene, which the first contact with a vehicle
+//! ends; first the unchanged scene, then the scene with an attack against that very drive.
+
+use std::sync::Arc;
+
+use sage_core::{Error, geometry::norm, motion::DT};
+use serde::{Deserialize, Serialize};
+
+use super::Attacker;
+use crate::{
+    drive::{Drive, found},
+    environment::{Environment, EnvironmentOptions, Outcome},
+    fault::classify,
+    observation::LENGTH,
+    policy::{EgoPolicy, Seat, Start, View},
+    scene::SimScene,
+    traffic::Plan,
+};
+
+/// Step whose completion is reported besides that at the end: the last recorded frame.
+const LAST_RECORDED: usize = 90;
+
+/// One episode of an evaluation.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct EpisodeRow {
+    /// Number of the scene.
+    pub scene: usize,
+    /// Why there is no episode: the policy failed, or the scene could not be attacked. It counts as a failure.
+    pub failed: Option<String>,
+    /// Steps of 0.1 s.
+    pub steps: usize,
+    /// Sum of the rewards.
+    pub reward: f64,
+    /// Sum of the costs.
+    pub cost: f64,
+    /// Share of the route at the end.
+    pub completion: f64,
+    /// Share of the route at frame 90, or at an earlier end.
+    pub completion_recorded: f64,
+    /// Contact with a vehicle in the last step.
+    pub contact: bool,
+    /// A contact for which nuPlan's rule gives the fault to the ego.
+    pub at_fault: bool,
+    /// Contact with the adversary.
+    pub adversary: bool,
+    /// Off the road in the last step.
+    pub off_road: bool,
+    /// Arrival.
+    pub arrived: bool,
+    /// End by the limit of steps.
+    pub time_limit: bool,
+    /// Mean speed, m/s.
+    pub speed: f64,
+    /// Mean size of the jerk, m/s³, over the steps with two predecessors.
+    pub jerk: f64,
+}
+
+/// Rules of the evaluation with some rules of training: a contact with a vehicle ends the episode.
+pub fn evaluation_rules(training: &EnvironmentOptions) -> Arc<EnvironmentOptions> {
+    Arc::new(EnvironmentOptions { contact_ends: true, ..training.clone() })
+}
+
+/// Drives one episode. Returns what happened and the drive.
+///
+/// *Errors*: as [`Environment::reset`], [`EgoPolicy::start`], and the driver's own.
+pub fn drive_episode(
+    policy: &dyn EgoPolicy,
+    scene: &Arc<SimScene>,
+    plan: Option<Arc<Plan>>,
+    rules: &Arc<EnvironmentOptions>,
+    seed: u64,
+) -> Result<(EpisodeRow, Drive), Error> {
+    let adversary = scene.scene().adversary;
+    let mut environment = Environment::reset(scene.clone(), rules.clone(), plan, seed)?;
+    let track = scene.scene().ego;
+    let privilege = policy.privilege();
+    let mut driver = policy.start(&Start::new(scene, track, privilege, seed))?;
+    let start = *environment.world().motion();
+    let mut drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road: None };
+    let mut row = EpisodeRow::default();
+    while !environment.is_over() {
+        let control = {
+            let world = environment.world();
+            let see = |out: &mut [f32; LENGTH]| environment.observe(out);
+            let seat = Seat {
+                track,
+                routes: [scene.guide(), scene.route()],
+                motion: *world.motion(),
+                area: world.area(),
+                ground: world.level(),
+                others: world.bodies(),
+            };
+            driver.control(&View::new(world, seat, privilege, Some(&see)))?
+        };
+        let outcome = environment.step_with(control)?;
+        drive.motions.push(*environment.world().motion());
+        row.count(&outcome, environment.world().step_count());
+    }
+    let world = environment.world();
+    for contact in &world.facts().contacts {
+        drive.contacts.extend(found(world, contact));
+        row.adversary |= Some(contact.track) == adversary;
+    }
+    if row.contact {
+        let classes = drive.contacts.iter().map(|contact| classify(contact, world.car(), scene.index()));
+        row.at_fault = classes.into_iter().any(|class| class.is_at_fault() == Some(true));
+    }
+    row.motion_statistics(&drive);
+    Ok((row, drive))
+}
+
+impl EpisodeRow {
+    fn count(&mut self, outcome: &Outcome, step: usize) {
+        self.steps = step;
+        self.reward += outcome.reward;
+        self.cost += outcome.cost;
+        self.completion = outcome.completion;
+        if step <= LAST_RECORDED {
+            self.completion_recorded = outcome.completion;
+        }
+        self.contact = outcome.vehicle_contact;
+        self.off_road = outcome.out_of_road;
+        self.arrived = outcome.arrived;
+        self.time_limit = outcome.truncated;
+    }
+
+    fn motion_statistics(&mut self, drive: &Drive) {
+        let velocities: Vec<_> = drive.motions.iter().map(|motion| motion.velocity).collect();
+        let mean = |sum: f64, count: usize| if count == 0 { 0.0 } else { sum / count as f64 };
+        self.speed = mean(velocities[1..].iter().map(|v| norm(*v)).sum(), velocities.len() - 1);
+        let jerk = |w: &[[f64; 2]]| norm([0, 1].map(|k| w[0][k] - 2.0 * w[1][k] + w[2][k])) / (DT * DT);
+        self.jerk = mean(velocities.windows(3).map(jerk).sum(), velocities.len().saturating_sub(2));
+    }
+}
+
+/// Evaluates a driver in one scene: unchanged, and, with an attacker, at λ = 1 against its own drive. What cannot be
+/// driven or attacked is a failed row.
+pub fn evaluate(
+    policy: &dyn EgoPolicy,
+    scenes: &[Arc<SimScene>],
+    number: usize,
+    attacker: Option<&dyn Attacker>,
+    rules: &Arc<EnvironmentOptions>,
+    seed: u64,
+) -> (EpisodeRow, Option<EpisodeRow>) {
+    let scene = &scenes[number];
+    let failed = |error: &Error| EpisodeRow { scene: number, failed: Some(error.to_string()), ..EpisodeRow::default() };
+    let numbered = |row: EpisodeRow| EpisodeRow { scene: number, ..row };
+    match drive_episode(policy, scene, None, rules, seed) {
+        Err(error) => (failed(&error), attacker.map(|_| failed(&error))),
+        Ok((row, drive)) => {
+            let attacked = attacker.map(|attacker| {
+                let plan = attacker.plan(scene, usable(&drive), 1.0, seed);
+                let driven = plan.and_then(|plan| drive_episode(policy, scene, Some(plan), rules, seed));
+                driven.map_or_else(|error| failed(&error), |(row, _)| numbered(row))
+            });
+            (numbered(row), attacked)
+        }
+    }
+}
+
+/// Steps of a drive below which an attack is planned against the recording instead: ten positions after *now*.
+pub(super) const SHORTEST_DRIVE: usize = 21;
+
+/// The drive, if it is long enough to be attacked.
+fn usable(drive: &Drive) -> Option<&Drive> {
+    (drive.motions.len() > SHORTEST_DRIVE).then_some(drive)
+}

@@ -1,0 +1,586 @@
+//! Closed-loop training of a driving policy against an adversary (SAGE, algorithm 2).
+//!
+//! An episode: the sampler draws a scene, the curriculum decides whether and how strongly the adversary attacks, the
+//! attacker plans against the newest drive in that scene, and the learner drives with exploration noise. After every
+//! step follow as many updates as the ratio says. Drives of 21 steps and more enter the scene's store.
+//!
+//! All random numbers depend on (seed, number of the step, update or episode, purpose) alone, so a run that resumes
+//! from a checkpoint needs no state of generators, and its bits are those of an uninterrupted run.
+
+use std::{collections::VecDeque, sync::Arc};
+
+use sage_core::{
+    Error,
+    motion::{HORIZON, NOW, Trajectory},
+    objective::{Context, ContextOptions},
+    seed::Rng,
+};
+use serde::{Deserialize, Serialize};
+
+use super::{
+    ActorPolicy, Attacker, Curriculum, EpisodeRow, Learner, Network, Progress, ReplayBuffer, SceneRecord, SceneSampler,
+    SingleRow, SuccessRates, Td3Options, Transition, TransitionBatch, evaluate, evaluation::SHORTEST_DRIVE,
+    evaluation_rules,
+};
+use crate::{
+    avoidable::{Avoidance, AvoidanceOptions},
+    drive::Drive,
+    environment::{Environment, EnvironmentOptions},
+    observation::LENGTH,
+    scene::SimScene,
+    traffic::Plan,
+    vehicle::{Action, Motion},
+};
+
+/// Sizes of observation and action.
+const SIZES: [usize; 2] = [LENGTH, 2];
+/// Completion of a success.
+const COMPLETED: f64 = 0.8;
+/// Mean |Q| that no sound critic reaches: twice the bound 2.25/(1 − 0.99) + 10 of the return.
+const DIVERGED: f64 = 470.0;
+/// Updates in a row above it after which the run stops.
+const DIVERGED_UPDATES: u32 = 100;
+/// Scenes that fail in a row after which the run stops.
+const MOST_FAILURES: u32 = 1000;
+
+/// Options of a training run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrainingOptions {
+    /// The algorithm.
+    pub td3: Td3Options,
+    /// Updates in all.
+    pub updates: u64,
+    /// Updates per step of the environment.
+    pub ratio: f64,
+    /// Environments that take turns.
+    pub environments: usize,
+    /// Largest number of steps of an episode; above 91 it goes on after the end of the recording, without traffic.
+    pub max_steps: usize,
+    /// Whether the limit of steps is stored as a terminal step, as published.
+    pub limit_is_terminal: bool,
+    /// Newest drives of a scene that may be attacked; one of them is drawn.
+    pub paths: usize,
+    /// Evaluations during training, evenly spaced; the last one is at the end.
+    pub evaluations: u64,
+    /// Seed of initial weights, scenes, noise and batches.
+    pub seed: u64,
+}
+
+impl Default for TrainingOptions {
+    fn default() -> Self {
+        Self {
+            td3: Td3Options::default(),
+            updates: 100_000,
+            ratio: 1.0,
+            environments: 1,
+            max_steps: 91,
+            limit_is_terminal: false,
+            paths: 1,
+            evaluations: 20,
+            seed: 0,
+        }
+    }
+}
+
+impl TrainingOptions {
+    /// Steps of the environments in all: the random ones, and those with updates.
+    pub fn steps(&self) -> u64 {
+        self.td3.random_steps + (self.updates as f64 / self.ratio).ceil() as u64
+    }
+
+    /// Checks all numbers.
+    ///
+    /// *Errors*: the name and value of an option that is out of range, and what is expected.
+    pub fn check(&self) -> Result<(), String> {
+        self.td3.check()?;
+        if !(self.ratio >= 1.0 / 64.0 && self.ratio <= 64.0) {
+            return Err(format!("`ratio` is {}; expected a number from 1/64 to 64", self.ratio));
+        }
+        let counts = [
+            ("environments", self.environments, 1, 1024),
+            ("max_steps", self.max_steps, 2, 10_000),
+            ("paths", self.paths, 1, 100),
+            ("evaluations", self.evaluations as usize, 1, 1000),
+        ];
+        if let Some((name, value, least, most)) =
+            counts.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value))
+        {
+            return Err(format!("`{name}` is {value}; expected a number from {least} to {most}"));
+        }
+        let steps = self.steps() - self.td3.random_steps;
+        if steps < self.td3.random_steps {
+            return Err(format!(
+                "{} updates at a ratio of {} are {steps} steps, fewer than the {} random steps at the start; give more updates or fewer random steps",
+                self.updates, self.ratio, self.td3.random_steps
+            ));
+        }
+        Ok(())
+    }
+
+    /// Rules of the training episodes.
+    pub fn rules(&self) -> EnvironmentOptions {
+        EnvironmentOptions {
+            max_steps: self.max_steps,
+            outlast_log: self.max_steps > 91,
+            limit_terminates: self.limit_is_terminal,
+            ..EnvironmentOptions::training()
+        }
+    }
+}
+
+/// What a training run works with.
+pub struct Setting<'a> {
+    /// Scenes of training.
+    pub scenes: &'a [Arc<SimScene>],
+    /// Scenes of evaluation.
+    pub evaluation: &'a [Arc<SimScene>],
+    /// What attacks in training; `None` for a training on unchanged scenes.
+    pub attacker: Option<&'a dyn Attacker>,
+    /// What attacks in evaluation.
+    pub examiner: Option<&'a dyn Attacker>,
+    /// When the adversary attacks.
+    pub curriculum: &'a dyn Curriculum,
+    /// Which scene is next.
+    pub sampler: &'a dyn SceneSampler,
+}
+
+/// One evaluation of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Steps of the environments before it.
+    pub step: u64,
+    /// Updates before it.
+    pub updates: u64,
+    /// Unchanged scenes.
+    pub unchanged: Vec<EpisodeRow>,
+    /// The same scenes under attack; empty without an attacker.
+    pub attacked: Vec<EpisodeRow>,
+    /// The actor, for the newest evaluations.
+    #[serde(skip)]
+    pub actor: Option<Network<f32>>,
+}
+
+/// Counters of a run, for progress and its record.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Steps of the environments.
+    pub steps: u64,
+    /// Episodes begun.
+    pub episodes: u64,
+    /// Episodes with an attack.
+    pub attacked: u64,
+    /// Sum over attacked episodes of the steps since the attacked drive was recorded.
+    pub drive_age: u64,
+    /// Attacked episodes whose scene had no drive yet.
+    pub without_drive: u64,
+    /// Failures against attacks that are not shown avoidable.
+    pub unavoidable: u64,
+    /// Episodes that could not start or be attacked; the first messages.
+    pub skipped: u64,
+    /// Messages of the first of them.
+    pub skipped_because: Vec<String>,
+}
+
+/// A drive in a scene's store, with the step at which it ended.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct StoredDrive {
+    pub(super) step: u64,
+    pub(super) motions: Vec<Motion>,
+}
+
+/// An episode in progress.
+struct Slot {
+    environment: Environment,
+    scene: usize,
+    episode: u64,
+    intensity: Option<f64>,
+    plan: Option<Arc<Plan>>,
+    /// Row of the newest observation in the buffer.
+    row: u64,
+    observation: [f32; LENGTH],
+    motions: Vec<Motion>,
+    touched_adversary: Option<usize>,
+}
+
+/// Everything of a run that changes and that a checkpoint holds.
+pub struct TrainingState {
+    pub(super) learner: Learner<f32>,
+    pub(super) buffer: ReplayBuffer,
+    pub(super) drives: Vec<VecDeque<StoredDrive>>,
+    pub(super) records: Vec<SceneRecord>,
+    pub(super) success: SuccessRates,
+    pub(super) counters: Counters,
+    pub(super) diverging: u32,
+    /// Sums over the updates since the last row of losses: critic loss, its count, mean |Q|.
+    pub(super) losses: [f64; 3],
+    /// Steps, mean critic loss and mean |Q| at each evaluation.
+    pub(super) loss_curve: Vec<[f64; 3]>,
+    pub(super) evaluations: Vec<Evaluation>,
+}
+
+impl TrainingState {
+    /// The state before the first step.
+    ///
+    /// *Errors*: as [`TrainingOptions::check`].
+    pub fn new(options: &TrainingOptions, scenes: usize) -> Result<Self, String> {
+        options.check()?;
+        let learner = Learner::new(options.td3.clone(), SIZES, options.seed)?;
+        let held = (options.td3.buffer as u64).min(options.steps()) as usize;
+        Ok(Self {
+            learner,
+            buffer: ReplayBuffer::new(held, SIZES),
+            drives: vec![VecDeque::new(); scenes],
+            records: vec![SceneRecord::default(); scenes],
+            success: SuccessRates::default(),
+            counters: Counters::default(),
+            diverging: 0,
+            losses: [0.0; 3],
+            loss_curve: Vec::new(),
+            evaluations: Vec::new(),
+        })
+    }
+
+    /// The learner.
+    pub fn learner(&self) -> &Learner<f32> {
+        &self.learner
+    }
+
+    /// Counters.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// All evaluations so far.
+    pub fn evaluations(&self) -> &[Evaluation] {
+        &self.evaluations
+    }
+
+    /// Steps, mean critic loss and mean |Q| at each evaluation.
+    pub fn loss_curve(&self) -> &[[f64; 3]] {
+        &self.loss_curve
+    }
+}
+
+/// Why a run stops before its end.
+#[derive(Debug)]
+pub enum Stop {
+    /// A number that is not finite, or values that grow beyond all bounds: what and where.
+    Broken(String),
+    /// Too many scenes failed.
+    Scenes(String),
+}
+
+impl std::fmt::Display for Stop {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Self::Broken(what) | Self::Scenes(what) => f.write_str(what),
+        }
+    }
+}
+
+impl std::error::Error for Stop {}
+
+/// Newest evaluations whose actors are kept.
+pub const KEPT_ACTORS: usize = 5;
+
+/// A run: options, setting, state, and the episodes in progress.
+pub struct Training<'a> {
+    options: TrainingOptions,
+    setting: Setting<'a>,
+    state: TrainingState,
+    rules: Arc<EnvironmentOptions>,
+    slots: Vec<Option<Slot>>,
+    batch: TransitionBatch<f32>,
+    memory: SingleRow<f32>,
+}
+
+impl<'a> Training<'a> {
+    /// A run from a state without episodes in progress: a new one, or that of a checkpoint.
+    pub fn new(options: TrainingOptions, setting: Setting<'a>, state: TrainingState) -> Self {
+        let slots = (0..options.environments).map(|_| None).collect();
+        let batch = TransitionBatch::new(options.td3.batch, SIZES[0], SIZES[1]);
+        let rules = Arc::new(options.rules());
+        Self { options, setting, state, rules, slots, batch, memory: SingleRow::default() }
+    }
+
+    /// The state.
+    pub fn state(&self) -> &TrainingState {
+        &self.state
+    }
+
+    /// Whether all steps are done.
+    pub fn is_done(&self) -> bool {
+        self.state.counters.steps >= self.options.steps()
+    }
+
+    /// Runs until `until` steps are done, then ends the episodes in progress without new ones, so that the state can
+    /// be saved; at the end of the training episodes are cut. Calls `progress` after every step with the number done.
+    ///
+    /// *Errors*: [`Stop`]; nothing broken has entered the buffer.
+    pub fn advance(&mut self, until: u64, mut progress: impl FnMut(u64)) -> Result<(), Stop> {
+        let total = self.options.steps();
+        loop {
+            let done = self.state.counters.steps;
+            if done >= total {
+                return Ok(());
+            }
+            let begins = done < until;
+            let turn = (done % self.slots.len() as u64) as usize;
+            let order = (turn..self.slots.len()).chain(0..turn);
+            let found = order.into_iter().find(|k| begins || self.slots[*k].is_some());
+            let Some(k) = found else { return Ok(()) };
+            let mut slot = match self.slots[k].take() {
+                Some(slot) => slot,
+                None => self.begin()?,
+            };
+            if self.step(&mut slot)? {
+                self.end(&slot);
+            } else {
+                self.slots[k] = Some(slot);
+            }
+            self.updates()?;
+            self.evaluate_if_due();
+            progress(self.state.counters.steps);
+        }
+    }
+
+    /// Begins an episode.
+    fn begin(&mut self) -> Result<Slot, Stop> {
+        for _ in 0..MOST_FAILURES {
+            let episode = self.state.counters.episodes;
+            self.state.counters.episodes += 1;
+            let rng = |purpose| Rng::new(self.options.seed, &episode.to_string(), purpose);
+            let scene = self.setting.sampler.draw(&self.state.records, episode, &mut rng("scene"));
+            match self.begin_in(scene, episode, &mut rng("coin"), rng("world").bits()) {
+                Ok(slot) if slot.observation.iter().all(|x| x.is_finite()) => return Ok(slot),
+                Ok(slot) => return Err(self.not_a_number(&slot, "observation at the start")),
+                Err(error @ Error::NotFinite { .. }) => {
+                    return Err(Stop::Broken(format!(
+                        "scene `{}`, step {} of the training: {error}",
+                        self.setting.scenes[scene].scene().id,
+                        self.state.counters.steps
+                    )));
+                }
+                Err(error) => {
+                    self.state.records[scene].count(episode, None);
+                    let counters = &mut self.state.counters;
+                    counters.skipped += 1;
+                    if counters.skipped_because.len() < 10 {
+                        counters.skipped_because.push(error.to_string());
+                    }
+                }
+            }
+        }
+        let last = self.state.counters.skipped_because.last().cloned().unwrap_or_default();
+        Err(Stop::Scenes(format!("{MOST_FAILURES} episodes in a row could not start; one of them: {last}")))
+    }
+
+    fn begin_in(&mut self, scene: usize, episode: u64, coin: &mut Rng, world: u64) -> Result<Slot, Error> {
+        let sim = self.setting.scenes[scene].clone();
+        let state = &mut self.state;
+        let share = state.counters.steps as f64 / self.options.steps() as f64;
+        let drawn = self.setting.curriculum.draw(&Progress { share, success: &state.success }, coin);
+        let intensity = drawn.filter(|_| self.setting.attacker.is_some());
+        let mut plan = None;
+        if let (Some(lambda), Some(attacker)) = (intensity, self.setting.attacker) {
+            let stored = &state.drives[scene];
+            let chosen = stored.get(coin.below(stored.len()));
+            let drive = chosen.map(|stored| Drive {
+                motions: stored.motions.clone(),
+                contacts: Vec::new(),
+                progress: 0.0,
+                off_road: None,
+            });
+            plan = Some(attacker.plan(&sim, drive.as_ref(), lambda, coin.bits())?);
+            state.counters.attacked += 1;
+            match chosen {
+                Some(stored) => state.counters.drive_age += state.counters.steps - stored.step,
+                None => state.counters.without_drive += 1,
+            }
+        }
+        let environment = Environment::reset(sim, self.rules.clone(), plan.clone(), world)?;
+        let mut observation = [0.0; LENGTH];
+        environment.observe(&mut observation);
+        let row = if observation.iter().all(|x| x.is_finite()) { state.buffer.start(&observation) } else { 0 };
+        let motions = vec![*environment.world().motion()];
+        Ok(Slot {
+            environment,
+            scene,
+            episode,
+            intensity,
+            plan,
+            row,
+            observation,
+            motions,
+            touched_adversary: None,
+        })
+    }
+
+    /// One step of an episode. Returns whether it is over.
+    fn step(&mut self, slot: &mut Slot) -> Result<bool, Stop> {
+        let action = self.action(slot)?;
+        let outcome = slot.environment.step(action).map_err(|error| Stop::Broken(error.to_string()))?;
+        let mut observation = [0.0; LENGTH];
+        slot.environment.observe(&mut observation);
+        self.state.counters.steps += 1;
+        if let Some(column) = observation.iter().position(|x| !x.is_finite()) {
+            return Err(self.not_a_number(slot, &format!("number {column} of the observation")));
+        }
+        let reward = outcome.reward as f32;
+        if !reward.is_finite() {
+            return Err(self.not_a_number(slot, "reward"));
+        }
+        slot.row = self.state.buffer.step(&Transition {
+            from: slot.row,
+            action: &[action.steer as f32, action.throttle as f32],
+            reward,
+            is_terminal: outcome.terminated,
+            next: &observation,
+        });
+        slot.observation = observation;
+        let world = slot.environment.world();
+        slot.motions.push(*world.motion());
+        let adversary = slot.plan.as_ref().map(|plan| plan.track);
+        if slot.touched_adversary.is_none()
+            && world.facts().contacts.iter().any(|contact| Some(contact.track) == adversary)
+        {
+            slot.touched_adversary = Some(world.step_count());
+        }
+        if slot.environment.is_over() {
+            let success = slot.touched_adversary.is_none() && outcome.completion >= COMPLETED;
+            self.count_success(slot, success);
+        }
+        Ok(slot.environment.is_over())
+    }
+
+    /// The action of a step: random at the start, then the actor's with noise.
+    fn action(&mut self, slot: &Slot) -> Result<Action, Stop> {
+        let td3 = &self.options.td3;
+        let step = self.state.counters.steps;
+        let mut rng = Rng::new(self.options.seed, &step.to_string(), "exploration");
+        let mut numbers = [0.0_f32; 2];
+        if step < td3.random_steps {
+            numbers.fill_with(|| rng.uniform(-td3.max_action, td3.max_action) as f32);
+        } else {
+            self.state.learner.act(&slot.observation, &mut self.memory, &mut numbers);
+            let deviation = td3.exploration_noise * td3.max_action;
+            for x in &mut numbers {
+                let noisy = f64::from(*x) + deviation * rng.normal();
+                *x = noisy.clamp(-td3.max_action, td3.max_action) as f32;
+            }
+        }
+        if numbers.iter().any(|x| !x.is_finite()) {
+            let tensor = self.state.learner.not_finite().unwrap_or_else(|| "action".to_owned());
+            return Err(self.not_a_number(slot, &format!("tensor `{tensor}`")));
+        }
+        let [steer, throttle] = numbers.map(f64::from);
+        Ok(Action { steer, throttle })
+    }
+
+    /// The updates that belong to the steps so far.
+    fn updates(&mut self) -> Result<(), Stop> {
+        let steps = self.state.counters.steps.saturating_sub(self.options.td3.random_steps);
+        let due = ((steps as f64 * self.options.ratio).floor() as u64).min(self.options.updates);
+        while self.state.learner.updates() < due {
+            let key = self.state.learner.updates().to_string();
+            let rng = |purpose| Rng::new(self.options.seed, &key, purpose);
+            if !self.state.buffer.draw(&mut rng("batch"), &mut self.batch) {
+                return Ok(());
+            }
+            let mut smoothing = rng("smoothing");
+            self.batch.noise.fill_with(|| smoothing.normal() as f32);
+            let report = self.state.learner.update(&self.batch);
+            let [loss, count, q] = &mut self.state.losses;
+            *loss += report.critic_loss;
+            *count += 1.0;
+            *q += report.mean_abs_q;
+            let at = self.state.learner.updates();
+            if !report.critic_loss.is_finite() || report.actor_loss.is_some_and(|loss| !loss.is_finite()) {
+                let tensor = self.state.learner.not_finite().map_or(String::new(), |name| format!("; tensor `{name}` is not finite"));
+                return Err(Stop::Broken(format!("update {at}: the loss is not finite{tensor}")));
+            }
+            self.state.diverging = if report.mean_abs_q > DIVERGED { self.state.diverging + 1 } else { 0 };
+            if self.state.diverging >= DIVERGED_UPDATES {
+                return Err(Stop::Broken(format!(
+                    "update {at}: the training diverges; mean |Q| is above {DIVERGED} for {DIVERGED_UPDATES} updates (now {:.3e}), which no return reaches; lower the learning rates",
+                    report.mean_abs_q
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Ends an episode: stores its drive.
+    fn end(&mut self, slot: &Slot) {
+        if slot.motions.len() <= SHORTEST_DRIVE {
+            return;
+        }
+        let store = &mut self.state.drives[slot.scene];
+        store.push_front(StoredDrive { step: self.state.counters.steps, motions: slot.motions.clone() });
+        store.truncate(self.options.paths);
+    }
+
+    /// Counts success or failure of an episode for curriculum and sampler.
+    fn count_success(&mut self, slot: &Slot, success: bool) {
+        let mut counted = Some(success);
+        if let (Some(plan), Some(step)) = (&slot.plan, slot.touched_adversary)
+            && !is_shown_avoidable(&self.setting.scenes[slot.scene], plan, &slot.motions, step)
+        {
+            counted = None;
+            self.state.counters.unavoidable += 1;
+        }
+        if let Some(success) = counted {
+            self.state.success.count(slot.intensity, success);
+        }
+        self.state.records[slot.scene].count(slot.episode, counted);
+    }
+
+    /// Evaluates at the fixed steps.
+    fn evaluate_if_due(&mut self) {
+        let (steps, total) = (self.state.counters.steps, self.options.steps());
+        let done = self.state.evaluations.len() as u64;
+        if done >= self.options.evaluations || steps < total * (done + 1) / self.options.evaluations {
+            return;
+        }
+        let [loss, count, q] = std::mem::take(&mut self.state.losses);
+        self.state.loss_curve.push([steps as f64, loss / count.max(1.0), q / count.max(1.0)]);
+        let actor = self.state.learner.actor().clone();
+        let policy = ActorPolicy::new(actor.clone());
+        let rules = evaluation_rules(&self.rules);
+        let (mut unchanged, mut attacked) = (Vec::new(), Vec::new());
+        for number in 0..self.setting.evaluation.len() {
+            let rows = evaluate(&policy, self.setting.evaluation, number, self.setting.examiner, &rules, 0);
+            unchanged.push(rows.0);
+            attacked.extend(rows.1);
+        }
+        let updates = self.state.learner.updates();
+        let evaluations = &mut self.state.evaluations;
+        evaluations.push(Evaluation { step: steps, updates, unchanged, attacked, actor: Some(actor) });
+        if let Some(old) = evaluations.len().checked_sub(KEPT_ACTORS + 1) {
+            evaluations[old].actor = None;
+        }
+    }
+
+    fn not_a_number(&self, slot: &Slot, what: &str) -> Stop {
+        Stop::Broken(format!(
+            "scene `{}`, step {} of the training: {what} is not a number",
+            self.setting.scenes[slot.scene].scene().id,
+            self.state.counters.steps
+        ))
+    }
+}
+
+/// Whether the driver had a way out of a contact with the adversary.
+fn is_shown_avoidable(scene: &SimScene, plan: &Plan, motions: &[Motion], step: usize) -> bool {
+    let drive = Drive { motions: motions.to_vec(), contacts: Vec::new(), progress: 0.0, off_road: None };
+    let search = || -> Option<bool> {
+        let recorded = Arc::new(drive.recorded(scene.scene()));
+        let ctx = Context::new(&recorded, scene.index(), &ContextOptions::default()).ok()?;
+        let points = (NOW + 1..=NOW + HORIZON).map(|frame| plan.motion.point(frame)).collect();
+        let trajectory = Trajectory::new("plan", points).ok()?;
+        let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default()).ok()?;
+        avoidance.of_contact(&ctx.candidate(trajectory), step.checked_sub(NOW)).avoidable
+    };
+    search() == Some(true)
+}

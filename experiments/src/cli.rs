@@ -31,7 +31,7 @@ pub(crate) use learning::{
 };
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};
 pub(crate) use theory::TheoryArgs;
-pub(crate) use training::TrainEgoArgs;
+pub(crate) use training::{ClosedLoopArgs, TrainEgoArgs};
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
 pub(crate) const MOST_PROCEDURAL: u64 = 100_000;
@@ -294,6 +294,7 @@ pub(crate) enum BenchCommand {
     Mixtures(MixturesArgs),
     Drivers(DriversArgs),
     Experts(ExpertsArgs),
+    ClosedLoop(ClosedLoopArgs),
 }
 
 /// Measure the time of reading, scoring, prediction, training and attacks.

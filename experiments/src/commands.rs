@@ -2,6 +2,7 @@
 
 pub(crate) mod analyse_connectivity;
 pub(crate) mod bench_ablation;
+pub(crate) mod bench_closed_loop;
 pub(crate) mod bench_dial;
 pub(crate) mod bench_drivers;
 pub(crate) mod bench_experts;

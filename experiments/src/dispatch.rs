@@ -37,6 +37,9 @@ impl Cli {
             Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
             Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
             Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),
+            Command::Bench(BenchCommand::ClosedLoop(args)) => {
+                commands::bench_closed_loop::run(&args, registries)
+            }
             Command::Bench(BenchCommand::Drivers(args)) => commands::bench_drivers::run(&args, registries),
             Command::Bench(BenchCommand::Ablation(args)) => commands::bench_ablation::run(&args, registries),
             Command::Bench(BenchCommand::Front(args)) => commands::bench_front::run(&args, registries),

@@ -65,9 +65,9 @@ impl Ego {
     }
 }
 
-/// What identifies a policy in the record of a run. Another content of a `path` file is another run.
+/// What identifies a policy in the record of a run. Another content of a file that describes it is another run.
 ///
-/// *Errors*: the file of a `path` cannot be read.
+/// *Errors*: the file cannot be read.
 pub(crate) fn identity(part: &PolicyPart) -> Result<Value> {
     let Some(file) = part.file() else { return Ok(json!(part.to_string())) };
     let bytes = files::read(Path::new(file), MAX_FILE);

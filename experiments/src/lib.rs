@@ -13,6 +13,7 @@
 //! }
 //! ```
 
+mod adversary;
 mod attackers;
 pub mod bench;
 mod candidates;
@@ -54,11 +55,7 @@ use sage_generators::{GeneratorKind, generators};
 use sage_merging::{Merger, mergers};
 use sage_sim::avoidable::TimeToReact;
 use sage_sim::policy::{EgoPolicy, policies};
-use sage_sim::rl::{
-    Curriculum, SceneSampler,
-    curriculum::curricula,
-    scene_sampler::scene_samplers,
-};
+use sage_sim::rl::{Curriculum, SceneSampler, curriculum::curricula, scene_sampler::scene_samplers};
 use theory_checks::{Check, claims};
 
 pub use cli::Cli;

@@ -53,22 +53,25 @@ impl fmt::Display for Part {
     }
 }
 
-/// A driving policy: a part, or `path:FILE` for the drive of another planner.
+/// Policies that a file describes, written NAME:FILE.
+const FROM_FILES: [&str; 2] = ["path", "td3"];
+
+/// A driving policy: a part, `path:FILE` for the drive of another planner, or `td3:FILE` for a learnt policy.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PolicyPart(pub(crate) Part);
 
 impl PolicyPart {
-    /// The file of a `path`.
+    /// The file of a `path` or `td3`.
     pub(crate) fn file(&self) -> Option<&str> {
         let Self(part) = self;
-        part.options.get("file").and_then(Value::as_str).filter(|_| part.name == "path")
+        part.options.get("file").and_then(Value::as_str).filter(|_| FROM_FILES.contains(&&*part.name))
     }
 }
 
 impl fmt::Display for PolicyPart {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         match self.file() {
-            Some(file) if self.0.options.len() == 1 => write!(f, "path:{file}"),
+            Some(file) if self.0.options.len() == 1 => write!(f, "{}:{file}", self.0.name),
             _ => self.0.fmt(f),
         }
     }
@@ -78,9 +81,10 @@ impl FromStr for PolicyPart {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let Some(file) = text.strip_prefix("path:") else { return Ok(Self(text.parse()?)) };
+        let found = text.split_once(':').filter(|(name, _)| FROM_FILES.contains(name));
+        let Some((name, file)) = found else { return Ok(Self(text.parse()?)) };
         let options = Map::from_iter([("file".to_owned(), Value::from(file))]);
-        Ok(Self(Part { name: "path".to_owned(), options }))
+        Ok(Self(Part { name: name.to_owned(), options }))
     }
 }
 
@@ -141,6 +145,8 @@ mod tests {
     fn a_policy_may_be_a_path() {
         let PolicyPart(part) = "path:drives/a,b.json".parse().unwrap();
         assert_eq!((&*part.name, &part.options["file"]), ("path", &Value::from("drives/a,b.json")));
+        let PolicyPart(part) = "td3:run/policy.safetensors".parse().unwrap();
+        assert_eq!((&*part.name, &part.options["file"]), ("td3", &Value::from("run/policy.safetensors")));
         assert_eq!("idm".parse::<PolicyPart>().unwrap().0.name, "idm");
     }
 

@@ -17,7 +17,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut at = buffer.start(&observation());
     for _ in 0..100_000 {
         let next = observation();
-        at = buffer.step(&Transition { from: at, action: &[0.1, -0.2], reward: 0.5, is_terminal: false, next: &next });
+        at = buffer.step(&Transition {
+            from: at,
+            action: &[0.1, -0.2],
+            reward: 0.5,
+            is_terminal: false,
+            next: &next,
+        });
     }
     let mut batch = TransitionBatch::new(options.batch, 101, 2);
     let (mut rows, mut noise) = (Rng::new(0, "speed", "batch"), Rng::new(0, "speed", "noise"));

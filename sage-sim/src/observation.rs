@@ -66,8 +66,14 @@ pub fn names() -> Vec<String> {
     let vehicle = ["forward", "left", "relative speed forward", "relative speed left"];
     let checkpoint = ["forward", "left", "0", "0.5", "0.5"];
     let mut names: Vec<String> = (0..BEAMS).map(|k| format!("solid line at {}°", 90 + 12 * k)).collect();
-    let own =
-        ["heading against the route", "speed of 80 km/h", "steering", "last steering", "last throttle", "yaw rate"];
+    let own = [
+        "heading against the route",
+        "speed of 80 km/h",
+        "steering",
+        "last steering",
+        "last throttle",
+        "yaw rate",
+    ];
     names.extend(own.map(str::to_owned));
     names.extend((0..LINE_BEAMS).map(|k| format!("line at {}°", 90 + 30 * k)));
     for k in 1..=2 {

@@ -19,6 +19,7 @@ mod pid;
 mod r157;
 mod replay;
 mod steering;
+mod td3;
 mod tracking;
 
 use std::{cell::OnceCell, fmt};
@@ -41,6 +42,7 @@ pub use path::{DrivenPath, PathPolicy};
 pub use pdm::{Pdm, PdmOptions};
 pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
+pub use td3::{Td3, Td3PolicyOptions};
 pub use tracking::Tracking;
 
 use crate::{
@@ -67,6 +69,7 @@ pub fn policies() -> Result<Registry<dyn EgoPolicy>, Error> {
         .with::<Pdm>()?
         .with::<Expert>()?
         .with::<ExpertRelease>()?
+        .with::<Td3>()?
         .with::<Tracking>()?
         .with::<ConstantSpeed>()?
         .with::<Constant>()?

@@ -124,7 +124,8 @@ fn train(task: &Task, seed: u64, limit_is_terminal: bool) -> f64 {
 
 fn five_seeds(task: &Task, limit_is_terminal: bool) -> (f64, f64) {
     let returns: Vec<f64> = std::thread::scope(|scope| {
-        let runs: Vec<_> = (0..5).map(|seed| scope.spawn(move || train(task, seed, limit_is_terminal))).collect();
+        let runs: Vec<_> =
+            (0..5).map(|seed| scope.spawn(move || train(task, seed, limit_is_terminal))).collect();
         runs.into_iter().map(|run| run.join().expect("a run")).collect()
     });
     println!("{returns:.1?}");

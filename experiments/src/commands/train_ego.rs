@@ -1,6 +1,5 @@
 //! `sage train-ego`: trains driving policies, a run per seed.
 
-mod adversary;
 mod one_seed;
 mod report;
 
@@ -23,6 +22,7 @@ use serde_json::{Map, Value, json};
 
 use crate::{
     Outcome, Registries,
+    adversary::Adversary,
     cli::{SplitArgs, TrainEgoArgs},
     networks,
     output::{self, Run, State},
@@ -31,7 +31,6 @@ use crate::{
     scenes::{self, Scenes},
     selection::Selection,
 };
-use adversary::Adversary;
 
 /// Name for no generator.
 const NONE: &str = "none";
@@ -100,12 +99,21 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         license: args.license.clone().unwrap_or_else(|| own.to_owned()),
     };
     drop((training, evaluation));
-    let temporary: Vec<String> =
-        args.seeds.clone().map(|seed| format!("{}/{}", one_seed::folder(seed), sage_sim::rl::BUFFER)).collect();
+    let temporary: Vec<String> = args
+        .seeds
+        .clone()
+        .map(|seed| format!("{}/{}", one_seed::folder(seed), sage_sim::rl::BUFFER))
+        .collect();
     let temporary: Vec<&str> = temporary.iter().map(String::as_str).collect();
     let results = ["curves.csv", "curves.svg"];
-    let (run, state) =
-        Run::start(&args.folder.out, shared.identity.clone(), args.folder.force, &temporary, &results, &results)?;
+    let (run, state) = Run::start(
+        &args.folder.out,
+        shared.identity.clone(),
+        args.folder.force,
+        &temporary,
+        &results,
+        &results,
+    )?;
     if state == State::Done {
         return Ok(Outcome::Done);
     }
@@ -128,7 +136,8 @@ fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
     let td3: Td3Options = match &args.td3 {
         None => Td3Options::default(),
         Some(text) => {
-            let given: Map<String, Value> = serde_json::from_str(text).context("--td3 is not a JSON object")?;
+            let given: Map<String, Value> =
+                serde_json::from_str(text).context("--td3 is not a JSON object")?;
             serde_json::from_value(Value::Object(given)).context("--td3")?
         }
     };

@@ -16,7 +16,8 @@ use sage_core::files::{self, Existing};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Counters, Evaluation, Network, SceneRecord, SuccessRates, TrainingOptions, TrainingState, training::StoredDrive,
+    Counters, Evaluation, Network, SceneRecord, SuccessRates, TrainingOptions, TrainingState,
+    training_state::StoredDrive,
 };
 use crate::vehicle::Motion;
 
@@ -24,6 +25,8 @@ use crate::vehicle::Motion;
 pub const CHECKPOINT: &str = "checkpoint.safetensors";
 /// File of the buffer's rows.
 pub const BUFFER: &str = "buffer.rows";
+/// Key of the record in the header: its checksum, a space, and the record.
+const KEY: &str = "checkpoint";
 /// What marks a file as a checkpoint of this format.
 const FORMAT: &str = "sage train-ego checkpoint 1";
 /// Largest checkpoint that is read, bytes.
@@ -86,7 +89,11 @@ pub(super) fn actor_tensors(prefix: &str, actor: &Network<f32>) -> Vec<(String, 
 }
 
 /// Writes a safetensors file: to a temporary name first, then renamed.
-pub(super) fn write_tensors<V: View>(path: &Path, tensors: Vec<(String, V)>, header: &[(&str, String)]) -> io::Result<()> {
+pub(super) fn write_tensors<V: View>(
+    path: &Path,
+    tensors: Vec<(String, V)>,
+    header: &[(&str, String)],
+) -> io::Result<()> {
     let header: HashMap<String, String> = header.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect();
     let bytes = safetensors::serialize(tensors, Some(header)).map_err(io::Error::other)?;
     files::write(path, &bytes, Existing::Replace)
@@ -110,7 +117,10 @@ impl TrainingState {
     /// *Errors*: as the system.
     pub fn save(&self, folder: &Path, identity: &str, saved: u64) -> io::Result<u64> {
         let row_bytes = self.buffer.row_bytes() as u64;
-        let mut log = OpenOptions::new().create(true).truncate(false).write(true).open(folder.join(BUFFER))?;
+        let mut log =
+            OpenOptions::new().create(true).truncate(false).write(true).open(folder.join(BUFFER))?;
+        // Rows that the ring has lost since the last checkpoint are needed no more: zeros stand in their place.
+        let saved = saved.max(self.buffer.oldest());
         log.set_len(saved * row_bytes)?;
         log.seek(SeekFrom::End(0))?;
         let mut to = BufWriter::with_capacity(1 << 20, log);
@@ -149,9 +159,12 @@ impl TrainingState {
             tensors.push((format!("evaluated.{number}"), singles(vec![all.len()], all)));
         }
         let rows = motions.len() / 8 / MOTION;
-        tensors.push(("drives".to_owned(), Bytes { dtype: Dtype::F64, shape: vec![rows, MOTION], bytes: motions }));
+        tensors.push((
+            "drives".to_owned(),
+            Bytes { dtype: Dtype::F64, shape: vec![rows, MOTION], bytes: motions },
+        ));
         let sum = checksum(&record, tensors.iter().map(|(name, tensor)| (&name[..], &tensor.bytes[..])));
-        write_tensors(&folder.join(CHECKPOINT), tensors, &[("record", record), ("checksum", sum)])?;
+        write_tensors(&folder.join(CHECKPOINT), tensors, &[(KEY, format!("{sum} {record}"))])?;
         Ok(self.buffer.written())
     }
 
@@ -173,15 +186,15 @@ impl TrainingState {
         let damaged = |error: &dyn std::fmt::Display| fail(format!("not a checkpoint, or damaged ({error})"));
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(&error))?;
         let file = SafeTensors::deserialize(&bytes).map_err(|error| damaged(&error))?;
-        let entry = |key: &str| header.metadata().as_ref().and_then(|entries| entries.get(key).cloned());
-        let (Some(text), Some(sum)) = (entry("record"), entry("checksum")) else {
+        let entry = header.metadata().as_ref().and_then(|entries| entries.get(KEY));
+        let Some((sum, text)) = entry.and_then(|entry| entry.split_once(' ')) else {
             return Err(fail("not a checkpoint of `sage train-ego`".to_owned()));
         };
         let all = file.tensors();
-        if checksum(&text, all.iter().map(|(name, tensor)| (&name[..], tensor.data()))) != sum {
+        if checksum(text, all.iter().map(|(name, tensor)| (&name[..], tensor.data()))) != sum {
             return Err(fail("its checksum is wrong: the file is damaged".to_owned()));
         }
-        let record: Record = serde_json::from_str(&text).map_err(|error| damaged(&error))?;
+        let record: Record = serde_json::from_str(text).map_err(|error| damaged(&error))?;
         if record.format != FORMAT {
             return Err(fail(format!("its format is `{}`; expected `{FORMAT}`", record.format)));
         }
@@ -196,9 +209,8 @@ impl TrainingState {
         let mut state = Self::new(options, scenes)?;
         state.learner.set_tensors(&numbers, record.updates).map_err(&fail)?;
         let motions = file.tensor("drives").map_err(|error| damaged(&error))?;
-        state.drives = stored_drives(&record.drives, motions.data(), scenes).ok_or_else(|| {
-            fail("its stored drives do not fit the scenes".to_owned())
-        })?;
+        state.drives = stored_drives(&record.drives, motions.data(), scenes)
+            .ok_or_else(|| fail("its stored drives do not fit the scenes".to_owned()))?;
         state.records = record.records.into_owned();
         state.success = record.success.into_owned();
         state.counters = record.counters.into_owned();
@@ -240,7 +252,11 @@ fn singles_of(bytes: &[u8]) -> Vec<f32> {
     bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
 }
 
-fn stored_drives(list: &[(usize, u64, usize)], bytes: &[u8], scenes: usize) -> Option<Vec<VecDeque<StoredDrive>>> {
+fn stored_drives(
+    list: &[(usize, u64, usize)],
+    bytes: &[u8],
+    scenes: usize,
+) -> Option<Vec<VecDeque<StoredDrive>>> {
     let number = |b: &[u8]| Some(f64::from_le_bytes(b.try_into().ok()?));
     let mut all = bytes.chunks_exact(8 * MOTION);
     let mut drives = vec![VecDeque::new(); scenes];

@@ -102,7 +102,9 @@ mod tests {
             assert!((found.1 - expected.1).abs() < 1e-9, "{found:?} and {expected:?}");
         };
         let paper = registry.build_default("paper").expect("registered");
-        for (share, expected) in [(0.0, (0.1, 0.5)), (0.25, (0.5, 0.625)), (0.5, (0.9, 0.75)), (1.0, (0.9, 1.0))] {
+        for (share, expected) in
+            [(0.0, (0.1, 0.5)), (0.25, (0.5, 0.625)), (0.5, (0.9, 0.75)), (1.0, (0.9, 1.0))]
+        {
             near(drawn(&*paper, share, &success), expected);
         }
         let release = registry.build_default("release").expect("registered");

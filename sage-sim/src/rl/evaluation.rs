@@ -111,6 +111,10 @@ pub fn drive_episode(
 }
 
 impl EpisodeRow {
+    fn failure(scene: usize, error: &Error) -> Self {
+        Self { scene, failed: Some(error.to_string()), ..Self::default() }
+    }
+
     fn count(&mut self, outcome: &Outcome, step: usize) {
         self.steps = step;
         self.reward += outcome.reward;
@@ -134,36 +138,39 @@ impl EpisodeRow {
     }
 }
 
-/// Evaluates a driver in one scene: unchanged, and, with an attacker, at λ = 1 against its own drive. What cannot be
-/// driven or attacked is a failed row.
-pub fn evaluate(
+/// Drives one unchanged scene; a failed row and no drive if that is not possible.
+pub fn drive_scene(
     policy: &dyn EgoPolicy,
-    scenes: &[Arc<SimScene>],
+    scene: &Arc<SimScene>,
     number: usize,
-    attacker: Option<&dyn Attacker>,
     rules: &Arc<EnvironmentOptions>,
     seed: u64,
-) -> (EpisodeRow, Option<EpisodeRow>) {
-    let scene = &scenes[number];
-    let failed = |error: &Error| EpisodeRow { scene: number, failed: Some(error.to_string()), ..EpisodeRow::default() };
-    let numbered = |row: EpisodeRow| EpisodeRow { scene: number, ..row };
+) -> (EpisodeRow, Option<Drive>) {
     match drive_episode(policy, scene, None, rules, seed) {
-        Err(error) => (failed(&error), attacker.map(|_| failed(&error))),
-        Ok((row, drive)) => {
-            let attacked = attacker.map(|attacker| {
-                let plan = attacker.plan(scene, usable(&drive), 1.0, seed);
-                let driven = plan.and_then(|plan| drive_episode(policy, scene, Some(plan), rules, seed));
-                driven.map_or_else(|error| failed(&error), |(row, _)| numbered(row))
-            });
-            (numbered(row), attacked)
-        }
+        Ok((row, drive)) => (EpisodeRow { scene: number, ..row }, Some(drive)),
+        Err(error) => (EpisodeRow::failure(number, &error), None),
+    }
+}
+
+/// Drives one scene against an attack at λ = 1 that is planned against the drive in the unchanged scene. What cannot be
+/// attacked or driven is a failed row.
+pub fn attack_episode(
+    policy: &dyn EgoPolicy,
+    scene: &Arc<SimScene>,
+    number: usize,
+    unchanged: Option<&Drive>,
+    attacker: &dyn Attacker,
+    rules: &Arc<EnvironmentOptions>,
+    seed: u64,
+) -> EpisodeRow {
+    // A drive that is too short to be attacked: the recording is attacked instead.
+    let drive = unchanged.filter(|drive| drive.motions.len() > SHORTEST_DRIVE);
+    let plan = attacker.plan(scene, drive, 1.0, seed);
+    match plan.and_then(|plan| drive_episode(policy, scene, Some(plan), rules, seed)) {
+        Ok((row, _)) => EpisodeRow { scene: number, ..row },
+        Err(error) => EpisodeRow::failure(number, &error),
     }
 }
 
 /// Steps of a drive below which an attack is planned against the recording instead: ten positions after *now*.
 pub(super) const SHORTEST_DRIVE: usize = 21;
-
-/// The drive, if it is long enough to be attacked.
-fn usable(drive: &Drive) -> Option<&Drive> {
-    (drive.motions.len() > SHORTEST_DRIVE).then_some(drive)
-}

@@ -176,7 +176,11 @@ impl<T: Real> Learner<T> {
             let shape = trained.online.shape();
             for (prefix, numbers) in columns {
                 for ((name, shape), range) in shape.tensors().into_iter().zip(shape.ranges()) {
-                    all.push(NamedTensor { name: format!("{prefix}{network}.{name}"), shape, numbers: &numbers[range] });
+                    all.push(NamedTensor {
+                        name: format!("{prefix}{network}.{name}"),
+                        shape,
+                        numbers: &numbers[range],
+                    });
                 }
             }
         }
@@ -218,6 +222,17 @@ impl<T: Real> Learner<T> {
         self.parts()
             .into_iter()
             .find_map(|(network, trained)| Some(format!("{network}.{}", trained.online.not_finite()?)))
+    }
+
+    /// Sets the first number of a tensor to NaN.
+    pub(super) fn break_weight(&mut self, tensor: &str) {
+        let tensors = self.tensors().into_iter().map(|t| (t.name, t.numbers.to_vec()));
+        let mut all: BTreeMap<String, Vec<T>> = tensors.collect();
+        if let Some(first) = all.get_mut(tensor).and_then(|numbers| numbers.first_mut()) {
+            *first = T::of(f64::NAN);
+        }
+        // The names and sizes are its own.
+        let _ = self.set_tensors(&all, self.updates);
     }
 
     fn parts(&self) -> [(&'static str, &Trained<T>); 3] {
@@ -319,7 +334,14 @@ impl<T: Real> Learner<T> {
         actor.online.backward(&batch.observations, &s.actor, &s.action_gradient, &mut s.hidden, gradient);
         let step = self.updates / options.policy_delay;
         let target = Some(actor.target.parameters_mut());
-        actor.moments.step(actor.online.parameters_mut(), gradient, target, options.actor_rate, step, options);
+        actor.moments.step(
+            actor.online.parameters_mut(),
+            gradient,
+            target,
+            options.actor_rate,
+            step,
+            options,
+        );
         loss
     }
 }

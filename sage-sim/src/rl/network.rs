@@ -130,7 +130,8 @@ impl<T: Real> Network<T> {
 
     /// Name of the first tensor with a number that is not finite.
     pub fn not_finite(&self) -> Option<&'static str> {
-        let is_bad = |range: &Range<usize>| self.parameters[range.clone()].iter().any(|x| !x.wide().is_finite());
+        let is_bad =
+            |range: &Range<usize>| self.parameters[range.clone()].iter().any(|x| !x.wide().is_finite());
         let (names, ranges) = (self.shape.tensors(), self.shape.ranges());
         names.iter().zip(&ranges).find(|(_, range)| is_bad(range)).map(|((name, _), _)| *name)
     }
@@ -205,7 +206,8 @@ impl<T: Real> Network<T> {
         times(&mut hidden.first, Rows::new(&hidden.second, [rows, h2]), Rows::new(w2, [h2, h1]));
         mask(&mut hidden.first, &at.first);
         // The columns of the first layer as rows, so that each input is one dot product.
-        let transposed: Vec<T> = columns.clone().flat_map(|k| (0..h1).map(move |j| w1[j * width + k])).collect();
+        let transposed: Vec<T> =
+            columns.clone().flat_map(|k| (0..h1).map(move |j| w1[j * width + k])).collect();
         let none = vec![T::default(); columns.len()];
         narrow_layer(to, &hidden.first, &transposed, &none);
     }

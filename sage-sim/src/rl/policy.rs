@@ -44,7 +44,9 @@ struct ActorDriver {
 impl Driver for ActorDriver {
     fn control(&mut self, view: &View) -> Result<Control, Error> {
         let Some(observation) = view.observation() else {
-            return Err(view.error("a learnt policy drives the ego only; name another for the adversary".to_owned()));
+            return Err(
+                view.error("a learnt policy drives the ego only; name another for the adversary".to_owned())
+            );
         };
         let mut output = [0.0; 2];
         self.network.forward_one(observation, &mut self.memory, &mut output);

@@ -85,8 +85,11 @@ pub fn parse_policy(bytes: &[u8]) -> Result<(Network<f32>, PolicyCard), String> 
         return Err(format!("its format is `{}`; expected `{FORMAT}`", card.format));
     }
     check_observation(&card)?;
-    let tensor = |name: &str| file.tensor(&format!("actor.{name}")).map_err(|_| format!("tensor `actor.{name}` is missing"));
-    let [first, second] = ["l1.bias", "l2.bias"].map(|name| tensor(name).map(|t| t.shape().iter().product::<usize>()));
+    let tensor = |name: &str| {
+        file.tensor(&format!("actor.{name}")).map_err(|_| format!("tensor `actor.{name}` is missing"))
+    };
+    let [first, second] =
+        ["l1.bias", "l2.bias"].map(|name| tensor(name).map(|t| t.shape().iter().product::<usize>()));
     let shape = Shape { inputs: LENGTH, hidden: [first?, second?], outputs: 2 };
     let mut parameters = Vec::with_capacity(shape.count());
     for (name, expected) in shape.tensors() {
@@ -175,9 +178,14 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("policy.safetensors");
         let (mut network, card) = policy();
-        network = Network::of(*network.shape(), network.parameters().iter().map(|_| f32::NAN).collect()).expect("as many");
+        network = Network::of(*network.shape(), network.parameters().iter().map(|_| f32::NAN).collect())
+            .expect("as many");
         write_policy(&path, &network, &card).expect("written");
-        assert!(read_policy(&path).expect_err("NaN").contains("`actor.l1.weight` holds a number that is not finite"));
+        assert!(
+            read_policy(&path)
+                .expect_err("NaN")
+                .contains("`actor.l1.weight` holds a number that is not finite")
+        );
         let bytes = std::fs::read(&path).expect("read");
         std::fs::write(&path, &bytes[..bytes.len() - 7]).expect("cut");
         assert!(read_policy(&path).expect_err("cut").contains("policy.safetensors`: not a policy"));

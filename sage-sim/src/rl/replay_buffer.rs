@@ -101,7 +101,7 @@ impl ReplayBuffer {
     }
 
     /// Number of the oldest row.
-    fn oldest(&self) -> u64 {
+    pub fn oldest(&self) -> u64 {
         self.written - self.back.len() as u64
     }
 
@@ -131,6 +131,11 @@ impl ReplayBuffer {
             let is_whole = back != 0 && number - oldest >= u64::from(back.unsigned_abs());
             is_whole.then_some((number, back))
         })
+    }
+
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.observations.iter().chain(&self.actions).chain(&self.rewards).all(|x| x.is_finite())
     }
 
     /// Bytes of a row in a log.
@@ -166,6 +171,13 @@ impl ReplayBuffer {
         let mut bytes = vec![0; self.row_bytes()];
         let mut numbers = vec![0.0_f32; o + a + 1];
         self.written = written - count;
+        if count == self.capacity as u64 {
+            // A full ring, which may begin at any of its rows.
+            self.observations.resize(self.capacity * o, 0.0);
+            self.actions.resize(self.capacity * a, 0.0);
+            self.rewards.resize(self.capacity, 0.0);
+            self.back.resize(self.capacity, 0);
+        }
         for _ in 0..count {
             from.read_exact(&mut bytes)?;
             let (back, rest) = bytes.split_at(4);
@@ -174,7 +186,8 @@ impl ReplayBuffer {
                 *x = f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]);
             }
             if let Some(column) = numbers.iter().position(|x| !x.is_finite()) {
-                let problem = format!("row {} of the replay buffer: number {column} is not finite", self.written);
+                let problem =
+                    format!("row {} of the replay buffer: number {column} is not finite", self.written);
                 return Err(io::Error::other(problem));
             }
             self.write(&numbers[..o], &numbers[o..o + a], numbers[o + a], back);

@@ -87,7 +87,7 @@ mod tests {
         let shares = |name: &str| {
             let sampler = registry.build_default(name).expect("registered");
             let mut rng = Rng::new(1, "scenes", "test");
-            let mut counts = [0.0; 3];
+            let mut counts = [0.0_f64; 3];
             (0..30_000).for_each(|_| counts[sampler.draw(&scenes, 2, &mut rng)] += 1.0 / 30_000.0);
             counts
         };

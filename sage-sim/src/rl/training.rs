@@ -7,7 +7,7 @@
 //! All random numbers depend on (seed, number of the step, update or episode, purpose) alone, so a run that resumes
 //! from a checkpoint needs no state of generators, and its bits are those of an uninterrupted run.
 
-use std::{collections::VecDeque, sync::Arc};
+use std::sync::Arc;
 
 use sage_core::{
     Error,
@@ -15,12 +15,13 @@ use sage_core::{
     objective::{Context, ContextOptions},
     seed::Rng,
 };
-use serde::{Deserialize, Serialize};
 
 use super::{
-    ActorPolicy, Attacker, Curriculum, EpisodeRow, Learner, Network, Progress, ReplayBuffer, SceneRecord, SceneSampler,
-    SingleRow, SuccessRates, Td3Options, Transition, TransitionBatch, evaluate, evaluation::SHORTEST_DRIVE,
+    ActorPolicy, Attacker, Curriculum, Evaluation, Progress, SceneSampler, SingleRow, TrainingOptions,
+    TrainingState, Transition, TransitionBatch, attack_episode, drive_scene,
+    evaluation::SHORTEST_DRIVE,
     evaluation_rules,
+    training_state::{SIZES, StoredDrive},
 };
 use crate::{
     avoidable::{Avoidance, AvoidanceOptions},
@@ -32,102 +33,16 @@ use crate::{
     vehicle::{Action, Motion},
 };
 
-/// Sizes of observation and action.
-const SIZES: [usize; 2] = [LENGTH, 2];
 /// Completion of a success.
 const COMPLETED: f64 = 0.8;
 /// Mean |Q| that no sound critic reaches: twice the bound 2.25/(1 − 0.99) + 10 of the return.
 const DIVERGED: f64 = 470.0;
 /// Updates in a row above it after which the run stops.
 const DIVERGED_UPDATES: u32 = 100;
+/// Mean |Q| at which it stops at once: after learning rates that large, all units may be dead, and |Q| small again.
+const FAR_DIVERGED: f64 = 100.0 * DIVERGED;
 /// Scenes that fail in a row after which the run stops.
 const MOST_FAILURES: u32 = 1000;
-
-/// Options of a training run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct TrainingOptions {
-    /// The algorithm.
-    pub td3: Td3Options,
-    /// Updates in all.
-    pub updates: u64,
-    /// Updates per step of the environment.
-    pub ratio: f64,
-    /// Environments that take turns.
-    pub environments: usize,
-    /// Largest number of steps of an episode; above 91 it goes on after the end of the recording, without traffic.
-    pub max_steps: usize,
-    /// Whether the limit of steps is stored as a terminal step, as published.
-    pub limit_is_terminal: bool,
-    /// Newest drives of a scene that may be attacked; one of them is drawn.
-    pub paths: usize,
-    /// Evaluations during training, evenly spaced; the last one is at the end.
-    pub evaluations: u64,
-    /// Seed of initial weights, scenes, noise and batches.
-    pub seed: u64,
-}
-
-impl Default for TrainingOptions {
-    fn default() -> Self {
-        Self {
-            td3: Td3Options::default(),
-            updates: 100_000,
-            ratio: 1.0,
-            environments: 1,
-            max_steps: 91,
-            limit_is_terminal: false,
-            paths: 1,
-            evaluations: 20,
-            seed: 0,
-        }
-    }
-}
-
-impl TrainingOptions {
-    /// Steps of the environments in all: the random ones, and those with updates.
-    pub fn steps(&self) -> u64 {
-        self.td3.random_steps + (self.updates as f64 / self.ratio).ceil() as u64
-    }
-
-    /// Checks all numbers.
-    ///
-    /// *Errors*: the name and value of an option that is out of range, and what is expected.
-    pub fn check(&self) -> Result<(), String> {
-        self.td3.check()?;
-        if !(self.ratio >= 1.0 / 64.0 && self.ratio <= 64.0) {
-            return Err(format!("`ratio` is {}; expected a number from 1/64 to 64", self.ratio));
-        }
-        let counts = [
-            ("environments", self.environments, 1, 1024),
-            ("max_steps", self.max_steps, 2, 10_000),
-            ("paths", self.paths, 1, 100),
-            ("evaluations", self.evaluations as usize, 1, 1000),
-        ];
-        if let Some((name, value, least, most)) =
-            counts.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value))
-        {
-            return Err(format!("`{name}` is {value}; expected a number from {least} to {most}"));
-        }
-        let steps = self.steps() - self.td3.random_steps;
-        if steps < self.td3.random_steps {
-            return Err(format!(
-                "{} updates at a ratio of {} are {steps} steps, fewer than the {} random steps at the start; give more updates or fewer random steps",
-                self.updates, self.ratio, self.td3.random_steps
-            ));
-        }
-        Ok(())
-    }
-
-    /// Rules of the training episodes.
-    pub fn rules(&self) -> EnvironmentOptions {
-        EnvironmentOptions {
-            max_steps: self.max_steps,
-            outlast_log: self.max_steps > 91,
-            limit_terminates: self.limit_is_terminal,
-            ..EnvironmentOptions::training()
-        }
-    }
-}
 
 /// What a training run works with.
 pub struct Setting<'a> {
@@ -145,50 +60,6 @@ pub struct Setting<'a> {
     pub sampler: &'a dyn SceneSampler,
 }
 
-/// One evaluation of a run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Evaluation {
-    /// Steps of the environments before it.
-    pub step: u64,
-    /// Updates before it.
-    pub updates: u64,
-    /// Unchanged scenes.
-    pub unchanged: Vec<EpisodeRow>,
-    /// The same scenes under attack; empty without an attacker.
-    pub attacked: Vec<EpisodeRow>,
-    /// The actor, for the newest evaluations.
-    #[serde(skip)]
-    pub actor: Option<Network<f32>>,
-}
-
-/// Counters of a run, for progress and its record.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Counters {
-    /// Steps of the environments.
-    pub steps: u64,
-    /// Episodes begun.
-    pub episodes: u64,
-    /// Episodes with an attack.
-    pub attacked: u64,
-    /// Sum over attacked episodes of the steps since the attacked drive was recorded.
-    pub drive_age: u64,
-    /// Attacked episodes whose scene had no drive yet.
-    pub without_drive: u64,
-    /// Failures against attacks that are not shown avoidable.
-    pub unavoidable: u64,
-    /// Episodes that could not start or be attacked; the first messages.
-    pub skipped: u64,
-    /// Messages of the first of them.
-    pub skipped_because: Vec<String>,
-}
-
-/// A drive in a scene's store, with the step at which it ended.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct StoredDrive {
-    pub(super) step: u64,
-    pub(super) motions: Vec<Motion>,
-}
-
 /// An episode in progress.
 struct Slot {
     environment: Environment,
@@ -201,65 +72,6 @@ struct Slot {
     observation: [f32; LENGTH],
     motions: Vec<Motion>,
     touched_adversary: Option<usize>,
-}
-
-/// Everything of a run that changes and that a checkpoint holds.
-pub struct TrainingState {
-    pub(super) learner: Learner<f32>,
-    pub(super) buffer: ReplayBuffer,
-    pub(super) drives: Vec<VecDeque<StoredDrive>>,
-    pub(super) records: Vec<SceneRecord>,
-    pub(super) success: SuccessRates,
-    pub(super) counters: Counters,
-    pub(super) diverging: u32,
-    /// Sums over the updates since the last row of losses: critic loss, its count, mean |Q|.
-    pub(super) losses: [f64; 3],
-    /// Steps, mean critic loss and mean |Q| at each evaluation.
-    pub(super) loss_curve: Vec<[f64; 3]>,
-    pub(super) evaluations: Vec<Evaluation>,
-}
-
-impl TrainingState {
-    /// The state before the first step.
-    ///
-    /// *Errors*: as [`TrainingOptions::check`].
-    pub fn new(options: &TrainingOptions, scenes: usize) -> Result<Self, String> {
-        options.check()?;
-        let learner = Learner::new(options.td3.clone(), SIZES, options.seed)?;
-        let held = (options.td3.buffer as u64).min(options.steps()) as usize;
-        Ok(Self {
-            learner,
-            buffer: ReplayBuffer::new(held, SIZES),
-            drives: vec![VecDeque::new(); scenes],
-            records: vec![SceneRecord::default(); scenes],
-            success: SuccessRates::default(),
-            counters: Counters::default(),
-            diverging: 0,
-            losses: [0.0; 3],
-            loss_curve: Vec::new(),
-            evaluations: Vec::new(),
-        })
-    }
-
-    /// The learner.
-    pub fn learner(&self) -> &Learner<f32> {
-        &self.learner
-    }
-
-    /// Counters.
-    pub fn counters(&self) -> &Counters {
-        &self.counters
-    }
-
-    /// All evaluations so far.
-    pub fn evaluations(&self) -> &[Evaluation] {
-        &self.evaluations
-    }
-
-    /// Steps, mean critic loss and mean |Q| at each evaluation.
-    pub fn loss_curve(&self) -> &[[f64; 3]] {
-        &self.loss_curve
-    }
 }
 
 /// Why a run stops before its end.
@@ -302,6 +114,12 @@ impl<'a> Training<'a> {
         let batch = TransitionBatch::new(options.td3.batch, SIZES[0], SIZES[1]);
         let rules = Arc::new(options.rules());
         Self { options, setting, state, rules, slots, batch, memory: SingleRow::default() }
+    }
+
+    /// With other rules of the environment than [`TrainingOptions::rules`].
+    pub fn with_rules(mut self, rules: EnvironmentOptions) -> Self {
+        self.rules = Arc::new(rules);
+        self
     }
 
     /// The state.
@@ -402,7 +220,8 @@ impl<'a> Training<'a> {
         let environment = Environment::reset(sim, self.rules.clone(), plan.clone(), world)?;
         let mut observation = [0.0; LENGTH];
         environment.observe(&mut observation);
-        let row = if observation.iter().all(|x| x.is_finite()) { state.buffer.start(&observation) } else { 0 };
+        let row =
+            if observation.iter().all(|x| x.is_finite()) { state.buffer.start(&observation) } else { 0 };
         let motions = vec![*environment.world().motion()];
         Ok(Slot {
             environment,
@@ -497,14 +316,18 @@ impl<'a> Training<'a> {
             *q += report.mean_abs_q;
             let at = self.state.learner.updates();
             if !report.critic_loss.is_finite() || report.actor_loss.is_some_and(|loss| !loss.is_finite()) {
-                let tensor = self.state.learner.not_finite().map_or(String::new(), |name| format!("; tensor `{name}` is not finite"));
+                let tensor = self
+                    .state
+                    .learner
+                    .not_finite()
+                    .map_or(String::new(), |name| format!("; tensor `{name}` is not finite"));
                 return Err(Stop::Broken(format!("update {at}: the loss is not finite{tensor}")));
             }
-            self.state.diverging = if report.mean_abs_q > DIVERGED { self.state.diverging + 1 } else { 0 };
-            if self.state.diverging >= DIVERGED_UPDATES {
+            let q = report.mean_abs_q;
+            self.state.diverging = if q > DIVERGED { self.state.diverging + 1 } else { 0 };
+            if self.state.diverging >= DIVERGED_UPDATES || q > FAR_DIVERGED {
                 return Err(Stop::Broken(format!(
-                    "update {at}: the training diverges; mean |Q| is above {DIVERGED} for {DIVERGED_UPDATES} updates (now {:.3e}), which no return reaches; lower the learning rates",
-                    report.mean_abs_q
+                    "update {at}: the training diverges; mean |Q| is {q:.3e}, and no return reaches {DIVERGED}; lower the learning rates"
                 )));
             }
         }
@@ -550,9 +373,12 @@ impl<'a> Training<'a> {
         let rules = evaluation_rules(&self.rules);
         let (mut unchanged, mut attacked) = (Vec::new(), Vec::new());
         for number in 0..self.setting.evaluation.len() {
-            let rows = evaluate(&policy, self.setting.evaluation, number, self.setting.examiner, &rules, 0);
-            unchanged.push(rows.0);
-            attacked.extend(rows.1);
+            let scene = &self.setting.evaluation[number];
+            let (row, drive) = drive_scene(&policy, scene, number, &rules, 0);
+            unchanged.push(row);
+            let against =
+                |examiner| attack_episode(&policy, scene, number, drive.as_ref(), examiner, &rules, 0);
+            attacked.extend(self.setting.examiner.map(against));
         }
         let updates = self.state.learner.updates();
         let evaluations = &mut self.state.evaluations;

@@ -167,8 +167,11 @@ impl Reference {
             let action = act(&online(&self.parts[0].online), &s)?;
             let loss = forward(&critic, &Tensor::cat(&[&s, &action], 1)?)?.mean_all()?.neg()?;
             let gradients = loss.backward()?;
-            let step =
-                if self.is(Mistake::ActorCountsAllUpdates) { self.updates } else { self.updates / o.policy_delay };
+            let step = if self.is(Mistake::ActorCountsAllUpdates) {
+                self.updates
+            } else {
+                self.updates / o.policy_delay
+            };
             self.adam(0, &gradients, actor_rate, step)?;
         }
         if (acts || self.is(Mistake::TargetsEveryUpdate)) && !self.is(Mistake::SharedStorage) {

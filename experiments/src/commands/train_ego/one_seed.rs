@@ -4,8 +4,8 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result, anyhow};
 use sage_sim::rl::{
-    CHECKPOINT, Counters, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions, TrainingState,
-    write_policy,
+    CHECKPOINT, Counters, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions,
+    TrainingState, write_policy,
 };
 use serde_json::json;
 
@@ -83,7 +83,9 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
                 path.join(CHECKPOINT).display()
             ));
         }
-        saved = state.save(&path, &identity, saved).with_context(|| format!("cannot write to `{}`", path.display()))?;
+        saved = state
+            .save(&path, &identity, saved)
+            .with_context(|| format!("cannot write to `{}`", path.display()))?;
         for evaluation in &state.evaluations()[before..] {
             clock.evaluated(seed, evaluation, total);
         }
@@ -115,8 +117,12 @@ fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
     if let Some(last) = trained.evaluations.last() {
         write("policy.safetensors", last)?;
     }
-    run.folder().write(&format!("{name}/evaluations.csv"), report::curve_csv(std::slice::from_ref(trained)).as_bytes())?;
-    run.folder().write(&format!("{name}/episodes.csv"), report::episodes_csv(trained, &shared.names)?.as_bytes())
+    run.folder().write(
+        &format!("{name}/evaluations.csv"),
+        report::curve_csv(std::slice::from_ref(trained)).as_bytes(),
+    )?;
+    run.folder()
+        .write(&format!("{name}/episodes.csv"), report::episodes_csv(trained, &shared.names)?.as_bytes())
 }
 
 fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCard {

@@ -15,45 +15,21 @@ use serde_json::{Map, Value, json};
 
 use super::{Shared, one_seed::Trained};
 use crate::{
-    bench::line_chart::{Chart, Line},
+    bench::{
+        episode_columns::{COLUMNS, COMPLETION, CONTACT, Column, OFF_ROAD, REWARD},
+        line_chart::{Chart, Line},
+    },
     output::Run,
     progress,
 };
 
-/// Names and values of what an evaluation reports, as means over its episodes.
-pub(super) const COLUMNS: [(&str, fn(&EpisodeRow) -> f64); 13] = [
-    ("reward", |r| r.reward),
-    ("cost", |r| r.cost),
-    ("completion", |r| r.completion),
-    ("completion_recorded", |r| r.completion_recorded),
-    ("contact", |r| flag(r.contact)),
-    ("at_fault", |r| flag(r.at_fault)),
-    ("adversary", |r| flag(r.adversary)),
-    ("off_road", |r| flag(r.off_road)),
-    ("arrived", |r| flag(r.arrived)),
-    ("time_limit", |r| flag(r.time_limit)),
-    ("failed", |r| flag(r.failed.is_some())),
-    ("speed", |r| r.speed),
-    ("jerk", |r| r.jerk),
-];
 /// Newest evaluations that a table averages.
 const AVERAGED: usize = 5;
-
-fn flag(is: bool) -> f64 {
-    f64::from(u8::from(is))
-}
-
-/// Mean of a column. Speed and jerk are means over steps, so longer episodes weigh more.
-fn mean(rows: &[EpisodeRow], name: &str, value: fn(&EpisodeRow) -> f64) -> f64 {
-    let weight = |row: &EpisodeRow| if ["speed", "jerk"].contains(&name) { row.steps as f64 } else { 1.0 };
-    let sum: f64 = rows.iter().map(weight).sum();
-    rows.iter().map(|row| weight(row) * value(row)).sum::<f64>() / sum.max(1.0)
-}
 
 /// Means of all columns, with the number of episodes.
 pub(super) fn means(rows: &[EpisodeRow]) -> Value {
     let mut all: Map<String, Value> =
-        COLUMNS.iter().map(|(name, value)| ((*name).to_owned(), json!(mean(rows, name, *value)))).collect();
+        COLUMNS.iter().map(|column| (column.name.to_owned(), json!(column.mean(rows)))).collect();
     all.insert("episodes".to_owned(), json!(rows.len()));
     Value::Object(all)
 }
@@ -61,8 +37,8 @@ pub(super) fn means(rows: &[EpisodeRow]) -> Value {
 /// Curves of some seeds as CSV: a row per evaluation and kind of scenes.
 pub(super) fn curve_csv(trained: &[Trained]) -> String {
     let mut csv = "seed,step,updates,scenes,episodes".to_owned();
-    for (name, _) in COLUMNS {
-        let _ = write!(csv, ",{name}");
+    for column in COLUMNS {
+        let _ = write!(csv, ",{}", column.name);
     }
     csv.push_str(",critic_loss,mean_abs_q\n");
     for run in trained {
@@ -70,8 +46,8 @@ pub(super) fn curve_csv(trained: &[Trained]) -> String {
             for (kind, rows) in kinds(evaluation) {
                 let Evaluation { step, updates, .. } = evaluation;
                 let _ = write!(csv, "{},{step},{updates},{kind},{}", run.seed, rows.len());
-                for (name, value) in COLUMNS {
-                    let _ = write!(csv, ",{}", mean(rows, name, value));
+                for column in COLUMNS {
+                    let _ = write!(csv, ",{}", column.mean(rows));
                 }
                 let _ = writeln!(csv, ",{loss},{q}");
             }
@@ -83,8 +59,8 @@ pub(super) fn curve_csv(trained: &[Trained]) -> String {
 /// Rows of all episodes of the newest evaluations of a seed.
 pub(super) fn episodes_csv(trained: &Trained, names: &[String]) -> Result<String> {
     let mut csv = "seed,step,scenes,scene,steps".to_owned();
-    for (name, _) in COLUMNS {
-        let _ = write!(csv, ",{name}");
+    for column in COLUMNS {
+        let _ = write!(csv, ",{}", column.name);
     }
     csv.push('\n');
     let first = trained.evaluations.len().saturating_sub(AVERAGED);
@@ -93,8 +69,8 @@ pub(super) fn episodes_csv(trained: &Trained, names: &[String]) -> Result<String
             for row in rows {
                 let name = names[row.scene].replace('"', "'");
                 let _ = write!(csv, "{},{},{kind},\"{name}\",{}", trained.seed, evaluation.step, row.steps);
-                for (_, value) in COLUMNS {
-                    let _ = write!(csv, ",{}", value(row));
+                for column in COLUMNS {
+                    let _ = write!(csv, ",{}", (column.value)(row));
                 }
                 csv.push('\n');
             }
@@ -115,20 +91,27 @@ fn kinds(evaluation: &Evaluation) -> impl Iterator<Item = (&'static str, &[Episo
 pub(super) fn write(run: &Run, _: &Shared, trained: &[Trained]) -> Result<()> {
     run.folder().write("curves.csv", curve_csv(trained).as_bytes())?;
     let mut lines: Vec<Line> = Vec::new();
-    for (kind, column) in [("unchanged", 2), ("attacked", 2), ("unchanged", 4), ("attacked", 4), ("unchanged", 7)] {
-        let (name, value) = COLUMNS[column];
+    let drawn = [
+        ("unchanged", COMPLETION),
+        ("attacked", COMPLETION),
+        ("unchanged", CONTACT),
+        ("attacked", CONTACT),
+        ("unchanged", OFF_ROAD),
+    ];
+    for (kind, column) in drawn {
         let count = trained.iter().map(|run| run.evaluations.len()).min().unwrap_or(0);
         let mut points = Vec::new();
         for k in 0..count {
-            let rows = trained.iter().flat_map(|run| kinds(&run.evaluations[k]).filter(|(of, _)| *of == kind));
-            let values: Vec<f64> = rows.map(|(_, rows)| mean(rows, name, value)).collect();
+            let rows =
+                trained.iter().flat_map(|run| kinds(&run.evaluations[k]).filter(|(of, _)| *of == kind));
+            let values: Vec<f64> = rows.map(|(_, rows)| column.mean(rows)).collect();
             let step = trained.first().map_or(0, |run| run.evaluations[k].step);
             if !values.is_empty() {
                 points.push([step as f64, values.iter().sum::<f64>() / values.len() as f64]);
             }
         }
         if !points.is_empty() {
-            lines.push((format!("{}, {kind} scenes", name.replace('_', " ")), points));
+            lines.push((format!("{}, {kind} scenes", column.name.replace('_', " ")), points));
         }
     }
     let chart = Chart { axes: ["steps", "share, mean of seeds"], lines, ..Chart::default() };
@@ -136,11 +119,10 @@ pub(super) fn write(run: &Run, _: &Shared, trained: &[Trained]) -> Result<()> {
 }
 
 /// Mean over the newest evaluations of a seed, per kind of scenes.
-fn newest(trained: &Trained, kind: &str, column: usize) -> Option<f64> {
-    let (name, value) = COLUMNS[column];
+fn newest(trained: &Trained, kind: &str, column: &Column) -> Option<f64> {
     let first = trained.evaluations.len().saturating_sub(AVERAGED);
     let rows = trained.evaluations[first..].iter().flat_map(kinds).filter(|(of, _)| *of == kind);
-    let values: Vec<f64> = rows.map(|(_, rows)| mean(rows, name, value)).collect();
+    let values: Vec<f64> = rows.map(|(_, rows)| column.mean(rows)).collect();
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
@@ -150,19 +132,19 @@ pub(super) fn markdown(shared: &Shared, trained: &[Trained]) -> Result<String> {
         "Means of the last {AVERAGED} evaluations, {} scenes each. `completion_recorded` ends with the recording.\n\n| seed | scenes |",
         shared.evaluation.len()
     );
-    for (name, _) in COLUMNS {
-        let _ = write!(text, " {name} |");
+    for column in COLUMNS {
+        let _ = write!(text, " {} |", column.name);
     }
     text.push_str("\n| --- | --- |");
     text.push_str(&" ---: |".repeat(COLUMNS.len()));
     text.push('\n');
     for run in trained {
         for kind in ["unchanged", "attacked"] {
-            if newest(run, kind, 0).is_none() {
+            if newest(run, kind, &REWARD).is_none() {
                 continue;
             }
             let _ = write!(text, "| {} | {kind} |", run.seed);
-            for column in 0..COLUMNS.len() {
+            for column in &COLUMNS {
                 let _ = write!(text, " {:.2} |", newest(run, kind, column).unwrap_or(f64::NAN));
             }
             text.push('\n');
@@ -223,14 +205,21 @@ impl Clock {
     fn left(&self) -> String {
         let (done, found) = (self.done.load(Ordering::Relaxed), self.found.load(Ordering::Relaxed));
         let rate = (done - found).max(1) as f64 / self.start.elapsed().as_secs_f64();
-        format!("{rate:.0} steps/s, about {:.0} min left", (self.total - done.min(self.total)) as f64 / rate / 60.0)
+        format!(
+            "{rate:.0} steps/s, about {:.0} min left",
+            (self.total - done.min(self.total)) as f64 / rate / 60.0
+        )
     }
 
     pub(super) fn evaluated(&self, seed: u64, evaluation: &Evaluation, total: u64) {
         let mut text = format!("seed {seed}, step {} of {total}:", evaluation.step);
         for (kind, rows) in kinds(evaluation) {
-            let [completion, contact, off_road] = [2, 4, 7].map(|k| mean(rows, COLUMNS[k].0, COLUMNS[k].1));
-            let _ = write!(text, " {kind}: completion {completion:.2}, contact {contact:.2}, off road {off_road:.2};");
+            let [completion, contact, off_road] =
+                [COMPLETION, CONTACT, OFF_ROAD].map(|column| column.mean(rows));
+            let _ = write!(
+                text,
+                " {kind}: completion {completion:.2}, contact {contact:.2}, off road {off_road:.2};"
+            );
         }
         progress::say(&format!("{text} {}", self.left()));
     }

@@ -1,4 +1,4 @@
-//! A generator as the attacker of training and evaluation.
+//! A generator as the attacker of training and evaluation in closed loop.
 
 use std::sync::Arc;
 
@@ -17,7 +17,9 @@ use sage_sim::{
 };
 use serde_json::{Value, json};
 
-use crate::{Registries, generators, networks, operating_point::OperatingPointSpec, part::Part, selection::Selection};
+use crate::{
+    Registries, generators, networks, operating_point::OperatingPointSpec, part::Part, selection::Selection,
+};
 
 /// A generator with its weights.
 pub(crate) struct Adversary {
@@ -41,7 +43,10 @@ impl Adversary {
     ) -> Result<Self> {
         let kind = part.build(&registries.generators)?;
         let facts = kind.facts();
-        let experts = facts.needs_experts.then(|| networks::load_experts(&registries.backbones, weights)).transpose()?;
+        let experts = facts
+            .needs_experts
+            .then(|| networks::load_experts(&registries.backbones, weights))
+            .transpose()?;
         let merger: Arc<dyn Merger> = registries.mergers.build_default("linear")?.into();
         let inputs = generators::inputs(experts.as_ref(), &merger, selection, 0);
         let hashes = match &experts {
@@ -63,13 +68,24 @@ impl Adversary {
             return Ok(OperatingPoint::at(1.0, 1.0));
         }
         let experts = self.experts.as_ref().filter(|_| self.facts.depends_on_lambda);
-        let spec = OperatingPointSpec::at(lambda, None, self.merger.range()).and_then(|spec| spec.point(experts));
-        spec.map_err(|error| Error::Options { kind: "generator", name: "lambda", problem: format!("{error:#}") })
+        let spec =
+            OperatingPointSpec::at(lambda, None, self.merger.range()).and_then(|spec| spec.point(experts));
+        spec.map_err(|error| Error::Options {
+            kind: "generator",
+            name: "lambda",
+            problem: format!("{error:#}"),
+        })
     }
 }
 
 impl Attacker for Adversary {
-    fn plan(&self, scene: &SimScene, drive: Option<&Drive>, lambda: f64, seed: u64) -> Result<Arc<Plan>, Error> {
+    fn plan(
+        &self,
+        scene: &SimScene,
+        drive: Option<&Drive>,
+        lambda: f64,
+        seed: u64,
+    ) -> Result<Arc<Plan>, Error> {
         let point = |lambda| self.point(lambda);
         GeneratorAttacker { generator: &*self.generator, point: &point }.plan(scene, drive, lambda, seed)
     }

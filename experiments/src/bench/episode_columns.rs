@@ -1,0 +1,66 @@
+//! What an evaluation in closed loop reports of its episodes.
+
+use sage_sim::rl::EpisodeRow;
+
+/// A column: name, value of an episode, and the weight of an episode in the mean.
+#[derive(Clone, Copy)]
+pub(crate) struct Column {
+    pub(crate) name: &'static str,
+    pub(crate) value: fn(&EpisodeRow) -> f64,
+    weight: fn(&EpisodeRow) -> f64,
+}
+
+const fn per_episode(name: &'static str, value: fn(&EpisodeRow) -> f64) -> Column {
+    Column { name, value, weight: |_| 1.0 }
+}
+
+/// A mean over steps: longer episodes weigh more.
+const fn per_step(name: &'static str, value: fn(&EpisodeRow) -> f64) -> Column {
+    Column { name, value, weight: |row| row.steps as f64 }
+}
+
+pub(crate) const REWARD: Column = per_episode("reward", |r| r.reward);
+pub(crate) const COST: Column = per_episode("cost", |r| r.cost);
+pub(crate) const COMPLETION: Column = per_episode("completion", |r| r.completion);
+pub(crate) const CONTACT: Column = per_episode("contact", |r| flag(r.contact));
+pub(crate) const AT_FAULT: Column = per_episode("at_fault", |r| flag(r.at_fault));
+pub(crate) const OFF_ROAD: Column = per_episode("off_road", |r| flag(r.off_road));
+pub(crate) const SPEED: Column = per_step("speed", |r| r.speed);
+pub(crate) const JERK: Column = per_step("jerk", |r| r.jerk);
+
+/// All columns.
+pub(crate) const COLUMNS: [Column; 13] = [
+    REWARD,
+    COST,
+    COMPLETION,
+    per_episode("completion_recorded", |r| r.completion_recorded),
+    CONTACT,
+    AT_FAULT,
+    per_episode("adversary", |r| flag(r.adversary)),
+    OFF_ROAD,
+    per_episode("arrived", |r| flag(r.arrived)),
+    per_episode("time_limit", |r| flag(r.time_limit)),
+    per_episode("failed", |r| flag(r.failed.is_some())),
+    SPEED,
+    JERK,
+];
+
+fn flag(is: bool) -> f64 {
+    f64::from(u8::from(is))
+}
+
+impl Column {
+    /// Weighted value and weight of some episodes.
+    pub(crate) fn sums<'a>(&self, rows: impl IntoIterator<Item = &'a EpisodeRow>) -> [f64; 2] {
+        rows.into_iter().fold([0.0; 2], |[sum, all], row| {
+            let weight = (self.weight)(row);
+            [sum + weight * (self.value)(row), all + weight]
+        })
+    }
+
+    /// Mean of some episodes; 0 without any.
+    pub(crate) fn mean<'a>(&self, rows: impl IntoIterator<Item = &'a EpisodeRow>) -> f64 {
+        let [sum, weight] = self.sums(rows);
+        if weight > 0.0 { sum / weight } else { 0.0 }
+    }
+}

@@ -1,0 +1,125 @@
+//! Everything of a training run that changes and that a checkpoint holds.
+
+use std::collections::VecDeque;
+
+use serde::{Deserialize, Serialize};
+
+use super::{EpisodeRow, Learner, Network, ReplayBuffer, SceneRecord, SuccessRates, TrainingOptions};
+use crate::{observation::LENGTH, vehicle::Motion};
+
+/// Sizes of observation and action.
+pub(super) const SIZES: [usize; 2] = [LENGTH, 2];
+
+/// One evaluation of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Evaluation {
+    /// Steps of the environments before it.
+    pub step: u64,
+    /// Updates before it.
+    pub updates: u64,
+    /// Unchanged scenes.
+    pub unchanged: Vec<EpisodeRow>,
+    /// The same scenes under attack; empty without an attacker.
+    pub attacked: Vec<EpisodeRow>,
+    /// The actor, for the newest evaluations.
+    #[serde(skip)]
+    pub actor: Option<Network<f32>>,
+}
+
+/// Counters of a run, for progress and its record.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Counters {
+    /// Steps of the environments.
+    pub steps: u64,
+    /// Episodes begun.
+    pub episodes: u64,
+    /// Episodes with an attack.
+    pub attacked: u64,
+    /// Sum over attacked episodes of the steps since the attacked drive was recorded.
+    pub drive_age: u64,
+    /// Attacked episodes whose scene had no drive yet.
+    pub without_drive: u64,
+    /// Failures against attacks that are not shown avoidable.
+    pub unavoidable: u64,
+    /// Episodes that could not start or be attacked; the first messages.
+    pub skipped: u64,
+    /// Messages of the first of them.
+    pub skipped_because: Vec<String>,
+}
+
+/// A drive in a scene's store, with the step at which it ended.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct StoredDrive {
+    pub(super) step: u64,
+    pub(super) motions: Vec<Motion>,
+}
+
+/// Everything of a run that changes and that a checkpoint holds.
+pub struct TrainingState {
+    pub(super) learner: Learner<f32>,
+    pub(super) buffer: ReplayBuffer,
+    pub(super) drives: Vec<VecDeque<StoredDrive>>,
+    pub(super) records: Vec<SceneRecord>,
+    pub(super) success: SuccessRates,
+    pub(super) counters: Counters,
+    pub(super) diverging: u32,
+    /// Sums over the updates since the last row of losses: critic loss, its count, mean |Q|.
+    pub(super) losses: [f64; 3],
+    /// Steps, mean critic loss and mean |Q| at each evaluation.
+    pub(super) loss_curve: Vec<[f64; 3]>,
+    pub(super) evaluations: Vec<Evaluation>,
+}
+
+impl TrainingState {
+    /// The state before the first step.
+    ///
+    /// *Errors*: as [`TrainingOptions::check`].
+    pub fn new(options: &TrainingOptions, scenes: usize) -> Result<Self, String> {
+        options.check()?;
+        let learner = Learner::new(options.td3.clone(), SIZES, options.seed)?;
+        let held = (options.td3.buffer as u64).min(options.steps()) as usize;
+        Ok(Self {
+            learner,
+            buffer: ReplayBuffer::new(held, SIZES),
+            drives: vec![VecDeque::new(); scenes],
+            records: vec![SceneRecord::default(); scenes],
+            success: SuccessRates::default(),
+            counters: Counters::default(),
+            diverging: 0,
+            losses: [0.0; 3],
+            loss_curve: Vec::new(),
+            evaluations: Vec::new(),
+        })
+    }
+
+    /// The learner.
+    pub fn learner(&self) -> &Learner<f32> {
+        &self.learner
+    }
+
+    /// Whether every number of the replay buffer is finite.
+    pub fn buffer_is_finite(&self) -> bool {
+        self.buffer.is_finite()
+    }
+
+    /// Sets a weight to NaN, for tests of what stops a run.
+    #[doc(hidden)]
+    pub fn break_weight(&mut self, tensor: &str) {
+        self.learner.break_weight(tensor);
+    }
+
+    /// Counters.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// All evaluations so far.
+    pub fn evaluations(&self) -> &[Evaluation] {
+        &self.evaluations
+    }
+
+    /// Steps, mean critic loss and mean |Q| at each evaluation.
+    pub fn loss_curve(&self) -> &[[f64; 3]] {
+        &self.loss_curve
+    }
+}

@@ -1,0 +1,209 @@
+//! Training in closed loop: the same bits however it is interrupted, and a stop before anything breaks.
+
+use std::{collections::BTreeMap, path::Path, sync::Arc};
+
+use sage_core::{Error, motion::Trajectory, scene::SceneIndex};
+use sage_data::procedural::{Kind, generate};
+use sage_sim::{
+    SimScene,
+    drive::Drive,
+    environment::Rewards,
+    rl::{
+        Attacker, BUFFER, CHECKPOINT, Setting, Td3Options, Training, TrainingOptions, TrainingState,
+        curriculum::curricula, scene_sampler::scene_samplers,
+    },
+    traffic::Plan,
+};
+
+fn scenes(count: u64, seed: u64) -> Vec<Arc<SimScene>> {
+    let made = (0..count).filter_map(|number| {
+        let scene = generate(Kind::ALL[number as usize % Kind::ALL.len()], seed, number)?;
+        SimScene::new(Arc::new(scene.clone()), SceneIndex::new(scene.map.clone())).ok()
+    });
+    made.filter(|scene| scene.scene().adversary.is_some()).collect()
+}
+
+/// Drives the adversary towards where the ego was: depends on drive and intensity as a generator does.
+struct Chase {
+    is_broken: bool,
+}
+
+impl Attacker for Chase {
+    fn plan(&self, scene: &SimScene, drive: Option<&Drive>, lambda: f64, _: u64) -> Result<Arc<Plan>, Error> {
+        let track = &scene.scene().tracks[scene.scene().adversary_index()?];
+        let from = track.point(10);
+        let last = drive
+            .and_then(|drive| drive.motions.last())
+            .map_or_else(|| scene.scene().ego().point(90), |m| m.position);
+        let to = if self.is_broken { [f64::NAN, 0.0] } else { last };
+        let point = |k: usize| {
+            let share = lambda * k as f64 / 80.0;
+            [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]))
+        };
+        let trajectory = Trajectory::new("chase", (1..=80).map(point).collect())?;
+        Ok(Arc::new(Plan::of_adversary(scene.scene(), &trajectory)?))
+    }
+}
+
+fn small() -> TrainingOptions {
+    TrainingOptions {
+        td3: Td3Options {
+            hidden: [16, 16],
+            batch: 32,
+            random_steps: 200,
+            buffer: 500,
+            ..Td3Options::default()
+        },
+        updates: 600,
+        ratio: 0.5,
+        evaluations: 3,
+        paths: 2,
+        seed: 7,
+        ..TrainingOptions::default()
+    }
+}
+
+/// Trains with a checkpoint every `every` steps and a fresh process, so to say, after each; the files of the end.
+fn trained(options: &TrainingOptions, every: u64, resumes: bool) -> BTreeMap<String, Vec<u8>> {
+    let (training, evaluation) = (scenes(6, 0), scenes(3, 1));
+    let folder = tempfile::tempdir().expect("a folder");
+    let (curricula, samplers) = (curricula().expect("names differ"), scene_samplers().expect("names differ"));
+    let curriculum = curricula.build_default("adaptive").expect("registered");
+    let sampler = samplers.build_default("prioritised").expect("registered");
+    let chase = Chase { is_broken: false };
+    let setting = || Setting {
+        scenes: &training,
+        evaluation: &evaluation,
+        attacker: Some(&chase),
+        examiner: Some(&chase),
+        curriculum: &*curriculum,
+        sampler: &*sampler,
+    };
+    let state = TrainingState::new(options, training.len()).expect("valid options");
+    let mut run = Training::new(options.clone(), setting(), state);
+    let mut saved = 0;
+    while !run.is_done() {
+        run.advance(run.state().counters().steps + every, |_| ()).expect("nothing breaks");
+        saved = run.state().save(folder.path(), "test", saved).expect("written");
+        if resumes {
+            // Rows of a kill while the log grew.
+            let log = folder.path().join(BUFFER);
+            let mut bytes = std::fs::read(&log).expect("the log");
+            bytes.extend([7; 100]);
+            std::fs::write(&log, bytes).expect("written");
+            let loaded = TrainingState::load(folder.path(), "test", options, training.len());
+            let (state, rows) = loaded.expect("a checkpoint").expect("there is one");
+            saved = rows;
+            run = Training::new(options.clone(), setting(), state);
+        }
+    }
+    run.state().save(folder.path(), "test", saved).expect("written");
+    files(folder.path())
+}
+
+fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+    [CHECKPOINT, BUFFER]
+        .map(|name| (name.to_owned(), std::fs::read(folder.join(name)).expect("a file")))
+        .into_iter()
+        .collect()
+}
+
+#[test]
+fn a_run_that_resumes_has_the_bits_of_one_that_did_not() {
+    let whole = trained(&small(), 400, false);
+    assert!(whole == trained(&small(), 400, false), "the same run twice");
+    assert!(whole == trained(&small(), 150, false), "checkpoints alone change the run");
+    assert!(whole == trained(&small(), 150, true), "resuming changes the run");
+    let other = TrainingOptions { seed: 8, ..small() };
+    assert!(whole != trained(&other, 400, false), "another seed gives the same run");
+}
+
+#[test]
+fn several_environments_resume_too() {
+    let options = TrainingOptions { environments: 3, ..small() };
+    assert!(trained(&options, 300, false) == trained(&options, 300, true));
+}
+
+fn run_once(options: &TrainingOptions, is_broken: bool, rewards: Rewards, breaks: bool) -> String {
+    let training = scenes(6, 0);
+    let curricula = curricula().expect("names differ");
+    let curriculum = curricula.build_default("constant").expect("registered");
+    let sampler = scene_samplers().expect("names differ").build_default("uniform").expect("registered");
+    let chase = Chase { is_broken };
+    let setting = Setting {
+        scenes: &training,
+        evaluation: &[],
+        attacker: Some(&chase),
+        examiner: None,
+        curriculum: &*curriculum,
+        sampler: &*sampler,
+    };
+    let mut state = TrainingState::new(options, training.len()).expect("valid options");
+    if breaks {
+        state.break_weight("actor.l2.weight");
+    }
+    let rules = sage_sim::environment::EnvironmentOptions { rewards, ..options.rules() };
+    let mut run = Training::new(options.clone(), setting, state).with_rules(rules);
+    let stop = run.advance(u64::MAX, |_| ()).expect_err("a run that breaks");
+    assert!(run.state().buffer_is_finite(), "something broken is in the buffer");
+    stop.to_string()
+}
+
+#[test]
+fn what_is_not_a_number_stops_the_run_by_scene_step_and_tensor() {
+    let generator = run_once(&small(), true, Rewards::default(), false);
+    assert!(
+        generator.contains("scene `") && generator.contains("step ") && generator.contains("chase"),
+        "{generator}"
+    );
+    let rewards = Rewards { out_of_road: f64::NAN, ..Rewards::default() };
+    let reward = run_once(&small(), false, rewards, false);
+    assert!(reward.contains("scene `") && reward.contains("reward is not a number"), "{reward}");
+    let weight = run_once(&small(), false, Rewards::default(), true);
+    assert!(weight.contains("tensor `actor.l2.weight`") && weight.contains("step 200"), "{weight}");
+}
+
+#[test]
+fn divergence_stops_the_run() {
+    let td3 = Td3Options { hidden: [64, 64], actor_rate: 1.0, critic_rate: 1.0, ..small().td3 };
+    let stop = run_once(&TrainingOptions { td3, updates: 1000, ..small() }, false, Rewards::default(), false);
+    assert!(stop.contains("diverges"), "{stop}");
+}
+
+#[test]
+fn a_damaged_or_foreign_checkpoint_is_refused_by_name() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = small();
+    let load = |identity: &str| {
+        TrainingState::load(folder.path(), identity, &options, 6).map(|found| found.is_some())
+    };
+    assert_eq!(load("a"), Ok(false));
+    let state = TrainingState::new(&options, 6).expect("valid options");
+    state.save(folder.path(), "a", 0).expect("written");
+    assert_eq!(load("a"), Ok(true));
+    assert!(load("b").expect_err("another run").contains("other options, scenes or weights"));
+    let path = folder.path().join(CHECKPOINT);
+    let whole = std::fs::read(&path).expect("the checkpoint");
+    for cut in [0, 7, 100, whole.len() / 2, whole.len() - 1] {
+        std::fs::write(&path, &whole[..cut]).expect("written");
+        assert!(load("a").expect_err("cut").contains(CHECKPOINT));
+    }
+    let mut flipped = whole.clone();
+    let last = flipped.len() - 3;
+    flipped[last] ^= 1;
+    std::fs::write(&path, flipped).expect("written");
+    assert!(load("a").expect_err("flipped").contains("checksum"));
+    std::fs::write(&path, whole).expect("written");
+    std::fs::remove_file(folder.path().join(BUFFER)).expect("removed");
+    assert!(load("a").expect_err("no buffer").contains(BUFFER));
+}
+
+#[test]
+fn options_out_of_range_are_named() {
+    let problem = |options: TrainingOptions| options.check().expect_err("out of range");
+    assert!(problem(TrainingOptions { ratio: 0.0, ..small() }).contains("`ratio` is 0"));
+    assert!(problem(TrainingOptions { updates: 10, ..small() }).contains("random steps"));
+    assert!(problem(TrainingOptions { evaluations: 0, ..small() }).contains("`evaluations` is 0"));
+    let td3 = Td3Options { gamma: 1.5, ..Td3Options::default() };
+    assert!(problem(TrainingOptions { td3, ..small() }).contains("`gamma` is 1.5"));
+}

@@ -165,7 +165,7 @@ fn what_is_not_a_number_stops_the_run_by_scene_step_and_tensor() {
 
 #[test]
 fn divergence_stops_the_run() {
-    let td3 = Td3Options { hidden: [64, 64], actor_rate: 1.0, critic_rate: 1.0, ..small().td3 };
+    let td3 = Td3Options { hidden: [256, 256], actor_rate: 1.0, critic_rate: 1.0, ..small().td3 };
     let stop = run_once(&TrainingOptions { td3, updates: 1000, ..small() }, false, Rewards::default(), false);
     assert!(stop.contains("diverges"), "{stop}");
 }

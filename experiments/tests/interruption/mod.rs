@@ -17,7 +17,7 @@ use sage_core::seed::Rng;
 use serde_json::Value;
 
 /// Commands that leave files behind.
-pub const COMMANDS: [&str; 9] = [
+pub const COMMANDS: [&str; 10] = [
     "pretrain",
     "finetune",
     "generate",
@@ -27,6 +27,7 @@ pub const COMMANDS: [&str; 9] = [
     "convert-scenarios",
     "open-loop",
     "calibrate",
+    "train-ego",
 ];
 
 /// A command with its inputs, which writes into a folder of its own each time.
@@ -66,6 +67,14 @@ impl Case {
             "open-loop" => {
                 let methods = ["--methods", "sage,rule,log", "--lambda", "1", "--ego", "replay,idm"];
                 (&[&["bench", "open-loop", "scenes"][..], &methods].concat(), false)
+            }
+            "train-ego" => {
+                let small = r#"{"hidden": [16, 16], "batch": 32, "buffer": 700}"#;
+                let size = ["--procedural", "6", "--updates", "900", "--random-steps", "300"];
+                let run =
+                    ["--td3", small, "--evaluations", "3", "--checkpoint-every", "100", "--seeds", "0..2"];
+                let attacks = ["train-ego", "--generator", "sage", "--weights", "procedural"];
+                (&[&attacks[..], &size, &run].concat(), false)
             }
             "calibrate" => (&["calibrate", "scenes", "--selection", "paper-selection"], true),
             other => panic!("no case for `{other}`"),
@@ -114,9 +123,18 @@ impl Case {
         // What has its final name is whole.
         for (name, bytes) in self.files(&out) {
             let is_passing = |ending: &str| name.ends_with(ending) || name.contains(".sage-");
-            if [".state", "run.json", "last.safetensors", "prior.safetensors", "curve.csv", "curve.svg"]
-                .iter()
-                .any(|ending| is_passing(ending))
+            if [
+                ".state",
+                "run.json",
+                "last.safetensors",
+                "prior.safetensors",
+                "curve.csv",
+                "curve.svg",
+                "checkpoint.safetensors",
+                "buffer.rows",
+            ]
+            .iter()
+            .any(|ending| is_passing(ending))
             {
                 continue;
             }

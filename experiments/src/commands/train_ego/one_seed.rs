@@ -116,6 +116,8 @@ fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
     }
     if let Some(last) = trained.evaluations.last() {
         write("policy.safetensors", last)?;
+        let card = report::card_page(&card(shared, trained, last));
+        run.folder().write(&format!("{name}/README.md"), card.as_bytes())?;
     }
     run.folder().write(
         &format!("{name}/evaluations.csv"),

@@ -10,7 +10,7 @@ use std::{
 };
 
 use anyhow::Result;
-use sage_sim::rl::{EpisodeRow, Evaluation};
+use sage_sim::rl::{EpisodeRow, Evaluation, PolicyCard};
 use serde_json::{Map, Value, json};
 
 use super::{Shared, one_seed::Trained};
@@ -151,6 +151,37 @@ pub(super) fn markdown(shared: &Shared, trained: &[Trained]) -> Result<String> {
         }
     }
     Ok(text)
+}
+
+/// The card of a policy as a page.
+pub(super) fn card_page(card: &PolicyCard) -> String {
+    let PolicyCard { observation_hash, training, evaluation, license, .. } = card;
+    let mut text = format!(
+        "# A driving policy trained by TD3\n\n`policy.safetensors` drives wherever `sage` takes an ego: `--ego td3:policy.safetensors`.\n\n| | |\n| --- | --- |\n| licence | {license} |\n| observation | 101 numbers (`{observation_hash}`) |\n"
+    );
+    for key in ["scenes", "generator", "curriculum", "sampler", "updates", "steps", "seed"] {
+        let value = training[key].as_str().map_or_else(|| training[key].to_string(), str::to_owned);
+        let _ = writeln!(text, "| {key} | {value} |");
+    }
+    let words = |value: &Value| value.as_str().unwrap_or_default().to_owned();
+    let _ = write!(
+        text,
+        "\n## Evaluation\n\n{}, unchanged and attacked by `{}` at λ = 1; contacts with a vehicle end an episode.\n\n| |",
+        words(&evaluation["scenes"]),
+        words(&evaluation["attacks"])
+    );
+    for column in COLUMNS {
+        let _ = write!(text, " {} |", column.name.replace('_', " "));
+    }
+    let _ = writeln!(text, "\n| --- |{}", " ---: |".repeat(COLUMNS.len()));
+    for kind in ["unchanged", "attacked"].into_iter().filter(|kind| evaluation[kind]["episodes"] != 0) {
+        let _ = write!(text, "| {kind} |");
+        for column in COLUMNS {
+            let _ = write!(text, " {:.2} |", evaluation[kind][column.name].as_f64().unwrap_or(f64::NAN));
+        }
+        text.push('\n');
+    }
+    text
 }
 
 /// Results for `run.json`.

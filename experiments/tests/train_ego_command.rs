@@ -1,0 +1,121 @@
+//! `sage train-ego`, its policies, and `sage bench closed-loop` as a user runs them.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod program;
+
+use std::fs;
+
+use program::*;
+
+/// A run of seconds.
+const QUICK: [&str; 15] = [
+    "--procedural",
+    "9",
+    "--updates",
+    "400",
+    "--random-steps",
+    "200",
+    "--evaluations",
+    "2",
+    "--td3",
+    r#"{"hidden": [16, 16], "batch": 32}"#,
+    "--weights",
+    "procedural",
+    "--checkpoint-every",
+    "100",
+    "--generator",
+];
+
+fn train(more: &[&str]) -> std::process::Output {
+    sage(&[&["train-ego"], &QUICK[..], more].concat())
+}
+
+#[test]
+fn a_trained_policy_drives_and_is_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let [run, again, table] = ["run", "again", "table"].map(path);
+    let one = train(&["sage", "--seeds", "0..2", "--out", text(&run)]);
+    assert!(stdout(&one).contains("| 1 | attacked |"), "{}", stdout(&one));
+    // One thread, and one of the seeds alone.
+    stdout(&train(&["sage", "--seeds", "1..2", "--threads", "1", "--out", text(&again)]));
+    let policy = run.join("seed-1/policy.safetensors");
+    let read = |path: &std::path::Path| fs::read(path).unwrap();
+    for name in
+        ["seed-1/policy.safetensors", "seed-1/episodes.csv", "seed-1/evaluations.csv", "seed-1/README.md"]
+    {
+        assert!(read(&run.join(name)) == read(&again.join(name)), "{name} depends on threads or other seeds");
+    }
+    assert!(!run.join("seed-1/buffer.rows").exists());
+    assert!(fs::read_to_string(run.join("seed-1/README.md")).unwrap().contains("| generator | sage |"));
+    let done = train(&["sage", "--seeds", "0..2", "--out", text(&run)]);
+    assert!(stderr(&done).contains("holds this run, and it is done"), "{}", stderr(&done));
+
+    let ego = format!("td3,td3:{}", policy.display());
+    let drives =
+        rows(&sage(&["simulate", &example(), "--ego", &ego, "--json", "--out", text(&path("drives"))]));
+    assert_eq!(drives.len(), 2);
+
+    let bench = |runs: &str| {
+        let scenes = ["bench", "closed-loop", "--procedural", "3", "--untrained", "1", "--policies", "idm"];
+        sage(&[&scenes[..], &["--runs", runs, "--weights", "procedural", "--out", text(&table)]].concat())
+    };
+    let named = format!("sage={},none={}", run.display(), again.display());
+    let first = bench(&named);
+    let markdown = stdout(&first).to_owned();
+    assert!(markdown.contains("| *paper* | | *45.14 ± 3.27* |"), "{markdown}");
+    assert!(markdown.contains("| completion in sage scenes, sage less none |"), "{markdown}");
+    let kept: Vec<_> = fs::read_dir(table.join("cells")).unwrap().map(|e| e.unwrap().path()).collect();
+    assert_eq!(kept.len(), 3 * 2 + 1 + 1, "{kept:?}");
+    fs::remove_file(&kept[0]).unwrap();
+    fs::write(&kept[1], "{").unwrap();
+    assert_eq!(stdout(&bench(&named)), markdown, "what is missing or damaged is computed again");
+}
+
+#[test]
+fn wrong_uses_are_refused_with_the_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("run");
+    let error = |more: &[&str]| {
+        let output = train(&[more, &["--out", text(&out)]].concat());
+        assert_eq!(output.status.code(), Some(1), "{more:?}");
+        stderr(&output).to_owned()
+    };
+    assert!(error(&["cta"]).contains("unknown generator `cta`; known: "));
+    assert!(
+        error(&["sage", "--curriculum", "papre"])
+            .contains("unknown curriculum `papre`; known: paper, release")
+    );
+    assert!(error(&["sage", "--sampler", "some"]).contains("unknown scene sampler `some`; known: uniform"));
+    assert!(error(&["sage", "--curriculum", r#"constant{"lambda": 2}"#]).contains("`lambda` is 2"));
+    let few = error(&["none", "--ratio", "4"]);
+    assert!(few.contains("fewer than the 200 random steps") && few.contains("give more updates"), "{few}");
+    let scene = example();
+    let overlap = error(&["none", &scene, "--eval", &scene]);
+    assert!(overlap.contains("1 of 1 scenes of the evaluation are among those of the training"), "{overlap}");
+    assert!(overlap.contains("--allow-overlap"), "{overlap}");
+    let missing = failure(&["simulate", &scene, "--ego", "td3:none.safetensors", "--out", text(&out)]);
+    assert!(missing.contains("none.safetensors"), "{missing}");
+    let foreign = failure(&["simulate", &scene, "--ego", &format!("td3:{scene}"), "--out", text(&out)]);
+    assert!(foreign.contains("not a policy of `sage train-ego`"), "{foreign}");
+    let empty = failure(&[
+        "bench",
+        "closed-loop",
+        "--runs",
+        &format!("none={}", folder.path().display()),
+        "--out",
+        text(&out),
+    ]);
+    assert!(empty.contains("holds no policies of finished seeds"), "{empty}");
+}
+
+#[test]
+fn curricula_and_samplers_are_listed() {
+    let output = sage(&["list"]);
+    let list = stdout(&output);
+    assert!(
+        list.contains("curriculum\n") && list.contains("scene sampler\n") && list.contains("adaptive"),
+        "{list}"
+    );
+}

@@ -12,6 +12,7 @@ pub(crate) mod expert_path;
 pub(crate) mod front;
 pub(crate) mod gallery;
 pub(crate) mod heat_map;
+mod learning_speed;
 pub(crate) mod line_chart;
 mod network_speed;
 pub(crate) mod open_loop;

@@ -81,9 +81,7 @@ fn after_updates<T: Real + candle_core::WithDType>(
     let moved = learner.tensors().into_iter().map(|tensor| {
         let mut numbers = tensor.numbers.to_vec();
         if tensor.name.starts_with("target.") {
-            numbers
-                .iter_mut()
-                .for_each(|x| *x = *x * T::of(f64::from(rng.uniform(targets[0], targets[1]) as f32)));
+            numbers.iter_mut().for_each(|x| *x = T::of(x.wide() * rng.uniform(targets[0], targets[1])));
         }
         (tensor.name, numbers)
     });

@@ -22,7 +22,7 @@ use sage_data::{Recording, checks::Summary, folder, pickle::Document, womd};
 
 pub use super::timing::{CANDIDATES, Data, Timing};
 use super::{
-    network_speed, simulation_speed,
+    learning_speed, network_speed, simulation_speed,
     timing::{measure, timing},
 };
 
@@ -152,6 +152,7 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
 
     network_speed::run(data, repeat, &mut report)?;
     simulation_speed::run(data, repeat, &mut report)?;
+    learning_speed::run(repeat, &mut report)?;
 
     if files.len() > 1 {
         let start = Instant::now();

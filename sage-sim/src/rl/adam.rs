@@ -38,7 +38,7 @@ impl<T: Real> Step<T> {
         let [take, keep, add] = self.decays;
         *m += (g - *m) * take;
         *v = *v * keep + g * g * add;
-        *p = *p - self.rate * (*m / (v.root() / self.root + self.epsilon));
+        *p -= self.rate * (*m / (v.root() / self.root + self.epsilon));
     }
 }
 

@@ -6,7 +6,7 @@
 
 use std::{
     fmt::Debug,
-    ops::{Add, AddAssign, Div, Mul, Neg, Sub},
+    ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign},
 };
 
 use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul, traits::RealField};
@@ -26,6 +26,7 @@ pub trait Real:
     + Div<Output = Self>
     + Neg<Output = Self>
     + AddAssign
+    + SubAssign
     + 'static
 {
     /// The nearest number.
@@ -159,7 +160,7 @@ fn dot<T: Real>(a: &[T], b: &[T]) -> T {
     let mut width = LANES / 2;
     while width > 0 {
         for k in 0..width {
-            lanes[k] = lanes[k] + lanes[k + width];
+            lanes[k] += lanes[k + width];
         }
         width /= 2;
     }

@@ -235,7 +235,7 @@ mod tests {
         let (mut hidden, mut gradient) = (HiddenGradients::new(6, &shape), vec![0.0; shape.count()]);
         network.backward(&inputs, &at, &weights, &mut hidden, &mut gradient);
         const STEP: f64 = 1e-6;
-        for k in 0..shape.count() {
+        for (k, expected) in gradient.iter().enumerate() {
             let [up, down] = [STEP, -STEP].map(|step| {
                 network.parameters[k] += step;
                 let y = value(&network, &inputs);
@@ -243,7 +243,7 @@ mod tests {
                 y
             });
             let slope = (up - down) / (2.0 * STEP);
-            assert!((slope - gradient[k]).abs() < 1e-8, "{k}: {slope} against {}", gradient[k]);
+            assert!((slope - expected).abs() < 1e-8, "{k}: {slope} against {expected}");
         }
         let mut to = vec![0.0; 12];
         network.backward_to_inputs(&at, &weights, &mut hidden, 1..3, &mut to);

@@ -355,3 +355,22 @@ fn a_proposer_goes_with_the_shipped_selector() {
     let reward = |k: usize| rows[k]["scores"]["adversarial_reward"].as_f64().unwrap();
     assert!(reward(1) >= reward(0));
 }
+
+#[test]
+fn a_curriculum_is_listed_and_decides_the_attacks_of_a_training() {
+    let Some(program) = own("own_curriculum") else { return };
+    assert!(stdout(&run(&program, &["list"])).contains("attacks from a success rate without attack on"));
+    let folder = tempfile::tempdir().unwrap();
+    let attacks = |least: &str| {
+        let out = folder.path().join(least);
+        let curriculum = format!(r#"patient{{"least": {least}}}"#);
+        let size = ["--procedural", "6", "--updates", "300", "--random-steps", "300", "--evaluations", "1"];
+        let train = ["train-ego", "--generator", "rule", "--curriculum", &curriculum, "--out", text(&out)];
+        let small = ["--td3", r#"{"hidden": [8, 8], "batch": 8}"#, "--eval-generator", "none"];
+        stdout(&run(&program, &[&train[..], &size, &small].concat()));
+        let record: Value = serde_json::from_slice(&std::fs::read(out.join("run.json")).unwrap()).unwrap();
+        record["results"]["seeds"][0]["counters"]["attacked"].as_u64().unwrap()
+    };
+    assert!(attacks("0") > 0);
+    assert_eq!(attacks("1"), 0);
+}

@@ -128,7 +128,6 @@ fn five_seeds(task: &Task, limit_is_terminal: bool) -> (f64, f64) {
             (0..5).map(|seed| scope.spawn(move || train(task, seed, limit_is_terminal))).collect();
         runs.into_iter().map(|run| run.join().expect("a run")).collect()
     });
-    println!("{returns:.1?}");
     (returns.iter().sum::<f64>() / 5.0, returns.iter().copied().fold(f64::INFINITY, f64::min))
 }
 

@@ -131,7 +131,7 @@ mod tests {
 
     #[test]
     fn scenes_that_both_methods_share_do_not_widen_their_difference() {
-        let scene = |k: usize| if k % 2 == 0 { 0.0 } else { 10.0 };
+        let scene = |k: usize| if k.is_multiple_of(2) { 0.0 } else { 10.0 };
         let method = |shift: f64| -> Measured {
             (0..5)
                 .map(|seed| (0..40).map(|k| [scene(k) + shift + 0.01 * f64::from(seed), 1.0]).collect())

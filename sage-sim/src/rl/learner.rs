@@ -117,6 +117,11 @@ impl<T: Real> Learner<T> {
     /// *Errors*: as [`Td3Options::check`].
     pub fn new(options: Td3Options, [observation, action]: [usize; 2], seed: u64) -> Result<Self, String> {
         options.check()?;
+        if observation == 0 || action == 0 {
+            return Err(format!(
+                "{observation} observations and {action} actions; expected at least one of each"
+            ));
+        }
         let network = |purpose, inputs, outputs| {
             let shape = Shape { inputs, hidden: options.hidden, outputs };
             Trained::new(Network::random(shape, &mut Rng::new(seed, "", purpose)))

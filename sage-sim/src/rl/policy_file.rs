@@ -91,6 +91,9 @@ pub fn parse_policy(bytes: &[u8]) -> Result<(Network<f32>, PolicyCard), String> 
     let [first, second] =
         ["l1.bias", "l2.bias"].map(|name| tensor(name).map(|t| t.shape().iter().product::<usize>()));
     let shape = Shape { inputs: LENGTH, hidden: [first?, second?], outputs: 2 };
+    if shape.hidden.contains(&0) {
+        return Err("a hidden layer of its network has no units".to_owned());
+    }
     let mut parameters = Vec::with_capacity(shape.count());
     for (name, expected) in shape.tensors() {
         let found = tensor(name)?;
@@ -186,6 +189,10 @@ mod tests {
                 .expect_err("NaN")
                 .contains("`actor.l1.weight` holds a number that is not finite")
         );
+        let empty = Network::of(Shape { hidden: [0, 3], ..*network.shape() }, vec![0.0; 3 + 6 + 2]);
+        write_policy(&path, &empty.expect("as many"), &card).expect("written");
+        assert!(read_policy(&path).expect_err("no units").contains("no units"));
+        write_policy(&path, &network, &card).expect("written");
         let bytes = std::fs::read(&path).expect("read");
         std::fs::write(&path, &bytes[..bytes.len() - 7]).expect("cut");
         assert!(read_policy(&path).expect_err("cut").contains("policy.safetensors`: not a policy"));

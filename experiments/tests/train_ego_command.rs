@@ -89,6 +89,8 @@ fn wrong_uses_are_refused_with_the_remedy() {
     );
     assert!(error(&["sage", "--sampler", "some"]).contains("unknown scene sampler `some`; known: uniform"));
     assert!(error(&["sage", "--curriculum", r#"constant{"lambda": 2}"#]).contains("`lambda` is 2"));
+    let twice = sage(&["train-ego", "--td3", r#"{"random_steps": 5}"#, "--out", text(&out)]);
+    assert!(stderr(&twice).contains("given by --random-steps"), "{}", stderr(&twice));
     let few = error(&["none", "--ratio", "4"]);
     assert!(few.contains("fewer than the 200 random steps") && few.contains("give more updates"), "{few}");
     let scene = example();

@@ -27,6 +27,7 @@ pub mod scene_sampler;
 mod training;
 mod training_options;
 mod training_state;
+mod way_out;
 
 pub use attacker::{Attacker, GeneratorAttacker};
 pub use checkpoint::{BUFFER, CHECKPOINT};

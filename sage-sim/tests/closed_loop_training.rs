@@ -58,6 +58,7 @@ fn small() -> TrainingOptions {
         ratio: 0.5,
         evaluations: 3,
         paths: 2,
+        refresh_after: Some(200),
         seed: 7,
         ..TrainingOptions::default()
     }

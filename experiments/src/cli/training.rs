@@ -78,6 +78,9 @@ pub(crate) struct TrainEgoArgs {
     /// Newest drives of a scene, of which one is attacked.
     #[arg(long, value_name = "K", default_value_t = 1)]
     pub drives: usize,
+    /// Before an attack in a scene whose newest drive is older than this, let the present policy drive it first.
+    #[arg(long, value_name = "STEPS")]
+    pub refresh_after: Option<u64>,
     /// Number of evaluations, evenly spaced, the last at the end.
     #[arg(long, value_name = "N", default_value_t = 20)]
     pub evaluations: u64,

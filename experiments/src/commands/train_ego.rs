@@ -138,6 +138,9 @@ fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
         Some(text) => {
             let given: Map<String, Value> =
                 serde_json::from_str(text).context("--td3 is not a JSON object")?;
+            if given.contains_key("random_steps") {
+                bail!("--td3: `random_steps` is given by --random-steps");
+            }
             serde_json::from_value(Value::Object(given)).context("--td3")?
         }
     };
@@ -149,6 +152,7 @@ fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
         max_steps: args.max_steps,
         limit_is_terminal: args.limit_is_terminal,
         paths: args.drives,
+        refresh_after: args.refresh_after,
         evaluations: args.evaluations,
         seed: 0,
     };

@@ -56,9 +56,10 @@ pub struct EpisodeRow {
     pub jerk: f64,
 }
 
-/// Rules of the evaluation with some rules of training: a contact with a vehicle ends the episode.
+/// Rules of the evaluation with some rules of training: a contact with a vehicle ends the episode, and a limit of steps
+/// is told from other ends.
 pub fn evaluation_rules(training: &EnvironmentOptions) -> Arc<EnvironmentOptions> {
-    Arc::new(EnvironmentOptions { contact_ends: true, ..training.clone() })
+    Arc::new(EnvironmentOptions { contact_ends: true, limit_terminates: false, ..training.clone() })
 }
 
 /// Drives one episode. Returns what happened and the drive.

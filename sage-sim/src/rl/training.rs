@@ -9,22 +9,17 @@
 
 use std::sync::Arc;
 
-use sage_core::{
-    Error,
-    motion::{HORIZON, NOW, Trajectory},
-    objective::{Context, ContextOptions},
-    seed::Rng,
-};
+use sage_core::{Error, seed::Rng};
 
 use super::{
     ActorPolicy, Attacker, Curriculum, Evaluation, Progress, SceneSampler, SingleRow, TrainingOptions,
-    TrainingState, Transition, TransitionBatch, attack_episode, drive_scene,
+    TrainingState, Transition, TransitionBatch, attack_episode, drive_episode, drive_scene,
     evaluation::SHORTEST_DRIVE,
     evaluation_rules,
     training_state::{SIZES, StoredDrive},
+    way_out::is_shown_avoidable,
 };
 use crate::{
-    avoidable::{Avoidance, AvoidanceOptions},
     drive::Drive,
     environment::{Environment, EnvironmentOptions},
     observation::LENGTH,
@@ -153,7 +148,7 @@ impl<'a> Training<'a> {
                 None => self.begin()?,
             };
             if self.step(&mut slot)? {
-                self.end(&slot);
+                self.store(slot.scene, slot.motions);
             } else {
                 self.slots[k] = Some(slot);
             }
@@ -196,32 +191,20 @@ impl<'a> Training<'a> {
 
     fn begin_in(&mut self, scene: usize, episode: u64, coin: &mut Rng, world: u64) -> Result<Slot, Error> {
         let sim = self.setting.scenes[scene].clone();
-        let state = &mut self.state;
-        let share = state.counters.steps as f64 / self.options.steps() as f64;
-        let drawn = self.setting.curriculum.draw(&Progress { share, success: &state.success }, coin);
+        let share = self.state.counters.steps as f64 / self.options.steps() as f64;
+        let at = Progress { share, success: &self.state.success };
+        let drawn = self.setting.curriculum.draw(&at, coin);
         let intensity = drawn.filter(|_| self.setting.attacker.is_some());
         let mut plan = None;
         if let (Some(lambda), Some(attacker)) = (intensity, self.setting.attacker) {
-            let stored = &state.drives[scene];
-            let chosen = stored.get(coin.below(stored.len()));
-            let drive = chosen.map(|stored| Drive {
-                motions: stored.motions.clone(),
-                contacts: Vec::new(),
-                progress: 0.0,
-                off_road: None,
-            });
-            plan = Some(attacker.plan(&sim, drive.as_ref(), lambda, coin.bits())?);
-            state.counters.attacked += 1;
-            match chosen {
-                Some(stored) => state.counters.drive_age += state.counters.steps - stored.step,
-                None => state.counters.without_drive += 1,
-            }
+            self.refresh(scene, world)?;
+            plan = Some(self.plan(scene, attacker, lambda, coin)?);
         }
         let environment = Environment::reset(sim, self.rules.clone(), plan.clone(), world)?;
         let mut observation = [0.0; LENGTH];
         environment.observe(&mut observation);
-        let row =
-            if observation.iter().all(|x| x.is_finite()) { state.buffer.start(&observation) } else { 0 };
+        let buffer = &mut self.state.buffer;
+        let row = if observation.iter().all(|x| x.is_finite()) { buffer.start(&observation) } else { 0 };
         let motions = vec![*environment.world().motion()];
         Ok(Slot {
             environment,
@@ -234,6 +217,54 @@ impl<'a> Training<'a> {
             motions,
             touched_adversary: None,
         })
+    }
+
+    /// The adversary's plan against one of the stored drives of a scene.
+    fn plan(
+        &mut self,
+        scene: usize,
+        attacker: &dyn Attacker,
+        lambda: f64,
+        coin: &mut Rng,
+    ) -> Result<Arc<Plan>, Error> {
+        let (stored, counters) = (&self.state.drives[scene], &mut self.state.counters);
+        let chosen = stored.get(coin.below(stored.len()));
+        let drive = chosen.map(|stored| Drive {
+            motions: stored.motions.clone(),
+            contacts: Vec::new(),
+            progress: 0.0,
+            off_road: None,
+        });
+        let plan = attacker.plan(&self.setting.scenes[scene], drive.as_ref(), lambda, coin.bits())?;
+        counters.attacked += 1;
+        match chosen {
+            Some(stored) => counters.drive_age += counters.steps - stored.step,
+            None => counters.without_drive += 1,
+        }
+        Ok(plan)
+    }
+
+    /// Lets the present policy drive a scene whose newest drive is too old, and stores its drive.
+    fn refresh(&mut self, scene: usize, world: u64) -> Result<(), Error> {
+        let Some(limit) = self.options.refresh_after else { return Ok(()) };
+        let steps = self.state.counters.steps;
+        let is_fresh = self.state.drives[scene].front().is_some_and(|drive| steps - drive.step <= limit);
+        if is_fresh || steps < self.options.td3.random_steps {
+            return Ok(());
+        }
+        let policy = ActorPolicy::new(self.state.learner.actor().clone());
+        let (_, drive) = drive_episode(&policy, &self.setting.scenes[scene], None, &self.rules, world)?;
+        self.store(scene, drive.motions);
+        Ok(())
+    }
+
+    /// Stores a drive that is long enough to be attacked.
+    fn store(&mut self, scene: usize, motions: Vec<Motion>) {
+        if motions.len() > SHORTEST_DRIVE {
+            let store = &mut self.state.drives[scene];
+            store.push_front(StoredDrive { step: self.state.counters.steps, motions });
+            store.truncate(self.options.paths);
+        }
     }
 
     /// One step of an episode. Returns whether it is over.
@@ -334,16 +365,6 @@ impl<'a> Training<'a> {
         Ok(())
     }
 
-    /// Ends an episode: stores its drive.
-    fn end(&mut self, slot: &Slot) {
-        if slot.motions.len() <= SHORTEST_DRIVE {
-            return;
-        }
-        let store = &mut self.state.drives[slot.scene];
-        store.push_front(StoredDrive { step: self.state.counters.steps, motions: slot.motions.clone() });
-        store.truncate(self.options.paths);
-    }
-
     /// Counts success or failure of an episode for curriculum and sampler.
     fn count_success(&mut self, slot: &Slot, success: bool) {
         let mut counted = Some(success);
@@ -395,18 +416,4 @@ impl<'a> Training<'a> {
             self.state.counters.steps
         ))
     }
-}
-
-/// Whether the driver had a way out of a contact with the adversary.
-fn is_shown_avoidable(scene: &SimScene, plan: &Plan, motions: &[Motion], step: usize) -> bool {
-    let drive = Drive { motions: motions.to_vec(), contacts: Vec::new(), progress: 0.0, off_road: None };
-    let search = || -> Option<bool> {
-        let recorded = Arc::new(drive.recorded(scene.scene()));
-        let ctx = Context::new(&recorded, scene.index(), &ContextOptions::default()).ok()?;
-        let points = (NOW + 1..=NOW + HORIZON).map(|frame| plan.motion.point(frame)).collect();
-        let trajectory = Trajectory::new("plan", points).ok()?;
-        let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default()).ok()?;
-        avoidance.of_contact(&ctx.candidate(trajectory), step.checked_sub(NOW)).avoidable
-    };
-    search() == Some(true)
 }

@@ -23,6 +23,9 @@ pub struct TrainingOptions {
     pub limit_is_terminal: bool,
     /// Newest drives of a scene that may be attacked; one of them is drawn.
     pub paths: usize,
+    /// Age of a scene's newest drive, in steps, above which the present policy first drives the unchanged scene, so that the
+    /// attack meets what it does now; `None` for never, as published.
+    pub refresh_after: Option<u64>,
     /// Evaluations during training, evenly spaced; the last one is at the end.
     pub evaluations: u64,
     /// Seed of initial weights, scenes, noise and batches.
@@ -39,6 +42,7 @@ impl Default for TrainingOptions {
             max_steps: 91,
             limit_is_terminal: false,
             paths: 1,
+            refresh_after: None,
             evaluations: 20,
             seed: 0,
         }

@@ -1,0 +1,30 @@
+//! Whether a learner could have avoided a contact with the adversary: only then does the contact count as its failure.
+
+use std::sync::Arc;
+
+use sage_core::{
+    motion::{HORIZON, NOW, Trajectory},
+    objective::{Context, ContextOptions},
+};
+
+use crate::{
+    avoidable::{Avoidance, AvoidanceOptions},
+    drive::Drive,
+    scene::SimScene,
+    traffic::Plan,
+    vehicle::Motion,
+};
+
+/// Whether the driver had a way out of a contact with the adversary.
+pub(super) fn is_shown_avoidable(scene: &SimScene, plan: &Plan, motions: &[Motion], step: usize) -> bool {
+    let drive = Drive { motions: motions.to_vec(), contacts: Vec::new(), progress: 0.0, off_road: None };
+    let search = || -> Option<bool> {
+        let recorded = Arc::new(drive.recorded(scene.scene()));
+        let ctx = Context::new(&recorded, scene.index(), &ContextOptions::default()).ok()?;
+        let points = (NOW + 1..=NOW + HORIZON).map(|frame| plan.motion.point(frame)).collect();
+        let trajectory = Trajectory::new("plan", points).ok()?;
+        let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default()).ok()?;
+        avoidance.of_contact(&ctx.candidate(trajectory), step.checked_sub(NOW)).avoidable
+    };
+    search() == Some(true)
+}

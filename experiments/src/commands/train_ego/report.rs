@@ -107,14 +107,18 @@ pub(super) fn write(run: &Run, _: &Shared, trained: &[Trained]) -> Result<()> {
             let values: Vec<f64> = rows.map(|(_, rows)| column.mean(rows)).collect();
             let step = trained.first().map_or(0, |run| run.evaluations[k].step);
             if !values.is_empty() {
-                points.push([step as f64, values.iter().sum::<f64>() / values.len() as f64]);
+                points.push([step as f64 / 1000.0, values.iter().sum::<f64>() / values.len() as f64]);
             }
         }
         if !points.is_empty() {
             lines.push((format!("{}, {kind} scenes", column.name.replace('_', " ")), points));
         }
     }
-    let chart = Chart { axes: ["steps", "share, mean of seeds"], lines, ..Chart::default() };
+    let end = lines.iter().flat_map(|(_, points)| points).map(|[x, _]| *x).fold(0.0, f64::max);
+    // The legend has the right of the picture to itself.
+    let ranges = Some([0.0..1.6 * end.max(0.001), 0.0..1.0]);
+    let axes = ["thousand steps", "share, mean of seeds"];
+    let chart = Chart { axes, lines, ranges, ..Chart::default() };
     run.folder().write("curves.svg", chart.draw()?.as_bytes())
 }
 

@@ -12,7 +12,7 @@ use sage_merging::{ExpertSet, Merger};
 use sage_sim::{
     SimScene,
     drive::Drive,
-    rl::{Attacker, GeneratorAttacker},
+    rl::{Attacker, plan_of_generator},
     traffic::Plan,
 };
 use serde_json::{Value, json};
@@ -86,7 +86,6 @@ impl Attacker for Adversary {
         lambda: f64,
         seed: u64,
     ) -> Result<Arc<Plan>, Error> {
-        let point = |lambda| self.point(lambda);
-        GeneratorAttacker { generator: &*self.generator, point: &point }.plan(scene, drive, lambda, seed)
+        plan_of_generator(&*self.generator, &self.point(lambda)?, scene, drive, seed)
     }
 }

@@ -29,7 +29,7 @@ mod training_options;
 mod training_state;
 mod way_out;
 
-pub use attacker::{Attacker, GeneratorAttacker};
+pub use attacker::{Attacker, plan_of_generator};
 pub use checkpoint::{BUFFER, CHECKPOINT};
 pub use curriculum::{Curriculum, Progress, SuccessRates};
 pub use evaluation::{EpisodeRow, attack_episode, drive_episode, drive_scene, evaluation_rules};

@@ -7,7 +7,6 @@ use sage_data::procedural::{Kind, generate};
 use sage_sim::{
     SimScene,
     drive::Drive,
-    environment::Rewards,
     rl::{
         Attacker, BUFFER, CHECKPOINT, Setting, Td3Options, Training, TrainingOptions, TrainingState,
         curriculum::curricula, scene_sampler::scene_samplers,
@@ -125,12 +124,23 @@ fn several_environments_resume_too() {
     assert!(trained(&options, 300, false) == trained(&options, 300, true));
 }
 
-fn run_once(options: &TrainingOptions, is_broken: bool, rewards: Rewards, breaks: bool) -> String {
+/// What a test breaks.
+#[derive(Clone, Copy, PartialEq)]
+enum Broken {
+    Nothing,
+    Generator,
+    Reward,
+    Weight,
+    Observation,
+}
+
+/// Runs until the training stops; says why it stopped.
+fn stopped(options: &TrainingOptions, broken: Broken) -> String {
     let training = scenes(6, 0);
     let curricula = curricula().expect("names differ");
     let curriculum = curricula.build_default("constant").expect("registered");
     let sampler = scene_samplers().expect("names differ").build_default("uniform").expect("registered");
-    let chase = Chase { is_broken };
+    let chase = Chase { is_broken: broken == Broken::Generator };
     let setting = Setting {
         scenes: &training,
         evaluation: &[],
@@ -140,11 +150,22 @@ fn run_once(options: &TrainingOptions, is_broken: bool, rewards: Rewards, breaks
         sampler: &*sampler,
     };
     let mut state = TrainingState::new(options, training.len()).expect("valid options");
-    if breaks {
+    if broken == Broken::Weight {
         state.break_weight("actor.l2.weight");
     }
-    let rules = sage_sim::environment::EnvironmentOptions { rewards, ..options.rules() };
+    let mut rules = options.rules();
+    if broken == Broken::Reward {
+        rules.rewards.out_of_road = f64::NAN;
+    }
     let mut run = Training::new(options.clone(), setting, state).with_rules(rules);
+    if broken == Broken::Observation {
+        run = run.with_observation(|environment, out| {
+            environment.observe(out);
+            if environment.world().step_count() == 30 {
+                out[47] = f32::NAN;
+            }
+        });
+    }
     let stop = run.advance(u64::MAX, |_| ()).expect_err("a run that breaks");
     assert!(run.state().buffer_is_finite(), "something broken is in the buffer");
     stop.to_string()
@@ -152,22 +173,21 @@ fn run_once(options: &TrainingOptions, is_broken: bool, rewards: Rewards, breaks
 
 #[test]
 fn what_is_not_a_number_stops_the_run_by_scene_step_and_tensor() {
-    let generator = run_once(&small(), true, Rewards::default(), false);
-    assert!(
-        generator.contains("scene `") && generator.contains("step ") && generator.contains("chase"),
-        "{generator}"
-    );
-    let rewards = Rewards { out_of_road: f64::NAN, ..Rewards::default() };
-    let reward = run_once(&small(), false, rewards, false);
-    assert!(reward.contains("scene `") && reward.contains("reward is not a number"), "{reward}");
-    let weight = run_once(&small(), false, Rewards::default(), true);
-    assert!(weight.contains("tensor `actor.l2.weight`") && weight.contains("step 200"), "{weight}");
+    for (broken, what) in [
+        (Broken::Generator, "chase"),
+        (Broken::Reward, "reward is not a number"),
+        (Broken::Weight, "step 200 of the training: tensor `actor.l2.weight` is not a number"),
+        (Broken::Observation, "number 47 of the observation is not a number"),
+    ] {
+        let stop = stopped(&small(), broken);
+        assert!(stop.contains("scene `") && stop.contains(" step ") && stop.contains(what), "{stop}");
+    }
 }
 
 #[test]
 fn divergence_stops_the_run() {
     let td3 = Td3Options { hidden: [256, 256], actor_rate: 1.0, critic_rate: 1.0, ..small().td3 };
-    let stop = run_once(&TrainingOptions { td3, updates: 1000, ..small() }, false, Rewards::default(), false);
+    let stop = stopped(&TrainingOptions { td3, updates: 1000, ..small() }, Broken::Nothing);
     assert!(stop.contains("diverges"), "{stop}");
 }
 

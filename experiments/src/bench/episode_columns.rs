@@ -49,6 +49,22 @@ fn flag(is: bool) -> f64 {
     f64::from(u8::from(is))
 }
 
+/// The names of all columns, as the end of a line of CSV.
+pub(crate) fn csv_names() -> String {
+    COLUMNS.iter().map(|column| format!(",{}", column.name)).collect()
+}
+
+/// The values of all columns, as the end of a line of CSV.
+pub(crate) fn csv_values(value: impl Fn(&Column) -> f64) -> String {
+    COLUMNS.iter().map(|column| format!(",{}", value(column))).collect()
+}
+
+/// One episode as the end of a line of CSV: its scene, its steps, all columns.
+pub(crate) fn csv_episode(row: &EpisodeRow, names: &[String]) -> String {
+    let scene = names[row.scene].replace('"', "'");
+    format!("\"{scene}\",{}{}\n", row.steps, csv_values(|column| (column.value)(row)))
+}
+
 impl Column {
     /// Weighted value and weight of some episodes.
     pub(crate) fn sums<'a>(&self, rows: impl IntoIterator<Item = &'a EpisodeRow>) -> [f64; 2] {

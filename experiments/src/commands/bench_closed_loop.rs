@@ -121,7 +121,7 @@ pub(crate) fn run(args: &ClosedLoopArgs, registries: &Registries) -> Result<Outc
     }
     progress.finish(&format!(
         "{} in {}",
-        progress::count(candidates.len(), "policy").replace("policys", "policies"),
+        progress::count(candidates.len(), "driver"),
         progress::count(scenes.len(), "scene")
     ));
     let kinds: Vec<String> =
@@ -129,9 +129,9 @@ pub(crate) fn run(args: &ClosedLoopArgs, registries: &Registries) -> Result<Outc
     let markdown = report::markdown(&methods, &kinds, scenes.len());
     out.write("closed-loop.md", markdown.as_bytes())?;
     out.write("episodes.csv", report::episodes_csv(&methods, &kinds, &names).as_bytes())?;
-    let failed = methods.iter().map(Method::failed).sum::<usize>();
+    let failures: Vec<&String> = methods.iter().flat_map(Method::failures).collect();
     let record = json!({
-        "command": output::command(), "run": shared, "scenes": names, "failed_episodes": failed,
+        "command": output::command(), "run": shared, "scenes": names, "failed_episodes": failures.len(),
         "policies": candidates.iter().map(|c| json!([c.method, c.seed, c.identity])).collect::<Vec<_>>(),
     });
     out.write(output::RECORD, format!("{record:#}\n").as_bytes())?;
@@ -140,6 +140,13 @@ pub(crate) fn run(args: &ClosedLoopArgs, registries: &Registries) -> Result<Outc
         "closed-loop.md, episodes.csv and run.json are in `{}`",
         args.folder.out.display()
     ));
+    if let Some(first) = failures.first() {
+        progress::say(&format!(
+            "{} failed; one of them: {first}",
+            progress::count(failures.len(), "episode")
+        ));
+        return Ok(Outcome::Partial);
+    }
     Ok(Outcome::Done)
 }
 
@@ -162,9 +169,9 @@ fn file_under(methods: &mut Vec<Method>, candidate: &Candidate, cell: Cell) {
 }
 
 impl Method {
-    fn failed(&self) -> usize {
+    fn failures(&self) -> impl Iterator<Item = &String> {
         let cells = self.seeds.iter().flatten();
-        cells.flat_map(|cell| cell.kinds.iter().flatten()).filter(|row| row.failed.is_some()).count()
+        cells.flat_map(|cell| cell.kinds.iter().flatten()).filter_map(|row| row.failed.as_ref())
     }
 }
 

@@ -123,10 +123,10 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         }
     }
     let trained = all_seeds(&shared, &run)?;
-    report::write(&run, &shared, &trained)?;
-    let summary = report::summary(&shared, &trained);
+    report::write(&run, &trained)?;
+    let summary = report::summary(&trained);
     run.finish(&summary, clock.elapsed().as_secs_f64())?;
-    output::print(&report::markdown(&shared, &trained)?)?;
+    output::print(&report::markdown(shared.evaluation.len(), &trained))?;
     progress::say(&format!("policies, curves and run.json are in `{}`", args.folder.out.display()));
     Ok(Outcome::Done)
 }

@@ -97,6 +97,7 @@ pub struct Training<'a> {
     setting: Setting<'a>,
     state: TrainingState,
     rules: Arc<EnvironmentOptions>,
+    observe: fn(&Environment, &mut [f32; LENGTH]),
     slots: Vec<Option<Slot>>,
     batch: TransitionBatch<f32>,
     memory: SingleRow<f32>,
@@ -108,12 +109,20 @@ impl<'a> Training<'a> {
         let slots = (0..options.environments).map(|_| None).collect();
         let batch = TransitionBatch::new(options.td3.batch, SIZES[0], SIZES[1]);
         let rules = Arc::new(options.rules());
-        Self { options, setting, state, rules, slots, batch, memory: SingleRow::default() }
+        let (observe, memory) = (Environment::observe as _, SingleRow::default());
+        Self { options, setting, state, rules, observe, slots, batch, memory }
     }
 
     /// With other rules of the environment than [`TrainingOptions::rules`].
     pub fn with_rules(mut self, rules: EnvironmentOptions) -> Self {
         self.rules = Arc::new(rules);
+        self
+    }
+
+    /// With another observation in training, for tests of what stops a run.
+    #[doc(hidden)]
+    pub fn with_observation(mut self, observe: fn(&Environment, &mut [f32; LENGTH])) -> Self {
+        self.observe = observe;
         self
     }
 
@@ -169,11 +178,7 @@ impl<'a> Training<'a> {
                 Ok(slot) if slot.observation.iter().all(|x| x.is_finite()) => return Ok(slot),
                 Ok(slot) => return Err(self.not_a_number(&slot, "observation at the start")),
                 Err(error @ Error::NotFinite { .. }) => {
-                    return Err(Stop::Broken(format!(
-                        "scene `{}`, step {} of the training: {error}",
-                        self.setting.scenes[scene].scene().id,
-                        self.state.counters.steps
-                    )));
+                    return Err(self.broken(scene, &error.to_string()));
                 }
                 Err(error) => {
                     self.state.records[scene].count(episode, None);
@@ -202,7 +207,7 @@ impl<'a> Training<'a> {
         }
         let environment = Environment::reset(sim, self.rules.clone(), plan.clone(), world)?;
         let mut observation = [0.0; LENGTH];
-        environment.observe(&mut observation);
+        (self.observe)(&environment, &mut observation);
         let buffer = &mut self.state.buffer;
         let row = if observation.iter().all(|x| x.is_finite()) { buffer.start(&observation) } else { 0 };
         let motions = vec![*environment.world().motion()];
@@ -270,9 +275,12 @@ impl<'a> Training<'a> {
     /// One step of an episode. Returns whether it is over.
     fn step(&mut self, slot: &mut Slot) -> Result<bool, Stop> {
         let action = self.action(slot)?;
-        let outcome = slot.environment.step(action).map_err(|error| Stop::Broken(error.to_string()))?;
+        let outcome = match slot.environment.step(action) {
+            Ok(outcome) => outcome,
+            Err(error) => return Err(self.broken(slot.scene, &error.to_string())),
+        };
         let mut observation = [0.0; LENGTH];
-        slot.environment.observe(&mut observation);
+        (self.observe)(&slot.environment, &mut observation);
         self.state.counters.steps += 1;
         if let Some(column) = observation.iter().position(|x| !x.is_finite()) {
             return Err(self.not_a_number(slot, &format!("number {column} of the observation")));
@@ -410,9 +418,13 @@ impl<'a> Training<'a> {
     }
 
     fn not_a_number(&self, slot: &Slot, what: &str) -> Stop {
+        self.broken(slot.scene, &format!("{what} is not a number"))
+    }
+
+    fn broken(&self, scene: usize, problem: &str) -> Stop {
         Stop::Broken(format!(
-            "scene `{}`, step {} of the training: {what} is not a number",
-            self.setting.scenes[slot.scene].scene().id,
+            "scene `{}`, step {} of the training: {problem}",
+            self.setting.scenes[scene].scene().id,
             self.state.counters.steps
         ))
     }

@@ -4,7 +4,9 @@ use std::fmt::Write as _;
 
 use super::Method;
 use crate::bench::{
-    episode_columns::{AT_FAULT, COLUMNS, COMPLETION, CONTACT, COST, Column, JERK, OFF_ROAD, REWARD, SPEED},
+    episode_columns::{
+        AT_FAULT, COMPLETION, CONTACT, COST, Column, JERK, OFF_ROAD, REWARD, SPEED, csv_episode, csv_names,
+    },
     seeds_and_scenes::{Difference, Measured, difference, holm, seed_mean},
 };
 
@@ -199,25 +201,15 @@ fn braking(text: &mut String, methods: &[Method]) {
 
 /// A row per episode.
 pub(super) fn episodes_csv(methods: &[Method], kinds: &[String], names: &[String]) -> String {
-    let mut csv = "method,seed,policy,scenes,scene,steps".to_owned();
-    for column in &COLUMNS {
-        let _ = write!(csv, ",{}", column.name);
-    }
-    csv.push('\n');
+    let mut csv = format!("method,seed,policy,scenes,scene,steps{}\n", csv_names());
     for method in methods {
         for cell in method.seeds.iter().flatten() {
             let identity = &cell.identity[1];
+            let (seed, policy) = (&identity["seed"], identity["policy"].to_string().replace('"', ""));
             for (kind, rows) in kinds.iter().zip(&cell.kinds) {
                 for row in rows {
-                    let (seed, policy) =
-                        (&identity["seed"], &identity["policy"].to_string().replace('"', ""));
-                    let scene = names[row.scene].replace('"', "'");
-                    let _ =
-                        write!(csv, "{},{seed},\"{policy}\",{kind},\"{scene}\",{}", method.name, row.steps);
-                    for column in &COLUMNS {
-                        let _ = write!(csv, ",{}", (column.value)(row));
-                    }
-                    csv.push('\n');
+                    let _ = write!(csv, "{},{seed},\"{policy}\",{kind},", method.name);
+                    csv.push_str(&csv_episode(row, names));
                 }
             }
         }

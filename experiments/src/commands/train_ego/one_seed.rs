@@ -124,7 +124,7 @@ fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
         report::curve_csv(std::slice::from_ref(trained)).as_bytes(),
     )?;
     run.folder()
-        .write(&format!("{name}/episodes.csv"), report::episodes_csv(trained, &shared.names)?.as_bytes())
+        .write(&format!("{name}/episodes.csv"), report::episodes_csv(trained, &shared.names).as_bytes())
 }
 
 fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCard {

@@ -13,10 +13,12 @@ use anyhow::Result;
 use sage_sim::rl::{EpisodeRow, Evaluation, PolicyCard};
 use serde_json::{Map, Value, json};
 
-use super::{Shared, one_seed::Trained};
+use super::one_seed::Trained;
 use crate::{
     bench::{
-        episode_columns::{COLUMNS, COMPLETION, CONTACT, Column, OFF_ROAD, REWARD},
+        episode_columns::{
+            COLUMNS, COMPLETION, CONTACT, Column, OFF_ROAD, REWARD, csv_episode, csv_names, csv_values,
+        },
         line_chart::{Chart, Line},
     },
     output::Run,
@@ -36,20 +38,14 @@ pub(super) fn means(rows: &[EpisodeRow]) -> Value {
 
 /// Curves of some seeds as CSV: a row per evaluation and kind of scenes.
 pub(super) fn curve_csv(trained: &[Trained]) -> String {
-    let mut csv = "seed,step,updates,scenes,episodes".to_owned();
-    for column in COLUMNS {
-        let _ = write!(csv, ",{}", column.name);
-    }
-    csv.push_str(",critic_loss,mean_abs_q\n");
+    let mut csv = format!("seed,step,updates,scenes,episodes{},critic_loss,mean_abs_q\n", csv_names());
     for run in trained {
         for (evaluation, [_, loss, q]) in run.evaluations.iter().zip(&run.losses) {
             for (kind, rows) in kinds(evaluation) {
                 let Evaluation { step, updates, .. } = evaluation;
-                let _ = write!(csv, "{},{step},{updates},{kind},{}", run.seed, rows.len());
-                for column in COLUMNS {
-                    let _ = write!(csv, ",{}", column.mean(rows));
-                }
-                let _ = writeln!(csv, ",{loss},{q}");
+                let means = csv_values(|column| column.mean(rows));
+                let _ =
+                    writeln!(csv, "{},{step},{updates},{kind},{}{means},{loss},{q}", run.seed, rows.len());
             }
         }
     }
@@ -57,26 +53,18 @@ pub(super) fn curve_csv(trained: &[Trained]) -> String {
 }
 
 /// Rows of all episodes of the newest evaluations of a seed.
-pub(super) fn episodes_csv(trained: &Trained, names: &[String]) -> Result<String> {
-    let mut csv = "seed,step,scenes,scene,steps".to_owned();
-    for column in COLUMNS {
-        let _ = write!(csv, ",{}", column.name);
-    }
-    csv.push('\n');
+pub(super) fn episodes_csv(trained: &Trained, names: &[String]) -> String {
+    let mut csv = format!("seed,step,scenes,scene,steps{}\n", csv_names());
     let first = trained.evaluations.len().saturating_sub(AVERAGED);
     for evaluation in &trained.evaluations[first..] {
         for (kind, rows) in kinds(evaluation) {
             for row in rows {
-                let name = names[row.scene].replace('"', "'");
-                let _ = write!(csv, "{},{},{kind},\"{name}\",{}", trained.seed, evaluation.step, row.steps);
-                for column in COLUMNS {
-                    let _ = write!(csv, ",{}", (column.value)(row));
-                }
-                csv.push('\n');
+                let _ = write!(csv, "{},{},{kind},", trained.seed, evaluation.step);
+                csv.push_str(&csv_episode(row, names));
             }
         }
     }
-    Ok(csv)
+    csv
 }
 
 fn kinds(evaluation: &Evaluation) -> impl Iterator<Item = (&'static str, &[EpisodeRow])> {
@@ -88,7 +76,7 @@ fn kinds(evaluation: &Evaluation) -> impl Iterator<Item = (&'static str, &[Episo
 /// Writes the curves of all seeds as CSV and SVG.
 ///
 /// *Errors*: a file cannot be written.
-pub(super) fn write(run: &Run, _: &Shared, trained: &[Trained]) -> Result<()> {
+pub(super) fn write(run: &Run, trained: &[Trained]) -> Result<()> {
     run.folder().write("curves.csv", curve_csv(trained).as_bytes())?;
     let mut lines: Vec<Line> = Vec::new();
     let drawn = [
@@ -131,10 +119,9 @@ fn newest(trained: &Trained, kind: &str, column: &Column) -> Option<f64> {
 }
 
 /// A table: a row per seed and kind of scenes, means of the last five evaluations.
-pub(super) fn markdown(shared: &Shared, trained: &[Trained]) -> Result<String> {
+pub(super) fn markdown(scenes: usize, trained: &[Trained]) -> String {
     let mut text = format!(
-        "Means of the last {AVERAGED} evaluations, {} scenes each. `completion_recorded` ends with the recording.\n\n| seed | scenes |",
-        shared.evaluation.len()
+        "Means of the last {AVERAGED} evaluations, {scenes} scenes each. `completion_recorded` ends with the recording.\n\n| seed | scenes |"
     );
     for column in COLUMNS {
         let _ = write!(text, " {} |", column.name);
@@ -154,7 +141,7 @@ pub(super) fn markdown(shared: &Shared, trained: &[Trained]) -> Result<String> {
             text.push('\n');
         }
     }
-    Ok(text)
+    text
 }
 
 /// The card of a policy as a page.
@@ -189,7 +176,7 @@ pub(super) fn card_page(card: &PolicyCard) -> String {
 }
 
 /// Results for `run.json`.
-pub(super) fn summary(_: &Shared, trained: &[Trained]) -> Value {
+pub(super) fn summary(trained: &[Trained]) -> Value {
     let of = |run: &Trained| {
         let last = run.evaluations.last();
         json!({

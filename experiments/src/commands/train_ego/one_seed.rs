@@ -129,11 +129,12 @@ fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
 
 fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCard {
     let args = shared.args;
+    let options = TrainingOptions { seed: trained.seed, ..shared.options.clone() };
     let training = json!({
         "algorithm": "TD3", "generator": args.generator.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "weights": shared.attacker.as_ref().map(|a| &a.weights),
         "seed": trained.seed, "updates": evaluation.updates, "steps": evaluation.step,
-        "scenes": shared.identity["scenes"], "options": shared.options,
+        "scenes": shared.identity["scenes"], "options": options,
     });
     let measured = json!({
         "scenes": shared.identity["evaluation_scenes"], "attacks": args.eval_generator.to_string(),

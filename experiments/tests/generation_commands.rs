@@ -86,6 +86,20 @@ fn generate_changes_the_adversarys_future_and_nothing_else() {
     }
 }
 
+/// Every shipped folder of experts can be named by its path: it holds nothing but their files.
+#[test]
+fn shipped_weights_are_read_from_their_folders() {
+    let folder = tempfile::tempdir().unwrap();
+    let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights");
+    let experts = ["procedural", "waymo", "waymo/query", "waymo-paper", "waymo-paper/query"];
+    for name in experts.iter().filter(|name| shipped.join(name).is_dir()) {
+        let (scene, weights) = (example(), shipped.join(name));
+        let out = folder.path().join(name.replace('/', "-"));
+        let output = sage(&["generate", &scene, "--weights", text(&weights), "--out", text(&out)]);
+        assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
 #[test]
 fn a_sweep_follows_lambda_and_is_the_same_on_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();

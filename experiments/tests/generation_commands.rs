@@ -86,7 +86,7 @@ fn generate_changes_the_adversarys_future_and_nothing_else() {
     }
 }
 
-/// Every shipped folder of experts can be named by its path: it holds nothing but their files.
+/// Every shipped folder of experts can be named by its path, although driving policies lie in it.
 #[test]
 fn shipped_weights_are_read_from_their_folders() {
     let folder = tempfile::tempdir().unwrap();

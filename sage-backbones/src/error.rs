@@ -38,6 +38,12 @@ pub enum Error {
         /// The problem and its remedy.
         problem: String,
     },
+    /// A file of tensors that belong to no network of ours, such as a driving policy.
+    #[error("`{}`: has no `sage` header, which says what network its tensors belong to", path.display())]
+    NoNetwork {
+        /// The file.
+        path: PathBuf,
+    },
     /// Work that cannot continue: broken weights, a value out of range, a number that is not finite.
     #[error("{0}")]
     Training(String),

@@ -142,10 +142,13 @@ impl ExpertSet {
             if weights.is_prior(&file) {
                 continue;
             }
-            let (parameters, header) = weights.tensors(&file)?;
-            // A file named as an expert without the note is refused; checkpoints of training are skipped.
-            let is_expert = header.notes.contains_key(ExpertFile::EXPERT);
-            if is_expert || [REALISTIC, ADVERSARIAL].contains(&name) {
+            // A file named as an expert without the note is refused; checkpoints of training and driving policies are skipped.
+            let is_named = [REALISTIC, ADVERSARIAL].contains(&name);
+            let (parameters, header) = match weights.tensors(&file) {
+                Err(sage_backbones::Error::NoNetwork { .. }) if !is_named => continue,
+                read => read?,
+            };
+            if is_named || header.notes.contains_key(ExpertFile::EXPERT) {
                 let named = name.to_owned();
                 files.push((named.clone(), ExpertFile { path, named, parameters, header }));
             }

@@ -66,7 +66,7 @@ impl Parameters {
 
     /// Reads the bytes of [`Parameters::to_bytes`]; `path` is for messages.
     ///
-    /// *Errors*: [`Error::Format`], also for a number that is not finite, with its tensor.
+    /// *Errors*: [`Error::NoNetwork`]; [`Error::Format`], also for a number that is not finite, with its tensor.
     pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<(Self, Header), Error> {
         let fail = |problem: String| Error::Format { path: path.to_owned(), problem };
         let broken = |e: safetensors::SafeTensorError| {
@@ -79,9 +79,8 @@ impl Parameters {
             )));
         }
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
-        let json = metadata.metadata().as_ref().and_then(|m| m.get(KEY)).ok_or_else(|| {
-            fail("has no `sage` header, which says what network its tensors belong to".to_owned())
-        })?;
+        let json = metadata.metadata().as_ref().and_then(|m| m.get(KEY));
+        let json = json.ok_or_else(|| Error::NoNetwork { path: path.to_owned() })?;
         let header =
             serde_json::from_str(json).map_err(|e| fail(format!("has a broken `sage` header: {e}")))?;
         let file = SafeTensors::deserialize(bytes).map_err(broken)?;
@@ -109,7 +108,7 @@ impl Parameters {
 
     /// Reads a file.
     ///
-    /// *Errors*: [`Error::Io`], [`Error::Format`].
+    /// *Errors*: [`Error::Io`], and those of [`Parameters::from_bytes`].
     pub fn load(path: &Path) -> Result<(Self, Header), Error> {
         let io = |source| Error::Io { verb: "read", path: path.to_owned(), source };
         Self::from_bytes(&files::read(path, LIMIT).map_err(io)?, path)

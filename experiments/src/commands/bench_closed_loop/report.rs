@@ -17,6 +17,8 @@ const LEVEL: f64 = 0.05;
 /// A policy that collides less than `none` at less completion and speed than these brakes its way to safety.
 const LESS_COMPLETION: f64 = 0.05;
 const LESS_SPEED: f64 = 0.9;
+/// A completion this far below the other's still counts as equal for the primary measure.
+const SAME_COMPLETION: f64 = 0.02;
 
 /// A row of the paper: kind of scenes, method, and its numbers in the order of [`TABLE`], mean and deviation.
 type Published = (&'static str, &'static str, &'static [[f64; 2]]);
@@ -79,14 +81,18 @@ struct Family {
     claims: &'static [Claim],
     /// Verdict on a difference as expected, and on the opposite.
     verdicts: [&'static str; 2],
+    /// Verdict on a difference as expected that `sage` owes to a completion more than [`SAME_COMPLETION`] below the
+    /// other's.
+    bought: Option<&'static str>,
 }
 
 /// The primary measure, chosen before the first training.
 const PRIMARY: Family = Family {
     title: "Primary measure",
-    note: " It holds for a training whose completion in these scenes is at most 0.02 below the other's.",
+    note: " Fewer at-fault contacts count where completion in these scenes is at most 0.02 below the other's.",
     claims: &[("sage", AT_FAULT, false)],
     verdicts: ["lower", "higher"],
+    bought: Some("lower at less completion"),
 };
 
 /// The orderings that the paper claims.
@@ -102,6 +108,7 @@ const ORDERINGS: Family = Family {
         ("rule", COMPLETION, true),
     ],
     verdicts: ["reproduced", "reversed"],
+    bought: None,
 };
 
 impl Method {
@@ -171,28 +178,30 @@ fn published(text: &mut String, kind: &str, method: &str) {
 fn tests(text: &mut String, methods: &[Method], kinds: &[String], family: &Family) {
     let find = |name: &str| methods.iter().find(|method| method.name == name);
     let Some(sage) = find("sage") else { return };
-    let mut tested: Vec<(String, bool, Difference)> = Vec::new();
+    let mut tested: Vec<(String, [&str; 2], bool, Difference)> = Vec::new();
     for (kind, column, larger) in family.claims {
         let Some(k) = kinds.iter().position(|found| found == kind) else { continue };
         for other in ["cat", "none", "rule"] {
             let Some(method) = find(other) else { continue };
             let name = format!("{kind} {other} {}", column.name);
             let what = format!("{} in {kind} scenes, sage less {other}", column.name.replace('_', " "));
-            let found = difference(&sage.measured(k, column), &method.measured(k, column), &name);
-            tested.extend(found.map(|d| (what, *larger, d)));
+            let less = |column| difference(&sage.measured(k, column), &method.measured(k, column), &name);
+            let [expected, opposite] = family.verdicts;
+            let is_bought = less(&COMPLETION).is_some_and(|d| d.value < -SAME_COMPLETION);
+            let expected = family.bought.filter(|_| is_bought).unwrap_or(expected);
+            tested.extend(less(column).map(|d| (what, [expected, opposite], *larger, d)));
         }
     }
     if tested.is_empty() {
         return;
     }
-    let corrected = holm(&tested.iter().map(|(_, _, d)| d.p).collect::<Vec<_>>());
+    let corrected = holm(&tested.iter().map(|(.., d)| d.p).collect::<Vec<_>>());
     let _ = writeln!(
         text,
         "\n## {}\n\nDifferences are paired by scene; p is corrected by Holm's method over the rows. Seeds: per method, for a power of 0.8.{}\n\n| difference | expected | value | p | seeds needed | verdict |\n| --- | --- | ---: | ---: | ---: | --- |",
         family.title, family.note
     );
-    for ((what, larger, d), p) in tested.iter().zip(corrected) {
-        let [expected, opposite] = family.verdicts;
+    for ((what, [expected, opposite], larger, d), p) in tested.iter().zip(corrected) {
         let verdict = match (d.value > 0.0) == *larger {
             _ if p >= LEVEL => "not resolved",
             true => expected,

@@ -256,40 +256,60 @@ impl<T: Real> pulp::NullaryFnOnce for NarrowBackward<'_, T> {
 /// Gradient of one row before the ReLU.
 #[inline(always)]
 fn through_narrow_layer<T: Real>(d: &[T], w: &[T], x: &[T], input: &mut [T]) {
-    let zero = T::default();
     for (k, d) in d.iter().enumerate() {
         let w = &w[k * x.len()..][..x.len()];
         for (g, w) in input.iter_mut().zip(w) {
             *g = if k == 0 { *d * *w } else { *g + *d * *w };
         }
     }
-    for (g, x) in input.iter_mut().zip(x) {
-        *g = if *x > zero { *g } else { zero };
-    }
+    mask_row(input, x);
 }
 
 /// Sets gradients to 0 where the ReLU's output is not positive, and sums the columns of the result.
 pub(super) fn mask_and_sum<T: Real>(gradient: &mut [T], output: &[T], sums: &mut [T]) {
-    let (zero, width) = (T::default(), sums.len());
-    sums.fill(zero);
-    vectorised(|| {
+    pulp::Arch::new().dispatch(MaskAndSum { gradient, output, sums });
+}
+
+struct MaskAndSum<'a, T> {
+    gradient: &'a mut [T],
+    output: &'a [T],
+    sums: &'a mut [T],
+}
+
+impl<T: Real> pulp::NullaryFnOnce for MaskAndSum<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { gradient, output, sums } = self;
+        let width = sums.len();
+        sums.fill(T::default());
         for (row, output) in gradient.chunks_exact_mut(width).zip(output.chunks_exact(width)) {
-            for ((g, x), sum) in row.iter_mut().zip(output).zip(sums.iter_mut()) {
-                *g = if *x > zero { *g } else { zero };
+            mask_row(row, output);
+            for (sum, g) in sums.iter_mut().zip(row) {
                 *sum += *g;
             }
         }
-    });
+    }
 }
 
 /// Sets gradients to 0 where the ReLU's output is not positive.
 pub(super) fn mask<T: Real>(gradient: &mut [T], output: &[T]) {
-    let zero = T::default();
-    vectorised(|| {
-        for (g, x) in gradient.iter_mut().zip(output) {
-            *g = if *x > zero { *g } else { zero };
-        }
-    });
+    vectorised(|| mask_row(gradient, output));
+}
+
+#[inline(always)]
+fn mask_row<T: Real>(gradient: &mut [T], output: &[T]) {
+    let (chunks, rest) = gradient.as_chunks_mut::<LANES>();
+    let (output_chunks, output_rest) = output.as_chunks::<LANES>();
+    for (g, x) in chunks.iter_mut().zip(output_chunks) {
+        // A copy: of a gradient in place the compiler makes a branch for each number.
+        let all = *g;
+        *g = std::array::from_fn(|k| if x[k] > T::default() { all[k] } else { T::default() });
+    }
+    for (g, x) in rest.iter_mut().zip(output_rest) {
+        *g = if *x > T::default() { *g } else { T::default() };
+    }
 }
 
 /// Writes `[a | b]` row by row.

@@ -86,11 +86,11 @@ pub struct UpdateReport {
     pub mean_abs_q: f64,
 }
 
-/// Working memory of an update.
+/// Working memory of an update. Both critics use the same, which leaves more of the cache to the weights.
 #[derive(Clone, Debug)]
 struct Scratch<T> {
     actor: Activations<T>,
-    critics: [Activations<T>; 2],
+    critic: Activations<T>,
     joined: Vec<T>,
     actions: Vec<T>,
     targets: Vec<T>,
@@ -132,7 +132,7 @@ impl<T: Real> Learner<T> {
         let zeros = |width: usize| vec![T::default(); rows * width];
         let scratch = Scratch {
             actor: Activations::new(rows, actor.online.shape()),
-            critics: [(); 2].map(|()| Activations::new(rows, &q)),
+            critic: Activations::new(rows, &q),
             joined: zeros(observation + action),
             actions: zeros(action),
             targets: zeros(1),
@@ -273,15 +273,15 @@ impl<T: Real> Learner<T> {
             *a = clamp(bound * x.hyperbolic_tangent() + smoothing, bound);
         }
         join(&mut s.joined, &batch.next_observations, &s.actions, self.sizes);
-        for (critic, at) in self.critics.iter().zip(&mut s.critics) {
-            critic.target.forward(&s.joined, at);
-        }
+        let [first, second] = &self.critics;
+        first.target.forward(&s.joined, &mut s.critic);
+        s.targets.copy_from_slice(&s.critic.output);
+        second.target.forward(&s.joined, &mut s.critic);
         let gamma = T::of(options.gamma);
-        let values = s.critics[0].output.iter().zip(&s.critics[1].output);
         let rewards = batch.rewards.iter().zip(&batch.not_terminal);
-        for ((y, (q1, q2)), (r, go_on)) in s.targets.iter_mut().zip(values).zip(rewards) {
+        for ((y, q2), (r, go_on)) in s.targets.iter_mut().zip(&s.critic.output).zip(rewards) {
             // NaN in either one must show: comparisons alone would drop it.
-            let least = if *q2 < *q1 || q2.wide().is_nan() { *q2 } else { *q1 };
+            let least = if *q2 < *y || q2.wide().is_nan() { *q2 } else { *y };
             *y = *r + *go_on * gamma * least;
         }
     }
@@ -293,7 +293,8 @@ impl<T: Real> Learner<T> {
         let rows = options.batch as f64;
         let scale = T::of(2.0 / rows);
         let (mut loss, mut mean_abs_q) = (0.0, 0.0);
-        for (k, (critic, at)) in self.critics.iter_mut().zip(&mut s.critics).enumerate() {
+        let at = &mut s.critic;
+        for (k, critic) in self.critics.iter_mut().enumerate() {
             critic.online.forward(&s.joined, at);
             for ((g, q), y) in s.q_gradient.iter_mut().zip(&at.output).zip(&s.targets) {
                 let error = *q - *y;
@@ -324,7 +325,7 @@ impl<T: Real> Learner<T> {
             *a = bound * *x;
         }
         join(&mut s.joined, &batch.observations, &s.actions, self.sizes);
-        let (critic, at) = (&self.critics[0].online, &mut s.critics[0]);
+        let (critic, at) = (&self.critics[0].online, &mut s.critic);
         critic.forward(&s.joined, at);
         let rows = options.batch as f64;
         let loss = -at.output.iter().map(|q| q.wide()).sum::<f64>() / rows;

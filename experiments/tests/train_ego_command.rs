@@ -57,12 +57,13 @@ fn a_trained_policy_drives_and_is_compared() {
         rows(&sage(&["simulate", &example(), "--ego", &ego, "--json", "--out", text(&path("drives"))]));
     assert_eq!(drives.len(), 2);
 
-    let bench = |runs: &str| {
-        let scenes = ["bench", "closed-loop", "--procedural", "3", "--untrained", "1", "--policies", "idm"];
-        sage(&[&scenes[..], &["--runs", runs, "--weights", "procedural", "--out", text(&table)]].concat())
-    };
     let named = format!("sage={},none={}", run.display(), again.display());
-    let first = bench(&named);
+    let bench = |more: &[&str]| {
+        let scenes = ["bench", "closed-loop", "--procedural", "3", "--untrained", "1", "--policies", "idm"];
+        let runs = ["--runs", &named, "--weights", "procedural", "--out", text(&table)];
+        sage(&[&scenes[..], &runs, more].concat())
+    };
+    let first = bench(&[]);
     let markdown = stdout(&first).to_owned();
     assert!(markdown.contains("| *paper* | | *45.14 ± 3.27* |"), "{markdown}");
     assert!(markdown.contains("| completion in sage scenes, sage less none |"), "{markdown}");
@@ -70,7 +71,17 @@ fn a_trained_policy_drives_and_is_compared() {
     assert_eq!(kept.len(), 3 * 2 + 1 + 1, "{kept:?}");
     fs::remove_file(&kept[0]).unwrap();
     fs::write(&kept[1], "{").unwrap();
-    assert_eq!(stdout(&bench(&named)), markdown, "what is missing or damaged is computed again");
+    assert_eq!(stdout(&bench(&[])), markdown, "what is missing or damaged is computed again");
+    let other = bench(&["--tested", "none"]);
+    let markdown = stdout(&other);
+    assert!(markdown.contains("| at fault in sage scenes, none less sage |"), "{markdown}");
+    assert!(!markdown.contains("reproduced") && !markdown.contains("The paper's orderings"), "{markdown}");
+    let unknown = bench(&["--tested", "nobody"]);
+    assert!(
+        stderr(&unknown).contains("`nobody`, which is none of --runs: none, sage"),
+        "{}",
+        stderr(&unknown)
+    );
 }
 
 #[test]

@@ -127,6 +127,9 @@ pub(crate) struct ClosedLoopArgs {
     /// Comma-separated runs of `sage train-ego`, as NAME=FOLDER; none, rule, cat and sage are compared with the paper.
     #[arg(long, value_name = "RUNS", value_delimiter = ',', value_parser = named_folder)]
     pub runs: Vec<(String, PathBuf)>,
+    /// Run that is tested against every other run (default: sage, if there is one).
+    #[arg(long, value_name = "NAME")]
+    pub tested: Option<String>,
     /// Further policies as rows, by their names in `sage list`.
     #[arg(long, value_name = "NAMES", default_value = "idm,expert")]
     pub policies: PolicyParts,

@@ -23,6 +23,8 @@ use sage_sim::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
+use self::report::Tested;
+
 use crate::{
     Outcome, Registries,
     adversary::Adversary,
@@ -70,6 +72,7 @@ pub(super) struct Method {
 }
 
 pub(crate) fn run(args: &ClosedLoopArgs, registries: &Registries) -> Result<Outcome> {
+    let tested = Tested::of(args.tested.as_deref(), args.runs.iter().map(|(name, _)| &name[..]))?;
     let candidates = candidates(args, registries)?;
     let selection = Selection::of(registries, &args.selection, None)?;
     let weights = match &args.weights {
@@ -126,7 +129,7 @@ pub(crate) fn run(args: &ClosedLoopArgs, registries: &Registries) -> Result<Outc
     ));
     let kinds: Vec<String> =
         std::iter::once("unchanged".to_owned()).chain(parts.iter().map(ToString::to_string)).collect();
-    let markdown = report::markdown(&methods, &kinds, scenes.len());
+    let markdown = report::markdown(&methods, &kinds, scenes.len(), &tested);
     out.write("closed-loop.md", markdown.as_bytes())?;
     out.write("episodes.csv", report::episodes_csv(&methods, &kinds, &names).as_bytes())?;
     let failures: Vec<&String> = methods.iter().flat_map(Method::failures).collect();

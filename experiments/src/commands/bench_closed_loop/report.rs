@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use anyhow::{Result, bail};
+
 use super::Method;
 use crate::bench::{
     episode_columns::{
@@ -71,7 +73,7 @@ const CROSS: [[[f64; 2]; 4]; 8] = [
 ];
 const NONE: [f64; 2] = [f64::NAN; 2];
 
-/// What is expected of `sage` less another training: kind of scenes, column, whether larger is better.
+/// What is expected of the tested run less another: kind of scenes, column, whether larger is better.
 type Claim = (&'static str, Column, bool);
 
 /// Differences that are tested together.
@@ -81,7 +83,7 @@ struct Family {
     claims: &'static [Claim],
     /// Verdict on a difference as expected, and on the opposite.
     verdicts: [&'static str; 2],
-    /// Verdict on a difference as expected that `sage` owes to a completion more than [`SAME_COMPLETION`] below the
+    /// Verdict on a difference as expected that the tested run owes to a completion more than [`SAME_COMPLETION`] below the
     /// other's.
     bought: Option<&'static str>,
 }
@@ -111,6 +113,33 @@ const ORDERINGS: Family = Family {
     bought: None,
 };
 
+/// The same differences for a run that the paper does not have.
+const OTHER_MEASURES: Family = Family { title: "Other measures", verdicts: ["better", "worse"], ..ORDERINGS };
+/// The run that the paper's orderings are about, and the others of the paper.
+const OF_PAPER: (&str, [&str; 3]) = ("sage", ["cat", "none", "rule"]);
+
+/// The run that is tested, and the runs against which it is.
+pub(super) struct Tested<'a> {
+    run: &'a str,
+    others: Vec<&'a str>,
+}
+
+impl<'a> Tested<'a> {
+    /// Tests `run`, by default `sage`, against all other runs.
+    ///
+    /// *Errors*: `run` is none of the runs.
+    pub(super) fn of(run: Option<&'a str>, runs: impl Iterator<Item = &'a str>) -> Result<Self> {
+        let (found, mut others): (Vec<_>, Vec<_>) = runs.partition(|name| *name == run.unwrap_or(OF_PAPER.0));
+        others.sort_unstable();
+        match (run, found.first()) {
+            (Some(run), None) => {
+                bail!("--tested names `{run}`, which is none of --runs: {}", others.join(", "))
+            }
+            _ => Ok(Self { run: run.unwrap_or(OF_PAPER.0), others }),
+        }
+    }
+}
+
 impl Method {
     /// A column of a kind of scenes: each seed's policies are averaged.
     fn measured(&self, kind: usize, column: &Column) -> Measured {
@@ -123,7 +152,7 @@ impl Method {
 }
 
 /// Tables and verdicts.
-pub(super) fn markdown(methods: &[Method], kinds: &[String], scenes: usize) -> String {
+pub(super) fn markdown(methods: &[Method], kinds: &[String], scenes: usize, tested: &Tested) -> String {
     let mut text = format!(
         "{scenes} scenes, each policy once in each. Mean ± deviation over seeds [95 % interval: bootstrap over seeds and scenes]; the policies of a seed are averaged first. Speed in m/s, jerk in m/s³; the others are sums or shares per episode.\n"
     );
@@ -152,8 +181,13 @@ pub(super) fn markdown(methods: &[Method], kinds: &[String], scenes: usize) -> S
             published(&mut text, kind, &method.name);
         }
     }
-    for family in [PRIMARY, ORDERINGS] {
-        tests(&mut text, methods, kinds, &family);
+    tests(&mut text, methods, kinds, &PRIMARY, tested);
+    if tested.run == OF_PAPER.0 {
+        let of_paper = |name: &&str| OF_PAPER.1.contains(name);
+        let others = tested.others.iter().copied().filter(of_paper).collect();
+        tests(&mut text, methods, kinds, &ORDERINGS, &Tested { run: tested.run, others });
+    } else {
+        tests(&mut text, methods, kinds, &OTHER_MEASURES, tested);
     }
     braking(&mut text, methods);
     text
@@ -174,34 +208,40 @@ fn published(text: &mut String, kind: &str, method: &str) {
     text.push('\n');
 }
 
-/// Tests `sage` against the other trainings.
-fn tests(text: &mut String, methods: &[Method], kinds: &[String], family: &Family) {
+/// Tests a run against others.
+fn tests(
+    text: &mut String,
+    methods: &[Method],
+    kinds: &[String],
+    family: &Family,
+    Tested { run, others }: &Tested,
+) {
     let find = |name: &str| methods.iter().find(|method| method.name == name);
-    let Some(sage) = find("sage") else { return };
-    let mut tested: Vec<(String, [&str; 2], bool, Difference)> = Vec::new();
+    let Some(subject) = find(run) else { return };
+    let mut rows: Vec<(String, [&str; 2], bool, Difference)> = Vec::new();
     for (kind, column, larger) in family.claims {
         let Some(k) = kinds.iter().position(|found| found == kind) else { continue };
-        for other in ["cat", "none", "rule"] {
+        for other in others {
             let Some(method) = find(other) else { continue };
             let name = format!("{kind} {other} {}", column.name);
-            let what = format!("{} in {kind} scenes, sage less {other}", column.name.replace('_', " "));
-            let less = |column| difference(&sage.measured(k, column), &method.measured(k, column), &name);
+            let what = format!("{} in {kind} scenes, {run} less {other}", column.name.replace('_', " "));
+            let less = |column| difference(&subject.measured(k, column), &method.measured(k, column), &name);
             let [expected, opposite] = family.verdicts;
             let is_bought = less(&COMPLETION).is_some_and(|d| d.value < -SAME_COMPLETION);
             let expected = family.bought.filter(|_| is_bought).unwrap_or(expected);
-            tested.extend(less(column).map(|d| (what, [expected, opposite], *larger, d)));
+            rows.extend(less(column).map(|d| (what, [expected, opposite], *larger, d)));
         }
     }
-    if tested.is_empty() {
+    if rows.is_empty() {
         return;
     }
-    let corrected = holm(&tested.iter().map(|(.., d)| d.p).collect::<Vec<_>>());
+    let corrected = holm(&rows.iter().map(|(.., d)| d.p).collect::<Vec<_>>());
     let _ = writeln!(
         text,
         "\n## {}\n\nDifferences are paired by scene; p is corrected by Holm's method over the rows. Seeds: per method, for a power of 0.8.{}\n\n| difference | expected | value | p | seeds needed | verdict |\n| --- | --- | ---: | ---: | ---: | --- |",
         family.title, family.note
     );
-    for ((what, [expected, opposite], larger, d), p) in tested.iter().zip(corrected) {
+    for ((what, [expected, opposite], larger, d), p) in rows.iter().zip(corrected) {
         let verdict = match (d.value > 0.0) == *larger {
             _ if p >= LEVEL => "not resolved",
             true => expected,

@@ -84,7 +84,8 @@ pub(crate) struct TrainEgoArgs {
     /// Number of evaluations, evenly spaced, the last at the end.
     #[arg(long, value_name = "N", default_value_t = 20)]
     pub evaluations: u64,
-    /// Further options of TD3 as JSON, such as '{"gamma": 0.98}'.
+    /// Further options of TD3 as JSON, such as '{"gamma": 0.98}': hidden, batch, gamma, tau, actor_rate, critic_rate,
+    /// betas, epsilon, exploration_noise, target_noise, noise_clip, policy_delay, buffer.
     #[arg(long, value_name = "JSON")]
     pub td3: Option<String>,
     /// Steps between two checkpoints.

@@ -159,6 +159,9 @@ fn resume<Row: Serialize + DeserializeOwned>(
         Err(Error::Format { problem, .. }) => {
             return Err(fail(format!("{problem}; remove it to start again")));
         }
+        Err(Error::NoNetwork { .. }) => {
+            return Err(fail("is no checkpoint of a training; remove it to start again".to_owned()));
+        }
         loaded => loaded?,
     };
     if state.identity != checkpoint.identity {

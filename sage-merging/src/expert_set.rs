@@ -142,7 +142,8 @@ impl ExpertSet {
             if weights.is_prior(&file) {
                 continue;
             }
-            // A file named as an expert without the note is refused; checkpoints of training and driving policies are skipped.
+            // A file named as an expert without the note is refused; checkpoints of training and driving policies are
+            // skipped.
             let is_named = [REALISTIC, ADVERSARIAL].contains(&name);
             let (parameters, header) = match weights.tensors(&file) {
                 Err(sage_backbones::Error::NoNetwork { .. }) if !is_named => continue,

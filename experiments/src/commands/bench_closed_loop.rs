@@ -24,7 +24,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use self::report::Tested;
-
 use crate::{
     Outcome, Registries,
     adversary::Adversary,

@@ -83,8 +83,8 @@ struct Family {
     claims: &'static [Claim],
     /// Verdict on a difference as expected, and on the opposite.
     verdicts: [&'static str; 2],
-    /// Verdict on a difference as expected that the tested run owes to a completion more than [`SAME_COMPLETION`] below the
-    /// other's.
+    /// Verdict on a difference as expected that the tested run owes to a completion more than [`SAME_COMPLETION`]
+    /// below the other's.
     bought: Option<&'static str>,
 }
 

@@ -93,10 +93,11 @@ pub(crate) fn read_scene(path: &Path, ego: Option<&str>, adversary: Option<&str>
             adversary.id.escape_debug()
         ));
     }
-    let missing = HORIZON - scene.ego().count_valid(NOW + 1..NOW + 1 + HORIZON).min(HORIZON);
-    if missing > 0 && scene.frames > NOW + HORIZON {
+    let horizon = scene.horizon();
+    let missing = horizon - scene.ego().count_valid(NOW + 1..NOW + 1 + horizon);
+    if missing > 0 {
         progress::say(&format!(
-            "note: the ego is not valid in {missing} of {HORIZON} future frames; no contact is detected there"
+            "note: the ego is not valid in {missing} of {horizon} future frames; no contact is detected there"
         ));
     }
     Ok(scene)

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
-use sage_core::generator::{Generator, OperatingPoint};
+use sage_core::generator::{ApartNow, Generator, OperatingPoint};
 use sage_generators::{Facts, GeneratorInputs};
 use sage_merging::{ExpertSet, Merger};
 
@@ -55,7 +55,7 @@ impl BuiltGenerator {
         } else {
             (vec![key(None)], vec![OperatingPoint::at(1.0, 1.0)])
         };
-        Ok(Self { facts, generator: kind.build(inputs)?, keys, points })
+        Ok(Self { facts, generator: Box::new(ApartNow(kind.build(inputs)?)), keys, points })
     }
 }
 

@@ -37,6 +37,20 @@ pub enum Error {
         /// What is missing and what to do about it.
         problem: String,
     },
+    /// Ego and adversary overlap *now*, so no attack can be measured ([`crate::objective::violation::CONTACT_NOW`]).
+    #[error(
+        "scene `{scene}`: contact_now: the boxes of ego `{ego}` and adversary `{adversary}` overlap at frame {}, so no \
+         attack can be measured; name another adversary with --adversary",
+        crate::motion::NOW
+    )]
+    ContactNow {
+        /// Identifier of the scene.
+        scene: String,
+        /// Track of the ego.
+        ego: String,
+        /// Track of the adversary.
+        adversary: String,
+    },
     /// A name that is not in a registry.
     #[error("unknown {kind} `{name}`; known: {}", known.join(", "))]
     Unknown {

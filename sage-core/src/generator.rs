@@ -3,6 +3,7 @@
 //! Most generators are a [`Proposer`], whose input is an [`Observation`] that ends *now*, and a selector
 //! among its proposals that may use the ego's path. Optimisers and rules implement [`Generator`] directly.
 
+mod apart_now;
 mod attack;
 mod observation;
 mod operating_point;
@@ -11,6 +12,7 @@ use std::fmt;
 
 use crate::{Error, objective::Context};
 
+pub use apart_now::ApartNow;
 pub use attack::{Attack, Note, Proposal};
 pub use observation::Observation;
 pub use operating_point::{Mixture, OperatingPoint, corner};

@@ -17,5 +17,7 @@ pub const HISTORY: usize = 11;
 pub const NOW: usize = 10;
 /// Planned steps T; step t (1 to T) is frame `NOW + t`.
 pub const HORIZON: usize = 80;
+/// Least horizon of a scene that can be attacked: 1 s after *now*.
+pub const LEAST_HORIZON: usize = 10;
 
 pub use crate::geometry::MAX_COORDINATE;

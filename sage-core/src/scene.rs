@@ -7,7 +7,7 @@ mod light;
 mod map;
 mod track;
 
-pub use adversary::{path_conflict, select_adversary};
+pub use adversary::{is_copy_of_ego, path_conflict, select_adversary};
 pub use index::SceneIndex;
 pub use light::{LightState, TrafficLight};
 pub use map::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor};
@@ -15,7 +15,10 @@ pub use track::{Track, TrackKind};
 
 use std::sync::Arc;
 
-use crate::{Error, motion::NOW};
+use crate::{
+    Error,
+    motion::{HORIZON, LEAST_HORIZON, NOW},
+};
 
 /// A recorded scene.
 ///
@@ -60,6 +63,31 @@ pub enum AdversaryOrigin {
 }
 
 impl Scene {
+    /// Number of steps after *now* that are recorded, at most [`HORIZON`]: the steps on which a trajectory is
+    /// scored and driven.
+    pub fn horizon(&self) -> usize {
+        self.frames.saturating_sub(NOW + 1).min(HORIZON)
+    }
+
+    /// As [`Scene::horizon`], for what needs a recorded future.
+    ///
+    /// *Errors*: [`Error::Scene`] if less than 1 s after *now* is recorded.
+    pub fn attackable_horizon(&self) -> Result<usize, Error> {
+        let horizon = self.horizon();
+        if horizon >= LEAST_HORIZON {
+            return Ok(horizon);
+        }
+        Err(Error::Scene {
+            scene: self.id.clone(),
+            problem: format!(
+                "it has {} frames, so {horizon} frames after now (frame {NOW}); an attack needs at least \
+                 {LEAST_HORIZON}. `sage predict`, `sage draw` and `sage simulate` with a policy that needs no log work \
+                 without them",
+                self.frames
+            ),
+        })
+    }
+
     /// The car under test.
     pub fn ego(&self) -> &Track {
         &self.tracks[self.ego]
@@ -118,6 +146,15 @@ impl Scene {
                 );
             }
             (self.adversary, self.adversary_origin) = (Some(index), AdversaryOrigin::User);
+        }
+        if let Some(index) = self.adversary.filter(|index| *index != self.ego)
+            && is_copy_of_ego(&self.tracks[index], self.ego())
+        {
+            let problem = format!(
+                "track `{}` cannot be the adversary: it is a second recording of the ego",
+                self.tracks[index].id
+            );
+            return fail(&self, problem);
         }
         if self.adversary == Some(self.ego) {
             let id = self.ego().id.clone();

@@ -1,26 +1,14 @@
 //! Writes an attack into its scene.
 
-use sage_core::{
-    motion::{HORIZON, NOW, Trajectory},
-    scene::Scene,
-};
+use sage_core::{motion::Trajectory, scene::Scene};
 
-/// The scene in which the adversary follows an attack. Its frames 11 to 90 are rewritten (position,
-/// heading, velocity, the size at *now*, valid) and later frames are not valid. Nothing else changes.
+/// The scene in which the adversary follows an attack. Its frames 11 to 90, as far as they are recorded, are rewritten
+/// (position, heading, velocity, the size at *now*, valid) and later frames are not valid. Nothing else changes.
 ///
 /// *Errors*: a scene without an adversary, or one too short to hold the attack.
 pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::Error> {
     let adversary = scene.adversary_index()?;
-    if scene.frames <= NOW + HORIZON {
-        return Err(sage_core::Error::Scene {
-            scene: scene.id.clone(),
-            problem: format!(
-                "it ends at frame {}, and an attack needs frames up to {}",
-                scene.frames - 1,
-                NOW + HORIZON
-            ),
-        });
-    }
+    scene.attackable_horizon()?;
     let mut scene = scene.clone();
     scene.tracks[adversary] = scene.tracks[adversary].following(attack);
     Ok(scene)
@@ -29,6 +17,7 @@ pub fn attacked(scene: &Scene, attack: &Trajectory) -> Result<Scene, sage_core::
 #[cfg(test)]
 mod tests {
     use super::*;
+    use sage_core::motion::{HORIZON, NOW};
     use sage_data::procedural::{self, Kind};
 
     #[test]

@@ -36,7 +36,7 @@ impl Rule {
         let track = ctx.adversary();
         let mut ego: Vec<Point> = ctx.ego().positions().to_vec();
         // After the end of its path the ego counts as standing.
-        ego.resize(HORIZON, *ego.last().unwrap_or(&ctx.scene().ego().point(NOW)));
+        ego.resize(ctx.horizon(), *ego.last().unwrap_or(&ctx.scene().ego().point(NOW)));
         // The frame itself, or the nearest valid one; of two, the earlier.
         let position = |frame: usize| {
             if self.raw || track.is_valid(frame) {

@@ -20,7 +20,7 @@ mod time_to_react;
 
 use sage_core::{
     geometry::{OrientedBox, Point, dot, sub},
-    motion::{DT, HORIZON, NOW},
+    motion::{DT, NOW},
     objective::{Candidate, Context, Encounter},
 };
 use serde::{Deserialize, Serialize};
@@ -307,7 +307,7 @@ impl Avoidance {
         let mut passed = self.surroundings.passed(&from, attack.prefix.hits_before(start));
         let mut motion = Motion::new(self, start, manoeuvre);
         let mut before = from;
-        for step in start + 1..=HORIZON {
+        for step in start + 1..=self.ctx.horizon() {
             let (area, speed) = motion.step(self, (step - start - 1) as f64 * DT);
             let pair = [&before, &area];
             if self.surroundings.touched(step, pair, &attack.adversary, self.car.rear, &mut passed).is_some()

@@ -10,6 +10,7 @@ use sage_core::{
 
 use crate::{
     body::{Body, BodyKind, BodyShape},
+    episode::LAST_FRAME,
     observation::{Driving, LENGTH, ObservationKind, observe},
     policy::{Driver, EgoPolicy, Privilege, Seat, Start, View},
     route::{Localization, Route},
@@ -314,12 +315,13 @@ pub(crate) fn found(world: &World, contact: &Contact) -> Option<DriveContact> {
     Some(DriveContact { step, substep, car, other: *other, areas, velocities })
 }
 
-/// Drives a policy to the end of the log.
+/// Drives a policy to the end of the log, at most to the last frame of an episode.
 ///
 /// *Errors*: as [`Simulation::step`].
 pub fn drive(simulation: &mut Simulation) -> Result<Drive, Error> {
     let mut recorder = Recorder::new(simulation);
-    while simulation.world().step_count() + 1 < simulation.world().scene().scene().frames {
+    let last = LAST_FRAME.min(simulation.world().scene().scene().frames - 1);
+    while simulation.world().step_count() < last {
         simulation.step()?;
         recorder.record(simulation);
     }

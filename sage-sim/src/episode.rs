@@ -74,7 +74,7 @@ pub struct Episode {
     pub end: End,
     /// First frame at which 95 % of the logged route are behind the ego.
     pub arrived: Option<usize>,
-    /// Progress along the logged route by its length; `None` if that is below 5 m.
+    /// Progress along the logged route by its length up to frame 90; `None` if that is below 5 m.
     pub completion: Option<f64>,
     /// First contact with each road user, in the order of time. A replayed ego also has those after the end,
     /// because contacts do not change its drive.
@@ -93,7 +93,7 @@ impl Episode {
     ) -> Result<Self, Error> {
         let mut simulation = Simulation::new(scene, &Arc::default(), plan, policy, seed)?;
         let last = LAST_FRAME.min(scene.scene().frames - 1);
-        let route = scene.route().length();
+        let route = scene.window_length();
         let has_route = route >= SHORTEST_LOG;
         let (mut recorder, mut arrived, mut found) = (Recorder::new(&simulation), None, 0);
         while found == 0 && simulation.world().step_count() < last {

@@ -3,6 +3,8 @@
 //! Successive positions closer than 1 m are merged. `across` is positive to the **right** of the direction of
 //! travel, as in MetaDrive.
 
+use std::ops::RangeInclusive;
+
 use sage_core::{
     geometry::{Point, Segment, distance, dot, norm, sub},
     scene::{SceneIndex, Track},
@@ -101,8 +103,13 @@ impl Route {
     /// The route of a track's valid positions from a frame on, up to a jump of more than 100 m. With
     /// `one_run`, it ends at the first frame that is not valid.
     pub fn of_track(track: &Track, from: usize, one_run: bool) -> Self {
+        Self::of_frames(track, from..=track.valid.len().saturating_sub(1), one_run)
+    }
+
+    /// As [`Route::of_track`], of some frames.
+    pub(crate) fn of_frames(track: &Track, frames: RangeInclusive<usize>, one_run: bool) -> Self {
         let mut positions: Vec<Point> = Vec::new();
-        for frame in from..track.valid.len() {
+        for frame in frames {
             if !track.is_valid(frame) {
                 if one_run && !positions.is_empty() {
                     break;

@@ -10,6 +10,7 @@ use sage_core::{
 
 use crate::{
     body::BodyShape,
+    episode::LAST_FRAME,
     lines::{LineShapes, Lines},
     route::Route,
 };
@@ -44,6 +45,7 @@ pub struct SimScene {
     scene: Arc<Scene>,
     index: Arc<SceneIndex>,
     route: Route,
+    window_length: f64,
     guide: OnceLock<Route>,
     ego_size: [f64; 2],
     parked: Vec<bool>,
@@ -74,10 +76,16 @@ impl SimScene {
             }
         }
         let route = Route::of_track(ego, 0, false);
+        let window_length = if scene.frames <= LAST_FRAME + 1 {
+            route.length()
+        } else {
+            Route::of_frames(ego, 0..=LAST_FRAME, false).length()
+        };
         let ego_size = BodyShape::at_now(ego).size.unwrap_or([4.5, 1.9]);
         let parked = scene.tracks.iter().map(Track::is_parked).collect();
         Ok(Arc::new(Self {
             route,
+            window_length,
             guide: OnceLock::new(),
             ego_size,
             parked,
@@ -100,6 +108,12 @@ impl SimScene {
     /// The ego's logged route.
     pub fn route(&self) -> &Route {
         &self.route
+    }
+
+    /// Length of the ego's logged route up to the last frame of an episode, metres: what a drive can complete. A longer
+    /// recording goes on behind it.
+    pub fn window_length(&self) -> f64 {
+        self.window_length
     }
 
     /// The ego's route, continued along the lanes: what policies follow, so that one faster than the log

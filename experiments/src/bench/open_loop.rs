@@ -132,7 +132,7 @@ pub const COLUMNS: &[Column] = &[
     mean_of("WD speed", |r| r.paper.distances.wd_speed),
     mean_of("WD acceleration", |r| r.paper.distances.wd_acceleration),
     mean_of("WD yaw rate", |r| r.paper.distances.wd_yaw_rate),
-    share("attack, feasible or not", |r| yes(r.paper.collision)),
+    share("attack, feasible or not", |r| yes(r.paper.collision?)),
     share("attacks on a median", |r| if is_attack(r) { yes(touches_median(r)) } else { None }),
     share("feasible by `drivable`", |r| yes(r.paper.feasible_drivable)),
     mean_of("impact m/s", |r| r.paper.criticality.impact_speed),
@@ -141,7 +141,7 @@ pub const COLUMNS: &[Column] = &[
     mean_of("against − log", |r| Some(r.natural.against_lane - r.natural_log?.against_lane)),
     mean_of("speeding − log", |r| Some(r.natural.speeding - r.natural_log?.speeding)),
     mean_of("nll − log", |r| Some(r.nll? - r.nll_log?)),
-    share("release: attack", |r| yes(r.release.collision)),
+    share("release: attack", |r| yes(r.release.collision?)),
     mean_of("release: R_adv", |r| Some(r.release.adversarial_reward)),
     mean_of("release: P_beh", |r| Some(r.release.behavior_penalty)),
     mean_of("release: P_kin", |r| Some(r.release.kinematic_penalty)),
@@ -161,7 +161,7 @@ const AVOIDABLE: &[Column] = &[
 
 /// True if a feasible trajectory hits the ego.
 pub fn is_attack(row: &SceneRow) -> bool {
-    row.paper.collision && row.paper.feasible
+    row.paper.collision == Some(true) && row.paper.feasible
 }
 
 /// True if a person would believe the attack.

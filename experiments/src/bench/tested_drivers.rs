@@ -52,7 +52,7 @@ pub(crate) struct Attacked {
 
 impl Unattacked {
     fn of(drive: &Drive, data: &SceneData, scene: &SimScene, simulation: &Simulation) -> Self {
-        let (car, log) = (simulation.world().car(), scene.route().length());
+        let (car, log) = (simulation.world().car(), scene.window_length());
         let contacts = drive.contacts.iter().map(|contact| {
             let track = data.scene.tracks[contact.other.track].id.clone();
             (contact.step, track, classify(contact, car, &data.index))

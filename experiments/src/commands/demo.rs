@@ -122,7 +122,7 @@ fn print(attacked_scenes: &[AttackedScene]) -> Result<()> {
         let mean = |value: &dyn Fn(&Scores) -> f64| {
             scores.iter().map(|s| value(s)).sum::<f64>() / scores.len() as f64
         };
-        let hits = |s: &Scores| f64::from(u8::from(s.collision && s.feasible));
+        let hits = |s: &Scores| f64::from(u8::from(s.collision == Some(true) && s.feasible));
         let of_kind = |k: usize| {
             let per = SCENES as usize;
             let hit = scores[k * per..(k + 1) * per].iter().filter(|s| hits(s) > 0.0).count();

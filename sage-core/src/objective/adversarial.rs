@@ -22,7 +22,7 @@ pub fn release_reward(adversary: &[Point], size: [f64; 2], ego: &[Point], ego_si
     };
     let ego = boxes(&ego[..n], ego_size);
     let encounter = Encounter::follow(&boxes(&adversary[..n], size), ego.iter().map(Some));
-    (encounter.reward(Convention::Release), encounter.contact.is_some())
+    (encounter.reward_within(n, Convention::Release), encounter.contact.is_some())
 }
 
 /// The paper's R_adv.

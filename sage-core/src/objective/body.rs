@@ -4,7 +4,7 @@ use super::{Candidate, Convention, Sizes};
 use crate::{
     Error,
     geometry::distance,
-    motion::{DT, NOW, Pose, Trajectory, kinematics::paper},
+    motion::{DT, HORIZON, NOW, Pose, Trajectory, kinematics::paper},
     scene::Scene,
 };
 
@@ -49,6 +49,11 @@ impl Body {
     /// from the first two planned points. So is its heading if these points move; otherwise it is the last
     /// valid heading.
     pub fn candidate(&self, trajectory: Trajectory) -> Candidate {
+        self.candidate_until(trajectory, HORIZON)
+    }
+
+    /// As [`Body::candidate`], evaluated up to a step.
+    pub(super) fn candidate_until(&self, trajectory: Trajectory, horizon: usize) -> Candidate {
         let start = self.start.unwrap_or_else(|| {
             let [a, b] = [trajectory.points()[0], trajectory.points()[1]];
             let position = [2.0 * a[0] - b[0], 2.0 * a[1] - b[1]];
@@ -56,6 +61,6 @@ impl Body {
             let heading = if moves { (b[1] - a[1]).atan2(b[0] - a[0]) } else { self.last_heading };
             Pose { position, heading }
         });
-        Candidate::new(trajectory, start, self.size, self.convention, self.mirrored)
+        Candidate::new(trajectory, start, self, horizon)
     }
 }

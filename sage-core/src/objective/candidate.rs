@@ -1,6 +1,6 @@
 //! A trajectory with the derived quantities that every objective needs, computed once.
 
-use super::{Convention, others::CHUNK};
+use super::{Body, Convention, others::CHUNK};
 use crate::{
     geometry::{Aabb, OrientedBox, Point},
     motion::{
@@ -26,16 +26,16 @@ impl Candidate {
     pub(super) fn new(
         trajectory: Trajectory,
         start: Pose,
-        [length, width]: [f64; 2],
-        convention: Convention,
-        mirror: bool,
+        body: &Body,
+        horizon: usize,
     ) -> Self {
-        let profile = match convention {
-            Convention::Paper => paper::profile(trajectory.points(), &start),
-            Convention::Release => release::profile(trajectory.points()),
+        let ([length, width], mirror) = (body.size, body.mirrored);
+        let points = &trajectory.points()[..horizon];
+        let profile = match body.convention {
+            Convention::Paper => paper::profile(points, &start),
+            Convention::Release => release::profile(points),
         };
-        let boxes: Vec<OrientedBox> = trajectory
-            .points()
+        let boxes: Vec<OrientedBox> = points
             .iter()
             .zip(&profile.axis)
             .map(|(&center, &axis)| OrientedBox {
@@ -63,9 +63,19 @@ impl Candidate {
         self.nll
     }
 
-    /// The planned positions.
+    /// The planned positions, all 80.
     pub fn trajectory(&self) -> &Trajectory {
         &self.trajectory
+    }
+
+    /// Number of steps that are evaluated: the context's horizon. Boxes and profile have this length.
+    pub fn horizon(&self) -> usize {
+        self.boxes.len()
+    }
+
+    /// The planned positions of the evaluated steps.
+    pub fn points(&self) -> &[Point] {
+        &self.trajectory.points()[..self.horizon()]
     }
 
     /// The trajectory, without the derived quantities.
@@ -83,7 +93,7 @@ impl Candidate {
         &self.start
     }
 
-    /// Boxes of steps 1 to 80 for tests against the ego.
+    /// Boxes of steps 1 to the horizon for tests against the ego.
     pub fn boxes(&self) -> &[OrientedBox] {
         &self.boxes
     }
@@ -94,7 +104,7 @@ impl Candidate {
         OrientedBox { center: self.start.position, axis: [cos, sin], ..self.boxes[0] }
     }
 
-    /// Boxes of steps 1 to 80 for tests against the map and other agents. They equal [`Candidate::boxes`],
+    /// Boxes of steps 1 to the horizon for tests against the map and other agents. They equal [`Candidate::boxes`],
     /// except for the published code's mirrored boxes.
     pub fn map_boxes(&self) -> &[OrientedBox] {
         self.mirrored.as_ref().unwrap_or(&self.boxes)

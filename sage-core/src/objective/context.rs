@@ -8,7 +8,8 @@ use super::{
 };
 use crate::{
     Error,
-    motion::Trajectory,
+    geometry::OrientedBox,
+    motion::{NOW, Trajectory},
     scene::{Scene, SceneIndex, Track},
 };
 
@@ -38,15 +39,18 @@ pub struct Context {
     ego_size: [f64; 2],
     egos: Arc<[EgoPath]>,
     others: Arc<[OtherAgent]>,
+    horizon: usize,
+    is_in_contact_now: bool,
 }
 
 impl Context {
     /// Prepares a scene for scoring.
     ///
-    /// *Errors*: [`Error::Scene`] if there is no adversary, or if no ego path is given and the scene ends
-    /// before frame 90 or has no valid frame of the ego after frame 10.
+    /// *Errors*: [`Error::Scene`] if there is no adversary, if less than 1 s after *now* is recorded, or if no ego
+    /// path is given and the ego has no valid frame after *now*.
     pub fn new(scene: &Arc<Scene>, index: &Arc<SceneIndex>, options: &ContextOptions) -> Result<Self, Error> {
         let adversary = scene.adversary_index()?;
+        let horizon = scene.attackable_horizon()?;
         let ContextOptions { convention, sizes, ego, mirrored_boxes } = options;
         let mirrored = mirrored_boxes.unwrap_or(*convention == Convention::Release);
         let (ego_size, size) = sizes.of(scene, adversary);
@@ -67,6 +71,8 @@ impl Context {
             ego_size,
             egos: egos.into(),
             others,
+            horizon,
+            is_in_contact_now: overlap_now(scene, [scene.ego, adversary], [ego_size, size]),
         })
     }
 
@@ -79,9 +85,33 @@ impl Context {
         Ok(Self { egos, ..self.clone() })
     }
 
-    /// Prepares a trajectory for scoring, as [`Body::candidate`].
+    /// Prepares a trajectory for scoring up to the horizon, as [`Body::candidate`].
     pub fn candidate(&self, trajectory: Trajectory) -> Candidate {
-        self.body.candidate(trajectory)
+        self.body.candidate_until(trajectory, self.horizon)
+    }
+
+    /// Whether ego and adversary overlap *now*. Then no contact with the ego is measured.
+    pub fn is_in_contact_now(&self) -> bool {
+        self.is_in_contact_now
+    }
+
+    /// Refuses a scene in which ego and adversary overlap *now*.
+    ///
+    /// *Errors*: [`Error::ContactNow`].
+    pub fn check_apart_now(&self) -> Result<(), Error> {
+        if !self.is_in_contact_now {
+            return Ok(());
+        }
+        Err(Error::ContactNow {
+            scene: self.scene.id.clone(),
+            ego: self.scene.ego().id.clone(),
+            adversary: self.adversary().id.clone(),
+        })
+    }
+
+    /// Number of steps that are evaluated: those that are recorded, at most 80 ([`Scene::horizon`]).
+    pub fn horizon(&self) -> usize {
+        self.horizon
     }
 
     /// The scene.
@@ -97,6 +127,11 @@ impl Context {
     /// The adversary's logged track.
     pub fn adversary(&self) -> &Track {
         &self.scene.tracks[self.adversary]
+    }
+
+    /// The adversary's body, which prepares all 80 steps of a trajectory.
+    pub fn body(&self) -> &Body {
+        &self.body
     }
 
     /// Convention of the formulas.
@@ -137,4 +172,13 @@ impl Context {
             Convention::Release => &self.others[..self.others.len().min(RELEASE_AGENTS)],
         }
     }
+}
+
+/// Whether the boxes of two tracks, with given lengths and widths, overlap *now*; borders excluded.
+fn overlap_now(scene: &Scene, tracks: [usize; 2], sizes: [[f64; 2]; 2]) -> bool {
+    let [a, b] = [0, 1].map(|k| {
+        let (track, [length, width]) = (&scene.tracks[tracks[k]], sizes[k]);
+        track.is_valid(NOW).then(|| OrientedBox::new(track.point(NOW), track.heading[NOW], length, width))
+    });
+    a.zip(b).is_some_and(|(a, b)| a.overlap_depth(&b) > 0.0)
 }

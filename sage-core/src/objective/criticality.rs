@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{Candidate, EgoPath, Reward, Situation};
 use crate::{
     geometry::{OrientedBox, Point, cross, dot, norm, sub},
-    motion::{DT, HORIZON},
+    motion::DT,
     registry::{Entry, NoOptions},
 };
 
@@ -85,7 +85,7 @@ impl Criticality {
 
 /// Least time to collision, and greatest required deceleration before contact.
 fn approach(Situation { candidate, ego: path, encounter, .. }: &Situation) -> (Option<f64>, Option<f64>) {
-    let end = encounter.contact.unwrap_or(HORIZON + 1);
+    let end = encounter.contact.unwrap_or(candidate.horizon() + 1);
     let mut least: Option<f64> = None;
     let mut hardest: Option<f64> = None;
     for step in 1..end {
@@ -133,10 +133,10 @@ pub fn time_to_touch(ego: &OrientedBox, other: &OrientedBox, velocity: Point) ->
 /// Least time between the two occupying the same area, seconds.
 fn post_encroachment_time(candidate: &Candidate, path: &EgoPath) -> Option<f64> {
     let mut least: Option<usize> = None;
-    for (s, ego) in path.boxes().iter().enumerate() {
+    for (s, ego) in path.boxes().iter().enumerate().take(candidate.horizon()) {
         let Some(ego) = ego else { continue };
-        let reach = least.map_or(HORIZON, |gap| gap.saturating_sub(1));
-        let steps = s.saturating_sub(reach)..(s + reach + 1).min(HORIZON);
+        let reach = least.map_or(candidate.horizon(), |gap| gap.saturating_sub(1));
+        let steps = s.saturating_sub(reach)..(s + reach + 1).min(candidate.horizon());
         let gaps = steps.filter(|&t| candidate.boxes()[t].intersects(ego)).map(|t| s.abs_diff(t));
         if let Some(gap) = gaps.min() {
             least = Some(least.map_or(gap, |l| l.min(gap)));

@@ -46,7 +46,7 @@ pub trait DifferentiableReward: Send + Sync {
     /// Name of the term in messages.
     fn name(&self) -> &str;
 
-    /// Value of the poses at the steps 1 to T. Adds its gradient to `gradient`, which has T entries.
+    /// Value of the poses at the steps 1 to T. Adds its gradient to `gradient`, which has T entries or more.
     fn value(&self, poses: &[Pose], ctx: &Context, gradient: &mut PoseGradient) -> f64;
 }
 
@@ -63,7 +63,7 @@ impl SmoothObjective {
         Self { terms, scratch: PoseGradient::default() }
     }
 
-    /// Value of poses. Writes its gradient to `gradient`.
+    /// Value of the poses up to the context's horizon. Writes its gradient, of all poses, to `gradient`.
     ///
     /// *Errors*: the name of a term whose value or gradient is not finite.
     pub fn value(
@@ -73,12 +73,14 @@ impl SmoothObjective {
         gradient: &mut PoseGradient,
     ) -> Result<f64, String> {
         *gradient = PoseGradient::zeros(poses.len());
+        // What lies beyond the recording is not scored, so nothing pulls at it.
+        let scored = &poses[..poses.len().min(ctx.horizon())];
         self.scratch.position.resize(poses.len(), [0.0; 2]);
         self.scratch.heading.resize(poses.len(), 0.0);
         let mut sum = 0.0;
         for (weight, term) in &self.terms {
             self.scratch.clear();
-            let value = term.value(poses, ctx, &mut self.scratch);
+            let value = term.value(scored, ctx, &mut self.scratch);
             if !(value.is_finite() && self.scratch.is_finite()) {
                 return Err(term.name().to_owned());
             }

@@ -106,12 +106,17 @@ impl<'a> Drive<'a> {
         let now = candidate.box_now();
         let mut chunks = candidate.true_chunks();
         let boxes = candidate.boxes();
-        for (chunk, bounds) in chunks.iter_mut().enumerate() {
+        for (chunk, bounds) in chunks.iter_mut().take(boxes.len().div_ceil(CHUNK)).enumerate() {
             let before = if chunk == 0 { &now } else { &boxes[chunk * CHUNK - 1] };
             *bounds = bounds.union(&before.aabb());
         }
         let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
         Self { options, candidate, ctx, now, chunks, bounds, heights: None }
+    }
+
+    /// Number of groups of [`CHUNK`] steps up to the horizon.
+    fn groups(&self) -> usize {
+        self.candidate.horizon().div_ceil(CHUNK)
     }
 
     /// The box at a step, 0 (*now*) to 80.
@@ -144,7 +149,7 @@ impl<'a> Drive<'a> {
             return false;
         }
         let mut level = ground(track.position[NOW][2], track.size[NOW][2]);
-        let followed = (0..=HORIZON).map(|step| {
+        let followed = (0..=self.candidate.horizon()).map(|step| {
             level = ctx.index().follow_ground(self.at(step).center, level, gap);
             level
         });
@@ -171,14 +176,14 @@ impl<'a> Drive<'a> {
         let edges = self.edges();
         let mut first = [None, None];
         let mut near: Vec<(Aabb, usize, &Segment)> = Vec::with_capacity(64);
-        for (chunk, bounds) in self.chunks.iter().enumerate() {
+        for (chunk, bounds) in self.chunks.iter().take(self.groups()).enumerate() {
             near.clear();
             let segments = edges.near(bounds).flat_map(|run| &edges.segments()[run]);
             let met = segments.map(|s| (s.aabb(), s)).filter(|(aabb, _)| aabb.meets(bounds));
             near.extend(met.map(|(aabb, s)| (aabb, usize::from(self.is_median(s)), s)));
             near.retain(|(_, kind, _)| first[*kind].is_none());
             let mut before = self.at(chunk * CHUNK).aabb();
-            for step in chunk * CHUNK + 1..=(chunk + 1) * CHUNK {
+            for step in chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(self.candidate.horizon()) {
                 if near.is_empty() {
                     break;
                 }
@@ -216,7 +221,7 @@ impl<'a> Drive<'a> {
         let mut first: Option<(usize, usize)> = None;
         for other in self.ctx.others().iter().filter(|other| other.swept_bounds().meets(&self.bounds)) {
             // Only an earlier contact can replace the current one.
-            let end = first.map_or(HORIZON, |(step, _)| step - 1);
+            let end = first.map_or(self.candidate.horizon(), |(step, _)| step - 1);
             let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.swept_chunks()[k].meets(&self.chunks[k]));
             let mut steps = near.flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end));
             if let Some(step) = steps.find(|&step| self.meets(other, step)) {
@@ -290,7 +295,7 @@ impl<'a> Drive<'a> {
     fn first_outside<T>(&self, test: impl Fn(usize) -> (Option<T>, f64)) -> Option<(usize, T)> {
         let half_width = self.now.half_width;
         let (mut last, mut clear) = (0, 0.0f64);
-        for step in 1..=HORIZON {
+        for step in 1..=self.candidate.horizon() {
             let moved = distance(self.at(last).center, self.at(step).center);
             // A boundary nearer than half the width touches the box.
             let may_have_changed = moved >= clear.max(half_width);

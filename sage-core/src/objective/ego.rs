@@ -165,23 +165,16 @@ fn boxes(
 fn logged(scene: &Scene, options: PathOptions) -> Result<EgoPath, Error> {
     let ego = scene.ego();
     let fail = |problem: String| Err(Error::Scene { scene: scene.id.clone(), problem });
-    if scene.frames <= NOW + HORIZON {
-        return fail(format!(
-            "it ends at frame {}, but the logged ego path needs frames {} to {}; give an `ego` path with each candidate",
-            scene.frames - 1,
-            NOW + 1,
-            NOW + HORIZON
-        ));
-    }
-    if ego.count_valid(NOW + 1..NOW + HORIZON + 1) == 0 {
+    let frames = NOW + 1..NOW + scene.horizon() + 1;
+    if ego.count_valid(frames.clone()) == 0 {
         return fail(format!(
             "ego `{}` has no valid frame after frame {NOW}; give an `ego` path with each candidate",
             ego.id
         ));
     }
     let mut last = ego.point(NOW);
-    let mut headings = Vec::with_capacity(HORIZON);
-    let positions: Vec<Point> = (NOW + 1..=NOW + HORIZON)
+    let mut headings = Vec::with_capacity(frames.len());
+    let positions: Vec<Point> = frames
         .map(|frame| {
             if ego.is_valid(frame) {
                 last = ego.point(frame);
@@ -191,7 +184,8 @@ fn logged(scene: &Scene, options: PathOptions) -> Result<EgoPath, Error> {
         })
         .collect();
     let boxes = boxes(&positions, Some(&headings), ego, options);
-    let present =
+    let mut present: Vec<Option<OrientedBox>> =
         boxes.into_iter().zip(NOW + 1..).map(|(b, frame)| ego.is_valid(frame).then_some(b)).collect();
+    present.resize(HORIZON, None);
     Ok(EgoPath { weight: 1.0, start: ego.point(NOW), positions, boxes: present })
 }

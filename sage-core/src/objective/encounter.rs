@@ -6,7 +6,7 @@
 //! the published code.
 
 use super::{Candidate, Convention, EgoPath};
-use crate::geometry::OrientedBox;
+use crate::{geometry::OrientedBox, motion::HORIZON};
 
 /// Reward of an immediate contact.
 const CONTACT: f64 = 10.0;
@@ -70,8 +70,15 @@ impl Encounter {
     }
 
     /// The adversarial reward of this encounter.
+    ///
+    /// T is 80 however long the recording is, so a contact at a time is worth the same in every scene.
     pub fn reward(&self, convention: Convention) -> f64 {
-        let horizon = self.steps as f64;
+        self.reward_within(HORIZON, convention)
+    }
+
+    /// The reward with T = `horizon`.
+    pub(super) fn reward_within(&self, horizon: usize, convention: Convention) -> f64 {
+        let horizon = horizon as f64;
         match (self.contact, convention) {
             (Some(step), Convention::Paper) => CONTACT * (1.0 - step as f64 / horizon),
             (Some(step), Convention::Release) => CONTACT * (1.0 - (step - 1) as f64 / horizon),

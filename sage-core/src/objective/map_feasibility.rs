@@ -85,7 +85,7 @@ fn first_contact(
     chunks: &[Aabb; HORIZON / CHUNK],
     edges: &SegmentIndex,
 ) -> Option<EdgeContact> {
-    for (chunk, bounds) in chunks.iter().enumerate() {
+    for (chunk, bounds) in chunks.iter().take(boxes.len().div_ceil(CHUNK)).enumerate() {
         let near: Vec<_> = edges
             .near(bounds)
             .flat_map(|run| &edges.segments()[run])
@@ -95,7 +95,7 @@ fn first_contact(
             continue;
         }
         let first = chunk * CHUNK;
-        for (step, b) in boxes[first..first + CHUNK].iter().enumerate() {
+        for (step, b) in boxes[first..boxes.len().min(first + CHUNK)].iter().enumerate() {
             if let Some(touched) = near.iter().find(|s| b.intersects_segment(s.a, s.b)) {
                 return Some(EdgeContact { step: first + step + 1, feature: touched.feature as usize });
             }
@@ -117,7 +117,7 @@ fn first_agent_contact(
             continue;
         }
         // Only an earlier contact can replace the current one.
-        let end = first.map_or(HORIZON, |contact| contact.step - 1);
+        let end = first.map_or(candidate.horizon(), |contact| contact.step - 1);
         let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.chunks()[k].meets(&candidate.chunks()[k]));
         let step = near.flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end)).find(|&step| {
             other.map_box(step).is_some_and(|b| b.intersects(&candidate.map_boxes()[step - 1]))

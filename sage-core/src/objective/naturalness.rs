@@ -41,7 +41,7 @@ impl Naturalness {
     /// Measures every step of a candidate.
     pub fn of(candidate: &Candidate, ctx: &Context) -> Self {
         let lanes = ctx.index().motor_lanes();
-        let points = candidate.trajectory().points();
+        let points = candidate.points();
         let (mut distance, mut error, mut moving, mut against, mut speeding) = (0.0, 0.0, 0, 0, 0);
         for (step, &point) in points.iter().enumerate() {
             let axis = candidate.profile().axis[step];

@@ -5,7 +5,6 @@ use std::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 use super::Encounter;
-use crate::motion::HORIZON;
 
 /// Steps that a measure considers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -23,11 +22,11 @@ pub enum Phase {
 impl Phase {
     /// The steps, from 1; possibly none.
     pub fn steps(self, encounter: &Encounter) -> RangeInclusive<usize> {
-        let contact = encounter.contact.unwrap_or(HORIZON);
+        let contact = encounter.contact.unwrap_or(encounter.steps);
         match self {
-            Self::Whole => 1..=HORIZON,
+            Self::Whole => 1..=encounter.steps,
             Self::Before => 1..=contact,
-            Self::After => contact + 1..=HORIZON,
+            Self::After => contact + 1..=encounter.steps,
         }
     }
 }
@@ -35,6 +34,7 @@ impl Phase {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motion::HORIZON;
 
     #[test]
     fn the_contact_belongs_to_what_leads_to_it_and_the_parts_make_the_whole() {

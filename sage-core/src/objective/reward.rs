@@ -17,7 +17,12 @@ pub struct Situation<'a> {
 impl<'a> Situation<'a> {
     /// A candidate against an ego path.
     pub fn new(candidate: &'a Candidate, ego: &'a EgoPath, ctx: &'a Context) -> Self {
-        Self { candidate, ego, encounter: Encounter::of(candidate, ego), ctx }
+        let mut encounter = Encounter::of(candidate, ego);
+        if ctx.is_in_contact_now() {
+            // A contact that the adversary did not bring about is not measured.
+            encounter.contact = None;
+        }
+        Self { candidate, ego, encounter, ctx }
     }
 }
 

@@ -16,6 +16,7 @@ use super::{
 };
 use crate::{
     Error,
+    motion::HORIZON,
     registry::{Entry, Registry},
 };
 
@@ -24,9 +25,12 @@ use crate::{
 pub struct Scores {
     /// Early contact with the ego, else closeness.
     pub adversarial_reward: f64,
-    /// Whether ego and adversary touch.
-    pub collision: bool,
-    /// First step with contact, 1 to 80.
+    /// Number of steps that are evaluated: those that are recorded, at most 80.
+    #[serde(default = "whole")]
+    pub horizon: usize,
+    /// Whether ego and adversary touch; `None` if they overlap *now*, where contact is not measured.
+    pub collision: Option<bool>,
+    /// First step with contact, 1 to the horizon.
     pub collision_step: Option<usize>,
     /// P_kin.
     pub kinematic_penalty: f64,
@@ -61,6 +65,11 @@ pub struct Scores {
     /// Violations of further feasibility rules, by name.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rules: BTreeMap<String, Vec<Violation>>,
+}
+
+/// The horizon of rows that say none.
+fn whole() -> usize {
+    HORIZON
 }
 
 /// Rewards and rules that are measured in addition to the fields of [`Scores`].
@@ -166,7 +175,8 @@ impl<'c> Scorer<'c> {
         let rules = self.further.iter().flat_map(|further| &further.rules);
         Scores {
             adversarial_reward: situation.encounter.reward(ctx.convention()),
-            collision: situation.encounter.contact.is_some(),
+            horizon: ctx.horizon(),
+            collision: (!ctx.is_in_contact_now()).then_some(situation.encounter.contact.is_some()),
             collision_step: situation.encounter.contact,
             kinematic_penalty: kinematic_penalty(candidate.profile()),
             behavior_penalty: behavior_penalty(candidate.profile()),

@@ -9,7 +9,7 @@
 use super::{Context, DifferentiableReward, PoseGradient};
 use crate::{
     geometry::{OrientedBox, Point, cross, dot, norm, sub},
-    motion::Pose,
+    motion::{HORIZON, Pose},
 };
 
 /// Reward of an immediate contact, and decay of closeness with distance, 1/m.
@@ -57,8 +57,7 @@ impl DifferentiableReward for SmoothAdversarial {
             .enumerate()
             .map(|(k, pose)| Some(Gap::of(pose, [0.5 * length, 0.5 * width], ego.box_at(k + 1)?)))
             .collect();
-        let steps = poses.len() as f64;
-        let worth = |k: usize| CONTACT * (1.0 - k as f64 / steps);
+        let worth = |k: usize| CONTACT * (1.0 - k as f64 / HORIZON as f64);
         // Soft contact, and "no contact before" each step.
         let mut free = 1.0;
         let mut soft: Vec<[f64; 2]> = Vec::with_capacity(gaps.len());

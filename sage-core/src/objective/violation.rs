@@ -16,6 +16,9 @@ pub const AGENT: &str = "agent";
 /// The centre is beyond the road edge.
 pub const OFF_ROAD: &str = "off_road";
 
+/// Ego and adversary overlap *now*: whatever the adversary does, it is no attack.
+pub const CONTACT_NOW: &str = "contact_now";
+
 /// Cost of leaving the road (published code).
 pub const EDGE_COST: f64 = 50.0;
 /// Cost of touching another road user (published code).
@@ -28,7 +31,7 @@ pub struct Violation {
     pub rule: Cow<'static, str>,
     /// Cost, > 0. It counts if no candidate is feasible, and in objectives that weigh violations.
     pub cost: f64,
-    /// First step of the violation, 1 to 80.
+    /// First step of the violation, 1 to the horizon.
     pub step: usize,
     /// Position of the adversary at that step, metres.
     pub place: Point,

@@ -77,7 +77,8 @@ impl Start {
     /// *Errors*: as [`Start::of_log`].
     pub(crate) fn of_plan(ctx: &Context, plan: &Trajectory) -> Result<Self, Error> {
         let start = Self::of_log(ctx)?;
-        let candidate = ctx.candidate(plan.clone());
+        // The search moves all steps, also those beyond the horizon.
+        let candidate = ctx.body().candidate(plan.clone());
         let pose = |area: &sage_core::geometry::OrientedBox| Pose {
             position: area.center,
             heading: area.axis[1].atan2(area.axis[0]),

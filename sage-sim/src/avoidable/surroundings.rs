@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use sage_core::{
     geometry::{Aabb, OrientedBox, Point, SweptBox, boxes_meet_between, sub},
-    motion::{HORIZON, NOW},
+    motion::NOW,
     objective::Context,
     scene::SceneIndex,
 };
@@ -68,7 +68,7 @@ impl Surroundings {
     pub(super) fn new(ctx: &Context) -> Self {
         let (scene, index) = (ctx.scene(), ctx.index());
         let ego = scene.ego();
-        let last = (0..=NOW + HORIZON).rev().find(|&f| f < ego.valid.len() && ego.is_valid(f)).unwrap_or(NOW);
+        let last = (0..=NOW + ctx.horizon()).rev().find(|&f| ego.is_valid(f)).unwrap_or(NOW);
         let ground_at = |track: &sage_core::scene::Track, frame: usize| {
             track.position[frame][2] - 0.5 * track.size[frame][2]
         };
@@ -76,8 +76,8 @@ impl Surroundings {
             let frame = (NOW..=(NOW + step).min(last)).rev().find(|&f| ego.is_valid(f)).unwrap_or(NOW);
             ground_at(ego, frame)
         };
-        let ground: Vec<f64> = (0..=HORIZON).map(level).collect();
-        let mut others: Vec<Vec<Moving>> = (0..HORIZON).map(|_| Vec::new()).collect();
+        let ground: Vec<f64> = (0..=ctx.horizon()).map(level).collect();
+        let mut others: Vec<Vec<Moving>> = (0..ctx.horizon()).map(|_| Vec::new()).collect();
         for other in ctx.others() {
             let track = &scene.tracks[other.track];
             for (k, list) in others.iter_mut().enumerate() {
@@ -182,10 +182,11 @@ impl Surroundings {
     ) -> bool {
         const STEPS: usize = 20;
         let mut own = (*before, *last, speed);
-        let mut others: Vec<(OrientedBox, OrientedBox)> = self.others[HORIZON - 1]
+        let final_step = adversary.len() - 1;
+        let mut others: Vec<(OrientedBox, OrientedBox)> = self.others[final_step]
             .iter()
             .filter(|other| !passed.from_behind.contains(&other.track))
-            .chain([&adversary[HORIZON - 1]])
+            .chain([&adversary[final_step]])
             .map(|other| (other.from, other.to))
             .collect();
         let moved = |area: &OrientedBox, by: Point| OrientedBox {

@@ -21,7 +21,9 @@ pub(super) fn is_shown_avoidable(scene: &SimScene, plan: &Plan, motions: &[Motio
     let search = || -> Option<bool> {
         let recorded = Arc::new(drive.recorded(scene.scene()));
         let ctx = Context::new(&recorded, scene.index(), &ContextOptions::default()).ok()?;
-        let points = (NOW + 1..=NOW + HORIZON).map(|frame| plan.motion.point(frame)).collect();
+        // Beyond the recording nothing is scored.
+        let last = plan.motion.valid.len() - 1;
+        let points = (NOW + 1..=NOW + HORIZON).map(|frame| plan.motion.point(frame.min(last))).collect();
         let trajectory = Trajectory::new("plan", points).ok()?;
         let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default()).ok()?;
         avoidance.of_contact(&ctx.candidate(trajectory), step.checked_sub(NOW)).avoidable

@@ -198,16 +198,18 @@ impl AttackFile {
     }
 
     fn future(&self, track: &Track) -> Result<Trajectory> {
-        let (name, frames) = (&self.name, NOW + 1..=NOW + HORIZON);
+        let (name, last) = (&self.name, (NOW + HORIZON).min(track.valid.len() - 1));
+        let frames = NOW + 1..=last;
         if let Some(frame) = frames.clone().find(|frame| !track.is_valid(*frame)) {
             bail!(
-                "the adversary `{}` of `{name}` is not valid at frame {frame}; an attack needs frames {} to {}",
+                "the adversary `{}` of `{name}` is not valid at frame {frame}; an attack needs frames {} to {last}",
                 track.id,
-                NOW + 1,
-                NOW + HORIZON
+                NOW + 1
             );
         }
-        Ok(Trajectory::new(name, frames.map(|frame| track.point(frame)).collect())?)
+        // Beyond the recording nothing is driven; the trajectory stays at its last position.
+        let position = |frame: usize| track.point(frame.min(last));
+        Ok(Trajectory::new(name, (NOW + 1..=NOW + HORIZON).map(position).collect())?)
     }
 }
 

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use anyhow::{Result, ensure};
+use anyhow::Result;
 use sage_core::{
-    motion::{HORIZON, NOW, Trajectory},
+    motion::Trajectory,
     objective::{Context, ContextOptions, Reason, Scorer},
     scene::{Scene, SceneIndex},
 };
@@ -100,12 +100,7 @@ impl<'a> SceneAttacks<'a> {
         before: Option<&Drive>,
     ) -> Result<Vec<PlannedDrive>> {
         let context = || {
-            let last = NOW + HORIZON;
-            ensure!(
-                scene.frames > last,
-                "it ends at frame {}, and an attack needs frames up to {last}; drive it without an attack",
-                scene.frames - 1
-            );
+            scene.attackable_horizon()?;
             let recorded = before.map_or_else(|| scene.clone(), |drive| ego.recorded(scene, drive));
             Ok(Context::new(&recorded, index, &ContextOptions::default())?)
         };

@@ -1,0 +1,15 @@
+//! A generator for scenes in which ego and adversary do not overlap *now*.
+
+use super::{Attack, Generator, OperatingPoint};
+use crate::{Error, objective::Context};
+
+/// A generator that refuses scenes in which ego and adversary overlap *now*: a contact there is not its doing.
+pub struct ApartNow(pub Box<dyn Generator>);
+
+impl Generator for ApartNow {
+    /// *Errors*: [`Error::ContactNow`], and those of the generator.
+    fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, Error> {
+        ctx.check_apart_now()?;
+        self.0.attacks(ctx, at, seed)
+    }
+}

@@ -10,7 +10,7 @@ use sage_core::{
     objective::EgoPaths,
     scene::{AdversaryOrigin, Scene},
 };
-use sage_data::Recording;
+use sage_data::{ReadOptions, Recording, checks};
 use serde::Deserialize;
 
 use crate::progress;
@@ -77,9 +77,17 @@ fn ego_path(what: &str, rows: &[Vec<f64>]) -> Result<EgoPaths> {
 /// adversary was selected by conflict, or if either track is not valid where it is needed.
 ///
 /// *Errors*: the file is not a scene, or a track cannot be ego or adversary.
-pub(crate) fn read_scene(path: &Path, ego: Option<&str>, adversary: Option<&str>) -> Result<Scene> {
-    let scene = Recording::read(path)?.scene;
+pub(crate) fn read_scene(
+    path: &Path,
+    options: &ReadOptions,
+    ego: Option<&str>,
+    adversary: Option<&str>,
+) -> Result<Scene> {
+    let scene = Recording::read_as(path, options)?.scene;
     let scene = scene.with_roles(ego, adversary).with_context(|| format!("`{}`", path.display()))?;
+    for warning in checks::important(&scene) {
+        progress::say(&format!("warning: {warning}"));
+    }
     let Some(adversary) = scene.adversary.map(|k| &scene.tracks[k]) else { return Ok(scene) };
     if scene.adversary_origin == AdversaryOrigin::Conflict {
         progress::say(&format!(

@@ -7,6 +7,7 @@ mod converting;
 mod driving;
 mod learning;
 mod mixing;
+mod reading;
 mod theory;
 mod training;
 
@@ -30,6 +31,7 @@ pub(crate) use learning::{
     AblationArgs, ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg,
 };
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};
+pub(crate) use reading::ReadingArgs;
 pub(crate) use theory::TheoryArgs;
 pub(crate) use training::{ClosedLoopArgs, TrainEgoArgs};
 
@@ -134,6 +136,8 @@ pub(crate) struct InspectArgs {
     /// Report a broken record of a shard and go on with the next one, instead of leaving the rest of the shard.
     #[arg(long)]
     pub keep_going: bool,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
 }
 
 /// Score candidate trajectories of the adversary: reward, penalties, feasibility, criticality.
@@ -171,6 +175,8 @@ pub(crate) struct ScoreArgs {
     /// Print one JSON object per line.
     #[arg(long)]
     pub json: bool,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
 }
 
 /// Draw a scene from above as SVG.
@@ -203,6 +209,8 @@ pub(crate) struct DrawArgs {
     /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
 }
 
 /// Generate procedural scenes with an ego and an adversary in conflict.
@@ -328,7 +336,7 @@ pub(crate) struct FolderArgs {
 }
 
 /// Filters of the given scenes.
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub(crate) struct SplitArgs {
     /// JSON file of splits: an object of split names with lists of scene names.
     #[arg(long, value_name = "FILE")]
@@ -342,6 +350,8 @@ pub(crate) struct SplitArgs {
     /// Use only the scenes with these comma-separated names.
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub scenes: Vec<String>,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
 }
 
 impl Cli {

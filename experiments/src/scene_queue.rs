@@ -14,6 +14,7 @@ use std::{
 
 use anyhow::{Result, bail};
 use sage_core::files;
+use sage_data::ReadOptions;
 
 use crate::{
     input,
@@ -37,20 +38,22 @@ pub(crate) struct Input {
 pub(crate) enum Failure {
     /// Ends the scene; the others continue.
     Scene(anyhow::Error),
+    /// Ends the scene, which counts as left out and not as failed: what is asked cannot be measured in it.
+    LeftOut(String),
     /// Ends the run: no scene can be worked on.
     Run(anyhow::Error),
 }
 
-/// Scene files with the names of their outputs.
+/// Scene files with the names of their outputs, which say which part of a recording is read.
 ///
 /// *Errors*: two scenes have the same name, or a name cannot be listed in a data set.
-pub(crate) fn inputs(files: &[PathBuf]) -> Result<Vec<Input>> {
+pub(crate) fn inputs(files: &[PathBuf], options: &ReadOptions) -> Result<Vec<Input>> {
     let mut seen: HashMap<String, &Path> = HashMap::new();
     let mut inputs = Vec::with_capacity(files.len());
     for file in files {
         // A record that cannot be named fails when it is read.
         let unnamed = || file.file_name().unwrap_or_default().to_string_lossy().replace('#', "-record-");
-        let scene = input::scene_name(file).unwrap_or_else(|_| unnamed());
+        let scene = input::scene_name(file).unwrap_or_else(|_| unnamed()) + &options.suffix();
         if let Some(other) = seen.insert(scene.clone(), file) {
             bail!(
                 "`{}` and `{}` have the same name, so their outputs would have; rename one, or run them into two folders",
@@ -86,7 +89,7 @@ pub(crate) fn work(
             let outcome = match one(input) {
                 Ok(scene) => {
                     times.lock().unwrap_or_else(PoisonError::into_inner).extend(scene.seconds);
-                    report.done(number, scene)
+                    report.done(number, &input.scene, scene)
                 }
                 Err(Failure::Scene(error)) if output::is_disk_full(&error) => Err(error.context(format!(
                     "the disk is full; {} of {} scenes are finished in `{}`; free space and run the same command again",
@@ -95,6 +98,7 @@ pub(crate) fn work(
                     run.folder().path().display()
                 ))),
                 Err(Failure::Scene(error)) => report.failed(number, &input.file, &error),
+                Err(Failure::LeftOut(reason)) => report.left_out(number, &input.scene, &reason),
                 Err(Failure::Run(error)) => Err(error),
             };
             if let Err(error) = outcome {

@@ -15,7 +15,7 @@ use sage_core::{
     objective::{Context, ContextOptions},
 };
 use sage_data::{
-    Recording, folder,
+    ReadOptions, Recording, checks, folder,
     procedural::{self, Kind},
     womd,
 };
@@ -30,10 +30,21 @@ const WINDOW: usize = 64;
 /// Memory limit for the scenes of a training run, bytes. A recorded scene takes about 3 MB.
 const MEMORY_LIMIT: usize = 8 << 30;
 
+/// Kind under which files that are no scene are counted.
+const UNREADABLE: &str = "unreadable";
+
 /// A list of scenes.
+#[derive(Default)]
 pub(crate) struct Scenes {
     entries: Vec<Entry>,
+    /// How files are read.
+    options: ReadOptions,
+    /// Number of scenes with each important warning; filled when all scenes have been read once.
+    warnings: BTreeMap<&'static str, usize>,
 }
+
+/// A scene that is kept, and its important warnings with their kinds.
+type Checked = (Option<Entry>, Vec<(&'static str, String)>);
 
 /// One scene, and the hash of its content at the first reading.
 #[derive(Clone)]
@@ -68,7 +79,7 @@ impl Scenes {
         for path in paths {
             files.extend(folder::scene_files(path)?);
         }
-        Self::of_files(selected(files, split)?)
+        Self::of_files(selected(files, split)?, split.reading.options())
     }
 
     /// All scenes under the given paths.
@@ -76,16 +87,16 @@ impl Scenes {
     /// *Errors*: a folder cannot be listed.
     pub(crate) fn under(paths: &[PathBuf]) -> Result<Self> {
         let files = paths.iter().map(|path| folder::scene_files(path)).collect::<Result<Vec<_>, _>>()?;
-        Self::of_files(files.concat())
+        Self::of_files(files.concat(), ReadOptions::default())
     }
 
     /// Procedural scenes, the kinds in turn. A number for which no scene can be generated is skipped later.
     pub(crate) fn procedural(count: u64, seed: u64) -> Self {
         let entry = |number| Entry { origin: Origin::Procedural(number, seed), content: None };
-        Self { entries: (0..count).map(entry).collect() }
+        Self { entries: (0..count).map(entry).collect(), ..Self::default() }
     }
 
-    fn of_files(files: Vec<PathBuf>) -> Result<Self> {
+    fn of_files(files: Vec<PathBuf>, options: ReadOptions) -> Result<Self> {
         // A file that is given twice counts once.
         let mut seen = HashSet::new();
         let mut entries = Vec::with_capacity(files.len());
@@ -96,11 +107,11 @@ impl Scenes {
             let origin = if file.is_file() || womd::is_record_path(&file) {
                 Origin::File(file)
             } else {
-                Origin::InMemory(Arc::new(read(&file)?))
+                Origin::InMemory(Arc::new(read(&file, &options)?))
             };
             entries.push(Entry { origin, content: None });
         }
-        Ok(Self { entries })
+        Ok(Self { entries, options, ..Self::default() })
     }
 
     /// Names of the scenes, as in results.
@@ -115,7 +126,11 @@ impl Scenes {
 
     /// The scenes in groups of `size`.
     pub(crate) fn windows(&self, size: usize) -> impl Iterator<Item = Self> {
-        self.entries.chunks(size).map(|entries| Self { entries: entries.to_vec() })
+        self.entries.chunks(size).map(|entries| Self {
+            entries: entries.to_vec(),
+            options: self.options,
+            warnings: BTreeMap::new(),
+        })
     }
 
     /// Applies `work` to every scene in parallel and returns the results in the order of the scenes.
@@ -132,7 +147,7 @@ impl Scenes {
             let results: Vec<Result<Option<T>>> = window
                 .par_iter()
                 .with_max_len(1)
-                .map(|entry| entry.load()?.map(|data| work(&data)).transpose())
+                .map(|entry| entry.load(&self.options)?.map(|data| work(&data)).transpose())
                 .collect();
             for result in results {
                 all.extend(result?);
@@ -143,49 +158,90 @@ impl Scenes {
     }
 
     /// Reads each scene once, stores the hash of its content, and leaves out scenes for which `keep` is
-    /// false.
+    /// false and files that are no scene, with a message.
     ///
-    /// *Errors*: the first file that is not a scene.
+    /// *Errors*: no file is a scene.
     fn checked(self, what: &'static str, keep: impl Fn(&SceneData) -> bool + Sync) -> Result<Self> {
         let mut progress = Progress::new(what, self.len());
         let mut entries = Vec::with_capacity(self.len());
+        let (mut warnings, mut first_error) = (BTreeMap::new(), None);
         for window in self.entries.chunks(WINDOW) {
-            let check = |entry: &Entry| -> Result<Option<Entry>> {
-                let Some(data) = entry.load()?.filter(|data| keep(data)) else { return Ok(None) };
-                Ok(Some(Entry { origin: entry.origin.clone(), content: Some(data.scene.content_hash()) }))
+            let check = |entry: &Entry| -> Result<Checked> {
+                let Some(data) = entry.load(&self.options)? else { return Ok((None, Vec::new())) };
+                let content = Some(data.scene.content_hash());
+                let found = checks::important(&data.scene);
+                let said = found.into_iter().map(|warning| (warning.kind, format!("`{}`: {warning}", data.name)));
+                let kept = keep(&data).then(|| Entry { origin: entry.origin.clone(), content });
+                Ok((kept, said.collect()))
             };
-            let checked: Vec<Result<Option<Entry>>> = window.par_iter().with_max_len(1).map(check).collect();
-            for entry in checked {
-                entries.extend(entry?);
+            let checked: Vec<Result<Checked>> = window.par_iter().with_max_len(1).map(check).collect();
+            for found in checked {
                 progress.step();
+                let (entry, said) = match found {
+                    Ok(found) => found,
+                    // A folder goes on without a file that is no scene.
+                    Err(error) => {
+                        progress.say(&format!("error: {error:#}"));
+                        *warnings.entry(UNREADABLE).or_default() += 1;
+                        first_error.get_or_insert(error);
+                        continue;
+                    }
+                };
+                entries.extend(entry);
+                for (kind, text) in said {
+                    progress.say(&format!("warning: {text}"));
+                    *warnings.entry(kind).or_default() += 1;
+                }
             }
         }
-        progress.finish(&format!("read {}", count(self.len(), "scene")));
-        Ok(Self { entries })
+        let unreadable = warnings.get(UNREADABLE).copied().unwrap_or_default();
+        if let Some(error) = first_error.filter(|_| unreadable == self.len()) {
+            return Err(error);
+        }
+        progress.finish(&format!("read {}", count(self.len() - unreadable, "scene")));
+        Ok(Self { entries, options: self.options, warnings })
     }
 
     /// All scenes that can be read, each read once so that its content is known.
     ///
-    /// *Errors*: the first file that is not a scene.
+    /// *Errors*: no file is a scene.
     pub(crate) fn known(self) -> Result<Self> {
         self.checked("read", |_| true)
     }
 
-    /// Scenes that have an ego path and an adversary that is valid *now*. Prints how many have not.
+    /// Number of files that are no scene.
+    pub(crate) fn unreadable(&self) -> usize {
+        self.warnings.get(UNREADABLE).copied().unwrap_or_default()
+    }
+
+    /// Numbers of scenes with important warnings as a paragraph of a report; empty without any.
+    pub(crate) fn warnings_as_markdown(&self) -> String {
+        if self.warnings.is_empty() {
+            return String::new();
+        }
+        let counts = self.warnings.iter().map(|(kind, number)| format!("{} {kind}", count(*number, "scene")));
+        format!("\nWarnings about the scenes given (`sage inspect` explains them): {}.\n", counts.collect::<Vec<_>>().join(", "))
+    }
+
+    /// Scenes that have an ego path and an adversary that is valid *now* and does not overlap the ego. Prints how many
+    /// have not.
     ///
-    /// *Errors*: a file is not a scene, or no scene is left.
+    /// *Errors*: no file is a scene, or no scene is left.
     pub(crate) fn attackable(self) -> Result<Self> {
         let all = self.len();
         let attackable = self.checked("read", |data| {
             data.scene.adversary().is_ok_and(|adversary| adversary.is_valid(NOW))
-                && Context::new(&data.scene, &data.index, &ContextOptions::default()).is_ok()
+                && Context::new(&data.scene, &data.index, &ContextOptions::default())
+                    .is_ok_and(|ctx| !ctx.is_in_contact_now())
         })?;
         if attackable.len() == 0 {
-            bail!("none of {all} scenes has an ego path and an adversary that is valid at frame {NOW}");
+            bail!(
+                "none of {all} scenes has an ego path, 1 s of recording after frame {NOW}, and an adversary that is valid there apart from the ego"
+            );
         }
         if attackable.len() < all {
             progress::say(&format!(
-                "note: {} of {all} scenes are left out: no ego path, or no adversary that is valid at frame {NOW}",
+                "note: {} of {all} scenes are left out: no ego path, less than 1 s after frame {NOW}, or no adversary that is valid there apart from the ego",
                 all - attackable.len()
             ));
         }
@@ -201,7 +257,7 @@ impl Scenes {
         let mut size = 0;
         for window in self.entries.chunks(WINDOW) {
             let scenes: Vec<Result<Option<Arc<SceneData>>>> =
-                window.par_iter().with_max_len(1).map(Entry::load).collect();
+                window.par_iter().with_max_len(1).map(|entry| entry.load(&self.options)).collect();
             for data in scenes {
                 progress.step();
                 let Some(data) = data? else { continue };
@@ -231,7 +287,7 @@ impl Scenes {
     pub(crate) fn by_name(&self, names: &HashSet<&str>) -> Result<BTreeMap<String, Arc<SceneData>>> {
         let mut found = BTreeMap::new();
         for entry in self.entries.iter().filter(|entry| names.contains(&entry.name()[..])) {
-            found.extend(entry.load()?.map(|data| (data.name.clone(), data)));
+            found.extend(entry.load(&self.options)?.map(|data| (data.name.clone(), data)));
         }
         Ok(found)
     }
@@ -245,9 +301,9 @@ impl Scenes {
 
 impl Entry {
     /// Reads or generates the scene; `None` if the number gives no procedural scene.
-    fn load(&self) -> Result<Option<Arc<SceneData>>> {
+    fn load(&self, options: &ReadOptions) -> Result<Option<Arc<SceneData>>> {
         let data = match &self.origin {
-            Origin::File(file) => read(file)?,
+            Origin::File(file) => read(file, options)?,
             Origin::InMemory(data) => return Ok(Some(data.clone())),
             Origin::Procedural(number, seed) => {
                 let Some(scene) = procedural::generate(kind_of(*number), *seed, *number) else {
@@ -286,8 +342,9 @@ fn memory_size(data: &SceneData) -> usize {
     data.scene.tracks.len() * data.scene.frames * FRAME + data.scene.map.points.len() * POINT
 }
 
-fn read(file: &Path) -> Result<SceneData> {
-    Ok(SceneData::new(file.display().to_string(), Recording::read(file)?.scene))
+fn read(file: &Path, options: &ReadOptions) -> Result<SceneData> {
+    let name = format!("{}{}", file.display(), options.suffix());
+    Ok(SceneData::new(name, Recording::read_as(file, options)?.scene))
 }
 
 /// Files that match the splits file and the names of scenes.

@@ -3,10 +3,12 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use sage_core::{
-    motion::{HISTORY, HORIZON, NOW},
+    motion::{DT, HISTORY, HORIZON, LEAST_HORIZON, NOW},
     scene::{AdversaryOrigin, MapKind, Scene, SceneIndex, Track, TrackKind},
 };
 use serde::Serialize;
+
+use crate::{contradictions, repairs};
 
 /// Height difference above which two roads are on different levels, metres.
 const LEVEL: f64 = 3.0;
@@ -15,6 +17,23 @@ const LEVEL: f64 = 3.0;
 const CELL: f64 = 4.0;
 /// Distance to the ego within which a road user on another level causes a warning, metres.
 const NEAR: f64 = 20.0;
+
+/// Longest step of a recording at 10 Hz that is not named, seconds, and deviation of its time after 8 s.
+const LONGEST_STEP: f64 = 0.15;
+const MOST_DRIFT: f64 = 0.02;
+
+/// Kinds of warnings that change what is computed, besides the notes of [`repairs::KINDS`].
+const IMPORTANT: [&str; 9] = [
+    "short-recording",
+    "contact-now",
+    "no-road-edges",
+    "times-against-motion",
+    "velocity-against-positions",
+    "heading-against-positions",
+    "jumps",
+    "speed-beyond-vehicles",
+    "size-beyond-vehicles",
+];
 
 /// Longest box that is tested against road edges, metres: road trains reach 54 m.
 const LONGEST: f64 = 100.0;
@@ -127,15 +146,45 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
     let mut found = Vec::new();
     let mut warn = |kind, detail: String| found.push(Warning { kind, detail });
     for note in &scene.notes {
-        warn(if note.contains("swapped") { "swapped-sizes" } else { "note" }, note.clone());
+        let kind = repairs::KINDS.iter().find_map(|kind| Some((*kind, note.strip_prefix(kind)?.strip_prefix(": ")?)));
+        match kind {
+            Some((kind, text)) => warn(kind, text.to_owned()),
+            None if note.contains("swapped") => warn("swapped-sizes", note.clone()),
+            None => warn("note", note.clone()),
+        }
     }
+    uneven_times(scene, &mut warn);
+    let horizon = scene.horizon();
+    if horizon < HORIZON {
+        let seconds = |steps: usize| steps as f64 * DT;
+        let last = scene.frames - 1;
+        let text = if horizon < LEAST_HORIZON {
+            format!("it ends at frame {last}, {:.1} s after now: nothing can be attacked", seconds(horizon))
+        } else {
+            format!(
+                "it ends at frame {last}: attacks are scored over {:.1} s instead of {:.0} s",
+                seconds(horizon),
+                seconds(HORIZON)
+            )
+        };
+        warn("short-recording", text);
+    }
+    if let Some(adversary) = scene.adversary.filter(|k| overlap_now(scene.ego(), &scene.tracks[*k])) {
+        let id = scene.tracks[adversary].id.escape_debug();
+        let text = format!(
+            "the boxes of ego and adversary `{id}` overlap at frame {NOW}: no attack can be measured; name another \
+             adversary with --adversary"
+        );
+        warn("contact-now", text);
+    }
+    contradictions::find(scene).into_iter().for_each(|found| warn(found.kind, found.detail));
     if scene.adversary_origin == AdversaryOrigin::None {
         warn("no-adversary", "no vehicle moves and is valid in all of history".to_owned());
     }
     let agents = [("ego", Some(scene.ego())), ("adversary", scene.adversary.map(|k| &scene.tracks[k]))];
     for (name, track) in agents {
         let Some(track) = track else { continue };
-        for (part, frames) in [("history", 0..HISTORY), ("future", NOW + 1..NOW + 1 + HORIZON)] {
+        for (part, frames) in [("history", 0..HISTORY), ("future", NOW + 1..NOW + 1 + horizon)] {
             let missing = frames.len() - track.count_valid(frames.clone());
             if missing > 0 {
                 let detail =
@@ -172,6 +221,34 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
     }
     on_edges_now(scene, &mut warn);
     found
+}
+
+/// Warnings that change what is computed from a scene: every command that computes something prints them.
+pub fn important(scene: &Scene) -> Vec<Warning> {
+    let mut all = warnings(scene);
+    all.retain(|warning| repairs::KINDS.contains(&warning.kind) || IMPORTANT.contains(&warning.kind));
+    all
+}
+
+/// Whether two boxes overlap *now*, borders excluded.
+fn overlap_now(a: &Track, b: &Track) -> bool {
+    a.is_valid(NOW) && b.is_valid(NOW) && a.oriented_box(NOW).overlap_depth(&b.oriented_box(NOW)) > 0.0
+}
+
+/// Adds a warning about times that stray from 10 Hz. The motion says nothing of it, so the frames stay.
+fn uneven_times(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
+    let times = &scene.timestamps;
+    let longest = times.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+    let last = (NOW + HORIZON).min(times.len().saturating_sub(1));
+    let drift = times.get(last).map_or(0.0, |time| time - times[0] - DT * last as f64);
+    if longest > LONGEST_STEP || drift.abs() > MOST_DRIFT {
+        let text = format!(
+            "the longest step is {longest:.3} s, and frame {last} comes {:.0} ms {} than at 10 Hz; frames are taken as 0.1 s apart",
+            1e3 * drift.abs(),
+            if drift > 0.0 { "later" } else { "earlier" }
+        );
+        warn("uneven-times", text);
+    }
 }
 
 /// Grid cell in which heights are compared.

@@ -13,6 +13,7 @@
 //! ```
 
 pub mod checks;
+mod contradictions;
 pub mod dataset;
 mod error;
 pub mod folder;
@@ -23,7 +24,9 @@ pub mod opendrive;
 pub mod openscenario;
 pub mod pickle;
 pub mod procedural;
+mod reading;
 mod recording;
+pub mod repairs;
 pub mod split;
 pub mod stream;
 mod variants;
@@ -32,5 +35,6 @@ mod xml;
 
 pub use error::Error;
 pub use format::Format;
+pub use reading::ReadOptions;
 pub use recording::{MAX_FILE, Recording, Source, read_bytes};
 pub use variants::{PROVENANCE, Variant, VariantWriter};

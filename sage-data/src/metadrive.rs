@@ -4,11 +4,13 @@ mod decode;
 mod encode;
 mod fields;
 mod fresh;
+mod retime;
 mod summary;
+mod tracks;
 
 pub(crate) use decode::MAX_FRAMES;
 pub use decode::decode;
-pub use encode::encode;
 pub(crate) use encode::{annotate, write_changes};
+pub(crate) use retime::retimed;
 pub(crate) use fresh::{PROCEDURAL_DATASET, fresh};
 pub(crate) use summary::{complete, update};

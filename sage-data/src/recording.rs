@@ -12,8 +12,9 @@ use sage_core::{
 };
 
 use crate::{
-    Error, Format, metadrive, native,
+    Error, Format, ReadOptions, metadrive, native,
     pickle::Document,
+    repairs::Decoded,
     variants::PROVENANCE,
     womd::{self, EncodedScenario},
 };
@@ -34,6 +35,8 @@ pub struct Recording {
     pub scene: Scene,
     /// The other content of the file.
     pub source: Source,
+    /// How it was read.
+    pub options: ReadOptions,
 }
 
 /// Refuses a map whose lines exceed [`MAX_LINES`].
@@ -90,40 +93,66 @@ impl Recording {
     ///
     /// *Errors*: [`Error`], which names the file and what is wrong in it.
     pub fn read(path: &Path) -> Result<Self, Error> {
-        Self::from_bytes(path, read_bytes(path)?)
+        Self::read_as(path, &ReadOptions::default())
+    }
+
+    /// As [`Recording::read`], with options.
+    ///
+    /// *Errors*: as [`Recording::read`].
+    pub fn read_as(path: &Path, options: &ReadOptions) -> Result<Self, Error> {
+        Self::from_bytes_as(path, read_bytes(path)?, options)
     }
 
     /// Reads and checks the bytes of a scene file. `path` only names the file in errors and in the result.
     ///
     /// *Errors*: as [`Recording::read`].
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, Error> {
+        Self::from_bytes_as(path, bytes, &ReadOptions::default())
+    }
+
+    /// As [`Recording::from_bytes`], with options.
+    ///
+    /// *Errors*: as [`Recording::read`].
+    pub fn from_bytes_as(path: &Path, bytes: Vec<u8>, options: &ReadOptions) -> Result<Self, Error> {
         if is_record(path, &bytes) {
-            return Self::of_record(path, &womd::only_record(path, bytes)?);
+            return Self::of_record(path, &womd::only_record(path, bytes)?, options);
         }
         if Format::of(&bytes) == Some(Format::Native) {
-            let scene = native::decode(&bytes, path)?;
-            check_lines(&scene, path)?;
-            return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes) });
+            let scene = native::decode(&bytes, options, path)?;
+            return Self::checked(path, scene, Source::Native(bytes), options);
         }
         let source = parse(path, bytes)?;
-        let scene = metadrive::decode(&source, path)?;
+        let scene = metadrive::decode(&source, options, path)?.scene;
+        Self::checked(path, scene, Source::Pickle(source), options)
+    }
+
+    fn checked(path: &Path, scene: Scene, source: Source, options: &ReadOptions) -> Result<Self, Error> {
         check_lines(&scene, path)?;
-        Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source) })
+        Ok(Self { path: path.to_owned(), scene, source, options: *options })
     }
 
     /// Reads and checks a record with its frame; `path` names it in errors, such as `SHARD#3`.
     ///
     /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
-    pub(crate) fn of_record(path: &Path, framed: &[u8]) -> Result<Self, Error> {
+    pub(crate) fn of_record(path: &Path, framed: &[u8], options: &ReadOptions) -> Result<Self, Error> {
         let source = womd::document(path, framed)?;
-        let scene = metadrive::decode(&source, path)?;
-        check_lines(&scene, path)?;
-        Ok(Self { path: path.to_owned(), scene, source: Source::Record(source) })
+        let scene = metadrive::decode(&source, options, path)?.scene;
+        Self::checked(path, scene, Source::Record(source), options)
+    }
+
+    /// The scene of its values as they were read, before anything was changed: what a written scene is compared with.
+    ///
+    /// *Errors*: as [`metadrive::decode`].
+    pub(crate) fn as_read(&self, document: &Document) -> Result<Decoded, Error> {
+        // Motion that was recomputed is a change that is written.
+        let options = ReadOptions { trust_positions: false, ..self.options };
+        metadrive::decode(document, &options, &self.path)
     }
 
     /// A recording of a procedural scene, which has no file.
     pub fn procedural(scene: Scene) -> Self {
-        Self { path: PathBuf::from(&scene.id), scene, source: Source::Procedural }
+        let options = ReadOptions::default();
+        Self { path: PathBuf::from(&scene.id), scene, source: Source::Procedural, options }
     }
 
     /// All values of the MetaDrive source; `None` if there is none.
@@ -181,11 +210,13 @@ impl Recording {
     /// The recording as a MetaDrive pickle.
     ///
     /// Keys, types, shapes and values are those of the source, except for changed tracks, which replace those
-    /// of the source. A scene without a source becomes a new file with 32-bit floats.
+    /// of the source. The frames are those of the file, unless a track changed or a part of the recording was chosen.
+    /// A scene without a source becomes a new file with 32-bit floats.
     ///
-    /// *Errors*: as [`metadrive::encode`] and [`Recording::document`].
+    /// *Errors*: [`Error::Field`] if the scene has other tracks, frames, map or lights than its file; as
+    /// [`Recording::document`].
     pub fn to_pickle(&self) -> Result<Vec<u8>, Error> {
-        Ok(match self.written()? {
+        Ok(match self.written(false)? {
             Some(document) => document.to_pickle(),
             None => metadrive::fresh(&self.scene).to_pickle(),
         })
@@ -195,7 +226,7 @@ impl Recording {
     ///
     /// *Errors*: as [`Recording::to_pickle`].
     pub fn to_native(&self) -> Result<Vec<u8>, Error> {
-        native::encode(&self.scene, self.written()?.as_ref(), &self.path)
+        native::encode(&self.scene, self.written(true)?.as_ref(), &self.path)
     }
 
     /// The recording as a `Scenario` message of the Waymo Open Motion Dataset.
@@ -207,7 +238,7 @@ impl Recording {
         let is_variant = !matches!(self.source, Source::Record(_)) && self.provenance()?.is_some();
         let stem = self.path.file_stem().filter(|_| is_variant).map(|stem| stem.to_string_lossy());
         let encode = |document: &Document| womd::encode(&self.scene, document, stem.as_deref());
-        let encoded = match self.written()? {
+        let encoded = match self.written(true)? {
             Some(document) => encode(&document),
             None => encode(&metadrive::fresh(&self.scene)),
         };
@@ -217,10 +248,13 @@ impl Recording {
         Ok(encoded)
     }
 
-    /// The source with the tracks of the scene.
-    fn written(&self) -> Result<Option<Document>, Error> {
+    /// The source with the tracks of the scene; with `ten_hertz` also with its frames.
+    fn written(&self, ten_hertz: bool) -> Result<Option<Document>, Error> {
         let Some(source) = self.document()? else { return Ok(None) };
-        Ok(Some(metadrive::encode(&self.scene, &source, &self.path)?))
+        let original = self.as_read(&source)?;
+        let mut document = source.into_owned();
+        metadrive::write_changes(&mut document, &self.scene, &original, ten_hertz, &self.path)?;
+        Ok(Some(document))
     }
 
     /// Writes the recording atomically and replaces an existing file. The format is native if the name ends

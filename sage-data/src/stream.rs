@@ -8,7 +8,7 @@ use std::{
 use rayon::prelude::*;
 
 use crate::{
-    Error, Recording, folder, recording,
+    Error, ReadOptions, Recording, folder, recording,
     womd::{self, Open, Record, ShardReader},
 };
 
@@ -124,11 +124,11 @@ impl Item {
     /// Reads and checks the scene.
     ///
     /// *Errors*: as [`Recording::read`].
-    pub fn read(self) -> Result<Recording, Error> {
+    pub fn read(self, options: &ReadOptions) -> Result<Recording, Error> {
         match self.content {
-            Content::File(_) => Recording::read(&self.path),
-            Content::Bytes(bytes) => Recording::from_bytes(&self.path, bytes),
-            Content::Record(record) => record.read(),
+            Content::File(_) => Recording::read_as(&self.path, options),
+            Content::Bytes(bytes) => Recording::from_bytes_as(&self.path, bytes, options),
+            Content::Record(record) => record.read(options),
             Content::Broken(error) => Err(error),
         }
     }

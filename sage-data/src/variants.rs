@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use sage_core::scene::Scene;
 
-use crate::{Error, Recording, metadrive, native, pickle::Document};
+use crate::{Error, Recording, metadrive, native, pickle::Document, repairs::Decoded};
 
 /// Metadata key of a written file for the provenance: how the scene was derived from its source.
 pub const PROVENANCE: &str = "sage_provenance";
@@ -16,7 +16,7 @@ pub const PROVENANCE: &str = "sage_provenance";
 pub struct VariantWriter {
     path: PathBuf,
     /// The completed values of the file, and the scene as it was read; none for a procedural scene.
-    source: Option<(Document, Scene)>,
+    source: Option<(Document, Decoded)>,
     dataset: String,
     version: String,
 }
@@ -33,7 +33,7 @@ impl VariantWriter {
             return Ok(Self { path, source: None, dataset, version });
         };
         let mut document = document.into_owned();
-        let original = metadrive::decode(&document, &path)?;
+        let original = recording.as_read(&document)?;
         metadrive::complete(&mut document);
         let [dataset, version] = names(&document);
         Ok(Self { path, source: Some((document, original)), dataset, version })
@@ -56,7 +56,8 @@ impl VariantWriter {
         let mut document = None;
         if let Some((source, original)) = &self.source {
             let mut changed = source.clone();
-            for id in metadrive::write_changes(&mut changed, scene, original, &self.path)? {
+            // A variant is at 10 Hz even if its track drives as recorded.
+            for id in metadrive::write_changes(&mut changed, scene, original, true, &self.path)? {
                 metadrive::update(&mut changed, id);
             }
             metadrive::annotate(&mut changed, PROVENANCE, provenance);

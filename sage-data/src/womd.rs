@@ -27,7 +27,7 @@ pub use shard::{ShardReader, is_shard};
 pub use tfrecord::{FrameProblem, Record, frame, write_frame};
 pub(crate) use tfrecord::{MAX_RECORD, begins_with_record};
 
-use crate::{Error, Recording, dataset, pickle::Document};
+use crate::{Error, ReadOptions, Recording, dataset, pickle::Document};
 
 /// The MetaDrive values of a record with its frame, without summaries. `path` names it in errors, such as `SHARD#3`.
 ///
@@ -76,8 +76,8 @@ impl Record {
     /// Reads and checks the scene.
     ///
     /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
-    pub fn read(&self) -> Result<Recording, Error> {
-        Recording::of_record(&self.path(), &self.framed).map_err(|error| self.located(error))
+    pub fn read(&self, options: &ReadOptions) -> Result<Recording, Error> {
+        Recording::of_record(&self.path(), &self.framed, options).map_err(|error| self.located(error))
     }
 
     /// Name and data set of the scene, which is not decoded.

@@ -16,6 +16,7 @@ use super::{
     FolderArgs, MOST_PROCEDURAL, SplitArgs,
     avoiding::{AvoidableArgs, seconds},
     converting::{ego_modes, standards},
+    reading::ReadingArgs,
 };
 use crate::{
     operating_point::{OperatingPointSpec, aggression_variant},
@@ -78,6 +79,8 @@ pub(crate) struct GenerateArgs {
     pub shard: Option<Shard>,
     #[command(flatten)]
     pub folder: FolderArgs,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
 }
 
 /// How to attack a scene, besides the generator.

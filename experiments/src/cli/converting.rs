@@ -12,7 +12,7 @@ use sage_data::{
     openscenario::{EgoMode, Standard, UnknownName},
 };
 
-use super::FolderArgs;
+use super::{FolderArgs, reading::ReadingArgs};
 
 /// Default number of scenes of a shard: about 0.5 GB.
 const SHARD_SIZE: usize = 500;
@@ -53,6 +53,8 @@ pub(crate) struct ConvertArgs {
     /// Report a broken record of a shard and go on with the next one, instead of stopping.
     #[arg(long)]
     pub keep_going: bool,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
     #[command(flatten)]
     pub folder: FolderArgs,
 }

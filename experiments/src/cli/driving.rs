@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{
-    AttackArgs, FolderArgs, MOST_PROCEDURAL, SplitArgs,
+    AttackArgs, FolderArgs, MOST_PROCEDURAL, ReadingArgs, SplitArgs,
     attacking::{FeasibilityArgs, OperatingPointArgs},
     avoiding::AvoidableArgs,
 };
@@ -51,6 +51,8 @@ pub(crate) struct SimulateArgs {
     pub json: bool,
     #[command(flatten)]
     pub folder: FolderArgs,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
 }
 
 /// Compare drivers: without attack, and under the attacks of generators.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use sage_backbones::features::EdgeKinds;
 
-use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs, attacking::MergerArgs};
+use super::{FolderArgs, MOST_PROCEDURAL, ReadingArgs, SplitArgs, attacking::MergerArgs};
 
 /// Train a motion prior on recorded or procedural scenes.
 ///
@@ -144,7 +144,7 @@ pub(crate) struct AblationArgs {
 impl AblationArgs {
     /// The evaluation scenes are taken whole.
     pub(crate) fn split_of_eval(&self) -> SplitArgs {
-        SplitArgs { splits: None, split: None, without_split: None, scenes: Vec::new() }
+        SplitArgs { reading: self.split.reading, ..SplitArgs::default() }
     }
 }
 
@@ -215,6 +215,8 @@ pub(crate) struct PredictArgs {
     /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
 }
 
 /// Measure the prediction errors of priors and of constant velocity.

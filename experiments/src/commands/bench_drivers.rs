@@ -57,7 +57,7 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
         .iter()
         .map(|ego| DriverRows { name: ego.label.clone(), knows: ego.policy.privilege(), scenes: Vec::new() })
         .collect();
-    let mut failed = 0;
+    let mut failed = scenes.unreadable();
     for (name, scene) in scenes.names().iter().zip(tested) {
         let mut fail = |who: &str, error: &anyhow::Error| {
             failed += 1;
@@ -83,7 +83,7 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
     if drivers.iter().all(|driver| driver.scenes.is_empty()) {
         bail!("no scene could be driven");
     }
-    let markdown = report::markdown(&drivers, &keys, args.seed)?;
+    let markdown = report::markdown(&drivers, &keys, args.seed)? + &scenes.warnings_as_markdown();
     out.write("drivers.md", markdown.as_bytes())?;
     out.write("scenes.csv", report::unattacked_csv(&drivers)?.as_bytes())?;
     out.write("attacks.csv", report::attacks_csv(&drivers, &keys)?.as_bytes())?;

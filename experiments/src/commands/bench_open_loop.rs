@@ -155,7 +155,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let markdown = match &egos[..] {
         [] => report::markdown(&tables[0], &expectations)?,
         _ => drivers_markdown(&attacked, &tables, &expectations)?,
-    };
+    } + &scenes.warnings_as_markdown();
     let folder = run.folder();
     folder.write("table.csv", report::csv(&tables, &expectations)?.as_bytes())?;
     folder.write("scenes.csv", report::scenes_csv(&tables)?.as_bytes())?;

@@ -45,7 +45,8 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     let clock = Instant::now();
     args.check()?;
     let inputs = Inputs::under(&args.paths)?;
-    let names: Vec<PathBuf> = inputs.names().collect();
+    let suffix = args.reading.options().suffix();
+    let names: Vec<PathBuf> = inputs.names().map(|name| with_suffix(&name, &suffix)).collect();
     let distinct: HashSet<&PathBuf> = names.iter().collect();
     if distinct.len() < names.len() {
         bail!("several inputs would become one file; convert them into separate folders");
@@ -107,6 +108,13 @@ fn stopped(error: anyhow::Error) -> anyhow::Error {
     }
 }
 
+/// A name for an output with the suffix of a window.
+fn with_suffix(name: &Path, suffix: &str) -> PathBuf {
+    let mut name = name.as_os_str().to_owned();
+    name.push(suffix);
+    name.into()
+}
+
 /// Name of the file of a scene in a format.
 fn file_name(name: &Path, format: ConvertFormat) -> PathBuf {
     // Names may hold dots, after which an extension would be replaced.
@@ -152,6 +160,7 @@ fn identity(args: &ConvertArgs, inputs: &Inputs) -> Value {
         "convert": ending(args.to),
         "standard": is_scenario.then(|| args.standard.unwrap_or_default().name()),
         "ego": is_scenario.then(|| args.ego.unwrap_or_default().name()),
+        "reading": args.reading.identity(),
         "shard_size": (args.to == ConvertFormat::Womd).then(|| args.shard_size()),
         "inputs": hasher.finalize().to_hex()[..16],
         "force": args.folder.force,

@@ -32,7 +32,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let plan = Plan::new(args, registries)?;
     let files = folder::scene_files(&args.scene)?;
     input::check_single(&files)?;
-    let all = scene_queue::inputs(&files)?;
+    let all = scene_queue::inputs(&files, &args.reading.options())?;
     let own: Vec<&Input> =
         all.iter().filter(|input| args.shard.is_none_or(|shard| shard.holds(&input.scene))).collect();
     // Input files must not be in the output folder, even if no output has the same name.
@@ -49,13 +49,16 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attack"]);
     let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
     let seconds = scene_queue::work(&own, &run, &report, attack)?;
-    let failed = report.finish(&args.folder.out);
+    let [failed, left_out] = report.finish(&args.folder.out);
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let results = || {
         let done = all.iter().filter(|input| is_done(&plan, &folder, &hash, input)).count();
-        json!({"scenes": all.len(), "done": done})
+        json!({"scenes": all.len(), "done": done, "left_out": left_out})
     };
-    let is_whole = |results: &Value| results["scenes"] == results["done"];
+    let is_whole = |results: &Value| {
+        let number = |key: &str| results[key].as_u64().unwrap_or_default();
+        number("scenes") == number("done") + number("left_out")
+    };
     let whole = |results: &Value| (is_whole(results) && failed == 0).then(|| clock.elapsed().as_secs_f64());
     let median = statistics::median(&seconds);
     let (results, listed) = run.finish(plan.writes_pickles(), results, median, whole)?;
@@ -68,6 +71,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         ));
     }
     match failed {
+        0 if left_out == own.len() && left_out > 0 => bail!("no scene could be attacked: all are left out"),
         0 => Ok(Outcome::Done),
         1 if own.len() == 1 => bail!("the scene could not be attacked"),
         all if all == own.len() => bail!("none of {all} scenes could be attacked"),

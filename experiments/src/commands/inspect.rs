@@ -25,9 +25,10 @@ struct Row {
 
 pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
     let inputs = Inputs::under(&args.paths)?;
+    let options = args.reading.options();
     let read = |item: Item| {
-        let (name, shard) = (scene_name(&item), item.shard().map(Path::to_owned));
-        let row = item.read().map(|recording| Row {
+        let (name, shard) = (scene_name(&item) + &options.suffix(), item.shard().map(Path::to_owned));
+        let row = item.read(&options).map(|recording| Row {
             summary: Summary::of(&name, &recording.scene),
             tracks: if args.tracks { list_tracks(&recording.scene) } else { Vec::new() },
         });

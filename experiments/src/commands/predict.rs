@@ -14,7 +14,7 @@ use sage_core::{
     scene::{Scene, SceneIndex, TrackKind},
     seed::Rng,
 };
-use sage_data::Recording;
+use sage_data::{Recording, checks};
 use serde::Serialize;
 
 use crate::{
@@ -36,7 +36,10 @@ struct Row<'p> {
 
 pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome> {
     let out = args.out.as_deref().map(|path| OutputFile::claim(path, args.force)).transpose()?;
-    let recording = Recording::read(&args.scene)?;
+    let recording = Recording::read_as(&args.scene, &args.reading.options())?;
+    for warning in checks::important(&recording.scene) {
+        progress::say(&format!("warning: {warning}"));
+    }
     let weights = match args.weights.as_deref() {
         Some(weights) => weights,
         None => networks::default_for(recording.is_procedural()?)?,

@@ -119,6 +119,10 @@ impl<'a> Simulation<'a> {
         let PolicyParts(parts) = &self.args.ego;
         identity["ego"] = parts.iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
         identity["adversary"] = json!(self.args.options.adversary);
+        let reading = self.args.reading.identity();
+        if !reading.is_null() {
+            identity["reading"] = reading;
+        }
         if let Attacked::FromFile(file) = &self.attacked {
             identity["attack"] = json!(file.hash());
         }
@@ -158,7 +162,7 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
             files.len()
         );
     }
-    let inputs = scene_queue::inputs(&files)?;
+    let inputs = scene_queue::inputs(&files, &args.reading.options())?;
     if inputs.len() > 1 && inputs.iter().any(|input| page_file(&input.scene) == index::FILE) {
         bail!("a scene is named `index`, like the page that lists the scenes; rename it");
     }
@@ -184,22 +188,27 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
     let report = Report::new(run.folder().path(), args.json, inputs.len(), ["driven", "drive"]);
     let all: Vec<&Input> = inputs.iter().collect();
     let seconds = scene_queue::work(&all, &run, &report, |input| simulate_scene(&simulation, &run, input))?;
-    let failed = report.finish(out);
+    let [failed, left_out] = report.finish(out);
     index::write(run.folder(), &simulation, &inputs, run.hash())?;
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let is_done = |input: &&Input| {
         simulation.files(&input.scene).all(|(.., file)| is_row_of(&folder.join(file), &hash))
     };
-    let results = || json!({"scenes": inputs.len(), "done": inputs.iter().filter(is_done).count()});
+    let results = || {
+        let done = inputs.iter().filter(is_done).count();
+        json!({"scenes": inputs.len(), "done": done, "left_out": left_out})
+    };
     let whole = |results: &Value| {
-        (results["scenes"] == results["done"] && failed == 0).then(|| clock.elapsed().as_secs_f64())
+        let done = results["done"].as_u64().unwrap_or_default() as usize;
+        (inputs.len() == done + left_out && failed == 0).then(|| clock.elapsed().as_secs_f64())
     };
     run.finish(false, results, statistics::median(&seconds), whole)?;
-    if failed < inputs.len() {
+    if failed + left_out < inputs.len() {
         let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
         progress::say(&format!("to watch, open `{}` in a browser", out.join(page).display()));
     }
     match failed {
+        0 if left_out == inputs.len() && left_out > 0 => bail!("no scene could be driven: all are left out"),
         0 => Ok(Outcome::Done),
         1 if inputs.len() == 1 => bail!("the scene could not be driven"),
         all if all == inputs.len() => bail!("none of {all} scenes could be driven"),

@@ -71,7 +71,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let (attacker, examiner) = (build(&args.generator)?, build(&args.eval_generator)?);
     let needs_adversary = attacker.is_some() || examiner.is_some();
     let training = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
-    let every = SplitArgs { splits: None, split: None, without_split: None, scenes: Vec::new() };
+    let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
     let evaluation =
         scenes(&args.eval, &every, args.procedural.div_ceil(3), EVALUATION_SEED, needs_adversary)?;
     refuse_overlap(args, &training, &evaluation)?;

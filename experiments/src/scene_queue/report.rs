@@ -8,9 +8,10 @@ use std::{
 };
 
 use anyhow::{Context as _, Result};
+use sage_data::checks::Warning;
 
 use super::json_line;
-use crate::progress::{Progress, count};
+use crate::progress::{Progress, count, say};
 
 /// Printed line of one result.
 pub(crate) struct Line {
@@ -27,6 +28,15 @@ pub(crate) struct SceneReport {
     pub(crate) lines: Vec<Line>,
     /// Time per line, seconds; `None` if an earlier run finished all.
     pub(crate) seconds: Option<f64>,
+    /// Warnings about the scene that change its results.
+    pub(crate) warnings: Vec<Warning>,
+}
+
+impl SceneReport {
+    /// The report of a scene that an earlier run finished.
+    pub(crate) fn found(lines: Vec<Line>) -> Self {
+        Self { lines, seconds: None, warnings: Vec::new() }
+    }
 }
 
 /// Prints results in the order of the scenes. Waiting rows stay on the disk, so memory does not grow with
@@ -49,6 +59,9 @@ struct State {
     progress: Progress,
     results: usize,
     failed: usize,
+    left_out: usize,
+    /// Number of scenes with each kind of warning.
+    warnings: BTreeMap<&'static str, usize>,
 }
 
 impl Report {
@@ -62,6 +75,8 @@ impl Report {
             progress: Progress::new(verb, scenes),
             results: 0,
             failed: 0,
+            left_out: 0,
+            warnings: BTreeMap::new(),
         };
         Self { folder: folder.to_owned(), json, result, state: Mutex::new(state) }
     }
@@ -69,8 +84,12 @@ impl Report {
     /// Reports a finished scene.
     ///
     /// *Errors*: standard output is not writable, or a row cannot be read back.
-    pub(crate) fn done(&self, number: usize, scene: SceneReport) -> Result<()> {
+    pub(crate) fn done(&self, number: usize, name: &str, scene: SceneReport) -> Result<()> {
         let mut state = self.state();
+        for warning in &scene.warnings {
+            *state.warnings.entry(warning.kind).or_default() += 1;
+            state.progress.say(&format!("warning: {name}: {warning}"));
+        }
         state.results += scene.lines.len();
         if scene.seconds.is_some() {
             state.progress.step()
@@ -97,24 +116,43 @@ impl Report {
         self.print(&mut state, number, Vec::new())
     }
 
+    /// Reports a scene in which nothing can be measured.
+    ///
+    /// *Errors*: as [`Report::done`].
+    pub(crate) fn left_out(&self, number: usize, name: &str, reason: &str) -> Result<()> {
+        let mut state = self.state();
+        state.left_out += 1;
+        state.progress.say(&format!("left out: {name}: {reason}"));
+        state.progress.step();
+        self.print(&mut state, number, Vec::new())
+    }
+
     /// Number of scenes finished so far.
     pub(crate) fn finished(&self) -> usize {
         let state = self.state();
-        state.progress.done() - state.failed
+        state.progress.done() - state.failed - state.left_out
     }
 
-    /// Prints a summary. Returns the number of failed scenes.
-    pub(crate) fn finish(self, out: &Path) -> usize {
+    /// Prints a summary. Returns the numbers of scenes that failed and that were left out.
+    pub(crate) fn finish(self, out: &Path) -> [usize; 2] {
         let state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let scenes = state.progress.done() - state.failed;
+        let scenes = state.progress.done() - state.failed - state.left_out;
         let found = state.progress.found();
         let before = if found > 0 { format!(", {found} of them finished before") } else { String::new() };
         let (scenes, results) = (count(scenes, "scene"), count(state.results, self.result));
         // A run without any result has said why.
-        if state.results > 0 || state.failed == 0 {
-            state.progress.finish(&format!("{scenes}{before}, {results} in `{}`", out.display()));
+        let left_out = match state.left_out {
+            0 => String::new(),
+            some => format!(", {} left out", count(some, "scene")),
+        };
+        if !state.warnings.is_empty() {
+            let counts = state.warnings.iter().map(|(kind, number)| format!("{} {kind}", count(*number, "scene")));
+            say(&format!("warnings: {}", counts.collect::<Vec<_>>().join(", ")));
         }
-        state.failed
+        if state.results > 0 || state.failed == 0 {
+            state.progress.finish(&format!("{scenes}{before}{left_out}, {results} in `{}`", out.display()));
+        }
+        [state.failed, state.left_out]
     }
 
     fn state(&self) -> MutexGuard<'_, State> {

@@ -7,26 +7,29 @@ use std::{
 };
 
 use sage_core::{
-    motion::{HISTORY, NOW},
+    motion::HISTORY,
     scene::{
-        AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track,
-        TrackKind, TrafficLight, select_adversary,
+        AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, TrafficLight,
     },
 };
 
-use super::fields::{Field, Fields};
+use super::{
+    fields::{Field, Fields},
+    tracks::{Whole, tracks},
+};
 use crate::{
-    Error,
+    Error, ReadOptions,
     pickle::{Document, Id, Node},
+    repairs::{self, Decoded, Draft},
 };
 
 /// Maximum number of frames of a recording: over an hour at 10 Hz.
 pub(crate) const MAX_FRAMES: usize = 40_000;
 
-/// Turns the values of a file into a checked scene; `path` names the file in errors.
+/// Turns the values of a file into a checked scene at 10 Hz; `path` names the file in errors.
 ///
 /// *Errors*: [`Error::Field`] with the field, the value found and the value expected.
-pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
+pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result<Decoded, Error> {
     let fields = Fields::new(document, path);
     let root = Field::ROOT;
     let top = document.root();
@@ -39,25 +42,21 @@ pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
         None => path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
     };
     let mut notes = Vec::new();
-    let tracks = tracks(&fields, top, frames, &mut notes)?;
-
     let ego_field = metadata_field.key("sdc_id");
     let ego_id = fields.required(metadata, &metadata_field, "sdc_id", "the id of the ego's track")?;
     let ego_name = fields.identifier(ego_id, &ego_field)?;
-    let ego = tracks.iter().position(|track| track.id == ego_name);
-    let ego = ego.ok_or_else(|| fields.wrong(&ego_field, ego_id, "the id of a track"))?;
-    if !tracks[ego].is_valid(NOW) {
-        let found = format!("`{ego_name}`, which is not valid at frame {NOW}");
-        return Err(fields.error(&ego_field, found, "an ego that is valid at that frame"));
-    }
-    let index = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id));
-    if let Some(index) = index.filter(|index| *index != NOW as i64) {
-        notes.push(format!("the file's current_time_index is {index}; frame {NOW} is taken as now"));
-    }
-    let (adversary, adversary_origin) = match named_adversary(&fields, metadata, &tracks, ego) {
-        Some(track) => (Some(track), AdversaryOrigin::File),
-        None => select_adversary(&tracks, ego),
+    let named = named_adversary(&fields, metadata, &ego_name);
+    let whole = match options.strict {
+        true => Whole::All,
+        false => Whole::Only(named.iter().chain([&ego_name]).cloned().collect()),
     };
+    let tracks = tracks(&fields, top, frames, &whole, &mut notes)?;
+    let index = |name: &String| tracks.iter().position(|track| track.id == *name);
+    let ego = index(&ego_name).ok_or_else(|| fields.wrong(&ego_field, ego_id, "the id of a track"))?;
+    let named = named.as_ref().and_then(index);
+    let now_index = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id));
+    let sample_rate = fields.optional(metadata, "sample_rate").or_else(|| fields.optional(top, "sample_rate"));
+    let sample_rate = sample_rate.and_then(|id| document.number(id));
     let timestamps = match fields.optional(metadata, "ts") {
         // Seconds from the start, or from any other clock.
         Some(ts) => fields.column_within(f64::MAX, ts, &metadata_field.key("ts"), frames)?,
@@ -67,7 +66,10 @@ pub fn decode(document: &Document, path: &Path) -> Result<Scene, Error> {
     let lights = lights(&fields, top, frames)?;
     // A lookup beyond the work limit returns `None`, which must not count as a missing field.
     fields.spend(&root.key("(root)"), 0)?;
-    Ok(Scene { id, frames, timestamps, tracks, map, lights, ego, adversary, adversary_origin, notes })
+    let (adversary, adversary_origin) = (None, AdversaryOrigin::None);
+    let scene =
+        Scene { id, frames, timestamps, tracks, map, lights, ego, adversary, adversary_origin, notes };
+    repairs::finish(Draft { scene, named, sample_rate, now_index }, options, path)
 }
 
 fn frames(fields: &Fields, top: Id) -> Result<usize, Error> {
@@ -76,103 +78,26 @@ fn frames(fields: &Fields, top: Id) -> Result<usize, Error> {
     let id = fields.required(top, &Field::ROOT, "length", &expected)?;
     let frames = fields.document.integer(id).and_then(|n| usize::try_from(n).ok());
     match frames {
-        Some(frames) if (HISTORY..=MAX_FRAMES).contains(&frames) => Ok(frames),
+        // Whether there are enough for the history depends on their rate.
+        Some(frames) if (2..=MAX_FRAMES).contains(&frames) => Ok(frames),
         _ => Err(fields.wrong(&field, id, expected)),
     }
 }
 
-// --- tracks ---
-
-fn tracks(fields: &Fields, top: Id, frames: usize, notes: &mut Vec<String>) -> Result<Vec<Track>, Error> {
-    let field = Field::ROOT.key("tracks");
-    let id = fields.required(top, &Field::ROOT, "tracks", "a dict of tracks")?;
-    let entries = fields.entries(id, &field)?;
-    let mut known_ids = HashSet::with_capacity(entries.len());
-    let mut tracks = Vec::with_capacity(entries.len());
-    for (key, value) in entries {
-        let name = fields.identifier(*key, &field)?;
-        let field = field.key(&name);
-        if !known_ids.insert(name.clone()) {
-            return Err(fields.error(&field, "an id that occurs twice", "one track per id"));
-        }
-        let mut track = track(fields, *value, &field, name.clone(), frames)?;
-        if swap_sizes(&mut track) {
-            notes.push(format!("track `{name}`: length and width were swapped in the file; swapped back"));
-        }
-        tracks.push(track);
-    }
-    Ok(tracks)
-}
-
-fn track(fields: &Fields, id: Id, field: &Field, name: String, frames: usize) -> Result<Track, Error> {
-    let kind = fields.required(id, field, "type", "VEHICLE, PEDESTRIAN, CYCLIST, …")?;
-    let kind = TrackKind::from_name(fields.word(kind, &field.key("type"))?);
-    let state = fields.required(id, field, "state", "a dict of columns")?;
-    let field = &field.key("state");
-    let get = |key: &str, expected: &str| fields.required(state, field, key, expected);
-    let column = |key: &str| -> Result<Vec<f64>, Error> {
-        fields.column(get(key, "one number per frame")?, &field.key(key), frames)
+/// Id of the object of interest besides the ego, if the file names exactly one that is a track.
+fn named_adversary(fields: &Fields, metadata: Id, ego: &str) -> Option<String> {
+    let document = fields.document;
+    let tracks = fields.optional(document.root(), "tracks").and_then(|tracks| document.entries(tracks))?;
+    let list = document.items(fields.optional(metadata, "objects_of_interest")?)?;
+    let identifier = |id: Id| {
+        fields.spend_work(document.text_length(id).unwrap_or(1)).then(|| document.identifier(id)).flatten()
     };
-    let position = fields.table::<3>(
-        get("position", "(x, y, z) per frame")?,
-        &field.key("position"),
-        &[3, 2],
-        frames,
-    )?;
-    let velocity =
-        fields.table::<2>(get("velocity", "(vx, vy) per frame")?, &field.key("velocity"), &[2, 3], frames)?;
-    let heading = column("heading")?;
-    let valid: Vec<bool> = column("valid")?.into_iter().map(|x| x != 0.0).collect();
-    let (length, width) = (column("length")?, column("width")?);
-    let height = match fields.optional(state, "height") {
-        Some(id) => fields.column(id, &field.key("height"), frames)?,
-        None => vec![0.0; frames],
-    };
-    for (key, values) in [("length", &length), ("width", &width)] {
-        if let Some(frame) = (0..frames).find(|&f| valid[f] && values[f] <= 0.0) {
-            let field = field.key(key);
-            let index = frame.to_string();
-            return Err(fields.error(
-                &field.key(&index),
-                values[frame].to_string(),
-                "metres above 0 where the track is valid",
-            ));
-        }
-    }
-    let size = (0..frames).map(|f| [length[f], width[f], height[f]]).collect();
-    Ok(Track { id: name, kind, position, heading, velocity, size, valid })
-}
-
-/// Swaps length and width of a vehicle back if the file has swapped them: in every valid frame the vehicle is
-/// shorter than any car, wider than half a lane, and wider than long.
-fn swap_sizes(track: &mut Track) -> bool {
-    let valid = || track.size.iter().zip(&track.valid).filter(|(_, valid)| **valid).map(|(size, _)| size);
-    let swapped = track.kind == TrackKind::Vehicle
-        && valid().next().is_some()
-        && valid().all(|[length, width, _]| *width > 1.5 * length && *length < 2.6 && *width > 3.0);
-    if swapped {
-        track.size.iter_mut().for_each(|size| size.swap(0, 1));
-    }
-    swapped
-}
-
-/// The object of interest besides the ego, if the file names exactly one.
-fn named_adversary(fields: &Fields, metadata: Id, tracks: &[Track], ego: usize) -> Option<usize> {
-    let list = fields.document.items(fields.optional(metadata, "objects_of_interest")?)?;
-    let index: HashMap<&str, usize> =
-        tracks.iter().enumerate().map(|(k, track)| (&track.id[..], k)).collect();
-    let mut others: Vec<usize> = list
-        .iter()
-        .filter(|id| fields.spend_work(fields.document.text_length(**id).unwrap_or(1)))
-        .filter_map(|id| index.get(&fields.document.identifier(*id)?[..]).copied())
-        .filter(|track| *track != ego)
-        .collect();
+    let known: HashSet<String> = tracks.iter().filter_map(|(key, _)| identifier(*key)).collect();
+    let mut others: Vec<String> = list.iter().filter_map(|id| identifier(*id)).collect();
+    others.retain(|id| id != ego && known.contains(id));
     others.sort_unstable();
     others.dedup();
-    match others[..] {
-        [one] if tracks[one].valid[..=NOW].contains(&true) => Some(one),
-        _ => None,
-    }
+    if others.len() == 1 { others.pop() } else { None }
 }
 
 // --- lights ---

@@ -1,36 +1,29 @@
-//! Encodes a scene into a copy of its source. Unchanged values stay as they are.
+//! Writes a scene into a copy of its source. Unchanged values stay as they are.
 
 use std::path::Path;
 
 use sage_core::scene::{Scene, Track};
 
-use super::decode;
+use super::{complete, retimed};
 use crate::{
     Error,
     pickle::{Array, Document, Id, Node},
+    repairs::Decoded,
 };
 
-/// The values of a file with the tracks of a scene.
+/// Writes a scene into the values of its file, given the scene as it was read. Returns the ids of the changed tracks.
 ///
-/// Unchanged tracks and all other values of the file stay as they are. A changed column keeps its type and
-/// shape, so its numbers are rounded to that type.
+/// Unchanged tracks and all other values of the file stay as they are. A changed column keeps its type and shape, so its
+/// numbers are rounded to that type. A file at another frame rate keeps its frames unless a track changed, the user chose
+/// a part of it, or `ten_hertz` asks for the frames of the scene.
 ///
 /// *Errors*: [`Error::Field`] if the scene has other track ids, track kinds, frames, map or lights than the
 /// file. This function cannot write such changes.
-pub fn encode(scene: &Scene, source: &Document, path: &Path) -> Result<Document, Error> {
-    let mut document = source.clone();
-    let original = decode(source, path)?;
-    write_changes(&mut document, scene, &original, path)?;
-    Ok(document)
-}
-
-/// Writes the tracks of a scene that differ from the scene as it was read. Returns their ids.
-///
-/// *Errors*: as [`encode`].
 pub(crate) fn write_changes<'s>(
     document: &mut Document,
     scene: &'s Scene,
-    original: &Scene,
+    original: &Decoded,
+    ten_hertz: bool,
     path: &Path,
 ) -> Result<Vec<&'s str>, Error> {
     let refuse = |field: &str, found: &str| Error::Field {
@@ -41,18 +34,22 @@ pub(crate) fn write_changes<'s>(
     };
     let names =
         |scene: &Scene| scene.tracks.iter().map(|t| (t.id.clone(), t.kind.clone())).collect::<Vec<_>>();
-    if names(scene) != names(original) || scene.frames != original.frames {
+    let Decoded { scene: read, frames, is_chosen } = original;
+    if names(scene) != names(read) || scene.frames != read.frames {
         return Err(refuse("tracks", "other tracks or another number of frames"));
     }
-    if scene.map != original.map || scene.lights != original.lights {
+    if scene.map != read.map || scene.lights != read.lights {
         return Err(refuse("map_features", "another map"));
     }
-    let mut ids = Vec::new();
-    for (changed, original) in scene.tracks.iter().zip(&original.tracks) {
-        if changed != original {
-            write_track(document, changed, original);
-            ids.push(&changed.id[..]);
+    let pairs = || scene.tracks.iter().zip(&read.tracks).filter(|(changed, read)| changed != read);
+    let ids: Vec<&str> = pairs().map(|(changed, _)| &changed.id[..]).collect();
+    match frames {
+        Some(frames) if *is_chosen || ten_hertz || !ids.is_empty() => {
+            retimed(document, scene, frames);
+            complete(document);
         }
+        Some(_) => {}
+        None => pairs().for_each(|(changed, read)| write_track(document, changed, read)),
     }
     Ok(ids)
 }
@@ -68,25 +65,35 @@ pub(crate) fn annotate(document: &mut Document, key: &str, text: &str) {
     document.set(root, "metadata", metadata);
 }
 
-/// Writes the changed columns of a track. Its dicts are copied first, because other values may share them.
+/// Writes the changed columns of a track.
 fn write_track(document: &mut Document, changed: &Track, original: &Track) {
-    let found = || {
-        let tracks = document.get(document.root(), "tracks")?;
-        let entries = document.entries(tracks)?;
-        let index =
-            entries.iter().rposition(|(k, _)| document.identifier(*k).as_deref() == Some(&changed.id))?;
-        let track = entries[index].1;
-        Some((tracks, index, track, document.get(track, "state")?))
+    let index = || {
+        let entries = document.entries(document.get(document.root(), "tracks")?)?;
+        entries.iter().rposition(|(k, _)| document.identifier(*k).as_deref() == Some(&changed.id))
     };
     // The source was decoded before, so the track exists.
-    let Some((tracks, index, track, state)) = found() else { return };
+    if let Some(index) = index() {
+        write_columns(document, index, changed.valid.len(), changed_columns(changed, original));
+    }
+}
+
+/// Writes columns of the track at an index. Its dicts are copied first, because other values may share them.
+pub(super) fn write_columns(document: &mut Document, index: usize, frames: usize, columns: Columns) {
+    let found = || {
+        let tracks = document.get(document.root(), "tracks")?;
+        let track = document.entries(tracks)?.get(index)?.1;
+        Some((tracks, track, document.get(track, "state")?))
+    };
+    let Some((tracks, track, state)) = found() else { return };
     let state = document.push(document.node(state).clone());
-    for (key, value) in changed_columns(changed, original) {
-        let Some(old) = document.get(state, key).filter(|id| !matches!(document.node(*id), Node::None))
-        else {
-            continue;
+    for (key, value) in columns {
+        let rows = |id: &Id| match document.node(*id) {
+            Node::Array(array) => array.shape.first().map_or(0, |n| *n as usize),
+            _ => document.items(*id).map_or(0, <[Id]>::len),
         };
-        let node = rewritten(document, old, changed.valid.len(), value);
+        // A number that stands for all frames stays.
+        let Some(old) = document.get(state, key).filter(|id| rows(id) == frames) else { continue };
+        let node = rewritten(document, old, frames, value);
         let new = document.push(node);
         document.set(state, key, new);
     }
@@ -101,27 +108,33 @@ fn write_track(document: &mut Document, changed: &Track, original: &Track) {
 
 /// New value of a column by frame and component; `None` if the scene has none and the old value stays.
 type Column<'t> = Box<dyn Fn(usize, usize) -> Option<f64> + 't>;
+/// Columns with their keys.
+type Columns<'t> = Vec<(&'static str, Column<'t>)>;
 
 /// Columns in which a track differs. Sizes that were corrected during reading and not changed since stay as
 /// in the file.
-fn changed_columns<'t>(changed: &'t Track, original: &Track) -> Vec<(&'static str, Column<'t>)> {
-    let mut columns: Vec<(&'static str, Column<'t>)> = Vec::new();
-    if changed.position != original.position {
-        columns.push(("position", Box::new(|f, c| changed.position[f].get(c).copied())));
-    }
-    if changed.velocity != original.velocity {
-        columns.push(("velocity", Box::new(|f, c| changed.velocity[f].get(c).copied())));
-    }
-    if changed.heading != original.heading {
-        columns.push(("heading", Box::new(|f, _| Some(changed.heading[f]))));
-    }
-    if changed.valid != original.valid {
-        columns.push(("valid", Box::new(|f, _| Some(f64::from(u8::from(changed.valid[f]))))));
-    }
-    if changed.size != original.size {
-        for (k, key) in ["length", "width", "height"].into_iter().enumerate() {
-            columns.push((key, Box::new(move |f, _| Some(changed.size[f][k]))));
-        }
+fn changed_columns<'t>(changed: &'t Track, original: &Track) -> Columns<'t> {
+    let differs = |key: &str| match key {
+        "position" => changed.position != original.position,
+        "velocity" => changed.velocity != original.velocity,
+        "heading" => changed.heading != original.heading,
+        "valid" => changed.valid != original.valid,
+        _ => changed.size != original.size,
+    };
+    all_columns(changed).into_iter().filter(|(key, _)| differs(key)).collect()
+}
+
+/// All columns of a track, under the keys that files use.
+pub(super) fn all_columns(track: &Track) -> Columns<'_> {
+    let mut columns: Columns = vec![
+        ("position", Box::new(|f, c| track.position[f].get(c).copied())),
+        ("velocity", Box::new(|f, c| track.velocity[f].get(c).copied())),
+        ("heading", Box::new(|f, _| Some(track.heading[f]))),
+        ("valid", Box::new(|f, _| Some(f64::from(u8::from(track.valid[f]))))),
+        ("size", Box::new(|f, c| track.size[f].get(c).copied())),
+    ];
+    for (k, key) in ["length", "width", "height"].into_iter().enumerate() {
+        columns.push((key, Box::new(move |f, _| Some(track.size[f][k]))));
     }
     columns
 }

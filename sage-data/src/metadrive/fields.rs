@@ -49,6 +49,7 @@ pub(super) struct Fields<'d> {
     budget: Cell<usize>,
     /// Number of entries and bytes of text that may still be read.
     work: Cell<usize>,
+    is_over_budget: Cell<bool>,
 }
 
 impl<'d> Fields<'d> {
@@ -59,7 +60,7 @@ impl<'d> Fields<'d> {
         let size = document.file_size();
         let budget = size.saturating_mul(4).saturating_add(4 << 20);
         let work = size.saturating_mul(16).saturating_add(4 << 20);
-        Self { document, path, budget: Cell::new(budget), work: Cell::new(work) }
+        Self { document, path, budget: Cell::new(budget), work: Cell::new(work), is_over_budget: Cell::new(false) }
     }
 
     /// Error that states a value of the document.
@@ -86,7 +87,10 @@ impl<'d> Fields<'d> {
     pub(super) fn spend(&self, field: &Field, bytes: usize) -> Result<(), Error> {
         match self.budget.get().checked_sub(bytes) {
             Some(left) => self.budget.set(left),
-            None => return Err(self.used_up(field)),
+            None => {
+                self.is_over_budget.set(true);
+                return Err(self.used_up(field));
+            }
         }
         if self.work.get() == 0 { Err(self.used_up(field)) } else { Ok(()) }
     }
@@ -95,6 +99,11 @@ impl<'d> Fields<'d> {
     pub(super) fn spend_work(&self, n: usize) -> bool {
         self.work.set(self.work.get().saturating_sub(n));
         self.work.get() > 0
+    }
+
+    /// Whether the limit of work is reached: then nothing more can be read.
+    pub(super) fn is_used_up(&self) -> bool {
+        self.work.get() == 0 || self.is_over_budget.get()
     }
 
     fn used_up(&self, field: &Field) -> Error {
@@ -169,17 +178,40 @@ impl<'d> Fields<'d> {
         Ok(rows.into_iter().map(|[x]| x).collect())
     }
 
-    /// `N` finite numbers per frame; the first `N` of wider rows.
-    pub(super) fn table<const N: usize>(
+    /// One number per frame, finite where the frame is valid; elsewhere one that is not finite becomes 0.
+    pub(super) fn valid_column(&self, id: Id, field: &Field, valid: &[bool]) -> Result<Vec<f64>, Error> {
+        Ok(self.valid_table::<1>(id, field, &[1], valid)?.into_iter().map(|[x]| x).collect())
+    }
+
+    /// `N` numbers per frame, finite where the frame is valid; elsewhere a row that is not finite becomes 0. Of wider rows
+    /// the first `N`.
+    pub(super) fn valid_table<const N: usize>(
         &self,
         id: Id,
         field: &Field,
         widths: &[usize],
-        length: usize,
+        valid: &[bool],
     ) -> Result<Vec<[f64; N]>, Error> {
-        let rows = self.rows::<N>(id, field, widths)?;
-        self.check_length(field, rows.len(), length)?;
+        let mut rows = Vec::new();
+        self.append_unchecked(&mut rows, id, field, widths)?;
+        self.check_length(field, rows.len(), valid.len())?;
+        if !all_within(MAX_COORDINATE, &rows) {
+            for (row, _) in rows.iter_mut().zip(valid).filter(|(_, valid)| !**valid) {
+                if !all_within(MAX_COORDINATE, std::slice::from_ref(row)) {
+                    *row = [0.0; N];
+                }
+            }
+            self.check_within(MAX_COORDINATE, &rows, field)?;
+        }
         Ok(rows)
+    }
+
+    /// Checks numbers that stand for all frames.
+    pub(super) fn check_number(&self, field: &Field, numbers: &[f64]) -> Result<(), Error> {
+        match numbers.iter().find(|x| !(x.abs() <= MAX_COORDINATE)) {
+            Some(x) => Err(self.not_within(MAX_COORDINATE, field, *x)),
+            None => Ok(()),
+        }
     }
 
     pub(super) fn check_length(&self, field: &Field, found: usize, expected: usize) -> Result<(), Error> {
@@ -221,6 +253,34 @@ impl<'d> Fields<'d> {
         widths: &[usize],
     ) -> Result<(), Error> {
         let first = out.len();
+        self.append_unchecked(out, id, field, widths)?;
+        self.check_within(limit, &out[first..], field)
+    }
+
+    /// Checks that all numbers of rows are finite and within ±`limit`.
+    fn check_within<const N: usize>(&self, limit: f64, rows: &[[f64; N]], field: &Field) -> Result<(), Error> {
+        // Only if the fast check of all numbers fails, the invalid number is searched.
+        if all_within(limit, rows) {
+            return Ok(());
+        }
+        let is_bad = |x: &f64| !(x.abs() <= limit);
+        let invalid =
+            rows.iter().enumerate().find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
+        let (row, value) = invalid.unwrap_or((0, &f64::NAN));
+        Err(self.not_within(limit, &field.key(&row.to_string()), *value))
+    }
+
+    fn not_within(&self, limit: f64, field: &Field, value: f64) -> Error {
+        self.error(field, value.to_string(), format!("a finite number within ±{limit:e}"))
+    }
+
+    fn append_unchecked<const N: usize>(
+        &self,
+        out: &mut Vec<[f64; N]>,
+        id: Id,
+        field: &Field,
+        widths: &[usize],
+    ) -> Result<(), Error> {
         match self.document.node(id) {
             Node::Array(array) => self.append_array(out, array, id, field, widths)?,
             Node::List(items) | Node::Tuple(items) => {
@@ -230,21 +290,6 @@ impl<'d> Fields<'d> {
                 }
             }
             _ => return Err(self.wrong(field, id, "an array or a list of numbers")),
-        }
-        // One branch-free pass checks all numbers. Only if it fails, the invalid number is searched. NaN also
-        // fails the comparison.
-        let is_bad = |x: &f64| !(x.abs() <= limit);
-        if out[first..].iter().flatten().fold(false, |bad, x| bad | is_bad(x)) {
-            let invalid = out[first..]
-                .iter()
-                .enumerate()
-                .find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
-            let (row, value) = invalid.unwrap_or((0, &f64::NAN));
-            return Err(self.error(
-                &field.key(&row.to_string()),
-                value.to_string(),
-                format!("a finite number within ±{limit:e}"),
-            ));
         }
         Ok(())
     }
@@ -340,6 +385,11 @@ impl<'d> Fields<'d> {
         }
         Ok(())
     }
+}
+
+/// Whether all numbers are finite and within ±`limit`, in one branch-free pass. NaN also fails the comparison.
+fn all_within<const N: usize>(limit: f64, rows: &[[f64; N]]) -> bool {
+    !rows.iter().flatten().fold(false, |bad, x| bad | !(x.abs() <= limit))
 }
 
 fn widths_in_words(widths: &[usize]) -> String {

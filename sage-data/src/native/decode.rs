@@ -6,12 +6,15 @@ use safetensors::{Dtype, SafeTensors, tensor::Metadata};
 use sage_core::{
     motion::{HISTORY, MAX_COORDINATE, NOW},
     scene::{
-        Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track, TrackKind, TrafficLight,
+        AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track, TrackKind, TrafficLight,
     },
 };
 
 use super::{Header, KEY, Link, VERSION};
-use crate::Error;
+use crate::{
+    Error, ReadOptions,
+    repairs::{self, Draft},
+};
 
 /// Tensors of a file, by name.
 pub(super) struct Tensors<'b> {
@@ -160,7 +163,7 @@ impl<const N: usize> Columns<'_, N> {
 /// Turns the bytes of a native file into a checked scene; `path` names it in errors.
 ///
 /// *Errors*: [`Error::Field`] with the tensor or key, the value found and the value expected.
-pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<Scene, Error> {
+pub(crate) fn decode(bytes: &[u8], options: &ReadOptions, path: &Path) -> Result<Scene, Error> {
     let file = Tensors::open(path, bytes)?;
     let header = file.header()?;
     if header.frames < HISTORY {
@@ -188,7 +191,7 @@ pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<Scene, Error> {
     let timestamps = file.rows::<1>("timestamps", &[count], f64::MAX)?.into_iter().map(|[t]| t).collect();
     let map = Arc::new(map(&file, &header)?);
     let lights = lights(&file, &header)?;
-    Ok(Scene {
+    let scene = Scene {
         id: header.id,
         frames: header.frames,
         timestamps,
@@ -199,7 +202,20 @@ pub(crate) fn decode(bytes: &[u8], path: &Path) -> Result<Scene, Error> {
         adversary: header.adversary,
         adversary_origin: header.adversary_origin,
         notes: header.notes,
-    })
+    };
+    finished(scene, options, path)
+}
+
+/// A native scene with the options of reading. Files of earlier versions may hold another frame rate.
+fn finished(scene: Scene, options: &ReadOptions, path: &Path) -> Result<Scene, Error> {
+    let (adversary, origin, count) = (scene.adversary, scene.adversary_origin, scene.tracks.len());
+    let named = adversary.filter(|_| matches!(origin, AdversaryOrigin::File | AdversaryOrigin::User));
+    let draft = Draft { scene, named, sample_rate: None, now_index: None };
+    let mut decoded = repairs::finish(draft, options, path)?;
+    if decoded.frames.is_none() && decoded.scene.tracks.len() == count {
+        (decoded.scene.adversary, decoded.scene.adversary_origin) = (adversary, origin);
+    }
+    Ok(decoded.scene)
 }
 
 fn tracks(file: &Tensors, header: &Header) -> Result<Vec<Track>, Error> {

@@ -10,11 +10,12 @@ use sage_core::files::{self, Existing};
 use sage_data::{
     Recording, dataset,
     openscenario::{Export, Options},
+    repairs,
     stream::{Inputs, Item, map_in_order},
     womd::VERSION,
 };
 
-use super::{Tally, file_name};
+use super::{Tally, file_name, with_suffix};
 use crate::{
     cli::{ConvertArgs, ConvertFormat},
     output::{self, DatasetRun},
@@ -113,7 +114,7 @@ impl Names<'_> {
         let source = Source::of(&item);
         let path = item.path().to_owned();
         let (name, dataset) = match item.name() {
-            Ok(name) => name,
+            Ok((name, dataset)) => (with_suffix(&name, &self.args.reading.options().suffix()), dataset),
             Err(error) => return Ok(Some(Job::Refused(error.into(), source))),
         };
         if self.args.shard.is_some_and(|shard| !shard.holds(&name.to_string_lossy())) {
@@ -160,9 +161,9 @@ fn one(args: &ConvertArgs, folder: &Path, job: Job) -> Done {
     if is_found && !args.folder.force {
         return Done::Found;
     }
-    let written = item.read().map_err(anyhow::Error::from).and_then(|recording| match args.to {
+    let written = item.read(&args.reading.options()).map_err(anyhow::Error::from).and_then(|recording| match args.to {
         ConvertFormat::Openscenario => write_scenario(args, &recording, &target),
-        _ => Ok(recording.write(&target).map(|()| Vec::new())?),
+        _ => Ok(recording.write(&target).map(|()| repairs::notes_of(&recording).collect())?),
     });
     written.map_or_else(|error| Done::Failed(error, source), Done::Written)
 }
@@ -186,5 +187,6 @@ fn write_scenario(args: &ConvertArgs, recording: &Recording, target: &Path) -> R
         write(&map, &export.network().xml)?;
     }
     write(target, &scenario)?;
-    Ok(export.notes().map(|note| format!("`{}`: {note}", recording.path.display())).collect())
+    let notes = export.notes().map(|note| format!("`{}`: {note}", recording.path.display()));
+    Ok(repairs::notes_of(recording).chain(notes).collect())
 }

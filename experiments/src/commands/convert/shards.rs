@@ -127,7 +127,7 @@ fn write_shard(
     let mut stopped = None;
     let encode = |item: Item| {
         let is_record = item.shard().is_some();
-        let encoded = item.read().and_then(|recording| recording.to_scenario());
+        let encoded = item.read(&args.reading.options()).and_then(|recording| recording.to_scenario());
         (is_record, encoded)
     };
     let written = files::write_with(path, Existing::Replace, |out| {

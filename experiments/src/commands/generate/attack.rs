@@ -12,7 +12,7 @@ use sage_core::{
     scene::{Scene, SceneIndex},
 };
 use sage_data::{
-    Recording, VariantWriter, dataset,
+    Recording, VariantWriter, checks, dataset,
     openscenario::{Export, License, Options, Provenance},
 };
 use sage_generators::attacked;
@@ -54,12 +54,15 @@ pub(super) fn attack_scene(
     if let Some(found) = finished(plan, run, file, scene, &source_hash).map_err(fail)? {
         return Ok(found);
     }
-    let recording = Recording::from_bytes(file, bytes).map_err(|error| fail(error.into()))?;
+    let recording = Recording::from_bytes_as(file, bytes, &plan.args.reading.options()).map_err(|error| fail(error.into()))?;
     let is_procedural =
         !plan.attackers.needs_origin() || recording.is_procedural().map_err(|error| fail(error.into()))?;
     let attacker = plan.attackers.attacker(is_procedural).map_err(Failure::Run)?;
     let writer = SceneWriter { plan, run, attacker: &attacker, scene, source_hash: &source_hash };
-    writer.attack(recording).map_err(fail)
+    writer.attack(recording).map_err(|error| match error.downcast_ref() {
+        Some(sage_core::Error::ContactNow { .. }) => Failure::LeftOut(format!("{error:#}")),
+        _ => fail(error),
+    })
 }
 
 /// The lines of a scene whose files all exist; `None` if any is missing.
@@ -96,7 +99,7 @@ fn finished(
         }
         lines.push(Line { text: row.line(), row: name, seconds: None });
     }
-    Ok(exists(&picture_file(scene)).then_some(SceneReport { lines, seconds: None }))
+    Ok(exists(&picture_file(scene)).then(|| SceneReport::found(lines)))
 }
 
 /// Name of the picture of a scene.
@@ -129,6 +132,7 @@ struct SceneWriter<'w> {
 impl SceneWriter<'_> {
     fn attack(&self, recording: Recording) -> Result<SceneReport> {
         let Self { plan, attacker, .. } = self;
+        let warnings = checks::important(&recording.scene);
         let files = VariantWriter::new(&recording)?;
         self.check_names(&files)?;
         let origin = plan.scenario_options().map(|_| scenario_origin(&recording)).transpose()?;
@@ -203,7 +207,7 @@ impl SceneWriter<'_> {
             Picture { title: self.scene.to_owned(), candidates: drawn, way_out, ..Picture::default() };
         let picture = drawing::draw(&scene, &picture);
         self.write(&[(&picture_file(self.scene), picture.as_bytes())])?;
-        Ok(SceneReport { lines, seconds: Some(seconds) })
+        Ok(SceneReport { lines, seconds: Some(seconds), warnings })
     }
 
     /// Refuses a scene whose outputs would have names that no file can have.

@@ -67,6 +67,10 @@ impl<'a> Plan<'a> {
         if let Some(options) = self.scenario_options() {
             identity["scenario"] = json!([options.standard.name(), options.ego.name()]);
         }
+        let reading = self.args.reading.identity();
+        if !reading.is_null() {
+            identity["reading"] = reading;
+        }
         if !self.ego.is_recording {
             identity["ego"] = ego::identity(&self.args.ego)?;
         }

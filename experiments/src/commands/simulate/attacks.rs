@@ -99,7 +99,7 @@ impl<'a> SceneAttacks<'a> {
         ego: &Ego,
         before: Option<&Drive>,
     ) -> Result<Vec<PlannedDrive>> {
-        let context = || {
+        let context = || -> Result<Context> {
             scene.attackable_horizon()?;
             let recorded = before.map_or_else(|| scene.clone(), |drive| ego.recorded(scene, drive));
             Ok(Context::new(&recorded, index, &ContextOptions::default())?)

@@ -7,7 +7,7 @@ use sage_core::{
     files,
     scene::{Scene, SceneIndex, Track},
 };
-use sage_data::Recording;
+use sage_data::{Recording, checks};
 use sage_sim::{
     SimScene,
     drive::Drive,
@@ -47,14 +47,19 @@ pub(super) fn simulate_scene(
     if let Some(found) = finished(simulation, run, input, &source_hash).map_err(fail)? {
         return Ok(found);
     }
-    let recording = Recording::from_bytes(&input.file, bytes).map_err(|error| fail(error.into()))?;
+    let recording = Recording::from_bytes_as(&input.file, bytes, &simulation.args.reading.options()).map_err(|error| fail(error.into()))?;
     let wanted = simulation.args.options.adversary.as_deref();
     let (attacks, adversary) =
         SceneAttacks::of(&simulation.attacked, &recording, &input.scene, &source_hash, wanted)?;
     let clock = Instant::now();
     let scene = recording.scene.with_roles(None, adversary.as_deref()).map_err(|error| fail(error.into()))?;
     let drives = SceneDrives { simulation, run, name: &input.scene, source_hash: &source_hash, attacks };
-    drives.simulate(Arc::new(scene), clock).map_err(fail)
+    let warnings = checks::important(&scene);
+    let report = drives.simulate(Arc::new(scene), clock).map_err(|error| match error.downcast_ref() {
+        Some(sage_core::Error::ContactNow { .. }) => Failure::LeftOut(format!("{error:#}")),
+        _ => fail(error),
+    })?;
+    Ok(SceneReport { warnings, ..report })
 }
 
 /// The lines of a scene whose files all exist; `None` if any is missing.
@@ -89,7 +94,7 @@ fn finished(
     let page = std::fs::metadata(folder.join(page_file(&input.scene)));
     Ok(page
         .is_ok_and(|page| page.is_file() && page.len() > 0)
-        .then_some(SceneReport { lines, seconds: None }))
+        .then(|| SceneReport::found(lines)))
 }
 
 /// One drive with its row.
@@ -223,6 +228,6 @@ impl SceneDrives<'_> {
         written.or_else(|(path, error)| {
             Err(error).with_context(|| format!("cannot write `{}`", path.display()))
         })?;
-        Ok(SceneReport { lines, seconds: Some(seconds) })
+        Ok(SceneReport { lines, seconds: Some(seconds), warnings: Vec::new() })
     }
 }

@@ -1,0 +1,45 @@
+//! How scene files are read.
+
+use clap::{Args, ValueEnum};
+use sage_data::ReadOptions;
+use serde_json::{Value, json};
+
+/// Options of reading scene files.
+#[derive(Clone, Copy, Debug, Default, Args)]
+#[command(next_help_heading = "Reading scenes")]
+pub(crate) struct ReadingArgs {
+    /// Frame that becomes now (at 10 Hz, from 0): reads 10 frames before it to 80 after it. Written scenes hold these
+    /// frames, and their names end in -nowFRAME. Default: now is 1.0 s after the first frame, and all frames are kept.
+    #[arg(long, value_name = "FRAME")]
+    pub now: Option<usize>,
+    /// Also resample recordings below 5 Hz to 10 Hz, down to 0.5 Hz; the motion between frames is then a guess.
+    #[arg(long)]
+    pub resample: bool,
+    /// Recompute velocities and headings from positions.
+    #[arg(long, value_name = "WHAT", value_enum)]
+    pub trust: Option<Trust>,
+    /// Refuse a scene in which any road user has an unusable value, instead of leaving that road user out.
+    #[arg(long)]
+    pub strict: bool,
+}
+
+/// What is trusted where values of a file contradict each other.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum Trust {
+    /// Positions: velocities and headings are recomputed from them.
+    Positions,
+}
+
+impl ReadingArgs {
+    /// The options of the reader.
+    pub(crate) fn options(&self) -> ReadOptions {
+        let Self { now, resample, trust, strict } = *self;
+        ReadOptions { now, resample, trust_positions: trust.is_some(), strict }
+    }
+
+    /// What distinguishes a run with these options from others; null for the default.
+    pub(crate) fn identity(&self) -> Value {
+        let options = self.options();
+        if options == ReadOptions::default() { Value::Null } else { json!(options) }
+    }
+}

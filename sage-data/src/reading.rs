@@ -1,0 +1,25 @@
+//! Options of reading a scene file.
+
+use serde::{Deserialize, Serialize};
+
+/// How a scene file is read. The default takes a file as it is and mends what is safe to mend ([`crate::repairs`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ReadOptions {
+    /// The frame at 10 Hz that becomes *now*: the scene is the window from 10 frames before it to 80 after it.
+    /// `None` keeps all frames, and *now* is 1.0 s after the first.
+    pub now: Option<usize>,
+    /// Also resamples recordings below 5 Hz.
+    pub resample: bool,
+    /// Recomputes velocities and headings from positions.
+    pub trust_positions: bool,
+    /// Refuses a scene in which any track has an unusable value, instead of leaving that track out.
+    pub strict: bool,
+}
+
+impl ReadOptions {
+    /// What is appended to the name of a scene that is a window of its recording, such as `-now40`.
+    pub fn suffix(&self) -> String {
+        self.now.map_or(String::new(), |now| format!("-now{now}"))
+    }
+}

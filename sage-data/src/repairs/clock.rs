@@ -1,0 +1,153 @@
+//! What the times of a file say about its frame rate.
+//!
+//! A file is at 10 Hz, and left as it is, if the median step of its times is within 5 % of 0.1 s; recorders stray by
+//! tens of milliseconds. Rates from 5 to 100 Hz are resampled; slower ones only if the user asks for it. Times in
+//! milli-, micro- or nanoseconds are recognised, because no traffic is recorded at such rates.
+
+use std::path::Path;
+
+use sage_core::{motion::DT, scene::Scene};
+
+use super::{motion, note};
+use crate::Error;
+
+/// Largest deviation of the median step from 0.1 s at 10 Hz, seconds.
+const TEN_HERTZ: f64 = 0.05 * DT;
+/// Steps of 100 Hz and 5 Hz, seconds, with a tolerance of 2 %.
+const RATES: [f64; 2] = [0.0098, 0.204];
+/// Longest step that is resampled on demand, seconds: beyond it nothing is known of the motion between frames.
+const LONGEST: f64 = 2.0;
+/// A `sample_rate` below this is a period in seconds.
+const LEAST_RATE: f64 = 2.0;
+/// Units of times other than seconds.
+const UNITS: [(&str, f64); 3] = [("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9)];
+/// Difference between two steps that contradict each other, as a share.
+const CONTRADICTION: f64 = 0.05;
+
+/// The frame rate of a recording.
+#[derive(Debug, PartialEq)]
+pub enum Clock {
+    /// 10 Hz, or no word of another rate.
+    Ten,
+    /// Another rate.
+    Other {
+        /// Time of each frame, seconds, increasing.
+        times: Vec<f64>,
+        /// Median step, seconds.
+        step: f64,
+    },
+}
+
+impl Clock {
+    /// Duration of a frame, seconds.
+    pub fn step(&self) -> f64 {
+        match self {
+            Self::Ten => DT,
+            Self::Other { step, .. } => *step,
+        }
+    }
+
+    /// The rate of a scene from its times, or from `sample_rate` if it has none that say anything. Times in another unit
+    /// become seconds. Notes what is odd.
+    ///
+    /// *Errors*: [`Error::Field`] for times that run backwards, and for rates that are not resampled.
+    pub(super) fn of(
+        scene: &mut Scene,
+        sample_rate: Option<f64>,
+        may_be_slow: bool,
+        path: &Path,
+    ) -> Result<Self, Error> {
+        let period = sample_rate.filter(|rate| rate.is_finite() && *rate > 0.0);
+        let period = period.map(|rate| if rate < LEAST_RATE { rate } else { 1.0 / rate });
+        let wrong = |field: &str, found: String, expected: String| Error::Field {
+            path: path.to_owned(),
+            field: format!("metadata/{field}"),
+            found,
+            expected,
+        };
+        let mut field = "ts";
+        let mut step = match median_step(&scene.timestamps) {
+            Some(step) if step < 0.0 => {
+                let times = &scene.timestamps;
+                let k = times.windows(2).position(|w| w[1] < w[0]).map_or(0, |k| k + 1);
+                let found = format!("{} at frame {k}, after {}", times[k], times[k.saturating_sub(1)]);
+                return Err(wrong("ts", found, "times that increase; these run backwards".to_owned()));
+            }
+            Some(step) if step > 0.0 => step,
+            constant => {
+                field = "sample_rate";
+                let step = period.unwrap_or(DT);
+                if constant.is_some() {
+                    let text = format!("the times are constant; a frame every {step} s is assumed");
+                    scene.notes.push(note("frame-rate", text));
+                    scene.timestamps = (0..scene.frames).map(|frame| frame as f64 * step).collect();
+                }
+                step
+            }
+        };
+        let is_known = |step: f64| (RATES[0]..=RATES[1]).contains(&step);
+        if step >= LEAST_RATE && field == "ts"
+            && let Some((unit, scale)) = UNITS.iter().find(|(_, scale)| is_known(step * scale))
+        {
+            let first = scene.timestamps[0];
+            scene.timestamps.iter_mut().for_each(|time| *time = (*time - first) * scale);
+            step *= scale;
+            scene.notes.push(note("frame-rate", format!("the times are in {unit}; they are read as such")));
+        }
+        if let Some(period) = period.filter(|period| (step / period - 1.0).abs() > CONTRADICTION) {
+            let text = format!(
+                "the times have a frame every {step:.4} s, `sample_rate` says {period:.4} s; the times are used"
+            );
+            scene.notes.push(note("frame-rate", text));
+        }
+        if (step - DT).abs() <= TEN_HERTZ {
+            return Ok(Self::Ten);
+        }
+        if !is_known(step) && !(may_be_slow && step > RATES[1] && step <= LONGEST) {
+            let hint = motion::implied_step(&scene.tracks)
+                .filter(|implied| (implied / step - 1.0).abs() > 0.25)
+                .map_or(String::new(), |implied| {
+                    format!("; its velocities fit a frame every {implied:.2} s, so its times may be wrong")
+                });
+            let found = format!("a frame every {} s ({} Hz){hint}", rounded(step), rounded(1.0 / step));
+            let expected = if step > RATES[1] && step <= LONGEST {
+                "5 to 100 Hz; --resample also reads slower recordings, whose motion between frames is a guess"
+            } else {
+                "5 to 100 Hz"
+            };
+            return Err(wrong(field, found, expected.to_owned()));
+        }
+        let times: Vec<f64> = if field == "ts" {
+            scene.timestamps.clone()
+        } else {
+            (0..scene.frames).map(|frame| frame as f64 * step).collect()
+        };
+        if let Some(k) = times.windows(2).position(|w| w[1] <= w[0]) {
+            let found = format!("{} at frame {}, after {}", times[k + 1], k + 1, times[k]);
+            return Err(wrong("ts", found, "times that increase, since they are resampled to 10 Hz".to_owned()));
+        }
+        Ok(Self::Other { times, step })
+    }
+}
+
+/// A number for a message, without digits that say nothing.
+fn rounded(x: f64) -> String {
+    let text = format!("{x:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+/// Median of the steps between times; negative if more of them fall than rise; `None` without two times.
+fn median_step(times: &[f64]) -> Option<f64> {
+    let mut steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+    steps.sort_by(f64::total_cmp);
+    let falling = steps.iter().filter(|step| **step < 0.0).count();
+    let rising = steps.iter().filter(|step| **step > 0.0).count();
+    if falling > rising {
+        return Some(steps[0]);
+    }
+    // A clock that stands still now and then has a median of 0, and still says something.
+    if rising > 0 && steps[steps.len() / 2] <= 0.0 {
+        return Some((times[times.len() - 1] - times[0]) / steps.len() as f64);
+    }
+    steps.get(steps.len() / 2).copied()
+}

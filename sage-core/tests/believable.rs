@@ -153,7 +153,7 @@ fn a_median_bounds_the_road_and_makes_an_attack_unbelievable() {
     // The box, 4 m long, reaches y = 2.5 after 0.5 s.
     let across = |t: f64| [40.0, (5.0 - t).max(0.5)];
     let scores = score(&scene, across);
-    assert!(scores.feasible && scores.collision);
+    assert!(scores.feasible && scores.collision == Some(true));
     assert_eq!((scores.believable, scores.feasible_drivable), (Some(false), false));
     let (reason, seconds) = reasons(&scores)[0];
     assert_eq!((reason, scores.unbelievable[0].limit), ("median", None));

@@ -38,7 +38,7 @@ fn straight_motion_has_the_floor_of_both_penalties() {
     assert_relative_eq!(s.behavior_penalty, behavior_floor(), max_relative = 1e-9);
     // Beside each other all along: 20 m and 4 m apart.
     assert_relative_eq!(s.adversarial_reward, (-0.2 * 416f64.sqrt()).exp(), max_relative = 1e-9);
-    assert!(s.feasible && s.feasible_drivable && !s.collision);
+    assert!(s.feasible && s.feasible_drivable && s.collision == Some(false));
     assert_eq!(s.criticality.time_to_collision, None);
     assert_eq!(s.criticality.impact_speed, None);
 }
@@ -106,7 +106,7 @@ fn crossing_behind_the_ego_has_a_post_encroachment_time() {
     // The adversary drives north at 1 m/s along x = 40.05; the ego passes that line eastwards.
     let scene = road(car("a", [40.05, -9.05], [0.0, 1.0]), vec![]);
     let s = score(&scene, |t| [40.05, -9.05 + t]);
-    assert!(!s.collision);
+    assert_eq!(s.collision, Some(false));
     // The ego's 4 m lie over the adversary's 2 m while its centre is within 3 m of 40.05: the last
     // such step is 43. The adversary's nose, 2 m ahead of its centre, reaches y = −1 at 6.05 s:
     // step 61. 18 steps lie between.

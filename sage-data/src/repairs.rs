@@ -14,6 +14,11 @@ pub mod resample;
 pub mod sizes;
 pub mod window;
 
+#[cfg(test)]
+mod made;
+#[cfg(test)]
+mod tests;
+
 use std::path::Path;
 
 use sage_core::{

@@ -13,7 +13,7 @@ use std::{
 };
 
 use sage_data::{
-    Error, Recording,
+    Error, ReadOptions, Recording,
     stream::{Inputs, Item, map_in_order},
     womd::ShardReader,
 };
@@ -43,7 +43,7 @@ fn read(bytes: &[u8]) -> (Vec<Recording>, Option<String>) {
         let mut shard = ShardReader::from_bytes(Path::new("some.tfrecord"), bytes.to_vec())?;
         while let Some(record) = shard.next_record() {
             let record = record?;
-            scenes.push(record.read()?);
+            scenes.push(record.read(&ReadOptions::default())?);
         }
         Ok(())
     };
@@ -118,7 +118,7 @@ fn assert_expected(name: &str, file: &Path, expected: &Value) -> (Duration, usiz
     let outcome = map_in_order(
         Inputs::under(&[file.to_owned()]).unwrap().items(),
         Item::size,
-        |item| item.read().map(|_| ()),
+        |item| item.read(&ReadOptions::default()).map(|_| ()),
         |scene| {
             scene?;
             scenes += 1;

@@ -56,15 +56,15 @@ fn the_logs_are_feasible_and_some_simple_attack_succeeds() {
             Trajectory::new("log", points).unwrap()
         };
         let logged = scorer.scores(&ctx.candidate(log(scene.adversary.unwrap())));
-        assert!(logged.feasible && !logged.collision, "{}: {:?}", scene.id, logged.violations);
+        assert!(logged.feasible && logged.collision == Some(false), "{}: {:?}", scene.id, logged.violations);
         let ego =
             (*scene).clone().with_roles(Some(&scene.adversary().unwrap().id), Some(&scene.ego().id)).unwrap();
         let swapped = Context::new(&Arc::new(ego), &index, &ContextOptions::default()).unwrap();
         let logged = Scorer::new(&swapped).scores(&swapped.candidate(log(scene.ego)));
-        assert!(logged.feasible && !logged.collision, "{}: {:?}", scene.id, logged.violations);
+        assert!(logged.feasible && logged.collision == Some(false), "{}: {:?}", scene.id, logged.violations);
         let hits = procedural::attacks(&scene).into_iter().any(|(_, trajectory)| {
             let s = scorer.scores(&ctx.candidate(trajectory));
-            s.collision && s.feasible
+            s.collision == Some(true) && s.feasible
         });
         assert!(hits, "{}", scene.id);
     }
@@ -184,7 +184,7 @@ fn a_median_separates_ego_and_adversary_and_some_simple_attack_avoids_it() {
             let scores = scorer.scores(&candidate);
             let mut segments = medians.iter().flat_map(|line| line.windows(2));
             let touches = |s: &[Point]| candidate.boxes().iter().any(|b| b.intersects_segment(s[0], s[1]));
-            scores.collision && scores.feasible && !segments.any(touches)
+            scores.collision == Some(true) && scores.feasible && !segments.any(touches)
         };
         assert!(procedural::attacks(&scene).into_iter().any(|(_, t)| avoids(t)), "{}", scene.id);
     }

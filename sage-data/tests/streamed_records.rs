@@ -12,7 +12,7 @@ use std::{
 };
 
 use sage_data::{
-    Error,
+    Error, ReadOptions,
     stream::{Inputs, Item, map_in_order},
 };
 
@@ -36,7 +36,7 @@ fn read(pipe: &Path, shard: &[u8], records: usize) -> usize {
     map_in_order(
         Inputs::under(&[PathBuf::from(pipe)]).unwrap().items(),
         Item::size,
-        |item| item.read().map(|recording| recording.scene.frames),
+        |item| item.read(&ReadOptions::default()).map(|recording| recording.scene.frames),
         |frames| {
             assert!(frames? > 0);
             scenes += 1;

@@ -14,7 +14,7 @@ use std::{
 
 use sage_core::scene::{Lane, Map, Scene};
 use sage_data::{
-    Recording, VariantWriter, folder,
+    ReadOptions, Recording, VariantWriter, folder,
     pickle::{Document, Id, Node, same},
     procedural::{self, Kind},
     stream::Inputs,
@@ -28,7 +28,7 @@ fn synthetic() -> PathBuf {
 
 /// All scenes of a shard.
 fn scenes(shard: &Path) -> Vec<Recording> {
-    Inputs::under(&[shard.to_owned()]).unwrap().items().map(|item| item.read().unwrap()).collect()
+    Inputs::under(&[shard.to_owned()]).unwrap().items().map(|item| item.read(&ReadOptions::default()).unwrap()).collect()
 }
 
 fn get(document: &Document, id: Id, key: &str) -> Id {

@@ -85,18 +85,33 @@ fn frames(fields: &Fields, top: Id) -> Result<usize, Error> {
 }
 
 /// Id of the object of interest besides the ego, if the file names exactly one that is a track.
+///
+/// MetaDrive gives the tracks of a re-exported drive new ids. The objects of interest are then those of the scene that
+/// was driven (`history_metadata`), and each track has its old id (`original_id`).
 fn named_adversary(fields: &Fields, metadata: Id, ego: &str) -> Option<String> {
     let document = fields.document;
     let tracks = fields.optional(document.root(), "tracks").and_then(|tracks| document.entries(tracks))?;
-    let list = document.items(fields.optional(metadata, "objects_of_interest")?)?;
     let identifier = |id: Id| {
         fields.spend_work(document.text_length(id).unwrap_or(1)).then(|| document.identifier(id)).flatten()
     };
-    let known: HashSet<String> = tracks.iter().filter_map(|(key, _)| identifier(*key)).collect();
-    let mut others: Vec<String> = list.iter().filter_map(|id| identifier(*id)).collect();
-    others.retain(|id| id != ego && known.contains(id));
-    others.sort_unstable();
-    others.dedup();
+    let original = |track: Id| {
+        let metadata = fields.optional(track, "metadata")?;
+        identifier(fields.optional(metadata, "original_id")?)
+    };
+    let interest = |metadata: Id| document.items(fields.optional(metadata, "objects_of_interest")?);
+    let (list, is_before) = match interest(metadata) {
+        Some(list) => (list, false),
+        None => (interest(fields.optional(metadata, "history_metadata")?)?, true),
+    };
+    let list: HashSet<String> = list.iter().filter_map(|id| identifier(*id)).collect();
+    let mut others: Vec<String> = Vec::new();
+    for (key, track) in tracks {
+        let id = identifier(*key)?;
+        let is_named = if is_before { original(*track).is_some_and(|id| list.contains(&id)) } else { list.contains(&id) };
+        if is_named && id != ego {
+            others.push(id);
+        }
+    }
     if others.len() == 1 { others.pop() } else { None }
 }
 

@@ -1,11 +1,11 @@
 //! Formats of scene files, detected by their first bytes.
 
-use crate::womd;
+use crate::{pickle, womd};
 
 /// Formats of scene files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// A Python pickle of protocol 2 to 5.
+    /// A Python pickle of protocol 0 to 5.
     Pickle,
     /// A native file: safetensors.
     Native,
@@ -28,6 +28,8 @@ impl Format {
                 Some(Self::TfRecord)
             }
             [0x80, 2..=5, ..] => Some(Self::Pickle),
+            // Protocols 0 and 1 have no mark of their own at the start.
+            _ if pickle::may_run(bytes) => Some(Self::Pickle),
             // Before native files, because a checksum may look like their brace.
             _ if womd::begins_with_record(bytes) => Some(Self::TfRecord),
             // The length of the header in eight bytes, followed by its opening brace.
@@ -53,7 +55,7 @@ mod tests {
         let like_a_pickle = |third: u8| womd::frame(&vec![0; usize::from(third) << 16 | 0x0280]);
         assert_eq!(Format::of(&like_a_pickle(1)), Some(Format::TfRecord));
         assert_eq!(Format::of(&like_a_pickle(b'V')), Some(Format::Pickle));
-        for neither in [&b""[..], b"\x80", b"\x80\x01N.", b"{}", b"no scene at all"] {
+        for neither in [&b""[..], b"\x80", b"{}", b"no scene at all"] {
             assert_eq!(Format::of(neither), None);
         }
     }

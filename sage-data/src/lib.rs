@@ -16,6 +16,7 @@ pub mod checks;
 pub mod dataset;
 mod error;
 pub mod folder;
+mod foreign;
 mod format;
 pub mod metadrive;
 mod native;

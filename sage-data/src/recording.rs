@@ -12,7 +12,7 @@ use sage_core::{
 };
 
 use crate::{
-    Error, Format, metadrive, native,
+    Error, Format, foreign, metadrive, native,
     pickle::Document,
     variants::PROVENANCE,
     womd::{self, EncodedScenario},
@@ -100,13 +100,20 @@ impl Recording {
         if is_record(path, &bytes) {
             return Self::of_record(path, &womd::only_record(path, bytes)?);
         }
-        if Format::of(&bytes) == Some(Format::Native) {
+        let format = Format::of(&bytes);
+        if format.is_none()
+            && let Some(found) = foreign::of_bytes(&bytes)
+        {
+            return Err(found.error(path));
+        }
+        if format == Some(Format::Native) {
             let scene = native::decode(&bytes, path)?;
             check_lines(&scene, path)?;
             return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes) });
         }
         let source = parse(path, bytes)?;
-        let scene = metadrive::decode(&source, path)?;
+        let explain = |error| foreign::of_document(&source).map_or(error, |found| found.error(path));
+        let scene = metadrive::decode(&source, path).map_err(explain)?;
         check_lines(&scene, path)?;
         Ok(Self { path: path.to_owned(), scene, source: Source::Pickle(source) })
     }
@@ -255,7 +262,15 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
     if womd::is_shard(path) || womd::split_path(path).is_some() {
         return womd::read_framed(path);
     }
-    read_with(path, files::read_argument)
+    read_with(path, files::read_argument).map_err(|error| match error {
+        Error::TooLarge { .. } => {
+            let start = files::read_start(path, foreign::LOOK as u64).unwrap_or_default();
+            let found = if Format::of(&start).is_none() { foreign::of_bytes(&start) } else { None };
+            // Without a start nothing was looked at.
+            found.filter(|_| !start.is_empty()).map_or(error, |found| found.error(path))
+        }
+        error => error,
+    })
 }
 
 /// The bytes of a file in a folder, which must be a regular file.

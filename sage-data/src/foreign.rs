@@ -7,7 +7,7 @@ use std::path::Path;
 
 use crate::{
     Error,
-    pickle::{Document, Id, Node},
+    pickle::{Document, Id, Node, PickleError, PickleProblem},
 };
 
 /// Bytes that are looked at.
@@ -27,6 +27,20 @@ pub(crate) struct Foreign {
 impl Foreign {
     pub(crate) fn error(self, path: &Path) -> Error {
         Error::OtherFormat { path: path.to_owned(), found: self.what, remedy: self.remedy }
+    }
+}
+
+/// The error that says what a file is, in place of that of the reader of pickles. A file that names a function or class
+/// keeps the error that says so.
+pub(crate) fn instead_of(error: Error, found: Option<Foreign>) -> Error {
+    match (&error, found) {
+        (Error::Pickle { problem: PickleError { kind: PickleProblem::Global(name), .. }, .. }, _)
+            if name.chars().all(|c| c.is_alphanumeric() || matches!(c, '_' | '.' | '-')) =>
+        {
+            error
+        }
+        (Error::Pickle { path, .. }, Some(found)) => found.error(path),
+        _ => error,
     }
 }
 
@@ -91,6 +105,10 @@ pub(crate) fn of_bytes(bytes: &[u8]) -> Option<Foreign> {
 
 /// The kind of a text.
 fn of_text(start: &[u8]) -> Option<Foreign> {
+    // A pickle of protocol 0 that is damaged or truncated: its own error says more.
+    if [&b"(dp"[..], b"(lp", b"(d\n", b"ccollections"].iter().any(|begin| start.starts_with(begin)) {
+        return None;
+    }
     let found = |what, remedy| Some(Foreign { what, remedy });
     let body = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start).trim_ascii_start();
     // The look may end inside a character.
@@ -144,7 +162,10 @@ fn of_json(body: &[u8]) -> Foreign {
         return found("a map of Argoverse 2 (JSON), without road users", CONVERT);
     }
     if has(b"\"run_hash\"") {
-        return found("a row of `sage generate` (JSON)", "give one of the scene files that its `files` names");
+        return found(
+            "a row of `sage generate` (JSON)",
+            "give one of the scene files that its `files` names",
+        );
     }
     if has(b"\"command\"") && has(b"\"results\"") {
         return found("a record of a run of `sage` (JSON)", GIVE_FOLDER);

@@ -1,6 +1,9 @@
 //! Formats of scene files, detected by their first bytes.
 
-use crate::{pickle, womd};
+use crate::{
+    pickle::{self, Walk},
+    womd,
+};
 
 /// Formats of scene files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,6 +22,8 @@ impl Format {
     /// A file that starts like a pickle is a pickle and nothing else, because Python would load it as one.
     /// A file that is data to one reader and a program to another would be a security risk.
     pub fn of(bytes: &[u8]) -> Option<Self> {
+        // Protocols 0 and 1 have no mark of their own at the start.
+        let walk = pickle::walk(bytes);
         match bytes {
             // The length of a record can begin like a pickle. Python refuses the zeros that follow, but for those
             // after BINFLOAT and UNICODE, which take any bytes.
@@ -28,13 +33,12 @@ impl Format {
                 Some(Self::TfRecord)
             }
             [0x80, 2..=5, ..] => Some(Self::Pickle),
-            // Protocols 0 and 1 have no mark of their own at the start.
-            _ if pickle::may_run(bytes) => Some(Self::Pickle),
+            _ if walk == Walk::Names => Some(Self::Pickle),
             // Before native files, because a checksum may look like their brace.
             _ if womd::begins_with_record(bytes) => Some(Self::TfRecord),
             // The length of the header in eight bytes, followed by its opening brace.
             [_, _, _, _, _, _, _, _, b'{', ..] => Some(Self::Native),
-            _ => None,
+            _ => (walk == Walk::Ends).then_some(Self::Pickle),
         }
     }
 }

@@ -28,7 +28,7 @@ pub use same::same;
 
 pub(crate) use dict_writer::DictWriter;
 pub(crate) use document::dtype_values;
-pub(crate) use walk::may_run;
+pub(crate) use walk::{Walk, walk};
 
 /// Largest nesting depth of containers; scenes have depth nine.
 pub const MAX_DEPTH: usize = 64;
@@ -60,7 +60,9 @@ pub enum PickleProblem {
     #[error("the file is empty")]
     EmptyFile,
     /// A file that does not start like a pickle.
-    #[error("not a pickle: the first byte is {first:#04x}, expected 0x80 (PROTO) or an opcode that begins a pickle of protocol 0 or 1")]
+    #[error(
+        "not a pickle: the first byte is {first:#04x}, expected 0x80 (PROTO) or an opcode that begins a pickle of protocol 0 or 1"
+    )]
     NotAPickle {
         /// First byte of the file.
         first: u8,

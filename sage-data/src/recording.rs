@@ -101,17 +101,13 @@ impl Recording {
             return Self::of_record(path, &womd::only_record(path, bytes)?);
         }
         let format = Format::of(&bytes);
-        if format.is_none()
-            && let Some(found) = foreign::of_bytes(&bytes)
-        {
-            return Err(found.error(path));
-        }
+        let found = if format.is_none() { foreign::of_bytes(&bytes) } else { None };
         if format == Some(Format::Native) {
             let scene = native::decode(&bytes, path)?;
             check_lines(&scene, path)?;
             return Ok(Self { path: path.to_owned(), scene, source: Source::Native(bytes) });
         }
-        let source = parse(path, bytes)?;
+        let source = parse(path, bytes).map_err(|error| foreign::instead_of(error, found))?;
         let explain = |error| foreign::of_document(&source).map_or(error, |found| found.error(path));
         let scene = metadrive::decode(&source, path).map_err(explain)?;
         check_lines(&scene, path)?;

@@ -127,7 +127,8 @@ fn required_deceleration(ego: &OrientedBox, other: &OrientedBox, velocity: Point
         return 0.0;
     }
     let across = [-velocity[1] / speed, velocity[0] / speed];
-    let overlap = reach(ego, across) + reach(other, across) - dot(sub(other.center, ego.center), across).abs();
+    let overlap =
+        reach(ego, across) + reach(other, across) - dot(sub(other.center, ego.center), across).abs();
     deceleration_within(time, speed) * (overlap / FULL_OVERLAP).clamp(0.0, 1.0)
 }
 

@@ -93,7 +93,10 @@ impl Machine {
                 let is_vector = matches!(self.node(*class), Node::Global(Global::Vector))
                     && matches!(self.node(*base), Node::Global(Global::Tuple));
                 if !is_vector {
-                    return Err(form("the arguments of _reconstructor", "(metadrive.utils.math.Vector, tuple, items)"));
+                    return Err(form(
+                        "the arguments of _reconstructor",
+                        "(metadrive.utils.math.Vector, tuple, items)",
+                    ));
                 }
                 return self.vector(*items);
             }

@@ -21,7 +21,8 @@ impl Machine {
             op::INT | op::LONG => self.integer(code, span),
             op::FLOAT => {
                 let value = float(self.slice(span));
-                let value = value.ok_or_else(|| self.line_error(code, span, "a float as Python writes it"))?;
+                let value =
+                    value.ok_or_else(|| self.line_error(code, span, "a float as Python writes it"))?;
                 self.push(Node::Float(value))
             }
             op::STRING => self.string(span),
@@ -80,7 +81,8 @@ impl Machine {
         };
         let span = if inner.contains(&b'\\') {
             let text = unescaped(inner);
-            let text = text.ok_or_else(|| self.line_error(op::STRING, span, "escapes as Python writes them"))?;
+            let text =
+                text.ok_or_else(|| self.line_error(op::STRING, span, "escapes as Python writes them"))?;
             self.append(&text)
         } else {
             Span { start: span.start + 1, len: span.len - 2 }

@@ -36,9 +36,11 @@ impl Format {
             _ if walk == Walk::Names => Some(Self::Pickle),
             // Before native files, because a checksum may look like their brace.
             _ if womd::begins_with_record(bytes) => Some(Self::TfRecord),
-            // The length of the header in eight bytes, followed by its opening brace.
+            // The length of the header in eight bytes, followed by its opening brace. No header has 4 GiB.
+            [_, _, _, _, 0, 0, 0, 0, b'{', ..] => Some(Self::Native),
+            _ if walk == Walk::Ends => Some(Self::Pickle),
             [_, _, _, _, _, _, _, _, b'{', ..] => Some(Self::Native),
-            _ => (walk == Walk::Ends).then_some(Self::Pickle),
+            _ => None,
         }
     }
 }

@@ -168,8 +168,14 @@ fn a_vector_is_the_tuple_that_it_was_made_from() {
 
 #[test]
 fn a_file_that_python_would_run_is_never_another_format() {
-    for pickle in [&b"(dp0\n."[..], b"(dp0\nVab{\nN\ns.", b"}q\x00.", b"I1\n.", b"cos\nsystem\n(S'ls'\ntR.", b"(lp0\ncos\nsystem\n"]
-    {
+    for pickle in [
+        &b"(dp0\n."[..],
+        b"(dp0\nVab{\nNs.",
+        b"}q\x00.",
+        b"I1\n.",
+        b"cos\nsystem\n(S'ls'\ntR.",
+        b"(lp0\ncos\nsystem\n",
+    ] {
         assert_eq!(Format::of(pickle), Some(Format::Pickle), "{}", pickle.escape_ascii());
     }
     // The length of a native file's header, and then its brace, inside the argument of an opcode.

@@ -1,6 +1,6 @@
 //! The required deceleration of approaches in scenes of the folder `SAGE_REFERENCE`.
 
-#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 
 use std::{path::Path, sync::Arc};
 

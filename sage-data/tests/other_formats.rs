@@ -1,6 +1,6 @@
 //! Files that are no scenes: the error says what they are, and what to do.
 
-#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,6 @@
 //! Pickles of protocols 0 and 1: values of each opcode, and what CPython reads but no pickler writes.
 
-#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 
 use std::path::{Path, PathBuf};
 

@@ -137,8 +137,7 @@ fn the_note_of_cat_agrees_with_the_scores() {
     let ego = ctx.ego().positions();
     let mut nearest = 0;
     // Crosses the ego's path at 25 m/s, in one of 30 frames: CAT compares every fifth.
-    for step in 20..50 {
-        let [ex, ey] = ego[step];
+    for (step, [ex, ey]) in ego.iter().enumerate().skip(20).take(30) {
         let cross = |past: bool| {
             let at = |k: usize| {
                 let along = 2.5 * (k as f64 - step as f64) + if past { 400.0 } else { 0.0 };

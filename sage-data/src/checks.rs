@@ -193,6 +193,12 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
             }
         }
     }
+    let unknown = scene.tracks.iter().filter(|track| track.kind.is_unknown()).count();
+    if unknown > 0 {
+        let words = if unknown == 1 { "1 track has" } else { &format!("{unknown} tracks have") };
+        let effect = "counts as an obstacle and is never chosen as the adversary";
+        warn("unknown-type", format!("{words} no known type; such a track {effect}"));
+    }
     let crossings = level_crossings(scene);
     if !crossings.is_empty() {
         let detail =

@@ -45,6 +45,16 @@ pub enum Error {
         /// Problem found by the interpreter.
         problem: PickleError,
     },
+    /// A file of a format that is recognised but not read.
+    #[error("`{}` is {found}; {remedy}", path.display())]
+    OtherFormat {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        found: &'static str,
+        /// What to do.
+        remedy: &'static str,
+    },
     /// A value that a scene does not have at this field.
     #[error("`{}`: field `{field}` is {found}; expected {expected}", path.display())]
     Field {

@@ -1,11 +1,14 @@
 //! Formats of scene files, detected by their first bytes.
 
-use crate::womd;
+use crate::{
+    pickle::{self, Walk},
+    womd,
+};
 
 /// Formats of scene files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// A Python pickle of protocol 2 to 5.
+    /// A Python pickle of protocol 0 to 5.
     Pickle,
     /// A native file: safetensors.
     Native,
@@ -19,6 +22,8 @@ impl Format {
     /// A file that starts like a pickle is a pickle and nothing else, because Python would load it as one.
     /// A file that is data to one reader and a program to another would be a security risk.
     pub fn of(bytes: &[u8]) -> Option<Self> {
+        // Protocols 0 and 1 have no mark of their own at the start.
+        let walk = pickle::walk(bytes);
         match bytes {
             // The length of a record can begin like a pickle. Python refuses the zeros that follow, but for those
             // after BINFLOAT and UNICODE, which take any bytes.
@@ -28,9 +33,12 @@ impl Format {
                 Some(Self::TfRecord)
             }
             [0x80, 2..=5, ..] => Some(Self::Pickle),
+            _ if walk == Walk::Names => Some(Self::Pickle),
             // Before native files, because a checksum may look like their brace.
             _ if womd::begins_with_record(bytes) => Some(Self::TfRecord),
-            // The length of the header in eight bytes, followed by its opening brace.
+            // The length of the header in eight bytes, followed by its opening brace. No header has 4 GiB.
+            [_, _, _, _, 0, 0, 0, 0, b'{', ..] => Some(Self::Native),
+            _ if walk == Walk::Ends => Some(Self::Pickle),
             [_, _, _, _, _, _, _, _, b'{', ..] => Some(Self::Native),
             _ => None,
         }
@@ -53,7 +61,7 @@ mod tests {
         let like_a_pickle = |third: u8| womd::frame(&vec![0; usize::from(third) << 16 | 0x0280]);
         assert_eq!(Format::of(&like_a_pickle(1)), Some(Format::TfRecord));
         assert_eq!(Format::of(&like_a_pickle(b'V')), Some(Format::Pickle));
-        for neither in [&b""[..], b"\x80", b"\x80\x01N.", b"{}", b"no scene at all"] {
+        for neither in [&b""[..], b"\x80", b"{}", b"no scene at all"] {
             assert_eq!(Format::of(neither), None);
         }
     }

@@ -17,6 +17,7 @@ mod contradictions;
 pub mod dataset;
 mod error;
 pub mod folder;
+mod foreign;
 mod format;
 pub mod metadrive;
 mod native;

@@ -12,7 +12,7 @@ use sage_core::{
 };
 
 use crate::{
-    Error, Format, ReadOptions, metadrive, native,
+    Error, Format, ReadOptions, foreign, metadrive, native,
     pickle::Document,
     repairs::Decoded,
     variants::PROVENANCE,
@@ -117,12 +117,15 @@ impl Recording {
         if is_record(path, &bytes) {
             return Self::of_record(path, &womd::only_record(path, bytes)?, options);
         }
-        if Format::of(&bytes) == Some(Format::Native) {
+        let format = Format::of(&bytes);
+        let found = if format.is_none() { foreign::of_bytes(&bytes) } else { None };
+        if format == Some(Format::Native) {
             let scene = native::decode(&bytes, options, path)?;
             return Self::checked(path, scene, Source::Native(bytes), options);
         }
-        let source = parse(path, bytes)?;
-        let scene = metadrive::decode(&source, options, path)?.scene;
+        let source = parse(path, bytes).map_err(|error| foreign::instead_of(error, found))?;
+        let explain = |error| foreign::of_document(&source).map_or(error, |found| found.error(path));
+        let scene = metadrive::decode(&source, options, path).map_err(explain)?.scene;
         Self::checked(path, scene, Source::Pickle(source), options)
     }
 
@@ -289,7 +292,15 @@ pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
     if womd::is_shard(path) || womd::split_path(path).is_some() {
         return womd::read_framed(path);
     }
-    read_with(path, files::read_argument)
+    read_with(path, files::read_argument).map_err(|error| match error {
+        Error::TooLarge { .. } => {
+            let start = files::read_start(path, foreign::LOOK as u64).unwrap_or_default();
+            let found = if Format::of(&start).is_none() { foreign::of_bytes(&start) } else { None };
+            // Without a start nothing was looked at.
+            found.filter(|_| !start.is_empty()).map_or(error, |found| found.error(path))
+        }
+        error => error,
+    })
 }
 
 /// The bytes of a file in a folder, which must be a regular file.

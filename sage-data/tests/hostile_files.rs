@@ -8,7 +8,7 @@ mod mutation;
 use std::{alloc::System, path::Path};
 
 use mutation::{HOSTILE, Mutator, Outcome};
-use sage_data::Recording;
+use sage_data::{Recording, pickle::Document};
 
 /// An allocation beyond the limit fails, which ends the test.
 #[global_allocator]
@@ -18,6 +18,8 @@ static ALLOCATOR: cap::Cap<System> = cap::Cap::new(System, 256 << 20);
 fn mutants_are_refused_or_scenes() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let files = [
+        "tests/data/small_p0_core.pkl",
+        "tests/data/small_p1_core.pkl",
         "tests/data/small_p2_core.pkl",
         "tests/data/small_p4_core.pkl",
         "tests/data/newest_p5.pkl",
@@ -40,10 +42,80 @@ fn every_hostile_global_is_refused() {
     for global in HOSTILE {
         let (module, name) = global.split_once(' ').unwrap();
         for code in [format!("c{module}\n{name}\n."), format!("c{module}\n{name}\n)R.")] {
-            let bytes = [b"\x80\x04", code.as_bytes()].concat();
-            let error = mutation::consume(&bytes).expect_err(global).to_string();
-            assert!(error.contains("is not allowed"), "{global}: {error}");
+            // Protocols 0 and 1 begin without PROTO.
+            for start in [&b"\x80\x04"[..], b"", b"(dp0\n"] {
+                let bytes = [start, code.as_bytes()].concat();
+                let error = mutation::consume(&bytes).expect_err(global).to_string();
+                assert!(error.contains("is not allowed"), "{global}: {error}");
+            }
         }
+    }
+}
+
+#[test]
+fn every_hostile_opcode_of_old_protocols_is_refused() {
+    // INST and OBJ make objects, PERSID and BINPERSID ask the caller for one, EXT1 to EXT4 name a registered global.
+    for code in [
+        &b"(ios\nsystem\n."[..],
+        b"(S'echo'\nios\nsystem\n.",
+        b"(cos\nsystem\nS'echo'\no.",
+        b"(c__builtin__\ntuple\no.",
+        b"Pid\n.",
+        b"NQ.",
+        b"\x82\x01.",
+        b"\x83\x01\x00.",
+        b"\x84\x01\x00\x00\x00.",
+        b"c__builtin__\ntuple\n(tR.",
+        b"c__builtin__\ntuple\n(t\x81.",
+        b"cnumpy\nndarray\n(t\x81.",
+        b"ccopy_reg\n_reconstructor\n(cnumpy\nndarray\nc__builtin__\ntuple\n(ttR.",
+        b"ccopy_reg\n_reconstructor\n(cmetadrive.utils.math\nVector\nc__builtin__\nint\n(ttR.",
+        b"cmetadrive.utils.math\nVector\n((lt\x81.",
+        b"cmetadrive.utils.math\nVector\n((t(tt\x81.",
+        b"cmetadrive.utils.math\nVector\n((ttR(db.",
+        b"cmetadrive.utils.math\nVector\n.",
+    ] {
+        for start in [&b""[..], b"\x80\x02", b"N0"] {
+            let bytes = [start, code].concat();
+            mutation::consume(&bytes).expect_err(&code.escape_ascii().to_string());
+        }
+    }
+}
+
+#[test]
+fn long_lines_and_deep_old_pickles_cost_little() {
+    let repeated = |head: &[u8], part: &[u8], n: usize, tail: &[u8]| [head, &part.repeat(n), tail].concat();
+    let million = 1_000_000;
+    for (bytes, expected) in [
+        (repeated(b"I", b"7", million, b"\n."), "4300 digits"),
+        (repeated(b"L", b"7", million, b"L\n."), "4300 digits"),
+        (repeated(b"F", b"7", million, b"\n."), "a float"),
+        (repeated(b"F0.", b"7", million, b"\n."), "a float"),
+        (repeated(b"(dp", b"7", million, b"\n."), "memo entry"),
+        (repeated(b"Ng", b"0", million, b"\n."), "memo entry"),
+        (repeated(b"I", b"7", million, b""), "ends inside a value"),
+        (repeated(b"V", b"a", million, b""), "ends inside a value"),
+        (repeated(b"S'", b"a", million, b"\n."), "text in quotes"),
+        (repeated(b"S'", b"\\x41", million, b"'\n."), "(root)"),
+        (repeated(b"V", b"\\u0041", million, b"\n."), "(root)"),
+        (repeated(b"c", b"a", million, b"\nb\n."), "is not allowed"),
+        (repeated(b"", b"(", million, b"."), "nested deeper"),
+        (repeated(b"", b"(l", million, b"."), "more than"),
+        (repeated(b"", b"]", 200, &[&b"a".repeat(199)[..], b"."].concat()), "nested deeper"),
+        (repeated(b"N", b"\x85", 200, b"."), "nested deeper"),
+        (repeated(b"(d", b"I1\n(d", 100, &[&b"s".repeat(100)[..], b"."].concat()), "nested deeper"),
+        (repeated(b"(l", &[b"I", &b"7".repeat(4300)[..], b"\na"].concat(), 300, b"."), "(root)"),
+        (b"Np4294967295\n.".to_vec(), "memo entry"),
+        (b"Np18446744073709551616\n.".to_vec(), "memo entry"),
+        (b"(lp0\ng0\na.".to_vec(), "holds itself"),
+    ] {
+        let start = std::time::Instant::now();
+        let refused = mutation::consume(&bytes).unwrap_err().to_string();
+        // A file that is only text is refused as such.
+        let error = Document::parse(bytes.clone()).map_or_else(|error| error.to_string(), |_| refused);
+        let shown = bytes[..bytes.len().min(20)].escape_ascii();
+        assert!(error.contains(expected), "{shown}: {error}");
+        assert!(start.elapsed().as_secs_f64() < 2.0, "{shown} takes {:?}", start.elapsed());
     }
 }
 

@@ -5,13 +5,17 @@ use std::sync::Arc;
 
 use sage_backbones::{backbones, weights::Weights};
 use sage_core::{
-    generator::{Knowledge, Observation, OperatingPoint},
-    motion::NOW,
-    objective::{Context, ContextOptions, Objective, ObjectiveSpec, feasibilities, rewards},
+    generator::{Knowledge, Note, Observation, OperatingPoint, Proposal},
+    motion::{NOW, Trajectory},
+    objective::{Context, ContextOptions, Objective, ObjectiveSpec, Scorer, feasibilities, rewards},
     scene::{Scene, SceneIndex},
 };
 use sage_data::procedural::{Kind, generate};
-use sage_generators::{GeneratorInputs, ProposerKind, generators, proposers::MixedExperts};
+use sage_generators::{
+    GeneratorInputs, ProposerKind, generators,
+    proposers::MixedExperts,
+    selector::{CatSelector, SelectorKind},
+};
 use sage_merging::{ExpertSet, mergers};
 
 fn inputs(selection: &str) -> GeneratorInputs {
@@ -122,4 +126,40 @@ fn missing_inputs_are_named() {
             assert!(error.to_string().starts_with(&format!("generator `{}` needs", entry.name)), "{error}");
         }
     }
+}
+
+#[test]
+fn the_note_of_cat_agrees_with_the_scores() {
+    let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
+    let ctx = context(&scene);
+    let selector = CatSelector::build(&inputs("paper-selection"));
+    let scorer = Scorer::new(&ctx);
+    let ego = ctx.ego().positions();
+    let mut nearest = 0;
+    // Crosses the ego's path at 25 m/s, in one of 30 frames: CAT compares every fifth.
+    for (step, [ex, ey]) in ego.iter().enumerate().skip(20).take(30) {
+        let cross = |past: bool| {
+            let at = |k: usize| {
+                let along = 2.5 * (k as f64 - step as f64) + if past { 400.0 } else { 0.0 };
+                [ex + 0.6 * along, ey + 0.8 * along]
+            };
+            let path = Trajectory::new("cross", (0..80).map(at).collect()).unwrap();
+            Proposal { log_prob: Some(-1.0), ..Proposal::of(path) }
+        };
+        for proposals in [vec![cross(false)], vec![cross(true)], vec![cross(true), cross(false)]] {
+            let chosen = selector.select(&proposals, &ctx, 0.0).unwrap();
+            let touches =
+                |proposal: &Proposal| scorer.scores(&ctx.candidate(proposal.trajectory.clone())).collision;
+            match chosen.note {
+                Some(Note::NoContact) => assert!(!proposals.iter().any(touches), "step {step}"),
+                Some(Note::Nearest) => {
+                    nearest += 1;
+                    assert!(proposals.iter().any(touches), "step {step}");
+                }
+                note => assert_eq!(note, None),
+            }
+        }
+    }
+    assert!(nearest > 5, "{nearest}");
+    assert!(!Note::Nearest.to_string().contains("contact"), "a row may say contact beside it");
 }

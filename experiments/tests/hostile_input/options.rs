@@ -137,7 +137,7 @@ fn bad_use_ends_with_2_and_says_what_is_wrong() {
     let broken = folder.path().join("broken.pkl");
     std::fs::write(&broken, "").unwrap();
     let (code, said) = quick(&["inspect", text(&broken)]);
-    assert!(code == 1 && said.contains("the file is empty") && !said.contains("0x00"), "{said}");
+    assert!(code == 1 && said.contains("is an empty file") && !said.contains("0x00"), "{said}");
     let (code, said) = quick(&["generate", text(&broken), "--weights", "procedural", "--out", &out]);
     assert!(
         code == 1 && said.contains("the scene could not be attacked") && !said.contains("the others"),

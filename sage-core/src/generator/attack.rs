@@ -36,6 +36,8 @@ pub enum Note {
     NoneFeasible,
     /// No candidate makes contact.
     NoContact,
+    /// The generator's own test, at fewer frames, found no contact.
+    Nearest,
     /// Message of a generator outside this project.
     Other(String),
 }
@@ -45,6 +47,7 @@ impl fmt::Display for Note {
         f.write_str(match self {
             Self::NoneFeasible => "no candidate is feasible; the least violating one was selected",
             Self::NoContact => "no candidate makes contact; the nearest one was selected",
+            Self::Nearest => "selected because it comes nearest at the frames that the generator compares",
             Self::Other(text) => text,
         })
     }

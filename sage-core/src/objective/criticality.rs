@@ -12,6 +12,13 @@ use crate::{
     registry::{Entry, NoOptions},
 };
 
+/// Cap of the required deceleration, m/s²: what tyres transfer on dry asphalt, a friction of 1. A driver who needs more
+/// cannot avoid contact by braking, however much more it is.
+pub const FULL_BRAKING: f64 = 9.81;
+/// Overlap of a collision course that counts in full, metres. A course that would touch by less counts in proportion,
+/// so that a course just beside the other box differs little from one that just touches it.
+const FULL_OVERLAP: f64 = 0.5;
+
 /// Criticality measures of one candidate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Criticality {
@@ -21,8 +28,8 @@ pub struct Criticality {
     /// Post-encroachment time: least time between one leaving an area and the other entering it, seconds. 0
     /// if they collide, `None` if their swept areas do not overlap.
     pub post_encroachment_time: Option<f64>,
-    /// Greatest constant deceleration of the relative motion that avoids contact, m/s²: `Δv / (2 TTC)` over
-    /// the steps on a collision course before contact.
+    /// Greatest constant deceleration of the relative motion that avoids contact, m/s², at most [`FULL_BRAKING`], over
+    /// the steps on a collision course up to first contact; `None` without one. See [`required_deceleration`].
     pub required_deceleration: Option<f64>,
     /// Relative speed at first contact, m/s.
     pub impact_speed: Option<f64>,
@@ -83,22 +90,55 @@ impl Criticality {
     }
 }
 
-/// Least time to collision, and greatest required deceleration before contact.
+/// Least time to collision before contact, and greatest required deceleration up to contact.
 fn approach(Situation { candidate, ego: path, encounter, .. }: &Situation) -> (Option<f64>, Option<f64>) {
-    let end = encounter.contact.unwrap_or(candidate.horizon() + 1);
+    let last = encounter.contact.unwrap_or(candidate.horizon());
     let mut least: Option<f64> = None;
     let mut hardest: Option<f64> = None;
-    for step in 1..end {
+    for step in 1..=last {
         let (Some(ego), Some(ego_velocity)) = (path.box_at(step), path.velocity(step)) else { continue };
-        let relative = sub(candidate.velocity(step), ego_velocity);
-        if let Some(time) = time_to_touch(ego, &candidate.boxes()[step - 1], relative) {
+        let (other, relative) = (&candidate.boxes()[step - 1], sub(candidate.velocity(step), ego_velocity));
+        let needed = if encounter.contact == Some(step) {
+            deceleration_within(0.0, norm(relative))
+        } else if let Some(time) = time_to_touch(ego, other, relative) {
             least = Some(least.map_or(time, |t| t.min(time)));
-            // Boxes that do not touch have a positive distance, so the time is above 0.
-            let needed = norm(relative) / (2.0 * time);
-            hardest = Some(hardest.map_or(needed, |d| d.max(needed)));
-        }
+            required_deceleration(ego, other, relative, time)
+        } else {
+            continue;
+        };
+        hardest = Some(hardest.map_or(needed, |d| d.max(needed)));
     }
     (least, hardest)
+}
+
+/// Constant deceleration of the relative motion that avoids contact, m/s², for boxes that would touch after `time`:
+///
+/// `min(Δv / (2 (TTC + 0.1 s)), 9.81) · min(w / 0.5 m, 1)`
+///
+/// with the relative speed Δv and the overlap w of the course across its direction. The frame of 0.1 s is the time within
+/// which a recording at 10 Hz locates a contact: without it, a last frame that happens to lie just before contact
+/// would have any value. At contact TTC is 0 and w is not used, so `Δv / 0.2 s`, or 9.81 from 2 m/s on.
+///
+/// A steady approach that ends in contact therefore has the value of the contact. It changes little if the contact moves
+/// by a fraction of a frame, or becomes a stop just short of it.
+fn required_deceleration(ego: &OrientedBox, other: &OrientedBox, velocity: Point, time: f64) -> f64 {
+    let speed = norm(velocity);
+    if speed == 0.0 {
+        return 0.0;
+    }
+    let across = [-velocity[1] / speed, velocity[0] / speed];
+    let overlap =
+        reach(ego, across) + reach(other, across) - dot(sub(other.center, ego.center), across).abs();
+    deceleration_within(time, speed) * (overlap / FULL_OVERLAP).clamp(0.0, 1.0)
+}
+
+fn deceleration_within(time: f64, speed: f64) -> f64 {
+    (speed / (2.0 * (time + DT))).min(FULL_BRAKING)
+}
+
+/// Half of the extent of a box along a unit vector.
+fn reach(b: &OrientedBox, along: Point) -> f64 {
+    b.half_length * dot(b.axis, along).abs() + b.half_width * cross(b.axis, along).abs()
 }
 
 /// Time until `other`, moving with `velocity` relative to `ego`, touches it; `None` if it never does.
@@ -221,7 +261,7 @@ pub struct RequiredDeceleration;
 impl Entry<dyn Reward> for RequiredDeceleration {
     const NAME: &'static str = "required-deceleration";
     const SUMMARY: &'static str =
-        "greatest deceleration required to avoid contact, m/s²; 0 without a collision course";
+        "greatest deceleration required to avoid contact, m/s², at most 9.81; 0 without a collision course";
     const SOURCE: &'static str = "this project";
     type Options = NoOptions;
 

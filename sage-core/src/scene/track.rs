@@ -11,28 +11,40 @@ const PARKED: f64 = 3.0;
 /// Kind of a road user.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum TrackKind {
-    /// Car, van, truck, bus.
+    /// Car, van, truck, bus, motorcycle.
     Vehicle,
     /// Person on foot.
     Pedestrian,
     /// Person on a bicycle or the like.
     Cyclist,
-    /// Any other name of the file: TRAFFIC_CONE, TRAFFIC_BARRIER, …
+    /// Any other name of the file: TRAFFIC_CONE, TRAFFIC_BARRIER, RIDERLESS_BICYCLE, UNSET, …
     Other(String),
 }
 
 impl TrackKind {
-    /// The kind of a MetaDrive type name.
+    /// The name of a track without a type.
+    pub const UNSET: &str = "UNSET";
+
+    /// The kind of a type name: MetaDrive's, or one that converters take over from nuScenes, nuPlan or Argoverse 2.
+    ///
+    /// A motorcyclist is a vehicle, because a motorcycle drives at the speed of cars. A bicycle without rider stands, so it is
+    /// an object.
     pub fn from_name(name: &str) -> Self {
         match name {
-            "VEHICLE" => Self::Vehicle,
+            "VEHICLE" | "CAR" | "VAN" | "BUS" | "SCHOOL_BUS" | "TRUCK" | "TRAILER" | "MOTORCYCLE"
+            | "MOTORCYCLIST" => Self::Vehicle,
             "PEDESTRIAN" => Self::Pedestrian,
-            "CYCLIST" => Self::Cyclist,
+            "CYCLIST" | "BICYCLE" => Self::Cyclist,
             other => Self::Other(other.to_owned()),
         }
     }
 
-    /// The MetaDrive type name.
+    /// True if the file does not know the type.
+    pub fn is_unknown(&self) -> bool {
+        matches!(self, Self::Other(name) if matches!(&name[..], Self::UNSET | "UNKNOWN" | "NONE" | ""))
+    }
+
+    /// The MetaDrive type name. A bus has that of a vehicle here; files keep their own word.
     pub fn name(&self) -> &str {
         match self {
             Self::Vehicle => "VEHICLE",

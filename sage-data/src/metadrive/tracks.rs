@@ -104,7 +104,10 @@ fn track(
     frames: usize,
 ) -> Result<(Track, bool), Error> {
     let kind = fields.required(id, field, "type", "VEHICLE, PEDESTRIAN, CYCLIST, …")?;
-    let kind = TrackKind::from_name(fields.word(kind, &field.key("type"))?);
+    let kind = TrackKind::from_name(match fields.document.node(kind) {
+        Node::None => TrackKind::UNSET,
+        _ => fields.word(kind, &field.key("type"))?,
+    });
     let state = fields.required(id, field, "state", "a dict of columns")?;
     let field = &field.key("state");
     let get = |key: &str, expected: &str| fields.required(state, field, key, expected);

@@ -16,8 +16,8 @@ use super::{
 
 /// Values that every document starts with, so that common ones need no memory.
 pub(super) const NONE: Id = Id(0);
-const FALSE: Id = Id(1);
-const TRUE: Id = Id(2);
+pub(super) const FALSE: Id = Id(1);
+pub(super) const TRUE: Id = Id(2);
 /// No entry in the memo.
 const EMPTY: Id = Id(u32::MAX);
 
@@ -77,7 +77,8 @@ pub(super) struct Machine {
 impl Machine {
     fn run(&mut self, opcode_at: &mut usize) -> Result<Id, Problem> {
         let first = *self.document.first().ok_or(Problem::EmptyFile)?;
-        if first != op::PROTO {
+        // Protocols 0 and 1 have no PROTO; their first opcode creates a value.
+        if first != op::PROTO && !op::begins_value(first) {
             return Err(Problem::NotAPickle { first });
         }
         loop {
@@ -86,7 +87,7 @@ impl Machine {
             match code {
                 op::PROTO => {
                     let protocol = self.byte()?;
-                    if !(2..=5).contains(&protocol) {
+                    if protocol > 5 {
                         return Err(Problem::Protocol(protocol));
                     }
                     self.protocol = protocol;
@@ -252,9 +253,7 @@ impl Machine {
                 }
                 op::BINGET | op::LONG_BINGET => {
                     let k = if code == op::BINGET { u64::from(self.byte()?) } else { self.length::<4>()? };
-                    let found = usize::try_from(k).ok().and_then(|k| self.memo.get(k)).copied();
-                    let id = found.filter(|id| *id != EMPTY).ok_or(Problem::Memo(k))?;
-                    self.push_id(id)?;
+                    self.recall(k)?;
                 }
                 op::GLOBAL => {
                     let module = self.line()?;
@@ -269,6 +268,13 @@ impl Machine {
                             return Err(kind("the name of a global", other, "a str"));
                         }
                     }
+                }
+                op::INT | op::LONG | op::FLOAT | op::STRING | op::UNICODE | op::PUT | op::GET => {
+                    self.text_opcode(code)?;
+                }
+                op::NEWOBJ => {
+                    let (arguments, class) = (self.pop(code)?, self.pop(code)?);
+                    self.new_object(class, arguments)?;
                 }
                 op::REDUCE => {
                     let (arguments, function) = (self.pop(code)?, self.pop(code)?);
@@ -300,7 +306,7 @@ impl Machine {
     }
 
     #[inline]
-    fn push_id(&mut self, id: Id) -> Result<(), Problem> {
+    pub(super) fn push_id(&mut self, id: Id) -> Result<(), Problem> {
         if self.stack.len() >= self.limit {
             return Err(Problem::TooMuch(self.limit));
         }
@@ -339,7 +345,7 @@ impl Machine {
 
     /// Stores the top of the stack in a memo entry, replacing its value.
     #[inline(always)] // Inlining saves a twentieth of the reading time.
-    fn memoize(&mut self, code: u8, entry: u64) -> Result<(), Problem> {
+    pub(super) fn memoize(&mut self, code: u8, entry: u64) -> Result<(), Problem> {
         let top = self.top(code)?;
         // Picklers number the stored values consecutively.
         let index = usize::try_from(entry).ok().filter(|k| *k < self.limit).ok_or(Problem::Memo(entry))?;
@@ -351,6 +357,14 @@ impl Machine {
         let before = std::mem::replace(&mut self.memo[index], top);
         self.memo_entries += usize::from(before == EMPTY);
         Ok(())
+    }
+
+    /// Pushes the value of a memo entry.
+    #[inline]
+    pub(super) fn recall(&mut self, entry: u64) -> Result<(), Problem> {
+        let found = usize::try_from(entry).ok().and_then(|k| self.memo.get(k)).copied();
+        let id = found.filter(|id| *id != EMPTY).ok_or(Problem::Memo(entry))?;
+        self.push_id(id)
     }
 
     fn insert_pairs(&mut self, code: u8, mark: usize, dict: Id) -> Result<(), Problem> {

@@ -1,4 +1,4 @@
-//! REDUCE and BUILD: the few objects that a scene file creates from known globals.
+//! REDUCE, NEWOBJ and BUILD: the few objects that a scene file creates from known globals.
 //!
 //! Arrays are a function call that creates an empty array and a state that fills it, or, from protocol 5
 //! on, one call with a buffer. Their elements remain in the file's bytes.
@@ -19,6 +19,26 @@ const MAX_AXES: usize = 8;
 impl Machine {
     fn node(&self, id: Id) -> &Node {
         &self.nodes[id.0 as usize]
+    }
+
+    /// NEWOBJ, by which protocols from 2 on write a `Vector`. Python's value is a tuple with methods, so it is read as
+    /// the tuple that it was made from.
+    #[inline(never)]
+    pub(super) fn new_object(&mut self, class: Id, arguments: Id) -> Result<(), Problem> {
+        match (self.node(class), self.node(arguments)) {
+            (Node::Global(Global::Vector), Node::Tuple(arguments)) if arguments.len() == 1 => {
+                self.vector(arguments[0])
+            }
+            (Node::Global(Global::Vector), _) => Err(form("the arguments of Vector", "one tuple")),
+            (other, _) => Err(kind("the class of NEWOBJ", other, "metadrive.utils.math.Vector")),
+        }
+    }
+
+    fn vector(&mut self, items: Id) -> Result<(), Problem> {
+        match self.node(items) {
+            Node::Tuple(_) => self.push_id(items),
+            other => Err(kind("the items of a Vector", other, "a tuple")),
+        }
     }
 
     pub(super) fn reduce(&mut self, function: Id, arguments: Id) -> Result<(), Problem> {
@@ -67,6 +87,18 @@ impl Machine {
                     other => return Err(kind("the factory of a defaultdict", other, "int or None")),
                 };
                 Node::DefaultDict { int_factory, entries: Vec::new() }
+            }
+            (Global::Vector, [items]) => return self.vector(*items),
+            (Global::Reconstructor, [class, base, items]) => {
+                let is_vector = matches!(self.node(*class), Node::Global(Global::Vector))
+                    && matches!(self.node(*base), Node::Global(Global::Tuple));
+                if !is_vector {
+                    return Err(form(
+                        "the arguments of _reconstructor",
+                        "(metadrive.utils.math.Vector, tuple, items)",
+                    ));
+                }
+                return self.vector(*items);
             }
             (Global::Bytes, []) => Node::Bytes(Span::EMPTY),
             (Global::Set, []) => Node::Set(Vec::new()),
@@ -253,9 +285,14 @@ impl Machine {
         let text = std::str::from_utf8(self.slice(span)).map_err(|_| Problem::Text)?;
         let bytes: Option<Vec<u8>> = text.chars().map(|c| u8::try_from(u32::from(c)).ok()).collect();
         let bytes = bytes.ok_or(Problem::Text)?;
+        Ok(self.append(&bytes))
+    }
+
+    /// Adds bytes that the file holds in another form.
+    pub(super) fn append(&mut self, bytes: &[u8]) -> Span {
         let start = self.document.len() as u32;
-        self.document.extend_from_slice(&bytes);
-        Ok(Span { start, len: bytes.len() as u32 })
+        self.document.extend_from_slice(bytes);
+        Span { start, len: bytes.len() as u32 }
     }
 }
 

@@ -14,7 +14,10 @@ use super::{
         Failure, FrameError, FrameProblem, Frames, HEADER, Record, Source, begins_with_record, read_up_to,
     },
 };
-use crate::{Error, Format};
+use crate::{
+    Error, Format,
+    foreign::{self, Foreign},
+};
 
 /// Part of the name of every shard of the Waymo Open Motion Dataset.
 const NAME: &str = "tfrecord";
@@ -119,7 +122,10 @@ fn other_format(start: &[u8]) -> Option<String> {
         Some(Format::Pickle) => ("a pickle", "pkl"),
         Some(Format::Native) => ("a native scene file", "safetensors"),
         _ if is_gzip(start) => ("a gzip file", "gz"),
-        _ => return None,
+        _ => {
+            let Foreign { what, remedy } = foreign::by_magic(start)?;
+            return Some(format!("{what}; {remedy}"));
+        }
     };
     Some(format!("{what}, which is no TFRecord file; give it a name that ends in .{ending}"))
 }

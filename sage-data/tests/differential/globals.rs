@@ -20,8 +20,8 @@ impl Writer {
     fn global(&mut self, kind: Kind) {
         let of_kind: Vec<_> = NAMES.iter().filter(|(k, ..)| *k == kind).collect();
         let (_, mut module, name) = *of_kind[self.rng.below(of_kind.len())];
-        // Python 2's name of the module, valid in protocol 2 and invalid later.
-        if module == "builtins" && (self.protocol == 2 || self.rng.below(8) == 0) {
+        // Python 2's name of the module, valid up to protocol 2 and invalid later.
+        if module == "builtins" && (self.protocol <= 2 || self.rng.below(8) == 0) {
             module = "__builtin__";
         }
         if self.rng.below(4) == 0 {
@@ -192,8 +192,8 @@ impl Writer {
                     }
                     _ => {
                         let (module, name) = match (self.protocol, self.rng.below(2)) {
-                            (2, 0) => ("__builtin__", "long"),
-                            (2, _) => ("__builtin__", "int"),
+                            (0..=2, 0) => ("__builtin__", "long"),
+                            (0..=2, _) => ("__builtin__", "int"),
                             _ => ("builtins", "int"),
                         };
                         self.op(b'c');

@@ -7,6 +7,7 @@
 mod canonical;
 mod globals;
 mod program;
+mod text;
 
 use std::{
     collections::BTreeSet,

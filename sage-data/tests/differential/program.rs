@@ -17,8 +17,8 @@ pub struct Program {
 }
 
 /// Opcodes that the reader knows, `BUILD` to `SETITEMS`, as in `src/pickle/opcode.rs`.
-pub const OPCODES: &[u8] = b"(.012GJKMNRTUXabcehj]qrst)u}ld\
-    \x80\x85\x86\x87\x88\x89\x8a\x8bBC\x8c\x8d\x8e\x8f\x90\x91\x93\x94\x95\x96";
+pub const OPCODES: &[u8] = b"(.012GJKMNRTUXabcehj]qrst)u}ldILFSVpg\
+    \x80\x81\x85\x86\x87\x88\x89\x8a\x8bBC\x8c\x8d\x8e\x8f\x90\x91\x93\x94\x95\x96";
 
 /// The model's kind of a value.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,10 +84,12 @@ pub fn program(number: u64) -> Program {
         memoizes_after_gap: false,
         protocol: 0,
     };
-    w.protocol = 2 + w.rng.below(4) as u8;
-    w.op(0x80);
-    w.out.push(w.protocol);
-    let framed = w.rng.below(4) == 0;
+    w.protocol = w.rng.below(6) as u8;
+    if w.protocol >= 2 || w.rng.below(20) == 0 {
+        w.op(0x80);
+        w.out.push(w.protocol);
+    }
+    let framed = w.protocol >= 2 && w.rng.below(4) == 0;
     if framed {
         w.op(0x95);
         w.out.extend([0; 8]);
@@ -153,6 +155,7 @@ impl Writer {
             24 => self.drop_or_double(),
             25 | 26 => self.numpy(),
             27 => self.call(),
+            29 => self.vector(),
             28 if self.rng.below(3) == 0 => {
                 let code = OPCODES[self.rng.below(OPCODES.len())];
                 self.op(code);
@@ -167,6 +170,9 @@ impl Writer {
     }
 
     fn literal(&mut self) {
+        if self.rng.below(if self.protocol < 2 { 2 } else { 12 }) == 0 {
+            return self.text_literal();
+        }
         let mut kind = Kind::Key;
         match self.rng.below(18) {
             0 => self.op(b'N'),
@@ -357,6 +363,11 @@ impl Writer {
                 self.memoizes_after_gap |= self.memo.keys().next_back().is_some_and(|last| *last >= next);
                 next
             }
+            3 if self.protocol < 2 => {
+                let entry_index = self.rng.below(300) as u32;
+                self.put(entry_index);
+                entry_index
+            }
             3 => {
                 let entry_index = self.rng.below(10) as u8;
                 self.op(b'q');
@@ -386,6 +397,7 @@ impl Writer {
             return;
         }
         match u8::try_from(entry_index) {
+            _ if self.protocol < 2 && self.rng.below(2) == 0 => self.get(entry_index),
             Ok(entry_index) if self.rng.below(2) == 0 => {
                 self.op(b'h');
                 self.out.push(entry_index);

@@ -83,6 +83,10 @@ impl Mutator {
                 }
                 "slice moved"
             }
+            7 if rng.below(2) == 0 => {
+                replace_digits(&mut bytes, &mut rng);
+                "digits replaced"
+            }
             7 => {
                 let global = HOSTILE[rng.below(HOSTILE.len())];
                 call(&mut bytes, global, &mut rng);
@@ -191,6 +195,18 @@ fn score(scene: &Scene) {
     }
 }
 
+/// Replaces digits, quotes and ends of lines of protocol 0, which other mutations seldom meet.
+fn replace_digits(bytes: &mut [u8], rng: &mut Rng) {
+    let places: Vec<usize> = (0..bytes.len())
+        .filter(|k| matches!(bytes[*k], b'0'..=b'9' | b'\n' | b'\'' | b'\\' | b'.'))
+        .collect();
+    for _ in 0..1 + rng.below(4) {
+        if !places.is_empty() {
+            bytes[places[rng.below(places.len())]] = b"0123456789\n-.eLnaix'\"\\"[rng.below(22)];
+        }
+    }
+}
+
 /// Overwrites a length after one of the opcodes that have one.
 fn inflate(bytes: &mut [u8], rng: &mut Rng) {
     let counted: Vec<usize> = (0..bytes.len().saturating_sub(9))
@@ -231,8 +247,13 @@ fn call(bytes: &mut Vec<u8>, global: &str, rng: &mut Rng) {
         code.push(0x93);
     }
     code.extend(b"\x8c\x07echo hi\x85R0");
-    // Just after PROTO.
-    bytes.splice(2..2, code);
+    // Just after PROTO, which protocols 0 and 1 lack.
+    let start = if bytes[0] == 0x80 { 2 } else { 0 };
+    if start == 0 {
+        // STACK_GLOBAL needs a start that Python accepts, and so does our reader.
+        code.splice(0..0, *b"N0");
+    }
+    bytes.splice(start..start, code);
 }
 
 fn deep(rng: &mut Rng) -> Vec<u8> {

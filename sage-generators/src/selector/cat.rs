@@ -11,7 +11,7 @@ use sage_core::{
     generator::{Knowledge, Note, Proposal},
     geometry::{OrientedBox, Point, cross, distance, sub},
     motion::{HISTORY, NOW},
-    objective::Context,
+    objective::{Context, Situation},
 };
 
 use super::{Selection, Selector, SelectorKind};
@@ -48,9 +48,19 @@ impl Selector for CatSelector {
         let trajectories: Vec<&[Point]> = proposals.iter().map(|p| p.trajectory.points()).collect();
         let ego: Vec<_> = ctx.egos().iter().map(|ego| (ego.positions(), ego.weight())).collect();
         let result = cat_select(&trajectories, &log_probs, &ego, ctx.size(), ctx.ego_size());
-        let note = (!result.collides).then_some(Note::NoContact);
+        let note = (!result.collides).then(|| note(proposals, ctx));
         Ok(Selection { chosen: result.chosen, note })
     }
+}
+
+/// The note of a selection for which CAT's comparison finds no contact. It misses contacts between the compared frames,
+/// and scores do not: the note must agree with them.
+fn note(proposals: &[Proposal], ctx: &Context) -> Note {
+    let touches = |proposal: &Proposal| {
+        let candidate = ctx.candidate(proposal.trajectory.clone());
+        ctx.egos().iter().any(|ego| Situation::new(&candidate, ego, ctx).encounter.contact.is_some())
+    };
+    if proposals.iter().any(touches) { Note::Nearest } else { Note::NoContact }
 }
 
 /// Result of CAT's selection.

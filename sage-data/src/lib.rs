@@ -17,6 +17,8 @@ pub mod dataset;
 mod error;
 pub mod folder;
 mod format;
+mod lane_links;
+mod lane_polygon;
 pub mod metadrive;
 mod native;
 pub mod opendrive;

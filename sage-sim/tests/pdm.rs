@@ -112,7 +112,11 @@ fn a_curb_close_beside_the_car_does_not_stop_it() {
     for options in [json!({}), json!({"brake": true})] {
         let driven = drive_scene(scene(map.clone(), vec![ego(5.0)]), &options);
         let last = driven.drive.motions.last().unwrap();
-        assert!(last.position[0] > 60.0 && driven.drive.off_road.step().is_none(), "{options}: {:?}", last.position);
+        assert!(
+            last.position[0] > 60.0 && driven.drive.off_road.step().is_none(),
+            "{options}: {:?}",
+            last.position
+        );
     }
 }
 

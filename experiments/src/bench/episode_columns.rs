@@ -82,7 +82,8 @@ impl Column {
     /// Mean of some episodes; 0 without any steps, `None` if it is measured in none of them.
     pub(crate) fn mean<'a>(&self, rows: impl IntoIterator<Item = &'a EpisodeRow> + Clone) -> Option<f64> {
         let mut measured = rows.clone().into_iter().map(self.value);
-        let is_unmeasured = measured.next().is_some_and(|first| first.is_none() && measured.all(|v| v.is_none()));
+        let is_unmeasured =
+            measured.next().is_some_and(|first| first.is_none() && measured.all(|v| v.is_none()));
         let [sum, weight] = self.sums(rows);
         (!is_unmeasured).then(|| if weight > 0.0 { sum / weight } else { 0.0 })
     }

@@ -194,7 +194,8 @@ fn points(e: &Estimate) -> String {
 ///
 /// *Errors*: none that a caller can cause.
 pub(crate) fn unattacked_csv(drivers: &[DriverRows]) -> Result<String> {
-    let mut out = "policy,scene,steps,contacts,at_fault,off_road_step,completion,comfortable,off_road\n".to_owned();
+    let mut out =
+        "policy,scene,steps,contacts,at_fault,off_road_step,completion,comfortable,off_road\n".to_owned();
     for driver in drivers {
         for row in &driver.scenes {
             let drive = &row.unattacked;

@@ -194,8 +194,8 @@ fn table(tuned: &[Tuned], seed: u64) -> Result<String> {
         statistics::bootstrap_mean(values, RESAMPLES, &mut Rng::new(seed, what, "ablation"))
     };
     for ((name, ..), own) in VARIANTS.iter().zip(tuned) {
-        let of_rows =
-            COLUMNS.map(|(column, value)| mean(&own.rows.iter().filter_map(value).collect::<Vec<_>>(), column));
+        let of_rows = COLUMNS
+            .map(|(column, value)| mean(&own.rows.iter().filter_map(value).collect::<Vec<_>>(), column));
         let of_policy =
             FREE.map(|(column, value)| mean(&own.free.iter().map(value).collect::<Vec<_>>(), column));
         let cells: Vec<String> = of_rows.iter().chain(&of_policy).map(cell).collect();

@@ -114,7 +114,8 @@ impl<'a> Drive<'a> {
             *bounds = bounds.union(&before.aabb());
         }
         let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
-        let mut drive = Self { options, candidate, ctx, now, chunks, bounds, heights: None, leaving: Vec::new() };
+        let mut drive =
+            Self { options, candidate, ctx, now, chunks, bounds, heights: None, leaving: Vec::new() };
         if !ctx.index().sidewalks().is_empty() {
             drive.leaving = drive.sidewalks_left();
         }
@@ -299,9 +300,8 @@ impl<'a> Drive<'a> {
         }
         let boundaries = index.boundaries();
         let all_sided = index.sided() == Sided::All;
-        let is_sided = |s: &Segment| {
-            all_sided || index.map().features[s.feature as usize].kind == MapKind::EdgeBoundary
-        };
+        let is_sided =
+            |s: &Segment| all_sided || index.map().features[s.feature as usize].kind == MapKind::EdgeBoundary;
         let beyond = |step: usize, reach: f64| {
             let p = self.at(step).center;
             let level = |s: &Segment| is_sided(s) && self.same_level(step, || s.height(s.nearest_share(p)));

@@ -184,7 +184,11 @@ impl Map {
         let ends = |feature: &MapFeature| -> Vec<Point> {
             let points = self.points_of(feature);
             let [first, last] = [points.first(), points.last()];
-            let all = if self.is_sidewalk_area(feature) { points.iter().collect::<Vec<_>>() } else { [first, last].into_iter().flatten().collect() };
+            let all = if self.is_sidewalk_area(feature) {
+                points.iter().collect::<Vec<_>>()
+            } else {
+                [first, last].into_iter().flatten().collect()
+            };
             all.into_iter().map(|p| [p[0], p[1]]).collect()
         };
         let others = ends(b);

@@ -160,12 +160,19 @@ mod tests {
         let big: Vec<[f64; 2]> = SQUARE.iter().map(|[x, y]| [10.0 * x, 10.0 * y]).collect();
         let area = sidewalks("ROAD_EDGE_SIDEWALK", &big);
         let car = |x, y| OrientedBox::new([x, y], 0.3, 4.5, 2.0);
-        for (x, y, expected) in
-            [(20.0, 15.0, true), (0.0, 15.0, true), (-1.5, 15.0, true), (-4.0, 15.0, false), (20.0, 33.0, false)]
-        {
+        for (x, y, expected) in [
+            (20.0, 15.0, true),
+            (0.0, 15.0, true),
+            (-1.5, 15.0, true),
+            (-4.0, 15.0, false),
+            (20.0, 33.0, false),
+        ] {
             assert_eq!(area.meets(0, &car(x, y)), expected, "{x} {y}");
         }
-        assert_eq!((area.near(&car(-4.0, 15.0).aabb()).len(), area.near(&car(1.0, 1.0).aabb()).len()), (0, 1));
+        assert_eq!(
+            (area.near(&car(-4.0, 15.0).aabb()).len(), area.near(&car(1.0, 1.0).aabb()).len()),
+            (0, 1)
+        );
         assert_eq!((area.feature(0), area.height(0)), (0, 2.0));
     }
 

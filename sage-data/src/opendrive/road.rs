@@ -218,7 +218,9 @@ impl Layout {
     /// Appends a piece. A straight one that goes on in the direction of a straight one before it replaces both: two
     /// would be redundant.
     fn push(&mut self, line: &CenterLine, [mut from, to]: [usize; 2], mut piece: Piece) {
-        while let Some(longer) = self.pieces.last().and_then(|last| last.extended_by(&piece, plane(line.points[to]))) {
+        while let Some(longer) =
+            self.pieces.last().and_then(|last| last.extended_by(&piece, plane(line.points[to])))
+        {
             let start = self.kept[self.kept.len() - 2];
             if leaves_points(&longer, line, [start, to]) {
                 break;

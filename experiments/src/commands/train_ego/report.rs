@@ -236,12 +236,10 @@ impl Clock {
     pub(super) fn evaluated(&self, seed: u64, evaluation: &Evaluation, total: u64) {
         let mut text = format!("seed {seed}, step {} of {total}:", evaluation.step);
         for (kind, rows) in kinds(evaluation) {
-            let [completion, contact, off_road] =
-                [COMPLETION, CONTACT, OFF_ROAD].map(|column| {
-                    column.mean(rows).map_or("not measured".to_owned(), |mean| format!("{mean:.2}"))
-                });
-            let _ =
-                write!(text, " {kind}: completion {completion}, contact {contact}, off road {off_road};");
+            let [completion, contact, off_road] = [COMPLETION, CONTACT, OFF_ROAD].map(|column| {
+                column.mean(rows).map_or("not measured".to_owned(), |mean| format!("{mean:.2}"))
+            });
+            let _ = write!(text, " {kind}: completion {completion}, contact {contact}, off road {off_road};");
         }
         progress::say(&format!("{text} {}", self.left()));
     }

@@ -2,7 +2,7 @@
 //!
 //! The outline is split at the two ends of the lane into its left and its right side. The centre line lies halfway
 //! between points at equal shares of both sides. The ends are the pair of edges, half the outline apart, between which
-//! the sides are nearest to each other. The lane leads along the order of its points, unless its links say otherwise.
+//! the sides are nearest to each other and most parallel. The lane leads along the order of its points, unless its links say otherwise.
 
 use sage_core::{
     geometry::{Point, distance},
@@ -219,7 +219,7 @@ fn ends(ring: &[[f64; 3]]) -> Option<[usize; 2]> {
             if (apart - 0.5 * total).abs() > 0.5 * slack {
                 continue;
             }
-            let apart = mean_distance(ring, &along, [behind, ahead]);
+            let apart = misfit(ring, &along, [behind, ahead]);
             if best.is_none_or(|(least, _)| apart < least * (1.0 - 1e-6)) {
                 best = Some((apart, [behind, ahead]));
             }
@@ -228,8 +228,9 @@ fn ends(ring: &[[f64; 3]]) -> Option<[usize; 2]> {
     best.map(|(_, ends)| ends)
 }
 
-/// Mean distance of the two sides between a pair of ends, at equal shares of their lengths.
-fn mean_distance(ring: &[[f64; 3]], along: &[f64], [behind, ahead]: [usize; 2]) -> f64 {
+/// How badly a pair of ends fits, metres: mean distance of the two sides at equal shares of their lengths, and half of
+/// what it varies by.
+fn misfit(ring: &[[f64; 3]], along: &[f64], [behind, ahead]: [usize; 2]) -> f64 {
     let total = along[ring.len()];
     let at = |s: f64| {
         let s = s.rem_euclid(total);
@@ -242,11 +243,13 @@ fn mean_distance(ring: &[[f64; 3]], along: &[f64], [behind, ahead]: [usize; 2]) 
     // Forwards from the end of the edge behind, and backwards from its start.
     let (first, second) = (along[behind + 1] - total, along[behind]);
     let lengths = [along[ahead] - first, second - along[ahead + 1]];
-    let apart = |k: usize| {
-        let share = k as f64 / (PLACES - 1) as f64;
+    // Not at the ends: a short edge there says nothing of the width.
+    let apart: [f64; PLACES] = std::array::from_fn(|k| {
+        let share = (k as f64 + 0.5) / PLACES as f64;
         distance(at(first + share * lengths[0]), at(second - share * lengths[1]))
-    };
-    (0..PLACES).map(apart).sum::<f64>() / PLACES as f64
+    });
+    let (least, most) = apart.iter().fold((f64::MAX, 0.0f64), |(l, m), x| (l.min(*x), m.max(*x)));
+    apart.iter().sum::<f64>() / PLACES as f64 + 0.5 * (most - least)
 }
 
 /// The sides between two ends, both along the order of the points of the first side.

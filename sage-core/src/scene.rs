@@ -5,12 +5,14 @@ mod index;
 mod levels;
 mod light;
 mod map;
+mod sidewalks;
 mod track;
 
 pub use adversary::{is_copy_of_ego, path_conflict, select_adversary};
-pub use index::SceneIndex;
+pub use index::{SceneIndex, Sided};
 pub use light::{LightState, TrafficLight};
 pub use map::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor};
+pub use sidewalks::Sidewalks;
 pub use track::{Track, TrackKind};
 
 use std::sync::Arc;

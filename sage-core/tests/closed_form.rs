@@ -119,14 +119,14 @@ fn edges_and_agents_are_named_with_their_step() {
     let scene = road(car("a", [20.0, -4.0], [10.0, 0.0]), vec![parked]);
     // Straight through the parked car: 40 m away, contact at 36 m less the tie.
     let s = score(&scene, |t| [20.5 + 10.0 * t, -4.0]);
-    assert_eq!((s.feasible, s.crash_object, s.cross_line), (false, 10.0, 0.0));
+    assert_eq!((s.feasible, s.crash_object, s.cross_line), (false, 10.0, Some(0.0)));
     let violation = &s.violations[0];
     assert_eq!((&*violation.rule, violation.step, &violation.with[..]), ("agent", 36, "parked"));
     // Over the right edge at 2 m/s sideways: side at −5 − 0.2 t reaches −8 …
     let s = score(&scene, |t| [20.0 + t, -4.0 - 2.0 * t]);
     assert_eq!(
         (s.cross_line, &*s.violations[0].rule, &s.violations[0].with[..]),
-        (50.0, "road_edge", "right")
+        (Some(50.0), "road_edge", "right")
     );
     assert!(!s.feasible_drivable);
 }
@@ -158,7 +158,7 @@ fn the_drivable_rule_ignores_bridges() {
     });
     scene.map = map.into();
     let s = score(&scene, |t| [20.0 + 10.0 * t, 4.0]);
-    assert_eq!((s.cross_line, s.crash_object), (50.0, 0.0), "in the plane the rail is hit");
+    assert_eq!((s.cross_line, s.crash_object), (Some(50.0), 0.0), "in the plane the rail is hit");
     assert!(s.feasible_drivable, "{:?}", s.violations_drivable);
 }
 

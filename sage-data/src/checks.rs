@@ -219,11 +219,13 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         let words = if short == 1 { "1 lane has" } else { &format!("{short} lanes have") };
         warn("one-point-lanes", format!("{words} a single point"));
     }
-    if !scene.map.features.iter().any(|f| f.kind == MapKind::EdgeBoundary && f.points.len() > 1) {
-        warn(
-            "no-road-edges",
-            "the map has no road boundary, so every trajectory counts as on the road".to_owned(),
-        );
+    if !scene.map.features.iter().any(|f| f.kind.is_boundary() && f.points.len() > 1) {
+        let detail = if scene.map.has_edges() {
+            "the map has medians but no road boundary, so only medians end the road"
+        } else {
+            "the map has no road edge, so off road is not measured; `drivable` keeps to the lanes, `paper` does not"
+        };
+        warn("no-road-edges", detail.to_owned());
     }
     on_edges_now(scene, &mut warn);
     found
@@ -290,10 +292,10 @@ fn passes_on_another_level(ego: &Track, track: &Track) -> bool {
     })
 }
 
-/// Adds a warning about vehicles whose box touches a road boundary *now*.
+/// Adds a warning about vehicles whose box touches a road boundary, or is on a sidewalk, *now*.
 fn on_edges_now(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
     let index = SceneIndex::new(scene.map.clone());
-    let edges = index.boundaries();
+    let (edges, sidewalks) = (index.boundaries(), index.sidewalks());
     let touches = |track: &Track| {
         // A box larger than any vehicle could intersect the bounds of the whole map.
         if track.kind != TrackKind::Vehicle || !track.is_valid(NOW) || track.size[NOW][0] > LONGEST {
@@ -301,6 +303,7 @@ fn on_edges_now(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
         }
         let b = track.oriented_box(NOW);
         edges.near(&b.aabb()).flat_map(|run| &edges.segments()[run]).any(|s| b.intersects_segment(s.a, s.b))
+            || sidewalks.near(&b.aabb()).into_iter().any(|area| sidewalks.holds(area, b.center))
     };
     let touching: Vec<usize> = (0..scene.tracks.len()).filter(|&k| touches(&scene.tracks[k])).collect();
     if touching.is_empty() {

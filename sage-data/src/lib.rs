@@ -19,6 +19,8 @@ mod error;
 pub mod folder;
 mod foreign;
 mod format;
+mod lane_links;
+mod lane_polygon;
 pub mod metadrive;
 mod native;
 pub mod opendrive;

@@ -8,6 +8,8 @@
 //!   junction: the first 2 m of the later lane become one connecting road per link.
 //! - A traffic light is a signal beside the lane that it controls.
 //!
+//! A map without links has those that the ends of its lanes give, with a note.
+//!
 //! Not written: neighbours as lane changes, crosswalks, speed bumps and road edges. [`RoadNetwork::notes`]
 //! names lanes, links and lights that are left out.
 
@@ -24,7 +26,10 @@ use std::collections::HashMap;
 
 use sage_core::scene::Scene;
 
-use crate::xml::{Xml, number_text};
+use crate::{
+    lane_links,
+    xml::{Xml, number_text},
+};
 use center_line::{COORDINATE, CenterLine, plane};
 use lanes::RoadLane;
 use links::Link;
@@ -58,7 +63,8 @@ impl RoadNetwork {
     /// `license` is the notice that the file carries, if it needs one. The result depends on nothing else.
     pub fn of(scene: &Scene, origin: [f64; 3], license: Option<&str>) -> Self {
         let map = &*scene.map;
-        let mut notes = Vec::new();
+        let derived = scene.notes.iter().filter(|note| note.starts_with(lane_links::NOTE));
+        let mut notes: Vec<String> = derived.cloned().collect();
         let (mut lanes, written) = lanes::collect(map, origin, &mut notes);
         let junctions = links::join(map, &mut lanes, &written, &mut notes);
         let (placed, signals) = place_signals(scene, origin, &lanes, &mut notes);

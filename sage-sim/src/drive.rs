@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sage_core::{
     Error,
     geometry::{OrientedBox, Point, sub},
-    scene::Scene,
+    scene::{Map, Scene},
 };
 
 use crate::{
@@ -189,8 +189,41 @@ pub struct Drive {
     pub contacts: Vec<DriveContact>,
     /// Progress along the route, metres, from the start to the farthest point.
     pub progress: f64,
-    /// First step at which the car touches a road edge.
-    pub off_road: Option<usize>,
+    /// When the car leaves the road.
+    pub off_road: OffRoad,
+}
+
+/// When a car leaves the road: it touches an edge, or is on a sidewalk. What it touches at the start does not count
+/// until it has left it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OffRoad {
+    /// The map has no edges.
+    #[default]
+    NotMeasured,
+    /// At no step.
+    Never,
+    /// First at this step.
+    At(usize),
+}
+
+impl OffRoad {
+    /// The record of a drive that begins on a map.
+    pub fn start(map: &Map) -> Self {
+        if map.has_edges() { Self::Never } else { Self::NotMeasured }
+    }
+
+    /// The first step off the road, if there is one.
+    pub fn step(self) -> Option<usize> {
+        match self {
+            Self::At(step) => Some(step),
+            Self::Never | Self::NotMeasured => None,
+        }
+    }
+
+    /// Whether the map says where the road ends.
+    pub fn is_measured(self) -> bool {
+        self != Self::NotMeasured
+    }
 }
 
 impl Drive {
@@ -240,7 +273,8 @@ impl Recorder {
     /// Starts the record at the present state.
     pub fn new(simulation: &Simulation) -> Self {
         let (world, start) = (simulation.world(), *simulation.world().motion());
-        let drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road: None };
+        let off_road = OffRoad::start(world.scene().index().map());
+        let drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road };
         let mut touched = vec![false; world.scene().scene().tracks.len()];
         // What the car touches at the start counts only if they part and touch again.
         for contact in &world.facts().contacts {
@@ -260,8 +294,8 @@ impl Recorder {
         drive.motions.push(*world.motion());
         drive.progress = drive.progress.max(along(simulation) - self.first);
         let step = world.step_count();
-        if world.facts().on_edge {
-            drive.off_road = drive.off_road.or(Some(step));
+        if world.facts().off_road && drive.off_road == OffRoad::Never {
+            drive.off_road = OffRoad::At(step);
         }
         for (track, is_start) in self.at_start.iter_mut().enumerate() {
             if *is_start && !contacts.iter().any(|contact| contact.track == track) {

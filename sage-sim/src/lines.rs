@@ -55,6 +55,8 @@ pub enum LineKind {
 pub struct Piece {
     /// Kind.
     pub kind: LineKind,
+    /// Index of its feature in the map.
+    pub feature: u32,
     /// Area that it covers.
     pub area: OrientedBox,
     /// Height of the map at its centre, metres.
@@ -74,7 +76,7 @@ impl Lines {
         let mut pieces = Vec::new();
         let length: f64 = map.features.iter().map(|feature| length_of(map.points_of(feature))).sum();
         let least = length / MAX_PIECES;
-        for feature in &map.features {
+        for (number, feature) in (0..).zip(&map.features) {
             let kind = match &feature.kind {
                 MapKind::Line(name) if name.contains("BROKEN") => LineKind::Broken,
                 MapKind::Line(name) if name.contains("YELLOW") => LineKind::SolidYellow,
@@ -83,9 +85,10 @@ impl Lines {
                 _ => continue,
             };
             let points = map.points_of(feature);
+            let of = (kind, number);
             match shapes {
-                LineShapes::Exact => exact(kind, points, LONGEST.max(least), &mut pieces),
-                LineShapes::Pieces => cut(kind, points, least, &mut pieces),
+                LineShapes::Exact => exact(of, points, LONGEST.max(least), &mut pieces),
+                LineShapes::Pieces => cut(of, points, least, &mut pieces),
             }
         }
         let grid = Grid::of(pieces.iter().map(|piece| piece.area.aabb()));
@@ -114,11 +117,12 @@ impl Lines {
     }
 }
 
-fn between(kind: LineKind, a: Point, b: Point, height: f64) -> Piece {
+/// A piece of a feature, given by its kind and index.
+fn between((kind, feature): (LineKind, u32), a: Point, b: Point, height: f64) -> Piece {
     let width = if kind == LineKind::Edge { EDGE_WIDTH } else { LINE_WIDTH };
     let center = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
     let heading = (b[1] - a[1]).atan2(b[0] - a[0]);
-    Piece { kind, area: OrientedBox::new(center, heading, distance(a, b), width), height }
+    Piece { kind, feature, area: OrientedBox::new(center, heading, distance(a, b), width), height }
 }
 
 fn length_of(points: &[[f64; 3]]) -> f64 {
@@ -126,7 +130,7 @@ fn length_of(points: &[[f64; 3]]) -> f64 {
 }
 
 /// Pieces of each segment, at most `longest` metres long. Broken lines are one line: no gaps.
-fn exact(kind: LineKind, points: &[[f64; 3]], longest: f64, pieces: &mut Vec<Piece>) {
+fn exact(of: (LineKind, u32), points: &[[f64; 3]], longest: f64, pieces: &mut Vec<Piece>) {
     for pair in points.windows(2) {
         let parts = (length_of(pair) / longest).ceil();
         let at = |part: usize| {
@@ -135,16 +139,17 @@ fn exact(kind: LineKind, points: &[[f64; 3]], longest: f64, pieces: &mut Vec<Pie
         };
         for part in 0..parts as usize {
             let ([ax, ay, az], [bx, by, bz]) = (at(part), at(part + 1));
-            pieces.push(between(kind, [ax, ay], [bx, by], 0.5 * (az + bz)));
+            pieces.push(between(of, [ax, ay], [bx, by], 0.5 * (az + bz)));
         }
     }
 }
 
 /// MetaDrive's pieces of a line.
-fn cut(kind: LineKind, points: &[[f64; 3]], least: f64, pieces: &mut Vec<Piece>) {
+fn cut(of: (LineKind, u32), points: &[[f64; 3]], least: f64, pieces: &mut Vec<Piece>) {
     if points.len() < 2 {
         return;
     }
+    let kind = of.0;
     let flat: Vec<Point> = points.iter().map(|p| [p[0], p[1]]).collect();
     let line = Route::new(&flat);
     let height = points.iter().map(|p| p[2]).sum::<f64>() / points.len() as f64;
@@ -165,7 +170,7 @@ fn cut(kind: LineKind, points: &[[f64; 3]], least: f64, pieces: &mut Vec<Piece>)
         };
         let (a, b) = (at(start), at(end));
         if distance(a, b) > 0.0 {
-            pieces.push(between(kind, a, b, height));
+            pieces.push(between(of, a, b, height));
         }
     }
 }

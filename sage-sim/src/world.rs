@@ -53,8 +53,10 @@ pub struct Facts {
     pub on_white: bool,
     /// Whether it touches a broken line at the end.
     pub on_broken: bool,
-    /// Whether it touches a road edge at the end.
+    /// Whether it touches a road edge at the end, or is on a sidewalk.
     pub on_edge: bool,
+    /// The same, without the edges that it touches at the start and has not left yet.
+    pub off_road: bool,
 }
 
 /// The adversary, if a policy drives it.
@@ -81,6 +83,8 @@ pub struct WorldState {
     traffic: Traffic,
     driven: Option<Driven>,
     facts: Facts,
+    /// Edges that the car touches since the start: map features.
+    leaving: Vec<u32>,
 }
 
 /// A scene in motion. It owns what it needs; a clone continues on its own.
@@ -142,6 +146,7 @@ impl World {
             traffic,
             driven: None,
             facts: Facts::default(),
+            leaving: Vec::new(),
         };
         let mut world = Self { scene, options, plan, car, size, state };
         let deep = world.bodies().iter().find(|body| {
@@ -353,7 +358,7 @@ impl World {
     /// edges at the reported one.
     fn touch_lines(&mut self) {
         let lines = self.scene.lines(self.options.lines);
-        let (mut yellow, mut white, mut broken, mut edge) = (false, false, false, false);
+        let (mut yellow, mut white, mut broken) = (false, false, false);
         lines.touching(&self.area_at(&self.state.physical), |piece| {
             if self.is_level(piece.height) {
                 match piece.kind {
@@ -364,10 +369,45 @@ impl World {
                 }
             }
         });
+        let mut edges = Vec::new();
         lines.touching(&self.area(), |piece| {
-            edge |= piece.kind == LineKind::Edge && self.is_level(piece.height);
+            if piece.kind == LineKind::Edge && self.is_level(piece.height) {
+                edges.push(piece.feature);
+            }
         });
-        let facts = &mut self.state.facts;
-        (facts.on_yellow, facts.on_white, facts.on_broken, facts.on_edge) = (yellow, white, broken, edge);
+        edges.extend(self.sidewalks_under());
+        let off_road = self.leave_edges(&edges);
+        let on_edge = !edges.is_empty();
+        let (on_yellow, on_white, on_broken) = (yellow, white, broken);
+        let contacts = std::mem::take(&mut self.state.facts.contacts);
+        self.state.facts = Facts { contacts, on_yellow, on_white, on_broken, on_edge, off_road };
+    }
+
+    /// Features of the sidewalks that the car is on.
+    fn sidewalks_under(&self) -> impl Iterator<Item = u32> {
+        let (sidewalks, area) = (self.scene.index().sidewalks(), self.area());
+        let near = if sidewalks.is_empty() { Vec::new() } else { sidewalks.near(&area.aabb()) };
+        near.into_iter()
+            .filter(move |k| self.is_level(sidewalks.height(*k)) && sidewalks.meets(*k, &area))
+            .map(|k| sidewalks.feature(k))
+    }
+
+    /// Follows the edges that the car touches since the start. Returns whether it touches another one. An edge that
+    /// continues one of them counts as the same.
+    fn leave_edges(&mut self, edges: &[u32]) -> bool {
+        let leaving = &mut self.state.leaving;
+        if self.state.step == 0 {
+            leaving.extend(edges);
+            return false;
+        }
+        leaving.retain(|edge| edges.contains(edge));
+        let map = self.scene.index().map();
+        for edge in edges {
+            let continues = |other: &u32| map.is_continued(*other as usize, *edge as usize);
+            if !leaving.contains(edge) && leaving.iter().any(continues) {
+                leaving.push(*edge);
+            }
+        }
+        edges.iter().any(|edge| !leaving.contains(edge))
     }
 }

@@ -112,7 +112,11 @@ fn a_curb_close_beside_the_car_does_not_stop_it() {
     for options in [json!({}), json!({"brake": true})] {
         let driven = drive_scene(scene(map.clone(), vec![ego(5.0)]), &options);
         let last = driven.drive.motions.last().unwrap();
-        assert!(last.position[0] > 60.0 && driven.drive.off_road.is_none(), "{options}: {:?}", last.position);
+        assert!(
+            last.position[0] > 60.0 && driven.drive.off_road.step().is_none(),
+            "{options}: {:?}",
+            last.position
+        );
     }
 }
 
@@ -140,7 +144,7 @@ fn it_is_seldom_at_fault_and_never_leaves_the_road() {
     for scene in &scenes {
         let episode = Episode::run(scene, None, driver.as_ref(), 0).unwrap();
         at_fault += usize::from(episode.first_contacts().any(|c| c.class.is_at_fault() == Some(true)));
-        off_road += usize::from(episode.drive.off_road.is_some());
+        off_road += usize::from(episode.drive.off_road.step().is_some());
     }
     assert!(30 * at_fault <= scenes.len(), "{at_fault} of {}", scenes.len());
     assert_eq!(off_road, 0);

@@ -127,7 +127,7 @@ pub const COLUMNS: &[Column] = &[
     mean_of("R_adv", |r| Some(r.paper.adversarial_reward)),
     mean_of("P_beh", |r| Some(r.paper.behavior_penalty)),
     mean_of("P_kin", |r| Some(r.paper.kinematic_penalty)),
-    mean_of("cross-line", |r| Some(r.paper.cross_line)),
+    mean_of("cross-line", |r| r.paper.cross_line),
     mean_of("crash-object", |r| Some(r.paper.crash_object)),
     mean_of("WD speed", |r| r.paper.distances.wd_speed),
     mean_of("WD acceleration", |r| r.paper.distances.wd_acceleration),
@@ -145,7 +145,7 @@ pub const COLUMNS: &[Column] = &[
     mean_of("release: R_adv", |r| Some(r.release.adversarial_reward)),
     mean_of("release: P_beh", |r| Some(r.release.behavior_penalty)),
     mean_of("release: P_kin", |r| Some(r.release.kinematic_penalty)),
-    mean_of("release: cross-line", |r| Some(r.release.cross_line)),
+    mean_of("release: cross-line", |r| r.release.cross_line),
     mean_of("release: crash-object", |r| Some(r.release.crash_object)),
 ];
 

@@ -9,7 +9,7 @@ use sage_sim::{
     SimScene,
     avoidable::{Avoidable, AvoidanceOptions},
     comfort::is_comfortable,
-    drive::{Drive, Simulation, drive},
+    drive::{Drive, OffRoad, Simulation, drive},
     fault::{FaultClass, classify},
     vehicle::Motion,
 };
@@ -35,8 +35,8 @@ pub(crate) struct Unattacked {
     pub(crate) steps: usize,
     /// First contacts: step, track and class.
     pub(crate) contacts: Vec<(usize, String, FaultClass)>,
-    /// First step at which a road edge is touched.
-    pub(crate) off_road: Option<usize>,
+    /// When the car leaves the road.
+    pub(crate) off_road: OffRoad,
     /// Progress by the progress of the log; `None` if that is too short.
     pub(crate) completion: Option<f64>,
     /// Whether it keeps nuPlan's bounds of comfort, up to its first contact.
@@ -73,10 +73,11 @@ impl Unattacked {
         at_first.into_iter().any(|(_, _, class)| class.is_at_fault() == Some(true))
     }
 
-    /// Whether the car touches a road edge before any contact.
-    pub(crate) fn is_off_road(&self) -> bool {
+    /// Whether the car leaves the road before any contact; `None` on a map without edges.
+    pub(crate) fn is_off_road(&self) -> Option<bool> {
         let first = self.contacts.first().map_or(usize::MAX, |(step, ..)| *step);
-        self.off_road.is_some_and(|step| step < first)
+        let is_before = self.off_road.step().is_some_and(|step| step < first);
+        self.off_road.is_measured().then_some(is_before)
     }
 }
 

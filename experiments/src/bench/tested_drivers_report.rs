@@ -32,7 +32,7 @@ type OfAttack = fn(&Attacked) -> Option<bool>;
 const UNATTACKED: [(&str, OfDrive); 4] = [
     ("contact", |d| Some(!d.unattacked.contacts.is_empty())),
     ("at-fault contact", |d| Some(d.unattacked.is_at_fault())),
-    ("off the road", |d| Some(d.unattacked.is_off_road())),
+    ("off the road", |d| d.unattacked.is_off_road()),
     ("comfortable", |d| d.unattacked.is_comfortable),
 ];
 
@@ -69,7 +69,7 @@ fn unattacked(out: &mut String, drivers: &[DriverRows]) -> Result<()> {
         writeln!(out, "| {name} | {knows} | {} | {} | {completion} |", scenes.len(), shares.join(" | "))?;
     }
     *out += "\nIntervals: 95 %, Wilson. An *at-fault contact* is one that nuPlan's rule gives to the ego; \
-        only the first contact of a drive counts, and one on a map without lanes that its rule 5 would decide does not. *Off the road*: a road edge is touched before any contact. \
+        only the first contact of a drive counts, and one on a map without lanes that its rule 5 would decide does not. *Off the road*: a road edge is touched, or a sidewalk entered, before any contact; one that is touched at the start counts once it was left. Scenes without road edges are left out. \
         *Comfortable*: up to its first contact the drive keeps nuPlan's bounds of acceleration, jerk and turning; `replay` shows how many recordings do. \
         *Completion* is progress along the logged route by that of the log, which may be below or above 1.\n";
     Ok(())
@@ -194,7 +194,8 @@ fn points(e: &Estimate) -> String {
 ///
 /// *Errors*: none that a caller can cause.
 pub(crate) fn unattacked_csv(drivers: &[DriverRows]) -> Result<String> {
-    let mut out = "policy,scene,steps,contacts,at_fault,off_road_step,completion,comfortable\n".to_owned();
+    let mut out =
+        "policy,scene,steps,contacts,at_fault,off_road_step,completion,comfortable,off_road\n".to_owned();
     for driver in drivers {
         for row in &driver.scenes {
             let drive = &row.unattacked;
@@ -204,15 +205,16 @@ pub(crate) fn unattacked_csv(drivers: &[DriverRows]) -> Result<String> {
             });
             writeln!(
                 out,
-                "{},{},{},{},{},{},{},{}",
+                "{},{},{},{},{},{},{},{},{}",
                 field(&driver.name),
                 field(&terminal::escaped_name(&row.scene)),
                 drive.steps,
                 field(&contacts.collect::<Vec<_>>().join(" ")),
                 drive.is_at_fault(),
-                text(drive.off_road),
+                text(drive.off_road.step()),
                 text(drive.completion),
                 text(drive.is_comfortable),
+                text(drive.is_off_road()),
             )?;
         }
     }

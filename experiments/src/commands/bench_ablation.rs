@@ -75,13 +75,13 @@ fn objective(adversarial: f64, realism: f64, violation: f64) -> Value {
 }
 
 /// Columns of the table: those of the paper, then expectations without selection.
-type OfRow = (&'static str, fn(&SceneRow) -> f64);
+type OfRow = (&'static str, fn(&SceneRow) -> Option<f64>);
 const COLUMNS: [OfRow; 6] = [
-    ("attack %", |r| 100.0 * f64::from(u8::from(is_attack(r)))),
-    ("R_adv", |r| r.paper.adversarial_reward),
-    ("P_beh", |r| r.paper.behavior_penalty),
-    ("P_kin", |r| r.paper.kinematic_penalty),
-    ("crash-object", |r| r.paper.crash_object),
+    ("attack %", |r| Some(100.0 * f64::from(u8::from(is_attack(r))))),
+    ("R_adv", |r| Some(r.paper.adversarial_reward)),
+    ("P_beh", |r| Some(r.paper.behavior_penalty)),
+    ("P_kin", |r| Some(r.paper.kinematic_penalty)),
+    ("crash-object", |r| Some(r.paper.crash_object)),
     ("cross-line", |r| r.paper.cross_line),
 ];
 type OfPolicy = (&'static str, fn(&Expectation) -> f64);
@@ -194,8 +194,8 @@ fn table(tuned: &[Tuned], seed: u64) -> Result<String> {
         statistics::bootstrap_mean(values, RESAMPLES, &mut Rng::new(seed, what, "ablation"))
     };
     for ((name, ..), own) in VARIANTS.iter().zip(tuned) {
-        let of_rows =
-            COLUMNS.map(|(column, value)| mean(&own.rows.iter().map(value).collect::<Vec<_>>(), column));
+        let of_rows = COLUMNS
+            .map(|(column, value)| mean(&own.rows.iter().filter_map(value).collect::<Vec<_>>(), column));
         let of_policy =
             FREE.map(|(column, value)| mean(&own.free.iter().map(value).collect::<Vec<_>>(), column));
         let cells: Vec<String> = of_rows.iter().chain(&of_policy).map(cell).collect();
@@ -203,7 +203,7 @@ fn table(tuned: &[Tuned], seed: u64) -> Result<String> {
             let differences: Vec<f64> = own.iter().zip(base).map(|(a, b)| a - b).collect();
             cell(&mean(&differences, what))
         };
-        let attack = |tuned: &Tuned| tuned.rows.iter().map(COLUMNS[0].1).collect::<Vec<_>>();
+        let attack = |tuned: &Tuned| tuned.rows.iter().filter_map(COLUMNS[0].1).collect::<Vec<_>>();
         let feasible = |tuned: &Tuned| tuned.free.iter().map(FREE[0].1).collect::<Vec<_>>();
         let (a, b) = if std::ptr::eq(own, base) {
             ("-".to_owned(), "-".to_owned())

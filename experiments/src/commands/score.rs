@@ -134,13 +134,13 @@ impl<W: Write> Table<'_, W> {
             further += &format!(" {avoidable:>9} {react:>5} {brake:>5} {steer:>5}");
         }
         let line = format!(
-            "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4.0} {:>5.0} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}  {}",
+            "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4} {:>5.0} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}  {}",
             row.name.escape_debug().to_string(),
             s.adversarial_reward,
             s.collision_step.map_or("-".to_owned(), |step| step.to_string()),
             s.kinematic_penalty,
             s.behavior_penalty,
-            s.cross_line,
+            number(s.cross_line, 0),
             s.crash_object,
             yes(s.feasible),
             yes(s.feasible_drivable),

@@ -159,6 +159,7 @@ fn map(svg: &mut Svg, at: &mut Cursor, shown: &BTreeSet<Shown>) {
             Shown::WhiteLine => "white line",
             Shown::YellowLine => "yellow line",
             Shown::Edge => "road edge",
+            Shown::Sidewalk => "sidewalk, not road",
             Shown::Median => "median",
             Shown::Crosswalk => "crosswalk",
             Shown::SpeedBump => "speed bump",
@@ -192,6 +193,10 @@ fn map(svg: &mut Svg, at: &mut Cursor, shown: &BTreeSet<Shown>) {
                 line(svg, color::YELLOW_PAINT, 2.0);
             }
             Shown::Edge => line(svg, color::EDGE, 2.2),
+            Shown::Sidewalk => {
+                patch(svg, color::SIDEWALK);
+                line(svg, color::EDGE, 1.2);
+            }
             Shown::Median => line(svg, color::MEDIAN, 2.0),
             Shown::Crosswalk => patch(svg, "url(#stripes)"),
             Shown::SpeedBump => patch(svg, "url(#bumps)"),

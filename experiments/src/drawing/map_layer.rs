@@ -22,6 +22,7 @@ pub(super) enum Shown {
     WhiteLine,
     YellowLine,
     Edge,
+    Sidewalk,
     Median,
     Crosswalk,
     SpeedBump,
@@ -47,6 +48,10 @@ pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, scene: &Scene, frame: usi
     for feature in visible.iter().filter(|f| f.kind == MapKind::Driveway) {
         svg.polygon(&pixels(viewport, points(feature)), &format!(r#"fill="{}""#, color::DRIVEWAY));
         shown.insert(Shown::Driveway);
+    }
+    for feature in visible.iter().filter(|f| map.is_sidewalk_area(f)) {
+        let attributes = format!(r#"fill="{}" fill-rule="nonzero""#, color::SIDEWALK);
+        svg.polygon(&pixels(viewport, points(feature)), &attributes);
     }
     svg.open(r#"fill="none" stroke-linejoin="round" stroke-linecap="round""#);
     for bike in [true, false] {
@@ -74,6 +79,7 @@ pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, scene: &Scene, frame: usi
     for feature in visible.iter().filter(|f| f.kind.is_edge()) {
         let (tone, width, mark) = match feature.kind {
             MapKind::EdgeMedian => (color::MEDIAN, 2.0, Shown::Median),
+            _ if map.is_sidewalk_area(feature) => (color::EDGE, 1.2, Shown::Sidewalk),
             _ => (color::EDGE, 2.2, Shown::Edge),
         };
         svg.lines(&parts(feature), &format!(r#"stroke="{tone}" stroke-width="{width}""#));

@@ -15,6 +15,8 @@ pub(super) const WHITE_PAINT: &str = "#ffffff";
 pub(super) const YELLOW_PAINT: &str = "#d9a300";
 /// Boundaries of the road.
 pub(super) const EDGE: &str = "#4d4d4d";
+/// Sidewalks: areas beside the road.
+pub(super) const SIDEWALK: &str = "#cbb9a4";
 /// Medians.
 pub(super) const MEDIAN: &str = "#8a6d4b";
 /// Direction of lanes.

@@ -23,9 +23,10 @@ pub(super) struct EncodedFeature {
 pub(super) fn encoded(scene: &Scene, area: &Aabb, error: f64, origin: Point) -> Vec<EncodedFeature> {
     let mut all = Vec::new();
     for feature in &scene.map.features {
-        let Some(kind) = kind(&feature.kind) else { continue };
+        let is_sidewalk = scene.map.is_sidewalk_area(feature);
+        let Some(kind) = is_sidewalk.then_some("sidewalk").or_else(|| kind(&feature.kind)) else { continue };
         let points: Vec<Point> = scene.map.points_of(feature).iter().map(|p| [p[0], p[1]]).collect();
-        let is_area = matches!(kind, "driveway" | "crosswalk" | "bump");
+        let is_area = matches!(kind, "driveway" | "crosswalk" | "bump" | "sidewalk");
         let parts = if is_area { vec![points] } else { parts_inside(&points, area) };
         for part in parts.iter().filter(|part| part.len() > 1 && Aabb::of(part.iter().copied()).meets(area)) {
             let kept = simplified(part, error);

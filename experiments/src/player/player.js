@@ -54,7 +54,7 @@ const hits = panels.filter((p) => p.contact).map((p) => p.contact.frame);
 const TILE = 512, MOST_TILES = 128;
 let tiles = new Map(), tileScale = 0;
 const passes = [
-  ["driveway", "fill", "#ddd3c0"], ["bike", "lane", "#c3dccd"], ["lane", "lane", "#d3d7dc"], ["crosswalk", "fill", "rgba(255,255,255,.65)"], ["bump", "fill", "rgba(138,109,75,.35)"],
+  ["driveway", "fill", "#ddd3c0"], ["sidewalk", "fill", "#cbb9a4"], ["bike", "lane", "#c3dccd"], ["lane", "lane", "#d3d7dc"], ["crosswalk", "fill", "rgba(255,255,255,.65)"], ["bump", "fill", "rgba(138,109,75,.35)"],
   ["white", "line", "#fff"], ["white-broken", "dash", "#fff"], ["yellow", "line", "#d9a300"], ["yellow-broken", "dash", "#d9a300"],
   ["median", "edge", "#8a6d4b"], ["edge", "edge", "#4d4d4d"],
 ];

@@ -2,11 +2,12 @@
 //!
 //! - Boxes are swept between frames, from the pose at *now* on, so that contacts between frames count.
 //! - Medians bound the road as its edges do.
+//! - A sidewalk that is an area must not be entered. One that the box is on *now* does not count until the box has left it.
 //! - The centre must stay on the road side. Waymo's boundaries have the road on their left, so a centre on
 //!   the right of the nearest boundary is off the road, unless it is so *now*. Only through a gap between
 //!   boundaries can a centre change sides without a contact. Its side is therefore tested only near an open end
 //!   of a boundary, after a motion as long as the distance of the nearest boundary, every 2 s or 25 m.
-//! - A map without boundaries is bounded by its lanes: a centre more than [`DrivableOptions::lane_reach`]
+//! - A map without such boundaries is also bounded by its lanes: a centre more than [`DrivableOptions::lane_reach`]
 //!   from the centre line of every motor lane is off the road, unless it is so *now*.
 //! - Heights count: edges and road users more than [`DrivableOptions::height_gap`] above or below the
 //!   adversary are on another level. A candidate has no height; it follows the nearest lane of its own
@@ -26,7 +27,7 @@ use crate::{
     geometry::{Aabb, OrientedBox, Segment, SegmentIndex, Side, SweptBox, boxes_meet_between, distance},
     motion::{HORIZON, NOW},
     registry::Entry,
-    scene::MapKind,
+    scene::{MapKind, Sided},
 };
 
 /// Largest distance of a boundary whose side is tested, metres.
@@ -46,7 +47,7 @@ pub struct DrivableOptions {
     pub height_gap: f64,
     /// Whether medians also bound the road.
     pub medians: bool,
-    /// On maps without road boundaries: distance from the nearest motor lane at which the road ends,
+    /// On maps without `ROAD_EDGE_BOUNDARY`: distance from the nearest motor lane at which the road ends,
     /// metres.
     pub lane_reach: f64,
 }
@@ -99,6 +100,8 @@ struct Drive<'a> {
     bounds: Aabb,
     /// Height of the ground under each step; `None` if all is on one level.
     heights: Option<Vec<f64>>,
+    /// Sidewalks that the box is on *now*: feature, and the first step at which it has left it.
+    leaving: Vec<(u32, usize)>,
 }
 
 impl<'a> Drive<'a> {
@@ -111,7 +114,28 @@ impl<'a> Drive<'a> {
             *bounds = bounds.union(&before.aabb());
         }
         let bounds = chunks.iter().fold(Aabb::EMPTY, |all, chunk| all.union(chunk));
-        Self { options, candidate, ctx, now, chunks, bounds, heights: None }
+        let mut drive =
+            Self { options, candidate, ctx, now, chunks, bounds, heights: None, leaving: Vec::new() };
+        if !ctx.index().sidewalks().is_empty() {
+            drive.leaving = drive.sidewalks_left();
+        }
+        drive
+    }
+
+    /// The sidewalks that the box is on *now*, with the first step at which it has left each.
+    fn sidewalks_left(&self) -> Vec<(u32, usize)> {
+        let sidewalks = self.ctx.index().sidewalks();
+        let on = sidewalks.near(&self.now.aabb()).into_iter().filter(|k| sidewalks.meets(*k, &self.now));
+        on.map(|k| {
+            let left = (1..=HORIZON).find(|step| !sidewalks.meets(k, self.at(*step)));
+            (sidewalks.feature(k), left.unwrap_or(HORIZON + 1))
+        })
+        .collect()
+    }
+
+    /// Whether the box is still on a sidewalk that it is on *now*, during the sweep to a step.
+    fn is_leaving(&self, feature: u32, step: usize) -> bool {
+        self.leaving.iter().any(|(left, until)| *left == feature && step <= *until)
     }
 
     /// Number of groups of [`CHUNK`] steps up to the horizon.
@@ -131,13 +155,14 @@ impl<'a> Drive<'a> {
             found.map(|(step, feature)| touching_feature(candidate, ctx, rule, step, feature as usize))
         };
         let agent = self.swept_agent().map(|(step, track)| touching_agent(candidate, ctx, step, track));
-        let off_road = if ctx.index().boundaries().segments().is_empty() {
+        let off_road = if ctx.index().sided() == Sided::None {
             self.far_from_lanes()
         } else if boundary.is_none() {
             edge(self.off_road(), OFF_ROAD)
         } else {
             None
         };
+        let boundary = self.on_sidewalk(boundary);
         [edge(boundary, ROAD_EDGE), edge(median, MEDIAN), agent, off_road].into_iter().flatten().collect()
     }
 
@@ -200,6 +225,7 @@ impl<'a> Drive<'a> {
                             .get_or_insert_with(|| SweptBox::between(self.at(step - 1), self.at(step)))
                             .intersects_segment(segment.a, segment.b)
                         && !(step == 1 && self.now.intersects_segment(segment.a, segment.b))
+                        && !self.is_leaving(segment.feature, step)
                     {
                         first[*kind] = Some((step, segment.feature));
                         found = true;
@@ -214,6 +240,26 @@ impl<'a> Drive<'a> {
             }
         }
         first
+    }
+
+    /// The first contact with a boundary, or the first step before it at which the centre is on a sidewalk. Only a box
+    /// that was on it before gets there without a contact: one that left it partly, or changed its level.
+    fn on_sidewalk(&self, boundary: Option<(usize, u32)>) -> Option<(usize, u32)> {
+        let sidewalks = self.ctx.index().sidewalks();
+        if sidewalks.is_empty() {
+            return boundary;
+        }
+        let near = sidewalks.near(&self.bounds);
+        let end = boundary.map_or(HORIZON, |(step, _)| step - 1);
+        let inside = (1..=end).find_map(|step| {
+            let is_on = |k: &&usize| {
+                sidewalks.holds(**k, self.at(step).center)
+                    && !self.is_leaving(sidewalks.feature(**k), step)
+                    && self.same_level(step, || sidewalks.height(**k))
+            };
+            near.iter().find(is_on).map(|k| (step, sidewalks.feature(*k)))
+        });
+        inside.or(boundary)
     }
 
     /// First step, and track, at which the sweep touches another road user of the same level.
@@ -258,9 +304,12 @@ impl<'a> Drive<'a> {
             return None;
         }
         let boundaries = index.boundaries();
+        let all_sided = index.sided() == Sided::All;
+        let is_sided =
+            |s: &Segment| all_sided || index.map().features[s.feature as usize].kind == MapKind::EdgeBoundary;
         let beyond = |step: usize, reach: f64| {
             let p = self.at(step).center;
-            let level = |s: &Segment| self.same_level(step, || s.height(s.nearest_share(p)));
+            let level = |s: &Segment| is_sided(s) && self.same_level(step, || s.height(s.nearest_share(p)));
             let Some(nearest) = boundaries.nearest(p, reach, level) else { return (None, reach) };
             let feature = boundaries.segments()[nearest.segment].feature;
             let is_beyond = boundaries.side(p, &nearest) == Some(Side::Right);

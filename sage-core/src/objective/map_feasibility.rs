@@ -1,8 +1,9 @@
 //! Map feasibility: no box touches a road boundary, no box touches another road user.
 //!
-//! The rule of the paper and its code: frame by frame, in the plane. Every kind of road user counts, and
-//! only `ROAD_EDGE_BOUNDARY` bounds the road. The rule misses contacts between frames and a box wholly
-//! beyond an edge; [`super::DrivableFeasibility`] covers both.
+//! The rule of the paper and its code: frame by frame, in the plane. Every kind of road user counts. All edges but
+//! medians bound the road; in Waymo's maps these are the `ROAD_EDGE_BOUNDARY`s, as in the paper. A sidewalk that is
+//! an area also counts from inside. The rule misses contacts between frames and a box wholly beyond an edge;
+//! [`super::DrivableFeasibility`] covers both.
 //!
 //! Eight steps share one query of the tree, because most groups of steps are far from every edge and agent.
 
@@ -58,7 +59,7 @@ impl Violations {
         // The narrower searches run only if the wider one found a contact.
         let vehicle = agent.and_then(|_| first(|other| other.is_vehicle));
         let static_vehicle = vehicle.and_then(|_| first(|other| other.is_static));
-        let boundary = first_edge_contact(candidate, ctx.index().boundaries());
+        let boundary = first_boundary_contact(candidate, ctx);
         Self { boundary, agent, vehicle, static_vehicle }
     }
 }
@@ -72,6 +73,23 @@ pub fn touches_edge(candidate: &Candidate, edges: &SegmentIndex) -> bool {
 /// First step at which a map box touches a segment.
 fn first_edge_contact(candidate: &Candidate, edges: &SegmentIndex) -> Option<EdgeContact> {
     first_contact(candidate.map_boxes(), candidate.chunks(), edges)
+}
+
+/// First step at which a map box touches a boundary or is on a sidewalk.
+fn first_boundary_contact(candidate: &Candidate, ctx: &Context) -> Option<EdgeContact> {
+    let outline = first_edge_contact(candidate, ctx.index().boundaries());
+    let sidewalks = ctx.index().sidewalks();
+    if sidewalks.is_empty() {
+        return outline;
+    }
+    // A box that does not touch the outline is inside if its centre is.
+    let near = sidewalks.near(candidate.bounds());
+    let end = outline.map_or(HORIZON, |contact| contact.step - 1);
+    let inside = candidate.map_boxes()[..end].iter().enumerate().find_map(|(k, b)| {
+        let area = near.iter().find(|area| sidewalks.holds(**area, b.center))?;
+        Some(EdgeContact { step: k + 1, feature: sidewalks.feature(*area) as usize })
+    });
+    inside.or(outline)
 }
 
 /// First step at which a true box touches a segment, in every convention.
@@ -157,7 +175,7 @@ impl Feasibility for MapFeasibility {
         let edge = |contact: EdgeContact, rule| {
             touching_feature(candidate, ctx, rule, contact.step, contact.feature)
         };
-        let boundary = first_edge_contact(candidate, ctx.index().boundaries()).map(|c| edge(c, ROAD_EDGE));
+        let boundary = first_boundary_contact(candidate, ctx).map(|c| edge(c, ROAD_EDGE));
         let median = (self.0.medians)
             .then(|| first_edge_contact(candidate, ctx.index().medians()))
             .flatten()

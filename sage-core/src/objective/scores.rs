@@ -36,8 +36,8 @@ pub struct Scores {
     pub kinematic_penalty: f64,
     /// P_beh.
     pub behavior_penalty: f64,
-    /// 50 if a road boundary is touched, else 0.
-    pub cross_line: f64,
+    /// 50 if a road boundary is touched, else 0; `None` on a map without any.
+    pub cross_line: Option<f64>,
     /// 10 if another road user is touched, else 0.
     pub crash_object: f64,
     /// Whether there is neither.
@@ -180,7 +180,7 @@ impl<'c> Scorer<'c> {
             collision_step: situation.encounter.contact,
             kinematic_penalty: kinematic_penalty(candidate.profile()),
             behavior_penalty: behavior_penalty(candidate.profile()),
-            cross_line: cost(ROAD_EDGE),
+            cross_line: (!ctx.index().boundaries().segments().is_empty()).then(|| cost(ROAD_EDGE)),
             crash_object: cost(AGENT),
             feasible: violations.is_empty(),
             feasible_drivable: violations_drivable.is_empty(),

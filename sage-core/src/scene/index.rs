@@ -2,20 +2,30 @@
 
 use std::sync::{Arc, OnceLock};
 
-use super::{Map, MapKind, levels};
+use super::{Map, MapFeature, MapKind, Sidewalks, levels, map::JOINED};
 use crate::geometry::{Point, Segment, SegmentIndex, distance};
-
-/// Largest distance between the end of a boundary and the boundary that continues it, metres.
-const JOINED: f64 = 1.0;
 
 /// Largest distance of a lane whose height something follows, metres.
 const GROUND_REACH: f64 = 8.0;
+
+/// Which boundaries of a map say on which side the road lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sided {
+    /// None, or there is no boundary.
+    None,
+    /// Some: a search must leave the others out.
+    Some,
+    /// All of them.
+    All,
+}
 
 /// Search structures over one map. Build it once per scene and share it.
 pub struct SceneIndex {
     map: Arc<Map>,
     boundaries: OnceLock<SegmentIndex>,
     open_ends: OnceLock<Vec<Point>>,
+    sided: OnceLock<Sided>,
+    sidewalks: OnceLock<Sidewalks>,
     medians: OnceLock<SegmentIndex>,
     edges: OnceLock<SegmentIndex>,
     motor_lanes: OnceLock<SegmentIndex>,
@@ -30,6 +40,8 @@ impl SceneIndex {
             map,
             boundaries: OnceLock::new(),
             open_ends: OnceLock::new(),
+            sided: OnceLock::new(),
+            sidewalks: OnceLock::new(),
             medians: OnceLock::new(),
             edges: OnceLock::new(),
             motor_lanes: OnceLock::new(),
@@ -43,9 +55,28 @@ impl SceneIndex {
         &self.map
     }
 
-    /// Road boundaries (`ROAD_EDGE_BOUNDARY`).
+    /// Road boundaries: all edges but medians, and with them the outlines of sidewalks.
     pub fn boundaries(&self) -> &SegmentIndex {
-        self.boundaries.get_or_init(|| self.build(|kind| *kind == MapKind::EdgeBoundary))
+        self.boundaries.get_or_init(|| self.build(MapKind::is_boundary))
+    }
+
+    /// Which boundaries have the road on their left (`ROAD_EDGE_BOUNDARY`).
+    pub fn sided(&self) -> Sided {
+        *self.sided.get_or_init(|| {
+            let is_line = |f: &&MapFeature| f.kind.is_boundary() && f.points.len() > 1;
+            let mut lines = self.map.features.iter().filter(is_line);
+            let count = lines.clone().filter(|f| f.kind == MapKind::EdgeBoundary).count();
+            match (count, lines.any(|f| f.kind != MapKind::EdgeBoundary)) {
+                (0, _) => Sided::None,
+                (_, false) => Sided::All,
+                (_, true) => Sided::Some,
+            }
+        })
+    }
+
+    /// Sidewalks that are areas.
+    pub fn sidewalks(&self) -> &Sidewalks {
+        self.sidewalks.get_or_init(|| Sidewalks::of(&self.map))
     }
 
     /// Ends of road boundaries that no other boundary continues: a car can pass between them to the other side.
@@ -79,8 +110,7 @@ impl SceneIndex {
 
     /// Road boundaries and medians.
     pub fn edges(&self) -> &SegmentIndex {
-        let is_edge = |kind: &MapKind| matches!(kind, MapKind::EdgeBoundary | MapKind::EdgeMedian);
-        self.edges.get_or_init(|| self.build(is_edge))
+        self.edges.get_or_init(|| self.build(MapKind::is_edge))
     }
 
     /// Centre lines of lanes for motor vehicles.
@@ -134,7 +164,6 @@ impl SceneIndex {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::MapFeature;
 
     #[test]
     fn distances_along_a_feature_begin_anew_with_each() {

@@ -2,6 +2,17 @@
 
 use std::ops::Range;
 
+use super::sidewalks;
+use crate::geometry::{Point, distance};
+
+/// Largest distance between the end of an edge and the edge that continues it, metres.
+pub(super) const JOINED: f64 = 1.0;
+
+/// MetaDrive's sidewalk, an area.
+const SIDEWALK: &str = "ROAD_EDGE_SIDEWALK";
+/// MetaDrive's guard rail, a sidewalk that nothing penetrates.
+const GUARDRAIL: &str = "GUARDRAIL";
+
 /// Kind of a map feature; names are MetaDrive's.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[non_exhaustive]
@@ -20,7 +31,7 @@ pub enum MapKind {
     EdgeBoundary,
     /// ROAD_EDGE_MEDIAN.
     EdgeMedian,
-    /// Any other ROAD_EDGE_….
+    /// Any other ROAD_EDGE_…, such as ROAD_EDGE_SIDEWALK, and GUARDRAIL. Which of its sides is road is unknown.
     EdgeOther(String),
     /// CROSSWALK.
     Crosswalk,
@@ -49,7 +60,7 @@ impl MapKind {
             "STOP_SIGN" => Self::StopSign,
             _ if name.starts_with("LANE_") => Self::LaneOther(name.to_owned()),
             _ if name.starts_with("ROAD_LINE_") => Self::Line(name.to_owned()),
-            _ if name.starts_with("ROAD_EDGE_") => Self::EdgeOther(name.to_owned()),
+            _ if name.starts_with("ROAD_EDGE_") || name == GUARDRAIL => Self::EdgeOther(name.to_owned()),
             _ => Self::Other(name.to_owned()),
         }
     }
@@ -83,6 +94,16 @@ impl MapKind {
     /// Whether it bounds the road.
     pub fn is_edge(&self) -> bool {
         matches!(self, Self::EdgeBoundary | Self::EdgeMedian | Self::EdgeOther(_))
+    }
+
+    /// Whether it bounds the road from the side: an edge of any kind but a median.
+    pub fn is_boundary(&self) -> bool {
+        matches!(self, Self::EdgeBoundary | Self::EdgeOther(_))
+    }
+
+    /// Whether it is a sidewalk or a guard rail. Closed ones are areas that are not road.
+    pub fn is_sidewalk(&self) -> bool {
+        matches!(self, Self::EdgeOther(name) if name == SIDEWALK || name == GUARDRAIL)
     }
 }
 
@@ -149,6 +170,36 @@ impl Map {
     /// Points of a feature.
     pub fn points_of(&self, feature: &MapFeature) -> &[[f64; 3]] {
         &self.points[feature.points.clone()]
+    }
+
+    /// Whether a feature is an area that is not road: a sidewalk with a closed outline.
+    pub fn is_sidewalk_area(&self, feature: &MapFeature) -> bool {
+        sidewalks::is_area(self, feature)
+    }
+
+    /// Whether an edge continues another one: two lines whose ends meet within a metre, or two sidewalks whose
+    /// outlines do. Both must be boundaries, or both medians.
+    pub fn is_continued(&self, edge: usize, by: usize) -> bool {
+        let [a, b] = [edge, by].map(|k| &self.features[k]);
+        let ends = |feature: &MapFeature| -> Vec<Point> {
+            let points = self.points_of(feature);
+            let [first, last] = [points.first(), points.last()];
+            let all = if self.is_sidewalk_area(feature) {
+                points.iter().collect::<Vec<_>>()
+            } else {
+                [first, last].into_iter().flatten().collect()
+            };
+            all.into_iter().map(|p| [p[0], p[1]]).collect()
+        };
+        let others = ends(b);
+        a.kind.is_boundary() == b.kind.is_boundary()
+            && self.is_sidewalk_area(a) == self.is_sidewalk_area(b)
+            && ends(a).iter().any(|p| others.iter().any(|q| distance(*p, *q) <= JOINED))
+    }
+
+    /// Whether the map has an edge of any kind. Without one, nothing says where the road ends.
+    pub fn has_edges(&self) -> bool {
+        self.features.iter().any(|feature| feature.kind.is_edge() && feature.points.len() > 1)
     }
 
     /// Whether a feature has both points of an index range.

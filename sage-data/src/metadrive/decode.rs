@@ -18,7 +18,7 @@ use super::{
     tracks::{Whole, tracks},
 };
 use crate::{
-    Error, ReadOptions,
+    Error, ReadOptions, lane_links, lane_polygon,
     pickle::{Document, Id, Node},
     repairs::{self, Decoded, Draft},
 };
@@ -179,6 +179,8 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
     let Some(id) = fields.optional(top, "map_features") else { return Ok(Map::default()) };
     let entries = fields.entries(id, &root)?;
     let mut map = Map { points: Vec::with_capacity(fields.document.file_size() / 24), ..Map::default() };
+    // Lanes whose points are the outline of the lane.
+    let mut rings: Vec<usize> = Vec::new();
     // Row widths of the file's polylines and polygons.
     let (mut flat, mut deep) = (false, false);
     for (key, value) in entries {
@@ -194,6 +196,7 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         let (key, shape) = shape
             .ok_or_else(|| fields.error(&field, "without points", "a `polyline`, `polygon` or `position`"))?;
         let shape_field = field.key(key);
+        let is_ring = key == "polygon";
         match key {
             "position" => map.points.extend(point(fields, shape, &shape_field)?),
             _ => {
@@ -204,6 +207,11 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         }
         if map.points.len() == first {
             return Err(fields.error(&shape_field, "empty", "at least one point"));
+        }
+        if is_ring && kind.is_edge() {
+            close(&mut map.points, first);
+        } else if is_ring && kind.is_lane() {
+            rings.push(map.features.len());
         }
         map.features.push(MapFeature { id: name, kind, points: first..map.points.len(), lane: None });
     }
@@ -226,26 +234,33 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
             false => Ok(None),
         })
         .collect::<Result<_, Error>>()?;
-    let mut removed = 0;
-    let lanes: Vec<_> = lanes
-        .into_iter()
-        .enumerate()
-        .map(|(k, mut lane)| {
-            removed += lane.as_deref_mut().map_or(0, |lane| remove_links_out_of_range(lane, k, &map));
-            lane
-        })
-        .collect();
-    if removed > 0 {
-        notes.push(format!("{removed} lane links name points that do not exist and are left out"));
-    }
     for (feature, lane) in map.features.iter_mut().zip(lanes) {
         feature.lane = lane;
     }
+    lane_polygon::derive_center_lines(&mut map, &rings, notes);
+    let mut removed = 0;
+    for k in 0..map.features.len() {
+        let mut lane = map.features[k].lane.take();
+        removed += lane.as_deref_mut().map_or(0, |lane| remove_links_out_of_range(lane, k, &map));
+        map.features[k].lane = lane;
+    }
+    if removed > 0 {
+        notes.push(format!("{removed} lane links name points that do not exist and are left out"));
+    }
+    lane_links::derive(&mut map, notes);
     // Shrinking copies the points, so it is done only if the estimated capacity was much too large.
     if map.points.capacity() > 2 * map.points.len() {
         map.points.shrink_to_fit();
     }
     Ok(map)
+}
+
+/// Closes the outline of points from `first` on.
+fn close(points: &mut Vec<[f64; 3]>, first: usize) {
+    let start = points[first];
+    if points.len() > first + 2 && points.last().is_some_and(|last| last[..2] != start[..2]) {
+        points.push(start);
+    }
 }
 
 /// Removes a lane's links to points that do not exist. Returns their number.

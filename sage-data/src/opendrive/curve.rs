@@ -8,6 +8,9 @@ use crate::xml::{Xml, rounded};
 /// Largest angle between the chord and a heading at which a piece is a straight line, radians.
 const STRAIGHT: f64 = 1e-7;
 
+/// Straight lines whose headings differ by less have one direction, radians. ASAM's checker takes 1e-6.
+const SAME_DIRECTION: f64 = 2e-6;
+
 /// Largest change of a length by halving its interval, metres.
 const ACCURACY: f64 = 1e-7;
 /// Largest number of times that an interval is halved.
@@ -52,6 +55,15 @@ impl Piece {
         let cubic = [span, 3.0 * u - 2.0 * span - du, span + du - 2.0 * u, 3.0 * v - dv, dv - 2.0 * v]
             .map(|coefficient| rounded(coefficient, CURVE));
         Self { start, heading, length: rounded(arc_length(&cubic), CURVE), cubic: Some(cubic) }
+    }
+
+    /// The straight line from the start of this one to the end of the next, if both are straight lines of one direction.
+    pub(super) fn extended_by(&self, next: &Self, end: Point) -> Option<Self> {
+        let is_straight = self.cubic.is_none() && next.cubic.is_none();
+        let is_one = is_straight && wrap_angle(next.heading - self.heading).abs() < SAME_DIRECTION;
+        let chord = sub(end, self.start);
+        let bearing = chord[1].atan2(chord[0]);
+        is_one.then(|| Self::between(self.start, end, [bearing; 2]))
     }
 
     /// Place at a share of the piece's parameter, 0 to 1.

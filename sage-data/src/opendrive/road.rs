@@ -210,11 +210,28 @@ impl Layout {
                 stretches.extend([[middle, to], [from, middle]]);
                 continue;
             }
-            layout.kept.push(to);
-            layout.along.push(rounded(layout.length() + piece.length, CURVE));
-            layout.pieces.push(piece);
+            layout.push(line, [from, to], piece);
         }
         layout
+    }
+
+    /// Appends a piece. A straight one that goes on in the direction of a straight one before it replaces both: two
+    /// would be redundant.
+    fn push(&mut self, line: &CenterLine, [mut from, to]: [usize; 2], mut piece: Piece) {
+        while let Some(longer) =
+            self.pieces.last().and_then(|last| last.extended_by(&piece, plane(line.points[to])))
+        {
+            let start = self.kept[self.kept.len() - 2];
+            if leaves_points(&longer, line, [start, to]) {
+                break;
+            }
+            (self.pieces.pop(), self.kept.pop(), self.along.pop());
+            (from, piece) = (start, longer);
+        }
+        debug_assert_eq!(self.kept.last(), Some(&from));
+        self.kept.push(to);
+        self.along.push(rounded(self.length() + piece.length, CURVE));
+        self.pieces.push(piece);
     }
 
     fn length(&self) -> f64 {

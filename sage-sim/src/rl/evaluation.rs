@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Attacker;
 use crate::{
-    drive::{Drive, found},
+    drive::{Drive, OffRoad, found},
     environment::{Environment, EnvironmentOptions, Outcome},
     fault::classify,
     observation::LENGTH,
@@ -44,8 +44,8 @@ pub struct EpisodeRow {
     pub at_fault: bool,
     /// Contact with the adversary.
     pub adversary: bool,
-    /// Off the road in the last step.
-    pub off_road: bool,
+    /// Off the road in the last step; `None` on a map without edges.
+    pub off_road: Option<bool>,
     /// Arrival.
     pub arrived: bool,
     /// End by the limit of steps.
@@ -78,7 +78,8 @@ pub fn drive_episode(
     let privilege = policy.privilege();
     let mut driver = policy.start(&Start::new(scene, track, privilege, seed))?;
     let start = *environment.world().motion();
-    let mut drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road: None };
+    let off_road = OffRoad::start(scene.index().map());
+    let mut drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road };
     let mut row = EpisodeRow::default();
     while !environment.is_over() {
         let control = {
@@ -98,6 +99,7 @@ pub fn drive_episode(
         drive.motions.push(*environment.world().motion());
         row.count(&outcome, environment.world().step_count());
     }
+    row.off_road = row.off_road.filter(|_| off_road.is_measured());
     let world = environment.world();
     for contact in &world.facts().contacts {
         drive.contacts.extend(found(world, contact));
@@ -112,8 +114,9 @@ pub fn drive_episode(
 }
 
 impl EpisodeRow {
-    fn failure(scene: usize, error: &Error) -> Self {
-        Self { scene, failed: Some(error.to_string()), ..Self::default() }
+    fn failure(number: usize, scene: &SimScene, error: &Error) -> Self {
+        let off_road = scene.index().map().has_edges().then_some(false);
+        Self { scene: number, failed: Some(error.to_string()), off_road, ..Self::default() }
     }
 
     fn count(&mut self, outcome: &Outcome, step: usize) {
@@ -125,7 +128,7 @@ impl EpisodeRow {
             self.completion_recorded = outcome.completion;
         }
         self.contact = outcome.vehicle_contact;
-        self.off_road = outcome.out_of_road;
+        self.off_road = Some(outcome.out_of_road);
         self.arrived = outcome.arrived;
         self.time_limit = outcome.truncated;
     }
@@ -149,7 +152,7 @@ pub fn drive_scene(
 ) -> (EpisodeRow, Option<Drive>) {
     match drive_episode(policy, scene, None, rules, seed) {
         Ok((row, drive)) => (EpisodeRow { scene: number, ..row }, Some(drive)),
-        Err(error) => (EpisodeRow::failure(number, &error), None),
+        Err(error) => (EpisodeRow::failure(number, scene, &error), None),
     }
 }
 
@@ -169,7 +172,7 @@ pub fn attack_episode(
     let plan = attacker.plan(scene, drive, 1.0, seed);
     match plan.and_then(|plan| drive_episode(policy, scene, Some(plan), rules, seed)) {
         Ok((row, _)) => EpisodeRow { scene: number, ..row },
-        Err(error) => EpisodeRow::failure(number, &error),
+        Err(error) => EpisodeRow::failure(number, scene, &error),
     }
 }
 

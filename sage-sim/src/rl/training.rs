@@ -20,7 +20,7 @@ use super::{
     way_out::is_shown_avoidable,
 };
 use crate::{
-    drive::Drive,
+    drive::{Drive, OffRoad},
     environment::{Environment, EnvironmentOptions},
     observation::LENGTH,
     scene::SimScene,
@@ -238,7 +238,7 @@ impl<'a> Training<'a> {
             motions: stored.motions.clone(),
             contacts: Vec::new(),
             progress: 0.0,
-            off_road: None,
+            off_road: OffRoad::NotMeasured,
         });
         let plan = attacker.plan(&self.setting.scenes[scene], drive.as_ref(), lambda, coin.bits())?;
         counters.attacked += 1;

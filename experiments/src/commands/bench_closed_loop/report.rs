@@ -169,7 +169,12 @@ pub(super) fn markdown(methods: &[Method], kinds: &[String], scenes: usize, test
             let _ = write!(text, "| {} | {} |", method.name, method.seeds.len());
             for column in &TABLE {
                 let name = format!("{kind} {} {}", method.name, column.name);
-                match seed_mean(&method.measured(k, column), &name) {
+                let measured = method.measured(k, column);
+                if is_unmeasured(&measured) {
+                    text.push_str(" – |");
+                    continue;
+                }
+                match seed_mean(&measured, &name) {
                     Some(m) => {
                         let deviation = m.deviation.map_or(String::new(), |sd| format!(" ± {sd:.2}"));
                         let _ = write!(text, " {:.2}{deviation} [{:.2}, {:.2}] |", m.mean, m.low, m.high);
@@ -191,6 +196,12 @@ pub(super) fn markdown(methods: &[Method], kinds: &[String], scenes: usize, test
     }
     braking(&mut text, methods);
     text
+}
+
+/// Whether there are episodes, but none in which a column is measured.
+fn is_unmeasured(measured: &Measured) -> bool {
+    let mut all = measured.iter().flatten().peekable();
+    all.peek().is_some() && all.all(|[_, weight]| *weight == 0.0)
 }
 
 /// The paper's row under ours.

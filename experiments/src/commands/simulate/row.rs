@@ -39,8 +39,11 @@ pub(super) struct Row {
     pub(super) steps: usize,
     /// First step at which 95 % of the logged route are driven.
     pub(super) arrived: Option<i64>,
-    /// First step on a road edge.
+    /// First step on a road edge that is not touched since the start; null if there is none.
     pub(super) off_road: Option<i64>,
+    /// Whether the map has road edges: without them `off_road` is not measured.
+    #[serde(default = "measured")]
+    pub(super) off_road_measured: bool,
     pub(super) end: RowEnd,
     /// Progress along the logged route by its length; null if that is below 5 m.
     pub(super) completion: Option<f64>,
@@ -52,6 +55,11 @@ pub(super) struct Row {
     /// Hash of the input file.
     pub(super) source_hash: String,
     pub(super) seed: u64,
+}
+
+/// Rows of earlier versions do not say whether the map has edges.
+fn measured() -> bool {
+    true
 }
 
 /// Why a drive ended.
@@ -138,7 +146,8 @@ impl Row {
             described: head.described,
             steps: episode.steps(),
             arrived: episode.arrived.map(step),
-            off_road: episode.drive.off_road.map(step),
+            off_road: episode.drive.off_road.step().map(step),
+            off_road_measured: episode.drive.off_road.is_measured(),
             end: match episode.end {
                 End::Contact => RowEnd::Contact,
                 End::Horizon => RowEnd::Horizon,
@@ -180,7 +189,10 @@ impl Row {
     /// Whether the attack works and how the drive ended, in words.
     pub(super) fn ending(&self) -> String {
         let route = self.completion.map(|c| format!("{:.0} % of the route", 100.0 * c));
-        let off_road = self.off_road.map(|step| format!("off the road {}", time(step)));
+        let off_road = match self.off_road {
+            _ if !self.off_road_measured => Some("off road not measured (the map has no edges)".to_owned()),
+            step => step.map(|step| format!("off the road {}", time(step))),
+        };
         let contact = match (self.end, self.contacts.first()) {
             (RowEnd::Contact, Some(contact)) => words(contact, self.adversary.as_deref()),
             _ => "no contact".to_owned(),

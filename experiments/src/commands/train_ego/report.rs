@@ -92,7 +92,7 @@ pub(super) fn write(run: &Run, trained: &[Trained]) -> Result<()> {
         for k in 0..count {
             let rows =
                 trained.iter().flat_map(|run| kinds(&run.evaluations[k]).filter(|(of, _)| *of == kind));
-            let values: Vec<f64> = rows.map(|(_, rows)| column.mean(rows)).collect();
+            let values: Vec<f64> = rows.filter_map(|(_, rows)| column.mean(rows)).collect();
             let step = trained.first().map_or(0, |run| run.evaluations[k].step);
             if !values.is_empty() {
                 points.push([step as f64 / 1000.0, values.iter().sum::<f64>() / values.len() as f64]);
@@ -114,7 +114,7 @@ pub(super) fn write(run: &Run, trained: &[Trained]) -> Result<()> {
 fn newest(trained: &Trained, kind: &str, column: &Column) -> Option<f64> {
     let first = trained.evaluations.len().saturating_sub(AVERAGED);
     let rows = trained.evaluations[first..].iter().flat_map(kinds).filter(|(of, _)| *of == kind);
-    let values: Vec<f64> = rows.map(|(_, rows)| column.mean(rows)).collect();
+    let values: Vec<f64> = rows.filter_map(|(_, rows)| column.mean(rows)).collect();
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
@@ -236,12 +236,10 @@ impl Clock {
     pub(super) fn evaluated(&self, seed: u64, evaluation: &Evaluation, total: u64) {
         let mut text = format!("seed {seed}, step {} of {total}:", evaluation.step);
         for (kind, rows) in kinds(evaluation) {
-            let [completion, contact, off_road] =
-                [COMPLETION, CONTACT, OFF_ROAD].map(|column| column.mean(rows));
-            let _ = write!(
-                text,
-                " {kind}: completion {completion:.2}, contact {contact:.2}, off road {off_road:.2};"
-            );
+            let [completion, contact, off_road] = [COMPLETION, CONTACT, OFF_ROAD].map(|column| {
+                column.mean(rows).map_or("not measured".to_owned(), |mean| format!("{mean:.2}"))
+            });
+            let _ = write!(text, " {kind}: completion {completion}, contact {contact}, off road {off_road};");
         }
         progress::say(&format!("{text} {}", self.left()));
     }

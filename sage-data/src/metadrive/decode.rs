@@ -1,13 +1,14 @@
 //! Decodes a document into a scene and checks all invariants of a scene.
 
 use std::{
+    cell::Cell,
     collections::{HashMap, HashSet},
     path::Path,
     sync::Arc,
 };
 
 use sage_core::{
-    motion::HISTORY,
+    motion::{HISTORY, MAX_COORDINATE},
     scene::{
         AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, TrafficLight,
     },
@@ -170,6 +171,8 @@ fn point(fields: &Fields, id: Id, field: &Field) -> Result<Option<[f64; 3]>, Err
 
 // --- map ---
 
+/// Highest speed limit, km/h. MetaDrive writes 1000 where there is none.
+const FASTEST_LIMIT: f64 = 300.0;
 /// Keys of the left and right side of a lane.
 const NEIGHBORS: [&str; 2] = ["left_neighbor", "right_neighbor"];
 const BOUNDARIES: [&str; 2] = ["left_boundaries", "right_boundaries"];
@@ -225,7 +228,7 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
     if index.len() != map.features.len() {
         return Err(fields.error(&root, "an id that occurs twice", "one feature per id"));
     }
-    let links = Links { fields, index };
+    let links = Links { fields, index, odd_limits: Cell::new(0), odd_widths: Cell::new(0) };
     let lanes: Vec<Option<Box<Lane>>> = entries
         .iter()
         .zip(&map.features)
@@ -234,6 +237,12 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
             false => Ok(None),
         })
         .collect::<Result<_, Error>>()?;
+    for (count, what) in [(&links.odd_limits, "speed limits"), (&links.odd_widths, "widths")] {
+        if count.get() > 0 {
+            let text = format!("{} lanes have {what} that cannot be true; they count as unknown", count.get());
+            notes.push(repairs::note("map-values", text));
+        }
+    }
     for (feature, lane) in map.features.iter_mut().zip(lanes) {
         feature.lane = lane;
     }
@@ -283,20 +292,32 @@ fn remove_links_out_of_range(lane: &mut Lane, own: usize, map: &Map) -> usize {
 struct Links<'f, 'd> {
     fields: &'f Fields<'d>,
     index: HashMap<&'f str, usize>,
+    /// Number of lanes with a speed limit or a width that cannot be one.
+    odd_limits: Cell<usize>,
+    odd_widths: Cell<usize>,
 }
 
 impl Links<'_, '_> {
     fn lane(&self, id: Id, field: &Field) -> Result<Lane, Error> {
         let limit = self.fields.optional(id, "speed_limit_kmh").and_then(|x| self.fields.document.number(x));
-        let width = match self.fields.optional(id, "width") {
+        // 0 is how files write that there is none.
+        if limit.is_some_and(|kmh| !(0.0..=FASTEST_LIMIT).contains(&kmh)) {
+            self.odd_limits.set(self.odd_limits.get() + 1);
+        }
+        let mut width = match self.fields.optional(id, "width") {
             // Some data sets store one mean width instead of a table.
             Some(width) if matches!(self.fields.document.node(width), Node::Array(a) if a.shape.len() == 2) => {
-                self.fields.rows::<2>(width, &field.key("width"), &[2])?
+                self.fields.unchecked_rows::<2>(width, &field.key("width"), &[2])?
             }
             _ => Vec::new(),
         };
+        let mut is_odd = false;
+        for side in width.as_flattened_mut().iter_mut().filter(|side| !(0.0..=MAX_COORDINATE).contains(*side)) {
+            (*side, is_odd) = (0.0, true);
+        }
+        self.odd_widths.set(self.odd_widths.get() + usize::from(is_odd));
         Ok(Lane {
-            speed_limit: limit.filter(|kmh| kmh.is_finite() && *kmh > 0.0).map(|kmh| kmh / 3.6),
+            speed_limit: limit.filter(|kmh| *kmh > 0.0 && *kmh <= FASTEST_LIMIT).map(|kmh| kmh / 3.6),
             entries: self.ids(id, "entry_lanes", field)?,
             exits: self.ids(id, "exit_lanes", field)?,
             neighbors: [self.neighbors(id, NEIGHBORS[0], field)?, self.neighbors(id, NEIGHBORS[1], field)?],

@@ -233,6 +233,18 @@ impl<'d> Fields<'d> {
         Ok(out)
     }
 
+    /// As [`Fields::rows`], with any numbers.
+    pub(super) fn unchecked_rows<const N: usize>(
+        &self,
+        id: Id,
+        field: &Field,
+        widths: &[usize],
+    ) -> Result<Vec<[f64; N]>, Error> {
+        let mut out = Vec::new();
+        self.append_unchecked(&mut out, id, field, widths)?;
+        Ok(out)
+    }
+
     /// As [`Fields::rows`], appended to `out`.
     pub(super) fn append_rows<const N: usize>(
         &self,

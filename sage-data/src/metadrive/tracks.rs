@@ -15,7 +15,7 @@ use super::fields::{Field, Fields};
 use crate::{
     Error,
     pickle::{Id, Node},
-    repairs::sizes::default_size,
+    repairs::{note, sizes::default_size},
 };
 
 /// Number of left-out tracks that a note each names; the rest are counted.
@@ -75,7 +75,8 @@ pub(super) fn tracks(
                 if !whole.holds(&name) && !fields.is_used_up() =>
             {
                 let at = found_at.strip_prefix(&format!("{field}/")).unwrap_or(&found_at).to_owned();
-                left_out.push(format!("track `{name}` is left out: `{at}` is {found}; expected {expected}"));
+                let text = format!("track `{name}` is left out: `{at}` is {found}; expected {expected}");
+                left_out.push(note("track-left-out", text));
             }
             Err(error) => return Err(error),
         }
@@ -83,14 +84,14 @@ pub(super) fn tracks(
     let more = left_out.len().saturating_sub(NAMED);
     notes.extend(left_out.into_iter().take(NAMED));
     if more > 0 {
-        notes.push(format!("{more} more tracks are left out, because a value of theirs is unusable"));
+        let text = format!("{more} more tracks are left out, because a value of theirs is unusable");
+        notes.push(note("track-left-out", text));
     }
     for (kind, count) in without_size {
         let [length, width, height] = default_size(&TrackKind::from_name(&kind));
         let tracks = if count == 1 { "1 track" } else { &format!("{count} tracks") };
-        notes.push(format!(
-            "{tracks} of type {kind} without a size: {length} × {width} × {height} m is assumed"
-        ));
+        let text = format!("{tracks} of type {kind} without a size: {length} × {width} × {height} m is assumed");
+        notes.push(note("no-size", text));
     }
     Ok(tracks)
 }

@@ -28,6 +28,11 @@ pub(crate) fn straight(time: f64) -> ([f64; 2], f64, [f64; 2]) {
     ([10.0 * time, -1.75], 0.0, [10.0, 0.0])
 }
 
+/// 10 m/s along +x in the lane to the right, 15 m behind.
+pub(crate) fn beside(time: f64) -> ([f64; 2], f64, [f64; 2]) {
+    ([10.0 * time - 15.0, -5.25], 0.0, [10.0, 0.0])
+}
+
 /// From 6 m/s on with 1 m/s², one lane to the right and behind.
 pub(crate) fn speeding_up(time: f64) -> ([f64; 2], f64, [f64; 2]) {
     ([6.0 * time + 0.5 * time * time - 20.0, -5.25], 0.0, [6.0 + time, 0.0])

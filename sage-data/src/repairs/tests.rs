@@ -6,7 +6,7 @@ use sage_core::{
     scene::{AdversaryOrigin, LightState, Scene},
 };
 
-use super::made::{Made, circle, speeding_up, straight};
+use super::made::{Made, circle, speeding_up, beside};
 use crate::{ReadOptions, checks, pickle::Node};
 
 fn kinds(scene: &Scene) -> Vec<&'static str> {
@@ -32,7 +32,7 @@ use Expected::{Refused, Resampled, Untouched};
 fn the_times_of_a_file_decide_its_rate() {
     let even = |count, step| times(count, step);
     let jitter = |step: f64| -> Vec<f64> {
-        (0..91).map(|f| f as f64 * step + 0.1 * step * f64::from((f * 7 % 5) as u8 as i8 - 2) / 2.0).collect()
+        (0..91).map(|f| f as f64 * step + 0.02 * step * ((f * 7 % 5) as f64 - 2.0)).collect()
     };
     let mapped = |map: fn(f64) -> f64| -> Vec<f64> { times(91, 0.1).into_iter().map(map).collect() };
     let mut late = even(91, 0.1);
@@ -77,7 +77,10 @@ fn the_times_of_a_file_decide_its_rate() {
     ];
     assert!(cases.len() >= 30);
     for (name, times, rate, expected) in cases {
-        let mut made = Made::at(&times, straight);
+        let seconds: Vec<f64> = (0..times.len()).map(|frame| 0.1 * frame as f64).collect();
+        let mut made = Made::at(&seconds, beside);
+        let clock = made.array(&[times.len()], &times);
+        made.set_metadata("ts", clock);
         made = match rate {
             Some(rate) => made.with_number("sample_rate", rate),
             None => made,
@@ -112,13 +115,13 @@ fn without_times_the_rate_decides_and_without_both_it_is_ten_hertz() {
     for (rate, frames, expected) in
         [(None, 91, 91), (Some(10.0), 91, 91), (Some(0.1), 91, 91), (Some(0.05), 181, 91), (Some(50.0), 451, 91)]
     {
-        let mut made = Made::at(&times(frames, 0.1), straight).without_metadata("ts");
+        let mut made = Made::at(&times(frames, 0.1), beside).without_metadata("ts");
         if let Some(rate) = rate {
             made = made.with_number("sample_rate", rate);
         }
         assert_eq!(made.read().unwrap().frames, expected, "{rate:?}");
     }
-    let slow = Made::at(&times(91, 0.1), straight).without_metadata("ts").with_number("sample_rate", 0.5);
+    let slow = Made::at(&times(91, 0.1), beside).without_metadata("ts").with_number("sample_rate", 0.5);
     let error = slow.read().unwrap_err().to_string();
     assert!(error.contains("sample_rate") && error.contains("2 Hz"), "{error}");
 }
@@ -127,7 +130,7 @@ fn without_times_the_rate_decides_and_without_both_it_is_ten_hertz() {
 fn resampled_motion_is_the_motion() {
     // The cubic through positions and velocities is exact for constant acceleration, and off by v⁴h⁴/(384 r³) on a circle.
     let steps = [0.01, 0.016, 0.02, 0.025, 1.0 / 30.0, 0.04, 0.05, 0.06, 0.08, 0.125, 0.16, 0.2];
-    for (path, tolerance) in [(straight as _, 1e-9), (speeding_up as _, 1e-9), (circle as super::made::Path2, 5e-6)] {
+    for (path, tolerance) in [(beside as _, 1e-9), (speeding_up as _, 1e-9), (circle as super::made::Path2, 5e-6)] {
         for step in steps {
             let scene = Made::lasting(9.6, step, path).read().unwrap();
             assert!((95..=97).contains(&scene.frames), "{step}: {}", scene.frames);
@@ -148,7 +151,7 @@ fn resampled_motion_is_the_motion() {
 fn a_frame_is_valid_if_both_neighbours_are() {
     // At 12.5 Hz frame 1 lies between the frames at 0.08 and 0.16 s.
     let valid = |missing: usize| {
-        let made = Made::lasting(9.6, 0.08, straight).with_value("person", "valid", missing, 0.0);
+        let made = Made::lasting(9.6, 0.08, beside).with_value("person", "valid", missing, 0.0);
         let scene = made.read().unwrap();
         (0..6).filter(|frame| !scene.tracks[2].valid[*frame]).collect::<Vec<_>>()
     };
@@ -163,7 +166,7 @@ fn a_frame_is_valid_if_both_neighbours_are() {
 
 #[test]
 fn lights_keep_the_state_of_the_last_recorded_frame() {
-    let scene = Made::lasting(9.0, 0.05, straight).read().unwrap();
+    let scene = Made::lasting(9.0, 0.05, beside).read().unwrap();
     let first_go = scene.lights[0].states.iter().position(|state| *state == LightState::Go);
     assert_eq!(first_go, Some(46), "the light of 181 frames turns at frame 91, 4.55 s");
 }
@@ -178,7 +181,7 @@ fn slow_recordings_are_read_on_demand() {
         assert_eq!(scene.frames, 201, "{step}");
         assert!(distance(scene.tracks[1].point(33), speeding_up(3.3).0) < 1e-9);
     }
-    let error = Made::lasting(60.0, 3.0, straight).read_as(&options).unwrap_err().to_string();
+    let error = Made::lasting(60.0, 3.0, beside).read_as(&options).unwrap_err().to_string();
     assert!(error.contains("every 3 s"), "{error}");
 }
 

@@ -55,7 +55,7 @@ const SIDEWALK: &str = "ROAD_EDGE_SIDEWALK";
 const LONG: [[f64; 2]; 2] = [[-100.0, -3.0], [300.0, -3.0]];
 /// The same edge in two parts, which meet at x = 20.
 const PARTS: [[[f64; 2]; 2]; 2] = [[[-100.0, -3.0], [20.0, -3.0]], [[20.0, -3.0], [300.0, -3.0]]];
-const OTHER: [[f64; 2]; 2] = [[30.0, -3.4], [300.0, -3.4]];
+const OTHER: [[f64; 2]; 2] = [[30.0, -3.4], [250.0, -3.4]];
 const WALK: [[f64; 2]; 5] = [[-100.0, -3.0], [300.0, -3.0], [300.0, -13.0], [-100.0, -13.0], [-100.0, -3.0]];
 const NEXT_WALK: [[f64; 2]; 5] = [[20.0, -3.0], [300.0, -3.0], [300.0, -13.0], [20.0, -13.0], [20.0, -3.0]];
 const FIRST_WALK: [[f64; 2]; 5] =
@@ -68,7 +68,7 @@ fn what_is_touched_at_the_start_does_not_count_until_left() {
     let over = |_: f64| -2.5;
     let leaves_it = |t: f64| (-2.5 + 0.5 * t).min(0.0);
     let returns = |t: f64| if t < 5.0 { leaves_it(t) } else { -0.8 * (t - 5.0) };
-    let drifts = |t: f64| -0.5 * t;
+    let drifts = |t: f64| -0.5 * t - 0.01;
     let on_walk = |_: f64| -8.0;
     type Offset<'a> = &'a dyn Fn(f64) -> f64;
     let cases: [(&str, &[(&str, &[[f64; 2]])], Offset, OffRoad); 20] = [

@@ -165,7 +165,7 @@ impl Environment {
             human_contact: touched(|kind| matches!(kind, TrackKind::Pedestrian | TrackKind::Cyclist)),
             object_contact: touched(|kind| matches!(kind, TrackKind::Other(_))),
             on_yellow: facts.on_yellow,
-            on_edge: facts.on_edge,
+            on_edge: if self.options.start_edge_ends { facts.on_edge } else { facts.off_road },
         };
         let mut outcome = assess(&self.options, &situation);
         outcome.distance_to_log = distance(position, scene.logged_position(step));

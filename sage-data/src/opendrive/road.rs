@@ -225,7 +225,9 @@ impl Layout {
             if leaves_points(&longer, line, [start, to]) {
                 break;
             }
-            (self.pieces.pop(), self.kept.pop(), self.along.pop());
+            self.pieces.pop();
+            self.kept.pop();
+            self.along.pop();
             (from, piece) = (start, longer);
         }
         debug_assert_eq!(self.kept.last(), Some(&from));

@@ -50,6 +50,8 @@ pub struct EnvironmentOptions {
     pub outlast_log: bool,
     /// MetaDrive: a solid yellow line is off the road.
     pub yellow_ends: bool,
+    /// MetaDrive: a road edge that is touched at the start is off the road before the car has left it.
+    pub start_edge_ends: bool,
     /// MetaDrive: positions are located on the nearest *line* of the route ([`crate::route::Localization`]).
     pub line_localization: bool,
     /// MetaDrive: under replay the navigation numbers are those of the pose before the step.
@@ -74,6 +76,7 @@ impl Default for EnvironmentOptions {
             contact_ends: false,
             outlast_log: false,
             yellow_ends: false,
+            start_edge_ends: false,
             line_localization: false,
             late_navigation: false,
             limit_terminates: false,
@@ -120,6 +123,7 @@ impl EnvironmentOptions {
             contact_ends: false,
             outlast_log: true,
             yellow_ends: true,
+            start_edge_ends: true,
             line_localization: true,
             late_navigation: true,
             limit_terminates: true,

@@ -33,7 +33,7 @@ pub struct Situation {
     pub object_contact: bool,
     /// On a solid yellow line at the end.
     pub on_yellow: bool,
-    /// On a road edge at the end.
+    /// On a road edge at the end that counts ([`EnvironmentOptions::start_edge_ends`]).
     pub on_edge: bool,
 }
 

@@ -104,7 +104,11 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
                 .is_some_and(|time| (time - times[0] - NOW as f64 * DT).abs() < 0.5 * DT),
         };
         if !is_now {
-            scene.notes.push(format!("the file's current_time_index is {index}; frame {NOW} is taken as now"));
+            let now = match &clock {
+                Clock::Ten => format!("frame {NOW} is taken as now"),
+                Clock::Other { .. } => "now is 1.0 s after the first frame".to_owned(),
+            };
+            scene.notes.push(format!("the file's current_time_index is {index}; {now}"));
         }
     }
     let wrong = |field: &str, found: String, expected: String| Error::Field {

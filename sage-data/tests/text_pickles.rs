@@ -246,3 +246,21 @@ fn a_light_at_a_vector_is_read_and_written_as_a_tuple() {
     assert!(!written.windows(6).any(|window| window == b"Vector"));
     assert_eq!(Recording::from_bytes(&path, written).unwrap().scene, recording.scene);
 }
+
+#[test]
+fn a_scenario_description_is_its_dict() {
+    let class = b"cmetadrive.scenario.scenario_description\nScenarioDescription\n";
+    // `ScenarioDescription()`, then its items, as protocol 4 writes them; and errors.
+    let pickle = [&b"\x80\x04"[..], class, b")\x81(\x8c\x01aK\x01u."].concat();
+    let document = sage_data::pickle::Document::parse(pickle).unwrap();
+    let value = document.get(document.root(), "a").and_then(|id| document.integer(id));
+    assert_eq!(value, Some(1));
+    let written = document.to_pickle();
+    assert!(!written.windows(8).any(|window| window == b"Scenario"));
+    for wrong in [&b"K\x01\x85\x81."[..], b")R.", b"."] {
+        let pickle = [&b"\x80\x04"[..], class, wrong].concat();
+        let parsed = sage_data::pickle::Document::parse(pickle);
+        // The class itself is a value that no scene can hold.
+        assert!(parsed.is_err() || wrong == b".", "{wrong:?}");
+    }
+}

@@ -30,6 +30,9 @@ pub enum Global {
     /// `metadrive.utils.math.Vector`, a tuple with arithmetic: MetaDrive's positions of lights. Before 0.4 its
     /// module was `math_utils`.
     Vector,
+    /// `metadrive.scenario.scenario_description.ScenarioDescription`, a dict with methods: a scene that MetaDrive did not
+    /// turn into a plain dict.
+    ScenarioDescription,
 }
 
 impl Global {
@@ -54,6 +57,7 @@ impl Global {
             (b"builtins" | b"__builtin__", b"tuple") => Self::Tuple,
             (b"copyreg" | b"copy_reg", b"_reconstructor") => Self::Reconstructor,
             (b"metadrive.utils.math" | b"metadrive.utils.math_utils", b"Vector") => Self::Vector,
+            (b"metadrive.scenario.scenario_description", b"ScenarioDescription") => Self::ScenarioDescription,
             _ => return None,
         })
     }

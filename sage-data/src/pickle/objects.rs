@@ -21,7 +21,7 @@ impl Machine {
         &self.nodes[id.0 as usize]
     }
 
-    /// NEWOBJ, by which protocols from 2 on write a `Vector`. Python's value is a tuple with methods, so it is read as
+    /// NEWOBJ, by which protocols from 2 on write a `Vector` and a `ScenarioDescription`. Python's value is a tuple with methods, so it is read as
     /// the tuple that it was made from.
     #[inline(never)]
     pub(super) fn new_object(&mut self, class: Id, arguments: Id) -> Result<(), Problem> {
@@ -30,7 +30,13 @@ impl Machine {
                 self.vector(arguments[0])
             }
             (Node::Global(Global::Vector), _) => Err(form("the arguments of Vector", "one tuple")),
-            (other, _) => Err(kind("the class of NEWOBJ", other, "metadrive.utils.math.Vector")),
+            (Node::Global(Global::ScenarioDescription), Node::Tuple(arguments)) if arguments.is_empty() => {
+                self.push(Node::Dict(Vec::new()))
+            }
+            (Node::Global(Global::ScenarioDescription), _) => {
+                Err(form("the arguments of ScenarioDescription", "none; its items follow"))
+            }
+            (other, _) => Err(kind("the class of NEWOBJ", other, "MetaDrive's Vector or ScenarioDescription")),
         }
     }
 

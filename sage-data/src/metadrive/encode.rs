@@ -44,7 +44,9 @@ pub(crate) fn write_changes<'s>(
     if names(scene) != names(original) || scene.frames != original.frames {
         return Err(refuse("tracks", "other tracks or another number of frames"));
     }
-    if scene.map != original.map || scene.lights != original.lights {
+    let same_lights = scene.lights.len() == original.lights.len()
+        && scene.lights.iter().zip(&original.lights).all(|(light, other)| light.is_same_steady(other));
+    if scene.map != original.map || !same_lights {
         return Err(refuse("map_features", "another map"));
     }
     let mut ids = Vec::new();

@@ -11,6 +11,7 @@ use sage_core::{
 use crate::{
     body::BodyShape,
     lines::{LineShapes, Lines},
+    red_lights::RouteLights,
     route::Route,
 };
 
@@ -45,6 +46,7 @@ pub struct SimScene {
     index: Arc<SceneIndex>,
     route: Route,
     guide: OnceLock<Route>,
+    lights: OnceLock<Arc<RouteLights>>,
     ego_size: [f64; 2],
     parked: Vec<bool>,
     lines: [OnceLock<Lines>; 2],
@@ -79,6 +81,7 @@ impl SimScene {
         Ok(Arc::new(Self {
             route,
             guide: OnceLock::new(),
+            lights: OnceLock::new(),
             ego_size,
             parked,
             lines: Default::default(),
@@ -106,6 +109,11 @@ impl SimScene {
     /// finds its way.
     pub fn guide(&self) -> &Route {
         self.guide.get_or_init(|| guide(self.log(), &self.index))
+    }
+
+    /// The traffic lights on [`SimScene::guide`].
+    pub fn lights(&self) -> &Arc<RouteLights> {
+        self.lights.get_or_init(|| Arc::new(RouteLights::new(&self.scene, self.guide())))
     }
 
     /// Length and width of the ego at *now*, metres.

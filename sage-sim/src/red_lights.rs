@@ -257,3 +257,79 @@ pub fn over_red(scene: &SimScene, motions: &[Motion]) -> Option<Vec<usize>> {
 pub(crate) fn state(scene: &Scene, light: usize, frame: usize) -> LightState {
     scene.lights[light].states.get(frame).copied().unwrap_or(LightState::Unknown)
 }
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    #[test]
+    fn braking_distances_are_those_of_the_closed_form() {
+        // 10²/(2·4) = 12.5 m.
+        assert_relative_eq!(Braking { deceleration: 4.0, lag: 0.0 }.distance(10.0), 12.5);
+        // With a lag of 0.5 s: 4 m/s² down to 2 m/s, (100 − 4)/8 = 12 m, then 2 · 0.5 = 1 m.
+        let lagging = Braking { deceleration: 4.0, lag: 0.5 };
+        assert_relative_eq!(lagging.distance(10.0), 13.0);
+        assert_relative_eq!(lagging.distance(1.0), 0.5);
+        assert_eq!(lagging.distance(0.0), 0.0);
+    }
+
+    /// Decisions of a driver that brakes by 4 m/s² at a light 20 m along the route.
+    fn decisions(frames: &[(f64, f64, bool)]) -> Vec<bool> {
+        let lights = RouteLights { stops: vec![StopPlace { light: 0, along: 20.0 }] };
+        let mut driver = RedLights::new(Braking { deceleration: 4.0, lag: 0.0 });
+        let stops = |(front, speed, is_red): &(f64, f64, bool)| {
+            driver.decide(&lights, *front, *speed, |_| *is_red).is_some()
+        };
+        frames.iter().map(stops).collect()
+    }
+
+    #[test]
+    fn a_driver_stops_if_it_can_and_keeps_to_that() {
+        // From 10 m/s it needs 12.5 m.
+        assert_eq!(decisions(&[(7.4, 10.0, true), (12.0, 9.9, true)]), [true, true]);
+        assert_eq!(decisions(&[(7.6, 10.0, true), (8.0, 1.0, true)]), [false, false]);
+        // Green in between: it decides anew.
+        assert_eq!(
+            decisions(&[(7.6, 10.0, true), (8.0, 9.0, false), (9.0, 9.0, true)]),
+            [false, false, true]
+        );
+        // Past the stop point; creeping; pushed over it by less and by more than a metre.
+        assert_eq!(decisions(&[(20.0, 5.0, true)]), [false]);
+        assert_eq!(decisions(&[(19.99, 0.5, true)]), [true]);
+        assert_eq!(
+            decisions(&[(18.0, 0.0, true), (20.9, 1.0, true), (21.1, 1.0, true)]),
+            [true, true, false]
+        );
+    }
+
+    #[test]
+    fn the_gap_is_that_of_the_front_bumper() {
+        let lights = RouteLights { stops: vec![StopPlace { light: 0, along: 20.0 }] };
+        let mut driver = RedLights::new(Braking { deceleration: 4.0, lag: 0.0 });
+        let stop = driver.decide(&lights, 12.0, 3.0, |_| true).unwrap();
+        assert_eq!((stop.along, stop.gap), (20.0, 8.0));
+        let area = OrientedBox::new([1.0, 2.0], std::f64::consts::FRAC_PI_2, 4.0, 2.0);
+        assert_relative_eq!(front(&area)[0], 1.0, epsilon = 1e-12);
+        assert_relative_eq!(front(&area)[1], 4.0, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn a_lane_is_used_as_far_as_the_route_lies_on_it() {
+        let route = Route::new(&[[0.0, 0.0], [50.0, 0.0], [100.0, 0.0]]);
+        let share = |points: &[[f64; 2]]| {
+            used_share(&points.iter().map(|[x, y]| [*x, *y, 0.0]).collect::<Vec<_>>(), &route)
+        };
+        assert_eq!(share(&[[10.0, 1.8], [40.0, 1.8]]), Some(1.0));
+        assert_eq!(share(&[[10.0, 1.9], [40.0, 1.9]]), Some(0.0));
+        // Against the route, across it, beyond its end, one point.
+        assert_eq!(share(&[[40.0, 0.0], [10.0, 0.0]]), Some(0.0));
+        assert_eq!(share(&[[20.0, -10.0], [20.0, 10.0]]), Some(0.0));
+        assert_eq!(share(&[[110.0, 0.0], [140.0, 0.0]]), None);
+        assert_eq!(share(&[[10.0, 0.0]]), None);
+        // 20 m on the route, then 20 m away from it.
+        let half = share(&[[10.0, 0.0], [30.0, 0.0], [30.0 + 14.0, 14.0]]).unwrap();
+        assert_relative_eq!(half, 0.5, epsilon = 0.1);
+    }
+}

@@ -105,7 +105,7 @@ impl EgoPolicy for Expert {
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         let options = self.0.clone();
         let strongest = options.brakes.iter().copied().fold(0.0, f64::min);
-        let braking = Braking { deceleration: -strongest, lag: DT };
+        let braking = Braking { deceleration: -strongest, lag: 2.0 * DT };
         let red_lights = options.red_lights.then(|| RedLights::new(braking));
         Ok(Box::new(ExpertDriver { options, speed: Pid::new(SPEED_GAINS), red_lights }))
     }

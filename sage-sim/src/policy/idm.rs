@@ -146,7 +146,7 @@ impl Driver for IdmDriver {
 impl IdmDriver {
     pub(super) fn new(options: IdmOptions) -> Self {
         let lane_change = options.lane_changes.map(LaneChange::new);
-        let braking = Braking { deceleration: -options.limits[0], lag: DT };
+        let braking = Braking { deceleration: -options.limits[0], lag: 2.0 * DT };
         let red_lights = options.red_lights.then(|| RedLights::new(braking));
         Self { options, lane_change, red_lights }
     }

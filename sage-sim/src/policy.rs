@@ -1,7 +1,7 @@
 //! Driving policies: what drives the car under test, or the adversary.
 //!
 //! A policy sees a [`View`]: its own state, its route, the map, and the present boxes and velocities of the
-//! others. Recordings and plans are a privilege that it must declare ([`EgoPolicy::privilege`]); tables print
+//! others and states of traffic lights. Recordings and plans are a privilege that it must declare ([`EgoPolicy::privilege`]); tables print
 //! it.
 
 mod constant;

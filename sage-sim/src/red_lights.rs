@@ -1,8 +1,8 @@
 //! Traffic lights on a route: where a car has to stop, which red lights a driver minds, and who ran over red.
 //!
 //! A light is on a route if the route uses the lane that the light controls. The lane's centre line is followed
-//! in steps of a metre over the length of the route; the route uses it where it lies within [`HALF_LANE`] and in
-//! the same direction. Several lanes often begin at one stop point, to the left, straight on and to the right:
+//! in steps of a metre over the length of the route; the route uses it where it lies within 1.85 m and in the same
+//! direction. Several lanes often begin at one stop point, to the left, straight on and to the right:
 //! of these the one counts that the route uses most, and it must use half of it. The car has to stop at the
 //! light's stop point, or at the start of the lane where none is recorded. Lights of lanes that are not in the
 //! map, and of bike lanes, are left out.
@@ -13,7 +13,7 @@
 use std::sync::Arc;
 
 use sage_core::{
-    geometry::{OrientedBox, Point, dot, norm, sub},
+    geometry::{OrientedBox, Point, distance, dot, norm, sub},
     motion::DT,
     scene::{LightState, MapFeature, Scene},
 };
@@ -31,8 +31,9 @@ const HALF_LANE: f64 = 1.85;
 const STOP_REACH: f64 = 2.5;
 /// Cosine of the largest angle between route and lane (45°).
 const ALONG: f64 = std::f64::consts::FRAC_1_SQRT_2;
-/// Distance of the samples on a lane, metres.
+/// Distance of the samples on a lane, metres, and the largest number of them: longer lanes are sampled more coarsely.
 const SAMPLE: f64 = 1.0;
+const MOST_SAMPLES: f64 = 1000.0;
 /// Least share of a lane that the route must use.
 const LEAST_SHARE: f64 = 0.5;
 /// Stop points closer than this along the route are one place, metres.
@@ -101,7 +102,8 @@ fn used_share(points: &[[f64; 3]], route: &Route) -> Option<f64> {
     if line.len() < 2 {
         return None;
     }
-    let samples = resampled(&line, SAMPLE);
+    let length: f64 = line.windows(2).map(|pair| distance(pair[0], pair[1])).sum();
+    let samples = resampled(&line, SAMPLE.max(length / MOST_SAMPLES));
     let (mut used, mut all) = (0, 0);
     for pair in samples.windows(2) {
         let place = route.locate(pair[0], Localization::Nearest);
@@ -134,32 +136,23 @@ impl Braking {
     }
 }
 
-/// What a driver does at a light while it is red.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Decision {
-    /// It stops before the stop point.
-    Stop,
-    /// It goes on: it is past the stop point, or could not stop before it.
-    GoOn,
-}
-
-/// The red lights that a driver minds. It decides at each light when the light turns red, or is first seen red: it stops
-/// if it is not past the stop point and can stop before it by its [`Braking`]; otherwise it goes on. A car that creeps can
-/// always stop. The driver keeps to the decision as long as the light is red; one that decided to stop goes on only if it
-/// is [`OVERSHOOT`] past the stop point, for example after a push.
+/// The red lights that a driver minds. It stops at a light that is red if it is not past the stop point and can stop before
+/// it by its [`Braking`], or creeps. Otherwise it goes on, unless something slows it down until it can stop. Once it stops
+/// at a light, it does so until the light is not red any more, or until it is a metre past the stop point, for example after
+/// a push.
 #[derive(Clone, Debug)]
 pub struct RedLights {
     braking: Braking,
     /// Found at the first step.
     lights: Option<Arc<RouteLights>>,
-    /// One for each stop place; `None` where the light is not red.
-    decisions: Vec<Option<Decision>>,
+    /// For each stop place, whether it stops there.
+    stops: Vec<bool>,
 }
 
 impl RedLights {
     /// The red lights of a driver that brakes like this.
     pub fn new(braking: Braking) -> Self {
-        Self { braking, lights: None, decisions: Vec::new() }
+        Self { braking, lights: None, stops: Vec::new() }
     }
 
     /// The nearest stop place at which the car has to stop now.
@@ -181,21 +174,13 @@ impl RedLights {
         speed: f64,
         is_red: impl Fn(&StopPlace) -> bool,
     ) -> Option<RedStop> {
-        self.decisions.resize(lights.stops.len(), None);
+        self.stops.resize(lights.stops.len(), false);
         let mut nearest = None;
-        for (stop, decision) in lights.stops.iter().zip(&mut self.decisions) {
-            if !is_red(stop) {
-                *decision = None;
-                continue;
-            }
+        for (stop, stops) in lights.stops.iter().zip(&mut self.stops) {
             let gap = stop.along - front;
-            let stops = match decision {
-                Some(Decision::GoOn) => false,
-                Some(Decision::Stop) => gap > -OVERSHOOT,
-                None => gap > 0.0 && (speed <= CREEPING || self.braking.distance(speed) <= gap),
-            };
-            *decision = Some(if stops { Decision::Stop } else { Decision::GoOn });
-            if stops && nearest.is_none() {
+            let can_stop = gap > 0.0 && (speed <= CREEPING || self.braking.distance(speed) <= gap);
+            *stops = is_red(stop) && (can_stop || (*stops && gap > -OVERSHOOT));
+            if *stops && nearest.is_none() {
                 nearest = Some(RedStop { along: stop.along, gap: gap.max(0.0) });
             }
         }
@@ -289,7 +274,11 @@ mod tests {
     fn a_driver_stops_if_it_can_and_keeps_to_that() {
         // From 10 m/s it needs 12.5 m.
         assert_eq!(decisions(&[(7.4, 10.0, true), (12.0, 9.9, true)]), [true, true]);
-        assert_eq!(decisions(&[(7.6, 10.0, true), (8.0, 1.0, true)]), [false, false]);
+        // It goes on if it cannot stop, until something slows it down.
+        assert_eq!(
+            decisions(&[(7.6, 10.0, true), (9.0, 10.0, true), (15.0, 6.0, true)]),
+            [false, false, true]
+        );
         // Green in between: it decides anew.
         assert_eq!(
             decisions(&[(7.6, 10.0, true), (8.0, 9.0, false), (9.0, 9.0, true)]),

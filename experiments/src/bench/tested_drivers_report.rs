@@ -21,6 +21,8 @@ const RESAMPLES: usize = 2000;
 /// A driver with its results in all scenes.
 pub(crate) struct DriverRows {
     pub(crate) name: String,
+    /// Name of its random streams.
+    pub(crate) stream: String,
     pub(crate) knows: Privilege,
     pub(crate) scenes: Vec<TestedDriver>,
 }
@@ -91,7 +93,7 @@ fn attacked(out: &mut String, drivers: &[DriverRows], keys: &[RowKey]) -> Result
     )?;
     writeln!(out, "| --- | --- | --- |{} --- | --- | --- |", " --- |".repeat(heads.len()))?;
     for (k, key) in keys.iter().enumerate() {
-        for DriverRows { name, scenes, .. } in drivers {
+        for DriverRows { name, stream, scenes, .. } in drivers {
             let all: Vec<&Attacked> = scenes.iter().filter_map(|scene| scene.attacks.get(k)).collect();
             let shares = ATTACKED.map(|(name, holds)| cell(name, all.iter().filter_map(|one| holds(one))));
             let searched = all.iter().filter_map(|one| one.avoidable.as_ref());
@@ -101,7 +103,7 @@ fn attacked(out: &mut String, drivers: &[DriverRows], keys: &[RowKey]) -> Result
                 all.iter().filter_map(|one| one.driven.completion.map(|c| c.min(1.0))).collect();
             let label = key.label();
             let mean = |values: &[f64], what: &str| {
-                let mut rng = Rng::new(0, &format!("{label} {name}"), what);
+                let mut rng = Rng::new(0, &format!("{label} {stream}"), what);
                 statistics::bootstrap_mean(values, RESAMPLES, &mut rng)
                     .map_or("-".to_owned(), |e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high))
             };
@@ -186,7 +188,7 @@ fn table(
                 let differences: Vec<f64> = (first.scenes.iter())
                     .filter_map(|row| Some(100.0 * (value(holds(row)?) - value(*theirs.get(&*row.scene)?))))
                     .collect();
-                let mut rng = Rng::new(seed, &format!("{} {}", first.name, second.name), name);
+                let mut rng = Rng::new(seed, &format!("{} {}", first.stream, second.stream), name);
                 statistics::bootstrap_mean(&differences, RESAMPLES, &mut rng)
                     .as_ref()
                     .map_or("-".to_owned(), points)

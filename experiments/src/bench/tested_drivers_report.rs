@@ -69,7 +69,7 @@ fn unattacked(out: &mut String, drivers: &[DriverRows]) -> Result<()> {
     let heads = UNATTACKED.map(|(name, _)| format!("{name} %"));
     writeln!(out, "| driver | knows | N | {} | median completion |", heads.join(" | "))?;
     writeln!(out, "| --- | --- | --- |{} --- |", " --- |".repeat(heads.len()))?;
-    for DriverRows { name, knows, scenes } in drivers {
+    for DriverRows { name, knows, scenes, .. } in drivers {
         let shares = UNATTACKED.map(|(name, holds)| cell(name, scenes.iter().filter_map(holds)));
         let completions: Vec<f64> = scenes.iter().filter_map(|row| row.unattacked.completion).collect();
         let completion = statistics::median(&completions).map_or("-".to_owned(), |c| format!("{c:.2}"));

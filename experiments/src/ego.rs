@@ -19,6 +19,8 @@ use crate::{Registries, part::PolicyPart};
 pub(crate) struct Ego {
     /// Its name and options, as tables show them.
     pub(crate) label: String,
+    /// Name of its random streams: without red lights that of earlier versions, so that intervals keep their bits.
+    pub(crate) stream: String,
     pub(crate) policy: Box<dyn EgoPolicy>,
     /// Whether it is the recording itself.
     pub(crate) is_recording: bool,
@@ -31,7 +33,10 @@ impl Ego {
     pub(crate) fn new(named: &PolicyPart, registries: &Registries) -> Result<Self> {
         let PolicyPart(part) = named;
         let policy = part.build(&registries.policies)?;
-        Ok(Self { label: named.to_string(), policy, is_recording: part.name == Replay::NAME })
+        let mut earlier = named.clone();
+        earlier.0.options.retain(|key, value| key != "red_lights" || *value != json!(false));
+        let (label, stream) = (named.to_string(), earlier.to_string());
+        Ok(Self { label, stream, policy, is_recording: part.name == Replay::NAME })
     }
 
     /// Builds several policies.

@@ -329,6 +329,9 @@ fn drivers_are_compared_by_scene() {
     );
     let rows = std::fs::read_to_string(out.join("scenes.csv")).unwrap();
     assert_eq!(rows.lines().count(), 15);
+    let header = |csv: &str| csv.lines().next().unwrap_or_default().to_owned();
+    assert!(header(&rows).ends_with("comfortable,over_red,over_red_step"));
+    assert!(table.matches("over red %").count() == 2 && table.contains("over red, points"));
     // Each driver meets an attack in each scene.
     assert!(
         table.contains("| sage 1.00 | idm | 7 |") && table.contains("Paired by scene, sage 1.00"),
@@ -336,6 +339,7 @@ fn drivers_are_compared_by_scene() {
     );
     let attacks = std::fs::read_to_string(out.join("attacks.csv")).unwrap();
     assert_eq!(attacks.lines().count(), 15);
+    assert!(header(&attacks).ends_with("progress,over_red,over_red_step"));
     let is_attack = |line: &&str| line.split(',').nth(3) == Some("true");
     let found = attacks.lines().filter(is_attack).map(|line| line.split(',').nth(8).unwrap_or_default());
     let found: Vec<&str> = found.collect();

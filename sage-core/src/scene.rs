@@ -188,7 +188,7 @@ impl Scene {
         }
         for light in &self.lights {
             hash_text(&mut hasher, &light.lane);
-            let states: Vec<u8> = light.states.iter().map(|s| *s as u8).collect();
+            let states: Vec<u8> = light.states.iter().map(|s| s.steady() as u8).collect();
             hasher.update(&states);
         }
         let mut out = [0; 16];

@@ -5,7 +5,7 @@
 //! - [`Environment`](environment::Environment): reset and step with observation, reward, cost and endings, for
 //!   learning drivers; [`Batch`](environment::Batch) steps many at once.
 //! - [`EgoPolicy`](policy::EgoPolicy): drivers by name ([`policy::policies`]), driven by
-//!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact, [`avoidable`] whether a driver could have
+//!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact, [`red_lights`] who ran over red, [`avoidable`] whether a driver could have
 //!   avoided an attack.
 //!
 //! A policy in a scene:
@@ -45,6 +45,7 @@ pub mod observation;
 pub mod physics;
 pub mod policy;
 mod rays;
+pub mod red_lights;
 pub mod rl;
 pub mod route;
 mod scene;

@@ -1,7 +1,7 @@
 //! Driving policies: what drives the car under test, or the adversary.
 //!
 //! A policy sees a [`View`]: its own state, its route, the map, and the present boxes and velocities of the
-//! others. Recordings and plans are a privilege that it must declare ([`EgoPolicy::privilege`]); tables print
+//! others and states of traffic lights. Recordings and plans are a privilege that it must declare ([`EgoPolicy::privilege`]); tables print
 //! it.
 
 mod constant;
@@ -22,13 +22,13 @@ mod steering;
 mod td3;
 mod tracking;
 
-use std::{cell::OnceCell, fmt};
+use std::{cell::OnceCell, fmt, sync::Arc};
 
 use sage_core::{
     Error,
     geometry::{OrientedBox, Point},
     registry::Registry,
-    scene::{Map, Scene, SceneIndex, Track},
+    scene::{LightState, Map, Scene, SceneIndex, Track},
 };
 
 pub use constant::Constant;
@@ -48,6 +48,7 @@ pub use tracking::Tracking;
 use crate::{
     body::Body,
     observation::LENGTH,
+    red_lights::{self, RouteLights},
     route::{Localization, Route},
     scene::SimScene,
     traffic::Plan,
@@ -283,6 +284,18 @@ impl<'a> View<'a> {
     /// Whether something at a height of the ground (metres) is on the own level.
     pub fn is_level(&self, height: f64) -> bool {
         self.world.are_level(height, self.ground)
+    }
+
+    /// The traffic lights on [`View::route`]. They do not change in a drive, so call it once.
+    pub fn route_lights(&self) -> Arc<RouteLights> {
+        let scene = self.scene();
+        let is_ego = std::ptr::eq(self.route, scene.guide());
+        if is_ego { scene.lights().clone() } else { Arc::new(RouteLights::new(scene.scene(), self.route)) }
+    }
+
+    /// State of a traffic light now, by its index in [`Scene::lights`].
+    pub fn light(&self, light: usize) -> LightState {
+        red_lights::state(self.world.scene().scene(), light, self.step())
     }
 
     /// The map.

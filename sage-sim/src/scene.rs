@@ -12,6 +12,7 @@ use crate::{
     body::BodyShape,
     episode::LAST_FRAME,
     lines::{LineShapes, Lines},
+    red_lights::RouteLights,
     route::Route,
 };
 
@@ -47,6 +48,7 @@ pub struct SimScene {
     route: Route,
     window_length: f64,
     guide: OnceLock<Route>,
+    lights: OnceLock<Arc<RouteLights>>,
     ego_size: [f64; 2],
     parked: Vec<bool>,
     lines: [OnceLock<Lines>; 2],
@@ -87,6 +89,7 @@ impl SimScene {
             route,
             window_length,
             guide: OnceLock::new(),
+            lights: OnceLock::new(),
             ego_size,
             parked,
             lines: Default::default(),
@@ -120,6 +123,11 @@ impl SimScene {
     /// finds its way.
     pub fn guide(&self) -> &Route {
         self.guide.get_or_init(|| guide(self.log(), &self.index))
+    }
+
+    /// The traffic lights on [`SimScene::guide`].
+    pub fn lights(&self) -> &Arc<RouteLights> {
+        self.lights.get_or_init(|| Arc::new(RouteLights::new(&self.scene, self.guide())))
     }
 
     /// Length and width of the ego at *now*, metres.

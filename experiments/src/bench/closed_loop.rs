@@ -15,10 +15,12 @@ use sage_sim::{
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::Drive,
     episode::{Episode, EpisodeContact, Verdict},
+    red_lights::over_red,
     traffic::Plan,
 };
 use serde::{Deserialize, Serialize};
 
+use super::tested_drivers::{Attacked, until_contact};
 use crate::{contact_row::ContactRow, ego::Ego};
 
 /// Result of one attack on a driver.
@@ -69,8 +71,7 @@ impl<'a> DriverUnderTest<'a> {
         self.result(&self.episode(attack)?, attack, is_feasible, ctx)
     }
 
-    /// The same, with the search for a way out that the driver had in the attacked drive; `None` if the attack does
-    /// not work.
+    /// The same, with runs over red, and with the search for a way out that the driver had in the attacked drive.
     ///
     /// *Errors*: as [`Episode::run`], and [`Avoidance::new`].
     pub(crate) fn attack_and_search(
@@ -79,7 +80,7 @@ impl<'a> DriverUnderTest<'a> {
         is_feasible: bool,
         ctx: &Context,
         search: AvoidanceOptions,
-    ) -> Result<(Driven, Option<Avoidable>)> {
+    ) -> Result<Attacked> {
         let episode = self.episode(attack)?;
         let driven = self.result(&episode, attack, is_feasible, ctx)?;
         let contact = episode.contacts.first().filter(|_| driven.verdict.attack);
@@ -89,7 +90,9 @@ impl<'a> DriverUnderTest<'a> {
             let step = contact.contact.step.checked_sub(NOW);
             Ok(Avoidance::new(&ctx, search)?.of_contact(&ctx.candidate(attack.clone()), step))
         };
-        Ok((driven, contact.map(way_out).transpose()?))
+        let avoidable = contact.map(way_out).transpose()?;
+        let over_red = over_red(&self.scene, until_contact(&episode.drive));
+        Ok(Attacked { driven, avoidable, over_red })
     }
 
     fn episode(&self, attack: &Trajectory) -> Result<Episode> {

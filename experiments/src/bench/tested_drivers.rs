@@ -11,6 +11,7 @@ use sage_sim::{
     comfort::is_comfortable,
     drive::{Drive, OffRoad, Simulation, drive},
     fault::{FaultClass, classify},
+    red_lights::over_red,
     vehicle::Motion,
 };
 
@@ -41,6 +42,8 @@ pub(crate) struct Unattacked {
     pub(crate) completion: Option<f64>,
     /// Whether it keeps nuPlan's bounds of comfort, up to its first contact.
     pub(crate) is_comfortable: Option<bool>,
+    /// Steps at which it runs over red, up to its first contact; `None` without a light ahead on its route.
+    pub(crate) over_red: Option<Vec<usize>>,
 }
 
 /// An attack on a driver.
@@ -48,6 +51,8 @@ pub(crate) struct Attacked {
     pub(crate) driven: Driven,
     /// Whether the driver had a way out; `None` if the attack does not work.
     pub(crate) avoidable: Option<Avoidable>,
+    /// As in [`Unattacked`], in the attacked drive.
+    pub(crate) over_red: Option<Vec<usize>>,
 }
 
 impl Unattacked {
@@ -63,6 +68,7 @@ impl Unattacked {
             off_road: drive.off_road,
             completion: (log >= SHORTEST_LOG).then(|| drive.progress / log),
             is_comfortable: is_comfortable(until_contact(drive)),
+            over_red: over_red(scene, until_contact(drive)),
         }
     }
 
@@ -82,7 +88,7 @@ impl Unattacked {
 }
 
 /// The motions before the first contact: what it does to the car is not the driver's.
-fn until_contact(drive: &Drive) -> &[Motion] {
+pub(super) fn until_contact(drive: &Drive) -> &[Motion] {
     let end = drive.contacts.first().map_or(drive.motions.len(), |contact| contact.step);
     &drive.motions[..end.min(drive.motions.len())]
 }
@@ -137,9 +143,7 @@ impl Attackers<'_> {
                 let trajectory = attack.trajectory();
                 let is_feasible =
                     self.objective.evaluate(&ctx.candidate(trajectory.clone()), &ctx).is_feasible();
-                let (driven, avoidable) =
-                    driver.attack_and_search(trajectory, is_feasible, &ctx, self.search)?;
-                all.push(Attacked { driven, avoidable });
+                all.push(driver.attack_and_search(trajectory, is_feasible, &ctx, self.search)?);
             }
         }
         Ok(all)

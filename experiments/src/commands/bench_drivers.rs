@@ -55,7 +55,10 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
     ));
     let mut drivers: Vec<DriverRows> = egos
         .iter()
-        .map(|ego| DriverRows { name: ego.label.clone(), knows: ego.policy.privilege(), scenes: Vec::new() })
+        .map(|ego| {
+            let (name, stream) = (ego.label.clone(), ego.stream.clone());
+            DriverRows { name, stream, knows: ego.policy.privilege(), scenes: Vec::new() }
+        })
         .collect();
     let mut failed = scenes.unreadable();
     for (name, scene) in scenes.names().iter().zip(tested) {

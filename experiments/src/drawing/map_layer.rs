@@ -203,7 +203,7 @@ pub(super) fn stop_sign(svg: &mut Svg, [x, y]: Point) {
 pub(super) fn traffic_light(svg: &mut Svg, [x, y]: Point, state: LightState) -> Option<Shown> {
     let attributes = |tone: &str| format!(r#"fill="{tone}" stroke="{}" stroke-width="1""#, color::INK);
     match state {
-        LightState::Stop => {
+        LightState::Stop | LightState::FlashingStop => {
             svg.rect([x - 4.0, y - 4.0], [8.0, 8.0], &attributes("#b2182b"));
             Some(Shown::LightStop)
         }

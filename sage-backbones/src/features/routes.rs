@@ -104,19 +104,19 @@ impl Routes {
         self.reach[feature].as_ref()
     }
 
-    /// State *now* of the traffic light of a map feature.
+    /// State *now* of the traffic light of a map feature, without flashing.
     pub fn light(&self, feature: usize) -> Option<LightState> {
         self.lights[feature]
     }
 }
 
-/// For each map feature, its traffic light and the state of that light *now*.
+/// For each map feature, its traffic light and the state of that light *now*, without flashing.
 fn lights(scene: &Scene) -> Vec<Option<(usize, LightState)>> {
     let shown: HashMap<&str, (usize, LightState)> = scene
         .lights
         .iter()
         .enumerate()
-        .filter_map(|(k, light)| Some((light.lane.as_str(), (k, *light.states.get(NOW)?))))
+        .filter_map(|(k, light)| Some((light.lane.as_str(), (k, light.states.get(NOW)?.steady()))))
         .collect();
     if shown.is_empty() {
         return vec![None; scene.map.features.len()];

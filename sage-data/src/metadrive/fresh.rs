@@ -119,6 +119,7 @@ impl Builder {
             LightState::Stop => self.text("LANE_STATE_STOP"),
             LightState::Caution => self.text("LANE_STATE_CAUTION"),
             LightState::Go => self.text("LANE_STATE_GO"),
+            LightState::FlashingStop => self.text("LANE_STATE_FLASHING_STOP"),
         }
     }
 

@@ -333,7 +333,8 @@ fn lights(file: &Tensors, header: &Header) -> Result<Vec<TrafficLight>, Error> {
         1 => Ok(LightState::Stop),
         2 => Ok(LightState::Caution),
         3 => Ok(LightState::Go),
-        other => Err(file.error("lights.state", other.to_string(), "0 to 3")),
+        4 => Ok(LightState::FlashingStop),
+        other => Err(file.error("lights.state", other.to_string(), "0 to 4")),
     };
     let light = |(k, (lane, stops_known)): (usize, &(String, bool))| {
         let states: Result<Vec<LightState>, Error> =

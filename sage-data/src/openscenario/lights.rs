@@ -11,7 +11,7 @@ use crate::xml::Xml;
 /// Lamps from above: the standard leaves the words to the user; these are those of esmini.
 fn lamps(state: LightState) -> &'static str {
     match state {
-        LightState::Stop => "on;off;off",
+        LightState::Stop | LightState::FlashingStop => "on;off;off",
         LightState::Caution => "off;on;off",
         LightState::Go => "off;off;on",
         LightState::Unknown => "off;off;off",
@@ -42,7 +42,8 @@ impl Scenario<'_> {
         for (light, signal) in self.scene.lights.iter().zip(&self.network.signals) {
             let Some(signal) = *signal else { continue };
             let mut before = None;
-            for (frame, &state) in light.states.iter().take(self.scene.frames).enumerate() {
+            for (frame, state) in light.states.iter().take(self.scene.frames).enumerate() {
+                let state = state.steady();
                 if before != Some(state) {
                     changes.push(Change { signal, frame, state });
                     before = Some(state);

@@ -173,12 +173,13 @@ fn signal_state(document: &Document, word: Option<Id>, state: LightState, notes:
     if let Some(number) = SIGNAL_STATES.iter().position(|known| *known == text) {
         return Some(number as i64);
     }
-    note(notes, format!("states {text} of lights, written as stop, caution, go or unknown"));
+    note(notes, format!("states {text} of lights, written as stop, flashing stop, caution, go or unknown"));
     Some(match state {
         LightState::Unknown => 0,
         LightState::Stop => 4,
         LightState::Caution => 5,
         LightState::Go => 6,
+        LightState::FlashingStop => 7,
     })
 }
 

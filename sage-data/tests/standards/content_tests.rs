@@ -172,7 +172,7 @@ fn lights_show_their_recorded_state_at_every_frame() {
             assert_eq!(network.roads[road].name, light.lane, "{}", scene.id);
             for (state, lamps) in light.states.iter().zip(&shown[&id]) {
                 let expected = match state {
-                    LightState::Stop => "on;off;off",
+                    LightState::Stop | LightState::FlashingStop => "on;off;off",
                     LightState::Caution => "off;on;off",
                     LightState::Go => "off;off;on",
                     LightState::Unknown => "off;off;off",

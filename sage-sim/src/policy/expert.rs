@@ -3,7 +3,8 @@
 //! It forecasts the others at constant speed and yaw rate from now, and itself by the bicycle model along the
 //! route under several accelerations. It takes the highest acceleration, up to the one that its speed
 //! controller asks for, under which no box meets another within the forecast. Contacts from behind do not make
-//! it brake. It uses no recording and no plan.
+//! it brake. A red light on its route ([`crate::red_lights`]) is a barrier at the stop point. It uses no recording
+//! and no plan.
 
 use sage_core::{
     Error,
@@ -16,7 +17,8 @@ use serde::{Deserialize, Serialize};
 use super::{Driver, EgoPolicy, Start, View, forecast, pid::Pid, steering};
 use crate::{
     body::{Body, BodyKind},
-    route::{Localization, Route},
+    red_lights::{Braking, RedLights, RedStop},
+    route::{Coordinates, Localization, Route},
     traffic::speed_limit,
     vehicle::Action,
     world::Control,
@@ -33,6 +35,9 @@ const TRAFFIC_SPEEDS: [f64; 2] = [5.0, 25.0];
 const CURVE_BRAKING: f64 = 2.0;
 /// Boxes farther apart than this cannot meet within the forecast, metres.
 const FARTHEST: f64 = 120.0;
+
+/// Length and width of the barrier that stands for a red light, metres: a car cannot drive through within a step.
+const BARRIER: [f64; 2] = [3.0, 3.0];
 
 /// The policy `expert`.
 #[derive(Clone, Debug, Default)]
@@ -52,6 +57,8 @@ pub struct ExpertOptions {
     pub curves: f64,
     /// Space kept around the own box: ahead, and at each side, metres.
     pub margins: [f64; 2],
+    /// Whether it stops at red lights on its route, if the strongest of `brakes` suffices.
+    pub red_lights: bool,
 }
 
 impl Default for ExpertOptions {
@@ -62,6 +69,7 @@ impl Default for ExpertOptions {
             free_speed: 15.0,
             curves: 2.5,
             margins: [1.5, 0.2],
+            red_lights: true,
         }
     }
 }
@@ -95,7 +103,11 @@ impl Entry<dyn EgoPolicy> for Expert {
 
 impl EgoPolicy for Expert {
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
-        Ok(Box::new(ExpertDriver { options: self.0.clone(), speed: Pid::new(SPEED_GAINS) }))
+        let options = self.0.clone();
+        let strongest = options.brakes.iter().copied().fold(0.0, f64::min);
+        let braking = Braking { deceleration: -strongest, lag: 2.0 * DT };
+        let red_lights = options.red_lights.then(|| RedLights::new(braking));
+        Ok(Box::new(ExpertDriver { options, speed: Pid::new(SPEED_GAINS), red_lights }))
     }
 }
 
@@ -103,6 +115,7 @@ impl EgoPolicy for Expert {
 struct ExpertDriver {
     options: ExpertOptions,
     speed: Pid,
+    red_lights: Option<RedLights>,
 }
 
 impl Driver for ExpertDriver {
@@ -114,7 +127,8 @@ impl Driver for ExpertDriver {
         let command = self.speed.output(target - speed) / FULL_COMMAND;
         let wanted =
             if command > 0.0 { command.min(1.0) * car.full_throttle() } else { command.max(-1.0) * 3.0 };
-        let acceleration = self.safe_acceleration(view, wanted);
+        let stop = self.red_lights.as_mut().and_then(|lights| lights.stop(view));
+        let acceleration = self.safe_acceleration(view, wanted, stop);
         Ok(Control::Drive(Action {
             steer: steering::along(car, motion, route, at.along, 0.0),
             throttle: car.throttle_for(acceleration),
@@ -146,13 +160,14 @@ impl ExpertDriver {
         target.min(steering::curve_speed(route, along, self.options.curves, CURVE_BRAKING))
     }
 
-    /// The highest acceleration up to `wanted` under which no contact is forecast; the strongest braking if
-    /// there is none.
-    fn safe_acceleration(&self, view: &View, wanted: f64) -> f64 {
+    /// The highest acceleration up to `wanted` under which no contact is forecast, nor one with a barrier at the red
+    /// light; the strongest braking if there is none.
+    fn safe_acceleration(&self, view: &View, wanted: f64, red: Option<RedStop>) -> f64 {
         let steps = (self.options.forecast / DT).round() as usize;
         let position = view.motion().position;
         let near = view.others().filter(|other| distance(other.area.center, position) < FARTHEST);
-        let others: Vec<Vec<OrientedBox>> = near.map(|other| forecast::boxes(other, steps)).collect();
+        let mut others: Vec<Vec<OrientedBox>> = near.map(|other| forecast::boxes(other, steps)).collect();
+        others.extend(red.map(|stop| vec![barrier(view.route(), stop); steps + 1]));
         if others.is_empty() {
             return wanted;
         }
@@ -211,6 +226,13 @@ impl ExpertDriver {
         }
         false
     }
+}
+
+/// A barrier across the route that begins at the stop point.
+fn barrier(route: &Route, stop: RedStop) -> OrientedBox {
+    let [length, width] = BARRIER;
+    let center = route.point(Coordinates { along: stop.along + 0.5 * length, across: 0.0 });
+    OrientedBox::new(center, route.heading(stop.along), length, width)
 }
 
 /// Quantile of sorted values by linear interpolation.

@@ -1,11 +1,15 @@
 //! Intelligent Driver Model along the logged route, with lane changes by MOBIL.
 //!
 //! The acceleration follows the textbook formula in SI units, limited to −3 … 1 m/s²; the desired speed is the
-//! lane's limit. Leaders are the nearest road users whose boxes overlap the path of the car's width.
+//! lane's limit. Leaders are the nearest road users whose boxes overlap the path of the car's width, and red lights
+//! ([`crate::red_lights`]).
 
 use sage_core::{
     Error,
-    motion::idm::{Idm, Leader},
+    motion::{
+        DT,
+        idm::{Idm, Leader},
+    },
     registry::Entry,
 };
 use serde::{Deserialize, Serialize};
@@ -17,6 +21,7 @@ use super::{
 };
 use crate::{
     following::{Follower, areas, leader},
+    red_lights::{Braking, RedLights},
     route::Localization,
     traffic::{DESIRED_SPEED, speed_limit},
     vehicle::Action,
@@ -41,6 +46,8 @@ pub struct IdmOptions {
     pub limits: [f64; 2],
     /// Lane changes; `null` for none.
     pub lane_changes: Option<MobilOptions>,
+    /// Whether it stops at red lights on its route, if the stronger of `limits` suffices.
+    pub red_lights: bool,
 }
 
 impl Default for IdmOptions {
@@ -51,6 +58,7 @@ impl Default for IdmOptions {
             curves: Some(2.5),
             limits: [-3.0, 1.0],
             lane_changes: Some(MobilOptions::default()),
+            red_lights: true,
         }
     }
 }
@@ -111,6 +119,7 @@ impl EgoPolicy for IdmPolicy {
 pub(super) struct IdmDriver {
     options: IdmOptions,
     lane_change: Option<LaneChange>,
+    red_lights: Option<RedLights>,
 }
 
 /// What the model wants in a step.
@@ -137,7 +146,9 @@ impl Driver for IdmDriver {
 impl IdmDriver {
     pub(super) fn new(options: IdmOptions) -> Self {
         let lane_change = options.lane_changes.map(LaneChange::new);
-        Self { options, lane_change }
+        let braking = Braking { deceleration: -options.limits[0], lag: 2.0 * DT };
+        let red_lights = options.red_lights.then(|| RedLights::new(braking));
+        Self { options, lane_change, red_lights }
     }
 
     /// The next step by the model.
@@ -167,8 +178,12 @@ impl IdmDriver {
             .as_ref()
             .and_then(LaneChange::stop)
             .map_or(f64::INFINITY, |gap| model.acceleration(speed, Some(Leader { gap, speed: 0.0 })));
+        let red = (self.red_lights.as_mut().and_then(|lights| lights.stop(view)))
+            .map_or(f64::INFINITY, |stop| {
+                model.acceleration(speed, Some(Leader { gap: stop.gap, speed: 0.0 }))
+            });
         let [low, high] = self.options.limits;
-        let acceleration = acceleration[0].min(acceleration[1]).min(end).clamp(low, high);
+        let acceleration = acceleration[0].min(acceleration[1]).min(end).min(red).clamp(low, high);
         let steer = steering::along(view.car(), motion, route, at.along, across);
         Plan { acceleration, steer, along: at.along }
     }

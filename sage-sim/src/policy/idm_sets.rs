@@ -1,5 +1,5 @@
 //! Car following with the parameters of public benchmarks: nuPlan's planner, and V-Max's driver. They drive along the
-//! logged route without lane changes.
+//! logged route without lane changes, and do not look at traffic lights.
 
 use sage_core::{
     Error,
@@ -15,8 +15,8 @@ use super::{
 /// nuPlan's planner where a lane has no limit, m/s.
 const NUPLAN_SPEED: f64 = 10.0;
 
-fn without_lane_changes(model: Idm, limits: [f64; 2]) -> IdmOptions {
-    IdmOptions { model, limits, lane_changes: None, ..IdmOptions::default() }
+fn published(model: Idm, limits: [f64; 2]) -> IdmOptions {
+    IdmOptions { model, limits, lane_changes: None, red_lights: false, ..IdmOptions::default() }
 }
 
 /// The policy `idm-nuplan`.
@@ -33,7 +33,7 @@ impl IdmNuPlan {
             deceleration: 3.0,
             exponent: 4.0,
         };
-        without_lane_changes(model, [-3.0, 1.0])
+        published(model, [-3.0, 1.0])
     }
 }
 
@@ -68,7 +68,7 @@ impl IdmVMax {
             exponent: 4.0,
             ..IdmOptions::default().model
         };
-        without_lane_changes(model, [-6.0, 6.0])
+        published(model, [-6.0, 6.0])
     }
 }
 
@@ -102,10 +102,7 @@ mod tests {
         for (options, expected) in [
             (IdmNuPlan::options(), [0.4064, -1.6247, -0.5673, -0.1482]),
             (IdmVMax::options(), [0.3062, -3.3734, -0.5861, -2.5386]),
-            (
-                without_lane_changes(IdmOptions::default().model, [-3.0, 1.0]),
-                [0.3698, -1.7793, -0.6240, -0.4295],
-            ),
+            (published(IdmOptions::default().model, [-3.0, 1.0]), [0.3698, -1.7793, -0.6240, -0.4295]),
         ] {
             let model = Idm { desired_speed: 13.4112, ..options.model };
             for ([speed, leader, gap], expected) in cases.into_iter().zip(expected) {

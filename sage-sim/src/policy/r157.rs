@@ -17,7 +17,8 @@ use sage_core::{
     registry::Entry,
     scene::SceneIndex,
 };
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, de::Error as _};
+use serde_json::{Map, Value};
 
 use super::{
     Driver, EgoPolicy, Start, View,
@@ -58,15 +59,24 @@ pub struct R157Options {
     pub reading: Reading,
     /// Whether an emergency system brakes without delay below 1.5 s to a collision in the path.
     pub aeb: bool,
-    /// Car following, and the speed that is driven.
+    /// Car following, and the speed that is driven. The regulation's driver does not look at traffic lights:
+    /// `red_lights` is off unless it is given.
+    #[serde(deserialize_with = "without_lights")]
     pub following: IdmOptions,
 }
 
 impl Default for R157Options {
     fn default() -> Self {
-        let following = IdmOptions { lane_changes: None, ..IdmOptions::default() };
+        let following = IdmOptions { lane_changes: None, red_lights: false, ..IdmOptions::default() };
         Self { reading: Reading::default(), aeb: false, following }
     }
+}
+
+/// Options of car following in which `red_lights` is off unless it is given.
+fn without_lights<'de, D: Deserializer<'de>>(deserializer: D) -> Result<IdmOptions, D::Error> {
+    let mut options = Map::deserialize(deserializer)?;
+    options.entry("red_lights").or_insert(Value::Bool(false));
+    serde_json::from_value(Value::Object(options)).map_err(D::Error::custom)
 }
 
 impl Entry<dyn EgoPolicy> for R157 {

@@ -49,6 +49,8 @@ pub(super) struct Outset<'a> {
     pub(super) limit: f64,
     pub(super) shape: Shape,
     pub(super) others: &'a [Other],
+    /// Stop point of a red light: a standing leader.
+    pub(super) stop: Option<Point>,
     /// With the defects of the published code.
     pub(super) as_published: bool,
 }
@@ -113,6 +115,7 @@ pub(super) fn proposals(paths: &[Path; 3], outset: &Outset) -> Vec<Proposal> {
     for (k, path) in paths.iter().enumerate() {
         let start = path.project(outset.axle);
         let corridor = corridor(path, start, outset);
+        let stop = outset.stop.map(|point| path.project(point));
         // Defect: before the first search, something stands where the path begins.
         let first = Followed { along: 0.0, speed: 0.0, half_length: 0.0 };
         let mut states = [[start, outset.speed]; SPEEDS.len()];
@@ -122,7 +125,7 @@ pub(super) fn proposals(paths: &[Path; 3], outset: &Outset) -> Vec<Proposal> {
             if step % RENEWED == 0 || (step == 1 && !outset.as_published) {
                 let mut half_length = 0.0;
                 for n in 0..SPEEDS.len() {
-                    followed[n] = leader(path, &corridor[step / RENEWED], states[n][0], outset);
+                    followed[n] = leader(path, &corridor[step / RENEWED], states[n][0], stop, outset);
                     if outset.as_published {
                         // Defect: the half length of a path's end stays for the proposals after it.
                         half_length = f64::max(half_length, followed[n].half_length);
@@ -199,8 +202,9 @@ fn corridor<'a>(path: &Path, start: f64, outset: &Outset<'a>) -> Vec<Vec<Ahead<'
     found
 }
 
-/// The nearest road user before a car whose rear axle is at a distance along the path, or the end of the path.
-fn leader(path: &Path, corridor: &[Ahead], along: f64, outset: &Outset) -> Followed {
+/// The nearest road user before a car whose rear axle is at a distance along the path, the red light if its stop point
+/// is nearer, or the end of the path.
+fn leader(path: &Path, corridor: &[Ahead], along: f64, stop: Option<f64>, outset: &Outset) -> Followed {
     let place = path.at(along);
     let own = outset.shape.area(place.position, place.axis);
     let mut nearest: Option<(f64, &Ahead)> = None;
@@ -213,6 +217,11 @@ fn leader(path: &Path, corridor: &[Ahead], along: f64, outset: &Outset) -> Follo
         if nearest.is_none_or(|(other, _)| gap < other) {
             nearest = Some((gap, ahead));
         }
+    }
+    let Shape { half, rear } = outset.shape;
+    let to_stop = stop.map(|stop| stop - along - rear - half[0]);
+    if let Some(gap) = to_stop.filter(|gap| nearest.is_none_or(|(other, _)| *gap < other)) {
+        return Followed { along: along + gap, speed: 0.0, half_length: 0.0 };
     }
     match nearest {
         Some((gap, ahead)) => {
@@ -261,8 +270,15 @@ mod tests {
         let paths = Path::all(&crate::route::Route::new(&line), None);
         let shape = Shape { half: [2.3, 1.0], rear: 1.4 };
         let first = |as_published| {
-            let outset =
-                Outset { axle: [0.0; 2], speed: 10.0, limit: 15.0, shape, others: &[], as_published };
+            let outset = Outset {
+                axle: [0.0; 2],
+                speed: 10.0,
+                limit: 15.0,
+                shape,
+                others: &[],
+                stop: None,
+                as_published,
+            };
             proposals(&paths, &outset)[4].states[1][1]
         };
         assert!((first(true) - 9.7).abs() < 1e-9);

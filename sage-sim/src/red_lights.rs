@@ -1,0 +1,324 @@
+//! Traffic lights on a route: where a car has to stop, which red lights a driver minds, and who ran over red.
+//!
+//! A light is on a route if the route uses the lane that the light controls. The lane's centre line is followed
+//! in steps of a metre over the length of the route; the route uses it where it lies within 1.85 m and in the same
+//! direction. Several lanes often begin at one stop point, to the left, straight on and to the right:
+//! of these the one counts that the route uses most, and it must use half of it. The car has to stop at the
+//! light's stop point, or at the start of the lane where none is recorded. Lights of lanes that are not in the
+//! map, and of bike lanes, are left out.
+//!
+//! Red is [`LightState::Stop`], full or as an arrow, at the frame in question. Unknown, yellow and flashing lights
+//! are not red.
+
+use std::sync::Arc;
+
+use sage_core::{
+    geometry::{OrientedBox, Point, distance, dot, norm, sub},
+    motion::DT,
+    scene::{LightState, MapFeature, Scene},
+};
+
+use crate::{
+    policy::View,
+    route::{Localization, Route, resampled},
+    scene::SimScene,
+    vehicle::Motion,
+};
+
+/// Largest distance of a lane that the route uses, metres.
+const HALF_LANE: f64 = 1.85;
+/// Largest distance of a stop point from the route, metres: half a lane, and what a car drives beside its middle.
+const STOP_REACH: f64 = 2.5;
+/// Cosine of the largest angle between route and lane (45°).
+const ALONG: f64 = std::f64::consts::FRAC_1_SQRT_2;
+/// Distance of the samples on a lane, metres, and the largest number of them: longer lanes are sampled more coarsely.
+const SAMPLE: f64 = 1.0;
+const MOST_SAMPLES: f64 = 1000.0;
+/// Least share of a lane that the route must use.
+const LEAST_SHARE: f64 = 0.5;
+/// Stop points closer than this along the route are one place, metres.
+const ONE_PLACE: f64 = 5.0;
+/// A car that is slower than this does not run over red, m/s.
+const CREEPING: f64 = 0.5;
+/// A car that stops has missed the stop point if it is farther past it, metres.
+const OVERSHOOT: f64 = 1.0;
+/// Farthest that a car beside its route still passes the stop point, metres: a lane to each side.
+const BESIDE: f64 = 6.0;
+
+/// A place on a route at which a light makes a car stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StopPlace {
+    /// Index of the light in [`Scene::lights`].
+    pub light: usize,
+    /// Distance of the stop point along the route, metres.
+    pub along: f64,
+}
+
+/// The lights on a route, in the order in which they are met.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RouteLights {
+    stops: Vec<StopPlace>,
+}
+
+impl RouteLights {
+    /// The lights of a scene that are on a route.
+    pub fn new(scene: &Scene, route: &Route) -> Self {
+        let found = |(light, lane): (usize, &MapFeature)| {
+            let points = scene.map.points_of(lane);
+            let stop = scene.lights[light].stop_point.or_else(|| points.first().copied())?;
+            let place = route.locate([stop[0], stop[1]], Localization::Nearest);
+            if place.across.abs() > STOP_REACH {
+                return None;
+            }
+            let share = used_share(points, route)?;
+            (share >= LEAST_SHARE).then_some((share, StopPlace { light, along: place.along }))
+        };
+        let lane_of = |light: usize| {
+            let id = &scene.lights[light].lane;
+            let lane = scene.map.features.iter().find(|feature| feature.id == *id)?;
+            lane.kind.is_motor_lane().then_some((light, lane))
+        };
+        let mut all: Vec<(f64, StopPlace)> =
+            (0..scene.lights.len()).filter_map(lane_of).filter_map(found).collect();
+        all.sort_by(|(_, a), (_, b)| a.along.total_cmp(&b.along).then(a.light.cmp(&b.light)));
+        let is_best = |(share, stop): &&(f64, StopPlace)| {
+            let beats = |(other, at): &(f64, StopPlace)| {
+                *other > *share && (at.along - stop.along).abs() <= ONE_PLACE
+            };
+            !all.iter().any(beats)
+        };
+        Self { stops: all.iter().filter(is_best).map(|(_, stop)| *stop).collect() }
+    }
+
+    /// The stop places in the order of the route.
+    pub fn stops(&self) -> &[StopPlace] {
+        &self.stops
+    }
+}
+
+/// Share of a lane that a route uses, of the part beside the route; `None` if no part is.
+fn used_share(points: &[[f64; 3]], route: &Route) -> Option<f64> {
+    let line: Vec<Point> = points.iter().map(|[x, y, _]| [*x, *y]).collect();
+    if line.len() < 2 {
+        return None;
+    }
+    let length: f64 = line.windows(2).map(|pair| distance(pair[0], pair[1])).sum();
+    let samples = resampled(&line, SAMPLE.max(length / MOST_SAMPLES));
+    let (mut used, mut all) = (0, 0);
+    for pair in samples.windows(2) {
+        let place = route.locate(pair[0], Localization::Nearest);
+        if !(0.0..=route.length()).contains(&place.along) {
+            continue;
+        }
+        all += 1;
+        let (sin, cos) = route.heading(place.along).sin_cos();
+        let d = sub(pair[1], pair[0]);
+        let is_along = dot(d, [cos, sin]) >= ALONG * norm(d);
+        used += usize::from(is_along && place.across.abs() <= HALF_LANE);
+    }
+    (all > 0).then(|| used as f64 / all as f64)
+}
+
+/// How a driver stops.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Braking {
+    /// Its strongest deceleration, m/s², > 0.
+    pub deceleration: f64,
+    /// Time by which the speed lags behind at the end, s, ≥ 0: it brakes by at most its speed through this time.
+    pub lag: f64,
+}
+
+impl Braking {
+    /// Distance in which a car of a speed (m/s) stands, metres.
+    pub fn distance(&self, speed: f64) -> f64 {
+        let slow = speed.min(self.deceleration * self.lag);
+        (speed * speed - slow * slow) / (2.0 * self.deceleration) + slow * self.lag
+    }
+}
+
+/// The red lights that a driver minds. It stops at a light that is red if it is not past the stop point and can stop before
+/// it by its [`Braking`], or creeps. Otherwise it goes on, unless something slows it down until it can stop. Once it stops
+/// at a light, it does so until the light is not red any more, or until it is a metre past the stop point, for example after
+/// a push.
+#[derive(Clone, Debug)]
+pub struct RedLights {
+    braking: Braking,
+    /// Found at the first step.
+    lights: Option<Arc<RouteLights>>,
+    /// For each stop place, whether it stops there.
+    stops: Vec<bool>,
+}
+
+impl RedLights {
+    /// The red lights of a driver that brakes like this.
+    pub fn new(braking: Braking) -> Self {
+        Self { braking, lights: None, stops: Vec::new() }
+    }
+
+    /// The nearest stop place at which the car has to stop now.
+    pub fn stop(&mut self, view: &View) -> Option<RedStop> {
+        let lights = self.lights.get_or_insert_with(|| view.route_lights()).clone();
+        if lights.stops.is_empty() {
+            return None;
+        }
+        let front = view.route().locate(front(view.area()), Localization::Nearest).along;
+        let speed = view.motion().body_velocity()[0].max(0.0);
+        let is_red = |stop: &StopPlace| view.light(stop.light).is_red();
+        self.decide(&lights, front, speed, is_red)
+    }
+
+    fn decide(
+        &mut self,
+        lights: &RouteLights,
+        front: f64,
+        speed: f64,
+        is_red: impl Fn(&StopPlace) -> bool,
+    ) -> Option<RedStop> {
+        self.stops.resize(lights.stops.len(), false);
+        let mut nearest = None;
+        for (stop, stops) in lights.stops.iter().zip(&mut self.stops) {
+            let gap = stop.along - front;
+            let can_stop = gap > 0.0 && (speed <= CREEPING || self.braking.distance(speed) <= gap);
+            *stops = is_red(stop) && (can_stop || (*stops && gap > -OVERSHOOT));
+            if *stops && nearest.is_none() {
+                nearest = Some(RedStop { along: stop.along, gap: gap.max(0.0) });
+            }
+        }
+        nearest
+    }
+}
+
+/// Where a car has to stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RedStop {
+    /// Distance of the stop point along the route, metres.
+    pub along: f64,
+    /// Distance from the front bumper to it, metres, ≥ 0.
+    pub gap: f64,
+}
+
+/// Middle of the front bumper.
+pub fn front(area: &OrientedBox) -> Point {
+    let ([x, y], [cos, sin]) = (area.center, area.axis);
+    [x + area.half_length * cos, y + area.half_length * sin]
+}
+
+/// Steps at which the ego ran over red: its front bumper crossed a stop point on its route at more than 0.5 m/s,
+/// and the light was red at the frame before. `motions` are those of a drive from frame 0 on. `None` if no stop
+/// point lies ahead of the ego at the start, so that it cannot run over one.
+pub fn over_red(scene: &SimScene, motions: &[Motion]) -> Option<Vec<usize>> {
+    let (lights, route) = (scene.lights(), scene.guide());
+    let [length, width] = scene.ego_size();
+    let place = |motion: &Motion| {
+        let area = OrientedBox::new(motion.position, motion.heading, length, width);
+        route.locate(front(&area), Localization::Nearest)
+    };
+    let mut before = place(motions.first()?);
+    let mut ahead: Vec<&StopPlace> = lights.stops.iter().filter(|stop| stop.along > before.along).collect();
+    if ahead.is_empty() {
+        return None;
+    }
+    let mut steps = Vec::new();
+    for (step, pair) in motions.windows(2).enumerate().map(|(k, pair)| (k + 1, pair)) {
+        let now = place(&pair[1]);
+        let way = norm(sub(pair[1].position, pair[0].position));
+        // Where a route meets itself, the nearest point may jump to another part of it.
+        let is_jump = now.along - before.along > 2.0 * way + 1.0;
+        let is_passed = |stop: &&StopPlace| now.along >= stop.along;
+        if !is_jump && now.across.abs() <= BESIDE && way > CREEPING * DT {
+            let is_red = |stop: &&&StopPlace| state(scene.scene(), stop.light, step - 1).is_red();
+            let crossed = ahead.iter().filter(|stop| is_passed(stop) && before.along < stop.along);
+            steps.extend(crossed.filter(is_red).take(1).map(|_| step));
+        }
+        if !is_jump {
+            ahead.retain(|stop| !is_passed(stop));
+        }
+        before = now;
+    }
+    Some(steps)
+}
+
+/// State of a light at a frame; unknown beyond its recording.
+pub(crate) fn state(scene: &Scene, light: usize, frame: usize) -> LightState {
+    scene.lights[light].states.get(frame).copied().unwrap_or(LightState::Unknown)
+}
+
+#[cfg(test)]
+mod tests {
+    use approx::assert_relative_eq;
+
+    use super::*;
+
+    #[test]
+    fn braking_distances_are_those_of_the_closed_form() {
+        // 10²/(2·4) = 12.5 m.
+        assert_relative_eq!(Braking { deceleration: 4.0, lag: 0.0 }.distance(10.0), 12.5);
+        // With a lag of 0.5 s: 4 m/s² down to 2 m/s, (100 − 4)/8 = 12 m, then 2 · 0.5 = 1 m.
+        let lagging = Braking { deceleration: 4.0, lag: 0.5 };
+        assert_relative_eq!(lagging.distance(10.0), 13.0);
+        assert_relative_eq!(lagging.distance(1.0), 0.5);
+        assert_eq!(lagging.distance(0.0), 0.0);
+    }
+
+    /// Decisions of a driver that brakes by 4 m/s² at a light 20 m along the route.
+    fn decisions(frames: &[(f64, f64, bool)]) -> Vec<bool> {
+        let lights = RouteLights { stops: vec![StopPlace { light: 0, along: 20.0 }] };
+        let mut driver = RedLights::new(Braking { deceleration: 4.0, lag: 0.0 });
+        let stops = |(front, speed, is_red): &(f64, f64, bool)| {
+            driver.decide(&lights, *front, *speed, |_| *is_red).is_some()
+        };
+        frames.iter().map(stops).collect()
+    }
+
+    #[test]
+    fn a_driver_stops_if_it_can_and_keeps_to_that() {
+        // From 10 m/s it needs 12.5 m.
+        assert_eq!(decisions(&[(7.4, 10.0, true), (12.0, 9.9, true)]), [true, true]);
+        // It goes on if it cannot stop, until something slows it down.
+        assert_eq!(
+            decisions(&[(7.6, 10.0, true), (9.0, 10.0, true), (15.0, 6.0, true)]),
+            [false, false, true]
+        );
+        // Green in between: it decides anew.
+        assert_eq!(
+            decisions(&[(7.6, 10.0, true), (8.0, 9.0, false), (9.0, 9.0, true)]),
+            [false, false, true]
+        );
+        // Past the stop point; creeping; pushed over it by less and by more than a metre.
+        assert_eq!(decisions(&[(20.0, 5.0, true)]), [false]);
+        assert_eq!(decisions(&[(19.99, 0.5, true)]), [true]);
+        assert_eq!(
+            decisions(&[(18.0, 0.0, true), (20.9, 1.0, true), (21.1, 1.0, true)]),
+            [true, true, false]
+        );
+    }
+
+    #[test]
+    fn the_gap_is_that_of_the_front_bumper() {
+        let lights = RouteLights { stops: vec![StopPlace { light: 0, along: 20.0 }] };
+        let mut driver = RedLights::new(Braking { deceleration: 4.0, lag: 0.0 });
+        let stop = driver.decide(&lights, 12.0, 3.0, |_| true).unwrap();
+        assert_eq!((stop.along, stop.gap), (20.0, 8.0));
+        let area = OrientedBox::new([1.0, 2.0], std::f64::consts::FRAC_PI_2, 4.0, 2.0);
+        assert_relative_eq!(front(&area)[0], 1.0, epsilon = 1e-12);
+        assert_relative_eq!(front(&area)[1], 4.0, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn a_lane_is_used_as_far_as_the_route_lies_on_it() {
+        let route = Route::new(&[[0.0, 0.0], [50.0, 0.0], [100.0, 0.0]]);
+        let share = |points: &[[f64; 2]]| {
+            used_share(&points.iter().map(|[x, y]| [*x, *y, 0.0]).collect::<Vec<_>>(), &route)
+        };
+        assert_eq!(share(&[[10.0, 1.8], [40.0, 1.8]]), Some(1.0));
+        assert_eq!(share(&[[10.0, 1.9], [40.0, 1.9]]), Some(0.0));
+        // Against the route, across it, beyond its end, one point.
+        assert_eq!(share(&[[40.0, 0.0], [10.0, 0.0]]), Some(0.0));
+        assert_eq!(share(&[[20.0, -10.0], [20.0, 10.0]]), Some(0.0));
+        assert_eq!(share(&[[110.0, 0.0], [140.0, 0.0]]), None);
+        assert_eq!(share(&[[10.0, 0.0]]), None);
+        // 20 m on the route, then 20 m away from it.
+        let half = share(&[[10.0, 0.0], [30.0, 0.0], [30.0 + 14.0, 14.0]]).unwrap();
+        assert_relative_eq!(half, 0.5, epsilon = 0.1);
+    }
+}

@@ -170,7 +170,8 @@ impl Scenes {
                 let Some(data) = entry.load(&self.options)? else { return Ok((None, Vec::new())) };
                 let content = Some(data.scene.content_hash());
                 let found = checks::important(&data.scene);
-                let said = found.into_iter().map(|warning| (warning.kind, format!("`{}`: {warning}", data.name)));
+                let said =
+                    found.into_iter().map(|warning| (warning.kind, format!("`{}`: {warning}", data.name)));
                 let kept = keep(&data).then(|| Entry { origin: entry.origin.clone(), content });
                 Ok((kept, said.collect()))
             };
@@ -220,7 +221,10 @@ impl Scenes {
             return String::new();
         }
         let counts = self.warnings.iter().map(|(kind, number)| format!("{} {kind}", count(*number, "scene")));
-        format!("\nWarnings about the scenes given (`sage inspect` explains them): {}.\n", counts.collect::<Vec<_>>().join(", "))
+        format!(
+            "\nWarnings about the scenes given (`sage inspect` explains them): {}.\n",
+            counts.collect::<Vec<_>>().join(", ")
+        )
     }
 
     /// Scenes that have an ego path and an adversary that is valid *now* and does not overlap the ego. Prints how many

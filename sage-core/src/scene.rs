@@ -90,6 +90,30 @@ impl Scene {
         })
     }
 
+    /// Whether the recorded boxes of ego and adversary overlap *now*, borders excluded.
+    pub fn is_in_contact_now(&self) -> bool {
+        let Some(adversary) = self.adversary.map(|k| &self.tracks[k]) else { return false };
+        let ego = self.ego();
+        ego.is_valid(NOW)
+            && adversary.is_valid(NOW)
+            && ego.oriented_box(NOW).overlap_depth(&adversary.oriented_box(NOW)) > 0.0
+    }
+
+    /// Refuses a scene in which ego and adversary overlap *now*.
+    ///
+    /// *Errors*: [`Error::ContactNow`]; [`Error::Scene`] without an adversary.
+    pub fn check_apart_now(&self) -> Result<(), Error> {
+        let adversary = self.adversary()?;
+        if !self.is_in_contact_now() {
+            return Ok(());
+        }
+        Err(Error::ContactNow {
+            scene: self.id.clone(),
+            ego: self.ego().id.clone(),
+            adversary: adversary.id.clone(),
+        })
+    }
+
     /// The car under test.
     pub fn ego(&self) -> &Track {
         &self.tracks[self.ego]

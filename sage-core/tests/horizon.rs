@@ -9,7 +9,9 @@ use hand_made::{candidate, car, context, road};
 use sage_core::{
     Error,
     motion::{HORIZON, LEAST_HORIZON, NOW},
-    objective::{Context, ContextOptions, EgoPaths, Naturalness, Scorer, Scores, behavior_penalty, kinematic_penalty},
+    objective::{
+        Context, ContextOptions, EgoPaths, Naturalness, Scorer, Scores, behavior_penalty, kinematic_penalty,
+    },
     scene::{Scene, SceneIndex},
 };
 
@@ -126,7 +128,10 @@ fn less_than_a_second_cannot_be_attacked() {
             let Err(Error::Scene { problem, .. }) = Context::new(&short, &index, &options) else {
                 panic!("{frames} frames are attacked");
             };
-            assert!(problem.contains(&format!("{frames} frames")) && problem.contains("sage predict"), "{problem}");
+            assert!(
+                problem.contains(&format!("{frames} frames")) && problem.contains("sage predict"),
+                "{problem}"
+            );
         }
     }
     assert_eq!(with_frames(&scene(), 21).attackable_horizon().unwrap(), LEAST_HORIZON);
@@ -135,12 +140,15 @@ fn less_than_a_second_cannot_be_attacked() {
 #[test]
 fn overlapping_now_is_no_attack_whatever_follows() {
     // Boxes of 4 m × 2 m beside each other touch at 2 m.
-    for (offset, is_contact) in [(0.0, true), (1.0, true), (1.9, true), (1.999, true), (2.0, false), (2.1, false)] {
+    for (offset, is_contact) in
+        [(0.0, true), (1.0, true), (1.9, true), (1.999, true), (2.0, false), (2.1, false)]
+    {
         for along in [0.0, 1.0, 3.0, 3.9] {
             let scene = road(car("a", [along, offset], [10.0, 0.0]), vec![]);
             let ctx = context(&scene);
             assert_eq!(ctx.is_in_contact_now(), is_contact, "{offset} {along}");
-            let found = Scorer::new(&ctx).scores(&candidate(&ctx, |t| [along + 10.0 * t, offset * (1.0 - t).max(0.0)]));
+            let found = Scorer::new(&ctx)
+                .scores(&candidate(&ctx, |t| [along + 10.0 * t, offset * (1.0 - t).max(0.0)]));
             if is_contact {
                 assert_eq!((found.collision, found.collision_step, found.believable), (None, None, None));
                 assert!(matches!(ctx.check_apart_now(), Err(Error::ContactNow { .. })));

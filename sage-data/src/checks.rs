@@ -45,6 +45,14 @@ pub struct Warning {
     pub kind: &'static str,
     /// What was found.
     pub detail: String,
+    /// Whether it changes what is computed from the scene.
+    pub is_important: bool,
+}
+
+impl Warning {
+    pub(crate) fn new(kind: &'static str, detail: String) -> Self {
+        Self { kind, detail, is_important: repairs::KINDS.contains(&kind) || IMPORTANT.contains(&kind) }
+    }
 }
 
 impl Serialize for Warning {
@@ -87,6 +95,8 @@ pub struct Summary {
     pub adversary_history: usize,
     /// Valid frames of its future, at most 80.
     pub adversary_future: usize,
+    /// Frames after *now* that are recorded, at most 80: those on which attacks are scored.
+    pub horizon: usize,
     /// Warnings about the scene.
     pub warnings: Vec<Warning>,
     /// Hash of the content; equal for one scene under several names.
@@ -117,6 +127,7 @@ impl Summary {
             adversary_origin: scene.adversary_origin,
             adversary_history: valid(0..HISTORY),
             adversary_future: valid(NOW + 1..NOW + 1 + HORIZON),
+            horizon: scene.horizon(),
             warnings: warnings(scene),
             content: scene.content_hash(),
         }
@@ -131,9 +142,9 @@ impl Duplicates {
     /// Adds a warning to a summary whose content occurred before under another name.
     pub fn note(&mut self, summary: &mut Summary) {
         match self.0.get(&summary.content) {
-            Some(first) => summary
-                .warnings
-                .push(Warning { kind: "duplicate", detail: format!("same content as scene {first}") }),
+            Some(first) => {
+                summary.warnings.push(Warning::new("duplicate", format!("same content as scene {first}")))
+            }
             None => {
                 self.0.insert(summary.content, summary.scene.clone());
             }
@@ -144,9 +155,11 @@ impl Duplicates {
 /// All warnings about a scene.
 pub fn warnings(scene: &Scene) -> Vec<Warning> {
     let mut found = Vec::new();
-    let mut warn = |kind, detail: String| found.push(Warning { kind, detail });
+    let mut warn = |kind, detail: String| found.push(Warning::new(kind, detail));
     for note in &scene.notes {
-        let kind = repairs::KINDS.iter().find_map(|kind| Some((*kind, note.strip_prefix(kind)?.strip_prefix(": ")?)));
+        let kind = repairs::KINDS
+            .iter()
+            .find_map(|kind| Some((*kind, note.strip_prefix(kind)?.strip_prefix(": ")?)));
         match kind {
             Some((kind, text)) => warn(kind, text.to_owned()),
             None if note.contains("swapped") => warn("swapped-sizes", note.clone()),
@@ -169,7 +182,7 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         };
         warn("short-recording", text);
     }
-    if let Some(adversary) = scene.adversary.filter(|k| overlap_now(scene.ego(), &scene.tracks[*k])) {
+    if let Some(adversary) = scene.adversary.filter(|_| scene.is_in_contact_now()) {
         let id = scene.tracks[adversary].id.escape_debug();
         let text = format!(
             "the boxes of ego and adversary `{id}` overlap at frame {NOW}: no attack can be measured; name another \
@@ -177,7 +190,6 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         );
         warn("contact-now", text);
     }
-    contradictions::find(scene).into_iter().for_each(|found| warn(found.kind, found.detail));
     if scene.adversary_origin == AdversaryOrigin::None {
         warn("no-adversary", "no vehicle moves and is valid in all of history".to_owned());
     }
@@ -228,19 +240,15 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         warn("no-road-edges", detail.to_owned());
     }
     on_edges_now(scene, &mut warn);
+    found.extend(contradictions::find(scene));
     found
 }
 
 /// Warnings that change what is computed from a scene: every command that computes something prints them.
 pub fn important(scene: &Scene) -> Vec<Warning> {
     let mut all = warnings(scene);
-    all.retain(|warning| repairs::KINDS.contains(&warning.kind) || IMPORTANT.contains(&warning.kind));
+    all.retain(|warning| warning.is_important);
     all
-}
-
-/// Whether two boxes overlap *now*, borders excluded.
-fn overlap_now(a: &Track, b: &Track) -> bool {
-    a.is_valid(NOW) && b.is_valid(NOW) && a.oriented_box(NOW).overlap_depth(&b.oriented_box(NOW)) > 0.0
 }
 
 /// Adds a warning about times that stray from 10 Hz. The motion says nothing of it, so the frames stay.
@@ -248,10 +256,13 @@ fn uneven_times(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
     let times = &scene.timestamps;
     let longest = times.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
     let last = (NOW + HORIZON).min(times.len().saturating_sub(1));
-    let drift = times.get(last).map_or(0.0, |time| time - times[0] - DT * last as f64);
+    let drifts =
+        times.iter().take(last + 1).enumerate().map(|(frame, time)| time - times[0] - DT * frame as f64);
+    let (frame, drift) =
+        drifts.enumerate().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).unwrap_or_default();
     if longest > LONGEST_STEP || drift.abs() > MOST_DRIFT {
         let text = format!(
-            "the longest step is {longest:.3} s, and frame {last} comes {:.0} ms {} than at 10 Hz; frames are taken as 0.1 s apart",
+            "the longest step is {longest:.3} s, and frame {frame} comes {:.0} ms {} than at 10 Hz; frames are taken as 0.1 s apart",
             1e3 * drift.abs(),
             if drift > 0.0 { "later" } else { "earlier" }
         );

@@ -29,6 +29,8 @@ const VEHICLE: [f64; 3] = [60.0, 6.0, 8.0];
 const PERSON: [f64; 3] = [5.0, 3.0, 4.0];
 /// Difference between the time of a frame and what the motion says that names a contradiction, as a share.
 const TIME: f64 = 0.25;
+/// Share of a scene's moving frames, per cent, from which contradictions of bystanders matter.
+const IMPORTANT_SHARE: f64 = 10.0;
 /// Names of tracks in a warning.
 const NAMED: usize = 3;
 
@@ -77,7 +79,8 @@ impl Motion {
                 motion.recorded_speed += norm(recorded);
                 motion.true_speed += speed;
                 let is_as_fast = (norm(recorded) / speed - 1.0).abs() < VELOCITY_SHARE;
-                motion.is_turned += usize::from(is_as_fast && dot(recorded, moved) < 0.9 * speed * norm(recorded));
+                motion.is_turned +=
+                    usize::from(is_as_fast && dot(recorded, moved) < 0.9 * speed * norm(recorded));
             }
             let direction = moved[1].atan2(moved[0]);
             let off = |heading: f64| wrap_angle(heading - direction).abs();
@@ -85,7 +88,8 @@ impl Motion {
             if off(heading) > HEADING {
                 motion.wrong_heading += 1;
                 motion.opposite += usize::from(off(heading) > std::f64::consts::PI - HEADING);
-                motion.degrees += usize::from(heading.abs() > 7.0 && off(heading.to_radians()) < 0.5 * HEADING);
+                motion.degrees +=
+                    usize::from(heading.abs() > 7.0 && off(heading.to_radians()) < 0.5 * HEADING);
             }
         }
         motion
@@ -107,7 +111,7 @@ fn times(scene: &Scene) -> Option<Warning> {
     };
     // Velocities of 0 say nothing.
     ((implied / DT - 1.0).abs() > TIME && implied > 0.0)
-        .then(|| Warning { kind: "times-against-motion", detail: detail() })
+        .then(|| Warning::new("times-against-motion", detail()))
 }
 
 fn velocities(scene: &Scene, motions: &[Motion]) -> Option<Warning> {
@@ -151,6 +155,8 @@ struct Contradictory<'m> {
     frames: usize,
     /// Moving frames of all tracks.
     all: usize,
+    /// Whether one of them is the ego or the adversary.
+    has_role: bool,
 }
 
 impl<'m> Contradictory<'m> {
@@ -168,7 +174,9 @@ impl<'m> Contradictory<'m> {
             "{what} contradict positions in {share:.0} % of the moving frames (tracks {}{more}); likely cause: {cause}",
             names.join(", ")
         );
-        Warning { kind, detail }
+        // One of many bystanders may well drive backwards, or be a false track.
+        let is_important = self.has_role || share >= IMPORTANT_SHARE;
+        Warning { is_important, ..Warning::new(kind, detail) }
     }
 }
 
@@ -178,13 +186,14 @@ fn contradictory<'m>(
     wrong: fn(&Motion) -> usize,
 ) -> Option<Contradictory<'m>> {
     let pairs = scene.tracks.iter().zip(motions);
-    let tracks: Vec<(&str, &Motion)> = pairs
-        .filter(|(_, motion)| motion.is_mostly(wrong(motion)))
-        .map(|(track, motion)| (&track.id[..], motion))
-        .collect();
+    let found: Vec<(usize, (&Track, &Motion))> =
+        pairs.enumerate().filter(|(_, (_, motion))| motion.is_mostly(wrong(motion))).collect();
+    let has_role = found.iter().any(|(k, _)| *k == scene.ego || Some(*k) == scene.adversary);
+    let tracks: Vec<(&str, &Motion)> =
+        found.into_iter().map(|(_, (track, motion))| (&track.id[..], motion)).collect();
     let frames = tracks.iter().map(|(_, motion)| wrong(motion)).sum();
     let all = motions.iter().map(|motion| motion.moving).sum();
-    (!tracks.is_empty()).then_some(Contradictory { tracks, frames, all })
+    (!tracks.is_empty()).then_some(Contradictory { tracks, frames, all, has_role })
 }
 
 /// Steps between neighbouring valid frames that no road user makes.
@@ -211,7 +220,7 @@ fn jumps(scene: &Scene) -> Option<Warning> {
         FASTEST * DT,
         id.escape_debug()
     );
-    Some(Warning { kind: "jumps", detail })
+    Some(Warning::new("jumps", detail))
 }
 
 fn speeds(scene: &Scene) -> Option<Warning> {
@@ -220,7 +229,7 @@ fn speeds(scene: &Scene) -> Option<Warning> {
     };
     let count = scene.tracks.iter().filter(is_too_fast).count();
     let detail = || format!("{count} tracks have velocities above {FASTEST:.0} m/s");
-    (count > 0).then(|| Warning { kind: "speed-beyond-vehicles", detail: detail() })
+    (count > 0).then(|| Warning::new("speed-beyond-vehicles", detail()))
 }
 
 fn sizes(scene: &Scene) -> Option<Warning> {
@@ -243,5 +252,5 @@ fn sizes(scene: &Scene) -> Option<Warning> {
         if first.kind == TrackKind::Vehicle { "vehicle" } else { "person" },
         first.id.escape_debug()
     );
-    Some(Warning { kind: "size-beyond-vehicles", detail })
+    Some(Warning::new("size-beyond-vehicles", detail))
 }

@@ -11,6 +11,6 @@ mod tracks;
 pub(crate) use decode::MAX_FRAMES;
 pub use decode::decode;
 pub(crate) use encode::{annotate, write_changes};
-pub(crate) use retime::retimed;
 pub(crate) use fresh::{PROCEDURAL_DATASET, fresh};
+pub(crate) use retime::retimed;
 pub(crate) use summary::{complete, update};

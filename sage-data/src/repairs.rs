@@ -31,7 +31,8 @@ use crate::{Error, ReadOptions, Recording, metadrive::MAX_FRAMES};
 use clock::Clock;
 
 /// Kinds of notes that change what is computed from a scene. A note of such a kind begins with it and a colon.
-pub const KINDS: [&str; 6] = ["frame-rate", "track-left-out", "no-size", "ego-copy", "trust-positions", "map-values"];
+pub const KINDS: [&str; 6] =
+    ["frame-rate", "track-left-out", "no-size", "ego-copy", "trust-positions", "map-values"];
 
 /// A note of a kind.
 pub(crate) fn note(kind: &'static str, text: impl AsRef<str>) -> String {
@@ -129,11 +130,11 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
         return Err(wrong("metadata/sdc_id", found, "an ego that is valid at that frame".to_owned()));
     }
     let has_history = |track: &Track| track.valid[..=NOW].contains(&true);
-    (scene.adversary, scene.adversary_origin) =
-        match named.filter(|track| has_history(&scene.tracks[*track])) {
-            Some(track) => (Some(track), AdversaryOrigin::File),
-            None => select_adversary(&scene.tracks, scene.ego),
-        };
+    (scene.adversary, scene.adversary_origin) = match named.filter(|track| has_history(&scene.tracks[*track]))
+    {
+        Some(track) => (Some(track), AdversaryOrigin::File),
+        None => select_adversary(&scene.tracks, scene.ego),
+    };
     let is_chosen = options.now.is_some() || options.resample && frames.is_some();
     Ok(Decoded { scene, frames, is_chosen })
 }

@@ -123,9 +123,11 @@ fn every_case_is_read_or_refused_as_it_must_be() {
                     wrong.push(format!("{name}: {found:?}, notes {:?}", scene.notes));
                 }
                 // Whatever was mended, the file keeps its values.
-                let again = Recording::from_bytes("again.pkl".as_ref(), recording.to_pickle().unwrap()).unwrap();
+                let again =
+                    Recording::from_bytes("again.pkl".as_ref(), recording.to_pickle().unwrap()).unwrap();
                 assert_eq!(again.scene, recording.scene, "{name}");
-                let native = Recording::from_bytes("again.safetensors".as_ref(), recording.to_native().unwrap());
+                let native =
+                    Recording::from_bytes("again.safetensors".as_ref(), recording.to_native().unwrap());
                 assert_eq!(native.unwrap().scene.tracks, recording.scene.tracks, "{name}");
             }
             (Err(error), Err(words)) => {
@@ -161,7 +163,10 @@ fn resampled_cases_hold_the_motion_of_the_base() {
         for frame in 0..91 {
             // The ego drives 10 m/s along +x from the origin.
             let [x, y] = scene.ego().point(frame);
-            assert!((x - frame as f64).abs() < 1e-6 && (y + 1.75).abs() < 1e-9, "{name}, frame {frame}: {x}, {y}");
+            assert!(
+                (x - frame as f64).abs() < 1e-6 && (y + 1.75).abs() < 1e-9,
+                "{name}, frame {frame}: {x}, {y}"
+            );
         }
     }
 }

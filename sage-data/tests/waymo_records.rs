@@ -28,7 +28,11 @@ fn synthetic() -> PathBuf {
 
 /// All scenes of a shard.
 fn scenes(shard: &Path) -> Vec<Recording> {
-    Inputs::under(&[shard.to_owned()]).unwrap().items().map(|item| item.read(&ReadOptions::default()).unwrap()).collect()
+    Inputs::under(&[shard.to_owned()])
+        .unwrap()
+        .items()
+        .map(|item| item.read(&ReadOptions::default()).unwrap())
+        .collect()
 }
 
 fn get(document: &Document, id: Id, key: &str) -> Id {

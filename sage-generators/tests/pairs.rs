@@ -148,8 +148,9 @@ fn the_note_of_cat_agrees_with_the_scores() {
         };
         for proposals in [vec![cross(false)], vec![cross(true)], vec![cross(true), cross(false)]] {
             let chosen = selector.select(&proposals, &ctx, 0.0).unwrap();
-            let touches =
-                |proposal: &Proposal| scorer.scores(&ctx.candidate(proposal.trajectory.clone())).collision == Some(true);
+            let touches = |proposal: &Proposal| {
+                scorer.scores(&ctx.candidate(proposal.trajectory.clone())).collision == Some(true)
+            };
             match chosen.note {
                 Some(Note::NoContact) => assert!(!proposals.iter().any(touches), "step {step}"),
                 Some(Note::Nearest) => {

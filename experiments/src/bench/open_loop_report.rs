@@ -122,8 +122,10 @@ pub(crate) fn scenes_csv(tables: &[Table]) -> Result<String> {
     let Some(Table { columns, .. }) = tables.first() else { return Ok(String::new()) };
     let names: Vec<String> = columns.iter().map(|c| field(c.name)).collect();
     let head = ego_head(tables);
-    let mut out =
-        format!("{head}scene,generator,collision_type,collision_step,{},seconds,note\n", names.join(","));
+    let mut out = format!(
+        "{head}scene,generator,horizon,collision_type,collision_step,{},seconds,note\n",
+        names.join(",")
+    );
     let rows =
         tables.iter().flat_map(|table| table.rows.iter().map(move |(key, _, rows)| (table, key, rows)));
     for (table, key, rows) in rows {
@@ -133,9 +135,10 @@ pub(crate) fn scenes_csv(tables: &[Table]) -> Result<String> {
             let values = columns.iter().map(|c| c.of(r).map_or(String::new(), |v| v.to_string()));
             writeln!(
                 out,
-                "{ego}{},{},{},{},{},{:.6},{}",
+                "{ego}{},{},{},{},{},{},{:.6},{}",
                 field(&terminal::escaped_name(&r.scene)),
                 field(&method),
+                r.paper.horizon,
                 r.collision_type.map_or("", CollisionType::name),
                 r.paper.collision_step.map_or(String::new(), |step| step.to_string()),
                 values.collect::<Vec<_>>().join(","),

@@ -27,8 +27,8 @@ pub(crate) struct TestedDriver {
     pub(crate) unattacked: Unattacked,
     /// For each generator and operating point, the attack on this driver; empty in scenes without an adversary.
     pub(crate) attacks: Vec<Attacked>,
-    /// Why there are no attacks, if they failed.
-    pub(crate) failed: Option<String>,
+    /// Why there are no attacks, if they failed; true if the scene is left out, because nothing can be measured in it.
+    pub(crate) failed: Option<(bool, String)>,
 }
 
 /// A drive in the unchanged scene.
@@ -119,7 +119,10 @@ pub(crate) fn test(
     let (attacks, failed) = match attackers.map(|attackers| attackers.attack(data, scene, ego, drive)) {
         None => (Vec::new(), None),
         Some(Ok(attacks)) => (attacks, None),
-        Some(Err(error)) => (Vec::new(), Some(format!("{error:#}"))),
+        Some(Err(error)) => {
+            let is_left_out = matches!(error.downcast_ref(), Some(sage_core::Error::ContactNow { .. }));
+            (Vec::new(), Some((is_left_out, format!("{error:#}"))))
+        }
     };
     Ok(TestedDriver { scene: data.name.clone(), unattacked, attacks, failed })
 }
@@ -133,6 +136,7 @@ impl Attackers<'_> {
         ego: &Ego,
         unattacked: Drive,
     ) -> Result<Vec<Attacked>> {
+        data.scene.check_apart_now()?;
         let driver = DriverUnderTest::after(ego, scene, self.seed, unattacked);
         let recorded = driver.data(data);
         let ctx = Context::new(&recorded.scene, &recorded.index, &ContextOptions::default())?;

@@ -72,8 +72,17 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
                 for (driver, row) in drivers.iter_mut().zip(tested) {
                     match row {
                         Ok(row) => {
-                            if let Some(problem) = &row.failed {
-                                fail(&format!("attacks on {}: ", driver.name), &anyhow!("{problem}"));
+                            match &row.failed {
+                                Some((true, reason)) => {
+                                    progress::say(&format!(
+                                        "left out: attacks on {}: `{name}`: {reason}",
+                                        driver.name
+                                    ));
+                                }
+                                Some((false, problem)) => {
+                                    fail(&format!("attacks on {}: ", driver.name), &anyhow!("{problem}"));
+                                }
+                                None => {}
                             }
                             driver.scenes.push(row);
                         }

@@ -19,7 +19,12 @@ use crate::{
 
 pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
     let out = OutputFile::claim(&args.out, args.force)?;
-    let scene = candidates::read_scene(&args.scene, &args.reading.options(), args.ego.as_deref(), args.adversary.as_deref())?;
+    let scene = candidates::read_scene(
+        &args.scene,
+        &args.reading.options(),
+        args.ego.as_deref(),
+        args.adversary.as_deref(),
+    )?;
     if let Some(frame) = args.frame.filter(|frame| *frame >= scene.frames) {
         anyhow::bail!("`{}` has no frame {frame}; its last is {}", args.scene.display(), scene.frames - 1);
     }

@@ -194,7 +194,7 @@ impl<W: Write> Report<W> {
             shortened(&summary.ego),
             shortened(summary.adversary.as_deref().unwrap_or("none")),
             format!("{}/11", summary.adversary_history),
-            format!("{}/80", summary.adversary_future),
+            format!("{}/{}", summary.adversary_future, summary.horizon),
             kinds.join(", ")
         )?;
         for line in tracks {
@@ -202,7 +202,7 @@ impl<W: Write> Report<W> {
         }
         if self.single {
             for warning in &summary.warnings {
-                writeln!(self.out, "    {}", warning.to_string().escape_debug())?;
+                writeln!(self.out, "    {}", terminal::escaped_name(&warning.to_string()))?;
             }
         }
         Ok(())

@@ -27,7 +27,12 @@ struct Row<'r> {
 
 pub(crate) fn run(args: &ScoreArgs, registries: &Registries) -> Result<Outcome> {
     let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, None)?;
-    let scene = candidates::read_scene(&args.scene, &args.reading.options(), args.ego.as_deref(), args.adversary.as_deref())?;
+    let scene = candidates::read_scene(
+        &args.scene,
+        &args.reading.options(),
+        args.ego.as_deref(),
+        args.adversary.as_deref(),
+    )?;
     let candidates = candidates::read(&args.candidates)?;
     let (index, scene) = (SceneIndex::new(scene.map.clone()), Arc::new(scene));
     let options = ContextOptions {

@@ -146,7 +146,8 @@ impl Report {
             some => format!(", {} left out", count(some, "scene")),
         };
         if !state.warnings.is_empty() {
-            let counts = state.warnings.iter().map(|(kind, number)| format!("{} {kind}", count(*number, "scene")));
+            let counts =
+                state.warnings.iter().map(|(kind, number)| format!("{} {kind}", count(*number, "scene")));
             say(&format!("warnings: {}", counts.collect::<Vec<_>>().join(", ")));
         }
         if state.results > 0 || state.failed == 0 {

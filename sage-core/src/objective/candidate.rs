@@ -23,12 +23,7 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    pub(super) fn new(
-        trajectory: Trajectory,
-        start: Pose,
-        body: &Body,
-        horizon: usize,
-    ) -> Self {
+    pub(super) fn new(trajectory: Trajectory, start: Pose, body: &Body, horizon: usize) -> Self {
         let ([length, width], mirror) = (body.size, body.mirrored);
         let points = &trajectory.points()[..horizon];
         let profile = match body.convention {

@@ -56,7 +56,8 @@ pub fn decode(document: &Document, options: &ReadOptions, path: &Path) -> Result
     let ego = index(&ego_name).ok_or_else(|| fields.wrong(&ego_field, ego_id, "the id of a track"))?;
     let named = named.as_ref().and_then(index);
     let now_index = fields.optional(metadata, "current_time_index").and_then(|id| document.integer(id));
-    let sample_rate = fields.optional(metadata, "sample_rate").or_else(|| fields.optional(top, "sample_rate"));
+    let sample_rate =
+        fields.optional(metadata, "sample_rate").or_else(|| fields.optional(top, "sample_rate"));
     let sample_rate = sample_rate.and_then(|id| document.number(id));
     let timestamps = match fields.optional(metadata, "ts") {
         // Seconds from the start, or from any other clock.
@@ -108,7 +109,11 @@ fn named_adversary(fields: &Fields, metadata: Id, ego: &str) -> Option<String> {
     let mut others: Vec<String> = Vec::new();
     for (key, track) in tracks {
         let id = identifier(*key)?;
-        let is_named = if is_before { original(*track).is_some_and(|id| list.contains(&id)) } else { list.contains(&id) };
+        let is_named = if is_before {
+            original(*track).is_some_and(|id| list.contains(&id))
+        } else {
+            list.contains(&id)
+        };
         if is_named && id != ego {
             others.push(id);
         }
@@ -239,7 +244,8 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         .collect::<Result<_, Error>>()?;
     for (count, what) in [(&links.odd_limits, "speed limits"), (&links.odd_widths, "widths")] {
         if count.get() > 0 {
-            let text = format!("{} lanes have {what} that cannot be true; they count as unknown", count.get());
+            let text =
+                format!("{} lanes have {what} that cannot be true; they count as unknown", count.get());
             notes.push(repairs::note("map-values", text));
         }
     }
@@ -312,7 +318,8 @@ impl Links<'_, '_> {
             _ => Vec::new(),
         };
         let mut is_odd = false;
-        for side in width.as_flattened_mut().iter_mut().filter(|side| !(0.0..=MAX_COORDINATE).contains(*side)) {
+        for side in width.as_flattened_mut().iter_mut().filter(|side| !(0.0..=MAX_COORDINATE).contains(*side))
+        {
             (*side, is_odd) = (0.0, true);
         }
         self.odd_widths.set(self.odd_widths.get() + usize::from(is_odd));

@@ -60,7 +60,13 @@ impl<'d> Fields<'d> {
         let size = document.file_size();
         let budget = size.saturating_mul(4).saturating_add(4 << 20);
         let work = size.saturating_mul(16).saturating_add(4 << 20);
-        Self { document, path, budget: Cell::new(budget), work: Cell::new(work), is_over_budget: Cell::new(false) }
+        Self {
+            document,
+            path,
+            budget: Cell::new(budget),
+            work: Cell::new(work),
+            is_over_budget: Cell::new(false),
+        }
     }
 
     /// Error that states a value of the document.
@@ -270,14 +276,18 @@ impl<'d> Fields<'d> {
     }
 
     /// Checks that all numbers of rows are finite and within ±`limit`.
-    fn check_within<const N: usize>(&self, limit: f64, rows: &[[f64; N]], field: &Field) -> Result<(), Error> {
+    fn check_within<const N: usize>(
+        &self,
+        limit: f64,
+        rows: &[[f64; N]],
+        field: &Field,
+    ) -> Result<(), Error> {
         // Only if the fast check of all numbers fails, the invalid number is searched.
         if all_within(limit, rows) {
             return Ok(());
         }
         let is_bad = |x: &f64| !(x.abs() <= limit);
-        let invalid =
-            rows.iter().enumerate().find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
+        let invalid = rows.iter().enumerate().find_map(|(k, row)| Some((k, row.iter().find(|x| is_bad(x))?)));
         let (row, value) = invalid.unwrap_or((0, &f64::NAN));
         Err(self.not_within(limit, &field.key(&row.to_string()), *value))
     }

@@ -90,7 +90,8 @@ pub(super) fn tracks(
     for (kind, count) in without_size {
         let [length, width, height] = default_size(&TrackKind::from_name(&kind));
         let tracks = if count == 1 { "1 track" } else { &format!("{count} tracks") };
-        let text = format!("{tracks} of type {kind} without a size: {length} × {width} × {height} m is assumed");
+        let text =
+            format!("{tracks} of type {kind} without a size: {length} × {width} × {height} m is assumed");
         notes.push(note("no-size", text));
     }
     Ok(tracks)

@@ -6,7 +6,8 @@ use safetensors::{Dtype, SafeTensors, tensor::Metadata};
 use sage_core::{
     motion::{HISTORY, MAX_COORDINATE, NOW},
     scene::{
-        AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track, TrackKind, TrafficLight,
+        AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track,
+        TrackKind, TrafficLight,
     },
 };
 

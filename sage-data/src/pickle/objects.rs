@@ -36,7 +36,9 @@ impl Machine {
             (Node::Global(Global::ScenarioDescription), _) => {
                 Err(form("the arguments of ScenarioDescription", "none; its items follow"))
             }
-            (other, _) => Err(kind("the class of NEWOBJ", other, "MetaDrive's Vector or ScenarioDescription")),
+            (other, _) => {
+                Err(kind("the class of NEWOBJ", other, "MetaDrive's Vector or ScenarioDescription"))
+            }
         }
     }
 

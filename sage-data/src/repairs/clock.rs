@@ -86,7 +86,8 @@ impl Clock {
             }
         };
         let is_known = |step: f64| (RATES[0]..=RATES[1]).contains(&step);
-        if step >= LEAST_RATE && field == "ts"
+        if step >= LEAST_RATE
+            && field == "ts"
             && let Some((unit, scale)) = UNITS.iter().find(|(_, scale)| is_known(step * scale))
         {
             let first = scene.timestamps[0];
@@ -124,7 +125,11 @@ impl Clock {
         };
         if let Some(k) = times.windows(2).position(|w| w[1] <= w[0]) {
             let found = format!("{} at frame {}, after {}", times[k + 1], k + 1, times[k]);
-            return Err(wrong("ts", found, "times that increase, since they are resampled to 10 Hz".to_owned()));
+            return Err(wrong(
+                "ts",
+                found,
+                "times that increase, since they are resampled to 10 Hz".to_owned(),
+            ));
         }
         Ok(Self::Other { times, step })
     }

@@ -76,7 +76,8 @@ impl Made {
         };
         let map = Map { points, features: kinds.into_iter().enumerate().map(feature).collect() };
         let size = [4.6, 1.9, 1.6];
-        let states = (0..times.len()).map(|f| if 2 * f < times.len() { LightState::Stop } else { LightState::Go });
+        let states =
+            (0..times.len()).map(|f| if 2 * f < times.len() { LightState::Stop } else { LightState::Go });
         let scene = Scene {
             id: "made".to_owned(),
             frames: times.len(),
@@ -192,7 +193,8 @@ impl Made {
 
     /// Reads it from its bytes.
     pub(crate) fn recording(&self, options: &ReadOptions) -> Recording {
-        Recording::from_bytes_as(Path::new("made.pkl"), self.document.to_pickle(), options).expect("it is a scene")
+        Recording::from_bytes_as(Path::new("made.pkl"), self.document.to_pickle(), options)
+            .expect("it is a scene")
     }
 
     fn parsed(&self) -> Document {

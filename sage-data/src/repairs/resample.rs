@@ -132,7 +132,6 @@ fn resampled(track: &Track, places: &[Place]) -> Track {
 fn hermite([p, q]: [Point; 2], [v, w]: [Point; 2], place: &Place) -> Point {
     let (s, gap) = (place.share, place.gap);
     let (s2, s3) = (s * s, s * s * s);
-    let [from, out, to, into] =
-        [2.0 * s3 - 3.0 * s2 + 1.0, s3 - 2.0 * s2 + s, 3.0 * s2 - 2.0 * s3, s3 - s2];
+    let [from, out, to, into] = [2.0 * s3 - 3.0 * s2 + 1.0, s3 - 2.0 * s2 + s, 3.0 * s2 - 2.0 * s3, s3 - s2];
     [0, 1].map(|k| from * p[k] + out * gap * v[k] + to * q[k] + into * gap * w[k])
 }

@@ -6,7 +6,7 @@ use sage_core::{
     scene::{AdversaryOrigin, LightState, Scene},
 };
 
-use super::made::{Made, circle, speeding_up, beside};
+use super::made::{Made, beside, circle, speeding_up};
 use crate::{ReadOptions, checks, pickle::Node};
 
 fn kinds(scene: &Scene) -> Vec<&'static str> {
@@ -92,8 +92,16 @@ fn the_times_of_a_file_decide_its_rate() {
                 let is_odd = ["seconds", "constant"].iter().any(|word| name.contains(word));
                 assert_eq!(kinds(&scene).contains(&"frame-rate"), is_odd, "{name}: {:?}", scene.notes);
                 if name.contains("microseconds") {
-                    assert!(scene.notes.iter().any(|note| note.contains("microseconds")), "{:?}", scene.notes);
-                    assert!((scene.timestamps[10] - 1.0).abs() < 1e-6, "{name}: {:?}", &scene.timestamps[..12]);
+                    assert!(
+                        scene.notes.iter().any(|note| note.contains("microseconds")),
+                        "{:?}",
+                        scene.notes
+                    );
+                    assert!(
+                        (scene.timestamps[10] - 1.0).abs() < 1e-6,
+                        "{name}: {:?}",
+                        &scene.timestamps[..12]
+                    );
                 }
             }
             (Ok(scene), Resampled(frames)) => {
@@ -112,9 +120,13 @@ fn the_times_of_a_file_decide_its_rate() {
 
 #[test]
 fn without_times_the_rate_decides_and_without_both_it_is_ten_hertz() {
-    for (rate, frames, expected) in
-        [(None, 91, 91), (Some(10.0), 91, 91), (Some(0.1), 91, 91), (Some(0.05), 181, 91), (Some(50.0), 451, 91)]
-    {
+    for (rate, frames, expected) in [
+        (None, 91, 91),
+        (Some(10.0), 91, 91),
+        (Some(0.1), 91, 91),
+        (Some(0.05), 181, 91),
+        (Some(50.0), 451, 91),
+    ] {
         let mut made = Made::at(&times(frames, 0.1), beside).without_metadata("ts");
         if let Some(rate) = rate {
             made = made.with_number("sample_rate", rate);
@@ -130,7 +142,9 @@ fn without_times_the_rate_decides_and_without_both_it_is_ten_hertz() {
 fn resampled_motion_is_the_motion() {
     // The cubic through positions and velocities is exact for constant acceleration, and off by v⁴h⁴/(384 r³) on a circle.
     let steps = [0.01, 0.016, 0.02, 0.025, 1.0 / 30.0, 0.04, 0.05, 0.06, 0.08, 0.125, 0.16, 0.2];
-    for (path, tolerance) in [(beside as _, 1e-9), (speeding_up as _, 1e-9), (circle as super::made::Path2, 5e-6)] {
+    for (path, tolerance) in
+        [(beside as _, 1e-9), (speeding_up as _, 1e-9), (circle as super::made::Path2, 5e-6)]
+    {
         for step in steps {
             let scene = Made::lasting(9.6, step, path).read().unwrap();
             assert!((95..=97).contains(&scene.frames), "{step}: {}", scene.frames);
@@ -197,7 +211,8 @@ fn unchanged_scenes_keep_the_frames_of_their_file_and_changed_ones_get_ten_hertz
         assert_eq!(back.scene.frames, 91);
         let mut changed = recording.clone();
         changed.scene.tracks[1].position[50][1] += 0.25;
-        let written = crate::Recording::from_bytes("made.pkl".as_ref(), changed.to_pickle().unwrap()).unwrap();
+        let written =
+            crate::Recording::from_bytes("made.pkl".as_ref(), changed.to_pickle().unwrap()).unwrap();
         assert_eq!(written.scene.frames, 91);
         assert_eq!(written.scene.timestamps.len(), 91);
         assert!(!kinds(&written.scene).contains(&"frame-rate"), "{:?}", written.scene.notes);
@@ -226,7 +241,10 @@ fn a_window_is_the_recording_around_its_now() {
         }
         let written = made.recording(&options).to_pickle().unwrap();
         let again = crate::Recording::from_bytes("window.pkl".as_ref(), written).unwrap().scene;
-        assert_eq!((again.frames, again.tracks[1].position[NOW]), (window.frames, whole.tracks[1].position[now]));
+        assert_eq!(
+            (again.frames, again.tracks[1].position[NOW]),
+            (window.frames, whole.tracks[1].position[now])
+        );
     }
     for now in [0, 9, 201, 500] {
         let options = ReadOptions { now: Some(now), ..ReadOptions::default() };
@@ -271,7 +289,9 @@ fn one_bad_value_of_a_bystander_costs_the_track() {
             // The file keeps it.
             let recording = made("person").recording(&ReadOptions::default());
             assert_eq!(recording.to_pickle().unwrap(), made("person").document.to_pickle());
-            for (track, options) in [("ego", ReadOptions::default()), ("car", ReadOptions::default()), ("person", strict)] {
+            for (track, options) in
+                [("ego", ReadOptions::default()), ("car", ReadOptions::default()), ("person", strict)]
+            {
                 let error = made(track).read_as(&options).unwrap_err().to_string();
                 let field = format!("tracks/{track}/state/{column}");
                 assert!(error.contains(&field), "{column} {value}: {error}");
@@ -293,7 +313,8 @@ fn one_bad_value_of_a_bystander_costs_the_track() {
 #[test]
 fn sizes_come_from_columns_numbers_or_a_table() {
     let base = || Made::lasting(9.0, 0.1, speeding_up);
-    let without = |made: Made| made.without("person", "length").without("person", "width").without("person", "height");
+    let without =
+        |made: Made| made.without("person", "length").without("person", "width").without("person", "height");
     let size = |made: &Made| made.read().unwrap().tracks[2].size[40];
     assert_eq!(size(&base()), [0.7f32, 0.7, 1.8].map(f64::from));
     let assumed = without(base());
@@ -376,7 +397,9 @@ fn contradictions_are_named_with_their_cause_and_positions_can_be_trusted() {
         ("times-against-motion", "0.200 s", &|made| velocities(made, |v| v.map(|x| 0.5 * x))),
         ("heading-against-positions", "backwards", &|made| headings(made, |h| h + std::f64::consts::PI)),
         ("heading-against-positions", "degrees", &|made| headings(made, |h| h.to_degrees() + 0.001)),
-        ("heading-against-positions", "another zero", &|made| headings(made, |h| std::f64::consts::FRAC_PI_2 - h)),
+        ("heading-against-positions", "another zero", &|made| {
+            headings(made, |h| std::f64::consts::FRAC_PI_2 - h)
+        }),
         ("heading-against-positions", "another zero", &|made| headings(made, |h| h + 1.0)),
     ];
     for (kind, cause, change) in cases {
@@ -392,14 +415,19 @@ fn contradictions_are_named_with_their_cause_and_positions_can_be_trusted() {
         for frame in 1..90 {
             let (_, heading, velocity) = circle(frame as f64 * DT);
             assert!(distance(trusted.tracks[1].velocity[frame], velocity) < 0.05, "{cause}, frame {frame}");
-            assert!(wrap_angle(trusted.tracks[1].heading[frame] - heading).abs() < 0.01, "{cause}, frame {frame}");
+            assert!(
+                wrap_angle(trusted.tracks[1].heading[frame] - heading).abs() < 0.01,
+                "{cause}, frame {frame}"
+            );
         }
     }
     let clean = Made::lasting(9.0, 0.1, circle).read().unwrap();
     assert!(kinds(&clean).iter().all(|kind| !kind.contains("against")), "{:?}", kinds(&clean));
-    let teleport = Made::lasting(9.0, 0.1, speeding_up).with_value("person", "position", 3 * 40, 300.0).read().unwrap();
+    let teleport =
+        Made::lasting(9.0, 0.1, speeding_up).with_value("person", "position", 3 * 40, 300.0).read().unwrap();
     assert!(kinds(&teleport).contains(&"jumps"));
-    let fast = Made::lasting(9.0, 0.1, speeding_up).with_value("person", "velocity", 30, 150.0).read().unwrap();
+    let fast =
+        Made::lasting(9.0, 0.1, speeding_up).with_value("person", "velocity", 30, 150.0).read().unwrap();
     assert!(kinds(&fast).contains(&"speed-beyond-vehicles"));
     let mut large = Made::lasting(9.0, 0.1, speeding_up);
     large.set_array("car", "length", &[91], &[80.0; 91]);

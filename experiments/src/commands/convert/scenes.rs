@@ -161,10 +161,11 @@ fn one(args: &ConvertArgs, folder: &Path, job: Job) -> Done {
     if is_found && !args.folder.force {
         return Done::Found;
     }
-    let written = item.read(&args.reading.options()).map_err(anyhow::Error::from).and_then(|recording| match args.to {
-        ConvertFormat::Openscenario => write_scenario(args, &recording, &target),
-        _ => Ok(recording.write(&target).map(|()| repairs::notes_of(&recording).collect())?),
-    });
+    let written =
+        item.read(&args.reading.options()).map_err(anyhow::Error::from).and_then(|recording| match args.to {
+            ConvertFormat::Openscenario => write_scenario(args, &recording, &target),
+            _ => Ok(recording.write(&target).map(|()| repairs::notes_of(&recording).collect())?),
+        });
     written.map_or_else(|error| Done::Failed(error, source), Done::Written)
 }
 

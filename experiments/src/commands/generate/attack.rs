@@ -54,7 +54,8 @@ pub(super) fn attack_scene(
     if let Some(found) = finished(plan, run, file, scene, &source_hash).map_err(fail)? {
         return Ok(found);
     }
-    let recording = Recording::from_bytes_as(file, bytes, &plan.args.reading.options()).map_err(|error| fail(error.into()))?;
+    let recording = Recording::from_bytes_as(file, bytes, &plan.args.reading.options())
+        .map_err(|error| fail(error.into()))?;
     let is_procedural =
         !plan.attackers.needs_origin() || recording.is_procedural().map_err(|error| fail(error.into()))?;
     let attacker = plan.attackers.attacker(is_procedural).map_err(Failure::Run)?;
@@ -138,6 +139,7 @@ impl SceneWriter<'_> {
         let origin = plan.scenario_options().map(|_| scenario_origin(&recording)).transpose()?;
         let mut scene = Arc::new(recording.scene.with_roles(None, plan.args.attack.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
+        scene.check_apart_now()?;
         if !plan.ego.is_recording {
             let simulated = SimScene::new(scene.clone(), index.clone())?;
             scene = plan.ego.recorded(&scene, &plan.ego.unattacked(&simulated, plan.args.attack.seed)?);

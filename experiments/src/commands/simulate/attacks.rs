@@ -101,8 +101,11 @@ impl<'a> SceneAttacks<'a> {
     ) -> Result<Vec<PlannedDrive>> {
         let context = || -> Result<Context> {
             scene.attackable_horizon()?;
+            scene.check_apart_now()?;
             let recorded = before.map_or_else(|| scene.clone(), |drive| ego.recorded(scene, drive));
-            Ok(Context::new(&recorded, index, &ContextOptions::default())?)
+            let ctx = Context::new(&recorded, index, &ContextOptions::default())?;
+            ctx.check_apart_now()?;
+            Ok(ctx)
         };
         match self {
             Self::AsItIs(known) => {

@@ -35,6 +35,9 @@ pub(super) struct Row {
     /// Generator and operating point as in a row of `sage generate`; `method` and `lambda` are null without.
     #[serde(flatten)]
     pub(super) described: Map<String, Value>,
+    /// Number of steps after *now* that are recorded, at most 80: the drive ends there.
+    #[serde(default)]
+    pub(super) horizon: usize,
     /// Number of steps from frame 0 to the end.
     pub(super) steps: usize,
     /// First step at which 95 % of the logged route are driven.
@@ -144,6 +147,7 @@ impl Row {
             ego: head.ego.to_owned(),
             adversary: scene.adversary.map(|k| scene.tracks[k].id.clone()),
             described: head.described,
+            horizon: scene.horizon(),
             steps: episode.steps(),
             arrived: episode.arrived.map(step),
             off_road: episode.drive.off_road.step().map(step),

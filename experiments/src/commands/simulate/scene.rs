@@ -47,7 +47,8 @@ pub(super) fn simulate_scene(
     if let Some(found) = finished(simulation, run, input, &source_hash).map_err(fail)? {
         return Ok(found);
     }
-    let recording = Recording::from_bytes_as(&input.file, bytes, &simulation.args.reading.options()).map_err(|error| fail(error.into()))?;
+    let recording = Recording::from_bytes_as(&input.file, bytes, &simulation.args.reading.options())
+        .map_err(|error| fail(error.into()))?;
     let wanted = simulation.args.options.adversary.as_deref();
     let (attacks, adversary) =
         SceneAttacks::of(&simulation.attacked, &recording, &input.scene, &source_hash, wanted)?;
@@ -92,9 +93,7 @@ fn finished(
         });
     }
     let page = std::fs::metadata(folder.join(page_file(&input.scene)));
-    Ok(page
-        .is_ok_and(|page| page.is_file() && page.len() > 0)
-        .then(|| SceneReport::found(lines)))
+    Ok(page.is_ok_and(|page| page.is_file() && page.len() > 0).then(|| SceneReport::found(lines)))
 }
 
 /// One drive with its row.

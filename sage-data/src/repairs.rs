@@ -150,8 +150,7 @@ fn leave_out_copies(scene: &mut Scene, named: &mut Option<usize>) {
         let track = scene.tracks.remove(k);
         let text = format!("track `{}` is a second recording of the ego; it is left out", track.id);
         scene.notes.push(note("ego-copy", text));
-        let shifted = |index: usize| if index > k { index - 1 } else { index };
-        scene.ego = shifted(scene.ego);
-        *named = named.filter(|index| *index != k).map(shifted);
+        scene.ego -= usize::from(scene.ego > k);
+        *named = named.filter(|index| *index != k).map(|index| index - usize::from(index > k));
     }
 }

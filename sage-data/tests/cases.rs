@@ -2,7 +2,7 @@
 //!
 //! The files lie in the folder `cases` of `SAGE_REFERENCE`.
 
-#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+#![allow(clippy::print_stderr, clippy::unwrap_used)] // Tests say what they leave out; a failed unwrap is a failed test.
 
 use std::path::PathBuf;
 

@@ -71,7 +71,9 @@ fn what_is_touched_at_the_start_does_not_count_until_left() {
     let drifts = |t: f64| -0.5 * t - 0.01;
     let on_walk = |_: f64| -8.0;
     type Offset<'a> = &'a dyn Fn(f64) -> f64;
-    let cases: [(&str, &[(&str, &[[f64; 2]])], Offset, OffRoad); 20] = [
+    /// Name, features of the map, offset of the ego, and what must come of it.
+    type Case<'c> = (&'c str, &'c [(&'c str, &'c [[f64; 2]])], Offset<'c>, OffRoad);
+    let cases: [Case; 20] = [
         ("in the middle", &[(EDGE, &LONG)], &middle, OffRoad::Never),
         ("over it all the time", &[(EDGE, &LONG)], &over, OffRoad::Never),
         ("leaves it", &[(EDGE, &LONG)], &leaves_it, OffRoad::Never),

@@ -104,14 +104,15 @@ impl Clock {
         if (step - DT).abs() <= TEN_HERTZ {
             return Ok(Self::Ten);
         }
-        if !is_known(step) && !(may_be_slow && step > RATES[1] && step <= LONGEST) {
+        let is_slow = step > RATES[1] && step <= LONGEST;
+        if !(is_known(step) || may_be_slow && is_slow) {
             let hint = motion::implied_step(&scene.tracks)
                 .filter(|implied| (implied / step - 1.0).abs() > 0.25)
                 .map_or(String::new(), |implied| {
                     format!("; its velocities fit a frame every {implied:.2} s, so its times may be wrong")
                 });
             let found = format!("a frame every {} s ({} Hz){hint}", rounded(step), rounded(1.0 / step));
-            let expected = if step > RATES[1] && step <= LONGEST {
+            let expected = if is_slow {
                 "5 to 100 Hz; --resample also reads slower recordings, whose motion between frames is a guess"
             } else {
                 "5 to 100 Hz"

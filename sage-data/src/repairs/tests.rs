@@ -375,7 +375,8 @@ fn a_second_recording_of_the_ego_is_left_out() {
 #[test]
 fn contradictions_are_named_with_their_cause_and_positions_can_be_trusted() {
     let trust = ReadOptions { trust_positions: true, ..ReadOptions::default() };
-    type Change = fn(&mut Made);
+    /// Kind of the warning, words of its cause, and what is done to the file.
+    type Case<'c> = (&'c str, &'c str, &'c dyn Fn(&mut Made));
     let velocities = |made: &mut Made, map: fn([f64; 2]) -> [f64; 2]| {
         for track in made.scene.tracks.clone() {
             let rows: Vec<f64> = track.velocity.iter().flat_map(|v| map(*v)).collect();
@@ -388,8 +389,7 @@ fn contradictions_are_named_with_their_cause_and_positions_can_be_trusted() {
             made.set_array(&track.id, "heading", &[91], &rows);
         }
     };
-    let _: Option<Change> = None;
-    let cases: [(&str, &str, &dyn Fn(&mut Made)); 9] = [
+    let cases: [Case; 9] = [
         ("velocity-against-positions", "they are 0", &|made| velocities(made, |_| [0.0; 2])),
         ("velocity-against-positions", "point elsewhere", &|made| velocities(made, |[x, y]| [-y, x])),
         ("velocity-against-positions", "point elsewhere", &|made| velocities(made, |[x, y]| [-x, -y])),
@@ -403,7 +403,7 @@ fn contradictions_are_named_with_their_cause_and_positions_can_be_trusted() {
         ("heading-against-positions", "another zero", &|made| headings(made, |h| h + 1.0)),
     ];
     for (kind, cause, change) in cases {
-        let mut made = Made::lasting(9.0, 0.1, |time| circle(time));
+        let mut made = Made::lasting(9.0, 0.1, circle);
         change(&mut made);
         let scene = made.read().unwrap();
         let found = checks::important(&scene).into_iter().find(|warning| warning.kind == kind);

@@ -39,7 +39,11 @@ pub(crate) enum Failure {
     /// Ends the scene; the others continue.
     Scene(anyhow::Error),
     /// Ends the scene, which counts as left out and not as failed: what is asked cannot be measured in it.
-    LeftOut(String),
+    LeftOut {
+        reason: String,
+        /// What is printed for it.
+        lines: Vec<Line>,
+    },
     /// Ends the run: no scene can be worked on.
     Run(anyhow::Error),
 }
@@ -98,7 +102,9 @@ pub(crate) fn work(
                     run.folder().path().display()
                 ))),
                 Err(Failure::Scene(error)) => report.failed(number, &input.file, &error),
-                Err(Failure::LeftOut(reason)) => report.left_out(number, &input.scene, &reason),
+                Err(Failure::LeftOut { reason, lines }) => {
+                    report.left_out(number, &input.scene, &reason, lines)
+                }
                 Err(Failure::Run(error)) => Err(error),
             };
             if let Err(error) = outcome {

@@ -182,6 +182,46 @@ print(len(files))
     assert_eq!(last, scenes.to_string(), "{}", stderr(&run));
 }
 
+/// Drives every scene of a data set in MetaDrive, and writes what it exports of the drives.
+const DRIVE: &str = "
+import os, pickle, sys
+from metadrive.engine.base_engine import BaseEngine
+BaseEngine.try_pull_asset = staticmethod(lambda: None)  # pictures of cars, which need a network
+from metadrive.envs.scenario_env import ScenarioEnv
+from metadrive.policy.replay_policy import ReplayEgoCarPolicy
+folder, out = sys.argv[1:3]
+count = len(pickle.load(open(os.path.join(folder, 'dataset_summary.pkl'), 'rb')))
+env = ScenarioEnv(dict(data_directory=folder, num_scenarios=count, agent_policy=ReplayEgoCarPolicy, log_level=50))
+drives, _ = env.export_scenarios(lambda o: [0, 0], scenario_index=list(range(count)), return_done_info=True)
+for k, drive in drives.items():
+    pickle.dump(drive, open(os.path.join(out, f'drive-{k}.pkl'), 'wb'))
+print(len(drives))
+";
+
+#[test]
+fn metadrive_drives_attacked_scenes_and_its_exports_are_attacked_again() {
+    let python = std::env::var_os("SAGE_METADRIVE_PYTHON").unwrap_or_else(|| "python3".into());
+    let has = Command::new(&python).args(["-c", "import metadrive"]).output();
+    if !has.is_ok_and(|run| run.status.success()) {
+        return eprintln!("left out: drives in MetaDrive (SAGE_METADRIVE_PYTHON names a Python that has it)");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (attacked, exported) = (folder.path().join("attacked"), folder.path().join("exported"));
+    generate(&scenes(folder.path(), 2), &attacked, &["--format", "pickle"]);
+    std::fs::create_dir(&exported).unwrap();
+    let run = Command::new(&python).args(["-c", DRIVE, text(&attacked), text(&exported)]).output().unwrap();
+    let last = stdout(&run).lines().last().unwrap_or_default().to_owned();
+    let count: usize = last.parse().unwrap_or_else(|_| panic!("{last}: {}", stderr(&run)));
+    assert!(count > 0);
+    // MetaDrive ends a drive on arrival, so the exports are shorter than the scenes.
+    let again = generate(&exported, &folder.path().join("again"), &["--json"]);
+    assert_eq!(rows(&again).len() % count, 0);
+    assert!(!rows(&again).is_empty() && stderr(&again).contains("short-recording"), "{}", stderr(&again));
+    let back = folder.path().join("back");
+    stdout(&sage(&["convert", text(&exported), "--to", "pickle", "--out", text(&back)]));
+    assert_eq!(files(&back).keys().filter(|name| name.ends_with(".pkl")).count(), count + 2);
+}
+
 #[test]
 fn either_format_comes_alone_if_asked() {
     let folder = tempfile::tempdir().unwrap();

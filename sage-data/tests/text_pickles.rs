@@ -248,6 +248,26 @@ fn a_light_at_a_vector_is_read_and_written_as_a_tuple() {
 }
 
 #[test]
+fn a_lane_of_metadrive_is_the_dict_of_its_attributes() {
+    let class = b"cmetadrive.component.lane.point_lane\nPointLane\n";
+    let outline = b"cshapely.io\nfrom_wkb\nC\x02\x01\x03\x85R";
+    let pickle = [&b"\x80\x04}\x8c\x01l"[..], class, b")\x81}\x8c\x01o", outline, b"sbs."].concat();
+    let document = sage_data::pickle::Document::parse(pickle).unwrap();
+    let lane = document.get(document.root(), "l").unwrap();
+    let outline = document.get(lane, "o").unwrap();
+    assert!(matches!(document.node(outline), sage_data::pickle::Node::Bytes(span) if document.bytes(*span) == [1, 3]));
+    // Only a new lane takes attributes, once, and only a dict of them.
+    for wrong in [&b")\x81K\x01b."[..], b")\x81}b}b.", b"K\x01\x85\x81."] {
+        let pickle = [&b"\x80\x04"[..], class, wrong].concat();
+        assert!(sage_data::pickle::Document::parse(pickle).is_err(), "{wrong:?}");
+    }
+    for wrong in [&b"}}b."[..], b"cshapely.io\nfrom_wkb\nK\x01\x85R.", b"cshapely.io\nfrom_wkt\n."] {
+        let pickle = [&b"\x80\x04"[..], wrong].concat();
+        assert!(sage_data::pickle::Document::parse(pickle).is_err(), "{wrong:?}");
+    }
+}
+
+#[test]
 fn a_scenario_description_is_its_dict() {
     let class = b"cmetadrive.scenario.scenario_description\nScenarioDescription\n";
     // `ScenarioDescription()`, then its items, as protocol 4 writes them; and errors.

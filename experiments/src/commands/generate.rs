@@ -53,12 +53,9 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let results = || {
         let done = all.iter().filter(|input| is_done(&plan, &folder, &hash, input)).count();
-        json!({"scenes": all.len(), "done": done, "left_out": left_out})
+        json!({"scenes": all.len(), "done": done})
     };
-    let is_whole = |results: &Value| {
-        let number = |key: &str| results[key].as_u64().unwrap_or_default();
-        number("scenes") == number("done") + number("left_out")
-    };
+    let is_whole = |results: &Value| results["scenes"] == results["done"];
     let whole = |results: &Value| (is_whole(results) && failed == 0).then(|| clock.elapsed().as_secs_f64());
     let median = statistics::median(&seconds);
     let (results, listed) = run.finish(plan.writes_pickles(), results, median, whole)?;

@@ -196,7 +196,11 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
     };
     let results = || {
         let done = inputs.iter().filter(is_done).count();
-        json!({"scenes": inputs.len(), "done": done, "left_out": left_out})
+        let mut results = json!({"scenes": inputs.len(), "done": done});
+        if left_out > 0 {
+            results["left_out"] = json!(left_out);
+        }
+        results
     };
     let whole = |results: &Value| {
         let done = results["done"].as_u64().unwrap_or_default() as usize;

@@ -33,6 +33,11 @@ pub enum Global {
     /// `metadrive.scenario.scenario_description.ScenarioDescription`, a dict with methods: a scene that MetaDrive did not
     /// turn into a plain dict.
     ScenarioDescription,
+    /// `metadrive.component.lane.point_lane.PointLane`, the lane of a driver, which MetaDrive leaves in the metadata of
+    /// some tracks. No reader uses it; it is kept as the dict of its attributes.
+    PointLane,
+    /// `shapely.io.from_wkb`, the outline of a [`Global::PointLane`]; kept as its bytes.
+    FromWkb,
 }
 
 impl Global {
@@ -58,6 +63,8 @@ impl Global {
             (b"copyreg" | b"copy_reg", b"_reconstructor") => Self::Reconstructor,
             (b"metadrive.utils.math" | b"metadrive.utils.math_utils", b"Vector") => Self::Vector,
             (b"metadrive.scenario.scenario_description", b"ScenarioDescription") => Self::ScenarioDescription,
+            (b"metadrive.component.lane.point_lane", b"PointLane") => Self::PointLane,
+            (b"shapely.io", b"from_wkb") => Self::FromWkb,
             _ => return None,
         })
     }

@@ -39,6 +39,7 @@ impl Document {
             memo_entries: 0,
             protocol: 0,
             hashable_tuples: HashSet::new(),
+            unbuilt_lanes: HashSet::new(),
             copied: 0,
         };
         machine.nodes.extend([Node::None, Node::Bool(false), Node::Bool(true)]);
@@ -70,6 +71,8 @@ pub(super) struct Machine {
     pub(super) protocol: u8,
     /// Tuples that were used as keys, and the tuples in them.
     pub(super) hashable_tuples: HashSet<Id>,
+    /// Lanes of MetaDrive whose attributes are still to come.
+    pub(super) unbuilt_lanes: HashSet<Id>,
     /// Number of bytes copied from shared values so far.
     pub(super) copied: usize,
 }

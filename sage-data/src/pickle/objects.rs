@@ -33,11 +33,16 @@ impl Machine {
             (Node::Global(Global::ScenarioDescription), Node::Tuple(arguments)) if arguments.is_empty() => {
                 self.push(Node::Dict(Vec::new()))
             }
+            (Node::Global(Global::PointLane), Node::Tuple(arguments)) if arguments.is_empty() => {
+                self.unbuilt_lanes.insert(Id(self.nodes.len() as u32));
+                self.push(Node::Dict(Vec::new()))
+            }
+            (Node::Global(Global::PointLane), _) => Err(form("the arguments of PointLane", "none; its state follows")),
             (Node::Global(Global::ScenarioDescription), _) => {
                 Err(form("the arguments of ScenarioDescription", "none; its items follow"))
             }
             (other, _) => {
-                Err(kind("the class of NEWOBJ", other, "MetaDrive's Vector or ScenarioDescription"))
+                Err(kind("the class of NEWOBJ", other, "MetaDrive's Vector, ScenarioDescription or PointLane"))
             }
         }
     }
@@ -108,6 +113,10 @@ impl Machine {
                 }
                 return self.vector(*items);
             }
+            (Global::FromWkb, [outline]) => match self.node(*outline) {
+                Node::Bytes(span) => Node::Bytes(*span),
+                other => return Err(kind("the outline of from_wkb", other, "bytes")),
+            },
             (Global::Bytes, []) => Node::Bytes(Span::EMPTY),
             (Global::Set, []) => Node::Set(Vec::new()),
             (Global::Set, [items]) => match self.node(*items) {
@@ -139,6 +148,15 @@ impl Machine {
     }
 
     pub(super) fn build(&mut self, target: Id, state: Id) -> Result<(), Problem> {
+        if self.unbuilt_lanes.remove(&target) {
+            let Node::Dict(attributes) = self.node(state) else {
+                return Err(kind("the state of a PointLane", self.node(state), "a dict"));
+            };
+            let attributes = attributes.clone();
+            self.pay(attributes.len() * size_of::<(Id, Id)>())?;
+            self.nodes[target.0 as usize] = Node::Dict(attributes);
+            return Ok(());
+        }
         let Node::Tuple(state) = self.node(state) else {
             return Err(kind("the state of BUILD", self.node(state), "a tuple"));
         };

@@ -27,7 +27,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     plan::Plan,
-    row::{CandidateRow, ChosenScores, FoundRow, Row, ScoredCandidates, row_file},
+    row::{CandidateRow, ChosenScores, FoundRow, LeftOutRow, Row, ScoredCandidates, row_file},
 };
 use crate::{
     attackers::Attacker,
@@ -61,7 +61,13 @@ pub(super) fn attack_scene(
     let attacker = plan.attackers.attacker(is_procedural).map_err(Failure::Run)?;
     let writer = SceneWriter { plan, run, attacker: &attacker, scene, source_hash: &source_hash };
     writer.attack(recording).map_err(|error| match error.downcast_ref() {
-        Some(sage_core::Error::ContactNow { .. }) => Failure::LeftOut(format!("{error:#}")),
+        Some(sage_core::Error::ContactNow { .. }) => {
+            let reason = format!("{error:#}");
+            match writer.leave_out(&reason) {
+                Ok(lines) => Failure::LeftOut { reason, lines },
+                Err(error) => fail(error),
+            }
+        }
         _ => fail(error),
     })
 }
@@ -210,6 +216,25 @@ impl SceneWriter<'_> {
         let picture = drawing::draw(&scene, &picture);
         self.write(&[(&picture_file(self.scene), picture.as_bytes())])?;
         Ok(SceneReport { lines, seconds: Some(seconds), warnings })
+    }
+
+    /// Writes rows that say why the scene is left out, so that the run is complete without it.
+    fn leave_out(&self, reason: &str) -> Result<Vec<Line>> {
+        let mut lines = Vec::new();
+        for variant in self.plan.variants() {
+            let row = LeftOutRow {
+                run_hash: self.run.hash(),
+                scene: self.scene,
+                variant,
+                source_hash: self.source_hash,
+                files: [],
+                left_out: reason,
+            };
+            let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
+            self.write(&[(&name, &bytes)])?;
+            lines.push(Line { text: row.line(), row: name, seconds: None });
+        }
+        Ok(lines)
     }
 
     /// Refuses a scene whose outputs would have names that no file can have.

@@ -54,6 +54,27 @@ pub(super) struct Row<'r> {
     pub(super) candidates: Vec<CandidateRow<'r>>,
 }
 
+/// The row of a scene in which no attack can be measured.
+#[derive(Serialize)]
+pub(super) struct LeftOutRow<'r> {
+    pub(super) run_hash: &'r str,
+    pub(super) scene: &'r str,
+    pub(super) variant: &'r str,
+    pub(super) source_hash: &'r str,
+    /// None.
+    pub(super) files: [String; 0],
+    /// Why.
+    pub(super) left_out: &'r str,
+}
+
+impl LeftOutRow<'_> {
+    /// The printed line.
+    pub(super) fn line(&self) -> String {
+        let [scene, variant] = [self.scene, self.variant].map(terminal::escaped_name);
+        format!("{scene} {variant}: left out, contact now")
+    }
+}
+
 /// Scores of the chosen candidate, and whether a driver could have avoided it.
 #[derive(Serialize)]
 pub(super) struct ChosenScores<'r> {

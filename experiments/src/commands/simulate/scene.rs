@@ -57,7 +57,9 @@ pub(super) fn simulate_scene(
     let drives = SceneDrives { simulation, run, name: &input.scene, source_hash: &source_hash, attacks };
     let warnings = checks::important(&scene);
     let report = drives.simulate(Arc::new(scene), clock).map_err(|error| match error.downcast_ref() {
-        Some(sage_core::Error::ContactNow { .. }) => Failure::LeftOut(format!("{error:#}")),
+        Some(sage_core::Error::ContactNow { .. }) => {
+            Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() }
+        },
         _ => fail(error),
     })?;
     Ok(SceneReport { warnings, ..report })

@@ -1,0 +1,232 @@
+//! Recordings of other lengths, rates and quality through the commands: what is said, and what is written.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod program;
+
+use std::path::{Path, PathBuf};
+
+use program::*;
+use sage_core::{motion::NOW, scene::Scene};
+use sage_data::Recording;
+use serde_json::Value;
+
+/// The example with another content, as a pickle.
+fn made(folder: &Path, name: &str, change: impl FnOnce(&mut Scene)) -> PathBuf {
+    let mut scene = Recording::read(Path::new(&example())).unwrap().scene;
+    scene.id = name.to_owned();
+    scene.notes.clear();
+    change(&mut scene);
+    let path = folder.join(format!("{name}.pkl"));
+    std::fs::write(&path, Recording::procedural(scene).to_pickle().unwrap()).unwrap();
+    path
+}
+
+/// Frames of a scene by index; an index may occur twice.
+fn frames(scene: &mut Scene, indices: &[usize], step: f64) {
+    for track in &mut scene.tracks {
+        track.position = indices.iter().map(|f| track.position[*f]).collect();
+        track.heading = indices.iter().map(|f| track.heading[*f]).collect();
+        track.velocity = indices.iter().map(|f| track.velocity[*f]).collect();
+        track.size = indices.iter().map(|f| track.size[*f]).collect();
+        track.valid = indices.iter().map(|f| track.valid[*f]).collect();
+    }
+    for light in &mut scene.lights {
+        light.states = indices.iter().map(|f| light.states[*f]).collect();
+    }
+    scene.frames = indices.len();
+    scene.timestamps = (0..indices.len()).map(|f| f as f64 * step).collect();
+}
+
+fn first(count: usize) -> impl FnOnce(&mut Scene) {
+    move |scene| frames(scene, &(0..count).collect::<Vec<_>>(), 0.1)
+}
+
+/// Moves the adversary onto the ego's side.
+fn beside_now(scene: &mut Scene) {
+    let (ego, adversary) = (scene.ego, scene.adversary.unwrap());
+    let ([x, y], [a, b]) = (scene.tracks[ego].point(NOW), scene.tracks[adversary].point(NOW));
+    for position in &mut scene.tracks[adversary].position {
+        position[0] += x - a + 1.5;
+        position[1] += y - b;
+    }
+}
+
+fn row(out: &Path, name: &str) -> Value {
+    serde_json::from_slice(&std::fs::read(out.join(name)).unwrap()).unwrap()
+}
+
+#[test]
+fn a_short_recording_is_attacked_over_what_it_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = made(folder.path(), "short", first(50));
+    let out = folder.path().join("out");
+    let run = sage(&[&["generate", text(&scene), "--lambda", "1", "--out", text(&out)][..], &WEIGHTS].concat());
+    assert!(run.status.success() && stderr(&run).contains("short-recording"), "{}", stderr(&run));
+    let row = row(&out, "short-lambda1.00.json");
+    assert_eq!((&row["scores"]["horizon"], row["trajectory"].as_array().unwrap().len()), (&39.into(), 80));
+    assert!(row["scores"]["collision_step"].as_u64().is_none_or(|step| step <= 39));
+    let written = Recording::read(&out.join("short-lambda1.00.safetensors")).unwrap().scene;
+    assert_eq!((written.frames, written.horizon()), (50, 39));
+    let drives = folder.path().join("drives");
+    let run = sage(&["simulate", text(&scene), "--ego", "idm,replay", "--out", text(&drives)]);
+    assert!(run.status.success(), "{}", stderr(&run));
+    let row = self::row(&drives, "short-replay.json");
+    assert_eq!((&row["horizon"], &row["steps"]), (&39.into(), &49.into()));
+    assert!((row["completion"].as_f64().unwrap() - 1.0).abs() < 0.05);
+}
+
+#[test]
+fn eleven_frames_are_predicted_drawn_and_driven_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = made(folder.path(), "history", first(11));
+    let at = |name: &str| folder.path().join(name);
+    let works: [&[&str]; 3] = [
+        &["predict", text(&scene), "--k", "2", "--weights", "procedural"],
+        &["draw", text(&scene), "--out", text(&at("history.svg"))],
+        &["simulate", text(&scene), "--ego", "idm,constant-speed", "--out", text(&at("drives"))],
+    ];
+    for arguments in works {
+        let run = sage(arguments);
+        assert!(run.status.success(), "{arguments:?}: {}", stderr(&run));
+    }
+    let fails: [&[&str]; 3] = [
+        &["generate", text(&scene), "--weights", "procedural", "--out", text(&at("g"))],
+        &["generate", text(&scene), "--method", "log", "--out", text(&at("l"))],
+        &["simulate", text(&scene), "--ego", "idm", "--method", "rule", "--out", text(&at("s"))],
+    ];
+    for arguments in fails {
+        let run = sage(arguments);
+        assert_eq!(run.status.code(), Some(1), "{arguments:?}");
+        let said = stderr(&run);
+        assert!(said.contains("11 frames") && said.contains("sage predict"), "{arguments:?}: {said}");
+    }
+}
+
+#[test]
+fn another_frame_rate_is_said_and_converted_back_unchanged() {
+    let folder = tempfile::tempdir().unwrap();
+    // Each frame twice would be 20 Hz that stands still every second frame: linear motion in between.
+    let scene = made(folder.path(), "fast", |scene| {
+        let old = scene.clone();
+        frames(scene, &(0..181).map(|f| f / 2).collect::<Vec<_>>(), 0.05);
+        for (track, old) in scene.tracks.iter_mut().zip(&old.tracks) {
+            for frame in (1..181).step_by(2) {
+                let (a, b) = (old.position[frame / 2], old.position[frame / 2 + 1]);
+                track.position[frame] = [0, 1, 2].map(|k| 0.5 * (a[k] + b[k]));
+                track.valid[frame] = old.valid[frame / 2] && old.valid[frame / 2 + 1];
+            }
+        }
+    });
+    let out = folder.path().join("out");
+    let arguments = ["generate", text(&scene), "--lambda", "1", "--format", "pickle", "--out", text(&out)];
+    let run = sage(&[&arguments[..], &WEIGHTS].concat());
+    assert!(stderr(&run).contains("frame-rate: recorded at 20 Hz; resampled to 10 Hz"), "{}", stderr(&run));
+    let written = sage_data::folder::scene_files(&out).unwrap();
+    assert_eq!(Recording::read(&written[0]).unwrap().scene.frames, 91);
+    let back = folder.path().join("back");
+    let run = sage(&["convert", text(&scene), "--to", "pickle", "--out", text(&back)]);
+    assert!(stderr(&run).contains("frame-rate"), "{}", stderr(&run));
+    assert_eq!(std::fs::read(back.join("fast.pkl")).unwrap(), std::fs::read(&scene).unwrap());
+    let window = folder.path().join("window");
+    stdout(&sage(&["convert", text(&scene), "--to", "native", "--now", "30", "--out", text(&window)]));
+    assert_eq!(Recording::read(&window.join("fast-now30.safetensors")).unwrap().scene.frames, 71);
+}
+
+#[test]
+fn now_is_chosen_and_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = made(folder.path(), "long", |scene| {
+        let there_and_back = (0..91).chain((0..90).rev()).collect::<Vec<_>>();
+        frames(scene, &there_and_back, 0.1);
+    });
+    let out = folder.path().join("out");
+    let arguments = ["generate", text(&scene), "--lambda", "1", "--now", "40", "--out", text(&out)];
+    let run = sage(&[&arguments[..], &WEIGHTS].concat());
+    assert!(run.status.success(), "{}", stderr(&run));
+    let written = Recording::read(&out.join("long-now40-lambda1.00.safetensors")).unwrap().scene;
+    let whole = Recording::read(&scene).unwrap().scene;
+    assert_eq!(written.frames, 91);
+    assert_eq!(written.tracks[0].position[..91], whole.tracks[0].position[30..121]);
+    let run = sage(&["inspect", text(&scene), "--now", "300"]);
+    assert!(stderr(&run).contains("frame 300 cannot be now"), "{}", stderr(&run));
+}
+
+#[test]
+fn a_contact_at_now_is_left_out_by_every_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = folder.path().join("scenes");
+    std::fs::create_dir(&scenes).unwrap();
+    let bad = made(&scenes, "touching", beside_now);
+    made(&scenes, "apart", |_| ());
+    let at = |name: &str| folder.path().join(name);
+    for method in ["sage", "log", "rule", "cat"] {
+        let out = at(method);
+        let arguments = ["generate", text(&scenes), "--method", method, "--lambda", "1", "--out", text(&out)];
+        let run = sage(&[&arguments[..], &WEIGHTS].concat());
+        assert!(run.status.success(), "{method}: {}", stderr(&run));
+        assert!(stderr(&run).contains("left out: touching") && stderr(&run).contains("contact_now"), "{}", stderr(&run));
+        assert_eq!(row(&out, "run.json")["results"], serde_json::json!({"scenes": 2, "done": 2}));
+        let name = std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let name = name.into_iter().find(|name| name.starts_with("touching") && name.ends_with(".json")).unwrap();
+        let row = row(&out, &name);
+        assert!(row["left_out"].as_str().unwrap().contains("contact_now") && row["scores"].is_null());
+        let again = sage(&[&arguments[..], &WEIGHTS].concat());
+        assert!(again.status.success(), "{method}: {}", stderr(&again));
+    }
+    let run = sage(&["generate", text(&bad), "--method", "log", "--out", text(&at("alone"))]);
+    assert_eq!(run.status.code(), Some(1));
+    let run = sage(&["simulate", text(&scenes), "--ego", "idm", "--method", "rule", "--out", text(&at("driven"))]);
+    assert!(run.status.success() && stderr(&run).contains("left out: touching"), "{}", stderr(&run));
+    let arguments = ["bench", "open-loop", text(&scenes), "--methods", "log,rule", "--out", text(&at("table"))];
+    let run = sage(&[&arguments[..], &WEIGHTS].concat());
+    assert!(stderr(&run).contains("1 of 2 scenes are left out"), "{}", stderr(&run));
+    assert!(stdout(&run).contains("1 scene contact-now"), "{}", stdout(&run));
+    let arguments = ["bench", "drivers", text(&scenes), "--policies", "idm", "--methods", "rule", "--out", text(&at("drivers"))];
+    let run = sage(&arguments);
+    assert!(run.status.success() && stderr(&run).contains("left out: attacks on idm"), "{}", stderr(&run));
+    assert_eq!(std::fs::read_to_string(at("drivers").join("attacks.csv")).unwrap().lines().count(), 2);
+}
+
+#[test]
+fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let scenes = folder.path().join("scenes");
+    std::fs::create_dir(&scenes).unwrap();
+    let bad = made(&scenes, "bad", |scene| {
+        let (ego, adversary) = (scene.ego, scene.adversary.unwrap());
+        let other = (0..scene.tracks.len()).find(|k| *k != ego && *k != adversary && scene.tracks[*k].valid[40]);
+        scene.tracks[other.unwrap()].position[40][0] = f64::NAN;
+    });
+    let run = sage(&["inspect", text(&bad)]);
+    assert!(run.status.success() && stdout(&run).contains("track-left-out"), "{}", stdout(&run));
+    let run = sage(&["inspect", text(&bad), "--strict"]);
+    assert!(!run.status.success() && stderr(&run).contains("position/40"), "{}", stderr(&run));
+    std::fs::write(scenes.join("no-scene.pkl"), b"\x80\x04N.").unwrap();
+    let out = folder.path().join("drivers");
+    let arguments = ["bench", "drivers", text(&scenes), "--policies", "idm", "--unattacked", "--out", text(&out)];
+    let run = sage(&arguments);
+    assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
+    assert!(stderr(&run).contains("error: `") && stderr(&run).contains("no-scene.pkl"), "{}", stderr(&run));
+    let table = std::fs::read_to_string(out.join("drivers.md")).unwrap();
+    assert!(table.contains("1 scene track-left-out, 1 scene unreadable"), "{table}");
+}
+
+#[test]
+fn contradictions_are_said_where_they_matter_and_positions_can_be_trusted() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = made(folder.path(), "still", |scene| {
+        scene.tracks.iter_mut().for_each(|track| track.velocity.fill([0.0; 2]));
+    });
+    for (k, more) in [&[][..], &["--trust", "positions"]].into_iter().enumerate() {
+        let out = folder.path().join(k.to_string());
+        let arguments = ["generate", text(&scene), "--lambda", "1", "--out", text(&out)];
+        let run = sage(&[&arguments[..], more, &WEIGHTS].concat());
+        assert!(run.status.success(), "{}", stderr(&run));
+        assert_eq!(stderr(&run).contains("velocity-against-positions"), more.is_empty(), "{}", stderr(&run));
+        let written = Recording::read(&out.join("still-lambda1.00.safetensors")).unwrap().scene;
+        let ego = written.ego();
+        let is_moving = (0..91).any(|frame| ego.velocity[frame] != [0.0; 2]);
+        assert_eq!(is_moving, !more.is_empty());
+    }
+}

@@ -255,7 +255,7 @@ fn a_lane_of_metadrive_is_the_dict_of_its_attributes() {
     let document = sage_data::pickle::Document::parse(pickle).unwrap();
     let lane = document.get(document.root(), "l").unwrap();
     let outline = document.get(lane, "o").unwrap();
-    assert!(matches!(document.node(outline), sage_data::pickle::Node::Bytes(span) if document.bytes(*span) == [1, 3]));
+    assert!(matches!(document.node(outline), sage_data::pickle::Node::None));
     // Only a new lane takes attributes, once, and only a dict of them.
     for wrong in [&b")\x81K\x01b."[..], b")\x81}b}b.", b"K\x01\x85\x81."] {
         let pickle = [&b"\x80\x04"[..], class, wrong].concat();

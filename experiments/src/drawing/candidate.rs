@@ -2,7 +2,7 @@
 
 use sage_core::{
     motion::Trajectory,
-    objective::{Context, Encounter},
+    objective::{Context, Situation},
 };
 
 use super::DrawnPath;
@@ -10,11 +10,11 @@ use super::DrawnPath;
 /// The drawing of a candidate.
 pub(crate) fn drawn_path(name: String, ctx: &Context, trajectory: Trajectory) -> DrawnPath {
     let candidate = ctx.candidate(trajectory);
-    let contact = Encounter::of(&candidate, ctx.ego()).contact.and_then(|step| {
+    let contact = Situation::new(&candidate, ctx.ego(), ctx).encounter.contact.and_then(|step| {
         let ego = ctx.ego().box_at(step)?;
         Some((step, *ego, candidate.boxes()[step - 1]))
     });
-    let points =
-        std::iter::once(candidate.start().position).chain(candidate.trajectory().points().iter().copied());
+    // What lies beyond the recording is not scored.
+    let points = std::iter::once(candidate.start().position).chain(candidate.points().iter().copied());
     DrawnPath { name, points: points.collect(), contact }
 }

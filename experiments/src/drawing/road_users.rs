@@ -145,7 +145,7 @@ pub(super) fn trajectory(svg: &mut Svg, viewport: &Viewport, points: &[Point], r
         std::slice::from_ref(&pixels),
         r##"fill="none" stroke="#fff" stroke-opacity="0.8" stroke-width="6" stroke-linecap="round" stroke-linejoin="round""##,
     );
-    let share = |k: usize| k as f64 / points.len().saturating_sub(1).max(1) as f64;
+    let share = |k: usize| (k as f64 / HORIZON as f64).min(1.0);
     svg.open(r#"fill="none" stroke-width="3" stroke-linecap="round""#);
     // One colour per half second: finer steps are not visible.
     for first in (0..pixels.len().saturating_sub(1)).step_by(5) {

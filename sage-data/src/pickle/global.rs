@@ -36,7 +36,7 @@ pub enum Global {
     /// `metadrive.component.lane.point_lane.PointLane`, the lane of a driver, which MetaDrive leaves in the metadata of
     /// some tracks. No reader uses it; it is kept as the dict of its attributes.
     PointLane,
-    /// `shapely.io.from_wkb`, the outline of a [`Global::PointLane`]; kept as its bytes.
+    /// `shapely.io.from_wkb`, the outline of a [`Global::PointLane`], which repeats its polygon; read as None.
     FromWkb,
 }
 

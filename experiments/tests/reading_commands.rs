@@ -61,7 +61,8 @@ fn a_short_recording_is_attacked_over_what_it_has() {
     let folder = tempfile::tempdir().unwrap();
     let scene = made(folder.path(), "short", first(50));
     let out = folder.path().join("out");
-    let run = sage(&[&["generate", text(&scene), "--lambda", "1", "--out", text(&out)][..], &WEIGHTS].concat());
+    let run =
+        sage(&[&["generate", text(&scene), "--lambda", "1", "--out", text(&out)][..], &WEIGHTS].concat());
     assert!(run.status.success() && stderr(&run).contains("short-recording"), "{}", stderr(&run));
     let row = row(&out, "short-lambda1.00.json");
     assert_eq!((&row["scores"]["horizon"], row["trajectory"].as_array().unwrap().len()), (&39.into(), 80));
@@ -80,20 +81,21 @@ fn a_short_recording_is_attacked_over_what_it_has() {
 fn eleven_frames_are_predicted_drawn_and_driven_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let scene = made(folder.path(), "history", first(11));
-    let at = |name: &str| folder.path().join(name);
+    let [picture, drives, attacked, logged, driven] =
+        ["history.svg", "drives", "attacked", "logged", "driven"].map(|name| folder.path().join(name));
     let works: [&[&str]; 3] = [
         &["predict", text(&scene), "--k", "2", "--weights", "procedural"],
-        &["draw", text(&scene), "--out", text(&at("history.svg"))],
-        &["simulate", text(&scene), "--ego", "idm,constant-speed", "--out", text(&at("drives"))],
+        &["draw", text(&scene), "--out", text(&picture)],
+        &["simulate", text(&scene), "--ego", "idm,constant-speed", "--out", text(&drives)],
     ];
     for arguments in works {
         let run = sage(arguments);
         assert!(run.status.success(), "{arguments:?}: {}", stderr(&run));
     }
     let fails: [&[&str]; 3] = [
-        &["generate", text(&scene), "--weights", "procedural", "--out", text(&at("g"))],
-        &["generate", text(&scene), "--method", "log", "--out", text(&at("l"))],
-        &["simulate", text(&scene), "--ego", "idm", "--method", "rule", "--out", text(&at("s"))],
+        &["generate", text(&scene), "--weights", "procedural", "--out", text(&attacked)],
+        &["generate", text(&scene), "--method", "log", "--out", text(&logged)],
+        &["simulate", text(&scene), "--ego", "idm", "--method", "rule", "--out", text(&driven)],
     ];
     for arguments in fails {
         let run = sage(arguments);
@@ -165,10 +167,16 @@ fn a_contact_at_now_is_left_out_by_every_command() {
         let arguments = ["generate", text(&scenes), "--method", method, "--lambda", "1", "--out", text(&out)];
         let run = sage(&[&arguments[..], &WEIGHTS].concat());
         assert!(run.status.success(), "{method}: {}", stderr(&run));
-        assert!(stderr(&run).contains("left out: touching") && stderr(&run).contains("contact_now"), "{}", stderr(&run));
+        assert!(
+            stderr(&run).contains("left out: touching") && stderr(&run).contains("contact_now"),
+            "{}",
+            stderr(&run)
+        );
         assert_eq!(row(&out, "run.json")["results"], serde_json::json!({"scenes": 2, "done": 2}));
-        let name = std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
-        let name = name.into_iter().find(|name| name.starts_with("touching") && name.ends_with(".json")).unwrap();
+        let name =
+            std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let name =
+            name.into_iter().find(|name| name.starts_with("touching") && name.ends_with(".json")).unwrap();
         let row = row(&out, &name);
         assert!(row["left_out"].as_str().unwrap().contains("contact_now") && row["scores"].is_null());
         let again = sage(&[&arguments[..], &WEIGHTS].concat());
@@ -176,16 +184,29 @@ fn a_contact_at_now_is_left_out_by_every_command() {
     }
     let run = sage(&["generate", text(&bad), "--method", "log", "--out", text(&at("alone"))]);
     assert_eq!(run.status.code(), Some(1));
-    let run = sage(&["simulate", text(&scenes), "--ego", "idm", "--method", "rule", "--out", text(&at("driven"))]);
+    let run =
+        sage(&["simulate", text(&scenes), "--ego", "idm", "--method", "rule", "--out", text(&at("driven"))]);
     assert!(run.status.success() && stderr(&run).contains("left out: touching"), "{}", stderr(&run));
-    let arguments = ["bench", "open-loop", text(&scenes), "--methods", "log,rule", "--out", text(&at("table"))];
+    let table = at("table");
+    let arguments = ["bench", "open-loop", text(&scenes), "--methods", "log,rule", "--out", text(&table)];
     let run = sage(&[&arguments[..], &WEIGHTS].concat());
     assert!(stderr(&run).contains("1 of 2 scenes are left out"), "{}", stderr(&run));
     assert!(stdout(&run).contains("1 scene contact-now"), "{}", stdout(&run));
-    let arguments = ["bench", "drivers", text(&scenes), "--policies", "idm", "--methods", "rule", "--out", text(&at("drivers"))];
+    let drivers = at("drivers");
+    let arguments = [
+        "bench",
+        "drivers",
+        text(&scenes),
+        "--policies",
+        "idm",
+        "--methods",
+        "rule",
+        "--out",
+        text(&drivers),
+    ];
     let run = sage(&arguments);
     assert!(run.status.success() && stderr(&run).contains("left out: attacks on idm"), "{}", stderr(&run));
-    assert_eq!(std::fs::read_to_string(at("drivers").join("attacks.csv")).unwrap().lines().count(), 2);
+    assert_eq!(std::fs::read_to_string(drivers.join("attacks.csv")).unwrap().lines().count(), 2);
 }
 
 #[test]
@@ -195,7 +216,8 @@ fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
     std::fs::create_dir(&scenes).unwrap();
     let bad = made(&scenes, "bad", |scene| {
         let (ego, adversary) = (scene.ego, scene.adversary.unwrap());
-        let other = (0..scene.tracks.len()).find(|k| *k != ego && *k != adversary && scene.tracks[*k].valid[40]);
+        let other =
+            (0..scene.tracks.len()).find(|k| *k != ego && *k != adversary && scene.tracks[*k].valid[40]);
         scene.tracks[other.unwrap()].position[40][0] = f64::NAN;
     });
     let run = sage(&["inspect", text(&bad)]);
@@ -204,7 +226,8 @@ fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
     assert!(!run.status.success() && stderr(&run).contains("position/40"), "{}", stderr(&run));
     std::fs::write(scenes.join("no-scene.pkl"), b"\x80\x04N.").unwrap();
     let out = folder.path().join("drivers");
-    let arguments = ["bench", "drivers", text(&scenes), "--policies", "idm", "--unattacked", "--out", text(&out)];
+    let arguments =
+        ["bench", "drivers", text(&scenes), "--policies", "idm", "--unattacked", "--out", text(&out)];
     let run = sage(&arguments);
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
     assert!(stderr(&run).contains("error: `") && stderr(&run).contains("no-scene.pkl"), "{}", stderr(&run));

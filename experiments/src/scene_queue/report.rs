@@ -119,13 +119,7 @@ impl Report {
     /// Reports a scene in which nothing can be measured.
     ///
     /// *Errors*: as [`Report::done`].
-    pub(crate) fn left_out(
-        &self,
-        number: usize,
-        name: &str,
-        reason: &str,
-        lines: Vec<Line>,
-    ) -> Result<()> {
+    pub(crate) fn left_out(&self, number: usize, name: &str, reason: &str, lines: Vec<Line>) -> Result<()> {
         let mut state = self.state();
         state.left_out += 1;
         state.progress.say(&format!("left out: {name}: {reason}"));

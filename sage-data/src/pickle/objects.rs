@@ -37,13 +37,17 @@ impl Machine {
                 self.unbuilt_lanes.insert(Id(self.nodes.len() as u32));
                 self.push(Node::Dict(Vec::new()))
             }
-            (Node::Global(Global::PointLane), _) => Err(form("the arguments of PointLane", "none; its state follows")),
+            (Node::Global(Global::PointLane), _) => {
+                Err(form("the arguments of PointLane", "none; its state follows"))
+            }
             (Node::Global(Global::ScenarioDescription), _) => {
                 Err(form("the arguments of ScenarioDescription", "none; its items follow"))
             }
-            (other, _) => {
-                Err(kind("the class of NEWOBJ", other, "MetaDrive's Vector, ScenarioDescription or PointLane"))
-            }
+            (other, _) => Err(kind(
+                "the class of NEWOBJ",
+                other,
+                "MetaDrive's Vector, ScenarioDescription or PointLane",
+            )),
         }
     }
 

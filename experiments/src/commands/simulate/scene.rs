@@ -59,7 +59,7 @@ pub(super) fn simulate_scene(
     let report = drives.simulate(Arc::new(scene), clock).map_err(|error| match error.downcast_ref() {
         Some(sage_core::Error::ContactNow { .. }) => {
             Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() }
-        },
+        }
         _ => fail(error),
     })?;
     Ok(SceneReport { warnings, ..report })

@@ -330,7 +330,7 @@ fn drivers_are_compared_by_scene() {
     let rows = std::fs::read_to_string(out.join("scenes.csv")).unwrap();
     assert_eq!(rows.lines().count(), 15);
     let header = |csv: &str| csv.lines().next().unwrap_or_default().to_owned();
-    assert!(header(&rows).ends_with("comfortable,over_red,over_red_step"));
+    assert!(header(&rows).ends_with("comfortable,off_road,over_red,over_red_step"));
     assert!(table.matches("over red %").count() == 2 && table.contains("over red, points"));
     // Each driver meets an attack in each scene.
     assert!(

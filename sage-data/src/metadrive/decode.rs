@@ -176,7 +176,7 @@ fn point(fields: &Fields, id: Id, field: &Field) -> Result<Option<[f64; 3]>, Err
 
 // --- map ---
 
-/// Highest speed limit, km/h. MetaDrive writes 1000 where there is none.
+/// Highest speed limit, km/h; above it there is none.
 const FASTEST_LIMIT: f64 = 300.0;
 /// Keys of the left and right side of a lane.
 const NEIGHBORS: [&str; 2] = ["left_neighbor", "right_neighbor"];
@@ -306,8 +306,8 @@ struct Links<'f, 'd> {
 impl Links<'_, '_> {
     fn lane(&self, id: Id, field: &Field) -> Result<Lane, Error> {
         let limit = self.fields.optional(id, "speed_limit_kmh").and_then(|x| self.fields.document.number(x));
-        // 0 is how files write that there is none.
-        if limit.is_some_and(|kmh| !(0.0..=FASTEST_LIMIT).contains(&kmh)) {
+        // 0 is how Waymo's files write that there is none, 1000 how MetaDrive's do.
+        if limit.is_some_and(|kmh| !(kmh.is_finite() && kmh >= 0.0)) {
             self.odd_limits.set(self.odd_limits.get() + 1);
         }
         let mut width = match self.fields.optional(id, "width") {

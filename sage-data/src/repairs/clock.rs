@@ -80,7 +80,9 @@ impl Clock {
                 if constant.is_some() {
                     let text = format!("the times are constant; a frame every {step} s is assumed");
                     scene.notes.push(note("frame-rate", text));
-                    scene.timestamps = (0..scene.frames).map(|frame| frame as f64 * step).collect();
+                    // As files and records hold times: in 32 bits.
+                    scene.timestamps =
+                        (0..scene.frames).map(|frame| f64::from((frame as f64 * step) as f32)).collect();
                 }
                 step
             }

@@ -16,6 +16,8 @@ use crate::{Error, metadrive::MAX_FRAMES};
 
 /// Distance in time at which a frame falls on a recorded one, seconds.
 const SAME: f64 = 1e-4;
+/// Time up to which 32 bits tell milliseconds apart, seconds.
+const LONG_CLOCK: f64 = 8192.0;
 /// Tolerance of the last frame, as a share of a frame: the end of a recording is rounded.
 const END: f64 = 1e-3;
 
@@ -67,7 +69,12 @@ pub(super) fn to_ten_hertz(scene: &mut Scene, times: &[f64]) -> Vec<usize> {
         light.states = places.iter().map(|place| light.states[place.before]).collect();
     }
     scene.frames = places.len();
-    scene.timestamps = (0..places.len()).map(|frame| times[0] + DT * frame as f64).collect();
+    // As files and records hold times, in 32 bits; a clock that counts from long ago has no such digits.
+    let time = |frame: usize| times[0] + DT * frame as f64;
+    let is_short = time(places.len()).abs() < LONG_CLOCK;
+    scene.timestamps = (0..places.len())
+        .map(|frame| if is_short { f64::from(time(frame) as f32) } else { time(frame) })
+        .collect();
     places.iter().map(Place::nearest).collect()
 }
 

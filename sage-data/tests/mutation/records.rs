@@ -80,6 +80,22 @@ impl Mutator {
     }
 }
 
+/// Names of the parts in which two scenes differ.
+fn differences(a: &Scene, b: &Scene) -> String {
+    let parts = [
+        ("id", a.id == b.id),
+        ("frames", a.frames == b.frames),
+        ("times", a.timestamps == b.timestamps),
+        ("tracks", a.tracks == b.tracks),
+        ("map", a.map == b.map),
+        ("lights", a.lights == b.lights),
+        ("ego", a.ego == b.ego),
+        ("adversary", (a.adversary, a.adversary_origin) == (b.adversary, b.adversary_origin)),
+    ];
+    parts.into_iter().filter(|(_, same)| !same).map(|(name, _)| name).collect::<Vec<_>>().join(", ")
+        + &format!("; {:?}", b.notes)
+}
+
 /// Reads a message and, if it is a scene, writes it in every format. Panics if a written scene reads as another one.
 pub fn consume_message(message: &[u8]) -> Result<(), Error> {
     let path = Path::new("mutant.tfrecord#0");
@@ -98,7 +114,8 @@ pub fn consume_message(message: &[u8]) -> Result<(), Error> {
     let without_notes = |scene: &Scene| Scene { notes: Vec::new(), ..scene.clone() };
     assert!(
         without_notes(&again.scene) == without_notes(&recording.scene) || !encoded.notes.is_empty(),
-        "the scene differs as a record"
+        "the scene differs as a record: {}",
+        differences(&again.scene, &recording.scene)
     );
     Ok(())
 }

@@ -108,14 +108,14 @@ fn named_adversary(fields: &Fields, metadata: Id, ego: &str) -> Option<String> {
     let list: HashSet<String> = list.iter().filter_map(|id| identifier(*id)).collect();
     let mut others: Vec<String> = Vec::new();
     for (key, track) in tracks {
-        let id = identifier(*key)?;
-        let is_named = if is_before {
-            original(*track).is_some_and(|id| list.contains(&id))
-        } else {
-            list.contains(&id)
+        // Texts are compared without a copy.
+        let is_named = match document.text(*key) {
+            _ if is_before => original(*track).is_some_and(|id| list.contains(&id)),
+            Some(id) => fields.spend_work(id.len()) && list.contains(id),
+            None => identifier(*key).is_some_and(|id| list.contains(&id)),
         };
-        if is_named && id != ego {
-            others.push(id);
+        if is_named {
+            others.extend(identifier(*key).filter(|id| id != ego));
         }
     }
     if others.len() == 1 { others.pop() } else { None }
@@ -317,12 +317,12 @@ impl Links<'_, '_> {
             }
             _ => Vec::new(),
         };
-        let mut is_odd = false;
-        for side in width.as_flattened_mut().iter_mut().filter(|side| !(0.0..=MAX_COORDINATE).contains(*side))
-        {
-            (*side, is_odd) = (0.0, true);
+        let is_odd = |side: &f64| !((*side >= 0.0) & (*side <= MAX_COORDINATE));
+        // One branch-free pass over all; nearly no file has such a width.
+        if width.as_flattened().iter().fold(false, |odd, side| odd | is_odd(side)) {
+            width.as_flattened_mut().iter_mut().filter(|side| is_odd(side)).for_each(|side| *side = 0.0);
+            self.odd_widths.set(self.odd_widths.get() + 1);
         }
-        self.odd_widths.set(self.odd_widths.get() + usize::from(is_odd));
         Ok(Lane {
             speed_limit: limit.filter(|kmh| *kmh > 0.0 && *kmh <= FASTEST_LIMIT).map(|kmh| kmh / 3.6),
             entries: self.ids(id, "entry_lanes", field)?,

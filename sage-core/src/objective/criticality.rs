@@ -29,7 +29,8 @@ pub struct Criticality {
     /// if they collide, `None` if their swept areas do not overlap.
     pub post_encroachment_time: Option<f64>,
     /// Greatest constant deceleration of the relative motion that avoids contact, m/s², at most [`FULL_BRAKING`], over
-    /// the steps on a collision course up to first contact; `None` without one. See [`required_deceleration`].
+    /// the steps on a collision course up to first contact: `Δv / (2 (TTC + 0.1 s))`, less for courses that barely touch;
+    /// `None` without one.
     pub required_deceleration: Option<f64>,
     /// Relative speed at first contact, m/s.
     pub impact_speed: Option<f64>,

@@ -140,9 +140,15 @@ impl Scene {
     ///
     /// *Errors*: [`Error::Scene`] if there is none.
     pub fn track_index(&self, id: &str) -> Result<usize, Error> {
-        self.tracks.iter().position(|t| t.id == id).ok_or_else(|| Error::Scene {
-            scene: self.id.clone(),
-            problem: format!("no track `{id}`; `sage inspect --tracks` lists them"),
+        self.tracks.iter().position(|t| t.id == id).ok_or_else(|| {
+            let left_out = self.notes.iter().find(|note| note.contains(&format!("track `{id}` is ")));
+            Error::Scene {
+                scene: self.id.clone(),
+                problem: match left_out {
+                    Some(note) => format!("no track `{id}`: {note}"),
+                    None => format!("no track `{id}`; `sage inspect --tracks` lists them"),
+                },
+            }
         })
     }
 

@@ -166,7 +166,6 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
             None => warn("note", note.clone()),
         }
     }
-    uneven_times(scene, &mut warn);
     let horizon = scene.horizon();
     if horizon < HORIZON {
         let seconds = |steps: usize| steps as f64 * DT;
@@ -240,6 +239,7 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
         warn("no-road-edges", detail.to_owned());
     }
     on_edges_now(scene, &mut warn);
+    found.extend(uneven_times(scene));
     found.extend(contradictions::find(scene));
     found
 }
@@ -251,8 +251,8 @@ pub fn important(scene: &Scene) -> Vec<Warning> {
     all
 }
 
-/// Adds a warning about times that stray from 10 Hz. The motion says nothing of it, so the frames stay.
-fn uneven_times(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
+/// A warning about times that stray from 10 Hz. The motion says nothing of it, so the frames stay.
+fn uneven_times(scene: &Scene) -> Option<Warning> {
     let times = &scene.timestamps;
     let longest = times.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
     let last = (NOW + HORIZON).min(times.len().saturating_sub(1));
@@ -260,14 +260,20 @@ fn uneven_times(scene: &Scene, warn: &mut impl FnMut(&'static str, String)) {
         times.iter().take(last + 1).enumerate().map(|(frame, time)| time - times[0] - DT * frame as f64);
     let (frame, drift) =
         drifts.enumerate().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs())).unwrap_or_default();
-    if longest > LONGEST_STEP || drift.abs() > MOST_DRIFT {
-        let text = format!(
-            "the longest step is {longest:.3} s, and frame {frame} comes {:.0} ms {} than at 10 Hz; frames are taken as 0.1 s apart",
-            1e3 * drift.abs(),
-            if drift > 0.0 { "later" } else { "earlier" }
-        );
-        warn("uneven-times", text);
+    let falls = times.windows(2).filter(|w| w[1] <= w[0]).count();
+    // Clocks stray by tens of milliseconds; a missing or misplaced frame is another matter.
+    let is_important = longest > LONGEST_STEP || falls > 0;
+    if !is_important && drift.abs() <= MOST_DRIFT {
+        return None;
     }
+    let falls =
+        if falls > 0 { format!("{falls} times are not above the one before; ") } else { String::new() };
+    let detail = format!(
+        "{falls}the longest step is {longest:.3} s, and frame {frame} comes {:.0} ms {} than at 10 Hz; frames are taken as 0.1 s apart",
+        1e3 * drift.abs(),
+        if drift > 0.0 { "later" } else { "earlier" }
+    );
+    Some(Warning { is_important, ..Warning::new("uneven-times", detail) })
 }
 
 /// Grid cell in which heights are compared.

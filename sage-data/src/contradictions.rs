@@ -233,18 +233,18 @@ fn speeds(scene: &Scene) -> Option<Warning> {
 }
 
 fn sizes(scene: &Scene) -> Option<Warning> {
-    let is_too_large = |track: &&Track| {
+    let is_too_large = |track: &Track| {
         let most = match track.kind {
             TrackKind::Vehicle => VEHICLE,
             TrackKind::Pedestrian | TrackKind::Cyclist => PERSON,
-            TrackKind::Other(_) => return false,
+            TrackKind::Other(_) => return None,
         };
         let is_larger = |size: &[f64; 3]| size.iter().zip(most).any(|(x, most)| *x > most);
-        track.size.iter().zip(&track.valid).any(|(size, valid)| *valid && is_larger(size))
+        (0..track.valid.len()).find(|frame| track.valid[*frame] && is_larger(&track.size[*frame]))
     };
-    let large: Vec<&Track> = scene.tracks.iter().filter(is_too_large).collect();
-    let first = large.first()?;
-    let frame = (0..first.valid.len()).find(|frame| first.valid[*frame]).unwrap_or_default();
+    let large: Vec<(&Track, usize)> =
+        scene.tracks.iter().filter_map(|track| Some((track, is_too_large(track)?))).collect();
+    let (first, frame) = *large.first()?;
     let [length, width, height] = first.size[frame];
     let detail = format!(
         "{} tracks are larger than any {}, the first `{}` with {length:.1} × {width:.1} × {height:.1} m",

@@ -76,19 +76,18 @@ pub struct Decoded {
 /// valid *now*.
 pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result<Decoded, Error> {
     let Draft { mut scene, mut named, sample_rate, now_index } = draft;
-    leave_out_copies(&mut scene, &mut named);
     let clock = Clock::of(&mut scene, sample_rate, options.resample, path)?;
     if let Clock::Other { times, step } = &clock {
         resample::check_size(&scene, times, *step, path)?;
     }
     let mut frames = None;
     if options.trust_positions {
-        motion::recompute(&mut scene, clock.step());
+        motion::recompute(&mut scene, &clock);
     }
     if let Clock::Other { times, step } = &clock {
         let text = format!("recorded at {:.3} Hz; resampled to 10 Hz", 1.0 / step);
         scene.notes.push(note("frame-rate", text.replace(".000", "")));
-        frames = Some(resample::to_ten_hertz(&mut scene, times));
+        frames = Some(resample::to_ten_hertz(&mut scene, times, *step));
     }
     if let Some(now) = options.now {
         let kept = window::around(&mut scene, now, path)?;
@@ -112,6 +111,7 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
             scene.notes.push(format!("the file's current_time_index is {index}; {now}"));
         }
     }
+    leave_out_copies(&mut scene, &mut named);
     let wrong = |field: &str, found: String, expected: String| Error::Field {
         path: path.to_owned(),
         field: field.to_owned(),

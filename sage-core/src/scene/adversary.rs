@@ -8,7 +8,7 @@ use crate::{
 
 /// Distance below which two logged paths conflict in space, metres: about one and a half lane widths.
 const CONFLICT: f64 = 5.0;
-/// A vehicle whose centre stays this close to the ego's in all common frames of history is a copy of the ego, metres.
+/// A vehicle whose centre stays this close to the ego's in all common frames is a copy of the ego, metres.
 /// No two cars can be that close.
 const COPY: f64 = 0.5;
 /// Least displacement over the recording of a car that counts as moving, metres.
@@ -47,9 +47,9 @@ fn conflict(a: &[(usize, Point)], b: &[(usize, Point)]) -> Option<(usize, f64)> 
     best
 }
 
-/// Whether a track is a second recording of the ego: a vehicle in its place in every frame of history that both have.
+/// Whether a track is a second recording of the ego: a vehicle in its place in every frame that both have.
 pub fn is_copy_of_ego(track: &Track, ego: &Track) -> bool {
-    let mut common = (0..=NOW).filter(|&f| track.is_valid(f) && ego.is_valid(f)).peekable();
+    let mut common = (0..track.valid.len()).filter(|&f| track.is_valid(f) && ego.is_valid(f)).peekable();
     track.kind == TrackKind::Vehicle
         && common.peek().is_some()
         && common.all(|f| distance(track.point(f), ego.point(f)) < COPY)

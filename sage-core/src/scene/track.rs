@@ -25,17 +25,18 @@ impl TrackKind {
     /// The name of a track without a type.
     pub const UNSET: &str = "UNSET";
 
-    /// The kind of a type name: MetaDrive's, or one that converters take over from nuScenes, nuPlan or Argoverse 2.
+    /// The kind of a type name, in upper or lower case: MetaDrive's, or one that converters take over from nuScenes, nuPlan or
+    /// Argoverse 2.
     ///
     /// A motorcyclist is a vehicle, because a motorcycle drives at the speed of cars. A bicycle without rider stands, so it is
     /// an object.
     pub fn from_name(name: &str) -> Self {
-        match name {
+        match &name.to_ascii_uppercase()[..] {
             "VEHICLE" | "CAR" | "VAN" | "BUS" | "SCHOOL_BUS" | "TRUCK" | "TRAILER" | "MOTORCYCLE"
             | "MOTORCYCLIST" => Self::Vehicle,
             "PEDESTRIAN" => Self::Pedestrian,
             "CYCLIST" | "BICYCLE" => Self::Cyclist,
-            other => Self::Other(other.to_owned()),
+            _ => Self::Other(name.to_owned()),
         }
     }
 

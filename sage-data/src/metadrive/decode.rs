@@ -131,13 +131,13 @@ fn lights(fields: &Fields, top: Id, frames: usize) -> Result<Vec<TrafficLight>, 
         let name = fields.identifier(*key, &field)?;
         let field = field.key(&name);
         let state = fields.required(*value, &field, "state", "a dict with `object_state`")?;
-        let field = &field.key("state");
-        let list = fields.required(state, field, "object_state", "one state per frame")?;
-        let field = field.key("object_state");
+        let of_state = field.key("state");
+        let list = fields.required(state, &of_state, "object_state", "one state per frame")?;
+        let of_states = of_state.key("object_state");
         let items =
-            fields.document.items(list).ok_or_else(|| fields.wrong(&field, list, "a list of names"))?;
-        fields.check_length(&field, items.len(), frames)?;
-        fields.spend(&field, items.len())?;
+            fields.document.items(list).ok_or_else(|| fields.wrong(&of_states, list, "a list of names"))?;
+        fields.check_length(&of_states, items.len(), frames)?;
+        fields.spend(&of_states, items.len())?;
         let mut last: Option<(Id, LightState)> = None;
         let mut states = Vec::with_capacity(frames);
         for item in items {
@@ -145,13 +145,13 @@ fn lights(fields: &Fields, top: Id, frames: usize) -> Result<Vec<TrafficLight>, 
             let state = match (last, fields.document.node(*item)) {
                 (Some((id, state)), _) if id == *item => state,
                 (_, Node::None) => LightState::Unknown,
-                _ => LightState::from_name(fields.text(*item, &field)?),
+                _ => LightState::from_name(fields.text(*item, &of_states)?),
             };
             last = Some((*item, state));
             states.push(state);
         }
         let lane = match fields.optional(*value, "lane") {
-            Some(lane) => fields.identifier(lane, &field)?,
+            Some(lane) => fields.identifier(lane, &field.key("lane"))?,
             None => name.clone(),
         };
         let stop_point = match fields.optional(*value, "stop_point") {

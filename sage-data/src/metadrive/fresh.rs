@@ -22,7 +22,10 @@ pub(crate) fn fresh(scene: &Scene) -> Document {
             let states = light.states.iter().map(|state| builder.light_state(*state)).collect();
             let states = builder.push(Node::List(states));
             let state = builder.dict([("object_state", states)]);
-            let stop = builder.floats(&[3], light.stop_point.unwrap_or_default());
+            let stop = match light.stop_point {
+                Some(point) => builder.floats(&[3], point),
+                None => builder.push(Node::None),
+            };
             let (kind, lane) = (builder.text("TRAFFIC_LIGHT"), builder.text(&light.lane));
             let length = builder.push(Node::Int(light.states.len() as i64));
             let metadata = builder.dict([("track_length", length), ("type", kind), ("object_id", lane)]);

@@ -1,23 +1,33 @@
 //! The values of a file with other frames: those of a scene that was resampled or cut.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
-use sage_core::{motion::NOW, scene::Scene};
+use sage_core::{
+    motion::{DT, NOW},
+    scene::Scene,
+};
 
 use super::encode::{all_columns, write_columns};
-use crate::pickle::{Array, Document, Id, Node};
+use crate::pickle::{Array, Document, Dtype, ElementKind, Id, Node};
+
+const F64: Dtype = Dtype { kind: ElementKind::Float, size: 8, big_endian: false };
 
 /// Gives a document the frames of a scene. `frames` has the old frame nearest to each new one: columns that the scene
-/// does not model, and tracks that it left out, take the values of that frame.
+/// does not model take the values of that frame. Tracks that the scene left out go: at other frames their unusable values
+/// might not show.
 pub(crate) fn retimed(document: &mut Document, scene: &Scene, frames: &[usize]) {
     let root = document.root();
     let old = document.get(root, "length").and_then(|id| document.integer(id)).unwrap_or_default();
     let old = usize::try_from(old).unwrap_or_default();
     let length = document.push(Node::Int(frames.len() as i64));
+    let ids: HashSet<&str> = scene.tracks.iter().map(|track| &track.id[..]).collect();
     for group in ["tracks", "dynamic_map_states"] {
         let Some(objects) = document.get(root, group) else { continue };
         let mut node = document.node(objects).clone();
         if let Node::Dict(entries) | Node::DefaultDict { entries, .. } = &mut node {
+            if group == "tracks" {
+                entries.retain(|(key, _)| document.identifier(*key).is_some_and(|id| ids.contains(&id[..])));
+            }
             for (_, object) in entries {
                 *object = retimed_object(document, *object, old, frames, length);
             }
@@ -28,7 +38,7 @@ pub(crate) fn retimed(document: &mut Document, scene: &Scene, frames: &[usize]) 
     document.set(root, "length", length);
     if let Some(metadata) = document.get(root, "metadata") {
         let metadata = document.shallow_copy(metadata);
-        write_metadata(document, metadata, scene, old, frames, length);
+        write_metadata(document, metadata, scene, frames, length);
         document.set(root, "metadata", metadata);
     }
     let tracks: HashMap<&str, _> = scene.tracks.iter().map(|track| (&track.id[..], track)).collect();
@@ -64,26 +74,21 @@ fn retimed_object(document: &mut Document, object: Id, old: usize, frames: &[usi
     object
 }
 
-fn write_metadata(
-    document: &mut Document,
-    metadata: Id,
-    scene: &Scene,
-    old: usize,
-    frames: &[usize],
-    length: Id,
-) {
-    if let Some(times) = document.get(metadata, "ts")
-        && !scene.timestamps.is_empty()
-    {
-        let new = gathered(document, times, old, frames);
-        let new = match document.node(new).clone() {
+fn write_metadata(document: &mut Document, metadata: Id, scene: &Scene, frames: &[usize], length: Id) {
+    if let Some(times) = document.get(metadata, "ts") {
+        let count = frames.len();
+        let even = || (0..count).map(|frame| DT * frame as f64).collect();
+        let new: Vec<f64> = if scene.timestamps.len() == count { scene.timestamps.clone() } else { even() };
+        let new = match document.node(times).clone() {
             Node::Array(array) => {
-                let data = array.dtype.write(scene.timestamps.iter().copied());
-                let data = document.push_bytes(&data);
-                document.push(Node::Array(Box::new(Array { data, ..*array })))
+                // Whole numbers, such as microseconds, cannot hold seconds.
+                let dtype = if array.dtype.kind == ElementKind::Float { array.dtype } else { F64 };
+                let data = document.push_bytes(&dtype.write(new.into_iter()));
+                let shape = vec![count as u32];
+                document.push(Node::Array(Box::new(Array { dtype, shape, fortran: false, data, ..*array })))
             }
             _ => {
-                let items = scene.timestamps.iter().map(|time| document.push(Node::Float(*time))).collect();
+                let items = new.into_iter().map(|time| document.push(Node::Float(time))).collect();
                 document.push(Node::List(items))
             }
         };

@@ -122,8 +122,10 @@ fn track(
     let heading = get("heading", "one number per frame")?;
     let heading = fields.valid_column(heading, &field.key("heading"), &valid)?;
     let (size, has_size) = sizes(fields, state, field, &kind, &valid)?;
-    for (axis, key) in ["length", "width"].into_iter().enumerate() {
-        if let Some(frame) = (0..frames).find(|&f| valid[f] && size[f][axis] <= 0.0) {
+    for (axis, key) in ["length", "width", "height"].into_iter().enumerate() {
+        // A height of 0 is how files write that it is not known.
+        let is_wrong = |x: f64| if axis == 2 { x < 0.0 } else { x <= 0.0 };
+        if let Some(frame) = (0..frames).find(|&f| valid[f] && is_wrong(size[f][axis])) {
             let field = field.key(key);
             let index = frame.to_string();
             return Err(fields.error(

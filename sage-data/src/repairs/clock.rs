@@ -39,11 +39,11 @@ pub enum Clock {
 }
 
 impl Clock {
-    /// Duration of a frame, seconds.
-    pub fn step(&self) -> f64 {
+    /// Time from one frame to a later one, seconds.
+    pub fn between(&self, first: usize, last: usize) -> f64 {
         match self {
-            Self::Ten => DT,
-            Self::Other { step, .. } => *step,
+            Self::Ten => DT * (last - first) as f64,
+            Self::Other { times, .. } => times[last] - times[first],
         }
     }
 
@@ -90,7 +90,8 @@ impl Clock {
         let is_known = |step: f64| (RATES[0]..=RATES[1]).contains(&step);
         if step >= LEAST_RATE
             && field == "ts"
-            && let Some((unit, scale)) = UNITS.iter().find(|(_, scale)| is_known(step * scale))
+            && let Some((unit, scale)) =
+                UNITS.iter().find(|(_, scale)| (RATES[0]..=LONGEST).contains(&(step * scale)))
         {
             let first = scene.timestamps[0];
             scene.timestamps.iter_mut().for_each(|time| *time = (*time - first) * scale);
@@ -103,7 +104,7 @@ impl Clock {
             );
             scene.notes.push(note("frame-rate", text));
         }
-        if (step - DT).abs() <= TEN_HERTZ {
+        if (step - DT).abs() <= TEN_HERTZ || field == "ts" && is_coarse_ten_hertz(&scene.timestamps) {
             return Ok(Self::Ten);
         }
         let is_slow = step > RATES[1] && step <= LONGEST;
@@ -136,6 +137,12 @@ impl Clock {
         }
         Ok(Self::Other { times, step })
     }
+}
+
+/// Whether coarse digits hide 10 Hz: the steps are 0.1 s on average, and none is far from it.
+fn is_coarse_ten_hertz(times: &[f64]) -> bool {
+    let mean = (times[times.len() - 1] - times[0]) / (times.len() - 1) as f64;
+    (mean / DT - 1.0).abs() < 0.01 && times.windows(2).all(|w| (w[1] - w[0] - DT).abs() < 0.5 * DT)
 }
 
 /// A number for a message, without digits that say nothing.

@@ -6,23 +6,23 @@ use sage_core::{
     scene::{Scene, Track},
 };
 
-use super::note;
+use super::{clock::Clock, note};
 
 /// Speed from which a displacement says how long a frame lasts, m/s.
 const FAST: f64 = 2.0;
 /// Largest number of pairs of frames that are looked at.
 const MOST: usize = 20_000;
 
-/// Replaces velocities and headings of valid frames by those of the positions, `step` seconds apart: central
+/// Replaces velocities and headings of valid frames by those of the positions: central
 /// differences, at the ends of a run of valid frames one-sided. A heading is kept while a road user stands.
-pub(super) fn recompute(scene: &mut Scene, step: f64) {
+pub(super) fn recompute(scene: &mut Scene, clock: &Clock) {
     for track in &mut scene.tracks {
-        recompute_track(track, step);
+        recompute_track(track, clock);
     }
     scene.notes.push(note("trust-positions", "velocities and headings are those of the positions"));
 }
 
-fn recompute_track(track: &mut Track, step: f64) {
+fn recompute_track(track: &mut Track, clock: &Clock) {
     let frames = track.valid.len();
     let mut last: Option<f64> = None;
     let mut waiting: Vec<usize> = Vec::new();
@@ -32,7 +32,7 @@ fn recompute_track(track: &mut Track, step: f64) {
         }
         let first = if frame > 0 && track.valid[frame - 1] { frame - 1 } else { frame };
         let end = if track.is_valid(frame + 1) { frame + 1 } else { frame };
-        let elapsed = step * (end - first) as f64;
+        let elapsed = clock.between(first, end);
         let velocity: Point = match end - first {
             0 => track.velocity[frame],
             _ => sub(track.point(end), track.point(first)).map(|d| d / elapsed),

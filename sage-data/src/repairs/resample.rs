@@ -12,10 +12,13 @@ use sage_core::{
     scene::{Scene, Track},
 };
 
+use super::note;
 use crate::{Error, metadrive::MAX_FRAMES};
 
 /// Distance in time at which a frame falls on a recorded one, seconds.
 const SAME: f64 = 1e-4;
+/// Longest gap between frames over which motion is interpolated, seconds, unless the recording is slower than 5 Hz.
+const LONGEST_GAP: f64 = 0.25;
 /// Time up to which 32 bits tell milliseconds apart, seconds.
 const LONG_CLOCK: f64 = 8192.0;
 /// Tolerance of the last frame, as a share of a frame: the end of a recording is rounded.
@@ -60,10 +63,17 @@ impl Place {
 }
 
 /// Resamples a scene with increasing times. Returns the recorded frame nearest to each new one.
-pub(super) fn to_ten_hertz(scene: &mut Scene, times: &[f64]) -> Vec<usize> {
+pub(super) fn to_ten_hertz(scene: &mut Scene, times: &[f64], step: f64) -> Vec<usize> {
     let places = places(times);
+    let longest = LONGEST_GAP.max(1.5 * step);
+    let gaps = times.windows(2).filter(|w| w[1] - w[0] > longest).count();
+    if gaps > 0 {
+        let text =
+            format!("{gaps} gaps of more than {longest:.2} s in the times; the frames there are not valid");
+        scene.notes.push(note("frame-rate", text));
+    }
     for track in &mut scene.tracks {
-        *track = resampled(track, &places);
+        *track = resampled(track, &places, longest);
     }
     for light in &mut scene.lights {
         light.states = places.iter().map(|place| light.states[place.before]).collect();
@@ -100,7 +110,7 @@ fn places(times: &[f64]) -> Vec<Place> {
         .collect()
 }
 
-fn resampled(track: &Track, places: &[Place]) -> Track {
+fn resampled(track: &Track, places: &[Place], longest: f64) -> Track {
     let mut new = Track {
         id: track.id.clone(),
         kind: track.kind.clone(),
@@ -113,7 +123,7 @@ fn resampled(track: &Track, places: &[Place]) -> Track {
     for place in places {
         let (a, b) = (place.before, place.before + 1);
         let is_recorded = place.gap == 0.0;
-        let is_valid = track.valid[a] && (is_recorded || track.valid[b]);
+        let is_valid = track.valid[a] && (is_recorded || track.valid[b] && place.gap <= longest);
         new.valid.push(is_valid);
         if is_recorded || !is_valid {
             // What is not valid is never read.

@@ -9,6 +9,7 @@ use std::{
 use anyhow::{Context as _, Result};
 use sage_core::files::{self, Existing};
 use sage_data::{
+    repairs,
     stream::{Inputs, Item, map_in_order},
     womd::{self, EncodedScenario},
 };
@@ -127,7 +128,11 @@ fn write_shard(
     let mut stopped = None;
     let encode = |item: Item| {
         let is_record = item.shard().is_some();
-        let encoded = item.read(&args.reading.options()).and_then(|recording| recording.to_scenario());
+        let encoded = item.read(&args.reading.options()).and_then(|recording| {
+            let mut encoded = recording.to_scenario()?;
+            encoded.notes.extend(repairs::notes_of(&recording).map(|note| (note, 1)));
+            Ok(encoded)
+        });
         (is_record, encoded)
     };
     let written = files::write_with(path, Existing::Replace, |out| {

@@ -140,9 +140,16 @@ fn less_than_a_second_cannot_be_attacked() {
 #[test]
 fn overlapping_now_is_no_attack_whatever_follows() {
     // Boxes of 4 m × 2 m beside each other touch at 2 m.
-    for (offset, is_contact) in
-        [(0.0, true), (1.0, true), (1.9, true), (1.999, true), (2.0, false), (2.1, false)]
-    {
+    for (offset, is_contact) in [
+        (0.0, true),
+        (1.0, true),
+        (1.9, true),
+        (1.999, true),
+        (2.0, false),
+        (2.1, false),
+        (-1.0, true),
+        (-1.9, true),
+    ] {
         for along in [0.0, 1.0, 3.0, 3.9] {
             let scene = road(car("a", [along, offset], [10.0, 0.0]), vec![]);
             let ctx = context(&scene);

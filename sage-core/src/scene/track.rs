@@ -42,7 +42,8 @@ impl TrackKind {
 
     /// True if the file does not know the type.
     pub fn is_unknown(&self) -> bool {
-        matches!(self, Self::Other(name) if matches!(&name[..], Self::UNSET | "UNKNOWN" | "NONE" | ""))
+        let words = [Self::UNSET, "UNKNOWN", "NONE", ""];
+        matches!(self, Self::Other(name) if words.iter().any(|word| word.eq_ignore_ascii_case(name)))
     }
 
     /// The MetaDrive type name. A bus has that of a vehicle here; files keep their own word.
@@ -156,5 +157,43 @@ impl Track {
         out.extend(self.velocity.iter().flatten());
         out.extend(self.size.iter().flatten());
         out.extend(self.valid.iter().map(|&v| f64::from(u8::from(v))));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_other_formats_have_their_kind_in_any_case() {
+        let known = [
+            (TrackKind::Vehicle, "VEHICLE CAR VAN BUS SCHOOL_BUS TRUCK TRAILER MOTORCYCLE MOTORCYCLIST"),
+            (TrackKind::Pedestrian, "PEDESTRIAN"),
+            (TrackKind::Cyclist, "CYCLIST BICYCLE"),
+        ];
+        for (kind, names) in &known {
+            for name in names.split(' ') {
+                let title = format!("{}{}", &name[..1], name[1..].to_lowercase());
+                for name in [name, &name.to_lowercase(), &title] {
+                    assert_eq!(TrackKind::from_name(name), *kind, "{name}");
+                }
+            }
+        }
+        for name in [
+            "RIDERLESS_BICYCLE",
+            "riderless_bicycle",
+            "TRAFFIC_CONE",
+            "STATIC",
+            "Animal",
+            "CARS",
+            "BUS ",
+            "1",
+        ] {
+            let kind = TrackKind::from_name(name);
+            assert_eq!((kind.name(), kind.is_unknown()), (name, false), "files keep their own word");
+        }
+        for name in ["UNSET", "UNKNOWN", "NONE", "", "unknown", "None"] {
+            assert!(TrackKind::from_name(name).is_unknown(), "{name}");
+        }
     }
 }

@@ -174,6 +174,15 @@ impl Made {
         self
     }
 
+    /// Gives a track another type name.
+    pub(crate) fn with_type(mut self, track: &str, name: &str) -> Self {
+        let text = self.document.push_bytes(name.as_bytes());
+        let text = self.document.push(Node::Str(text));
+        let track = self.under_root(&["tracks", track]);
+        self.document.set(track, "type", text);
+        self
+    }
+
     /// Removes a column of a track.
     pub(crate) fn without(mut self, track: &str, key: &str) -> Self {
         let none = self.document.push(Node::None);

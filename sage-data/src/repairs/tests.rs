@@ -320,6 +320,35 @@ fn sizes_come_from_columns_numbers_or_a_table() {
     let assumed = without(base());
     assert_eq!(size(&assumed), super::sizes::default_size(&sage_core::scene::TrackKind::Pedestrian));
     assert!(kinds(&assumed.read().unwrap()).contains(&"no-size"));
+    // Every kind, and one size for every notation.
+    for (kind, expected) in [
+        ("VEHICLE", [4.6, 1.9, 1.6]),
+        ("CAR", [4.6, 1.9, 1.6]),
+        ("BUS", [4.6, 1.9, 1.6]),
+        ("MOTORCYCLIST", [4.6, 1.9, 1.6]),
+        ("PEDESTRIAN", [0.7, 0.7, 1.75]),
+        ("CYCLIST", [1.75, 0.6, 1.75]),
+        ("TRAFFIC_CONE", [0.4, 0.4, 2.0]),
+        ("TRAFFIC_BARRIER", [0.3, 2.0, 2.0]),
+        ("TRAFFIC_OBJECT", [1.0, 1.0, 1.0]),
+        ("UNSET", [1.0, 1.0, 1.0]),
+    ] {
+        let assumed = without(base()).with_type("person", kind);
+        assert_eq!(size(&assumed), expected, "{kind}");
+        assert!(kinds(&assumed.read().unwrap()).contains(&"no-size"), "{kind}");
+        let mut column = without(base()).with_type("person", kind);
+        column.set_array("person", "size", &[91, 3], &[0.5, 0.6, 1.7].repeat(91));
+        assert_eq!(size(&column), [0.5, 0.6, 1.7], "{kind}");
+        let mut numbers = base().with_type("person", kind);
+        for (key, value) in [("length", 0.4), ("width", 0.3), ("height", 1.5)] {
+            let value = numbers.document.push(Node::Float(value));
+            numbers.set("person", key, value);
+        }
+        assert_eq!(size(&numbers), [0.4, 0.3, 1.5], "{kind}");
+        for made in [column, numbers] {
+            assert!(!kinds(&made.read().unwrap()).contains(&"no-size"), "{kind}");
+        }
+    }
     let mut column = without(base());
     column.set_array("person", "size", &[91, 3], &[0.5, 0.6, 1.7].repeat(91));
     assert_eq!(size(&column), [0.5, 0.6, 1.7]);
@@ -358,18 +387,25 @@ fn a_second_recording_of_the_ego_is_left_out() {
         made.set_array("car", "position", &[91, 3], &rows);
         made.read().unwrap()
     };
-    for offset in [0.0, 0.1, 0.4] {
+    for offset in (-9..=9).map(|k| 0.05 * f64::from(k)) {
         let scene = copy(offset);
         assert!(scene.tracks.iter().all(|track| track.id != "car"), "{offset}");
         assert_eq!(scene.adversary_origin, AdversaryOrigin::None);
         assert!(kinds(&scene).contains(&"ego-copy"));
     }
-    for offset in [0.6, 2.0, 4.0] {
+    for offset in [0.6, 0.8, 1.5, 2.0, 3.0, 4.0, 4.5, -0.6, -0.8, -1.5, -2.0, -3.0, -4.0, -4.5] {
         let scene = copy(offset);
         assert_eq!(scene.adversary, Some(1), "{offset}");
         assert!(kinds(&scene).contains(&"contact-now"), "{offset}");
     }
     assert!(!kinds(&copy(4.7)).contains(&"contact-now"));
+}
+
+fn velocities_times(made: &mut Made, scale: f64) {
+    for track in made.scene.tracks.clone() {
+        let rows: Vec<f64> = track.velocity.iter().flatten().map(|x| scale * x).collect();
+        made.set_array(&track.id, "velocity", &[91, 2], &rows);
+    }
 }
 
 #[test]
@@ -420,6 +456,44 @@ fn contradictions_are_named_with_their_cause_and_positions_can_be_trusted() {
                 "{cause}, frame {frame}"
             );
         }
+    }
+    let finds = |kind: &str, change: &dyn Fn(&mut Made)| {
+        let mut made = Made::lasting(9.0, 0.1, circle);
+        change(&mut made);
+        kinds(&made.read().unwrap()).contains(&kind)
+    };
+    for angle in [-3.1, -2.5, -1.6, -1.0, -0.8, 0.8, 1.0, 1.6, 2.5, 3.1_f64] {
+        let (sin, cos) = angle.sin_cos();
+        let columns: Vec<Vec<f64>> = Made::lasting(9.0, 0.1, circle)
+            .scene
+            .tracks
+            .iter()
+            .map(|track| {
+                track.velocity.iter().flat_map(|[x, y]| [cos * x - sin * y, sin * x + cos * y]).collect()
+            })
+            .collect();
+        let rotate = |made: &mut Made| {
+            for (id, rows) in ["ego", "car", "person"].into_iter().zip(&columns) {
+                made.set_array(id, "velocity", &[91, 2], rows);
+            }
+        };
+        assert!(finds("velocity-against-positions", &rotate), "velocities turned by {angle}");
+        let turned: Vec<Vec<f64>> = Made::lasting(9.0, 0.1, circle)
+            .scene
+            .tracks
+            .iter()
+            .map(|track| track.heading.iter().map(|heading| heading + angle).collect())
+            .collect();
+        let turn = |made: &mut Made| {
+            for (id, rows) in ["ego", "car", "person"].into_iter().zip(&turned) {
+                made.set_array(id, "heading", &[91], rows);
+            }
+        };
+        assert!(finds("heading-against-positions", &turn), "headings turned by {angle}");
+    }
+    for scale in [0.2778, 0.3048, 0.447, 0.6214, 1.609, 2.237, 3.281, 3.6] {
+        let scaled = |made: &mut Made| velocities_times(made, scale);
+        assert!(finds("times-against-motion", &scaled), "velocities times {scale}");
     }
     let clean = Made::lasting(9.0, 0.1, circle).read().unwrap();
     assert!(kinds(&clean).iter().all(|kind| !kind.contains("against")), "{:?}", kinds(&clean));

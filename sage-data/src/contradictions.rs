@@ -20,7 +20,7 @@ const VELOCITY_SHARE: f64 = 0.4;
 const HEADING: f64 = 0.7;
 /// Share of a track's moving frames from which it counts as contradictory.
 const MOST_FRAMES: f64 = 0.5;
-/// Least number of moving frames of a track that are judged.
+/// Least number of moving frames of a track from which contradictions are looked for.
 const LEAST_FRAMES: usize = 10;
 /// Fastest road user, m/s: above it a step is a jump.
 const FASTEST: f64 = 100.0;

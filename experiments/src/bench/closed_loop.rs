@@ -71,7 +71,7 @@ impl<'a> DriverUnderTest<'a> {
         self.result(&self.episode(attack)?, attack, is_feasible, ctx)
     }
 
-    /// The same, with runs over red, and with the search for a way out that the driver had in the attacked drive.
+    /// The same, with runs over red, and with the search for an evasive manoeuvre in the attacked drive.
     ///
     /// *Errors*: as [`Episode::run`], and [`Avoidance::new`].
     pub(crate) fn attack_and_search(

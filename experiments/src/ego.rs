@@ -9,11 +9,12 @@ use sage_data::MAX_FILE;
 use sage_sim::{
     SimScene,
     drive::{Drive, Simulation, drive},
-    policy::{EgoPolicy, Replay},
+    policy::{EgoPolicy, Replay, Td3},
+    rl::read_policy,
 };
 use serde_json::{Value, json};
 
-use crate::{Registries, part::PolicyPart};
+use crate::{Registries, part::PolicyPart, progress};
 
 /// A driver under test.
 pub(crate) struct Ego {
@@ -33,6 +34,13 @@ impl Ego {
     pub(crate) fn new(named: &PolicyPart, registries: &Registries) -> Result<Self> {
         let PolicyPart(part) = named;
         let policy = part.build(&registries.policies)?;
+        if let Some(file) = named.file().filter(|_| part.name == Td3::NAME)
+            && read_policy(file.as_ref()).is_ok_and(|(_, card)| !card.is_hashed)
+        {
+            progress::say_once(&format!(
+                "note: policy `{file}` holds no hash of its content, so damage would not be noticed; policies of this version hold one"
+            ));
+        }
         let mut earlier = named.clone();
         earlier.0.options.retain(|key, value| key != "red_lights" || *value != json!(false));
         let (label, stream) = (named.to_string(), earlier.to_string());

@@ -138,7 +138,7 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
 fn print_usage(error: &clap::Error) -> ExitCode {
     if error.use_stderr() {
         // The message repeats arguments, which may hold control characters; `say` escapes them.
-        progress::say(error.render().to_string().trim_end());
+        progress::say_lines(error.render().to_string().trim_end());
         return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
     }
     match error.print() {

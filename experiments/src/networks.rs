@@ -21,6 +21,8 @@ const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
 const WAYMO: &str = "waymo";
 /// The same prior with experts of the paper's objectives.
 const WAYMO_PAPER: &str = "waymo-paper";
+/// Names of the weights that this project ships.
+const SHIPPED: [&str; 3] = ["procedural", WAYMO, WAYMO_PAPER];
 /// Prefix of a backbone's name that selects its initial weights, as a baseline.
 const UNTRAINED: &str = "untrained:";
 
@@ -55,7 +57,9 @@ pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Load
         };
         return Ok(Loaded { network, header, name: name.to_owned() });
     }
-    let (network, header) = find(name)?.prior(registry)?;
+    let weights = find(name)?;
+    let (network, header) = weights.prior(registry)?;
+    note_missing_hash(name, &header, &[]);
     Ok(Loaded { network, header, name: name.to_owned() })
 }
 
@@ -105,6 +109,12 @@ fn recorded(name: &str) -> Result<Option<PathBuf>> {
     }
 }
 
+/// Folder of the weights with a name, if there is one.
+pub(crate) fn folder_of(name: &str) -> Option<PathBuf> {
+    let file = if [WAYMO, WAYMO_PAPER].contains(&name) { recorded(name).ok()? } else { None };
+    file.and_then(|file| Some(file.parent()?.to_owned()))
+}
+
 /// Default weights for a scene: `waymo` for a recording if they are available, else `procedural`.
 ///
 /// *Errors*: the environment variable names a folder without weights.
@@ -125,7 +135,22 @@ pub(crate) fn load_experts(registry: &Registry<dyn Backbone>, name: &str) -> Res
 ///
 /// *Errors*: as [`load_experts`].
 pub(crate) fn find_experts(registry: &Registry<dyn Backbone>, name: &str) -> Result<(ExpertSet, Header)> {
-    ExpertSet::load(&find(name)?, registry).with_context(|| format!("weights `{name}`"))
+    let found = ExpertSet::load(&find(name)?, registry).with_context(|| format!("weights `{name}`"));
+    let (experts, header) = found?;
+    note_missing_hash(name, &header, experts.files_without_hash());
+    Ok((experts, header))
+}
+
+/// Prints once on stderr if files hold no hash of their content. Nothing is said of shipped weights.
+fn note_missing_hash(name: &str, prior: &Header, experts: &[PathBuf]) {
+    if SHIPPED.contains(&name) || prior.is_hashed && experts.is_empty() {
+        return;
+    }
+    let which = experts.first().filter(|_| prior.is_hashed);
+    let which = which.map_or_else(|| "the prior".to_owned(), |path| format!("`{}`", path.display()));
+    progress::say_once(&format!(
+        "note: weights `{name}`: {which} holds no hash of its content, so damage would not be noticed; files of this version hold one"
+    ));
 }
 
 /// The prior of some weights without its experts.
@@ -133,6 +158,7 @@ pub(crate) fn find_experts(registry: &Registry<dyn Backbone>, name: &str) -> Res
 /// *Errors*: as [`load`].
 pub(crate) fn find_prior(registry: &Registry<dyn Backbone>, name: &str) -> Result<(ExpertSet, Header)> {
     let (prior, header) = find(name)?.prior(registry).with_context(|| format!("weights `{name}`"))?;
+    note_missing_hash(name, &header, &[]);
     Ok((ExpertSet::of_prior(prior.into()), header))
 }
 

@@ -3,12 +3,13 @@
 
 mod command_line;
 mod dataset_run;
+mod inputs;
 mod run;
 
 use std::{
     collections::HashSet,
     io::{self, Write},
-    path::{Component, Path, PathBuf},
+    path::{Path, PathBuf},
 };
 
 use anyhow::{Context, Result, bail};
@@ -18,6 +19,7 @@ use crate::terminal;
 
 pub(crate) use command_line::{command, program};
 pub(crate) use dataset_run::DatasetRun;
+pub(crate) use inputs::Inputs;
 pub(crate) use run::{RECORD, Run, State};
 
 /// Length limit of a file name on common file systems, bytes.
@@ -32,9 +34,17 @@ pub(crate) struct Folder {
 impl Folder {
     /// Creates an output folder and claims it.
     ///
-    /// *Errors*: the folder is not empty and `force` is not given, another run holds it, or a system error.
+    /// *Errors*: the folder is not empty and `force` is not given, it holds an input, another run holds it, or a system
+    /// error.
     pub(crate) fn make(path: &Path, force: bool) -> Result<Self> {
-        let folder = Self::claim(path)?;
+        Self::make_beside(&Inputs::of_command_line(), path, force)
+    }
+
+    /// As [`Folder::make`], for a command with inputs that its command line does not name.
+    ///
+    /// *Errors*: as [`Folder::make`].
+    pub(crate) fn make_beside(inputs: &Inputs, path: &Path, force: bool) -> Result<Self> {
+        let folder = Self::claim(inputs, path)?;
         if !force && !folder.holds_at_most(&[])? {
             bail!("`{}` is not empty; give --force to write into it anyway", path.display());
         }
@@ -45,7 +55,7 @@ impl Folder {
     ///
     /// *Errors*: the folder has other content and `force` is not given, another run holds it, or a system error.
     pub(crate) fn resumable(path: &Path, force: bool, kept: &str) -> Result<Self> {
-        let folder = Self::claim(path)?;
+        let folder = Self::claim(&Inputs::of_command_line(), path)?;
         if !force && !folder.path.join(kept).is_dir() && !folder.holds_at_most(&[])? {
             bail!("`{}` is not empty; give --force to write into it anyway", path.display());
         }
@@ -53,7 +63,8 @@ impl Folder {
     }
 
     /// The same for a folder that may have content.
-    fn claim(path: &Path) -> Result<Self> {
+    fn claim(inputs: &Inputs, path: &Path) -> Result<Self> {
+        inputs.refuse_folder(path)?;
         create_folder(path)?;
         Ok(Self { path: path.to_owned(), claim: Claim::folder(path, &command())? })
     }
@@ -77,35 +88,28 @@ impl Folder {
 
     /// Writes a file of the folder and replaces an existing one.
     ///
-    /// *Errors*: a system error.
+    /// *Errors*: a folder of the name is a link; a system error.
     pub(crate) fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.path.join(name);
-        files::write(&path, bytes, Existing::Replace)
+        files::check_folders(&self.path, name.as_ref())
+            .and_then(|()| files::write(&path, bytes, Existing::Replace))
             .with_context(|| format!("cannot write `{}`", path.display()))
     }
 
-    /// Creates a folder inside this folder. A link that leads out of it is refused.
+    /// Removes a file or a folder of the folder, if it is there. A link is removed, never followed.
     ///
-    /// *Errors*: the name leads out of the folder, or a system error.
+    /// *Errors*: a folder of the name is a link; a system error.
+    pub(crate) fn remove(&self, name: &str) -> Result<()> {
+        files::remove_inside(&self.path, name.as_ref())
+            .with_context(|| format!("cannot remove `{}`", self.path.join(name).display()))
+    }
+
+    /// Creates a folder inside this folder.
+    ///
+    /// *Errors*: the name leads out of the folder, a part of it is a link, or a system error.
     pub(crate) fn inner(&self, name: &Path) -> Result<PathBuf> {
-        let path = self.path.join(name);
-        let fail = || format!("cannot create `{}`", path.display());
-        if !name.components().all(|part| matches!(part, Component::Normal(_))) {
-            bail!("`{}` does not lie in `{}`", path.display(), self.path.display());
-        }
-        let root = self.path.canonicalize().with_context(fail)?;
-        let mut created = self.path.clone();
-        for part in name.components() {
-            created.push(part);
-            match std::fs::create_dir(&created) {
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-                done => done.with_context(fail)?,
-            }
-            // Checked before anything is created below it.
-            if !created.canonicalize().with_context(fail)?.starts_with(&root) {
-                bail!("`{}` is a link that leads out of `{}`", created.display(), self.path.display());
-            }
-        }
+        let fail = || format!("cannot create `{}`", self.path.join(name).display());
+        let path = files::create_inside(&self.path, name).with_context(fail)?;
         self.claim.clean(&path).with_context(fail)?;
         Ok(path)
     }
@@ -121,7 +125,7 @@ pub(crate) struct OutputFile {
 impl OutputFile {
     /// Claims a file before its content is computed.
     ///
-    /// *Errors*: the file exists and `force` is not given, another run writes it, or its folder does not
+    /// *Errors*: the file exists and `force` is not given, it is an input, another run writes it, or its folder does not
     /// exist or is not writable.
     pub(crate) fn claim(path: &Path, force: bool) -> Result<Self> {
         let existing = if force { Existing::Replace } else { Existing::Keep };
@@ -130,6 +134,7 @@ impl OutputFile {
         }
         refuse_link(path)?;
         refuse_existing(path, force)?;
+        Inputs::of_command_line().refuse_file(path)?;
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             bail!("the folder `{}` does not exist; create it first", folder.display());

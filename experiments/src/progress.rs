@@ -2,7 +2,9 @@
 //! printed.
 
 use std::{
+    collections::BTreeSet,
     io::{IsTerminal, Write},
+    sync::{Mutex, PoisonError},
     time::{Duration, Instant},
 };
 
@@ -11,9 +13,22 @@ use crate::terminal;
 /// Minimum time between two updates.
 const INTERVAL: Duration = Duration::from_millis(200);
 
-/// Prints a line on stderr. A closed stderr is ignored.
+/// Prints a line on stderr; a new line in the text, which may be a stranger's, is escaped. A closed stderr is ignored.
 pub(crate) fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{}", terminal::escaped(text));
+    let _ = writeln!(std::io::stderr(), "{}", terminal::escaped_name(text));
+}
+
+/// Prints several lines of this program on stderr.
+pub(crate) fn say_lines(text: &str) {
+    text.lines().for_each(say);
+}
+
+/// As [`say`], but a text that was said before in this process is not repeated.
+pub(crate) fn say_once(text: &str) {
+    static SAID: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
+    if SAID.lock().unwrap_or_else(PoisonError::into_inner).insert(text.to_owned()) {
+        say(text);
+    }
 }
 
 /// Shows a line that the next one replaces, on a terminal only.

@@ -4,7 +4,7 @@ use std::{borrow::Cow, fmt::Write as _, io};
 
 use serde::Serialize;
 
-/// Escapes control characters and characters that change the text direction. Line ends stay.
+/// Escapes control characters, and characters that change the text direction or are not seen. Line ends stay.
 pub(crate) fn escaped(text: &str) -> Cow<'_, str> {
     if !text.chars().any(|c| controls_terminal(c) && c != '\n') {
         return Cow::Borrowed(text);
@@ -48,9 +48,11 @@ pub(crate) fn write_json_line(out: &mut impl io::Write, text: &str) -> io::Resul
     }
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
-        // In JSON such characters occur only within strings, and all have four hexadecimal digits.
+        // In JSON such characters occur only within strings.
         if controls_terminal(c) {
-            let _ = write!(escaped, "\\u{:04x}", u32::from(c));
+            for unit in c.encode_utf16(&mut [0; 2]) {
+                let _ = write!(escaped, "\\u{unit:04x}");
+            }
         } else {
             escaped.push(c);
         }
@@ -58,10 +60,37 @@ pub(crate) fn write_json_line(out: &mut impl io::Write, text: &str) -> io::Resul
     writeln!(out, "{escaped}")
 }
 
-/// True for control characters, and for characters that change the direction of text.
+/// A text of a stranger within a line of a Markdown page: what would be markup, HTML or a new line is escaped.
+pub(crate) fn escaped_markdown(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in escaped_name(text).chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '\\' | '`' | '*' | '_' | '[' | ']' | '|' | '!' | '#' | '~' => out.extend(['\\', c]),
+            _ => out.push(c),
+        }
+    }
+    out
+}
+
+/// A text of a stranger between backticks on a Markdown page, also in a table.
+pub(crate) fn escaped_markdown_code(text: &str) -> String {
+    escaped_name(text).replace('`', "'").replace('|', "\\u{7c}")
+}
+
+/// True for control characters, and for characters that change the direction of text, are not seen, or are none.
 fn controls_terminal(c: char) -> bool {
+    let code = u32::from(c);
     c.is_control()
-        || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+        || code & 0xfffe == 0xfffe
+        || matches!(
+            c,
+            '\u{ad}' | '\u{61c}' | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}'
+                | '\u{2060}'..='\u{206f}' | '\u{fdd0}'..='\u{fdef}' | '\u{feff}' | '\u{fff9}'..='\u{fffb}'
+                | '\u{e0000}'..='\u{e007f}'
+        )
 }
 
 #[cfg(test)]
@@ -74,11 +103,24 @@ mod tests {
         assert_eq!(escaped("\u{1b}[2Ja\u{9b}b\u{202e}c\r"), "\\u{1b}[2Ja\\u{9b}b\\u{202e}c\\u{d}");
         assert_eq!(escaped_name("a\nb"), "a\\nb");
         assert_eq!(escaped_html("<b>\"&\u{202e}"), "&lt;b&gt;&quot;&amp;\\u{202e}");
+        for hidden in ['\u{fffe}', '\u{1fffe}', '\u{200b}', '\u{2029}', '\u{2066}', '\u{feff}', '\u{e0041}'] {
+            assert_eq!(escaped(&format!("a{hidden}b")), format!("a{}b", hidden.escape_unicode()));
+        }
+    }
+
+    #[test]
+    fn a_stranger_writes_no_markup() {
+        let text = "MIT |\n\n# Install\n<script>![](http://x)`*_\u{1b}";
+        let page = escaped_markdown(text);
+        assert!(!page.contains(['\n', '<', '>', '\u{1b}']), "{page}");
+        assert!(page.contains("\\|") && page.contains("\\!\\[\\]") && page.contains("\\`\\*\\_"), "{page}");
+        assert!(!escaped_markdown_code(text).contains(['`', '|', '\n']));
+        assert_eq!(escaped_markdown("MIT OR Apache-2.0 (2026)."), "MIT OR Apache-2.0 (2026).");
     }
 
     #[test]
     fn json_keeps_its_value() {
-        let text = "\u{1b}[2J\u{9b}\u{202e}é\u{7f}";
+        let text = "\u{1b}[2J\u{9b}\u{202e}é\u{7f}\u{fffe}\u{e0041}";
         let mut out = Vec::new();
         json_line(&mut out, &text).unwrap();
         let line = String::from_utf8(out).unwrap();

@@ -1,6 +1,6 @@
 //! Errors of scenes, candidates and options, grouped by how a caller can react.
 
-use crate::geometry::MAX_COORDINATE;
+use crate::{geometry::MAX_COORDINATE, motion::PathTooLong};
 
 /// An error of `sage-core`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -18,6 +18,14 @@ pub enum Error {
         index: usize,
         /// The point as given.
         point: [f64; 2],
+    },
+    /// A position too far from the one before, or behind too long a path.
+    #[error("{what}: point {} {problem}", problem.frame())]
+    TooLong {
+        /// Name of the candidate or trajectory that holds the point.
+        what: String,
+        /// The limit that it exceeds; its frame is the index of the point, from 0.
+        problem: PathTooLong,
     },
     /// A trajectory whose length is not the horizon.
     #[error("{what}: {found} points, expected {expected}")]

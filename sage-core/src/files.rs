@@ -1,13 +1,16 @@
 //! File input and output: reads with a size limit, atomic writes, and exclusive claims on output folders.
 //!
 //! All crates and commands use these functions, so three properties hold everywhere. Every read has a size
-//! limit. A file under its final name is complete. A run that fails leaves no temporary files.
+//! limit. A file under its final name is complete, and no link is followed to write or to remove one. A run that
+//! fails leaves no temporary files.
 
 mod claim;
+mod inside;
 mod read;
 mod write;
 
 pub use claim::{Claim, ClaimError};
+pub use inside::{check_folders, create_inside, remove_inside};
 pub use read::{
     Opened, open_argument, read, read_argument, read_argument_text, read_open, read_start, read_text,
 };

@@ -18,6 +18,7 @@
 //! assert!((profile.speed[40] - 8.0).abs() < 1e-9);
 //! ```
 
+pub mod content_hash;
 pub mod error;
 pub mod files;
 pub mod generator;

@@ -3,9 +3,11 @@
 pub mod bicycle;
 pub mod idm;
 pub mod kinematics;
+mod path_limits;
 mod pose;
 pub(crate) mod trajectory;
 
+pub use path_limits::{MAX_PATH, MAX_STEP, PathTooLong, check_path};
 pub use pose::{Pose, State};
 pub use trajectory::{Trajectory, backward_velocity};
 

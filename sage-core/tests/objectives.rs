@@ -168,10 +168,20 @@ fn invalid_objectives_are_refused_by_name() {
     assert!(build(wrong).contains("unknown feasibility `none`; known: paper, drivable"));
     let wrong = r#"{"terms": [{"name": "realism", "weight": 1}], "violation_weight": -1}"#;
     assert!(build(wrong).contains("violation_weight"));
-    let mut spec = ObjectiveSpec::preset("natural").unwrap();
-    spec.terms[0].weight = Weight::Constant(f64::NAN);
-    let error = Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap()).err().unwrap();
-    assert!(error.to_string().contains("`adversarial` is not finite"), "{error}");
+    for weight in [
+        Weight::Constant(f64::NAN),
+        Weight::Constant(1e308),
+        Weight::Linear { mu0: 0.0, mu1: -1e10 },
+        Weight::Linear { mu0: f64::MAX, mu1: -f64::MAX },
+    ] {
+        let mut spec = ObjectiveSpec::preset("natural").unwrap();
+        spec.terms[0].weight = weight;
+        let error = Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap()).err().unwrap();
+        assert!(error.to_string().contains("`adversarial` is "), "{error}");
+        assert!(error.to_string().contains("within ±1e9"), "{error}");
+    }
+    let wrong = r#"{"terms": [{"name": "realism", "weight": 1}], "violation_weight": 1e300}"#;
+    assert!(build(wrong).contains("a number from 0 to 1e9"));
     for (positions, headings) in
         [(vec![], None), (vec![[0.0; 2]; 81], None), (vec![[0.0; 2]; 3], Some(vec![0.0]))]
     {

@@ -36,14 +36,18 @@ pub fn file_name(dataset: &str, version: &str, scene: &str) -> String {
 }
 
 /// A text from the content of a file as a file name: any character other than a letter, digit, `.`, `_` or `-`
-/// becomes `-`. A text that had others, or was too long, gets a hash, so that different texts have different names.
+/// becomes `-`. A text that had others, was too long, or begins with `-` like a flag, gets a hash, so that different texts
+/// have different names.
 pub(crate) fn plain_name(text: &str) -> String {
     let plain = replaced(text, |c| c == '_');
     // Names of dots are folders.
-    if plain == text && !plain.bytes().all(|byte| byte == b'.') {
+    if plain == text && !plain.bytes().all(|byte| byte == b'.') && !plain.starts_with('-') {
         return plain;
     }
-    let start = plain.trim_matches('.');
+    let start = match plain.trim_matches('.').trim_start_matches('-') {
+        "" => "scene",
+        start => start,
+    };
     format!("{start}-{}", &blake3::hash(text.as_bytes()).to_hex()[..8])
 }
 
@@ -101,13 +105,9 @@ impl FromStr for Shard {
 pub fn write_tables(folder: &Path) -> Result<usize, Error> {
     let files = pickles(folder)?;
     if files.is_empty() {
-        for table in [SUMMARY, MAPPING].map(|name| folder.join(name)) {
-            match std::fs::remove_file(&table) {
-                Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
-                    return Err(Error::Write { path: table, source });
-                }
-                _ => {}
-            }
+        for table in [SUMMARY, MAPPING] {
+            files::remove_inside(folder, table.as_ref())
+                .map_err(|source| Error::Write { path: folder.join(table), source })?;
         }
         return Ok(0);
     }

@@ -140,6 +140,7 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
     let entries = listed.entries(listed.root()).ok_or_else(|| {
         field(summary, String::new(), listed.describe(listed.root()), "a dict of file name to description")
     })?;
+    let mut inside = Inside::of(root)?;
     let mut files = Vec::with_capacity(entries.len());
     for (key, _) in entries {
         let name = listed
@@ -156,19 +157,43 @@ fn from_summary(root: &Path, summary: &Path) -> Result<Vec<PathBuf>, Error> {
         if !is_plain_name(name) {
             return Err(wrong(format!("`{}`", name.escape_debug()), "a file name without a folder"));
         }
-        // ScenarioNet merges data sets with mappings that point outside the folder. An absolute path is
-        // refused, because a data set could then name any file of the machine.
-        if Path::new(folder).has_root() || Path::new(folder).is_absolute() {
-            let found = format!("in `{}`", folder.escape_debug());
-            return Err(wrong(found, "a folder relative to the summary's"));
-        }
         let file = root.join(folder).join(name);
+        if !inside.holds(folder, &file) {
+            let found = format!("in `{}`", folder.escape_debug());
+            return Err(wrong(found, "a file inside the data set, links resolved; copy the files into it"));
+        }
         if std::fs::metadata(&file).is_ok_and(|found| !found.is_file()) {
             return Err(wrong("a folder, pipe or device".to_owned(), "a regular file"));
         }
         files.push(file);
     }
     Ok(files)
+}
+
+/// What lies inside a folder, links resolved. A data set could otherwise name any file of the machine.
+struct Inside {
+    root: PathBuf,
+    /// Folders that were asked for.
+    folders: HashMap<String, bool>,
+}
+
+impl Inside {
+    fn of(root: &Path) -> Result<Self, Error> {
+        let fail = |source| Error::Read { path: root.to_owned(), source };
+        Ok(Self { root: root.canonicalize().map_err(fail)?, folders: HashMap::new() })
+    }
+
+    /// Whether a file of a folder, which is relative to the root, lies inside the root. What does not exist is left to
+    /// the reader, unless its path leads out by `..`.
+    fn holds(&mut self, folder: &str, file: &Path) -> bool {
+        let is_inside = |path: &Path| path.canonicalize().is_ok_and(|path| path.starts_with(&self.root));
+        let is_down = |part| matches!(part, Component::Normal(_) | Component::CurDir);
+        let parent = file.parent().unwrap_or(file);
+        let holds = *self.folders.entry(folder.to_owned()).or_insert_with(|| {
+            if parent.exists() { is_inside(parent) } else { Path::new(folder).components().all(is_down) }
+        });
+        holds && (!file.is_symlink() || is_inside(file) || !file.exists())
+    }
 }
 
 /// True if a name is a plain file name, which cannot lead into another folder on any system.

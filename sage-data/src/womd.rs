@@ -7,6 +7,7 @@
 
 mod decode;
 mod encode;
+mod gzip;
 mod message_error;
 mod record_path;
 mod shard;
@@ -19,10 +20,11 @@ use std::path::{Path, PathBuf};
 pub use decode::{DATASET, VERSION};
 pub(crate) use encode::encode;
 pub use encode::{EncodedScenario, Notes};
+pub(crate) use gzip::is_gzip;
 pub use message_error::{MessageError, MessageProblem};
 pub use record_path::{is_record_path, shard_of};
 pub(crate) use record_path::{numbered, only_record, read_framed, record_paths, split_path};
-pub(crate) use shard::{Open, count, is_gzip, is_shard_name, open};
+pub(crate) use shard::{Open, count, is_shard_name, open};
 pub use shard::{ShardReader, is_shard};
 pub use tfrecord::{FrameProblem, Record, frame, write_frame};
 pub(crate) use tfrecord::{MAX_RECORD, begins_with_record};

@@ -29,6 +29,7 @@ pub struct ExpertSet {
     prior: Arc<dyn Backbone>,
     experts: Arc<[(String, Parameters)]>,
     tunes: Tunes,
+    unhashed: Arc<[PathBuf]>,
 }
 
 /// Content of an expert's file.
@@ -165,7 +166,7 @@ impl ExpertSet {
 
     /// A prior without experts, for what needs no mixture.
     pub fn of_prior(prior: Arc<dyn Backbone>) -> Self {
-        Self { prior, experts: Arc::new([]), tunes: Tunes::Scores }
+        Self { prior, experts: Arc::new([]), tunes: Tunes::Scores, unhashed: Arc::new([]) }
     }
 
     /// The experts of a prior from their files, by names of the caller.
@@ -177,8 +178,11 @@ impl ExpertSet {
         files: impl IntoIterator<Item = (String, ExpertFile)>,
     ) -> Result<Self, Error> {
         let hash = prior.parameters().hash()?;
-        let mut tunes = Tunes::Scores;
+        let (mut tunes, mut unhashed) = (Tunes::Scores, Vec::new());
         let checked = files.into_iter().map(|(name, file)| {
+            if !file.header.is_hashed {
+                unhashed.push(file.path.clone());
+            }
             // One expert with its own encoder makes all models of the set encode for themselves.
             if file.tunes()? == Tunes::All {
                 tunes = Tunes::All;
@@ -187,7 +191,7 @@ impl ExpertSet {
             Ok((name, parameters))
         });
         let experts = checked.collect::<Result<Vec<_>, Error>>()?;
-        Self::tuned(prior, experts, tunes)
+        Ok(Self { unhashed: unhashed.into(), ..Self::tuned(prior, experts, tunes)? })
     }
 
     /// A prior and named experts of which the scores alone were tuned, in the order of a mixture's weights.
@@ -225,7 +229,12 @@ impl ExpertSet {
                 return Err(sage_backbones::Error::Weights { what, problems }.into());
             }
         }
-        Ok(Self { prior, experts: experts.into(), tunes })
+        Ok(Self { prior, experts: experts.into(), tunes, unhashed: Arc::new([]) })
+    }
+
+    /// Files of experts without a hash of their content, so that damage is not noticed.
+    pub fn files_without_hash(&self) -> &[PathBuf] {
+        &self.unhashed
     }
 
     /// What of the experts was tuned.
@@ -258,7 +267,7 @@ impl ExpertSet {
     pub fn only(&self, names: &[&str]) -> Result<Self, Error> {
         let experts = names.iter().map(|name| Ok(self.experts[self.index_of(name)?].clone()));
         let experts = experts.collect::<Result<Vec<_>, Error>>()?;
-        Ok(Self { prior: self.prior.clone(), experts: experts.into(), tunes: self.tunes })
+        Ok(Self { experts: experts.into(), ..self.clone() })
     }
 
     /// Names of the experts, in the order of a mixture's weights.

@@ -13,6 +13,7 @@
 
 mod adam;
 mod attacker;
+mod buffer_log;
 mod checkpoint;
 pub mod curriculum;
 mod evaluation;
@@ -24,13 +25,15 @@ mod policy;
 mod policy_file;
 mod replay_buffer;
 pub mod scene_sampler;
+mod tensor_file;
 mod training;
 mod training_options;
 mod training_state;
 mod way_out;
 
 pub use attacker::{Attacker, plan_of_generator};
-pub use checkpoint::{BUFFER, CHECKPOINT};
+pub use buffer_log::BUFFER;
+pub use checkpoint::CHECKPOINT;
 pub use curriculum::{Curriculum, Progress, SuccessRates};
 pub use evaluation::{EpisodeRow, attack_episode, drive_episode, drive_scene, evaluation_rules};
 pub use kernels::Real;

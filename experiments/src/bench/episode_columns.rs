@@ -63,7 +63,7 @@ pub(crate) fn csv_values(value: impl Fn(&Column) -> Option<f64>) -> String {
 
 /// One episode as the end of a line of CSV: its scene, its steps, all columns.
 pub(crate) fn csv_episode(row: &EpisodeRow, names: &[String]) -> String {
-    let scene = names[row.scene].replace('"', "'");
+    let scene = names.get(row.scene).map_or("unknown", String::as_str).replace('"', "'");
     format!("\"{scene}\",{}{}\n", row.steps, csv_values(|column| (column.value)(row)))
 }
 

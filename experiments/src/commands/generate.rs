@@ -18,7 +18,7 @@ use crate::{
     Outcome, Registries,
     cli::GenerateArgs,
     input,
-    output::{self, DatasetRun},
+    output::{self, DatasetRun, Inputs},
     progress,
     scene_queue::{self, Input, Report, is_row_of},
 };
@@ -43,6 +43,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         .filter_map(|file| file.file_name().map(PathBuf::from))
         .collect();
     output::protect_inputs(std::slice::from_ref(&args.scene), &files, &args.folder.out, &names)?;
+    Inputs::of_command_line().refuse_folder(&args.folder.out)?;
     let out = &args.folder.out;
     let outdated = || own.iter().flat_map(|input| outputs(&plan, out, input)).collect();
     let run = DatasetRun::start(out, plan.identity()?, args.folder.force, args.shard, outdated)?;

@@ -15,8 +15,9 @@ use crate::{
     Outcome, Registries,
     cli::MergeArgs,
     networks,
-    output::{self, Folder},
+    output::{self, Folder, Inputs},
     progress,
+    terminal::{escaped_markdown, escaped_markdown_code},
 };
 
 use greedy_soup::{Search, Step};
@@ -69,7 +70,12 @@ fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str)
     );
     let merged = merged_weights(tensors, &experts, &mixture, args.seed)?;
     // Everything is checked, so the folder is made only now.
-    let folder = Folder::make(&args.folder.out, args.folder.force)?;
+    let models = recipe.models.iter().map(|(model, _)| beside(&args.recipe, model));
+    let scenes =
+        recipe.search.iter().flat_map(|search| &search.scenes).map(|path| beside(&args.recipe, path));
+    let inputs = Inputs::of_command_line().and(models).and(scenes).and([base]);
+    let inputs = inputs.and(networks::folder_of(&recipe.base));
+    let folder = Folder::make_beside(&inputs, &args.folder.out, args.folder.force)?;
     let mut header = Header {
         backbone: experts.prior().name().to_owned(),
         options: experts.prior().options().clone(),
@@ -150,6 +156,7 @@ fn card(
     let experts_of = experts.experts().iter().zip(&recipe.models).zip(sources).zip(mixture.weights());
     for ((((name, parameters), (model, _)), source), weight) in experts_of {
         let [data, license] = [&source.data, &source.license].map(|text| stated(text));
+        let (name, model) = (escaped_markdown(name), escaped_markdown_code(model));
         let hash = &parameters.hash()?[..16];
         rows += &format!("| {name} | {weight} | `{model}` | `{hash}` | {data} | {license} |\n");
     }
@@ -158,11 +165,16 @@ fn card(
         search = format!(
             "\nThe weights are those of a greedy soup on `{}`, by the mean value of the selected attacks under `{selection}` at mu {mu}:\n\n\
              | expert | own value | value of the soup with it | in the soup |\n| --- | --- | --- | --- |\n",
-            scenes.join("`, `")
+            scenes.iter().map(|path| escaped_markdown_code(path)).collect::<Vec<_>>().join("`, `")
         );
         for step in steps {
             let kept = if step.is_kept { "yes" } else { "no" };
-            search += &format!("| {} | {:.4} | {:.4} | {kept} |\n", step.expert, step.own, step.with_it);
+            search += &format!(
+                "| {} | {:.4} | {:.4} | {kept} |\n",
+                escaped_markdown(&step.expert),
+                step.own,
+                step.with_it
+            );
         }
     }
     Ok(format!(
@@ -170,17 +182,18 @@ fn card(
          | | |\n| --- | --- |\n| merger | `{}` |\n| backbone | {} |\n| prior | `{}` (`{}`) |\n| prior trained on | {} |\n| licence | {} |\n| command | `{}` |\n| version | sage {} |\n\n\
          | expert | weight | file | hash | tuned on | licence |\n| --- | --- | --- | --- | --- | --- |\n{rows}{search}\n\
          Use it: `sage generate SCENES --weights DIR --method prior --out OUT`, with this folder as DIR.\n",
-        recipe.merger,
-        header.backbone,
-        recipe.base,
+        escaped_markdown_code(&recipe.merger.to_string()),
+        escaped_markdown(&header.backbone),
+        escaped_markdown_code(&recipe.base),
         &experts.prior().parameters().hash()?[..16],
         stated(&header.data),
         stated(&header.license),
-        header.command,
+        escaped_markdown_code(&header.command),
         env!("CARGO_PKG_VERSION"),
     ))
 }
 
-fn stated(text: &str) -> &str {
-    if text.is_empty() { "not stated" } else { text }
+/// What a file says of itself, for a page.
+fn stated(text: &str) -> String {
+    if text.is_empty() { "not stated".to_owned() } else { escaped_markdown(text) }
 }

@@ -58,6 +58,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         command: output::command(),
         license: args.license.clone().unwrap_or_default(),
         notes: [("start".to_owned(), initial_weights(args, &*network)?)].into(),
+        ..Header::default()
     };
     let identity = json!({
         "backbone": &header.backbone, "network": &header.options, "options": options, "data": &header.data,

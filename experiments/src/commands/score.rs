@@ -2,8 +2,9 @@
 
 use std::{io::Write, sync::Arc};
 
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use sage_core::{
+    motion::{NOW, check_path},
     objective::{Context, ContextOptions, FurtherMeasures, Scorer, Scores, Sizes},
     scene::SceneIndex,
 };
@@ -61,6 +62,11 @@ pub(crate) fn run(args: &ScoreArgs, registries: &Registries) -> Result<Outcome> 
             }
         };
         let prepared = ctx.candidate(candidate.trajectory);
+        let start = prepared.start().position;
+        check_path([(0, start), (1, prepared.points()[0])]).map_err(|problem| {
+            let (file, name) = (args.candidates.display(), &candidate.name);
+            anyhow!("`{file}`: candidate `{name}`: point 0 {problem}, the adversary's at frame {NOW}")
+        })?;
         let scores = Scorer::with(ctx, &further).scores(&prepared);
         let avoidable = args.avoidable.options().map(|options| Avoidance::new(ctx, options)).transpose()?;
         let avoidable = avoidable.map(|avoidance| avoidance.of(&prepared));

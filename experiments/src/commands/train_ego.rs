@@ -16,7 +16,7 @@ use anyhow::{Context as _, Result, anyhow, bail};
 use sage_backbones::training::SceneData;
 use sage_sim::{
     SimScene,
-    rl::{Td3Options, TrainingOptions},
+    rl::{BUFFER, CHECKPOINT, Td3Options, TrainingOptions},
 };
 use serde_json::{Map, Value, json};
 
@@ -99,11 +99,8 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         license: args.license.clone().unwrap_or_else(|| own.to_owned()),
     };
     drop((training, evaluation));
-    let temporary: Vec<String> = args
-        .seeds
-        .clone()
-        .map(|seed| format!("{}/{}", one_seed::folder(seed), sage_sim::rl::BUFFER))
-        .collect();
+    let temporary: Vec<String> =
+        args.seeds.clone().map(|seed| format!("{}/{BUFFER}", one_seed::folder(seed))).collect();
     let temporary: Vec<&str> = temporary.iter().map(String::as_str).collect();
     let results = ["curves.csv", "curves.svg"];
     let (run, state) = Run::start(
@@ -119,7 +116,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     }
     if state == State::New {
         for seed in args.seeds.clone() {
-            one_seed::clear(&run.folder().inner(one_seed::folder(seed).as_ref())?)?;
+            run.folder().remove(&format!("{}/{CHECKPOINT}", one_seed::folder(seed)))?;
         }
     }
     let trained = all_seeds(&shared, &run)?;

@@ -59,8 +59,8 @@ impl DatasetRun {
         if force {
             run.refuse_other_data_set()?;
             // The record goes first, so that a folder with rows of two runs never has the record of one run.
-            run.remove(RECORD)?;
-            outdated().iter().try_for_each(|name| run.remove(name))?;
+            run.folder.remove(RECORD)?;
+            outdated().iter().try_for_each(|name| run.folder.remove(name))?;
             run.record(&Value::Null, None, None)?;
         } else if !is_same {
             let is_unused = record.as_ref().is_some_and(|r| r["run"].is_object() && r["seconds"].is_null());
@@ -153,15 +153,5 @@ impl DatasetRun {
             "per_attack": {"seconds": per_attack}, "seconds": seconds,
         });
         self.folder.write(RECORD, format!("{record:#}\n").as_bytes())
-    }
-
-    fn remove(&self, name: &str) -> Result<()> {
-        let path = self.folder.path().join(name);
-        match std::fs::remove_file(&path) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-                Err(error).with_context(|| format!("cannot remove `{}`", path.display()))
-            }
-            _ => Ok(()),
-        }
     }
 }

@@ -3,11 +3,11 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use sage_core::files;
 use serde_json::{Value, json};
 
-use super::{Folder, command};
+use super::{Folder, Inputs, command};
 use crate::progress;
 
 /// File with the identity, results and duration of a run.
@@ -58,7 +58,8 @@ impl Run {
         results: &[&str],
     ) -> Result<(Self, State)> {
         let owned = temporary.iter().map(|name| (*name).to_owned()).collect();
-        let run = Self { folder: Folder::claim(path)?, identity, temporary: owned };
+        let run =
+            Self { folder: Folder::claim(&Inputs::of_command_line(), path)?, identity, temporary: owned };
         let state = if force { State::New } else { run.state(results) };
         match state {
             State::New
@@ -71,9 +72,9 @@ impl Run {
             }
             State::New => {
                 // The record goes first, so that it never marks a folder with missing results as done.
-                run.remove(RECORD)?;
+                run.folder.remove(RECORD)?;
                 for name in temporary.iter().chain(outdated) {
-                    run.remove(name)?;
+                    run.folder.remove(name)?;
                 }
                 run.record(&Value::Null, None)?;
             }
@@ -126,16 +127,6 @@ impl Run {
     }
 
     fn clear(&self) -> Result<()> {
-        self.temporary.iter().try_for_each(|name| self.remove(name))
-    }
-
-    fn remove(&self, name: &str) -> Result<()> {
-        let path = self.folder.path().join(name);
-        let outcome = match path.symlink_metadata() {
-            Err(_) => return Ok(()),
-            Ok(found) if found.is_dir() => std::fs::remove_dir_all(&path),
-            Ok(_) => std::fs::remove_file(&path),
-        };
-        outcome.with_context(|| format!("cannot remove `{}`", path.display()))
+        self.temporary.iter().try_for_each(|name| self.folder.remove(name))
     }
 }

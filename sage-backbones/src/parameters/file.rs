@@ -6,8 +6,11 @@ use std::{
 };
 
 use candle_core::{Device, Tensor};
-use safetensors::SafeTensors;
-use sage_core::files::{self, Existing};
+use safetensors::{SafeTensors, View};
+use sage_core::{
+    content_hash::{HashedTensor, check_hash, content_hash, with_hash},
+    files::{self, Existing},
+};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -46,27 +49,37 @@ pub struct Header {
     /// Further notes by name.
     #[serde(default)]
     pub notes: BTreeMap<String, String>,
+    /// Whether the file that it was read from held a hash of its content, which was checked. Files of earlier versions
+    /// hold none.
+    #[serde(skip)]
+    pub is_hashed: bool,
 }
 
 impl Parameters {
-    /// The file's bytes; equal for equal weights and header.
+    /// The file's bytes, with a hash of its content in the header; equal for equal weights and header.
     ///
     /// *Errors*: none that a caller can cause.
     pub fn to_bytes(&self, header: &Header) -> Result<Vec<u8>, Error> {
         let json = serde_json::to_string(header).map_err(|e| Error::Training(e.to_string()))?;
-        let metadata = HashMap::from([(KEY.to_owned(), json)]);
         let contiguous: Vec<(&str, Tensor)> = self
             .iter()
             .map(|(name, tensor)| Ok((name, tensor.contiguous()?)))
             .collect::<candle_core::Result<_>>()?;
-        let views = contiguous.iter().map(|(name, tensor)| (*name, tensor));
+        let views: Vec<(&str, &Tensor)> = contiguous.iter().map(|(name, tensor)| (*name, tensor)).collect();
+        let data: Vec<_> = views.iter().map(|(_, tensor)| tensor.data()).collect();
+        let hashed = views.iter().zip(&data).map(|((name, tensor), bytes)| {
+            let dtype = format!("{:?}", View::dtype(tensor));
+            (*name, HashedTensor { dtype, shape: tensor.dims().to_vec(), bytes })
+        });
+        let metadata = HashMap::from([(KEY.to_owned(), with_hash(&json, &content_hash(&json, hashed)))]);
         safetensors::serialize(views, Some(metadata))
             .map_err(|e| Error::Training(format!("cannot serialise weights: {e}")))
     }
 
     /// Reads the bytes of [`Parameters::to_bytes`]; `path` is for messages.
     ///
-    /// *Errors*: [`Error::NoNetwork`]; [`Error::Format`], also for a number that is not finite, with its tensor.
+    /// *Errors*: [`Error::NoNetwork`]; [`Error::Format`], also for content that does not match its hash, and for a
+    /// number that is not finite, with its tensor.
     pub fn from_bytes(bytes: &[u8], path: &Path) -> Result<(Self, Header), Error> {
         let fail = |problem: String| Error::Format { path: path.to_owned(), problem };
         let broken = |e: safetensors::SafeTensorError| {
@@ -81,9 +94,14 @@ impl Parameters {
         let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(broken)?;
         let json = metadata.metadata().as_ref().and_then(|m| m.get(KEY));
         let json = json.ok_or_else(|| Error::NoNetwork { path: path.to_owned() })?;
-        let header =
-            serde_json::from_str(json).map_err(|e| fail(format!("has a broken `sage` header: {e}")))?;
         let file = SafeTensors::deserialize(bytes).map_err(broken)?;
+        let hashed = file.iter().map(|(name, view)| {
+            let dtype = format!("{:?}", view.dtype());
+            (name, HashedTensor { dtype, shape: view.shape().to_vec(), bytes: view.data() })
+        });
+        let (json, is_hashed) = check_hash(json, hashed).map_err(|e| fail(format!("cannot be used: {e}")))?;
+        let header: Header =
+            serde_json::from_str(&json).map_err(|e| fail(format!("has a broken `sage` header: {e}")))?;
         let mut parameters = Self::default();
         for (name, view) in file.iter() {
             let of_type = |problem: String| fail(format!("tensor `{}` {problem}", name.escape_debug()));
@@ -95,7 +113,7 @@ impl Parameters {
             let tensor = tensor.map_err(of_type)?;
             parameters.insert(name, tensor.reshape(view.shape())?);
         }
-        Ok((parameters, header))
+        Ok((parameters, Header { is_hashed, ..header }))
     }
 
     /// Writes the file completely or not at all; replaces an existing file.

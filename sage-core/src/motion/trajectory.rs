@@ -1,6 +1,6 @@
 //! Planned positions of one car.
 
-use super::{DT, HORIZON, MAX_COORDINATE};
+use super::{DT, HORIZON, MAX_COORDINATE, path_limits::check_path};
 use crate::{Error, geometry::Point};
 
 /// [`HORIZON`] planned positions, finite, world frame, 10 Hz: frames 11 to 90.
@@ -12,7 +12,8 @@ impl Trajectory {
     /// Checks and takes the points; `what` names them in errors.
     ///
     /// *Errors*: [`Error::Length`] for another number than [`HORIZON`], [`Error::NotFinite`] for a
-    /// coordinate that is NaN, infinite or beyond [`MAX_COORDINATE`].
+    /// coordinate that is NaN, infinite or beyond [`MAX_COORDINATE`], [`Error::TooLong`] for a step beyond
+    /// [`super::MAX_STEP`].
     pub fn new(what: &str, points: Vec<Point>) -> Result<Self, Error> {
         if points.len() != HORIZON {
             return Err(Error::Length { what: what.to_owned(), found: points.len(), expected: HORIZON });
@@ -41,15 +42,16 @@ impl From<Trajectory> for Vec<Point> {
     }
 }
 
-/// Checks that all coordinates are finite and within [`MAX_COORDINATE`].
+/// Checks that all coordinates are finite and within [`MAX_COORDINATE`], and the limits of a path.
 ///
-/// *Errors*: [`Error::NotFinite`] for the first point that is not.
+/// *Errors*: [`Error::NotFinite`] or [`Error::TooLong`] for the first point that is not.
 pub(crate) fn check_points(what: &str, points: &[Point]) -> Result<(), Error> {
     // NaN fails the comparison as well.
     let bad = |p: &Point| !(p[0].abs() <= MAX_COORDINATE && p[1].abs() <= MAX_COORDINATE);
     match points.iter().position(bad) {
         Some(index) => Err(Error::NotFinite { what: what.to_owned(), index, point: points[index] }),
-        None => Ok(()),
+        None => check_path(points.iter().copied().enumerate())
+            .map_err(|problem| Error::TooLong { what: what.to_owned(), problem }),
     }
 }
 
@@ -74,5 +76,9 @@ mod tests {
             let error = Trajectory::new("candidate `a`", points).unwrap_err().to_string();
             assert!(error.starts_with("candidate `a`: point 3 is [0.0, "), "{error}");
         }
+        let mut points = vec![[9e7, 0.0]; 80];
+        points[3][0] -= 101.0;
+        let error = Trajectory::new("candidate `a`", points).unwrap_err().to_string();
+        assert!(error.starts_with("candidate `a`: point 3 is 101 m from the position before"), "{error}");
     }
 }

@@ -5,7 +5,8 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 use super::{
-    Candidate, Context, Evaluation, Feasibility, ObjectiveSpec, PartSpec, Reward, Situation, TermSpec, Weight,
+    Candidate, Context, Evaluation, Feasibility, ObjectiveSpec, PartSpec, Reward, Situation, TermSpec,
+    Weight, spec::MAX_WEIGHT,
 };
 use crate::{Error, registry::Registry};
 
@@ -28,7 +29,7 @@ impl Objective {
     /// The objective of a spec.
     ///
     /// *Errors*: [`Error::Unknown`] for a name that is not registered; [`Error::Options`] for options that
-    /// a part refuses, for a spec without terms, or for a weight that is not finite.
+    /// a part refuses, for a spec without terms, or for a weight beyond [`MAX_WEIGHT`].
     pub fn new(
         spec: &ObjectiveSpec,
         rewards: &Registry<dyn Reward>,
@@ -38,14 +39,19 @@ impl Objective {
         if spec.terms.is_empty() {
             return fail("terms", "there are none; expected at least one".to_owned());
         }
-        if !(spec.violation_weight >= 0.0 && spec.violation_weight.is_finite()) {
+        if !(0.0..=MAX_WEIGHT).contains(&spec.violation_weight) {
             let found = spec.violation_weight;
-            return fail("violation_weight", format!("it is {found}; expected a finite number, 0 or more"));
+            return fail(
+                "violation_weight",
+                format!("it is {found}; expected a number from 0 to {MAX_WEIGHT:e}"),
+            );
         }
         let mut terms = Vec::with_capacity(spec.terms.len());
         for term in &spec.terms {
-            if !term.weight.is_finite() {
-                return fail("weight", format!("that of `{}` is not finite", term.name));
+            if let Some(found) = term.weight.out_of_range() {
+                let problem =
+                    format!("that of `{}` is {found}; expected a number within ±{MAX_WEIGHT:e}", term.name);
+                return fail("weight", problem);
             }
             let reward = rewards.build(&term.name, &Value::Object(term.options.clone()))?;
             terms.push(Term {

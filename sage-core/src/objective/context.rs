@@ -78,7 +78,8 @@ impl Context {
 
     /// The same scene, convention and sizes with other ego paths: index and other road users are shared.
     ///
-    /// *Errors*: none for given paths; see [`Context::new`].
+    /// *Errors*: [`Error::Scene`] for a path that begins elsewhere than the ego; [`Error::Options`] for weights
+    /// whose sum is not finite.
     pub fn with_ego(&self, ego: &EgoPaths) -> Result<Self, Error> {
         let options = PathOptions { convention: self.convention(), size: self.ego_size };
         let egos = ego::prepare(Some(ego), &self.scene, options)?.into();

@@ -5,7 +5,7 @@ use crate::{
     Error,
     geometry::{OrientedBox, Point},
     motion::{
-        HORIZON, NOW, Pose, backward_velocity,
+        HORIZON, NOW, Pose, backward_velocity, check_path,
         kinematics::{paper, release},
         trajectory::check_points,
     },
@@ -36,7 +36,7 @@ impl EgoPaths {
     ///
     /// *Errors*: [`Error::Options`] for no position, for more than 80, or for a weight that is not above 0;
     /// [`Error::Length`] for a number of headings other than the number of positions; [`Error::NotFinite`]
-    /// for a coordinate or heading.
+    /// for a coordinate or heading; [`Error::TooLong`] for a step beyond [`crate::motion::MAX_STEP`].
     pub fn and(
         mut self,
         what: &str,
@@ -114,7 +114,8 @@ pub(super) struct PathOptions {
 
 /// Prepares the given paths, or the logged one.
 ///
-/// *Errors*: [`Error::Scene`] if no path is given and the log has none.
+/// *Errors*: [`Error::Scene`] if no path is given and the log has none, or if a given path begins farther from the
+/// ego than [`crate::motion::MAX_STEP`].
 pub(super) fn prepare(
     given: Option<&EgoPaths>,
     scene: &Scene,
@@ -122,16 +123,22 @@ pub(super) fn prepare(
 ) -> Result<Vec<EgoPath>, Error> {
     let Some(EgoPaths(given)) = given else { return Ok(vec![logged(scene, options)?]) };
     let total: f64 = given.iter().map(|path| path.weight).sum();
+    if !total.is_finite() {
+        let problem = format!("the weights sum to {total}; expected a finite sum");
+        return Err(Error::Options { kind: "ego path", name: "weight", problem });
+    }
+    let start = scene.ego().point(NOW);
+    for path in given {
+        check_path([(0, start), (1, path.positions[0])]).map_err(|problem| Error::Scene {
+            scene: scene.id.clone(),
+            problem: format!("the first position of the given ego path {problem}, that of frame {NOW}"),
+        })?;
+    }
     let prepare = |path: &GivenPath| {
         let boxes = boxes(&path.positions, path.headings.as_deref(), scene.ego(), options);
         let mut boxes: Vec<_> = boxes.into_iter().map(Some).collect();
         boxes.resize(HORIZON, None);
-        EgoPath {
-            weight: path.weight / total,
-            start: scene.ego().point(NOW),
-            positions: path.positions.clone(),
-            boxes,
-        }
+        EgoPath { weight: path.weight / total, start, positions: path.positions.clone(), boxes }
     };
     Ok(given.iter().map(prepare).collect())
 }

@@ -73,6 +73,9 @@ impl PartSpec {
     }
 }
 
+/// Largest weight of a term and of violations. Larger ones only hide the other terms, and their sums could overflow.
+pub const MAX_WEIGHT: f64 = 1e9;
+
 /// A weight: one number, or two numbers, at μ = 0 and μ = 1, with linear interpolation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Weight {
@@ -96,11 +99,10 @@ impl Weight {
         }
     }
 
-    pub(super) fn is_finite(self) -> bool {
-        match self {
-            Self::Constant(weight) => weight.is_finite(),
-            Self::Linear { mu0, mu1 } => mu0.is_finite() && mu1.is_finite(),
-        }
+    /// The value at μ = 0 or 1 that is beyond ±[`MAX_WEIGHT`] or no number, if there is one.
+    pub(super) fn out_of_range(self) -> Option<f64> {
+        let ends = [self.at(0.0), self.at(1.0)];
+        ends.into_iter().find(|weight| !(weight.abs() <= MAX_WEIGHT))
     }
 }
 

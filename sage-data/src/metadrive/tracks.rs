@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, HashSet};
 
 use sage_core::{
-    motion::MAX_COORDINATE,
+    motion::{MAX_COORDINATE, check_path},
     scene::{Track, TrackKind},
 };
 
@@ -117,6 +117,11 @@ fn track(
     let valid: Vec<bool> = valid.into_iter().map(|x| x != 0.0).collect();
     let position = get("position", "(x, y, z) per frame")?;
     let position = fields.valid_table::<3>(position, &field.key("position"), &[3, 2], &valid)?;
+    let valid_points = (0..frames).filter(|f| valid[*f]).map(|f| (f, [position[f][0], position[f][1]]));
+    check_path(valid_points).map_err(|problem| {
+        let field = field.key("position");
+        fields.error(&field.key(&problem.frame().to_string()), problem.found(), problem.expected())
+    })?;
     let velocity = get("velocity", "(vx, vy) per frame")?;
     let velocity = fields.valid_table::<2>(velocity, &field.key("velocity"), &[2, 3], &valid)?;
     let heading = get("heading", "one number per frame")?;

@@ -4,7 +4,7 @@ use std::{collections::HashSet, ops::Range, path::Path, sync::Arc};
 
 use safetensors::{Dtype, SafeTensors, tensor::Metadata};
 use sage_core::{
-    motion::{HISTORY, MAX_COORDINATE, NOW},
+    motion::{HISTORY, MAX_COORDINATE, NOW, check_path},
     scene::{
         AdversaryOrigin, Boundary, Lane, LightState, Map, MapFeature, MapKind, Neighbor, Scene, Track,
         TrackKind, TrafficLight,
@@ -252,6 +252,11 @@ fn tracks(file: &Tensors, header: &Header) -> Result<Vec<Track>, Error> {
             let found = format!("{length} × {width} at frame {frame} of track `{id}`");
             return Err(file.error("tracks.length", found, "sizes above 0 where the track is valid"));
         }
+        let positions = (0..frames).filter(|f| track.valid[*f]).map(|f| (f, track.point(f)));
+        check_path(positions).map_err(|problem| {
+            let found = format!("{} at frame {} of track `{id}`", problem.found(), problem.frame());
+            file.error("tracks.position", found, problem.expected())
+        })?;
         tracks.push(track);
     }
     Ok(tracks)

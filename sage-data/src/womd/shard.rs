@@ -1,14 +1,14 @@
 //! Files of records, called shards, as a stream: a file, a pipe or standard input, compressed or not.
 
 use std::{
-    io::{self, BufReader, Cursor, Read, Seek},
+    io::{self, Cursor, Read, Seek},
     path::{Path, PathBuf},
 };
 
-use flate2::read::MultiGzDecoder;
 use sage_core::files::{self, Opened};
 
 use super::{
+    gzip::{inflated, is_gzip},
     record_path::count_records,
     tfrecord::{
         Failure, FrameError, FrameProblem, Frames, HEADER, Record, Source, begins_with_record, read_up_to,
@@ -66,7 +66,7 @@ impl ShardReader {
                 None => Ok(Self { path: path.to_owned(), frames: Frames::new(source) }),
             };
         }
-        let inflated = Box::new(MultiGzDecoder::new(BufReader::new(source)));
+        let inflated = Box::new(inflated(source));
         let (start, inflated) = with_start(inflated).map_err(|error| fail(FrameProblem::gzip(&error)))?;
         match other_format(&start) {
             Some(found) => Err(fail(FrameProblem::NotTfRecord(format!(
@@ -106,11 +106,6 @@ fn read_start(source: &mut impl Read) -> io::Result<Vec<u8>> {
     let mut start = [0; START];
     let found = read_up_to(source, &mut start)?;
     Ok(start[..found].to_vec())
-}
-
-/// True if a file is compressed by gzip.
-pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
-    bytes.starts_with(&[0x1f, 0x8b])
 }
 
 /// Name of the format of a file that is no shard; `None` for a shard, and for one that may be damaged.

@@ -15,12 +15,18 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use super::gzip::{MAX_EXPANSION, is_expansion};
+
 /// Bytes before the data of a record.
 pub(super) const HEADER: usize = 12;
 /// Bytes after the data of a record.
 pub(super) const FOOTER: usize = 4;
 /// Limit of the length of a record, bytes. Records without lidar have about 1 MB.
 pub(crate) const MAX_RECORD: u64 = 64 << 20;
+/// Limit of the number of records of a file. Waymo's shards have about 500.
+pub(super) const MAX_RECORDS: usize = 100_000;
+/// Records without data, one after another, that end a file. No scene is empty.
+const MOST_EMPTY: usize = 100;
 
 /// The checksum of TFRecord: a rotated CRC-32C with a constant added, so that data that holds checksums has none of
 /// its own.
@@ -57,9 +63,22 @@ pub enum FrameProblem {
     /// The checksum of the data is wrong.
     #[error("the checksum of the record's data is wrong: the record is damaged; copy the file again")]
     DataChecksum,
+    /// More records than any shard has.
+    #[error("the file has more than {MAX_RECORDS} records; split it")]
+    Records,
+    /// A stretch of records without data.
+    #[error(
+        "{MOST_EMPTY} records one after another are empty: the file is damaged from here on; copy it again"
+    )]
+    EmptyRecords,
     /// The compressed data is damaged.
     #[error("the gzip data is damaged: {0}; copy the file again")]
     Gzip(String),
+    /// The compressed data expands more than any shard does.
+    #[error(
+        "the gzip data expands more than {MAX_EXPANSION} times; decompress the file first if it is no mistake"
+    )]
+    Expansion,
 }
 
 impl FrameProblem {
@@ -197,12 +216,14 @@ pub(super) struct Frames {
     source: Source,
     number: usize,
     offset: u64,
+    /// Number of empty records directly before this one.
+    empty: usize,
     has_failed: bool,
 }
 
 impl Frames {
     pub(super) fn new(source: Source) -> Self {
-        Self { source, number: 0, offset: 0, has_failed: false }
+        Self { source, number: 0, offset: 0, empty: 0, has_failed: false }
     }
 
     /// The next record; `None` at the end of the file, and after an error.
@@ -251,6 +272,13 @@ impl Frames {
             _ => {}
         }
         let length = data_length(&header[..found]).map_err(Failure::Frame)?;
+        self.empty = if length == 0 { self.empty + 1 } else { 0 };
+        if self.empty > MOST_EMPTY {
+            return Err(Failure::Frame(FrameProblem::EmptyRecords));
+        }
+        if self.number == MAX_RECORDS {
+            return Err(Failure::Frame(FrameProblem::Records));
+        }
         let needed = length + FOOTER as u64;
         let (value, read) = read(&mut self.source, &header, needed).map_err(|error| self.failure(error))?;
         if read < needed {
@@ -272,6 +300,9 @@ impl Frames {
 impl FrameProblem {
     /// The error of a decompressor.
     pub(super) fn gzip(error: &io::Error) -> Self {
+        if is_expansion(error) {
+            return Self::Expansion;
+        }
         Self::Gzip(match error.kind() {
             ErrorKind::UnexpectedEof => "it is truncated".to_owned(),
             _ => error.to_string(),
@@ -334,6 +365,25 @@ mod tests {
             let is_end = ends.contains(&cut);
             assert_eq!(end.is_none(), is_end, "cut at {cut}: {end:?}");
         }
+    }
+
+    #[test]
+    fn empty_records_and_their_number_are_limited() {
+        let ends = |file: Vec<u8>| {
+            let mut frames = Frames::new(Source::Stream(Box::new(io::Cursor::new(file)), false));
+            let mut count = 0;
+            loop {
+                match frames.skip() {
+                    Some(Ok(())) => count += 1,
+                    Some(Err(error)) => break (count, format!("{:?}", error.problem)),
+                    None => break (count, String::new()),
+                }
+            }
+        };
+        assert_eq!(ends(frame(b"").repeat(MOST_EMPTY)), (MOST_EMPTY, String::new()));
+        assert_eq!(ends(frame(b"").repeat(2 * MOST_EMPTY)), (MOST_EMPTY, "Frame(EmptyRecords)".to_owned()));
+        assert_eq!(ends(frame(b"x").repeat(MAX_RECORDS)), (MAX_RECORDS, String::new()));
+        assert_eq!(ends(frame(b"x").repeat(MAX_RECORDS + 1)), (MAX_RECORDS, "Frame(Records)".to_owned()));
     }
 
     #[test]

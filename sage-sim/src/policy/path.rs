@@ -9,18 +9,22 @@ use std::{
     sync::Arc,
 };
 
-use sage_core::{Error, files, geometry::MAX_COORDINATE, motion::Pose, registry::Entry};
+use sage_core::{
+    Error, files,
+    geometry::MAX_COORDINATE,
+    motion::{Pose, check_path},
+    registry::Entry,
+};
 use serde::{Deserialize, Serialize};
 
 use super::{Driver, EgoPolicy, Start, View};
 use crate::world::Control;
 
-/// Largest file that is read, bytes.
-const MAX_FILE: u64 = 256 << 20;
+/// Largest file that is read, bytes: the drives of 10 000 scenes.
+const MAX_DRIVES: u64 = 64 << 20;
 
 /// Drives by the scenes' ids, or one drive.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(untagged)]
+#[derive(Clone, Debug, PartialEq)]
 enum Drives {
     One(Vec<[f64; 3]>),
     ByScene(BTreeMap<String, Vec<[f64; 3]>>),
@@ -39,38 +43,25 @@ impl DrivenPath {
     /// *Errors*: a message that names the file, and what is wrong in it.
     pub fn read(file: &Path) -> Result<Self, String> {
         let fail = |problem: String| format!("`{}`: {problem}", file.display());
-        let text = files::read(file, MAX_FILE).map_err(|error| fail(error.to_string()))?;
-        let drives: Drives = serde_json::from_slice(&text).map_err(|_| {
-            fail(
-                "expected a JSON list of [x, y, heading], or an object with such a list for each scene id"
-                    .to_owned(),
-            )
+        let text = files::read(file, MAX_DRIVES).map_err(|error| fail(error.to_string()))?;
+        let is_list = text.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'[');
+        let drives = if is_list {
+            serde_json::from_slice(&text).map(Drives::One)
+        } else {
+            serde_json::from_slice(&text).map(Drives::ByScene)
+        };
+        let drives = drives.map_err(|error| {
+            fail(format!(
+                "expected a JSON list of [x, y, heading], or an object with such a list for each scene id: {error}"
+            ))
         })?;
-        let path = Self { file: file.to_owned(), drives };
-        for (name, poses) in path.all() {
-            let is_far = |v: &f64| !(v.abs() <= MAX_COORDINATE);
-            if let Some(row) = poses.iter().position(|pose| pose.iter().any(is_far)) {
-                let pose = poses[row];
-                return Err(fail(format!(
-                    "{name}row {row} is {pose:?}; expected numbers within ±{MAX_COORDINATE:e}"
-                )));
-            }
-        }
-        Ok(path)
-    }
-
-    fn all(&self) -> Vec<(String, &[[f64; 3]])> {
-        match &self.drives {
-            Drives::One(poses) => vec![(String::new(), poses)],
-            Drives::ByScene(all) => {
-                all.iter().map(|(scene, poses)| (format!("scene `{scene}`: "), &poses[..])).collect()
-            }
-        }
+        Ok(Self { file: file.to_owned(), drives })
     }
 
     /// Poses of a scene, frame 0 first, one for each of its frames.
     ///
-    /// *Errors*: [`Error::Scene`] if the file has no drive of this scene, or one of another length.
+    /// *Errors*: [`Error::Scene`] if the file has no drive of this scene, one of another length, or one that no
+    /// car drives: numbers beyond [`MAX_COORDINATE`], steps beyond [`sage_core::motion::MAX_STEP`].
     pub fn of(&self, scene: &str, frames: usize) -> Result<&[[f64; 3]], Error> {
         let fail = |problem: String| Error::Scene { scene: scene.to_owned(), problem };
         let file = self.file.display();
@@ -86,6 +77,15 @@ impl DrivenPath {
                 "the drive in `{file}` has {found} poses; expected {frames}, one a frame"
             )));
         }
+        let is_far = |v: &f64| !(v.abs() <= MAX_COORDINATE);
+        if let Some(row) = poses.iter().position(|pose| pose.iter().any(is_far)) {
+            let pose = poses[row];
+            return Err(fail(format!(
+                "row {row} of the drive in `{file}` is {pose:?}; expected numbers within ±{MAX_COORDINATE:e}"
+            )));
+        }
+        check_path(poses.iter().map(|[x, y, _]| [*x, *y]).enumerate())
+            .map_err(|problem| fail(format!("row {} of the drive in `{file}` {problem}", problem.frame())))?;
         Ok(poses)
     }
 }

@@ -1,36 +1,38 @@
-//! Checkpoints of a training run: `checkpoint.safetensors`, and `buffer.rows` with all rows of the replay buffer.
+//! Checkpoints of a training run: `checkpoint.safetensors`, and the rows of the replay buffer beside it
+//! ([`super::buffer_log`]).
 //!
-//! Saving appends the new rows to the log and then replaces the checkpoint by renaming, so a kill at any time leaves a
-//! whole checkpoint with at least the rows that it needs; reading cuts what lies behind them.
+//! Saving writes the new rows to a file of their own and then replaces the checkpoint by renaming, so a kill at any time
+//! leaves a whole checkpoint with the rows that it needs.
 
 use std::{
     borrow::Cow,
-    collections::{BTreeMap, HashMap, VecDeque},
-    fs::{File, OpenOptions},
-    io::{self, BufReader, BufWriter, Seek, SeekFrom, Write},
+    collections::{BTreeMap, VecDeque},
+    io,
     path::Path,
 };
 
-use safetensors::{Dtype, SafeTensors, View};
-use sage_core::files::{self, Existing};
+use safetensors::{Dtype, SafeTensors};
+use sage_core::{content_hash::check_hash, files};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Counters, Evaluation, Network, SceneRecord, SuccessRates, TrainingOptions, TrainingState,
+    Counters, EpisodeRow, Evaluation, Network, SceneRecord, SuccessRates, TrainingOptions, TrainingState,
+    buffer_log::BufferLog,
+    tensor_file::{TensorBytes, hashed_tensors, write_tensors},
     training_state::StoredDrive,
 };
 use crate::vehicle::Motion;
 
 /// File of everything but the buffer.
 pub const CHECKPOINT: &str = "checkpoint.safetensors";
-/// File of the buffer's rows.
-pub const BUFFER: &str = "buffer.rows";
-/// Key of the record in the header: its checksum, a space, and the record.
+/// Key of the record in the header.
 const KEY: &str = "checkpoint";
 /// What marks a file as a checkpoint of this format.
-const FORMAT: &str = "sage train-ego checkpoint 1";
+const FORMAT: &str = "sage train-ego checkpoint 2";
 /// Largest checkpoint that is read, bytes.
 const MAX_CHECKPOINT: u64 = 1 << 30;
+/// Most episodes that a run counts.
+const MOST_EPISODES: u64 = 1 << 40;
 /// Numbers of a motion.
 const MOTION: usize = 6;
 
@@ -41,7 +43,9 @@ struct Record<'a> {
     /// What identifies the run.
     identity: Cow<'a, str>,
     updates: u64,
+    /// Rows that were written to the buffer.
     written: u64,
+    buffer: Cow<'a, BufferLog>,
     /// For each stored drive: scene, step, number of motions; the newest of a scene first.
     drives: Vec<(usize, u64, usize)>,
     records: Cow<'a, [SceneRecord]>,
@@ -53,80 +57,12 @@ struct Record<'a> {
     evaluations: Cow<'a, [Evaluation]>,
 }
 
-/// A tensor to be written.
-struct Bytes {
-    dtype: Dtype,
-    shape: Vec<usize>,
-    bytes: Vec<u8>,
-}
-
-impl View for Bytes {
-    fn dtype(&self) -> Dtype {
-        self.dtype
-    }
-    fn shape(&self) -> &[usize] {
-        &self.shape
-    }
-    fn data(&self) -> Cow<'_, [u8]> {
-        Cow::Borrowed(&self.bytes)
-    }
-    fn data_len(&self) -> usize {
-        self.bytes.len()
-    }
-}
-
-fn singles(shape: Vec<usize>, numbers: &[f32]) -> Bytes {
-    Bytes { dtype: Dtype::F32, shape, bytes: numbers.iter().flat_map(|x| x.to_le_bytes()).collect() }
-}
-
-/// Tensors of an actor, with names that start with `prefix`.
-pub(super) fn actor_tensors(prefix: &str, actor: &Network<f32>) -> Vec<(String, impl View + use<>)> {
-    let mut all = Vec::new();
-    for ((name, shape), range) in actor.shape().tensors().into_iter().zip(actor.shape().ranges()) {
-        all.push((format!("{prefix}{name}"), singles(shape, &actor.parameters()[range])));
-    }
-    all
-}
-
-/// Writes a safetensors file: to a temporary name first, then renamed.
-pub(super) fn write_tensors<V: View>(
-    path: &Path,
-    tensors: Vec<(String, V)>,
-    header: &[(&str, String)],
-) -> io::Result<()> {
-    let header: HashMap<String, String> = header.iter().map(|(k, v)| ((*k).to_owned(), v.clone())).collect();
-    let bytes = safetensors::serialize(tensors, Some(header)).map_err(io::Error::other)?;
-    files::write(path, &bytes, Existing::Replace)
-}
-
-/// Checksum of a state: its record, and all tensors by name.
-fn checksum<'a>(record: &str, tensors: impl Iterator<Item = (&'a str, &'a [u8])>) -> String {
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(record.as_bytes());
-    let sorted: BTreeMap<&str, &[u8]> = tensors.collect();
-    for (name, bytes) in sorted {
-        hasher.update(name.as_bytes());
-        hasher.update(bytes);
-    }
-    hasher.finalize().to_hex()[..16].to_owned()
-}
-
 impl TrainingState {
-    /// Saves the state into a folder. `saved` is the number of rows that [`BUFFER`] holds.
+    /// Saves the state into a folder.
     ///
     /// *Errors*: as the system.
-    pub fn save(&self, folder: &Path, identity: &str, saved: u64) -> io::Result<u64> {
-        let row_bytes = self.buffer.row_bytes() as u64;
-        let mut log =
-            OpenOptions::new().create(true).truncate(false).write(true).open(folder.join(BUFFER))?;
-        // Rows that the ring has lost since the last checkpoint are needed no more: zeros stand in their place.
-        let saved = saved.max(self.buffer.oldest());
-        log.set_len(saved * row_bytes)?;
-        log.seek(SeekFrom::End(0))?;
-        let mut to = BufWriter::with_capacity(1 << 20, log);
-        self.buffer.write_rows(saved, &mut to)?;
-        to.flush()?;
-        to.get_ref().sync_data()?;
+    pub fn save(&mut self, folder: &Path, identity: &str) -> io::Result<()> {
+        self.log.append(&self.buffer, folder)?;
         let mut drives = Vec::new();
         let mut motions: Vec<u8> = Vec::new();
         for (scene, stored) in self.drives.iter().enumerate() {
@@ -140,6 +76,7 @@ impl TrainingState {
             identity: identity.into(),
             updates: self.learner.updates(),
             written: self.buffer.written(),
+            buffer: Cow::Borrowed(&self.log),
             drives,
             records: (&self.records).into(),
             success: Cow::Borrowed(&self.success),
@@ -151,24 +88,20 @@ impl TrainingState {
         };
         let record = serde_json::to_string(&record)?;
         let learner = self.learner.tensors().into_iter();
-        let mut tensors: Vec<(String, Bytes)> =
-            learner.map(|tensor| (tensor.name, singles(tensor.shape, tensor.numbers))).collect();
+        let mut tensors: Vec<(String, TensorBytes)> =
+            learner.map(|tensor| (tensor.name, TensorBytes::singles(tensor.shape, tensor.numbers))).collect();
         for (number, evaluation) in self.evaluations.iter().enumerate() {
             let Some(actor) = &evaluation.actor else { continue };
             let all = actor.parameters();
-            tensors.push((format!("evaluated.{number}"), singles(vec![all.len()], all)));
+            tensors.push((format!("evaluated.{number}"), TensorBytes::singles(vec![all.len()], all)));
         }
-        let rows = motions.len() / 8 / MOTION;
-        tensors.push((
-            "drives".to_owned(),
-            Bytes { dtype: Dtype::F64, shape: vec![rows, MOTION], bytes: motions },
-        ));
-        let sum = checksum(&record, tensors.iter().map(|(name, tensor)| (&name[..], &tensor.bytes[..])));
-        write_tensors(&folder.join(CHECKPOINT), tensors, &[(KEY, format!("{sum} {record}"))])?;
-        Ok(self.buffer.written())
+        let shape = vec![motions.len() / 8 / MOTION, MOTION];
+        tensors.push(("drives".to_owned(), TensorBytes { dtype: Dtype::F64, shape, bytes: motions }));
+        write_tensors(&folder.join(CHECKPOINT), &tensors, KEY, &record)?;
+        self.log.remove_others(folder)
     }
 
-    /// Reads the state of a folder; `None` if it has no checkpoint. Returns it with the number of rows in [`BUFFER`].
+    /// Reads the state of a folder; `None` if it has no checkpoint.
     ///
     /// *Errors*: the file, and what is wrong with it.
     pub fn load(
@@ -176,7 +109,7 @@ impl TrainingState {
         identity: &str,
         options: &TrainingOptions,
         scenes: usize,
-    ) -> Result<Option<(Self, u64)>, String> {
+    ) -> Result<Option<Self>, String> {
         let path = folder.join(CHECKPOINT);
         if !path.exists() {
             return Ok(None);
@@ -186,26 +119,32 @@ impl TrainingState {
         let damaged = |error: &dyn std::fmt::Display| fail(format!("not a checkpoint, or damaged ({error})"));
         let (_, header) = SafeTensors::read_metadata(&bytes).map_err(|error| damaged(&error))?;
         let file = SafeTensors::deserialize(&bytes).map_err(|error| damaged(&error))?;
-        let entry = header.metadata().as_ref().and_then(|entries| entries.get(KEY));
-        let Some((sum, text)) = entry.and_then(|entry| entry.split_once(' ')) else {
+        let Some(text) = header.metadata().as_ref().and_then(|entries| entries.get(KEY)) else {
             return Err(fail("not a checkpoint of `sage train-ego`".to_owned()));
         };
-        let all = file.tensors();
-        if checksum(text, all.iter().map(|(name, tensor)| (&name[..], tensor.data()))) != sum {
-            return Err(fail("its checksum is wrong: the file is damaged".to_owned()));
+        let (text, is_hashed) =
+            check_hash(text, hashed_tensors(&file)).map_err(|error| fail(error.to_string()))?;
+        if !is_hashed {
+            return Err(fail(
+                "it holds no hash of its content: it is damaged or of an earlier version".to_owned(),
+            ));
         }
-        let record: Record = serde_json::from_str(text).map_err(|error| damaged(&error))?;
+        let record: Record = serde_json::from_str(&text).map_err(|error| damaged(&error))?;
         if record.format != FORMAT {
             return Err(fail(format!("its format is `{}`; expected `{FORMAT}`", record.format)));
         }
         if record.identity != identity {
             return Err(fail("it is of a run with other options, scenes or weights".to_owned()));
         }
-        let numbers: BTreeMap<String, Vec<f32>> = all
+        record.check(options, scenes).map_err(&fail)?;
+        let numbers: BTreeMap<String, Vec<f32>> = file
             .iter()
             .filter(|(_, tensor)| tensor.dtype() == Dtype::F32)
-            .map(|(name, tensor)| (name.clone(), singles_of(tensor.data())))
+            .map(|(name, tensor)| (name.to_owned(), singles_of(tensor.data())))
             .collect();
+        if let Some((name, _)) = numbers.iter().find(|(_, all)| all.iter().any(|x| !x.is_finite())) {
+            return Err(fail(format!("tensor `{}` holds a number that is not finite", name.escape_debug())));
+        }
         let mut state = Self::new(options, scenes)?;
         state.learner.set_tensors(&numbers, record.updates).map_err(&fail)?;
         let motions = file.tensor("drives").map_err(|error| damaged(&error))?;
@@ -223,23 +162,62 @@ impl TrainingState {
             let actor = numbers.get(&format!("evaluated.{number}"));
             evaluation.actor = actor.and_then(|numbers| Network::of(shape, numbers.clone()));
         }
-        state.read_buffer(&folder.join(BUFFER), record.written)?;
-        Ok(Some((state, record.written)))
+        state.log = record.buffer.into_owned();
+        let read = state.log.read(&mut state.buffer, record.written, folder);
+        read.map_err(|problem| format!("{problem}; give --force to start again"))?;
+        Ok(Some(state))
     }
+}
 
-    fn read_buffer(&mut self, path: &Path, written: u64) -> Result<(), String> {
-        let fail = |problem: String| format!("`{}`: {problem}; give --force to start again", path.display());
-        let row_bytes = self.buffer.row_bytes() as u64;
-        let mut file = File::open(path).map_err(|error| fail(error.to_string()))?;
-        let length = file.metadata().map_err(|error| fail(error.to_string()))?.len();
-        if length < written * row_bytes {
-            return Err(fail(format!("it has {length} bytes; the checkpoint needs {}", written * row_bytes)));
+impl Record<'_> {
+    /// Refuses values that no run of these options and scenes has.
+    fn check(&self, options: &TrainingOptions, scenes: usize) -> Result<(), String> {
+        let counters = &self.counters;
+        let limits = [
+            ("updates", self.updates, options.updates),
+            ("counters.steps", counters.steps, options.steps()),
+            // Every episode has at least one step; an episode that could not start is skipped.
+            ("counters.episodes", counters.episodes, MOST_EPISODES),
+            ("counters.attacked", counters.attacked, counters.episodes),
+            ("counters.without_drive", counters.without_drive, counters.episodes),
+            ("counters.unavoidable", counters.unavoidable, counters.episodes),
+            ("counters.skipped", counters.skipped, MOST_EPISODES),
+            ("counters.drive_age", counters.drive_age, MOST_EPISODES.saturating_mul(options.steps())),
+            // A row for each step, and one for the start of each episode.
+            ("written", self.written, options.steps().saturating_add(counters.episodes)),
+            ("diverging", self.diverging.into(), options.updates),
+        ];
+        for (name, found, most) in limits {
+            if found > most {
+                return Err(format!("its field `{name}` is {found}; expected at most {most}"));
+            }
         }
-        let kept = self.buffer.rows_kept(written);
-        let start = SeekFrom::Start((written - kept) * row_bytes);
-        file.seek(start).map_err(|error| fail(error.to_string()))?;
-        let mut from = BufReader::with_capacity(1 << 20, file);
-        self.buffer.read_rows(written, kept, &mut from).map_err(|error| fail(error.to_string()))
+        if self.records.len() != scenes {
+            return Err(format!("its field `records` has {} entries; expected {scenes}", self.records.len()));
+        }
+        let is_finite = |numbers: &[f64]| numbers.iter().all(|x| x.is_finite());
+        let in_order = |rows: &[EpisodeRow]| rows.iter().enumerate().all(|(k, row)| row.scene == k);
+        let is_share = |rate: &f64| (0.0..=1.0).contains(rate);
+        let checks = [
+            ("records", self.records.iter().all(|record| record.visits <= MOST_EPISODES)),
+            ("success", self.success.rates.iter().all(is_share)),
+            ("losses", is_finite(&self.losses)),
+            ("loss_curve", self.loss_curve.len() as u64 <= options.evaluations),
+            ("loss_curve", self.loss_curve.iter().all(|row| is_finite(row))),
+            ("drives", self.drives.iter().all(|(_, step, _)| *step <= counters.steps)),
+            ("evaluations", self.evaluations.len() as u64 <= options.evaluations),
+            ("evaluations", self.evaluations.iter().all(|one| one.step <= options.steps())),
+            (
+                "evaluations",
+                self.evaluations.iter().all(|one| in_order(&one.unchanged) && in_order(&one.attacked)),
+            ),
+        ];
+        match checks.iter().find(|(_, holds)| !holds) {
+            Some((name, _)) => {
+                Err(format!("its field `{name}` holds values that no run of these options has"))
+            }
+            None => Ok(()),
+        }
     }
 }
 

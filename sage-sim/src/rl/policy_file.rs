@@ -6,13 +6,13 @@
 use std::path::Path;
 
 use safetensors::{Dtype, SafeTensors};
-use sage_core::files;
+use sage_core::{content_hash::check_hash, files};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::{
     Network, Shape,
-    checkpoint::{actor_tensors, write_tensors},
+    tensor_file::{actor_tensors, hashed_tensors, write_tensors},
 };
 use crate::observation::{self, LENGTH};
 
@@ -25,6 +25,7 @@ const MAX_FILE: u64 = 64 << 20;
 
 /// What a file says about its policy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct PolicyCard {
     /// Format of the file.
     pub format: String,
@@ -38,6 +39,10 @@ pub struct PolicyCard {
     pub evaluation: Value,
     /// Licence of the weights.
     pub license: String,
+    /// Whether the file that it was read from held a hash of its content, which was checked. Files of earlier versions
+    /// hold none.
+    #[serde(skip)]
+    pub is_hashed: bool,
 }
 
 impl PolicyCard {
@@ -45,7 +50,8 @@ impl PolicyCard {
     pub fn new(training: Value, evaluation: Value, license: String) -> Self {
         let observation = observation::names();
         let observation_hash = hash(&observation);
-        Self { format: FORMAT.to_owned(), observation, observation_hash, training, evaluation, license }
+        let format = FORMAT.to_owned();
+        Self { format, observation, observation_hash, training, evaluation, license, is_hashed: false }
     }
 }
 
@@ -54,17 +60,17 @@ fn hash(names: &[String]) -> String {
     blake3::hash(names.join("\n").as_bytes()).to_hex()[..16].to_owned()
 }
 
-/// Writes a policy.
+/// Writes a policy, with a hash of its content.
 ///
 /// *Errors*: as the system.
 pub fn write_policy(path: &Path, actor: &Network<f32>, card: &PolicyCard) -> std::io::Result<()> {
-    write_tensors(path, actor_tensors("actor.", actor), &[(CARD, serde_json::to_string(card)?)])
+    write_tensors(path, &actor_tensors("actor.", actor), CARD, &serde_json::to_string(card)?)
 }
 
 /// Reads a policy.
 ///
-/// *Errors*: a message that names the file, and what is wrong with it: no policy, another observation, a tensor that is
-/// missing, of another shape, or not finite.
+/// *Errors*: a message that names the file, and what is wrong with it: no policy, content that does not match its hash,
+/// another observation, a tensor that is missing, of another shape, or not finite.
 pub fn read_policy(path: &Path) -> Result<(Network<f32>, PolicyCard), String> {
     let fail = |problem: String| format!("`{}`: {problem}", path.display());
     let bytes = files::read(path, MAX_FILE).map_err(|error| fail(error.to_string()))?;
@@ -80,7 +86,9 @@ pub fn parse_policy(bytes: &[u8]) -> Result<(Network<f32>, PolicyCard), String> 
     let file = SafeTensors::deserialize(bytes).map_err(|error| format!("{foreign} ({error})"))?;
     let text = header.metadata().as_ref().and_then(|entries| entries.get(CARD));
     let text = text.ok_or_else(|| format!("{foreign}: its header has no card"))?;
-    let card: PolicyCard = serde_json::from_str(text).map_err(|error| format!("its card: {error}"))?;
+    let (text, is_hashed) = check_hash(text, hashed_tensors(&file)).map_err(|error| error.to_string())?;
+    let card: PolicyCard = serde_json::from_str(&text).map_err(|error| format!("its card: {error}"))?;
+    let card = PolicyCard { is_hashed, ..card };
     if card.format != FORMAT {
         return Err(format!("its format is `{}`; expected `{FORMAT}`", card.format));
     }
@@ -118,7 +126,16 @@ fn check_observation(card: &PolicyCard) -> Result<(), String> {
     let known = observation::names();
     let differs = |k: &usize| card.observation.get(*k) != known.get(*k);
     let all: Vec<usize> = (0..known.len().max(card.observation.len())).filter(differs).collect();
-    let Some(first) = all.first() else { return Ok(()) };
+    let Some(first) = all.first() else {
+        if card.observation_hash == hash(&known) {
+            return Ok(());
+        }
+        return Err(format!(
+            "its card names the numbers of this version's observation with the hash `{}`, which is `{}`; copy or train it again",
+            card.observation_hash.escape_debug(),
+            hash(&known)
+        ));
+    };
     let name = |names: &[String]| names.get(*first).map_or("nothing".to_owned(), |name| format!("`{name}`"));
     Err(format!(
         "it is for another observation: {} of {} numbers differ (numbers {}); number {first} is {} there and {} here; train it again",
@@ -161,7 +178,38 @@ mod tests {
         let path = folder.path().join("policy.safetensors");
         let (network, card) = policy();
         write_policy(&path, &network, &card).expect("written");
-        assert_eq!(read_policy(&path).expect("read"), (network, card));
+        assert_eq!(read_policy(&path).expect("read"), (network, PolicyCard { is_hashed: true, ..card }));
+    }
+
+    #[test]
+    fn flipped_bits_are_refused_or_change_nothing() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("policy.safetensors");
+        let shape = Shape { inputs: LENGTH, hidden: [1, 1], outputs: 2 };
+        let network = Network::random(shape, &mut sage_core::seed::Rng::new(1, "policy", "test"));
+        let card = PolicyCard::new(json!({"seed": 1}), json!({"scenes": 3}), "none".to_owned());
+        write_policy(&path, &network, &card).expect("written");
+        let good = std::fs::read(&path).expect("read");
+        let expected = parse_policy(&good).expect("whole");
+        for bit in (0..good.len()).map(|byte| 8 * byte + byte % 8) {
+            let mut bad = good.clone();
+            bad[bit / 8] ^= 1 << (bit % 8);
+            // A flipped bit of the JSON around the content may still leave the same content.
+            if let Ok(found) = parse_policy(&bad) {
+                assert_eq!((&found.0, found.1.is_hashed), (&expected.0, true), "bit {bit}");
+                assert_eq!(found.1, expected.1, "bit {bit}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_wrong_hash_of_the_observation_is_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("policy.safetensors");
+        let (network, mut card) = policy();
+        card.observation_hash = "0123456789abcdef".to_owned();
+        write_policy(&path, &network, &card).expect("written");
+        assert!(read_policy(&path).expect_err("another hash").contains("0123456789abcdef"));
     }
 
     #[test]

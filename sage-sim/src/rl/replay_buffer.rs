@@ -163,21 +163,26 @@ impl ReplayBuffer {
         Ok(())
     }
 
-    /// Reads rows that were written; `written` is the number of the row after the last.
+    /// Empties the buffer for [`ReplayBuffer::read_rows`] of `count` rows; `written` is the number of the row after the
+    /// last of them.
+    pub fn restart(&mut self, written: u64, count: u64) {
+        let [o, a] = self.sizes;
+        self.written = written - count;
+        let held = if count == self.capacity as u64 { self.capacity } else { 0 };
+        // A full ring may begin at any of its rows.
+        self.observations.resize(held * o, 0.0);
+        self.actions.resize(held * a, 0.0);
+        self.rewards.resize(held, 0.0);
+        self.back.resize(held, 0);
+    }
+
+    /// Reads rows that were written.
     ///
     /// *Errors*: as the reader; a number that is not finite.
-    pub fn read_rows(&mut self, written: u64, count: u64, from: &mut impl Read) -> io::Result<()> {
+    pub fn read_rows(&mut self, count: u64, from: &mut impl Read) -> io::Result<()> {
         let [o, a] = self.sizes;
         let mut bytes = vec![0; self.row_bytes()];
         let mut numbers = vec![0.0_f32; o + a + 1];
-        self.written = written - count;
-        if count == self.capacity as u64 {
-            // A full ring, which may begin at any of its rows.
-            self.observations.resize(self.capacity * o, 0.0);
-            self.actions.resize(self.capacity * a, 0.0);
-            self.rewards.resize(self.capacity, 0.0);
-            self.back.resize(self.capacity, 0);
-        }
         for _ in 0..count {
             from.read_exact(&mut bytes)?;
             let (back, rest) = bytes.split_at(4);
@@ -243,7 +248,8 @@ mod tests {
         let kept = buffer.rows_kept(buffer.written());
         buffer.write_rows(buffer.written() - kept, &mut bytes).expect("memory");
         let mut again = ReplayBuffer::new(64, [1, 1]);
-        again.read_rows(buffer.written(), kept, &mut &bytes[..]).expect("the bytes just written");
+        again.restart(buffer.written(), kept);
+        again.read_rows(kept, &mut &bytes[..]).expect("the bytes just written");
         let draws = |buffer: &ReplayBuffer| {
             let mut batch = TransitionBatch::new(100, 1, 1);
             assert!(buffer.draw(&mut Rng::new(2, "buffer", "test"), &mut batch));
@@ -251,7 +257,8 @@ mod tests {
         };
         assert_eq!(draws(&buffer), draws(&again));
         bytes[4..8].copy_from_slice(&f32::NAN.to_le_bytes());
-        let error = again.read_rows(buffer.written(), kept, &mut &bytes[..]).expect_err("NaN");
+        again.restart(buffer.written(), kept);
+        let error = again.read_rows(kept, &mut &bytes[..]).expect_err("NaN");
         assert!(error.to_string().contains("not finite"), "{error}");
     }
 

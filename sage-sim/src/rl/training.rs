@@ -131,6 +131,11 @@ impl<'a> Training<'a> {
         &self.state
     }
 
+    /// The state, to save it.
+    pub fn state_mut(&mut self) -> &mut TrainingState {
+        &mut self.state
+    }
+
     /// Whether all steps are done.
     pub fn is_done(&self) -> bool {
         self.state.counters.steps >= self.options.steps()

@@ -4,7 +4,10 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
-use super::{EpisodeRow, Learner, Network, ReplayBuffer, SceneRecord, SuccessRates, TrainingOptions};
+use super::{
+    EpisodeRow, Learner, Network, ReplayBuffer, SceneRecord, SuccessRates, TrainingOptions,
+    buffer_log::BufferLog,
+};
 use crate::{observation::LENGTH, vehicle::Motion};
 
 /// Sizes of observation and action.
@@ -58,6 +61,8 @@ pub(super) struct StoredDrive {
 pub struct TrainingState {
     pub(super) learner: Learner<f32>,
     pub(super) buffer: ReplayBuffer,
+    /// Where its rows are on disk.
+    pub(super) log: BufferLog,
     pub(super) drives: Vec<VecDeque<StoredDrive>>,
     pub(super) records: Vec<SceneRecord>,
     pub(super) success: SuccessRates,
@@ -81,6 +86,7 @@ impl TrainingState {
         Ok(Self {
             learner,
             buffer: ReplayBuffer::new(held, SIZES),
+            log: BufferLog::default(),
             drives: vec![VecDeque::new(); scenes],
             records: vec![SceneRecord::default(); scenes],
             success: SuccessRates::default(),

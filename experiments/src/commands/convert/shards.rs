@@ -94,6 +94,10 @@ pub(super) fn convert(
             }
             None => {
                 let part = write_shard(args, &mut items, size, &run.folder().path().join(&name), progress)?;
+                if part.scenes == 0 {
+                    // Readers take a shard without records for a damaged one.
+                    run.folder().remove(&name.to_string_lossy())?;
+                }
                 run.folder().write(&format!("{PARTS}/{number:05}.json"), &serde_json::to_vec(&part)?)?;
                 part
             }
@@ -164,9 +168,5 @@ fn write_shard(
         return Err(super::stopped(error));
     }
     written.with_context(|| format!("cannot write `{}`", path.display()))?;
-    if part.scenes == 0 {
-        // Readers take a shard without records for a damaged one.
-        std::fs::remove_file(path).with_context(|| format!("cannot remove `{}`", path.display()))?;
-    }
     Ok(part)
 }

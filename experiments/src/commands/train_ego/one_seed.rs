@@ -1,7 +1,5 @@
 //! The run of one seed: resumes from its checkpoint, trains, saves, writes its results.
 
-use std::path::Path;
-
 use anyhow::{Context as _, Result, anyhow};
 use sage_sim::rl::{
     CHECKPOINT, Counters, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions,
@@ -26,30 +24,19 @@ pub(super) fn folder(seed: u64) -> String {
     format!("seed-{seed}")
 }
 
-/// Removes the checkpoint of another run.
-pub(super) fn clear(folder: &Path) -> Result<()> {
-    match std::fs::remove_file(folder.join(CHECKPOINT)) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            Err(error).with_context(|| format!("cannot remove `{}`", folder.join(CHECKPOINT).display()))
-        }
-        _ => Ok(()),
-    }
-}
-
 /// Trains one seed to its end.
 ///
 /// *Errors*: the run breaks off ([`sage_sim::rl::Stop`]), or a file cannot be written.
 pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock) -> Result<Trained> {
     let options = TrainingOptions { seed, ..shared.options.clone() };
     let path = run.folder().inner(folder(seed).as_ref())?;
-    std::fs::create_dir_all(&path).with_context(|| format!("cannot make `{}`", path.display()))?;
     let identity = format!("{} seed {seed}", shared.identity);
     let loaded = TrainingState::load(&path, &identity, &options, shared.training.len());
     let loaded = loaded.map_err(|problem| anyhow!(problem))?;
     let resumed = loaded.is_some();
-    let (state, mut saved) = match loaded {
+    let state = match loaded {
         Some(loaded) => loaded,
-        None => (TrainingState::new(&options, shared.training.len()).map_err(|problem| anyhow!(problem))?, 0),
+        None => TrainingState::new(&options, shared.training.len()).map_err(|problem| anyhow!(problem))?,
     };
     let curriculum = shared.args.curriculum.build(&shared.registries.curricula)?;
     let sampler = shared.args.sampler.build(&shared.registries.scene_samplers)?;
@@ -83,10 +70,11 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
                 path.join(CHECKPOINT).display()
             ));
         }
-        saved = state
-            .save(&path, &identity, saved)
+        training
+            .state_mut()
+            .save(&path, &identity)
             .with_context(|| format!("cannot write to `{}`", path.display()))?;
-        for evaluation in &state.evaluations()[before..] {
+        for evaluation in &training.state().evaluations()[before..] {
             clock.evaluated(seed, evaluation, total);
         }
     }

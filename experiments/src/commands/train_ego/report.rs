@@ -23,6 +23,7 @@ use crate::{
     },
     output::Run,
     progress,
+    terminal::{escaped_markdown, escaped_markdown_code},
 };
 
 /// Newest evaluations that a table averages.
@@ -147,19 +148,21 @@ pub(super) fn markdown(scenes: usize, trained: &[Trained]) -> String {
 /// The card of a policy as a page.
 pub(super) fn card_page(card: &PolicyCard) -> String {
     let PolicyCard { observation_hash, training, evaluation, license, .. } = card;
+    let license = escaped_markdown(license);
     let mut text = format!(
         "# A driving policy trained by TD3\n\n`policy.safetensors` drives wherever `sage` takes an ego: `--ego td3:policy.safetensors`.\n\n| | |\n| --- | --- |\n| licence | {license} |\n| observation | 101 numbers (`{observation_hash}`) |\n"
     );
     for key in ["scenes", "generator", "curriculum", "sampler", "updates", "steps", "seed"] {
         let value = training[key].as_str().map_or_else(|| training[key].to_string(), str::to_owned);
+        let value = escaped_markdown(&value);
         let _ = writeln!(text, "| {key} | {value} |");
     }
     let words = |value: &Value| value.as_str().unwrap_or_default().to_owned();
     let _ = write!(
         text,
         "\n## Evaluation\n\n{}, unchanged and attacked by `{}` at λ = 1; contacts with a vehicle end an episode.\n\n| |",
-        words(&evaluation["scenes"]),
-        words(&evaluation["attacks"])
+        escaped_markdown(&words(&evaluation["scenes"])),
+        escaped_markdown_code(&words(&evaluation["attacks"]))
     );
     for column in COLUMNS {
         let _ = write!(text, " {} |", column.name.replace('_', " "));

@@ -1,0 +1,171 @@
+//! Files that a command reads, which no output may replace.
+
+use std::{
+    ffi::OsStr,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Result, bail};
+use sage_data::womd;
+
+use super::resolved_folder;
+use crate::networks;
+
+/// Flags whose value is an output, not an input.
+const OUTPUTS: [&str; 2] = ["--out", "--report"];
+/// Endings of the names of scenes and weights.
+const ENDINGS: [&str; 2] = ["pkl", "safetensors"];
+
+/// Files and folders that a command reads, links resolved.
+pub(crate) struct Inputs(Vec<PathBuf>);
+
+impl Inputs {
+    /// All files and folders that the command line of this process names, other than its outputs: as a value, as the
+    /// value of a flag, as the file of a policy (`td3:FILE`), in a list, as an option in JSON, or as the name of weights.
+    pub(crate) fn of_command_line() -> Self {
+        Self::named(std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()))
+    }
+
+    fn named(arguments: impl Iterator<Item = String>) -> Self {
+        let mut found = Vec::new();
+        let mut is_output = false;
+        for argument in arguments {
+            let flag = argument.split_once('=').map_or(&argument[..], |(flag, _)| flag);
+            if std::mem::take(&mut is_output) {
+                continue;
+            }
+            if OUTPUTS.contains(&flag) {
+                is_output = flag.len() == argument.len();
+                continue;
+            }
+            found.extend(parts(&argument).filter_map(resolved));
+            found.extend(networks::folder_of(&argument).and_then(resolved));
+        }
+        found.sort();
+        found.dedup();
+        Self(found)
+    }
+
+    /// The same with further files and folders.
+    pub(crate) fn and<P: AsRef<Path>>(mut self, further: impl IntoIterator<Item = P>) -> Self {
+        self.0.extend(further.into_iter().filter_map(|path| resolved(path.as_ref())));
+        self
+    }
+
+    /// Refuses an output file that would replace an input: one that is named, or a scene or weights in a named folder.
+    ///
+    /// *Errors*: it would.
+    pub(crate) fn refuse_file(&self, output: &Path) -> Result<()> {
+        let Ok(path) = output.canonicalize() else { return Ok(()) };
+        let is_read = |input: &PathBuf| {
+            let is_kind =
+                path.extension().is_some_and(|e| ENDINGS.iter().any(|ending| e == OsStr::new(ending)));
+            *input == path || path.starts_with(input) && (is_kind || womd::is_shard(&path))
+        };
+        if self.0.iter().any(is_read) {
+            bail!("`{}` is an input of this command; name another --out", output.display());
+        }
+        Ok(())
+    }
+
+    /// Refuses an output folder that is an input or holds one.
+    ///
+    /// *Errors*: it is or does.
+    pub(crate) fn refuse_folder(&self, output: &Path) -> Result<()> {
+        let root = resolved_folder(output)?;
+        match self.0.iter().find(|input| input.starts_with(&root)) {
+            Some(input) if *input == root => {
+                bail!("`{}` is an input of this command; name another --out", output.display())
+            }
+            Some(input) => bail!(
+                "`{}` holds `{}`, an input of this command; name another --out",
+                output.display(),
+                input.strip_prefix(&root).unwrap_or(input).display()
+            ),
+            None => Ok(()),
+        }
+    }
+}
+
+/// Parts of an argument that may be paths: itself, and what separators of lists, flags, policies and JSON leave.
+fn parts(argument: &str) -> impl Iterator<Item = &str> {
+    let after = |separator: char| argument.split_once(separator).map(|(_, rest)| rest);
+    let rests = [Some(argument), after('='), after(':')].into_iter().flatten();
+    let in_lists = argument.split(',').map(|part| part.split_once(':').map_or(part, |(_, rest)| rest));
+    let in_json = argument.split('"').skip(1).step_by(2);
+    rests.chain(in_lists).chain(in_json)
+}
+
+/// Where a file or a folder is, links resolved; for a record such as `SHARD#3` its shard.
+fn resolved(path: impl AsRef<Path>) -> Option<PathBuf> {
+    let path = path.as_ref();
+    let found = if path.as_os_str().is_empty() { None } else { path.canonicalize().ok() };
+    found.or_else(|| womd::shard_of(path)?.canonicalize().ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_of_a_command_line_are_found_wherever_they_stand() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, "x").unwrap();
+            path.canonicalize().unwrap()
+        };
+        let all = ["scene.pkl", "a.safetensors", "b,c.json", "weights", "splits.json", "d.json"].map(file);
+        let at = |name: &str| folder.path().join(name).display().to_string();
+        let arguments = [
+            "generate".to_owned(),
+            at("scene.pkl"),
+            "--ego".to_owned(),
+            format!("idm,td3:{},path:none", at("a.safetensors")),
+            "--policies".to_owned(),
+            format!("path:{}", at("b,c.json")),
+            format!("--splits={}", at("splits.json")),
+            "--run".to_owned(),
+            format!("name={}", at("weights")),
+            format!(r#"path{{"file": "{}"}}"#, at("d.json")),
+            "--out".to_owned(),
+            file("out").display().to_string(),
+            format!("--report={}", file("report").display()),
+        ];
+        let Inputs(mut found) = Inputs::named(arguments.into_iter());
+        let mut expected = all.to_vec();
+        expected.sort();
+        found.sort();
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn outputs_that_would_replace_an_input_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("weights")).unwrap();
+        for name in ["weights/prior.safetensors", "weights/dial.json", "scene.pkl"] {
+            std::fs::write(at(name), "x").unwrap();
+        }
+        let inputs = Inputs(Vec::new()).and([at("weights"), at("scene.pkl"), at("none")]);
+        assert!(inputs.refuse_file(&at("scene.pkl")).is_err());
+        assert!(inputs.refuse_file(&at("weights/prior.safetensors")).is_err());
+        assert!(inputs.refuse_file(&at("weights/dial.json")).is_ok());
+        assert!(inputs.refuse_file(&at("weights/new.safetensors")).is_ok());
+        assert!(inputs.refuse_folder(&at("weights")).is_err());
+        assert!(inputs.refuse_folder(folder.path()).is_err());
+        assert!(inputs.refuse_folder(&at("weights/out")).is_ok());
+        assert!(inputs.refuse_folder(&at("out")).is_ok());
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_to_inputs_are_inputs() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir(at("real")).unwrap();
+        std::os::unix::fs::symlink(at("real"), at("link")).unwrap();
+        assert!(Inputs(Vec::new()).and([at("link")]).refuse_folder(&at("real")).is_err());
+        assert!(Inputs(Vec::new()).and([at("real")]).refuse_folder(&at("link")).is_err());
+    }
+}

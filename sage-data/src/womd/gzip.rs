@@ -1,0 +1,84 @@
+//! Decompression of shards, with a limit on how far the data expands.
+
+use std::io::{self, BufReader, Read};
+
+use flate2::read::MultiGzDecoder;
+
+use super::tfrecord::Source;
+
+/// How many times a compressed shard may expand. Records of scenes expand 3 to 20 times, gzip up to 1000 times.
+pub(super) const MAX_EXPANSION: u64 = 100;
+/// Decompressed bytes that are free of that limit.
+const FREE: u64 = 64 << 20;
+
+/// True if bytes are compressed by gzip.
+pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x1f, 0x8b])
+}
+
+/// The decompressed bytes of a source. Beyond the limit of expansion reading fails ([`is_expansion`]).
+pub(super) fn inflated(source: Source) -> impl Read + Send {
+    let counted = Counted { source, bytes: 0 };
+    Inflated { decoder: MultiGzDecoder::new(BufReader::new(counted)), bytes: 0 }
+}
+
+/// True for the error of data that expands too far.
+pub(super) fn is_expansion(error: &io::Error) -> bool {
+    error.get_ref().is_some_and(|inner| inner.is::<Expansion>())
+}
+
+#[derive(Debug, thiserror::Error)]
+#[error("the data expands more than {MAX_EXPANSION} times")]
+struct Expansion;
+
+/// A source, and the number of bytes that were read from it.
+struct Counted {
+    source: Source,
+    bytes: u64,
+}
+
+impl Read for Counted {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let found = self.source.read(buffer)?;
+        self.bytes += found as u64;
+        Ok(found)
+    }
+}
+
+struct Inflated {
+    decoder: MultiGzDecoder<BufReader<Counted>>,
+    bytes: u64,
+}
+
+impl Read for Inflated {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let found = self.decoder.read(buffer)?;
+        self.bytes += found as u64;
+        if self.bytes > FREE + MAX_EXPANSION * self.decoder.get_ref().get_ref().bytes {
+            return Err(io::Error::other(Expansion));
+        }
+        Ok(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+
+    use super::*;
+
+    #[test]
+    fn data_that_expands_too_far_is_refused() {
+        let zeros = |count: u64| {
+            let mut writer = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+            let block = vec![0; 1 << 20];
+            for _ in 0..count >> 20 {
+                writer.write_all(&block).unwrap();
+            }
+            Source::Stream(Box::new(io::Cursor::new(writer.finish().unwrap())), false)
+        };
+        let read = |count| io::copy(&mut inflated(zeros(count)), &mut io::sink());
+        assert_eq!(read(FREE).unwrap(), FREE);
+        assert!(is_expansion(&read(2 * FREE).unwrap_err()));
+    }
+}

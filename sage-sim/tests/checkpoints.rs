@@ -1,0 +1,146 @@
+//! Checkpoints that are damaged, foreign or crafted: refused by name, never used.
+
+mod short_training;
+
+use std::path::Path;
+
+use safetensors::SafeTensors;
+use sage_core::content_hash::{HashedTensor, content_hash, split_hash, with_hash};
+use sage_sim::rl::{
+    BUFFER, CHECKPOINT, Setting, Training, TrainingOptions, TrainingState, curriculum::curricula,
+    scene_sampler::scene_samplers,
+};
+use short_training::{scenes, small};
+
+#[test]
+fn a_damaged_or_foreign_checkpoint_is_refused_by_name() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = small();
+    let load = |identity: &str| {
+        TrainingState::load(folder.path(), identity, &options, 6).map(|found| found.is_some())
+    };
+    assert_eq!(load("a"), Ok(false));
+    let mut state = TrainingState::new(&options, 6).expect("valid options");
+    state.save(folder.path(), "a").expect("written");
+    assert_eq!(load("a"), Ok(true));
+    assert!(load("b").expect_err("another run").contains("other options, scenes or weights"));
+    let path = folder.path().join(CHECKPOINT);
+    let whole = std::fs::read(&path).expect("the checkpoint");
+    for cut in [0, 7, 100, whole.len() / 2, whole.len() - 1] {
+        std::fs::write(&path, &whole[..cut]).expect("written");
+        assert!(load("a").expect_err("cut").contains(CHECKPOINT));
+    }
+    let mut flipped = whole.clone();
+    let last = flipped.len() - 3;
+    flipped[last] ^= 1;
+    std::fs::write(&path, flipped).expect("written");
+    assert!(load("a").expect_err("flipped").contains("does not match the hash"));
+    std::fs::write(&path, whole).expect("written");
+    assert_eq!(load("a"), Ok(true));
+}
+
+#[test]
+fn a_damaged_replay_buffer_is_refused_by_name() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = small();
+    save_trained(folder.path(), &options);
+    let load = || TrainingState::load(folder.path(), "test", &options, 6).map(|found| found.is_some());
+    assert_eq!(load(), Ok(true));
+    let file = std::fs::read_dir(folder.path().join(BUFFER)).expect("a folder").next().expect("a file");
+    let file = file.expect("an entry").path();
+    let whole = std::fs::read(&file).expect("rows");
+    for position in [0, 5, whole.len() / 2, whole.len() - 1] {
+        let mut flipped = whole.clone();
+        flipped[position] ^= 1;
+        std::fs::write(&file, flipped).expect("written");
+        assert!(load().expect_err("a flipped bit").contains("does not match the hash"));
+    }
+    std::fs::write(&file, &whole[..whole.len() - 4]).expect("written");
+    assert!(load().expect_err("cut").contains(".rows"));
+    std::fs::write(&file, [&whole[..], &[0; 420]].concat()).expect("written");
+    assert!(load().expect_err("longer").contains(".rows"));
+    std::fs::remove_file(&file).expect("removed");
+    assert!(load().expect_err("no rows").contains(".rows"));
+}
+
+/// Trains for a while and saves the run.
+fn save_trained(folder: &Path, options: &TrainingOptions) {
+    let (training, evaluation) = (scenes(6, 0), scenes(3, 1));
+    let (curricula, samplers) = (curricula().expect("names differ"), scene_samplers().expect("names differ"));
+    let curriculum = curricula.build_default("constant").expect("registered");
+    let sampler = samplers.build_default("uniform").expect("registered");
+    let setting = Setting {
+        scenes: &training,
+        evaluation: &evaluation,
+        attacker: None,
+        examiner: None,
+        curriculum: &*curriculum,
+        sampler: &*sampler,
+    };
+    let state = TrainingState::new(options, training.len()).expect("valid options");
+    let mut run = Training::new(options.clone(), setting, state);
+    run.advance(300, |_| ()).expect("nothing breaks");
+    run.state_mut().save(folder, "test").expect("written");
+}
+
+#[test]
+fn a_crafted_checkpoint_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = small();
+    save_trained(folder.path(), &options);
+    let path = folder.path().join(CHECKPOINT);
+    let whole = std::fs::read(&path).expect("the checkpoint");
+    let crafted = |pointer: &str, value: serde_json::Value| {
+        let changed = with_changed_record(&whole, |record| {
+            *record.pointer_mut(pointer).unwrap_or_else(|| panic!("no {pointer}")) = value;
+        });
+        std::fs::write(&path, changed).expect("written");
+        TrainingState::load(folder.path(), "test", &options, 6).map(|found| found.is_some())
+    };
+    assert_eq!(crafted("/diverging", 0.into()), Ok(true), "the crafted file has the right hash");
+    let huge = serde_json::Value::from(u64::MAX);
+    for counter in ["steps", "episodes", "attacked", "skipped", "drive_age", "without_drive", "unavoidable"] {
+        let error = crafted(&format!("/counters/{counter}"), huge.clone()).expect_err(counter);
+        assert!(error.contains(counter), "{counter}: {error}");
+    }
+    for (pointer, value) in [
+        ("/records", serde_json::json!([])),
+        ("/records/0/visits", huge.clone()),
+        ("/updates", huge.clone()),
+        ("/written", huge.clone()),
+        ("/written", 0.into()),
+        ("/buffer", serde_json::json!([])),
+        ("/buffer/0/first", huge.clone()),
+        ("/buffer/0/first", 1.into()),
+        ("/buffer/0/rows", huge.clone()),
+        ("/success/rates/0", 1e300.into()),
+        ("/drives", serde_json::json!([[0, u64::MAX, 0]])),
+        ("/drives", serde_json::json!([[99, 0, 0]])),
+        ("/drives", serde_json::json!([[0, 0, u64::MAX]])),
+        ("/loss_curve", serde_json::json!(vec![[0.0; 3]; 100])),
+        ("/diverging", u32::MAX.into()),
+        ("/format", "sage train-ego checkpoint 1".into()),
+    ] {
+        let error = crafted(pointer, value.clone()).expect_err(pointer);
+        assert!(error.contains("--force"), "{pointer} {value}: {error}");
+    }
+}
+
+/// A checkpoint with a changed record and the hash of its new content.
+fn with_changed_record(whole: &[u8], change: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
+    let (_, header) = SafeTensors::read_metadata(whole).expect("whole");
+    let (json, _) = split_hash(&header.metadata().as_ref().expect("a header")["checkpoint"]);
+    let mut record: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    change(&mut record);
+    let json = record.to_string();
+    let file = SafeTensors::deserialize(whole).expect("whole");
+    let tensors = || file.iter();
+    let hashed = tensors().map(|(name, tensor)| {
+        let dtype = format!("{:?}", tensor.dtype());
+        (name, HashedTensor { dtype, shape: tensor.shape().to_vec(), bytes: tensor.data() })
+    });
+    let text = with_hash(&json, &content_hash(&json, hashed));
+    let views = file.tensors();
+    let header = [("checkpoint".to_owned(), text)].into_iter().collect();
+    safetensors::serialize(views, Some(header)).expect("written")
+}

@@ -133,9 +133,6 @@ pub(crate) struct InspectArgs {
     /// Also list the tracks of each scene.
     #[arg(long, conflicts_with = "json")]
     pub tracks: bool,
-    /// Report a broken record of a shard and go on with the next one, instead of leaving the rest of the shard.
-    #[arg(long)]
-    pub keep_going: bool,
     #[command(flatten)]
     pub reading: ReadingArgs,
 }

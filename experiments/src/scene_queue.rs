@@ -12,14 +12,14 @@ use std::{
     },
 };
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use sage_core::files;
-use sage_data::ReadOptions;
+use sage_data::{ReadOptions, folder};
 
 use crate::{
     input,
     output::{self, DatasetRun},
-    terminal,
+    progress, terminal,
 };
 
 pub(crate) use report::{Line, Report, SceneReport};
@@ -48,29 +48,42 @@ pub(crate) enum Failure {
     Run(anyhow::Error),
 }
 
-/// Scene files with the names of their outputs, which say which part of a recording is read.
+/// Name of the page that lists all scenes.
+const RESERVED: &str = "index";
+
+/// Scene files with the names of their outputs, which say which part of a recording is read. `root` is the path that the
+/// user gave.
 ///
-/// *Errors*: two scenes have the same name, or a name cannot be listed in a data set.
-pub(crate) fn inputs(files: &[PathBuf], options: &ReadOptions) -> Result<Vec<Input>> {
-    let mut seen: HashMap<String, &Path> = HashMap::new();
-    let mut inputs = Vec::with_capacity(files.len());
-    for file in files {
+/// Scenes with one name, and scenes whose name cannot be that of an output, are named apart by their paths: all of them,
+/// so that a scene that is added later does not take the outputs of another.
+pub(crate) fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> Vec<Input> {
+    let name = |file: &PathBuf| {
         // A record that cannot be named fails when it is read.
         let unnamed = || file.file_name().unwrap_or_default().to_string_lossy().replace('#', "-record-");
-        let scene = input::scene_name(file).unwrap_or_else(|_| unnamed()) + &options.suffix();
-        if let Some(other) = seen.insert(scene.clone(), file) {
-            bail!(
-                "`{}` and `{}` have the same name, so their outputs would have; rename one, or run them into two folders",
-                other.display(),
-                file.display()
-            );
-        }
-        if scene.contains('\\') {
-            bail!("`{}` has a backslash in its name, which outputs cannot have; rename it", file.display());
-        }
-        inputs.push(Input { file: file.clone(), scene });
+        input::scene_name(file).unwrap_or_else(|_| unnamed())
+    };
+    let names: Vec<String> = files.iter().map(name).collect();
+    let mut counts: HashMap<&str, usize> = HashMap::new();
+    names.iter().for_each(|name| *counts.entry(name).or_default() += 1);
+    let mut apart = 0;
+    let mut inputs = Vec::with_capacity(files.len());
+    for (file, name) in files.iter().zip(&names) {
+        let is_usable = !name.contains('\\') && !name.starts_with('-') && name != RESERVED;
+        let scene = if is_usable && counts[&name[..]] == 1 {
+            name.clone()
+        } else {
+            apart += 1;
+            folder::name_apart(name, &folder::name_below(root, file))
+        };
+        inputs.push(Input { file: file.clone(), scene: scene + &options.suffix() });
     }
-    Ok(inputs)
+    if apart > 0 {
+        progress::say(&format!(
+            "note: outputs of {} have names with a hash of the path, because their own are not unique or cannot be those of outputs",
+            progress::count(apart, "scene")
+        ));
+    }
+    inputs
 }
 
 /// Works on scenes on all threads; each thread takes the next scene. Returns the seconds per line of each

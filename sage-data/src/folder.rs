@@ -211,6 +211,14 @@ pub fn name_below(root: &Path, file: &Path) -> PathBuf {
     below.map_or_else(|| file.file_name().map(PathBuf::from).unwrap_or_default(), Path::to_owned)
 }
 
+/// Name for the outputs of a scene whose own name another scene has too, or cannot be that of a file: the name with a
+/// hash of the scene's path.
+pub fn name_apart(name: &str, path: &Path) -> String {
+    let plain: String = name.chars().map(|c| if matches!(c, '\\' | '/') { '-' } else { c }).collect();
+    let hash = blake3::hash(path.as_os_str().as_encoded_bytes()).to_hex();
+    format!("{}-{}", plain.trim_start_matches('-'), &hash[..8])
+}
+
 /// Natural order: `2.pkl` comes before `10.pkl`.
 pub fn natural_order(a: &str, b: &str) -> Ordering {
     let (mut a, mut b) = (a, b);

@@ -14,7 +14,7 @@ use sage_core::{
 use crate::{
     Error, Format, ReadOptions, foreign, metadrive, native,
     pickle::Document,
-    repairs::Decoded,
+    repairs::{Decoded, note},
     variants::PROVENANCE,
     womd::{self, EncodedScenario},
 };
@@ -139,7 +139,10 @@ impl Recording {
     /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
     pub(crate) fn of_record(path: &Path, framed: &[u8], options: &ReadOptions) -> Result<Self, Error> {
         let source = womd::document(path, framed)?;
-        let scene = metadrive::decode(&source, options, path)?.scene;
+        let mut scene = metadrive::decode(&source, options, path)?.scene;
+        if !womd::has_id(framed) {
+            scene.notes.push(note("no-id", format!("the record has no id; it is named `{}`", scene.id)));
+        }
         Self::checked(path, scene, Source::Record(source), options)
     }
 
@@ -236,10 +239,16 @@ impl Recording {
     ///
     /// A scene that this project changed is named after its file, because all variants of a scene have its id.
     ///
-    /// *Errors*: as [`Recording::to_pickle`]; [`Error::TooLarge`] for a record that no reader takes.
+    /// The message is read again before it is returned.
+    ///
+    /// *Errors*: as [`Recording::to_pickle`]; [`Error::TooLarge`], and those of a record that cannot be read.
     pub fn to_scenario(&self) -> Result<EncodedScenario, Error> {
         let is_variant = !matches!(self.source, Source::Record(_)) && self.provenance()?.is_some();
         let stem = self.path.file_stem().filter(|_| is_variant).map(|stem| stem.to_string_lossy());
+        // A scene without an id is named after its file too.
+        let own =
+            self.path.file_stem().filter(|_| self.scene.id.is_empty()).map(|stem| stem.to_string_lossy());
+        let stem = stem.or(own);
         let encode = |document: &Document| womd::encode(&self.scene, document, stem.as_deref());
         let encoded = match self.written(true)? {
             Some(document) => encode(&document),
@@ -248,6 +257,8 @@ impl Recording {
         if encoded.data.len() as u64 > womd::MAX_RECORD {
             return Err(Error::TooLarge { path: self.path.clone(), limit: womd::MAX_RECORD });
         }
+        // What no reader takes must not be written.
+        Self::of_record(&self.path, &womd::frame(&encoded.data), &self.options)?;
         Ok(encoded)
     }
 

@@ -38,8 +38,15 @@ pub(crate) fn document(path: &Path, framed: &[u8]) -> Result<Document, Error> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let shard = name.rsplit_once('#').filter(|_| is_record_path(path)).map(|(shard, _)| shard);
     let source_file = shard.unwrap_or(&name);
-    let decoded = decode::decode(data(path, framed)?, source_file);
+    let decoded = decode::decode(data(path, framed)?, source_file, &unnamed(path));
     decoded.map_err(|problem| Error::Message { path: path.to_owned(), problem })
+}
+
+/// Id of a record that has none: its number, `record-3` for `SHARD#3`.
+fn unnamed(path: &Path) -> String {
+    let number = path.to_str().and_then(|path| path.rsplit_once('#')).map(|(_, number)| number);
+    let number = number.filter(|number| number.bytes().all(|byte| byte.is_ascii_digit()));
+    number.map_or_else(|| "record".to_owned(), |number| format!("record-{number}"))
 }
 
 /// Name of the scene of a record with its frame, for file names, and its data set.
@@ -48,7 +55,8 @@ pub(crate) fn document(path: &Path, framed: &[u8]) -> Result<Document, Error> {
 pub(crate) fn heading_of(path: &Path, framed: &[u8]) -> Result<SceneHeading, Error> {
     let heading = decode::heading(data(path, framed)?);
     let heading = heading.map_err(|problem| Error::Message { path: path.to_owned(), problem })?;
-    Ok(SceneHeading { name: dataset::plain_name(heading.id), dataset: heading.dataset.to_owned() })
+    let name = if heading.id.is_empty() { unnamed(path) } else { dataset::plain_name(heading.id) };
+    Ok(SceneHeading { name, dataset: heading.dataset.to_owned() })
 }
 
 /// Name and data set of a scene that is not decoded.
@@ -57,6 +65,12 @@ pub struct SceneHeading {
     pub name: String,
     /// The data set that its MetaDrive values name.
     pub dataset: String,
+}
+
+/// Whether a record with its frame has an id.
+pub(crate) fn has_id(framed: &[u8]) -> bool {
+    let heading = tfrecord::checked_data(framed).ok().and_then(|data| decode::heading(data).ok());
+    heading.is_some_and(|heading| !heading.id.is_empty())
 }
 
 /// The data of a record whose place in a shard is not known.

@@ -50,9 +50,6 @@ pub(crate) struct ConvertArgs {
     /// --to womd.
     #[arg(long, value_name = "K/N")]
     pub shard: Option<Shard>,
-    /// Report a broken record of a shard and go on with the next one, instead of stopping.
-    #[arg(long)]
-    pub keep_going: bool,
     #[command(flatten)]
     pub reading: ReadingArgs,
     #[command(flatten)]

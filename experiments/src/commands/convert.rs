@@ -4,12 +4,12 @@ mod scenes;
 mod shards;
 
 use std::{
-    collections::{BTreeMap, HashSet},
+    collections::BTreeMap,
     path::{Path, PathBuf},
     time::{Instant, UNIX_EPOCH},
 };
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use sage_data::{dataset, stream::Inputs, womd};
 use serde_json::{Value, json};
 
@@ -47,10 +47,6 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     let inputs = Inputs::under(&args.paths)?;
     let suffix = args.reading.options().suffix();
     let names: Vec<PathBuf> = inputs.names().map(|name| with_suffix(&name, &suffix)).collect();
-    let distinct: HashSet<&PathBuf> = names.iter().collect();
-    if distinct.len() < names.len() {
-        bail!("several inputs would become one file; convert them into separate folders");
-    }
     let out = &args.folder.out;
     let files: Vec<PathBuf> = inputs.files().map(Path::to_owned).collect();
     let outputs = match args.to {
@@ -97,15 +93,6 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
         progress::say(&format!("note: this is part {} of {}", shard.number, shard.of));
     }
     Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
-}
-
-/// The error of a record that ends a run, with the remedy if there is one.
-fn stopped(error: anyhow::Error) -> anyhow::Error {
-    match error.downcast_ref::<sage_data::Error>() {
-        Some(sage_data::Error::Shard { problem, .. }) if !problem.is_skippable() => error,
-        Some(sage_data::Error::Read { .. }) => error,
-        _ => error.context("a record cannot be converted; --keep-going skips it"),
-    }
 }
 
 /// A name for an output with the suffix of a window.

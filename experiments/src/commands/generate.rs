@@ -32,7 +32,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let plan = Plan::new(args, registries)?;
     let files = folder::scene_files(&args.scene)?;
     input::check_single(&files)?;
-    let all = scene_queue::inputs(&files, &args.reading.options())?;
+    let all = scene_queue::inputs(&args.scene, &files, &args.reading.options());
     let own: Vec<&Input> =
         all.iter().filter(|input| args.shard.is_none_or(|shard| shard.holds(&input.scene))).collect();
     // Input files must not be in the output folder, even if no output has the same name.

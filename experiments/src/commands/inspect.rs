@@ -42,18 +42,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
         total: Total::default(),
     };
     report.header()?;
-    let mut stopped = None;
-    map_in_order(inputs.items(), Item::size, read, |found| -> Result<()> {
-        // Without --keep-going, the first broken record of a shard ends it.
-        if found.shard.is_some() && found.shard == stopped {
-            report.total.left_out += 1;
-            return Ok(());
-        }
-        if found.row.is_err() && !args.keep_going {
-            stopped = found.shard.clone();
-        }
-        report.row(found)
-    })?;
+    map_in_order(inputs.items(), Item::size, read, |found| report.row(found))?;
     report.finish()
 }
 
@@ -98,7 +87,6 @@ struct Total {
     scenes: usize,
     failed: usize,
     /// Records after a broken one.
-    left_out: usize,
     tracks: usize,
     points: usize,
     warnings: BTreeMap<&'static str, usize>,
@@ -215,10 +203,6 @@ impl<W: Write> Report<W> {
             [count(*scenes, "scene"), count(*tracks, "track"), count(*points, "map point")].join(", ");
         if *failed > 0 {
             sum += &format!(", {} not read", count(*failed, "file"));
-        }
-        if self.total.left_out > 0 {
-            let left_out = count(self.total.left_out, "record");
-            sum += &format!(" and {left_out} after them left out (--keep-going reads them)");
         }
         if !warnings.is_empty() {
             let words: Vec<String> = warnings.iter().map(|(kind, n)| format!("{n} {kind}")).collect();

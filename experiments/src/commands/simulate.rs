@@ -162,10 +162,7 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
             files.len()
         );
     }
-    let inputs = scene_queue::inputs(&files, &args.reading.options())?;
-    if inputs.len() > 1 && inputs.iter().any(|input| page_file(&input.scene) == index::FILE) {
-        bail!("a scene is named `index`, like the page that lists the scenes; rename it");
-    }
+    let inputs = scene_queue::inputs(&args.scene, &files, &args.reading.options());
     let outputs = |input: &Input| -> Vec<String> {
         let rows = simulation.files(&input.scene).map(|(.., file)| file);
         rows.chain([page_file(&input.scene)]).collect()

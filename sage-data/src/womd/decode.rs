@@ -52,12 +52,16 @@ struct Scenario<'r> {
     current_time_index: i32,
 }
 
-/// The values of a record, as in a MetaDrive file without summaries. `source_file` is the name of the shard.
+/// The values of a record, as in a MetaDrive file without summaries. `source_file` is the name of the shard, `unnamed`
+/// the id of a record without one.
 ///
 /// *Errors*: [`MessageError`] with the offset, the field, the value found and the value expected.
-pub(super) fn decode(record: &[u8], source_file: &str) -> Result<Document, MessageError> {
+pub(super) fn decode(record: &[u8], source_file: &str, unnamed: &str) -> Result<Document, MessageError> {
     let mut budget = Budget::of(record.len());
-    let scenario = scenario(record, &mut budget)?;
+    let mut scenario = scenario(record, &mut budget)?;
+    if scenario.id.is_empty() {
+        scenario.id = unnamed;
+    }
     let frames = scenario.timestamps.len();
     let mut values = Values::with_capacity(record.len());
     let tracks = tracks::decode(&scenario, &mut values, &mut budget)?;
@@ -88,7 +92,7 @@ pub(super) struct Heading<'r> {
     pub(super) dataset: &'r str,
 }
 
-/// The id and the data set of a record. The rest is not decoded.
+/// The id and the data set of a record; the id may be empty. The rest is not decoded.
 ///
 /// *Errors*: a record that is no `Scenario`.
 pub(super) fn heading(record: &[u8]) -> Result<Heading<'_>, MessageError> {
@@ -105,15 +109,7 @@ pub(super) fn heading(record: &[u8]) -> Result<Heading<'_>, MessageError> {
             _ => {}
         }
     }
-    match found.id {
-        "" => Err(foreign::explained(record, missing_id())),
-        _ => Ok(found),
-    }
-}
-
-/// The error of a record without an id, after which scenes are named.
-fn missing_id() -> MessageError {
-    MessageError::value(0, &Place::ROOT.field("scenario_id"), "missing", "the id of the scene")
+    Ok(found)
 }
 
 /// The fields of the outermost message.
@@ -158,9 +154,6 @@ fn scenario<'r>(record: &'r [u8], budget: &mut Budget) -> Result<Scenario<'r>, M
         let place = root.field("timestamps_seconds");
         let expected = format!("{HISTORY} to {MAX_FRAMES} frames");
         return Err(MessageError::value(0, &place, format!("a list of {frames} frames"), expected));
-    }
-    if found.id.is_empty() {
-        return Err(missing_id());
     }
     Ok(found)
 }

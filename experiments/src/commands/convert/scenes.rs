@@ -1,14 +1,14 @@
 //! Formats with a file per scene.
 
 use std::{
-    collections::{HashMap, HashSet},
+    collections::HashSet,
     path::{Path, PathBuf},
 };
 
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::files::{self, Existing};
 use sage_data::{
-    Recording, dataset,
+    Recording, dataset, folder,
     openscenario::{Export, Options},
     repairs,
     stream::{Inputs, Item, map_in_order},
@@ -19,27 +19,14 @@ use super::{Tally, file_name, with_suffix};
 use crate::{
     cli::{ConvertArgs, ConvertFormat},
     output::{self, DatasetRun},
-    progress::Progress,
+    progress::{self, Progress},
     scenario_files,
 };
 
 /// A scene, and the name of its file; or why it has none.
 enum Job {
     Convert(Item, PathBuf),
-    Refused(anyhow::Error, Source),
-}
-
-/// Where a scene comes from, which decides whether a failure ends the run.
-#[derive(Clone, Copy, PartialEq)]
-enum Source {
-    File,
-    Record,
-}
-
-impl Source {
-    fn of(item: &Item) -> Self {
-        if item.shard().is_some() { Self::Record } else { Self::File }
-    }
+    Refused(anyhow::Error),
 }
 
 /// What became of a scene.
@@ -47,12 +34,12 @@ enum Done {
     Written(Vec<String>),
     /// An earlier run wrote it.
     Found,
-    Failed(anyhow::Error, Source),
+    Failed(anyhow::Error),
 }
 
 /// Converts all scenes.
 ///
-/// *Errors*: a record that cannot be read, without --keep-going; a full disk.
+/// *Errors*: a full disk.
 pub(super) fn convert(
     args: &ConvertArgs,
     inputs: &Inputs,
@@ -62,9 +49,9 @@ pub(super) fn convert(
 ) -> Result<()> {
     let root = run.folder().path().canonicalize().unwrap_or_else(|_| run.folder().path().to_owned());
     let given = inputs.files().filter_map(|file| file.canonicalize().ok()).collect();
-    let mut names = Names { args, run, taken: HashMap::new(), inputs: given, root, folders: HashSet::new() };
+    let mut names = Names { args, run, taken: HashSet::new(), inputs: given, root, folders: HashSet::new() };
     let jobs = inputs.items().filter_map(|item| names.job(item).transpose());
-    let jobs = jobs.map(|job| job.unwrap_or_else(|error| Job::Refused(error, Source::File)));
+    let jobs = jobs.map(|job| job.unwrap_or_else(|error| Job::Refused(error)));
     let size = |job: &Job| if let Job::Convert(item, _) = job { item.size() } else { 0 };
     let folder = run.folder().path();
     map_in_order(
@@ -83,9 +70,8 @@ pub(super) fn convert(
                 progress.step_found();
                 Ok(())
             }
-            Done::Failed(error, _) if output::is_disk_full(&error) => Err(error),
-            Done::Failed(error, Source::Record) if !args.keep_going => Err(super::stopped(error)),
-            Done::Failed(error, _) => {
+            Done::Failed(error) if output::is_disk_full(&error) => Err(error),
+            Done::Failed(error) => {
                 tally.failed += 1;
                 progress.step();
                 progress.say(&format!("error: {error:#}"));
@@ -99,8 +85,8 @@ pub(super) fn convert(
 struct Names<'r> {
     args: &'r ConvertArgs,
     run: &'r DatasetRun,
-    /// The scene that has each name.
-    taken: HashMap<PathBuf, PathBuf>,
+    /// Names that scenes have.
+    taken: HashSet<PathBuf>,
     /// The input files and the output folder, links resolved.
     inputs: HashSet<PathBuf>,
     root: PathBuf,
@@ -111,34 +97,37 @@ struct Names<'r> {
 impl Names<'_> {
     /// The work on a scene; `None` if it belongs to another part.
     fn job(&mut self, item: Item) -> Result<Option<Job>> {
-        let source = Source::of(&item);
         let path = item.path().to_owned();
         let (name, dataset) = match item.name() {
             Ok((name, dataset)) => (with_suffix(&name, &self.args.reading.options().suffix()), dataset),
-            Err(error) => return Ok(Some(Job::Refused(error.into(), source))),
+            Err(error) => return Ok(Some(Job::Refused(error.into()))),
         };
         if self.args.shard.is_some_and(|shard| !shard.holds(&name.to_string_lossy())) {
             return Ok(None);
         }
-        let name = match dataset {
+        let file = |name: &Path| match &dataset {
             Some(dataset) if self.args.to == ConvertFormat::Pickle => {
-                dataset::file_name(&dataset, VERSION, &name.to_string_lossy()).into()
+                dataset::file_name(dataset, VERSION, &name.to_string_lossy()).into()
             }
-            _ => file_name(&name, self.args.to),
+            _ => file_name(name, self.args.to),
         };
+        let mut output = file(&name);
+        if self.taken.contains(&output) {
+            // Another scene has this name.
+            let apart = folder::name_apart(&name.file_name().unwrap_or_default().to_string_lossy(), &path);
+            output = file(&name.with_file_name(apart));
+            progress::say(&format!(
+                "note: a scene before `{}` has its name; it becomes `{}`",
+                path.display(),
+                output.display()
+            ));
+        }
+        let name = output;
         if self.inputs.contains(&self.root.join(&name)) {
             let error = anyhow!("`{}` would take the place of an input; name another --out", name.display());
-            return Ok(Some(Job::Refused(error, source)));
+            return Ok(Some(Job::Refused(error)));
         }
-        if let Some(other) = self.taken.insert(name.clone(), path.clone()) {
-            let error = anyhow!(
-                "`{}` and `{}` are scenes with one name, `{}`; convert them into separate folders, or leave out the later one by --keep-going",
-                other.display(),
-                path.display(),
-                name.display()
-            );
-            return Ok(Some(Job::Refused(error, source)));
-        }
+        self.taken.insert(name.clone());
         if let Some(parent) = name.parent().filter(|parent| !parent.as_os_str().is_empty())
             && self.folders.insert(parent.to_owned())
         {
@@ -152,9 +141,8 @@ impl Names<'_> {
 fn one(args: &ConvertArgs, folder: &Path, job: Job) -> Done {
     let (item, name) = match job {
         Job::Convert(item, name) => (item, name),
-        Job::Refused(error, source) => return Done::Failed(error, source),
+        Job::Refused(error) => return Done::Failed(error),
     };
-    let source = Source::of(&item);
     let target = folder.join(&name);
     // No scene file is empty, and a file under its final name is complete.
     let is_found = std::fs::metadata(&target).is_ok_and(|found| found.is_file() && found.len() > 0);
@@ -166,7 +154,7 @@ fn one(args: &ConvertArgs, folder: &Path, job: Job) -> Done {
             ConvertFormat::Openscenario => write_scenario(args, &recording, &target),
             _ => Ok(recording.write(&target).map(|()| repairs::notes_of(&recording).collect())?),
         });
-    written.map_or_else(|error| Done::Failed(error, source), Done::Written)
+    written.map_or_else(Done::Failed, Done::Written)
 }
 
 /// Writes a scenario and its map. Returns what they lack.

@@ -2,7 +2,6 @@
 
 use std::{
     collections::BTreeMap,
-    io,
     path::{Path, PathBuf},
 };
 
@@ -71,7 +70,7 @@ pub(super) fn outdated(folder: &Path) -> Vec<String> {
 
 /// Converts all scenes into shards with the same number of scenes each.
 ///
-/// *Errors*: the number of scenes is not known; a record that cannot be read, without --keep-going; a full disk.
+/// *Errors*: the number of scenes is not known; a full disk.
 pub(super) fn convert(
     args: &ConvertArgs,
     inputs: &Inputs,
@@ -129,18 +128,15 @@ fn write_shard(
     progress: &mut Progress,
 ) -> Result<Part> {
     let mut part = Part::default();
-    let mut stopped = None;
     let encode = |item: Item| {
-        let is_record = item.shard().is_some();
-        let encoded = item.read(&args.reading.options()).and_then(|recording| {
+        item.read(&args.reading.options()).and_then(|recording| {
             let mut encoded = recording.to_scenario()?;
             encoded.notes.extend(repairs::notes_of(&recording).map(|note| (note, 1)));
             Ok(encoded)
-        });
-        (is_record, encoded)
+        })
     };
     let written = files::write_with(path, Existing::Replace, |out| {
-        map_in_order(items.take(size), Item::size, encode, |(is_record, encoded)| {
+        map_in_order(items.take(size), Item::size, encode, |encoded| {
             progress.step();
             match encoded {
                 Ok(EncodedScenario { data, ids, notes }) => {
@@ -151,11 +147,6 @@ fn write_shard(
                         *part.notes.entry(note).or_default() += count;
                     }
                 }
-                Err(error) if is_record && !args.keep_going => {
-                    stopped = Some(anyhow::Error::from(error));
-                    // Only ends the shard, which is then not renamed to its final name.
-                    return Err(io::ErrorKind::InvalidData.into());
-                }
                 Err(error) => {
                     part.failed += 1;
                     progress.say(&format!("error: {:#}", anyhow::Error::from(error)));
@@ -164,9 +155,6 @@ fn write_shard(
             Ok(())
         })
     });
-    if let Some(error) = stopped {
-        return Err(super::stopped(error));
-    }
     written.with_context(|| format!("cannot write `{}`", path.display()))?;
     Ok(part)
 }

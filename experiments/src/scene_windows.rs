@@ -45,7 +45,7 @@ pub(crate) fn results<T: SceneOutcome>(
             all.extend(before);
             continue;
         }
-        let results = window.map(&one, &mut done)?;
+        let results = window.map_each(&one, &mut done)?;
         let name = file.strip_prefix(run.folder().path()).unwrap_or(&file).display().to_string();
         run.folder().write(&name, serde_json::to_string(&results)?.as_bytes())?;
         all.extend(results);

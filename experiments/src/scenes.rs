@@ -2,9 +2,9 @@
 //! long the list is.
 
 use std::{
-    collections::{BTreeMap, HashMap, HashSet},
+    collections::{BTreeMap, BTreeSet, HashMap, HashSet},
     path::{Path, PathBuf},
-    sync::Arc,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
 use anyhow::{Context as _, Result, bail};
@@ -21,7 +21,9 @@ use sage_data::{
 };
 
 use crate::{
+    Outcome,
     cli::SplitArgs,
+    output,
     progress::{self, Progress, count},
 };
 
@@ -41,6 +43,8 @@ pub(crate) struct Scenes {
     options: ReadOptions,
     /// Number of scenes with each important warning; filled when all scenes have been read once.
     warnings: BTreeMap<&'static str, usize>,
+    /// Names of the scenes that could not be read or worked on.
+    failed: Arc<Mutex<BTreeSet<String>>>,
 }
 
 /// A scene that is kept, and its important warnings with their kinds.
@@ -130,14 +134,59 @@ impl Scenes {
             entries: entries.to_vec(),
             options: self.options,
             warnings: BTreeMap::new(),
+            failed: self.failed.clone(),
         })
     }
 
-    /// Applies `work` to every scene in parallel and returns the results in the order of the scenes.
-    /// Calls `done` after each scene, in order.
+    /// Prints why a scene failed, and counts it.
+    pub(crate) fn fail(&self, name: &str, error: &anyhow::Error) {
+        progress::say(&format!("error: `{name}`: {error:#}"));
+        self.failures().insert(name.to_owned());
+    }
+
+    fn failures(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.failed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Number of scenes that failed.
+    pub(crate) fn failed(&self) -> usize {
+        self.failures().len()
+    }
+
+    /// The scenes without those that failed.
+    pub(crate) fn without_failed(mut self) -> Self {
+        let failed = self.failures().clone();
+        self.entries.retain(|entry| !failed.contains(&entry.name()));
+        self
+    }
+
+    /// Outcome of a command that did its work on the scenes that did not fail.
+    pub(crate) fn outcome(&self) -> Outcome {
+        outcome_without(self.failed())
+    }
+
+    /// As [`Scenes::map_each`].
     ///
-    /// *Errors*: the first scene that cannot be read, or for which `work` fails.
+    /// *Errors*: every scene fails, or the disk is full.
     pub(crate) fn map<T: Send>(
+        &self,
+        work: impl Fn(&SceneData) -> Result<T> + Sync,
+        done: impl FnMut(),
+    ) -> Result<Vec<T>> {
+        let before = self.failed();
+        let all = self.map_each(work, done)?;
+        if all.is_empty() && self.failed() > before {
+            bail!("none of {} can be used", count(self.len(), "scene"));
+        }
+        Ok(all)
+    }
+
+    /// Applies `work` to every scene in parallel and returns the results in the order of the scenes. A scene that
+    /// cannot be read, or for which `work` fails, is named, counted and left out. Calls `done` after each scene, in
+    /// order.
+    ///
+    /// *Errors*: the disk is full.
+    pub(crate) fn map_each<T: Send>(
         &self,
         work: impl Fn(&SceneData) -> Result<T> + Sync,
         mut done: impl FnMut(),
@@ -149,8 +198,12 @@ impl Scenes {
                 .with_max_len(1)
                 .map(|entry| entry.load(&self.options)?.map(|data| work(&data)).transpose())
                 .collect();
-            for result in results {
-                all.extend(result?);
+            for (entry, result) in window.iter().zip(results) {
+                match result {
+                    Ok(result) => all.extend(result),
+                    Err(error) if output::is_disk_full(&error) => return Err(error),
+                    Err(error) => self.fail(&entry.name(), &error),
+                }
                 done();
             }
         }
@@ -164,7 +217,7 @@ impl Scenes {
     fn checked(self, what: &'static str, keep: impl Fn(&SceneData) -> bool + Sync) -> Result<Self> {
         let mut progress = Progress::new(what, self.len());
         let mut entries = Vec::with_capacity(self.len());
-        let (mut warnings, mut first_error) = (BTreeMap::new(), None);
+        let (mut warnings, mut first_error, mut unreadable) = (BTreeMap::new(), None, Vec::new());
         for window in self.entries.chunks(WINDOW) {
             let check = |entry: &Entry| -> Result<Checked> {
                 let Some(data) = entry.load(&self.options)? else { return Ok((None, Vec::new())) };
@@ -176,13 +229,14 @@ impl Scenes {
                 Ok((kept, said.collect()))
             };
             let checked: Vec<Result<Checked>> = window.par_iter().with_max_len(1).map(check).collect();
-            for found in checked {
+            for (name, found) in window.iter().map(Entry::name).zip(checked) {
                 progress.step();
                 let (entry, said) = match found {
                     Ok(found) => found,
                     // A folder goes on without a file that is no scene.
                     Err(error) => {
                         progress.say(&format!("error: {error:#}"));
+                        unreadable.push(name);
                         *warnings.entry(UNREADABLE).or_default() += 1;
                         first_error.get_or_insert(error);
                         continue;
@@ -195,12 +249,12 @@ impl Scenes {
                 }
             }
         }
-        let unreadable = warnings.get(UNREADABLE).copied().unwrap_or_default();
-        if let Some(error) = first_error.filter(|_| unreadable == self.len()) {
+        if let Some(error) = first_error.filter(|_| unreadable.len() == self.len()) {
             return Err(error);
         }
-        progress.finish(&format!("read {}", count(self.len() - unreadable, "scene")));
-        Ok(Self { entries, options: self.options, warnings })
+        progress.finish(&format!("read {}", count(self.len() - unreadable.len(), "scene")));
+        self.failures().extend(unreadable);
+        Ok(Self { entries, warnings, ..self })
     }
 
     /// All scenes that can be read, each read once so that its content is known.
@@ -208,11 +262,6 @@ impl Scenes {
     /// *Errors*: no file is a scene.
     pub(crate) fn known(self) -> Result<Self> {
         self.checked("read", |_| true)
-    }
-
-    /// Number of files that are no scene.
-    pub(crate) fn unreadable(&self) -> usize {
-        self.warnings.get(UNREADABLE).copied().unwrap_or_default()
     }
 
     /// Numbers of scenes with important warnings as a paragraph of a report; empty without any.
@@ -252,9 +301,10 @@ impl Scenes {
         Ok(attackable)
     }
 
-    /// Reads all scenes into memory, for training, which reads them repeatedly in random order.
+    /// Reads all scenes into memory, for training, which reads them repeatedly in random order. Files that are no
+    /// scene are named, counted and left out.
     ///
-    /// *Errors*: a file is not a scene; the scenes exceed [`MEMORY_LIMIT`].
+    /// *Errors*: no file is a scene; the scenes exceed [`MEMORY_LIMIT`].
     pub(crate) fn read_all(&self) -> Result<Vec<SceneData>> {
         let mut progress = Progress::new("read", self.len());
         let mut loaded = Vec::with_capacity(self.len());
@@ -262,9 +312,16 @@ impl Scenes {
         for window in self.entries.chunks(WINDOW) {
             let scenes: Vec<Result<Option<Arc<SceneData>>>> =
                 window.par_iter().with_max_len(1).map(|entry| entry.load(&self.options)).collect();
-            for data in scenes {
+            for (entry, data) in window.iter().zip(scenes) {
                 progress.step();
-                let Some(data) = data? else { continue };
+                let data = match data {
+                    Ok(Some(data)) => data,
+                    Ok(None) => continue,
+                    Err(error) => {
+                        self.fail(&entry.name(), &error);
+                        continue;
+                    }
+                };
                 size += memory_size(&data);
                 if size > MEMORY_LIMIT {
                     bail!(
@@ -281,26 +338,42 @@ impl Scenes {
                 );
             }
         }
+        if loaded.is_empty() && self.failed() > 0 {
+            bail!("none of {} can be used", count(self.len(), "scene"));
+        }
         progress.finish(&format!("read {}", count(loaded.len(), "scene")));
         Ok(loaded)
     }
 
-    /// Reads the scenes with the given names.
-    ///
-    /// *Errors*: a scene cannot be read.
-    pub(crate) fn by_name(&self, names: &HashSet<&str>) -> Result<BTreeMap<String, Arc<SceneData>>> {
+    /// Reads the scenes with the given names. Those that cannot be read are named, counted and left out.
+    pub(crate) fn by_name(&self, names: &HashSet<&str>) -> BTreeMap<String, Arc<SceneData>> {
         let mut found = BTreeMap::new();
         for entry in self.entries.iter().filter(|entry| names.contains(&entry.name()[..])) {
-            found.extend(entry.load(&self.options)?.map(|data| (data.name.clone(), data)));
+            match entry.load(&self.options) {
+                Ok(data) => found.extend(data.map(|data| (data.name.clone(), data))),
+                Err(error) => self.fail(&entry.name(), &error),
+            }
         }
-        Ok(found)
+        found
     }
 
-    /// Number of scenes and a hash of their contents in order. Only valid after [`Scenes::attackable`] or
-    /// [`Scenes::known`].
+    /// Number of scenes that did not fail, and a hash of their contents in order. Only valid after
+    /// [`Scenes::attackable`] or [`Scenes::known`].
     pub(crate) fn describe(&self) -> String {
-        description(self.entries.iter().map(|entry| entry.content.unwrap_or_default()))
+        let failed = self.failures();
+        let entries = self.entries.iter().filter(|entry| !failed.contains(&entry.name()));
+        let contents: Vec<_> = entries.map(|entry| entry.content.unwrap_or_default()).collect();
+        description(contents.into_iter())
     }
+}
+
+/// Outcome of a command in which a number of scenes failed.
+pub(crate) fn outcome_without(failed: usize) -> Outcome {
+    if failed == 0 {
+        return Outcome::Done;
+    }
+    progress::say(&format!("{} failed; the results are of the others", count(failed, "scene")));
+    Outcome::Partial
 }
 
 impl Entry {

@@ -26,7 +26,7 @@ pub(crate) fn write(folder: &Folder, scenes: &Scenes, table: Option<&Table>, mar
     let rows = table.map_or(&[][..], |table| &table.rows);
     let cases: Vec<_> = rows.iter().map(|(.., rows)| cases(rows)).collect();
     let shown: HashSet<&str> = cases.iter().flatten().map(|(_, row)| &row.scene[..]).collect();
-    let scenes = scenes.by_name(&shown)?;
+    let scenes = scenes.by_name(&shown);
     let mut cards = String::new();
     for (k, (key, _, rows)) in rows.iter().enumerate() {
         let method = &key.label();

@@ -102,5 +102,5 @@ pub(crate) fn run(args: &ConnectivityArgs, registries: &Registries) -> Result<Ou
         report::PAGE,
         args.folder.out.display()
     ));
-    Ok(Outcome::Done)
+    Ok(scenes.outcome())
 }

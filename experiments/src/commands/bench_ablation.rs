@@ -31,7 +31,7 @@ use crate::{
     output::{self, Folder},
     part::Part,
     progress::{self, Progress},
-    scenes::Scenes,
+    scenes::{self, Scenes},
     selection::Selection,
 };
 
@@ -113,8 +113,8 @@ pub(crate) fn run(args: &AblationArgs, registries: &Registries) -> Result<Outcom
         seed: args.seed,
         folder: FolderArgs { out: experts.clone(), force: args.folder.force },
     };
-    finetune::run(&tuning, registries)?;
-    let tuned = measure(args, registries, &experts.display().to_string())?;
+    let tuning = finetune::run(&tuning, registries)?;
+    let (tuned, failed) = measure(args, registries, &experts.display().to_string())?;
     let markdown = table(&tuned, args.seed)?;
     out.write("table.md", markdown.as_bytes())?;
     let curves = files::read_text(&experts.join("finetune.csv"), CURVES_LIMIT)?;
@@ -126,7 +126,7 @@ pub(crate) fn run(args: &AblationArgs, registries: &Registries) -> Result<Outcom
     out.write("run.json", format!("{record:#}\n").as_bytes())?;
     output::print(&markdown)?;
     progress::say(&format!("table.md, charts and the experts are in `{}`", args.folder.out.display()));
-    Ok(Outcome::Done)
+    Ok(if tuning == Outcome::Done { scenes::outcome_without(failed) } else { tuning })
 }
 
 /// The options of all experts: those of the paper's preset, and what each variant changes.
@@ -140,8 +140,9 @@ fn config(args: &AblationArgs) -> Result<Value> {
     Ok(config)
 }
 
-/// All variants on the evaluation scenes: the selection of the largest reward, and expectations without selection.
-fn measure(args: &AblationArgs, registries: &Registries, folder: &str) -> Result<Vec<Tuned>> {
+/// All variants on the evaluation scenes: the selection of the largest reward, and expectations without selection. Also
+/// how many scenes failed.
+fn measure(args: &AblationArgs, registries: &Registries, folder: &str) -> Result<(Vec<Tuned>, usize)> {
     let selection = Selection::of(registries, "paper-selection", None)?;
     let experts = networks::load_experts(&registries.backbones, folder)?;
     let merger: Arc<dyn Merger> = registries.mergers.build_default("linear")?.into();
@@ -177,7 +178,7 @@ fn measure(args: &AblationArgs, registries: &Registries, folder: &str) -> Result
             tuned.free.push(expectation);
         }
     }
-    Ok(tuned)
+    Ok((tuned, scenes.failed()))
 }
 
 fn table(tuned: &[Tuned], seed: u64) -> Result<String> {

@@ -85,11 +85,20 @@ pub(crate) fn run(args: &ClosedLoopArgs, registries: &Registries) -> Result<Outc
         .collect::<Result<Vec<_>>>()?;
     let out = Folder::resumable(&args.folder.out, args.folder.force, CELLS)?;
     let cells = out.inner(CELLS.as_ref())?;
-    let data = Scenes::of(&args.paths, &args.split, args.procedural, 1)?.attackable()?.read_all()?;
-    let scenes = data
-        .iter()
-        .map(|data| SimScene::new(data.scene.clone(), data.index.clone()))
-        .collect::<Result<Vec<Arc<SimScene>>, _>>()?;
+    let all = Scenes::of(&args.paths, &args.split, args.procedural, 1)?.attackable()?;
+    let mut data = all.read_all()?;
+    let mut scenes: Vec<Arc<SimScene>> = Vec::with_capacity(data.len());
+    data.retain(|data| match SimScene::new(data.scene.clone(), data.index.clone()) {
+        Ok(scene) => {
+            scenes.push(scene);
+            true
+        }
+        Err(error) => {
+            all.fail(&data.name, &error.into());
+            false
+        }
+    });
+    ensure!(!scenes.is_empty(), "no scene can be driven");
     let names: Vec<String> = data.iter().map(|data| data.name.clone()).collect();
     let shared = json!({
         "scenes": scenes::describe(&data), "methods": parts.iter().map(ToString::to_string).collect::<Vec<_>>(),
@@ -149,7 +158,7 @@ pub(crate) fn run(args: &ClosedLoopArgs, registries: &Registries) -> Result<Outc
         ));
         return Ok(Outcome::Partial);
     }
-    Ok(Outcome::Done)
+    Ok(all.outcome())
 }
 
 /// Puts results under their method and seed.

@@ -95,7 +95,7 @@ pub(crate) fn run(args: &DialBenchArgs, registries: &Registries) -> Result<Outco
         "dial.md, dial.csv, dial.svg and run.json are in `{}`",
         args.on.folder.out.display()
     ));
-    Ok(Outcome::Done)
+    Ok(scenes.outcome())
 }
 
 /// Rates over the aggression, and a straight line between the ends of the first sweep.

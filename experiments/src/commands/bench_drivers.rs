@@ -47,7 +47,7 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
         Ok(egos.iter().map(|ego| test(data, &scene, ego, attackers, args.seed)).collect())
     };
     let mut progress = Progress::new("driven", scenes.len());
-    let tested = scenes.map(|data| Ok(one(data)), || progress.step())?;
+    let tested = scenes.map(|data| Ok((data.name.clone(), one(data)?)), || progress.step())?;
     progress.finish(&format!(
         "{} in {}",
         progress::count(egos.len(), "driver"),
@@ -60,35 +60,30 @@ pub(crate) fn run(args: &DriversArgs, registries: &Registries) -> Result<Outcome
             DriverRows { name, stream, knows: ego.policy.privilege(), scenes: Vec::new() }
         })
         .collect();
-    let mut failed = scenes.unreadable();
-    for (name, scene) in scenes.names().iter().zip(tested) {
+    let mut failed = scenes.failed();
+    for (name, tested) in tested {
         let mut fail = |who: &str, error: &anyhow::Error| {
             failed += 1;
-            progress::say(&format!("error: {who}`{name}`: {error:#}"));
+            progress::say(&format!("error: {who}: `{name}`: {error:#}"));
         };
-        match scene {
-            Err(error) => fail("", &error),
-            Ok(tested) => {
-                for (driver, row) in drivers.iter_mut().zip(tested) {
-                    match row {
-                        Ok(row) => {
-                            match &row.failed {
-                                Some((true, reason)) => {
-                                    progress::say(&format!(
-                                        "left out: attacks on {}: `{name}`: {reason}",
-                                        driver.name
-                                    ));
-                                }
-                                Some((false, problem)) => {
-                                    fail(&format!("attacks on {}: ", driver.name), &anyhow!("{problem}"));
-                                }
-                                None => {}
-                            }
-                            driver.scenes.push(row);
+        for (driver, row) in drivers.iter_mut().zip(tested) {
+            match row {
+                Ok(row) => {
+                    match &row.failed {
+                        Some((true, reason)) => {
+                            progress::say(&format!(
+                                "left out: attacks on {}: `{name}`: {reason}",
+                                driver.name
+                            ));
                         }
-                        Err(error) => fail(&format!("{}: ", driver.name), &error),
+                        Some((false, problem)) => {
+                            fail(&format!("attacks on {}", driver.name), &anyhow!("{problem}"));
+                        }
+                        None => {}
                     }
+                    driver.scenes.push(row);
                 }
+                Err(error) => fail(&driver.name, &error),
             }
         }
     }

@@ -44,17 +44,25 @@ pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome
     for folder in args.a.iter().chain(&args.b) {
         networks::load_experts(&registries.backbones, folder)?;
     }
-    let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
+    let mut scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
     let mut progress = Progress::new("measured", args.a.len() + args.b.len());
-    let mut group = |folders: &[String]| -> Result<Values> {
-        let mut all = Vec::new();
-        for folder in folders {
-            all.push(values(registries, folder, &scenes, args)?);
-            progress.step();
+    let (a, b) = loop {
+        let before = scenes.failed();
+        let mut group = |folders: &[String]| -> Result<Values> {
+            let mut all = Vec::new();
+            for folder in folders {
+                all.push(values(registries, folder, &scenes, args)?);
+                progress.step();
+            }
+            Ok(mean_over_folders(&all))
+        };
+        let both = (group(&args.a)?, group(&args.b)?);
+        if scenes.failed() == before {
+            break both;
         }
-        Ok(mean_over_folders(&all))
+        // The groups are paired by scene, so a scene that failed with some experts is left out for all.
+        scenes = scenes.without_failed();
     };
-    let (a, b) = (group(&args.a)?, group(&args.b)?);
     progress.finish(&format!("{} folders on {} scenes", args.a.len() + args.b.len(), scenes.len()));
     let mut out = format!(
         "A: {}; B: {}. Means over seeds, {} scenes, paired by scene; intervals are over scenes, for these seeds.\n\n| measure | A | B | A − B | scenes larger in A | in B |\n| --- | --- | --- | --- | --- | --- |\n",
@@ -70,7 +78,7 @@ pub(crate) fn run(args: &ExpertsArgs, registries: &Registries) -> Result<Outcome
     }
     learning(&mut out, args)?;
     output::print(&out)?;
-    Ok(Outcome::Done)
+    Ok(scenes.outcome())
 }
 
 /// All measures of the experts in a folder.

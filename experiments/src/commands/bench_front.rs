@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use sage_backbones::training::SceneData;
 use sage_core::objective::FurtherMeasures;
 use sage_merging::Merger;
@@ -52,26 +52,12 @@ pub(crate) fn run(args: &FrontArgs, registries: &Registries) -> Result<Outcome> 
         Ok(rows.concat())
     };
     let mut progress = Progress::new("attacked", scenes.len());
-    let all = scenes.map(|data| Ok(one(data)), || progress.step())?;
+    let rows = scenes.map(one, || progress.step())?;
     progress.finish(&format!(
         "{} on {}",
         progress::count(keys.len(), "point"),
-        progress::count(all.len(), "scene")
+        progress::count(rows.len(), "scene")
     ));
-    let mut failed = 0;
-    let mut rows = Vec::with_capacity(all.len());
-    for (name, scene) in scenes.names().iter().zip(all) {
-        match scene {
-            Ok(scene) => rows.push(scene),
-            Err(error) => {
-                failed += 1;
-                progress::say(&format!("error: `{name}`: {error:#}"));
-            }
-        }
-    }
-    if rows.is_empty() {
-        bail!("no scene could be attacked");
-    }
     let fronts = front::fronts(&rows);
     let markdown = front::markdown(&fronts)?;
     out.write("table.md", markdown.as_bytes())?;
@@ -80,7 +66,7 @@ pub(crate) fn run(args: &FrontArgs, registries: &Registries) -> Result<Outcome> 
     let record = json!({
         "command": output::command(), "points": keys.iter().map(RowKey::label).collect::<Vec<_>>(),
         "weights": args.on.weights, "selection": selection.objective.spec(), "seed": args.on.seed,
-        "scenes": scenes.describe(), "failed": failed, "version": env!("CARGO_PKG_VERSION"),
+        "scenes": scenes.describe(), "failed": scenes.failed(), "version": env!("CARGO_PKG_VERSION"),
     });
     out.write("run.json", format!("{record:#}\n").as_bytes())?;
     output::print(&markdown)?;
@@ -88,5 +74,5 @@ pub(crate) fn run(args: &FrontArgs, registries: &Registries) -> Result<Outcome> 
         "table.md, points.csv, run.json and charts are in `{}`",
         args.on.folder.out.display()
     ));
-    Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
+    Ok(scenes.outcome())
 }

@@ -116,7 +116,7 @@ pub(crate) fn run(args: &MixturesArgs, registries: &Registries) -> Result<Outcom
         "table.md, mixtures.csv, run.json and pictures are in `{}`",
         args.on.folder.out.display()
     ));
-    Ok(Outcome::Done)
+    Ok(scenes.outcome())
 }
 
 /// Mean lane distance over the whole trajectory as an objective, under the paper's rule as in the tables.

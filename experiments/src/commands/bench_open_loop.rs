@@ -172,7 +172,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
         "table.md, table.csv, scenes.csv, {drivers}run.json and index.html with pictures are in `{}`",
         args.folder.out.display()
     ));
-    Ok(if failures == 0 && scenes.unreadable() == 0 { Outcome::Done } else { Outcome::Partial })
+    Ok(if failures == 0 { scenes.outcome() } else { Outcome::Partial })
 }
 
 /// The tables of attacks on drivers, then for each driver the table against its drive before the attack.

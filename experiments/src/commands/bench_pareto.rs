@@ -123,7 +123,7 @@ pub(crate) fn run(args: &ParetoArgs, registries: &Registries) -> Result<Outcome>
         "table.md, pareto.csv, run.json and charts are in `{}`",
         args.on.folder.out.display()
     ));
-    Ok(Outcome::Done)
+    Ok(scenes.outcome())
 }
 
 fn table(names: &[&str], sweeps: &[Sweeps]) -> Result<String> {

@@ -33,7 +33,7 @@ pub(crate) fn run(args: &PredictionArgs, registries: &Registries) -> Result<Outc
     let report = prediction::run(&scenes, &predictors, || progress.step())?;
     progress.finish(&format!("{} predictors on {} scenes", predictors.len(), scenes.len()));
     if args.json { json(&report) } else { table(&report) }?;
-    Ok(Outcome::Done)
+    Ok(scenes.outcome())
 }
 
 fn json(report: &Report) -> Result<()> {

@@ -61,7 +61,7 @@ pub(crate) fn run(args: &ReactArgs, registries: &Registries) -> Result<Outcome> 
     };
     let mut progress = Progress::new("searched", scenes.len());
     let all = scenes.map(one, || progress.step())?;
-    progress.finish(&format!("{} on {} scenes", progress::count(labels.len(), "generator"), scenes.len()));
+    progress.finish(&format!("{} on {} scenes", progress::count(labels.len(), "generator"), all.len()));
     let (markdown, csv) = table(&labels, &args.targets, &all)?;
     out.write("table.md", markdown.as_bytes())?;
     out.write("table.csv", csv.as_bytes())?;
@@ -72,7 +72,7 @@ pub(crate) fn run(args: &ReactArgs, registries: &Registries) -> Result<Outcome> 
     out.write("run.json", format!("{record:#}\n").as_bytes())?;
     output::print(&markdown)?;
     progress::say(&format!("table.md, table.csv and run.json are in `{}`", args.on.folder.out.display()));
-    Ok(Outcome::Done)
+    Ok(scenes.outcome())
 }
 
 fn table(labels: &[String], targets: &[f64], all: &[OfScene]) -> Result<(String, String)> {

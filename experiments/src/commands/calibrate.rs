@@ -87,5 +87,5 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
         "the dial is in `{}`; `--aggression` reads it as `{DIAL_FILE}` in the folder of the experts",
         args.out.display()
     ));
-    Ok(Outcome::Done)
+    Ok(scenes.outcome())
 }

@@ -146,11 +146,11 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     networks::announce(&loaded);
     let shared: Arc<dyn Backbone> = loaded.network.into();
     let prior = &*shared;
-    let train = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.read_all()?;
-    let dev = match &args.dev {
-        Some(dev) => Scenes::under(std::slice::from_ref(dev))?.read_all()?,
-        None => Vec::new(),
-    };
+    let training = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?;
+    let validation = args.dev.as_ref().map(|dev| Scenes::under(std::slice::from_ref(dev))).transpose()?;
+    let train = training.read_all()?;
+    let dev = validation.as_ref().map(Scenes::read_all).transpose()?.unwrap_or_default();
+    let failed = training.failed() + validation.as_ref().map_or(0, Scenes::failed);
     let data = scenes::describe(&train);
     let options: Map<String, Value> = experts
         .iter()
@@ -253,7 +253,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         args.folder.out.display(),
         clock.elapsed().as_secs_f64()
     ));
-    Ok(Outcome::Done)
+    Ok(scenes::outcome_without(failed))
 }
 
 /// Adds to the scenes the same scenes under other role assignments, at most `most` for each.

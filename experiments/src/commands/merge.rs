@@ -16,7 +16,7 @@ use crate::{
     cli::MergeArgs,
     networks,
     output::{self, Folder, Inputs},
-    progress,
+    progress, scenes,
     terminal::{escaped_markdown, escaped_markdown_code},
 };
 
@@ -55,8 +55,8 @@ fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str)
         "these experts have their own encoders, and their trajectories are the prior's: one network cannot hold both; mix them with --mix or --lambda"
     );
     let given = Mixture::new(recipe.models.iter().map(|(_, weight)| *weight).collect());
-    let (mixture, steps) = match &recipe.search {
-        None => (given, Vec::new()),
+    let (mixture, steps, failed) = match &recipe.search {
+        None => (given, Vec::new(), 0),
         Some(search) => {
             let paths: Vec<PathBuf> = search.scenes.iter().map(|path| beside(&args.recipe, path)).collect();
             search.run(&paths, &experts, registries, args.seed)?
@@ -97,7 +97,7 @@ fn merge(args: &MergeArgs, registries: &Registries, recipe: &Recipe, text: &str)
         recipe.merger,
         args.folder.out.display()
     ));
-    Ok(Outcome::Done)
+    Ok(scenes::outcome_without(failed))
 }
 
 /// A path of a recipe: relative to the recipe if it is there, else to the current folder.

@@ -49,7 +49,9 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         // Another seed, so that no training scene is among them.
         None => Scenes::procedural(VALIDATION_SCENES, !options.seed),
     };
-    let (train, dev) = (train.read_all()?, dev.read_all()?);
+    let (training, validation) = (train, dev);
+    let (train, dev) = (training.read_all()?, validation.read_all()?);
+    let failed = training.failed() + validation.failed();
     let header = Header {
         backbone: network.name().to_owned(),
         options: network.options().clone(),
@@ -93,7 +95,7 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
         best.min_fde6,
         folder.path().join(PRIOR_FILE).display()
     ));
-    Ok(Outcome::Done)
+    Ok(scenes::outcome_without(failed))
 }
 
 /// Description of the initial weights.

@@ -19,6 +19,7 @@ use crate::{
     cli::TheoryArgs,
     output::{self, Folder},
     progress::{self, Progress},
+    scenes,
 };
 
 /// Share of the instances with which planted errors run for a page.
@@ -59,7 +60,9 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
     // A folder that cannot be written to is an error before the work.
     let folder = args.report.as_ref().map(|report| Folder::make(report, args.force)).transpose()?;
     // Scenes that cannot be read are an error before the claims, which take longer.
-    let diagnostics = args.data.is_some().then(|| diagnostics::run(args, registries)).transpose()?;
+    let found = args.data.is_some().then(|| diagnostics::run(args, registries)).transpose()?;
+    let failed = found.as_ref().map_or(0, |(.., failed)| *failed);
+    let diagnostics = found.map(|(subject, diagnostics, _)| (subject, diagnostics));
     let progress = Mutex::new(Progress::new("checked", claims.len()));
     let run = |claim: &Claim| {
         let report = claim.check.run(&setup, None);
@@ -95,7 +98,7 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
         page.write(folder)?;
         progress::say(&format!("index.html, theory.md and figures are in `{}`", folder.path().display()));
     }
-    Ok(if is_well { Outcome::Done } else { Outcome::Partial })
+    Ok(if is_well { scenes::outcome_without(failed) } else { Outcome::Partial })
 }
 
 /// The claims with these ids, or all.

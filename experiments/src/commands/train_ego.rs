@@ -70,9 +70,9 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     };
     let (attacker, examiner) = (build(&args.generator)?, build(&args.eval_generator)?);
     let needs_adversary = attacker.is_some() || examiner.is_some();
-    let training = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
+    let (training, failed) = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
     let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
-    let evaluation =
+    let (evaluation, failed_evaluation) =
         scenes(&args.eval, &every, args.procedural.div_ceil(3), EVALUATION_SEED, needs_adversary)?;
     refuse_overlap(args, &training, &evaluation)?;
     let hashes = [&training, &evaluation].map(|data| scenes::describe(data));
@@ -125,7 +125,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     run.finish(&summary, clock.elapsed().as_secs_f64())?;
     output::print(&report::markdown(shared.evaluation.len(), &trained))?;
     progress::say(&format!("policies, curves and run.json are in `{}`", args.folder.out.display()));
-    Ok(Outcome::Done)
+    Ok(scenes::outcome_without(failed + failed_evaluation))
 }
 
 /// Options of the runs; the seed is set later.
@@ -157,20 +157,28 @@ fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
     Ok(options)
 }
 
+/// Scenes that can be driven, and how many failed.
 fn scenes(
     paths: &[std::path::PathBuf],
     split: &SplitArgs,
     procedural: u64,
     seed: u64,
     needs_adversary: bool,
-) -> Result<Vec<SceneData>> {
+) -> Result<(Vec<SceneData>, usize)> {
     let all = Scenes::of(paths, split, procedural, seed)?;
     let all = if needs_adversary { all.attackable()? } else { all.known()? };
-    let all = all.read_all()?;
-    if all.is_empty() {
+    let mut loaded = all.read_all()?;
+    loaded.retain(|data| match SimScene::new(data.scene.clone(), data.index.clone()) {
+        Ok(_) => true,
+        Err(error) => {
+            all.fail(&data.name, &error.into());
+            false
+        }
+    });
+    if loaded.is_empty() {
         bail!("no scenes are left; give more paths or other filters");
     }
-    Ok(all)
+    Ok((loaded, all.failed()))
 }
 
 fn refuse_overlap(args: &TrainEgoArgs, training: &[SceneData], evaluation: &[SceneData]) -> Result<()> {

@@ -43,7 +43,7 @@ pub(super) struct Step {
 }
 
 impl Search {
-    /// The weights of the soup, in the order of the set, and the steps that led to it.
+    /// The weights of the soup, in the order of the set, the steps that led to it, and how many scenes failed.
     ///
     /// *Errors*: no scene can be attacked; those of the networks.
     pub(super) fn run(
@@ -52,7 +52,7 @@ impl Search {
         experts: &ExpertSet,
         registries: &Registries,
         seed: u64,
-    ) -> Result<(Mixture, Vec<Step>)> {
+    ) -> Result<(Mixture, Vec<Step>, usize)> {
         let selection = Selection::of(registries, &self.selection, None)?;
         let scenes = Scenes::under(paths)?.attackable()?;
         let merger: Arc<dyn Merger> = Arc::new(Linear);
@@ -93,7 +93,8 @@ impl Search {
             with_it: *with_it,
             is_kept: *is_kept,
         };
-        Ok((of_members(names.len(), &found.members), found.steps.iter().map(step).collect()))
+        let soup = of_members(names.len(), &found.members);
+        Ok((soup, found.steps.iter().map(step).collect(), scenes.failed()))
     }
 }
 

@@ -55,10 +55,11 @@ struct Found {
     points: Points,
 }
 
-/// All diagnostics of the realistic and the adversarial expert on scenes, and what they were measured on.
+/// All diagnostics of the realistic and the adversarial expert on scenes, what they were measured on, and how many
+/// scenes failed.
 ///
 /// *Errors*: experts or scenes cannot be read, or no scene can be attacked.
-pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String, Vec<Diagnostic>)> {
+pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String, Vec<Diagnostic>, usize)> {
     let paths = args.data.as_deref().unwrap_or_default();
     let experts =
         networks::load_experts(&registries.backbones, &args.weights)?.only(&[REALISTIC, ADVERSARIAL])?;
@@ -75,7 +76,7 @@ pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String,
     let mut progress = Progress::new("evaluated", scenes.len());
     let mut measured = Vec::new();
     for window in scenes.windows(WINDOW) {
-        measured.extend(window.map(one, || progress.step())?.into_iter().flatten());
+        measured.extend(window.map_each(one, || progress.step())?.into_iter().flatten());
     }
     progress.finish(&format!("{} models on {} scenes", models.len(), measured.len()));
     let sweep = |of: fn(&Measured) -> &Vec<Measure>| Sweep {
@@ -101,7 +102,7 @@ pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String,
     if found.mixing.is_empty() {
         progress::say("G5 and G6 are left out: no scene records the adversary's whole future");
     }
-    Ok((subject, all.into_iter().flatten().collect()))
+    Ok((subject, all.into_iter().flatten().collect(), scenes.failed()))
 }
 
 impl Found {

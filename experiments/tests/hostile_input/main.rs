@@ -3,8 +3,11 @@
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
+mod far_paths;
 #[path = "../hostile/mod.rs"]
 mod hostile;
+mod inputs;
+mod names;
 mod options;
 #[path = "../program/mod.rs"]
 mod program;
@@ -15,6 +18,9 @@ use std::{
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
+
+use sage_core::content_hash::split_hash;
+use serde_json::{Map, Value};
 
 /// A run that must not take long or much; the exit code and what it said.
 fn quick(arguments: &[&str]) -> (i32, String) {
@@ -36,4 +42,21 @@ fn experts(folder: &Path) -> PathBuf {
         std::fs::copy(from, experts.join(&name)).unwrap();
     }
     experts
+}
+
+/// Changes the header of weights or of a policy, and takes its hash away.
+fn change_header(file: &Path, change: impl FnOnce(&mut Map<String, Value>)) {
+    let bytes = std::fs::read(file).unwrap();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let mut header: Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    let metadata = header["__metadata__"].as_object_mut().unwrap();
+    let (_, text) = metadata.iter_mut().next().unwrap();
+    let (json, _) = split_hash(text.as_str().unwrap());
+    let mut fields: Map<String, Value> = serde_json::from_str(&json).unwrap();
+    change(&mut fields);
+    *text = Value::Object(fields).to_string().into();
+    let mut header = header.to_string();
+    header.extend(std::iter::repeat_n(' ', header.len().next_multiple_of(8) - header.len()));
+    let changed = [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &bytes[8 + length..]].concat();
+    std::fs::write(file, changed).unwrap();
 }

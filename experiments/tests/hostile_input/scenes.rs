@@ -119,20 +119,36 @@ fn convert_writes_inside_its_folder_alone() {
     // So do other commands that read the folder.
     let (code, _) = quick(&["inspect", text(&at("traversal/data"))]);
     assert_eq!(code, 1);
-    // A merged set maps beside its folder: it is read from there, and written to --out.
-    for (name, mapped) in [("merged", "../waymo"), ("absolute", text(&at("waymo")))] {
-        std::fs::create_dir_all(at(name)).unwrap();
+    // A mapping, or a link, that leads out of the data set is refused.
+    let linked = |name: &str| cfg!(unix) && name == "linked";
+    for (name, mapped) in [
+        ("merged", "../waymo"),
+        ("deeper", "part/../../waymo"),
+        ("absolute", text(&at("waymo"))),
+        ("linked", "link"),
+        ("inside", "part"),
+    ] {
+        std::fs::create_dir_all(at(name).join("part")).unwrap();
+        std::fs::copy(&scene, at(name).join("part/a.pkl")).unwrap();
+        #[cfg(unix)]
+        if linked(name) {
+            std::os::unix::fs::symlink(at("waymo"), at("linked/link")).unwrap();
+        }
         std::fs::create_dir_all(at("waymo")).unwrap();
         std::fs::copy(&scene, at("waymo/a.pkl")).unwrap();
         hostile::summary(&at(name), &[("a.pkl", mapped)]);
         let out = at(&format!("{name}-out"));
         let (code, said) = convert(&at(name), "native", &out, &[]);
-        if mapped.starts_with('/') {
-            assert_eq!(code, 1);
-            assert!(said.contains("relative to the summary's"), "{said}");
+        if name != "inside" {
+            assert_eq!(code, 1, "{name}: {said}");
+            let is_named = said.contains("a file inside the data set, links resolved") || !linked(name);
+            assert!(is_named && !out.exists(), "{name}: {said}");
         } else {
             assert_eq!(code, 0, "{said}");
-            assert_eq!(hostile::snapshot(&out).keys().collect::<Vec<_>>(), ["a.safetensors", "run.json"]);
+            assert_eq!(
+                hostile::snapshot(&out).keys().collect::<Vec<_>>(),
+                ["part/a.safetensors", "run.json"]
+            );
         }
     }
     assert_eq!(hostile::snapshot(&at("waymo")).len(), 1);
@@ -276,6 +292,6 @@ fn links_are_read_and_never_written_through() {
     std::fs::create_dir(at("in/part/deep")).unwrap();
     std::fs::copy(example(), at("in/part/deep/c.pkl")).unwrap();
     let (code, said) = convert(&at("out"), &["--force"]);
-    assert!(code == 1 && said.contains("leads out of"), "{said}");
+    assert!(code == 1 && said.contains("out/part` is a link; remove it"), "{said}");
     assert_eq!(std::fs::read_dir(at("victim")).unwrap().count(), 1, "not even a folder is made there");
 }

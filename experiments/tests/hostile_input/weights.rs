@@ -11,8 +11,9 @@ use serde_json::Value;
 
 use crate::{experts, program::*, quick};
 
-/// Changes one number of a tensor's bytes in a file of weights.
+/// Changes one number of a tensor's bytes in a file of weights, and takes its hash away.
 fn spoil(file: &Path, tensor: &str, value: f32) {
+    crate::change_header(file, |_| ());
     let mut bytes = std::fs::read(file).unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let header: Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
@@ -211,4 +212,46 @@ fn a_variable_that_points_nowhere_is_an_error() {
         assert_eq!(output.status.code(), Some(1), "{said}");
         assert!(said.contains("SAGE_WEIGHTS is `") && said.contains("correct or unset it"), "{said}");
     }
+}
+
+#[test]
+fn a_flipped_bit_of_weights_is_noticed() {
+    let folder = tempfile::tempdir().unwrap();
+    let experts = experts(folder.path());
+    let out = folder.path().join("out").display().to_string();
+    let scene = example();
+    for (number, name) in ["prior", "realistic", "adversarial"].into_iter().enumerate() {
+        let path = experts.join(format!("{name}.safetensors"));
+        let whole = std::fs::read(&path).unwrap();
+        let header = 8 + u64::from_le_bytes(*whole.first_chunk().unwrap()) as usize;
+        for share in 1..=10 {
+            let mut flipped = whole.clone();
+            let at = header + (whole.len() - header) * share / 11 + number;
+            flipped[at] ^= 1 << (share % 8);
+            std::fs::write(&path, flipped).unwrap();
+            let (code, said) =
+                quick(&["generate", &scene, "--lambda", "1", "--weights", text(&experts), "--out", &out]);
+            let is_named =
+                said.contains(&format!("{name}.safetensors")) && said.contains("hash in its header");
+            assert!(code == 1 && is_named, "byte {at} of {name}: {said}");
+        }
+        std::fs::write(&path, whole).unwrap();
+    }
+    let (code, said) =
+        quick(&["generate", &scene, "--lambda", "1", "--weights", text(&experts), "--out", &out]);
+    assert!(code == 0 && !said.contains("holds no hash"), "{said}");
+    // Files of earlier versions hold no hash: they work, and one note says so.
+    crate::change_header(&experts.join("adversarial.safetensors"), |_| ());
+    let (code, said) = quick(&[
+        "generate",
+        &scene,
+        "--lambda",
+        "0,1",
+        "--weights",
+        text(&experts),
+        "--force",
+        "--out",
+        &out,
+    ]);
+    assert_eq!((code, said.matches("holds no hash").count()), (0, 1), "{said}");
 }

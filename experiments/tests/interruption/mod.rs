@@ -131,7 +131,7 @@ impl Case {
                 "curve.csv",
                 "curve.svg",
                 "checkpoint.safetensors",
-                "buffer.rows",
+                ".rows",
             ]
             .iter()
             .any(|ending| is_passing(ending))

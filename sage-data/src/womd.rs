@@ -9,6 +9,7 @@ mod decode;
 mod encode;
 mod gzip;
 mod message_error;
+mod open_shard;
 mod record_path;
 mod shard;
 mod tfrecord;

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{
-    decode,
+    decode, open_shard,
     shard::{ShardReader, is_shard},
     tfrecord::{checked_data, frame_length},
 };
@@ -105,14 +105,7 @@ fn number(text: &str) -> Option<usize> {
 
 /// A record with its frame, by its number; `None` beyond the last.
 fn read_number(shard: &Path, number: usize) -> Result<Option<Vec<u8>>, Error> {
-    let mut records = ShardReader::open(shard)?;
-    for _ in 0..number {
-        match records.skip_record() {
-            Some(skipped) => skipped?,
-            None => return Ok(None),
-        }
-    }
-    let Some(record) = records.next_record().transpose()? else { return Ok(None) };
+    let Some(record) = open_shard::record(shard, number)? else { return Ok(None) };
     match checked_data(&record.framed) {
         Ok(_) => Ok(Some(record.framed)),
         Err(problem) => {

@@ -106,6 +106,7 @@ pub(super) enum Failure {
 }
 
 /// A record with its frame. The checksum of its data is not verified yet.
+#[derive(Clone)]
 pub struct Record {
     /// The file.
     pub shard: PathBuf,

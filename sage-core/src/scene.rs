@@ -5,6 +5,7 @@ mod index;
 mod levels;
 mod light;
 mod map;
+mod map_order;
 mod sidewalks;
 mod track;
 

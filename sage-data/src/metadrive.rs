@@ -8,8 +8,8 @@ mod retime;
 mod summary;
 mod tracks;
 
-pub(crate) use decode::MAX_FRAMES;
 pub use decode::decode;
+pub(crate) use decode::{MAX_FRAMES, entries_of_features};
 pub(crate) use encode::{annotate, write_changes};
 pub(crate) use fresh::{PROCEDURAL_DATASET, fresh};
 pub(crate) use retime::retimed;

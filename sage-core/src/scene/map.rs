@@ -162,7 +162,7 @@ pub struct MapFeature {
 pub struct Map {
     /// Points of all features, metres, with height.
     pub points: Vec<[f64; 3]>,
-    /// Features in the order of the file.
+    /// Features; readers sort them by id ([`Map::in_order_of_ids`]).
     pub features: Vec<MapFeature>,
 }
 

@@ -262,12 +262,23 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
     if removed > 0 {
         notes.push(format!("{removed} lane links name points that do not exist and are left out"));
     }
+    // Up to here features are in the order of the file, as the entries are.
+    let mut map = map.in_order_of_ids();
     lane_links::derive(&mut map, notes);
     // Shrinking copies the points, so it is done only if the estimated capacity was much too large.
     if map.points.capacity() > 2 * map.points.len() {
         map.points.shrink_to_fit();
     }
     Ok(map)
+}
+
+/// The entry of each map feature in a file whose values are a document. Files have any order.
+pub(crate) fn entries_of_features(document: &Document, map: &Map) -> Vec<Option<Id>> {
+    let entries = document.get(document.root(), "map_features").and_then(|entries| document.entries(entries));
+    let entries = entries.unwrap_or_default();
+    let named = entries.iter().filter_map(|(key, value)| Some((document.identifier(*key)?, *value)));
+    let named: HashMap<String, Id> = named.collect();
+    map.features.iter().map(|feature| named.get(&feature.id).copied()).collect()
 }
 
 /// Closes the outline of points from `first` on.

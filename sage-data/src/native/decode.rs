@@ -327,7 +327,8 @@ fn map(file: &Tensors, header: &Header) -> Result<Map, Error> {
             Link::Boundary(side) => lane.boundaries[side].push(Boundary { feature: other, own: own_range }),
         }
     }
-    Ok(map)
+    // Files of earlier versions have the order of their source.
+    Ok(map.in_order_of_ids())
 }
 
 fn lights(file: &Tensors, header: &Header) -> Result<Vec<TrafficLight>, Error> {

@@ -16,6 +16,7 @@ use super::{
 };
 use crate::{
     Error,
+    metadrive::entries_of_features,
     pickle::{Array, Document, ElementKind, Id, Node},
 };
 
@@ -135,12 +136,14 @@ fn packed_arrays(document: &Document, scene: &Scene, tensors: &[Packed]) -> Hash
         }
     }
     let mut widths = 0;
-    for ((_, value), feature) in dict(get(top, "map_features")).iter().zip(&scene.map.features) {
+    let entries = entries_of_features(document, &scene.map);
+    for (value, feature) in entries.into_iter().zip(&scene.map.features) {
+        let get = |key: &str| value.and_then(|value| get(value, key));
         for key in ["polyline", "polygon", "position"] {
-            add_array(get(*value, key), "map.points", 3 * feature.points.start);
+            add_array(get(key), "map.points", 3 * feature.points.start);
         }
         if let Some(lane) = &feature.lane {
-            add_array(get(*value, "width").filter(|_| !lane.width.is_empty()), "lane.width", 2 * widths);
+            add_array(get("width").filter(|_| !lane.width.is_empty()), "lane.width", 2 * widths);
             widths += lane.width.len();
         }
     }

@@ -9,6 +9,7 @@ use sage_core::{
 
 use super::{Notes, ids::Ids, message::Writer, note};
 use crate::{
+    metadrive::entries_of_features,
     pickle::{Document, Id},
     womd::words::{
         LANE, LANE_TYPES, MEMBERS, MILE, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN,
@@ -24,8 +25,10 @@ pub(super) fn write(out: &mut Writer, scene: &Scene, document: &Document, ids: &
     let entries = document.get(document.root(), "map_features");
     let entries = entries.and_then(|entries| document.entries(entries)).unwrap_or_default();
     let map = Map { scene, document, ids, unknown_edges: unknown_edges(document, entries) };
-    for (feature, (_, entry)) in scene.map.features.iter().zip(entries) {
-        map.write(out, feature, *entry, notes);
+    for (feature, entry) in scene.map.features.iter().zip(entries_of_features(document, &scene.map)) {
+        if let Some(entry) = entry {
+            map.write(out, feature, entry, notes);
+        }
     }
 }
 

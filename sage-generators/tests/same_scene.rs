@@ -1,0 +1,106 @@
+//! The same scene gives the same attack, however its file writes it.
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+use std::{f64::consts::TAU, path::Path, sync::Arc};
+
+use sage_backbones::{backbones, weights::Weights};
+use sage_core::{
+    generator::{Generator, OperatingPoint},
+    geometry::{Point, distance},
+    objective::{Context, ContextOptions, Objective, ObjectiveSpec, feasibilities, rewards},
+    scene::{Scene, SceneIndex},
+};
+use sage_data::{
+    Recording,
+    procedural::{Kind, generate},
+};
+use sage_generators::{GeneratorInputs, generators};
+use sage_merging::{ExpertSet, mergers};
+
+/// Largest distance of two positions that count as the same, metres.
+const SAME: f64 = 0.01;
+
+fn sage() -> Box<dyn Generator> {
+    let weights = Weights::Carried { name: "procedural", files: sage_weights::PROCEDURAL };
+    let (experts, _) = ExpertSet::load(&weights, &backbones().unwrap()).unwrap();
+    let spec = ObjectiveSpec::preset("natural").unwrap();
+    let selection = Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap()).unwrap();
+    let inputs = GeneratorInputs {
+        experts: Some(experts),
+        merger: mergers().unwrap().build_default("linear").unwrap().into(),
+        seed: 0,
+        selection: Arc::new(selection),
+    };
+    generators().unwrap().build_default("sage").unwrap().build(&inputs).unwrap()
+}
+
+/// The paths of the attacks at three operating points.
+fn attacks(sage: &dyn Generator, scene: Scene) -> Vec<Vec<Point>> {
+    let scene = Arc::new(scene);
+    let ctx = Context::new(&scene, &SceneIndex::new(scene.map.clone()), &ContextOptions::default()).unwrap();
+    let points = [0.0, 0.5, 1.0].map(|lambda| OperatingPoint::at(lambda, lambda));
+    let attacks = sage.attacks(&ctx, &points, 0).unwrap();
+    attacks.iter().map(|attack| attack.trajectory().points().to_vec()).collect()
+}
+
+fn scenes() -> impl Iterator<Item = Scene> {
+    Kind::ALL.into_iter().flat_map(|kind| (0..3).filter_map(move |number| generate(kind, 11, number)))
+}
+
+/// Compares the attacks of all scenes with those of the changed scenes, whose positions `back` maps back.
+fn check(change: impl Fn(&Scene) -> [Scene; 2], back: impl Fn(Point) -> Point) {
+    let sage = sage();
+    let mut compared = 0;
+    for scene in scenes() {
+        let [given, changed] = change(&scene);
+        let (given, changed) = (attacks(&*sage, given), attacks(&*sage, changed));
+        for (number, (path, other)) in given.iter().zip(&changed).enumerate() {
+            let apart = path.iter().zip(other).map(|(p, q)| distance(*p, back(*q))).fold(0.0, f64::max);
+            assert!(apart <= SAME, "{}, operating point {number}: {apart} m", scene.id);
+            compared += 1;
+        }
+    }
+    assert!(compared >= 60, "{compared} attacks");
+}
+
+/// The scene with the features of its map in the opposite order.
+fn reversed(scene: &Scene) -> Scene {
+    let mut scene = scene.clone();
+    let map = Arc::make_mut(&mut scene.map);
+    map.features.reverse();
+    let points = std::mem::take(&mut map.points);
+    for feature in &mut map.features {
+        let first = map.points.len();
+        map.points.extend_from_slice(&points[feature.points.clone()]);
+        feature.points = first..map.points.len();
+    }
+    let last = map.features.len() - 1;
+    for lane in map.features.iter_mut().filter_map(|feature| feature.lane.as_deref_mut()) {
+        lane.entries.iter_mut().chain(&mut lane.exits).for_each(|k| *k = last - *k);
+        lane.neighbors.iter_mut().flatten().for_each(|n| n.lane = last - n.lane);
+        lane.boundaries.iter_mut().flatten().for_each(|b| b.feature = last - b.feature);
+    }
+    scene
+}
+
+#[test]
+fn the_order_of_map_features_in_a_file_changes_no_attack() {
+    let read = |scene: Scene, native: bool| {
+        let (id, recording) = (scene.id.clone(), Recording::procedural(scene));
+        let bytes = if native { recording.to_native() } else { recording.to_pickle() };
+        Recording::from_bytes(Path::new(&id), bytes.unwrap()).unwrap().scene
+    };
+    for native in [false, true] {
+        check(|scene| [scene.clone(), reversed(scene)].map(|scene| read(scene, native)), |p| p);
+    }
+}
+
+#[test]
+fn full_turns_of_all_headings_change_no_attack() {
+    let turned = |scene: &Scene| {
+        let mut scene = scene.clone();
+        scene.tracks.iter_mut().flat_map(|track| &mut track.heading).for_each(|heading| *heading += TAU);
+        scene
+    };
+    check(|scene| [scene.clone(), turned(scene)], |p| p);
+}

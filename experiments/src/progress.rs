@@ -13,9 +13,23 @@ use crate::terminal;
 /// Minimum time between two updates.
 const INTERVAL: Duration = Duration::from_millis(200);
 
-/// Prints a line on stderr; a new line in the text, which may be a stranger's, is escaped. A closed stderr is ignored.
+/// Most characters of a line: a text may quote what a stranger wrote.
+const LONGEST_LINE: usize = 2000;
+
+/// Prints a line on stderr. A text may be a stranger's, so a new line in it is escaped, and a very long one is
+/// shortened. A closed stderr is ignored.
 pub(crate) fn say(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{}", terminal::escaped_name(text));
+    let text = terminal::escaped_name(text);
+    let count = text.chars().count();
+    if count <= LONGEST_LINE {
+        let _ = writeln!(std::io::stderr(), "{text}");
+        return;
+    }
+    // What is wrong stands at the start, the cause at the end.
+    let half = LONGEST_LINE / 2;
+    let start: String = text.chars().take(half).collect();
+    let end: String = text.chars().skip(count - half).collect();
+    let _ = writeln!(std::io::stderr(), "{start} … ({} characters) … {end}", count - 2 * half);
 }
 
 /// Prints several lines of this program on stderr.

@@ -2,16 +2,17 @@
 
 use std::{borrow::Cow, fmt::Write as _, io};
 
+use sage_core::text::is_hidden;
 use serde::Serialize;
 
 /// Escapes control characters, and characters that change the text direction or are not seen. Line ends stay.
 pub(crate) fn escaped(text: &str) -> Cow<'_, str> {
-    if !text.chars().any(|c| controls_terminal(c) && c != '\n') {
+    if !text.chars().any(|c| is_hidden(c) && c != '\n') {
         return Cow::Borrowed(text);
     }
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
-        if controls_terminal(c) && c != '\n' {
+        if is_hidden(c) && c != '\n' {
             let _ = write!(out, "{}", c.escape_unicode());
         } else {
             out.push(c);
@@ -43,13 +44,13 @@ pub(crate) fn json_line(out: &mut impl io::Write, value: &impl Serialize) -> io:
 ///
 /// *Errors*: those of the output.
 pub(crate) fn write_json_line(out: &mut impl io::Write, text: &str) -> io::Result<()> {
-    if !text.chars().any(controls_terminal) {
+    if !text.chars().any(is_hidden) {
         return writeln!(out, "{text}");
     }
     let mut escaped = String::with_capacity(text.len());
     for c in text.chars() {
         // In JSON such characters occur only within strings.
-        if controls_terminal(c) {
+        if is_hidden(c) {
             for unit in c.encode_utf16(&mut [0; 2]) {
                 let _ = write!(escaped, "\\u{unit:04x}");
             }
@@ -78,19 +79,6 @@ pub(crate) fn escaped_markdown(text: &str) -> String {
 /// A text of a stranger between backticks on a Markdown page, also in a table.
 pub(crate) fn escaped_markdown_code(text: &str) -> String {
     escaped_name(text).replace('`', "'").replace('|', "\\u{7c}")
-}
-
-/// True for control characters, and for characters that change the direction of text, are not seen, or are none.
-fn controls_terminal(c: char) -> bool {
-    let code = u32::from(c);
-    c.is_control()
-        || code & 0xfffe == 0xfffe
-        || matches!(
-            c,
-            '\u{ad}' | '\u{61c}' | '\u{180e}' | '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}'
-                | '\u{2060}'..='\u{206f}' | '\u{fdd0}'..='\u{fdef}' | '\u{feff}' | '\u{fff9}'..='\u{fffb}'
-                | '\u{e0000}'..='\u{e007f}'
-        )
 }
 
 #[cfg(test)]
@@ -124,7 +112,7 @@ mod tests {
         let mut out = Vec::new();
         json_line(&mut out, &text).unwrap();
         let line = String::from_utf8(out).unwrap();
-        assert!(!line.trim_end().chars().any(controls_terminal), "{line:?}");
+        assert!(!line.trim_end().chars().any(is_hidden), "{line:?}");
         assert_eq!(serde_json::from_str::<String>(&line).unwrap(), text);
     }
 }

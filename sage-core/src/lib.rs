@@ -30,5 +30,6 @@ pub mod registry;
 pub mod scene;
 pub mod seed;
 pub mod statistics;
+pub mod text;
 
 pub use error::Error;

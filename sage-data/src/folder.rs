@@ -17,6 +17,9 @@ use crate::{
 /// File name endings of scene files.
 const ENDINGS: [&str; 2] = [".pkl", ".safetensors"];
 
+/// Levels of folders below the given one at most.
+const MAX_LEVELS: usize = 64;
+
 /// Scenes under a path, in natural order: files, and records of shards such as `SHARD#3`.
 ///
 /// A path that is not a folder is the only file; a shard is the list of its records. In a folder they are the
@@ -75,10 +78,18 @@ pub fn in_order<T: Send, E>(
 /// Scene files below a folder. Links are followed, each folder once. Pipes, sockets and devices are skipped.
 fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
     let mut files = Vec::new();
-    let mut open = vec![root.to_owned()];
+    let mut open = vec![(root.to_owned(), 0)];
     let mut seen = HashSet::new();
-    while let Some(folder) = open.pop() {
+    while let Some((folder, level)) = open.pop() {
         let fail = |source| Error::Read { path: folder.clone(), source };
+        if level > MAX_LEVELS {
+            return Err(Error::Field {
+                path: root.to_owned(),
+                field: String::new(),
+                found: format!("a folder with folders in more than {MAX_LEVELS} levels"),
+                expected: "fewer; name the folder of the scenes".to_owned(),
+            });
+        }
         if !seen.insert(folder.canonicalize().map_err(fail)?) {
             continue;
         }
@@ -88,7 +99,7 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
             // A dangling link is skipped.
             let Ok(found) = std::fs::metadata(&path) else { continue };
             if found.is_dir() {
-                open.push(path);
+                open.push((path, level + 1));
             } else if found.is_file() && (is_scene_name(&name) || womd::is_shard_name(&path)) {
                 files.push(path);
             }

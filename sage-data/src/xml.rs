@@ -3,6 +3,7 @@
 mod number;
 
 pub(crate) use number::rounded;
+use sage_core::text::is_hidden;
 
 /// First line of every file.
 const DECLARATION: &str = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>";
@@ -111,7 +112,8 @@ pub(crate) fn number_text(value: f64, decimals: usize) -> String {
     text
 }
 
-/// Appends text for an attribute or an element. Characters that XML 1.0 cannot hold become U+FFFD.
+/// Appends text for an attribute or an element. Characters that XML 1.0 cannot hold, or that are not seen, become
+/// U+FFFD.
 fn push_escaped(out: &mut String, text: &str) {
     for c in text.chars() {
         match c {
@@ -123,7 +125,7 @@ fn push_escaped(out: &mut String, text: &str) {
             '\t' => out.push_str("&#9;"),
             '\n' => out.push_str("&#10;"),
             '\r' => out.push_str("&#13;"),
-            '\0'..'\u{20}' | '\u{fffe}' | '\u{ffff}' => out.push('\u{fffd}'),
+            c if is_hidden(c) => out.push('\u{fffd}'),
             _ => out.push(c),
         }
     }

@@ -135,6 +135,8 @@ pub(crate) fn lanes_at(p: Point, spare: f64, index: &SceneIndex) -> Vec<(usize, 
     let (map, lanes) = (index.map(), index.motor_lanes());
     let bounds = sage_core::geometry::Aabb::around(p, LANE_REACH);
     let mut found: Vec<(usize, Point)> = Vec::new();
+    // The widths of a lane are looked for once: a lane may have many segments here.
+    let mut widths: Vec<(usize, [f64; 2])> = Vec::new();
     for run in lanes.near(&bounds) {
         for k in run {
             let segment = &lanes.segments()[k];
@@ -146,9 +148,15 @@ pub(crate) fn lanes_at(p: Point, spare: f64, index: &SceneIndex) -> Vec<(usize, 
             }
             let is_beyond = (share <= 0.0 && !segment.joined[0]) || (share >= 1.0 && !segment.joined[1]);
             let direction = sub(segment.b, segment.a);
-            let half = || {
+            let mut half = || {
                 let is_left = cross(direction, sub(p, segment.a)) > 0.0;
-                half_width(map, feature, p, usize::from(!is_left))
+                let known = widths.iter().find(|known| known.0 == feature).map(|known| known.1);
+                let both = known.unwrap_or_else(|| {
+                    let both = half_widths(map, feature, p);
+                    widths.push((feature, both));
+                    both
+                });
+                both[usize::from(!is_left)]
             };
             // Within the narrowest lane the width does not matter.
             if !is_beyond && (across <= HALF_WIDTHS[0] - spare || across <= half() - spare) {
@@ -159,15 +167,15 @@ pub(crate) fn lanes_at(p: Point, spare: f64, index: &SceneIndex) -> Vec<(usize, 
     found
 }
 
-/// Half the width of a lane at its point nearest to `p`, on the left (0) or right (1), metres.
-fn half_width(map: &Map, feature: usize, p: Point, side: usize) -> f64 {
+/// Half the width of a lane at its point nearest to `p`, on the left and on the right, metres.
+fn half_widths(map: &Map, feature: usize, p: Point) -> [f64; 2] {
     let lane = &map.features[feature];
     let points = map.points_of(lane).iter().enumerate();
     let nearest =
         points.min_by(|a, b| distance([a.1[0], a.1[1]], p).total_cmp(&distance([b.1[0], b.1[1]], p)));
-    let width = nearest.and_then(|(k, _)| Some(lane.lane.as_ref()?.width.get(k)?[side]));
-    match width {
-        Some(width) if width > 0.0 => width.clamp(HALF_WIDTHS[0], HALF_WIDTHS[1]),
+    let widths = nearest.and_then(|(k, _)| lane.lane.as_ref()?.width.get(k).copied());
+    widths.unwrap_or_default().map(|width| match width {
+        width if width > 0.0 => width.clamp(HALF_WIDTHS[0], HALF_WIDTHS[1]),
         _ => HALF_WIDTH,
-    }
+    })
 }

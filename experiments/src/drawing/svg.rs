@@ -2,7 +2,10 @@
 
 use std::fmt::Write;
 
-use sage_core::geometry::{OrientedBox, Point};
+use sage_core::{
+    geometry::{OrientedBox, Point},
+    text::is_hidden,
+};
 
 use super::viewport::Viewport;
 
@@ -12,10 +15,10 @@ pub(super) struct Svg {
     text: String,
 }
 
-/// Escapes text for XML.
+/// Escapes text for XML, without characters that are not seen.
 pub(super) fn escape(text: &str) -> String {
     text.chars()
-        .filter(|c| !c.is_control())
+        .filter(|c| !is_hidden(*c))
         .flat_map(|c| match c {
             '&' => "&amp;".chars().collect::<Vec<_>>(),
             '<' => "&lt;".chars().collect(),

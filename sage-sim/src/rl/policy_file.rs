@@ -102,6 +102,10 @@ pub fn parse_policy(bytes: &[u8]) -> Result<(Network<f32>, PolicyCard), String> 
     if shape.hidden.contains(&0) {
         return Err("a hidden layer of its network has no units".to_owned());
     }
+    // The sizes are the file's own words so far.
+    if shape.count() > bytes.len() / 4 {
+        return Err(format!("its hidden layers of {:?} units need more numbers than it holds", shape.hidden));
+    }
     let mut parameters = Vec::with_capacity(shape.count());
     for (name, expected) in shape.tensors() {
         let found = tensor(name)?;
@@ -164,7 +168,7 @@ fn ranges(all: &[usize]) -> String {
 mod tests {
     use serde_json::json;
 
-    use super::*;
+    use super::{super::tensor_file::TensorBytes, *};
 
     fn policy() -> (Network<f32>, PolicyCard) {
         let shape = Shape { inputs: LENGTH, hidden: [4, 3], outputs: 2 };
@@ -200,6 +204,20 @@ mod tests {
                 assert_eq!(found.1, expected.1, "bit {bit}");
             }
         }
+    }
+
+    #[test]
+    fn layers_larger_than_the_file_are_refused() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("policy.safetensors");
+        let (_, card) = policy();
+        let bias = |name: &str| {
+            let tensor = TensorBytes { dtype: Dtype::U8, shape: vec![400_000], bytes: vec![0; 400_000] };
+            (format!("actor.{name}.bias"), tensor)
+        };
+        let card = serde_json::to_string(&card).expect("a card");
+        write_tensors(&path, &[bias("l1"), bias("l2")], CARD, &card).expect("written");
+        assert!(read_policy(&path).expect_err("too large").contains("more numbers than it holds"));
     }
 
     #[test]

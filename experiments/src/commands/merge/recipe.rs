@@ -66,6 +66,9 @@ pub(super) struct Recipe {
     pub(super) search: Option<Search>,
 }
 
+/// Most models of a recipe, which are held in memory together.
+const MOST_MODELS: usize = 64;
+
 impl Recipe {
     /// Reads a recipe. Returns its text as well.
     ///
@@ -90,6 +93,11 @@ impl Recipe {
         }
         let base = written.base_model.context("`base_model` is missing: the prior of the experts")?;
         ensure!(!written.models.is_empty(), "`models` is empty; name the experts to merge");
+        let count = written.models.len();
+        ensure!(
+            count <= MOST_MODELS,
+            "`models` names {count} files; at most {MOST_MODELS} are merged at once"
+        );
         let mut shared = written.parameters;
         let search = (written.merge_method == GREEDY_SOUP).then(|| search(&mut shared)).transpose()?;
         let (name, mut options) = merger(&written.merge_method);
@@ -103,7 +111,6 @@ impl Recipe {
             ensure!(key == "of", "`{key}` is given twice: by `parameters` and by the method or `lambda`");
         }
         options.extend(shared);
-        let count = written.models.len();
         if share.is_some() {
             ensure!(name == "slerp" && count == 2, "`t` is for slerp of two models; give each a `weight`");
         }
@@ -238,6 +245,9 @@ dtype: float32
         assert_eq!(recipe.models[1], ("adversarial.safetensors".to_owned(), 0.7));
         let slerp =
             "{merge_method: slerp, base_model: p, models: [{model: a}, {model: b}], parameters: {t: 0.25}}";
+        let many: Vec<&str> = vec!["{model: a}"; 65];
+        let many = format!("{{merge_method: linear, base_model: p, models: [{}]}}", many.join(", "));
+        assert!(Recipe::parse(&many).unwrap_err().to_string().contains("at most 64"));
         let slerp = Recipe::parse(slerp).unwrap();
         assert_eq!(slerp.models, [("a".to_owned(), 0.75), ("b".to_owned(), 0.25)]);
         assert_eq!(slerp.merger.to_string(), r#"slerp{"of":"weights"}"#);

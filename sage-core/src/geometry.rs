@@ -11,6 +11,7 @@ pub use aabb::Aabb;
 pub use oriented_box::OrientedBox;
 pub use segments::{Nearest, Segment, SegmentIndex, Side};
 pub use sweep::{SweptBox, boxes_meet_between};
+pub(crate) use sweep::{bounds_between, turning_margin};
 
 /// A position or a vector in the plane, metres.
 pub type Point = [f64; 2];

@@ -35,6 +35,12 @@ impl Aabb {
         }
     }
 
+    /// The bounds with a margin on every side.
+    #[inline]
+    pub fn grown(&self, margin: f64) -> Self {
+        Self { min: self.min.map(|x| x - margin), max: self.max.map(|x| x + margin) }
+    }
+
     /// Whether the closed rectangles share a point.
     #[inline]
     pub fn meets(&self, other: &Self) -> bool {

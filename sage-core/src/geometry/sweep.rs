@@ -6,7 +6,7 @@
 
 use std::cell::OnceCell;
 
-use super::{OrientedBox, Point, cross, dot, norm, sub};
+use super::{Aabb, OrientedBox, Point, cross, dot, norm, sub};
 
 /// Margin of the box that covers both frames, metres: a box that turns leaves the hull by less.
 const COVER_MARGIN: f64 = 0.02;
@@ -96,9 +96,22 @@ fn half_hull(points: impl Iterator<Item = Point>) -> Vec<Point> {
     chain
 }
 
+/// Bounds of a box while it moves from one pose to the next.
+pub(crate) fn bounds_between(from: &OrientedBox, to: &OrientedBox) -> Aabb {
+    from.aabb().union(&to.aabb()).grown(turning_margin(to, dot(from.axis, to.axis)))
+}
+
+/// How far a box that turns leaves the bounds of its poses at both ends, at most, metres. `cos` is the cosine of the
+/// angle. With radius r of the corners this is r (1 − cos(angle / 2)), the height of the arc over its chord.
+///
+/// Without it, the axes of the world would decide whether a car that reverses on the spot meets another.
+pub(crate) fn turning_margin(turning: &OrientedBox, cos: f64) -> f64 {
+    turning.half_length.hypot(turning.half_width) * (1.0 - (0.5 * (1.0 + cos)).max(0.0).sqrt())
+}
+
 /// Whether two boxes that move from one pose to the next meet at any time in between, ends included.
 pub fn boxes_meet_between(a: [&OrientedBox; 2], b: [&OrientedBox; 2]) -> bool {
-    let bounds = |[from, to]: [&OrientedBox; 2]| from.aabb().union(&to.aabb());
+    let bounds = |[from, to]: [&OrientedBox; 2]| bounds_between(from, to);
     if !bounds(a).meets(&bounds(b)) {
         return false;
     }
@@ -172,5 +185,49 @@ mod tests {
         let beside =
             [&OrientedBox::new([5.0, 2.1], 0.0, 4.0, 2.0), &OrientedBox::new([-5.0, 2.1], 0.0, 4.0, 2.0)];
         assert!(!boxes_meet_between(east, beside));
+    }
+
+    #[test]
+    fn a_box_that_turns_stays_in_its_bounds() {
+        let mut rng = Rng::new(2, "sweep", "bounds");
+        for _ in 0..2_000 {
+            let mut pose = || {
+                let center = [rng.uniform(-2.0, 2.0), rng.uniform(-2.0, 2.0)];
+                OrientedBox::new(center, rng.uniform(-4.0, 4.0), 4.5, 2.0)
+            };
+            let (from, to) = (pose(), pose());
+            // The rounding of the turn is all that is allowed beyond.
+            let bounds = bounds_between(&from, &to).grown(1e-12);
+            let corners = (0..=40).flat_map(|k| from.between(&to, f64::from(k) / 40.0).corners());
+            let swept = Aabb::of(corners);
+            assert_eq!(bounds.union(&swept), bounds, "{from:?} {to:?}");
+        }
+    }
+
+    #[test]
+    fn contacts_of_turning_boxes_do_not_depend_on_the_axes_of_the_world() {
+        let mut rng = Rng::new(2, "sweep", "axes");
+        let (mut met, mut only_between) = (0, 0);
+        for _ in 0..2_000 {
+            let (heading, turn) = (rng.uniform(-3.0, 3.0), rng.uniform(1.0, 3.0));
+            let place = [rng.uniform(-4.0, 4.0), rng.uniform(-4.0, 4.0)];
+            let other = rng.uniform(-3.0, 3.0);
+            let meet = |world: f64| {
+                let (sin, cos) = world.sin_cos();
+                let center = [cos * place[0] - sin * place[1], sin * place[0] + cos * place[1]];
+                let turning =
+                    [heading, heading + turn].map(|h| OrientedBox::new([0.0; 2], h + world, 4.6, 2.0));
+                let standing = OrientedBox::new(center, other + world, 4.6, 2.0);
+                let at_an_end = turning.iter().any(|b| b.intersects(&standing));
+                (boxes_meet_between([&turning[0], &turning[1]], [&standing; 2]), at_an_end)
+            };
+            let (meets, at_an_end) = meet(0.0);
+            met += usize::from(meets);
+            only_between += usize::from(meets && !at_an_end);
+            for world in [0.6, 1.1, 2.4] {
+                assert_eq!(meet(world).0, meets, "heading {heading}, turn {turn}, place {place:?}");
+            }
+        }
+        assert!((200..1_800).contains(&met) && only_between > 50, "{met}, {only_between}");
     }
 }

@@ -24,7 +24,10 @@ use super::{
     violation::{EDGE_COST, MEDIAN, OFF_ROAD, ROAD_EDGE},
 };
 use crate::{
-    geometry::{Aabb, OrientedBox, Segment, SegmentIndex, Side, SweptBox, boxes_meet_between, distance},
+    geometry::{
+        Aabb, OrientedBox, Segment, SegmentIndex, Side, SweptBox, boxes_meet_between, distance, dot,
+        turning_margin,
+    },
     motion::{HORIZON, NOW},
     registry::Entry,
     scene::{MapKind, Sided},
@@ -265,10 +268,19 @@ impl<'a> Drive<'a> {
     /// First step, and track, at which the sweep touches another road user of the same level.
     fn swept_agent(&self) -> Option<(usize, usize)> {
         let mut first: Option<(usize, usize)> = None;
-        for other in self.ctx.others().iter().filter(|other| other.swept_bounds().meets(&self.bounds)) {
+        // A car that reverses on the spot turns by half a turn between two steps.
+        let (mut cos, mut axis) = (1.0_f64, self.now.axis);
+        for b in self.candidate.boxes() {
+            cos = cos.min(dot(axis, b.axis));
+            axis = b.axis;
+        }
+        let margin = turning_margin(&self.now, cos);
+        let bounds = self.bounds.grown(margin);
+        let chunks = self.chunks.map(|chunk| chunk.grown(margin));
+        for other in self.ctx.others().iter().filter(|other| other.swept_bounds().meets(&bounds)) {
             // Only an earlier contact can replace the current one.
             let end = first.map_or(self.candidate.horizon(), |(step, _)| step - 1);
-            let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.swept_chunks()[k].meets(&self.chunks[k]));
+            let near = (0..end.div_ceil(CHUNK)).filter(|&k| other.swept_chunks()[k].meets(&chunks[k]));
             let mut steps = near.flat_map(|chunk| chunk * CHUNK + 1..=((chunk + 1) * CHUNK).min(end));
             if let Some(step) = steps.find(|&step| self.meets(other, step)) {
                 first = Some((step, other.track));

@@ -1,7 +1,7 @@
 //! The other road users, besides ego and adversary, over the future.
 
 use crate::{
-    geometry::{Aabb, OrientedBox, distance},
+    geometry::{Aabb, OrientedBox, bounds_between, distance},
     motion::{HORIZON, NOW},
     scene::{Track, TrackKind},
 };
@@ -25,7 +25,7 @@ pub struct OtherAgent {
     /// Bounds of the map boxes.
     bounds: Aabb,
     chunks: [Aabb; HORIZON / CHUNK],
-    /// Bounds of the true boxes of each group, with the step before it, and of all.
+    /// Bounds of the true boxes of each group, with the step before it and the motion between, and of all.
     swept_chunks: [Aabb; HORIZON / CHUNK],
     swept_bounds: Aabb,
 }
@@ -47,8 +47,13 @@ impl OtherAgent {
         }
         let mut swept_chunks = [Aabb::EMPTY; HORIZON / CHUNK];
         for (chunk, bounds) in swept_chunks.iter_mut().enumerate() {
-            let swept = boxes[chunk * CHUNK..=(chunk + 1) * CHUNK].iter().flatten();
-            *bounds = swept.fold(Aabb::EMPTY, |all, b| all.union(&b.aabb()));
+            let steps = &boxes[chunk * CHUNK..=(chunk + 1) * CHUNK];
+            *bounds = steps.iter().flatten().fold(Aabb::EMPTY, |all, b| all.union(&b.aabb()));
+            for pair in steps.windows(2) {
+                if let [Some(from), Some(to)] = pair {
+                    *bounds = bounds.union(&bounds_between(from, to));
+                }
+            }
         }
         let is_vehicle = track.kind == TrackKind::Vehicle;
         let first = frames.clone().find(|&f| track.is_valid(f));

@@ -79,10 +79,10 @@ fn the_values_are_those_that_python_wrote() {
             &MapKind::EdgeMedian
         ]
     );
-    // An int key, named by an int in a list.
-    assert_eq!(scene.map.features[1].id, "17");
-    assert_eq!(scene.map.features[0].lane.as_ref().unwrap().exits, [1]);
-    assert_eq!(scene.map.points_of(&scene.map.features[1])[1], [45.0, 1.0, 0.0]);
+    // An int key, named by an int in a list. It is the second of the file and the first by id.
+    assert_eq!(scene.map.features[0].id, "17");
+    assert_eq!(scene.map.features[1].lane.as_ref().unwrap().exits, [0]);
+    assert_eq!(scene.map.points_of(&scene.map.features[0])[1], [45.0, 1.0, 0.0]);
     assert_eq!(scene.map.points_of(&scene.map.features[3]), [[0.0, 9.0, 1.0], [30.0, 9.0, 1.0]]);
     let metadata = source.get(source.root(), "metadata").unwrap();
     let get = |key| source.get(metadata, key).unwrap();

@@ -1,6 +1,6 @@
 //! Encodes the map of a scene.
 
-use std::collections::HashSet;
+use std::collections::{HashMap, HashSet};
 
 use sage_core::{
     motion::MAX_COORDINATE,
@@ -9,7 +9,6 @@ use sage_core::{
 
 use super::{Notes, ids::Ids, message::Writer, note};
 use crate::{
-    metadrive::entries_of_features,
     pickle::{Document, Id},
     womd::words::{
         LANE, LANE_TYPES, MEMBERS, MILE, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN,
@@ -25,9 +24,12 @@ pub(super) fn write(out: &mut Writer, scene: &Scene, document: &Document, ids: &
     let entries = document.get(document.root(), "map_features");
     let entries = entries.and_then(|entries| document.entries(entries)).unwrap_or_default();
     let map = Map { scene, document, ids, unknown_edges: unknown_edges(document, entries) };
-    for (feature, entry) in scene.map.features.iter().zip(entries_of_features(document, &scene.map)) {
-        if let Some(entry) = entry {
-            map.write(out, feature, entry, notes);
+    let features: HashMap<&str, &MapFeature> = scene.map.features.iter().map(|f| (&f.id[..], f)).collect();
+    // A record keeps the order of its source; the features of a scene are sorted.
+    for (key, entry) in entries {
+        let id = document.identifier(*key);
+        if let Some(feature) = id.and_then(|id| features.get(&id[..])) {
+            map.write(out, feature, *entry, notes);
         }
     }
 }

@@ -104,3 +104,51 @@ fn full_turns_of_all_headings_change_no_attack() {
     };
     check(|scene| [scene.clone(), turned(scene)], |p| p);
 }
+
+/// The scene turned about the origin by an angle, then moved.
+fn moved(scene: &Scene, turn: f64, by: Point) -> Scene {
+    let (sin, cos) = turn.sin_cos();
+    let rotated = |[x, y]: Point| [cos * x - sin * y, sin * x + cos * y];
+    let place = |p: &mut [f64; 3]| {
+        let [x, y] = rotated([p[0], p[1]]);
+        (p[0], p[1]) = (x + by[0], y + by[1]);
+    };
+    let mut scene = scene.clone();
+    for track in &mut scene.tracks {
+        track.position.iter_mut().for_each(place);
+        track.velocity.iter_mut().for_each(|v| *v = rotated(*v));
+        track.heading.iter_mut().for_each(|heading| *heading += turn);
+    }
+    Arc::make_mut(&mut scene.map).points.iter_mut().for_each(place);
+    scene.lights.iter_mut().filter_map(|light| light.stop_point.as_mut()).for_each(place);
+    scene
+}
+
+/// Least share of attacks that stay when a scene is moved or turned.
+///
+/// Candidates end on a lattice of 2 m in the target's frame and keep 6 m apart, so many pairs are exactly as far apart
+/// as the least distance. They are compared in the world frame, where rounding decides.
+const STAYS: f64 = 0.9;
+
+#[test]
+fn most_scenes_elsewhere_or_turned_get_the_same_attack() {
+    let sage = sage();
+    let (mut same, mut compared) = (0, 0);
+    for (turn, by) in [(0.0, [1e5, 1e5]), (37_f64.to_radians(), [0.0; 2]), (2.0, [-3e4, 7e4])] {
+        let (sin, cos) = turn.sin_cos();
+        let back = |[x, y]: Point| {
+            let [x, y] = [x - by[0], y - by[1]];
+            [cos * x + sin * y, cos * y - sin * x]
+        };
+        for scene in scenes() {
+            let changed = attacks(&*sage, moved(&scene, turn, by));
+            for (path, other) in attacks(&*sage, scene).iter().zip(&changed) {
+                let stays = path.iter().zip(other).all(|(p, q)| distance(*p, back(*q)) <= SAME);
+                same += usize::from(stays);
+                compared += 1;
+            }
+        }
+    }
+    assert!(compared >= 180, "{compared} attacks");
+    assert!(same as f64 >= STAYS * f64::from(compared), "{same} of {compared} attacks stay");
+}

@@ -180,6 +180,8 @@ fn invalid_objectives_are_refused_by_name() {
         assert!(error.to_string().contains("`adversarial` is "), "{error}");
         assert!(error.to_string().contains("within ±1e9"), "{error}");
     }
+    let many = vec![r#"{"name": "realism", "weight": 1}"#; 65].join(",");
+    assert!(build(&format!(r#"{{"terms": [{many}]}}"#)).contains("expected at most 64"));
     let wrong = r#"{"terms": [{"name": "realism", "weight": 1}], "violation_weight": 1e300}"#;
     assert!(build(wrong).contains("a number from 0 to 1e9"));
     for (positions, headings) in

@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 
 use super::{
     Candidate, Context, Evaluation, Feasibility, ObjectiveSpec, PartSpec, Reward, Situation, TermSpec,
-    Weight, spec::MAX_WEIGHT,
+    Weight,
+    spec::{MAX_WEIGHT, MOST_TERMS},
 };
 use crate::{Error, registry::Registry};
 
@@ -29,7 +30,7 @@ impl Objective {
     /// The objective of a spec.
     ///
     /// *Errors*: [`Error::Unknown`] for a name that is not registered; [`Error::Options`] for options that
-    /// a part refuses, for a spec without terms, or for a weight beyond [`MAX_WEIGHT`].
+    /// a part refuses, for a spec without terms or with more than [`MOST_TERMS`], or for a weight beyond [`MAX_WEIGHT`].
     pub fn new(
         spec: &ObjectiveSpec,
         rewards: &Registry<dyn Reward>,
@@ -38,6 +39,9 @@ impl Objective {
         let fail = |name, problem| Err(Error::Options { kind: "objective", name, problem });
         if spec.terms.is_empty() {
             return fail("terms", "there are none; expected at least one".to_owned());
+        }
+        if spec.terms.len() > MOST_TERMS {
+            return fail("terms", format!("there are {}; expected at most {MOST_TERMS}", spec.terms.len()));
         }
         if !(0.0..=MAX_WEIGHT).contains(&spec.violation_weight) {
             let found = spec.violation_weight;

@@ -76,6 +76,9 @@ impl PartSpec {
 /// Largest weight of a term and of violations. Larger ones only hide the other terms, and their sums could overflow.
 pub const MAX_WEIGHT: f64 = 1e9;
 
+/// Largest number of terms of an objective: each takes time for every candidate.
+pub const MOST_TERMS: usize = 64;
+
 /// A weight: one number, or two numbers, at μ = 0 and μ = 1, with linear interpolation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Weight {

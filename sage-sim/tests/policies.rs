@@ -179,12 +179,18 @@ fn a_path_is_driven_pose_by_pose_and_bad_files_are_named() {
     }
     let fails = |text: &str| build(text).err().unwrap().to_string();
     assert!(fails("[[1, 2]]").contains("drive.json`: expected a JSON list of [x, y, heading]"));
-    assert!(fails("[[1, 2, 1e300]]").contains("row 0 is"));
+    let mut far = poses.clone();
+    far[40] = [1e300, 0.0, 0.0];
+    let mut jumping = poses.clone();
+    jumping[40] = [500.0, 0.0, 0.0];
+    let [far, jumping] = [far, jumping].map(|poses| build(&json!(poses).to_string()).unwrap());
     let short = build("[[1, 2, 3]]").unwrap();
     let start = |policy: &dyn EgoPolicy| {
         let start = Start::new(&scene, 0, Privilege::None, 0);
         policy.start(&start).err().unwrap().to_string()
     };
+    assert!(start(far.as_ref()).contains("row 40 of the drive"));
+    assert!(start(jumping.as_ref()).contains("expected at most 100 m a frame"));
     assert!(start(short.as_ref()).contains("has 1 poses; expected 91, one a frame"));
     let other = build(r#"{"another": []}"#).unwrap();
     assert!(

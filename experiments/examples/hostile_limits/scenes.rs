@@ -132,7 +132,7 @@ fn lines(
     let Some(model) = map.features.iter().find(|feature| is_kind(&feature.kind)).cloned() else { return };
     let first = map.points.len();
     map.points.extend((0..count).map(|k| point(k, &mut rng)).map(|[x, y]| [x, y, 0.0]));
-    let lane = model.lane.is_some().then(|| empty_lane());
+    let lane = model.lane.is_some().then(empty_lane);
     map.features.push(MapFeature {
         id: "crafted".to_owned(),
         points: first..map.points.len(),

@@ -51,7 +51,7 @@ pub(super) fn convert(
     let given = inputs.files().filter_map(|file| file.canonicalize().ok()).collect();
     let mut names = Names { args, run, taken: HashSet::new(), inputs: given, root, folders: HashSet::new() };
     let jobs = inputs.items().filter_map(|item| names.job(item).transpose());
-    let jobs = jobs.map(|job| job.unwrap_or_else(|error| Job::Refused(error)));
+    let jobs = jobs.map(|job| job.unwrap_or_else(Job::Refused));
     let size = |job: &Job| if let Job::Convert(item, _) = job { item.size() } else { 0 };
     let folder = run.folder().path();
     map_in_order(

@@ -242,7 +242,7 @@ fn contradictions_are_named_with_their_cause_and_positions_can_be_trusted() {
     let clean = Made::lasting(9.0, 0.1, circle).read().unwrap();
     assert!(kinds(&clean).iter().all(|kind| !kind.contains("against")), "{:?}", kinds(&clean));
     let teleport =
-        Made::lasting(9.0, 0.1, speeding_up).with_value("person", "position", 3 * 40, 60.0).read().unwrap();
+        Made::lasting(9.0, 0.1, speeding_up).with_value("person", "position", 3 * 40, 120.0).read().unwrap();
     assert!(kinds(&teleport).contains(&"jumps"));
     let fast =
         Made::lasting(9.0, 0.1, speeding_up).with_value("person", "velocity", 30, 150.0).read().unwrap();

@@ -76,7 +76,7 @@ pub use scores::{FurtherMeasures, Scorer, Scores};
 pub use sizes::Sizes;
 pub use smooth_adversarial::SmoothAdversarial;
 pub use smooth_realism::SmoothRealism;
-pub use spec::{ObjectiveSpec, PRESETS, PartSpec, TermSpec, Weight};
+pub use spec::{MAX_WEIGHT, MOST_TERMS, ObjectiveSpec, PRESETS, PartSpec, TermSpec, Weight};
 pub use violation::{Feasibility, Violation};
 
 use crate::{Error, registry::Registry};

@@ -1,13 +1,15 @@
 //! Lists of scenes. A scene is read when it is needed, so memory holds one scene per thread, however
 //! long the list is.
 
+mod split;
+
 use std::{
-    collections::{BTreeMap, BTreeSet, HashMap, HashSet},
+    collections::{BTreeMap, BTreeSet, HashSet},
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Result, bail};
 use rayon::prelude::*;
 use sage_backbones::training::SceneData;
 use sage_core::{
@@ -83,7 +85,7 @@ impl Scenes {
         for path in paths {
             files.extend(folder::scene_files(path)?);
         }
-        Self::of_files(selected(files, split)?, split.reading.options())
+        Self::of_files(split::selected(files, split)?, split.reading.options())
     }
 
     /// All scenes under the given paths.
@@ -422,51 +424,6 @@ fn memory_size(data: &SceneData) -> usize {
 fn read(file: &Path, options: &ReadOptions) -> Result<SceneData> {
     let name = format!("{}{}", file.display(), options.suffix());
     Ok(SceneData::new(name, Recording::read_as(file, options)?.scene))
-}
-
-/// Files that match the splits file and the names of scenes.
-fn selected(mut files: Vec<PathBuf>, split: &SplitArgs) -> Result<Vec<PathBuf>> {
-    if split.splits.is_none() && split.scenes.is_empty() {
-        return Ok(files);
-    }
-    let names: HashMap<PathBuf, String> = files
-        .iter()
-        .map(|file| Ok((file.clone(), folder::scene_name(file)?)))
-        .collect::<Result<_, sage_data::Error>>()?;
-    let is_named = |file: &Path, name: &String| names.get(file) == Some(name);
-    let among = |names: &[String], file: &Path| names.iter().any(|name| is_named(file, name));
-    if let Some(missing) = split.scenes.iter().find(|name| !files.iter().any(|file| is_named(file, name))) {
-        bail!("no scene `{missing}` among the {} given", files.len());
-    }
-    if let Some(file) = &split.splits {
-        if split.split.is_none() && split.without_split.is_none() {
-            bail!("--splits needs --split or --without-split");
-        }
-        let with = names_in(file, split.split.as_deref())?;
-        let without = names_in(file, split.without_split.as_deref())?;
-        files.retain(|file| {
-            with.as_ref().is_none_or(|names| among(names, file))
-                && !without.as_ref().is_some_and(|names| among(names, file))
-        });
-    }
-    if !split.scenes.is_empty() {
-        files.retain(|file| among(&split.scenes, file));
-    }
-    if files.is_empty() {
-        bail!("no scene matches --splits and --scenes");
-    }
-    Ok(files)
-}
-
-/// Names of the scenes of a split, if a split is given.
-///
-/// *Errors*: the file cannot be read or has no such split.
-fn names_in(file: &Path, split: Option<&str>) -> Result<Option<Vec<String>>> {
-    let Some(split) = split else { return Ok(None) };
-    let mut known = sage_data::split::read_splits(file)?;
-    let all = known.keys().cloned().collect::<Vec<_>>().join(", ");
-    let found = known.remove(split);
-    found.with_context(|| format!("`{}` has no split `{split}`; known: {all}", file.display())).map(Some)
 }
 
 /// Number of scenes and a hash of their contents in order.

@@ -174,9 +174,13 @@ impl Recording {
     ///
     /// *Errors*: [`Error::Shard`], [`Error::Message`] or [`Error::Field`].
     pub(crate) fn of_record(path: &Path, framed: &[u8], options: &ReadOptions) -> Result<Self, Error> {
-        let source = womd::document(path, framed)?;
+        Self::of_message(path, womd::message(path, framed)?, options)
+    }
+
+    fn of_message(path: &Path, message: &[u8], options: &ReadOptions) -> Result<Self, Error> {
+        let (source, has_id) = womd::document(path, message)?;
         let mut scene = metadrive::decode(&source, options, path)?.scene;
-        if !womd::has_id(framed) {
+        if !has_id {
             scene.notes.push(note("no-id", format!("the record has no id; it is named `{}`", scene.id)));
         }
         Self::checked(path, scene, Source::Record(source), options)
@@ -294,7 +298,7 @@ impl Recording {
             return Err(Error::TooLarge { path: self.path.clone(), limit: womd::MAX_RECORD });
         }
         // What no reader takes must not be written.
-        Self::of_record(&self.path, &womd::frame(&encoded.data), &self.options)?;
+        Self::of_message(&self.path, &encoded.data, &self.options)?;
         Ok(encoded)
     }
 

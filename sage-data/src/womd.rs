@@ -32,14 +32,15 @@ pub(crate) use tfrecord::{MAX_RECORD, begins_with_record};
 
 use crate::{Error, ReadOptions, Recording, dataset, pickle::Document};
 
-/// The MetaDrive values of a record with its frame, without summaries. `path` names it in errors, such as `SHARD#3`.
+/// The MetaDrive values of a `Scenario` message, without summaries, and whether it has an id. `path` names it in errors,
+/// such as `SHARD#3`.
 ///
-/// *Errors*: [`Error::Shard`] for a wrong checksum, [`Error::Message`] for a record that is no scene.
-pub(crate) fn document(path: &Path, framed: &[u8]) -> Result<Document, Error> {
+/// *Errors*: [`Error::Message`] for a message that is no scene.
+pub(crate) fn document(path: &Path, message: &[u8]) -> Result<(Document, bool), Error> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let shard = name.rsplit_once('#').filter(|_| is_record_path(path)).map(|(shard, _)| shard);
     let source_file = shard.unwrap_or(&name);
-    let decoded = decode::decode(data(path, framed)?, source_file, &unnamed(path));
+    let decoded = decode::decode(message, source_file, &unnamed(path));
     decoded.map_err(|problem| Error::Message { path: path.to_owned(), problem })
 }
 
@@ -52,9 +53,9 @@ fn unnamed(path: &Path) -> String {
 
 /// Name of the scene of a record with its frame, for file names, and its data set.
 ///
-/// *Errors*: as [`document`].
+/// *Errors*: as [`message`] and [`document`].
 pub(crate) fn heading_of(path: &Path, framed: &[u8]) -> Result<SceneHeading, Error> {
-    let heading = decode::heading(data(path, framed)?);
+    let heading = decode::heading(message(path, framed)?);
     let heading = heading.map_err(|problem| Error::Message { path: path.to_owned(), problem })?;
     let name = if heading.id.is_empty() { unnamed(path) } else { dataset::plain_name(heading.id) };
     Ok(SceneHeading { name, dataset: heading.dataset.to_owned() })
@@ -68,14 +69,10 @@ pub struct SceneHeading {
     pub dataset: String,
 }
 
-/// Whether a record with its frame has an id.
-pub(crate) fn has_id(framed: &[u8]) -> bool {
-    let heading = tfrecord::checked_data(framed).ok().and_then(|data| decode::heading(data).ok());
-    heading.is_some_and(|heading| !heading.id.is_empty())
-}
-
-/// The data of a record whose place in a shard is not known.
-fn data<'r>(path: &Path, framed: &'r [u8]) -> Result<&'r [u8], Error> {
+/// The message of a record with its frame, whose place in a shard is not known.
+///
+/// *Errors*: [`Error::Shard`] for a wrong checksum.
+pub(crate) fn message<'r>(path: &Path, framed: &'r [u8]) -> Result<&'r [u8], Error> {
     tfrecord::checked_data(framed).map_err(|problem| Error::Shard {
         path: path.to_owned(),
         record: 0,

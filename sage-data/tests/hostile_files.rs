@@ -152,7 +152,7 @@ fn message_mutants_are_refused_or_scenes() {
 #[test]
 fn searches_and_copies_of_shared_values_are_limited() {
     for number in 0.. {
-        let mutant = mutation::repeated(number);
+        let mutant = mutation::crafted::repeated(number);
         let Some((bytes, is_scene)) = mutant else { break };
         let outcome = mutation::consume(&bytes).map_err(|error| error.to_string());
         match outcome {

@@ -1,10 +1,12 @@
 //! Mutations of any file, and of the parts of a safetensors file.
 
+use std::collections::BTreeMap;
+
 use sage_core::{
     content_hash::{HashedTensor, content_hash, split_hash, with_hash},
     seed::Rng,
 };
-use serde_json::{Map, Value};
+use serde::{Deserialize, Serialize};
 
 /// Words that stand in for a number.
 const NUMBERS: [&str; 16] = [
@@ -82,38 +84,52 @@ pub fn with_other_numbers(text: &str, rng: &mut Rng) -> String {
     words.concat()
 }
 
+/// Position of a tensor in a file, as safetensors writes it.
+#[derive(Clone, Deserialize, Serialize)]
+struct Tensor {
+    dtype: String,
+    shape: Vec<usize>,
+    data_offsets: [usize; 2],
+}
+
 /// A safetensors file: the JSON under the one key of its metadata, the table of tensors, and the data.
 pub struct TensorFile {
     key: String,
     pub json: String,
-    tensors: Map<String, Value>,
+    tensors: BTreeMap<String, Tensor>,
     pub data: Vec<u8>,
 }
 
+/// Header of such a file.
+#[derive(Deserialize, Serialize)]
+struct Header {
+    #[serde(rename = "__metadata__")]
+    metadata: BTreeMap<String, String>,
+    #[serde(flatten)]
+    tensors: BTreeMap<String, Tensor>,
+}
+
 impl TensorFile {
+    /// A file that this program wrote or that is shipped.
     pub fn of(bytes: &[u8]) -> Self {
-        let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
-        let mut tensors: Map<String, Value> = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
-        let metadata = tensors.remove("__metadata__").unwrap();
-        let (key, text) = metadata.as_object().unwrap().iter().next().unwrap();
-        let (json, _) = split_hash(text.as_str().unwrap());
-        Self { key: key.clone(), json, tensors, data: bytes[8 + length..].to_vec() }
+        let length = u64::from_le_bytes(*bytes.first_chunk().expect("the file has a header")) as usize;
+        let header: Header = serde_json::from_slice(&bytes[8..8 + length]).expect("the header is JSON");
+        let (key, text) = header.metadata.into_iter().next().expect("the metadata has one key");
+        let json = split_hash(&text).0;
+        Self { key, json, tensors: header.tensors, data: bytes[8 + length..].to_vec() }
     }
 
     /// The file with the hash of its content, as somebody who crafts one writes it.
     pub fn to_bytes(&self) -> Vec<u8> {
         let hashed = self.tensors.iter().map(|(name, tensor)| {
-            let numbers = |key: &str| -> Vec<usize> {
-                tensor[key].as_array().unwrap().iter().map(|n| n.as_u64().unwrap() as usize).collect()
-            };
-            let [from, to] = numbers("data_offsets")[..] else { panic!("two offsets") };
-            let dtype = tensor["dtype"].as_str().unwrap().to_owned();
-            (&name[..], HashedTensor { dtype, shape: numbers("shape"), bytes: &self.data[from..to] })
+            let [from, to] = tensor.data_offsets;
+            let (dtype, shape) = (tensor.dtype.clone(), tensor.shape.clone());
+            (&name[..], HashedTensor { dtype, shape, bytes: &self.data[from..to] })
         });
         let text = with_hash(&self.json, &content_hash(&self.json, hashed));
-        let mut header = self.tensors.clone();
-        header.insert("__metadata__".to_owned(), serde_json::json!({ &self.key[..]: text }));
-        let mut header = Value::Object(header).to_string();
+        let metadata = BTreeMap::from([(self.key.clone(), text)]);
+        let header = Header { metadata, tensors: self.tensors.clone() };
+        let mut header = serde_json::to_string(&header).expect("names and numbers are JSON");
         header.extend(std::iter::repeat_n(' ', header.len().next_multiple_of(8) - header.len()));
         [&(header.len() as u64).to_le_bytes(), header.as_bytes(), &self.data].concat()
     }

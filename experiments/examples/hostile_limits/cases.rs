@@ -14,6 +14,7 @@ use serde_json::json;
 use crate::{
     bytes::{TensorFile, damaged, with_other_numbers},
     child::{self, Limits, Used},
+    recipe,
     scenes::{CRAFTED, crafted, to_file},
 };
 
@@ -83,14 +84,7 @@ impl Cases {
             .map(|f| json!([scene.ego().point(f)[0], scene.ego().point(f)[1], 0.0]))
             .collect();
         std::fs::write(base.join("drive.json"), json!({"crossing": drive}).to_string()).unwrap();
-        let model =
-            |name: &str| format!("  - model: weights/{name}.safetensors\n    parameters: {{weight: 0.5}}\n");
-        let recipe = format!(
-            "merge_method: linear\nbase_model: weights\nmodels:\n{}{}",
-            model("realistic"),
-            model("adversarial")
-        );
-        std::fs::write(base.join("recipe.yaml"), recipe).unwrap();
+        std::fs::write(base.join("recipe.yaml"), recipe::linear("weights")).unwrap();
         let cases =
             Self { program: program.to_owned(), root: root.to_owned(), scene, pickle, native, record };
         cases.prepare_runs();

@@ -15,6 +15,8 @@
 mod bytes;
 mod cases;
 mod child;
+#[path = "../../tests/recipe/mod.rs"]
+mod recipe;
 mod scenes;
 
 use std::{

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{experts, hostile, program::*, quick};
+use crate::{experts, hostile, program::*, quick, recipe};
 
 /// A folder with a scene, weights and a policy, and its content.
 fn inputs() -> (tempfile::TempDir, PathBuf) {
@@ -14,16 +14,7 @@ fn inputs() -> (tempfile::TempDir, PathBuf) {
     std::fs::create_dir(at("policies")).unwrap();
     let policy = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural/td3.safetensors");
     std::fs::copy(policy, at("policies/crossing-lambda1.00.safetensors")).unwrap();
-    let model = |name: &str| {
-        format!("  - model: {}\n    parameters: {{weight: 0.5}}\n", weights.join(name).display())
-    };
-    let recipe = format!(
-        "merge_method: linear\nbase_model: {}\nmodels:\n{}{}",
-        weights.display(),
-        model("realistic.safetensors"),
-        model("adversarial.safetensors")
-    );
-    std::fs::write(at("recipe.yaml"), recipe).unwrap();
+    std::fs::write(at("recipe.yaml"), recipe::linear(text(&weights))).unwrap();
     let root = folder.path().to_owned();
     (folder, root)
 }

@@ -11,6 +11,8 @@ mod names;
 mod options;
 #[path = "../program/mod.rs"]
 mod program;
+#[path = "../recipe/mod.rs"]
+mod recipe;
 mod scenes;
 mod weights;
 

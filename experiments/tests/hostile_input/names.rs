@@ -4,7 +4,7 @@ use std::path::Path;
 
 use sage_data::{Recording, folder};
 
-use crate::{change_header, experts, program::*, quick};
+use crate::{change_header, experts, program::*, quick, recipe};
 
 /// The shipped scene with another id.
 fn with_id(file: &Path, id: &str) {
@@ -26,19 +26,10 @@ fn words_in_weights_write_no_markup() {
             }
         });
     }
-    let model = |name: &str| {
-        format!("  - model: {}/{name}.safetensors\n    parameters: {{weight: 0.5}}\n", experts.display())
-    };
-    let recipe = folder.path().join("r.yaml");
-    let text_of = format!(
-        "merge_method: linear\nbase_model: {}\nmodels:\n{}{}",
-        experts.display(),
-        model("realistic"),
-        model("adversarial")
-    );
-    std::fs::write(&recipe, text_of).unwrap();
+    let file = folder.path().join("r.yaml");
+    std::fs::write(&file, recipe::linear(text(&experts))).unwrap();
     let out = folder.path().join("out");
-    let (code, said) = quick(&["merge", text(&recipe), "--out", text(&out)]);
+    let (code, said) = quick(&["merge", text(&file), "--out", text(&out)]);
     assert_eq!(code, 0, "{said}");
     assert!(
         !said.contains(['\u{1b}', '\u{202e}']) && !said.lines().any(|line| line.starts_with("# ")),

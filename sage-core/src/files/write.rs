@@ -25,7 +25,7 @@ pub enum Existing {
 
 /// Writes a file under a temporary name in the same folder, waits until it is on the disk, and renames it.
 ///
-/// The temporary file is created exclusively, so no planted link is followed. It is removed if anything
+/// The temporary file is created exclusively, so no link is followed. It is removed if anything
 /// fails. A link with the final name is replaced, not followed.
 ///
 /// *Errors*: those of the system; [`ErrorKind::AlreadyExists`] with [`Existing::Keep`];

@@ -52,14 +52,19 @@ struct Scenario<'r> {
     current_time_index: i32,
 }
 
-/// The values of a record, as in a MetaDrive file without summaries. `source_file` is the name of the shard, `unnamed`
-/// the id of a record without one.
+/// The values of a record, as in a MetaDrive file without summaries, and whether it has an id. `source_file` is the name
+/// of the shard, `unnamed` the id of a record without one.
 ///
 /// *Errors*: [`MessageError`] with the offset, the field, the value found and the value expected.
-pub(super) fn decode(record: &[u8], source_file: &str, unnamed: &str) -> Result<Document, MessageError> {
+pub(super) fn decode(
+    record: &[u8],
+    source_file: &str,
+    unnamed: &str,
+) -> Result<(Document, bool), MessageError> {
     let mut budget = Budget::of(record.len());
     let mut scenario = scenario(record, &mut budget)?;
-    if scenario.id.is_empty() {
+    let has_id = !scenario.id.is_empty();
+    if !has_id {
         scenario.id = unnamed;
     }
     let frames = scenario.timestamps.len();
@@ -83,7 +88,7 @@ pub(super) fn decode(record: &[u8], source_file: &str, unnamed: &str) -> Result<
     ]);
     values.document.set_root(root);
     values.document.set_file_size(record.len());
-    Ok(values.document)
+    Ok((values.document, has_id))
 }
 
 /// What a record says of itself before it is decoded.

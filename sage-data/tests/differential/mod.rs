@@ -6,6 +6,7 @@
 
 mod canonical;
 mod globals;
+mod memo;
 mod program;
 mod text;
 

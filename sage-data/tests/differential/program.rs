@@ -58,7 +58,7 @@ pub(super) struct Value {
 }
 
 /// Largest value, in number of parts: shared values grow with every opcode.
-const LARGEST: usize = 300;
+pub(super) const LARGEST: usize = 300;
 
 pub(super) struct Writer {
     pub(super) rng: Rng,
@@ -135,7 +135,7 @@ impl Writer {
     }
 
     /// Values above the last mark.
-    fn open(&self) -> &[Value] {
+    pub(super) fn open(&self) -> &[Value] {
         &self.stack[self.floor()..]
     }
 
@@ -169,7 +169,7 @@ impl Writer {
         (0..length).map(|_| b'a' + self.rng.below(26) as u8).collect()
     }
 
-    fn literal(&mut self) {
+    pub(super) fn literal(&mut self) {
         if self.rng.below(if self.protocol < 2 { 2 } else { 12 }) == 0 {
             return self.text_literal();
         }
@@ -346,68 +346,6 @@ impl Writer {
             }
             _ => self.empty_container(),
         }
-    }
-
-    pub(super) fn maybe_store(&mut self) {
-        if self.rng.below(3) == 0 {
-            self.store();
-        }
-    }
-
-    fn store(&mut self) {
-        let Some(top) = self.open().last().copied() else { return self.literal() };
-        let next = self.memo.len() as u32;
-        let entry_index = match self.rng.below(5) {
-            0..3 => {
-                self.op(0x94);
-                self.memoizes_after_gap |= self.memo.keys().next_back().is_some_and(|last| *last >= next);
-                next
-            }
-            3 if self.protocol < 2 => {
-                let entry_index = self.rng.below(300) as u32;
-                self.put(entry_index);
-                entry_index
-            }
-            3 => {
-                let entry_index = self.rng.below(10) as u8;
-                self.op(b'q');
-                self.out.push(entry_index);
-                u32::from(entry_index)
-            }
-            _ => {
-                let most = if self.rng.below(4) == 0 { 3000 } else { 10 };
-                let entry_index = self.rng.below(most) as u32;
-                self.op(b'r');
-                self.out.extend(entry_index.to_le_bytes());
-                entry_index
-            }
-        };
-        self.memo.insert(entry_index, top);
-    }
-
-    fn recall(&mut self) {
-        if self.memo.is_empty() {
-            return self.store();
-        }
-        let (entry_index, value) = {
-            let entry = self.rng.below(self.memo.len());
-            self.memo.iter().nth(entry).map(|(p, v)| (*p, *v)).expect("it is not empty")
-        };
-        if value.size > LARGEST / 4 {
-            return;
-        }
-        match u8::try_from(entry_index) {
-            _ if self.protocol < 2 && self.rng.below(2) == 0 => self.get(entry_index),
-            Ok(entry_index) if self.rng.below(2) == 0 => {
-                self.op(b'h');
-                self.out.push(entry_index);
-            }
-            _ => {
-                self.op(b'j');
-                self.out.extend(entry_index.to_le_bytes());
-            }
-        }
-        self.stack.push(value);
     }
 
     fn drop_or_double(&mut self) {

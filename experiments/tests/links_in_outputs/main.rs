@@ -1,10 +1,12 @@
-//! Links planted in an output folder, at every name that a command writes or removes: no command writes, deletes or
+//! Links in an output folder, at every name that a command writes or removes: no command writes, deletes or
 //! opens anything outside its folder.
 
 #![cfg(unix)]
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
 mod commands;
+#[path = "../recipe/mod.rs"]
+mod recipe;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -74,8 +76,8 @@ fn outside(root: &Path) -> PathBuf {
     outside
 }
 
-/// Plants links at names in a new output folder. Names below another planted name are left out.
-fn plant(out: &Path, names: impl IntoIterator<Item = impl AsRef<Path>>, target: &Path) {
+/// Puts links at names in a new output folder. Names below the name of another link are left out.
+fn put_links(out: &Path, names: impl IntoIterator<Item = impl AsRef<Path>>, target: &Path) {
     for name in names {
         let path = out.join(name);
         if path.ancestors().skip(1).take_while(|above| *above != out).any(Path::is_symlink) {
@@ -102,7 +104,7 @@ fn check(number: usize) {
         let out = root.join(format!("out-{tried}"));
         tried += 1;
         std::fs::create_dir(&out).unwrap();
-        plant(&out, &names, target);
+        put_links(&out, &names, target);
         let out = out.display().to_string();
         let arguments = [arguments, &["--out", &out], if force { &["--force"] } else { &[] }].concat();
         let output = sage(root, &arguments);
@@ -188,14 +190,14 @@ fn an_unfinished_run_with_links_is_not_resumed_through_them() {
                 std::fs::write(path, content).unwrap();
             }
         }
-        let planted = copy.join(name);
-        let is_folder = planted.is_dir();
+        let place = copy.join(name);
+        let is_folder = place.is_dir();
         if is_folder {
-            std::fs::remove_dir_all(&planted).unwrap();
-        } else if planted.is_file() {
-            std::fs::remove_file(&planted).unwrap();
+            std::fs::remove_dir_all(&place).unwrap();
+        } else if place.is_file() {
+            std::fs::remove_file(&place).unwrap();
         }
-        symlink(outside.join(if is_folder { "folder" } else { "file" }), &planted).unwrap();
+        symlink(outside.join(if is_folder { "folder" } else { "file" }), &place).unwrap();
         let copy = copy.display().to_string();
         sage(root, &[arguments, &["--out", &copy]].concat());
         assert_eq!(listing(&outside), before, "{}", name.display());

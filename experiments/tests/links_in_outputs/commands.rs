@@ -2,20 +2,15 @@
 
 use std::path::Path;
 
+use crate::recipe;
+
 /// Makes the inputs of all commands; `sage` runs a command in `root`.
 pub fn prepare(root: &Path, sage: &dyn Fn(&[&str])) {
     sage(&["scenes", "--count", "2", "--format", "pickle", "--out", "scenes"]);
     std::fs::write(root.join("quick.json"), r#"{"epochs": 1, "candidates": 16}"#).unwrap();
     let weights = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
     let weights = weights.canonicalize().unwrap().display().to_string();
-    let model =
-        |name: &str| format!("  - model: {weights}/{name}.safetensors\n    parameters: {{weight: 0.5}}\n");
-    let recipe = format!(
-        "merge_method: linear\nbase_model: {weights}\nmodels:\n{}{}",
-        model("realistic"),
-        model("adversarial")
-    );
-    std::fs::write(root.join("recipe.yml"), recipe).unwrap();
+    std::fs::write(root.join("recipe.yml"), recipe::linear(&weights)).unwrap();
     std::fs::copy(
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/crossing.json"),
         root.join("c.json"),

@@ -9,9 +9,9 @@ use sage_backbones::{
     candidates::Selection,
     nn::AdamWConfig,
     prediction::predict,
-    training::{SceneData, Trainer, recorded_sample, trainable},
+    training::{Trainer, recorded_sample, trainable},
 };
-use sage_core::seed::Rng;
+use sage_core::{scene::SceneData, seed::Rng};
 use sage_data::Recording;
 
 #[global_allocator]

@@ -3,8 +3,11 @@
 use std::{path::Path, sync::Arc};
 
 use anyhow::{Context as _, Result, bail};
-use sage_backbones::training::SceneData;
-use sage_core::{files, registry::Entry, scene::Scene};
+use sage_core::{
+    files,
+    registry::Entry,
+    scene::{Scene, SceneData},
+};
 use sage_data::MAX_FILE;
 use sage_sim::{
     SimScene,

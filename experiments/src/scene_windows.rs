@@ -1,8 +1,7 @@
 //! Results of many scenes, a file for each window of them, so that an interrupted run resumes.
 
 use anyhow::Result;
-use sage_backbones::training::SceneData;
-use sage_core::files;
+use sage_core::{files, scene::SceneData};
 use serde::{Serialize, de::DeserializeOwned};
 
 use crate::{output::Run, scenes::Scenes};

@@ -11,10 +11,10 @@ use std::{
 
 use anyhow::{Result, bail};
 use rayon::prelude::*;
-use sage_backbones::training::SceneData;
 use sage_core::{
     motion::NOW,
     objective::{Context, ContextOptions},
+    scene::SceneData,
 };
 use sage_data::{
     ReadOptions, Recording, checks, folder,

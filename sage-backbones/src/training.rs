@@ -17,5 +17,5 @@ pub use goal_table::{Expectation, ExpertObjective, GoalTable, Measures};
 pub use prepared_scene::PreparedScene;
 pub use pretrain::{Observer, PretrainOptions, Pretrained, pretrain};
 pub use role_assignments::role_assignments;
-pub use samples::{Example, Examples, MOVING, SceneData, recorded, recorded_sample};
+pub use samples::{Example, Examples, MOVING, recorded, recorded_sample};
 pub use step::{Gradient, Trainer, trainable};

@@ -10,12 +10,12 @@ use sage_backbones::{
     candidates::Selection,
     features::{EdgeKinds, Features, GOAL_COLUMNS, VECTOR_COLUMNS},
     prediction::predict,
-    training::{Examples, SceneData},
+    training::Examples,
 };
 use sage_core::{
     generator::Observation,
     motion::NOW,
-    scene::{Map, Scene, SceneIndex},
+    scene::{Map, Scene, SceneData, SceneIndex},
     seed::Rng,
 };
 use sage_data::procedural::{Kind, generate};

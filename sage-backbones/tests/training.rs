@@ -8,10 +8,9 @@ use sage_backbones::{
     Backbone, Error, Parameters, backbones,
     nn::AdamWConfig,
     parameters::Header,
-    training::{
-        EpochRow, Examples, Observer, PretrainOptions, Pretrained, SceneData, Trainer, pretrain, trainable,
-    },
+    training::{EpochRow, Examples, Observer, PretrainOptions, Pretrained, Trainer, pretrain, trainable},
 };
+use sage_core::scene::SceneData;
 use sage_data::procedural::{Kind, generate};
 
 fn scenes(count: u64, seed: u64) -> Vec<SceneData> {

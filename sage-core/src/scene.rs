@@ -6,6 +6,7 @@ mod levels;
 mod light;
 mod map;
 mod map_order;
+mod scene_data;
 mod sidewalks;
 mod track;
 
@@ -13,6 +14,7 @@ pub use adversary::{is_copy_of_ego, path_conflict, select_adversary};
 pub use index::{SceneIndex, Sided};
 pub use light::{LightState, TrafficLight};
 pub use map::{Boundary, Lane, Map, MapFeature, MapKind, Neighbor};
+pub use scene_data::SceneData;
 pub use sidewalks::Sidewalks;
 pub use track::{Track, TrackKind};
 

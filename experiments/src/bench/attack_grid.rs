@@ -5,10 +5,10 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use sage_backbones::training::SceneData;
 use sage_core::{
     generator::Proposal,
     objective::{Candidate, Context, ContextOptions, Evaluation, Objective, Situation, is_believable},
+    scene::SceneData,
     seed::Rng,
     statistics::{self, Estimate},
 };

@@ -4,11 +4,10 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use sage_backbones::training::SceneData;
 use sage_core::{
     motion::{HORIZON, NOW, Trajectory},
     objective::{Context, ContextOptions, Convention, Encounter, release_reward},
-    scene::Scene,
+    scene::{Scene, SceneData},
 };
 use sage_sim::{
     SimScene,

@@ -5,10 +5,8 @@ use std::sync::Arc;
 
 use anyhow::Result;
 use rayon::prelude::*;
-use sage_backbones::{
-    Backbone, MotionModel,
-    training::{PreparedScene, SceneData},
-};
+use sage_backbones::{Backbone, MotionModel, training::PreparedScene};
+use sage_core::scene::SceneData;
 use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, Linear, Merger, REALISTIC};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -3,8 +3,10 @@
 use std::{collections::HashSet, fmt::Write as _, path::Path};
 
 use anyhow::Result;
-use sage_backbones::training::SceneData;
-use sage_core::objective::{CollisionType, Context, ContextOptions, verdict};
+use sage_core::{
+    objective::{CollisionType, Context, ContextOptions, verdict},
+    scene::SceneData,
+};
 
 use super::{
     open_loop::{SceneRow, is_believable},

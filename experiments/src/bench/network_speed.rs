@@ -10,12 +10,13 @@ use sage_backbones::{
     features::Features,
     nn::AdamWConfig,
     prediction::predict,
-    training::{Examples, SceneData, Trainer, recorded_sample, trainable},
+    training::{Examples, Trainer, recorded_sample, trainable},
 };
 use sage_core::{
     generator::{Generator, Mixture, OperatingPoint},
     objective::{Context, ContextOptions, Encounter},
     registry::Registry,
+    scene::SceneData,
     seed::Rng,
     statistics::median,
 };

@@ -7,7 +7,7 @@ use sage_backbones::{
     Backbone, MotionModel,
     backbone::finite,
     features::Frame,
-    training::{Expectation, Measures, PreparedScene, SceneData},
+    training::{Expectation, Measures, PreparedScene},
 };
 use sage_core::{
     generator::{Attack, Note},
@@ -17,6 +17,7 @@ use sage_core::{
         CollisionType, Context, ContextOptions, Convention, FurtherMeasures, Naturalness, Scorer, Scores,
         Situation, violation::MEDIAN,
     },
+    scene::SceneData,
     seed::Rng,
     statistics::{self, Estimate},
 };

@@ -7,12 +7,13 @@ use sage_backbones::{
     Backbone,
     candidates::Selection,
     prediction::{Distances, Predicted, Recorded, propose},
-    training::{Example, Examples, SceneData, recorded},
+    training::{Example, Examples, recorded},
 };
 use sage_core::{
     geometry::Point,
     motion::{DT, HORIZON, NOW, Trajectory},
     objective::{Context, ContextOptions, Scorer},
+    scene::SceneData,
     seed::Rng,
     statistics::{self, Estimate},
 };

@@ -3,8 +3,10 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use sage_backbones::training::SceneData;
-use sage_core::objective::{Context, ContextOptions, Objective};
+use sage_core::{
+    objective::{Context, ContextOptions, Objective},
+    scene::SceneData,
+};
 use sage_sim::{
     SimScene,
     avoidable::{Avoidable, AvoidanceOptions},

@@ -3,12 +3,11 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use sage_backbones::{
-    Backbone, MotionModel,
-    backbone::finite,
-    training::{PreparedScene, SceneData},
+use sage_backbones::{Backbone, MotionModel, backbone::finite, training::PreparedScene};
+use sage_core::{
+    motion::{HORIZON, NOW},
+    scene::SceneData,
 };
-use sage_core::motion::{HORIZON, NOW};
 use serde::{Deserialize, Serialize};
 
 /// λ at which weight mixing is compared with output mixing.

@@ -4,8 +4,8 @@
 use std::time::Instant;
 
 use anyhow::Result;
-use sage_backbones::training::{Measures, PreparedScene, SceneData};
-use sage_core::files;
+use sage_backbones::training::{Measures, PreparedScene};
+use sage_core::{files, scene::SceneData};
 use sage_merging::{ADVERSARIAL, Geometry, REALISTIC};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

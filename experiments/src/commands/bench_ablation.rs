@@ -5,12 +5,13 @@ use std::{collections::BTreeMap, fmt::Write as _, sync::Arc};
 use anyhow::{Context as _, Result, bail};
 use sage_backbones::{
     MotionModel,
-    training::{Expectation, Measures, SceneData},
+    training::{Expectation, Measures},
 };
 use sage_core::generator::Mixture;
 use sage_core::{
     files,
     objective::FurtherMeasures,
+    scene::SceneData,
     seed::Rng,
     statistics::{self, Estimate},
 };

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::{Result, anyhow, bail};
-use sage_backbones::training::SceneData;
+use sage_core::scene::SceneData;
 use sage_merging::Merger;
 use sage_sim::SimScene;
 use serde_json::json;

@@ -3,9 +3,10 @@
 use std::{fmt::Write as _, path::Path, sync::Arc};
 
 use anyhow::{Context as _, Result, bail};
-use sage_backbones::training::{Expectation, Measures, SceneData};
+use sage_backbones::training::{Expectation, Measures};
 use sage_core::{
     files,
+    scene::SceneData,
     seed::Rng,
     statistics::{self, Estimate},
 };

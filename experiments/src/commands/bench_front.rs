@@ -3,8 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use sage_backbones::training::SceneData;
-use sage_core::objective::FurtherMeasures;
+use sage_core::{objective::FurtherMeasures, scene::SceneData};
 use sage_merging::Merger;
 use serde_json::json;
 

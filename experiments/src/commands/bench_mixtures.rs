@@ -5,10 +5,11 @@ use std::{fmt::Write as _, sync::Arc};
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_backbones::{
     MotionModel,
-    training::{Measures, PreparedScene, SceneData},
+    training::{Measures, PreparedScene},
 };
 use sage_core::{
     objective::{FurtherMeasures, Objective, ObjectiveSpec},
+    scene::SceneData,
     seed::Rng,
     statistics,
 };

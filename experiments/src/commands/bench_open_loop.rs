@@ -5,9 +5,9 @@ use std::{sync::Arc, time::Instant};
 use anyhow::{Result, anyhow, bail};
 use sage_backbones::{
     MotionModel,
-    training::{Expectation, Measures, SceneData},
+    training::{Expectation, Measures},
 };
-use sage_core::{files, generator::Knowledge, objective::FurtherMeasures};
+use sage_core::{files, generator::Knowledge, objective::FurtherMeasures, scene::SceneData};
 use sage_generators::GeneratorInputs;
 use sage_merging::{ExpertSet, Merger};
 use sage_sim::SimScene;

@@ -3,12 +3,10 @@
 use std::{fmt::Write as _, sync::Arc};
 
 use anyhow::{Context as _, Result};
-use sage_backbones::{
-    MotionModel,
-    training::{Measures, SceneData},
-};
+use sage_backbones::{MotionModel, training::Measures};
 use sage_core::{
     objective::FurtherMeasures,
+    scene::SceneData,
     statistics::{self, Estimate},
 };
 use sage_merging::Merger;

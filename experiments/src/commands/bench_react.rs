@@ -3,9 +3,9 @@
 use std::{fmt::Write as _, sync::Arc};
 
 use anyhow::Result;
-use sage_backbones::training::SceneData;
 use sage_core::{
     objective::{Context, ContextOptions},
+    scene::SceneData,
     statistics,
 };
 use sage_merging::Merger;

@@ -10,12 +10,15 @@ use sage_backbones::{
     features::EdgeKinds,
     parameters::Header,
     training::{
-        CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, SceneData, Tunes,
-        finetune, role_assignments,
+        CheckpointFile, Expectation, FinetuneOptions, FinetuneRow, Measures, PreparedScene, Tunes, finetune,
+        role_assignments,
     },
     weights::PRIOR_FILE,
 };
-use sage_core::objective::{Objective, ObjectiveSpec};
+use sage_core::{
+    objective::{Objective, ObjectiveSpec},
+    scene::SceneData,
+};
 use sage_generators::DIAL_FILE;
 use sage_merging::{ADVERSARIAL, ExpertFile, ExpertSet, LAWFUL, REALISTIC};
 use serde_json::{Map, Value, json};

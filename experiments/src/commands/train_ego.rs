@@ -13,7 +13,7 @@ use std::{
 };
 
 use anyhow::{Context as _, Result, anyhow, bail};
-use sage_backbones::training::SceneData;
+use sage_core::scene::SceneData;
 use sage_sim::{
     SimScene,
     rl::{BUFFER, CHECKPOINT, Td3Options, TrainingOptions},

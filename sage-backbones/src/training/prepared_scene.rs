@@ -7,12 +7,10 @@ use rayon::prelude::*;
 use sage_core::{
     motion::NOW,
     objective::{Context, ContextOptions},
+    scene::SceneData,
 };
 
-use super::{
-    SceneData,
-    goal_table::{Expectation, ExpertObjective, GoalTable, Measures},
-};
+use super::goal_table::{Expectation, ExpertObjective, GoalTable, Measures};
 use crate::{
     Error,
     backbone::{Backbone, MotionModel, finite, to_world},

@@ -3,11 +3,11 @@
 use std::{collections::HashMap, path::Path, sync::Arc};
 
 use rayon::prelude::*;
-use sage_core::{seed::Rng, statistics};
+use sage_core::{scene::SceneData, seed::Rng, statistics};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    EpochRow, Examples, Gradient, SceneData, Trainer,
+    EpochRow, Examples, Gradient, Trainer,
     epochs::{self, CheckpointFile, Epoch, LoopOptions, Task},
     samples::{Example, recorded},
     step::trainable,

@@ -3,10 +3,9 @@
 use std::sync::Arc;
 
 use sage_core::{
-    generator::Observation,
     geometry::{Point, distance},
     motion::{HORIZON, NOW},
-    scene::{Scene, SceneIndex, Track, TrackKind},
+    scene::{SceneData, Track, TrackKind},
 };
 
 use crate::{
@@ -22,30 +21,6 @@ use crate::{
 pub const MOVING: f64 = 4.0;
 /// Least number of recorded future steps of a sample.
 const LEAST: usize = 30;
-
-/// A scene with its spatial index.
-pub struct SceneData {
-    /// Name for messages.
-    pub name: String,
-    /// The scene.
-    pub scene: Arc<Scene>,
-    /// Its index.
-    pub index: Arc<SceneIndex>,
-}
-
-impl SceneData {
-    /// Indexes a scene.
-    pub fn new(name: impl Into<String>, scene: Scene) -> Self {
-        Self { name: name.into(), index: SceneIndex::new(scene.map.clone()), scene: Arc::new(scene) }
-    }
-
-    /// Observation of the scene *now*.
-    ///
-    /// *Errors*: as [`Observation::of`].
-    pub fn observe(&self) -> Result<Observation, Error> {
-        Ok(Observation::of(&self.scene, &self.index)?)
-    }
-}
 
 impl Error {
     /// The error with the scene and the agent that it concerns.

@@ -6,10 +6,10 @@
 use std::{path::PathBuf, sync::Arc};
 
 use anyhow::{Context as _, Result};
-use sage_backbones::training::SceneData;
 use sage_core::{
     generator::{Mixture, OperatingPoint},
     objective::{Context, ContextOptions},
+    scene::SceneData,
 };
 use sage_merging::{ExpertSet, Linear, Merger};
 

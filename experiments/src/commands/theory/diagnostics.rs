@@ -3,8 +3,11 @@
 mod mixtures;
 
 use anyhow::{Result, ensure};
-use sage_backbones::training::{Measures, PreparedScene, SceneData};
-use sage_core::statistics::{self, Estimate};
+use sage_backbones::training::{Measures, PreparedScene};
+use sage_core::{
+    scene::SceneData,
+    statistics::{self, Estimate},
+};
 use sage_merging::{ADVERSARIAL, Geometry, REALISTIC};
 use theory_checks::{Figure, Preference, Series};
 

@@ -1,18 +1,12 @@
 //! Drivers under test that the user names.
 
-use std::{path::Path, sync::Arc};
+use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
-use sage_core::{
-    files,
-    registry::Entry,
-    scene::{Scene, SceneData},
-};
+use sage_core::{files, registry::Entry};
 use sage_data::MAX_FILE;
 use sage_sim::{
-    SimScene,
-    drive::{Drive, Simulation, drive},
-    policy::{EgoPolicy, Replay, Td3},
+    policy::{EgoPolicy, Td3},
     rl::read_policy,
 };
 use serde_json::{Value, json};
@@ -26,8 +20,6 @@ pub(crate) struct Ego {
     /// Name of its random streams: without red lights that of earlier versions, so that intervals keep their bits.
     pub(crate) stream: String,
     pub(crate) policy: Box<dyn EgoPolicy>,
-    /// Whether it is the recording itself.
-    pub(crate) is_recording: bool,
 }
 
 impl Ego {
@@ -47,7 +39,7 @@ impl Ego {
         let mut earlier = named.clone();
         earlier.0.options.retain(|key, value| key != "red_lights" || *value != json!(false));
         let (label, stream) = (named.to_string(), earlier.to_string());
-        Ok(Self { label, stream, policy, is_recording: part.name == Replay::NAME })
+        Ok(Self { label, stream, policy })
     }
 
     /// Builds several policies.
@@ -59,25 +51,6 @@ impl Ego {
             Some(twice) => bail!("the policy `{}` is given twice", egos[twice].label),
             None => Ok(egos),
         }
-    }
-
-    /// The drive in the unchanged scene, from frame 0 to the end of the recording.
-    ///
-    /// *Errors*: the policy cannot drive in this scene.
-    pub(crate) fn unattacked(&self, scene: &Arc<SimScene>, seed: u64) -> Result<Drive> {
-        let mut simulation = Simulation::new(scene, &Arc::default(), None, &*self.policy, seed)?;
-        Ok(drive(&mut simulation)?)
-    }
-
-    /// The scene as a generator sees it: with this drive in place of the ego's recording.
-    pub(crate) fn recorded(&self, scene: &Arc<Scene>, drive: &Drive) -> Arc<Scene> {
-        if self.is_recording { scene.clone() } else { Arc::new(drive.recorded(scene)) }
-    }
-
-    /// The same with its name and index.
-    pub(crate) fn recorded_data(&self, data: &SceneData, drive: &Drive) -> SceneData {
-        let scene = self.recorded(&data.scene, drive);
-        SceneData { name: data.name.clone(), scene, index: data.index.clone() }
     }
 }
 

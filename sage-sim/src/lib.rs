@@ -7,6 +7,7 @@
 //! - [`EgoPolicy`](policy::EgoPolicy): drivers by name ([`policy::policies`]), driven by
 //!   [`Simulation`](drive::Simulation); [`fault`] says who caused a contact, [`red_lights`] who ran over red, [`avoidable`] whether a driver could have
 //!   avoided an attack.
+//! - [`AttackTest`](attack_test::AttackTest): a driver before an attack and under it.
 //!
 //! A policy in a scene:
 //!
@@ -30,6 +31,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod attack_test;
 pub mod avoidable;
 pub mod body;
 pub mod comfort;
@@ -51,6 +53,7 @@ pub mod route;
 mod scene;
 mod smoothing;
 pub mod traffic;
+pub mod unattacked;
 pub mod vehicle;
 pub mod world;
 

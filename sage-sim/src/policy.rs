@@ -111,6 +111,11 @@ pub trait EgoPolicy: Send + Sync {
         Privilege::None
     }
 
+    /// Whether it drives the recording itself, so that an attack on it is one on the recording.
+    fn is_recording(&self) -> bool {
+        false
+    }
+
     /// A driver for one drive.
     ///
     /// *Errors*: [`Error::Scene`] for a scene in which it cannot drive.

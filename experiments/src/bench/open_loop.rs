@@ -22,10 +22,13 @@ use sage_core::{
     statistics::{self, Estimate},
 };
 use sage_generators::logged_future;
-use sage_sim::avoidable::{Avoidable, Avoidance, AvoidanceOptions};
+use sage_sim::{
+    attack_test::AttackTest,
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
+};
 use serde::{Deserialize, Serialize};
 
-use super::closed_loop::{Driven, DriverUnderTest};
+use super::closed_loop::Driven;
 use crate::{generators::BuiltGenerator, operating_point::RowKey};
 
 /// Resamples of an interval.
@@ -276,10 +279,10 @@ impl<'d> MeasuredScene<'d> {
 
     /// Drives again against the attack of each row.
     ///
-    /// *Errors*: as [`DriverUnderTest::attack`].
-    pub(crate) fn drive(&self, rows: &mut [SceneRow], driver: &DriverUnderTest) -> Result<()> {
+    /// *Errors*: as [`AttackTest::attack`].
+    pub(crate) fn drive(&self, rows: &mut [SceneRow], test: &AttackTest) -> Result<()> {
         for row in rows {
-            row.driven = Some(driver.attack(&row.trajectory, row.paper.feasible, &self.ctx)?);
+            row.driven = Some(Driven::of(&test.attack(&row.trajectory, row.paper.feasible)?, &self.ctx));
         }
         Ok(())
     }

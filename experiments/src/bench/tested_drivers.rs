@@ -3,49 +3,25 @@
 use std::sync::Arc;
 
 use anyhow::Result;
-use sage_core::{
-    objective::{Context, ContextOptions, Objective},
-    scene::SceneData,
-};
+use sage_core::{objective::Objective, scene::SceneData};
 use sage_sim::{
     SimScene,
+    attack_test::AttackTest,
     avoidable::{Avoidable, AvoidanceOptions},
-    comfort::is_comfortable,
-    drive::{Drive, OffRoad, Simulation, drive},
-    fault::{FaultClass, classify},
-    red_lights::over_red,
-    vehicle::Motion,
+    unattacked::UnattackedDrive,
 };
 
-use super::closed_loop::{Driven, DriverUnderTest};
+use super::closed_loop::Driven;
 use crate::{ego::Ego, generators::BuiltGenerator};
-
-/// Scenes with a shorter logged drive have no completion, metres.
-const SHORTEST_LOG: f64 = 5.0;
 
 /// A driver in one scene.
 pub(crate) struct TestedDriver {
     pub(crate) scene: String,
-    pub(crate) unattacked: Unattacked,
+    pub(crate) unattacked: UnattackedDrive,
     /// For each generator and operating point, the attack on this driver; empty in scenes without an adversary.
     pub(crate) attacks: Vec<Attacked>,
     /// Why there are no attacks, if they failed; true if the scene is left out, because nothing can be measured in it.
     pub(crate) failed: Option<(bool, String)>,
-}
-
-/// A drive in the unchanged scene.
-pub(crate) struct Unattacked {
-    pub(crate) steps: usize,
-    /// First contacts: step, track and class.
-    pub(crate) contacts: Vec<(usize, String, FaultClass)>,
-    /// When the car leaves the road.
-    pub(crate) off_road: OffRoad,
-    /// Progress by the progress of the log; `None` if that is too short.
-    pub(crate) completion: Option<f64>,
-    /// Whether it keeps nuPlan's bounds of comfort, up to its first contact.
-    pub(crate) is_comfortable: Option<bool>,
-    /// Steps at which it runs over red, up to its first contact; `None` without a light ahead on its route.
-    pub(crate) over_red: Option<Vec<usize>>,
 }
 
 /// An attack on a driver.
@@ -53,46 +29,8 @@ pub(crate) struct Attacked {
     pub(crate) driven: Driven,
     /// Whether the driver had a way out; `None` if the attack does not work.
     pub(crate) avoidable: Option<Avoidable>,
-    /// As in [`Unattacked`], in the attacked drive.
+    /// As in [`UnattackedDrive`], in the attacked drive.
     pub(crate) over_red: Option<Vec<usize>>,
-}
-
-impl Unattacked {
-    fn of(drive: &Drive, data: &SceneData, scene: &SimScene, simulation: &Simulation) -> Self {
-        let (car, log) = (simulation.world().car(), scene.window_length());
-        let contacts = drive.contacts.iter().map(|contact| {
-            let track = data.scene.tracks[contact.other.track].id.clone();
-            (contact.step, track, classify(contact, car, &data.index))
-        });
-        Self {
-            steps: drive.motions.len() - 1,
-            contacts: contacts.collect(),
-            off_road: drive.off_road,
-            completion: (log >= SHORTEST_LOG).then(|| drive.progress / log),
-            is_comfortable: is_comfortable(until_contact(drive)),
-            over_red: over_red(scene, until_contact(drive)),
-        }
-    }
-
-    /// Whether the ego is at fault in its first contact. Later ones are consequences of the first.
-    pub(crate) fn is_at_fault(&self) -> bool {
-        let first = self.contacts.first().map(|(step, ..)| *step);
-        let at_first = self.contacts.iter().filter(|(step, ..)| Some(*step) == first);
-        at_first.into_iter().any(|(_, _, class)| class.is_at_fault() == Some(true))
-    }
-
-    /// Whether the car leaves the road before any contact; `None` on a map without edges.
-    pub(crate) fn is_off_road(&self) -> Option<bool> {
-        let first = self.contacts.first().map_or(usize::MAX, |(step, ..)| *step);
-        let is_before = self.off_road.step().is_some_and(|step| step < first);
-        self.off_road.is_measured().then_some(is_before)
-    }
-}
-
-/// The motions before the first contact: what it does to the car is not the driver's.
-pub(super) fn until_contact(drive: &Drive) -> &[Motion] {
-    let end = drive.contacts.first().map_or(drive.motions.len(), |contact| contact.step);
-    &drive.motions[..end.min(drive.motions.len())]
 }
 
 /// What attacks the drivers.
@@ -114,11 +52,9 @@ pub(crate) fn test(
     attackers: Option<&Attackers>,
     seed: u64,
 ) -> Result<TestedDriver> {
-    let mut simulation = Simulation::new(scene, &Arc::default(), None, &*ego.policy, seed)?;
-    let drive = drive(&mut simulation)?;
-    let unattacked = Unattacked::of(&drive, data, scene, &simulation);
+    let test = AttackTest::new(&*ego.policy, scene, seed)?;
     let attackers = attackers.filter(|_| data.scene.adversary.is_some());
-    let (attacks, failed) = match attackers.map(|attackers| attackers.attack(data, scene, ego, drive)) {
+    let (attacks, failed) = match attackers.map(|attackers| attackers.attack(&test)) {
         None => (Vec::new(), None),
         Some(Ok(attacks)) => (attacks, None),
         Some(Err(error)) => {
@@ -126,30 +62,27 @@ pub(crate) fn test(
             (Vec::new(), Some((is_left_out, format!("{error:#}"))))
         }
     };
-    Ok(TestedDriver { scene: data.name.clone(), unattacked, attacks, failed })
+    Ok(TestedDriver { scene: data.name.clone(), unattacked: test.unattacked_drive(), attacks, failed })
 }
 
 impl Attackers<'_> {
     /// The attacks of all generators on the drive of a driver, and what it does against each.
-    fn attack(
-        &self,
-        data: &SceneData,
-        scene: &Arc<SimScene>,
-        ego: &Ego,
-        unattacked: Drive,
-    ) -> Result<Vec<Attacked>> {
-        data.scene.check_apart_now()?;
-        let driver = DriverUnderTest::after(ego, scene, self.seed, unattacked);
-        let recorded = driver.data(data);
-        let ctx = Context::new(&recorded.scene, &recorded.index, &ContextOptions::default())?;
+    fn attack(&self, test: &AttackTest) -> Result<Vec<Attacked>> {
+        test.scene().check_apart_now()?;
+        let ctx = test.context()?;
         let mut all = Vec::new();
         for built in self.generators {
             for attack in built.generator.attacks(&ctx, &built.points, self.seed)? {
-                attack.check(&recorded.scene)?;
+                attack.check(ctx.scene())?;
                 let trajectory = attack.trajectory();
-                let is_feasible =
-                    self.objective.evaluate(&ctx.candidate(trajectory.clone()), &ctx).is_feasible();
-                all.push(driver.attack_and_search(trajectory, is_feasible, &ctx, self.search)?);
+                let candidate = ctx.candidate(trajectory.clone());
+                let is_feasible = self.objective.evaluate(&candidate, &ctx).is_feasible();
+                let outcome = test.attack(trajectory, is_feasible)?;
+                all.push(Attacked {
+                    driven: Driven::of(&outcome, &ctx),
+                    avoidable: outcome.avoidable(self.search)?,
+                    over_red: outcome.over_red(),
+                });
             }
         }
         Ok(all)

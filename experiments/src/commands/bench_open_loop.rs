@@ -10,14 +10,13 @@ use sage_backbones::{
 use sage_core::{files, generator::Knowledge, objective::FurtherMeasures, scene::SceneData};
 use sage_generators::GeneratorInputs;
 use sage_merging::{ExpertSet, Merger};
-use sage_sim::SimScene;
+use sage_sim::{SimScene, attack_test::AttackTest};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use crate::{
     Outcome, Registries,
     bench::{
-        closed_loop::DriverUnderTest,
         closed_loop_report::{self, AttackedDriver},
         gallery,
         open_loop::{self, MeasuredScene, SceneRow},
@@ -95,11 +94,11 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     }
     let models: Vec<Arc<dyn MotionModel>> = policies.iter().map(|(_, model)| model.clone()).collect();
     let prior = &**experts.prior();
-    let measure = |data: &SceneData, driver: Option<&DriverUnderTest>| -> Result<GeneratorRows> {
+    let measure = |data: &SceneData, test: Option<&AttackTest>| -> Result<GeneratorRows> {
         let scene = MeasuredScene::new(data, prior, &further)?.with_avoidance(args.avoidable.options())?;
         let rows = |built: &BuiltGenerator| -> Result<Vec<SceneRow>> {
             let mut rows = scene.rows(built, args.seed)?;
-            driver.map_or(Ok(()), |driver| scene.drive(&mut rows, driver))?;
+            test.map_or(Ok(()), |test| scene.drive(&mut rows, test))?;
             Ok(rows)
         };
         Ok(generators.iter().map(|built| rows(built).map_err(|error| format!("{error:#}"))).collect())
@@ -108,10 +107,11 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     let failed = |error: &anyhow::Error| generators.iter().map(|_| Err(format!("{error:#}"))).collect();
     let one = |data: &SceneData| -> Result<SceneResult> {
         let simulated = SimScene::new(data.scene.clone(), data.index.clone());
-        let under_test = |ego| -> Result<GeneratorRows> {
+        let under_test = |ego: &Ego| -> Result<GeneratorRows> {
             let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
-            let driver = DriverUnderTest::new(ego, simulated, args.seed)?;
-            measure(&driver.data(data), Some(&driver))
+            let test = AttackTest::new(&*ego.policy, simulated, args.seed)?;
+            let (name, index) = (data.name.clone(), data.index.clone());
+            measure(&SceneData { name, scene: test.recorded(), index }, Some(&test))
         };
         Ok(SceneResult {
             scene: data.name.clone(),
@@ -162,7 +162,7 @@ pub(crate) fn run(args: &OpenLoopArgs, registries: &Registries) -> Result<Outcom
     if !egos.is_empty() {
         folder.write("drivers.csv", closed_loop_report::csv(&attacked)?.as_bytes())?;
     }
-    let of_recording = (0..tables.len()).find(|&k| egos.get(k).is_none_or(|ego| ego.is_recording));
+    let of_recording = (0..tables.len()).find(|&k| egos.get(k).is_none_or(|ego| ego.policy.is_recording()));
     gallery::write(folder, &scenes, of_recording.map(|k| &tables[k]), &markdown)?;
     folder.write(TABLE, markdown.as_bytes())?;
     run.finish(&Value::Null, clock.elapsed().as_secs_f64())?;

@@ -30,6 +30,10 @@ impl EgoPolicy for Replay {
         Privilege::OwnLog
     }
 
+    fn is_recording(&self) -> bool {
+        true
+    }
+
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(Self))
     }

@@ -8,7 +8,7 @@ use sage_core::{
     objective::{Context, ContextOptions},
 };
 
-use crate::{drive::Drive, scene::SimScene, traffic::Plan};
+use crate::{attack_test::recorded, drive::Drive, scene::SimScene, traffic::Plan};
 
 /// Plans attacks in training and evaluation.
 pub trait Attacker: Sync {
@@ -35,10 +35,7 @@ pub fn plan_of_generator(
     drive: Option<&Drive>,
     seed: u64,
 ) -> Result<Arc<Plan>, Error> {
-    let recorded = match drive {
-        None => scene.scene().clone(),
-        Some(drive) => Arc::new(drive.recorded(scene.scene())),
-    };
+    let recorded = recorded(scene, drive);
     let ctx = Context::new(&recorded, scene.index(), &ContextOptions::default())?;
     let attacks = generator.attacks(&ctx, std::slice::from_ref(point), seed)?;
     let attack = attacks.first().ok_or_else(|| scene.error("the generator gave no attack".to_owned()))?;

@@ -18,10 +18,9 @@ use sage_data::{
 use sage_generators::attacked;
 use sage_sim::{
     SimScene,
+    attack_test::{self, AttackTest},
     avoidable::{Avoidable, Avoidance},
-    episode::Episode,
     policy::{EgoPolicy, R157, R157Options},
-    traffic::Plan as TrafficPlan,
 };
 use serde_json::{Map, Value, json};
 
@@ -125,6 +124,11 @@ impl Careful {
         let scene = SimScene::new(scene.clone(), index.clone()).ok();
         Self { scene, driver: R157::build(R157Options::default()).ok() }
     }
+
+    /// Whether it avoids an attack; `None` if it meets another road user first, or cannot drive.
+    fn avoids(&self, attack: &Attack, seed: u64) -> Option<bool> {
+        attack_test::avoids(self.driver.as_deref()?, self.scene.as_ref()?, attack.trajectory(), seed).ok()?
+    }
 }
 
 /// Writes the attacks of one scene.
@@ -146,9 +150,9 @@ impl SceneWriter<'_> {
         let mut scene = Arc::new(recording.scene.with_roles(None, plan.args.attack.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
         scene.check_apart_now()?;
-        if !plan.ego.is_recording {
+        if !plan.ego.policy.is_recording() {
             let simulated = SimScene::new(scene.clone(), index.clone())?;
-            scene = plan.ego.recorded(&scene, &plan.ego.unattacked(&simulated, plan.args.attack.seed)?);
+            scene = AttackTest::new(&*plan.ego.policy, &simulated, plan.args.attack.seed)?.recorded();
         }
         index.build_all();
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
@@ -178,12 +182,10 @@ impl SceneWriter<'_> {
             let contact = scored.get(attack.trajectory())?.scores.collision_step;
             // The picture shows that of the last attack that has one.
             way_out = contact.and_then(|contact| drawn_way_out(&avoidable, contact)).or(way_out);
-            let r157_avoids = match contact {
-                Some(_) => {
-                    self.r157_avoids(careful.get_or_insert_with(|| Careful::new(&scene, &index)), attack)
-                }
-                None => None,
-            };
+            let r157_avoids = contact.and_then(|_| {
+                let careful = careful.get_or_insert_with(|| Careful::new(&scene, &index));
+                careful.avoids(attack, plan.args.attack.seed)
+            });
             let scores = &scored.get(attack.trajectory())?.scores;
             let mut scene_files = self.scene_files(&files, &scene, attack, variant, &described)?;
             if let Some((export, origin)) = &export {
@@ -340,20 +342,6 @@ impl SceneWriter<'_> {
             scores,
             candidates,
         })
-    }
-
-    /// Whether the careful driver avoids an attack; `None` if it meets another road user first, or cannot drive.
-    fn r157_avoids(&self, careful: &Careful, attack: &Attack) -> Option<bool> {
-        let scene = careful.scene.as_ref()?;
-        let adversary = scene.scene().adversary_index().ok()?;
-        let plan = TrafficPlan::of_adversary(scene.scene(), attack.trajectory()).ok()?;
-        let driver = careful.driver.as_deref()?;
-        let episode = Episode::run(scene, Some(Arc::new(plan)), driver, self.plan.args.attack.seed).ok()?;
-        let mut first = episode.first_contacts().peekable();
-        if first.peek().is_none() {
-            return Some(true);
-        }
-        first.any(|contact| contact.contact.other.track == adversary).then_some(false)
     }
 
     fn write(&self, all: &[(&str, &[u8])]) -> Result<()> {

@@ -71,7 +71,7 @@ impl<'a> Plan<'a> {
         if !reading.is_null() {
             identity["reading"] = reading;
         }
-        if !self.ego.is_recording {
+        if !self.ego.policy.is_recording() {
             identity["ego"] = ego::identity(&self.args.ego)?;
         }
         if self.args.react.is_some() || self.args.avoidable.options().is_some() {
@@ -83,7 +83,7 @@ impl<'a> Plan<'a> {
     /// Description of how a variant was generated, for its row and for the metadata of its scene files.
     pub(super) fn describe(&self, point: &OperatingPointSpec) -> Map<String, Value> {
         let mut described = self.attackers.describe(point);
-        if !self.ego.is_recording {
+        if !self.ego.policy.is_recording() {
             described.insert("ego".to_owned(), json!(self.ego.label));
         }
         if let Some(target) = self.args.react {

@@ -2,23 +2,24 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use sage_core::{
     motion::Trajectory,
-    objective::{Context, ContextOptions, Reason, Scorer},
-    scene::{Scene, SceneIndex},
+    objective::{Context, Reason, Scorer},
 };
 use sage_data::Recording;
 use sage_sim::{
+    attack_test::AttackTest,
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::Drive,
+    episode::{LAST_FRAME, Verdict},
 };
 use serde_json::{Map, Value};
 
-use super::{Attacked, attack_file};
+use super::{Attacked, attack_file, row::AttackRow};
 use crate::{
     attackers::{Attacker, Attackers},
-    ego::Ego,
+    contact_row::step,
     scene_queue::Failure,
 };
 
@@ -89,21 +90,16 @@ impl<'a> SceneAttacks<'a> {
         !matches!(self, Self::AsItIs(_))
     }
 
-    /// The drives of a driver. `before` is its drive in the unchanged scene.
+    /// The drives of a driver; the test holds its drive in the unchanged scene, if it is attacked.
     ///
     /// *Errors*: a scene that cannot be attacked; those of the generator.
-    pub(super) fn planned(
-        &self,
-        scene: &Arc<Scene>,
-        index: &Arc<SceneIndex>,
-        ego: &Ego,
-        before: Option<&Drive>,
-    ) -> Result<Vec<PlannedDrive>> {
+    pub(super) fn planned(&self, test: Option<&AttackTest>) -> Result<Vec<PlannedDrive>> {
         let context = || -> Result<Context> {
+            let test = test.context("an attacked driver is tested")?;
+            let scene = test.scene();
             scene.attackable_horizon()?;
             scene.check_apart_now()?;
-            let recorded = before.map_or_else(|| scene.clone(), |drive| ego.recorded(scene, drive));
-            let ctx = Context::new(&recorded, index, &ContextOptions::default())?;
+            let ctx = test.context()?;
             ctx.check_apart_now()?;
             Ok(ctx)
         };
@@ -145,6 +141,20 @@ impl PlannedAttack {
         let avoidable = avoidance.of(&candidate);
         let contact = scores.collision_step;
         Self { trajectory, feasible, believable, unbelievable: scores.unbelievable, contact, avoidable }
+    }
+
+    /// The row of the attack, with its verdict and the drive before.
+    pub(super) fn row(self, verdict: Verdict, before: &Drive) -> AttackRow {
+        let first = before.contacts.first().map(|contact| contact.step);
+        AttackRow {
+            trajectory: self.trajectory,
+            feasible: self.feasible,
+            believable: self.believable,
+            unbelievable: self.unbelievable,
+            verdict,
+            avoidable: self.avoidable,
+            unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
+        }
     }
 }
 

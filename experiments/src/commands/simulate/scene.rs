@@ -8,20 +8,16 @@ use sage_core::{
     scene::{Scene, SceneIndex, Track},
 };
 use sage_data::{Recording, checks};
-use sage_sim::{
-    SimScene,
-    drive::Drive,
-    episode::{Episode, LAST_FRAME},
-    traffic::Plan,
-};
+use sage_sim::{SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, traffic::Plan};
+
+use serde_json::{Map, Value};
 
 use super::{
     Simulation,
-    attacks::{PlannedDrive, SceneAttacks},
+    attacks::SceneAttacks,
     row::{AttackRow, Row, RowHead},
 };
 use crate::{
-    contact_row::step,
     ego::Ego,
     output::DatasetRun,
     player::{self, Panel},
@@ -103,7 +99,7 @@ struct DrivenRow {
     ego: usize,
     label: String,
     episode: Episode,
-    plan: Option<Arc<Plan>>,
+    plan: Option<Plan>,
     /// Step of the planned contact with the drive before.
     contact: Option<usize>,
     row: Row,
@@ -127,19 +123,26 @@ impl SceneDrives<'_> {
         let mut unattacked: Vec<Option<Drive>> = Vec::new();
         for (number, ego) in self.simulation.egos.iter().enumerate() {
             let failed = || format!("the policy `{}` cannot drive here", ego.label);
-            let before = self.attacks.has_attack().then(|| ego.unattacked(&simulated, seed));
-            let before = before.transpose().with_context(failed)?;
-            for planned in self.attacks.planned(&scene, &index, ego, before.as_ref())? {
-                let plan = planned.attack.as_ref().map(|a| Plan::of_adversary(&scene, &a.trajectory));
-                let plan = plan.transpose()?.map(Arc::new);
-                let episode =
-                    Episode::run(&simulated, plan.clone(), &*ego.policy, seed).with_context(failed)?;
-                let label = planned.label.clone();
-                let contact = planned.attack.as_ref().and_then(|attack| attack.contact);
-                let row = self.row(&scene, ego, &episode, before.as_ref(), planned)?;
+            let test = self.attacks.has_attack().then(|| AttackTest::new(&*ego.policy, &simulated, seed));
+            let test = test.transpose().with_context(failed)?;
+            for planned in self.attacks.planned(test.as_ref())? {
+                let (label, described) = (planned.label, planned.described);
+                let (episode, attack) = match (planned.attack, &test) {
+                    (Some(attack), Some(test)) => {
+                        let outcome =
+                            test.attack(&attack.trajectory, attack.feasible).with_context(failed)?;
+                        (outcome.episode, Some((attack, outcome.verdict, test.unattacked())))
+                    }
+                    _ => (Episode::run(&simulated, None, &*ego.policy, seed).with_context(failed)?, None),
+                };
+                let contact = attack.as_ref().and_then(|(attack, ..)| attack.contact);
+                let plan = attack.as_ref().map(|(a, ..)| Plan::of_adversary(&scene, &a.trajectory));
+                let plan = plan.transpose()?;
+                let attack = attack.map(|(attack, verdict, before)| attack.row(verdict, before));
+                let row = self.row(&scene, ego, &episode, described, attack);
                 rows.push(DrivenRow { ego: number, label, episode, plan, contact, row });
             }
-            unattacked.push(before);
+            unattacked.push(test.map(|test| test.unattacked().clone()));
         }
         let seconds = clock.elapsed().as_secs_f64() / rows.len().max(1) as f64;
         self.write(&scene, &rows, &unattacked, seconds)
@@ -150,34 +153,18 @@ impl SceneDrives<'_> {
         scene: &Scene,
         ego: &Ego,
         episode: &Episode,
-        before: Option<&Drive>,
-        planned: PlannedDrive,
-    ) -> Result<Row> {
-        let attack = match (planned.attack, before) {
-            (Some(attack), Some(before)) => {
-                let verdict = episode.verdict(scene.adversary_index()?, attack.feasible, before);
-                let first = before.contacts.first().map(|contact| contact.step);
-                Some(AttackRow {
-                    trajectory: attack.trajectory,
-                    feasible: attack.feasible,
-                    believable: attack.believable,
-                    unbelievable: attack.unbelievable,
-                    verdict,
-                    avoidable: attack.avoidable,
-                    unattacked_contact: first.filter(|frame| *frame <= LAST_FRAME).map(step),
-                })
-            }
-            _ => None,
-        };
+        described: Map<String, Value>,
+        attack: Option<AttackRow>,
+    ) -> Row {
         let head = RowHead {
             run_hash: self.run.hash(),
             scene: self.name,
             ego: &ego.label,
-            described: planned.described,
+            described,
             source_hash: self.source_hash,
             seed: self.simulation.args.options.seed,
         };
-        Ok(Row::new(head, episode, scene, attack))
+        Row::new(head, episode, scene, attack)
     }
 
     /// Writes the page, then the rows: their presence means that the page is complete.

@@ -1,0 +1,160 @@
+//! The test of an attack on a driver: it drives the unchanged scene, the attack is planned against that drive, and it
+//! drives again with the adversary on its plan.
+
+use std::sync::Arc;
+
+use sage_core::{
+    Error,
+    motion::{HORIZON, NOW, Trajectory},
+    objective::{Context, ContextOptions, Convention, Encounter, release_reward},
+    scene::Scene,
+};
+
+use crate::{
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
+    drive::{Drive, Simulation, drive},
+    episode::{Episode, Verdict},
+    policy::EgoPolicy,
+    red_lights::over_red,
+    scene::SimScene,
+    traffic::Plan,
+    unattacked::{UnattackedDrive, until_contact},
+    vehicle::Vehicle,
+};
+
+/// A driver in one scene, with its drive before the attack.
+pub struct AttackTest<'p> {
+    policy: &'p dyn EgoPolicy,
+    scene: Arc<SimScene>,
+    seed: u64,
+    unattacked: Drive,
+    car: Vehicle,
+}
+
+impl<'p> AttackTest<'p> {
+    /// Drives the unchanged scene, from frame 0 to the end of the recording.
+    ///
+    /// *Errors*: the policy cannot drive in this scene.
+    pub fn new(policy: &'p dyn EgoPolicy, scene: &Arc<SimScene>, seed: u64) -> Result<Self, Error> {
+        let mut simulation = Simulation::new(scene, &Arc::default(), None, policy, seed)?;
+        let unattacked = drive(&mut simulation)?;
+        Ok(Self { policy, scene: scene.clone(), seed, unattacked, car: *simulation.world().car() })
+    }
+
+    /// The unchanged scene.
+    pub fn scene(&self) -> &Arc<Scene> {
+        self.scene.scene()
+    }
+
+    /// The drive before the attack.
+    pub fn unattacked(&self) -> &Drive {
+        &self.unattacked
+    }
+
+    /// What happened in the drive before the attack.
+    pub fn unattacked_drive(&self) -> UnattackedDrive {
+        UnattackedDrive::of(&self.unattacked, &self.scene, &self.car)
+    }
+
+    /// The scene as a generator sees it: with the drive before the attack in place of the ego's recording.
+    pub fn recorded(&self) -> Arc<Scene> {
+        recorded(&self.scene, Some(&self.unattacked).filter(|_| !self.policy.is_recording()))
+    }
+
+    /// The context of [`AttackTest::recorded`].
+    ///
+    /// *Errors*: the scene cannot be attacked.
+    pub fn context(&self) -> Result<Context, Error> {
+        Context::new(&self.recorded(), self.scene.index(), &ContextOptions::default())
+    }
+
+    /// Drives again, against an attack.
+    ///
+    /// *Errors*: as [`Episode::run`].
+    pub fn attack(&self, attack: &Trajectory, is_feasible: bool) -> Result<AttackOutcome, Error> {
+        let scene = self.scene.scene();
+        let adversary = scene.adversary_index()?;
+        let plan = Arc::new(Plan::of_adversary(scene, attack)?);
+        let episode = Episode::run(&self.scene, Some(plan), self.policy, self.seed)?;
+        let verdict = episode.verdict(adversary, is_feasible, &self.unattacked);
+        Ok(AttackOutcome { scene: self.scene.clone(), attack: attack.clone(), adversary, episode, verdict })
+    }
+}
+
+/// The scene with a drive in place of the ego's recording; without a drive the scene itself.
+pub fn recorded(scene: &SimScene, drive: Option<&Drive>) -> Arc<Scene> {
+    drive.map_or_else(|| scene.scene().clone(), |drive| Arc::new(drive.recorded(scene.scene())))
+}
+
+/// Whether a driver in the ego's place does not touch an attacking adversary; `None` if it meets another road user
+/// first.
+///
+/// *Errors*: as [`Episode::run`].
+pub fn avoids(
+    policy: &dyn EgoPolicy,
+    scene: &Arc<SimScene>,
+    attack: &Trajectory,
+    seed: u64,
+) -> Result<Option<bool>, Error> {
+    let adversary = scene.scene().adversary_index()?;
+    let plan = Arc::new(Plan::of_adversary(scene.scene(), attack)?);
+    let episode = Episode::run(scene, Some(plan), policy, seed)?;
+    let mut first = episode.first_contacts().peekable();
+    if first.peek().is_none() {
+        return Ok(Some(true));
+    }
+    Ok(first.any(|contact| contact.contact.other.track == adversary).then_some(false))
+}
+
+/// What a driver does against an attack, up to its first contact.
+pub struct AttackOutcome {
+    scene: Arc<SimScene>,
+    attack: Trajectory,
+    adversary: usize,
+    /// The attacked drive.
+    pub episode: Episode,
+    /// Whether the attack works.
+    pub verdict: Verdict,
+}
+
+impl AttackOutcome {
+    /// The paper's reward: 10 (1 − t/80) at a contact with the adversary, else closeness. The horizon stays 80
+    /// steps, although the episode ends at the contact.
+    pub fn reward(&self) -> f64 {
+        let hit = self.episode.first_contacts().find(|c| c.contact.other.track == self.adversary);
+        let path = self.episode.drive.motions.iter().skip(NOW + 1);
+        let distances = path.zip(self.attack.points()).map(|(motion, p)| {
+            let [x, y] = motion.position;
+            (x - p[0]).hypot(y - p[1])
+        });
+        let contact = hit.map(|c| c.contact.step.saturating_sub(NOW)).filter(|step| *step > 0);
+        let least_distance = distances.fold(f64::INFINITY, f64::min);
+        Encounter { contact, least_distance, steps: HORIZON }.reward(Convention::Paper)
+    }
+
+    /// The published reward: the ego's path is cut at the end of the episode, so a contact scores little. `ctx` is
+    /// that of the attack.
+    pub fn reward_cut(&self, ctx: &Context) -> f64 {
+        let motions = self.episode.drive.motions.iter().skip(NOW + 1);
+        let path: Vec<_> = motions.map(|motion| motion.position).collect();
+        release_reward(self.attack.points(), ctx.size(), &path, ctx.ego_size()).0
+    }
+
+    /// Frames at which the driver runs over red; `None` without a light ahead on its route.
+    pub fn over_red(&self) -> Option<Vec<usize>> {
+        over_red(&self.scene, until_contact(&self.episode.drive))
+    }
+
+    /// The search for an evasive manoeuvre in the attacked drive; `None` if the attack does not work.
+    ///
+    /// *Errors*: as [`Avoidance::new`].
+    pub fn avoidable(&self, search: AvoidanceOptions) -> Result<Option<Avoidable>, Error> {
+        let Some(contact) = self.episode.contacts.first().filter(|_| self.verdict.attack) else {
+            return Ok(None);
+        };
+        let attacked: Arc<Scene> = self.episode.drive.recorded(self.scene.scene()).into();
+        let ctx = Context::new(&attacked, self.scene.index(), &ContextOptions::default())?;
+        let step = contact.contact.step.checked_sub(NOW);
+        Ok(Some(Avoidance::new(&ctx, search)?.of_contact(&ctx.candidate(self.attack.clone()), step)))
+    }
+}

@@ -2,12 +2,12 @@
 
 mod attacking;
 mod avoiding;
-mod comparing;
 mod converting;
 mod driving;
 mod learning;
 mod mixing;
 mod reading;
+mod studies;
 mod theory;
 mod training;
 
@@ -20,18 +20,14 @@ use clap::{
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
-pub(crate) use attacking::{
-    AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs, OpenLoopArgs,
-};
-pub(crate) use avoiding::{AvoidableArgs, ReactArgs};
-pub(crate) use comparing::FrontArgs;
+pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs};
+pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};
-pub(crate) use driving::{DriversArgs, SimulateArgs};
-pub(crate) use learning::{
-    AblationArgs, ExpertsArgs, FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg,
-};
-pub(crate) use mixing::{ConnectivityArgs, MergeArgs, MixturesArgs, ParetoArgs};
+pub(crate) use driving::SimulateArgs;
+pub(crate) use learning::{FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
+pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use reading::ReadingArgs;
+pub(crate) use studies::{ReportArgs, StudyArgs};
 pub(crate) use theory::TheoryArgs;
 pub(crate) use training::{ClosedLoopArgs, TrainEgoArgs};
 
@@ -81,12 +77,11 @@ pub(crate) enum Command {
         after_help = "Example:\n  sage analyse connectivity scenes/ --weights experts/ --out connectivity/"
     )]
     Analyse(AnalyseCommand),
-    /// Run a benchmark of speed or quality.
+    /// Run a study, or another benchmark.
     #[command(
-        subcommand,
-        after_help = "Example:\n  sage bench open-loop scenes/ --methods sage,log --lambda 1 --out table/"
+        after_help = "Examples:\n  sage bench list\n  sage bench open-loop scenes/ --method sage,log --lambda 1 --out table/\n  sage bench my-study.yaml scenes/ --set lambda=0:1:0.1 --out mine/\n  sage bench report table/ --wide --out again/"
     )]
-    Bench(BenchCommand),
+    Bench(BenchArgs),
     /// Print a completion script for a shell.
     #[command(
         after_help = "Example:\n  sage completions bash > ~/.local/share/bash-completion/completions/sage"
@@ -286,19 +281,23 @@ pub(crate) enum AnalyseCommand {
     Connectivity(ConnectivityArgs),
 }
 
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub(crate) struct BenchArgs {
+    #[command(subcommand)]
+    pub command: Option<BenchCommand>,
+    #[command(flatten)]
+    pub study: StudyArgs,
+}
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum BenchCommand {
+    /// List the shipped studies and all metrics.
+    List,
+    Report(ReportArgs),
     Speed(SpeedArgs),
     Prediction(PredictionArgs),
-    OpenLoop(OpenLoopArgs),
     Dial(DialBenchArgs),
-    React(ReactArgs),
-    Front(FrontArgs),
-    Ablation(AblationArgs),
-    Pareto(ParetoArgs),
-    Mixtures(MixturesArgs),
-    Drivers(DriversArgs),
-    Experts(ExpertsArgs),
     ClosedLoop(ClosedLoopArgs),
 }
 

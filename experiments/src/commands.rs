@@ -1,18 +1,11 @@
 //! One file per command. A command takes parsed arguments and writes its results to stdout or files.
 
 pub(crate) mod analyse_connectivity;
-pub(crate) mod bench_ablation;
 pub(crate) mod bench_closed_loop;
 pub(crate) mod bench_dial;
-pub(crate) mod bench_drivers;
-pub(crate) mod bench_experts;
-pub(crate) mod bench_front;
-pub(crate) mod bench_mixtures;
-pub(crate) mod bench_open_loop;
-pub(crate) mod bench_pareto;
 pub(crate) mod bench_prediction;
-pub(crate) mod bench_react;
 pub(crate) mod bench_speed;
+pub(crate) mod bench_study;
 pub(crate) mod calibrate;
 pub(crate) mod completions;
 pub(crate) mod convert;

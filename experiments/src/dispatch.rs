@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use crate::{
     Outcome, Registries,
-    cli::{AnalyseCommand, BenchCommand, Cli, Command},
+    cli::{AnalyseCommand, BenchArgs, BenchCommand, Cli, Command},
     commands, threads,
 };
 
@@ -34,21 +34,26 @@ impl Cli {
             Command::Analyse(AnalyseCommand::Connectivity(args)) => {
                 commands::analyse_connectivity::run(&args, registries)
             }
-            Command::Bench(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
-            Command::Bench(BenchCommand::OpenLoop(args)) => commands::bench_open_loop::run(&args, registries),
-            Command::Bench(BenchCommand::Experts(args)) => commands::bench_experts::run(&args, registries),
-            Command::Bench(BenchCommand::ClosedLoop(args)) => {
+            Command::Bench(BenchArgs { command: Some(BenchCommand::Speed(args)), .. }) => {
+                commands::bench_speed::run(&args)
+            }
+            Command::Bench(BenchArgs { command: Some(BenchCommand::ClosedLoop(args)), .. }) => {
                 commands::bench_closed_loop::run(&args, registries)
             }
-            Command::Bench(BenchCommand::Drivers(args)) => commands::bench_drivers::run(&args, registries),
-            Command::Bench(BenchCommand::Ablation(args)) => commands::bench_ablation::run(&args, registries),
-            Command::Bench(BenchCommand::Front(args)) => commands::bench_front::run(&args, registries),
-            Command::Bench(BenchCommand::Pareto(args)) => commands::bench_pareto::run(&args, registries),
-            Command::Bench(BenchCommand::Mixtures(args)) => commands::bench_mixtures::run(&args, registries),
-            Command::Bench(BenchCommand::React(args)) => commands::bench_react::run(&args, registries),
-            Command::Bench(BenchCommand::Dial(args)) => commands::bench_dial::run(&args, registries),
-            Command::Bench(BenchCommand::Prediction(args)) => {
+            Command::Bench(BenchArgs { command: Some(BenchCommand::Dial(args)), .. }) => {
+                commands::bench_dial::run(&args, registries)
+            }
+            Command::Bench(BenchArgs { command: Some(BenchCommand::Prediction(args)), .. }) => {
                 commands::bench_prediction::run(&args, registries)
+            }
+            Command::Bench(BenchArgs { command: Some(BenchCommand::List), .. }) => {
+                commands::bench_study::list(registries)
+            }
+            Command::Bench(BenchArgs { command: Some(BenchCommand::Report(args)), .. }) => {
+                commands::bench_study::report(&args)
+            }
+            Command::Bench(BenchArgs { command: None, study }) => {
+                commands::bench_study::run(&study, registries)
             }
             Command::Completions { shell } => commands::completions::run(shell),
         }

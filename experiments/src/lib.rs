@@ -22,21 +22,15 @@ mod commands;
 pub mod contact_row;
 mod dispatch;
 pub mod drawing;
-mod ego;
-mod generators;
 mod input;
 mod networks;
-mod operating_point;
 mod output;
-mod part;
 mod player;
 mod progress;
-mod react;
 mod scenario_files;
 mod scene_queue;
 mod scene_windows;
 mod scenes;
-mod selection;
 mod signals;
 mod terminal;
 mod threads;
@@ -45,62 +39,14 @@ use std::{io, process::ExitCode};
 
 use anyhow::Result;
 use clap::Parser;
-use sage_backbones::{Backbone, backbones};
-use sage_core::{
-    Error,
-    objective::{self, Feasibility, Reward},
-    registry::Registry,
-};
-use sage_generators::{GeneratorKind, generators};
-use sage_merging::{Merger, mergers};
-use sage_sim::avoidable::TimeToReact;
-use sage_sim::policy::{EgoPolicy, policies};
-use sage_sim::rl::{Curriculum, SceneSampler, curriculum::curricula, scene_sampler::scene_samplers};
-use theory_checks::{Check, claims};
+use sage_core::Error;
 
 pub use cli::Cli;
-pub use operating_point::{OperatingPointSpec, RowKey};
-
-/// Registries of the parts that commands accept by name.
-pub struct Registries {
-    /// Rewards and penalties.
-    pub rewards: Registry<dyn Reward>,
-    /// Feasibility rules.
-    pub feasibilities: Registry<dyn Feasibility>,
-    /// Motion prediction networks.
-    pub backbones: Registry<dyn Backbone>,
-    /// Methods of merging experts.
-    pub mergers: Registry<dyn Merger>,
-    /// Generators of adversarial scenes.
-    pub generators: Registry<dyn GeneratorKind>,
-    /// Driving policies.
-    pub policies: Registry<dyn EgoPolicy>,
-    /// Curricula of closed-loop training.
-    pub curricula: Registry<dyn Curriculum>,
-    /// Scene samplers of closed-loop training.
-    pub scene_samplers: Registry<dyn SceneSampler>,
-    /// Claims of the theory.
-    pub claims: Registry<dyn Check>,
-}
-
-impl Registries {
-    /// All parts that `sage` ships.
-    ///
-    /// *Errors*: [`Error::Duplicate`] if two parts of a kind have the same name.
-    pub fn shipped() -> Result<Self, Error> {
-        Ok(Self {
-            rewards: objective::rewards()?.with::<TimeToReact>()?,
-            feasibilities: objective::feasibilities()?,
-            backbones: backbones()?,
-            mergers: mergers()?,
-            generators: generators()?,
-            policies: policies()?,
-            curricula: curricula()?,
-            scene_samplers: scene_samplers()?,
-            claims: claims()?,
-        })
-    }
-}
+pub use sage_bench::{
+    Registries,
+    operating_point::{OperatingPointSpec, RowKey},
+};
+pub(crate) use sage_bench::{ego, generators, operating_point, part, react, selection};
 
 /// Result of a command that ran to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

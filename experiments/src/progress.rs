@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::terminal;
+use crate::{ego::Ego, terminal};
 
 /// Minimum time between two updates.
 const INTERVAL: Duration = Duration::from_millis(200);
@@ -43,6 +43,11 @@ pub(crate) fn say_once(text: &str) {
     if SAID.lock().unwrap_or_else(PoisonError::into_inner).insert(text.to_owned()) {
         say(text);
     }
+}
+
+/// Says what the user should know about the files of policies.
+pub(crate) fn say_notes(egos: &[Ego]) {
+    egos.iter().filter_map(|ego| ego.note.as_ref()).for_each(|note| say_once(&format!("note: {note}")));
 }
 
 /// Shows a line that the next one replaces, on a terminal only.

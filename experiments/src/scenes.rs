@@ -140,6 +140,13 @@ impl Scenes {
         })
     }
 
+    /// Reads a scene; `None` if its number gives no procedural scene.
+    ///
+    /// *Errors*: it cannot be read, or it changed since it was checked.
+    pub(crate) fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>> {
+        self.entries[number].load(&self.options)
+    }
+
     /// Prints why a scene failed, and counts it.
     pub(crate) fn fail(&self, name: &str, error: &anyhow::Error) {
         progress::say(&format!("error: `{name}`: {error:#}"));

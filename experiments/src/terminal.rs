@@ -1,36 +1,10 @@
 //! Output to a terminal. Names and texts from files must not control the terminal.
 
-use std::{borrow::Cow, fmt::Write as _, io};
+use std::{fmt::Write as _, io};
 
 use sage_core::text::is_hidden;
+pub(crate) use sage_core::text::{escaped, escaped_html, escaped_name};
 use serde::Serialize;
-
-/// Escapes control characters, and characters that change the text direction or are not seen. Line ends stay.
-pub(crate) fn escaped(text: &str) -> Cow<'_, str> {
-    if !text.chars().any(|c| is_hidden(c) && c != '\n') {
-        return Cow::Borrowed(text);
-    }
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        if is_hidden(c) && c != '\n' {
-            let _ = write!(out, "{}", c.escape_unicode());
-        } else {
-            out.push(c);
-        }
-    }
-    Cow::Owned(out)
-}
-
-/// As [`escaped`], for a name within a line: line ends are escaped as well.
-pub(crate) fn escaped_name(text: &str) -> String {
-    escaped(text).replace('\n', "\\n")
-}
-
-/// The text for an HTML page, without characters that control a terminal or a page.
-pub(crate) fn escaped_html(text: &str) -> String {
-    let text = escaped(text);
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
 
 /// Writes a value as a line of JSON and escapes characters that control a terminal. A parser reads the same
 /// value.

@@ -38,6 +38,7 @@ pub mod forecast;
 mod interaction_head;
 pub mod labels;
 pub mod lane_graph;
+pub mod metrics;
 pub mod nn;
 mod own_encoder;
 mod parameter_group;

@@ -67,7 +67,7 @@ pub enum Error {
         /// The unknown name.
         name: String,
         /// Names that are registered.
-        known: Vec<&'static str>,
+        known: Vec<String>,
     },
     /// Two entries with the same name.
     #[error("{kind} `{name}` is registered twice")]
@@ -75,7 +75,7 @@ pub enum Error {
         /// Kind of the registry.
         kind: &'static str,
         /// The name.
-        name: &'static str,
+        name: String,
     },
     /// Options that an entry refuses.
     #[error("options of {kind} `{name}`: {problem}")]

@@ -42,6 +42,13 @@ impl Knowledge {
     }
 }
 
+impl Knowledge {
+    /// What is known beyond *now*; empty for nothing.
+    pub fn beyond_now(self) -> String {
+        if self == Self::NOW { String::new() } else { self.to_string() }
+    }
+}
+
 impl fmt::Display for Knowledge {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let known = [

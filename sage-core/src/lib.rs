@@ -23,6 +23,7 @@ pub mod error;
 pub mod files;
 pub mod generator;
 pub mod geometry;
+pub mod metric;
 pub mod motion;
 pub mod objective;
 pub mod preference_pairs;

@@ -59,7 +59,7 @@ impl<T: ?Sized> Registry<T> {
     /// *Errors*: [`Error::Duplicate`] if its name is taken.
     pub fn with<E: Entry<T>>(mut self) -> Result<Self, Error> {
         if self.entries.iter().any(|e| e.name == E::NAME) {
-            return Err(Error::Duplicate { kind: self.kind, name: E::NAME });
+            return Err(Error::Duplicate { kind: self.kind, name: E::NAME.to_owned() });
         }
         self.entries.push(Registered {
             name: E::NAME,
@@ -92,7 +92,7 @@ impl<T: ?Sized> Registry<T> {
         self.entries.iter().find(|e| e.name == name).ok_or_else(|| Error::Unknown {
             kind: self.kind,
             name: name.to_owned(),
-            known: self.entries.iter().map(|e| e.name).collect(),
+            known: self.entries.iter().map(|e| e.name.to_owned()).collect(),
         })
     }
 

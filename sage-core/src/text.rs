@@ -1,5 +1,7 @@
 //! Characters in the words of strangers that must reach no terminal, page or drawing.
 
+use std::{borrow::Cow, fmt::Write as _};
+
 /// True for control characters, and for characters that change the direction of text, are not seen, or are none.
 pub fn is_hidden(c: char) -> bool {
     let code = u32::from(c);
@@ -11,6 +13,33 @@ pub fn is_hidden(c: char) -> bool {
                 | '\u{2060}'..='\u{206f}' | '\u{fdd0}'..='\u{fdef}' | '\u{feff}' | '\u{fff9}'..='\u{fffb}'
                 | '\u{e0000}'..='\u{e007f}'
         )
+}
+
+/// Escapes control characters, and characters that change the text direction or are not seen. Line ends stay.
+pub fn escaped(text: &str) -> Cow<'_, str> {
+    if !text.chars().any(|c| is_hidden(c) && c != '\n') {
+        return Cow::Borrowed(text);
+    }
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        if is_hidden(c) && c != '\n' {
+            let _ = write!(out, "{}", c.escape_unicode());
+        } else {
+            out.push(c);
+        }
+    }
+    Cow::Owned(out)
+}
+
+/// As [`escaped`], for a name within a line: line ends are escaped as well.
+pub fn escaped_name(text: &str) -> String {
+    escaped(text).replace('\n', "\\n")
+}
+
+/// The text for an HTML page, without characters that control a terminal or a page.
+pub fn escaped_html(text: &str) -> String {
+    let text = escaped(text);
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

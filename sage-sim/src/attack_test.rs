@@ -118,6 +118,11 @@ pub struct AttackOutcome {
 }
 
 impl AttackOutcome {
+    /// Identifier of a track of the scene.
+    pub fn track(&self, number: usize) -> &str {
+        &self.scene.scene().tracks[number].id
+    }
+
     /// The paper's reward: 10 (1 − t/80) at a contact with the adversary, else closeness. The horizon stays 80
     /// steps, although the episode ends at the contact.
     pub fn reward(&self) -> f64 {

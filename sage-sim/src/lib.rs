@@ -42,6 +42,7 @@ pub mod fault;
 pub mod following;
 mod grid;
 pub mod lines;
+pub mod metrics;
 pub mod navigation;
 pub mod observation;
 pub mod physics;

@@ -1,8 +1,8 @@
 //! Rewards along the path between two experts: height above the chord and concavity, with intervals. The chord is
 //! what probability mixing attains: expectations are linear in the probabilities.
 
-use super::pareto::{Measure, Sweep};
-use sage_core::statistics::Estimate;
+use sage_bench::curve::{self, Curve as Sweep, Point as Measure};
+use sage_core::statistics::{Estimate, mean};
 
 /// A value of a front that is maximised.
 pub(crate) type Value = fn(&Measure) -> f64;
@@ -18,11 +18,7 @@ pub(crate) const VALUES: [(&str, Value); 4] = [
 /// λ at which `mu R_adv − (1 − mu) P_real` is largest along the path, with its interval. By the theory it rises with
 /// μ, from 0 to 1.
 pub(crate) fn best_lambda(sweep: &Sweep, mu: f64) -> Option<Estimate> {
-    let value = |m: &Measure| mu * m.reward - (1.0 - mu) * m.penalty;
-    sweep.estimate(|front| {
-        let best = (0..front.len()).max_by(|a, b| value(&front[*a]).total_cmp(&value(&front[*b])));
-        best.unwrap_or(0) as f64 / front.len().saturating_sub(1).max(1) as f64
-    })
+    sweep.estimate(|front| curve::best_lambda(front, mu))
 }
 
 /// What a value does along the path.
@@ -38,35 +34,14 @@ pub(crate) struct Path {
 impl Path {
     /// The path of a value; `None` without scenes.
     pub(crate) fn of(sweep: &Sweep, value: Value) -> Option<Self> {
+        let values = |front: &[Measure]| front.iter().map(value).collect::<Vec<_>>();
         Some(Self {
-            least: sweep.estimate(|front| heights(front, value).into_iter().fold(f64::INFINITY, f64::min))?,
-            mean: sweep.estimate(|front| mean(&heights(front, value)))?,
-            concave: sweep.estimate(|front| concave(front, value))?,
+            least: sweep
+                .estimate(|front| curve::heights(&values(front)).into_iter().fold(f64::INFINITY, f64::min))?,
+            mean: sweep.estimate(|front| mean(&curve::heights(&values(front))).unwrap_or(0.0))?,
+            concave: sweep.estimate(|front| curve::concave(&values(front)))?,
         })
     }
-}
-
-/// Heights above the chord between the ends, at the inner points.
-pub(crate) fn heights(front: &[Measure], value: Value) -> Vec<f64> {
-    let last = front.len().saturating_sub(1);
-    let (first, end) = (front.first().map_or(0.0, value), front.last().map_or(0.0, value));
-    let height = |k: usize| {
-        let share = k as f64 / last as f64;
-        value(&front[k]) - ((1.0 - share) * first + share * end)
-    };
-    (1..last).map(height).collect()
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len().max(1) as f64
-}
-
-/// Share of the inner points with a second difference of at most 0, in percent.
-fn concave(front: &[Measure], value: Value) -> f64 {
-    let bends = front.windows(3).map(|w| value(&w[0]) - 2.0 * value(&w[1]) + value(&w[2]));
-    let (count, down) = bends
-        .fold((0.0, 0.0), |(count, down), bend| (count + 1.0, if bend <= 0.0 { down + 1.0 } else { down }));
-    100.0 * down / f64::max(count, 1.0)
 }
 
 #[cfg(test)]

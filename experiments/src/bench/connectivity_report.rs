@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use anyhow::{Context as _, Result};
+use sage_bench::curve::{self, Curve as Sweep, Point as Measure};
 use sage_core::{
     seed::Rng,
     statistics::{self, Estimate},
@@ -11,11 +12,10 @@ use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, REALISTIC};
 
 use super::{
     bar_chart,
-    connectivity::{Path, VALUES, Value, best_lambda, heights},
+    connectivity::{Path, VALUES, Value, best_lambda},
     expert_path::Points,
     heat_map::{self, Grid},
     line_chart::{self, Chart, Line},
-    pareto::{Measure, Sweep},
     principal_components::Components,
     weight_and_output::{COMPARED, Comparison},
 };
@@ -176,7 +176,7 @@ impl Connectivity<'_> {
     fn heights(&self) -> Vec<Line> {
         let front = self.path.front();
         let line = |(name, value): &(&str, fn(&Measure) -> f64)| {
-            let heights = heights(&front, *value);
+            let heights = curve::heights(&front.iter().map(value).collect::<Vec<_>>());
             let points =
                 heights.iter().zip(&self.points.lambdas[1..]).map(|(height, lambda)| [*lambda, *height]);
             ((*name).to_owned(), points.collect())

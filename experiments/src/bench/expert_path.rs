@@ -6,15 +6,13 @@ use std::sync::Arc;
 use anyhow::Result;
 use rayon::prelude::*;
 use sage_backbones::{Backbone, MotionModel, training::PreparedScene};
+use sage_bench::curve::Point as Measure;
 use sage_core::scene::SceneData;
 use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, Linear, Merger, REALISTIC};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::{
-    pareto::Measure,
-    weight_and_output::{self, COMPARED, Comparison},
-};
+use super::weight_and_output::{self, COMPARED, Comparison};
 
 /// Steps of λ along the path.
 const STEPS: usize = 20;

@@ -20,7 +20,7 @@ use super::{
 };
 use crate::{
     operating_point::{OperatingPointSpec, aggression_variant},
-    part::{Part, Parts, PolicyPart, PolicyParts},
+    part::{Part, PolicyPart},
 };
 
 /// Generate adversarial scenes: replace the adversary's future and keep everything else.
@@ -120,60 +120,6 @@ pub(crate) enum DatasetFormat {
     Native,
     /// OpenSCENARIO files and their OpenDRIVE maps, for simulators.
     Openscenario,
-}
-
-/// Compare generators against a replayed ego, or against drivers that react.
-///
-/// A row is a generator at one operating point (default: lambda 0, 0.5 and 1). Columns are the paper's
-/// measures in both conventions, and the naturalness of the selected trajectories as differences from the
-/// log. Further tables show collision types, the policies without selection, and each generator paired with
-/// the prior. Brackets are 95 % intervals over scenes: Wilson's for shares of scenes, bootstraps for other
-/// values. The same command resumes an interrupted run.
-///
-/// With --ego each policy is tested in two stages. It drives the unchanged scene from frame 0, and every
-/// generator attacks that drive. The policy then drives again, against the attack, up to its first contact.
-/// `docs/simulation.md`, section 'Attacks on a driver', defines the columns.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage bench open-loop target/data/womd_cat500/val --weights waymo --methods sage,prior,random,cat,rule,log --lambda 0,0.5,1 --out table/\n  sage bench open-loop target/data/womd_cat500/val --weights waymo --selection natural --methods sage,prior,random,cat,rule,log --lambda 0,0.5,1 --ego replay,idm,expert --out drivers/"
-)]
-pub(crate) struct OpenLoopArgs {
-    /// Scene files and folders.
-    #[arg(required_unless_present = "data", value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    /// Further scene files and folders, the same as PATH.
-    #[arg(long, value_name = "DIR")]
-    pub data: Vec<PathBuf>,
-    #[command(flatten)]
-    pub split: SplitArgs,
-    /// Comma-separated generators; with options as NAME{"option": value}.
-    #[arg(
-        long,
-        value_name = "NAMES",
-        default_value = "sage,prior,most-likely,random,oracle,king,king-published,adv-traj-opt,adv-traj-opt-published,cat,rule,log"
-    )]
-    pub methods: Parts,
-    #[command(flatten)]
-    pub points: OperatingPointArgs,
-    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "paper-selection")]
-    pub selection: String,
-    #[command(flatten)]
-    pub rule: FeasibilityArgs,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: String,
-    /// Comma-separated policies to test in two stages, such as replay,idm,expert; `sage list` shows them.
-    /// Without this option no driver is simulated, and the ego is its recording.
-    #[arg(long, value_name = "POLICIES")]
-    pub ego: Option<PolicyParts>,
-    #[command(flatten)]
-    pub avoidable: AvoidableArgs,
-    /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
 }
 
 /// Fit the aggression dial of a set of experts, so that the rate of attacks rises linearly.

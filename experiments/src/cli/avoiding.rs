@@ -3,8 +3,8 @@
 use clap::Args;
 use sage_sim::avoidable::AvoidanceOptions;
 
-use super::attacking::{ComparisonArgs, OperatingPointArgs, number};
-use crate::{part::Parts, react};
+use super::attacking::number;
+use crate::react;
 
 /// Name of the preset of comfortable limits.
 const COMFORTABLE: &str = "comfortable";
@@ -41,27 +41,4 @@ fn avoidance(text: &str) -> std::result::Result<AvoidanceOptions, String> {
     let options: AvoidanceOptions = serde_json::from_str(text).map_err(|error| error.to_string())?;
     options.check().map_err(|error| error.to_string())?;
     Ok(options)
-}
-
-/// Measure how well `generate --react` works: the times to react that can be chosen among candidates.
-///
-/// Every generator attacks each scene. For each target time, the table has the share of scenes with an avoidable
-/// attack whose time to react is within 0.25 s of it, and the median of the chosen times.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage bench react target/data/womd_cat500/val --weights waymo --methods sage,random,rule --out react/"
-)]
-pub(crate) struct ReactArgs {
-    #[command(flatten)]
-    pub on: ComparisonArgs,
-    /// Comma-separated generators; with options as NAME{"option": value}.
-    #[arg(long, value_name = "NAMES", default_value = "sage,random,rule")]
-    pub methods: Parts,
-    /// Comma-separated target times, seconds.
-    #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = seconds, default_value = "0.5,1,1.5,2")]
-    pub targets: Vec<f64>,
-    #[command(flatten)]
-    pub points: OperatingPointArgs,
-    #[command(flatten)]
-    pub avoidable: AvoidableArgs,
 }

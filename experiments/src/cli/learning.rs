@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use sage_backbones::features::EdgeKinds;
 
-use super::{FolderArgs, MOST_PROCEDURAL, ReadingArgs, SplitArgs, attacking::MergerArgs};
+use super::{FolderArgs, MOST_PROCEDURAL, ReadingArgs, SplitArgs};
 
 /// Train a motion prior on recorded or procedural scenes.
 ///
@@ -93,86 +93,14 @@ pub(crate) struct FinetuneArgs {
     /// JSON file of fine-tuning options; omitted options keep each expert's defaults.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Tune the variants of a study, each as an expert: `ablation`, or a JSON file as for --config.
+    #[arg(long, value_name = "NAME", conflicts_with = "config")]
+    pub variants: Option<String>,
     /// Seed of candidates, pairs, training order and procedural scenes.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     #[command(flatten)]
     pub folder: FolderArgs,
-}
-
-/// Measure what each part of the fine-tuning contributes, in the paper's set-up.
-///
-/// Tunes eleven adversarial experts from one prior, each with a part left out or changed: map constraint, realism
-/// penalty, hierarchy, pairs, margin, weights. Each attacks the evaluation scenes at full weight. Prints a table with the
-/// paper's columns and the differences from HGPO, paired by scene, and draws the training curves. The same command
-/// resumes an interrupted tuning.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage bench ablation target/data/womd_cat500/pretrain --splits docs/results/splits.json --split train --prior waymo-paper --eval target/data/womd_cat500/val --out ablation/"
-)]
-pub(crate) struct AblationArgs {
-    /// Scene files and folders for fine-tuning (default: procedural scenes).
-    #[arg(value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    #[command(flatten)]
-    pub split: SplitArgs,
-    /// Scene files and folders that are attacked (default: procedural scenes of another seed).
-    #[arg(long, value_name = "PATH", num_args = 1..)]
-    pub eval: Vec<PathBuf>,
-    /// Number of procedural scenes if no PATH is given.
-    #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u64).range(1..=MOST_PROCEDURAL))]
-    pub procedural: u64,
-    /// Weights of the prior: procedural, waymo, waymo-paper, a folder or a file.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub prior: String,
-    /// Maximum number of further role assignments (ego, adversary) per scene for fine-tuning.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = roles)]
-    pub roles: usize,
-    /// Edges in the features of the network: road boundaries alone as in the paper, or medians too.
-    #[arg(long, value_enum, value_name = "KIND", default_value = "boundaries")]
-    pub edges: Option<Edges>,
-    /// Passes over the scenes.
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
-    pub epochs: u32,
-    /// Seed of candidates, pairs, training order and procedural scenes.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
-}
-
-impl AblationArgs {
-    /// The evaluation scenes are taken whole.
-    pub(crate) fn split_of_eval(&self) -> SplitArgs {
-        SplitArgs { reading: self.split.reading, ..SplitArgs::default() }
-    }
-}
-
-/// Compare two variants of fine-tuning over several seeds, paired by scene.
-///
-/// Reports expectations under the policies without selection, attacks with the best of 32 candidates, and the
-/// training curves of the adversarial experts.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage bench experts target/data/womd_cat500/val --a hgpo-0,hgpo-1 --b dpo-0,dpo-1"
-)]
-pub(crate) struct ExpertsArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    #[command(flatten)]
-    pub split: SplitArgs,
-    /// Comma-separated folders of experts of variant A.
-    #[arg(long, value_name = "DIRS", required = true, value_delimiter = ',')]
-    pub a: Vec<String>,
-    /// Comma-separated folders of experts of variant B.
-    #[arg(long, value_name = "DIRS", required = true, value_delimiter = ',')]
-    pub b: Vec<String>,
-    /// Seed of the candidates.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub merging: MergerArgs,
 }
 
 /// Predict candidate trajectories of a vehicle for eight seconds.

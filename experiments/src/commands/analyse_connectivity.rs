@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use sage_backbones::training::{Measures, PreparedScene};
+use sage_bench::curve::{Curve as Sweep, Point as Measure};
 use sage_core::{files, scene::SceneData};
 use sage_merging::{ADVERSARIAL, Geometry, REALISTIC};
 use serde::{Deserialize, Serialize};
@@ -15,7 +16,6 @@ use crate::{
     bench::{
         connectivity_report::{self as report, Connectivity},
         expert_path::{self, Measured, Points},
-        pareto::{Measure, Sweep},
     },
     cli::ConnectivityArgs,
     networks,

@@ -33,6 +33,9 @@ use crate::{
     scenes::{self, Scenes},
 };
 
+/// Variants of the study `ablation`: the paper's table of ablations, its margins, and one model with other weights.
+const ABLATION: &str = "ablation";
+const VARIANTS: &str = include_str!("finetune/ablation.json");
 /// Option of networks whose features hold edges.
 const EDGES: &str = "edges";
 /// Maximum number of prepared scenes in memory, about 12 GB.
@@ -48,9 +51,11 @@ struct Expert {
 /// The experts of a run. Options of the config file apply to all experts; options under `experts` apply to
 /// one expert by name. Without `experts` there are a realistic, an adversarial and a lawful one.
 fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> {
-    let mut shared = match &args.config {
-        Some(path) => read_config(path)?,
-        None => Map::new(),
+    let mut shared = match (&args.config, args.variants.as_deref()) {
+        (Some(path), _) => read_config(path)?,
+        (None, Some(ABLATION)) => serde_json::from_str(VARIANTS)?,
+        (None, Some(file)) => read_config(file.as_ref())?,
+        (None, None) => Map::new(),
     };
     let all = || [REALISTIC, ADVERSARIAL, LAWFUL].map(|name| (name.to_owned(), json!({})));
     let own: Map<String, Value> = match shared.remove("experts") {

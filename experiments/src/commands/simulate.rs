@@ -54,6 +54,7 @@ impl<'a> Simulation<'a> {
     fn new(args: &'a SimulateArgs, registries: &'a Registries) -> Result<Self> {
         let PolicyParts(parts) = &args.ego;
         let egos = Ego::all(parts, registries)?;
+        progress::say_notes(&egos);
         let (attacked, subtitle) = match (&args.method, &args.attack) {
             (Some(method), _) => {
                 let attackers = Attackers::new(method, &args.options, registries)?;

@@ -53,6 +53,9 @@ pub enum SideHit {
 }
 
 impl SideHit {
+    /// All sides.
+    pub const ALL: [Self; 4] = [Self::Front, Self::Rear, Self::Left, Self::Right];
+
     /// The side of `ego` on which `other` overlaps it: where the centre of the overlap lies, relative to
     /// half length and half width.
     pub fn of(ego: &OrientedBox, other: &OrientedBox) -> Self {

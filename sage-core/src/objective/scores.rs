@@ -110,6 +110,30 @@ impl FurtherMeasures {
         Ok(Self { rewards, rules: all_but(rules, &known, &given)? })
     }
 
+    /// As [`FurtherMeasures::of`], but only what a list names: `*` stands for all that are cheap, and a costly reward is
+    /// measured if the list or the selection names it.
+    ///
+    /// *Errors*: as [`FurtherMeasures::of`].
+    pub fn listed(
+        rewards: &Registry<dyn Reward>,
+        rules: &Registry<dyn Feasibility>,
+        selection: Option<&ObjectiveSpec>,
+        names: &[String],
+    ) -> Result<Self, Error> {
+        let mut all = Self::of(rewards, rules, selection)?;
+        let is_named = |name: &str| names.iter().any(|known| known == name);
+        for entry in rewards.entries().iter().filter(|entry| is_named(entry.name)) {
+            if all.rewards.iter().all(|(name, _)| *name != entry.name) {
+                all.rewards.push((entry.name, rewards.build_default(entry.name)?));
+            }
+        }
+        if !is_named("*") {
+            all.rewards.retain(|(name, _)| is_named(name));
+            all.rules.retain(|(name, _)| is_named(name));
+        }
+        Ok(all)
+    }
+
     /// Names of the rewards.
     pub fn rewards(&self) -> impl Iterator<Item = &'static str> {
         self.rewards.iter().map(|(name, _)| *name)

@@ -10,6 +10,7 @@ use crate::{
     cli::{DatasetFormat, GenerateArgs},
     ego::{self, Ego},
     operating_point::OperatingPointSpec,
+    progress,
 };
 
 /// What attacks, what drives the ego before, and what is written.
@@ -30,6 +31,7 @@ impl<'a> Plan<'a> {
             bail!("--standard and --scenario-ego need --format openscenario");
         }
         let ego = Ego::new(&args.ego, registries)?;
+        progress::say_notes(std::slice::from_ref(&ego));
         let attackers = Attackers::new(&args.method, &args.attack, registries)?;
         Ok(Self { args, attackers, ego })
     }

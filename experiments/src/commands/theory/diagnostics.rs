@@ -4,6 +4,7 @@ mod mixtures;
 
 use anyhow::{Result, ensure};
 use sage_backbones::training::{Measures, PreparedScene};
+use sage_bench::curve::{Curve as Sweep, Point as Measure, heights};
 use sage_core::{
     scene::SceneData,
     statistics::{self, Estimate},
@@ -15,9 +16,8 @@ use super::page::Grid;
 use crate::{
     Registries,
     bench::{
-        connectivity::{VALUES, Value, best_lambda, heights},
+        connectivity::{VALUES, Value, best_lambda},
         expert_path::{self, Measured, Points},
-        pareto::{Measure, Sweep},
         weight_and_output::Comparison,
     },
     cli::TheoryArgs,
@@ -114,7 +114,7 @@ impl Found {
         let squared = self.geometry.norm(&[-1.0, 1.0]).powi(2);
         let last = (self.points.lambdas.len() - 1) as f64;
         let curvatures = |front: &[Measure], value: Value| -> Vec<f64> {
-            let heights = heights(front, value).into_iter().enumerate();
+            let heights = heights(&front.iter().map(value).collect::<Vec<_>>()).into_iter().enumerate();
             heights
                 .map(|(k, height)| {
                     let lambda = (k + 1) as f64 / last;
@@ -144,7 +144,10 @@ impl Found {
             }
             path.row(name, [least, mean, largest].map(|e| cell(&e, 4)));
             let over_chord = self.path.estimate(|front| {
-                heights(front, value).into_iter().map(|height| -height).fold(f64::NEG_INFINITY, f64::max)
+                heights(&front.iter().map(value).collect::<Vec<_>>())
+                    .into_iter()
+                    .map(|height| -height)
+                    .fold(f64::NEG_INFINITY, f64::max)
             })?;
             let over_mean = self.path.estimate(|front| {
                 let ends = [front.first(), front.last()].map(|end| end.map_or(0.0, value));

@@ -1,0 +1,151 @@
+//! Arguments of `sage bench STUDY`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use sage_data::dataset::Shard;
+
+use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs, avoiding::AvoidableArgs};
+
+/// Run a study: measure what it names over its axes, and report it.
+///
+/// STUDY is the name of a shipped study (`sage bench list`) or a file (YAML); `docs/benchmarks.md` shows how to write
+/// one. Everything is checked before the first scene is read. Options replace axes of the study, and --set any field.
+///
+/// The output folder gets `table.md`, `estimates.csv` (each metric with its 95 % interval), `rows.csv` (one row per
+/// method, scene and metric), the charts of the study, and `study.json`, from which `sage bench report` renders the
+/// report again. The same command resumes an interrupted run. If a scene fails, it is named and counted, the others
+/// continue, and the exit status is 1.
+#[derive(Debug, Args)]
+pub(crate) struct StudyArgs {
+    /// Study: a name from `sage bench list`, or a YAML file.
+    #[arg(required = true, value_name = "STUDY")]
+    pub study: Option<String>,
+    /// Scene files and folders; without any, procedural scenes, if the study allows them.
+    #[arg(value_name = "SCENES")]
+    pub paths: Vec<PathBuf>,
+    /// Further scene files and folders, the same as SCENES.
+    #[arg(long, value_name = "DIR")]
+    pub data: Vec<PathBuf>,
+    #[command(flatten)]
+    pub split: SplitArgs,
+    #[command(flatten)]
+    pub axes: AxisArgs,
+    #[command(flatten)]
+    pub avoidable: AvoidableArgs,
+    /// Replace a field of the study, such as react=1,2 or 'metrics={"trajectory": ["*"]}'; may be repeated.
+    #[arg(long, value_name = "FIELD=VALUE")]
+    pub set: Vec<String>,
+    /// Number of procedural scenes, if no SCENES are given.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_PROCEDURAL))]
+    pub procedural: Option<u64>,
+    /// Measure only the scenes of shard K of N; `sage bench report` joins the folders of all shards.
+    #[arg(long, value_name = "K/N")]
+    pub shard: Option<Shard>,
+    /// Print all columns.
+    #[arg(long)]
+    pub wide: bool,
+    #[command(flatten)]
+    pub folder: OutArgs,
+}
+
+/// Output folder; optional, so that the subcommands of `bench` need none.
+#[derive(Debug, Args)]
+pub(crate) struct OutArgs {
+    /// Output folder.
+    #[arg(long, required = true, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Write into a folder that is not empty; an interrupted run there restarts from the beginning.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Axes of a study that commands spell alike. Each replaces the study's own.
+#[derive(Debug, Args)]
+pub(crate) struct AxisArgs {
+    /// Comma-separated generators; with options as NAME{"option": value}.
+    #[arg(long, alias = "methods", value_name = "NAMES")]
+    pub method: Option<String>,
+    /// Comma-separated driving policies; `sage list` shows them, and path:FILE is the drive of your own planner.
+    #[arg(long, alias = "policies", value_name = "POLICIES")]
+    pub ego: Option<String>,
+    /// Drive the unchanged scenes alone.
+    #[arg(long, conflicts_with_all = ["method", "lambda", "mu", "aggression", "mix"])]
+    pub unattacked: bool,
+    /// Comma-separated mergers; with options as NAME{"option": value}.
+    #[arg(long, alias = "mergers", value_name = "NAMES")]
+    pub merger: Option<String>,
+    /// Comma-separated weights: procedural, waymo, waymo-paper, folders, or ARM=FOLDER, where several folders of one arm
+    /// are its training seeds.
+    #[arg(long, value_name = "NAMES")]
+    pub weights: Option<String>,
+    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
+    #[arg(long, value_name = "NAME")]
+    pub selection: Option<String>,
+    /// Feasibility rule, by its name in `sage list`, instead of the rule of the selection.
+    #[arg(long, value_name = "NAME")]
+    pub feasibility: Option<String>,
+    /// Interpolation weight lambda: a number, a comma-separated list, or FROM:TO:STEP.
+    #[arg(long, value_name = "L", allow_hyphen_values = true)]
+    pub lambda: Option<String>,
+    /// Weight mu of the selection, 0 (realism) to 1 (attack), at every lambda.
+    #[arg(long, value_name = "M", allow_hyphen_values = true)]
+    pub mu: Option<String>,
+    /// Aggression, 0 to 1, in place of lambda; same form.
+    #[arg(long, value_name = "A", allow_hyphen_values = true, conflicts_with_all = ["lambda", "mu"])]
+    pub aggression: Option<String>,
+    /// Weights of the experts by name, in place of lambda: realistic=0.5,adversarial=0.3,lawful=0.2.
+    #[arg(long, value_name = "NAME=W,...", conflicts_with_all = ["lambda", "aggression"])]
+    pub mix: Option<String>,
+    /// Comma-separated times to react that are aimed at, seconds.
+    #[arg(long, alias = "targets", value_name = "TIMES")]
+    pub react: Option<String>,
+    /// Seed of random numbers.
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
+}
+
+impl AxisArgs {
+    /// The axes that are given, as assignments to a study.
+    pub(crate) fn assignments(&self) -> Vec<String> {
+        let axes = [
+            ("method", &self.method),
+            ("ego", &self.ego),
+            ("merger", &self.merger),
+            ("weights", &self.weights),
+            ("selection", &self.selection),
+            ("feasibility", &self.feasibility),
+            ("lambda", &self.lambda),
+            ("mu", &self.mu),
+            ("aggression", &self.aggression),
+            ("react", &self.react),
+        ];
+        let given = axes.into_iter().filter_map(|(name, value)| Some(format!("{name}={}", value.as_ref()?)));
+        let seed = self.seed.map(|seed| format!("seed={seed}"));
+        let mix = self.mix.as_ref().map(|mix| {
+            let weights = mix.split(',').map(|part| part.replacen('=', ": ", 1));
+            format!("mix=[{{{}}}]", weights.collect::<Vec<_>>().join(", "))
+        });
+        given.chain(seed).chain(mix).collect()
+    }
+}
+
+/// Render the report of a study again, from one folder or joined from several.
+///
+/// Nothing is measured. Folders of shards become the report of the whole run; other folders are put one after another.
+/// All must be of the same methods and metrics.
+#[derive(Debug, Args)]
+#[command(after_help = "Example:\n  sage bench report shard-1/ shard-2/ --out whole/")]
+pub(crate) struct ReportArgs {
+    /// Folders that `sage bench STUDY` wrote.
+    #[arg(required = true, value_name = "DIR")]
+    pub folders: Vec<PathBuf>,
+    /// Render as this study says, a name or a file, instead of the one that was run.
+    #[arg(long, value_name = "STUDY")]
+    pub study: Option<String>,
+    /// Print all columns.
+    #[arg(long)]
+    pub wide: bool,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}

@@ -1,0 +1,294 @@
+//! `sage bench STUDY`: runs a study; `sage bench report`: renders it again; `sage bench list`.
+
+use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
+
+use anyhow::{Context as _, Result, bail};
+use sage_bench::{
+    measure::ExpertSource,
+    plan::Plan,
+    report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
+    rows::Subject,
+    runner::{self, Observer, SceneSource, Store},
+    study::{MAX_FILE, SHIPPED, Study},
+};
+use sage_core::{files, scene::SceneData};
+use sage_generators::Aggression;
+use sage_merging::ExpertSet;
+use serde_json::{Value, json};
+
+use crate::{
+    Outcome, Registries,
+    cli::{ReportArgs, StudyArgs},
+    input, networks,
+    output::{self, Folder, Run, State},
+    progress::{self, Progress, count},
+    scenes::Scenes,
+    selection::Selection,
+};
+
+/// Folder of the results from which an interrupted run resumes.
+const WINDOWS: &str = ".sage-rows";
+/// Size limit of a stored window, and of files that a run wrote, bytes.
+const LIMIT: u64 = 1 << 30;
+
+/// The study of a name or a file.
+fn study(name: &str) -> Result<Study> {
+    if let Some(study) = Study::shipped(name) {
+        return study;
+    }
+    let path = Path::new(name);
+    if !path.is_file() {
+        let known = SHIPPED.map(|(name, _)| name).join(", ");
+        bail!("there is no study `{name}`; known: {known}; or the file of a study (YAML)");
+    }
+    let text = files::read_argument_text(path, MAX_FILE).with_context(|| format!("cannot read `{name}`"))?;
+    Study::parse(&text, name)
+}
+
+/// The study with what the command line replaces.
+fn adapted(args: &StudyArgs) -> Result<Study> {
+    let name = args.study.as_deref().context("no study is named")?;
+    let mut study = study(name)?;
+    for assignment in args.axes.assignments().iter().chain(&args.set) {
+        study.set(assignment)?;
+    }
+    if let Some(search) = args.avoidable.options() {
+        study.avoidable = Some(search);
+    }
+    if args.axes.unattacked {
+        study.measure.retain(|subject| *subject == Subject::Drive);
+        study.metrics.retain(|subject, _| *subject == Subject::Drive);
+    }
+    // Against drivers, the drives under attack are what is asked for.
+    let is_driven = study.measures(Subject::Drive) || study.measures(Subject::AttackedDrive);
+    if !study.ego.is_empty() && !is_driven {
+        study.measure.push(Subject::AttackedDrive);
+        study.metrics.insert(Subject::AttackedDrive, ATTACKED.map(str::to_owned).to_vec());
+    }
+    Ok(study)
+}
+
+/// Metrics of attacks on drivers in a study that lists none.
+const ATTACKED: [&str; 9] = [
+    "attack",
+    "at-fault attack",
+    "solid attack",
+    "any vehicle",
+    "progress",
+    "R_adv",
+    "R_adv, path cut",
+    "impact",
+    "*",
+];
+
+/// Runs a study.
+pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> {
+    let clock = Instant::now();
+    let study = adapted(args)?;
+    let out = args.folder.out.as_deref().context("--out names no folder")?;
+    let plan = Plan::new(study, registries, &Weights(registries))?;
+    plan.notes.iter().for_each(|note| progress::say_once(&format!("note: {note}")));
+    let paths = [&args.paths[..], &args.data].concat();
+    let procedural = args.procedural.unwrap_or(plan.study.procedural);
+    if paths.is_empty() && procedural == 0 {
+        bail!("name scenes, or a number of procedural ones with --procedural");
+    }
+    let all = Scenes::of(&paths, &args.split, procedural, plan.study.seed)?;
+    let scenes = if plan.needs_adversary() { all.attackable()? } else { all.known()? };
+    let chosen =
+        ChosenScenes::new(&scenes, args.shard.map(|shard| [shard.number, shard.of].map(|n| n as usize)));
+    let identity = json!({
+        "plan": plan.identity, "scenes": scenes.describe(), "names": chosen.names, "shard": chosen.shard,
+        "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
+    });
+    let results = [report::PAGE, ROWS, report::ESTIMATES, STUDY_RECORD];
+    let (run, state) = Run::start(out, identity, args.folder.force, &[WINDOWS], &[], &results)?;
+    if state == State::Done {
+        let (record, results) = read(out)?;
+        let report = Report::new(&record.study, &results)?;
+        output::print(&if args.wide { report.markdown() } else { report.narrow() })?;
+        return Ok(Outcome::Done);
+    }
+    run.folder().inner(WINDOWS.as_ref())?;
+    let mut follow = Follow { progress: Progress::new("measured", chosen.names.len()), scenes: &scenes };
+    let results = runner::run(&plan, &chosen, &Windows(run.folder()), &mut follow)?;
+    let Follow { progress, .. } = follow;
+    progress.finish(&format!(
+        "{} on {}",
+        count(plan.keys.len(), "method"),
+        count(results.scenes.len(), "scene")
+    ));
+    let mut report = Report::new(&plan.study, &results)?;
+    report.notes += &scenes.warnings_as_markdown();
+    let record = StudyRecord::new(&plan.study, &results, chosen.shard);
+    write(run.folder(), &report, &record)?;
+    run.finish(&Value::Null, clock.elapsed().as_secs_f64())?;
+    output::print(&if args.wide { report.markdown() } else { report.narrow() })?;
+    progress::say(&format!("{} and {STUDY_RECORD} are in `{}`", files_of(&report), out.display()));
+    Ok(scenes.outcome())
+}
+
+fn files_of(report: &Report) -> String {
+    report.files.iter().map(|(name, _)| &name[..]).collect::<Vec<_>>().join(", ")
+}
+
+/// Writes the files of a report. The record goes last.
+fn write(folder: &Folder, report: &Report, record: &StudyRecord) -> Result<()> {
+    let page = format!("{}\n```text\n{}\n```\n", report.markdown(), output::command());
+    for (name, text) in &report.files {
+        let text = if name == report::PAGE { &page } else { text };
+        folder.write(name, text.as_bytes())?;
+    }
+    folder.write(STUDY_RECORD, format!("{}\n", serde_json::to_string(record)?).as_bytes())
+}
+
+/// The results in a folder.
+fn read(folder: &Path) -> Result<(StudyRecord, sage_bench::rows::Results)> {
+    let text = |name: &str| {
+        let path = folder.join(name);
+        files::read_text(&path, LIMIT).with_context(|| format!("cannot read `{}`", path.display()))
+    };
+    let within = |name: &str| format!("`{}`", folder.join(name).display());
+    let record: StudyRecord =
+        serde_json::from_str(&text(STUDY_RECORD)?).with_context(|| within(STUDY_RECORD))?;
+    let results = report::read(&record, &text(ROWS)?).with_context(|| within(ROWS))?;
+    Ok((record, results))
+}
+
+/// Renders the report of one or more folders again.
+pub(crate) fn report(args: &ReportArgs) -> Result<Outcome> {
+    let all = args.folders.iter().map(|folder| read(folder)).collect::<Result<Vec<_>>>()?;
+    let (record, results) = report::join(all)?;
+    let study = match &args.study {
+        Some(name) => study(name)?,
+        None => record.study.clone(),
+    };
+    let report = Report::new(&study, &results)?;
+    let out = Folder::make(&args.folder.out, args.folder.force)?;
+    write(&out, &report, &StudyRecord { study, ..record })?;
+    let failed = results.cells.iter().filter(|cells| cells.iter().any(|cell| !cell.error.is_empty())).count();
+    output::print(&if args.wide { report.markdown() } else { report.narrow() })?;
+    progress::say(&format!(
+        "{} and {STUDY_RECORD} are in `{}`",
+        files_of(&report),
+        args.folder.out.display()
+    ));
+    Ok(crate::scenes::outcome_without(failed))
+}
+
+/// Lists the shipped studies and all metrics.
+pub(crate) fn list(registries: &Registries) -> Result<Outcome> {
+    let mut out = "Studies:\n".to_owned();
+    for (name, _) in SHIPPED {
+        if let Some(study) = Study::shipped(name) {
+            out += &format!("  {name:<12} {}\n", study?.summary);
+        }
+    }
+    let metrics = &registries.metrics;
+    let mut table = |subject: &str, infos: Vec<&sage_core::metric::MetricInfo>| {
+        out += &format!("\nMetrics of {subject}:\n");
+        for info in infos {
+            let unit = if info.unit.is_empty() { String::new() } else { format!(" ({})", info.unit) };
+            out += &format!("  {:<28} {}\n", format!("{}{unit}", info.name), info.summary);
+        }
+    };
+    table("a trajectory", metrics.trajectory.all().iter().map(|m| &m.info).collect());
+    table("a trajectory, with a search", metrics.avoidable.all().iter().map(|m| &m.info).collect());
+    table("a policy without selection", metrics.policy.all().iter().map(|m| &m.info).collect());
+    table("a drive", metrics.drive.all().iter().map(|m| &m.info).collect());
+    table("an attacked drive", metrics.attack.all().iter().map(|m| &m.info).collect());
+    table("an episode", metrics.episode.all().iter().map(|m| &m.info).collect());
+    table("a prediction", metrics.prediction.all().iter().map(|m| &m.info).collect());
+    out += "\nEvery registered reward and rule (`sage list`) is a metric of a trajectory too.\n";
+    output::print(&out)?;
+    Ok(Outcome::Done)
+}
+
+/// Experts by the names that commands accept.
+struct Weights<'r>(&'r Registries);
+
+impl ExpertSource for Weights<'_> {
+    fn experts(&self, name: &str) -> Result<ExpertSet> {
+        networks::load_experts(&self.0.backbones, name)
+    }
+
+    fn dial(
+        &self,
+        name: &str,
+        experts: &ExpertSet,
+        selection: &Selection,
+        merger: &str,
+    ) -> Result<Aggression> {
+        networks::load_dial(name, experts, selection, merger)
+    }
+}
+
+/// Some of the scenes of a list, with names that are unique in results.
+struct ChosenScenes<'s> {
+    scenes: &'s Scenes,
+    numbers: Vec<usize>,
+    names: Vec<String>,
+    shard: Option<[usize; 2]>,
+}
+
+impl<'s> ChosenScenes<'s> {
+    fn new(scenes: &'s Scenes, shard: Option<[usize; 2]>) -> Self {
+        let paths = scenes.names();
+        let short = |path: &String| input::scene_name(Path::new(path)).unwrap_or_else(|_| path.clone());
+        let short: Vec<String> = paths.iter().map(short).collect();
+        let mut counts: HashMap<&str, usize> = HashMap::new();
+        short.iter().for_each(|name| *counts.entry(name).or_default() += 1);
+        let is_chosen = |k: &usize| shard.is_none_or(|[number, of]| k % of == number - 1);
+        let numbers: Vec<usize> = (0..paths.len()).filter(is_chosen).collect();
+        let name = |k: &usize| match counts[&short[*k][..]] {
+            1 => short[*k].clone(),
+            _ => sage_data::folder::name_apart(&short[*k], Path::new(&paths[*k])),
+        };
+        let names = numbers.iter().map(name).collect();
+        Self { scenes, numbers, names, shard }
+    }
+}
+
+impl SceneSource for ChosenScenes<'_> {
+    fn names(&self) -> Vec<String> {
+        self.names.clone()
+    }
+
+    fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>> {
+        self.scenes.load(self.numbers[number])
+    }
+}
+
+/// Windows of results in the folder of a run.
+struct Windows<'f>(&'f Folder);
+
+impl Store for Windows<'_> {
+    fn read(&self, window: usize) -> Option<String> {
+        files::read_text(&self.0.path().join(WINDOWS).join(format!("{window:06}.json")), LIMIT).ok()
+    }
+
+    fn write(&self, window: usize, text: &str) -> Result<()> {
+        self.0.write(&format!("{WINDOWS}/{window:06}.json"), text.as_bytes())
+    }
+}
+
+/// Shows progress, and names what fails.
+struct Follow<'s> {
+    progress: Progress,
+    scenes: &'s Scenes,
+}
+
+impl Observer for Follow<'_> {
+    fn done(&mut self, before: bool) {
+        if before { self.progress.step_found() } else { self.progress.step() }
+    }
+
+    fn failed(&mut self, scene: &str, what: &str, error: &str) {
+        let error = if what.is_empty() { error.to_owned() } else { format!("{what}: {error}") };
+        self.scenes.fail(scene, &anyhow::anyhow!(error));
+    }
+
+    fn left_out(&mut self, scene: &str, reason: &str) {
+        self.progress.say(&format!("left out: `{scene}`: {reason}"));
+    }
+}

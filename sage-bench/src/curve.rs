@@ -1,0 +1,278 @@
+//! Quantities of curves over λ: areas, evenness, heights above a chord, and the share of λ in a change.
+//!
+//! A [`Curve`] holds the metrics of every scene at every point. A quantity is a function of the means over scenes, and
+//! its interval is that of the bootstrap over scenes.
+
+use sage_backbones::training::Expectation;
+use sage_core::{
+    seed::Rng,
+    statistics::{Estimate, quantile},
+};
+use serde::{Deserialize, Serialize};
+
+use crate::estimate::RESAMPLES;
+
+/// Reference point of the hypervolume: R_adv 0 and P_real 6.
+const REFERENCE: [f64; 2] = [0.0, 6.0];
+
+/// Values of a point of a curve.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Point {
+    /// R_adv.
+    pub reward: f64,
+    /// P_real.
+    pub penalty: f64,
+    /// Rate of attacks, or their probability.
+    pub attack: f64,
+    /// Rate of believable attacks, or their probability.
+    pub believable: f64,
+}
+
+impl From<Expectation> for Point {
+    fn from(e: Expectation) -> Self {
+        Self { reward: e.reward, penalty: e.penalty, attack: e.attack, believable: e.believable }
+    }
+}
+
+impl Point {
+    fn mean(all: impl Iterator<Item = Self>) -> Self {
+        let (mut sum, mut count) = (Self::default(), 0.0);
+        for p in all {
+            sum = Self {
+                reward: sum.reward + p.reward,
+                penalty: sum.penalty + p.penalty,
+                attack: sum.attack + p.attack,
+                believable: sum.believable + p.believable,
+            };
+            count += 1.0;
+        }
+        Self {
+            reward: sum.reward / count,
+            penalty: sum.penalty / count,
+            attack: sum.attack / count,
+            believable: sum.believable / count,
+        }
+    }
+}
+
+/// For each scene, the values at every point.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Curve {
+    /// By scene, then by point.
+    pub scenes: Vec<Vec<Point>>,
+}
+
+impl Curve {
+    /// Mean over scenes at every point.
+    pub fn front(&self) -> Vec<Point> {
+        self.front_of(&(0..self.scenes.len()).collect::<Vec<_>>())
+    }
+
+    fn front_of(&self, scenes: &[usize]) -> Vec<Point> {
+        let points = self.scenes.first().map_or(0, Vec::len);
+        (0..points).map(|k| Point::mean(scenes.iter().map(|&scene| self.scenes[scene][k]))).collect()
+    }
+
+    /// A quantity of the means with its 95 % interval; `None` without scenes.
+    pub fn estimate(&self, of: impl Fn(&[Point]) -> f64) -> Option<Estimate> {
+        self.against(self, |own, _| of(own))
+    }
+
+    /// Difference of a quantity from that of another curve over the same scenes.
+    pub fn difference(&self, other: &Self, of: impl Fn(&[Point]) -> f64) -> Option<Estimate> {
+        self.against(other, |own, other| of(own) - of(other))
+    }
+
+    /// A quantity of two curves over the same scenes.
+    pub fn against(&self, other: &Self, of: impl Fn(&[Point], &[Point]) -> f64) -> Option<Estimate> {
+        let count = self.scenes.len();
+        if count == 0 || other.scenes.len() != count {
+            return None;
+        }
+        let mut rng = Rng::new(0, "curve", "bootstrap");
+        let resample = |_| {
+            let scenes: Vec<usize> = (0..count).map(|_| rng.below(count)).collect();
+            of(&self.front_of(&scenes), &other.front_of(&scenes))
+        };
+        let drawn: Vec<f64> = (0..RESAMPLES).map(resample).collect();
+        let [low, high] = [0.025, 0.975].map(|share| quantile(&drawn, share));
+        Some(Estimate { value: of(&self.front(), &other.front()), low: low?, high: high?, n: count })
+    }
+
+    /// The curve of one of its points alone.
+    pub fn only(&self, point: usize) -> Self {
+        Self { scenes: self.scenes.iter().map(|points| vec![points[point]]).collect() }
+    }
+}
+
+/// Area that a front dominates, up to the reference point: larger reward and smaller penalty are better.
+pub fn hypervolume(front: &[Point]) -> f64 {
+    let gain = |p: &Point| [p.reward - REFERENCE[0], REFERENCE[1] - p.penalty];
+    let mut points: Vec<[f64; 2]> = front.iter().map(gain).filter(|[x, y]| *x > 0.0 && *y > 0.0).collect();
+    points.sort_by(|a, b| b[0].total_cmp(&a[0]));
+    let (mut area, mut height) = (0.0, 0.0);
+    for (k, [_, y]) in points.iter().enumerate() {
+        height = f64::max(height, *y);
+        let next = points.get(k + 1).map_or(0.0, |[x, _]| *x);
+        area += (points[k][0] - next) * height;
+    }
+    area
+}
+
+/// Share of the steps at which the reward does not fall, in percent.
+pub fn monotone(front: &[Point]) -> f64 {
+    let steps = front.windows(2);
+    let rising = steps.clone().filter(|pair| pair[1].reward >= pair[0].reward).count();
+    100.0 * rising as f64 / steps.len().max(1) as f64
+}
+
+/// Deviation of rates at evenly spaced points from the straight line between their ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Linearity {
+    /// Root mean square of the distances from the line.
+    pub rms: f64,
+    /// Largest distance from the line.
+    pub worst: f64,
+    /// Largest drop between neighbouring rates.
+    pub largest_drop: f64,
+    /// Last rate minus the first.
+    pub span: f64,
+}
+
+impl Linearity {
+    /// Of rates at evenly spaced points; all 0 without any.
+    pub fn of(rates: &[f64]) -> Self {
+        let (Some(low), Some(high)) = (rates.first().copied(), rates.last().copied()) else {
+            return Self { rms: 0.0, worst: 0.0, largest_drop: 0.0, span: 0.0 };
+        };
+        let line = |k: usize| low + (high - low) * k as f64 / (rates.len() - 1).max(1) as f64;
+        let distances: Vec<f64> = rates.iter().enumerate().map(|(k, rate)| (rate - line(k)).abs()).collect();
+        Self {
+            rms: (distances.iter().map(|d| d * d).sum::<f64>() / distances.len() as f64).sqrt(),
+            worst: distances.iter().copied().fold(0.0, f64::max),
+            largest_drop: rates.windows(2).map(|pair| pair[0] - pair[1]).fold(0.0, f64::max),
+            span: high - low,
+        }
+    }
+}
+
+/// Root mean square deviation of the attack rate from the straight line between its ends, in points.
+pub fn unevenness(front: &[Point]) -> f64 {
+    100.0 * Linearity::of(&front.iter().map(|p| p.attack).collect::<Vec<_>>()).rms
+}
+
+/// Heights above the chord between the ends, at the inner points. The chord is what mixing of probabilities attains.
+pub fn heights(values: &[f64]) -> Vec<f64> {
+    let last = values.len().saturating_sub(1);
+    let (first, end) = (values.first().copied().unwrap_or(0.0), values.last().copied().unwrap_or(0.0));
+    let height = |k: usize| {
+        let share = k as f64 / last as f64;
+        values[k] - ((1.0 - share) * first + share * end)
+    };
+    (1..last).map(height).collect()
+}
+
+/// Share of the inner points with a second difference of at most 0, in percent.
+pub fn concave(values: &[f64]) -> f64 {
+    let bends = values.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
+    let (count, down) =
+        bends.fold((0.0, 0.0), |(count, down), bend| (count + 1.0, down + f64::from(u8::from(bend <= 0.0))));
+    100.0 * down / f64::max(count, 1.0)
+}
+
+/// λ at which `mu R_adv − (1 − mu) P_real` is largest, at evenly spaced points from 0 to 1.
+pub fn best_lambda(front: &[Point], mu: f64) -> f64 {
+    let value = |p: &Point| mu * p.reward - (1.0 - mu) * p.penalty;
+    let best = (0..front.len()).max_by(|a, b| value(&front[*a]).total_cmp(&value(&front[*b])));
+    best.unwrap_or(0) as f64 / front.len().saturating_sub(1).max(1) as f64
+}
+
+/// Shapley share of λ in the change of a value when λ and μ rise from 0 to 1: the mean of the changes by λ at μ = 0
+/// and at μ = 1, divided by the whole change. `None` if nothing changes. The values are at (λ, μ) = (0, 0), (1, 0),
+/// (0, 1) and (1, 1).
+pub fn shapley_of_lambda([none, lambda, mu, both]: [f64; 4]) -> Option<f64> {
+    (both != none).then(|| 0.5 * ((lambda - none) + (both - mu)) / (both - none))
+}
+
+/// The largest value on a front at no more than a penalty, straight between its points; that of the most realistic
+/// point if all are less realistic, which happens in resamples.
+pub fn within(front: &[Point], penalty: f64, value: fn(&Point) -> f64) -> f64 {
+    let at = |p: &Point| (p.penalty <= penalty).then(|| value(p));
+    let crossing = |pair: &[Point]| {
+        let [a, b] = [&pair[0], &pair[1]];
+        let share = (penalty - a.penalty) / (b.penalty - a.penalty);
+        (0.0..=1.0).contains(&share).then(|| value(a) + share * (value(b) - value(a)))
+    };
+    let all = front.iter().filter_map(at).chain(front.windows(2).filter_map(crossing));
+    all.reduce(f64::max).unwrap_or_else(|| {
+        let most = front.iter().min_by(|a, b| a.penalty.total_cmp(&b.penalty));
+        most.map_or(0.0, value)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(reward: f64, penalty: f64, attack: f64) -> Point {
+        Point { reward, penalty, attack, believable: 0.0 }
+    }
+
+    #[test]
+    fn the_hypervolume_is_the_area_of_steps() {
+        // Up to (0, 6): 2 × 4 of the first, then (5 − 2) × 1 of the second; the third is dominated.
+        let front = [at(2.0, 2.0, 0.0), at(5.0, 5.0, 0.0), at(1.0, 3.0, 0.0)];
+        assert_eq!(hypervolume(&front), 11.0);
+        assert_eq!(hypervolume(&[at(-1.0, 2.0, 0.0), at(1.0, 7.0, 0.0)]), 0.0);
+    }
+
+    #[test]
+    fn evenness_is_measured_from_the_line_between_the_ends() {
+        // The line is 0, 0.5, 1; the middle lies 0.3 below: RMS 0.3/√3.
+        let rates = Linearity::of(&[0.0, 0.2, 1.0]);
+        assert!((rates.rms - 0.3 / 3f64.sqrt()).abs() < 1e-12 && (rates.worst - 0.3).abs() < 1e-12);
+        assert_eq!((rates.largest_drop, rates.span), (0.0, 1.0));
+        assert!((Linearity::of(&[0.5, 0.2, 0.4]).largest_drop - 0.3).abs() < 1e-12);
+        let front = [at(1.0, 0.0, 0.0), at(2.0, 0.0, 0.2), at(1.5, 0.0, 1.0)];
+        assert!((unevenness(&front) - 100.0 * rates.rms).abs() < 1e-12);
+        assert_eq!(monotone(&front), 50.0);
+    }
+
+    #[test]
+    fn heights_and_bends_are_those_of_a_parabola() {
+        // x (1 − x) at 0, ¼, ½, ¾, 1 over a chord of 0.
+        let values: Vec<f64> = (0..5).map(|k| f64::from(k) / 4.0).map(|x| x * (1.0 - x)).collect();
+        assert_eq!(heights(&values), [0.1875, 0.25, 0.1875]);
+        assert_eq!((concave(&values), concave(&[0.0, -1.0, 0.0])), (100.0, 0.0));
+    }
+
+    #[test]
+    fn shares_of_lambda_add_up() {
+        // λ alone 3, μ alone 1, both 10: (3 + 9)/2 of 10.
+        assert_eq!(shapley_of_lambda([0.0, 3.0, 1.0, 10.0]), Some(0.6));
+        assert_eq!(shapley_of_lambda([1.0, 3.0, 2.0, 1.0]), None);
+        let front = [at(0.0, 1.0, 0.0), at(2.0, 2.0, 0.0), at(3.0, 6.0, 0.0)];
+        assert_eq!([0.0, 0.5, 1.0].map(|mu| best_lambda(&front, mu)), [0.0, 0.5, 1.0]);
+    }
+
+    #[test]
+    fn the_front_is_read_straight_between_its_points() {
+        let front = [at(0.0, 2.0, 0.1), at(0.0, 2.4, 0.5), at(0.0, 3.0, 0.9)];
+        let attack = |penalty| within(&front, penalty, |p| p.attack);
+        assert!((attack(2.2) - 0.3).abs() < 1e-12 && (attack(2.7) - 0.7).abs() < 1e-12);
+        assert_eq!((attack(4.0), attack(1.0)), (0.9, 0.1));
+    }
+
+    #[test]
+    fn differences_of_curves_are_paired_by_scene() {
+        let curve = |plus: f64| Curve {
+            scenes: (0..6)
+                .map(|k| vec![at(f64::from(k) + plus, 1.0, 0.0), at(f64::from(k), 1.0, 0.0)])
+                .collect(),
+        };
+        let e = curve(1.0).difference(&curve(0.0), |front| front[0].reward).unwrap();
+        assert_eq!((e.value, e.n), (1.0, 6));
+        assert!((e.low - 1.0).abs() < 1e-9 && (e.high - 1.0).abs() < 1e-9, "{e:?}");
+        assert_eq!(curve(0.0).only(1).front(), [at(2.5, 1.0, 0.0)]);
+    }
+}

@@ -1,0 +1,69 @@
+//! Drivers under test that the user names.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail};
+use sage_core::{files, registry::Entry};
+use sage_data::MAX_FILE;
+use sage_sim::{
+    policy::{EgoPolicy, Td3},
+    rl::read_policy,
+};
+use serde_json::{Value, json};
+
+use crate::{Registries, part::PolicyPart};
+
+/// A driver under test.
+pub struct Ego {
+    /// Its name and options, as tables show them.
+    pub label: String,
+    /// Name of its random streams: without red lights that of earlier versions, so that intervals keep their bits.
+    pub stream: String,
+    /// The policy.
+    pub policy: Box<dyn EgoPolicy>,
+    /// What the user should know about its file.
+    pub note: Option<String>,
+}
+
+impl Ego {
+    /// Builds the policy.
+    ///
+    /// *Errors*: the name is not registered, or the policy refuses the options.
+    pub fn new(named: &PolicyPart, registries: &Registries) -> Result<Self> {
+        let PolicyPart(part) = named;
+        let policy = part.build(&registries.policies)?;
+        let mut note = None;
+        if let Some(file) = named.file().filter(|_| part.name == Td3::NAME)
+            && read_policy(file.as_ref()).is_ok_and(|(_, card)| !card.is_hashed)
+        {
+            note = Some(format!(
+                "policy `{file}` holds no hash of its content, so damage would not be noticed; policies of this version hold one"
+            ));
+        }
+        let mut earlier = named.clone();
+        earlier.0.options.retain(|key, value| key != "red_lights" || *value != json!(false));
+        let (label, stream) = (named.to_string(), earlier.to_string());
+        Ok(Self { label, stream, policy, note })
+    }
+
+    /// Builds several policies.
+    ///
+    /// *Errors*: as [`Ego::new`]; one is given twice.
+    pub fn all(parts: &[PolicyPart], registries: &Registries) -> Result<Vec<Self>> {
+        let egos = parts.iter().map(|part| Self::new(part, registries)).collect::<Result<Vec<_>>>()?;
+        match (1..egos.len()).find(|&k| egos[..k].iter().any(|ego| ego.label == egos[k].label)) {
+            Some(twice) => bail!("the policy `{}` is given twice", egos[twice].label),
+            None => Ok(egos),
+        }
+    }
+}
+
+/// What identifies a policy in the record of a run. Another content of a file that describes it is another run.
+///
+/// *Errors*: the file cannot be read.
+pub fn identity(part: &PolicyPart) -> Result<Value> {
+    let Some(file) = part.file() else { return Ok(json!(part.to_string())) };
+    let bytes = files::read(Path::new(file), MAX_FILE);
+    let bytes = bytes.with_context(|| format!("cannot read `{file}`"))?;
+    Ok(json!([part.to_string(), blake3::hash(&bytes).to_hex()[..16]]))
+}

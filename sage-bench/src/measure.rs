@@ -1,0 +1,57 @@
+//! What a study measures in a scene: each kind of measurement is a file.
+
+mod attacks;
+mod groups;
+mod policies;
+mod scene;
+
+use sage_core::{
+    metric::{Metric, MetricInfo},
+    scene::SceneData,
+};
+use serde::{Deserialize, Serialize};
+
+pub use attacks::{Attacks, Choice, MeasuredPlan};
+pub use groups::{ExpertSource, Group};
+pub use policies::Policies;
+pub use scene::MeasuredScene;
+
+use crate::rows::{Cell, Key, Subject};
+
+/// A kind of measurement with all its methods.
+pub trait Measurement: Sync + Send {
+    /// What it gives values for, in the order of the table.
+    fn keys(&self) -> &[Key];
+
+    /// The metrics of each subject.
+    fn metrics(&self) -> Vec<(Subject, Vec<MetricInfo>)>;
+
+    /// Measures a scene. The numbers of keys in cells are those of [`Measurement::keys`].
+    fn measure(&self, data: &SceneData) -> SceneResult;
+}
+
+/// Results of one scene.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SceneResult {
+    /// One cell for each key and agent.
+    pub cells: Vec<Cell>,
+    /// Why nothing can be measured for some keys, which is no failure.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<String>,
+}
+
+/// The cell of a result.
+fn cell<S>(key: usize, metrics: &[Metric<S>], of: &S) -> Cell {
+    let notes = metrics.iter().enumerate().filter_map(|(k, metric)| Some((k, metric.note(of)?)));
+    Cell {
+        key,
+        agent: String::new(),
+        values: metrics.iter().map(|metric| metric.value(of)).collect(),
+        notes: notes.collect(),
+        error: String::new(),
+    }
+}
+
+fn infos<S>(metrics: &[Metric<S>]) -> Vec<MetricInfo> {
+    metrics.iter().map(|metric| metric.info.clone()).collect()
+}

@@ -1,0 +1,392 @@
+//! Generators against the recorded ego or against drivers: the selected trajectories, and what drivers do.
+
+use std::time::Instant;
+
+use anyhow::{Result, anyhow};
+use sage_core::{
+    generator::Attack,
+    metric::{MeasuredTrajectory, Metric, MetricInfo, Metrics},
+    objective::{FurtherMeasures, Objective},
+    scene::SceneData,
+};
+use sage_sim::{
+    SimScene,
+    attack_test::AttackTest,
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
+    metrics::MeasuredAttack,
+    unattacked::UnattackedDrive,
+};
+
+use super::{Group, MeasuredScene, Measurement, SceneResult, cell, infos};
+use crate::{
+    Registries,
+    ego::Ego,
+    generators::BuiltGenerator,
+    react::{self, WITHIN},
+    rows::{Cell, Key, Subject},
+    study::Study,
+};
+
+/// Arm of attacks on the recording.
+pub const RECORDING: &str = "recording";
+
+/// What was measured of a plan.
+#[derive(Default)]
+pub struct MeasuredPlan {
+    trajectory: Option<MeasuredTrajectory>,
+    avoidable: Option<Avoidable>,
+    choice: Option<Choice>,
+}
+
+/// A choice by the time to react.
+pub struct Choice {
+    /// Time that is aimed at, s.
+    pub target: f64,
+    /// Time of the chosen candidate; `None` if no candidate is an avoidable attack.
+    pub time: Option<f64>,
+}
+
+impl MeasuredPlan {
+    fn avoidable_attack(&self) -> Option<&Avoidable> {
+        let is_attack = self.trajectory.as_ref().is_none_or(MeasuredTrajectory::is_attack);
+        self.avoidable.as_ref().filter(|_| is_attack)
+    }
+}
+
+/// Metrics of a choice by the time to react.
+fn choice_metrics() -> [Metric<Choice>; 4] {
+    let is_within = |c: &Choice| c.time.is_some_and(|time| (time - c.target).abs() <= WITHIN + 1e-9);
+    [
+        Metric::share("within", move |c: &Choice| Some(is_within(c)))
+            .about("the chosen time to react is within 0.25 s of the target")
+            .more_is_better(),
+        Metric::median("time within", move |c: &Choice| c.time.filter(|_| is_within(c)))
+            .unit("s")
+            .about("median of the times to react within 0.25 s of the target"),
+        Metric::median("time chosen", |c: &Choice| c.time)
+            .unit("s")
+            .about("median of all chosen times to react"),
+        Metric::share("choice", |c: &Choice| Some(c.time.is_some()))
+            .about("a candidate is an avoidable attack")
+            .more_is_better(),
+    ]
+}
+
+/// Generators and drivers of a study.
+pub struct Attacks {
+    /// Drivers; empty for the recording.
+    egos: Vec<Ego>,
+    groups: Vec<Group>,
+    keys: Vec<Key>,
+    drives: Vec<Metric<UnattackedDrive>>,
+    attacked: Vec<Metric<MeasuredAttack>>,
+    plans: Vec<Metric<MeasuredPlan>>,
+    further: FurtherMeasures,
+    /// Its feasibility rule decides whether an attack on a driver counts.
+    objective: Objective,
+    /// Search for evasive manoeuvres from the ego's path and in attacked drives.
+    search: AvoidanceOptions,
+    searches: [bool; 2],
+    targets: Vec<f64>,
+    measure: [bool; 3],
+    seed: u64,
+}
+
+impl Attacks {
+    /// Checks metrics and drivers.
+    ///
+    /// *Errors*: a name that is not registered.
+    pub fn new(
+        study: &Study,
+        registries: &Registries,
+        egos: Vec<Ego>,
+        groups: Vec<Group>,
+        objective: Objective,
+    ) -> Result<Self> {
+        let listed = |subject| study.metrics.get(&subject).cloned().unwrap_or_default();
+        let spec = Some(objective.spec());
+        let names = listed(Subject::Trajectory);
+        let further = FurtherMeasures::listed(&registries.rewards, &registries.feasibilities, spec, &names)?;
+        let plans = plan_metrics(registries, &further, study)?.chosen(&names)?;
+        let drives = registries.metrics.drive.chosen(&listed(Subject::Drive))?;
+        let mut attack_names = listed(Subject::AttackedDrive);
+        if study.avoidable.is_some() {
+            // The search was asked for, so its metrics are shown.
+            let costly = registries.metrics.attack.all().iter().filter(|m| m.info.is_costly);
+            let missing: Vec<String> = costly.map(|m| m.info.name.to_string()).collect();
+            attack_names
+                .extend(missing.into_iter().filter(|name| !listed(Subject::AttackedDrive).contains(name)));
+        }
+        let attacked = registries.metrics.attack.chosen(&attack_names)?;
+        let measure =
+            [Subject::Drive, Subject::Trajectory, Subject::AttackedDrive].map(|s| study.measures(s));
+        let is_costly = |infos: &[MetricInfo]| infos.iter().any(|info| info.is_costly);
+        let searches = [is_costly(&infos(&plans)), is_costly(&infos(&attacked))];
+        let mut all = Self {
+            egos,
+            groups,
+            keys: Vec::new(),
+            drives,
+            attacked: if measure[2] { attacked } else { Vec::new() },
+            plans,
+            further,
+            objective,
+            search: study.avoidable.unwrap_or_default(),
+            searches,
+            targets: study.react.clone(),
+            measure,
+            seed: study.seed,
+        };
+        all.keys = all.make_keys();
+        Ok(all)
+    }
+
+    /// Keys ego by ego: the unchanged drive, then for each group, generator, point and target the trajectory and the
+    /// attacked drive.
+    fn make_keys(&self) -> Vec<Key> {
+        let [drive, trajectory, attacked] = self.measure;
+        let mut keys = Vec::new();
+        for k in 0..self.egos.len().max(1) {
+            let ego = self.egos.get(k);
+            let knows = ego.map(|ego| ego.policy.privilege().to_string()).unwrap_or_default();
+            if let Some(ego) = ego.filter(|_| drive) {
+                keys.push(Key { knows: knows.clone(), ..Key::new(Subject::Drive, &*ego.label, self.seed) });
+            }
+            for group in &self.groups {
+                let labels = [ego.map(|ego| ego.label.clone()), Some(group.arm.clone())];
+                let labels: Vec<String> =
+                    labels.into_iter().flatten().filter(|label| !label.is_empty()).collect();
+                let arm = if labels.is_empty() { RECORDING.to_owned() } else { labels.join(", ") };
+                for (built, row) in
+                    group.built.iter().flat_map(|built| built.keys.iter().map(move |row| (built, row)))
+                {
+                    let key = |subject, target, knows: &str| Key {
+                        training_seed: group.training_seed,
+                        attack: row.part().to_string(),
+                        point: row.point.clone(),
+                        target,
+                        knows: knows.to_owned(),
+                        ..Key::new(subject, &*arm, self.seed)
+                    };
+                    let of_generator = built.facts.knows.beyond_now();
+                    if trajectory && self.targets.is_empty() {
+                        keys.push(key(Subject::Trajectory, None, &of_generator));
+                    }
+                    for target in &self.targets {
+                        keys.push(key(Subject::Trajectory, Some(*target), &of_generator));
+                    }
+                    if attacked && ego.is_some() {
+                        keys.push(key(Subject::AttackedDrive, None, &knows));
+                    }
+                }
+            }
+        }
+        keys
+    }
+
+    /// Cells of one ego from the number of its first key on; returns the number after its last key.
+    fn of_ego(&self, data: &SceneData, ego: Option<&Ego>, first: usize, result: &mut SceneResult) -> usize {
+        let mut key = first;
+        let [drive, ..] = self.measure;
+        let test = ego.map(|ego| -> Result<(AttackTest<'_>, SceneData)> {
+            let simulated = SimScene::new(data.scene.clone(), data.index.clone())?;
+            let test = AttackTest::new(&*ego.policy, &simulated, self.seed)?;
+            let (name, index) = (data.name.clone(), data.index.clone());
+            let recorded = SceneData { name, scene: test.recorded(), index };
+            Ok((test, recorded))
+        });
+        let test = match test.transpose() {
+            Ok(test) => test,
+            Err(error) => {
+                let end = first + self.keys_of_ego(ego);
+                result.cells.extend((first..end).map(|key| Cell::failed(key, format!("{error:#}"))));
+                return end;
+            }
+        };
+        if let Some((test, _)) = test.as_ref().filter(|_| drive) {
+            result.cells.push(cell(key, &self.drives, &test.unattacked_drive()));
+            key += 1;
+        }
+        // Without an adversary there is nothing to attack with.
+        let attacks = data.scene.adversary.is_some();
+        for group in &self.groups {
+            let end = key + group.built.iter().map(|built| self.keys_of(built, ego)).sum::<usize>();
+            if attacks {
+                let (test, data) = match &test {
+                    Some((test, recorded)) => (Some(test), recorded),
+                    None => (None, data),
+                };
+                self.of_group(data, group, test, key, result);
+            }
+            key = end;
+        }
+        key
+    }
+
+    fn keys_of(&self, built: &BuiltGenerator, ego: Option<&Ego>) -> usize {
+        let [_, trajectory, attacked] = self.measure;
+        let of_plan = if self.targets.is_empty() { usize::from(trajectory) } else { self.targets.len() };
+        built.keys.len() * (of_plan + usize::from(attacked && ego.is_some()))
+    }
+
+    fn keys_of_ego(&self, ego: Option<&Ego>) -> usize {
+        let built = self.groups.iter().flat_map(|group| &group.built);
+        usize::from(self.measure[0] && ego.is_some())
+            + built.map(|built| self.keys_of(built, ego)).sum::<usize>()
+    }
+
+    fn of_group(
+        &self,
+        data: &SceneData,
+        group: &Group,
+        test: Option<&AttackTest>,
+        first: usize,
+        result: &mut SceneResult,
+    ) {
+        let ego = test.map(|_| &self.egos[0]);
+        let mut key = first;
+        let prepared = data.scene.check_apart_now().map_err(anyhow::Error::from).and_then(|()| {
+            let scene = MeasuredScene::new(data, &**group.experts.prior(), &self.further)?;
+            let avoidance = self.searches[0] || !self.targets.is_empty();
+            let avoidance = avoidance.then(|| Avoidance::new(scene.context(), self.search)).transpose()?;
+            Ok((scene, avoidance))
+        });
+        for built in &group.built {
+            let end = key + self.keys_of(built, ego);
+            let cells =
+                prepared.as_ref().map_err(|error| anyhow!("{error:#}")).and_then(|(scene, avoidance)| {
+                    self.of_generator(built, scene, avoidance.as_ref(), test, key)
+                });
+            match cells {
+                Ok(cells) => result.cells.extend(cells),
+                Err(error) => {
+                    let reason = format!("{error:#}");
+                    let is_left_out =
+                        matches!(&prepared, Err(e) if is_contact_now(e)) || is_contact_now(&error);
+                    if is_left_out {
+                        result.left_out.push(format!("{}: {reason}", self.keys[key].stream()));
+                    } else {
+                        result.cells.extend((key..end).map(|key| Cell::failed(key, &reason)));
+                    }
+                }
+            }
+            key = end;
+        }
+    }
+
+    fn of_generator(
+        &self,
+        built: &BuiltGenerator,
+        scene: &MeasuredScene,
+        avoidance: Option<&Avoidance>,
+        test: Option<&AttackTest>,
+        first: usize,
+    ) -> Result<Vec<Cell>> {
+        let ctx = scene.context();
+        let clock = Instant::now();
+        let attacks = built.generator.attacks(ctx, &built.points, self.seed)?;
+        let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
+        let [_, trajectory, attacked] = self.measure;
+        let (mut cells, mut key) = (Vec::new(), first);
+        for (attack, point) in attacks.iter().zip(&built.points) {
+            if self.targets.is_empty() && trajectory {
+                cells.push(cell(key, &self.plans, &self.plan(attack, scene, avoidance, seconds)?));
+                key += 1;
+            }
+            if let Some(avoidance) = avoidance.filter(|_| !self.targets.is_empty()) {
+                let avoided = react::avoided(attack, ctx, &self.objective, point.mu, avoidance);
+                for target in &self.targets {
+                    let time = react::chosen(&avoided, *target).map(|one| one.time);
+                    let choice = Some(Choice { target: *target, time });
+                    cells.push(cell(key, &self.plans, &MeasuredPlan { choice, ..MeasuredPlan::default() }));
+                    key += 1;
+                }
+            }
+            if let Some(test) = test.filter(|_| attacked) {
+                cells.push(self.attacked_cell(attack, scene, test, key)?);
+                key += 1;
+            }
+        }
+        Ok(cells)
+    }
+
+    fn plan(
+        &self,
+        attack: &Attack,
+        scene: &MeasuredScene,
+        avoidance: Option<&Avoidance>,
+        seconds: f64,
+    ) -> Result<MeasuredPlan> {
+        let trajectory = scene.measured(attack, seconds)?;
+        let avoidable = avoidance.map(|avoidance| avoidance.of(&trajectory.candidate));
+        Ok(MeasuredPlan { trajectory: Some(trajectory), avoidable, choice: None })
+    }
+
+    fn attacked_cell(
+        &self,
+        attack: &Attack,
+        scene: &MeasuredScene,
+        test: &AttackTest,
+        key: usize,
+    ) -> Result<Cell> {
+        let ctx = scene.context();
+        attack.check(ctx.scene())?;
+        let candidate = ctx.candidate(attack.trajectory().clone());
+        let is_feasible = self.objective.evaluate(&candidate, ctx).is_feasible();
+        let outcome = test.attack(attack.trajectory(), is_feasible)?;
+        let is_searched = self.searches[1];
+        let avoidable = if is_searched { outcome.avoidable(self.search)? } else { None };
+        let (over_red, reward_cut) = (outcome.over_red(), outcome.reward_cut(ctx));
+        let measured = MeasuredAttack { outcome, avoidable, is_searched, over_red, reward_cut };
+        Ok(cell(key, &self.attacked, &measured))
+    }
+}
+
+fn is_contact_now(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(sage_core::Error::ContactNow { .. }))
+}
+
+/// All metrics of plans: of the trajectory with registered rewards and rules, of the search, of the choice.
+fn plan_metrics(
+    registries: &Registries,
+    further: &FurtherMeasures,
+    study: &Study,
+) -> Result<Metrics<MeasuredPlan>> {
+    let own = registries.metrics.trajectory.clone().with_parts(further.rewards(), further.rules())?;
+    let own = own.all().iter().map(|m| m.of_part(|p: &MeasuredPlan| p.trajectory.as_ref()));
+    let of_search =
+        registries.metrics.avoidable.all().iter().map(|m| m.of_part(MeasuredPlan::avoidable_attack));
+    let of_choice = choice_metrics();
+    let of_choice = of_choice.iter().filter(|_| !study.react.is_empty());
+    let of_choice = of_choice.map(|m| m.of_part(|p: &MeasuredPlan| p.choice.as_ref()));
+    Ok(Metrics::default().with_all(own.chain(of_search).chain(of_choice).collect::<Vec<_>>())?)
+}
+
+impl Measurement for Attacks {
+    fn keys(&self) -> &[Key] {
+        &self.keys
+    }
+
+    fn metrics(&self) -> Vec<(Subject, Vec<MetricInfo>)> {
+        let all = [
+            (Subject::Drive, infos(&self.drives)),
+            (Subject::Trajectory, infos(&self.plans)),
+            (Subject::AttackedDrive, infos(&self.attacked)),
+        ];
+        all.into_iter()
+            .zip(self.measure)
+            .filter(|(_, is_measured)| *is_measured)
+            .map(|(one, _)| one)
+            .collect()
+    }
+
+    fn measure(&self, data: &SceneData) -> SceneResult {
+        let mut result = SceneResult::default();
+        if self.egos.is_empty() {
+            self.of_ego(data, None, 0, &mut result);
+            return result;
+        }
+        self.egos.iter().fold(0, |first, ego| self.of_ego(data, Some(ego), first, &mut result));
+        result
+    }
+}

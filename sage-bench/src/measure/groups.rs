@@ -1,0 +1,159 @@
+//! Generators with one set of weights and one merger, at their operating points.
+
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result, ensure};
+use sage_generators::Aggression;
+use sage_merging::{ExpertSet, Merger};
+
+use crate::{
+    Registries,
+    chart::triangle::mixtures,
+    generators::{self, BuiltGenerator, refuse_duplicates},
+    operating_point::OperatingPointSpec,
+    part::Part,
+    rows::Subject,
+    selection::Selection,
+    study::Study,
+};
+
+/// Where a study gets its experts from.
+pub trait ExpertSource {
+    /// Experts by name or folder.
+    ///
+    /// *Errors*: there are none, or they do not match their network.
+    fn experts(&self, name: &str) -> Result<ExpertSet>;
+
+    /// The aggression dial of experts.
+    ///
+    /// *Errors*: there is none for the selection and the merger.
+    fn dial(
+        &self,
+        name: &str,
+        experts: &ExpertSet,
+        selection: &Selection,
+        merger: &str,
+    ) -> Result<Aggression>;
+}
+
+/// Generators that share weights and merger.
+pub struct Group {
+    /// What distinguishes it from the other groups; empty if there is only one.
+    pub arm: String,
+    /// Number of the folder among those of its arm.
+    pub training_seed: Option<u64>,
+    /// Prior and experts.
+    pub experts: ExpertSet,
+    /// Merger of the experts.
+    pub merger: Arc<dyn Merger>,
+    /// All operating points.
+    pub points: Vec<OperatingPointSpec>,
+    /// The generators with their operating points.
+    pub built: Vec<BuiltGenerator>,
+}
+
+impl Group {
+    /// All groups of a study: every weights with every merger.
+    ///
+    /// *Errors*: a name is not registered, weights cannot be used, or an operating point is out of range.
+    pub fn all(
+        study: &Study,
+        registries: &Registries,
+        source: &dyn ExpertSource,
+        selection: &Selection,
+    ) -> Result<Vec<Self>> {
+        let named: Vec<(&str, &str)> =
+            study.weights.iter().map(|entry| entry.split_once('=').unwrap_or(("", entry))).collect();
+        let arms: Vec<&str> =
+            named.iter().map(|(arm, folder)| if arm.is_empty() { folder } else { arm }).copied().collect();
+        let has_several = arms.iter().any(|arm| *arm != arms[0]);
+        let mergers: Vec<Part> = study
+            .merger
+            .iter()
+            .map(|text| text.parse().map_err(anyhow::Error::msg))
+            .collect::<Result<_>>()?;
+        ensure!(!mergers.is_empty() && !named.is_empty(), "`merger` and `weights` must name something");
+        let mut groups = Vec::new();
+        for (k, (arm, folder)) in named.iter().enumerate() {
+            let experts = source.experts(folder)?;
+            let earlier = arms[..k].iter().filter(|known| **known == arms[k]).count();
+            let training_seed = (!arm.is_empty()).then_some(earlier as u64);
+            for part in &mergers {
+                let merger: Arc<dyn Merger> = part.build(&registries.mergers)?.into();
+                let points =
+                    points(study, &*merger, || source.dial(folder, &experts, selection, &part.to_string()))?;
+                let built = built(study, registries, &experts, &merger, selection, &points)?;
+                let labels = [(has_several, arms[k].to_owned()), (mergers.len() > 1, part.to_string())];
+                let labels: Vec<String> =
+                    labels.into_iter().filter(|(varies, _)| *varies).map(|(_, label)| label).collect();
+                let arm = labels.join(", ");
+                groups.push(Self { arm, training_seed, experts: experts.clone(), merger, points, built });
+            }
+        }
+        Ok(groups)
+    }
+}
+
+/// The operating points of a study.
+fn points(
+    study: &Study,
+    merger: &dyn Merger,
+    dial: impl FnOnce() -> Result<Aggression>,
+) -> Result<Vec<OperatingPointSpec>> {
+    if !study.aggression.is_empty() {
+        let dial = dial()?;
+        return study.aggression.iter().map(|a| OperatingPointSpec::of(&dial, *a)).collect();
+    }
+    if let Some(axis) = &study.triangle {
+        let named = |weights: [f64; 3]| axis.experts.iter().cloned().zip(weights).collect::<Vec<_>>();
+        let all = mixtures(axis.steps);
+        return all.into_iter().map(|weights| OperatingPointSpec::mixed(&named(weights), study.mu)).collect();
+    }
+    if !study.mix.is_empty() {
+        let mix = |mix: &std::collections::BTreeMap<String, f64>| {
+            let named: Vec<(String, f64)> =
+                mix.iter().map(|(name, weight)| (name.clone(), *weight)).collect();
+            OperatingPointSpec::mixed(&named, study.mu)
+        };
+        return study.mix.iter().map(mix).collect();
+    }
+    let range = merger.range();
+    let mut points: Vec<OperatingPointSpec> = (study.lambda.iter())
+        .map(|lambda| OperatingPointSpec::at(*lambda, study.mu, range))
+        .collect::<Result<_>>()?;
+    for lambda in study.grid.iter().flat_map(|[lambdas, _]| lambdas) {
+        for mu in study.grid.iter().flat_map(|[_, mus]| mus) {
+            let point = OperatingPointSpec::at(*lambda, Some(*mu), range)?;
+            if !points.contains(&point) {
+                points.push(point);
+            }
+        }
+    }
+    Ok(points)
+}
+
+/// The generators of a study in their order. An upper bound gets only the operating point with the largest μ.
+fn built(
+    study: &Study,
+    registries: &Registries,
+    experts: &ExpertSet,
+    merger: &Arc<dyn Merger>,
+    selection: &Selection,
+    points: &[OperatingPointSpec],
+) -> Result<Vec<BuiltGenerator>> {
+    if !study.measures(Subject::Trajectory) && !study.measures(Subject::AttackedDrive) {
+        return Ok(Vec::new());
+    }
+    let inputs = generators::inputs(Some(experts), merger, selection, study.seed);
+    let largest_mu: Vec<OperatingPointSpec> =
+        points.iter().max_by(|a, b| a.mu.total_cmp(&b.mu)).into_iter().cloned().collect();
+    let build = |text: &String| {
+        let part: Part = text.parse().map_err(anyhow::Error::msg)?;
+        let is_upper_bound = part.build(&registries.generators)?.facts().is_upper_bound;
+        BuiltGenerator::new(&part, registries, &inputs, if is_upper_bound { &largest_mu } else { points })
+            .with_context(|| format!("generator `{text}`"))
+    };
+    let built = study.method.iter().map(build).collect::<Result<Vec<_>>>()?;
+    refuse_duplicates(&built.iter().flat_map(|built| built.keys.clone()).collect::<Vec<_>>())?;
+    Ok(built)
+}

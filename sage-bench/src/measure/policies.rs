@@ -1,0 +1,143 @@
+//! Policies without selection: expectations over all their candidates.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use anyhow::{Context as _, Result};
+use sage_backbones::{
+    MotionModel,
+    metrics::{PolicyMeasures, with_rewards},
+    training::{Measures, PreparedScene},
+};
+use sage_core::{
+    metric::{Metric, MetricInfo},
+    objective::{Objective, ObjectiveSpec},
+    scene::SceneData,
+};
+use serde_json::json;
+
+use super::{Group, Measurement, SceneResult, cell, infos};
+use crate::{
+    Registries,
+    rows::{Cell, Key, Subject},
+    study::Study,
+};
+
+/// Arm of the prior, without any expert.
+const PRIOR: &str = "prior";
+
+/// The mixtures of a group, which share their prior.
+struct Models {
+    group: Group,
+    models: Vec<Arc<dyn MotionModel>>,
+    /// Number of the first key.
+    first: usize,
+}
+
+/// All mixtures of a study, without selection.
+pub struct Policies {
+    groups: Vec<Models>,
+    keys: Vec<Key>,
+    metrics: Vec<Metric<PolicyMeasures>>,
+    measures: Measures,
+    /// Rewards whose expectation is measured, each as an objective of its own.
+    rewards: Vec<(String, Objective)>,
+}
+
+impl Policies {
+    /// The prior and all mixtures of all groups whose merger keeps the modes of the prior.
+    ///
+    /// *Errors*: a metric that is not registered, or an operating point that a merger refuses.
+    pub fn new(study: &Study, registries: &Registries, groups: Vec<Group>) -> Result<Self> {
+        let listed = study.metrics.get(&Subject::Policy).cloned().unwrap_or_default();
+        let rewards = rewards(&listed, registries)?;
+        let names = rewards.iter().map(|(name, _)| &name[..]);
+        let metrics = with_rewards(registries.metrics.policy.clone(), names)?.chosen(&listed)?;
+        let objectives: Vec<&Objective> = rewards.iter().map(|(_, objective)| objective).collect();
+        let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities)?;
+        let (mut keys, mut all) = (Vec::new(), Vec::new());
+        for group in groups.into_iter().filter(|group| group.merger.keeps_modes()) {
+            let first = keys.len();
+            let mut models: Vec<Arc<dyn MotionModel>> = Vec::new();
+            let key = |arm: &str| Key {
+                training_seed: group.training_seed,
+                ..Key::new(Subject::Policy, if arm.is_empty() { "sage" } else { arm }, study.seed)
+            };
+            // One prior is enough, and a triangle of mixtures has no place for it.
+            if all.is_empty() && study.triangle.is_none() && group.arm.is_empty() {
+                models.push(group.experts.prior().clone());
+                keys.push(key(PRIOR));
+            }
+            for spec in &group.points {
+                let mixture = spec.point(Some(&group.experts))?.mixture;
+                models.push(group.merger.merge(&group.experts, &mixture, study.seed)?);
+                keys.push(Key { point: Some(spec.clone()), ..key(&group.arm) });
+            }
+            all.push(Models { group, models, first });
+        }
+        Ok(Self { groups: all, keys, metrics, measures, rewards })
+    }
+
+    fn of_group(&self, data: &SceneData, of: &Models) -> Result<Vec<Cell>> {
+        let prior = &**of.group.experts.prior();
+        let prepared = PreparedScene::new(prior, data, false, &self.measures)?;
+        let prepared = prepared.context("the scene cannot be attacked")?;
+        let one = |(k, model): (usize, &Arc<dyn MotionModel>)| -> Result<Cell> {
+            let mut rewards = BTreeMap::new();
+            for (name, objective) in &self.rewards {
+                let expected = prepared.expected_value(&**model, &self.measures.expert(objective)?)?;
+                rewards.insert(name.clone(), expected);
+            }
+            let measured = PolicyMeasures { expectation: prepared.expectation(&**model)?, rewards };
+            Ok(cell(of.first + k, &self.metrics, &measured))
+        };
+        of.models.iter().enumerate().map(one).collect()
+    }
+}
+
+/// The rewards that a list of metrics names; for `*` all that are cheap.
+fn rewards(listed: &[String], registries: &Registries) -> Result<Vec<(String, Objective)>> {
+    let all = listed.iter().any(|name| name == "*");
+    let is_built_in = |name: &str| registries.metrics.policy.all().iter().any(|m| m.info.name == name);
+    let mut found = Vec::new();
+    for entry in registries.rewards.entries() {
+        let is_named = listed.iter().any(|name| name == entry.name);
+        if is_built_in(entry.name) || !(all || is_named) {
+            continue;
+        }
+        let reward = registries.rewards.build_default(entry.name)?;
+        if !is_named && (reward.is_costly() || reward.needs_prior()) {
+            continue;
+        }
+        // The paper's measure of lanes is of the whole trajectory.
+        let options = if entry.name == "lane-distance" { json!({"phase": "whole"}) } else { json!({}) };
+        let term = json!({"terms": [{"name": entry.name, "weight": 1.0, "options": options}]});
+        let spec: ObjectiveSpec = serde_json::from_value(term)?;
+        let objective = Objective::new(&spec, &registries.rewards, &registries.feasibilities)?;
+        found.push((entry.name.to_owned(), objective));
+    }
+    Ok(found)
+}
+
+impl Measurement for Policies {
+    fn keys(&self) -> &[Key] {
+        &self.keys
+    }
+
+    fn metrics(&self) -> Vec<(Subject, Vec<MetricInfo>)> {
+        vec![(Subject::Policy, infos(&self.metrics))]
+    }
+
+    fn measure(&self, data: &SceneData) -> SceneResult {
+        let mut result = SceneResult::default();
+        for of in &self.groups {
+            match self.of_group(data, of) {
+                Ok(cells) => result.cells.extend(cells),
+                Err(error) => {
+                    let failed = |k| Cell::failed(of.first + k, format!("{error:#}"));
+                    result.cells.extend((0..of.models.len()).map(failed));
+                }
+            }
+        }
+        result
+    }
+}

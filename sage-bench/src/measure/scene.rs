@@ -1,0 +1,104 @@
+//! A scene prepared for the measures of many trajectories.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+use sage_backbones::{Backbone, backbone::finite, features::Frame};
+use sage_core::{
+    generator::Attack,
+    geometry::distance,
+    metric::{LogMeasures, MeasuredTrajectory},
+    motion::{HORIZON, NOW, Trajectory},
+    objective::{
+        CollisionType, Context, ContextOptions, Convention, FurtherMeasures, Naturalness, Scorer, Situation,
+    },
+    scene::SceneData,
+};
+use sage_generators::logged_future;
+
+/// A scene prepared for the trajectories of all generators with one prior.
+pub struct MeasuredScene<'d> {
+    ctx: Arc<Context>,
+    release: Context,
+    further: &'d FurtherMeasures,
+    likelihood: Option<PriorOfAdversary>,
+    log: LogMeasures,
+}
+
+impl<'d> MeasuredScene<'d> {
+    /// Prepares contexts in both conventions, measures of the log, and the prior's goal probabilities.
+    ///
+    /// *Errors*: the scene cannot be attacked; those of the prior.
+    pub fn new(data: &SceneData, prior: &dyn Backbone, further: &'d FurtherMeasures) -> Result<Self> {
+        let context = |convention| {
+            let options = ContextOptions { convention, ..ContextOptions::default() };
+            Context::new(&data.scene, &data.index, &options)
+        };
+        let (ctx, release) = (context(Convention::Paper)?, context(Convention::Release)?);
+        let logged = logged_future(&data.scene)?;
+        let natural = Naturalness::of(&ctx.candidate(logged.clone()), &ctx);
+        let likelihood = PriorOfAdversary::of(data, prior)?;
+        let nll = likelihood.as_ref().and_then(|prior| prior.nll(&logged));
+        let log = MeasuredTrajectory::log_measures(&ctx, natural, nll);
+        Ok(Self { ctx: Arc::new(ctx), release, further, likelihood, log })
+    }
+
+    /// The context in the `paper` convention.
+    pub fn context(&self) -> &Arc<Context> {
+        &self.ctx
+    }
+
+    /// Measures the selected trajectory of an attack that took some seconds.
+    ///
+    /// *Errors*: a trajectory that starts elsewhere or has another length than the scene's future.
+    pub fn measured(&self, attack: &Attack, seconds: f64) -> Result<MeasuredTrajectory> {
+        attack.check(self.ctx.scene())?;
+        let trajectory = attack.trajectory();
+        let candidate = self.ctx.candidate(trajectory.clone());
+        let paper = Scorer::with(&self.ctx, self.further).scores(&candidate);
+        let situation = Situation::new(&candidate, self.ctx.ego(), &self.ctx);
+        let collision_type = CollisionType::of(&situation, &paper.criticality);
+        let natural = Naturalness::of(&candidate, &self.ctx);
+        Ok(MeasuredTrajectory {
+            collision_type,
+            paper,
+            release: Scorer::new(&self.release).scores(&self.release.candidate(trajectory.clone())),
+            natural,
+            nll: self.likelihood.as_ref().and_then(|prior| prior.nll(trajectory)),
+            log: self.log,
+            note: attack.note.clone(),
+            seconds,
+            ctx: self.ctx.clone(),
+            candidate,
+        })
+    }
+}
+
+/// Log-probabilities of the adversary's goals under the prior.
+struct PriorOfAdversary {
+    frame: Frame,
+    ends: Vec<[f32; 2]>,
+    log_probs: Vec<f64>,
+}
+
+impl PriorOfAdversary {
+    /// `None` if the adversary is not valid *now*.
+    fn of(data: &SceneData, prior: &dyn Backbone) -> Result<Option<Self>> {
+        let adversary = data.scene.adversary_index()?;
+        if !data.scene.tracks[adversary].is_valid(NOW) {
+            return Ok(None);
+        }
+        let features = prior.features(&data.observe()?, adversary, None)?;
+        let encoding = prior.encode(features.into())?;
+        let log_probs: Vec<f64> = finite(&prior.log_probs(&encoding)?)?;
+        let ends = prior.mode_ends(&encoding)?;
+        Ok(Some(Self { frame: encoding.features().frame, ends, log_probs }))
+    }
+
+    /// −log p of the goal nearest to the end of a trajectory.
+    fn nll(&self, trajectory: &Trajectory) -> Option<f64> {
+        let end = self.frame.to_local(trajectory.points()[HORIZON - 1]);
+        let gap = |k: &usize| distance(self.ends[*k].map(f64::from), end);
+        (0..self.ends.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))).map(|k| -self.log_probs[k])
+    }
+}

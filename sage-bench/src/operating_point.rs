@@ -1,0 +1,170 @@
+//! Operating points on the command line, and the keys of result rows.
+
+use anyhow::{Result, bail};
+use sage_core::generator::{Mixture, OperatingPoint};
+use sage_generators::Aggression;
+use sage_merging::{ADVERSARIAL, ExpertSet, Range};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::part::Part;
+
+/// An operating point as the user gives it: by λ, by aggression, or by the weights of named experts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OperatingPointSpec {
+    /// Aggression, if it determines λ and μ.
+    pub aggression: Option<f64>,
+    /// Interpolation weight λ, from the realistic to the adversarial expert; none for weights by name.
+    pub lambda: Option<f64>,
+    /// Weights of named experts, if given.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mix: Vec<(String, f64)>,
+    /// Weight μ of the selection.
+    pub mu: f64,
+}
+
+impl OperatingPointSpec {
+    /// The operating point at a λ. μ equals λ unless given; for a λ beyond 0 to 1, the nearest of the two.
+    ///
+    /// *Errors*: λ or μ out of range.
+    pub fn at(lambda: f64, mu: Option<f64>, range: Range) -> Result<Self> {
+        range.check_weights(2, &Mixture::between(lambda))?;
+        Ok(Self {
+            aggression: None,
+            lambda: Some(lambda),
+            mix: Vec::new(),
+            mu: checked(mu.unwrap_or(lambda.clamp(0.0, 1.0)))?,
+        })
+    }
+
+    /// The operating point at an aggression.
+    ///
+    /// *Errors*: the aggression is out of range.
+    pub fn of(dial: &Aggression, aggression: f64) -> Result<Self> {
+        let (lambda, mu) = dial.lambda_and_mu(aggression)?;
+        Ok(Self { aggression: Some(aggression), lambda: Some(lambda), mix: Vec::new(), mu })
+    }
+
+    /// The operating point at weights of named experts. μ is the weight of the adversarial expert unless
+    /// given.
+    ///
+    /// *Errors*: μ is out of range.
+    pub fn mixed(mix: &[(String, f64)], mu: Option<f64>) -> Result<Self> {
+        let adversarial = mix.iter().find(|(name, _)| name == ADVERSARIAL).map_or(0.0, |(_, weight)| *weight);
+        Ok(Self {
+            aggression: None,
+            lambda: None,
+            mix: mix.to_vec(),
+            mu: checked(mu.unwrap_or(adversarial.clamp(0.0, 1.0)))?,
+        })
+    }
+
+    /// The operating point for a generator. With a set of experts, λ interpolates between its realistic and
+    /// its adversarial expert.
+    ///
+    /// *Errors*: the set does not contain a named expert.
+    pub fn point(&self, experts: Option<&ExpertSet>) -> Result<OperatingPoint> {
+        let mixture = match (experts, self.lambda) {
+            (Some(experts), Some(lambda)) => experts.between(lambda)?,
+            (Some(experts), None) => {
+                let weights: Vec<(&str, f64)> = self.mix.iter().map(|(name, w)| (&name[..], *w)).collect();
+                experts.mixture(&weights)?
+            }
+            (None, Some(lambda)) => Mixture::between(lambda),
+            (None, None) => Mixture::new(self.mix.iter().map(|(_, weight)| *weight).collect()),
+        };
+        Ok(OperatingPoint { mixture, mu: self.mu })
+    }
+
+    /// Label in a table.
+    pub fn label(&self) -> String {
+        match (self.aggression, self.lambda) {
+            (Some(aggression), _) => format!("a {}", short(aggression)),
+            (None, Some(lambda)) if self.mu == lambda => short(lambda),
+            (None, Some(lambda)) => format!("{} mu {}", short(lambda), short(self.mu)),
+            (None, None) => format!("{} mu {}", self.mixture_label(), short(self.mu)),
+        }
+    }
+
+    /// Label in a picture.
+    pub fn long_label(&self) -> String {
+        match (self.aggression, self.lambda) {
+            (Some(aggression), _) => format!("aggression {}", short(aggression)),
+            (None, Some(lambda)) => format!("lambda {}", short(lambda)),
+            (None, None) => self.mixture_label(),
+        }
+    }
+
+    /// Part of file names, and the field `variant` of rows.
+    pub fn variant(&self) -> String {
+        match (self.aggression, self.lambda) {
+            (Some(aggression), _) => aggression_variant(aggression),
+            (None, Some(lambda)) if self.mu == lambda => format!("lambda{}", short(lambda)),
+            (None, Some(lambda)) => format!("lambda{}-mu{}", short(lambda), short(self.mu)),
+            (None, None) => {
+                let plain = |c: char| if c.is_alphanumeric() || "._-".contains(c) { c } else { '-' };
+                let weights = self.mix.iter().map(|(name, weight)| format!("{name}{}", short(*weight)));
+                let weights = weights.collect::<Vec<_>>().join("-");
+                format!("{}-mu{}", weights.chars().map(plain).collect::<String>(), short(self.mu))
+            }
+        }
+    }
+
+    /// Label of the mixture alone, for a policy without selection.
+    pub fn mixture_label(&self) -> String {
+        match self.lambda {
+            Some(lambda) => format!("lambda {}", short(lambda)),
+            None => {
+                let weights = self.mix.iter().map(|(name, weight)| format!("{name}={}", short(*weight)));
+                weights.collect::<Vec<_>>().join(",")
+            }
+        }
+    }
+}
+
+/// Variant of an aggression, independent of its λ and μ.
+pub fn aggression_variant(aggression: f64) -> String {
+    format!("aggression{}", short(aggression))
+}
+
+fn checked(mu: f64) -> Result<f64> {
+    if !(0.0..=1.0).contains(&mu) {
+        bail!("mu is {mu}; expected 0 to 1");
+    }
+    Ok(mu)
+}
+
+/// A number with two decimals if they are exact, else with all decimals, so that different operating points
+/// have different labels.
+fn short(x: f64) -> String {
+    let two = format!("{x:.2}");
+    if two.parse() == Ok(x) { two } else { x.to_string() }
+}
+
+/// Key of a result row: a generator, and its operating point if it depends on one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RowKey {
+    /// Name of the generator.
+    pub method: String,
+    /// Options of the generator that the user gave.
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    pub options: Map<String, Value>,
+    /// Operating point; none if the generator does not depend on one.
+    pub point: Option<OperatingPointSpec>,
+}
+
+impl RowKey {
+    /// The generator.
+    pub fn part(&self) -> Part {
+        Part { name: self.method.clone(), options: self.options.clone() }
+    }
+
+    /// Label in a table.
+    pub fn label(&self) -> String {
+        let part = self.part();
+        match &self.point {
+            Some(point) => format!("{part} {}", point.label()),
+            None => part.to_string(),
+        }
+    }
+}

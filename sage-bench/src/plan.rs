@@ -1,0 +1,115 @@
+//! A study with all its parts built: checked before any scene is read.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context as _, Result, ensure};
+use sage_core::scene::SceneData;
+use serde_json::{Map, Value, json};
+
+use crate::{
+    Registries,
+    ego::{self, Ego},
+    measure::{Attacks, ExpertSource, Group, Measurement, Policies, SceneResult},
+    part::{Part, PolicyPart},
+    rows::{Cell, Key, MetricRecord, Subject},
+    selection::Selection,
+    study::Study,
+};
+
+/// A study with all its parts.
+pub struct Plan {
+    /// The study.
+    pub study: Study,
+    /// Keys of all results.
+    pub keys: Vec<Key>,
+    /// Metrics by what they are of.
+    pub metrics: BTreeMap<Subject, Vec<MetricRecord>>,
+    /// What identifies the results besides the scenes.
+    pub identity: Value,
+    /// What the user should know of the parts.
+    pub notes: Vec<String>,
+    measurements: Vec<Box<dyn Measurement>>,
+}
+
+impl Plan {
+    /// Builds all parts of a study.
+    ///
+    /// *Errors*: a part or a metric that is not registered, options that a part refuses, or weights that cannot be used.
+    pub fn new(study: Study, registries: &Registries, source: &dyn ExpertSource) -> Result<Self> {
+        let rule =
+            study.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(anyhow::Error::msg)?;
+        let selection = Selection::of(registries, &study.selection, rule.as_ref())?;
+        let parts: Vec<PolicyPart> =
+            study.ego.iter().map(|text| text.parse().map_err(anyhow::Error::msg)).collect::<Result<_>>()?;
+        let egos = Ego::all(&parts, registries)?;
+        let drives = [Subject::Drive, Subject::AttackedDrive].iter().any(|subject| study.measures(*subject));
+        ensure!(!drives || !egos.is_empty(), "the study drives, but `ego` names no driver");
+        let notes = egos.iter().filter_map(|ego| ego.note.clone()).collect();
+        let is_attacked = study.measures(Subject::Trajectory) || study.measures(Subject::AttackedDrive);
+        let groups = if is_attacked || study.measures(Subject::Policy) {
+            Group::all(&study, registries, source, &selection)?
+        } else {
+            Vec::new()
+        };
+        let mut identity = json!({
+            "study": study, "selection": selection.objective.spec(), "experts": hashes(&groups)?,
+            "points": groups.iter().map(|group| &group.points).collect::<Vec<_>>(),
+        });
+        identity["ego"] = parts.iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
+        let mut measurements: Vec<Box<dyn Measurement>> = Vec::new();
+        // Without generators that use networks, policies say nothing.
+        let has_network = groups.iter().flat_map(|group| &group.built).any(|built| built.facts.needs_experts);
+        let shows_policies = study.measures(Subject::Policy) && (has_network || !is_attacked);
+        let of_policies =
+            if shows_policies { Some(Group::all(&study, registries, source, &selection)?) } else { None };
+        if is_attacked || drives {
+            let objective = selection.objective;
+            measurements.push(Box::new(Attacks::new(&study, registries, egos, groups, objective)?));
+        }
+        if let Some(groups) = of_policies {
+            measurements.push(Box::new(Policies::new(&study, registries, groups)?));
+        }
+        let mut keys: Vec<Key> = Vec::new();
+        let mut metrics = BTreeMap::new();
+        for measurement in &measurements {
+            keys.extend(measurement.keys().iter().cloned());
+            for (subject, infos) in measurement.metrics() {
+                metrics.insert(subject, infos.iter().map(MetricRecord::from).collect());
+            }
+        }
+        ensure!(!keys.is_empty(), "the study measures nothing");
+        Ok(Self { study, keys, metrics, identity, notes, measurements })
+    }
+
+    /// Whether scenes without an adversary are left out.
+    pub fn needs_adversary(&self) -> bool {
+        !self.study.measures(Subject::Drive)
+    }
+
+    /// Measures a scene.
+    pub fn measure(&self, data: &SceneData) -> SceneResult {
+        let mut all = SceneResult::default();
+        let mut first = 0;
+        for measurement in &self.measurements {
+            let SceneResult { cells, left_out } = measurement.measure(data);
+            all.cells.extend(cells.into_iter().map(|cell| Cell { key: first + cell.key, ..cell }));
+            all.left_out.extend(left_out);
+            first += measurement.keys().len();
+        }
+        all
+    }
+}
+
+/// Hashes of all weights.
+fn hashes(groups: &[Group]) -> Result<Value> {
+    let mut all = Vec::new();
+    for group in groups {
+        let experts = group.experts.experts().iter();
+        let hashes = experts.map(|(name, weights)| Ok((name.clone(), weights.hash()?.into())));
+        let mut found = hashes.collect::<Result<Map<String, Value>>>()?;
+        let prior = group.experts.prior().parameters().hash().context("the prior has no hash")?;
+        found.insert("prior".to_owned(), prior.into());
+        all.push(Value::Object(found));
+    }
+    Ok(Value::Array(all))
+}

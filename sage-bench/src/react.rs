@@ -1,0 +1,87 @@
+//! The dial in seconds: of an attack's candidates, the most adversarial one that a driver must answer a given time
+//! before the contact.
+
+use sage_core::{
+    generator::{Attack, Note},
+    objective::{Context, Objective},
+};
+use sage_sim::avoidable::Avoidance;
+
+/// Times within this of the target count as equal to it, seconds.
+pub const WITHIN: f64 = 0.25;
+/// Longest target, seconds.
+pub const LONGEST: f64 = 8.0;
+
+/// A feasible hit that is avoidable, among the candidates of an attack.
+pub struct Avoided {
+    /// Its index among the candidates.
+    pub candidate: usize,
+    /// Its time to react, seconds.
+    pub time: f64,
+    /// Its value in the selection.
+    value: f64,
+}
+
+/// All candidates that are feasible hits by the rule of an objective and avoidable.
+pub fn avoided(
+    attack: &Attack,
+    ctx: &Context,
+    objective: &Objective,
+    mu: f64,
+    avoidance: &Avoidance,
+) -> Vec<Avoided> {
+    let one = |(candidate, proposal): (usize, &sage_core::generator::Proposal)| {
+        let prepared = ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
+        let evaluation = objective.evaluate(&prepared, ctx);
+        if !evaluation.is_attack() {
+            return None;
+        }
+        let time = avoidance.of(&prepared).time_to_react?;
+        Some(Avoided { candidate, time, value: objective.value(&evaluation, mu) })
+    };
+    attack.candidates.iter().enumerate().filter_map(one).collect()
+}
+
+/// The best within a quarter of a second of a target, else the nearest; `None` if there is none.
+pub fn chosen(all: &[Avoided], target: f64) -> Option<&Avoided> {
+    let gap = |one: &Avoided| (one.time - target).abs();
+    let within = all.iter().filter(|one| gap(one) <= WITHIN + 1e-9);
+    let best = within.max_by(|a, b| a.value.total_cmp(&b.value).then(b.candidate.cmp(&a.candidate)));
+    let nearer = |a: &&Avoided, b: &&Avoided| {
+        gap(a).total_cmp(&gap(b)).then(b.value.total_cmp(&a.value)).then(a.candidate.cmp(&b.candidate))
+    };
+    best.or_else(|| all.iter().min_by(nearer))
+}
+
+/// Chooses again among the candidates of an attack, and notes what was not found.
+pub fn choose(attack: &mut Attack, all: &[Avoided], target: f64) {
+    let note = match chosen(all, target) {
+        None => Some(format!("no candidate is an avoidable attack, for a time to react of {target} s")),
+        Some(one) => {
+            attack.chosen = one.candidate;
+            attack.note = None;
+            let is_within = (one.time - target).abs() <= WITHIN + 1e-9;
+            (!is_within).then(|| {
+                format!("no candidate has a time to react of {target} s; the nearest has {:.1} s", one.time)
+            })
+        }
+    };
+    if let Some(note) = note {
+        attack.note = Some(Note::Other(note));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_within_a_quarter_of_a_second_is_chosen_and_else_the_nearest() {
+        let option = |candidate, time, value| Avoided { candidate, time, value };
+        let options = [option(0, 0.4, 9.0), option(3, 1.3, 1.0), option(4, 1.7, 2.0), option(7, 1.5, 2.0)];
+        let of = |target| chosen(&options, target).map(|one| one.candidate);
+        // Both 4 and 7 have the value 2: the first of equals.
+        assert_eq!((of(1.5), of(0.5), of(0.0), of(8.0)), (Some(4), Some(0), Some(0), Some(4)));
+        assert!(chosen(&[], 1.0).is_none());
+    }
+}

@@ -1,0 +1,99 @@
+//! The registries of all parts that commands and studies name.
+
+use sage_backbones::{
+    Backbone, backbones,
+    metrics::{PolicyMeasures, policy_metrics, prediction_metrics},
+    prediction::Distances,
+};
+use sage_core::{
+    Error,
+    metric::{MeasuredTrajectory, Metrics, trajectory_metrics},
+    objective::{self, Feasibility, Reward},
+    registry::Registry,
+};
+use sage_generators::{GeneratorKind, generators};
+use sage_merging::{Merger, mergers};
+use sage_sim::{
+    avoidable::{Avoidable, TimeToReact},
+    metrics::{MeasuredAttack, attack_metrics, avoidable_metrics, drive_metrics, episode_metrics},
+    policy::{EgoPolicy, policies},
+    rl::{Curriculum, EpisodeRow, SceneSampler, curriculum::curricula, scene_sampler::scene_samplers},
+    unattacked::UnattackedDrive,
+};
+use theory_checks::{Check, claims};
+
+/// Registries of the parts that commands accept by name.
+pub struct Registries {
+    /// Rewards and penalties.
+    pub rewards: Registry<dyn Reward>,
+    /// Feasibility rules.
+    pub feasibilities: Registry<dyn Feasibility>,
+    /// Motion prediction networks.
+    pub backbones: Registry<dyn Backbone>,
+    /// Methods of merging experts.
+    pub mergers: Registry<dyn Merger>,
+    /// Generators of adversarial scenes.
+    pub generators: Registry<dyn GeneratorKind>,
+    /// Driving policies.
+    pub policies: Registry<dyn EgoPolicy>,
+    /// Curricula of closed-loop training.
+    pub curricula: Registry<dyn Curriculum>,
+    /// Scene samplers of closed-loop training.
+    pub scene_samplers: Registry<dyn SceneSampler>,
+    /// Claims of the theory.
+    pub claims: Registry<dyn Check>,
+    /// Metrics of all kinds of results.
+    pub metrics: MetricRegistries,
+}
+
+impl Registries {
+    /// All parts that `sage` ships.
+    ///
+    /// *Errors*: [`Error::Duplicate`] if two parts of a kind have the same name.
+    pub fn shipped() -> Result<Self, Error> {
+        Ok(Self {
+            rewards: objective::rewards()?.with::<TimeToReact>()?,
+            feasibilities: objective::feasibilities()?,
+            backbones: backbones()?,
+            mergers: mergers()?,
+            generators: generators()?,
+            policies: policies()?,
+            curricula: curricula()?,
+            scene_samplers: scene_samplers()?,
+            claims: claims()?,
+            metrics: MetricRegistries::shipped()?,
+        })
+    }
+}
+
+/// Metrics by what they are of.
+pub struct MetricRegistries {
+    /// Of the adversary's trajectory against one path of the ego.
+    pub trajectory: Metrics<MeasuredTrajectory>,
+    /// Of the evasive manoeuvres from that path, over the attacks.
+    pub avoidable: Metrics<Avoidable>,
+    /// Of a policy without selection: expectations over its candidates.
+    pub policy: Metrics<PolicyMeasures>,
+    /// Of a driver in the unchanged scene.
+    pub drive: Metrics<UnattackedDrive>,
+    /// Of an attack on a driver.
+    pub attack: Metrics<MeasuredAttack>,
+    /// Of an episode of the published evaluation.
+    pub episode: Metrics<EpisodeRow>,
+    /// Of the predictions of a vehicle.
+    pub prediction: Metrics<Distances>,
+}
+
+impl MetricRegistries {
+    fn shipped() -> Result<Self, Error> {
+        Ok(Self {
+            trajectory: trajectory_metrics()?,
+            avoidable: avoidable_metrics()?,
+            policy: policy_metrics()?,
+            drive: drive_metrics()?,
+            attack: attack_metrics()?,
+            episode: episode_metrics()?,
+            prediction: prediction_metrics()?,
+        })
+    }
+}

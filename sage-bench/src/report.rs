@@ -1,0 +1,231 @@
+//! The report of a study, from its rows alone: tables, estimates, differences, curves and charts.
+
+mod charts;
+mod curves;
+mod pairs;
+mod record;
+
+use std::fmt::Write as _;
+
+use anyhow::Result;
+use sage_core::{metric::Aggregate, statistics::Estimate};
+
+pub use record::{StudyRecord, join, read, rows_csv};
+
+use crate::{
+    estimate::Samples,
+    rows::{MetricRecord, Results, Subject},
+    study::Study,
+    table::{Table, csv},
+};
+
+/// The report as Markdown.
+pub const PAGE: &str = "table.md";
+/// All values.
+pub const ROWS: &str = "rows.csv";
+/// Estimates of all metrics.
+pub const ESTIMATES: &str = "estimates.csv";
+/// Study, methods, metrics and scenes, from which a report is made again.
+pub const RECORD: &str = "study.json";
+
+/// A rendered report.
+pub struct Report {
+    /// Tables in their order.
+    pub tables: Vec<Table>,
+    /// Explanation below them.
+    pub notes: String,
+    /// Files: names and contents.
+    pub files: Vec<(String, String)>,
+}
+
+impl Report {
+    /// Renders results.
+    ///
+    /// *Errors*: a chart or a comparison of the study names a metric that was not measured.
+    pub fn new(study: &Study, results: &Results) -> Result<Self> {
+        let mut tables: Vec<Table> = (Subject::ALL.into_iter())
+            .filter(|subject| !results.methods(*subject).is_empty())
+            .filter_map(|subject| table(study, results, subject))
+            .collect();
+        tables.extend(types(results));
+        tables.extend(curves::tables(study, results)?);
+        tables.extend(pairs::tables(study, results)?);
+        let notes = notes(study, results);
+        let mut files =
+            vec![(ESTIMATES.to_owned(), estimates(results)), (ROWS.to_owned(), rows_csv(results))];
+        files.extend(charts::draw(study, results)?);
+        let report = Self { tables, notes, files };
+        let page = report.markdown();
+        Ok(Self { files: [vec![(PAGE.to_owned(), page)], report.files].concat(), ..report })
+    }
+
+    /// The whole report as Markdown.
+    pub fn markdown(&self) -> String {
+        let tables: Vec<String> = self.tables.iter().map(Table::markdown).collect();
+        format!("{}\n{}", tables.join("\n"), self.notes)
+    }
+
+    /// What fits a terminal.
+    pub fn narrow(&self) -> String {
+        let tables: Vec<String> = self.tables.iter().map(|table| table.narrow().markdown()).collect();
+        format!("{}\n{}", tables.join("\n"), self.notes)
+    }
+}
+
+/// A value with its interval, as its metric is shown.
+fn cell(metric: &MetricRecord, estimate: Option<Estimate>) -> String {
+    let Some(e) = estimate else { return "-".to_owned() };
+    let [value, low, high] = [e.value, e.low, e.high];
+    match (metric.aggregate, &*metric.unit) {
+        (Aggregate::Share, "") => format!("{:.1} [{:.1}, {:.1}]", 100.0 * value, 100.0 * low, 100.0 * high),
+        (Aggregate::Median, "ms") => format!("{value:.1} [{low:.1}, {high:.1}]"),
+        (Aggregate::Median, _) => format!("{value:.2} [{low:.2}, {high:.2}]"),
+        _ => format!("{value:.3} [{low:.3}, {high:.3}]"),
+    }
+}
+
+/// Names of a method in the columns that distinguish it: arm, attack.
+fn named(results: &Results, method: usize, has: [bool; 2]) -> Vec<String> {
+    let key = &results.keys[method];
+    let names = [key.arm.clone(), key.attack_label()];
+    names.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name).collect()
+}
+
+/// Whether the arm and the attack of some methods have to be shown.
+fn shown(results: &Results, methods: &[usize]) -> [bool; 2] {
+    let arms = methods.iter().any(|k| results.keys[*k].arm != results.keys[methods[0]].arm);
+    let attacks = methods.iter().any(|k| !results.keys[*k].attack_label().is_empty());
+    [arms || !attacks, attacks]
+}
+
+/// The table of a subject; `None` if the study shows no column of it.
+fn table(study: &Study, results: &Results, subject: Subject) -> Option<Table> {
+    let methods = results.methods(subject);
+    let has = shown(results, &methods);
+    let metrics = results.metrics_of(subject);
+    let columns: Vec<usize> = match study.report.columns.get(&subject) {
+        Some(names) => names.iter().filter_map(|name| results.metric(subject, name)).collect(),
+        // Types of collisions have a table of their own.
+        None => (0..metrics.len()).filter(|k| !metrics[*k].name.starts_with(TYPE)).collect(),
+    };
+    if columns.is_empty() {
+        return None;
+    }
+    let knows = methods.iter().any(|k| !results.keys[*k].knows.is_empty());
+    let fails = methods.iter().any(|k| results.failed(*k) > 0);
+    let seeds = methods.iter().any(|k| results.keys[*k].training_seed.is_some());
+    let names = ["arm", if subject == Subject::Policy { "point" } else { "attack" }];
+    let mut heads: Vec<String> =
+        names.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name.to_owned()).collect();
+    let names = heads.len();
+    heads.extend(seeds.then(|| "seeds".to_owned()));
+    heads.push("N".to_owned());
+    heads.extend(fails.then(|| "failed".to_owned()));
+    heads.extend(columns.iter().map(|k| metrics[*k].head()));
+    heads.extend(knows.then(|| "knows beyond now".to_owned()));
+    let row = |method: &usize| {
+        let samples: Vec<_> = columns.iter().map(|k| results.samples(*method, *k)).collect();
+        let mut row = named(results, *method, has);
+        row.extend(seeds.then(|| samples[0].seeds.len().to_string()));
+        let most = samples.iter().map(Samples::n).max().unwrap_or(0);
+        row.push(most.to_string());
+        row.extend(fails.then(|| results.failed(*method).to_string()));
+        for (samples, k) in samples.iter().zip(&columns) {
+            let metric = &metrics[*k];
+            let stream = format!("{} {}", results.keys[*method].stream(), metric.name);
+            let text = cell(metric, samples.estimate(metric.aggregate, &stream));
+            // Where less was measured than in another column, the number says so.
+            let of = if samples.n() < most { format!(" ({})", samples.n()) } else { String::new() };
+            row.push(text + &of);
+        }
+        let known = &results.keys[*method].knows;
+        row.extend(knows.then(|| if known.is_empty() { "-".to_owned() } else { known.clone() }));
+        row
+    };
+    let title = study.report.titles.get(&subject).cloned().unwrap_or_default();
+    Some(Table { title, heads, rows: methods.iter().map(row).collect(), names })
+}
+
+/// Prefix of the metrics that count types of collisions.
+const TYPE: &str = "type: ";
+
+/// Numbers of scenes with each type of collision.
+fn types(results: &Results) -> Option<Table> {
+    let subject = Subject::Trajectory;
+    let metrics = results.metrics_of(subject);
+    let types: Vec<usize> = (0..metrics.len()).filter(|k| metrics[*k].name.starts_with(TYPE)).collect();
+    if types.is_empty() {
+        return None;
+    }
+    let methods = results.methods(subject);
+    let has = shown(results, &methods);
+    let mut heads: Vec<String> = ["arm", "attack"]
+        .into_iter()
+        .zip(has)
+        .filter(|(_, has)| *has)
+        .map(|(name, _)| name.to_owned())
+        .collect();
+    let names = heads.len();
+    heads.extend(types.iter().map(|k| metrics[*k].name[TYPE.len()..].to_owned()));
+    heads.push("none".to_owned());
+    let row = |method: &usize| {
+        let samples: Vec<_> = types.iter().map(|k| results.samples(*method, *k)).collect();
+        let count = |of: &Samples| of.seeds.iter().flatten().filter(|[sum, _]| *sum > 0.0).count();
+        let counts: Vec<usize> = samples.iter().map(count).collect();
+        let none = samples[0].n().saturating_sub(counts.iter().sum());
+        let counts = counts.into_iter().chain([none]).map(|n| n.to_string());
+        named(results, *method, has).into_iter().chain(counts).collect()
+    };
+    let title = "Collision types of feasible attacks, scenes:".to_owned();
+    Some(Table { title, heads, rows: methods.iter().map(row).collect(), names })
+}
+
+/// What the columns mean, and how the intervals were made.
+fn notes(study: &Study, results: &Results) -> String {
+    let mut out = study.report.notes.clone();
+    let mut told: Vec<&str> = Vec::new();
+    for subject in Subject::ALL {
+        let shown = study.report.columns.get(&subject);
+        for metric in results.metrics_of(subject) {
+            let is_shown = shown.is_none_or(|names| names.contains(&metric.name));
+            if metric.summary.is_empty() || !is_shown || told.contains(&&*metric.summary) {
+                continue;
+            }
+            told.push(&metric.summary);
+            let _ = write!(out, "*{}*: {}. ", metric.name, metric.summary);
+        }
+    }
+    out += "Brackets: 95 % intervals, Wilson's for shares of scenes, bootstrap over scenes for other values; differences are paired by scene. N: scenes in which something was measured.\n";
+    out
+}
+
+/// `estimates.csv`: one row per method and metric.
+fn estimates(results: &Results) -> String {
+    let heads =
+        ["subject", "arm", "attack", "metric", "unit", "value", "low", "high", "n", "deviation over seeds"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    for subject in Subject::ALL {
+        for method in results.methods(subject) {
+            let key = &results.keys[method];
+            for (k, metric) in results.metrics_of(subject).iter().enumerate() {
+                let samples = results.samples(method, k);
+                let stream = format!("{} {}", key.stream(), metric.name);
+                let Some(e) = samples.estimate(metric.aggregate, &stream) else { continue };
+                let deviation = samples.deviation().map_or(String::new(), |d| d.to_string());
+                rows.push(vec![
+                    subject.name().to_owned(),
+                    key.arm.clone(),
+                    key.attack_label(),
+                    metric.name.clone(),
+                    metric.unit.clone(),
+                    e.value.to_string(),
+                    e.low.to_string(),
+                    e.high.to_string(),
+                    e.n.to_string(),
+                    deviation,
+                ]);
+            }
+        }
+    }
+    csv(rows)
+}

@@ -1,0 +1,99 @@
+//! The charts of a study: means of two metrics over the operating points, or triangles of mixtures.
+
+use anyhow::{Context as _, Result, bail};
+
+use super::curves::lines;
+use crate::{
+    chart::{
+        line::{Chart, Line},
+        triangle::{self, Triangle},
+    },
+    rows::Results,
+    study::{ChartSpec, Study},
+};
+
+/// Axes that are no metrics.
+const LAMBDA: &str = "lambda";
+const AGGRESSION: &str = "aggression";
+const TRIANGLE: &str = "triangle";
+
+/// All charts as file names and contents.
+///
+/// *Errors*: a chart names a metric that was not measured.
+pub(super) fn draw(study: &Study, results: &Results) -> Result<Vec<(String, String)>> {
+    let measured = |chart: &&ChartSpec| !results.methods(chart.of).is_empty();
+    let one = |chart: &ChartSpec| -> Result<(String, String)> {
+        let svg =
+            if chart.x == TRIANGLE { triangles(study, results, chart) } else { lines_of(results, chart) };
+        Ok((chart.file.clone(), svg.with_context(|| format!("chart `{}`", chart.file))?))
+    };
+    study.report.charts.iter().filter(measured).map(one).collect()
+}
+
+/// Mean of a metric of a method, as the axis shows it; `None` if it was not measured.
+fn mean(results: &Results, chart: &ChartSpec, method: usize, name: &str) -> Result<Option<f64>> {
+    let point = results.keys[method].point.as_ref();
+    match name {
+        LAMBDA => return Ok(point.and_then(|point| point.lambda)),
+        AGGRESSION => return Ok(point.and_then(|point| point.aggression)),
+        _ => {}
+    }
+    let k = results.metric(chart.of, name);
+    let k = k.with_context(|| format!("`{name}` is not measured of a {}", chart.of))?;
+    let metric = &results.metrics_of(chart.of)[k];
+    let samples = results.samples(method, k);
+    let scale = if is_share(chart, &metric.head(), name) { 100.0 } else { 1.0 };
+    Ok(samples.mean().map(|mean| scale * mean))
+}
+
+/// Whether an axis is in percent: shares, and probabilities of policies.
+fn is_share(chart: &ChartSpec, head: &str, name: &str) -> bool {
+    head.ends_with('%')
+        || (chart.of == crate::rows::Subject::Policy && ["attack", "believable", "feasible"].contains(&name))
+}
+
+fn axis(results: &Results, chart: &ChartSpec, name: &str) -> String {
+    let metric = results.metric(chart.of, name).map(|k| &results.metrics_of(chart.of)[k]);
+    let Some(metric) = metric else { return name.to_owned() };
+    let head = metric.head();
+    let head = if is_share(chart, &head, name) && !head.ends_with('%') { format!("{head} %") } else { head };
+    match &*metric.better {
+        "less" => format!("{head} (smaller is better)"),
+        _ => head,
+    }
+}
+
+fn lines_of(results: &Results, chart: &ChartSpec) -> Result<String> {
+    let (mut drawn, mut marks): (Vec<Line>, Vec<(String, [f64; 2])>) = (Vec::new(), Vec::new());
+    for line in lines(results, chart.of) {
+        let mut points = Vec::new();
+        for method in &line.methods {
+            let [x, y] = [mean(results, chart, *method, &chart.x)?, mean(results, chart, *method, &chart.y)?];
+            points.extend(x.zip(y).map(|(x, y)| [x, y]));
+        }
+        // A method with one point is a mark.
+        match &points[..] {
+            [] => {}
+            [point] => marks.push((line.name, *point)),
+            _ => drawn.push((line.name, points)),
+        }
+    }
+    let axes = [axis(results, chart, &chart.x), axis(results, chart, &chart.y)];
+    Chart { axes: [&axes[0], &axes[1]], lines: drawn, marks, ..Chart::default() }.draw()
+}
+
+fn triangles(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {
+    let Some(axis) = &study.triangle else { bail!("the study has no `triangle`") };
+    let methods = results.methods(chart.of);
+    let metrics: Vec<&String> = std::iter::once(&chart.y).chain(&chart.more).collect();
+    let mut all = Vec::new();
+    for name in metrics {
+        let values =
+            methods.iter().map(|method| Ok(mean(results, chart, *method, name)?.unwrap_or(f64::NAN)));
+        all.push((self::axis(results, chart, name), values.collect::<Result<Vec<f64>>>()?));
+    }
+    let pictures: Vec<Triangle> =
+        all.iter().map(|(title, values)| Triangle { title, values: values.clone() }).collect();
+    let [a, b, c] = &axis.experts;
+    triangle::draw([a, b, c], axis.steps, &pictures)
+}

@@ -1,0 +1,174 @@
+//! Quantities of the curve of each method over its operating points.
+
+use anyhow::{Context as _, Result};
+use sage_core::statistics::Estimate;
+
+use crate::{
+    curve::{Curve, Point, hypervolume, monotone, unevenness, within},
+    rows::{Key, Results, Subject},
+    study::{CurveQuantity, Study},
+    table::Table,
+};
+
+/// Methods that belong to one curve, in their order.
+pub(super) struct Line {
+    pub(super) name: String,
+    pub(super) methods: Vec<usize>,
+}
+
+/// The curves of a subject: methods with the same arm and the same generator. Options that are numbers are points of
+/// one curve, others are curves of their own.
+pub(super) fn lines(results: &Results, subject: Subject) -> Vec<Line> {
+    let mut all: Vec<Line> = Vec::new();
+    let methods = results.methods(subject);
+    let has_arms = methods.iter().any(|k| results.keys[*k].arm != results.keys[methods[0]].arm);
+    let has_attacks =
+        methods.iter().any(|k| generator(&results.keys[*k]) != generator(&results.keys[methods[0]]));
+    for method in methods {
+        let key = &results.keys[method];
+        let parts = [(has_arms, key.arm.clone()), (has_attacks || !has_arms, generator(key))];
+        let parts: Vec<String> = parts
+            .into_iter()
+            .filter(|(is_shown, text)| *is_shown && !text.is_empty())
+            .map(|(_, text)| text)
+            .collect();
+        let name = parts.join(", ");
+        match all.iter_mut().find(|line| line.name == name) {
+            Some(line) => line.methods.push(method),
+            None => all.push(Line { name, methods: vec![method] }),
+        }
+    }
+    all
+}
+
+/// The generator with those of its options that are no numbers.
+fn generator(key: &Key) -> String {
+    let Some((name, _)) = key.attack.split_once('{') else { return key.attack.clone() };
+    let options = serde_json::from_str(&key.attack[name.len()..]);
+    let serde_json::Value::Object(options) = options.unwrap_or_default() else { return key.attack.clone() };
+    let other: serde_json::Map<_, _> = options.into_iter().filter(|(_, value)| !value.is_number()).collect();
+    if other.is_empty() { name.to_owned() } else { format!("{name}{}", serde_json::Value::Object(other)) }
+}
+
+/// The curve of a line over the scenes in which all its points were measured.
+fn curve(results: &Results, line: &Line, subject: Subject, scenes: &[usize]) -> Result<Curve> {
+    let metric = |name: &str| {
+        results
+            .metric(subject, name)
+            .with_context(|| format!("curves need the metric `{name}` of a {subject}"))
+    };
+    let metrics = [metric("R_adv")?, metric("P_real")?, metric("attack")?, metric("believable")?];
+    let samples: Vec<_> =
+        line.methods.iter().map(|method| metrics.map(|k| results.samples(*method, k))).collect();
+    let at = |scene: usize| {
+        let value = |k: usize, of: usize| samples[of][k].seeds[0][scene][0];
+        let point = |of: usize| Point {
+            reward: value(0, of),
+            penalty: value(1, of),
+            attack: value(2, of),
+            believable: value(3, of),
+        };
+        (0..samples.len()).map(point).collect()
+    };
+    Ok(Curve { scenes: scenes.iter().map(|scene| at(*scene)).collect() })
+}
+
+/// Scenes in which every method of a subject was measured.
+fn common(results: &Results, subject: Subject) -> Vec<usize> {
+    let methods = results.methods(subject);
+    let is_whole = |scene: &usize| {
+        let cells = &results.cells[*scene];
+        methods.iter().all(|k| cells.iter().any(|cell| cell.key == *k && cell.error.is_empty()))
+    };
+    (0..results.scenes.len()).filter(is_whole).collect()
+}
+
+/// The tables of quantities.
+///
+/// *Errors*: R_adv, P_real, attack or believable was not measured.
+pub(super) fn tables(study: &Study, results: &Results) -> Result<Vec<Table>> {
+    let wanted = &study.report.curves;
+    let mut tables = Vec::new();
+    for subject in [Subject::Trajectory, Subject::Policy] {
+        let lines: Vec<Line> =
+            lines(results, subject).into_iter().filter(|line| line.name != "prior").collect();
+        if wanted.is_empty() || lines.is_empty() {
+            continue;
+        }
+        let scenes = common(results, subject);
+        let curves =
+            lines.iter().map(|line| curve(results, line, subject, &scenes)).collect::<Result<Vec<_>>>()?;
+        tables.push(quantities(wanted, &lines, &curves, subject));
+        if wanted.contains(&CurveQuantity::EqualRealism) && subject == Subject::Trajectory {
+            tables.extend(equal_realism(results, &lines, &curves));
+        }
+    }
+    Ok(tables)
+}
+
+fn shown(e: Option<Estimate>) -> String {
+    e.map_or("-".to_owned(), |e| format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high))
+}
+
+fn quantities(wanted: &[CurveQuantity], lines: &[Line], curves: &[Curve], subject: Subject) -> Table {
+    let wanted: Vec<CurveQuantity> =
+        wanted.iter().copied().filter(|quantity| *quantity != CurveQuantity::EqualRealism).collect();
+    let head = |quantity: &CurveQuantity| match quantity {
+        CurveQuantity::Hypervolume => "hypervolume",
+        CurveQuantity::HypervolumeMinusFirst => "hypervolume minus the first",
+        CurveQuantity::Monotone => "R_adv monotone %",
+        CurveQuantity::Unevenness => "unevenness, points",
+        CurveQuantity::EqualRealism => "",
+    };
+    let mut heads = vec!["curve".to_owned(), "points".to_owned(), "N".to_owned()];
+    heads.extend(wanted.iter().map(|quantity| head(quantity).to_owned()));
+    let row = |(k, (line, curve)): (usize, (&Line, &Curve))| {
+        let front = curve.front();
+        let mut row = vec![line.name.clone(), line.methods.len().to_string(), curve.scenes.len().to_string()];
+        row.extend(wanted.iter().map(|quantity| match quantity {
+            CurveQuantity::Hypervolume => shown(curve.estimate(hypervolume)),
+            CurveQuantity::HypervolumeMinusFirst if k == 0 => "-".to_owned(),
+            CurveQuantity::HypervolumeMinusFirst => shown(curve.difference(&curves[0], hypervolume)),
+            CurveQuantity::Monotone => format!("{:.0}", monotone(&front)),
+            CurveQuantity::Unevenness => format!("{:.1}", unevenness(&front)),
+            CurveQuantity::EqualRealism => String::new(),
+        }));
+        row
+    };
+    let title = match subject {
+        Subject::Policy => "Curves without selection, expectations under the policy. ",
+        _ => "Curves over the operating points. ",
+    };
+    let title = format!(
+        "{title}Hypervolume: area in the plane of R_adv and P_real that the mean over scenes dominates at any point, up to R_adv 0 and P_real 6:"
+    );
+    Table { title, heads, rows: lines.iter().zip(curves).enumerate().map(row).collect(), names: 1 }
+}
+
+/// The best of the first curve at no more P_real than each point of the others, straight between its points.
+fn equal_realism(results: &Results, lines: &[Line], curves: &[Curve]) -> Option<Table> {
+    let (first, own) = (lines.first()?, curves.first()?);
+    let mut rows = Vec::new();
+    for (line, curve) in lines.iter().zip(curves).skip(1) {
+        for (k, (method, mean)) in line.methods.iter().zip(curve.front()).enumerate() {
+            let is_reached = own.front().iter().any(|point| point.penalty <= mean.penalty);
+            let less = |value: fn(&Point) -> f64, scale: f64| {
+                let difference = is_reached.then(|| {
+                    own.against(&curve.only(k), |own, other| {
+                        scale * (within(own, other[0].penalty, value) - value(&other[0]))
+                    })
+                });
+                let found = difference.flatten();
+                found.map_or("-".to_owned(), |e| format!("{:+.1} [{:.1}, {:.1}]", e.value, e.low, e.high))
+            };
+            let label = results.keys[*method].attack_label();
+            rows.push(vec![label, less(|p| p.attack, 100.0), less(|p| p.reward, 1.0)]);
+        }
+    }
+    let title = format!(
+        "`{}` at no more P_real than each other point, minus that point (- where none of its points is as realistic; the best of several points of a curve against one point favours the curve a little):",
+        first.name
+    );
+    let heads = ["point", "attack, points", "R_adv"].map(str::to_owned).to_vec();
+    (!rows.is_empty()).then_some(Table { title, heads, rows, names: 1 })
+}

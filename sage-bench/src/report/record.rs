@@ -1,0 +1,146 @@
+//! The record of a study in its folder, and results read back from it.
+
+use std::collections::{BTreeMap, HashMap};
+
+use anyhow::{Context as _, Result, bail, ensure};
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    rows::{Cell, HEADS, Key, MetricRecord, Results, Subject},
+    study::Study,
+    table::csv,
+};
+
+/// What `rows.csv` does not say: the study, its methods, metrics and scenes.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StudyRecord {
+    /// The study as it was run.
+    pub study: Study,
+    /// Keys of all results.
+    pub keys: Vec<Key>,
+    /// Metrics by what they are of.
+    pub metrics: BTreeMap<Subject, Vec<MetricRecord>>,
+    /// Names of the scenes in their order.
+    pub scenes: Vec<String>,
+    /// Shard K of N, if it is one.
+    #[serde(default)]
+    pub shard: Option<[usize; 2]>,
+}
+
+impl StudyRecord {
+    /// The record of results.
+    pub fn new(study: &Study, results: &Results, shard: Option<[usize; 2]>) -> Self {
+        Self {
+            study: study.clone(),
+            keys: results.keys.clone(),
+            metrics: results.metrics.clone(),
+            scenes: results.scenes.clone(),
+            shard,
+        }
+    }
+}
+
+/// `rows.csv`.
+pub fn rows_csv(results: &Results) -> String {
+    let heads = HEADS.map(str::to_owned).to_vec();
+    csv(std::iter::once(heads).chain(results.rows()))
+}
+
+/// Results from the text of `rows.csv` and their record.
+///
+/// *Errors*: a row that is none of the record's, with its number.
+pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
+    let mut results = Results {
+        study: record.study.study.clone(),
+        keys: record.keys.clone(),
+        metrics: record.metrics.clone(),
+        scenes: record.scenes.clone(),
+        cells: vec![Vec::new(); record.scenes.len()],
+    };
+    let scenes: HashMap<String, usize> =
+        record.scenes.iter().enumerate().map(|(k, name)| (sage_core::text::escaped_name(name), k)).collect();
+    let mut reader = csv::Reader::from_reader(rows.as_bytes());
+    let heads = reader.headers()?.clone();
+    let column = |name: &str| {
+        heads.iter().position(|head| head == name).with_context(|| format!("no column `{name}`"))
+    };
+    let [scene, agent, metric, value, note, error, key] =
+        ["scene", "agent", "metric", "value", "note", "error", "key"].map(column);
+    let [scene, agent, metric, value, note, error, key] =
+        [scene?, agent?, metric?, value?, note?, error?, key?];
+    for (number, row) in reader.records().enumerate() {
+        let row = row?;
+        let at = || format!("row {}", number + 2);
+        let key: usize = row[key].parse().with_context(at)?;
+        ensure!(key < results.keys.len(), "{}: key {key} is not in the record", at());
+        let scene = *scenes
+            .get(&row[scene])
+            .with_context(|| format!("{}: scene `{}` is not in the record", at(), &row[scene]))?;
+        let cells = &mut results.cells[scene];
+        if !row[error].is_empty() {
+            cells.push(Cell::failed(key, &row[error]));
+            continue;
+        }
+        let metrics = record.metrics.get(&results.keys[key].subject).map_or(&[][..], |all| all);
+        let number = metrics.iter().position(|known| known.name == row[metric]);
+        let number =
+            number.with_context(|| format!("{}: metric `{}` is not in the record", at(), &row[metric]))?;
+        if cells.last().is_none_or(|cell| cell.key != key || cell.agent != row[agent]) {
+            let values = vec![None; metrics.len()];
+            cells.push(Cell {
+                key,
+                agent: row[agent].to_owned(),
+                values,
+                notes: Vec::new(),
+                error: String::new(),
+            });
+        }
+        let Some(cell) = cells.last_mut() else { continue };
+        if !row[value].is_empty() {
+            cell.values[number] = Some(row[value].parse().with_context(at)?);
+        }
+        if !row[note].is_empty() {
+            cell.notes.push((number, row[note].to_owned()));
+        }
+    }
+    Ok(results)
+}
+
+/// Results of several folders as one: shards of a run in the order of its scenes, or other scenes one after another.
+///
+/// *Errors*: folders of different studies, or a scene that is in two of them.
+pub fn join(mut all: Vec<(StudyRecord, Results)>) -> Result<(StudyRecord, Results)> {
+    let Some((first, _)) = all.first() else { bail!("no folder is given") };
+    let (keys, metrics, study) = (first.keys.clone(), first.metrics.clone(), first.study.clone());
+    for (k, (record, _)) in all.iter().enumerate() {
+        ensure!(
+            record.keys == keys && record.metrics == metrics,
+            "folder {} is of other methods or metrics than folder 1",
+            k + 1
+        );
+    }
+    all.sort_by_key(|(record, _)| record.shard);
+    // Scene j of shard K of N is scene (K − 1) + j N of the whole run.
+    let mut scenes: Vec<([usize; 2], String, Vec<Cell>)> = Vec::new();
+    for (folder, (record, results)) in all.into_iter().enumerate() {
+        for (j, (name, cells)) in results.scenes.into_iter().zip(results.cells).enumerate() {
+            let place = match record.shard {
+                Some([number, of]) => [0, number - 1 + j * of],
+                None => [folder, j],
+            };
+            scenes.push((place, name, cells));
+        }
+    }
+    scenes.sort_by_key(|(place, ..)| *place);
+    let mut names: Vec<&String> = scenes.iter().map(|(_, name, _)| name).collect();
+    names.sort();
+    if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
+        bail!("scene `{}` is in two folders", twice[0]);
+    }
+    let mut results = Results { study: study.study.clone(), keys, metrics, ..Results::default() };
+    for (_, name, cells) in scenes {
+        results.scenes.push(name);
+        results.cells.push(cells);
+    }
+    Ok((StudyRecord::new(&study, &results, None), results))
+}

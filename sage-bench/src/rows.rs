@@ -1,0 +1,409 @@
+//! The results of a study: one value for each metric of each result in each scene.
+
+use std::{collections::BTreeMap, fmt};
+
+use sage_core::{
+    metric::{Aggregate, Better, MetricInfo},
+    text,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{estimate::Samples, operating_point::OperatingPointSpec};
+
+/// What a value is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Subject {
+    /// A driver in the unchanged scene.
+    Drive,
+    /// An attack on a driver: it drives again.
+    AttackedDrive,
+    /// The adversary's selected trajectory against a path of the ego.
+    Trajectory,
+    /// A policy without selection: expectations over its candidates.
+    Policy,
+    /// An episode of the published evaluation.
+    Episode,
+    /// Predictions of recorded vehicles.
+    Prediction,
+}
+
+impl Subject {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Drive, Self::AttackedDrive, Self::Trajectory, Self::Policy, Self::Episode, Self::Prediction];
+
+    /// Its name in rows and in studies.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Drive => "drive",
+            Self::AttackedDrive => "attacked-drive",
+            Self::Trajectory => "trajectory",
+            Self::Policy => "policy",
+            Self::Episode => "episode",
+            Self::Prediction => "prediction",
+        }
+    }
+}
+
+impl fmt::Display for Subject {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// What a result is of, besides the scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Key {
+    /// What its values are of.
+    pub subject: Subject,
+    /// What is compared besides generators and operating points: a driver, a merger, weights, a predictor.
+    pub arm: String,
+    /// Seed of the training of a policy or of experts.
+    #[serde(default)]
+    pub training_seed: Option<u64>,
+    /// Update at which a trained policy was stored.
+    #[serde(default)]
+    pub checkpoint: Option<u64>,
+    /// Generator with its options; empty without attack.
+    #[serde(default)]
+    pub attack: String,
+    /// Operating point; none if nothing depends on one.
+    #[serde(default)]
+    pub point: Option<OperatingPointSpec>,
+    /// What is aimed at or varied further, such as the time to react, s.
+    #[serde(default)]
+    pub target: Option<f64>,
+    /// Seed of random numbers.
+    pub seed: u64,
+    /// What the generator knows beyond *now*, or what the driver knows; empty for nothing.
+    #[serde(default)]
+    pub knows: String,
+}
+
+impl Key {
+    /// A result of an arm without attack.
+    pub fn new(subject: Subject, arm: impl Into<String>, seed: u64) -> Self {
+        Self {
+            subject,
+            arm: arm.into(),
+            training_seed: None,
+            checkpoint: None,
+            attack: String::new(),
+            point: None,
+            target: None,
+            seed,
+            knows: String::new(),
+        }
+    }
+
+    /// Whether two results are of the same method: they may differ in training seed and checkpoint alone.
+    pub fn is_same_method(&self, other: &Self) -> bool {
+        let plain = |key: &Self| Self { training_seed: None, checkpoint: None, ..key.clone() };
+        plain(self) == plain(other)
+    }
+
+    /// Attack and operating point in a table.
+    pub fn attack_label(&self) -> String {
+        let point = self.point.as_ref().map(OperatingPointSpec::label);
+        let target = self.target.map(|target| format!("target {target}"));
+        let attack = Some(self.attack.clone()).filter(|attack| !attack.is_empty());
+        [attack, point, target].into_iter().flatten().collect::<Vec<_>>().join(" ")
+    }
+
+    /// Seeds the bootstrap of its estimates.
+    pub fn stream(&self) -> String {
+        format!("{} {} {}", self.subject, self.arm, self.attack_label())
+    }
+}
+
+/// Values of one result in one scene.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Cell {
+    /// Number of its key.
+    pub key: usize,
+    /// The agent, where a scene has several.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub agent: String,
+    /// Values of the metrics of its subject, `None` where not measured; empty if it failed.
+    pub values: Vec<Option<f64>>,
+    /// Words about values, by the number of the metric.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<(usize, String)>,
+    /// Why there are no values.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub error: String,
+}
+
+impl Cell {
+    /// A result that could not be measured.
+    pub fn failed(key: usize, error: impl fmt::Display) -> Self {
+        Self { key, agent: String::new(), values: Vec::new(), notes: Vec::new(), error: error.to_string() }
+    }
+}
+
+/// A metric as a study's record describes it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MetricRecord {
+    /// Name.
+    pub name: String,
+    /// Unit; may be empty.
+    pub unit: String,
+    /// Description.
+    pub summary: String,
+    /// How scenes are averaged.
+    pub aggregate: Aggregate,
+    /// `more`, `less` or `neither` is better.
+    pub better: String,
+    /// Metric that weighs the scenes.
+    #[serde(default)]
+    pub weight: Option<String>,
+}
+
+impl From<&MetricInfo> for MetricRecord {
+    fn from(info: &MetricInfo) -> Self {
+        Self {
+            name: info.name.to_string(),
+            unit: info.unit.to_string(),
+            summary: info.summary.to_string(),
+            aggregate: info.aggregate,
+            better: match info.better {
+                Better::More => "more",
+                Better::Less => "less",
+                Better::Neither => "neither",
+            }
+            .to_owned(),
+            weight: info.weight.as_ref().map(ToString::to_string),
+        }
+    }
+}
+
+impl MetricRecord {
+    /// Head of its column.
+    pub fn head(&self) -> String {
+        match (self.aggregate, &*self.unit) {
+            (Aggregate::Share, "") => format!("{} %", self.name),
+            (_, "") => self.name.clone(),
+            (_, unit) => format!("{}, {unit}", self.name),
+        }
+    }
+}
+
+/// The results of a study.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Results {
+    /// Name of the study.
+    pub study: String,
+    /// Keys of all results.
+    pub keys: Vec<Key>,
+    /// Metrics by what they are of.
+    pub metrics: BTreeMap<Subject, Vec<MetricRecord>>,
+    /// Names of the scenes.
+    pub scenes: Vec<String>,
+    /// Cells of each scene.
+    pub cells: Vec<Vec<Cell>>,
+}
+
+/// Heads of the columns of `rows.csv`.
+pub const HEADS: [&str; 20] = [
+    "study",
+    "subject",
+    "arm",
+    "training_seed",
+    "checkpoint",
+    "attack",
+    "lambda",
+    "mu",
+    "aggression",
+    "mixture",
+    "target",
+    "seed",
+    "scene",
+    "agent",
+    "metric",
+    "unit",
+    "value",
+    "note",
+    "error",
+    "key",
+];
+
+impl Results {
+    /// The metrics of a subject.
+    pub fn metrics_of(&self, subject: Subject) -> &[MetricRecord] {
+        self.metrics.get(&subject).map_or(&[], |all| all)
+    }
+
+    /// Number of a metric of a subject.
+    pub fn metric(&self, subject: Subject, name: &str) -> Option<usize> {
+        self.metrics_of(subject).iter().position(|metric| metric.name == name)
+    }
+
+    /// The first key of each method with a subject, in their order.
+    pub fn methods(&self, subject: Subject) -> Vec<usize> {
+        let mut found: Vec<usize> = Vec::new();
+        for (k, key) in self.keys.iter().enumerate().filter(|(_, key)| key.subject == subject) {
+            if !found.iter().any(|known| self.keys[*known].is_same_method(key)) {
+                found.push(k);
+            }
+        }
+        found
+    }
+
+    /// The values of a metric for the method of a key: scenes in their order, seeds apart, the checkpoints of a seed
+    /// and the agents of a scene together.
+    pub fn samples(&self, method: usize, metric: usize) -> Samples {
+        let of = &self.keys[method];
+        let weight = self.metrics_of(of.subject)[metric].weight.as_deref();
+        let weight = weight.and_then(|name| self.metric(of.subject, name));
+        let mut seeds: Vec<Option<u64>> = Vec::new();
+        // Number of the seed of each key that belongs to the method.
+        let of_key: Vec<Option<usize>> = (self.keys.iter())
+            .map(|key| {
+                key.is_same_method(of).then(|| {
+                    seeds.iter().position(|known| *known == key.training_seed).unwrap_or_else(|| {
+                        seeds.push(key.training_seed);
+                        seeds.len() - 1
+                    })
+                })
+            })
+            .collect();
+        let mut sums = vec![vec![[0.0; 2]; self.scenes.len()]; seeds.len()];
+        for (scene, cells) in self.cells.iter().enumerate() {
+            for cell in cells {
+                let Some(seed) = of_key[cell.key] else { continue };
+                let Some(Some(value)) = cell.values.get(metric) else { continue };
+                let weight = weight.map_or(1.0, |k| cell.values[k].unwrap_or(0.0));
+                let sum = &mut sums[seed][scene];
+                *sum = [sum[0] + weight * value, sum[1] + weight];
+            }
+        }
+        Samples { seeds: sums }
+    }
+
+    /// Number of scenes in which the method of a key failed.
+    pub fn failed(&self, method: usize) -> usize {
+        let is_of = |cell: &Cell| self.keys[cell.key].is_same_method(&self.keys[method]);
+        let failed = |cells: &&Vec<Cell>| cells.iter().any(|cell| is_of(cell) && !cell.error.is_empty());
+        self.cells.iter().filter(failed).count()
+    }
+
+    /// All rows: the columns of [`HEADS`].
+    pub fn rows(&self) -> impl Iterator<Item = Vec<String>> {
+        let of_scene = move |(scene, cells): (&'_ String, &'_ Vec<Cell>)| {
+            cells.iter().flat_map(|cell| self.rows_of(scene, cell)).collect::<Vec<_>>()
+        };
+        self.scenes.iter().zip(&self.cells).flat_map(of_scene)
+    }
+
+    fn rows_of(&self, scene: &str, cell: &Cell) -> Vec<Vec<String>> {
+        let key = &self.keys[cell.key];
+        let number = |x: Option<f64>| x.map_or(String::new(), |x| x.to_string());
+        let whole = |x: Option<u64>| x.map_or(String::new(), |x| x.to_string());
+        let plain = |text: &str| text::escaped_name(text);
+        let point = key.point.as_ref();
+        let mixture = point.map(|p| p.mix.iter().map(|(name, w)| format!("{name}={w}")).collect::<Vec<_>>());
+        let head = [
+            plain(&self.study),
+            key.subject.name().to_owned(),
+            plain(&key.arm),
+            whole(key.training_seed),
+            whole(key.checkpoint),
+            plain(&key.attack),
+            number(point.and_then(|p| p.lambda)),
+            number(point.map(|p| p.mu)),
+            number(point.and_then(|p| p.aggression)),
+            mixture.unwrap_or_default().join(","),
+            number(key.target),
+            key.seed.to_string(),
+            plain(scene),
+            plain(&cell.agent),
+        ];
+        let row = |[metric, unit, value, note, error]: [&str; 5]| {
+            let tail = [metric, unit, value, note, error].map(str::to_owned);
+            head.iter().cloned().chain(tail).chain([cell.key.to_string()]).collect::<Vec<_>>()
+        };
+        if !cell.error.is_empty() {
+            return vec![row(["", "", "", "", &plain(&cell.error)])];
+        }
+        let metrics = self.metrics_of(key.subject).iter().zip(&cell.values).enumerate();
+        let rows = metrics.map(|(k, (metric, value))| {
+            let note = cell.notes.iter().find(|(of, _)| *of == k).map_or("", |(_, note)| note);
+            row([&metric.name, &metric.unit, &number(*value), &plain(note), ""])
+        });
+        rows.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(name: &str, aggregate: Aggregate, weight: Option<&str>) -> MetricRecord {
+        MetricRecord {
+            name: name.to_owned(),
+            unit: String::new(),
+            summary: String::new(),
+            aggregate,
+            better: "more".to_owned(),
+            weight: weight.map(str::to_owned),
+        }
+    }
+
+    /// Two seeds with two checkpoints each, in two scenes; speed weighs by steps.
+    fn results() -> Results {
+        let key = |seed, checkpoint| Key {
+            training_seed: Some(seed),
+            checkpoint: Some(checkpoint),
+            ..Key::new(Subject::Episode, "td3", 0)
+        };
+        let cell = |key, values: [f64; 2]| Cell {
+            key,
+            agent: String::new(),
+            values: values.map(Some).to_vec(),
+            notes: vec![(0, "a, \"b\"".to_owned())],
+            error: String::new(),
+        };
+        Results {
+            study: "example".to_owned(),
+            keys: vec![key(1, 10), key(1, 20), key(2, 10), key(2, 20)],
+            metrics: BTreeMap::from([(
+                Subject::Episode,
+                vec![record("speed", Aggregate::Mean, Some("steps")), record("steps", Aggregate::Mean, None)],
+            )]),
+            scenes: vec!["a".to_owned(), "b".to_owned()],
+            cells: vec![
+                vec![
+                    cell(0, [2.0, 10.0]),
+                    cell(1, [4.0, 30.0]),
+                    cell(2, [1.0, 1.0]),
+                    Cell::failed(3, "no road"),
+                ],
+                vec![cell(0, [6.0, 20.0]), cell(2, [1.0, 1.0])],
+            ],
+        }
+    }
+
+    #[test]
+    fn checkpoints_of_a_seed_are_one_sample_of_it() {
+        let results = results();
+        assert_eq!(results.methods(Subject::Episode), [0]);
+        let samples = results.samples(0, 0);
+        // Scene a, seed 1: 2 · 10 + 4 · 30 over 40 steps.
+        assert_eq!(samples.seeds, [[[140.0, 40.0], [120.0, 20.0]], [[1.0, 1.0], [1.0, 1.0]]]);
+        assert_eq!(results.failed(0), 1);
+    }
+
+    #[test]
+    fn rows_hold_every_value_and_every_failure() {
+        let rows: Vec<Vec<String>> = results().rows().collect();
+        assert_eq!(rows.len(), 11);
+        assert!(rows.iter().all(|row| row.len() == HEADS.len()));
+        let at = |row: &[String], head: &str| row[HEADS.iter().position(|h| *h == head).unwrap()].clone();
+        assert_eq!(
+            ["scene", "metric", "value", "note"].map(|h| at(&rows[0], h)),
+            ["a", "speed", "2", "a, \"b\""]
+        );
+        assert_eq!(["scene", "metric", "value", "error"].map(|h| at(&rows[6], h)), ["a", "", "", "no road"]);
+    }
+}

@@ -1,0 +1,51 @@
+//! The objective that selects one of the candidates, as the user names it.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail};
+use sage_core::{
+    files,
+    objective::{Objective, ObjectiveSpec, PRESETS},
+};
+
+use crate::{Registries, part::Part};
+
+/// Size limit of an objective file, bytes.
+const LIMIT: u64 = 1 << 20;
+
+/// An objective for selection, with the name under which its dial is stored.
+pub struct Selection {
+    /// Name of the preset or of the file.
+    pub name: String,
+    /// The objective.
+    pub objective: Objective,
+}
+
+impl Selection {
+    /// Builds a selection from the name of a preset or of a JSON file. `feasibility` replaces its
+    /// feasibility rule.
+    ///
+    /// *Errors*: there is no such preset or file, or it names a part that is not registered.
+    pub fn of(registries: &Registries, name: &str, feasibility: Option<&Part>) -> Result<Self> {
+        let mut spec = match ObjectiveSpec::preset(name) {
+            Some(spec) => spec,
+            None => read(name)?,
+        };
+        if let Some(rule) = feasibility {
+            spec.feasibility = rule.spec();
+        }
+        let objective = Objective::new(&spec, &registries.rewards, &registries.feasibilities);
+        let objective = objective.with_context(|| format!("selection `{name}`"))?;
+        Ok(Self { name: name.to_owned(), objective })
+    }
+}
+
+fn read(name: &str) -> Result<ObjectiveSpec> {
+    let path = Path::new(name);
+    if !name.ends_with(".json") && !path.exists() {
+        let known = PRESETS.map(|(name, _)| name).join(", ");
+        bail!("unknown selection `{name}`; known: {known}; or a JSON file of an objective");
+    }
+    let text = files::read_text(path, LIMIT).with_context(|| format!("cannot read `{name}`"))?;
+    serde_json::from_str(&text).with_context(|| format!("`{name}`"))
+}

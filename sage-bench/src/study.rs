@@ -1,0 +1,351 @@
+//! A study: what is measured, over which axes, and what its report shows. A study is a file (YAML).
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context as _, Result, bail, ensure};
+use sage_sim::avoidable::AvoidanceOptions;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use crate::rows::Subject;
+
+/// Studies that are part of the program: name and file.
+pub const SHIPPED: [(&str, &str); 8] = [
+    ("open-loop", include_str!("../studies/open-loop.yaml")),
+    ("drivers", include_str!("../studies/drivers.yaml")),
+    ("front", include_str!("../studies/front.yaml")),
+    ("pareto", include_str!("../studies/pareto.yaml")),
+    ("mixtures", include_str!("../studies/mixtures.yaml")),
+    ("ablation", include_str!("../studies/ablation.yaml")),
+    ("experts", include_str!("../studies/experts.yaml")),
+    ("react", include_str!("../studies/react.yaml")),
+];
+/// Most values of an axis of numbers.
+const MOST_VALUES: usize = 1001;
+/// Size limit of a file, bytes.
+pub const MAX_FILE: u64 = 1 << 20;
+
+/// A study.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Study {
+    /// Its name.
+    pub study: String,
+    /// One line for `sage bench list`.
+    pub summary: String,
+    /// What is measured.
+    pub measure: Vec<Subject>,
+    /// Generators, with options as `NAME{"option": value}`.
+    #[serde(deserialize_with = "parts")]
+    pub method: Vec<String>,
+    /// Drivers under test. Without any, the ego is its recording.
+    #[serde(deserialize_with = "parts")]
+    pub ego: Vec<String>,
+    /// Mergers of the experts.
+    #[serde(deserialize_with = "parts")]
+    pub merger: Vec<String>,
+    /// Weights: a name or a folder, or `ARM=FOLDER`; several folders of one arm are its training seeds.
+    #[serde(deserialize_with = "words")]
+    pub weights: Vec<String>,
+    /// Objective that selects one of the candidates.
+    pub selection: String,
+    /// Feasibility rule in place of that of the selection.
+    pub feasibility: Option<String>,
+    /// λ: a list, or `FROM:TO:STEP`.
+    #[serde(deserialize_with = "numbers")]
+    pub lambda: Vec<f64>,
+    /// μ at every λ; by default λ.
+    pub mu: Option<f64>,
+    /// λ and μ as pairs, in addition to `lambda`: every λ of the first list with every μ of the second.
+    pub grid: Option<[Vec<f64>; 2]>,
+    /// Aggression in place of λ.
+    #[serde(deserialize_with = "numbers")]
+    pub aggression: Vec<f64>,
+    /// Weights of named experts in place of λ.
+    pub mix: Vec<BTreeMap<String, f64>>,
+    /// All mixtures of three experts with weights that are multiples of `1 / steps`, in place of λ.
+    pub triangle: Option<TriangleAxis>,
+    /// Targets of the time to react, s: the selection chooses the candidate that is nearest to each.
+    #[serde(deserialize_with = "numbers")]
+    pub react: Vec<f64>,
+    /// Options of the search for evasive manoeuvres; without them it is made only for metrics that need it.
+    pub avoidable: Option<AvoidanceOptions>,
+    /// Seed of random numbers.
+    pub seed: u64,
+    /// Number of procedural scenes if no scenes are given; 0 if scenes must be given.
+    pub procedural: u64,
+    /// Metrics by what they are of; `*` stands for all others.
+    pub metrics: BTreeMap<Subject, Vec<String>>,
+    /// The report.
+    pub report: ReportSpec,
+}
+
+/// Mixtures of three experts.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TriangleAxis {
+    /// Names of the experts, at the lower left, the lower right and on top.
+    pub experts: [String; 3],
+    /// Steps along each side.
+    pub steps: u32,
+}
+
+/// What a report shows besides the table of each subject.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ReportSpec {
+    /// Title of the table of each subject.
+    pub titles: BTreeMap<Subject, String>,
+    /// Metrics in the table of each subject; by default all that the study lists.
+    pub columns: BTreeMap<Subject, Vec<String>>,
+    /// Differences, paired by scene.
+    pub pairs: Vec<PairSpec>,
+    /// Quantities of the curve of each method over its operating points.
+    pub curves: Vec<CurveQuantity>,
+    /// Charts.
+    pub charts: Vec<ChartSpec>,
+    /// Explanation below the tables.
+    pub notes: String,
+}
+
+/// What is compared.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PairSpec {
+    /// What is compared.
+    pub of: Subject,
+    /// A generator that the others are compared with; `arms` for all pairs of arms; `first` for the first arm;
+    /// `first-point` for the first operating point of the same arm.
+    pub with: String,
+    /// Metrics.
+    pub metrics: Vec<String>,
+}
+
+/// A quantity of the curve of R_adv and P_real over the operating points of a method.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CurveQuantity {
+    /// Area that the means dominate in the plane of R_adv and P_real.
+    Hypervolume,
+    /// The same less that of the first method.
+    HypervolumeMinusFirst,
+    /// Share of the steps at which R_adv does not fall.
+    Monotone,
+    /// Deviation of the attack rate from a straight line.
+    Unevenness,
+    /// The best of the first method at no more P_real, less each point of the others.
+    EqualRealism,
+}
+
+/// A chart of the means of two metrics over the operating points.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ChartSpec {
+    /// File name.
+    pub file: String,
+    /// What the metrics are of.
+    pub of: Subject,
+    /// Metric of the horizontal axis; `lambda` or `aggression` for the operating point.
+    pub x: String,
+    /// Metric of the vertical axis. In a triangle: of the first picture.
+    pub y: String,
+    /// Further metrics of a triangle, one picture each.
+    #[serde(default)]
+    pub more: Vec<String>,
+}
+
+impl Study {
+    /// A shipped study by its name, or the study of a file's text.
+    ///
+    /// *Errors*: the text is no study; the study is not complete.
+    pub fn parse(text: &str, name: &str) -> Result<Self> {
+        let study: Self = serde_saphyr::from_str(text).with_context(|| format!("study `{name}`"))?;
+        study.check().with_context(|| format!("study `{name}`"))?;
+        Ok(study)
+    }
+
+    /// A shipped study.
+    pub fn shipped(name: &str) -> Option<Result<Self>> {
+        let (name, text) = SHIPPED.iter().find(|(known, _)| *known == name)?;
+        Some(Self::parse(text, name))
+    }
+
+    /// Replaces an axis or another field: `lambda=0:1:0.1`, `method=sage,cat`, `selection=natural`.
+    ///
+    /// *Errors*: no such field, or a value that it cannot have.
+    pub fn set(&mut self, assignment: &str) -> Result<()> {
+        let (name, value) = assignment
+            .split_once('=')
+            .with_context(|| format!("`{assignment}` is not AXIS=VALUE, such as lambda=0,0.5,1"))?;
+        let mut fields = serde_json::to_value(&*self)?;
+        ensure!(
+            fields.get(name).is_some(),
+            "the study has no axis `{name}`; known: {}",
+            fields.as_object().map(|f| f.keys().cloned().collect::<Vec<_>>().join(", ")).unwrap_or_default()
+        );
+        // Lists and options are YAML; a plain text is a list of parts, a number or a word.
+        // Other operating points take the place of those of the study.
+        if ["aggression", "mix", "triangle"].contains(&name) {
+            fields["lambda"] = serde_json::json!([]);
+        }
+        fields[name] = match serde_saphyr::from_str::<serde_json::Value>(value) {
+            Ok(parsed) if !parsed.is_null() => parsed,
+            _ => value.into(),
+        };
+        if fields[name].is_object() && name != "avoidable" && name != "triangle" && name != "metrics" {
+            fields[name] = value.into();
+        }
+        let changed = serde_json::from_value::<Self>(fields);
+        *self = changed.with_context(|| format!("`{assignment}`"))?;
+        self.check().with_context(|| format!("`{assignment}`"))
+    }
+
+    fn check(&self) -> Result<()> {
+        ensure!(!self.measure.is_empty(), "`measure` names nothing; known: {}", names());
+        for subject in &self.measure {
+            ensure!(
+                self.metrics.get(subject).is_some_and(|names| !names.is_empty()),
+                "`metrics` lists none for `{subject}`; `[\"*\"]` stands for all"
+            );
+        }
+        if let Some(other) = self.metrics.keys().find(|subject| !self.measure.contains(subject)) {
+            bail!("`metrics` lists some for `{other}`, which `measure` does not name");
+        }
+        let axes = [!self.aggression.is_empty(), !self.mix.is_empty(), self.triangle.is_some()];
+        ensure!(
+            axes.iter().filter(|is_given| **is_given).count() <= 1,
+            "`aggression`, `mix` and `triangle` exclude each other"
+        );
+        if let Some(TriangleAxis { steps, experts }) = &self.triangle {
+            ensure!((1..=50).contains(steps), "`triangle` has {steps} steps; expected 1 to 50");
+            let [a, b, c] = experts;
+            ensure!(a != b && b != c && a != c, "`triangle` names an expert twice");
+        }
+        Ok(())
+    }
+
+    /// Whether something is measured.
+    pub fn measures(&self, subject: Subject) -> bool {
+        self.measure.contains(&subject)
+    }
+}
+
+fn names() -> String {
+    Subject::ALL.map(Subject::name).join(", ")
+}
+
+/// A list, or one text with commas between its parts; commas within options do not separate.
+fn parts<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
+    Ok(match ListOrText::deserialize(deserializer)? {
+        ListOrText::List(list) => list,
+        ListOrText::Text(text) => crate::part::split(&text),
+    })
+}
+
+/// A list, or one text with commas between its words.
+fn words<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
+    Ok(match ListOrText::deserialize(deserializer)? {
+        ListOrText::List(list) => list,
+        ListOrText::Text(text) => text.split(',').map(|word| word.trim().to_owned()).collect(),
+    })
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum ListOrText {
+    List(Vec<String>),
+    Text(String),
+}
+
+/// A number, a list of numbers, `0,0.5,1`, or `FROM:TO:STEP`.
+fn numbers<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<f64>, D::Error> {
+    #[derive(Deserialize)]
+    #[serde(untagged)]
+    enum Numbers {
+        List(Vec<f64>),
+        One(f64),
+        Text(String),
+    }
+    match Numbers::deserialize(deserializer)? {
+        Numbers::List(list) => Ok(list),
+        Numbers::One(number) => Ok(vec![number]),
+        Numbers::Text(text) => sweep(&text).map_err(serde::de::Error::custom),
+    }
+}
+
+/// Parses `1`, `0,0.5,1` or `0:1:0.1`.
+///
+/// *Errors*: no finite number, a step that does not lead to the end, or too many values.
+pub fn sweep(text: &str) -> Result<Vec<f64>, String> {
+    let number = |text: &str| match text.trim().parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(format!("`{text}` is not a finite number")),
+    };
+    let colons = text.matches(':').count();
+    if colons != 0 && colons != 2 {
+        return Err(format!("`{text}` is no sweep; expected FROM:TO:STEP, such as 0:1:0.25"));
+    }
+    if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
+        let [from, to, step] = [number(from)?, number(to)?, number(step)?];
+        let count = (to - from) / step;
+        if step == 0.0 || count < 0.0 {
+            return Err(format!("the step {step} does not lead from {from} to {to}"));
+        }
+        if count >= MOST_VALUES as f64 {
+            return Err(format!("{text} has more than {} steps", MOST_VALUES - 1));
+        }
+        // Rounded, because three times 0.1 is not exactly 0.3.
+        let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;
+        return Ok((0..=(count + 1e-9) as usize).map(at).collect());
+    }
+    if text.split(',').count() > MOST_VALUES {
+        return Err(format!("more than {MOST_VALUES} values"));
+    }
+    text.split(',').map(number).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shipped_studies_are_complete_and_short() {
+        for (name, text) in SHIPPED {
+            let study = Study::parse(text, name).unwrap();
+            assert_eq!(study.study, name);
+            assert!(text.lines().count() <= 40, "{name} has {} lines", text.lines().count());
+        }
+    }
+
+    #[test]
+    fn an_axis_is_replaced_by_its_name() {
+        let mut study = Study::shipped("open-loop").unwrap().unwrap();
+        study.set("lambda=0:1:0.25").unwrap();
+        assert_eq!(study.lambda, [0.0, 0.25, 0.5, 0.75, 1.0]);
+        study.set("lambda=1").unwrap();
+        study.set("method=sage{\"candidates\": 64, \"apart\": 2},cat").unwrap();
+        assert_eq!((study.lambda.len(), study.method.len()), (1, 2), "{:?}", study.method);
+        study.set("method=rule").unwrap();
+        study.set("ego=idm{\"limits\":[-3,1],\"curves\":3}").unwrap();
+        assert_eq!((&study.method[..], study.ego.len()), (&["rule".to_owned()][..], 1));
+        study.set("seed=7").unwrap();
+        assert_eq!(study.seed, 7);
+        let error = |text: &str| {
+            format!("{:#}", Study::shipped("open-loop").unwrap().unwrap().set(text).unwrap_err())
+        };
+        assert!(error("lamda=1").contains("no axis `lamda`; known: aggression"), "{}", error("lamda=1"));
+        assert!(error("lambda=0:1:0").contains("does not lead"), "{}", error("lambda=0:1:0"));
+        assert!(error("lambda").contains("AXIS=VALUE"), "{}", error("lambda"));
+    }
+
+    #[test]
+    fn a_study_that_is_not_complete_says_what_is_missing() {
+        let error = |text: &str| format!("{:#}", Study::parse(text, "x").unwrap_err());
+        assert!(error("study: x").contains("`measure` names nothing"), "{}", error("study: x"));
+        let text = "measure: [trajectory]";
+        assert!(error(text).contains("`metrics` lists none for `trajectory`"), "{}", error(text));
+        let text = "measure: [trajectories]";
+        assert!(error(text).contains("trajectories"), "{}", error(text));
+        let text = "measures: [trajectory]";
+        assert!(error(text).contains("measures"), "{}", error(text));
+    }
+}

@@ -1,0 +1,107 @@
+//! Tables of text: Markdown, CSV, and what fits a terminal.
+
+/// Most columns and characters of a table in a terminal.
+const MOST_COLUMNS: usize = 8;
+const MOST_CHARACTERS: usize = 100;
+
+/// A table with heads.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    /// Title above it; empty for none.
+    pub title: String,
+    /// Heads of the columns.
+    pub heads: Vec<String>,
+    /// Cells, row by row.
+    pub rows: Vec<Vec<String>>,
+    /// Number of first columns that name a row.
+    pub names: usize,
+}
+
+impl Table {
+    /// The table as Markdown.
+    pub fn markdown(&self) -> String {
+        let mut out = if self.title.is_empty() { String::new() } else { format!("{}\n\n", self.title) };
+        let line = |cells: &[String]| {
+            let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
+            format!("| {} |\n", cells.join(" | "))
+        };
+        out += &line(&self.heads);
+        let rule = |column: usize| if column < self.names { " --- |" } else { " ---: |" };
+        out += &format!("|{}\n", (0..self.heads.len()).map(rule).collect::<String>());
+        self.rows.iter().for_each(|row| out += &line(row));
+        out
+    }
+
+    /// The columns that fit a terminal: those that name a row, and of the others the first.
+    pub fn narrow(&self) -> Self {
+        let width = |k: usize| {
+            let cells = self.rows.iter().filter_map(|row| row.get(k)).chain([&self.heads[k]]);
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0) + 3
+        };
+        let (mut kept, mut used) = (0, 1);
+        while kept < self.heads.len().min(MOST_COLUMNS) {
+            used += width(kept);
+            if kept >= self.names && used > MOST_CHARACTERS {
+                break;
+            }
+            kept += 1;
+        }
+        // One value at least.
+        kept = kept.max((self.names + 1).min(self.heads.len()));
+        Self {
+            heads: self.heads[..kept].to_vec(),
+            rows: self.rows.iter().map(|row| row[..kept.min(row.len())].to_vec()).collect(),
+            ..self.clone()
+        }
+    }
+
+    /// The table as CSV.
+    pub fn csv(&self) -> String {
+        csv(std::iter::once(&self.heads).chain(&self.rows))
+    }
+}
+
+/// Lines of CSV, quoted where they must be.
+pub fn csv<T: AsRef<[u8]>>(rows: impl IntoIterator<Item = impl IntoIterator<Item = T>>) -> String {
+    let mut writer = csv::WriterBuilder::new().flexible(true).from_writer(Vec::new());
+    for row in rows {
+        // Writing to memory does not fail.
+        let _ = writer.write_record(row);
+    }
+    String::from_utf8(writer.into_inner().unwrap_or_default()).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(columns: usize) -> Table {
+        let text = |k: usize| format!("value {k}");
+        Table {
+            title: "A title.".into(),
+            heads: (0..columns).map(text).collect(),
+            rows: vec![(0..columns).map(|k| format!("{k} | \"x\", y")).collect()],
+            names: 1,
+        }
+    }
+
+    #[test]
+    fn cells_are_escaped() {
+        let table = table(2);
+        assert_eq!(
+            table.markdown(),
+            "A title.\n\n| value 0 | value 1 |\n| --- | ---: |\n| 0 \\| \"x\", y | 1 \\| \"x\", y |\n"
+        );
+        assert_eq!(table.csv(), "value 0,value 1\n\"0 | \"\"x\"\", y\",\"1 | \"\"x\"\", y\"\n");
+    }
+
+    #[test]
+    fn a_terminal_gets_at_most_eight_columns_of_a_hundred_characters() {
+        let narrow = table(20).narrow();
+        assert!(narrow.heads.len() <= 8 && narrow.rows[0].len() == narrow.heads.len());
+        assert!(narrow.markdown().lines().all(|line| line.chars().count() <= 110), "{}", narrow.markdown());
+        assert_eq!(table(2).narrow(), table(2));
+        let long = Table { heads: vec!["x".repeat(200), "y".repeat(200)], names: 1, ..Table::default() };
+        assert_eq!(long.narrow().heads.len(), 2, "one value is always shown");
+    }
+}

@@ -12,6 +12,7 @@ pub mod measure;
 pub mod operating_point;
 pub mod part;
 pub mod plan;
+pub mod published;
 pub mod react;
 mod registries;
 pub mod report;

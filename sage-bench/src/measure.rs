@@ -1,8 +1,10 @@
 //! What a study measures in a scene: each kind of measurement is a file.
 
 mod attacks;
+mod episodes;
 mod groups;
 mod policies;
+mod predictions;
 mod scene;
 
 use sage_core::{
@@ -12,8 +14,10 @@ use sage_core::{
 use serde::{Deserialize, Serialize};
 
 pub use attacks::{Attacks, Choice, MeasuredPlan};
+pub use episodes::Episodes;
 pub use groups::{ExpertSource, Group};
 pub use policies::Policies;
+pub use predictions::Predictions;
 pub use scene::MeasuredScene;
 
 use crate::rows::{Cell, Key, Subject};

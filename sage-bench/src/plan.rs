@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use crate::{
     Registries,
     ego::{self, Ego},
-    measure::{Attacks, ExpertSource, Group, Measurement, Policies, SceneResult},
+    measure::{Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult},
     part::{Part, PolicyPart},
     rows::{Cell, Key, MetricRecord, Subject},
     selection::Selection,
@@ -46,7 +46,8 @@ impl Plan {
         ensure!(!drives || !egos.is_empty(), "the study drives, but `ego` names no driver");
         let notes = egos.iter().filter_map(|ego| ego.note.clone()).collect();
         let is_attacked = study.measures(Subject::Trajectory) || study.measures(Subject::AttackedDrive);
-        let groups = if is_attacked || study.measures(Subject::Policy) {
+        let is_episodic = study.measures(Subject::Episode);
+        let groups = if is_attacked || is_episodic || study.measures(Subject::Policy) {
             Group::all(&study, registries, source, &selection)?
         } else {
             Vec::new()
@@ -62,7 +63,14 @@ impl Plan {
         let shows_policies = study.measures(Subject::Policy) && (has_network || !is_attacked);
         let of_policies =
             if shows_policies { Some(Group::all(&study, registries, source, &selection)?) } else { None };
-        if is_attacked || drives {
+        if study.measures(Subject::Prediction) {
+            measurements.push(Box::new(Predictions::new(&study, registries, source)?));
+        }
+        if is_episodic {
+            let episodes = Episodes::new(&study, registries, egos, &groups, &selection)?;
+            identity["policies"] = episodes.identity();
+            measurements.push(Box::new(episodes));
+        } else if is_attacked || drives {
             let objective = selection.objective;
             measurements.push(Box::new(Attacks::new(&study, registries, egos, groups, objective)?));
         }
@@ -83,7 +91,7 @@ impl Plan {
 
     /// Whether scenes without an adversary are left out.
     pub fn needs_adversary(&self) -> bool {
-        !self.study.measures(Subject::Drive)
+        !self.study.measures(Subject::Drive) && !self.study.measures(Subject::Prediction)
     }
 
     /// Measures a scene.

@@ -4,6 +4,7 @@ mod charts;
 mod curves;
 mod pairs;
 mod record;
+mod tests;
 
 use std::fmt::Write as _;
 
@@ -14,6 +15,7 @@ pub use record::{StudyRecord, join, read, rows_csv};
 
 use crate::{
     estimate::Samples,
+    published::{Published, published},
     rows::{MetricRecord, Results, Subject},
     study::Study,
     table::{Table, csv},
@@ -45,11 +47,15 @@ impl Report {
     pub fn new(study: &Study, results: &Results) -> Result<Self> {
         let mut tables: Vec<Table> = (Subject::ALL.into_iter())
             .filter(|subject| !results.methods(*subject).is_empty())
-            .filter_map(|subject| table(study, results, subject))
+            .map(|subject| table(study, results, subject))
+            .collect::<Result<Vec<_>>>()?
+            .into_iter()
+            .flatten()
             .collect();
         tables.extend(types(results));
         tables.extend(curves::tables(study, results)?);
         tables.extend(pairs::tables(study, results)?);
+        tables.extend(tests::tables(study, results)?);
         let notes = notes(study, results);
         let mut files =
             vec![(ESTIMATES.to_owned(), estimates(results)), (ROWS.to_owned(), rows_csv(results))];
@@ -73,14 +79,17 @@ impl Report {
 }
 
 /// A value with its interval, as its metric is shown.
-fn cell(metric: &MetricRecord, estimate: Option<Estimate>) -> String {
+fn cell(metric: &MetricRecord, estimate: Option<Estimate>, deviation: Option<f64>) -> String {
     let Some(e) = estimate else { return "-".to_owned() };
     let [value, low, high] = [e.value, e.low, e.high];
+    let spread = |scale: f64| deviation.map_or(String::new(), |d| format!(" ± {:.2}", scale * d));
     match (metric.aggregate, &*metric.unit) {
-        (Aggregate::Share, "") => format!("{:.1} [{:.1}, {:.1}]", 100.0 * value, 100.0 * low, 100.0 * high),
+        (Aggregate::Share, "") => {
+            format!("{:.1}{} [{:.1}, {:.1}]", 100.0 * value, spread(100.0), 100.0 * low, 100.0 * high)
+        }
         (Aggregate::Median, "ms") => format!("{value:.1} [{low:.1}, {high:.1}]"),
         (Aggregate::Median, _) => format!("{value:.2} [{low:.2}, {high:.2}]"),
-        _ => format!("{value:.3} [{low:.3}, {high:.3}]"),
+        _ => format!("{value:.3}{} [{low:.3}, {high:.3}]", spread(1.0)),
     }
 }
 
@@ -99,7 +108,7 @@ fn shown(results: &Results, methods: &[usize]) -> [bool; 2] {
 }
 
 /// The table of a subject; `None` if the study shows no column of it.
-fn table(study: &Study, results: &Results, subject: Subject) -> Option<Table> {
+fn table(study: &Study, results: &Results, subject: Subject) -> Result<Option<Table>> {
     let methods = results.methods(subject);
     let has = shown(results, &methods);
     let metrics = results.metrics_of(subject);
@@ -109,7 +118,7 @@ fn table(study: &Study, results: &Results, subject: Subject) -> Option<Table> {
         None => (0..metrics.len()).filter(|k| !metrics[*k].name.starts_with(TYPE)).collect(),
     };
     if columns.is_empty() {
-        return None;
+        return Ok(None);
     }
     let knows = methods.iter().any(|k| !results.keys[*k].knows.is_empty());
     let fails = methods.iter().any(|k| results.failed(*k) > 0);
@@ -133,7 +142,7 @@ fn table(study: &Study, results: &Results, subject: Subject) -> Option<Table> {
         for (samples, k) in samples.iter().zip(&columns) {
             let metric = &metrics[*k];
             let stream = format!("{} {}", results.keys[*method].stream(), metric.name);
-            let text = cell(metric, samples.estimate(metric.aggregate, &stream));
+            let text = cell(metric, samples.estimate(metric.aggregate, &stream), samples.deviation());
             // Where less was measured than in another column, the number says so.
             let of = if samples.n() < most { format!(" ({})", samples.n()) } else { String::new() };
             row.push(text + &of);
@@ -143,7 +152,27 @@ fn table(study: &Study, results: &Results, subject: Subject) -> Option<Table> {
         row
     };
     let title = study.report.titles.get(&subject).cloned().unwrap_or_default();
-    Some(Table { title, heads, rows: methods.iter().map(row).collect(), names })
+    let published = match &study.report.published {
+        Some(name) => published(name)?,
+        None => Vec::new(),
+    };
+    let mut rows = Vec::with_capacity(methods.len());
+    for method in &methods {
+        rows.push(row(method));
+        let key = &results.keys[*method];
+        let own = |p: &&Published| (p.arm.is_empty() || p.arm == key.arm) && p.attack == key.attack_label();
+        if let Some(theirs) = published.iter().find(own) {
+            let mut cells = vec![String::new(); heads.len()];
+            cells[0] = "*paper*".to_owned();
+            let first = heads.len() - columns.len() - usize::from(knows);
+            for (place, k) in columns.iter().enumerate() {
+                let scale = if metrics[*k].head().ends_with('%') { 100.0 } else { 1.0 };
+                cells[first + place] = theirs.cell(&metrics[*k].name, scale);
+            }
+            rows.push(cells);
+        }
+    }
+    Ok(Some(Table { title, heads, rows, names }))
 }
 
 /// Prefix of the metrics that count types of collisions.

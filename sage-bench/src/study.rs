@@ -9,12 +9,14 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::rows::Subject;
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 8] = [
+pub const SHIPPED: [(&str, &str); 10] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("front", include_str!("../studies/front.yaml")),
     ("pareto", include_str!("../studies/pareto.yaml")),
     ("mixtures", include_str!("../studies/mixtures.yaml")),
+    ("prediction", include_str!("../studies/prediction.yaml")),
+    ("closed-loop", include_str!("../studies/closed-loop.yaml")),
     ("ablation", include_str!("../studies/ablation.yaml")),
     ("experts", include_str!("../studies/experts.yaml")),
     ("react", include_str!("../studies/react.yaml")),
@@ -69,8 +71,18 @@ pub struct Study {
     pub react: Vec<f64>,
     /// Options of the search for evasive manoeuvres; without them it is made only for metrics that need it.
     pub avoidable: Option<AvoidanceOptions>,
+    /// Radii of the suppression among predictions, metres.
+    #[serde(deserialize_with = "numbers")]
+    pub radius: Vec<f64>,
+    /// Runs of `sage train-ego` as `NAME=FOLDER`.
+    #[serde(deserialize_with = "words")]
+    pub runs: Vec<String>,
+    /// Number of untrained policies, the floor.
+    pub untrained: u64,
     /// Seed of random numbers.
     pub seed: u64,
+    /// Seed of procedural scenes.
+    pub scene_seed: u64,
     /// Number of procedural scenes if no scenes are given; 0 if scenes must be given.
     pub procedural: u64,
     /// Metrics by what they are of; `*` stands for all others.
@@ -103,6 +115,10 @@ pub struct ReportSpec {
     pub curves: Vec<CurveQuantity>,
     /// Charts.
     pub charts: Vec<ChartSpec>,
+    /// Name of the published numbers that stand below the study's own.
+    pub published: Option<String>,
+    /// Families of tests between trained policies.
+    pub tests: Vec<Family>,
     /// Explanation below the tables.
     pub notes: String,
 }
@@ -118,6 +134,50 @@ pub struct PairSpec {
     pub with: String,
     /// Metrics.
     pub metrics: Vec<String>,
+}
+
+/// Differences that are tested together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Family {
+    /// Title.
+    pub title: String,
+    /// Arm that is tested.
+    pub tested: String,
+    /// Arms that it is tested against; by default all other runs.
+    #[serde(default)]
+    pub against: Vec<String>,
+    /// Verdict on a difference as expected, and on the opposite.
+    pub verdicts: [String; 2],
+    /// What is expected.
+    pub claims: Vec<Claim>,
+    /// When a difference as expected does not count.
+    #[serde(default)]
+    pub unless: Option<Guard>,
+}
+
+/// What is expected of the tested arm less another.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Claim {
+    /// Generator that attacks; empty for unchanged scenes.
+    pub attack: String,
+    /// Metric.
+    pub metric: String,
+    /// Whether its difference is expected above 0.
+    pub larger: bool,
+}
+
+/// A metric in which the tested arm must not be lower.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Guard {
+    /// Metric.
+    pub metric: String,
+    /// By how much it may be lower.
+    pub lower_by: f64,
+    /// Verdict on a difference as expected that is bought so.
+    pub verdict: String,
 }
 
 /// A quantity of the curve of R_adv and P_real over the operating points of a method.

@@ -3,6 +3,7 @@
 use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
 
 use anyhow::{Context as _, Result, bail};
+use sage_backbones::Backbone;
 use sage_bench::{
     measure::ExpertSource,
     plan::Plan,
@@ -93,7 +94,7 @@ pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> 
     if paths.is_empty() && procedural == 0 {
         bail!("name scenes, or a number of procedural ones with --procedural");
     }
-    let all = Scenes::of(&paths, &args.split, procedural, plan.study.seed)?;
+    let all = Scenes::of(&paths, &args.split, procedural, plan.study.scene_seed)?;
     let scenes = if plan.needs_adversary() { all.attackable()? } else { all.known()? };
     let chosen =
         ChosenScenes::new(&scenes, args.shard.map(|shard| [shard.number, shard.of].map(|n| n as usize)));
@@ -208,6 +209,10 @@ pub(crate) fn list(registries: &Registries) -> Result<Outcome> {
 struct Weights<'r>(&'r Registries);
 
 impl ExpertSource for Weights<'_> {
+    fn network(&self, name: &str) -> Result<Arc<dyn Backbone>> {
+        Ok(networks::load(&self.0.backbones, name)?.network.into())
+    }
+
     fn experts(&self, name: &str) -> Result<ExpertSet> {
         networks::load_experts(&self.0.backbones, name)
     }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use anyhow::{Context as _, Result, ensure};
+use sage_backbones::Backbone;
 use sage_generators::Aggression;
 use sage_merging::{ExpertSet, Merger};
 
@@ -19,6 +20,11 @@ use crate::{
 
 /// Where a study gets its experts from.
 pub trait ExpertSource {
+    /// A prior by name, or a network without weights.
+    ///
+    /// *Errors*: there is none.
+    fn network(&self, name: &str) -> Result<Arc<dyn Backbone>>;
+
     /// Experts by name or folder.
     ///
     /// *Errors*: there are none, or they do not match their network.

@@ -1,0 +1,229 @@
+//! The published evaluation of driving policies: an episode per scene, unchanged and under attack at λ = 1.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
+use sage_core::{
+    files,
+    generator::{Generator, OperatingPoint},
+    metric::{Metric, MetricInfo},
+    scene::SceneData,
+    seed::Rng,
+};
+use sage_sim::{
+    SimScene,
+    drive::Drive,
+    environment::EnvironmentOptions,
+    observation::LENGTH,
+    policy::EgoPolicy,
+    rl::{
+        ActorPolicy, Attacker, EpisodeRow, Network, Shape, Td3Options, attack_episode, drive_scene,
+        evaluation_rules, plan_of_generator, read_policy,
+    },
+    traffic::Plan,
+};
+use serde_json::{Value, json};
+
+use super::{Group, Measurement, SceneResult, cell, infos};
+use crate::{
+    Registries,
+    ego::Ego,
+    generators,
+    operating_point::OperatingPointSpec,
+    part::Part,
+    rows::{Cell, Key, Subject},
+    selection::Selection,
+    study::Study,
+};
+
+/// Arm of policies with initial weights.
+const UNTRAINED: &str = "untrained";
+/// Largest file of a policy that is read, bytes.
+const MAX_POLICY: u64 = 64 << 20;
+
+/// A policy to be evaluated.
+struct Candidate {
+    arm: String,
+    training_seed: Option<u64>,
+    checkpoint: Option<u64>,
+    policy: Box<dyn EgoPolicy>,
+    /// Changes with its weights.
+    identity: Value,
+}
+
+/// A generator at λ = 1.
+struct Adversary {
+    name: String,
+    generator: Box<dyn Generator>,
+    point: OperatingPoint,
+}
+
+impl Attacker for Adversary {
+    fn plan(
+        &self,
+        scene: &SimScene,
+        drive: Option<&Drive>,
+        _: f64,
+        seed: u64,
+    ) -> Result<Arc<Plan>, sage_core::Error> {
+        plan_of_generator(&*self.generator, &self.point, scene, drive, seed)
+    }
+}
+
+/// Policies and generators of a study.
+pub struct Episodes {
+    candidates: Vec<Candidate>,
+    adversaries: Vec<Adversary>,
+    keys: Vec<Key>,
+    metrics: Vec<Metric<EpisodeRow>>,
+}
+
+impl Episodes {
+    /// The policies of the runs, then those by name, then untrained ones, under all generators.
+    ///
+    /// *Errors*: a folder without policies, or a name that is not registered.
+    pub fn new(
+        study: &Study,
+        registries: &Registries,
+        egos: Vec<Ego>,
+        groups: &[Group],
+        selection: &Selection,
+    ) -> Result<Self> {
+        let mut candidates = Vec::new();
+        for entry in &study.runs {
+            let (name, folder) =
+                entry.split_once('=').with_context(|| format!("run `{entry}` is not NAME=FOLDER"))?;
+            ensure!(candidates.iter().all(|c: &Candidate| c.arm != name), "the run `{name}` is given twice");
+            candidates.extend(of_run(name, folder.as_ref())?);
+        }
+        for ego in egos {
+            let identity = json!(ego.label);
+            let (arm, policy) = (ego.label, ego.policy);
+            candidates.push(Candidate { arm, training_seed: None, checkpoint: None, policy, identity });
+        }
+        for seed in 0..study.untrained {
+            let shape = Shape { inputs: LENGTH, hidden: Td3Options::default().hidden, outputs: 2 };
+            let network = Network::random(shape, &mut Rng::new(seed, "", "actor"));
+            candidates.push(Candidate {
+                arm: UNTRAINED.to_owned(),
+                training_seed: Some(seed),
+                checkpoint: None,
+                policy: Box::new(ActorPolicy::new(network)),
+                identity: json!([UNTRAINED, seed]),
+            });
+        }
+        ensure!(!candidates.is_empty(), "no policies; `runs` and `ego` name none");
+        let [group] = groups else { bail!("episodes are attacked with one merger and one set of weights") };
+        let inputs = generators::inputs(Some(&group.experts), &group.merger, selection, study.seed);
+        let adversary = |text: &String| -> Result<Adversary> {
+            let part: Part = text.parse().map_err(anyhow::Error::msg)?;
+            let kind = part.build(&registries.generators)?;
+            let facts = kind.facts();
+            let point = if facts.uses_operating_point() {
+                let experts = Some(&group.experts).filter(|_| facts.depends_on_lambda);
+                OperatingPointSpec::at(1.0, None, group.merger.range())?.point(experts)?
+            } else {
+                OperatingPoint::at(1.0, 1.0)
+            };
+            Ok(Adversary { name: part.to_string(), generator: kind.build(&inputs)?, point })
+        };
+        let adversaries = study.method.iter().map(adversary).collect::<Result<Vec<_>>>()?;
+        let listed = study.metrics.get(&Subject::Episode).cloned().unwrap_or_default();
+        let mut keys = Vec::new();
+        for candidate in &candidates {
+            let attacks = std::iter::once("").chain(adversaries.iter().map(|adversary| &adversary.name[..]));
+            keys.extend(attacks.map(|attack| Key {
+                training_seed: candidate.training_seed,
+                checkpoint: candidate.checkpoint,
+                attack: attack.to_owned(),
+                ..Key::new(Subject::Episode, &*candidate.arm, study.seed)
+            }));
+        }
+        let metrics = registries.metrics.episode.chosen(&listed)?;
+        Ok(Self { candidates, adversaries, keys, metrics })
+    }
+
+    /// What identifies the policies.
+    pub fn identity(&self) -> Value {
+        self.candidates.iter().map(|candidate| candidate.identity.clone()).collect()
+    }
+}
+
+/// The policies of the last evaluations of all seeds of a run.
+fn of_run(name: &str, folder: &Path) -> Result<Vec<Candidate>> {
+    let listed = |path: &Path| -> Result<Vec<PathBuf>> {
+        let entries = std::fs::read_dir(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+        entries.map(|entry| Ok(entry?.path())).collect()
+    };
+    let number = |path: &Path, prefix: &str, suffix: &str| -> Option<u64> {
+        path.file_name()?.to_str()?.strip_prefix(prefix)?.strip_suffix(suffix)?.parse().ok()
+    };
+    let mut seeds: Vec<(u64, PathBuf)> =
+        listed(folder)?.into_iter().filter_map(|path| Some((number(&path, "seed-", "")?, path))).collect();
+    seeds.sort();
+    let mut all = Vec::new();
+    for (seed, path) in seeds {
+        let policies = listed(&path)?.into_iter();
+        let mut policies: Vec<(u64, PathBuf)> =
+            policies.filter_map(|file| Some((number(&file, "policy-", ".safetensors")?, file))).collect();
+        policies.sort();
+        for (step, file) in policies {
+            let (network, _) = read_policy(&file).map_err(|problem| anyhow!(problem))?;
+            let bytes = files::read(&file, MAX_POLICY)?;
+            all.push(Candidate {
+                arm: name.to_owned(),
+                training_seed: Some(seed),
+                checkpoint: Some(step),
+                policy: Box::new(ActorPolicy::new(network)),
+                identity: json!([name, seed, step, blake3::hash(&bytes).to_hex()[..16]]),
+            });
+        }
+    }
+    if all.is_empty() {
+        bail!(
+            "`{}` holds no policies of finished seeds; expected `seed-0/policy-….safetensors`",
+            folder.display()
+        );
+    }
+    Ok(all)
+}
+
+impl Measurement for Episodes {
+    fn keys(&self) -> &[Key] {
+        &self.keys
+    }
+
+    fn metrics(&self) -> Vec<(Subject, Vec<MetricInfo>)> {
+        vec![(Subject::Episode, infos(&self.metrics))]
+    }
+
+    fn measure(&self, data: &SceneData) -> SceneResult {
+        let scene = match SimScene::new(data.scene.clone(), data.index.clone()) {
+            Ok(scene) => scene,
+            Err(error) => {
+                let cells = (0..self.keys.len()).map(|key| Cell::failed(key, &error)).collect();
+                return SceneResult { cells, left_out: Vec::new() };
+            }
+        };
+        let rules = evaluation_rules(&EnvironmentOptions::training());
+        let mut result = SceneResult::default();
+        for candidate in &self.candidates {
+            let mut push = |row: &EpisodeRow| {
+                let number = result.cells.len();
+                let mut found = cell(number, &self.metrics, row);
+                // A failed episode counts, as a failure.
+                found.notes.extend(row.failed.iter().map(|reason| (0, reason.clone())));
+                result.cells.push(found);
+            };
+            let (row, drive) = drive_scene(&*candidate.policy, &scene, 0, &rules, 0);
+            push(&row);
+            for adversary in &self.adversaries {
+                push(&attack_episode(&*candidate.policy, &scene, 0, drive.as_ref(), adversary, &rules, 0));
+            }
+        }
+        result
+    }
+}

@@ -1,0 +1,63 @@
+//! Numbers of the paper, beside which a study shows its own.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context as _, Result};
+use serde::Deserialize;
+
+/// The file of all numbers.
+const FILE: &str = include_str!("../studies/published.yaml");
+
+/// A row of a published table.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Published {
+    /// Generator, with its operating point; empty for unchanged scenes.
+    #[serde(default)]
+    pub attack: String,
+    /// Method; empty where the attack is the method.
+    #[serde(default)]
+    pub arm: String,
+    /// Value, and its deviation over seeds if it is published, by metric.
+    pub values: BTreeMap<String, Vec<f64>>,
+}
+
+/// The published rows of a study.
+///
+/// *Errors*: there are none of this name.
+pub fn published(name: &str) -> Result<Vec<Published>> {
+    let mut all: BTreeMap<String, Vec<Published>> =
+        serde_saphyr::from_str(FILE).context("published.yaml cannot be read")?;
+    all.remove(name).with_context(|| format!("there are no published numbers `{name}`"))
+}
+
+impl Published {
+    /// A value as it is shown, in units of the metric; `scale` is that of shares in percent.
+    pub fn cell(&self, metric: &str, scale: f64) -> String {
+        let text = |x: f64| {
+            let scaled = (scale * x * 1e6).round() / 1e6;
+            scaled.to_string()
+        };
+        match self.values.get(metric).map(|value| &value[..]) {
+            Some([value]) => format!("*{}*", text(*value)),
+            Some([value, deviation, ..]) => format!("*{} ± {}*", text(*value), text(*deviation)),
+            _ => String::new(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_file_holds_rows_with_values() {
+        let rows = published("closed-loop").unwrap();
+        assert_eq!(rows.len(), 16);
+        let row = rows.iter().find(|row| row.attack.is_empty() && row.arm == "sage").unwrap();
+        assert_eq!(row.cell("completion", 1.0), "*0.77 ± 0.03*".replace("0.03", "0.02"));
+        assert_eq!(row.cell("contact", 100.0), "*16 ± 5*");
+        assert_eq!(row.cell("at fault", 100.0), "");
+        assert!(published("nothing").is_err());
+    }
+}

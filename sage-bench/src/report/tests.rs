@@ -1,0 +1,97 @@
+//! Tests of expected differences between arms: hierarchical bootstrap, corrected by Holm's method within a family.
+
+use anyhow::{Context as _, Result};
+
+use crate::{
+    estimate::{Difference, holm},
+    rows::{Results, Subject},
+    study::{Family, Study},
+    table::Table,
+};
+
+/// Level of the tests.
+const LEVEL: f64 = 0.05;
+
+/// The families of tests of a study. One whose tested arm was not measured is left out.
+///
+/// *Errors*: a metric that was not measured.
+pub(super) fn tables(study: &Study, results: &Results) -> Result<Vec<Table>> {
+    let all = study.report.tests.iter().map(|family| table(family, results));
+    Ok(all.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
+}
+
+/// The method of an arm under an attack.
+fn method(results: &Results, arm: &str, attack: &str) -> Option<usize> {
+    let methods = results.methods(Subject::Episode).into_iter();
+    methods.into_iter().find(|k| results.keys[*k].arm == arm && results.keys[*k].attack == attack)
+}
+
+fn table(family: &Family, results: &Results) -> Result<Option<Table>> {
+    let subject = Subject::Episode;
+    let tested = &family.tested;
+    let mut others: Vec<&str> = Vec::new();
+    for k in results.methods(subject) {
+        let key = &results.keys[k];
+        let is_listed = family.against.is_empty() || family.against.contains(&key.arm);
+        // Policies without training are no other runs.
+        if key.arm != *tested && key.checkpoint.is_some() && is_listed && !others.contains(&&*key.arm) {
+            others.push(&key.arm);
+        }
+    }
+    others.sort_unstable();
+    let mut rows: Vec<(String, bool, String, Difference)> = Vec::new();
+    for claim in &family.claims {
+        let metric = |name: &str| {
+            results
+                .metric(subject, name)
+                .with_context(|| format!("`tests` names `{name}`, which is not measured"))
+        };
+        let of = metric(&claim.metric)?;
+        let Some(subject_of) = method(results, tested, &claim.attack) else { continue };
+        for other in &others {
+            let Some(against) = method(results, other, &claim.attack) else { continue };
+            let less = |k: usize| {
+                let stream = format!("{} {other} {k}", claim.attack);
+                results.samples(subject_of, k).less(&results.samples(against, k), &stream)
+            };
+            let Some(found) = less(of) else { continue };
+            let is_bought = match &family.unless {
+                Some(guard) => {
+                    less(metric(&guard.metric)?).is_some_and(|d| d.estimate.value < -guard.lower_by)
+                }
+                None => false,
+            };
+            let expected = family.unless.as_ref().filter(|_| is_bought).map(|guard| guard.verdict.clone());
+            let expected = expected.unwrap_or_else(|| family.verdicts[0].clone());
+            let scenes = if claim.attack.is_empty() { "unchanged" } else { &claim.attack };
+            let what = format!("{} in {scenes} scenes, {tested} less {other}", claim.metric);
+            rows.push((what, claim.larger, expected, found));
+        }
+    }
+    if rows.is_empty() {
+        return Ok(None);
+    }
+    let corrected = holm(&rows.iter().map(|(.., d)| d.p).collect::<Vec<_>>());
+    let row = |((what, larger, expected, d), p): ((String, bool, String, Difference), f64)| {
+        let verdict = match (d.estimate.value > 0.0) == larger {
+            _ if p >= LEVEL => "not resolved",
+            true => &expected,
+            false => &family.verdicts[1],
+        };
+        vec![
+            what,
+            if larger { "above 0" } else { "below 0" }.to_owned(),
+            format!("{:.3} [{:.3}, {:.3}]", d.estimate.value, d.estimate.low, d.estimate.high),
+            format!("{p:.3}"),
+            d.seeds_needed.map_or("-".to_owned(), |n| n.to_string()),
+            verdict.to_owned(),
+        ]
+    };
+    let heads =
+        ["difference", "expected", "value", "p", "seeds needed", "verdict"].map(str::to_owned).to_vec();
+    let title = format!(
+        "{}. Differences are paired by scene; p is corrected by Holm's method over the rows. Seeds: per method, for a power of 0.8:",
+        family.title
+    );
+    Ok(Some(Table { title, heads, rows: rows.into_iter().zip(corrected).map(row).collect(), names: 1 }))
+}

@@ -24,12 +24,12 @@ pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, DialBenchAr
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};
 pub(crate) use driving::SimulateArgs;
-pub(crate) use learning::{FinetuneArgs, PredictArgs, PredictionArgs, PretrainArgs, SelectArg};
+pub(crate) use learning::{FinetuneArgs, PredictArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use reading::ReadingArgs;
 pub(crate) use studies::{ReportArgs, StudyArgs};
 pub(crate) use theory::TheoryArgs;
-pub(crate) use training::{ClosedLoopArgs, TrainEgoArgs};
+pub(crate) use training::TrainEgoArgs;
 
 /// Maximum number of procedural scenes that a command generates for training or measurement.
 pub(crate) const MOST_PROCEDURAL: u64 = 100_000;
@@ -296,9 +296,7 @@ pub(crate) enum BenchCommand {
     List,
     Report(ReportArgs),
     Speed(SpeedArgs),
-    Prediction(PredictionArgs),
     Dial(DialBenchArgs),
-    ClosedLoop(ClosedLoopArgs),
 }
 
 /// Measure the time of reading, scoring, prediction, training and attacks.

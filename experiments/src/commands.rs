@@ -1,9 +1,7 @@
 //! One file per command. A command takes parsed arguments and writes its results to stdout or files.
 
 pub(crate) mod analyse_connectivity;
-pub(crate) mod bench_closed_loop;
 pub(crate) mod bench_dial;
-pub(crate) mod bench_prediction;
 pub(crate) mod bench_speed;
 pub(crate) mod bench_study;
 pub(crate) mod calibrate;

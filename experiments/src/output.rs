@@ -51,18 +51,7 @@ impl Folder {
         Ok(folder)
     }
 
-    /// Creates or opens the folder of results that are kept by their own identity, in the folder `kept` inside it.
-    ///
-    /// *Errors*: the folder has other content and `force` is not given, another run holds it, or a system error.
-    pub(crate) fn resumable(path: &Path, force: bool, kept: &str) -> Result<Self> {
-        let folder = Self::claim(&Inputs::of_command_line(), path)?;
-        if !force && !folder.path.join(kept).is_dir() && !folder.holds_at_most(&[])? {
-            bail!("`{}` is not empty; give --force to write into it anyway", path.display());
-        }
-        Ok(folder)
-    }
-
-    /// The same for a folder that may have content.
+    /// As [`Folder::make`], for a folder that may have content.
     fn claim(inputs: &Inputs, path: &Path) -> Result<Self> {
         inputs.refuse_folder(path)?;
         create_folder(path)?;

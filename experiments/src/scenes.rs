@@ -162,13 +162,6 @@ impl Scenes {
         self.failures().len()
     }
 
-    /// The scenes without those that failed.
-    pub(crate) fn without_failed(mut self) -> Self {
-        let failed = self.failures().clone();
-        self.entries.retain(|entry| !failed.contains(&entry.name()));
-        self
-    }
-
     /// Outcome of a command that did its work on the scenes that did not fail.
     pub(crate) fn outcome(&self) -> Outcome {
         outcome_without(self.failed())
@@ -352,18 +345,6 @@ impl Scenes {
         }
         progress.finish(&format!("read {}", count(loaded.len(), "scene")));
         Ok(loaded)
-    }
-
-    /// Reads the scenes with the given names. Those that cannot be read are named, counted and left out.
-    pub(crate) fn by_name(&self, names: &HashSet<&str>) -> BTreeMap<String, Arc<SceneData>> {
-        let mut found = BTreeMap::new();
-        for entry in self.entries.iter().filter(|entry| names.contains(&entry.name()[..])) {
-            match entry.load(&self.options) {
-                Ok(data) => found.extend(data.map(|data| (data.name.clone(), data))),
-                Err(error) => self.fail(&entry.name(), &error),
-            }
-        }
-        found
     }
 
     /// Number of scenes that did not fail, and a hash of their contents in order. Only valid after

@@ -7,7 +7,9 @@ mod policies;
 mod predictions;
 mod scene;
 
+use anyhow::Result;
 use sage_core::{
+    generator::Attack,
     metric::{Metric, MetricInfo},
     scene::SceneData,
 };
@@ -32,6 +34,14 @@ pub trait Measurement: Sync + Send {
 
     /// Measures a scene. The numbers of keys in cells are those of [`Measurement::keys`].
     fn measure(&self, data: &SceneData) -> SceneResult;
+
+    /// The attack of a key on the recorded ego, computed again for a picture; `None` if the key has none.
+    ///
+    /// *Errors*: those of the generator.
+    fn attack(&self, key: usize, data: &SceneData) -> Result<Option<Attack>> {
+        let _ = (key, data);
+        Ok(None)
+    }
 }
 
 /// Results of one scene.

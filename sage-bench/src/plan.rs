@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use anyhow::{Context as _, Result, ensure};
-use sage_core::scene::SceneData;
+use sage_core::{generator::Attack, scene::SceneData};
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -92,6 +92,21 @@ impl Plan {
     /// Whether scenes without an adversary are left out.
     pub fn needs_adversary(&self) -> bool {
         !self.study.measures(Subject::Drive) && !self.study.measures(Subject::Prediction)
+    }
+
+    /// The attack of a key on the recorded ego, computed again for a picture; `None` if the key has none.
+    ///
+    /// *Errors*: those of the generator.
+    pub fn attack(&self, key: usize, data: &SceneData) -> Result<Option<Attack>> {
+        let mut first = 0;
+        for measurement in &self.measurements {
+            let end = first + measurement.keys().len();
+            if key < end {
+                return measurement.attack(key - first, data);
+            }
+            first = end;
+        }
+        Ok(None)
     }
 
     /// Measures a scene.

@@ -119,6 +119,8 @@ pub struct ReportSpec {
     pub published: Option<String>,
     /// Families of tests between trained policies.
     pub tests: Vec<Family>,
+    /// Whether the strongest and the failed attacks of each method are drawn.
+    pub pictures: bool,
     /// Explanation below the tables.
     pub notes: String,
 }

@@ -147,30 +147,6 @@ pub(crate) struct PredictArgs {
     pub reading: ReadingArgs,
 }
 
-/// Measure the prediction errors of priors and of constant velocity.
-///
-/// Evaluates vehicles that are valid at frames 10 and 90. The errors are those of the best of K candidates:
-/// minADE, minFDE, and the share of vehicles that all candidates miss. Intervals are 95 % bootstraps over
-/// scenes. `lane-graph` is the prior without weights.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage bench prediction target/data/womd_cat500/val --weights lane-graph --weights waymo --radius 5\n  sage bench prediction target/data/womd_cat500/dev --weights waymo --radius 3,4,5,6"
-)]
-pub(crate) struct PredictionArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    /// Weights: procedural, waymo, lane-graph, a folder or a file; repeat the option for several.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: Vec<String>,
-    /// Minimum distance between end points of candidates, metres; one row for each comma-separated value.
-    #[arg(long, value_name = "M", value_delimiter = ',', default_value = "7", value_parser = radius)]
-    pub radius: Vec<f32>,
-    /// Print one JSON object per line.
-    #[arg(long)]
-    pub json: bool,
-}
-
 /// Names of [`sage_backbones::candidates::Selection`].
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum SelectArg {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
-use crate::part::{Part, Parts, PolicyParts};
+use crate::part::Part;
 
 /// Train a driving policy by TD3, alone or against an adversary (SAGE, algorithm 2).
 ///
@@ -106,58 +106,4 @@ fn seeds(text: &str) -> Result<std::ops::Range<u64>, String> {
         return Err(format!("`{text}` holds no seed, or more than 1000"));
     }
     Ok(range)
-}
-
-/// Compare trained driving policies in closed loop: unchanged scenes and scenes attacked by several generators.
-///
-/// Each policy drives every unchanged scene, every generator attacks that very drive at λ = 1, and the policy drives
-/// again; the first contact with a vehicle ends an episode. Prints the paper's three tables with its numbers beside,
-/// and a verdict on each of its orderings. A run is a folder of `sage train-ego`; its last five policies of every seed are
-/// averaged. Results of each policy are kept in `cells/`, so the same command resumes, and further runs fill what is
-/// missing.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage bench closed-loop --runs none=run/ --out table/\n  sage bench closed-loop target/data/womd_cat500/val --runs none=none/,rule=rule/,cat=cat/,sage=sage/ --policies idm,expert --out table/"
-)]
-pub(crate) struct ClosedLoopArgs {
-    /// Scene files and folders (default: procedural scenes).
-    #[arg(value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    #[command(flatten)]
-    pub split: SplitArgs,
-    /// Comma-separated runs of `sage train-ego`, as NAME=FOLDER; none, rule, cat and sage are compared with the paper.
-    #[arg(long, value_name = "RUNS", value_delimiter = ',', value_parser = named_folder)]
-    pub runs: Vec<(String, PathBuf)>,
-    /// Run that is tested against every other run (default: sage, if there is one).
-    #[arg(long, value_name = "NAME")]
-    pub tested: Option<String>,
-    /// Further policies as rows, by their names in `sage list`.
-    #[arg(long, value_name = "NAMES", default_value = "idm,expert")]
-    pub policies: PolicyParts,
-    /// Number of untrained policies, the floor.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(0..=100))]
-    pub untrained: u64,
-    /// Generators that attack, comma-separated.
-    #[arg(long, value_name = "NAMES", default_value = "sage,cat,rule")]
-    pub methods: Parts,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder (default: as in `sage generate`).
-    #[arg(long, value_name = "NAME")]
-    pub weights: Option<String>,
-    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "natural")]
-    pub selection: String,
-    /// Number of procedural scenes, if no PATH is given.
-    #[arg(long, value_name = "N", default_value_t = 28, value_parser = clap::value_parser!(u64).range(1..=MOST_PROCEDURAL))]
-    pub procedural: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
-}
-
-fn named_folder(text: &str) -> Result<(String, PathBuf), String> {
-    let plain =
-        |name: &str| !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
-    match text.split_once('=') {
-        Some((name, folder)) if plain(name) && !folder.is_empty() => Ok((name.to_owned(), folder.into())),
-        _ => Err(format!("`{text}` is not NAME=FOLDER with a name of letters, digits, - and _")),
-    }
 }

@@ -1,5 +1,7 @@
 //! `sage bench STUDY`: runs a study; `sage bench report`: renders it again; `sage bench list`.
 
+mod gallery;
+
 use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
 
 use anyhow::{Context as _, Result, bail};
@@ -122,10 +124,14 @@ pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> 
     let mut report = Report::new(&plan.study, &results)?;
     report.notes += &scenes.warnings_as_markdown();
     let record = StudyRecord::new(&plan.study, &results, chosen.shard);
+    if plan.study.report.pictures {
+        gallery::write(run.folder(), &plan, &chosen, &results, &report)?;
+    }
     write(run.folder(), &report, &record)?;
     run.finish(&Value::Null, clock.elapsed().as_secs_f64())?;
     output::print(&if args.wide { report.markdown() } else { report.narrow() })?;
-    progress::say(&format!("{} and {STUDY_RECORD} are in `{}`", files_of(&report), out.display()));
+    let pictures = if plan.study.report.pictures { ", index.html with pictures" } else { "" };
+    progress::say(&format!("{}, {STUDY_RECORD}{pictures} are in `{}`", files_of(&report), out.display()));
     Ok(scenes.outcome())
 }
 

@@ -1,5 +1,6 @@
 //! `sage train-ego`: trains driving policies, a run per seed.
 
+mod columns;
 mod one_seed;
 mod report;
 
@@ -121,9 +122,9 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     }
     let trained = all_seeds(&shared, &run)?;
     report::write(&run, &trained)?;
-    let summary = report::summary(&trained);
+    let summary = report::summary(&trained)?;
     run.finish(&summary, clock.elapsed().as_secs_f64())?;
-    output::print(&report::markdown(shared.evaluation.len(), &trained))?;
+    output::print(&report::markdown(shared.evaluation.len(), &trained)?)?;
     progress::say(&format!("policies, curves and run.json are in `{}`", args.folder.out.display()));
     Ok(scenes::outcome_without(failed + failed_evaluation))
 }

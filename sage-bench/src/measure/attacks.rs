@@ -6,7 +6,7 @@ use anyhow::{Result, anyhow};
 use sage_core::{
     generator::Attack,
     metric::{MeasuredTrajectory, Metric, MetricInfo, Metrics},
-    objective::{FurtherMeasures, Objective},
+    objective::{Context, ContextOptions, FurtherMeasures, Objective},
     scene::SceneData,
 };
 use sage_sim::{
@@ -378,6 +378,24 @@ impl Measurement for Attacks {
             .filter(|(_, is_measured)| *is_measured)
             .map(|(one, _)| one)
             .collect()
+    }
+
+    fn attack(&self, key: usize, data: &SceneData) -> Result<Option<Attack>> {
+        let wanted = &self.keys[key];
+        if !self.egos.is_empty() || !self.targets.is_empty() {
+            return Ok(None);
+        }
+        let mut first = 0;
+        for built in self.groups.iter().flat_map(|group| &group.built) {
+            let end = first + self.keys_of(built, None);
+            if key < end && wanted.subject == Subject::Trajectory {
+                let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
+                let point = std::slice::from_ref(&built.points[key - first]);
+                return Ok(built.generator.attacks(&ctx, point, self.seed)?.into_iter().next());
+            }
+            first = end;
+        }
+        Ok(None)
     }
 
     fn measure(&self, data: &SceneData) -> SceneResult {

@@ -10,62 +10,76 @@ use std::{
 };
 
 use anyhow::Result;
+use sage_bench::table::{Table, csv};
 use sage_sim::rl::{EpisodeRow, Evaluation, PolicyCard};
 use serde_json::{Map, Value, json};
 
-use super::one_seed::Trained;
+use super::{
+    columns::{COMPLETION, CONTACT, Columns, OFF_ROAD, text},
+    one_seed::Trained,
+};
 use crate::{
-    bench::{
-        episode_columns::{
-            COLUMNS, COMPLETION, CONTACT, Column, OFF_ROAD, REWARD, csv_episode, csv_names, csv_values,
-        },
-        line_chart::{Chart, Line},
-    },
+    bench::line_chart::{Chart, Line},
     output::Run,
     progress,
-    terminal::{escaped_markdown, escaped_markdown_code},
+    terminal::{escaped_markdown, escaped_markdown_code, escaped_name},
 };
 
 /// Newest evaluations that a table averages.
 const AVERAGED: usize = 5;
 
 /// Means of all columns, with the number of episodes.
-pub(super) fn means(rows: &[EpisodeRow]) -> Value {
-    let mut all: Map<String, Value> =
-        COLUMNS.iter().map(|column| (column.name.to_owned(), json!(column.mean(rows)))).collect();
+///
+/// *Errors*: none that a caller can cause.
+pub(super) fn means(rows: &[EpisodeRow]) -> Result<Value> {
+    let columns = Columns::new()?;
+    let means = columns.names().into_iter().zip(columns.means(rows));
+    let mut all: Map<String, Value> = means.map(|(name, mean)| (name, json!(mean))).collect();
     all.insert("episodes".to_owned(), json!(rows.len()));
-    Value::Object(all)
+    Ok(Value::Object(all))
 }
 
 /// Curves of some seeds as CSV: a row per evaluation and kind of scenes.
-pub(super) fn curve_csv(trained: &[Trained]) -> String {
-    let mut csv = format!("seed,step,updates,scenes,episodes{},critic_loss,mean_abs_q\n", csv_names());
+///
+/// *Errors*: as [`means`].
+pub(super) fn curve_csv(trained: &[Trained]) -> Result<String> {
+    let columns = Columns::new()?;
+    let heads = ["seed", "step", "updates", "scenes", "episodes"].map(str::to_owned).into_iter();
+    let mut all: Vec<Vec<String>> =
+        vec![heads.chain(columns.names()).chain(["critic_loss", "mean_abs_q"].map(str::to_owned)).collect()];
     for run in trained {
         for (evaluation, [_, loss, q]) in run.evaluations.iter().zip(&run.losses) {
             for (kind, rows) in kinds(evaluation) {
                 let Evaluation { step, updates, .. } = evaluation;
-                let means = csv_values(|column| column.mean(rows));
-                let _ =
-                    writeln!(csv, "{},{step},{updates},{kind},{}{means},{loss},{q}", run.seed, rows.len());
+                let head = [run.seed.to_string(), step.to_string(), updates.to_string(), kind.to_owned()];
+                let means = columns.means(rows).into_iter().map(text);
+                let tail = [loss.to_string(), q.to_string()];
+                all.push(head.into_iter().chain([rows.len().to_string()]).chain(means).chain(tail).collect());
             }
         }
     }
-    csv
+    Ok(csv(all))
 }
 
 /// Rows of all episodes of the newest evaluations of a seed.
-pub(super) fn episodes_csv(trained: &Trained, names: &[String]) -> String {
-    let mut csv = format!("seed,step,scenes,scene,steps{}\n", csv_names());
+///
+/// *Errors*: as [`means`].
+pub(super) fn episodes_csv(trained: &Trained, names: &[String]) -> Result<String> {
+    let columns = Columns::new()?;
+    let heads = ["seed", "step", "scenes", "scene", "steps"].map(str::to_owned).into_iter();
+    let mut all: Vec<Vec<String>> = vec![heads.chain(columns.names()).collect()];
     let first = trained.evaluations.len().saturating_sub(AVERAGED);
     for evaluation in &trained.evaluations[first..] {
         for (kind, rows) in kinds(evaluation) {
             for row in rows {
-                let _ = write!(csv, "{},{},{kind},", trained.seed, evaluation.step);
-                csv.push_str(&csv_episode(row, names));
+                let scene = names.get(row.scene).map_or("unknown", String::as_str);
+                let head = [trained.seed.to_string(), evaluation.step.to_string(), kind.to_owned()];
+                let scene = [escaped_name(scene), row.steps.to_string()];
+                all.push(head.into_iter().chain(scene).chain(columns.cells(row)).collect());
             }
         }
     }
-    csv
+    Ok(csv(all))
 }
 
 fn kinds(evaluation: &Evaluation) -> impl Iterator<Item = (&'static str, &[EpisodeRow])> {
@@ -78,7 +92,8 @@ fn kinds(evaluation: &Evaluation) -> impl Iterator<Item = (&'static str, &[Episo
 ///
 /// *Errors*: a file cannot be written.
 pub(super) fn write(run: &Run, trained: &[Trained]) -> Result<()> {
-    run.folder().write("curves.csv", curve_csv(trained).as_bytes())?;
+    run.folder().write("curves.csv", curve_csv(trained)?.as_bytes())?;
+    let columns = Columns::new()?;
     let mut lines: Vec<Line> = Vec::new();
     let drawn = [
         ("unchanged", COMPLETION),
@@ -93,14 +108,14 @@ pub(super) fn write(run: &Run, trained: &[Trained]) -> Result<()> {
         for k in 0..count {
             let rows =
                 trained.iter().flat_map(|run| kinds(&run.evaluations[k]).filter(|(of, _)| *of == kind));
-            let values: Vec<f64> = rows.filter_map(|(_, rows)| column.mean(rows)).collect();
+            let values: Vec<f64> = rows.filter_map(|(_, rows)| columns.mean(column, rows)).collect();
             let step = trained.first().map_or(0, |run| run.evaluations[k].step);
             if !values.is_empty() {
                 points.push([step as f64 / 1000.0, values.iter().sum::<f64>() / values.len() as f64]);
             }
         }
         if !points.is_empty() {
-            lines.push((format!("{}, {kind} scenes", column.name.replace('_', " ")), points));
+            lines.push((format!("{column}, {kind} scenes"), points));
         }
     }
     let end = lines.iter().flat_map(|(_, points)| points).map(|[x, _]| *x).fold(0.0, f64::max);
@@ -111,42 +126,44 @@ pub(super) fn write(run: &Run, trained: &[Trained]) -> Result<()> {
     run.folder().write("curves.svg", chart.draw()?.as_bytes())
 }
 
-/// Mean over the newest evaluations of a seed, per kind of scenes.
-fn newest(trained: &Trained, kind: &str, column: &Column) -> Option<f64> {
+/// Means over the newest evaluations of a seed, per kind of scenes; `None` without any.
+fn newest(trained: &Trained, kind: &str, columns: &Columns) -> Option<Vec<Option<f64>>> {
     let first = trained.evaluations.len().saturating_sub(AVERAGED);
     let rows = trained.evaluations[first..].iter().flat_map(kinds).filter(|(of, _)| *of == kind);
-    let values: Vec<f64> = rows.filter_map(|(_, rows)| column.mean(rows)).collect();
-    (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    let all: Vec<Vec<Option<f64>>> = rows.map(|(_, rows)| columns.means(rows)).collect();
+    let mean = |k: usize| {
+        let values: Vec<f64> = all.iter().filter_map(|means| means[k]).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    };
+    all.first().map(|first| (0..first.len()).map(mean).collect())
 }
 
 /// A table: a row per seed and kind of scenes, means of the last five evaluations.
-pub(super) fn markdown(scenes: usize, trained: &[Trained]) -> String {
-    let mut text = format!(
-        "Means of the last {AVERAGED} evaluations, {scenes} scenes each. `completion_recorded` ends with the recording.\n\n| seed | scenes |"
+///
+/// *Errors*: as [`means`].
+pub(super) fn markdown(scenes: usize, trained: &[Trained]) -> Result<String> {
+    let columns = Columns::new()?;
+    let title = format!(
+        "Means of the last {AVERAGED} evaluations, {scenes} scenes each. `completion_recorded` ends with the recording."
     );
-    for column in COLUMNS {
-        let _ = write!(text, " {} |", column.name);
-    }
-    text.push_str("\n| --- | --- |");
-    text.push_str(&" ---: |".repeat(COLUMNS.len()));
-    text.push('\n');
+    let heads = ["seed", "scenes"].map(str::to_owned).into_iter().chain(columns.names()).collect();
+    let mut table = Table { title, heads, names: 2, ..Table::default() };
     for run in trained {
         for kind in ["unchanged", "attacked"] {
-            if newest(run, kind, &REWARD).is_none() {
-                continue;
+            if let Some(means) = newest(run, kind, &columns) {
+                let cells = means.into_iter().map(|mean| format!("{:.2}", mean.unwrap_or(f64::NAN)));
+                table.rows.push([run.seed.to_string(), kind.to_owned()].into_iter().chain(cells).collect());
             }
-            let _ = write!(text, "| {} | {kind} |", run.seed);
-            for column in &COLUMNS {
-                let _ = write!(text, " {:.2} |", newest(run, kind, column).unwrap_or(f64::NAN));
-            }
-            text.push('\n');
         }
     }
-    text
+    Ok(table.markdown())
 }
 
 /// The card of a policy as a page.
-pub(super) fn card_page(card: &PolicyCard) -> String {
+///
+/// *Errors*: as [`means`].
+pub(super) fn card_page(card: &PolicyCard) -> Result<String> {
+    let names = Columns::new()?.names();
     let PolicyCard { observation_hash, training, evaluation, license, .. } = card;
     let license = escaped_markdown(license);
     let mut text = format!(
@@ -164,30 +181,34 @@ pub(super) fn card_page(card: &PolicyCard) -> String {
         escaped_markdown(&words(&evaluation["scenes"])),
         escaped_markdown_code(&words(&evaluation["attacks"]))
     );
-    for column in COLUMNS {
-        let _ = write!(text, " {} |", column.name.replace('_', " "));
+    for name in &names {
+        let _ = write!(text, " {} |", name.replace('_', " "));
     }
-    let _ = writeln!(text, "\n| --- |{}", " ---: |".repeat(COLUMNS.len()));
+    let _ = writeln!(text, "\n| --- |{}", " ---: |".repeat(names.len()));
     for kind in ["unchanged", "attacked"].into_iter().filter(|kind| evaluation[kind]["episodes"] != 0) {
         let _ = write!(text, "| {kind} |");
-        for column in COLUMNS {
-            let _ = write!(text, " {:.2} |", evaluation[kind][column.name].as_f64().unwrap_or(f64::NAN));
+        for name in &names {
+            let _ = write!(text, " {:.2} |", evaluation[kind][name].as_f64().unwrap_or(f64::NAN));
         }
         text.push('\n');
     }
-    text
+    Ok(text)
 }
 
 /// Results for `run.json`.
-pub(super) fn summary(trained: &[Trained]) -> Value {
-    let of = |run: &Trained| {
+///
+/// *Errors*: as [`means`].
+pub(super) fn summary(trained: &[Trained]) -> Result<Value> {
+    let of = |run: &Trained| -> Result<Value> {
         let last = run.evaluations.last();
-        json!({
+        let [unchanged, attacked] = [last.map(|e| &e.unchanged), last.map(|e| &e.attacked)];
+        Ok(json!({
             "seed": run.seed, "updates": run.updates, "counters": run.counters,
-            "unchanged": last.map(|e| means(&e.unchanged)), "attacked": last.map(|e| means(&e.attacked)),
-        })
+            "unchanged": unchanged.map(|rows| means(rows)).transpose()?,
+            "attacked": attacked.map(|rows| means(rows)).transpose()?,
+        }))
     };
-    json!({"seeds": trained.iter().map(of).collect::<Vec<_>>()})
+    Ok(json!({"seeds": trained.iter().map(of).collect::<Result<Vec<_>>>()?}))
 }
 
 /// Progress of all seeds together.
@@ -238,9 +259,11 @@ impl Clock {
 
     pub(super) fn evaluated(&self, seed: u64, evaluation: &Evaluation, total: u64) {
         let mut text = format!("seed {seed}, step {} of {total}:", evaluation.step);
+        // Columns are the same for every evaluation; without them there is nothing to say.
+        let Ok(columns) = Columns::new() else { return };
         for (kind, rows) in kinds(evaluation) {
             let [completion, contact, off_road] = [COMPLETION, CONTACT, OFF_ROAD].map(|column| {
-                column.mean(rows).map_or("not measured".to_owned(), |mean| format!("{mean:.2}"))
+                columns.mean(column, rows).map_or("not measured".to_owned(), |mean| format!("{mean:.2}"))
             });
             let _ = write!(text, " {kind}: completion {completion}, contact {contact}, off road {off_road};");
         }

@@ -1,6 +1,5 @@
 //! Benchmarks.
 
-pub(crate) mod attack_grid;
 pub(crate) mod connectivity;
 pub(crate) mod connectivity_report;
 pub(crate) mod curve;

@@ -20,7 +20,7 @@ use clap::{
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
-pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, DialBenchArgs, GenerateArgs};
+pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, GenerateArgs};
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};
 pub(crate) use driving::SimulateArgs;
@@ -296,7 +296,6 @@ pub(crate) enum BenchCommand {
     List,
     Report(ReportArgs),
     Speed(SpeedArgs),
-    Dial(DialBenchArgs),
 }
 
 /// Measure the time of reading, scoring, prediction, training and attacks.

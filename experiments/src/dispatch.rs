@@ -37,9 +37,6 @@ impl Cli {
             Command::Bench(BenchArgs { command: Some(BenchCommand::Speed(args)), .. }) => {
                 commands::bench_speed::run(&args)
             }
-            Command::Bench(BenchArgs { command: Some(BenchCommand::Dial(args)), .. }) => {
-                commands::bench_dial::run(&args, registries)
-            }
             Command::Bench(BenchArgs { command: Some(BenchCommand::List), .. }) => {
                 commands::bench_study::list(registries)
             }

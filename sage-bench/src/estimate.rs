@@ -20,6 +20,8 @@ const QUANTILES: f64 = 1.959_964 + 0.841_621;
 pub struct Samples {
     /// By seed, then by scene.
     pub seeds: Vec<Vec<[f64; 2]>>,
+    /// All values of each scene, for a median: those of agents, seeds and checkpoints.
+    pub values: Vec<Vec<f64>>,
 }
 
 /// Difference of two methods on the same scenes.
@@ -60,8 +62,10 @@ fn interval(value: f64, n: usize, drawn: &[f64]) -> Option<Estimate> {
 impl Samples {
     /// One seed with one value for each scene; `None` where it was not measured.
     pub fn of(values: impl IntoIterator<Item = Option<f64>>) -> Self {
-        let cell = |value: Option<f64>| value.map_or([0.0; 2], |value| [value, 1.0]);
-        Self { seeds: vec![values.into_iter().map(cell).collect()] }
+        let values: Vec<Option<f64>> = values.into_iter().collect();
+        let cell = |value: &Option<f64>| value.map_or([0.0; 2], |value| [value, 1.0]);
+        let seeds = vec![values.iter().map(cell).collect()];
+        Self { seeds, values: values.into_iter().map(|value| value.into_iter().collect()).collect() }
     }
 
     fn scenes(&self) -> usize {
@@ -88,13 +92,6 @@ impl Samples {
         deviation(&self.by_seed())
     }
 
-    /// Values of the scenes in which something was measured, means over seeds.
-    fn values(&self) -> Vec<f64> {
-        let of = |k: usize| ratio(self.seeds.iter().fold([0.0; 2], |[s, w], x| [s + x[k][0], w + x[k][1]]));
-        let is_measured = |k: &usize| self.seeds.iter().any(|seed| seed[*k][1] > 0.0);
-        (0..self.scenes()).filter(is_measured).map(of).collect()
-    }
-
     fn resampled(&self, scenes: &[usize], rng: &mut Rng) -> f64 {
         let n = self.seeds.len();
         let one = |seed: usize| ratio(sums(&self.seeds[seed], scenes.iter().copied()));
@@ -117,11 +114,15 @@ impl Samples {
         }
         let mut rng = Rng::new(0, name, "bootstrap");
         if aggregate == Aggregate::Median {
-            let values = self.values();
-            let median = |of: &[f64]| statistics::median(of).unwrap_or(f64::NAN);
-            let resample = |_| median(&draw(n, &mut rng).iter().map(|k| values[*k]).collect::<Vec<_>>());
+            let scenes: Vec<&Vec<f64>> = self.values.iter().filter(|values| !values.is_empty()).collect();
+            let median = |of: &[&Vec<f64>]| {
+                let all: Vec<f64> = of.iter().flat_map(|values| values.iter().copied()).collect();
+                statistics::median(&all).unwrap_or(f64::NAN)
+            };
+            let resample =
+                |_| median(&draw(scenes.len(), &mut rng).iter().map(|k| scenes[*k]).collect::<Vec<_>>());
             let drawn: Vec<f64> = (0..RESAMPLES).map(resample).collect();
-            return interval(median(&values), n, &drawn);
+            return interval(median(&scenes), n, &drawn);
         }
         let value = statistics::mean(&self.by_seed())?;
         // Scenes without a value are in no resample, as they are in no mean.
@@ -209,13 +210,14 @@ mod tests {
     #[test]
     fn weights_are_those_of_the_scenes() {
         // Speeds 2 over 10 steps and 8 over 30 steps: (20 + 240)/40.
-        let samples = Samples { seeds: vec![vec![[20.0, 10.0], [240.0, 30.0]]] };
+        let samples = Samples { seeds: vec![vec![[20.0, 10.0], [240.0, 30.0]]], ..Samples::default() };
         assert_eq!(samples.estimate(Aggregate::Mean, "x").unwrap().value, 6.5);
     }
 
     #[test]
     fn seeds_are_averaged_after_their_scenes() {
-        let samples = Samples { seeds: vec![vec![[1.0, 1.0], [0.0, 1.0]], vec![[1.0, 1.0], [1.0, 1.0]]] };
+        let seeds = vec![vec![[1.0, 1.0], [0.0, 1.0]], vec![[1.0, 1.0], [1.0, 1.0]]];
+        let samples = Samples { seeds, ..Samples::default() };
         let e = samples.estimate(Aggregate::Share, "x").unwrap();
         assert_eq!((e.value, e.n), (0.75, 2));
         // Seed values 0.5 and 1: deviation 0.5/√2.
@@ -236,7 +238,10 @@ mod tests {
 
     #[test]
     fn the_seeds_that_are_needed_follow_from_both_deviations() {
-        let method = |values: [f64; 2]| Samples { seeds: values.map(|v| vec![[v, 1.0]]).to_vec() };
+        let method = |values: [f64; 2]| Samples {
+            seeds: values.map(|v| vec![[v, 1.0]]).to_vec(),
+            ..Samples::default()
+        };
         // Deviations 0.1/√2 each: variance 0.01; (2.8016)² · 0.01/0.2² = 1.96, at least 2.
         let d = method([0.5, 0.6]).less(&method([0.3, 0.4]), "x").unwrap();
         assert!((d.estimate.value - 0.2).abs() < 1e-12);

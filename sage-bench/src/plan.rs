@@ -38,7 +38,9 @@ impl Plan {
     pub fn new(study: Study, registries: &Registries, source: &dyn ExpertSource) -> Result<Self> {
         let rule =
             study.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(anyhow::Error::msg)?;
-        let selection = Selection::of(registries, &study.selection, rule.as_ref())?;
+        // A study without attacks selects nothing.
+        let name = if study.selection.is_empty() { "natural" } else { &study.selection };
+        let selection = Selection::of(registries, name, rule.as_ref())?;
         let parts: Vec<PolicyPart> =
             study.ego.iter().map(|text| text.parse().map_err(anyhow::Error::msg)).collect::<Result<_>>()?;
         let egos = Ego::all(&parts, registries)?;

@@ -4,6 +4,7 @@ mod charts;
 mod curves;
 mod pairs;
 mod record;
+mod sweeps;
 mod tests;
 
 use std::fmt::Write as _;
@@ -54,6 +55,9 @@ impl Report {
             .collect();
         tables.extend(types(results));
         tables.extend(curves::tables(study, results)?);
+        if study.report.sweeps {
+            tables.extend(sweeps::tables(results)?);
+        }
         tables.extend(pairs::tables(study, results)?);
         tables.extend(tests::tables(study, results)?);
         let notes = notes(study, results);

@@ -269,6 +269,7 @@ impl Results {
             })
             .collect();
         let mut sums = vec![vec![[0.0; 2]; self.scenes.len()]; seeds.len()];
+        let mut values = vec![Vec::new(); self.scenes.len()];
         for (scene, cells) in self.cells.iter().enumerate() {
             for cell in cells {
                 let Some(seed) = of_key[cell.key] else { continue };
@@ -276,9 +277,10 @@ impl Results {
                 let weight = weight.map_or(1.0, |k| cell.values[k].unwrap_or(0.0));
                 let sum = &mut sums[seed][scene];
                 *sum = [sum[0] + weight * value, sum[1] + weight];
+                values[scene].push(*value);
             }
         }
-        Samples { seeds: sums }
+        Samples { seeds: sums, values }
     }
 
     /// Number of scenes in which the method of a key failed.

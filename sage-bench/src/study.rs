@@ -9,11 +9,12 @@ use serde::{Deserialize, Deserializer, Serialize};
 use crate::rows::Subject;
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 10] = [
+pub const SHIPPED: [(&str, &str); 11] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("front", include_str!("../studies/front.yaml")),
     ("pareto", include_str!("../studies/pareto.yaml")),
+    ("dial", include_str!("../studies/dial.yaml")),
     ("mixtures", include_str!("../studies/mixtures.yaml")),
     ("prediction", include_str!("../studies/prediction.yaml")),
     ("closed-loop", include_str!("../studies/closed-loop.yaml")),
@@ -113,6 +114,8 @@ pub struct ReportSpec {
     pub pairs: Vec<PairSpec>,
     /// Quantities of the curve of each method over its operating points.
     pub curves: Vec<CurveQuantity>,
+    /// Whether the evenness of sweeps and the shares of λ and μ are shown.
+    pub sweeps: bool,
     /// Charts.
     pub charts: Vec<ChartSpec>,
     /// Name of the published numbers that stand below the study's own.
@@ -206,7 +209,8 @@ pub struct ChartSpec {
     pub file: String,
     /// What the metrics are of.
     pub of: Subject,
-    /// Metric of the horizontal axis; `lambda` or `aggression` for the operating point.
+    /// Metric of the horizontal axis; `lambda` or `aggression` for the operating point; `operating-point` for sweeps of
+    /// aggression and of λ = μ; `triangle` for mixtures of three experts.
     pub x: String,
     /// Metric of the vertical axis. In a triangle: of the first picture.
     pub y: String,

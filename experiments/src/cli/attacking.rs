@@ -183,20 +183,6 @@ impl From<RateArg> for Rate {
     }
 }
 
-/// Measure the aggression dial: rates of attacks at each aggression, their linearity, and the shares of lambda
-/// and mu.
-///
-/// Compares the dial with lambda = mu, and evaluates a grid of lambda and mu. Writes tables as Markdown and
-/// CSV, a chart, and `run.json`.
-#[derive(Debug, Args)]
-#[command(after_help = "Example:\n  sage bench dial target/data/womd_cat500/val --weights waymo --out dial/")]
-pub(crate) struct DialBenchArgs {
-    #[command(flatten)]
-    pub on: ComparisonArgs,
-    #[command(flatten)]
-    pub merging: MergerArgs,
-}
-
 /// What a comparison runs on: scenes, experts and selection, and the folder of its results.
 #[derive(Debug, Args)]
 pub(crate) struct ComparisonArgs {

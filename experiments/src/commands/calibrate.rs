@@ -1,16 +1,19 @@
 //! `sage calibrate`: fits the aggression dial of a set of experts, so that the rate of
 //! attacks rises linearly.
 
+mod attack_grid;
+
 use std::{collections::HashSet, sync::Arc};
 
 use anyhow::{Context as _, Result, ensure};
+use sage_bench::curve::Linearity;
 use sage_core::objective::PartSpec;
 use sage_generators::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
 use sage_merging::Merger;
 
+use self::attack_grid::AttackGrid;
 use crate::{
     Outcome, Registries,
-    bench::attack_grid::{AttackGrid, Linearity},
     cli::CalibrateArgs,
     generators, networks,
     output::{self, OutputFile},
@@ -54,7 +57,7 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
             grid.attacks(lambda, mu).context("an aggression was not evaluated")
         };
         let attacks = all.iter().map(at).collect::<Result<Vec<_>>>()?;
-        let linearity = Linearity::of(&attacks.iter().collect::<Vec<_>>(), rate);
+        let linearity = Linearity::of(&attacks.iter().map(|a| a.rate(rate)).collect::<Vec<_>>());
         progress.say(&format!(
             "selection {}: {} rate {:.0} % to {:.0} %, deviation from a straight line {:.1} points RMS, {:.1} points at most",
             selection.name,

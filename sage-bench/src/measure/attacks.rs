@@ -106,7 +106,13 @@ impl Attacks {
         let listed = |subject| study.metrics.get(&subject).cloned().unwrap_or_default();
         let spec = Some(objective.spec());
         let names = listed(Subject::Trajectory);
-        let further = FurtherMeasures::listed(&registries.rewards, &registries.feasibilities, spec, &names)?;
+        let is_built_in = |name: &&String| {
+            let mut known = registries.metrics.trajectory.all().iter().map(|metric| &metric.info.name);
+            known.any(|known| known == *name)
+        };
+        let of_parts: Vec<String> = names.iter().filter(|name| !is_built_in(name)).cloned().collect();
+        let further =
+            FurtherMeasures::listed(&registries.rewards, &registries.feasibilities, spec, &of_parts)?;
         let plans = plan_metrics(registries, &further, study)?.chosen(&names)?;
         let drives = registries.metrics.drive.chosen(&listed(Subject::Drive))?;
         let mut attack_names = listed(Subject::AttackedDrive);

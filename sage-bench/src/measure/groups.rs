@@ -106,27 +106,27 @@ fn points(
     merger: &dyn Merger,
     dial: impl FnOnce() -> Result<Aggression>,
 ) -> Result<Vec<OperatingPointSpec>> {
+    let mut points: Vec<OperatingPointSpec> = Vec::new();
     if !study.aggression.is_empty() {
         let dial = dial()?;
-        return study.aggression.iter().map(|a| OperatingPointSpec::of(&dial, *a)).collect();
+        for aggression in &study.aggression {
+            points.push(OperatingPointSpec::of(&dial, *aggression)?);
+        }
     }
     if let Some(axis) = &study.triangle {
-        let named = |weights: [f64; 3]| axis.experts.iter().cloned().zip(weights).collect::<Vec<_>>();
-        let all = mixtures(axis.steps);
-        return all.into_iter().map(|weights| OperatingPointSpec::mixed(&named(weights), study.mu)).collect();
+        for weights in mixtures(axis.steps) {
+            let named: Vec<(String, f64)> = axis.experts.iter().cloned().zip(weights).collect();
+            points.push(OperatingPointSpec::mixed(&named, study.mu)?);
+        }
     }
-    if !study.mix.is_empty() {
-        let mix = |mix: &std::collections::BTreeMap<String, f64>| {
-            let named: Vec<(String, f64)> =
-                mix.iter().map(|(name, weight)| (name.clone(), *weight)).collect();
-            OperatingPointSpec::mixed(&named, study.mu)
-        };
-        return study.mix.iter().map(mix).collect();
+    for mix in &study.mix {
+        let named: Vec<(String, f64)> = mix.iter().map(|(name, weight)| (name.clone(), *weight)).collect();
+        points.push(OperatingPointSpec::mixed(&named, study.mu)?);
     }
     let range = merger.range();
-    let mut points: Vec<OperatingPointSpec> = (study.lambda.iter())
-        .map(|lambda| OperatingPointSpec::at(*lambda, study.mu, range))
-        .collect::<Result<_>>()?;
+    for lambda in &study.lambda {
+        points.push(OperatingPointSpec::at(*lambda, study.mu, range)?);
+    }
     for lambda in study.grid.iter().flat_map(|[lambdas, _]| lambdas) {
         for mu in study.grid.iter().flat_map(|[_, mus]| mus) {
             let point = OperatingPointSpec::at(*lambda, Some(*mu), range)?;

@@ -2,7 +2,7 @@
 
 use anyhow::{Context as _, Result, bail};
 
-use super::curves::lines;
+use super::{curves::lines, sweeps::sweeps};
 use crate::{
     chart::{
         line::{Chart, Line},
@@ -16,6 +16,7 @@ use crate::{
 const LAMBDA: &str = "lambda";
 const AGGRESSION: &str = "aggression";
 const TRIANGLE: &str = "triangle";
+const OPERATING_POINT: &str = "operating-point";
 
 /// All charts as file names and contents.
 ///
@@ -23,8 +24,11 @@ const TRIANGLE: &str = "triangle";
 pub(super) fn draw(study: &Study, results: &Results) -> Result<Vec<(String, String)>> {
     let measured = |chart: &&ChartSpec| !results.methods(chart.of).is_empty();
     let one = |chart: &ChartSpec| -> Result<(String, String)> {
-        let svg =
-            if chart.x == TRIANGLE { triangles(study, results, chart) } else { lines_of(results, chart) };
+        let svg = match &*chart.x {
+            TRIANGLE => triangles(study, results, chart),
+            OPERATING_POINT => sweeps_of(results, chart),
+            _ => lines_of(results, chart),
+        };
         Ok((chart.file.clone(), svg.with_context(|| format!("chart `{}`", chart.file))?))
     };
     study.report.charts.iter().filter(measured).map(one).collect()
@@ -80,6 +84,23 @@ fn lines_of(results: &Results, chart: &ChartSpec) -> Result<String> {
     }
     let axes = [axis(results, chart, &chart.x), axis(results, chart, &chart.y)];
     Chart { axes: [&axes[0], &axes[1]], lines: drawn, marks, ..Chart::default() }.draw()
+}
+
+/// Rates over the operating point, and a straight line between the ends of the first sweep.
+fn sweeps_of(results: &Results, chart: &ChartSpec) -> Result<String> {
+    let mut lines: Vec<Line> = Vec::new();
+    for sweep in sweeps(results) {
+        let mut points = Vec::new();
+        for (x, method) in sweep.points {
+            points.extend(mean(results, chart, method, &chart.y)?.map(|y| [x, y]));
+        }
+        lines.push((sweep.name.to_owned(), points));
+    }
+    let ends = lines.first().map(|(_, points)| &points[..]);
+    let dashed = ends.and_then(|points| Some([*points.first()?, *points.last()?]));
+    let shown = axis(results, chart, &chart.y);
+    let ranges = Some([0.0..1.0, 0.0..100.0]);
+    Chart { axes: ["aggression, or lambda = mu", &shown], lines, ranges, dashed, ..Chart::default() }.draw()
 }
 
 fn triangles(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {

@@ -1,4 +1,4 @@
-//! Attack rates over λ and μ, all attacks or believable ones, their deviation from a straight line, and the share of each in the change.
+//! Attack rates over λ and μ, all attacks or believable ones, from which a dial is fitted.
 //!
 //! Candidates depend only on λ, and μ only selects among them. So each scene is evaluated once per λ.
 
@@ -9,17 +9,13 @@ use sage_core::{
     generator::Proposal,
     objective::{Candidate, Context, ContextOptions, Evaluation, Objective, Situation, is_believable},
     scene::SceneData,
-    seed::Rng,
-    statistics::{self, Estimate},
+    statistics,
 };
 use sage_generators::{
     Aggression, GeneratorInputs, ProposerKind, Rate, proposers::MixedExperts, selector::best_of,
 };
 
 use crate::scenes::Scenes;
-
-/// Resamples of an interval.
-const RESAMPLES: usize = 2000;
 
 /// Evaluated candidates of every scene at several λ.
 pub(crate) struct AttackGrid {
@@ -43,8 +39,6 @@ pub struct Attacks {
     pub hits: Vec<f64>,
     /// For each scene 1 if the attack is believable, else 0.
     pub believable: Vec<f64>,
-    /// Adversarial reward of each scene.
-    pub rewards: Vec<f64>,
 }
 
 impl Attacks {
@@ -53,66 +47,12 @@ impl Attacks {
         statistics::mean(self.counted(rate)).unwrap_or(0.0)
     }
 
-    /// Share of scenes with its 95 % interval (Wilson).
-    pub fn rate_estimate(&self, rate: Rate) -> Option<Estimate> {
-        let counted = self.counted(rate);
-        statistics::wilson(counted.iter().filter(|one| **one > 0.0).count(), counted.len())
-    }
-
     fn counted(&self, rate: Rate) -> &[f64] {
         match rate {
             Rate::Attack => &self.hits,
             Rate::Believable => &self.believable,
         }
     }
-
-    /// Mean reward.
-    pub fn reward(&self) -> f64 {
-        statistics::mean(&self.rewards).unwrap_or(0.0)
-    }
-
-    /// Mean reward with its 95 % interval.
-    pub fn reward_estimate(&self) -> Option<Estimate> {
-        statistics::bootstrap_mean(&self.rewards, RESAMPLES, &mut Rng::new(0, "reward", "dial"))
-    }
-}
-
-/// Deviation of attack rates from the straight line between their ends.
-#[derive(Clone, Copy, Debug)]
-pub struct Linearity {
-    /// Root mean square of the distances from the line.
-    pub rms: f64,
-    /// Largest distance from the line.
-    pub worst: f64,
-    /// Largest drop between neighbouring rates, scenes.
-    pub largest_drop: f64,
-    /// Last rate minus the first.
-    pub span: f64,
-}
-
-impl Linearity {
-    /// Of attacks at evenly spaced operating points of a sweep.
-    pub fn of(attacks: &[&Attacks], rate: Rate) -> Self {
-        let rates: Vec<f64> = attacks.iter().map(|a| a.rate(rate)).collect();
-        let (low, high) = (rates[0], rates[rates.len() - 1]);
-        let line = |k: usize| low + (high - low) * k as f64 / (rates.len() - 1).max(1) as f64;
-        let distances: Vec<f64> = rates.iter().enumerate().map(|(k, rate)| (rate - line(k)).abs()).collect();
-        let scenes = attacks[0].hits.len() as f64;
-        let drop = rates.windows(2).map(|pair| pair[0] - pair[1]).fold(0.0, f64::max);
-        Self {
-            rms: (distances.iter().map(|d| d * d).sum::<f64>() / distances.len() as f64).sqrt(),
-            worst: distances.iter().copied().fold(0.0, f64::max),
-            largest_drop: (drop * scenes).round(),
-            span: high - low,
-        }
-    }
-}
-
-/// Shapley share of λ in the change of a value when λ and μ rise from 0 to 1: the mean of the changes by λ
-/// at μ = 0 and at μ = 1, divided by the whole change. The rest is the share of μ. `None` if nothing changes.
-pub fn shapley_of_lambda(value: impl Fn(f64, f64) -> f64) -> Option<f64> {
-    let [none, lambda, mu, both] = [value(0.0, 0.0), value(1.0, 0.0), value(0.0, 1.0), value(1.0, 1.0)];
-    (both != none).then(|| 0.5 * ((lambda - none) + (both - mu)) / (both - none))
 }
 
 impl AttackGrid {
@@ -164,13 +104,12 @@ impl AttackGrid {
     /// The attacks that are selected at λ and μ; `None` for a λ that was not evaluated.
     pub fn attacks(&self, lambda: f64, mu: f64) -> Option<Attacks> {
         let k = self.lambdas.iter().position(|known| (known - lambda).abs() < 1e-9)?;
-        let mut attacks = Attacks { hits: Vec::new(), believable: Vec::new(), rewards: Vec::new() };
+        let mut attacks = Attacks { hits: Vec::new(), believable: Vec::new() };
         for (scene, believable) in self.evaluations.iter().zip(&self.believable) {
             let chosen = best_of(&scene[k], &self.objective, mu).chosen;
             let selected = &scene[k][chosen];
             attacks.hits.push(f64::from(u8::from(selected.is_attack())));
             attacks.believable.push(f64::from(u8::from(believable[k][chosen])));
-            attacks.rewards.push(selected.adversarial);
         }
         Some(attacks)
     }
@@ -211,30 +150,6 @@ fn mu_grid() -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn attacks(rate: f64) -> Attacks {
-        let hits = (0..10).map(|k| f64::from(u8::from(f64::from(k) < 10.0 * rate - 1e-9))).collect();
-        Attacks { believable: vec![0.0; 10], hits, rewards: vec![rate; 10] }
-    }
-
-    #[test]
-    fn a_straight_rise_is_linear_and_a_jump_is_not() {
-        let rise = [0.0, 0.2, 0.4, 0.6, 0.8].map(attacks);
-        let linearity = Linearity::of(&rise.each_ref(), Rate::Attack);
-        assert!(
-            linearity.rms < 1e-12 && linearity.largest_drop == 0.0 && (linearity.span - 0.8).abs() < 1e-12
-        );
-        let jump = [0.0, 0.8, 0.7, 0.8].map(attacks);
-        let jump = Linearity::of(&jump.each_ref(), Rate::Attack);
-        assert!((jump.worst - (0.8 - 0.8 / 3.0)).abs() < 1e-12 && jump.largest_drop == 1.0);
-    }
-
-    #[test]
-    fn shapley_shares_the_change_between_lambda_and_mu() {
-        assert_eq!(shapley_of_lambda(|lambda, mu| 1.0 + lambda + 3.0 * mu), Some(0.25));
-        assert_eq!(shapley_of_lambda(|lambda, mu| lambda * mu), Some(0.5));
-        assert_eq!(shapley_of_lambda(|_, _| 1.0), None);
-    }
 
     #[test]
     fn the_grid_of_mu_rises_from_0_to_1() {

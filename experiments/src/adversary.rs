@@ -38,6 +38,7 @@ impl Adversary {
     pub(crate) fn new(
         part: &Part,
         weights: &str,
+        merger: &Part,
         selection: &Selection,
         registries: &Registries,
     ) -> Result<Self> {
@@ -47,7 +48,7 @@ impl Adversary {
             .needs_experts
             .then(|| networks::load_experts(&registries.backbones, weights))
             .transpose()?;
-        let merger: Arc<dyn Merger> = registries.mergers.build_default("linear")?.into();
+        let merger: Arc<dyn Merger> = merger.build(&registries.mergers)?.into();
         let inputs = generators::inputs(experts.as_ref(), &merger, selection, 0);
         let hashes = match &experts {
             None => Vec::new(),

@@ -41,7 +41,7 @@ impl Cli {
                 commands::bench_study::list(registries)
             }
             Command::Bench(BenchArgs { command: Some(BenchCommand::Report(args)), .. }) => {
-                commands::bench_study::report(&args)
+                commands::bench_study::report(&args, registries)
             }
             Command::Bench(BenchArgs { command: None, study }) => {
                 commands::bench_study::run(&study, registries)

@@ -118,14 +118,14 @@ fn the_time_to_react_is_measured_over_generators_and_in_the_table() {
     let bench = ["bench", "react", text(&scenes), "--targets", "0.5,2", "--out", text(&react)];
     let measured = sage(&[&bench[..], &methods].concat());
     let lines = |of: &str| stdout(&measured).lines().filter(|line| line.starts_with(of)).count();
-    assert_eq!((lines("| sage 1.00 |"), lines("| rule |")), (2, 2), "{}", stdout(&measured));
-    let csv = fs::read_to_string(react.join("table.csv")).unwrap();
-    assert_eq!(csv.lines().count(), 1 + 2 * 2 * 3);
+    assert_eq!((lines("| sage 1.00 target"), lines("| rule target")), (2, 2), "{}", stdout(&measured));
+    let csv = fs::read_to_string(react.join("rows.csv")).unwrap();
+    assert_eq!(csv.lines().filter(|line| line.contains(",time chosen,")).count(), 2 * 2 * 3);
 
     let bench = ["bench", "open-loop", text(&scenes), "--lambda", "1", "--avoidable", "--out", text(&table)];
     stdout(&sage(&[&bench[..], &methods].concat()));
-    let csv = fs::read_to_string(table.join("table.csv")).unwrap();
-    for column in ["avoidable", "\"avoidable, nobody behind\"", "recovers", "react s", "brake s", "steer s"] {
+    let csv = fs::read_to_string(table.join("estimates.csv")).unwrap();
+    for column in ["avoidable", "\"avoidable, nobody behind\"", "recovers", "react", "brake", "steer"] {
         assert!(csv.contains(&format!("sage 1.00,{column},")), "{column}: {csv}");
     }
 }

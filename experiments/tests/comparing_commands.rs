@@ -1,4 +1,4 @@
-//! `sage bench front` and `bench ablation` as a user runs them.
+//! Studies that compare generators and variants of tuning, as a user runs them.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -15,13 +15,13 @@ fn fronts_group_the_weights_of_a_generator_and_compare_with_the_first() {
     let output = sage(&[&front[..], &WEIGHTS].concat());
     let table = stdout(&output);
     for row in
-        ["| sage | 2 | 1 |", "| king | 2 | 1 |", r#"| king{"start":"prior"} | 2 | 1 |"#, "| rule | 1 | 1 |"]
+        ["| sage | 2 | 1 |", "| king | 2 | 1 |", r#"| king{"start":"prior"} | 1 | 1 |"#, "| rule | 1 | 1 |"]
     {
         assert!(table.contains(row), "{row}: {table}");
     }
-    assert!(table.contains("`sage` at equal P_real minus it"), "{table}");
-    let points = std::fs::read_to_string(out.join("points.csv")).unwrap();
-    assert_eq!(points.lines().count(), 8);
+    assert!(table.contains("`sage` at no more P_real than each other point"), "{table}");
+    let points = std::fs::read_to_string(out.join("estimates.csv")).unwrap();
+    assert_eq!(points.lines().filter(|line| line.contains(",R_adv,")).count(), 6);
     for chart in ["attack-realism.svg", "attack-lane.svg", "attack-nll.svg", "reward-realism.svg"] {
         assert!(std::fs::read_to_string(out.join(chart)).unwrap().contains("rule"), "{chart}");
     }
@@ -31,25 +31,35 @@ fn fronts_group_the_weights_of_a_generator_and_compare_with_the_first() {
 }
 
 #[test]
-fn an_ablation_tunes_every_variant_and_resumes() {
+fn the_variants_of_the_ablation_are_tuned_and_compared_with_the_first() {
     let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("ablation");
-    let ablation = |threads: &str| {
-        let size = ["--procedural", "3", "--roles", "0", "--epochs", "1"];
-        let run = ["bench", "ablation", "--out", text(&out), "--threads", threads];
-        stdout(&sage(&[&run[..], &size].concat())).to_owned()
-    };
-    let table = ablation("2");
-    for variant in [
-        "| HGPO | 3 |",
-        "| without map constraint | 3 |",
-        "| margin 2 | 3 |",
-        "| one model, weights 7:3 | 3 |",
-    ] {
-        assert!(table.contains(variant), "{variant}: {table}");
-    }
-    assert!(out.join("experts/margin-2.safetensors").exists() && out.join("loss.svg").exists());
-    let curves = std::fs::read_to_string(out.join("experts/finetune.csv")).unwrap();
-    assert_eq!(curves.lines().count(), 12);
-    assert_eq!(ablation("1"), table, "a finished tuning is not repeated, and the evaluation is the same");
+    let [scenes, experts, out] = ["scenes", "experts", "ablation"].map(|name| folder.path().join(name));
+    stdout(&sage(&["scenes", "--count", "3", "--seed", "1", "--out", text(&scenes)]));
+    let config = folder.path().join("variants.json");
+    let quick =
+        r#"{"epochs": 1, "candidates": 16, "experts": {"hgpo": {}, "dpo": {"pairing": "best-worst"}}}"#;
+    std::fs::write(&config, quick).unwrap();
+    let finetune = ["finetune", "--procedural", "2", "--roles", "0", "--variants", text(&config)];
+    stdout(&sage(&[&finetune[..], &["--out", text(&experts)]].concat()));
+    let bench = ["bench", "ablation", text(&scenes), "--weights", text(&experts), "--out", text(&out)];
+    let table = sage(&[&bench[..], &["--set", "mix=[{hgpo: 1}, {dpo: 1}]", "--wide"]].concat());
+    let table = stdout(&table);
+    assert!(table.contains("| sage hgpo=1.00 mu 1.00 | 3 |"), "{table}");
+    assert!(table.contains("| sage dpo=1.00 mu 1.00 | sage hgpo=1.00 mu 1.00 |"), "{table}");
+    // The shipped variants are known by name; they take long.
+    assert!(failure(&["finetune", "--variants", "nothing", "--out", text(&out)]).contains("nothing"));
+}
+
+#[test]
+fn variants_of_several_seeds_are_compared_by_arm() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, out) = (example(), folder.path().join("experts"));
+    let shipped = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural");
+    let weights = format!("A={0},A={0},B=procedural", shipped.display());
+    let bench = ["bench", "experts", &scene, "--weights", &weights, "--out", text(&out)];
+    let table = sage(&[&bench[..], &["--wide"]].concat());
+    let table = stdout(&table);
+    assert!(table.contains("| A | 1.00 | 2 | 1 |") && table.contains("| B | 1.00 | 1 | 1 |"), "{table}");
+    // The same weights: no difference.
+    assert!(table.contains("| A, 1.00 | B, 1.00 |") && table.contains("+0.000 [0.000, 0.000]"), "{table}");
 }

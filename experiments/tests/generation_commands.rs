@@ -172,11 +172,12 @@ fn open_loop_compares_methods_and_keeps_its_table() {
     }
     assert!(table.contains("Without selection, expectations under the policy"));
     assert!(table.contains("| sage 1.00 | prior 1.00 |") && !table.contains("| oracle 0.00 |"));
-    for file in ["table.md", "table.csv", "scenes.csv", "run.json", "index.html"] {
+    for file in ["table.md", "estimates.csv", "rows.csv", "study.json", "run.json", "index.html"] {
         assert!(out.join(file).is_file(), "{file}");
     }
-    let csv = std::fs::read_to_string(out.join("table.csv")).unwrap();
-    assert!(csv.starts_with("generator,measure,value,low,high,n\n") && csv.contains("sage 1.00,attack,"));
+    let csv = std::fs::read_to_string(out.join("estimates.csv")).unwrap();
+    assert!(csv.starts_with("subject,arm,attack,metric,unit,value,low,high,n,"), "{csv}");
+    assert!(csv.contains("trajectory,recording,sage 1.00,attack,"), "{csv}");
     let page = std::fs::read_to_string(out.join("index.html")).unwrap();
     // Each of the three scenes is shown with its verdict: attacks that are believable, and those that failed.
     let names = ["01-strongest-1", "01-failed-1"].map(|name| format!("{name}.svg"));
@@ -330,32 +331,25 @@ fn drivers_are_compared_by_scene() {
     };
     let first = drivers(&[]);
     let table = stdout(&first);
-    assert!(
-        table.contains("| idm | nothing beyond now | 7 |") && table.contains("| constant-speed − idm |"),
-        "{table}"
-    );
-    let rows = std::fs::read_to_string(out.join("scenes.csv")).unwrap();
-    assert_eq!(rows.lines().count(), 15);
-    let header = |csv: &str| csv.lines().next().unwrap_or_default().to_owned();
-    assert!(header(&rows).ends_with("comfortable,off_road,over_red,over_red_step"));
-    assert!(table.matches("over red %").count() == 2 && table.contains("over red, points"));
-    // Each driver meets an attack in each scene.
-    assert!(
-        table.contains("| sage 1.00 | idm | 7 |") && table.contains("Paired by scene, sage 1.00"),
-        "{table}"
-    );
-    let attacks = std::fs::read_to_string(out.join("attacks.csv")).unwrap();
-    assert_eq!(attacks.lines().count(), 15);
-    assert!(header(&attacks).ends_with("progress,over_red,over_red_step"));
-    let is_attack = |line: &&str| line.split(',').nth(3) == Some("true");
-    let found = attacks.lines().filter(is_attack).map(|line| line.split(',').nth(8).unwrap_or_default());
-    let found: Vec<&str> = found.collect();
-    assert!(!found.is_empty() && found.iter().all(|avoidable| ["true", "false"].contains(avoidable)));
-    assert!(stderr(&drivers(&[])).contains("--force"), "a folder is not overwritten");
+    assert!(table.contains("| idm | 7 |") && table.contains("| constant-speed | idm |"), "{table}");
+    let rows = || std::fs::read_to_string(out.join("rows.csv")).unwrap();
+    let count = |text: &str, of: &str| text.lines().filter(|line| line.contains(of)).count();
+    assert_eq!(count(&rows(), ",comfortable,"), 14);
+    // Each driver meets an attack in each scene, and of the attacks it is known whether they are avoidable.
+    assert!(table.contains("| idm | sage 1.00 | 7 |"), "{table}");
+    assert!(table.contains("| constant-speed, sage 1.00 | idm, sage 1.00 |"), "{table}");
+    assert_eq!(count(&rows(), ",at-fault attack,"), 14);
+    let written = rows();
+    let searched =
+        |line: &&str| line.contains("\"avoidable, of the attacks\",,0") || line.contains("attacks\",,1");
+    let attacks = count(&written, ",attack,,1,");
+    assert!(attacks > 0 && written.lines().filter(searched).count() <= attacks, "{attacks}");
+    let other = failure(&["bench", "drivers", "--procedural", "3", "--out", text(&out)]);
+    assert!(other.contains("--force"), "a folder is not overwritten: {other}");
     assert_eq!(stdout(&drivers(&["--force", "--threads", "1"])), table);
     let unattacked = drivers(&["--force", "--unattacked"]);
     assert!(!stdout(&unattacked).contains("sage 1.00"));
-    assert_eq!(std::fs::read_to_string(out.join("attacks.csv")).unwrap().lines().count(), 1);
+    assert_eq!(count(&rows(), "attacked-drive"), 0);
     let twice =
         sage(&["bench", "drivers", "--policies", "idm,idm", "--out", text(&folder.path().join("twice"))]);
     assert!(stderr(&twice).contains("the policy `idm` is given twice"));

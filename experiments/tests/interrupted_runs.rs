@@ -62,6 +62,16 @@ fn a_killed_open_loop_goes_on_to_the_same_files() {
 }
 
 #[test]
+fn killed_drivers_go_on_to_the_same_files() {
+    killed("drivers");
+}
+
+#[test]
+fn a_killed_closed_loop_goes_on_to_the_same_files() {
+    killed("closed-loop");
+}
+
+#[test]
 fn a_killed_calibrate_starts_again_to_the_same_files() {
     killed("calibrate");
 }

@@ -91,12 +91,12 @@ fn mergers_are_compared_over_lambda() {
     let table = stdout(&table);
     // Between the experts, vector extrapolation is interpolation.
     assert!(
-        table.contains("| vector-extrapolation | 3 |") && table.contains("| 0.000 [0.000, 0.000] |"),
+        table.contains("| vector-extrapolation | 21 | 3 |") && table.contains("| 0.000 [0.000, 0.000] |"),
         "{table}"
     );
-    let csv = fs::read_to_string(out.join("pareto.csv")).unwrap();
+    let csv = fs::read_to_string(out.join("estimates.csv")).unwrap();
     // 21 values of λ for three mergers with selection, and for two without.
-    assert_eq!(csv.lines().count(), 1 + 21 * 5);
+    assert_eq!(csv.lines().filter(|line| line.contains(",P_real,")).count(), 21 * 5);
     for chart in
         ["pareto.svg", "pareto-without-selection.svg", "control.svg", "control-without-selection.svg"]
     {
@@ -159,26 +159,23 @@ fn mixtures_of_three_experts_are_measured_on_their_triangle() {
     let folder = tempfile::tempdir().unwrap();
     let (scenes, out) = (folder.path().join("scenes"), folder.path().join("out"));
     stdout(&sage(&["scenes", "--count", "2", "--seed", "4", "--out", text(&scenes)]));
-    let bench = |more: &[&str], out: &str| {
-        let out = folder.path().join(out);
-        let all = ["bench", "mixtures", text(&scenes), "--steps", "2", "--out", text(&out)];
-        sage(&[&all[..], more].concat())
+    let bench = |experts: &str, out: &str| {
+        let (out, triangle) =
+            (folder.path().join(out), format!("triangle={{experts: [{experts}], steps: 2}}"));
+        sage(&["bench", "mixtures", text(&scenes), "--set", &triangle, "--out", text(&out)])
     };
-    let table = bench(&[], "out");
-    // The corners, the centres of the sides; the centre is not on this lattice.
-    let weights = stdout(&table).lines().filter(|line| line.starts_with("| 0.") || line.starts_with("| 1."));
-    assert_eq!(weights.count(), 6);
-    let csv = fs::read_to_string(out.join("mixtures.csv")).unwrap();
-    assert!(csv.starts_with("realistic,adversarial,lawful,selection,attack,penalty,lane_distance\n"));
-    assert_eq!(csv.lines().count(), 1 + 2 * 6);
+    let table = bench("realistic, adversarial, lawful", "out");
+    // The corners and the centres of the sides, with selection and without.
+    assert_eq!(stdout(&table).lines().filter(|line| line.contains("lawful=")).count(), 2 * 6);
+    let csv = fs::read_to_string(out.join("estimates.csv")).unwrap();
+    assert_eq!(csv.lines().filter(|line| line.contains(",P_real,")).count(), 2 * 6);
     for picture in ["triangle.svg", "triangle-policy.svg"] {
         assert!(fs::read_to_string(out.join(picture)).unwrap().contains("lawful"), "{picture}");
     }
-    let error = |more: &[&str]| stderr(&bench(more, "wrong")).to_owned();
-    assert!(error(&["--experts", "realistic,lawful"]).contains("a triangle has three corners"));
-    assert!(error(&["--experts", "realistic,lawful,calm"]).contains("no expert `calm`"));
-    assert!(error(&["--experts", "realistic,lawful,lawful"]).contains("`lawful` is given twice"));
-    assert!(error(&["--merger", "trajectory"]).contains("changes the modes"));
+    let error = |experts: &str| stderr(&bench(experts, "wrong")).to_owned();
+    assert!(error("realistic, lawful").contains("triangle"), "{}", error("realistic, lawful"));
+    assert!(error("realistic, lawful, calm").contains("no expert `calm`"));
+    assert!(error("realistic, lawful, lawful").contains("names an expert twice"));
     assert!(!folder.path().join("wrong").exists());
 }
 

@@ -157,11 +157,14 @@ fn pretrain_refuses_what_it_cannot_learn_from() {
 
 #[test]
 fn bench_prediction_compares_with_constant_velocity() {
-    let output =
-        sage(&["bench", "prediction", &example(), "--weights", "lane-graph", "--weights", "procedural"]);
-    let text = stdout(&output);
-    assert!(text.contains("| constant velocity | interest | any | 2 | 1 |"), "{text}");
-    assert!(text.contains("| procedural | all | moving |"), "{text}");
-    let json = sage(&["bench", "prediction", &example(), "--weights", "lane-graph", "--json"]);
-    assert!(rows(&json).iter().any(|row| row["method"] == "lane-graph" && row["min_fde"]["n"].is_u64()));
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("errors");
+    let bench = ["bench", "prediction", &example(), "--weights", "lane-graph", "--weights", "procedural"];
+    let output = sage(&[&bench[..], &["--out", text(&out)]].concat());
+    let table = stdout(&output);
+    assert!(table.contains("| constant velocity | target 1 | 2 |"), "{table}");
+    assert!(table.contains("| procedural | target 32 |"), "{table}");
+    let rows = std::fs::read_to_string(out.join("estimates.csv")).unwrap();
+    assert!(rows.contains("prediction,lane-graph,target 6,\"minFDE, all, moving\",m,"), "{rows}");
+    assert!(rows.contains("prediction,procedural,target 1,top 32: P_kin,"), "{rows}");
 }

@@ -205,8 +205,13 @@ fn a_contact_at_now_is_left_out_by_every_command() {
         text(&drivers),
     ];
     let run = sage(&arguments);
-    assert!(run.status.success() && stderr(&run).contains("left out: attacks on idm"), "{}", stderr(&run));
-    assert_eq!(std::fs::read_to_string(drivers.join("attacks.csv")).unwrap().lines().count(), 2);
+    assert!(
+        run.status.success() && stderr(&run).contains("left out: `touching`: attacked-drive idm"),
+        "{}",
+        stderr(&run)
+    );
+    let rows = std::fs::read_to_string(drivers.join("rows.csv")).unwrap();
+    assert_eq!(rows.lines().filter(|line| line.contains(",at-fault attack,")).count(), 1);
 }
 
 #[test]
@@ -231,7 +236,7 @@ fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
     let run = sage(&arguments);
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
     assert!(stderr(&run).contains("error: `") && stderr(&run).contains("no-scene.pkl"), "{}", stderr(&run));
-    let table = std::fs::read_to_string(out.join("drivers.md")).unwrap();
+    let table = std::fs::read_to_string(out.join("table.md")).unwrap();
     assert!(table.contains("1 scene track-left-out, 1 scene unreadable"), "{table}");
 }
 

@@ -125,7 +125,7 @@ fn aggression_uses_a_dial_that_calibrate_fits_and_stores_with_the_experts() {
     let report = folder.path().join("dial");
     let output = sage(&["bench", "dial", text(&scenes), "--weights", text(&experts), "--out", text(&report)]);
     assert!(stdout(&output).contains("Shapley share of lambda"), "{}", stdout(&output));
-    for file in ["dial.md", "dial.csv", "dial.svg", "run.json"] {
+    for file in ["table.md", "estimates.csv", "dial.svg", "run.json"] {
         assert!(report.join(file).is_file(), "{file}");
     }
 }

@@ -3,6 +3,7 @@
 //! A [`Curve`] holds the metrics of every scene at every point. A quantity is a function of the means over scenes, and
 //! its interval is that of the bootstrap over scenes.
 
+use rayon::prelude::*;
 use sage_backbones::training::Expectation;
 use sage_core::{
     seed::Rng,
@@ -74,29 +75,35 @@ impl Curve {
     }
 
     /// A quantity of the means with its 95 % interval; `None` without scenes.
-    pub fn estimate(&self, of: impl Fn(&[Point]) -> f64) -> Option<Estimate> {
-        self.against(self, |own, _| of(own))
+    pub fn estimate(&self, of: impl Fn(&[Point]) -> f64 + Sync) -> Option<Estimate> {
+        self.resampled(self.scenes.len(), |scenes| of(&self.front_of(scenes)))
     }
 
     /// Difference of a quantity from that of another curve over the same scenes.
-    pub fn difference(&self, other: &Self, of: impl Fn(&[Point]) -> f64) -> Option<Estimate> {
+    pub fn difference(&self, other: &Self, of: impl Fn(&[Point]) -> f64 + Sync) -> Option<Estimate> {
         self.against(other, |own, other| of(own) - of(other))
     }
 
     /// A quantity of two curves over the same scenes.
-    pub fn against(&self, other: &Self, of: impl Fn(&[Point], &[Point]) -> f64) -> Option<Estimate> {
-        let count = self.scenes.len();
-        if count == 0 || other.scenes.len() != count {
+    pub fn against(&self, other: &Self, of: impl Fn(&[Point], &[Point]) -> f64 + Sync) -> Option<Estimate> {
+        if other.scenes.len() != self.scenes.len() {
+            return None;
+        }
+        self.resampled(self.scenes.len(), |scenes| of(&self.front_of(scenes), &other.front_of(scenes)))
+    }
+
+    /// A quantity of resampled scenes. All draws are made first, so that threads share the work and the bits stay.
+    fn resampled(&self, count: usize, of: impl Fn(&[usize]) -> f64 + Sync) -> Option<Estimate> {
+        if count == 0 {
             return None;
         }
         let mut rng = Rng::new(0, "curve", "bootstrap");
-        let resample = |_| {
-            let scenes: Vec<usize> = (0..count).map(|_| rng.below(count)).collect();
-            of(&self.front_of(&scenes), &other.front_of(&scenes))
-        };
-        let drawn: Vec<f64> = (0..RESAMPLES).map(resample).collect();
+        let draws: Vec<Vec<usize>> =
+            (0..RESAMPLES).map(|_| (0..count).map(|_| rng.below(count)).collect()).collect();
+        let drawn: Vec<f64> = draws.par_iter().map(|scenes| of(scenes)).collect();
         let [low, high] = [0.025, 0.975].map(|share| quantile(&drawn, share));
-        Some(Estimate { value: of(&self.front(), &other.front()), low: low?, high: high?, n: count })
+        let value = of(&(0..count).collect::<Vec<_>>());
+        Some(Estimate { value, low: low?, high: high?, n: count })
     }
 
     /// The curve of one of its points alone.

@@ -22,6 +22,8 @@ use sage_sim::{
 };
 use theory_checks::{Check, claims};
 
+use crate::study::SHIPPED;
+
 /// Registries of the parts that commands accept by name.
 pub struct Registries {
     /// Rewards and penalties.
@@ -44,6 +46,8 @@ pub struct Registries {
     pub claims: Registry<dyn Check>,
     /// Metrics of all kinds of results.
     pub metrics: MetricRegistries,
+    /// Studies: name and file (YAML).
+    pub studies: Vec<(&'static str, &'static str)>,
 }
 
 impl Registries {
@@ -62,6 +66,7 @@ impl Registries {
             scene_samplers: scene_samplers()?,
             claims: claims()?,
             metrics: MetricRegistries::shipped()?,
+            studies: SHIPPED.to_vec(),
         })
     }
 }

@@ -7,9 +7,10 @@ mod record;
 mod sweeps;
 mod tests;
 
-use std::fmt::Write as _;
+use std::{collections::HashMap, fmt::Write as _};
 
 use anyhow::Result;
+use rayon::prelude::*;
 use sage_core::{metric::Aggregate, statistics::Estimate};
 
 pub use record::{StudyRecord, join, read, rows_csv};
@@ -46,9 +47,10 @@ impl Report {
     ///
     /// *Errors*: a chart or a comparison of the study names a metric that was not measured.
     pub fn new(study: &Study, results: &Results) -> Result<Self> {
+        let all = Estimates::of(results);
         let mut tables: Vec<Table> = (Subject::ALL.into_iter())
             .filter(|subject| !results.methods(*subject).is_empty())
-            .map(|subject| table(study, results, subject))
+            .map(|subject| table(study, results, subject, &all))
             .collect::<Result<Vec<_>>>()?
             .into_iter()
             .flatten()
@@ -62,7 +64,7 @@ impl Report {
         tables.extend(tests::tables(study, results)?);
         let notes = notes(study, results);
         let mut files =
-            vec![(ESTIMATES.to_owned(), estimates(results)), (ROWS.to_owned(), rows_csv(results))];
+            vec![(ESTIMATES.to_owned(), estimates(results, &all)), (ROWS.to_owned(), rows_csv(results))];
         files.extend(charts::draw(study, results)?);
         let report = Self { tables, notes, files };
         let page = report.markdown();
@@ -111,8 +113,38 @@ fn shown(results: &Results, methods: &[usize]) -> [bool; 2] {
     [arms || !attacks, attacks]
 }
 
+/// Estimates of all metrics of all methods, made once.
+struct Estimates(HashMap<(usize, usize), (Samples, Option<Estimate>)>);
+
+impl Estimates {
+    fn of(results: &Results) -> Self {
+        let all = Subject::ALL.into_iter().flat_map(|subject| {
+            let metrics = results.metrics_of(subject).len();
+            results
+                .methods(subject)
+                .into_iter()
+                .flat_map(move |method| (0..metrics).map(move |k| (method, k)))
+        });
+        let all: Vec<(usize, usize)> = all.collect();
+        let one = |&(method, k): &(usize, usize)| {
+            let key = &results.keys[method];
+            let metric = &results.metrics_of(key.subject)[k];
+            let samples = results.samples(method, k);
+            let stream = format!("{} {}", key.stream(), metric.name);
+            let estimate = samples.estimate(metric.aggregate, &stream);
+            ((method, k), (samples, estimate))
+        };
+        Self(all.par_iter().map(one).collect())
+    }
+
+    fn get(&self, method: usize, metric: usize) -> (&Samples, Option<Estimate>) {
+        let (samples, estimate) = &self.0[&(method, metric)];
+        (samples, *estimate)
+    }
+}
+
 /// The table of a subject; `None` if the study shows no column of it.
-fn table(study: &Study, results: &Results, subject: Subject) -> Result<Option<Table>> {
+fn table(study: &Study, results: &Results, subject: Subject, all: &Estimates) -> Result<Option<Table>> {
     let methods = results.methods(subject);
     let has = shown(results, &methods);
     let metrics = results.metrics_of(subject);
@@ -137,16 +169,14 @@ fn table(study: &Study, results: &Results, subject: Subject) -> Result<Option<Ta
     heads.extend(columns.iter().map(|k| metrics[*k].head()));
     heads.extend(knows.then(|| "knows beyond now".to_owned()));
     let row = |method: &usize| {
-        let samples: Vec<_> = columns.iter().map(|k| results.samples(*method, *k)).collect();
+        let found: Vec<_> = columns.iter().map(|k| all.get(*method, *k)).collect();
         let mut row = named(results, *method, has);
-        row.extend(seeds.then(|| samples[0].seeds.len().to_string()));
-        let most = samples.iter().map(Samples::n).max().unwrap_or(0);
+        row.extend(seeds.then(|| found[0].0.seeds.len().to_string()));
+        let most = found.iter().map(|(samples, _)| samples.n()).max().unwrap_or(0);
         row.push(most.to_string());
         row.extend(fails.then(|| results.failed(*method).to_string()));
-        for (samples, k) in samples.iter().zip(&columns) {
-            let metric = &metrics[*k];
-            let stream = format!("{} {}", results.keys[*method].stream(), metric.name);
-            let text = cell(metric, samples.estimate(metric.aggregate, &stream), samples.deviation());
+        for ((samples, estimate), k) in found.iter().zip(&columns) {
+            let text = cell(&metrics[*k], *estimate, samples.deviation());
             // Where less was measured than in another column, the number says so.
             let of = if samples.n() < most { format!(" ({})", samples.n()) } else { String::new() };
             row.push(text + &of);
@@ -215,7 +245,7 @@ fn types(results: &Results) -> Option<Table> {
 
 /// What the columns mean, and how the intervals were made.
 fn notes(study: &Study, results: &Results) -> String {
-    let mut out = study.report.notes.clone();
+    let mut out = tests::braking(results) + &study.report.notes;
     let mut told: Vec<&str> = Vec::new();
     for subject in Subject::ALL {
         let shown = study.report.columns.get(&subject);
@@ -233,7 +263,7 @@ fn notes(study: &Study, results: &Results) -> String {
 }
 
 /// `estimates.csv`: one row per method and metric.
-fn estimates(results: &Results) -> String {
+fn estimates(results: &Results, all: &Estimates) -> String {
     let heads =
         ["subject", "arm", "attack", "metric", "unit", "value", "low", "high", "n", "deviation over seeds"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
@@ -241,9 +271,7 @@ fn estimates(results: &Results) -> String {
         for method in results.methods(subject) {
             let key = &results.keys[method];
             for (k, metric) in results.metrics_of(subject).iter().enumerate() {
-                let samples = results.samples(method, k);
-                let stream = format!("{} {}", key.stream(), metric.name);
-                let Some(e) = samples.estimate(metric.aggregate, &stream) else { continue };
+                let (samples, Some(e)) = all.get(method, k) else { continue };
                 let deviation = samples.deviation().map_or(String::new(), |d| d.to_string());
                 rows.push(vec![
                     subject.name().to_owned(),

@@ -50,6 +50,8 @@ pub struct MetricInfo {
     pub better: Better,
     /// Whether it takes a search, so that `*` does not stand for it.
     pub is_costly: bool,
+    /// Whether it differs from run to run, as times do; `*` does not stand for it either.
+    pub varies: bool,
     /// Name of the metric that weighs the scenes in a mean, such as the number of steps.
     pub weight: Option<Cow<'static, str>>,
 }
@@ -78,6 +80,7 @@ impl<S: ?Sized> Metric<S> {
             aggregate,
             better: Better::Neither,
             is_costly: false,
+            varies: false,
             weight: None,
         };
         Self { info, value: Arc::new(value), note: None }
@@ -140,6 +143,12 @@ impl<S: ?Sized> Metric<S> {
     /// The same, for a metric that takes a search.
     pub fn costly(mut self) -> Self {
         self.info.is_costly = true;
+        self
+    }
+
+    /// The same, for a metric that differs from run to run.
+    pub fn varying(mut self) -> Self {
+        self.info.varies = true;
         self
     }
 
@@ -225,10 +234,11 @@ impl<S: ?Sized> Metrics<S> {
         let mut chosen: Vec<Metric<S>> = Vec::new();
         for name in names {
             if name == EVERY {
-                let rest = self
-                    .0
-                    .iter()
-                    .filter(|metric| !metric.info.is_costly && !names.iter().any(|n| *n == metric.info.name));
+                let rest = self.0.iter().filter(|metric| {
+                    !metric.info.is_costly
+                        && !metric.info.varies
+                        && !names.iter().any(|n| *n == metric.info.name)
+                });
                 chosen.extend(rest.cloned());
                 continue;
             }

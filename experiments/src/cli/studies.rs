@@ -78,7 +78,7 @@ pub(crate) struct AxisArgs {
     /// Comma-separated weights: procedural, waymo, waymo-paper, folders, or ARM=FOLDER, where several folders of one arm
     /// are its training seeds.
     #[arg(long, value_name = "NAMES")]
-    pub weights: Option<String>,
+    pub weights: Vec<String>,
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
     #[arg(long, value_name = "NAME")]
     pub selection: Option<String>,
@@ -100,6 +100,18 @@ pub(crate) struct AxisArgs {
     /// Comma-separated times to react that are aimed at, seconds.
     #[arg(long, alias = "targets", value_name = "TIMES")]
     pub react: Option<String>,
+    /// Comma-separated radii of the suppression among predictions, metres.
+    #[arg(long, value_name = "M")]
+    pub radius: Option<String>,
+    /// Comma-separated runs of `sage train-ego`, as NAME=FOLDER.
+    #[arg(long, value_name = "RUNS")]
+    pub runs: Option<String>,
+    /// Number of untrained policies, the floor.
+    #[arg(long, value_name = "N")]
+    pub untrained: Option<u64>,
+    /// Run that the tests of the study compare with every other run.
+    #[arg(long, value_name = "NAME")]
+    pub tested: Option<String>,
     /// Seed of random numbers.
     #[arg(long, value_name = "S")]
     pub seed: Option<u64>,
@@ -112,21 +124,24 @@ impl AxisArgs {
             ("method", &self.method),
             ("ego", &self.ego),
             ("merger", &self.merger),
-            ("weights", &self.weights),
             ("selection", &self.selection),
             ("feasibility", &self.feasibility),
             ("lambda", &self.lambda),
             ("mu", &self.mu),
             ("aggression", &self.aggression),
             ("react", &self.react),
+            ("radius", &self.radius),
+            ("runs", &self.runs),
         ];
         let given = axes.into_iter().filter_map(|(name, value)| Some(format!("{name}={}", value.as_ref()?)));
+        let weights = (!self.weights.is_empty()).then(|| format!("weights={}", self.weights.join(",")));
         let seed = self.seed.map(|seed| format!("seed={seed}"));
+        let untrained = self.untrained.map(|count| format!("untrained={count}"));
         let mix = self.mix.as_ref().map(|mix| {
             let weights = mix.split(',').map(|part| part.replacen('=', ": ", 1));
             format!("mix=[{{{}}}]", weights.collect::<Vec<_>>().join(", "))
         });
-        given.chain(seed).chain(mix).collect()
+        given.chain(weights).chain(seed).chain(untrained).chain(mix).collect()
     }
 }
 

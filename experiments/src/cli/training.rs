@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs};
+use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs, attacking::MergerArgs};
 use crate::part::Part;
 
 /// Train a driving policy by TD3, alone or against an adversary (SAGE, algorithm 2).
@@ -48,6 +48,8 @@ pub(crate) struct TrainEgoArgs {
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
     #[arg(long, value_name = "NAME", default_value = "natural")]
     pub selection: String,
+    #[command(flatten)]
+    pub merging: MergerArgs,
     /// When and how strongly the adversary attacks, by its name in `sage list`.
     #[arg(long, value_name = "NAME", default_value = "paper")]
     pub curriculum: Part,

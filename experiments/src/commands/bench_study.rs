@@ -12,7 +12,7 @@ use sage_bench::{
     report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
     rows::Subject,
     runner::{self, Observer, SceneSource, Store},
-    study::{MAX_FILE, SHIPPED, Study},
+    study::{MAX_FILE, Study},
 };
 use sage_core::{files, scene::SceneData};
 use sage_generators::Aggression;
@@ -35,13 +35,14 @@ const WINDOWS: &str = ".sage-rows";
 const LIMIT: u64 = 1 << 30;
 
 /// The study of a name or a file.
-fn study(name: &str) -> Result<Study> {
-    if let Some(study) = Study::shipped(name) {
-        return study;
+fn study(name: &str, registries: &Registries) -> Result<Study> {
+    if let Some((name, text)) = registries.studies.iter().find(|(known, _)| *known == name) {
+        return Study::parse(text, name);
     }
     let path = Path::new(name);
     if !path.is_file() {
-        let known = SHIPPED.map(|(name, _)| name).join(", ");
+        let known: Vec<&str> = registries.studies.iter().map(|(name, _)| *name).collect();
+        let known = known.join(", ");
         bail!("there is no study `{name}`; known: {known}; or the file of a study (YAML)");
     }
     let text = files::read_argument_text(path, MAX_FILE).with_context(|| format!("cannot read `{name}`"))?;
@@ -49,14 +50,17 @@ fn study(name: &str) -> Result<Study> {
 }
 
 /// The study with what the command line replaces.
-fn adapted(args: &StudyArgs) -> Result<Study> {
+fn adapted(args: &StudyArgs, registries: &Registries) -> Result<Study> {
     let name = args.study.as_deref().context("no study is named")?;
-    let mut study = study(name)?;
+    let mut study = study(name, registries)?;
     for assignment in args.axes.assignments().iter().chain(&args.set) {
         study.set(assignment)?;
     }
     if let Some(search) = args.avoidable.options() {
         study.avoidable = Some(search);
+    }
+    if let Some(run) = &args.axes.tested {
+        test_run(&mut study, run)?;
     }
     if args.axes.unattacked {
         study.measure.retain(|subject| *subject == Subject::Drive);
@@ -69,6 +73,26 @@ fn adapted(args: &StudyArgs) -> Result<Study> {
         study.metrics.insert(Subject::AttackedDrive, ATTACKED.map(str::to_owned).to_vec());
     }
     Ok(study)
+}
+
+/// Tests another run than the one of the study. The paper's orderings are about its own run, so the same differences are
+/// only said to be better or worse.
+fn test_run(study: &mut Study, run: &str) -> Result<()> {
+    let named: Vec<&str> = study.runs.iter().filter_map(|entry| Some(entry.split_once('=')?.0)).collect();
+    if !named.contains(&run) {
+        bail!("--tested names `{run}`, which is none of --runs: {}", named.join(", "));
+    }
+    for family in &mut study.report.tests {
+        if family.tested != run {
+            family.tested = run.to_owned();
+            if !family.against.is_empty() {
+                family.against.clear();
+                family.title = "Other measures".to_owned();
+                family.verdicts = ["better", "worse"].map(str::to_owned);
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Metrics of attacks on drivers in a study that lists none.
@@ -87,7 +111,7 @@ const ATTACKED: [&str; 9] = [
 /// Runs a study.
 pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    let study = adapted(args)?;
+    let study = adapted(args, registries)?;
     let out = args.folder.out.as_deref().context("--out names no folder")?;
     let plan = Plan::new(study, registries, &Weights(registries))?;
     plan.notes.iter().for_each(|note| progress::say_once(&format!("note: {note}")));
@@ -163,11 +187,11 @@ fn read(folder: &Path) -> Result<(StudyRecord, sage_bench::rows::Results)> {
 }
 
 /// Renders the report of one or more folders again.
-pub(crate) fn report(args: &ReportArgs) -> Result<Outcome> {
+pub(crate) fn report(args: &ReportArgs, registries: &Registries) -> Result<Outcome> {
     let all = args.folders.iter().map(|folder| read(folder)).collect::<Result<Vec<_>>>()?;
     let (record, results) = report::join(all)?;
     let study = match &args.study {
-        Some(name) => study(name)?,
+        Some(name) => study(name, registries)?,
         None => record.study.clone(),
     };
     let report = Report::new(&study, &results)?;
@@ -186,10 +210,8 @@ pub(crate) fn report(args: &ReportArgs) -> Result<Outcome> {
 /// Lists the shipped studies and all metrics.
 pub(crate) fn list(registries: &Registries) -> Result<Outcome> {
     let mut out = "Studies:\n".to_owned();
-    for (name, _) in SHIPPED {
-        if let Some(study) = Study::shipped(name) {
-            out += &format!("  {name:<12} {}\n", study?.summary);
-        }
+    for (name, text) in &registries.studies {
+        out += &format!("  {name:<12} {}\n", Study::parse(text, name)?.summary);
     }
     let metrics = &registries.metrics;
     let mut table = |subject: &str, infos: Vec<&sage_core::metric::MetricInfo>| {

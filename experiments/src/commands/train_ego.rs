@@ -67,7 +67,9 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         None => networks::default_for(args.paths.is_empty())?.to_owned(),
     };
     let build = |part: &Part| -> Result<Option<Adversary>> {
-        (part.name != NONE).then(|| Adversary::new(part, &weights, &selection, registries)).transpose()
+        (part.name != NONE)
+            .then(|| Adversary::new(part, &weights, &args.merging.merger, &selection, registries))
+            .transpose()
     };
     let (attacker, examiner) = (build(&args.generator)?, build(&args.eval_generator)?);
     let needs_adversary = attacker.is_some() || examiner.is_some();
@@ -81,7 +83,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let identity = json!({
         "command": "train-ego", "options": options, "generator": args.generator.to_string(),
         "evaluation_generator": args.eval_generator.to_string(), "curriculum": args.curriculum.to_string(),
-        "sampler": args.sampler.to_string(), "selection": selection.objective.spec(),
+        "sampler": args.sampler.to_string(), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
         "weights": weights_of,
         "scenes": hashes[0], "evaluation_scenes": hashes[1], "checkpoint_every": args.checkpoint_every,
         "seeds": [args.seeds.start, args.seeds.end], "program": output::program(),

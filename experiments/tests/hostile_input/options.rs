@@ -146,7 +146,7 @@ fn bad_use_ends_with_2_and_says_what_is_wrong() {
     // What can be known at once is known before the scenes are read.
     let (code, said) = quick(&["pretrain", text(&broken), "--epochs", "0", "--out", &out]);
     assert!(code == 1 && said.contains("option `epochs` is 0"), "{said}");
-    let experts = ["bench", "experts", text(&broken), "--a", "nowhere", "--b", "nowhere"];
+    let experts = ["bench", "experts", text(&broken), "--weights", "nowhere", "--out", &out];
     assert!(quick(&experts).1.contains("no weights `nowhere`"));
 }
 

@@ -61,7 +61,7 @@ fn no_command_runs_what_is_in_a_scene_file() {
             vec!["finetune", file, "--out", &out("experts")],
             vec!["calibrate", file, "--out", &out("dial.json")],
             vec!["bench", "speed", "--data", file, "--repeat", "1"],
-            vec!["bench", "prediction", file],
+            vec!["bench", "prediction", file, "--out", &out("errors")],
             vec!["bench", "open-loop", file, "--methods", "log", "--out", &out("table")],
             vec!["bench", "dial", file, "--out", &out("dial")],
         ]

@@ -17,7 +17,7 @@ use sage_core::seed::Rng;
 use serde_json::Value;
 
 /// Commands that leave files behind.
-pub const COMMANDS: [&str; 10] = [
+pub const COMMANDS: [&str; 12] = [
     "pretrain",
     "finetune",
     "generate",
@@ -26,6 +26,8 @@ pub const COMMANDS: [&str; 10] = [
     "convert-shards",
     "convert-scenarios",
     "open-loop",
+    "drivers",
+    "closed-loop",
     "calibrate",
     "train-ego",
 ];
@@ -67,6 +69,14 @@ impl Case {
             "open-loop" => {
                 let methods = ["--methods", "sage,rule,log", "--lambda", "1", "--ego", "replay,idm"];
                 (&[&["bench", "open-loop", "scenes"][..], &methods].concat(), false)
+            }
+            "drivers" => {
+                let drivers = ["--ego", "replay,idm", "--method", "sage,rule", "--weights", "procedural"];
+                (&[&["bench", "drivers", "scenes"][..], &drivers].concat(), false)
+            }
+            "closed-loop" => {
+                let policies = ["--ego", "idm,expert", "--untrained", "2", "--weights", "procedural"];
+                (&[&["bench", "closed-loop", "scenes"][..], &policies].concat(), false)
             }
             "train-ego" => {
                 let small = r#"{"hidden": [16, 16], "batch": 32, "buffer": 700}"#;

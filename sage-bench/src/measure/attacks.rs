@@ -105,7 +105,12 @@ impl Attacks {
     ) -> Result<Self> {
         let listed = |subject| study.metrics.get(&subject).cloned().unwrap_or_default();
         let spec = Some(objective.spec());
-        let names = listed(Subject::Trajectory);
+        let mut names = listed(Subject::Trajectory);
+        if study.avoidable.is_some() && study.measures(Subject::Trajectory) {
+            // The search was asked for, so its metrics are shown.
+            let of_search = registries.metrics.avoidable.all().iter().map(|m| m.info.name.to_string());
+            names.extend(of_search.filter(|name| !listed(Subject::Trajectory).contains(name)));
+        }
         let is_built_in = |name: &&String| {
             let mut known = registries.metrics.trajectory.all().iter().map(|metric| &metric.info.name);
             known.any(|known| known == *name)

@@ -20,6 +20,35 @@ pub(super) fn tables(study: &Study, results: &Results) -> Result<Vec<Table>> {
     Ok(all.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
 }
 
+/// A policy that collides less than `none` at less completion and speed than these brakes its way to safety.
+const LESS_COMPLETION: f64 = 0.05;
+const LESS_SPEED: f64 = 0.9;
+
+/// Names trained policies that collide less than those trained without attacks because they drive less.
+pub(super) fn braking(results: &Results) -> String {
+    let value = |arm: &str, name: &str| {
+        let (method, metric) = (method(results, arm, "")?, results.metric(Subject::Episode, name)?);
+        results.samples(method, metric).mean()
+    };
+    let values = |arm: &str| Some([value(arm, "contact")?, value(arm, "completion")?, value(arm, "speed")?]);
+    let Some([contact, completion, speed]) = values("none") else { return String::new() };
+    let mut arms: Vec<&str> = Vec::new();
+    for key in results.keys.iter().filter(|key| key.checkpoint.is_some() && key.arm != "none") {
+        if !arms.contains(&&*key.arm) {
+            arms.push(&key.arm);
+        }
+    }
+    let brakes = |arm: &&&str| {
+        values(arm).is_some_and(|[c, done, v]| {
+            c < contact && done < completion - LESS_COMPLETION && v < LESS_SPEED * speed
+        })
+    };
+    let said = arms.iter().filter(brakes).map(|arm| {
+        format!("`{arm}` brakes its way to safety: fewer contacts than `none` in unchanged scenes, at less completion and speed. ")
+    });
+    said.collect()
+}
+
 /// The method of an arm under an attack.
 fn method(results: &Results, arm: &str, attack: &str) -> Option<usize> {
     let methods = results.methods(Subject::Episode).into_iter();

@@ -1,0 +1,177 @@
+//! Studies as a user writes, runs, joins and extends them.
+
+#![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
+
+mod program;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use program::*;
+
+/// A path in a folder, as text that lives as long as the test.
+fn path_in(folder: &Path, name: &str) -> &'static str {
+    Box::leak(folder.join(name).display().to_string().into_boxed_str())
+}
+
+/// The study that `docs/benchmarks.md` shows.
+fn documented(folder: &Path) -> PathBuf {
+    let page =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/benchmarks.md")).unwrap();
+    let study = page.split("```yaml\n").nth(1).unwrap().split("```").next().unwrap();
+    let file = folder.join("calm.yaml");
+    fs::write(&file, study).unwrap();
+    file
+}
+
+/// Lines without the commands and times in them.
+fn files(folder: &Path) -> Vec<(String, String)> {
+    let mut all: Vec<_> = fs::read_dir(folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.is_file() && !path.ends_with("run.json") && !path.ends_with("study.json"))
+        .map(|path| {
+            let text = fs::read_to_string(&path).unwrap();
+            let text = text.split("```text").next().unwrap().to_owned();
+            (path.file_name().unwrap().to_str().unwrap().to_owned(), text)
+        })
+        .filter(|(name, _)| !name.starts_with('.') && !name.ends_with("index.html"))
+        .collect();
+    all.sort();
+    all
+}
+
+#[test]
+fn shards_are_joined_to_the_report_of_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| path_in(folder.path(), name);
+    let study = documented(folder.path());
+    stdout(&sage(&["scenes", "--count", "5", "--out", at("scenes")]));
+    let run = |more: &[&str], out: &str| {
+        let bench = ["bench", text(&study), at("scenes"), "--out", at(out)];
+        stdout(&sage(&[&bench[..], more].concat())).to_owned()
+    };
+    let whole = run(&[], "whole");
+    assert!(whole.contains("| sage 1.00 | 5 |") && Path::new(at("whole/calm.svg")).is_file(), "{whole}");
+    run(&["--shard", "2/2"], "b");
+    run(&["--shard", "1/2", "--threads", "1"], "a");
+    let report = ["bench", "report", at("b"), at("a"), "--out", at("joined")];
+    assert_eq!(stdout(&sage(&report)), whole);
+    assert_eq!(files(Path::new(at("joined"))), files(Path::new(at("whole"))));
+    // Once more from one folder, with other columns.
+    let other = at("other.yaml");
+    let narrow =
+        fs::read_to_string(&study).unwrap().replace("[attack, believable, P_real, lane distance]", "[R_adv]");
+    fs::write(other, narrow).unwrap();
+    let again = ["bench", "report", at("whole"), "--study", other, "--out", at("again")];
+    let again = sage(&again);
+    assert!(stdout(&again).contains("| R_adv |") && !stdout(&again).contains("| believable % |"));
+    let twice = ["bench", "report", at("a"), at("a"), "--out", at("twice")];
+    assert!(failure(&twice).contains("is in two folders"), "{}", failure(&twice));
+}
+
+#[test]
+fn a_study_is_checked_before_scenes_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let (study, out) = (documented(folder.path()), folder.path().join("out"));
+    let text_of = fs::read_to_string(&study).unwrap();
+    let error = |from: &str, to: &str| {
+        fs::write(&study, text_of.replace(from, to)).unwrap();
+        failure(&["bench", text(&study), "no-scenes", "--out", text(&out)])
+    };
+    for (from, to, expected) in [
+        ("[sage, rule]", "[sage, rul]", "unknown generator `rul`; known: sage"),
+        ("[attack, P_real]", "[atack]", "unknown metric `atack`; known: feasible, attack"),
+        ("selection: natural", "selection: nice", "unknown selection `nice`"),
+        ("merger: [linear]", "merger: [liner]", "unknown merger `liner`"),
+        ("lambda: [0, 0.5, 1]", "lambda: [0, 2]", "lambda is 2"),
+        ("measure:", "measures:", "measures"),
+    ] {
+        let found = error(from, to);
+        assert!(found.contains(expected), "{expected}: {found}");
+        assert!(!out.exists());
+    }
+    let unknown = failure(&["bench", "nothing", "--out", text(&out)]);
+    assert!(unknown.contains("there is no study `nothing`; known: open-loop, drivers"), "{unknown}");
+    let listed = sage(&["bench", "list"]);
+    assert!(stdout(&listed).contains("closed-loop") && stdout(&listed).contains("lane distance − log"));
+}
+
+#[test]
+fn failed_scenes_are_named_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenes, out) = (folder.path().join("scenes"), folder.path().join("out"));
+    stdout(&sage(&["scenes", "--count", "2", "--format", "pickle", "--out", text(&scenes)]));
+    fs::write(scenes.join("broken.pkl"), b"\x80\x04N.").unwrap();
+    for study in ["drivers", "react", "prediction"] {
+        let run = sage(&["bench", study, text(&scenes), "--force", "--out", text(&out)]);
+        assert_eq!(run.status.code(), Some(1), "{study}: {}", stderr(&run));
+        assert!(stderr(&run).contains("broken.pkl") && out.join("rows.csv").is_file(), "{}", stderr(&run));
+    }
+}
+
+#[test]
+fn a_part_of_another_crate_is_in_every_command() {
+    let program = Path::new(env!("CARGO_BIN_EXE_sage")).with_file_name("examples").join("own_study");
+    if !program.exists() {
+        eprintln!("left out: `{}` is built by `cargo test --workspace` alone", program.display());
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| path_in(folder.path(), name);
+    let scene = example();
+    let list = run(&program, &["list"]);
+    for part in ["start gap", "halfway", "coast", "roll"] {
+        assert!(stdout(&list).contains(part), "{part}");
+    }
+    let listed = run(&program, &["bench", "list"]);
+    assert!(stdout(&listed).contains("parts of this example") && stdout(&listed).contains("top speed (m/s)"));
+    // The study of its own, with every part as an axis or a column.
+    let own = run(&program, &["bench", "own", "--wide", "--out", at("own")]);
+    assert!(
+        stdout(&own).contains("| roll, halfway | coast |") && stdout(&own).contains("| top speed, m/s |")
+    );
+    let rows = fs::read_to_string(at("own/rows.csv")).unwrap();
+    assert!(
+        rows.contains(",top speed,m/s,") && rows.contains(",start gap,") && rows.contains("policy,halfway,")
+    );
+    // Columns of the shipped studies that list `*`, and axes of all.
+    let open_loop =
+        ["bench", "open-loop", &scene, "--method", "coast,sage", "--merger", "halfway", "--lambda", "1"];
+    let table = run(&program, &[&open_loop[..], &WEIGHTS, &["--out", at("table")]].concat());
+    assert!(stdout(&table).contains("| coast | 1 |"));
+    let rows = fs::read_to_string(at("table/rows.csv")).unwrap();
+    assert!(rows.contains(",top speed,") && rows.contains(",start gap,"));
+    for study in ["front", "react", "dial", "pareto"] {
+        let metrics =
+            ["--set", r#"metrics={"trajectory": ["*", "attack"]}"#, "--set", "measure=[trajectory]"];
+        let run = run(&program, &[&["bench", study, &scene, "--out", at(study)][..], &metrics].concat());
+        assert!(study == "react" || run.status.success(), "{study}: {}", stderr(&run));
+        if study != "react" {
+            assert!(
+                fs::read_to_string(at(&format!("{study}/rows.csv"))).unwrap().contains(",top speed,"),
+                "{study}"
+            );
+        }
+    }
+    let drivers = ["bench", "drivers", &scene, "--ego", "roll", "--method", "coast", "--out", at("drivers")];
+    assert!(stdout(&run(&program, &drivers)).contains("| roll | coast | 1 |"));
+    let episodes = ["bench", "closed-loop", "--procedural", "2", "--ego", "roll", "--method", "coast,sage"];
+    let more =
+        ["--untrained", "0", "--merger", "halfway", "--weights", "procedural", "--out", at("episodes")];
+    assert!(stdout(&run(&program, &[&episodes[..], &more].concat())).contains("| roll | coast |"));
+    let generate =
+        ["generate", &scene, "--merger", "halfway", "--ego", "roll", "--json", "--out", at("scenes")];
+    let row = program::rows(&run(&program, &[&generate[..], &WEIGHTS].concat())).remove(0);
+    assert!(row["scores"]["rewards"]["start gap"].is_f64() && row["merger"] == "halfway", "{row}");
+    let simulate = ["simulate", &scene, "--ego", "roll", "--method", "coast", "--out", at("driven")];
+    stdout(&run(&program, &simulate));
+    let train =
+        ["train-ego", "--procedural", "3", "--updates", "300", "--random-steps", "200", "--evaluations", "1"];
+    let small =
+        ["--td3", r#"{"hidden":[16,16],"batch":16}"#, "--eval-generator", "none", "--merger", "halfway"];
+    let attacked = ["--generator", "coast", "--out", at("trained")];
+    stdout(&run(&program, &[&train[..], &small, &attacked].concat()));
+}

@@ -15,13 +15,13 @@ fn fronts_group_the_weights_of_a_generator_and_compare_with_the_first() {
     let output = sage(&[&front[..], &WEIGHTS].concat());
     let table = stdout(&output);
     for row in
-        ["| sage | 2 | 1 |", "| king | 2 | 1 |", r#"| king{"start":"prior"} | 1 | 1 |"#, "| rule | 1 | 1 |"]
+        ["| sage | 2 | 1 |", "| king | 2 | 1 |", r#"| king{"start":"prior"} | 2 | 1 |"#, "| rule | 1 | 1 |"]
     {
         assert!(table.contains(row), "{row}: {table}");
     }
     assert!(table.contains("`sage` at no more P_real than each other point"), "{table}");
     let points = std::fs::read_to_string(out.join("estimates.csv")).unwrap();
-    assert_eq!(points.lines().filter(|line| line.contains(",R_adv,")).count(), 6);
+    assert_eq!(points.lines().filter(|line| line.contains(",R_adv,")).count(), 7);
     for chart in ["attack-realism.svg", "attack-lane.svg", "attack-nll.svg", "reward-realism.svg"] {
         assert!(std::fs::read_to_string(out.join(chart)).unwrap().contains("rule"), "{chart}");
     }

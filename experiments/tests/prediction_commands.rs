@@ -162,7 +162,8 @@ fn bench_prediction_compares_with_constant_velocity() {
     let bench = ["bench", "prediction", &example(), "--weights", "lane-graph", "--weights", "procedural"];
     let output = sage(&[&bench[..], &["--out", text(&out)]].concat());
     let table = stdout(&output);
-    assert!(table.contains("| constant velocity | target 1 | 2 |"), "{table}");
+    // Four vehicles, of which two are ego and adversary.
+    assert!(table.contains("| constant velocity | target 1 | 4 |") && table.contains("] (2) |"), "{table}");
     assert!(table.contains("| procedural | target 32 |"), "{table}");
     let rows = std::fs::read_to_string(out.join("estimates.csv")).unwrap();
     assert!(rows.contains("prediction,lane-graph,target 6,\"minFDE, all, moving\",m,"), "{rows}");

@@ -22,6 +22,8 @@ pub struct Samples {
     pub seeds: Vec<Vec<[f64; 2]>>,
     /// All values of each scene, for a median: those of agents, seeds and checkpoints.
     pub values: Vec<Vec<f64>>,
+    /// Number of values, where scenes have several agents; otherwise that of scenes is reported.
+    pub agents: Option<usize>,
 }
 
 /// Difference of two methods on the same scenes.
@@ -65,15 +67,19 @@ impl Samples {
         let values: Vec<Option<f64>> = values.into_iter().collect();
         let cell = |value: &Option<f64>| value.map_or([0.0; 2], |value| [value, 1.0]);
         let seeds = vec![values.iter().map(cell).collect()];
-        Self { seeds, values: values.into_iter().map(|value| value.into_iter().collect()).collect() }
+        let values = values.into_iter().map(|value| value.into_iter().collect()).collect();
+        Self { seeds, values, agents: None }
     }
 
     fn scenes(&self) -> usize {
         self.seeds.first().map_or(0, Vec::len)
     }
 
-    /// Number of scenes in which something was measured.
+    /// Number of scenes in which something was measured, or of agents.
     pub fn n(&self) -> usize {
+        if let Some(agents) = self.agents {
+            return agents;
+        }
         (0..self.scenes()).filter(|k| self.seeds.iter().any(|seed| seed[*k][1] > 0.0)).count()
     }
 

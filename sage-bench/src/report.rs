@@ -258,7 +258,7 @@ fn notes(study: &Study, results: &Results) -> String {
             let _ = write!(out, "*{}*: {}. ", metric.name, metric.summary);
         }
     }
-    out += "Brackets: 95 % intervals, Wilson's for shares of scenes, bootstrap over scenes for other values; differences are paired by scene. N: scenes in which something was measured.\n";
+    out += "Brackets: 95 % intervals, Wilson's for shares of scenes, bootstrap over scenes for other values; differences are paired by scene. N: scenes or vehicles in which something was measured; in parentheses, where it is less for a column.\n";
     out
 }
 

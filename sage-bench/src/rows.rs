@@ -280,7 +280,9 @@ impl Results {
                 values[scene].push(*value);
             }
         }
-        Samples { seeds: sums, values }
+        let has_agents = self.cells.iter().flatten().any(|cell| cell.key == method && !cell.agent.is_empty());
+        let agents = has_agents.then(|| values.iter().map(Vec::len).sum());
+        Samples { seeds: sums, values, agents }
     }
 
     /// Number of scenes in which the method of a key failed.

@@ -262,10 +262,13 @@ impl Study {
         }
         let changed = serde_json::from_value::<Self>(fields);
         *self = changed.with_context(|| format!("`{assignment}`"))?;
-        self.check().with_context(|| format!("`{assignment}`"))
+        Ok(())
     }
 
-    fn check(&self) -> Result<()> {
+    /// Checks that the study is complete, after fields were replaced.
+    ///
+    /// *Errors*: what is missing, or what excludes what.
+    pub fn check(&self) -> Result<()> {
         ensure!(!self.measure.is_empty(), "`measure` names nothing; known: {}", names());
         for subject in &self.measure {
             ensure!(

@@ -56,6 +56,7 @@ fn adapted(args: &StudyArgs, registries: &Registries) -> Result<Study> {
     for assignment in args.axes.assignments().iter().chain(&args.set) {
         study.set(assignment)?;
     }
+    study.check()?;
     if let Some(search) = args.avoidable.options() {
         study.avoidable = Some(search);
     }

@@ -8,7 +8,8 @@ use crate::{
         line::{Chart, Line},
         triangle::{self, Triangle},
     },
-    rows::Results,
+    published::{Published, published},
+    rows::{Results, Subject},
     study::{ChartSpec, Study},
 };
 
@@ -27,7 +28,7 @@ pub(super) fn draw(study: &Study, results: &Results) -> Result<Vec<(String, Stri
         let svg = match &*chart.x {
             TRIANGLE => triangles(study, results, chart),
             OPERATING_POINT => sweeps_of(results, chart),
-            _ => lines_of(results, chart),
+            _ => lines_of(study, results, chart),
         };
         Ok((chart.file.clone(), svg.with_context(|| format!("chart `{}`", chart.file))?))
     };
@@ -53,7 +54,7 @@ fn mean(results: &Results, chart: &ChartSpec, method: usize, name: &str) -> Resu
 /// Whether an axis is in percent: shares, and probabilities of policies.
 fn is_share(chart: &ChartSpec, head: &str, name: &str) -> bool {
     head.ends_with('%')
-        || (chart.of == crate::rows::Subject::Policy && ["attack", "believable", "feasible"].contains(&name))
+        || (chart.of == Subject::Policy && ["attack", "believable", "feasible"].contains(&name))
 }
 
 fn axis(results: &Results, chart: &ChartSpec, name: &str) -> String {
@@ -67,7 +68,7 @@ fn axis(results: &Results, chart: &ChartSpec, name: &str) -> String {
     }
 }
 
-fn lines_of(results: &Results, chart: &ChartSpec) -> Result<String> {
+fn lines_of(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {
     let (mut drawn, mut marks): (Vec<Line>, Vec<(String, [f64; 2])>) = (Vec::new(), Vec::new());
     for line in lines(results, chart.of) {
         let mut points = Vec::new();
@@ -82,8 +83,27 @@ fn lines_of(results: &Results, chart: &ChartSpec) -> Result<String> {
             _ => drawn.push((line.name, points)),
         }
     }
+    marks.extend(published_points(study, results, chart)?);
     let axes = [axis(results, chart, &chart.x), axis(results, chart, &chart.y)];
     Chart { axes: [&axes[0], &axes[1]], lines: drawn, marks, ..Chart::default() }.draw()
+}
+
+/// The paper's points of the methods that are drawn, where it has both metrics. It has none without selection.
+fn published_points(study: &Study, results: &Results, chart: &ChartSpec) -> Result<Vec<(String, [f64; 2])>> {
+    let Some(name) = study.report.published.as_ref().filter(|_| chart.of == Subject::Trajectory) else {
+        return Ok(Vec::new());
+    };
+    let is_drawn = |attack: &str| results.keys.iter().any(|key| key.attack_label() == attack);
+    let value = |row: &Published, name: &str| {
+        let metric = results.metric(chart.of, name).map(|k| results.metrics_of(chart.of)[k].head());
+        let scale = if is_share(chart, &metric?, name) { 100.0 } else { 1.0 };
+        Some(scale * row.values.get(name)?.first()?)
+    };
+    let point = |row: Published| {
+        let at = [value(&row, &chart.x)?, value(&row, &chart.y)?];
+        is_drawn(&row.attack).then(|| (format!("paper: {}", row.attack), at))
+    };
+    Ok(published(name)?.into_iter().filter_map(point).collect())
 }
 
 /// Rates over the operating point, and a straight line between the ends of the first sweep.

@@ -330,30 +330,7 @@ pub(super) fn number(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-/// Maximum number of values of a sweep.
-const MOST_VALUES: usize = 1001;
-
 /// Parses `1`, `0,0.5,1` or `0:1:0.1`.
 fn values(text: &str) -> std::result::Result<Values, String> {
-    let colons = text.matches(':').count();
-    if colons != 0 && colons != 2 {
-        return Err(format!("`{text}` is no sweep; expected FROM:TO:STEP, such as 0:1:0.25"));
-    }
-    if let [from, to, step] = text.split(':').collect::<Vec<_>>()[..] {
-        let [from, to, step] = [number(from)?, number(to)?, number(step)?];
-        let count = (to - from) / step;
-        if step == 0.0 || count < 0.0 {
-            return Err(format!("the step {step} does not lead from {from} to {to}"));
-        }
-        if count >= MOST_VALUES as f64 {
-            return Err(format!("{text} has more than {} steps", MOST_VALUES - 1));
-        }
-        // Rounded, because three times 0.1 is not exactly 0.3.
-        let at = |k: usize| ((from + k as f64 * step) * 1e9).round() / 1e9;
-        return Ok(Values((0..=(count + 1e-9) as usize).map(at).collect()));
-    }
-    if text.split(',').count() > MOST_VALUES {
-        return Err(format!("more than {MOST_VALUES} values"));
-    }
-    Ok(Values(text.split(',').map(number).collect::<std::result::Result<_, _>>()?))
+    Ok(Values(sage_bench::study::sweep(text)?))
 }

@@ -41,6 +41,7 @@ fn the_variants_of_the_ablation_are_tuned_and_compared_with_the_first() {
     std::fs::write(&config, quick).unwrap();
     let finetune = ["finetune", "--procedural", "2", "--roles", "0", "--variants", text(&config)];
     stdout(&sage(&[&finetune[..], &["--out", text(&experts)]].concat()));
+    assert!(std::fs::read_to_string(experts.join("loss.svg")).unwrap().contains("dpo"));
     let bench = ["bench", "ablation", text(&scenes), "--weights", text(&experts), "--out", text(&out)];
     let table = sage(&[&bench[..], &["--set", "mix=[{hgpo: 1}, {dpo: 1}]", "--wide"]].concat());
     let table = stdout(&table);

@@ -93,7 +93,8 @@ pub(crate) struct FinetuneArgs {
     /// JSON file of fine-tuning options; omitted options keep each expert's defaults.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// Tune the variants of a study, each as an expert: `ablation`, or a JSON file as for --config.
+    /// Tune the variants of a study, each as an expert, and draw their training curves: `ablation`, or a JSON file as for
+    /// --config.
     #[arg(long, value_name = "NAME", conflicts_with = "config")]
     pub variants: Option<String>,
     /// Seed of candidates, pairs, training order and procedural scenes.

@@ -1,6 +1,8 @@
 //! `sage finetune`: tunes experts from a prior: a realistic, an adversarial and a lawful one, unless a config
 //! names others.
 
+mod curves;
+
 use std::{path::Path, sync::Arc, time::Instant};
 
 use anyhow::{Context as _, Result, bail, ensure};
@@ -255,6 +257,11 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     }
     prior.parameters().save(&loaded.header, &folder.path().join(PRIOR_FILE))?;
     folder.write("finetune.csv", table.as_bytes())?;
+    if args.variants.is_some() {
+        for (file, svg) in curves::draw(&table)? {
+            folder.write(file, svg.as_bytes())?;
+        }
+    }
     run.finish(&json!({"experts": reports}), clock.elapsed().as_secs_f64())?;
     progress::say(&format!(
         "prior and experts are in `{}` ({:.0} s)",

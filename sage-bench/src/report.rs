@@ -159,7 +159,7 @@ fn table(study: &Study, results: &Results, subject: Subject, all: &Estimates) ->
     let knows = methods.iter().any(|k| !results.keys[*k].knows.is_empty());
     let fails = methods.iter().any(|k| results.failed(*k) > 0);
     let seeds = methods.iter().any(|k| results.keys[*k].training_seed.is_some());
-    let names = ["arm", if subject == Subject::Policy { "point" } else { "attack" }];
+    let names = ["arm", if subject == Subject::Policy { "point" } else { "generator" }];
     let mut heads: Vec<String> =
         names.into_iter().zip(has).filter(|(_, has)| *has).map(|(name, _)| name.to_owned()).collect();
     let names = heads.len();
@@ -185,7 +185,7 @@ fn table(study: &Study, results: &Results, subject: Subject, all: &Estimates) ->
         row.extend(knows.then(|| if known.is_empty() { "-".to_owned() } else { known.clone() }));
         row
     };
-    let title = study.report.titles.get(&subject).cloned().unwrap_or_default();
+    let title = study.report.titles.get(&subject).cloned().unwrap_or_else(|| subject.title().to_owned());
     let published = match &study.report.published {
         Some(name) => published(name)?,
         None => Vec::new(),
@@ -222,7 +222,7 @@ fn types(results: &Results) -> Option<Table> {
     }
     let methods = results.methods(subject);
     let has = shown(results, &methods);
-    let mut heads: Vec<String> = ["arm", "attack"]
+    let mut heads: Vec<String> = ["arm", "generator"]
         .into_iter()
         .zip(has)
         .filter(|(_, has)| *has)

@@ -33,6 +33,18 @@ impl Subject {
     pub const ALL: [Self; 6] =
         [Self::Drive, Self::AttackedDrive, Self::Trajectory, Self::Policy, Self::Episode, Self::Prediction];
 
+    /// Title of its table in a study that gives none.
+    pub fn title(self) -> &'static str {
+        match self {
+            Self::Drive => "Drives in unchanged scenes:",
+            Self::AttackedDrive => "Drives under attack:",
+            Self::Trajectory => "Selected trajectories:",
+            Self::Policy => "Policies without selection, expectations:",
+            Self::Episode => "Episodes:",
+            Self::Prediction => "Predictions:",
+        }
+    }
+
     /// Its name in rows and in studies.
     pub fn name(self) -> &'static str {
         match self {

@@ -48,9 +48,14 @@ impl Table {
         }
         // One value at least.
         kept = kept.max((self.names + 1).min(self.heads.len()));
+        let title = match self.heads.len() - kept {
+            0 => self.title.clone(),
+            left => format!("{} ({left} more columns with --wide)", self.title).trim_start().to_owned(),
+        };
         Self {
             heads: self.heads[..kept].to_vec(),
             rows: self.rows.iter().map(|row| row[..kept.min(row.len())].to_vec()).collect(),
+            title,
             ..self.clone()
         }
     }

@@ -61,9 +61,7 @@ fn generator(key: &Key) -> &str {
 fn base_of(of: usize, baseline: &str, methods: &[usize], results: &Results) -> Option<usize> {
     let key = |k: usize| &results.keys[k];
     let options = |k: usize| key(k).attack.split_once('{').map(|(_, options)| options);
-    let is_base = |k: &&usize| {
-        generator(key(**k)) == baseline && key(**k).arm == key(of).arm && key(**k).point.is_some()
-    };
+    let is_base = |k: &&usize| generator(key(**k)) == baseline && key(**k).arm == key(of).arm;
     let bases: Vec<usize> = methods.iter().filter(is_base).copied().collect();
     let same = || bases.iter().filter(|k| key(**k).point == key(of).point);
     let mu = |k: usize| key(k).point.as_ref().map_or(0.0, |point| point.mu);
@@ -88,7 +86,7 @@ fn table(spec: &PairSpec, results: &Results) -> Result<Option<Table>> {
     for name in &spec.metrics {
         heads.extend([
             format!("{name}: only the first"),
-            "only the second".to_owned(),
+            format!("{name}: only the second"),
             format!("{name}: difference"),
         ]);
     }

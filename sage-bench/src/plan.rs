@@ -63,8 +63,8 @@ impl Plan {
         // Without generators that use networks, policies say nothing.
         let has_network = groups.iter().flat_map(|group| &group.built).any(|built| built.facts.needs_experts);
         let shows_policies = study.measures(Subject::Policy) && (has_network || !is_attacked);
-        let of_policies =
-            if shows_policies { Some(Group::all(&study, registries, source, &selection)?) } else { None };
+        let of_policies: Option<Vec<Group>> =
+            shows_policies.then(|| groups.iter().map(Group::without_generators).collect());
         if study.measures(Subject::Prediction) {
             measurements.push(Box::new(Predictions::new(&study, registries, source)?));
         }

@@ -84,7 +84,7 @@ impl Cases {
             .map(|f| json!([scene.ego().point(f)[0], scene.ego().point(f)[1], 0.0]))
             .collect();
         std::fs::write(base.join("drive.json"), json!({"crossing": drive}).to_string()).unwrap();
-        std::fs::write(base.join("recipe.yaml"), recipe::linear("weights")).unwrap();
+        std::fs::write(base.join("recipe.yaml"), recipe::linear("weights")).expect("the folder is our own");
         let cases =
             Self { program: program.to_owned(), root: root.to_owned(), scene, pickle, native, record };
         cases.prepare_runs();

@@ -183,6 +183,7 @@ fn read(folder: &Path) -> Result<(StudyRecord, sage_bench::rows::Results)> {
     let within = |name: &str| format!("`{}`", folder.join(name).display());
     let record: StudyRecord =
         serde_json::from_str(&text(STUDY_RECORD)?).with_context(|| within(STUDY_RECORD))?;
+    record.study.check().with_context(|| within(STUDY_RECORD))?;
     let results = report::read(&record, &text(ROWS)?).with_context(|| within(ROWS))?;
     Ok((record, results))
 }

@@ -59,6 +59,18 @@ pub struct Group {
 }
 
 impl Group {
+    /// The same weights, merger and operating points, for what is measured without generators.
+    pub fn without_generators(&self) -> Self {
+        Self {
+            arm: self.arm.clone(),
+            training_seed: self.training_seed,
+            experts: self.experts.clone(),
+            merger: self.merger.clone(),
+            points: self.points.clone(),
+            built: Vec::new(),
+        }
+    }
+
     /// All groups of a study: every weights with every merger.
     ///
     /// *Errors*: a name is not registered, weights cannot be used, or an operating point is out of range.

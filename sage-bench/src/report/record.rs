@@ -119,6 +119,11 @@ pub fn join(mut all: Vec<(StudyRecord, Results)>) -> Result<(StudyRecord, Result
             k + 1
         );
     }
+    for (record, _) in &all {
+        if let Some([number, of]) = record.shard {
+            ensure!((1..=of).contains(&number), "shard {number} of {of} is none");
+        }
+    }
     all.sort_by_key(|(record, _)| record.shard);
     // Scene j of shard K of N is scene (K − 1) + j N of the whole run.
     let mut scenes: Vec<([usize; 2], String, Vec<Cell>)> = Vec::new();

@@ -53,8 +53,14 @@ fn deviation(values: &[f64]) -> Option<f64> {
     (values.len() > 1).then(|| (squares / (values.len() - 1) as f64).sqrt())
 }
 
-fn draw(count: usize, rng: &mut Rng) -> Vec<usize> {
-    (0..count).map(|_| rng.below(count)).collect()
+/// Values of all resamples: each draws as many scenes as there are.
+fn resampled(scenes: &[usize], rng: &mut Rng, mut of: impl FnMut(&[usize], &mut Rng) -> f64) -> Vec<f64> {
+    let mut drawn = scenes.to_vec();
+    let resample = |_| {
+        drawn.iter_mut().for_each(|k| *k = scenes[rng.below(scenes.len())]);
+        of(&drawn, rng)
+    };
+    (0..RESAMPLES).map(resample).collect()
 }
 
 fn interval(value: f64, n: usize, drawn: &[f64]) -> Option<Estimate> {
@@ -80,7 +86,12 @@ impl Samples {
         if let Some(agents) = self.agents {
             return agents;
         }
-        (0..self.scenes()).filter(|k| self.seeds.iter().any(|seed| seed[*k][1] > 0.0)).count()
+        self.measured().len()
+    }
+
+    /// The scenes in which something was measured.
+    fn measured(&self) -> Vec<usize> {
+        (0..self.scenes()).filter(|k| self.seeds.iter().any(|seed| seed[*k][1] > 0.0)).collect()
     }
 
     /// Value of each seed over all scenes.
@@ -98,7 +109,8 @@ impl Samples {
         deviation(&self.by_seed())
     }
 
-    fn resampled(&self, scenes: &[usize], rng: &mut Rng) -> f64 {
+    /// Mean over seeds in a resample of scenes, which draws the seeds too.
+    fn mean_of(&self, scenes: &[usize], rng: &mut Rng) -> f64 {
         let n = self.seeds.len();
         let one = |seed: usize| ratio(sums(&self.seeds[seed], scenes.iter().copied()));
         if n == 1 { one(0) } else { (0..n).map(|_| one(rng.below(n))).sum::<f64>() / n as f64 }
@@ -120,25 +132,17 @@ impl Samples {
         }
         let mut rng = Rng::new(0, name, "bootstrap");
         if aggregate == Aggregate::Median {
-            let scenes: Vec<&Vec<f64>> = self.values.iter().filter(|values| !values.is_empty()).collect();
-            let median = |of: &[&Vec<f64>]| {
-                let all: Vec<f64> = of.iter().flat_map(|values| values.iter().copied()).collect();
+            let scenes: Vec<usize> = (0..self.values.len()).filter(|k| !self.values[*k].is_empty()).collect();
+            let median = |scenes: &[usize]| {
+                let all: Vec<f64> = scenes.iter().flat_map(|k| self.values[*k].iter().copied()).collect();
                 statistics::median(&all).unwrap_or(f64::NAN)
             };
-            let resample =
-                |_| median(&draw(scenes.len(), &mut rng).iter().map(|k| scenes[*k]).collect::<Vec<_>>());
-            let drawn: Vec<f64> = (0..RESAMPLES).map(resample).collect();
+            let drawn = resampled(&scenes, &mut rng, |scenes, _| median(scenes));
             return interval(median(&scenes), n, &drawn);
         }
         let value = statistics::mean(&self.by_seed())?;
         // Scenes without a value are in no resample, as they are in no mean.
-        let measured: Vec<usize> =
-            (0..self.scenes()).filter(|k| self.seeds.iter().any(|seed| seed[*k][1] > 0.0)).collect();
-        let resample = |_| {
-            let scenes: Vec<usize> = draw(measured.len(), &mut rng).iter().map(|k| measured[*k]).collect();
-            self.resampled(&scenes, &mut rng)
-        };
-        let drawn: Vec<f64> = (0..RESAMPLES).map(resample).collect();
+        let drawn = resampled(&self.measured(), &mut rng, |scenes, rng| self.mean_of(scenes, rng));
         interval(value, n, &drawn)
     }
 
@@ -147,8 +151,9 @@ impl Samples {
         if self.scenes() != other.scenes() {
             return None;
         }
-        let has = |of: &Self, k: usize| of.seeds.iter().any(|seed| seed[k][1] > 0.0);
-        let common: Vec<usize> = (0..self.scenes()).filter(|k| has(self, *k) && has(other, *k)).collect();
+        let others = other.measured();
+        let common: Vec<usize> =
+            self.measured().into_iter().filter(|k| others.binary_search(k).is_ok()).collect();
         if common.is_empty() {
             return None;
         }
@@ -157,11 +162,9 @@ impl Samples {
         };
         let (a, b) = (over(self), over(other));
         let mut rng = Rng::new(0, name, "bootstrap");
-        let resample = |_| {
-            let scenes: Vec<usize> = draw(common.len(), &mut rng).iter().map(|k| common[*k]).collect();
-            self.resampled(&scenes, &mut rng) - other.resampled(&scenes, &mut rng)
-        };
-        let drawn: Vec<f64> = (0..RESAMPLES).map(resample).collect();
+        let drawn = resampled(&common, &mut rng, |scenes, rng| {
+            self.mean_of(scenes, rng) - other.mean_of(scenes, rng)
+        });
         let value = statistics::mean(&a)? - statistics::mean(&b)?;
         let share = |is: fn(&f64) -> bool| drawn.iter().filter(|d| is(d)).count() as f64 / RESAMPLES as f64;
         let p = (2.0 * share(|d| *d <= 0.0).min(share(|d| *d >= 0.0))).clamp(1.0 / RESAMPLES as f64, 1.0);

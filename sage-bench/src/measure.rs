@@ -7,7 +7,10 @@ mod policies;
 mod predictions;
 mod scene;
 
+use std::sync::Arc;
+
 use anyhow::Result;
+use sage_backbones::Backbone;
 use sage_core::{
     generator::Attack,
     metric::{Metric, MetricInfo},
@@ -68,4 +71,19 @@ fn cell<S>(key: usize, metrics: &[Metric<S>], of: &S) -> Cell {
 
 fn infos<S>(metrics: &[Metric<S>]) -> Vec<MetricInfo> {
     metrics.iter().map(|metric| metric.info.clone()).collect()
+}
+
+/// What is prepared once for all groups with the same prior.
+struct ByPrior<'g, T>(Vec<(&'g Arc<dyn Backbone>, T)>);
+
+impl<'g, T> ByPrior<'g, T> {
+    fn get(&mut self, group: &'g Group, prepare: impl FnOnce(&'g dyn Backbone) -> T) -> &T {
+        let prior = group.experts.prior();
+        let known = self.0.iter().position(|(known, _)| Arc::ptr_eq(known, prior));
+        let number = known.unwrap_or_else(|| {
+            self.0.push((prior, prepare(&**prior)));
+            self.0.len() - 1
+        });
+        &self.0[number].1
+    }
 }

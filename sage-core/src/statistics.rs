@@ -22,11 +22,11 @@ pub fn mean(values: &[f64]) -> Option<f64> {
 
 /// Quantile with linear interpolation, `share` in [0, 1]; `None` without values.
 pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let position = share.clamp(0.0, 1.0) * sorted.len().checked_sub(1)? as f64;
-    let (low, high) = (sorted[position.floor() as usize], sorted[position.ceil() as usize]);
-    Some(low + (high - low) * position.fract())
+    let mut values = values.to_vec();
+    let position = share.clamp(0.0, 1.0) * values.len().checked_sub(1)? as f64;
+    let (_, low, above) = values.select_nth_unstable_by(position.floor() as usize, f64::total_cmp);
+    let next = above.iter().copied().min_by(f64::total_cmp).filter(|_| position.fract() > 0.0);
+    Some(*low + (next.unwrap_or(*low) - *low) * position.fract())
 }
 
 /// Median; `None` without values.

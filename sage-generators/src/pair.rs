@@ -5,7 +5,7 @@ use std::marker::PhantomData;
 
 use sage_core::{
     Error as CoreError,
-    generator::{Attack, Generator, Knowledge, Mixture, Observation, OperatingPoint, Proposal, Proposer},
+    generator::{Attack, Generator, Knowledge, Observation, OperatingPoint, Proposer},
     objective::Context,
     registry::Entry,
 };
@@ -103,24 +103,27 @@ struct ProposeAndSelect {
 impl Generator for ProposeAndSelect {
     fn attacks(&self, ctx: &Context, at: &[OperatingPoint], seed: u64) -> Result<Vec<Attack>, CoreError> {
         let prepared = self.proposer.prepare(&Observation::of(ctx.scene(), ctx.index())?)?;
-        let mut last: Option<(&Mixture, Vec<Proposal>)> = None;
-        let mut attacks = Vec::with_capacity(at.len());
-        for point in at {
-            // If only μ changes, the proposals stay the same.
-            let known = last.take().filter(|(mixture, _)| !self.uses_mixture || **mixture == point.mixture);
-            let proposals = match known {
-                Some((_, proposals)) => proposals,
-                None => prepared.propose(&point.mixture, seed)?,
-            };
-            let selection = self.selector.select(&proposals, ctx, point.mu)?;
-            let (candidates, chosen) = if self.lists_candidates {
-                (proposals.clone(), selection.chosen)
-            } else {
-                (vec![proposals[selection.chosen].clone()], 0)
-            };
-            attacks.push(Attack { candidates, chosen, note: selection.note });
-            last = Some((&point.mixture, proposals));
+        let mut attacks: Vec<Option<Attack>> = vec![None; at.len()];
+        for first in 0..at.len() {
+            if attacks[first].is_some() {
+                continue;
+            }
+            // If only μ differs, the proposals are the same.
+            let mixture = &at[first].mixture;
+            let proposals = prepared.propose(mixture, seed)?;
+            for (point, attack) in at.iter().zip(&mut attacks).skip(first) {
+                if self.uses_mixture && point.mixture != *mixture {
+                    continue;
+                }
+                let selection = self.selector.select(&proposals, ctx, point.mu)?;
+                let (candidates, chosen) = if self.lists_candidates {
+                    (proposals.clone(), selection.chosen)
+                } else {
+                    (vec![proposals[selection.chosen].clone()], 0)
+                };
+                *attack = Some(Attack { candidates, chosen, note: selection.note });
+            }
         }
-        Ok(attacks)
+        Ok(attacks.into_iter().flatten().collect())
     }
 }

@@ -38,12 +38,12 @@ fn quoted(argument: String) -> String {
 
 /// Identity of this build of the program. Only the same build resumes a run.
 pub(crate) fn program() -> String {
-    // No size limit is necessary, because the system has loaded this file already.
-    let bytes = std::env::current_exe().and_then(|path| sage_core::files::read(&path, u64::MAX - 1));
-    bytes.map_or_else(
-        |_| env!("CARGO_PKG_VERSION").to_owned(),
-        |bytes| blake3::hash(&bytes).to_hex()[..16].to_owned(),
-    )
+    let hash = || -> std::io::Result<String> {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update_reader(std::fs::File::open(std::env::current_exe()?)?)?;
+        Ok(hasher.finalize().to_hex()[..16].to_owned())
+    };
+    hash().unwrap_or_else(|_| env!("CARGO_PKG_VERSION").to_owned())
 }
 
 #[cfg(test)]

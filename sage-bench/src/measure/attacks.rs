@@ -1,8 +1,9 @@
 //! Generators against the recorded ego or against drivers: the selected trajectories, and what drivers do.
 
-use std::time::Instant;
+use std::{sync::Arc, time::Instant};
 
 use anyhow::{Result, anyhow};
+use sage_backbones::Backbone;
 use sage_core::{
     generator::Attack,
     metric::{MeasuredTrajectory, Metric, MetricInfo, Metrics},
@@ -17,7 +18,7 @@ use sage_sim::{
     unattacked::UnattackedDrive,
 };
 
-use super::{Group, MeasuredScene, Measurement, SceneResult, cell, infos};
+use super::{ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell, infos};
 use crate::{
     Registries,
     ego::Ego,
@@ -70,6 +71,14 @@ fn choice_metrics() -> [Metric<Choice>; 4] {
             .about("a candidate is an avoidable attack")
             .more_is_better(),
     ]
+}
+
+/// What all attacks on one ego share that are measured with one prior.
+struct Prepared<'a> {
+    ctx: Arc<Context>,
+    /// `None` if trajectories are not measured.
+    measured: Option<MeasuredScene<'a>>,
+    avoidance: Option<Avoidance>,
 }
 
 /// Generators and drivers of a study.
@@ -196,12 +205,19 @@ impl Attacks {
     }
 
     /// Cells of one ego from the number of its first key on; returns the number after its last key.
-    fn of_ego(&self, data: &SceneData, ego: Option<&Ego>, first: usize, result: &mut SceneResult) -> usize {
+    fn of_ego(
+        &self,
+        data: &SceneData,
+        driver: Option<(&Ego, &Result<Arc<SimScene>, sage_core::Error>)>,
+        first: usize,
+        result: &mut SceneResult,
+    ) -> usize {
         let mut key = first;
         let [drive, ..] = self.measure;
-        let test = ego.map(|ego| -> Result<(AttackTest<'_>, SceneData)> {
-            let simulated = SimScene::new(data.scene.clone(), data.index.clone())?;
-            let test = AttackTest::new(&*ego.policy, &simulated, self.seed)?;
+        let ego = driver.map(|(ego, _)| ego);
+        let test = driver.map(|(ego, simulated)| -> Result<(AttackTest<'_>, SceneData)> {
+            let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
+            let test = AttackTest::new(&*ego.policy, simulated, self.seed)?;
             let (name, index) = (data.name.clone(), data.index.clone());
             let recorded = SceneData { name, scene: test.recorded(), index };
             Ok((test, recorded))
@@ -220,6 +236,7 @@ impl Attacks {
         }
         // Without an adversary there is nothing to attack with.
         let attacks = data.scene.adversary.is_some();
+        let mut prepared = ByPrior(Vec::new());
         for group in &self.groups {
             let end = key + group.built.iter().map(|built| self.keys_of(built, ego)).sum::<usize>();
             if attacks {
@@ -227,7 +244,8 @@ impl Attacks {
                     Some((test, recorded)) => (Some(test), recorded),
                     None => (None, data),
                 };
-                self.of_group(data, group, test, key, result);
+                let prepared = prepared.get(group, |prior| self.prepare(data, prior));
+                self.of_group(prepared, group, test, key, result);
             }
             key = end;
         }
@@ -246,9 +264,19 @@ impl Attacks {
             + built.map(|built| self.keys_of(built, ego)).sum::<usize>()
     }
 
+    fn prepare(&self, data: &SceneData, prior: &dyn Backbone) -> Result<Prepared<'_>> {
+        data.scene.check_apart_now()?;
+        let ctx = Arc::new(Context::new(&data.scene, &data.index, &ContextOptions::default())?);
+        let is_measured = self.measure[1] && self.targets.is_empty();
+        let measured = is_measured.then(|| MeasuredScene::new(ctx.clone(), data, prior, &self.further));
+        let is_searched = self.searches[0] || !self.targets.is_empty();
+        let avoidance = is_searched.then(|| Avoidance::new(&ctx, self.search));
+        Ok(Prepared { measured: measured.transpose()?, avoidance: avoidance.transpose()?, ctx })
+    }
+
     fn of_group(
         &self,
-        data: &SceneData,
+        prepared: &Result<Prepared>,
         group: &Group,
         test: Option<&AttackTest>,
         first: usize,
@@ -256,24 +284,15 @@ impl Attacks {
     ) {
         let ego = test.map(|_| &self.egos[0]);
         let mut key = first;
-        let prepared = data.scene.check_apart_now().map_err(anyhow::Error::from).and_then(|()| {
-            let scene = MeasuredScene::new(data, &**group.experts.prior(), &self.further)?;
-            let avoidance = self.searches[0] || !self.targets.is_empty();
-            let avoidance = avoidance.then(|| Avoidance::new(scene.context(), self.search)).transpose()?;
-            Ok((scene, avoidance))
-        });
         for built in &group.built {
             let end = key + self.keys_of(built, ego);
-            let cells =
-                prepared.as_ref().map_err(|error| anyhow!("{error:#}")).and_then(|(scene, avoidance)| {
-                    self.of_generator(built, scene, avoidance.as_ref(), test, key)
-                });
+            let known = prepared.as_ref().map_err(|error| anyhow!("{error:#}"));
+            let cells = known.and_then(|prepared| self.of_generator(built, prepared, test, key));
             match cells {
                 Ok(cells) => result.cells.extend(cells),
                 Err(error) => {
                     let reason = format!("{error:#}");
-                    let is_left_out =
-                        matches!(&prepared, Err(e) if is_contact_now(e)) || is_contact_now(&error);
+                    let is_left_out = prepared.as_ref().is_err_and(is_contact_now) || is_contact_now(&error);
                     if is_left_out {
                         result.left_out.push(format!("{}: {reason}", self.keys[key].stream()));
                     } else {
@@ -288,23 +307,24 @@ impl Attacks {
     fn of_generator(
         &self,
         built: &BuiltGenerator,
-        scene: &MeasuredScene,
-        avoidance: Option<&Avoidance>,
+        prepared: &Prepared,
         test: Option<&AttackTest>,
         first: usize,
     ) -> Result<Vec<Cell>> {
-        let ctx = scene.context();
+        let Prepared { ctx, measured, avoidance } = prepared;
         let clock = Instant::now();
         let attacks = built.generator.attacks(ctx, &built.points, self.seed)?;
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
-        let [_, trajectory, attacked] = self.measure;
         let (mut cells, mut key) = (Vec::new(), first);
         for (attack, point) in attacks.iter().zip(&built.points) {
-            if self.targets.is_empty() && trajectory {
-                cells.push(cell(key, &self.plans, &self.plan(attack, scene, avoidance, seconds)?));
+            if let Some(scene) = measured {
+                let trajectory = scene.measured(attack, seconds)?;
+                let avoidable = avoidance.as_ref().map(|avoidance| avoidance.of(&trajectory.candidate));
+                let plan = MeasuredPlan { trajectory: Some(trajectory), avoidable, choice: None };
+                cells.push(cell(key, &self.plans, &plan));
                 key += 1;
             }
-            if let Some(avoidance) = avoidance.filter(|_| !self.targets.is_empty()) {
+            if let Some(avoidance) = avoidance.as_ref().filter(|_| !self.targets.is_empty()) {
                 let avoided = react::avoided(attack, ctx, &self.objective, point.mu, avoidance);
                 for target in &self.targets {
                     let time = react::chosen(&avoided, *target).map(|one| one.time);
@@ -313,34 +333,15 @@ impl Attacks {
                     key += 1;
                 }
             }
-            if let Some(test) = test.filter(|_| attacked) {
-                cells.push(self.attacked_cell(attack, scene, test, key)?);
+            if let Some(test) = test.filter(|_| self.measure[2]) {
+                cells.push(self.attacked_cell(attack, ctx, test, key)?);
                 key += 1;
             }
         }
         Ok(cells)
     }
 
-    fn plan(
-        &self,
-        attack: &Attack,
-        scene: &MeasuredScene,
-        avoidance: Option<&Avoidance>,
-        seconds: f64,
-    ) -> Result<MeasuredPlan> {
-        let trajectory = scene.measured(attack, seconds)?;
-        let avoidable = avoidance.map(|avoidance| avoidance.of(&trajectory.candidate));
-        Ok(MeasuredPlan { trajectory: Some(trajectory), avoidable, choice: None })
-    }
-
-    fn attacked_cell(
-        &self,
-        attack: &Attack,
-        scene: &MeasuredScene,
-        test: &AttackTest,
-        key: usize,
-    ) -> Result<Cell> {
-        let ctx = scene.context();
+    fn attacked_cell(&self, attack: &Attack, ctx: &Context, test: &AttackTest, key: usize) -> Result<Cell> {
         attack.check(ctx.scene())?;
         let candidate = ctx.candidate(attack.trajectory().clone());
         let is_feasible = self.objective.evaluate(&candidate, ctx).is_feasible();
@@ -415,7 +416,9 @@ impl Measurement for Attacks {
             self.of_ego(data, None, 0, &mut result);
             return result;
         }
-        self.egos.iter().fold(0, |first, ego| self.of_ego(data, Some(ego), first, &mut result));
+        let simulated = SimScene::new(data.scene.clone(), data.index.clone());
+        let of_ego = |first, ego| self.of_ego(data, Some((ego, &simulated)), first, &mut result);
+        self.egos.iter().fold(0, of_ego);
         result
     }
 }

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, sync::Arc};
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, anyhow};
 use sage_backbones::{
     MotionModel,
     metrics::{PolicyMeasures, with_rewards},
@@ -15,7 +15,7 @@ use sage_core::{
 };
 use serde_json::json;
 
-use super::{Group, Measurement, SceneResult, cell, infos};
+use super::{ByPrior, Group, Measurement, SceneResult, cell, infos};
 use crate::{
     Registries,
     rows::{Cell, Key, Subject},
@@ -77,10 +77,7 @@ impl Policies {
         Ok(Self { groups: all, keys, metrics, measures, rewards })
     }
 
-    fn of_group(&self, data: &SceneData, of: &Models) -> Result<Vec<Cell>> {
-        let prior = &**of.group.experts.prior();
-        let prepared = PreparedScene::new(prior, data, false, &self.measures)?;
-        let prepared = prepared.context("the scene cannot be attacked")?;
+    fn of_group(&self, prepared: &PreparedScene, of: &Models) -> Result<Vec<Cell>> {
         let one = |(k, model): (usize, &Arc<dyn MotionModel>)| -> Result<Cell> {
             let mut rewards = BTreeMap::new();
             for (name, objective) in &self.rewards {
@@ -128,9 +125,14 @@ impl Measurement for Policies {
     }
 
     fn measure(&self, data: &SceneData) -> SceneResult {
-        let mut result = SceneResult::default();
+        let (mut result, mut all) = (SceneResult::default(), ByPrior(Vec::new()));
         for of in &self.groups {
-            match self.of_group(data, of) {
+            let prepared = all.get(&of.group, |prior| -> Result<PreparedScene> {
+                let prepared = PreparedScene::new(prior, data, false, &self.measures)?;
+                prepared.context("the scene cannot be attacked")
+            });
+            let prepared = prepared.as_ref().map_err(|error| anyhow!("{error:#}"));
+            match prepared.and_then(|prepared| self.of_group(prepared, of)) {
                 Ok(cells) => result.cells.extend(cells),
                 Err(error) => {
                     let failed = |k| Cell::failed(of.first + k, format!("{error:#}"));

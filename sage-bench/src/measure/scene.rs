@@ -9,9 +9,7 @@ use sage_core::{
     geometry::distance,
     metric::{LogMeasures, MeasuredTrajectory},
     motion::{HORIZON, NOW, Trajectory},
-    objective::{
-        CollisionType, Context, ContextOptions, Convention, FurtherMeasures, Naturalness, Scorer, Situation,
-    },
+    objective::{Context, ContextOptions, Convention, FurtherMeasures, Naturalness, Scorer},
     scene::SceneData,
 };
 use sage_generators::logged_future;
@@ -19,33 +17,31 @@ use sage_generators::logged_future;
 /// A scene prepared for the trajectories of all generators with one prior.
 pub struct MeasuredScene<'d> {
     ctx: Arc<Context>,
-    release: Context,
+    release: Arc<Context>,
     further: &'d FurtherMeasures,
     likelihood: Option<PriorOfAdversary>,
     log: LogMeasures,
 }
 
 impl<'d> MeasuredScene<'d> {
-    /// Prepares contexts in both conventions, measures of the log, and the prior's goal probabilities.
+    /// Prepares the `release` convention, measures of the log, and the prior's goal probabilities; `ctx` is the scene
+    /// in the `paper` convention.
     ///
     /// *Errors*: the scene cannot be attacked; those of the prior.
-    pub fn new(data: &SceneData, prior: &dyn Backbone, further: &'d FurtherMeasures) -> Result<Self> {
-        let context = |convention| {
-            let options = ContextOptions { convention, ..ContextOptions::default() };
-            Context::new(&data.scene, &data.index, &options)
-        };
-        let (ctx, release) = (context(Convention::Paper)?, context(Convention::Release)?);
+    pub fn new(
+        ctx: Arc<Context>,
+        data: &SceneData,
+        prior: &dyn Backbone,
+        further: &'d FurtherMeasures,
+    ) -> Result<Self> {
+        let options = ContextOptions { convention: Convention::Release, ..ContextOptions::default() };
+        let release = Arc::new(Context::new(&data.scene, &data.index, &options)?);
         let logged = logged_future(&data.scene)?;
         let natural = Naturalness::of(&ctx.candidate(logged.clone()), &ctx);
         let likelihood = PriorOfAdversary::of(data, prior)?;
         let nll = likelihood.as_ref().and_then(|prior| prior.nll(&logged));
         let log = MeasuredTrajectory::log_measures(&ctx, natural, nll);
-        Ok(Self { ctx: Arc::new(ctx), release, further, likelihood, log })
-    }
-
-    /// The context in the `paper` convention.
-    pub fn context(&self) -> &Arc<Context> {
-        &self.ctx
+        Ok(Self { ctx, release, further, likelihood, log })
     }
 
     /// Measures the selected trajectory of an attack that took some seconds.
@@ -56,20 +52,16 @@ impl<'d> MeasuredScene<'d> {
         let trajectory = attack.trajectory();
         let candidate = self.ctx.candidate(trajectory.clone());
         let paper = Scorer::with(&self.ctx, self.further).scores(&candidate);
-        let situation = Situation::new(&candidate, self.ctx.ego(), &self.ctx);
-        let collision_type = CollisionType::of(&situation, &paper.criticality);
-        let natural = Naturalness::of(&candidate, &self.ctx);
         Ok(MeasuredTrajectory {
-            collision_type,
             paper,
-            release: Scorer::new(&self.release).scores(&self.release.candidate(trajectory.clone())),
-            natural,
             nll: self.likelihood.as_ref().and_then(|prior| prior.nll(trajectory)),
             log: self.log,
             note: attack.note.clone(),
             seconds,
             ctx: self.ctx.clone(),
+            release_ctx: self.release.clone(),
             candidate,
+            later: Default::default(),
         })
     }
 }

@@ -1,6 +1,7 @@
 //! Differences between methods, paired by scene.
 
 use anyhow::{Context as _, Result};
+use rayon::prelude::*;
 
 use super::{named, shown};
 use crate::{
@@ -118,5 +119,5 @@ fn table(spec: &PairSpec, results: &Results) -> Result<Option<Table>> {
         FIRST_POINT => format!("Points less the first one, {}; shares in points:", spec.of),
         baseline => format!("Paired with `{baseline}`, {}; shares in points:", spec.of),
     };
-    Ok(Some(Table { title, heads, rows: pairs.iter().map(row).collect(), names: 2 }))
+    Ok(Some(Table { title, heads, rows: pairs.par_iter().map(row).collect(), names: 2 }))
 }

@@ -1,13 +1,15 @@
 //! Metrics of a trajectory of the adversary against one path of the ego.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use super::{Metric, Metrics};
 use crate::{
     Error,
     generator::Note,
     motion::{HORIZON, NOW},
-    objective::{Candidate, CollisionType, Context, Naturalness, Scores, violation::MEDIAN},
+    objective::{
+        Candidate, CollisionType, Context, Naturalness, Scorer, Scores, Situation, violation::MEDIAN,
+    },
 };
 
 /// Measures of the recorded future, from which those of a trajectory are subtracted.
@@ -19,31 +21,57 @@ pub struct LogMeasures {
     pub nll: Option<f64>,
 }
 
-/// A trajectory with its measures.
+/// A trajectory with its measures. Those that few studies show are made when a metric asks for them.
 pub struct MeasuredTrajectory {
     /// The scene, in the `paper` convention.
     pub ctx: Arc<Context>,
+    /// The same in the `release` convention.
+    pub release_ctx: Arc<Context>,
     /// The trajectory.
     pub candidate: Candidate,
     /// Scores in the `paper` convention.
     pub paper: Scores,
-    /// Scores in the `release` convention.
-    pub release: Scores,
-    /// Naturalness.
-    pub natural: Naturalness,
     /// −log p under the prior of the goal nearest to the trajectory's end.
     pub nll: Option<f64>,
-    /// The same of the log.
+    /// The same of the log, and its naturalness.
     pub log: LogMeasures,
-    /// Type of the collision.
-    pub collision_type: Option<CollisionType>,
     /// Note of the generator on its selection.
     pub note: Option<Note>,
     /// Seconds per operating point: the time of all operating points of the generator, divided equally.
     pub seconds: f64,
+    /// Measures on demand.
+    pub later: Later,
+}
+
+/// Measures of a trajectory that are made once, on demand.
+#[derive(Default)]
+pub struct Later {
+    release: OnceLock<Scores>,
+    natural: OnceLock<Naturalness>,
+    collision_type: OnceLock<Option<CollisionType>>,
 }
 
 impl MeasuredTrajectory {
+    /// Scores in the `release` convention.
+    pub fn release(&self) -> &Scores {
+        let ctx = &self.release_ctx;
+        let scores = || Scorer::new(ctx).scores(&ctx.candidate(self.candidate.trajectory().clone()));
+        self.later.release.get_or_init(scores)
+    }
+
+    /// Naturalness.
+    pub fn natural(&self) -> &Naturalness {
+        self.later.natural.get_or_init(|| Naturalness::of(&self.candidate, &self.ctx))
+    }
+
+    /// Type of the collision with the ego's path, if there is one.
+    pub fn collision_type(&self) -> Option<CollisionType> {
+        *self.later.collision_type.get_or_init(|| {
+            let situation = Situation::new(&self.candidate, self.ctx.ego(), &self.ctx);
+            CollisionType::of(&situation, &self.paper.criticality)
+        })
+    }
+
     /// Measures of the log that may be compared with: those of valid frames.
     pub fn log_measures(ctx: &Context, natural: Naturalness, nll: Option<f64>) -> LogMeasures {
         let adversary = ctx.adversary();
@@ -69,7 +97,7 @@ pub fn feasible_hit(scores: &Scores) -> bool {
 pub fn trajectory_metrics() -> Result<Metrics<MeasuredTrajectory>, Error> {
     type T = MeasuredTrajectory;
     let natural = |of: fn(&Naturalness) -> Option<f64>| {
-        move |t: &T| Some(of(&t.natural)? - of(t.log.natural.as_ref()?)?)
+        move |t: &T| Some(of(t.natural())? - of(t.log.natural.as_ref()?)?)
     };
     Metrics::default()
         .with_all([
@@ -144,17 +172,17 @@ pub fn trajectory_metrics() -> Result<Metrics<MeasuredTrajectory>, Error> {
                 .unit("nats")
                 .about("negative log-likelihood of its end under the prior, minus that of the log")
                 .less_is_better(),
-            Metric::mean("lane distance", |t: &T| Some(t.natural.lane_distance))
+            Metric::mean("lane distance", |t: &T| Some(t.natural().lane_distance))
                 .unit("m")
                 .about("without subtraction"),
             Metric::mean("nll", |t: &T| t.nll).unit("nats").about("without subtraction").less_is_better(),
-            Metric::share("release: attack", |t: &T| t.release.collision)
+            Metric::share("release: attack", |t: &T| t.release().collision)
                 .about("as the published code counts it"),
-            Metric::mean("release: R_adv", |t: &T| Some(t.release.adversarial_reward)),
-            Metric::mean("release: P_beh", |t: &T| Some(t.release.behavior_penalty)),
-            Metric::mean("release: P_kin", |t: &T| Some(t.release.kinematic_penalty)),
-            Metric::mean("release: cross-line", |t: &T| t.release.cross_line),
-            Metric::mean("release: crash-object", |t: &T| Some(t.release.crash_object)),
+            Metric::mean("release: R_adv", |t: &T| Some(t.release().adversarial_reward)),
+            Metric::mean("release: P_beh", |t: &T| Some(t.release().behavior_penalty)),
+            Metric::mean("release: P_kin", |t: &T| Some(t.release().kinematic_penalty)),
+            Metric::mean("release: cross-line", |t: &T| t.release().cross_line),
+            Metric::mean("release: crash-object", |t: &T| Some(t.release().crash_object)),
             Metric::mean("horizon", |t: &T| Some(t.paper.horizon as f64))
                 .unit("steps")
                 .about("steps that are evaluated"),
@@ -169,7 +197,7 @@ pub fn trajectory_metrics() -> Result<Metrics<MeasuredTrajectory>, Error> {
         ])?
         .with_all(CollisionType::ALL.map(|kind| {
             Metric::share(format!("type: {}", kind.name()), move |t: &T| {
-                Some(t.is_attack() && t.collision_type == Some(kind))
+                Some(t.is_attack() && t.collision_type() == Some(kind))
             })
             .about("an attack with a collision of this type")
         }))

@@ -1,8 +1,9 @@
 //! Pictures of the attacks of a study, and an HTML page that shows them with its tables.
 
-use std::fmt::Write as _;
+use std::collections::BTreeMap;
 
 use anyhow::{Context as _, Result};
+use rayon::prelude::*;
 use sage_bench::{
     plan::Plan,
     report::Report,
@@ -26,6 +27,15 @@ use sage_bench::runner::SceneSource as _;
 const SHOWN: usize = 3;
 const STYLE: &str = "body{font:15px sans-serif;margin:2em}table{border-collapse:collapse;font-size:12px;display:block;overflow-x:auto}td,th{border:1px solid #ccc;padding:2px 6px;white-space:nowrap}.row{display:flex;flex-wrap:wrap;gap:1em}figure{margin:0}img{width:560px;border:1px solid #ddd}";
 
+/// A picture of an attack on the page.
+struct Card {
+    /// Number of the method's heading.
+    heading: usize,
+    method: usize,
+    which: String,
+    scene: usize,
+}
+
 /// Writes the strongest believable attacks of each method as SVG, some that failed, and `index.html` with the tables and
 /// the pictures. The page opens from disk. Pictures are of the recorded ego.
 ///
@@ -37,27 +47,35 @@ pub(super) fn write(
     results: &Results,
     report: &Report,
 ) -> Result<()> {
-    let mut cards = String::new();
-    for (k, method) in results.methods(Subject::Trajectory).into_iter().enumerate() {
-        let label = results.keys[method].attack_label();
-        writeln!(cards, "<h2>{}</h2><div class=row>", escaped(&label))?;
-        for (which, scene) in cases(results, method)? {
-            let name = &results.scenes[scene];
-            let number =
-                scenes.names().iter().position(|known| known == name).context("the scene was measured")?;
-            let Some(data) = scenes.load(number)? else { continue };
-            let Some((svg, caption)) = picture(plan, method, &data, name, &label)? else { continue };
-            let file = format!("{k:02}-{which}.svg");
-            folder.write(&file, svg.as_bytes())?;
-            writeln!(
-                cards,
-                "<figure><a href=\"{file}\"><img src=\"{file}\" loading=lazy></a><figcaption>{which}: {}, {}</figcaption></figure>",
-                escaped(name),
-                escaped(&caption),
-            )?;
-        }
-        writeln!(cards, "</div>")?;
+    let methods = results.methods(Subject::Trajectory);
+    let mut cards = Vec::new();
+    for (k, method) in methods.iter().enumerate() {
+        let named = cases(results, *method)?.into_iter();
+        cards.extend(named.map(|(which, scene)| Card { heading: k, method: *method, which, scene }));
     }
+    let mut by_scene: BTreeMap<usize, Vec<&Card>> = BTreeMap::new();
+    cards.iter().for_each(|card| by_scene.entry(card.scene).or_default().push(card));
+    let names = scenes.names();
+    let figures = |(scene, cards): (usize, Vec<&Card>)| -> Result<Vec<((usize, String), String)>> {
+        let name = &results.scenes[scene];
+        let number = names.iter().position(|known| known == name).context("the scene was measured")?;
+        let Some(data) = scenes.load(number)? else { return Ok(Vec::new()) };
+        let figures = cards.into_iter().map(|card| {
+            let figure = figure(folder, plan, results, card, &data)?;
+            Ok(figure.map(|figure| ((card.heading, card.which.clone()), figure)))
+        });
+        figures.filter_map(Result::transpose).collect()
+    };
+    let figures = by_scene.into_par_iter().map(figures).collect::<Result<Vec<_>>>()?;
+    let figures: BTreeMap<(usize, String), String> = figures.into_iter().flatten().collect();
+    let row = |(k, method): (usize, &usize)| {
+        let of_method = cards.iter().filter(|card| card.heading == k);
+        let figures: String =
+            of_method.filter_map(|card| figures.get(&(k, card.which.clone())).map(|f| &**f)).collect();
+        let label = escaped(&results.keys[*method].attack_label());
+        format!("<h2>{label}</h2><div class=row>\n{figures}</div>\n")
+    };
+    let cards: String = methods.iter().enumerate().map(row).collect();
     let title = escaped(&format!("sage bench {}", plan.study.study));
     let tables: String = report.tables.iter().map(html).collect();
     let page = format!(
@@ -97,24 +115,32 @@ fn cases(results: &Results, method: usize) -> Result<Vec<(String, usize)>> {
     Ok([first("strongest", attacks), first("failed", failed)].concat())
 }
 
-/// The picture of an attack, and its verdict with the reasons.
-fn picture(
+/// Draws an attack, and returns its picture with its verdict and the reasons as HTML.
+fn figure(
+    folder: &Folder,
     plan: &Plan,
-    method: usize,
+    results: &Results,
+    card: &Card,
     data: &SceneData,
-    name: &str,
-    label: &str,
-) -> Result<Option<(String, String)>> {
-    let Some(attack) = plan.attack(method, data)? else { return Ok(None) };
+) -> Result<Option<String>> {
+    let Some(attack) = plan.attack(card.method, data)? else { return Ok(None) };
+    let (name, label) = (&results.scenes[card.scene], results.keys[card.method].attack_label());
     let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
     let trajectory = attack.trajectory().clone();
     let scores = Scorer::new(&ctx).scores(&ctx.candidate(trajectory.clone()));
     let words = verdict(scores.believable, &scores.unbelievable).unwrap_or_else(|| "no contact".to_owned());
     let note = attack.note.as_ref().map_or(String::new(), |note| format!("; {note}"));
     let caption = format!("{words}, R_adv {:.2}{note}", scores.adversarial_reward);
-    let drawn = drawn_path(label.to_owned(), &ctx, trajectory);
-    let picture = Picture { title: name.to_owned(), candidates: vec![drawn], ..Picture::default() };
-    Ok(Some((drawing::draw(&data.scene, &picture), caption)))
+    let drawn = drawn_path(label, &ctx, trajectory);
+    let picture = Picture { title: name.clone(), candidates: vec![drawn], ..Picture::default() };
+    let Card { heading, which, .. } = card;
+    let file = format!("{heading:02}-{which}.svg");
+    folder.write(&file, drawing::draw(&data.scene, &picture).as_bytes())?;
+    Ok(Some(format!(
+        "<figure><a href=\"{file}\"><img src=\"{file}\" loading=lazy></a><figcaption>{which}: {}, {}</figcaption></figure>\n",
+        escaped(name),
+        escaped(&caption),
+    )))
 }
 
 /// A table as HTML.

@@ -7,13 +7,13 @@ use anyhow::{Context as _, Result, ensure};
 use sage_backbones::parameters::Header;
 use sage_core::objective::FurtherMeasures;
 use sage_generators::Facts;
-use sage_merging::{ExpertSet, Merger};
+use sage_merging::ExpertSet;
 use serde_json::{Map, Value, json};
 
 use crate::{
     Registries,
     cli::AttackArgs,
-    generators::{self, BuiltGenerator},
+    generators::{BuiltGenerator, Generators, weight_hashes},
     networks,
     operating_point::OperatingPointSpec,
     output,
@@ -46,9 +46,8 @@ pub(crate) struct Attackers<'a> {
     pub(crate) further: FurtherMeasures,
     /// Name of each operating point, as part of file names.
     pub(crate) variants: Vec<String>,
-    registries: &'a Registries,
     facts: Facts,
-    merger: Arc<dyn Merger>,
+    generators: Generators<'a>,
     /// Weights that scenes may need: those that the user names, or the defaults for procedural and for
     /// recorded scenes. The weights for a scene do not depend on other scenes.
     experts: Vec<Weights>,
@@ -67,16 +66,12 @@ impl<'a> Attackers<'a> {
                 serde_json::from_str(options).context("--options is not a JSON object")?;
             method.options.extend(options);
         }
-        let facts = method.build(&registries.generators)?.facts();
-        let merger: Arc<dyn Merger> = args.points.merging.merger.build(&registries.mergers)?.into();
-        args.points.check(merger.range())?;
         let selection = Selection::of(registries, &args.selection, args.rule.feasibility.as_ref())?;
+        let generators = Generators::new(registries, &args.points.merging.merger, &selection, args.seed)?;
+        let facts = generators.facts(&method)?;
+        let variants = args.points.listed().variants(generators.merger().range())?;
         warn_of_unused(&method, args, &facts);
-        let variants = if facts.uses_operating_point() {
-            args.points.variants(&[1.0])
-        } else {
-            vec![method.name.clone()]
-        };
+        let variants = if facts.uses_operating_point() { variants } else { vec![method.name.clone()] };
         let twice = (1..variants.len()).find(|k| variants[..*k].contains(&variants[*k]));
         if let Some(k) = twice {
             anyhow::bail!("the operating point `{}` is given twice", variants[k]);
@@ -100,18 +95,7 @@ impl<'a> Attackers<'a> {
         };
         let experts = names.into_iter().map(load).collect::<Result<Vec<_>>>()?;
         let attackers = Mutex::new((0..experts.len().max(1)).map(|_| None).collect());
-        let all = Self {
-            args,
-            method,
-            selection,
-            further,
-            variants,
-            registries,
-            facts,
-            merger,
-            experts,
-            attackers,
-        };
+        let all = Self { args, method, selection, further, variants, facts, generators, experts, attackers };
         if args.weights.is_some() || all.experts.is_empty() {
             all.attacker(true)?;
         }
@@ -151,16 +135,17 @@ impl<'a> Attackers<'a> {
             let merger = args.points.merging.merger.to_string();
             networks::load_dial(&weights.name, &weights.experts, &self.selection, &merger)
         };
-        let range = self.merger.range();
+        let range = self.generators.merger().range();
         let points = if self.facts.uses_operating_point() {
-            args.points.specs(dial, range, &[1.0])?
+            args.points.listed().specs(range, dial)?
         } else {
             vec![OperatingPointSpec::at(1.0, None, range)?]
         };
         ensure!(points.len() == self.variants.len(), "every operating point has a name");
         let experts = weights.map(|weights| &weights.experts);
-        let inputs = generators::inputs(experts, &self.merger, &self.selection, args.seed);
-        let built = BuiltGenerator::new(&self.method, self.registries, &inputs, &points)?;
+        let generators =
+            experts.map_or(self.generators.clone(), |experts| self.generators.with_experts(experts));
+        let built = generators.build(&self.method, &points)?;
         Ok(Attacker { weights: weights.map(|weights| weights.name.clone()), built, points })
     }
 
@@ -170,9 +155,7 @@ impl<'a> Attackers<'a> {
     pub(crate) fn identity(&self) -> Result<Value> {
         let (mut weights, mut dials) = (Map::new(), Map::new());
         for Weights { name, experts, .. } in &self.experts {
-            let tensors = experts.experts().iter().map(|(_, weights)| weights);
-            let hashes = std::iter::once(experts.prior().parameters()).chain(tensors).map(|w| w.hash());
-            weights.insert(name.clone(), json!(hashes.collect::<Result<Vec<_>, _>>()?));
+            weights.insert(name.clone(), weight_hashes(experts)?.into());
             if self.args.points.aggression.is_some() && self.facts.uses_operating_point() {
                 // Weights without a dial fail only if a scene needs them.
                 let dial = networks::find_dial(name, experts, &self.selection).ok();

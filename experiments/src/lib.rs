@@ -13,7 +13,6 @@
 //! }
 //! ```
 
-mod adversary;
 mod attackers;
 pub mod bench;
 mod candidates;

@@ -366,9 +366,14 @@ fn a_curriculum_is_listed_and_decides_the_attacks_of_a_training() {
     let attacks = |least: &str| {
         let out = folder.path().join(least);
         let curriculum = format!(r#"patient{{"least": {least}}}"#);
-        let size = ["--procedural", "6", "--updates", "300", "--random-steps", "300", "--evaluations", "1"];
+        let size = ["--procedural", "6", "--updates", "300", "--evaluations", "1"];
         let train = ["train-ego", "--generator", "rule", "--curriculum", &curriculum, "--out", text(&out)];
-        let small = ["--td3", r#"{"hidden": [8, 8], "batch": 8}"#, "--eval-generator", "none"];
+        let small = [
+            "--config",
+            r#"{"td3": {"hidden": [8, 8], "batch": 8, "random_steps": 300}}"#,
+            "--eval-generator",
+            "none",
+        ];
         stdout(&run(&program, &[&train[..], &size, &small].concat()));
         let record: Value = serde_json::from_slice(&std::fs::read(out.join("run.json")).unwrap()).unwrap();
         record["results"]["seeds"][0]["counters"]["attacked"].as_u64().unwrap()

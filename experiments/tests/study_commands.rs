@@ -170,10 +170,15 @@ fn a_part_of_another_crate_is_in_every_command() {
     assert!(row["scores"]["rewards"]["start gap"].is_f64() && row["merger"] == "halfway", "{row}");
     let simulate = ["simulate", &scene, "--ego", "roll", "--method", "coast", "--out", at("driven")];
     stdout(&run(&program, &simulate));
-    let train =
-        ["train-ego", "--procedural", "3", "--updates", "300", "--random-steps", "200", "--evaluations", "1"];
-    let small =
-        ["--td3", r#"{"hidden":[16,16],"batch":16}"#, "--eval-generator", "none", "--merger", "halfway"];
+    let train = ["train-ego", "--procedural", "3", "--updates", "300", "--evaluations", "1"];
+    let small = [
+        "--config",
+        r#"{"td3": {"hidden": [16, 16], "batch": 16, "random_steps": 200}}"#,
+        "--eval-generator",
+        "none",
+        "--merger",
+        "halfway",
+    ];
     let attacked = ["--generator", "coast", "--out", at("trained")];
     stdout(&run(&program, &[&train[..], &small, &attacked].concat()));
 }

@@ -9,17 +9,15 @@ use std::fs;
 use program::*;
 
 /// A run of seconds.
-const QUICK: [&str; 15] = [
+const QUICK: [&str; 13] = [
     "--procedural",
     "9",
     "--updates",
     "400",
-    "--random-steps",
-    "200",
     "--evaluations",
     "2",
-    "--td3",
-    r#"{"hidden": [16, 16], "batch": 32}"#,
+    "--config",
+    r#"{"td3": {"hidden": [16, 16], "batch": 32, "random_steps": 200}}"#,
     "--weights",
     "procedural",
     "--checkpoint-every",
@@ -101,8 +99,15 @@ fn wrong_uses_are_refused_with_the_remedy() {
     );
     assert!(error(&["sage", "--sampler", "some"]).contains("unknown scene sampler `some`; known: uniform"));
     assert!(error(&["sage", "--curriculum", r#"constant{"lambda": 2}"#]).contains("`lambda` is 2"));
-    let twice = sage(&["train-ego", "--td3", r#"{"random_steps": 5}"#, "--out", text(&out)]);
-    assert!(stderr(&twice).contains("given by --random-steps"), "{}", stderr(&twice));
+    let config = |text_of: &str| {
+        let output = sage(&["train-ego", "--config", text_of, "--out", text(&out)]);
+        assert!(!output.status.success());
+        stderr(&output).to_owned()
+    };
+    assert!(config(r#"{"updates": 5}"#).contains("`updates` is not part of a configuration; give --updates"));
+    assert!(config(r#"{"max_step": 5}"#).contains("unknown field `max_step`"));
+    assert!(config(r#"{"max_steps": 1}"#).contains("`max_steps` is 1; expected a number from 2 to 10000"));
+    assert!(config("nowhere.yaml").contains("cannot read `nowhere.yaml`"));
     let few = error(&["none", "--ratio", "4"]);
     assert!(few.contains("fewer than the 200 random steps") && few.contains("give more updates"), "{few}");
     let scene = example();

@@ -1,11 +1,22 @@
-//! Generators that the user names, built with their inputs and operating points.
+//! Generators that the user names: what they are built from, and their operating points.
 
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
-use sage_core::generator::{ApartNow, Generator, OperatingPoint};
+use sage_core::{
+    Error,
+    generator::{ApartNow, Attack, Generator as _, OperatingPoint},
+    objective::Context,
+};
 use sage_generators::{Facts, GeneratorInputs};
-use sage_merging::{ExpertSet, Merger};
+use sage_merging::{ExpertSet, Merger, Range};
+use sage_sim::{
+    SimScene,
+    drive::Drive,
+    rl::{Attacker, plan_of_generator},
+    traffic::Plan,
+};
+use serde_json::{Map, Value};
 
 use crate::{
     Registries,
@@ -14,51 +25,142 @@ use crate::{
     selection::Selection,
 };
 
-/// A generator with its operating points.
-pub struct BuiltGenerator {
-    /// What it depends on and knows.
-    pub facts: Facts,
-    /// The generator.
-    pub generator: Box<dyn Generator>,
-    /// Key of each result row; one key without an operating point if the generator depends on none.
-    pub keys: Vec<RowKey>,
-    /// Operating point of each key.
-    pub points: Vec<OperatingPoint>,
+/// What the generators of a command are built from: weights, merger, selection and seed. Clones share the data.
+#[derive(Clone)]
+pub struct Generators<'r> {
+    registries: &'r Registries,
+    inputs: GeneratorInputs,
 }
 
-impl BuiltGenerator {
+impl<'r> Generators<'r> {
+    /// Generators without weights.
+    ///
+    /// *Errors*: the merger is not registered, or refuses its options.
+    pub fn new(registries: &'r Registries, merger: &Part, selection: &Selection, seed: u64) -> Result<Self> {
+        let merger = merger.build(&registries.mergers)?.into();
+        let selection = Arc::new(selection.objective.clone());
+        Ok(Self { registries, inputs: GeneratorInputs { experts: None, merger, seed, selection } })
+    }
+
+    /// The same with a prior and its experts.
+    pub fn with_experts(&self, experts: &ExpertSet) -> Self {
+        let inputs = GeneratorInputs { experts: Some(experts.clone()), ..self.inputs.clone() };
+        Self { registries: self.registries, inputs }
+    }
+
+    /// What generators get.
+    pub fn inputs(&self) -> &GeneratorInputs {
+        &self.inputs
+    }
+
+    /// The merger of the experts.
+    pub fn merger(&self) -> &Arc<dyn Merger> {
+        &self.inputs.merger
+    }
+
+    /// What a generator depends on and knows.
+    ///
+    /// *Errors*: the name is not registered, or the generator refuses the options.
+    pub fn facts(&self, part: &Part) -> Result<Facts> {
+        Ok(part.build(&self.registries.generators)?.facts())
+    }
+
     /// Builds a generator for some operating points.
     ///
-    /// *Errors*: the name is not registered, or the generator refuses the options or inputs.
-    pub fn new(
-        part: &Part,
-        registries: &Registries,
-        inputs: &GeneratorInputs,
-        specs: &[OperatingPointSpec],
-    ) -> Result<Self> {
-        let kind = part.build(&registries.generators)?;
+    /// *Errors*: the name is not registered, or the generator refuses the options or inputs; an operating point is
+    /// given twice, or names an expert that there is not.
+    pub fn build(&self, part: &Part, specs: &[OperatingPointSpec]) -> Result<BuiltGenerator> {
+        let kind = part.build(&self.registries.generators)?;
         let facts = kind.facts();
         let key = |point: Option<OperatingPointSpec>| RowKey {
             method: part.name.clone(),
             options: part.options.clone(),
             point,
         };
+        // Without a mixture the names of the experts do not matter.
+        let experts = self.inputs.experts.clone().filter(|_| facts.depends_on_lambda);
         let (keys, points) = if facts.uses_operating_point() {
             let key = |spec: &OperatingPointSpec| {
                 let mu = if facts.depends_on_mu { None } else { spec.lambda };
                 key(Some(OperatingPointSpec { mu: mu.unwrap_or(spec.mu), ..spec.clone() }))
             };
-            // Without a mixture the names of the experts do not matter.
-            let experts = inputs.experts.as_ref().filter(|_| facts.depends_on_lambda);
-            let points = specs.iter().map(|spec| spec.point(experts));
+            let points = specs.iter().map(|spec| spec.point(experts.as_ref()));
             let keys: Vec<RowKey> = specs.iter().map(key).collect();
             refuse_duplicates(&keys)?;
             (keys, points.collect::<Result<_>>()?)
         } else {
             (vec![key(None)], vec![OperatingPoint::at(1.0, 1.0)])
         };
-        Ok(Self { facts, generator: Box::new(ApartNow(kind.build(inputs)?)), keys, points })
+        let generator = ApartNow(kind.build(&self.inputs)?);
+        Ok(BuiltGenerator { facts, keys, points, generator, experts, range: self.inputs.merger.range() })
     }
+}
+
+/// A generator with its operating points.
+pub struct BuiltGenerator {
+    /// What it depends on and knows.
+    pub facts: Facts,
+    /// Key of each result row; one key without an operating point if the generator depends on none.
+    pub keys: Vec<RowKey>,
+    /// Operating point of each key.
+    pub points: Vec<OperatingPoint>,
+    generator: ApartNow,
+    experts: Option<ExpertSet>,
+    range: Range,
+}
+
+impl BuiltGenerator {
+    /// Attacks at all operating points.
+    ///
+    /// *Errors*: [`Error::ContactNow`], and those of the generator.
+    pub fn attacks(&self, ctx: &Context, seed: u64) -> Result<Vec<Attack>, Error> {
+        self.generator.attacks(ctx, &self.points, seed)
+    }
+
+    /// The attack at one of the operating points, by its number.
+    ///
+    /// *Errors*: as [`BuiltGenerator::attacks`].
+    pub fn attack(&self, ctx: &Context, number: usize, seed: u64) -> Result<Option<Attack>, Error> {
+        let point = std::slice::from_ref(&self.points[number]);
+        Ok(self.generator.attacks(ctx, point, seed)?.into_iter().next())
+    }
+
+    /// The operating point at a λ; μ is λ.
+    ///
+    /// *Errors*: the merger refuses the λ.
+    pub fn at(&self, lambda: f64) -> Result<OperatingPoint> {
+        if !self.facts.uses_operating_point() {
+            return Ok(OperatingPoint::at(1.0, 1.0));
+        }
+        OperatingPointSpec::at(lambda, None, self.range)?.point(self.experts.as_ref())
+    }
+}
+
+impl Attacker for BuiltGenerator {
+    fn plan(
+        &self,
+        scene: &SimScene,
+        drive: Option<&Drive>,
+        lambda: f64,
+        seed: u64,
+    ) -> Result<Arc<Plan>, Error> {
+        let point = self.at(lambda).map_err(|error| Error::Options {
+            kind: "generator",
+            name: "lambda",
+            problem: format!("{error:#}"),
+        })?;
+        // A contact at now counts here, as in the published evaluation.
+        plan_of_generator(&*self.generator.0, &point, scene, drive, seed)
+    }
+}
+
+/// Hashes of a prior and its experts, by name.
+///
+/// *Errors*: none on a CPU.
+pub fn weight_hashes(experts: &ExpertSet) -> Result<Map<String, Value>> {
+    let experts_of = experts.experts().iter().map(|(name, weights)| (&**name, weights));
+    let all = std::iter::once(("prior", experts.prior().parameters())).chain(experts_of);
+    all.map(|(name, weights)| Ok((name.to_owned(), weights.hash()?.into()))).collect()
 }
 
 /// Refuses duplicate rows.
@@ -68,20 +170,5 @@ pub fn refuse_duplicates(keys: &[RowKey]) -> Result<()> {
     match keys.iter().enumerate().find(|(k, key)| keys[..*k].contains(key)) {
         Some((_, key)) => bail!("`{}` is given twice", key.label()),
         None => Ok(()),
-    }
-}
-
-/// Inputs of all generators of a command.
-pub fn inputs(
-    experts: Option<&ExpertSet>,
-    merger: &Arc<dyn Merger>,
-    selection: &Selection,
-    seed: u64,
-) -> GeneratorInputs {
-    GeneratorInputs {
-        experts: experts.cloned(),
-        merger: merger.clone(),
-        seed,
-        selection: Arc::new(selection.objective.clone()),
     }
 }

@@ -98,7 +98,7 @@ impl OperatingPointSpec {
     /// Part of file names, and the field `variant` of rows.
     pub fn variant(&self) -> String {
         match (self.aggression, self.lambda) {
-            (Some(aggression), _) => aggression_variant(aggression),
+            (Some(aggression), _) => format!("aggression{}", short(aggression)),
             (None, Some(lambda)) if self.mu == lambda => format!("lambda{}", short(lambda)),
             (None, Some(lambda)) => format!("lambda{}-mu{}", short(lambda), short(self.mu)),
             (None, None) => {
@@ -122,9 +122,56 @@ impl OperatingPointSpec {
     }
 }
 
-/// Variant of an aggression, independent of its λ and μ.
-pub fn aggression_variant(aggression: f64) -> String {
-    format!("aggression{}", short(aggression))
+/// Operating points as a command or a study lists them.
+#[derive(Clone, Debug, Default)]
+pub struct OperatingPoints {
+    /// Aggressions.
+    pub aggression: Vec<f64>,
+    /// Weights of named experts.
+    pub mix: Vec<Vec<(String, f64)>>,
+    /// Values of λ.
+    pub lambda: Vec<f64>,
+    /// μ at every λ and every mixture, if given.
+    pub mu: Option<f64>,
+}
+
+impl OperatingPoints {
+    /// All of them: aggressions first, then mixtures, then λ. The dial is asked for only if there are aggressions.
+    ///
+    /// *Errors*: a value that is out of range, or that the merger refuses; those of the dial.
+    pub fn specs(
+        &self,
+        range: Range,
+        dial: impl FnOnce() -> Result<Aggression>,
+    ) -> Result<Vec<OperatingPointSpec>> {
+        let mut specs = Vec::new();
+        if !self.aggression.is_empty() {
+            let dial = dial()?;
+            specs.extend(
+                self.aggression
+                    .iter()
+                    .map(|aggression| OperatingPointSpec::of(&dial, *aggression))
+                    .collect::<Result<Vec<_>>>()?,
+            );
+        }
+        for mix in &self.mix {
+            let weights = mix.iter().map(|(_, weight)| *weight).collect();
+            range.check_weights(mix.len(), &Mixture::new(weights))?;
+            specs.push(OperatingPointSpec::mixed(mix, self.mu)?);
+        }
+        for lambda in &self.lambda {
+            specs.push(OperatingPointSpec::at(*lambda, self.mu, range)?);
+        }
+        Ok(specs)
+    }
+
+    /// Their names in file names, which do not depend on a dial.
+    ///
+    /// *Errors*: as [`OperatingPoints::specs`].
+    pub fn variants(&self, range: Range) -> Result<Vec<String>> {
+        let specs = self.specs(range, || Ok(Aggression::new(vec![0.0, 1.0])?))?;
+        Ok(specs.iter().map(OperatingPointSpec::variant).collect())
+    }
 }
 
 fn checked(mu: f64) -> Result<f64> {

@@ -23,9 +23,14 @@ impl Part {
         Ok(registry.build(&self.name, &Value::Object(self.options.clone()))?)
     }
 
+    /// A part without options.
+    pub fn named(name: impl Into<String>) -> Self {
+        Self { name: name.into(), options: Map::new() }
+    }
+
     /// The paper's feasibility rule.
     pub fn paper() -> Self {
-        Self { name: PartSpec::default().name, options: Map::new() }
+        Self::named(PartSpec::default().name)
     }
 
     /// The part as an objective specifies it.

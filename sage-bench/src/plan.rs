@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Result, ensure};
 use sage_core::{generator::Attack, scene::SceneData};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::{
     Registries,
     ego::{self, Ego},
+    generators::weight_hashes,
     measure::{Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult},
     part::{Part, PolicyPart},
     rows::{Cell, Key, MetricRecord, Subject},
@@ -54,8 +55,9 @@ impl Plan {
         } else {
             Vec::new()
         };
+        let hashes = groups.iter().map(|group| weight_hashes(&group.experts)).collect::<Result<Vec<_>>>()?;
         let mut identity = json!({
-            "study": study, "selection": selection.objective.spec(), "experts": hashes(&groups)?,
+            "study": study, "selection": selection.objective.spec(), "experts": hashes,
             "points": groups.iter().map(|group| &group.points).collect::<Vec<_>>(),
         });
         identity["ego"] = parts.iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
@@ -69,7 +71,7 @@ impl Plan {
             measurements.push(Box::new(Predictions::new(&study, registries, source)?));
         }
         if is_episodic {
-            let episodes = Episodes::new(&study, registries, egos, &groups, &selection)?;
+            let episodes = Episodes::new(&study, registries, egos, groups)?;
             identity["policies"] = episodes.identity();
             measurements.push(Box::new(episodes));
         } else if is_attacked || drives {
@@ -123,18 +125,4 @@ impl Plan {
         }
         all
     }
-}
-
-/// Hashes of all weights.
-fn hashes(groups: &[Group]) -> Result<Value> {
-    let mut all = Vec::new();
-    for group in groups {
-        let experts = group.experts.experts().iter();
-        let hashes = experts.map(|(name, weights)| Ok((name.clone(), weights.hash()?.into())));
-        let mut found = hashes.collect::<Result<Map<String, Value>>>()?;
-        let prior = group.experts.prior().parameters().hash().context("the prior has no hash")?;
-        found.insert("prior".to_owned(), prior.into());
-        all.push(Value::Object(found));
-    }
-    Ok(Value::Array(all))
 }

@@ -24,14 +24,12 @@ pub const KINDS: [&str; 10] =
 /// Files of weights.
 const WEIGHTS: [&str; 3] = ["prior", "realistic", "adversarial"];
 /// A training run that takes a second.
-const TRAIN: [&str; 14] = [
+const TRAIN: [&str; 12] = [
     "train-ego",
     "--procedural",
     "3",
     "--updates",
     "300",
-    "--random-steps",
-    "200",
     "--evaluations",
     "2",
     "--checkpoint-every",
@@ -40,7 +38,8 @@ const TRAIN: [&str; 14] = [
     "none",
     "--eval-generator",
 ];
-const TD3: [&str; 3] = ["none", "--td3", r#"{"hidden":[16,16],"batch":16}"#];
+const TD3: [&str; 3] =
+    ["none", "--config", r#"{"td3": {"hidden": [16, 16], "batch": 16, "random_steps": 200}}"#];
 const PRETRAIN: [&str; 7] =
     ["pretrain", "scenes", "--epochs", "1", "--network", r#"{"hidden": 16, "rounds": 1}"#, "--dev"];
 

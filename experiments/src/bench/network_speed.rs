@@ -20,10 +20,10 @@ use sage_core::{
     seed::Rng,
     statistics::median,
 };
-use sage_merging::{InterpolatedModel, Merger, mergers};
+use sage_merging::InterpolatedModel;
 use sage_sim::avoidable::{Avoidance, AvoidanceOptions};
 
-use crate::{Registries, generators, networks, selection};
+use crate::{Registries, generators::Generators, networks, part::Part, selection};
 
 use super::timing::{CANDIDATES, Data, Timing, measure, timing};
 
@@ -127,10 +127,11 @@ fn attacks(
 ) -> Result<()> {
     let experts = networks::load_experts(registry, "procedural")?;
     let registries = Registries::shipped()?;
-    let merger: Arc<dyn Merger> = mergers()?.build_default("linear")?.into();
     let selection = selection::Selection::of(&registries, "natural", None)?;
-    let inputs = generators::inputs(Some(&experts), &merger, &selection, 0);
-    let sage = registries.generators.build_default("sage")?.build(&inputs)?;
+    let generators = Generators::new(&registries, &Part::named("linear"), &selection, 0)?;
+    let generators = generators.with_experts(&experts);
+    let inputs = generators.inputs();
+    let sage = registries.generators.build_default("sage")?.build(inputs)?;
     let at = |lambda: f64| OperatingPoint::at(lambda, lambda);
     let sweep: Vec<OperatingPoint> = (0..11).map(|k| at(f64::from(k) / 10.0)).collect();
     let half = [at(0.5)];
@@ -146,7 +147,7 @@ fn attacks(
     report(timing("attack: indexed scene to selected trajectory, median of scenes", attacks, Some(10.0)))?;
     report(timing("attack: each further lambda of eleven, median of scenes", further, None))?;
     for (name, target) in [("king", 20.0), ("adv-traj-opt", 10.0), ("rule", 1.0)] {
-        let generator = registries.generators.build_default(name)?.build(&inputs)?;
+        let generator = registries.generators.build_default(name)?.build(inputs)?;
         let mut times = Vec::new();
         for case in cases {
             let ctx = Context::new(&case.data.scene, &case.data.index, &ContextOptions::default())?;

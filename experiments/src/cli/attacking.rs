@@ -2,15 +2,12 @@
 
 use std::path::PathBuf;
 
-use anyhow::Result;
 use clap::{Args, ValueEnum};
-use sage_core::generator::Mixture;
 use sage_data::{
     dataset::Shard,
     openscenario::{EgoMode, Standard},
 };
-use sage_generators::{Aggression, Rate};
-use sage_merging::Range;
+use sage_generators::Rate;
 
 use super::{
     FolderArgs, MOST_PROCEDURAL, SplitArgs,
@@ -19,7 +16,7 @@ use super::{
     reading::ReadingArgs,
 };
 use crate::{
-    operating_point::{OperatingPointSpec, aggression_variant},
+    operating_point::OperatingPoints,
     part::{Part, PolicyPart},
 };
 
@@ -237,58 +234,19 @@ pub(crate) struct MergerArgs {
 }
 
 impl OperatingPointArgs {
-    /// Checks all values, before any file is read.
-    ///
-    /// *Errors*: the first value out of range.
-    pub(crate) fn check(&self, range: Range) -> Result<()> {
-        for lambda in self.lambda.iter().flat_map(|values| &values.0) {
-            OperatingPointSpec::at(*lambda, self.mu, range)?;
-        }
-        OperatingPointSpec::at(1.0, self.mu, range)?;
-        if let Some(Mix(mix)) = &self.mix {
-            range.check_weights(mix.len(), &Mixture::new(mix.iter().map(|(_, weight)| *weight).collect()))?;
-            OperatingPointSpec::mixed(mix, self.mu)?;
-        }
-        Ok(self.aggression.iter().flat_map(|values| &values.0).try_for_each(|a| Aggression::check(*a))?)
-    }
-
-    /// Names of the operating points. If none is given, they are at `default_lambdas`.
-    pub(crate) fn variants(&self, default_lambdas: &[f64]) -> Vec<String> {
-        if let Some(values) = &self.aggression {
-            return values.0.iter().map(|a| aggression_variant(*a)).collect();
-        }
-        // `check` has refused an invalid mixture, so there is one name.
-        if let Some(Mix(mix)) = &self.mix {
-            return OperatingPointSpec::mixed(mix, self.mu).iter().map(OperatingPointSpec::variant).collect();
-        }
-        let lambdas = self.lambda.as_ref().map_or(default_lambdas, |values| &values.0);
-        let at = |lambda: &f64| OperatingPointSpec {
-            aggression: None,
-            lambda: Some(*lambda),
-            mix: Vec::new(),
-            mu: self.mu.unwrap_or(lambda.clamp(0.0, 1.0)),
+    /// The operating points; lambda 1 if none is given.
+    pub(crate) fn listed(&self) -> OperatingPoints {
+        let values = |given: &Option<Values>| given.iter().flat_map(|values| values.0.clone()).collect();
+        let mut listed = OperatingPoints {
+            aggression: values(&self.aggression),
+            mix: self.mix.iter().map(|Mix(mix)| mix.clone()).collect(),
+            lambda: values(&self.lambda),
+            mu: self.mu,
         };
-        lambdas.iter().map(|lambda| at(lambda).variant()).collect()
-    }
-
-    /// The operating points. If none is given, they are at `default_lambdas`.
-    ///
-    /// *Errors*: a value out of range; no dial for these weights and this selection.
-    pub(crate) fn specs(
-        &self,
-        dial: impl FnOnce() -> Result<Aggression>,
-        range: Range,
-        default_lambdas: &[f64],
-    ) -> Result<Vec<OperatingPointSpec>> {
-        if let Some(values) = &self.aggression {
-            let dial = dial()?;
-            return values.0.iter().map(|a| OperatingPointSpec::of(&dial, *a)).collect();
+        if listed.aggression.is_empty() && listed.mix.is_empty() && listed.lambda.is_empty() {
+            listed.lambda.push(1.0);
         }
-        if let Some(Mix(mix)) = &self.mix {
-            return Ok(vec![OperatingPointSpec::mixed(mix, self.mu)?]);
-        }
-        let lambdas = self.lambda.as_ref().map_or(default_lambdas, |values| &values.0);
-        lambdas.iter().map(|lambda| OperatingPointSpec::at(*lambda, self.mu, range)).collect()
+        listed
     }
 }
 

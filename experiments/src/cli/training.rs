@@ -62,34 +62,16 @@ pub(crate) struct TrainEgoArgs {
     /// Updates per step of the environment; 1 as published.
     #[arg(long, value_name = "R", default_value_t = 1.0)]
     pub ratio: f64,
-    /// Steps with random actions before the first update.
-    #[arg(long, value_name = "N", default_value_t = 10_000)]
-    pub random_steps: u64,
     /// Seeds, as FIRST..END (END is not among them).
     #[arg(long, value_name = "A..B", default_value = "0..1", value_parser = seeds)]
     pub seeds: std::ops::Range<u64>,
-    /// Environments per run that take turns.
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub environments: usize,
-    /// Largest number of steps of an episode; above 91 it goes on after the recording (251 as published).
-    #[arg(long, value_name = "N", default_value_t = 91)]
-    pub max_steps: usize,
-    /// Store the limit of steps as a terminal step, as published.
-    #[arg(long)]
-    pub limit_is_terminal: bool,
-    /// Newest drives of a scene, of which one is attacked.
-    #[arg(long, value_name = "K", default_value_t = 1)]
-    pub drives: usize,
-    /// Before an attack in a scene whose newest drive is older than this, let the present policy drive it first.
-    #[arg(long, value_name = "STEPS")]
-    pub refresh_after: Option<u64>,
     /// Number of evaluations, evenly spaced, the last at the end.
     #[arg(long, value_name = "N", default_value_t = 20)]
     pub evaluations: u64,
-    /// Further options of TD3 as JSON, such as '{"gamma": 0.98}': hidden, batch, gamma, tau, actor_rate, critic_rate,
-    /// betas, epsilon, exploration_noise, target_noise, noise_clip, policy_delay, buffer.
-    #[arg(long, value_name = "JSON")]
-    pub td3: Option<String>,
+    /// Rare options: a YAML file or JSON, such as '{"max_steps": 251, "td3": {"gamma": 0.98, "random_steps": 5000}}'.
+    /// `docs/training-a-driver.md` lists them.
+    #[arg(long, value_name = "FILE|JSON", default_value = "{}")]
+    pub config: String,
     /// Steps between two checkpoints.
     #[arg(long, value_name = "N", default_value_t = 5000, value_parser = clap::value_parser!(u64).range(1..))]
     pub checkpoint_every: u64,

@@ -9,13 +9,13 @@ use anyhow::{Context as _, Result, ensure};
 use sage_bench::curve::Linearity;
 use sage_core::objective::PartSpec;
 use sage_generators::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
-use sage_merging::Merger;
 
 use self::attack_grid::AttackGrid;
 use crate::{
     Outcome, Registries,
     cli::CalibrateArgs,
-    generators, networks,
+    generators::Generators,
+    networks,
     output::{self, OutputFile},
     progress::{self, Progress},
     scenes::Scenes,
@@ -37,16 +37,16 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
     let selections = selections.collect::<Result<Vec<_>>>()?;
     let names: HashSet<&str> = selections.iter().map(|selection| &selection.name[..]).collect();
     ensure!(names.len() == selections.len(), "a selection is named twice");
-    let merger: Arc<dyn Merger> = args.merging.merger.build(&registries.mergers)?.into();
+    let generators = Generators::new(registries, &args.merging.merger, &selections[0], args.seed)?;
     let experts = networks::load_experts(&registries.backbones, &args.weights)?;
     let scenes = Scenes::of(&args.paths, &args.split, args.procedural, args.seed)?.attackable()?;
     let mut dials = Dials::default();
     let mut progress = Progress::new("evaluated", scenes.len());
     let all = aggressions();
-    let inputs = generators::inputs(Some(&experts), &merger, &selections[0], args.seed);
+    let generators = generators.with_experts(&experts);
     let objectives: Vec<_> = selections.iter().map(|s| Arc::new(s.objective.clone())).collect();
     let step = || progress.step();
-    let grids = AttackGrid::of(&scenes, &inputs, &objectives, &all, args.seed, step)?;
+    let grids = AttackGrid::of(&scenes, generators.inputs(), &objectives, &all, args.seed, step)?;
     for (selection, grid) in selections.iter().zip(grids) {
         let is_papers = selection.objective.spec().feasibility.name == PartSpec::default().name;
         let by_rule = if is_papers { Rate::Attack } else { Rate::Believable };

@@ -14,16 +14,16 @@ use sage_data::{
     procedural::{self, Kind},
 };
 use sage_generators::attacked;
-use sage_merging::Merger;
 
 use crate::{
     Outcome, Registries,
     cli::DemoArgs,
     drawing::{self, Picture, drawn_path},
-    generators::{self, BuiltGenerator},
+    generators::{BuiltGenerator, Generators},
     networks,
     operating_point::OperatingPointSpec,
     output::Folder,
+    part::Part,
     progress,
     selection::Selection,
 };
@@ -42,14 +42,12 @@ struct AttackedScene {
 pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     let out = Folder::make(&args.out, args.force)?;
     let experts = networks::load_experts(&registries.backbones, "procedural")?;
-    let merger: Arc<dyn Merger> = registries.mergers.build_default("linear")?.into();
     let selection = Selection::of(registries, "natural", None)?;
     let dial = networks::load_dial("procedural", &experts, &selection, "linear")?;
     let points =
         AGGRESSIONS.map(|a| OperatingPointSpec::of(&dial, a)).into_iter().collect::<Result<Vec<_>>>()?;
-    let inputs = generators::inputs(Some(&experts), &merger, &selection, 0);
-    let sage =
-        BuiltGenerator::new(&"sage".parse().map_err(anyhow::Error::msg)?, registries, &inputs, &points)?;
+    let generators = Generators::new(registries, &Part::named("linear"), &selection, 0)?;
+    let sage = generators.with_experts(&experts).build(&Part::named("sage"), &points)?;
     let numbers: Vec<(Kind, u64)> =
         Kind::ALL.into_iter().flat_map(|kind| (0..SCENES).map(move |number| (kind, number))).collect();
     let attack = |&(kind, number): &(Kind, u64)| attacked_scene(kind, number, args.seed, &sage);
@@ -79,7 +77,7 @@ fn attacked_scene(kind: Kind, number: u64, seed: u64, sage: &BuiltGenerator) -> 
         let scores = scorer.scores(&ctx.candidate(attack.trajectory().clone()));
         (attack, scores)
     };
-    let attacks = sage.generator.attacks(&ctx, &sage.points, seed)?;
+    let attacks = sage.attacks(&ctx, seed)?;
     Ok(AttackedScene { scene, attacks: attacks.into_iter().map(scored).collect() })
 }
 

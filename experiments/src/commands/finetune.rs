@@ -51,8 +51,9 @@ struct Expert {
 }
 
 /// The experts of a run. Options of the config file apply to all experts; options under `experts` apply to
-/// one expert by name. Without `experts` there are a realistic, an adversarial and a lawful one.
-fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> {
+/// one expert by name. Without `experts` there are a realistic, an adversarial and a lawful one. The file may also choose
+/// the edges of networks that have this option.
+fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<(Vec<Expert>, Option<EdgeKinds>)> {
     let mut shared = match (&args.config, args.variants.as_deref()) {
         (Some(path), _) => read_config(path)?,
         (None, Some(ABLATION)) => serde_json::from_str(VARIANTS)?,
@@ -60,6 +61,8 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> 
         (None, None) => Map::new(),
     };
     let all = || [REALISTIC, ADVERSARIAL, LAWFUL].map(|name| (name.to_owned(), json!({})));
+    let edges = shared.remove(EDGES).map(serde_json::from_value).transpose();
+    let edges: Option<EdgeKinds> = edges.context("`edges`: expected boundaries or all")?;
     let own: Map<String, Value> = match shared.remove("experts") {
         None => all().into_iter().collect(),
         Some(Value::Object(experts)) if !experts.is_empty() => experts,
@@ -103,7 +106,7 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<Vec<Expert>> 
     }
     // A fixed order: realistic, adversarial, then the others by name.
     experts.sort_by_key(|expert| (expert.name != REALISTIC, expert.name != ADVERSARIAL, expert.name.clone()));
-    Ok(experts)
+    Ok((experts, args.edges.map(EdgeKinds::from).or(edges)))
 }
 
 /// Refuses names that are not plain file names, or that other files of the folder have.
@@ -126,16 +129,20 @@ fn read_config(path: &Path) -> Result<Map<String, Value>> {
     Ok(config)
 }
 
-/// The prior with the requested edges in its features. A network without this option keeps its features,
-/// unless edges were requested.
-fn with_edges(loaded: Loaded, args: &FinetuneArgs, registries: &Registries) -> Result<Loaded> {
+/// The prior with some edges in its features. A network without this option keeps its features, unless --edges is given.
+fn with_edges(
+    loaded: Loaded,
+    args: &FinetuneArgs,
+    edges_of_run: Option<EdgeKinds>,
+    registries: &Registries,
+) -> Result<Loaded> {
     let Loaded { network, mut header, name } = loaded;
     let mut options = network.options().clone();
     let Some(edges) = options.get_mut(EDGES) else {
         ensure!(args.edges.is_none(), "the network `{}` has no option `edges`; omit --edges", network.name());
         return Ok(Loaded { network, header, name });
     };
-    *edges = serde_json::to_value(args.edges.map_or(EdgeKinds::All, EdgeKinds::from))?;
+    *edges = serde_json::to_value(edges_of_run.unwrap_or(EdgeKinds::All))?;
     let changed = registries.backbones.build(network.name(), &options)?;
     let network = changed.with_parameters(network.parameters().clone())?;
     header.options = options;
@@ -144,7 +151,7 @@ fn with_edges(loaded: Loaded, args: &FinetuneArgs, registries: &Registries) -> R
 
 pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
-    let experts = experts(args, registries)?;
+    let (experts, edges) = experts(args, registries)?;
     let objectives: Vec<&Objective> = experts.iter().map(|expert| &expert.objective).collect();
     let measures = Measures::of(&objectives, &registries.rewards, &registries.feasibilities);
     let measures = measures.context("the experts of one run")?;
@@ -152,7 +159,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     let mut results: Vec<String> =
         experts.iter().map(|expert| format!("{}.safetensors", expert.name)).collect();
     results.extend([PRIOR_FILE.to_owned(), "finetune.csv".to_owned()]);
-    let loaded = with_edges(networks::load(&registries.backbones, &args.prior)?, args, registries)?;
+    let loaded = with_edges(networks::load(&registries.backbones, &args.prior)?, args, edges, registries)?;
     networks::announce(&loaded);
     let shared: Arc<dyn Backbone> = loaded.network.into();
     let prior = &*shared;

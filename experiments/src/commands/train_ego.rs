@@ -14,17 +14,17 @@ use std::{
 };
 
 use anyhow::{Context as _, Result, anyhow, bail};
-use sage_core::scene::SceneData;
+use sage_core::{files, scene::SceneData};
 use sage_sim::{
     SimScene,
-    rl::{BUFFER, CHECKPOINT, Td3Options, TrainingOptions},
+    rl::{BUFFER, CHECKPOINT, TrainingOptions},
 };
 use serde_json::{Map, Value, json};
 
 use crate::{
     Outcome, Registries,
-    adversary::Adversary,
     cli::{SplitArgs, TrainEgoArgs},
+    generators::{BuiltGenerator, Generators, weight_hashes},
     networks,
     output::{self, Run, State},
     part::Part,
@@ -35,6 +35,10 @@ use crate::{
 
 /// Name for no generator.
 const NONE: &str = "none";
+/// Options of a run that are options of the command, not of its configuration.
+const OWN_OPTIONS: [&str; 4] = ["updates", "ratio", "evaluations", "seed"];
+/// Size limit of a configuration, bytes.
+const MAX_CONFIG: u64 = 1 << 20;
 /// Procedural scenes of the evaluation have this seed, those of the training have 0.
 const EVALUATION_SEED: u64 = 1;
 /// Licence of policies that saw procedural scenes only.
@@ -49,9 +53,11 @@ struct Shared<'a> {
     training: Vec<Arc<SimScene>>,
     evaluation: Vec<Arc<SimScene>>,
     names: Vec<String>,
-    attacker: Option<Adversary>,
-    examiner: Option<Adversary>,
+    attacker: Option<BuiltGenerator>,
+    examiner: Option<BuiltGenerator>,
     options: TrainingOptions,
+    /// Name and hashes of the attacker's weights.
+    weights: Value,
     identity: Value,
     license: String,
 }
@@ -66,12 +72,20 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         Some(name) => name.clone(),
         None => networks::default_for(args.paths.is_empty())?.to_owned(),
     };
-    let build = |part: &Part| -> Result<Option<Adversary>> {
-        (part.name != NONE)
-            .then(|| Adversary::new(part, &weights, &args.merging.merger, &selection, registries))
-            .transpose()
+    let mut generators = Generators::new(registries, &args.merging.merger, &selection, 0)?;
+    let parts = [&args.generator, &args.eval_generator].map(|part| Some(part).filter(|p| p.name != NONE));
+    let needs_experts = |part: Option<&Part>| -> Result<bool> {
+        Ok(part.map(|part| generators.facts(part)).transpose()?.is_some_and(|facts| facts.needs_experts))
     };
-    let (attacker, examiner) = (build(&args.generator)?, build(&args.eval_generator)?);
+    let [of_attacker, of_examiner] = [needs_experts(parts[0])?, needs_experts(parts[1])?];
+    let mut used = Value::Null;
+    if of_attacker || of_examiner {
+        let experts = networks::load_experts(&registries.backbones, &weights)?;
+        used = json!({"name": weights, "hashes": weight_hashes(&experts)?});
+        generators = generators.with_experts(&experts);
+    }
+    let build = |part: Option<&Part>| part.map(|part| generators.build(part, &[])).transpose();
+    let (attacker, examiner) = (build(parts[0])?, build(parts[1])?);
     let needs_adversary = attacker.is_some() || examiner.is_some();
     let (training, failed) = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
     let every = SplitArgs { reading: args.split.reading, ..SplitArgs::default() };
@@ -79,12 +93,11 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         scenes(&args.eval, &every, args.procedural.div_ceil(3), EVALUATION_SEED, needs_adversary)?;
     refuse_overlap(args, &training, &evaluation)?;
     let hashes = [&training, &evaluation].map(|data| scenes::describe(data));
-    let weights_of = [&attacker, &examiner].map(|built| built.as_ref().map(|built| built.weights.clone()));
     let identity = json!({
         "command": "train-ego", "options": options, "generator": args.generator.to_string(),
         "evaluation_generator": args.eval_generator.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
-        "weights": weights_of,
+        "weights": used,
         "scenes": hashes[0], "evaluation_scenes": hashes[1], "checkpoint_every": args.checkpoint_every,
         "seeds": [args.seeds.start, args.seeds.end], "program": output::program(),
     });
@@ -98,6 +111,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         attacker,
         examiner,
         options,
+        weights: if of_attacker { used } else { Value::Null },
         identity,
         license: args.license.clone().unwrap_or_else(|| own.to_owned()),
     };
@@ -133,29 +147,21 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
 
 /// Options of the runs; the seed is set later.
 fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
-    let td3: Td3Options = match &args.td3 {
-        None => Td3Options::default(),
-        Some(text) => {
-            let given: Map<String, Value> =
-                serde_json::from_str(text).context("--td3 is not a JSON object")?;
-            if given.contains_key("random_steps") {
-                bail!("--td3: `random_steps` is given by --random-steps");
-            }
-            serde_json::from_value(Value::Object(given)).context("--td3")?
-        }
+    let inline = args.config.trim_start().starts_with('{');
+    let (text, name) = if inline {
+        (args.config.clone(), "--config")
+    } else {
+        let read = files::read_text(args.config.as_ref(), MAX_CONFIG);
+        (read.with_context(|| format!("--config: cannot read `{}`", args.config))?, &*args.config)
     };
-    let options = TrainingOptions {
-        td3: Td3Options { random_steps: args.random_steps, ..td3 },
-        updates: args.updates,
-        ratio: args.ratio,
-        environments: args.environments,
-        max_steps: args.max_steps,
-        limit_is_terminal: args.limit_is_terminal,
-        paths: args.drives,
-        refresh_after: args.refresh_after,
-        evaluations: args.evaluations,
-        seed: 0,
-    };
+    let given: Map<String, Value> = serde_saphyr::from_str(&text).with_context(|| format!("`{name}`"))?;
+    if let Some(option) = OWN_OPTIONS.iter().find(|option| given.contains_key(**option)) {
+        bail!("`{name}`: `{option}` is not part of a configuration; give --{option}");
+    }
+    let rare: TrainingOptions =
+        serde_json::from_value(Value::Object(given)).with_context(|| format!("`{name}`"))?;
+    let TrainEgoArgs { updates, ratio, evaluations, .. } = *args;
+    let options = TrainingOptions { updates, ratio, evaluations, seed: 0, ..rare };
     options.check().map_err(|problem| anyhow!(problem))?;
     Ok(options)
 }

@@ -79,10 +79,11 @@ impl Case {
                 (&[&["bench", "closed-loop", "scenes"][..], &policies].concat(), false)
             }
             "train-ego" => {
-                let small = r#"{"hidden": [16, 16], "batch": 32, "buffer": 700}"#;
-                let size = ["--procedural", "6", "--updates", "900", "--random-steps", "300"];
+                let small =
+                    r#"{"td3": {"hidden": [16, 16], "batch": 32, "buffer": 700, "random_steps": 300}}"#;
+                let size = ["--procedural", "6", "--updates", "900"];
                 let run =
-                    ["--td3", small, "--evaluations", "3", "--checkpoint-every", "100", "--seeds", "0..2"];
+                    ["--config", small, "--evaluations", "3", "--checkpoint-every", "100", "--seeds", "0..2"];
                 let attacks = ["train-ego", "--generator", "sage", "--weights", "procedural"];
                 (&[&attacks[..], &size, &run].concat(), false)
             }

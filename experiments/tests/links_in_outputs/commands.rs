@@ -30,16 +30,14 @@ pub const TRAIN_EGO: &[&str] = &[
     "3",
     "--updates",
     "600",
-    "--random-steps",
-    "200",
     "--evaluations",
     "2",
     "--checkpoint-every",
     "100",
     "--eval-generator",
     "none",
-    "--td3",
-    r#"{"hidden":[16,16],"batch":16}"#,
+    "--config",
+    r#"{"td3": {"hidden": [16, 16], "batch": 16, "random_steps": 200}}"#,
 ];
 
 /// Name, arguments without the output, and names that exist only for a while or in other runs. Names of folders end in

@@ -313,7 +313,7 @@ impl Attacks {
     ) -> Result<Vec<Cell>> {
         let Prepared { ctx, measured, avoidance } = prepared;
         let clock = Instant::now();
-        let attacks = built.generator.attacks(ctx, &built.points, self.seed)?;
+        let attacks = built.attacks(ctx, self.seed)?;
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let (mut cells, mut key) = (Vec::new(), first);
         for (attack, point) in attacks.iter().zip(&built.points) {
@@ -402,8 +402,7 @@ impl Measurement for Attacks {
             let end = first + self.keys_of(built, None);
             if key < end && wanted.subject == Subject::Trajectory {
                 let ctx = Context::new(&data.scene, &data.index, &ContextOptions::default())?;
-                let point = std::slice::from_ref(&built.points[key - first]);
-                return Ok(built.generator.attacks(&ctx, point, self.seed)?.into_iter().next());
+                return Ok(built.attack(&ctx, key - first, self.seed)?);
             }
             first = end;
         }

@@ -1,29 +1,23 @@
 //! The published evaluation of driving policies: an episode per scene, unchanged and under attack at λ = 1.
 
-use std::{
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::{
     files,
-    generator::{Generator, OperatingPoint},
     metric::{Metric, MetricInfo},
     scene::SceneData,
     seed::Rng,
 };
 use sage_sim::{
     SimScene,
-    drive::Drive,
     environment::EnvironmentOptions,
     observation::LENGTH,
     policy::EgoPolicy,
     rl::{
-        ActorPolicy, Attacker, EpisodeRow, Network, Shape, Td3Options, attack_episode, drive_scene,
-        evaluation_rules, plan_of_generator, read_policy,
+        ActorPolicy, EpisodeRow, Network, Shape, Td3Options, attack_episode, drive_scene, evaluation_rules,
+        read_policy,
     },
-    traffic::Plan,
 };
 use serde_json::{Value, json};
 
@@ -31,11 +25,9 @@ use super::{Group, Measurement, SceneResult, cell, infos};
 use crate::{
     Registries,
     ego::Ego,
-    generators,
+    generators::BuiltGenerator,
     operating_point::OperatingPointSpec,
-    part::Part,
     rows::{Cell, Key, Subject},
-    selection::Selection,
     study::Study,
 };
 
@@ -54,29 +46,10 @@ struct Candidate {
     identity: Value,
 }
 
-/// A generator at λ = 1.
-struct Adversary {
-    name: String,
-    generator: Box<dyn Generator>,
-    point: OperatingPoint,
-}
-
-impl Attacker for Adversary {
-    fn plan(
-        &self,
-        scene: &SimScene,
-        drive: Option<&Drive>,
-        _: f64,
-        seed: u64,
-    ) -> Result<Arc<Plan>, sage_core::Error> {
-        plan_of_generator(&*self.generator, &self.point, scene, drive, seed)
-    }
-}
-
 /// Policies and generators of a study.
 pub struct Episodes {
     candidates: Vec<Candidate>,
-    adversaries: Vec<Adversary>,
+    generators: Vec<BuiltGenerator>,
     keys: Vec<Key>,
     metrics: Vec<Metric<EpisodeRow>>,
 }
@@ -84,14 +57,9 @@ pub struct Episodes {
 impl Episodes {
     /// The policies of the runs, then those by name, then untrained ones, under all generators.
     ///
-    /// *Errors*: a folder without policies, or a name that is not registered.
-    pub fn new(
-        study: &Study,
-        registries: &Registries,
-        egos: Vec<Ego>,
-        groups: &[Group],
-        selection: &Selection,
-    ) -> Result<Self> {
+    /// *Errors*: a folder without policies; several groups, or other operating points than λ = 1; a metric that is not
+    /// registered.
+    pub fn new(study: &Study, registries: &Registries, egos: Vec<Ego>, groups: Vec<Group>) -> Result<Self> {
         let mut candidates = Vec::new();
         for entry in &study.runs {
             let (name, folder) =
@@ -116,34 +84,28 @@ impl Episodes {
             });
         }
         ensure!(!candidates.is_empty(), "no policies; `runs` and `ego` name none");
-        let [group] = groups else { bail!("episodes are attacked with one merger and one set of weights") };
-        let inputs = generators::inputs(Some(&group.experts), &group.merger, selection, study.seed);
-        let adversary = |text: &String| -> Result<Adversary> {
-            let part: Part = text.parse().map_err(anyhow::Error::msg)?;
-            let kind = part.build(&registries.generators)?;
-            let facts = kind.facts();
-            let point = if facts.uses_operating_point() {
-                let experts = Some(&group.experts).filter(|_| facts.depends_on_lambda);
-                OperatingPointSpec::at(1.0, None, group.merger.range())?.point(experts)?
-            } else {
-                OperatingPoint::at(1.0, 1.0)
-            };
-            Ok(Adversary { name: part.to_string(), generator: kind.build(&inputs)?, point })
+        let Ok([group]) = <[Group; 1]>::try_from(groups) else {
+            bail!("episodes are attacked with one merger and one set of weights")
         };
-        let adversaries = study.method.iter().map(adversary).collect::<Result<Vec<_>>>()?;
+        let is_whole = |point: &OperatingPointSpec| point.lambda == Some(1.0) && point.mu == 1.0;
+        ensure!(
+            group.points.iter().all(is_whole),
+            "episodes are attacked at lambda 1; leave other points out"
+        );
+        let generators = group.built;
         let listed = study.metrics.get(&Subject::Episode).cloned().unwrap_or_default();
         let mut keys = Vec::new();
         for candidate in &candidates {
-            let attacks = std::iter::once("").chain(adversaries.iter().map(|adversary| &adversary.name[..]));
-            keys.extend(attacks.map(|attack| Key {
+            let names = generators.iter().map(|built| built.keys[0].part().to_string());
+            keys.extend(std::iter::once(String::new()).chain(names).map(|attack| Key {
                 training_seed: candidate.training_seed,
                 checkpoint: candidate.checkpoint,
-                attack: attack.to_owned(),
+                attack,
                 ..Key::new(Subject::Episode, &*candidate.arm, study.seed)
             }));
         }
         let metrics = registries.metrics.episode.chosen(&listed)?;
-        Ok(Self { candidates, adversaries, keys, metrics })
+        Ok(Self { candidates, generators, keys, metrics })
     }
 
     /// What identifies the policies.
@@ -220,8 +182,8 @@ impl Measurement for Episodes {
             };
             let (row, drive) = drive_scene(&*candidate.policy, &scene, 0, &rules, 0);
             push(&row);
-            for adversary in &self.adversaries {
-                push(&attack_episode(&*candidate.policy, &scene, 0, drive.as_ref(), adversary, &rules, 0));
+            for generator in &self.generators {
+                push(&attack_episode(&*candidate.policy, &scene, 0, drive.as_ref(), generator, &rules, 0));
             }
         }
         result

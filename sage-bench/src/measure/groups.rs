@@ -10,8 +10,8 @@ use sage_merging::{ExpertSet, Merger};
 use crate::{
     Registries,
     chart::triangle::mixtures,
-    generators::{self, BuiltGenerator, refuse_duplicates},
-    operating_point::OperatingPointSpec,
+    generators::{BuiltGenerator, Generators, refuse_duplicates},
+    operating_point::{OperatingPointSpec, OperatingPoints},
     part::Part,
     rows::Subject,
     selection::Selection,
@@ -97,10 +97,12 @@ impl Group {
             let earlier = arms[..k].iter().filter(|known| **known == arms[k]).count();
             let training_seed = (!arm.is_empty()).then_some(earlier as u64);
             for part in &mergers {
-                let merger: Arc<dyn Merger> = part.build(&registries.mergers)?.into();
+                let generators =
+                    Generators::new(registries, part, selection, study.seed)?.with_experts(&experts);
+                let merger = generators.merger().clone();
                 let points =
                     points(study, &*merger, || source.dial(folder, &experts, selection, &part.to_string()))?;
-                let built = built(study, registries, &experts, &merger, selection, &points)?;
+                let built = built(study, &generators, &points)?;
                 let labels = [(has_several, arms[k].to_owned()), (mergers.len() > 1, part.to_string())];
                 let labels: Vec<String> =
                     labels.into_iter().filter(|(varies, _)| *varies).map(|(_, label)| label).collect();
@@ -112,33 +114,25 @@ impl Group {
     }
 }
 
-/// The operating points of a study.
+/// The operating points of a study: those that it lists, then its grid.
 fn points(
     study: &Study,
     merger: &dyn Merger,
     dial: impl FnOnce() -> Result<Aggression>,
 ) -> Result<Vec<OperatingPointSpec>> {
-    let mut points: Vec<OperatingPointSpec> = Vec::new();
-    if !study.aggression.is_empty() {
-        let dial = dial()?;
-        for aggression in &study.aggression {
-            points.push(OperatingPointSpec::of(&dial, *aggression)?);
-        }
-    }
-    if let Some(axis) = &study.triangle {
-        for weights in mixtures(axis.steps) {
-            let named: Vec<(String, f64)> = axis.experts.iter().cloned().zip(weights).collect();
-            points.push(OperatingPointSpec::mixed(&named, study.mu)?);
-        }
-    }
-    for mix in &study.mix {
-        let named: Vec<(String, f64)> = mix.iter().map(|(name, weight)| (name.clone(), *weight)).collect();
-        points.push(OperatingPointSpec::mixed(&named, study.mu)?);
-    }
+    let on_triangle = study.triangle.iter().flat_map(|axis| {
+        let named = |weights: [f64; 3]| axis.experts.iter().cloned().zip(weights).collect();
+        mixtures(axis.steps).into_iter().map(named)
+    });
+    let listed = study.mix.iter().map(|mix| mix.clone().into_iter().collect());
     let range = merger.range();
-    for lambda in &study.lambda {
-        points.push(OperatingPointSpec::at(*lambda, study.mu, range)?);
-    }
+    let listed = OperatingPoints {
+        aggression: study.aggression.clone(),
+        mix: on_triangle.chain(listed).collect(),
+        lambda: study.lambda.clone(),
+        mu: study.mu,
+    };
+    let mut points = listed.specs(range, dial)?;
     for lambda in study.grid.iter().flat_map(|[lambdas, _]| lambdas) {
         for mu in study.grid.iter().flat_map(|[_, mus]| mus) {
             let point = OperatingPointSpec::at(*lambda, Some(*mu), range)?;
@@ -153,22 +147,20 @@ fn points(
 /// The generators of a study in their order. An upper bound gets only the operating point with the largest μ.
 fn built(
     study: &Study,
-    registries: &Registries,
-    experts: &ExpertSet,
-    merger: &Arc<dyn Merger>,
-    selection: &Selection,
+    generators: &Generators,
     points: &[OperatingPointSpec],
 ) -> Result<Vec<BuiltGenerator>> {
-    if !study.measures(Subject::Trajectory) && !study.measures(Subject::AttackedDrive) {
+    let subjects = [Subject::Trajectory, Subject::AttackedDrive, Subject::Episode];
+    if !subjects.into_iter().any(|subject| study.measures(subject)) {
         return Ok(Vec::new());
     }
-    let inputs = generators::inputs(Some(experts), merger, selection, study.seed);
     let largest_mu: Vec<OperatingPointSpec> =
         points.iter().max_by(|a, b| a.mu.total_cmp(&b.mu)).into_iter().cloned().collect();
     let build = |text: &String| {
         let part: Part = text.parse().map_err(anyhow::Error::msg)?;
-        let is_upper_bound = part.build(&registries.generators)?.facts().is_upper_bound;
-        BuiltGenerator::new(&part, registries, &inputs, if is_upper_bound { &largest_mu } else { points })
+        let is_upper_bound = generators.facts(&part)?.is_upper_bound;
+        generators
+            .build(&part, if is_upper_bound { &largest_mu } else { points })
             .with_context(|| format!("generator `{text}`"))
     };
     let built = study.method.iter().map(build).collect::<Result<Vec<_>>>()?;

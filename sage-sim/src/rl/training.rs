@@ -273,7 +273,7 @@ impl<'a> Training<'a> {
         if motions.len() > SHORTEST_DRIVE {
             let store = &mut self.state.drives[scene];
             store.push_front(StoredDrive { step: self.state.counters.steps, motions });
-            store.truncate(self.options.paths);
+            store.truncate(self.options.drives);
         }
     }
 

@@ -22,7 +22,8 @@ pub struct TrainingOptions {
     /// Whether the limit of steps is stored as a terminal step, as published.
     pub limit_is_terminal: bool,
     /// Newest drives of a scene that may be attacked; one of them is drawn.
-    pub paths: usize,
+    #[serde(alias = "paths")]
+    pub drives: usize,
     /// Age of a scene's newest drive, in steps, above which the present policy first drives the unchanged scene, so that the
     /// attack meets what it does now; `None` for never, as published.
     pub refresh_after: Option<u64>,
@@ -41,7 +42,7 @@ impl Default for TrainingOptions {
             environments: 1,
             max_steps: 91,
             limit_is_terminal: false,
-            paths: 1,
+            drives: 1,
             refresh_after: None,
             evaluations: 20,
             seed: 0,
@@ -66,7 +67,7 @@ impl TrainingOptions {
         let counts = [
             ("environments", self.environments, 1, 1024),
             ("max_steps", self.max_steps, 2, 10_000),
-            ("paths", self.paths, 1, 100),
+            ("drives", self.drives, 1, 100),
             ("evaluations", self.evaluations as usize, 1, 1000),
         ];
         if let Some((name, value, least, most)) =

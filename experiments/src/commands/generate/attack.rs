@@ -163,8 +163,7 @@ impl SceneWriter<'_> {
         });
         let (mut way_out, mut careful) = (None, None);
         let clock = Instant::now();
-        let mut attacks =
-            attacker.built.generator.attacks(&ctx, &attacker.built.points, plan.args.attack.seed)?;
+        let mut attacks = attacker.built.attacks(&ctx, plan.args.attack.seed)?;
         if let Some(target) = plan.args.react {
             let objective = &plan.attackers.selection.objective;
             for (point, attack) in attacker.points.iter().zip(&mut attacks) {

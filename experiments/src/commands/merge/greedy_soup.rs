@@ -3,7 +3,7 @@
 //!
 //! The value of a mixture is the mean value of the attacks that SAGE selects with it.
 
-use std::{path::PathBuf, sync::Arc};
+use std::path::PathBuf;
 
 use anyhow::{Context as _, Result};
 use sage_core::{
@@ -11,10 +11,11 @@ use sage_core::{
     objective::{Context, ContextOptions},
     scene::SceneData,
 };
-use sage_merging::{ExpertSet, Linear, Merger};
+use sage_merging::ExpertSet;
 
 use crate::{
-    Registries, generators,
+    Registries,
+    generators::Generators,
     part::Part,
     progress::{self, Progress},
     scenes::Scenes,
@@ -55,10 +56,9 @@ impl Search {
     ) -> Result<(Mixture, Vec<Step>, usize)> {
         let selection = Selection::of(registries, &self.selection, None)?;
         let scenes = Scenes::under(paths)?.attackable()?;
-        let merger: Arc<dyn Merger> = Arc::new(Linear);
-        let inputs = generators::inputs(Some(experts), &merger, &selection, seed);
-        let sage = Part { name: "sage".to_owned(), options: serde_json::Map::new() };
-        let generator = sage.build(&registries.generators)?.build(&inputs)?;
+        let generators = Generators::new(registries, &Part::named("linear"), &selection, seed)?;
+        let sage = Part::named("sage").build(&registries.generators)?;
+        let generator = sage.build(generators.with_experts(experts).inputs())?;
         let values = |mixtures: &[Mixture]| -> Result<Vec<f64>> {
             let points: Vec<OperatingPoint> = mixtures
                 .iter()

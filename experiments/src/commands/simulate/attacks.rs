@@ -118,7 +118,7 @@ impl<'a> SceneAttacks<'a> {
             Self::Generated(attackers, attacker) => {
                 let (ctx, built) = (context()?, &attacker.built);
                 let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
-                let attacks = built.generator.attacks(&ctx, &built.points, attackers.args.seed)?;
+                let attacks = built.attacks(&ctx, attackers.args.seed)?;
                 let planned = attacks.into_iter().zip(&attacker.points).map(|(attack, point)| {
                     attack.check(ctx.scene())?;
                     let uses_point = built.facts.uses_operating_point();

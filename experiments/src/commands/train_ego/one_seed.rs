@@ -120,7 +120,7 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> Result<P
     let options = TrainingOptions { seed: trained.seed, ..shared.options.clone() };
     let training = json!({
         "algorithm": "TD3", "generator": args.generator.to_string(), "curriculum": args.curriculum.to_string(),
-        "sampler": args.sampler.to_string(), "weights": shared.attacker.as_ref().map(|a| &a.weights),
+        "sampler": args.sampler.to_string(), "weights": shared.weights,
         "seed": trained.seed, "updates": evaluation.updates, "steps": evaluation.step,
         "scenes": shared.identity["scenes"], "options": options,
     });

@@ -74,7 +74,7 @@ pub(crate) enum Command {
     /// Analyse a set of experts.
     #[command(
         subcommand,
-        after_help = "Example:\n  sage analyse connectivity scenes/ --weights experts/ --out connectivity/"
+        after_help = "Example:\n  sage analyse connectivity --weights experts/ --out connectivity/"
     )]
     Analyse(AnalyseCommand),
     /// Run a study, or another benchmark.

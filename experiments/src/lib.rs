@@ -28,7 +28,6 @@ mod player;
 mod progress;
 mod scenario_files;
 mod scene_queue;
-mod scene_windows;
 mod scenes;
 mod signals;
 mod terminal;

@@ -105,40 +105,23 @@ fn mergers_are_compared_over_lambda() {
 }
 
 #[test]
-fn connectivity_has_its_figures_and_ends_at_the_experts() {
+fn the_geometry_of_experts_ends_at_the_experts() {
     let folder = tempfile::tempdir().unwrap();
-    let (scenes, out) = (folder.path().join("scenes"), folder.path().join("out"));
-    stdout(&sage(&["scenes", "--count", "2", "--seed", "4", "--out", text(&scenes)]));
-    let page = sage(&["analyse", "connectivity", text(&scenes), "--out", text(&out)]);
-    let page = stdout(&page);
-    assert!(page.contains("| angle | ") && page.contains("| 0.9 R_adv - 0.1 P_real |"), "{page}");
-    let rows = |file: &str| -> Vec<Vec<f64>> {
-        let text = fs::read_to_string(out.join(file)).unwrap();
-        text.lines().skip(1).map(|line| line.split(',').map(|x| x.parse().unwrap()).collect()).collect()
-    };
-    let (path, landscape) = (rows("path.csv"), rows("landscape.csv"));
-    assert_eq!((path.len(), landscape.len()), (21, 441));
-    // The landscape has no cell at the experts, but its rows lie around those of the path.
-    let rewards: Vec<f64> = landscape.iter().map(|row| row[2]).collect();
-    let (low, high) =
-        (rewards.iter().copied().fold(f64::MAX, f64::min), rewards.iter().copied().fold(0.0, f64::max));
-    assert!(path.iter().all(|row| row[3] >= low - 0.5 && row[3] <= high + 0.5));
+    let out = folder.path().join("out");
+    let page = sage(&["analyse", "connectivity", "--out", text(&out)]);
+    assert!(stdout(&page).contains("| angle | "), "{}", stdout(&page));
+    let read = |file: &str| fs::read_to_string(out.join(file)).unwrap();
+    let path: Vec<Vec<f64>> = (read("path.csv").lines().skip(1))
+        .map(|line| line.split(',').map(|x| x.parse().unwrap()).collect())
+        .collect();
     // The cosine to the adversarial expert rises to 1.
     assert!(path.windows(2).all(|pair| pair[1][2] > pair[0][2]) && (path[20][2] - 1.0).abs() < 1e-9);
-    let layers = fs::read_to_string(out.join("layers.csv")).unwrap();
-    let shares: f64 =
-        layers.lines().skip(1).map(|line| line.split(',').nth(3).unwrap().parse::<f64>().unwrap()).sum();
+    let shares: f64 = (read("layers.csv").lines().skip(1))
+        .map(|line| line.split(',').nth(3).unwrap().parse::<f64>().unwrap())
+        .sum();
     assert!((shares - 1.0).abs() < 1e-9, "{shares}");
-    // Both extrapolations begin at the adversarial expert.
-    let beyond = fs::read_to_string(out.join("extrapolation.csv")).unwrap();
-    let at_start = |name: &str| {
-        let line = beyond.lines().find(|line| line.starts_with(&format!("{name},0,"))).unwrap();
-        line.split(',').skip(3).map(|x| x.parse::<f64>().unwrap()).collect::<Vec<_>>()
-    };
-    assert_eq!(at_start("vector"), at_start("direct"));
-    assert_eq!(at_start("direct"), path[20][3..]);
     // Three experts and their prior are in the components; distances there are at most those in full.
-    let components = fs::read_to_string(out.join("components.csv")).unwrap();
+    let components = read("components.csv");
     let point = |name: &str| -> [f64; 2] {
         let line = components.lines().find(|line| line.starts_with(&format!("{name},"))).unwrap();
         let mut numbers = line.split(',').skip(1).map(|x| x.parse().unwrap());
@@ -148,10 +131,33 @@ fn connectivity_has_its_figures_and_ends_at_the_experts() {
     let (shown, whole) = ((a - c).hypot(b - d), path[20][1]);
     assert!(shown <= whole + 1e-9 && shown > 0.8 * whole, "{shown} of {whole}");
     point("lawful");
-    // The same command shows the page again.
-    let again = sage(&["analyse", "connectivity", text(&scenes), "--out", text(&out)]);
-    assert!(stderr(&again).contains("and it is done"), "{}", stderr(&again));
-    assert_eq!(stdout(&again), page);
+}
+
+#[test]
+fn rewards_on_the_plane_of_two_experts_agree_with_those_at_the_experts() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scenes, out) = (folder.path().join("scenes"), folder.path().join("out"));
+    stdout(&sage(&["scenes", "--count", "2", "--seed", "4", "--out", text(&scenes)]));
+    let bench = |plane: &str, out: &std::path::Path| {
+        let lambda = ["--lambda", "0,0.5,1", "--set", plane];
+        sage(&[&["bench", "connectivity", text(&scenes), "--out", text(out)], &lambda[..]].concat())
+    };
+    let page = bench("plane={experts: [adversarial, realistic], shares: [0, 1]}", &out);
+    assert!(stdout(&page).contains("| sage | 0.9 R_adv - 0.1 P_real |"), "{}", stdout(&page));
+    let estimates = fs::read_to_string(out.join("estimates.csv")).unwrap();
+    let reward = |label: &str| -> f64 {
+        let start = format!("policy,sage,{label},R_adv,");
+        let line = estimates.lines().find_map(|line| line.strip_prefix(&start)).unwrap();
+        line.split(',').nth(1).unwrap().parse().unwrap()
+    };
+    assert_eq!(reward("\"adversarial=1.00,realistic=0.00 mu 1.00\""), reward("1.00"));
+    assert_eq!(reward("\"adversarial=0.00,realistic=1.00 mu 0.00\""), reward("0.00"));
+    assert!(fs::read_to_string(out.join("plane-reward.svg")).unwrap().contains("share of the realistic"));
+    let error = |plane: &str| stderr(&bench(plane, &folder.path().join("wrong"))).to_owned();
+    let one = error("plane={experts: [adversarial, realistic], shares: [1]}");
+    assert!(one.contains("`plane` has 1 shares; expected 2 to 101"), "{one}");
+    let linear = sage(&["bench", "connectivity", text(&scenes), "--merger", "linear", "--out", "wrong"]);
+    assert!(stderr(&linear).contains("expected"), "{}", stderr(&linear));
 }
 
 #[test]

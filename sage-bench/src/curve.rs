@@ -3,16 +3,14 @@
 //! A [`Curve`] holds the metrics of every scene at every point. A quantity is a function of the means over scenes, and
 //! its interval is that of the bootstrap over scenes.
 
-use rayon::prelude::*;
 use sage_backbones::training::Expectation;
-use sage_core::{
-    seed::Rng,
-    statistics::{Estimate, quantile},
-};
+use sage_core::statistics::{Estimate, mean};
 use serde::{Deserialize, Serialize};
 
-use crate::estimate::RESAMPLES;
+use crate::estimate::of_scenes;
 
+/// Seeds the bootstrap, the same for all curves, so that their differences are paired.
+const STREAM: &str = "curve";
 /// Reference point of the hypervolume: R_adv 0 and P_real 6.
 const REFERENCE: [f64; 2] = [0.0, 6.0];
 
@@ -76,7 +74,7 @@ impl Curve {
 
     /// A quantity of the means with its 95 % interval; `None` without scenes.
     pub fn estimate(&self, of: impl Fn(&[Point]) -> f64 + Sync) -> Option<Estimate> {
-        self.resampled(self.scenes.len(), |scenes| of(&self.front_of(scenes)))
+        of_scenes(self.scenes.len(), STREAM, |scenes| of(&self.front_of(scenes)))
     }
 
     /// Difference of a quantity from that of another curve over the same scenes.
@@ -89,26 +87,47 @@ impl Curve {
         if other.scenes.len() != self.scenes.len() {
             return None;
         }
-        self.resampled(self.scenes.len(), |scenes| of(&self.front_of(scenes), &other.front_of(scenes)))
-    }
-
-    /// A quantity of resampled scenes. All draws are made first, so that threads share the work and the bits stay.
-    fn resampled(&self, count: usize, of: impl Fn(&[usize]) -> f64 + Sync) -> Option<Estimate> {
-        if count == 0 {
-            return None;
-        }
-        let mut rng = Rng::new(0, "curve", "bootstrap");
-        let draws: Vec<Vec<usize>> =
-            (0..RESAMPLES).map(|_| (0..count).map(|_| rng.below(count)).collect()).collect();
-        let drawn: Vec<f64> = draws.par_iter().map(|scenes| of(scenes)).collect();
-        let [low, high] = [0.025, 0.975].map(|share| quantile(&drawn, share));
-        let value = of(&(0..count).collect::<Vec<_>>());
-        Some(Estimate { value, low: low?, high: high?, n: count })
+        of_scenes(self.scenes.len(), STREAM, |scenes| of(&self.front_of(scenes), &other.front_of(scenes)))
     }
 
     /// The curve of one of its points alone.
     pub fn only(&self, point: usize) -> Self {
         Self { scenes: self.scenes.iter().map(|points| vec![points[point]]).collect() }
+    }
+}
+
+/// A value of a point that is maximised.
+pub type Value = fn(&Point) -> f64;
+
+/// The rewards that the theory is about. The experts maximise the mixtures of both with weight 0.9.
+pub const VALUES: [(&str, Value); 4] = [
+    ("R_adv", |p| p.reward),
+    ("-P_real", |p| -p.penalty),
+    ("0.9 R_adv - 0.1 P_real", |p| 0.9 * p.reward - 0.1 * p.penalty),
+    ("0.1 R_adv - 0.9 P_real", |p| 0.1 * p.reward - 0.9 * p.penalty),
+];
+
+/// What a value does along a path from one expert to another. The chord between the ends is what probability mixing
+/// attains: expectations are linear in the probabilities.
+pub struct Path {
+    /// Least height above the chord at the inner points; below 0 it is a barrier of the loss, the negative value.
+    pub least: Estimate,
+    /// Mean height at the inner points.
+    pub mean: Estimate,
+    /// Share of the inner points at which the second difference is not above 0, in percent.
+    pub concave: Estimate,
+}
+
+impl Path {
+    /// The path of a value; `None` without scenes.
+    pub fn of(curve: &Curve, value: Value) -> Option<Self> {
+        let values = |front: &[Point]| front.iter().map(value).collect::<Vec<_>>();
+        Some(Self {
+            least: curve
+                .estimate(|front| heights(&values(front)).into_iter().fold(f64::INFINITY, f64::min))?,
+            mean: curve.estimate(|front| mean(&heights(&values(front))).unwrap_or(0.0))?,
+            concave: curve.estimate(|front| concave(&values(front)))?,
+        })
     }
 }
 
@@ -251,6 +270,21 @@ mod tests {
         let values: Vec<f64> = (0..5).map(|k| f64::from(k) / 4.0).map(|x| x * (1.0 - x)).collect();
         assert_eq!(heights(&values), [0.1875, 0.25, 0.1875]);
         assert_eq!((concave(&values), concave(&[0.0, -1.0, 0.0])), (100.0, 0.0));
+    }
+
+    #[test]
+    fn a_parabola_lies_above_its_chord_and_a_valley_has_a_barrier() {
+        let path = |of: fn(f64) -> f64| {
+            let points = (0..=4).map(|k| at(of(f64::from(k) / 4.0), 0.0, 0.0)).collect();
+            Path::of(&Curve { scenes: vec![points; 3] }, VALUES[0].1).unwrap()
+        };
+        let hill = path(|x| 2.0 * x + x * (1.0 - x));
+        // At 1/4 and 3/4 the height is 3/16, at 1/2 it is 1/4.
+        assert!((hill.least.value - 0.1875).abs() < 1e-12 && hill.concave.value == 100.0);
+        assert!((hill.mean.value - (2.0 * 0.1875 + 0.25) / 3.0).abs() < 1e-12);
+        let valley = path(|x| x - x * (1.0 - x));
+        assert!((valley.least.value + 0.25).abs() < 1e-12 && valley.concave.value == 0.0);
+        assert!(Path::of(&Curve::default(), VALUES[0].1).is_none());
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! There is one bootstrap. A resample draws the scenes, once for all that is compared, so that differences are paired
 //! by scene, and for each method its training seeds, if it has several.
 
+use rayon::prelude::*;
 use sage_core::{
     metric::Aggregate,
     seed::Rng,
@@ -61,6 +62,20 @@ fn resampled(scenes: &[usize], rng: &mut Rng, mut of: impl FnMut(&[usize], &mut 
         of(&drawn, rng)
     };
     (0..RESAMPLES).map(resample).collect()
+}
+
+/// A quantity of some scenes with its interval; `None` without scenes. `name` seeds the bootstrap. All draws are made
+/// first, so that threads share the work and the bits stay.
+pub fn of_scenes(count: usize, name: &str, of: impl Fn(&[usize]) -> f64 + Sync) -> Option<Estimate> {
+    let scenes: Vec<usize> = (0..count).collect();
+    if count == 0 {
+        return None;
+    }
+    let mut rng = Rng::new(0, name, "bootstrap");
+    let draws: Vec<Vec<usize>> =
+        (0..RESAMPLES).map(|_| scenes.iter().map(|_| rng.below(count)).collect()).collect();
+    let drawn: Vec<f64> = draws.par_iter().map(|scenes| of(scenes)).collect();
+    interval(of(&scenes), count, &drawn)
 }
 
 fn interval(value: f64, n: usize, drawn: &[f64]) -> Option<Estimate> {

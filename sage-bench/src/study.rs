@@ -1,15 +1,19 @@
 //! A study: what is measured, over which axes, and what its report shows. A study is a file (YAML).
 
+mod report;
+
 use std::collections::BTreeMap;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_sim::avoidable::AvoidanceOptions;
 use serde::{Deserialize, Deserializer, Serialize};
 
+pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, ReportSpec};
+
 use crate::rows::Subject;
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 11] = [
+pub const SHIPPED: [(&str, &str); 12] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("front", include_str!("../studies/front.yaml")),
@@ -21,9 +25,12 @@ pub const SHIPPED: [(&str, &str); 11] = [
     ("ablation", include_str!("../studies/ablation.yaml")),
     ("experts", include_str!("../studies/experts.yaml")),
     ("react", include_str!("../studies/react.yaml")),
+    ("connectivity", include_str!("../studies/connectivity.yaml")),
 ];
 /// Most values of an axis of numbers.
 const MOST_VALUES: usize = 1001;
+/// Most shares along an axis of a plane.
+const MOST_SHARES: usize = 101;
 /// Size limit of a file, bytes.
 pub const MAX_FILE: u64 = 1 << 20;
 
@@ -67,6 +74,8 @@ pub struct Study {
     pub mix: Vec<BTreeMap<String, f64>>,
     /// All mixtures of three experts with weights that are multiples of `1 / steps`, in place of λ.
     pub triangle: Option<TriangleAxis>,
+    /// Points of the plane through the prior and two experts, in addition to `lambda`.
+    pub plane: Option<PlaneAxis>,
     /// Targets of the time to react, s: the selection chooses the candidate that is nearest to each.
     #[serde(deserialize_with = "numbers")]
     pub react: Vec<f64>,
@@ -102,121 +111,15 @@ pub struct TriangleAxis {
     pub steps: u32,
 }
 
-/// What a report shows besides the table of each subject.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct ReportSpec {
-    /// Title of the table of each subject.
-    pub titles: BTreeMap<Subject, String>,
-    /// Metrics in the table of each subject; by default all that the study lists.
-    pub columns: BTreeMap<Subject, Vec<String>>,
-    /// Differences, paired by scene.
-    pub pairs: Vec<PairSpec>,
-    /// Quantities of the curve of each method over its operating points.
-    pub curves: Vec<CurveQuantity>,
-    /// Whether the evenness of sweeps and the shares of λ and μ are shown.
-    pub sweeps: bool,
-    /// Charts.
-    pub charts: Vec<ChartSpec>,
-    /// Name of the published numbers that stand below the study's own.
-    pub published: Option<String>,
-    /// Families of tests between trained policies.
-    pub tests: Vec<Family>,
-    /// Whether the strongest and the failed attacks of each method are drawn.
-    pub pictures: bool,
-    /// Explanation below the tables.
-    pub notes: String,
-}
-
-/// What is compared.
+/// The plane `prior + a (θ_a − prior) + b (θ_b − prior)` of two experts.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PairSpec {
-    /// What is compared.
-    pub of: Subject,
-    /// A generator that the others are compared with; `arms` for all pairs of arms; `first` for the first arm;
-    /// `first-point` for the first operating point of the same arm.
-    pub with: String,
-    /// Metrics.
-    pub metrics: Vec<String>,
-}
-
-/// Differences that are tested together.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Family {
-    /// Title.
-    pub title: String,
-    /// Arm that is tested.
-    pub tested: String,
-    /// Arms that it is tested against; by default all other runs.
-    #[serde(default)]
-    pub against: Vec<String>,
-    /// Verdict on a difference as expected, and on the opposite.
-    pub verdicts: [String; 2],
-    /// What is expected.
-    pub claims: Vec<Claim>,
-    /// When a difference as expected does not count.
-    #[serde(default)]
-    pub unless: Option<Guard>,
-}
-
-/// What is expected of the tested arm less another.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Claim {
-    /// Generator that attacks; empty for unchanged scenes.
-    pub attack: String,
-    /// Metric.
-    pub metric: String,
-    /// Whether its difference is expected above 0.
-    pub larger: bool,
-}
-
-/// A metric in which the tested arm must not be lower.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Guard {
-    /// Metric.
-    pub metric: String,
-    /// By how much it may be lower.
-    pub lower_by: f64,
-    /// Verdict on a difference as expected that is bought so.
-    pub verdict: String,
-}
-
-/// A quantity of the curve of R_adv and P_real over the operating points of a method.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum CurveQuantity {
-    /// Area that the means dominate in the plane of R_adv and P_real.
-    Hypervolume,
-    /// The same less that of the first method.
-    HypervolumeMinusFirst,
-    /// Share of the steps at which R_adv does not fall.
-    Monotone,
-    /// Deviation of the attack rate from a straight line.
-    Unevenness,
-    /// The best of the first method at no more P_real, less each point of the others.
-    EqualRealism,
-}
-
-/// A chart of the means of two metrics over the operating points.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ChartSpec {
-    /// File name.
-    pub file: String,
-    /// What the metrics are of.
-    pub of: Subject,
-    /// Metric of the horizontal axis; `lambda` or `aggression` for the operating point; `operating-point` for sweeps of
-    /// aggression and of λ = μ; `triangle` for mixtures of three experts.
-    pub x: String,
-    /// Metric of the vertical axis. In a triangle: of the first picture.
-    pub y: String,
-    /// Further metrics of a triangle, one picture each.
-    #[serde(default)]
-    pub more: Vec<String>,
+pub struct PlaneAxis {
+    /// Names of the experts, along the horizontal and the vertical axis.
+    pub experts: [String; 2],
+    /// Shares a and b.
+    #[serde(deserialize_with = "numbers")]
+    pub shares: Vec<f64>,
 }
 
 impl Study {
@@ -254,10 +157,11 @@ impl Study {
             fields["lambda"] = serde_json::json!([]);
         }
         fields[name] = match serde_saphyr::from_str::<serde_json::Value>(value) {
-            Ok(parsed) if !parsed.is_null() => parsed,
+            Ok(parsed) if !parsed.is_null() || value.trim() == "null" => parsed,
             _ => value.into(),
         };
-        if fields[name].is_object() && name != "avoidable" && name != "triangle" && name != "metrics" {
+        // A part with options, such as king{"apart": 2}, is a text.
+        if fields[name].is_object() && !value.trim_start().starts_with('{') {
             fields[name] = value.into();
         }
         let changed = serde_json::from_value::<Self>(fields);
@@ -288,6 +192,14 @@ impl Study {
             ensure!((1..=50).contains(steps), "`triangle` has {steps} steps; expected 1 to 50");
             let [a, b, c] = experts;
             ensure!(a != b && b != c && a != c, "`triangle` names an expert twice");
+        }
+        if let Some(PlaneAxis { shares, experts: [a, b] }) = &self.plane {
+            let count = shares.len();
+            ensure!(
+                (2..=MOST_SHARES).contains(&count),
+                "`plane` has {count} shares; expected 2 to {MOST_SHARES}"
+            );
+            ensure!(a != b, "`plane` names an expert twice");
         }
         Ok(())
     }

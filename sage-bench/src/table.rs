@@ -18,11 +18,25 @@ pub struct Table {
 }
 
 impl Table {
+    /// A table of texts without rows.
+    pub fn new(title: impl Into<String>, heads: &[&str]) -> Self {
+        let names = heads.len();
+        let heads = heads.iter().map(|head| (*head).to_owned()).collect();
+        Self { title: title.into(), heads, rows: Vec::new(), names }
+    }
+
+    /// Adds a row: its name and its other cells.
+    pub fn row(&mut self, name: impl Into<String>, cells: impl IntoIterator<Item = String>) {
+        self.rows.push(std::iter::once(name.into()).chain(cells).collect());
+    }
+
     /// The table as Markdown.
     pub fn markdown(&self) -> String {
         let mut out = if self.title.is_empty() { String::new() } else { format!("{}\n\n", self.title) };
+        // A bar would end the cell, unless it is escaped already.
+        let escaped = |cell: &String| cell.replace("\\|", "|").replace('|', "\\|");
         let line = |cells: &[String]| {
-            let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
+            let cells: Vec<String> = cells.iter().map(escaped).collect();
             format!("| {} |\n", cells.join(" | "))
         };
         out += &line(&self.heads);
@@ -50,6 +64,7 @@ impl Table {
         kept = kept.max((self.names + 1).min(self.heads.len()));
         let title = match self.heads.len() - kept {
             0 => self.title.clone(),
+            1 => format!("{} (1 more column with --wide)", self.title).trim_start().to_owned(),
             left => format!("{} ({left} more columns with --wide)", self.title).trim_start().to_owned(),
         };
         Self {

@@ -1,7 +1,5 @@
 //! Means with intervals, quantiles and distances between distributions.
 
-use crate::seed::Rng;
-
 /// An estimate with its 95 % interval and the number of values.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Estimate {
@@ -32,33 +30,6 @@ pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
 /// Median; `None` without values.
 pub fn median(values: &[f64]) -> Option<f64> {
     quantile(values, 0.5)
-}
-
-/// Mean with a 95 % percentile-bootstrap interval over the values; `None` without values.
-pub fn bootstrap_mean(values: &[f64], resamples: usize, rng: &mut Rng) -> Option<Estimate> {
-    let value = mean(values)?;
-    let n = values.len();
-    let means: Vec<f64> =
-        (0..resamples.max(1)).map(|_| (0..n).map(|_| values[rng.below(n)]).sum::<f64>() / n as f64).collect();
-    Some(Estimate { value, low: quantile(&means, 0.025)?, high: quantile(&means, 0.975)?, n })
-}
-
-/// Mean of all values with a 95 % percentile-bootstrap interval over groups, for values that are not
-/// independent within a group, such as those of the agents of a scene; `None` without values.
-pub fn bootstrap_grouped(groups: &[Vec<f64>], resamples: usize, rng: &mut Rng) -> Option<Estimate> {
-    let sums: Vec<(f64, usize)> =
-        groups.iter().filter(|g| !g.is_empty()).map(|g| (g.iter().sum(), g.len())).collect();
-    let mean = |parts: &mut dyn Iterator<Item = (f64, usize)>| {
-        let (sum, count) = parts.fold((0.0, 0), |all, part| (all.0 + part.0, all.1 + part.1));
-        (sum / count as f64, count)
-    };
-    if sums.is_empty() {
-        return None;
-    }
-    let (value, n) = mean(&mut sums.iter().copied());
-    let resample = |_| mean(&mut (0..sums.len()).map(|_| sums[rng.below(sums.len())])).0;
-    let means: Vec<f64> = (0..resamples.max(1)).map(resample).collect();
-    Some(Estimate { value, low: quantile(&means, 0.025)?, high: quantile(&means, 0.975)?, n })
 }
 
 /// Fraction with Wilson's 95 % interval; `None` without trials.
@@ -144,6 +115,7 @@ pub fn wasserstein(a: &[f64], b: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::seed::Rng;
     use approx::assert_relative_eq;
 
     #[test]
@@ -189,20 +161,6 @@ mod tests {
         assert_eq!(median(&[3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(quantile(&[0.0, 10.0], 0.25), Some(2.5));
         assert_eq!(median(&[]), None);
-    }
-
-    #[test]
-    fn the_bootstrap_interval_has_its_nominal_coverage() {
-        let mut covered = 0;
-        for case in 0..1000 {
-            let mut rng = Rng::new(case, "bootstrap", "coverage");
-            let values: Vec<f64> = (0..60).map(|_| rng.normal()).collect();
-            let e = bootstrap_mean(&values, 400, &mut rng).unwrap();
-            covered += usize::from(e.low <= 0.0 && 0.0 <= e.high);
-        }
-        // The true coverage of percentile intervals of 60 values is 93.5 %; the bounds are four standard
-        // deviations away.
-        assert!((904..=966).contains(&covered), "{covered} of 1000");
     }
 
     #[test]

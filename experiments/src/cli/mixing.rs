@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{FolderArgs, SplitArgs};
+use super::FolderArgs;
 
 /// Merge experts into one network by a recipe.
 ///
@@ -27,29 +27,17 @@ pub(crate) struct MergeArgs {
     pub folder: FolderArgs,
 }
 
-/// Analyse linear mode connectivity: geometry of the realistic and the adversarial expert, rewards on the path
-/// between them, on the plane through them and the prior, and beyond the adversarial one.
+/// Analyse the geometry of experts: norms, angle and cosine of the preference vectors, principal components, and each
+/// tensor's share of the movement.
 ///
-/// Writes a page with the figures (`connectivity.md`), and CSV files and pictures of the path, of the landscape on
-/// the plane (21 x 21 models), of extrapolation at equal step lengths, of the principal components of all experts,
-/// and of each tensor's share of the movement. Rewards are expectations under the policy, without selection. The
-/// same command resumes an interrupted run.
+/// Needs no scenes. Writes a page with the figures (`connectivity.md`), CSV files and pictures. `sage bench connectivity`
+/// measures rewards on the path between the experts and on the plane through them.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage analyse connectivity target/data/womd_cat500/val --weights waymo --out connectivity/"
-)]
+#[command(after_help = "Example:\n  sage analyse connectivity --weights waymo --out connectivity/")]
 pub(crate) struct ConnectivityArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    #[command(flatten)]
-    pub split: SplitArgs,
     /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
     #[arg(long, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
-    /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
     #[command(flatten)]
     pub folder: FolderArgs,
 }

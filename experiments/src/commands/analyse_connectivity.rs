@@ -1,106 +1,157 @@
-//! `sage analyse connectivity`: the geometry of the experts, rewards along the path between two of them, on the
-//! plane through them and beyond it, and the test of weight against output mixing.
+//! `sage analyse connectivity`: the geometry of experts. `sage bench connectivity` measures rewards between them.
 
-use std::time::Instant;
+mod components;
 
-use anyhow::Result;
-use sage_backbones::training::{Measures, PreparedScene};
-use sage_bench::curve::{Curve as Sweep, Point as Measure};
-use sage_core::{files, scene::SceneData};
-use sage_merging::{ADVERSARIAL, Geometry, REALISTIC};
-use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use anyhow::{Context as _, Result};
+use sage_bench::{
+    chart::{
+        bar,
+        line::{self, Chart, Line},
+    },
+    table::{Table, csv},
+};
+use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, REALISTIC};
 
+use self::components::Components;
 use crate::{
     Outcome, Registries,
-    bench::{
-        connectivity_report::{self as report, Connectivity},
-        expert_path::{self, Measured, Points},
-    },
     cli::ConnectivityArgs,
     networks,
-    output::{self, Run, State},
-    progress::{self, Progress},
-    scene_windows::{self, RESULTS, SceneOutcome},
-    scenes::Scenes,
+    output::{self, Folder},
+    progress,
 };
 
-/// Points of the landscape along each axis, from −0.25 to 1.25.
-const LANDSCAPE: usize = 21;
-/// Size limit of a page that an earlier run wrote, bytes.
-const PAGE_LIMIT: u64 = 1 << 20;
-
-/// Results of one scene.
-#[derive(Serialize, Deserialize)]
-struct SceneResult {
-    scene: String,
-    /// `None` if the scene cannot be attacked.
-    measured: Option<Measured>,
-}
-
-impl SceneOutcome for SceneResult {
-    fn scene(&self) -> &str {
-        &self.scene
-    }
-}
+/// The page as Markdown.
+const PAGE: &str = "connectivity.md";
+/// Steps of λ along the path between the experts.
+const STEPS: usize = 20;
+/// Longest extrapolation in the picture of components, as a share of the distance between the experts.
+const BEYOND: f64 = 1.5;
+/// Tensors in the picture of layers, those that moved most.
+const LAYERS: usize = 20;
 
 pub(crate) fn run(args: &ConnectivityArgs, registries: &Registries) -> Result<Outcome> {
-    let clock = Instant::now();
     let all = networks::load_experts(&registries.backbones, &args.weights)?;
-    let experts = all.only(&[REALISTIC, ADVERSARIAL])?;
-    let geometry = Geometry::of(&experts)?;
-    let scenes = Scenes::of(&args.paths, &args.split, 0, args.seed)?.attackable()?;
-    let measures = Measures::of(&[], &registries.rewards, &registries.feasibilities)?;
-    let tensors = all.experts().iter().map(|(name, weights)| Ok((name.clone(), weights.hash()?.into())));
-    let identity = json!({
-        "data": scenes.describe(), "prior": all.prior().parameters().hash()?, "seed": args.seed,
-        "experts": tensors.collect::<Result<serde_json::Map<String, Value>>>()?,
-        "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
-    });
-    let (run, state) =
-        Run::start(&args.folder.out, identity, args.folder.force, &[RESULTS], &[], &report::FILES)?;
-    let folder = run.folder();
-    if state == State::Done {
-        output::print(&files::read_text(&folder.path().join(report::PAGE), PAGE_LIMIT)?)?;
-        return Ok(Outcome::Done);
+    let geometry = Geometry::of(&all.only(&[REALISTIC, ADVERSARIAL])?)?;
+    let folder = Folder::make(&args.folder.out, args.folder.force)?;
+    let path = path(&geometry);
+    let files = [
+        ("path.csv", path.csv()),
+        ("geometry.svg", line::draw(["lambda", "value"], along(&geometry))?),
+        ("layers.csv", layers(&geometry).csv()),
+        ("layers.svg", largest_layers(&geometry)),
+    ];
+    for (name, text) in files.into_iter().chain(components(&all, &geometry)?) {
+        folder.write(name, text.as_bytes())?;
     }
-    let plane = (0..LANDSCAPE).map(|k| -0.25 + 1.5 * k as f64 / (LANDSCAPE - 1) as f64).collect();
-    let points = Points::with(plane);
-    let models = expert_path::models(&experts, &geometry, &points, args.seed)?;
-    let prior = &**experts.prior();
-    let one = |data: &SceneData| -> Result<SceneResult> {
-        let prepared = PreparedScene::new(prior, data, false, &measures)?;
-        let measured = prepared.map(|prepared| models.measure(data, prior, &prepared)).transpose()?;
-        Ok(SceneResult { scene: data.name.clone(), measured })
+    let page = format!("Geometry of two experts.\n\n{}", summary(&geometry).markdown());
+    folder.write(PAGE, page.as_bytes())?;
+    output::print(&page)?;
+    progress::say(&format!("{PAGE}, CSV files and pictures are in `{}`", args.folder.out.display()));
+    Ok(Outcome::Done)
+}
+
+/// Norms and angle of both preference vectors.
+fn summary(geometry: &Geometry) -> Table {
+    let cosine = geometry.cosine(&[1.0, 0.0], &[0.0, 1.0]);
+    let [real, adversarial] = [geometry.norm(&[1.0, 0.0]), geometry.norm(&[0.0, 1.0])];
+    let values: usize = geometry.tensors().iter().map(|tensor| tensor.size).sum();
+    let mut table = Table::new("", &["geometry", "value"]);
+    table.row("tuned values", [format!("{values} in {} tensors", geometry.tensors().len())]);
+    table.row("norm of the realistic vector", [format!("{real:.3}")]);
+    table.row("norm of the adversarial vector", [format!("{adversarial:.3}")]);
+    table.row("norm of their difference", [format!("{:.3}", geometry.norm(&[-1.0, 1.0]))]);
+    table.row("angle", [format!("{:.2}°", cosine.acos().to_degrees())]);
+    let ratio = adversarial.max(real) / adversarial.min(real);
+    table.row("ratio of the norms; 1 / cos", [format!("{ratio:.3}; {:.3}", 1.0 / cosine)]);
+    table
+}
+
+/// λ along the path.
+fn lambdas() -> impl Iterator<Item = f64> {
+    (0..=STEPS).map(|k| k as f64 / STEPS as f64)
+}
+
+/// Norm and cosine to the adversarial vector at a λ.
+fn at(geometry: &Geometry, lambda: f64) -> [f64; 2] {
+    let at = [1.0 - lambda, lambda];
+    [geometry.norm(&at), geometry.cosine(&at, &[0.0, 1.0])]
+}
+
+fn path(geometry: &Geometry) -> Table {
+    let mut table = Table::new("", &["lambda", "norm", "cosine_to_adversarial"]);
+    lambdas().for_each(|lambda| table.row(lambda.to_string(), at(geometry, lambda).map(|x| x.to_string())));
+    table
+}
+
+/// Norm, relative to that of the adversarial vector, and cosine to it, along the path.
+fn along(geometry: &Geometry) -> Vec<Line> {
+    let whole = geometry.norm(&[0.0, 1.0]);
+    let line = |name: &str, value: &dyn Fn([f64; 2]) -> f64| {
+        (name.to_owned(), lambdas().map(|lambda| [lambda, value(at(geometry, lambda))]).collect())
     };
-    let mut progress = Progress::new("evaluated", scenes.len());
-    let fits = |result: &SceneResult| {
-        result.measured.as_ref().is_none_or(|m| {
-            m.path.len() == points.lambdas.len() && m.plane.len() == points.plane.len().pow(2)
-        })
+    vec![
+        line("norm / norm of the adversarial vector", &|[norm, _]| norm / whole),
+        line("cosine to the adversarial vector", &|[_, cosine]| cosine),
+    ]
+}
+
+/// Share of a tensor in the squared length of each vector.
+fn shares(geometry: &Geometry) -> impl Iterator<Item = (&str, [f64; 2])> {
+    let whole = [0, 1].map(|k| geometry.product(k, k));
+    let share = move |products: &[Vec<f64>]| [0, 1].map(|k| products[k][k] / whole[k]);
+    geometry.tensors().iter().map(move |tensor| (&*tensor.name, share(&tensor.products)))
+}
+
+fn layers(geometry: &Geometry) -> Table {
+    let heads = ["tensor", "values", "share_of_realistic", "share_of_adversarial", "cosine"];
+    let mut table = Table::new("", &heads);
+    for (tensor, (name, [realistic, adversarial])) in geometry.tensors().iter().zip(shares(geometry)) {
+        let p = &tensor.products;
+        let cosine = p[0][1] / (p[0][0] * p[1][1]).sqrt();
+        let numbers = [realistic, adversarial, cosine].map(|x| x.to_string());
+        table.row(name, std::iter::once(tensor.size.to_string()).chain(numbers));
+    }
+    table
+}
+
+fn largest_layers(geometry: &Geometry) -> String {
+    let mut rows: Vec<_> = shares(geometry).collect();
+    rows.sort_by(|a, b| b.1[1].total_cmp(&a.1[1]));
+    rows.truncate(LAYERS);
+    bar::draw(["realistic vector", "adversarial vector"], &rows)
+}
+
+/// Principal components of the prior and all experts, with the path and two extrapolations, as CSV and as a picture.
+fn components(all: &ExpertSet, geometry: &Geometry) -> Result<[(&'static str, String); 2]> {
+    let names = all.names();
+    let found = Components::of(&Geometry::of(all)?, names.len()).context("the experts are the prior")?;
+    let place = |[realistic, adversarial]: [f64; 2]| -> Result<[f64; 2]> {
+        let at = all.mixture(&[(REALISTIC, realistic), (ADVERSARIAL, adversarial)])?;
+        Ok(found.coordinates(at.weights()))
     };
-    let results = scene_windows::results(&run, &scenes, fits, one, || progress.step())?;
-    let results: Vec<Measured> = results.into_iter().filter_map(|result| result.measured).collect();
-    progress.finish(&format!("{} models on {} scenes", models.len(), results.len()));
-    let sweep = |of: fn(&Measured) -> &Vec<Measure>| Sweep {
-        scenes: results.iter().map(|result| of(result).clone()).collect(),
+    // Both extrapolations are equally long.
+    let of_vector = geometry.norm(&[-1.0, 1.0]) / geometry.norm(&[0.0, 1.0]);
+    let line = |name: &str, at: &dyn Fn(f64) -> [f64; 2]| -> Result<Line> {
+        Ok((name.to_owned(), lambdas().map(|x| place(at(x))).collect::<Result<_>>()?))
     };
-    let found = Connectivity {
-        all: &all,
-        geometry,
-        path: sweep(|m| &m.path),
-        landscape: sweep(|m| &m.plane).front(),
-        beyond: [sweep(|m| &m.beyond[0]), sweep(|m| &m.beyond[1])],
-        mixing: results.iter().filter_map(|result| result.mixing).collect(),
-        points,
-    };
-    found.write(folder)?;
-    run.finish(&Value::Null, clock.elapsed().as_secs_f64())?;
-    output::print(&found.page()?)?;
-    progress::say(&format!(
-        "{}, CSV files and pictures are in `{}`",
-        report::PAGE,
-        args.folder.out.display()
-    ));
-    Ok(scenes.outcome())
+    let lines = vec![
+        line("interpolation", &|x| [1.0 - x, x])?,
+        line("vector extrapolation", &|x| [0.0, 1.0 + BEYOND * x * of_vector])?,
+        line("direct extrapolation", &|x| [-BEYOND * x, 1.0 + BEYOND * x])?,
+    ];
+    let mut marks = vec![("prior".to_owned(), place([0.0, 0.0])?)];
+    for name in names {
+        marks.push((name.to_owned(), found.coordinates(all.mixture(&[(name, 1.0)])?.weights())));
+    }
+    let points = lines.iter().flat_map(|(name, points)| points.iter().map(move |point| (name, point)));
+    let points = marks.iter().map(|(name, point)| (name, point)).chain(points);
+    let rows = points.map(|(name, [x, y])| [name.clone(), x.to_string(), y.to_string()]);
+    let rows = std::iter::once(["kind", "x", "y"].map(str::to_owned)).chain(rows);
+    let text = csv(rows);
+    let [first, second] = found.shares.map(|share| 100.0 * share);
+    let axes = [format!("first component ({first:.0} %)"), format!("second component ({second:.0} %)")];
+    let [x, y] = &axes;
+    let chart = Chart { axes: [x, y], lines, marks, is_isometric: true, ..Chart::default() };
+    Ok([("components.csv", text), ("components.svg", chart.draw()?)])
 }

@@ -17,6 +17,7 @@ use sage_backbones::{
     },
     weights::PRIOR_FILE,
 };
+use sage_bench::table::Table;
 use sage_core::{
     objective::{Objective, ObjectiveSpec},
     scene::SceneData,
@@ -212,7 +213,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
     ));
     let count = plain.len();
     let all: Vec<PreparedScene> = plain.into_iter().chain(both).collect();
-    let mut table = "expert,epoch,loss,margin,accuracy,pairs,pairs_by_feasibility,feasible,best_reward,kl,without_pairs,expected_feasible,expected_attack,expected_believable,expected_reward,expected_penalty,seconds\n".to_owned();
+    let mut table = Table::new("", &HEADS);
     let mut reports = Vec::new();
     for Expert { name, options, objective } in &experts {
         let train = if options.mirror { &all[..] } else { &all[..count] };
@@ -221,7 +222,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         let checkpoint = CheckpointFile { file: &state, identity, header: Header::default() };
         let weights = finetune(prior, train, &measures, objective, options, Some(&checkpoint), |row| {
             progress::say(&epoch_message(name, row));
-            table += &csv(name, row);
+            table.row(name, cells(row));
         })?;
         let mut header = Header {
             backbone: prior.name().to_owned(),
@@ -263,7 +264,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         reports.push(json!({"expert": name, "options": options}));
     }
     prior.parameters().save(&loaded.header, &folder.path().join(PRIOR_FILE))?;
-    folder.write("finetune.csv", table.as_bytes())?;
+    folder.write("finetune.csv", table.csv().as_bytes())?;
     if args.variants.is_some() {
         for (file, svg) in curves::draw(&table)? {
             folder.write(file, svg.as_bytes())?;
@@ -315,10 +316,29 @@ fn epoch_message(name: &str, r: &FinetuneRow) -> String {
     line
 }
 
-fn csv(name: &str, r: &FinetuneRow) -> String {
-    format!(
-        "{name},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{:.2}\n",
-        r.epoch,
+/// Columns of `finetune.csv`.
+const HEADS: [&str; 17] = [
+    "expert",
+    "epoch",
+    "loss",
+    "margin",
+    "accuracy",
+    "pairs",
+    "pairs_by_feasibility",
+    "feasible",
+    "best_reward",
+    "kl",
+    "without_pairs",
+    "expected_feasible",
+    "expected_attack",
+    "expected_believable",
+    "expected_reward",
+    "expected_penalty",
+    "seconds",
+];
+
+fn cells(r: &FinetuneRow) -> impl Iterator<Item = String> {
+    let numbers = [
         r.loss,
         r.margin,
         r.accuracy,
@@ -333,6 +353,7 @@ fn csv(name: &str, r: &FinetuneRow) -> String {
         r.expected_believable,
         r.expected_reward,
         r.expected_penalty,
-        r.seconds
-    )
+    ];
+    let numbers = numbers.map(|x| x.to_string());
+    std::iter::once(r.epoch.to_string()).chain(numbers).chain([format!("{:.2}", r.seconds)])
 }

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, ensure};
 use sage_backbones::{Parameters, parameters::Header, training::Tunes, weights::PRIOR_FILE};
+use sage_bench::table::Table;
 use sage_core::generator::Mixture;
 use sage_merging::{ExpertFile, ExpertSet, Range, merged_weights};
 use serde_json::json;
@@ -152,44 +153,45 @@ fn card(
     steps: &[Step],
     header: &Header,
 ) -> Result<String> {
-    let mut rows = String::new();
+    let code = |text: &str| format!("`{}`", escaped_markdown_code(text));
+    let heads = ["expert", "weight", "file", "hash", "tuned on", "licence"];
+    let mut sources_of = Table::new("", &heads);
     let experts_of = experts.experts().iter().zip(&recipe.models).zip(sources).zip(mixture.weights());
     for ((((name, parameters), (model, _)), source), weight) in experts_of {
-        let [data, license] = [&source.data, &source.license].map(|text| stated(text));
-        let (name, model) = (escaped_markdown(name), escaped_markdown_code(model));
-        let hash = &parameters.hash()?[..16];
-        rows += &format!("| {name} | {weight} | `{model}` | `{hash}` | {data} | {license} |\n");
+        let hash = code(&parameters.hash()?[..16]);
+        let cells = [weight.to_string(), code(model), hash, stated(&source.data), stated(&source.license)];
+        sources_of.row(escaped_markdown(name), cells);
     }
     let mut search = String::new();
     if let Some(Search { scenes, selection, mu }) = &recipe.search {
-        search = format!(
-            "\nThe weights are those of a greedy soup on `{}`, by the mean value of the selected attacks under `{selection}` at mu {mu}:\n\n\
-             | expert | own value | value of the soup with it | in the soup |\n| --- | --- | --- | --- |\n",
-            scenes.iter().map(|path| escaped_markdown_code(path)).collect::<Vec<_>>().join("`, `")
+        let scenes = scenes.iter().map(|path| code(path)).collect::<Vec<_>>().join(", ");
+        let title = format!(
+            "The weights are those of a greedy soup on {scenes}, by the mean value of the selected attacks under `{selection}` at mu {mu}:"
         );
+        let heads = ["expert", "own value", "value of the soup with it", "in the soup"];
+        let mut table = Table::new(title, &heads);
         for step in steps {
             let kept = if step.is_kept { "yes" } else { "no" };
-            search += &format!(
-                "| {} | {:.4} | {:.4} | {kept} |\n",
-                escaped_markdown(&step.expert),
-                step.own,
-                step.with_it
-            );
+            let [own, with_it] = [step.own, step.with_it].map(|value| format!("{value:.4}"));
+            table.row(escaped_markdown(&step.expert), [own, with_it, kept.to_owned()]);
         }
+        search = format!("\n{}", table.markdown());
     }
+    let mut facts = Table::new("", &["", ""]);
+    facts.row("merger", [code(&recipe.merger.to_string())]);
+    facts.row("backbone", [escaped_markdown(&header.backbone)]);
+    let hash = code(&experts.prior().parameters().hash()?[..16]);
+    facts.row("prior", [format!("{} ({hash})", code(&recipe.base))]);
+    facts.row("prior trained on", [stated(&header.data)]);
+    facts.row("licence", [stated(&header.license)]);
+    facts.row("command", [code(&header.command)]);
+    facts.row("version", [format!("sage {}", env!("CARGO_PKG_VERSION"))]);
     Ok(format!(
         "# Merged weights\n\n`{PRIOR_FILE}` holds experts of one prior merged into one network. `{RECIPE_FILE}` is the recipe.\n\n\
-         | | |\n| --- | --- |\n| merger | `{}` |\n| backbone | {} |\n| prior | `{}` (`{}`) |\n| prior trained on | {} |\n| licence | {} |\n| command | `{}` |\n| version | sage {} |\n\n\
-         | expert | weight | file | hash | tuned on | licence |\n| --- | --- | --- | --- | --- | --- |\n{rows}{search}\n\
+         {}\n{}{search}\n\
          Use it: `sage generate SCENES --weights DIR --method prior --out OUT`, with this folder as DIR.\n",
-        escaped_markdown_code(&recipe.merger.to_string()),
-        escaped_markdown(&header.backbone),
-        escaped_markdown_code(&recipe.base),
-        &experts.prior().parameters().hash()?[..16],
-        stated(&header.data),
-        stated(&header.license),
-        escaped_markdown_code(&header.command),
-        env!("CARGO_PKG_VERSION"),
+        facts.markdown(),
+        sources_of.markdown(),
     ))
 }
 

@@ -1,5 +1,7 @@
 //! `sage pretrain`: trains a prior on recorded or procedural scenes.
 
+mod curve;
+
 use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
@@ -13,7 +15,6 @@ use serde_json::json;
 
 use crate::{
     Outcome, Registries,
-    bench::curve,
     cli::PretrainArgs,
     input, networks,
     output::{self, Folder, Run, State},

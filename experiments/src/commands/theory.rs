@@ -172,7 +172,7 @@ fn diagnostic_lines(subject: &str, diagnostics: &[Diagnostic], as_json: bool) ->
             let tables: Vec<_> = diagnostic
                 .tables
                 .iter()
-                .map(|grid| json!({"caption": grid.caption, "columns": grid.columns, "rows": grid.rows}))
+                .map(|table| json!({"caption": table.title, "columns": table.heads, "rows": table.rows}))
                 .collect();
             let row = json!({
                 "diagnostic": id, "question": question, "finding": finding, "caveat": diagnostic.caveat,

@@ -87,6 +87,11 @@ impl Case {
                 let attacks = ["train-ego", "--generator", "sage", "--weights", "procedural"];
                 (&[&attacks[..], &size, &run].concat(), false)
             }
+            "ablation" => {
+                (&["bench", "ablation", "scenes", "--weights", "procedural", "--mix", "adversarial=1"], false)
+            }
+            "front" | "pareto" | "dial" | "mixtures" | "react" | "prediction" | "experts"
+            | "connectivity" => (&["bench", name, "scenes", "--weights", "procedural"], false),
             "calibrate" => (&["calibrate", "scenes", "--selection", "paper-selection"], true),
             other => panic!("no case for `{other}`"),
         };

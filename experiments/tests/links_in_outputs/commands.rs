@@ -89,11 +89,7 @@ pub const COMMANDS: &[Row] = &[
     ("react", &["bench", "react", "scenes", "--weights", "procedural", "--methods", "rule"], &[]),
     ("dial", &["bench", "dial", "scenes", "--weights", "procedural"], &[]),
     ("closed-loop", &["bench", "closed-loop", "scenes", "--policies", "idm", "--methods", "rule"], &[]),
-    (
-        "connectivity",
-        &["analyse", "connectivity", "scenes", "--weights", "procedural"],
-        &[".sage-rows/", ".sage-rows/000000.json"],
-    ),
+    ("connectivity", &["analyse", "connectivity", "--weights", "procedural"], &[]),
 ];
 
 /// Commands with one output file: name, arguments without the output, file.

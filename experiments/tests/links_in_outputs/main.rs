@@ -139,7 +139,7 @@ fn folders_of_long_commands() {
 }
 
 fn is_long(number: usize) -> bool {
-    ["pretrain", "finetune", "train-ego", "connectivity"].contains(&COMMANDS[number].0)
+    ["pretrain", "finetune", "train-ego"].contains(&COMMANDS[number].0)
 }
 
 #[test]

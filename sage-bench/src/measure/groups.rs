@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::{Context as _, Result, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use sage_backbones::Backbone;
 use sage_generators::Aggression;
 use sage_merging::{ExpertSet, Merger};
@@ -114,7 +114,7 @@ impl Group {
     }
 }
 
-/// The operating points of a study: those that it lists, then its grid.
+/// The operating points of a study: those that it lists, then its grid and its plane.
 fn points(
     study: &Study,
     merger: &dyn Merger,
@@ -140,6 +140,13 @@ fn points(
                 points.push(point);
             }
         }
+    }
+    if let Some(axis) = &study.plane {
+        let [a, b] = &axis.experts;
+        let named = |y: &f64, x: &f64| vec![(a.clone(), *x), (b.clone(), *y)];
+        let mix = axis.shares.iter().flat_map(|y| axis.shares.iter().map(move |x| named(y, x))).collect();
+        let plane = OperatingPoints { mix, mu: study.mu, ..OperatingPoints::default() };
+        points.extend(plane.specs(range, || bail!("a plane has no aggression"))?);
     }
     Ok(points)
 }

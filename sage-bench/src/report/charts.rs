@@ -1,16 +1,17 @@
-//! The charts of a study: means of two metrics over the operating points, or triangles of mixtures.
+//! The charts of a study: means of two metrics over the operating points, triangles of mixtures, or planes.
 
 use anyhow::{Context as _, Result, bail};
 
 use super::{curves::lines, sweeps::sweeps};
 use crate::{
     chart::{
+        heat_map::{self, Grid},
         line::{Chart, Line},
         triangle::{self, Triangle},
     },
     published::{Published, published},
     rows::{Results, Subject},
-    study::{ChartSpec, Study},
+    study::{ChartSpec, PlaneAxis, Study},
 };
 
 /// Axes that are no metrics.
@@ -18,6 +19,7 @@ const LAMBDA: &str = "lambda";
 const AGGRESSION: &str = "aggression";
 const TRIANGLE: &str = "triangle";
 const OPERATING_POINT: &str = "operating-point";
+const PLANE: &str = "plane";
 
 /// All charts as file names and contents.
 ///
@@ -28,6 +30,7 @@ pub(super) fn draw(study: &Study, results: &Results) -> Result<Vec<(String, Stri
         let svg = match &*chart.x {
             TRIANGLE => triangles(study, results, chart),
             OPERATING_POINT => sweeps_of(results, chart),
+            PLANE => plane(study, results, chart),
             _ => lines_of(study, results, chart),
         };
         Ok((chart.file.clone(), svg.with_context(|| format!("chart `{}`", chart.file))?))
@@ -137,4 +140,24 @@ fn triangles(study: &Study, results: &Results, chart: &ChartSpec) -> Result<Stri
         all.iter().map(|(title, values)| Triangle { title, values: values.clone() }).collect();
     let [a, b, c] = &axis.experts;
     triangle::draw([a, b, c], axis.steps, &pictures)
+}
+
+fn plane(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {
+    let Some(PlaneAxis { experts: [a, b], shares }) = &study.plane else { bail!("the study has no `plane`") };
+    let methods = results.methods(chart.of);
+    let value = |y: &f64, x: &f64| -> Result<f64> {
+        let mix = [(a.clone(), *x), (b.clone(), *y)];
+        let is_here = |k: &&usize| results.keys[**k].point.as_ref().is_some_and(|point| point.mix == mix);
+        let method = methods.iter().find(is_here).context("a point of the plane was not measured")?;
+        Ok(mean(results, chart, *method, &chart.y)?.unwrap_or(f64::NAN))
+    };
+    let values = shares.iter().flat_map(|y| shares.iter().map(move |x| value(y, x)));
+    let axes = [format!("share of the {a} vector"), format!("share of the {b} vector")];
+    heat_map::draw(&Grid {
+        title: &axis(results, chart, &chart.y),
+        axes: [&axes[0], &axes[1]],
+        at: shares,
+        values: values.collect::<Result<_>>()?,
+        marks: &[("prior", [0.0, 0.0]), (a, [1.0, 0.0]), (b, [0.0, 1.0])],
+    })
 }

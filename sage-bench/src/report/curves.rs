@@ -4,7 +4,7 @@ use anyhow::{Context as _, Result};
 use sage_core::statistics::Estimate;
 
 use crate::{
-    curve::{Curve, Point, hypervolume, monotone, unevenness, within},
+    curve::{Curve, Path, Point, VALUES, best_lambda, hypervolume, monotone, unevenness, within},
     rows::{Key, Results, Subject},
     study::{CurveQuantity, Study},
     table::Table,
@@ -20,7 +20,9 @@ pub(super) struct Line {
 /// one curve, others are curves of their own.
 pub(super) fn lines(results: &Results, subject: Subject) -> Vec<Line> {
     let mut all: Vec<Line> = Vec::new();
-    let methods = results.methods(subject);
+    // Mixtures by name lie on no curve.
+    let is_mixed = |k: &usize| results.keys[*k].point.as_ref().is_some_and(|point| !point.mix.is_empty());
+    let methods: Vec<usize> = results.methods(subject).into_iter().filter(|k| !is_mixed(k)).collect();
     let has_arms = methods.iter().any(|k| results.keys[*k].arm != results.keys[methods[0]].arm);
     let has_attacks =
         methods.iter().any(|k| generator(&results.keys[*k]) != generator(&results.keys[methods[0]]));
@@ -98,7 +100,13 @@ pub(super) fn tables(study: &Study, results: &Results) -> Result<Vec<Table>> {
         let scenes = common(results, subject);
         let curves =
             lines.iter().map(|line| curve(results, line, subject, &scenes)).collect::<Result<Vec<_>>>()?;
-        tables.push(quantities(wanted, &lines, &curves, subject));
+        tables.extend(quantities(wanted, &lines, &curves, subject));
+        if wanted.contains(&CurveQuantity::AboveChord) {
+            tables.push(above_chord(&lines, &curves));
+        }
+        if wanted.contains(&CurveQuantity::BestLambda) {
+            tables.push(best_lambdas(&lines, &curves));
+        }
         if wanted.contains(&CurveQuantity::EqualRealism) && subject == Subject::Trajectory {
             tables.extend(equal_realism(results, &lines, &curves));
         }
@@ -110,18 +118,22 @@ fn shown(e: Option<Estimate>) -> String {
     e.map_or("-".to_owned(), |e| format!("{:.3} [{:.3}, {:.3}]", e.value, e.low, e.high))
 }
 
-fn quantities(wanted: &[CurveQuantity], lines: &[Line], curves: &[Curve], subject: Subject) -> Table {
-    let wanted: Vec<CurveQuantity> =
-        wanted.iter().copied().filter(|quantity| *quantity != CurveQuantity::EqualRealism).collect();
+/// One row for each curve; `None` without a quantity that is one number.
+fn quantities(wanted: &[CurveQuantity], lines: &[Line], curves: &[Curve], subject: Subject) -> Option<Table> {
     let head = |quantity: &CurveQuantity| match quantity {
-        CurveQuantity::Hypervolume => "hypervolume",
-        CurveQuantity::HypervolumeMinusFirst => "hypervolume minus the first",
-        CurveQuantity::Monotone => "R_adv monotone %",
-        CurveQuantity::Unevenness => "unevenness, points",
-        CurveQuantity::EqualRealism => "",
+        CurveQuantity::Hypervolume => Some("hypervolume"),
+        CurveQuantity::HypervolumeMinusFirst => Some("hypervolume minus the first"),
+        CurveQuantity::Monotone => Some("R_adv monotone %"),
+        CurveQuantity::Unevenness => Some("unevenness, points"),
+        CurveQuantity::EqualRealism | CurveQuantity::AboveChord | CurveQuantity::BestLambda => None,
     };
+    let wanted: Vec<CurveQuantity> =
+        wanted.iter().copied().filter(|quantity| head(quantity).is_some()).collect();
+    if wanted.is_empty() {
+        return None;
+    }
     let mut heads = vec!["curve".to_owned(), "points".to_owned(), "N".to_owned()];
-    heads.extend(wanted.iter().map(|quantity| head(quantity).to_owned()));
+    heads.extend(wanted.iter().filter_map(head).map(str::to_owned));
     let row = |(k, (line, curve)): (usize, (&Line, &Curve))| {
         let front = curve.front();
         let mut row = vec![line.name.clone(), line.methods.len().to_string(), curve.scenes.len().to_string()];
@@ -131,7 +143,7 @@ fn quantities(wanted: &[CurveQuantity], lines: &[Line], curves: &[Curve], subjec
             CurveQuantity::HypervolumeMinusFirst => shown(curve.difference(&curves[0], hypervolume)),
             CurveQuantity::Monotone => format!("{:.0}", monotone(&front)),
             CurveQuantity::Unevenness => format!("{:.1}", unevenness(&front)),
-            CurveQuantity::EqualRealism => String::new(),
+            _ => String::new(),
         }));
         row
     };
@@ -142,7 +154,43 @@ fn quantities(wanted: &[CurveQuantity], lines: &[Line], curves: &[Curve], subjec
     let title = format!(
         "{title}Hypervolume: area in the plane of R_adv and P_real that the mean over scenes dominates at any point, up to R_adv 0 and P_real 6:"
     );
-    Table { title, heads, rows: lines.iter().zip(curves).enumerate().map(row).collect(), names: 1 }
+    Some(Table { title, heads, rows: lines.iter().zip(curves).enumerate().map(row).collect(), names: 1 })
+}
+
+/// Heights of rewards above the chord of each curve.
+fn above_chord(lines: &[Line], curves: &[Curve]) -> Table {
+    let rows = lines.iter().zip(curves).flat_map(|(line, curve)| {
+        VALUES.iter().filter_map(|(name, value)| {
+            let path = Path::of(curve, *value)?;
+            let cells = [path.least, path.mean, path.concave].map(|e| shown(Some(e)));
+            Some([vec![line.name.clone(), (*name).to_owned()], cells.to_vec()].concat())
+        })
+    });
+    let title = "Heights above the chord between the ends; the chord is what probability mixing attains, and a least height below 0 is a barrier:";
+    let heads = ["curve", "value", "least height", "mean height", "concave at % of lambda"];
+    Table {
+        title: title.to_owned(),
+        heads: heads.map(str::to_owned).to_vec(),
+        rows: rows.collect(),
+        names: 2,
+    }
+}
+
+/// μ whose best λ is shown.
+const PREFERENCES: [f64; 7] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0];
+
+/// Where on each curve a weighted sum is largest.
+fn best_lambdas(lines: &[Line], curves: &[Curve]) -> Table {
+    let rows = lines.iter().zip(curves).map(|(line, curve)| {
+        let best = |mu: f64| {
+            let found = curve.estimate(|front| best_lambda(front, mu));
+            found.map_or("-".to_owned(), |e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high))
+        };
+        std::iter::once(line.name.clone()).chain(PREFERENCES.map(best)).collect()
+    });
+    let heads = std::iter::once("curve".to_owned()).chain(PREFERENCES.map(|mu| format!("mu {mu}")));
+    let title = "Lambda at which mu R_adv - (1 - mu) P_real is largest:".to_owned();
+    Table { title, heads: heads.collect(), rows: rows.collect(), names: 1 }
 }
 
 /// The best of the first curve at no more P_real than each point of the others, straight between its points.

@@ -1,7 +1,10 @@
 //! The training curves of several variants as charts: a line for each expert.
 
 use anyhow::{Context as _, Result};
-use sage_bench::chart::line::{self, Line};
+use sage_bench::{
+    chart::line::{self, Line},
+    table::Table,
+};
 
 /// File, column of `finetune.csv`, and name of the axis.
 const CHARTS: [(&str, &str, &str); 4] = [
@@ -11,29 +14,26 @@ const CHARTS: [(&str, &str, &str); 4] = [
     ("pairs.svg", "pairs", "pairs a scene"),
 ];
 
-/// All charts as file names and contents, from the text of `finetune.csv`. Names of experts hold no commas.
+/// All charts as file names and contents, from the table of `finetune.csv`.
 ///
 /// *Errors*: none that a caller can cause.
-pub(super) fn draw(csv: &str) -> Result<Vec<(&'static str, String)>> {
-    let mut lines = csv.lines();
-    let heads: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+pub(super) fn draw(table: &Table) -> Result<Vec<(&'static str, String)>> {
     let column = |name: &str| {
-        let place = heads.iter().position(|head| *head == name);
+        let place = table.heads.iter().position(|head| head == name);
         place.with_context(|| format!("finetune.csv has no column `{name}`"))
     };
     let (expert, epoch) = (column("expert")?, column("epoch")?);
     let chart = |(file, name, axis): (&'static str, &str, &str)| {
         let value = column(name)?;
         let mut drawn: Vec<Line> = Vec::new();
-        for row in &rows {
+        for row in &table.rows {
             let number = |k: usize| row.get(k).and_then(|text| text.parse::<f64>().ok());
             let (Some(name), Some(x), Some(y)) = (row.get(expert), number(epoch), number(value)) else {
                 continue;
             };
             match drawn.iter_mut().find(|(known, _)| known == name) {
                 Some((_, points)) => points.push([x, y]),
-                None => drawn.push(((*name).to_owned(), vec![[x, y]])),
+                None => drawn.push((name.clone(), vec![[x, y]])),
             }
         }
         Ok((file, line::draw(["epoch", axis], drawn)?))

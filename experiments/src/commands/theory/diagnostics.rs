@@ -1,10 +1,15 @@
 //! What the theory asks of trained experts: measured on scenes, as diagnostics.
 
 mod mixtures;
+mod models;
+mod weight_and_output;
 
 use anyhow::{Result, ensure};
 use sage_backbones::training::{Measures, PreparedScene};
-use sage_bench::curve::{Curve as Sweep, Point as Measure, heights};
+use sage_bench::{
+    curve::{Curve as Sweep, Point as Measure, VALUES, Value, best_lambda, heights},
+    table::Table,
+};
 use sage_core::{
     scene::SceneData,
     statistics::{self, Estimate},
@@ -12,14 +17,12 @@ use sage_core::{
 use sage_merging::{ADVERSARIAL, Geometry, REALISTIC};
 use theory_checks::{Figure, Preference, Series};
 
-use super::page::Grid;
+use self::{
+    models::{Measured, Points, models},
+    weight_and_output::Comparison,
+};
 use crate::{
     Registries,
-    bench::{
-        connectivity::{VALUES, Value, best_lambda},
-        expert_path::{self, Measured, Points},
-        weight_and_output::Comparison,
-    },
     cli::TheoryArgs,
     networks,
     progress::{self, Progress},
@@ -45,7 +48,7 @@ pub(super) struct Diagnostic {
     pub(super) finding: String,
     /// The claim behind it, and what the finding does not say.
     pub(super) caveat: &'static str,
-    pub(super) tables: Vec<Grid>,
+    pub(super) tables: Vec<Table>,
     pub(super) figures: Vec<Figure>,
 }
 
@@ -67,8 +70,8 @@ pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String,
     let experts =
         networks::load_experts(&registries.backbones, &args.weights)?.only(&[REALISTIC, ADVERSARIAL])?;
     let geometry = Geometry::of(&experts)?;
-    let points = Points::with(Vec::new());
-    let models = expert_path::models(&experts, &geometry, &points, args.seed)?;
+    let points = Points::default();
+    let models = models(&experts, &geometry, &points, args.seed)?;
     let scenes = Scenes::of(paths, &args.split, 0, args.seed)?.attackable()?;
     let measures = Measures::of(&[], &registries.rewards, &registries.feasibilities)?;
     let prior = &**experts.prior();
@@ -122,11 +125,11 @@ impl Found {
                 })
                 .collect()
         };
-        let mut path = Grid::new(
+        let mut path = Table::new(
             "q(λ) = 2 (R − chord)/(λ (1 − λ) D²) over the inner λ: a strongly concave reward keeps it above 0",
             &["reward", "least q", "mean q", "largest q"],
         );
-        let mut barriers = Grid::new(
+        let mut barriers = Table::new(
             "Barrier of the loss −R: its largest height over the chord at the inner λ, below 0 for a concave reward; and over the mean of both ends",
             &["reward", "over the chord", "over the mean"],
         );
@@ -187,14 +190,14 @@ impl Found {
 
     /// The best λ for each μ against the sign rule.
     fn best(&self) -> Option<Diagnostic> {
-        let mut table = Grid::new(
+        let mut table = Table::new(
             "λ at which μ R_adv − (1 − μ) P_real is largest, of 21",
             &["μ", "best λ", "rule for β = 0.9"],
         );
         let mut points = Vec::new();
         let mut against = Vec::new();
         for mu in PREFERENCES {
-            let best = best_lambda(&self.path, mu)?;
+            let best = self.path.estimate(|front| best_lambda(front, mu))?;
             let at = Preference { mu, beta: BETA };
             let (rule, [low, high]) = match at.coefficients() {
                 [c1, _] if c1 <= 1e-9 => ("0", [0.0, 0.0]),
@@ -238,7 +241,7 @@ impl Found {
         let (real, adversarial) = (norm([1.0, 0.0]), norm([0.0, 1.0]));
         let cosine = self.geometry.cosine(&[1.0, 0.0], &[0.0, 1.0]);
         let ratio = adversarial.max(real) / adversarial.min(real);
-        let mut table = Grid::new("Geometry of both preference vectors", &["quantity", "value"]);
+        let mut table = Table::new("Geometry of both preference vectors", &["quantity", "value"]);
         for (name, value) in [
             ("norm, realistic", format!("{real:.3}")),
             ("norm, adversarial", format!("{adversarial:.3}")),
@@ -277,7 +280,7 @@ impl Found {
     /// Both extrapolations at equal steps.
     fn extrapolation(&self) -> Option<Diagnostic> {
         let [vector, direct] = &self.beyond;
-        let mut table = Grid::new(
+        let mut table = Table::new(
             "Beyond the adversarial expert; steps as shares of the distance between the experts",
             &[
                 "step",

@@ -2,18 +2,18 @@
 
 mod block;
 mod figure;
-mod grid;
+mod numbers;
 
 use std::fmt::Write as _;
 
 use anyhow::Result;
+use sage_bench::table::Table;
 use theory_checks::{Report, Setup, Verdict};
 
-pub(super) use self::grid::Grid;
 use self::{
     block::{Block, HEAD},
     figure::draw,
-    grid::digits,
+    numbers::{digits, numbers},
 };
 use super::{Claim, Planted, diagnostics::Diagnostic};
 use crate::output::Folder;
@@ -89,12 +89,12 @@ impl Page<'_> {
                 size(self.setup)
             )),
         ];
-        let mut meanings = Grid::new("Verdicts", &["verdict", "meaning"]);
+        let mut meanings = Table::new("Verdicts", &["verdict", "meaning"]);
         VERDICTS.iter().for_each(|(verdict, meaning)| meanings.row(verdict.words(), [(*meaning).to_owned()]));
         blocks.extend([
-            Block::Grid(meanings),
+            Block::Table(meanings),
             Block::Heading(2, "summary".into(), "Summary".into()),
-            Block::Grid(self.summary()),
+            Block::Table(self.summary()),
         ]);
         for (claim, report) in self.claims.iter().zip(self.reports) {
             claim_blocks(claim, report, &mut blocks);
@@ -104,12 +104,12 @@ impl Page<'_> {
             "A check that cannot fail shows nothing. Each also ran with wrong versions of its formula ({}); it must notice all.",
             size(self.planted_setup)
         )));
-        let mut planted = Grid::new("", &["claim", "planted error", "caught"]);
+        let mut planted = Table::new("", &["claim", "planted error", "caught"]);
         for planted_error in self.planted {
             let caught = if planted_error.is_caught { "caught" } else { "MISSED: the check is broken" };
             planted.row(planted_error.claim, [planted_error.error.to_owned(), caught.to_owned()]);
         }
-        blocks.push(Block::Grid(planted));
+        blocks.push(Block::Table(planted));
         blocks.push(Block::Heading(2, "diagnostics".into(), "Diagnostics of trained experts".into()));
         match self.diagnostics {
             None => blocks.push(Block::Text(
@@ -126,7 +126,7 @@ impl Page<'_> {
         blocks
     }
 
-    fn summary(&self) -> Grid {
+    fn summary(&self) -> Table {
         let columns = [
             "claim",
             "statement",
@@ -137,7 +137,7 @@ impl Page<'_> {
             "smallest bound/gap",
             "error of stored cases",
         ];
-        let mut grid = Grid::new("The error of stored cases is a share of their tolerance", &columns);
+        let mut table = Table::new("The error of stored cases is a share of their tolerance", &columns);
         for (claim, report) in self.claims.iter().zip(self.reports) {
             let or_none = |value: Option<f64>| value.map_or("-".to_owned(), digits);
             let cells = [
@@ -149,9 +149,9 @@ impl Page<'_> {
                 or_none(report.tightness),
                 or_none(report.fixture_error),
             ];
-            grid.row(claim.id, cells);
+            table.row(claim.id, cells);
         }
-        grid
+        table
     }
 }
 
@@ -200,7 +200,7 @@ fn claim_blocks<'a>(claim: &'a Claim, report: &'a Report, blocks: &mut Vec<Block
         .flat_map(|table| &table.rows)
         .flat_map(|(_, row)| row)
         .any(|n| n.reference.is_some());
-    blocks.extend(report.tables.iter().map(|table| Block::Grid(Grid::of(table))));
+    blocks.extend(report.tables.iter().map(|table| Block::Table(numbers(table))));
     if has_references {
         blocks.push(Block::Text(
             "±: standard error. In parentheses: an independent implementation on instances of its own; where it drew from another distribution, only the trend is comparable."
@@ -216,13 +216,7 @@ fn diagnostic_blocks<'a>(diagnostic: &'a Diagnostic, blocks: &mut Vec<Block<'a>>
     blocks.push(Block::Heading(3, diagnostic.id.into(), title));
     blocks.push(Block::Labelled("Found", diagnostic.finding.clone()));
     blocks.push(Block::Labelled("Caveat", diagnostic.caveat.into()));
-    blocks.extend(diagnostic.tables.iter().map(|grid| {
-        Block::Grid(Grid {
-            caption: grid.caption.clone(),
-            columns: grid.columns.clone(),
-            rows: grid.rows.clone(),
-        })
-    }));
+    blocks.extend(diagnostic.tables.iter().cloned().map(Block::Table));
     let figures = diagnostic.figures.iter().enumerate();
     blocks
         .extend(figures.map(|(k, figure)| Block::Figure(format!("{}-{}.svg", diagnostic.id, k + 1), figure)));

@@ -165,34 +165,30 @@ pub(super) fn markdown(scenes: usize, trained: &[Trained]) -> Result<String> {
 pub(super) fn card_page(card: &PolicyCard) -> Result<String> {
     let names = Columns::new()?.names();
     let PolicyCard { observation_hash, training, evaluation, license, .. } = card;
-    let license = escaped_markdown(license);
-    let mut text = format!(
-        "# A driving policy trained by TD3\n\n`policy.safetensors` drives wherever `sage` takes an ego: `--ego td3:policy.safetensors`.\n\n| | |\n| --- | --- |\n| licence | {license} |\n| observation | 101 numbers (`{observation_hash}`) |\n"
-    );
+    let mut facts = Table::new("", &["", ""]);
+    facts.row("licence", [escaped_markdown(license)]);
+    facts.row("observation", [format!("101 numbers (`{observation_hash}`)")]);
     for key in ["scenes", "generator", "curriculum", "sampler", "updates", "steps", "seed"] {
         let value = training[key].as_str().map_or_else(|| training[key].to_string(), str::to_owned);
-        let value = escaped_markdown(&value);
-        let _ = writeln!(text, "| {key} | {value} |");
+        facts.row(key, [escaped_markdown(&value)]);
     }
     let words = |value: &Value| value.as_str().unwrap_or_default().to_owned();
-    let _ = write!(
-        text,
-        "\n## Evaluation\n\n{}, unchanged and attacked by `{}` at λ = 1; contacts with a vehicle end an episode.\n\n| |",
+    let title = format!(
+        "{}, unchanged and attacked by `{}` at λ = 1; contacts with a vehicle end an episode.",
         escaped_markdown(&words(&evaluation["scenes"])),
         escaped_markdown_code(&words(&evaluation["attacks"]))
     );
-    for name in &names {
-        let _ = write!(text, " {} |", name.replace('_', " "));
-    }
-    let _ = writeln!(text, "\n| --- |{}", " ---: |".repeat(names.len()));
+    let heads = std::iter::once(String::new()).chain(names.iter().map(|name| name.replace('_', " ")));
+    let mut means = Table { title, heads: heads.collect(), rows: Vec::new(), names: 1 };
     for kind in ["unchanged", "attacked"].into_iter().filter(|kind| evaluation[kind]["episodes"] != 0) {
-        let _ = write!(text, "| {kind} |");
-        for name in &names {
-            let _ = write!(text, " {:.2} |", evaluation[kind][name].as_f64().unwrap_or(f64::NAN));
-        }
-        text.push('\n');
+        let mean = |name: &String| format!("{:.2}", evaluation[kind][name].as_f64().unwrap_or(f64::NAN));
+        means.row(kind, names.iter().map(mean));
     }
-    Ok(text)
+    Ok(format!(
+        "# A driving policy trained by TD3\n\n`policy.safetensors` drives wherever `sage` takes an ego: `--ego td3:policy.safetensors`.\n\n{}\n## Evaluation\n\n{}",
+        facts.markdown(),
+        means.markdown()
+    ))
 }
 
 /// Results for `run.json`.

@@ -1,21 +1,18 @@
 //! Diagnostics of mixtures against the log: weight against output mixing, and the squared error as a likelihood.
 
-use sage_core::{
-    seed::Rng,
-    statistics::{self, Estimate},
-};
+use sage_bench::{estimate::of_scenes, table::Table};
+use sage_core::statistics::{self, Estimate};
 use theory_checks::{Figure, Series};
 
-use super::{Diagnostic, Found, Grid, cell, unless_few};
-use crate::bench::weight_and_output::{COMPARED, Comparison};
-
-/// Resamples of an interval.
-const RESAMPLES: usize = 2000;
+use super::{
+    Diagnostic, Found, cell, unless_few,
+    weight_and_output::{COMPARED, Comparison},
+};
 
 impl Found {
     /// Weight against output mixing without derivatives.
     pub(super) fn mixing(&self) -> Option<Diagnostic> {
-        let mut table = Grid::new(
+        let mut table = Table::new(
             &format!(
                 "Half the mean squared distance of the mean trajectory from the log, m²: weight mixing is better where chord − L_w exceeds k E‖Δf‖² (N = {} with a whole log)",
                 self.mixing.len()
@@ -57,7 +54,7 @@ impl Found {
 
     /// The squared error in place of a log-likelihood.
     pub(super) fn stand_in(&self) -> Option<Diagnostic> {
-        let mut table = Grid::new(
+        let mut table = Table::new(
             &format!(
                 "Squared error of the mean trajectory against the negative log-likelihood (nll) of the mode nearest to the log, by scene (N = {})",
                 self.mixing.len()
@@ -127,17 +124,9 @@ impl Found {
     }
 
     /// A quantity of the scenes with its 95 % interval.
-    fn bootstrap(&self, of: impl Fn(&[&[Comparison; 3]]) -> f64) -> Option<Estimate> {
-        let all: Vec<&[Comparison; 3]> = self.mixing.iter().collect();
-        let n = all.len();
-        if n == 0 {
-            return None;
-        }
-        let mut rng = Rng::new(0, "theory", "scenes");
-        let draw = |rng: &mut Rng| -> Vec<&[Comparison; 3]> { (0..n).map(|_| all[rng.below(n)]).collect() };
-        let drawn: Vec<f64> = (0..RESAMPLES).map(|_| of(&draw(&mut rng))).collect();
-        let [low, high] = [0.025, 0.975].map(|share| statistics::quantile(&drawn, share));
-        Some(Estimate { value: of(&all), low: low?, high: high?, n })
+    fn bootstrap(&self, of: impl Fn(&[&[Comparison; 3]]) -> f64 + Sync) -> Option<Estimate> {
+        let of = |scenes: &[usize]| of(&scenes.iter().map(|k| &self.mixing[*k]).collect::<Vec<_>>());
+        of_scenes(self.mixing.len(), "theory", of)
     }
 }
 

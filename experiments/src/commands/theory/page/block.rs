@@ -3,9 +3,10 @@
 use std::fmt::Write as _;
 
 use anyhow::Result;
+use sage_bench::table::Table;
 use theory_checks::{Figure, Verdict};
 
-use super::{FIGURES, Grid, VERDICTS};
+use super::{FIGURES, VERDICTS};
 use crate::terminal::escaped_html;
 
 /// A part of the page.
@@ -15,7 +16,7 @@ pub(super) enum Block<'a> {
     Text(String),
     /// A label and its text.
     Labelled(&'a str, String),
-    Grid(Grid),
+    Table(Table),
     /// File name without folder, and the figure.
     Figure(String, &'a Figure),
 }
@@ -31,21 +32,10 @@ impl Block<'_> {
             Self::Labelled("Formula", text) => writeln!(out, "**Formula.** `{text}`\n")?,
             Self::Labelled(label, text) => writeln!(out, "**{label}.** {text}\n")?,
             Self::Figure(file, figure) => writeln!(out, "![{}]({FIGURES}/{file})\n", figure.title)?,
-            Self::Grid(grid) => {
-                if !grid.caption.is_empty() {
-                    writeln!(out, "{}:\n", grid.caption)?;
-                }
-                // A bar would end the cell.
-                let line = |cells: &[String]| {
-                    let cells: Vec<String> = cells.iter().map(|cell| cell.replace('|', "\\|")).collect();
-                    format!("| {} |", cells.join(" | "))
-                };
-                writeln!(out, "{}", line(&grid.columns))?;
-                writeln!(out, "|{}", " --- |".repeat(grid.columns.len()))?;
-                for row in &grid.rows {
-                    writeln!(out, "{}", line(row))?;
-                }
-                out.push('\n');
+            Self::Table(table) => {
+                let colon = if table.title.is_empty() { "" } else { ":" };
+                let titled = Table { title: format!("{}{colon}", table.title), ..table.clone() };
+                writeln!(out, "{}", titled.markdown())?;
             }
         }
         Ok(())
@@ -69,16 +59,16 @@ impl Block<'_> {
             Self::Figure(_, figure) => {
                 writeln!(out, "<figure>{svg}<figcaption>{}</figcaption></figure>", inline(&figure.title))?;
             }
-            Self::Grid(grid) => {
+            Self::Table(table) => {
                 out.push_str("<div class=wide><table>");
-                if !grid.caption.is_empty() {
-                    write!(out, "<caption>{}</caption>", inline(&grid.caption))?;
+                if !table.title.is_empty() {
+                    write!(out, "<caption>{}</caption>", inline(&table.title))?;
                 }
                 let cells = |tag: &str, cells: &[String]| -> String {
                     cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", linked(cell))).collect()
                 };
-                write!(out, "<tr>{}</tr>", cells("th", &grid.columns))?;
-                for row in &grid.rows {
+                write!(out, "<tr>{}</tr>", cells("th", &table.heads))?;
+                for row in &table.rows {
                     write!(out, "<tr>{}</tr>", cells("td", row))?;
                 }
                 out.push_str("</table></div>\n");
@@ -150,9 +140,9 @@ mod tests {
         assert_eq!(linked("T14x"), "<a href=\"#T14x\">T14x</a>");
         assert_eq!(linked("The"), "The");
         let mut out = String::new();
-        let mut grid = Grid::new("of |x|", &["a"]);
-        grid.row("|b|", []);
-        Block::Grid(grid).markdown(&mut out).unwrap();
+        let mut table = Table::new("of |x|", &["a"]);
+        table.row("|b|", []);
+        Block::Table(table).markdown(&mut out).unwrap();
         assert!(out.contains("| \\|b\\| |"), "{out}");
     }
 }

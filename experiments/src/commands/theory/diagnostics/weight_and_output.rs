@@ -8,31 +8,30 @@ use sage_core::{
     motion::{HORIZON, NOW},
     scene::SceneData,
 };
-use serde::{Deserialize, Serialize};
 
 /// λ at which weight mixing is compared with output mixing.
-pub(crate) const COMPARED: [f64; 3] = [0.25, 0.5, 0.75];
+pub(super) const COMPARED: [f64; 3] = [0.25, 0.5, 0.75];
 
 /// Both mixtures at a λ. The loss is half the mean squared distance of the policy's mean trajectory from the log, m².
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Comparison {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Comparison {
     /// Loss of weight mixing.
-    pub(crate) weight: f64,
+    pub(super) weight: f64,
     /// Loss of output mixing: of the mixed mean trajectories.
-    pub(crate) output: f64,
+    pub(super) output: f64,
     /// Loss on the chord between the experts.
-    pub(crate) chord: f64,
+    pub(super) chord: f64,
     /// `λ (1 − λ)/2` times the mean squared distance of the experts' mean trajectories.
-    pub(crate) diversity: f64,
+    pub(super) diversity: f64,
     /// Negative log-likelihood of the mode that ends nearest to the log, by weight mixing and by mixing of the
     /// probabilities, which is output mixing of the policy.
-    pub(crate) nll: [f64; 2],
+    pub(super) nll: [f64; 2],
 }
 
 impl Comparison {
     /// Loss of output mixing minus that of weight mixing: positive where weight mixing is better. By the exact
     /// identity this is the height of the chord above weight mixing, less the diversity.
-    pub(crate) fn gain(&self) -> f64 {
+    pub(super) fn gain(&self) -> f64 {
         self.output - self.weight
     }
 }
@@ -48,7 +47,7 @@ struct Prediction {
 /// Compares both mixtures of the realistic and the adversarial expert at each λ; `None` without a whole log.
 ///
 /// *Errors*: those of the networks.
-pub(crate) fn compare(
+pub(super) fn compare(
     data: &SceneData,
     prior: &dyn Backbone,
     prepared: &PreparedScene,

@@ -1,5 +1,4 @@
-//! The models on the path between two experts, on the plane through them and the prior, and beyond the adversarial
-//! expert, and what they are worth in a scene.
+//! The models on the path between two experts and beyond the adversarial expert, and what they are worth in a scene.
 
 use std::sync::Arc;
 
@@ -8,8 +7,7 @@ use rayon::prelude::*;
 use sage_backbones::{Backbone, MotionModel, training::PreparedScene};
 use sage_bench::curve::Point as Measure;
 use sage_core::scene::SceneData;
-use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, Linear, Merger, REALISTIC};
-use serde::{Deserialize, Serialize};
+use sage_merging::{ADVERSARIAL, ExpertSet, Geometry, Linear, Merger};
 use serde_json::{Value, json};
 
 use super::weight_and_output::{self, COMPARED, Comparison};
@@ -21,51 +19,44 @@ const BEYOND: usize = 12;
 const STEP: f64 = 0.125;
 
 /// Where models are evaluated.
-pub(crate) struct Points {
+pub(super) struct Points {
     /// λ along the path.
-    pub(crate) lambdas: Vec<f64>,
-    /// Shares of each vector on the plane.
-    pub(crate) plane: Vec<f64>,
+    pub(super) lambdas: Vec<f64>,
     /// Lengths of the extrapolations, as shares of the distance between the experts.
-    pub(crate) steps: Vec<f64>,
+    pub(super) steps: Vec<f64>,
 }
 
-impl Points {
-    /// The path and the extrapolations, and a plane with these shares.
-    pub(crate) fn with(plane: Vec<f64>) -> Self {
+impl Default for Points {
+    fn default() -> Self {
         Self {
             lambdas: (0..=STEPS).map(|k| k as f64 / STEPS as f64).collect(),
-            plane,
             steps: (0..=BEYOND).map(|k| STEP * k as f64).collect(),
         }
     }
 }
 
 /// Measures of one scene.
-#[derive(Serialize, Deserialize)]
-pub(crate) struct Measured {
-    pub(crate) path: Vec<Measure>,
-    pub(crate) plane: Vec<Measure>,
+pub(super) struct Measured {
+    pub(super) path: Vec<Measure>,
     /// Along the adversarial vector, and along the line through the experts.
-    pub(crate) beyond: [Vec<Measure>; 2],
+    pub(super) beyond: [Vec<Measure>; 2],
     /// Weight against output mixing at each compared λ; `None` without a whole log.
-    pub(crate) mixing: Option<[Comparison; 3]>,
+    pub(super) mixing: Option<[Comparison; 3]>,
 }
 
 /// All models that are evaluated.
-pub(crate) struct Models {
+pub(super) struct Models {
     path: Vec<Arc<dyn MotionModel>>,
-    plane: Vec<Arc<dyn MotionModel>>,
     beyond: [Vec<Arc<dyn MotionModel>>; 2],
     /// The realistic and the adversarial expert, and the mixtures that are compared with their outputs.
     ends: [Arc<dyn MotionModel>; 2],
     compared: Vec<Arc<dyn MotionModel>>,
 }
 
-/// Models on the path, on the plane `prior + a Δ_adv + b Δ_real` row by row of b, and beyond the adversarial
-/// expert at equal step lengths, which are shares of the distance between the experts.
-pub(crate) fn models(experts: &ExpertSet, geometry: &Geometry, at: &Points, seed: u64) -> Result<Models> {
-    let Points { lambdas, plane, steps } = at;
+/// Models on the path, and beyond the adversarial expert at equal step lengths, which are shares of the distance
+/// between the experts.
+pub(super) fn models(experts: &ExpertSet, geometry: &Geometry, at: &Points, seed: u64) -> Result<Models> {
+    let Points { lambdas, steps } = at;
     let along = |lambda: &f64| -> Result<Arc<dyn MotionModel>> {
         Ok((&Linear as &dyn Merger).merge(experts, &experts.between(*lambda)?, seed)?)
     };
@@ -73,17 +64,11 @@ pub(crate) fn models(experts: &ExpertSet, geometry: &Geometry, at: &Points, seed
     let step = |name: &str, options: Value| -> Result<Arc<dyn MotionModel>> {
         Ok(mergers.build(name, &options)?.merge(experts, &experts.between(1.0)?, seed)?)
     };
-    let on_plane = |k: usize| {
-        let (a, b) = (plane[k % plane.len()], plane[k / plane.len()]);
-        let phi = json!({ADVERSARIAL: a, REALISTIC: b});
-        step("vector-extrapolation", json!({"base": "prior", "phi": phi}))
-    };
     let of_vector = geometry.norm(&[-1.0, 1.0]) / geometry.norm(&[0.0, 1.0]);
     let vector = |s: &f64| step("vector-extrapolation", json!({"phi": {ADVERSARIAL: s * of_vector}}));
     let direct = |s: &f64| step("direct-extrapolation", json!({"phi": s}));
     Ok(Models {
         path: lambdas.iter().map(along).collect::<Result<_>>()?,
-        plane: (0..plane.len().pow(2)).into_par_iter().map(on_plane).collect::<Result<_>>()?,
         beyond: [
             steps.iter().map(vector).collect::<Result<_>>()?,
             steps.iter().map(direct).collect::<Result<_>>()?,
@@ -95,14 +80,14 @@ pub(crate) fn models(experts: &ExpertSet, geometry: &Geometry, at: &Points, seed
 
 impl Models {
     /// Number of models.
-    pub(crate) fn len(&self) -> usize {
-        self.path.len() + self.plane.len() + self.beyond[0].len() + self.beyond[1].len()
+    pub(super) fn len(&self) -> usize {
+        self.path.len() + self.beyond[0].len() + self.beyond[1].len()
     }
 
     /// Measures all models in a scene.
     ///
     /// *Errors*: those of the networks.
-    pub(crate) fn measure(
+    pub(super) fn measure(
         &self,
         data: &SceneData,
         prior: &dyn Backbone,
@@ -114,7 +99,6 @@ impl Models {
         };
         Ok(Measured {
             path: measured(&self.path)?,
-            plane: measured(&self.plane)?,
             beyond: [measured(&self.beyond[0])?, measured(&self.beyond[1])?],
             mixing: weight_and_output::compare(data, prior, prepared, &self.ends, &self.compared)?,
         })

@@ -1,37 +1,18 @@
-//! Tables of texts, and numbers as texts.
+//! Numbers of claims as texts.
 
 use std::fmt::Write as _;
 
-use theory_checks::{Number, Table};
+use sage_bench::table::Table;
+use theory_checks::Number;
 
-/// A table of texts.
-pub(in crate::commands::theory) struct Grid {
-    pub(in crate::commands::theory) caption: String,
-    pub(in crate::commands::theory) columns: Vec<String>,
-    pub(in crate::commands::theory) rows: Vec<Vec<String>>,
-}
-
-impl Grid {
-    /// A table without rows.
-    pub(in crate::commands::theory) fn new(caption: &str, columns: &[&str]) -> Self {
-        let columns = columns.iter().map(|column| (*column).to_owned()).collect();
-        Self { caption: caption.to_owned(), columns, rows: Vec::new() }
+/// The numbers of a claim, each with that of the independent implementation in parentheses.
+pub(super) fn numbers(of: &theory_checks::Table) -> Table {
+    let columns: Vec<&str> = of.columns.iter().map(String::as_str).collect();
+    let mut table = Table::new(of.caption.clone(), &columns);
+    for (name, numbers) in &of.rows {
+        table.row(name, numbers.iter().map(shown));
     }
-
-    /// Adds a row.
-    pub(in crate::commands::theory) fn row(&mut self, name: &str, cells: impl IntoIterator<Item = String>) {
-        self.rows.push(std::iter::once(name.to_owned()).chain(cells).collect());
-    }
-
-    /// Numbers, each with that of the independent implementation in parentheses.
-    pub(super) fn of(table: &Table) -> Self {
-        let mut grid =
-            Self { caption: table.caption.clone(), columns: table.columns.clone(), rows: Vec::new() };
-        for (name, numbers) in &table.rows {
-            grid.row(name, numbers.iter().map(shown));
-        }
-        grid
-    }
+    table
 }
 
 /// A number with its standard error, and the other implementation's number in parentheses.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 use sage_core::{generator::Attack, scene::SceneData};
 use serde_json::{Value, json};
 
@@ -12,9 +12,10 @@ use crate::{
     generators::weight_hashes,
     measure::{Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult},
     part::{Part, PolicyPart},
-    rows::{Cell, Key, MetricRecord, Subject},
+    report::{KINDS, Report},
+    rows::{Cell, Key, MetricRecord, Results, Subject},
     selection::Selection,
-    study::Study,
+    study::{PairSpec, Study},
 };
 
 /// A study with all its parts.
@@ -32,6 +33,50 @@ pub struct Plan {
     measurements: Vec<Box<dyn Measurement>>,
 }
 
+/// Checks what the report names, before anything is measured: it is rendered without results.
+fn check_report(
+    study: &Study,
+    registries: &Registries,
+    keys: &[Key],
+    metrics: &BTreeMap<Subject, Vec<MetricRecord>>,
+) -> Result<()> {
+    for PairSpec { with, .. } in &study.report.pairs {
+        let is_known = KINDS.contains(&&**with) || registries.generators.get(with).is_ok();
+        ensure!(
+            is_known,
+            "`pairs` has `with: {with}`, which is neither a generator nor one of {}",
+            KINDS.join(", ")
+        );
+    }
+    for (subject, names) in &study.report.columns {
+        let known = metrics.get(subject).map_or(&[][..], |all| all);
+        let missing = names.iter().find(|name| !known.iter().any(|metric| metric.name == **name));
+        if let Some(name) = missing.filter(|_| study.measures(*subject)) {
+            bail!("`columns` names `{name}`, which is no metric of `{subject}` in this study");
+        }
+    }
+    let (keys, metrics) = (keys.to_vec(), metrics.clone());
+    let empty = Results { study: study.study.clone(), keys, metrics, ..Results::default() };
+    Report::new(study, &empty).map(drop)
+}
+
+/// Parts of a report that show nothing, because the study does not measure what they are of. Shipped studies have such
+/// parts for their options.
+fn unused(study: &Study) -> Vec<String> {
+    let report = &study.report;
+    if Study::shipped(&study.study).is_some_and(|shipped| shipped.is_ok_and(|s| s.report == *report)) {
+        return Vec::new();
+    }
+    let pairs = report.pairs.iter().map(|pair| ("pairs", pair.of));
+    let charts = report.charts.iter().map(|chart| ("charts", chart.of));
+    let titles = report.titles.keys().map(|subject| ("titles", *subject));
+    let columns = report.columns.keys().map(|subject| ("columns", *subject));
+    let all = pairs.chain(charts).chain(titles).chain(columns);
+    let all = all.filter(|(_, subject)| !study.measures(*subject));
+    all.map(|(what, subject)| format!("`{what}` of `{subject}` show nothing: `measure` does not name it"))
+        .collect()
+}
+
 impl Plan {
     /// Builds all parts of a study.
     ///
@@ -47,7 +92,7 @@ impl Plan {
         let egos = Ego::all(&parts, registries)?;
         let drives = [Subject::Drive, Subject::AttackedDrive].iter().any(|subject| study.measures(*subject));
         ensure!(!drives || !egos.is_empty(), "the study drives, but `ego` names no driver");
-        let notes = egos.iter().filter_map(|ego| ego.note.clone()).collect();
+        let notes = egos.iter().filter_map(|ego| ego.note.clone()).chain(unused(&study)).collect();
         let is_attacked = study.measures(Subject::Trajectory) || study.measures(Subject::AttackedDrive);
         let is_episodic = study.measures(Subject::Episode);
         let groups = if is_attacked || is_episodic || study.measures(Subject::Policy) {
@@ -90,6 +135,7 @@ impl Plan {
             }
         }
         ensure!(!keys.is_empty(), "the study measures nothing");
+        check_report(&study, registries, &keys, &metrics)?;
         Ok(Self { study, keys, metrics, identity, notes, measurements })
     }
 

@@ -7,13 +7,14 @@ mod record;
 mod sweeps;
 mod tests;
 
-use std::{collections::HashMap, fmt::Write as _};
+use std::collections::HashMap;
 
 use anyhow::Result;
 use rayon::prelude::*;
 use sage_core::{metric::Aggregate, statistics::Estimate};
 
-pub use record::{StudyRecord, join, read, rows_csv};
+pub(crate) use pairs::KINDS;
+pub use record::{StudyRecord, join, missing, read, rows_csv};
 
 use crate::{
     estimate::Samples,
@@ -36,6 +37,8 @@ pub const RECORD: &str = "study.json";
 pub struct Report {
     /// Tables in their order.
     pub tables: Vec<Table>,
+    /// What the columns mean: head and words.
+    pub words: Vec<(String, String)>,
     /// Explanation below them.
     pub notes: String,
     /// Files: names and contents.
@@ -62,25 +65,31 @@ impl Report {
         }
         tables.extend(pairs::tables(study, results)?);
         tables.extend(tests::tables(study, results)?);
-        let notes = notes(study, results);
+        let notes = tests::braking(results) + &study.report.notes;
         let mut files =
             vec![(ESTIMATES.to_owned(), estimates(results, &all)), (ROWS.to_owned(), rows_csv(results))];
         files.extend(charts::draw(study, results)?);
-        let report = Self { tables, notes, files };
+        let report = Self { tables, words: words(study, results), notes: notes + INTERVALS, files };
         let page = report.markdown();
         Ok(Self { files: [vec![(PAGE.to_owned(), page)], report.files].concat(), ..report })
     }
 
     /// The whole report as Markdown.
     pub fn markdown(&self) -> String {
-        let tables: Vec<String> = self.tables.iter().map(Table::markdown).collect();
-        format!("{}\n{}", tables.join("\n"), self.notes)
+        self.page(&self.tables)
     }
 
-    /// What fits a terminal.
+    /// What fits a terminal, with the words on its columns alone.
     pub fn narrow(&self) -> String {
-        let tables: Vec<String> = self.tables.iter().map(|table| table.narrow().markdown()).collect();
-        format!("{}\n{}", tables.join("\n"), self.notes)
+        self.page(&self.tables.iter().map(Table::narrow).collect::<Vec<_>>())
+    }
+
+    fn page(&self, tables: &[Table]) -> String {
+        let is_shown = |head: &String| tables.iter().any(|table| table.heads.contains(head));
+        let words = self.words.iter().filter(|(head, _)| is_shown(head));
+        let words: String = words.map(|(_, words)| &**words).collect();
+        let tables: Vec<String> = tables.iter().map(Table::markdown).collect();
+        format!("{}\n{words}{}", tables.join("\n"), self.notes)
     }
 }
 
@@ -243,24 +252,25 @@ fn types(results: &Results) -> Option<Table> {
     Some(Table { title, heads, rows: methods.iter().map(row).collect(), names })
 }
 
-/// What the columns mean, and how the intervals were made.
-fn notes(study: &Study, results: &Results) -> String {
-    let mut out = tests::braking(results) + &study.report.notes;
-    let mut told: Vec<&str> = Vec::new();
+/// What the columns mean, each once: head and words.
+fn words(study: &Study, results: &Results) -> Vec<(String, String)> {
+    let mut told: Vec<(String, String)> = Vec::new();
     for subject in Subject::ALL {
         let shown = study.report.columns.get(&subject);
         for metric in results.metrics_of(subject) {
             let is_shown = shown.is_none_or(|names| names.contains(&metric.name));
-            if metric.summary.is_empty() || !is_shown || told.contains(&&*metric.summary) {
-                continue;
+            let words = format!("*{}*: {}. ", metric.name, metric.summary);
+            let is_told = told.iter().any(|(_, known)| *known == words);
+            if is_shown && !metric.summary.is_empty() && !is_told {
+                told.push((metric.head(), words));
             }
-            told.push(&metric.summary);
-            let _ = write!(out, "*{}*: {}. ", metric.name, metric.summary);
         }
     }
-    out += "Brackets: 95 % intervals, Wilson's for shares of scenes, bootstrap over scenes for other values; differences are paired by scene. N: scenes or vehicles in which something was measured; in parentheses, where it is less for a column.\n";
-    out
+    told
 }
+
+/// How the intervals were made.
+const INTERVALS: &str = "Brackets: 95 % intervals, Wilson's for shares of scenes, bootstrap over scenes for other values; differences are paired by scene. N: scenes or vehicles in which something was measured; in parentheses, where it is less for a column.\n";
 
 /// `estimates.csv`: one row per method and metric.
 fn estimates(results: &Results, all: &Estimates) -> String {

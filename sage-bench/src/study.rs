@@ -4,7 +4,7 @@ mod report;
 
 use std::collections::BTreeMap;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_sim::avoidable::AvoidanceOptions;
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -127,7 +127,14 @@ impl Study {
     ///
     /// *Errors*: the text is no study; the study is not complete.
     pub fn parse(text: &str, name: &str) -> Result<Self> {
-        let study: Self = serde_saphyr::from_str(text).with_context(|| format!("study `{name}`"))?;
+        // Only the first line of the parser's message fits one line.
+        let first = |error: serde_saphyr::Error| {
+            let text = error.to_string();
+            let line = text.lines().next().unwrap_or_default();
+            anyhow!("{}", line.trim_start_matches("error: ").to_owned())
+        };
+        let study: Self =
+            serde_saphyr::from_str(text).map_err(first).with_context(|| format!("study `{name}`"))?;
         study.check().with_context(|| format!("study `{name}`"))?;
         Ok(study)
     }
@@ -192,6 +199,15 @@ impl Study {
             ensure!((1..=50).contains(steps), "`triangle` has {steps} steps; expected 1 to 50");
             let [a, b, c] = experts;
             ensure!(a != b && b != c && a != c, "`triangle` names an expert twice");
+        }
+        let files: Vec<&str> = self.report.charts.iter().map(|chart| &*chart.file).collect();
+        for (k, file) in files.iter().enumerate() {
+            let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_.".contains(c);
+            ensure!(
+                file.ends_with(".svg") && file.len() > 4 && file.chars().all(is_plain),
+                "the chart `{file}` is no name of a file such as `attack.svg`"
+            );
+            ensure!(!files[..k].contains(file), "two charts are named `{file}`");
         }
         if let Some(PlaneAxis { shares, experts: [a, b] }) = &self.plane {
             let count = shares.len();

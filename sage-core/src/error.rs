@@ -60,7 +60,7 @@ pub enum Error {
         adversary: String,
     },
     /// A name that is not in a registry.
-    #[error("unknown {kind} `{name}`; known: {}", known.join(", "))]
+    #[error("unknown {kind} `{name}`; known: {}", listed(known))]
     Unknown {
         /// Kind of the registry.
         kind: &'static str,
@@ -87,4 +87,10 @@ pub enum Error {
         /// Message of the entry.
         problem: String,
     },
+}
+
+/// Names as a list; one with a comma stands in backticks.
+fn listed(names: &[String]) -> String {
+    let quoted = |name: &String| if name.contains(", ") { format!("`{name}`") } else { name.clone() };
+    names.iter().map(quoted).collect::<Vec<_>>().join(", ")
 }

@@ -191,6 +191,11 @@ fn read(folder: &Path) -> Result<(StudyRecord, sage_bench::rows::Results)> {
 /// Renders the report of one or more folders again.
 pub(crate) fn report(args: &ReportArgs, registries: &Registries) -> Result<Outcome> {
     let all = args.folders.iter().map(|folder| read(folder)).collect::<Result<Vec<_>>>()?;
+    let missing = report::missing(all.iter().map(|(record, _)| record));
+    if let Some([_, of]) = missing.first() {
+        let numbers: Vec<String> = missing.iter().map(|[number, _]| number.to_string()).collect();
+        progress::say(&format!("warning: shard {} of {of} is not among the folders", numbers.join(", ")));
+    }
     let (record, results) = report::join(all)?;
     let study = match &args.study {
         Some(name) => study(name, registries)?,

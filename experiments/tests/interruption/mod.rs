@@ -32,6 +32,11 @@ pub const COMMANDS: [&str; 12] = [
     "train-ego",
 ];
 
+/// Studies that share the runner of those above: a slow set, on request.
+#[allow(dead_code)] // Only the example kills them.
+pub const STUDIES: &[&str] =
+    &["front", "pareto", "dial", "mixtures", "react", "prediction", "experts", "ablation", "connectivity"];
+
 /// A command with its inputs, which writes into a folder of its own each time.
 pub struct Case {
     program: PathBuf,
@@ -90,8 +95,14 @@ impl Case {
             "ablation" => {
                 (&["bench", "ablation", "scenes", "--weights", "procedural", "--mix", "adversarial=1"], false)
             }
-            "front" | "pareto" | "dial" | "mixtures" | "react" | "prediction" | "experts"
-            | "connectivity" => (&["bench", name, "scenes", "--weights", "procedural"], false),
+            "pareto" => {
+                // Without the time of generation, which differs from run to run.
+                let metrics = "metrics={trajectory: [attack, R_adv, believable, P_real], policy: [attack, R_adv, believable, P_real]}";
+                (&["bench", "pareto", "scenes", "--weights", "procedural", "--set", metrics], false)
+            }
+            study if STUDIES.contains(&study) => {
+                (&["bench", study, "scenes", "--weights", "procedural"], false)
+            }
             "calibrate" => (&["calibrate", "scenes", "--selection", "paper-selection"], true),
             other => panic!("no case for `{other}`"),
         };

@@ -52,6 +52,8 @@ pub struct Chart<'a> {
     pub is_legend_high: bool,
     /// Named points.
     pub marks: Vec<(String, [f64; 2])>,
+    /// Small texts beside points, such as the operating points at the ends of a line.
+    pub texts: Vec<(String, [f64; 2])>,
 }
 
 /// Draws named lines, with ranges that fit their points.
@@ -168,6 +170,11 @@ impl Chart<'_> {
             let (place, side) = if is_right { (x - dx, HPos::Right) } else { (x + dx, HPos::Left) };
             let style = style.pos(Pos::new(side, VPos::Top));
             chart.draw_series([Text::new(name.clone(), (place, y + 3.0 * dy), style)])?;
+        }
+        for (text, [x, y]) in &self.texts {
+            let style = ("sans-serif", 11).into_font().color(&RGBColor(90, 90, 90));
+            let style = style.pos(Pos::new(HPos::Center, VPos::Bottom));
+            chart.draw_series([Text::new(text.clone(), (*x, y + dy), style)])?;
         }
         chart
             .configure_series_labels()

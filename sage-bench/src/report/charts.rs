@@ -9,6 +9,7 @@ use crate::{
         line::{Chart, Line},
         triangle::{self, Triangle},
     },
+    operating_point::OperatingPointSpec,
     published::{Published, published},
     rows::{Results, Subject},
     study::{ChartSpec, PlaneAxis, Study},
@@ -47,7 +48,7 @@ fn mean(results: &Results, chart: &ChartSpec, method: usize, name: &str) -> Resu
         _ => {}
     }
     let k = results.metric(chart.of, name);
-    let k = k.with_context(|| format!("`{name}` is not measured of a {}", chart.of))?;
+    let k = k.with_context(|| format!("`{name}` is no metric of `{}` in this study", chart.of))?;
     let metric = &results.metrics_of(chart.of)[k];
     let samples = results.samples(method, k);
     let scale = if is_share(chart, &metric.head(), name) { 100.0 } else { 1.0 };
@@ -72,12 +73,19 @@ fn axis(results: &Results, chart: &ChartSpec, name: &str) -> String {
 }
 
 fn lines_of(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {
-    let (mut drawn, mut marks): (Vec<Line>, Vec<(String, [f64; 2])>) = (Vec::new(), Vec::new());
+    let (mut drawn, mut marks, mut texts): (Vec<Line>, Vec<_>, Vec<_>) = Default::default();
     for line in lines(results, chart.of) {
-        let mut points = Vec::new();
+        let (mut points, mut labels) = (Vec::new(), Vec::new());
         for method in &line.methods {
             let [x, y] = [mean(results, chart, *method, &chart.x)?, mean(results, chart, *method, &chart.y)?];
             points.extend(x.zip(y).map(|(x, y)| [x, y]));
+            let point = results.keys[*method].point.as_ref();
+            labels.extend(x.and(y).map(|_| point.map(OperatingPointSpec::long_label).unwrap_or_default()));
+        }
+        // Where the operating point is no axis, the ends of a line say theirs.
+        if points.len() > 1 && ![LAMBDA, AGGRESSION].contains(&&*chart.x) {
+            let ends = [0, points.len() - 1];
+            texts.extend(ends.map(|k| (labels[k].clone(), points[k])));
         }
         // A method with one point is a mark.
         match &points[..] {
@@ -88,7 +96,7 @@ fn lines_of(study: &Study, results: &Results, chart: &ChartSpec) -> Result<Strin
     }
     marks.extend(published_points(study, results, chart)?);
     let axes = [axis(results, chart, &chart.x), axis(results, chart, &chart.y)];
-    Chart { axes: [&axes[0], &axes[1]], lines: drawn, marks, ..Chart::default() }.draw()
+    Chart { axes: [&axes[0], &axes[1]], lines: drawn, marks, texts, ..Chart::default() }.draw()
 }
 
 /// The paper's points of the methods that are drawn, where it has both metrics. It has none without selection.

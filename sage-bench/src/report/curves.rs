@@ -57,7 +57,7 @@ fn curve(results: &Results, line: &Line, subject: Subject, scenes: &[usize]) -> 
     let metric = |name: &str| {
         results
             .metric(subject, name)
-            .with_context(|| format!("curves need the metric `{name}` of a {subject}"))
+            .with_context(|| format!("curves need the metric `{name}` of `{subject}`"))
     };
     let metrics = [metric("R_adv")?, metric("P_real")?, metric("attack")?, metric("believable")?];
     let samples: Vec<_> =

@@ -16,6 +16,8 @@ const ARMS: &str = "arms";
 const FIRST: &str = "first";
 /// The first operating point of the same arm.
 const FIRST_POINT: &str = "first-point";
+/// What `with` may be besides a generator.
+pub(crate) const KINDS: [&str; 3] = [ARMS, FIRST, FIRST_POINT];
 
 /// The comparisons of a study.
 ///
@@ -72,7 +74,7 @@ fn base_of(of: usize, baseline: &str, methods: &[usize], results: &Results) -> O
 
 fn table(spec: &PairSpec, results: &Results) -> Result<Option<Table>> {
     let metric = |name: &String| {
-        let known = || format!("`pairs` names `{name}`, which is not measured of a {}", spec.of);
+        let known = || format!("`pairs` names `{name}`, which is no metric of `{}` in this study", spec.of);
         results.metric(spec.of, name).with_context(known)
     };
     let metrics = spec.metrics.iter().map(metric).collect::<Result<Vec<_>>>()?;
@@ -83,16 +85,13 @@ fn table(spec: &PairSpec, results: &Results) -> Result<Option<Table>> {
     let all: Vec<usize> = pairs.iter().flatten().copied().collect();
     let has = shown(results, &all);
     let label = |k: usize| named(results, k, has).join(", ");
-    let mut heads = vec!["first".to_owned(), "second".to_owned()];
+    let mut heads = ["A", "B", "N"].map(str::to_owned).to_vec();
     for name in &spec.metrics {
-        heads.extend([
-            format!("{name}: only the first"),
-            format!("{name}: only the second"),
-            format!("{name}: difference"),
-        ]);
+        heads.extend([format!("{name}: larger in A"), format!("in B"), format!("{name}: A − B")]);
     }
     let row = |[a, b]: &[usize; 2]| {
-        let mut row = vec![label(*a), label(*b)];
+        let mut row = vec![label(*a), label(*b), String::new()];
+        let mut most = 0;
         for (k, name) in metrics.iter().zip(&spec.metrics) {
             let stream = format!("{} {} {name}", results.keys[*a].stream(), results.keys[*b].stream());
             let found = results.samples(*a, *k).less(&results.samples(*b, *k), &stream);
@@ -105,19 +104,23 @@ fn table(spec: &PairSpec, results: &Results) -> Result<Option<Table>> {
                 found.larger.map_or(["-".to_owned(), "-".to_owned()], |larger| larger.map(|n| n.to_string()));
             row.extend(larger);
             let e = found.estimate;
+            most = most.max(e.n);
             let digits = if scale == 1.0 { 3 } else { 1 };
             let text = |x: f64, plus: bool| {
                 if plus { format!("{:+.digits$}", scale * x) } else { format!("{:.digits$}", scale * x) }
             };
             row.push(format!("{} [{}, {}]", text(e.value, true), text(e.low, false), text(e.high, false)));
         }
+        row[2] = most.to_string();
         row
     };
     let title = match &*spec.with {
-        ARMS => format!("Pairs of arms, {}, the first less the second; shares in points:", spec.of),
-        FIRST => format!("Arms less the first arm, {}; shares in points:", spec.of),
-        FIRST_POINT => format!("Points less the first one, {}; shares in points:", spec.of),
-        baseline => format!("Paired with `{baseline}`, {}; shares in points:", spec.of),
+        ARMS => "Pairs of arms".to_owned(),
+        FIRST => "Arms A less the first arm B".to_owned(),
+        FIRST_POINT => "Points A less the first point B".to_owned(),
+        baseline => format!("Generators A less `{baseline}` B"),
     };
+    let title =
+        format!("{title}, {}, paired by scene; scenes in which A or B is larger; shares in points:", spec.of);
     Ok(Some(Table { title, heads, rows: pairs.par_iter().map(row).collect(), names: 2 }))
 }

@@ -106,6 +106,13 @@ pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
     Ok(results)
 }
 
+/// Shards that are missing among some records, as K of N.
+pub fn missing<'r>(records: impl Iterator<Item = &'r StudyRecord>) -> Vec<[usize; 2]> {
+    let shards: Vec<[usize; 2]> = records.filter_map(|record| record.shard).collect();
+    let most = shards.iter().map(|[_, of]| *of).max().unwrap_or(0);
+    (1..=most).map(|number| [number, most]).filter(|shard| !shards.contains(shard)).collect()
+}
+
 /// Results of several folders as one: shards of a run in the order of its scenes, or other scenes one after another.
 ///
 /// *Errors*: folders of different studies, or a scene that is in two of them.

@@ -81,7 +81,7 @@ pub(super) fn write(
     let page = format!(
         "<!doctype html><meta charset=utf-8><title>{title}</title>\n<style>{STYLE}</style>\n<h1>{title}</h1>\n<p><code>{}</code></p>\n{tables}<p>{}</p>{cards}",
         escaped(&output::command()),
-        escaped(&report.notes),
+        escaped(&(report.words.iter().map(|(_, words)| &**words).collect::<String>() + &report.notes)),
     );
     folder.write("index.html", page.as_bytes())
 }

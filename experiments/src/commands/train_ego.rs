@@ -21,6 +21,7 @@ use sage_sim::{
 };
 use serde_json::{Map, Value, json};
 
+use self::columns::Columns;
 use crate::{
     Outcome, Registries,
     cli::{SplitArgs, TrainEgoArgs},
@@ -56,6 +57,7 @@ struct Shared<'a> {
     attacker: Option<BuiltGenerator>,
     examiner: Option<BuiltGenerator>,
     options: TrainingOptions,
+    columns: Columns,
     /// Name and hashes of the attacker's weights.
     weights: Value,
     identity: Value,
@@ -105,6 +107,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let shared = Shared {
         args,
         registries,
+        columns: Columns::new(&registries.metrics.episode)?,
         names: evaluation.iter().map(|data| data.name.clone()).collect(),
         training: simulated(&training)?,
         evaluation: simulated(&evaluation)?,
@@ -137,10 +140,10 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         }
     }
     let trained = all_seeds(&shared, &run)?;
-    report::write(&run, &trained)?;
-    let summary = report::summary(&trained)?;
+    report::write(&run, &shared.columns, &trained)?;
+    let summary = report::summary(&shared.columns, &trained);
     run.finish(&summary, clock.elapsed().as_secs_f64())?;
-    output::print(&report::markdown(shared.evaluation.len(), &trained)?)?;
+    output::print(&report::markdown(&shared.columns, shared.evaluation.len(), &trained))?;
     progress::say(&format!("policies, curves and run.json are in `{}`", args.folder.out.display()));
     Ok(scenes::outcome_without(failed + failed_evaluation))
 }

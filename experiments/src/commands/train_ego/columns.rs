@@ -1,7 +1,7 @@
-//! What the reports of a training run show of its episodes: metrics of episodes, in a fixed order.
+//! What the reports of a training run show of its episodes: metrics of episodes, in a fixed order, then registered ones.
 
 use anyhow::Result;
-use sage_core::metric::Metric;
+use sage_core::metric::{Metric, Metrics};
 use sage_sim::{metrics::episode_metrics, rl::EpisodeRow};
 
 pub(super) const COMPLETION: &str = "completion";
@@ -28,11 +28,17 @@ const NAMES: [&str; 13] = [
 pub(super) struct Columns(Vec<Metric<EpisodeRow>>);
 
 impl Columns {
-    /// All columns.
+    /// All columns: those above, then registered metrics that are not built in.
     ///
     /// *Errors*: none that a caller can cause.
-    pub(super) fn new() -> Result<Self> {
-        Ok(Self(episode_metrics()?.chosen(&NAMES.map(str::to_owned))?))
+    pub(super) fn new(registered: &Metrics<EpisodeRow>) -> Result<Self> {
+        let built_in = episode_metrics()?;
+        let is_own = |metric: &&Metric<EpisodeRow>| {
+            built_in.all().iter().all(|known| known.info.name != metric.info.name)
+        };
+        let own = registered.all().iter().filter(is_own).map(|metric| metric.info.name.to_string());
+        let names: Vec<String> = NAMES.map(str::to_owned).into_iter().chain(own).collect();
+        Ok(Self(registered.chosen(&names)?))
     }
 
     /// Names, as heads of CSV and keys of JSON.
@@ -80,7 +86,7 @@ mod tests {
 
     #[test]
     fn means_over_steps_weigh_by_steps() {
-        let columns = Columns::new().unwrap();
+        let columns = Columns::new(&episode_metrics().unwrap()).unwrap();
         let row = |steps, speed, off_road| EpisodeRow { steps, speed, off_road, ..EpisodeRow::default() };
         let rows = [row(10, 2.0, None), row(30, 6.0, Some(true))];
         // (20 + 180)/40, and the mean over the episode in which it is measured.

@@ -75,7 +75,7 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
             .save(&path, &identity)
             .with_context(|| format!("cannot write to `{}`", path.display()))?;
         for evaluation in &training.state().evaluations()[before..] {
-            clock.evaluated(seed, evaluation, total);
+            clock.evaluated(&shared.columns, seed, evaluation, total);
         }
     }
     let state = training.state();
@@ -95,7 +95,7 @@ fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
     let name = folder(trained.seed);
     let write = |file: &str, evaluation: &Evaluation| -> Result<()> {
         let Some(actor) = &evaluation.actor else { return Ok(()) };
-        let card = card(shared, trained, evaluation)?;
+        let card = card(shared, trained, evaluation);
         let path = run.folder().inner(name.as_ref())?.join(file);
         write_policy(&path, actor, &card).with_context(|| format!("cannot write `{}`", path.display()))
     };
@@ -104,18 +104,20 @@ fn write_policies(shared: &Shared, run: &Run, trained: &Trained) -> Result<()> {
     }
     if let Some(last) = trained.evaluations.last() {
         write("policy.safetensors", last)?;
-        let card = report::card_page(&card(shared, trained, last)?)?;
+        let card = report::card_page(&shared.columns, &card(shared, trained, last));
         run.folder().write(&format!("{name}/README.md"), card.as_bytes())?;
     }
     run.folder().write(
         &format!("{name}/evaluations.csv"),
-        report::curve_csv(std::slice::from_ref(trained))?.as_bytes(),
+        report::curve_csv(&shared.columns, std::slice::from_ref(trained)).as_bytes(),
     )?;
-    run.folder()
-        .write(&format!("{name}/episodes.csv"), report::episodes_csv(trained, &shared.names)?.as_bytes())
+    run.folder().write(
+        &format!("{name}/episodes.csv"),
+        report::episodes_csv(&shared.columns, trained, &shared.names).as_bytes(),
+    )
 }
 
-fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> Result<PolicyCard> {
+fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCard {
     let args = shared.args;
     let options = TrainingOptions { seed: trained.seed, ..shared.options.clone() };
     let training = json!({
@@ -126,7 +128,8 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> Result<P
     });
     let measured = json!({
         "scenes": shared.identity["evaluation_scenes"], "attacks": args.eval_generator.to_string(),
-        "unchanged": report::means(&evaluation.unchanged)?, "attacked": report::means(&evaluation.attacked)?,
+        "unchanged": report::means(&shared.columns, &evaluation.unchanged),
+        "attacked": report::means(&shared.columns, &evaluation.attacked),
     });
-    Ok(PolicyCard::new(training, measured, shared.license.clone()))
+    PolicyCard::new(training, measured, shared.license.clone())
 }

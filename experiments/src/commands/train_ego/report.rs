@@ -29,21 +29,15 @@ use crate::{
 const AVERAGED: usize = 5;
 
 /// Means of all columns, with the number of episodes.
-///
-/// *Errors*: none that a caller can cause.
-pub(super) fn means(rows: &[EpisodeRow]) -> Result<Value> {
-    let columns = Columns::new()?;
+pub(super) fn means(columns: &Columns, rows: &[EpisodeRow]) -> Value {
     let means = columns.names().into_iter().zip(columns.means(rows));
     let mut all: Map<String, Value> = means.map(|(name, mean)| (name, json!(mean))).collect();
     all.insert("episodes".to_owned(), json!(rows.len()));
-    Ok(Value::Object(all))
+    Value::Object(all)
 }
 
 /// Curves of some seeds as CSV: a row per evaluation and kind of scenes.
-///
-/// *Errors*: as [`means`].
-pub(super) fn curve_csv(trained: &[Trained]) -> Result<String> {
-    let columns = Columns::new()?;
+pub(super) fn curve_csv(columns: &Columns, trained: &[Trained]) -> String {
     let heads = ["seed", "step", "updates", "scenes", "episodes"].map(str::to_owned).into_iter();
     let mut all: Vec<Vec<String>> =
         vec![heads.chain(columns.names()).chain(["critic_loss", "mean_abs_q"].map(str::to_owned)).collect()];
@@ -58,14 +52,11 @@ pub(super) fn curve_csv(trained: &[Trained]) -> Result<String> {
             }
         }
     }
-    Ok(csv(all))
+    csv(all)
 }
 
 /// Rows of all episodes of the newest evaluations of a seed.
-///
-/// *Errors*: as [`means`].
-pub(super) fn episodes_csv(trained: &Trained, names: &[String]) -> Result<String> {
-    let columns = Columns::new()?;
+pub(super) fn episodes_csv(columns: &Columns, trained: &Trained, names: &[String]) -> String {
     let heads = ["seed", "step", "scenes", "scene", "steps"].map(str::to_owned).into_iter();
     let mut all: Vec<Vec<String>> = vec![heads.chain(columns.names()).collect()];
     let first = trained.evaluations.len().saturating_sub(AVERAGED);
@@ -79,7 +70,7 @@ pub(super) fn episodes_csv(trained: &Trained, names: &[String]) -> Result<String
             }
         }
     }
-    Ok(csv(all))
+    csv(all)
 }
 
 fn kinds(evaluation: &Evaluation) -> impl Iterator<Item = (&'static str, &[EpisodeRow])> {
@@ -91,9 +82,8 @@ fn kinds(evaluation: &Evaluation) -> impl Iterator<Item = (&'static str, &[Episo
 /// Writes the curves of all seeds as CSV and SVG.
 ///
 /// *Errors*: a file cannot be written.
-pub(super) fn write(run: &Run, trained: &[Trained]) -> Result<()> {
-    run.folder().write("curves.csv", curve_csv(trained)?.as_bytes())?;
-    let columns = Columns::new()?;
+pub(super) fn write(run: &Run, columns: &Columns, trained: &[Trained]) -> Result<()> {
+    run.folder().write("curves.csv", curve_csv(columns, trained).as_bytes())?;
     let mut lines: Vec<Line> = Vec::new();
     let drawn = [
         ("unchanged", COMPLETION),
@@ -139,10 +129,7 @@ fn newest(trained: &Trained, kind: &str, columns: &Columns) -> Option<Vec<Option
 }
 
 /// A table: a row per seed and kind of scenes, means of the last five evaluations.
-///
-/// *Errors*: as [`means`].
-pub(super) fn markdown(scenes: usize, trained: &[Trained]) -> Result<String> {
-    let columns = Columns::new()?;
+pub(super) fn markdown(columns: &Columns, scenes: usize, trained: &[Trained]) -> String {
     let title = format!(
         "Means of the last {AVERAGED} evaluations, {scenes} scenes each. `completion_recorded` ends with the recording."
     );
@@ -150,20 +137,18 @@ pub(super) fn markdown(scenes: usize, trained: &[Trained]) -> Result<String> {
     let mut table = Table { title, heads, names: 2, ..Table::default() };
     for run in trained {
         for kind in ["unchanged", "attacked"] {
-            if let Some(means) = newest(run, kind, &columns) {
+            if let Some(means) = newest(run, kind, columns) {
                 let cells = means.into_iter().map(|mean| format!("{:.2}", mean.unwrap_or(f64::NAN)));
                 table.rows.push([run.seed.to_string(), kind.to_owned()].into_iter().chain(cells).collect());
             }
         }
     }
-    Ok(table.markdown())
+    table.markdown()
 }
 
 /// The card of a policy as a page.
-///
-/// *Errors*: as [`means`].
-pub(super) fn card_page(card: &PolicyCard) -> Result<String> {
-    let names = Columns::new()?.names();
+pub(super) fn card_page(columns: &Columns, card: &PolicyCard) -> String {
+    let names = columns.names();
     let PolicyCard { observation_hash, training, evaluation, license, .. } = card;
     let mut facts = Table::new("", &["", ""]);
     facts.row("licence", [escaped_markdown(license)]);
@@ -184,27 +169,25 @@ pub(super) fn card_page(card: &PolicyCard) -> Result<String> {
         let mean = |name: &String| format!("{:.2}", evaluation[kind][name].as_f64().unwrap_or(f64::NAN));
         means.row(kind, names.iter().map(mean));
     }
-    Ok(format!(
+    format!(
         "# A driving policy trained by TD3\n\n`policy.safetensors` drives wherever `sage` takes an ego: `--ego td3:policy.safetensors`.\n\n{}\n## Evaluation\n\n{}",
         facts.markdown(),
         means.markdown()
-    ))
+    )
 }
 
 /// Results for `run.json`.
-///
-/// *Errors*: as [`means`].
-pub(super) fn summary(trained: &[Trained]) -> Result<Value> {
-    let of = |run: &Trained| -> Result<Value> {
+pub(super) fn summary(columns: &Columns, trained: &[Trained]) -> Value {
+    let of = |run: &Trained| {
         let last = run.evaluations.last();
         let [unchanged, attacked] = [last.map(|e| &e.unchanged), last.map(|e| &e.attacked)];
-        Ok(json!({
+        json!({
             "seed": run.seed, "updates": run.updates, "counters": run.counters,
-            "unchanged": unchanged.map(|rows| means(rows)).transpose()?,
-            "attacked": attacked.map(|rows| means(rows)).transpose()?,
-        }))
+            "unchanged": unchanged.map(|rows| means(columns, rows)),
+            "attacked": attacked.map(|rows| means(columns, rows)),
+        })
     };
-    Ok(json!({"seeds": trained.iter().map(of).collect::<Result<Vec<_>>>()?}))
+    json!({"seeds": trained.iter().map(of).collect::<Vec<_>>()})
 }
 
 /// Progress of all seeds together.
@@ -253,10 +236,8 @@ impl Clock {
         )
     }
 
-    pub(super) fn evaluated(&self, seed: u64, evaluation: &Evaluation, total: u64) {
+    pub(super) fn evaluated(&self, columns: &Columns, seed: u64, evaluation: &Evaluation, total: u64) {
         let mut text = format!("seed {seed}, step {} of {total}:", evaluation.step);
-        // Columns are the same for every evaluation; without them there is nothing to say.
-        let Ok(columns) = Columns::new() else { return };
         for (kind, rows) in kinds(evaluation) {
             let [completion, contact, off_road] = [COMPLETION, CONTACT, OFF_ROAD].map(|column| {
                 columns.mean(column, rows).map_or("not measured".to_owned(), |mean| format!("{mean:.2}"))

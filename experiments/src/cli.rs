@@ -81,7 +81,7 @@ pub(crate) enum Command {
     #[command(
         after_help = "Examples:\n  sage bench list\n  sage bench open-loop scenes/ --method sage,log --lambda 1 --out table/\n  sage bench my-study.yaml scenes/ --set lambda=0:1:0.1 --out mine/\n  sage bench report table/ --wide --out again/"
     )]
-    Bench(BenchArgs),
+    Bench(Box<BenchArgs>),
     /// Print a completion script for a shell.
     #[command(
         after_help = "Example:\n  sage completions bash > ~/.local/share/bash-completion/completions/sage"

@@ -4,7 +4,7 @@ use anyhow::Result;
 
 use crate::{
     Outcome, Registries,
-    cli::{AnalyseCommand, BenchArgs, BenchCommand, Cli, Command},
+    cli::{AnalyseCommand, BenchCommand, Cli, Command},
     commands, threads,
 };
 
@@ -34,18 +34,12 @@ impl Cli {
             Command::Analyse(AnalyseCommand::Connectivity(args)) => {
                 commands::analyse_connectivity::run(&args, registries)
             }
-            Command::Bench(BenchArgs { command: Some(BenchCommand::Speed(args)), .. }) => {
-                commands::bench_speed::run(&args)
-            }
-            Command::Bench(BenchArgs { command: Some(BenchCommand::List), .. }) => {
-                commands::bench_study::list(registries)
-            }
-            Command::Bench(BenchArgs { command: Some(BenchCommand::Report(args)), .. }) => {
-                commands::bench_study::report(&args, registries)
-            }
-            Command::Bench(BenchArgs { command: None, study }) => {
-                commands::bench_study::run(&study, registries)
-            }
+            Command::Bench(args) => match args.command {
+                Some(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
+                Some(BenchCommand::List) => commands::bench_study::list(registries),
+                Some(BenchCommand::Report(args)) => commands::bench_study::report(&args, registries),
+                None => commands::bench_study::run(&args.study, registries),
+            },
             Command::Completions { shell } => commands::completions::run(shell),
         }
     }

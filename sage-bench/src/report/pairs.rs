@@ -87,7 +87,7 @@ fn table(spec: &PairSpec, results: &Results) -> Result<Option<Table>> {
     let label = |k: usize| named(results, k, has).join(", ");
     let mut heads = ["A", "B", "N"].map(str::to_owned).to_vec();
     for name in &spec.metrics {
-        heads.extend([format!("{name}: larger in A"), format!("in B"), format!("{name}: A − B")]);
+        heads.extend([format!("{name}: larger in A"), "in B".to_string(), format!("{name}: A − B")]);
     }
     let row = |[a, b]: &[usize; 2]| {
         let mut row = vec![label(*a), label(*b), String::new()];

@@ -208,7 +208,7 @@ impl Found {
             if best.high < low || best.low > high {
                 against.push(format!("{mu}"));
             }
-            table.row(&format!("{mu}"), [cell(&best, 2), rule.to_owned()]);
+            table.row(format!("{mu}"), [cell(&best, 2), rule.to_owned()]);
             points.push([mu, best.value]);
         }
         let rises = points.windows(2).all(|pair| pair[1][1] >= pair[0][1]);
@@ -306,7 +306,7 @@ impl Found {
                 difference,
                 vector.difference(direct, |front| front[k].penalty)?,
             ];
-            table.row(&format!("{step}"), cells.map(|e| cell(&e, 2)));
+            table.row(format!("{step}"), cells.map(|e| cell(&e, 2)));
         }
         let line = |(name, sweep): (&str, &Sweep)| {
             let points = self.points.steps.iter().zip(sweep.front()).map(|(step, m)| [*step, m.reward]);

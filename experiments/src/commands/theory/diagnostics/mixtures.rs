@@ -13,7 +13,7 @@ impl Found {
     /// Weight against output mixing without derivatives.
     pub(super) fn mixing(&self) -> Option<Diagnostic> {
         let mut table = Table::new(
-            &format!(
+            format!(
                 "Half the mean squared distance of the mean trajectory from the log, m²: weight mixing is better where chord − L_w exceeds k E‖Δf‖² (N = {} with a whole log)",
                 self.mixing.len()
             ),
@@ -37,7 +37,7 @@ impl Found {
                 cell(&gain, 2),
                 cell(&mean(|c| if c.gain() > 0.0 { 100.0 } else { 0.0 })?, 0),
             ];
-            table.row(&format!("{lambda}"), cells);
+            table.row(format!("{lambda}"), cells);
         }
         Some(Diagnostic {
             id: "G5",
@@ -55,7 +55,7 @@ impl Found {
     /// The squared error in place of a log-likelihood.
     pub(super) fn stand_in(&self) -> Option<Diagnostic> {
         let mut table = Table::new(
-            &format!(
+            format!(
                 "Squared error of the mean trajectory against the negative log-likelihood (nll) of the mode nearest to the log, by scene (N = {})",
                 self.mixing.len()
             ),
@@ -95,7 +95,7 @@ impl Found {
                 cell(&likelihood, 2),
                 cell(&error, 1),
             ];
-            table.row(&format!("{lambda}"), cells);
+            table.row(format!("{lambda}"), cells);
         }
         let middle: Vec<[f64; 2]> = self.mixing.iter().map(|s| [s[1].weight, s[1].nll[0]]).collect();
         let greatest = agreements.iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -31,7 +31,7 @@ pub fn small() -> TrainingOptions {
         updates: 600,
         ratio: 0.5,
         evaluations: 3,
-        paths: 2,
+        drives: 2,
         refresh_after: Some(200),
         seed: 7,
         ..TrainingOptions::default()

@@ -1,7 +1,7 @@
 //! `sage` with your own curriculum: attacks begin when the policy drives well without them.
 //!
 //! ```sh
-//! cargo run --release -p experiments --example own_curriculum -- train-ego --generator rule \
+//! cargo run --release -p experiments --example own_curriculum -- train-ego --method rule \
 //!     --curriculum 'patient{"least": 0.6}' --updates 20000 --ratio 0.5 --out run
 //! ```
 

@@ -2,7 +2,7 @@
 //!
 //! ```sh
 //! cargo run --release -p experiments --example own_policy -- bench drivers \
-//!     --policies replay,cautious,idm --out drivers
+//!     --ego replay,cautious,idm --out drivers
 //! ```
 
 use std::process::ExitCode;

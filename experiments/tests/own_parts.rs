@@ -367,11 +367,11 @@ fn a_curriculum_is_listed_and_decides_the_attacks_of_a_training() {
         let out = folder.path().join(least);
         let curriculum = format!(r#"patient{{"least": {least}}}"#);
         let size = ["--procedural", "6", "--updates", "300", "--evaluations", "1"];
-        let train = ["train-ego", "--generator", "rule", "--curriculum", &curriculum, "--out", text(&out)];
+        let train = ["train-ego", "--method", "rule", "--curriculum", &curriculum, "--out", text(&out)];
         let small = [
             "--config",
             r#"{"td3": {"hidden": [8, 8], "batch": 8, "random_steps": 300}}"#,
-            "--eval-generator",
+            "--eval-method",
             "none",
         ];
         stdout(&run(&program, &[&train[..], &size, &small].concat()));

@@ -174,11 +174,11 @@ fn a_part_of_another_crate_is_in_every_command() {
     let small = [
         "--config",
         r#"{"td3": {"hidden": [16, 16], "batch": 16, "random_steps": 200}}"#,
-        "--eval-generator",
+        "--eval-method",
         "none",
         "--merger",
         "halfway",
     ];
-    let attacked = ["--generator", "coast", "--out", at("trained")];
+    let attacked = ["--method", "coast", "--out", at("trained")];
     stdout(&run(&program, &[&train[..], &small, &attacked].concat()));
 }

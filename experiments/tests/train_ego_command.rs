@@ -22,7 +22,7 @@ const QUICK: [&str; 13] = [
     "procedural",
     "--checkpoint-every",
     "100",
-    "--generator",
+    "--method",
 ];
 
 fn train(more: &[&str]) -> std::process::Output {

@@ -1,6 +1,6 @@
 //! A prior and experts trained on procedural scenes, with their dial, as files by name.
 
-/// A driving policy trained by TD3 on procedural scenes without attacks: `sage train-ego --generator none`.
+/// A driving policy trained by TD3 on procedural scenes without attacks: `sage train-ego --method none`.
 pub const TD3: &[u8] = include_bytes!("../procedural/td3.safetensors");
 
 /// Files of the folder `weights/procedural`.

@@ -34,9 +34,9 @@ const TRAIN: [&str; 12] = [
     "2",
     "--checkpoint-every",
     "100",
-    "--generator",
+    "--method",
     "none",
-    "--eval-generator",
+    "--eval-method",
 ];
 const TD3: [&str; 3] =
     ["none", "--config", r#"{"td3": {"hidden": [16, 16], "batch": 16, "random_steps": 200}}"#];

@@ -19,7 +19,7 @@ use crate::part::Part;
 /// an ego is named: `sage simulate SCENE --ego td3:run/seed-0/policy.safetensors`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage train-ego --generator none --updates 20000 --seeds 0..1 --out run/\n  sage train-ego target/data/womd_cat500/pretrain --splits docs/results/splits.json --split train --eval target/data/womd_cat500/dev --generator sage --updates 200000 --ratio 0.5 --seeds 0..5 --out run/"
+    after_help = "Examples:\n  sage train-ego --method none --updates 20000 --seeds 0..1 --out run/\n  sage train-ego target/data/womd_cat500/pretrain --splits docs/results/splits.json --split train --eval target/data/womd_cat500/dev --method sage --updates 200000 --ratio 0.5 --seeds 0..5 --out run/"
 )]
 pub(crate) struct TrainEgoArgs {
     /// Scene files and folders for training (default: procedural scenes).
@@ -37,11 +37,11 @@ pub(crate) struct TrainEgoArgs {
     #[arg(long, value_name = "N", default_value_t = 120, value_parser = clap::value_parser!(u64).range(3..=MOST_PROCEDURAL))]
     pub procedural: u64,
     /// Generator of the attacks, by its name in `sage list`, or none.
-    #[arg(long, value_name = "NAME", default_value = "none")]
-    pub generator: Part,
+    #[arg(long, alias = "generator", value_name = "NAME", default_value = "none")]
+    pub method: Part,
     /// Generator of the attacks in the evaluation, or none.
-    #[arg(long, value_name = "NAME", default_value = "sage")]
-    pub eval_generator: Part,
+    #[arg(long, alias = "eval-generator", value_name = "NAME", default_value = "sage")]
+    pub eval_method: Part,
     /// Weights of the experts: procedural, waymo, waymo-paper or a folder (default: as in `sage generate`).
     #[arg(long, value_name = "NAME")]
     pub weights: Option<String>,

@@ -75,7 +75,7 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         None => networks::default_for(args.paths.is_empty())?.to_owned(),
     };
     let mut generators = Generators::new(registries, &args.merging.merger, &selection, 0)?;
-    let parts = [&args.generator, &args.eval_generator].map(|part| Some(part).filter(|p| p.name != NONE));
+    let parts = [&args.method, &args.eval_method].map(|part| Some(part).filter(|p| p.name != NONE));
     let needs_experts = |part: Option<&Part>| -> Result<bool> {
         Ok(part.map(|part| generators.facts(part)).transpose()?.is_some_and(|facts| facts.needs_experts))
     };
@@ -96,8 +96,8 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     refuse_overlap(args, &training, &evaluation)?;
     let hashes = [&training, &evaluation].map(|data| scenes::describe(data));
     let identity = json!({
-        "command": "train-ego", "options": options, "generator": args.generator.to_string(),
-        "evaluation_generator": args.eval_generator.to_string(), "curriculum": args.curriculum.to_string(),
+        "command": "train-ego", "options": options, "generator": args.method.to_string(),
+        "evaluation_generator": args.eval_method.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "merger": args.merging.merger.to_string(), "selection": selection.objective.spec(),
         "weights": used,
         "scenes": hashes[0], "evaluation_scenes": hashes[1], "checkpoint_every": args.checkpoint_every,

@@ -89,7 +89,7 @@ impl Case {
                 let size = ["--procedural", "6", "--updates", "900"];
                 let run =
                     ["--config", small, "--evaluations", "3", "--checkpoint-every", "100", "--seeds", "0..2"];
-                let attacks = ["train-ego", "--generator", "sage", "--weights", "procedural"];
+                let attacks = ["train-ego", "--method", "sage", "--weights", "procedural"];
                 (&[&attacks[..], &size, &run].concat(), false)
             }
             "ablation" => {

@@ -34,7 +34,7 @@ pub const TRAIN_EGO: &[&str] = &[
     "2",
     "--checkpoint-every",
     "100",
-    "--eval-generator",
+    "--eval-method",
     "none",
     "--config",
     r#"{"td3": {"hidden": [16, 16], "batch": 16, "random_steps": 200}}"#,

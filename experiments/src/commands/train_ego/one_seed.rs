@@ -121,13 +121,13 @@ fn card(shared: &Shared, trained: &Trained, evaluation: &Evaluation) -> PolicyCa
     let args = shared.args;
     let options = TrainingOptions { seed: trained.seed, ..shared.options.clone() };
     let training = json!({
-        "algorithm": "TD3", "generator": args.generator.to_string(), "curriculum": args.curriculum.to_string(),
+        "algorithm": "TD3", "generator": args.method.to_string(), "curriculum": args.curriculum.to_string(),
         "sampler": args.sampler.to_string(), "weights": shared.weights,
         "seed": trained.seed, "updates": evaluation.updates, "steps": evaluation.step,
         "scenes": shared.identity["scenes"], "options": options,
     });
     let measured = json!({
-        "scenes": shared.identity["evaluation_scenes"], "attacks": args.eval_generator.to_string(),
+        "scenes": shared.identity["evaluation_scenes"], "attacks": args.eval_method.to_string(),
         "unchanged": report::means(&shared.columns, &evaluation.unchanged),
         "attacked": report::means(&shared.columns, &evaluation.attacked),
     });

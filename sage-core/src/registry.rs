@@ -39,6 +39,8 @@ pub struct Registered<T: ?Sized> {
     pub source: &'static str,
     /// Default options.
     pub defaults: Value,
+    /// Whether options that are left out have these defaults, not those of the type.
+    is_preset: bool,
     build: fn(&Value) -> Result<Box<T>, String>,
 }
 
@@ -57,21 +59,38 @@ impl<T: ?Sized> Registry<T> {
     /// Adds an entry.
     ///
     /// *Errors*: [`Error::Duplicate`] if its name is taken.
-    pub fn with<E: Entry<T>>(mut self) -> Result<Self, Error> {
-        if self.entries.iter().any(|e| e.name == E::NAME) {
-            return Err(Error::Duplicate { kind: self.kind, name: E::NAME.to_owned() });
+    pub fn with<E: Entry<T>>(self) -> Result<Self, Error> {
+        self.push::<E>([E::NAME, E::SUMMARY, E::SOURCE], &E::Options::default(), false)
+    }
+
+    /// Adds an entry once more, under another name and with other defaults.
+    ///
+    /// *Errors*: [`Error::Duplicate`] if the name is taken.
+    pub fn with_preset<E: Entry<T>>(
+        self,
+        name: &'static str,
+        summary: &'static str,
+        source: &'static str,
+        defaults: &E::Options,
+    ) -> Result<Self, Error> {
+        self.push::<E>([name, summary, source], defaults, true)
+    }
+
+    fn push<E: Entry<T>>(
+        mut self,
+        [name, summary, source]: [&'static str; 3],
+        defaults: &E::Options,
+        is_preset: bool,
+    ) -> Result<Self, Error> {
+        if self.entries.iter().any(|e| e.name == name) {
+            return Err(Error::Duplicate { kind: self.kind, name: name.to_owned() });
         }
-        self.entries.push(Registered {
-            name: E::NAME,
-            summary: E::SUMMARY,
-            source: E::SOURCE,
-            defaults: serde_json::to_value(E::Options::default()).unwrap_or(Value::Null),
-            build: |options| {
-                let options = <E::Options as serde::Deserialize>::deserialize(options)
-                    .map_err(|error| error.to_string())?;
-                E::build(options)
-            },
-        });
+        let defaults = serde_json::to_value(defaults).unwrap_or(Value::Null);
+        let build = |options: &Value| {
+            let options = <E::Options as serde::Deserialize>::deserialize(options);
+            E::build(options.map_err(|error| error.to_string())?)
+        };
+        self.entries.push(Registered { name, summary, source, defaults, is_preset, build });
         Ok(self)
     }
 
@@ -106,11 +125,14 @@ impl<T: ?Sized> Registry<T> {
             let problem = format!("`{options}` is not a JSON object of options by name");
             return Err(Error::Options { kind: self.kind, name: entry.name, problem });
         }
-        (entry.build)(options).map_err(|problem| Error::Options {
-            kind: self.kind,
-            name: entry.name,
-            problem,
-        })
+        let built = match (entry.is_preset, &entry.defaults, options) {
+            (true, Value::Object(defaults), Value::Object(given)) => {
+                let all = defaults.iter().chain(given).map(|(name, value)| (name.clone(), value.clone()));
+                (entry.build)(&Value::Object(all.collect()))
+            }
+            _ => (entry.build)(options),
+        };
+        built.map_err(|problem| Error::Options { kind: self.kind, name: entry.name, problem })
     }
 
     /// Builds the entry of a name with its default options.
@@ -167,6 +189,21 @@ mod tests {
         assert_eq!(shapes().build_default("square").unwrap().area(), 4.0);
         assert_eq!(shapes().build("square", &serde_json::json!({"side": 3.0})).unwrap().area(), 9.0);
         assert_eq!(shapes().build("square", &serde_json::json!({})).unwrap().area(), 4.0);
+    }
+
+    #[test]
+    fn a_preset_is_the_same_part_with_other_defaults() {
+        let large = SquareOptions { side: 9.0 };
+        let shapes = shapes().with_preset::<Square>("large", "a large square", "Euclid", &large).unwrap();
+        assert_eq!(shapes.build_default("large").unwrap().area(), 81.0);
+        assert_eq!(shapes.build("large", &serde_json::json!({"side": 3.0})).unwrap().area(), 9.0);
+        assert_eq!(shapes.get("large").unwrap().defaults, serde_json::json!({"side": 9.0}));
+        let negative = shapes.build("large", &serde_json::json!({"side": -1.0})).err().unwrap().to_string();
+        assert_eq!(negative, "options of shape `large`: `side` must be positive");
+        assert!(matches!(
+            shapes.with_preset::<Square>("square", "again", "Euclid", &large),
+            Err(Error::Duplicate { .. })
+        ));
     }
 
     #[test]

@@ -65,30 +65,6 @@ impl Default for AdvTrajOpt {
     }
 }
 
-/// The generator `adv-traj-opt-published`: the plain gradient on the recorded positions, without clearance. It starts from the
-/// recording, where the original draws ten random starts within 1 m; the bound of 10 m and the 50 scales are ours.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PublishedAdvTrajOpt {
-    /// Weight of the smooth adversarial reward.
-    pub adversarial: f64,
-    /// Weight of the smooth realism penalty.
-    pub realism: f64,
-    /// Steps of the search.
-    pub steps: usize,
-    /// Displacement by the gradient, metres.
-    pub rate: f64,
-    /// Largest deviation from the recording, metres.
-    pub deviation: f64,
-}
-
-impl Default for PublishedAdvTrajOpt {
-    fn default() -> Self {
-        let AdvTrajOpt { adversarial, realism, steps, rate, deviation, .. } = AdvTrajOpt::default();
-        Self { adversarial, realism, steps, rate, deviation }
-    }
-}
-
 impl Entry<dyn GeneratorKind> for AdvTrajOpt {
     const NAME: &'static str = "adv-traj-opt";
     const SUMMARY: &'static str =
@@ -105,32 +81,18 @@ impl Entry<dyn GeneratorKind> for AdvTrajOpt {
     }
 }
 
-impl Entry<dyn GeneratorKind> for PublishedAdvTrajOpt {
-    const NAME: &'static str = "adv-traj-opt-published";
-    const SUMMARY: &'static str = "projected gradient ascent on positions, by the plain gradient";
-    const SOURCE: &'static str =
-        "Zhang et al. (2022), with the steps of the SAGE paper; start and bounds are not published";
-    type Options = Self;
-
-    fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
-        options.search().check()?;
-        Ok(Box::new(options))
-    }
-}
-
 impl AdvTrajOpt {
+    /// The options of `adv-traj-opt-published`: the plain gradient on the recorded positions, without clearance. It starts
+    /// from the recording, where the original draws ten random starts within 1 m; the bound of 10 m and the 50 scales are
+    /// ours.
+    pub fn published() -> Self {
+        Self { clearance: 0.0, smoothing: 0.0, ..Self::default() }
+    }
+
     pub(crate) fn search(&self) -> Search {
         let Self { adversarial, realism, clearance, steps, rate, deviation, .. } = *self;
-        let smoothing = Some(Smoothing::new(HORIZON, self.smoothing));
+        let smoothing = (self.smoothing > 0.0).then(|| Smoothing::new(HORIZON, self.smoothing));
         Search { weights: Weights { adversarial, realism, clearance }, steps, rate, deviation, smoothing }
-    }
-}
-
-impl PublishedAdvTrajOpt {
-    fn search(&self) -> Search {
-        let Self { adversarial, realism, steps, rate, deviation } = *self;
-        let weights = Weights { adversarial, realism, clearance: 0.0 };
-        Search { weights, steps, rate, deviation, smoothing: None }
     }
 }
 
@@ -141,16 +103,6 @@ impl GeneratorKind for AdvTrajOpt {
 
     fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         Ok(Box::new(Optimised { optimiser: self.search(), first: generator_of(self.start, inputs)? }))
-    }
-}
-
-impl GeneratorKind for PublishedAdvTrajOpt {
-    fn facts(&self) -> Facts {
-        facts(StartFrom::Log, false)
-    }
-
-    fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
-        Ok(Box::new(Optimised { optimiser: self.search(), first: None }))
     }
 }
 

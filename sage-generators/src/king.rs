@@ -62,28 +62,12 @@ impl Default for King {
     }
 }
 
-/// The generator `king-published`: no clearance term.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct PublishedKing {
-    /// Weight of the smooth adversarial reward.
-    pub adversarial: f64,
-    /// Weight of the smooth realism penalty.
-    pub realism: f64,
-    /// Steps of the search.
-    pub steps: usize,
-    /// Rate of Adam.
-    pub rate: f64,
-}
-
-impl Default for PublishedKing {
-    fn default() -> Self {
-        let King { adversarial, realism, steps, rate, .. } = King::default();
-        Self { adversarial, realism, steps, rate }
-    }
-}
-
 impl King {
+    /// The options of `king-published`: blind to the map, one search.
+    pub fn published() -> Self {
+        Self { clearance: 0.0, retries: 0, ..Self::default() }
+    }
+
     fn weights(&self) -> Weights {
         Weights { adversarial: self.adversarial, realism: self.realism, clearance: self.clearance }
     }
@@ -102,26 +86,6 @@ impl Entry<dyn GeneratorKind> for King {
             return Err(format!("`retries` is {}; expected 0 to {MOST_RETRIES}", options.retries));
         }
         Ok(Box::new(options))
-    }
-}
-
-impl Entry<dyn GeneratorKind> for PublishedKing {
-    const NAME: &'static str = "king-published";
-    const SUMMARY: &'static str = "gradient ascent on the controls of a bicycle, blind to the map";
-    const SOURCE: &'static str = "Hanselmann et al. (2022), as the SAGE paper configures it";
-    type Options = Self;
-
-    fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
-        let Self { adversarial, realism, steps, rate } = options;
-        <King as Entry<dyn GeneratorKind>>::build(King {
-            adversarial,
-            realism,
-            clearance: 0.0,
-            steps,
-            rate,
-            retries: 0,
-            start: StartFrom::Log,
-        })
     }
 }
 

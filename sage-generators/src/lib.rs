@@ -58,7 +58,7 @@ mod rule;
 pub mod selector;
 mod speed_profile;
 
-pub use adv_traj_opt::{AdvTrajOpt, PublishedAdvTrajOpt};
+pub use adv_traj_opt::AdvTrajOpt;
 pub use aggression::Aggression;
 pub use apply::attacked;
 pub use dial::{DIAL_FILE, Dials, FittedDial, Rate, hashes};
@@ -66,7 +66,7 @@ pub use drivable::{drivable, is_drivable};
 pub use error::Error;
 pub use generator_inputs::GeneratorInputs;
 pub use generator_kind::{Facts, GeneratorKind};
-pub use king::{King, PublishedKing};
+pub use king::King;
 pub use log::{Log, logged_future};
 pub use mixtures::Mixtures;
 pub use optimisers::StartFrom;
@@ -89,9 +89,19 @@ pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
         .with::<Pair<AllGoals, Best>>()?
         .with::<Pair<CatGoals, CatSelector>>()?
         .with::<King>()?
-        .with::<PublishedKing>()?
+        .with_preset::<King>(
+            "king-published",
+            "gradient ascent on the controls of a bicycle, blind to the map",
+            "Hanselmann et al. (2022), as the SAGE paper configures it",
+            &King::published(),
+        )?
         .with::<AdvTrajOpt>()?
-        .with::<PublishedAdvTrajOpt>()?
+        .with_preset::<AdvTrajOpt>(
+            "adv-traj-opt-published",
+            "projected gradient ascent on positions, by the plain gradient",
+            "Zhang et al. (2022), with the steps of the SAGE paper; start and bounds are not published",
+            &AdvTrajOpt::published(),
+        )?
         .with::<Rule>()?
         .with::<Log>()
 }

@@ -110,7 +110,7 @@ fn options_are_checked_by_name() {
     for (name, options, problem) in [
         ("king", json!({"steps": 0}), "`steps` is 0; expected 1 to 10000"),
         ("king", json!({"rate": -1}), "`rate` is -1; expected a number above 0"),
-        ("king-published", json!({"clearance": 1}), "unknown field `clearance`"),
+        ("king-published", json!({"clearances": 1}), "unknown field `clearances`"),
         ("king", json!({"realism": 1e9}), "`realism` is 1000000000; expected a weight from 0 to 100"),
         ("adv-traj-opt", json!({"deviation": 0}), "`deviation` is 0; expected metres above 0"),
         ("adv-traj-opt", json!({"smoothing": -1}), "`smoothing` is -1; expected 0 to 1e9"),

@@ -37,7 +37,6 @@ pub use expert::Expert;
 pub use expert_release::ExpertRelease;
 pub use idm::IdmPolicy;
 pub use idm_release::IdmRelease;
-pub use idm_sets::{IdmNuPlan, IdmVMax};
 pub use path::{DrivenPath, PathPolicy};
 pub use pdm::{Pdm, PdmOptions};
 pub use r157::{R157, R157Options, Reading};
@@ -64,8 +63,18 @@ pub fn policies() -> Result<Registry<dyn EgoPolicy>, Error> {
         .with::<Replay>()?
         .with::<IdmPolicy>()?
         .with::<IdmRelease>()?
-        .with::<IdmNuPlan>()?
-        .with::<IdmVMax>()?
+        .with_preset::<IdmPolicy>(
+            "idm-nuplan",
+            "car following along the logged route, parameters of nuPlan's planner",
+            "nuplan-devkit, IDM planner",
+            &idm_sets::nuplan(),
+        )?
+        .with_preset::<IdmPolicy>(
+            "idm-vmax",
+            "car following along the logged route, parameters of V-Max",
+            "V-Max, rule-based IDM",
+            &idm_sets::vmax(),
+        )?
         .with::<R157>()?
         .with::<Pdm>()?
         .with::<Expert>()?

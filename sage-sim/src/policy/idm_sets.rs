@@ -1,16 +1,9 @@
 //! Car following with the parameters of public benchmarks: nuPlan's planner, and V-Max's driver. They drive along the
 //! logged route without lane changes, and do not look at traffic lights.
 
-use sage_core::{
-    Error,
-    motion::idm::Idm,
-    registry::{Entry, NoOptions},
-};
+use sage_core::motion::idm::Idm;
 
-use super::{
-    Driver, EgoPolicy, Start,
-    idm::{IdmDriver, IdmOptions},
-};
+use super::idm::IdmOptions;
 
 /// nuPlan's planner where a lane has no limit, m/s.
 const NUPLAN_SPEED: f64 = 10.0;
@@ -19,74 +12,30 @@ fn published(model: Idm, limits: [f64; 2]) -> IdmOptions {
     IdmOptions { model, limits, lane_changes: None, red_lights: false, ..IdmOptions::default() }
 }
 
-/// The policy `idm-nuplan`.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct IdmNuPlan;
-
-impl IdmNuPlan {
-    fn options() -> IdmOptions {
-        let model = Idm {
-            desired_speed: NUPLAN_SPEED,
-            time_gap: 1.5,
-            standing_gap: 1.0,
-            acceleration: 1.0,
-            deceleration: 3.0,
-            exponent: 4.0,
-        };
-        published(model, [-3.0, 1.0])
-    }
+/// The options of `idm-nuplan`.
+pub(super) fn nuplan() -> IdmOptions {
+    let model = Idm {
+        desired_speed: NUPLAN_SPEED,
+        time_gap: 1.5,
+        standing_gap: 1.0,
+        acceleration: 1.0,
+        deceleration: 3.0,
+        exponent: 4.0,
+    };
+    published(model, [-3.0, 1.0])
 }
 
-impl Entry<dyn EgoPolicy> for IdmNuPlan {
-    const NAME: &'static str = "idm-nuplan";
-    const SUMMARY: &'static str = "car following along the logged route, parameters of nuPlan's planner";
-    const SOURCE: &'static str = "nuplan-devkit, IDM planner";
-    type Options = NoOptions;
-
-    fn build(_: NoOptions) -> Result<Box<dyn EgoPolicy>, String> {
-        Ok(Box::new(Self))
-    }
-}
-
-impl EgoPolicy for IdmNuPlan {
-    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
-        Ok(Box::new(IdmDriver::new(Self::options())))
-    }
-}
-
-/// The policy `idm-vmax`.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct IdmVMax;
-
-impl IdmVMax {
-    fn options() -> IdmOptions {
-        let model = Idm {
-            time_gap: 2.0,
-            standing_gap: 2.0,
-            acceleration: 2.0,
-            deceleration: 4.0,
-            exponent: 4.0,
-            ..IdmOptions::default().model
-        };
-        published(model, [-6.0, 6.0])
-    }
-}
-
-impl Entry<dyn EgoPolicy> for IdmVMax {
-    const NAME: &'static str = "idm-vmax";
-    const SUMMARY: &'static str = "car following along the logged route, parameters of V-Max";
-    const SOURCE: &'static str = "V-Max, rule-based IDM";
-    type Options = NoOptions;
-
-    fn build(_: NoOptions) -> Result<Box<dyn EgoPolicy>, String> {
-        Ok(Box::new(Self))
-    }
-}
-
-impl EgoPolicy for IdmVMax {
-    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
-        Ok(Box::new(IdmDriver::new(Self::options())))
-    }
+/// The options of `idm-vmax`.
+pub(super) fn vmax() -> IdmOptions {
+    let model = Idm {
+        time_gap: 2.0,
+        standing_gap: 2.0,
+        acceleration: 2.0,
+        deceleration: 4.0,
+        exponent: 4.0,
+        ..IdmOptions::default().model
+    };
+    published(model, [-6.0, 6.0])
 }
 
 #[cfg(test)]
@@ -100,8 +49,8 @@ mod tests {
         // At (speed, speed of the leader, gap) with a target of 13.4112 m/s.
         let cases = [[10.0, 10.0, 30.0], [10.0, 5.0, 20.0], [10.0, 0.0, 40.0], [5.0, 5.0, 8.0]];
         for (options, expected) in [
-            (IdmNuPlan::options(), [0.4064, -1.6247, -0.5673, -0.1482]),
-            (IdmVMax::options(), [0.3062, -3.3734, -0.5861, -2.5386]),
+            (nuplan(), [0.4064, -1.6247, -0.5673, -0.1482]),
+            (vmax(), [0.3062, -3.3734, -0.5861, -2.5386]),
             (published(IdmOptions::default().model, [-3.0, 1.0]), [0.3698, -1.7793, -0.6240, -0.4295]),
         ] {
             let model = Idm { desired_speed: 13.4112, ..options.model };

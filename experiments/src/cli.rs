@@ -347,6 +347,14 @@ pub(crate) struct SplitArgs {
     pub reading: ReadingArgs,
 }
 
+/// Parses a finite number.
+fn number(text: &str) -> std::result::Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok(number),
+        _ => Err(format!("`{text}` is not a finite number")),
+    }
+}
+
 impl Cli {
     /// True if the command evaluates networks.
     pub(crate) fn needs_networks(&self) -> bool {

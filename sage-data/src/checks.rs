@@ -8,6 +8,7 @@ use sage_core::{
 };
 use serde::Serialize;
 
+pub use crate::warning::Warning;
 use crate::{contradictions, repairs};
 
 /// Height difference above which two roads are on different levels, metres.
@@ -22,51 +23,8 @@ const NEAR: f64 = 20.0;
 const LONGEST_STEP: f64 = 0.15;
 const MOST_DRIFT: f64 = 0.02;
 
-/// Kinds of warnings that change what is computed, besides the notes of [`repairs::KINDS`].
-const IMPORTANT: [&str; 9] = [
-    "short-recording",
-    "contact-now",
-    "no-road-edges",
-    "times-against-motion",
-    "velocity-against-positions",
-    "heading-against-positions",
-    "jumps",
-    "speed-beyond-vehicles",
-    "size-beyond-vehicles",
-];
-
 /// Longest box that is tested against road edges, metres: road trains reach 54 m.
 const LONGEST: f64 = 100.0;
-
-/// A warning about a scene.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Warning {
-    /// Stable name of its kind, for counting.
-    pub kind: &'static str,
-    /// What was found.
-    pub detail: String,
-    /// Whether it changes what is computed from the scene.
-    pub is_important: bool,
-}
-
-impl Warning {
-    pub(crate) fn new(kind: &'static str, detail: String) -> Self {
-        Self { kind, detail, is_important: repairs::KINDS.contains(&kind) || IMPORTANT.contains(&kind) }
-    }
-}
-
-impl Serialize for Warning {
-    /// As `kind: detail`.
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-impl std::fmt::Display for Warning {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}: {}", self.kind, self.detail)
-    }
-}
 
 /// Content of a scene in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]

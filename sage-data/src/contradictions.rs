@@ -9,7 +9,7 @@ use sage_core::{
     scene::{Scene, Track, TrackKind},
 };
 
-use crate::{checks::Warning, repairs::motion::implied_step};
+use crate::{repairs::clock::implied_step, warning::Warning};
 
 /// Speed from which motion has a direction and a velocity can be wrong, m/s.
 const MOVING: f64 = 3.0;

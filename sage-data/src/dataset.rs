@@ -14,7 +14,7 @@ use std::{
 use sage_core::files::{self, Existing};
 
 use crate::{
-    Error, folder,
+    Error, folder, names,
     pickle::{DictWriter, Document, Dtype, ElementKind, Id, Node},
     recording,
 };
@@ -24,41 +24,12 @@ pub const SUMMARY: &str = "dataset_summary.pkl";
 /// Name of the table of folders.
 pub const MAPPING: &str = "dataset_mapping.pkl";
 
-/// Length limit of a part of a file name that comes from the content of a file, bytes.
-const LONGEST_NAME: usize = 64;
-
 /// Name of a scene's pickle in a data set, as ScenarioNet builds it: `sd_<dataset>_<version>_<scene>.pkl`.
 ///
 /// Dataset and version come from files, so any character other than a letter, digit, `.` or `-` becomes `-`.
 /// Then no name leads out of its folder, and underscores separate only the parts.
 pub fn file_name(dataset: &str, version: &str, scene: &str) -> String {
-    format!("sd_{}_{}_{scene}.pkl", plain(dataset), plain(version))
-}
-
-/// A text from the content of a file as a file name: any character other than a letter, digit, `.`, `_` or `-`
-/// becomes `-`. A text that had others, was too long, or begins with `-` like a flag, gets a hash, so that different texts
-/// have different names.
-pub(crate) fn plain_name(text: &str) -> String {
-    let plain = replaced(text, |c| c == '_');
-    // Names of dots are folders.
-    if plain == text && !plain.bytes().all(|byte| byte == b'.') && !plain.starts_with('-') {
-        return plain;
-    }
-    let start = match plain.trim_matches('.').trim_start_matches('-') {
-        "" => "scene",
-        start => start,
-    };
-    format!("{start}-{}", &blake3::hash(text.as_bytes()).to_hex()[..8])
-}
-
-fn plain(text: &str) -> String {
-    replaced(text, |_| false)
-}
-
-fn replaced(text: &str, is_also_plain: impl Fn(char) -> bool) -> String {
-    let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '.' || c == '-' || is_also_plain(c);
-    let plain: String = text.chars().map(|c| if is_plain(c) { c } else { '-' }).take(LONGEST_NAME).collect();
-    if plain.is_empty() { "unknown".to_owned() } else { plain }
+    format!("sd_{}_{}_{scene}.pkl", names::plain(dataset), names::plain(version))
 }
 
 /// One of several parts of the scenes of a folder, for runs on several machines.

@@ -8,10 +8,9 @@ use std::{
 
 use crate::{
     Error,
+    map_in_order::map_in_order,
     pickle::{Document, PickleProblem},
-    recording,
-    stream::map_in_order,
-    womd,
+    recording, womd,
 };
 
 /// File name endings of scene files.

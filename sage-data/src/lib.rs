@@ -21,7 +21,9 @@ mod foreign;
 mod format;
 mod lane_links;
 mod lane_polygon;
+mod map_in_order;
 pub mod metadrive;
+mod names;
 mod native;
 pub mod opendrive;
 pub mod openscenario;
@@ -33,6 +35,7 @@ pub mod repairs;
 pub mod split;
 pub mod stream;
 mod variants;
+mod warning;
 pub mod womd;
 mod xml;
 

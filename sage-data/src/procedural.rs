@@ -94,7 +94,7 @@ pub fn generate(kind: Kind, seed: u64, number: u64) -> Option<Scene> {
 }
 
 fn draw_scene(kind: Kind, id: &str, rng: &mut Rng) -> Option<Scene> {
-    let net = layouts::build(kind, rng);
+    let net = network(kind, rng);
     let origin =
         Pose::new(rng.uniform(-2000.0, 2000.0), rng.uniform(-2000.0, 2000.0), rng.uniform(-3.0, 3.0));
     let count = 18 + rng.below(28);
@@ -269,4 +269,23 @@ fn lights(
         }
     }
     out
+}
+
+/// The network of a kind.
+fn network(kind: Kind, rng: &mut Rng) -> Network {
+    let mut net = Network::default();
+    match kind {
+        Kind::Straight => layouts::through_road(&mut net, rng, 0.0),
+        Kind::Curve => {
+            let bend = rng.uniform(1.0 / 140.0, 1.0 / 70.0);
+            let bend = if rng.below(2) == 0 { bend } else { -bend };
+            layouts::through_road(&mut net, rng, bend);
+        }
+        Kind::Merge => layouts::merge(&mut net, rng),
+        Kind::FourWay => layouts::crossing(&mut net, rng, 4),
+        Kind::TJunction => layouts::crossing(&mut net, rng, 3),
+        Kind::Roundabout => layouts::roundabout(&mut net, rng),
+        Kind::Divided => divided::divided(&mut net, rng),
+    }
+    net
 }

@@ -30,7 +30,7 @@ pub use shard::{ShardReader, is_shard};
 pub use tfrecord::{FrameProblem, Record, frame, write_frame};
 pub(crate) use tfrecord::{MAX_RECORD, begins_with_record};
 
-use crate::{Error, ReadOptions, Recording, dataset, pickle::Document};
+use crate::{Error, ReadOptions, Recording, names, pickle::Document};
 
 /// The MetaDrive values of a `Scenario` message, without summaries, and whether it has an id. `path` names it in errors,
 /// such as `SHARD#3`.
@@ -57,7 +57,7 @@ fn unnamed(path: &Path) -> String {
 pub(crate) fn heading_of(path: &Path, framed: &[u8]) -> Result<SceneHeading, Error> {
     let heading = decode::heading(message(path, framed)?);
     let heading = heading.map_err(|problem| Error::Message { path: path.to_owned(), problem })?;
-    let name = if heading.id.is_empty() { unnamed(path) } else { dataset::plain_name(heading.id) };
+    let name = if heading.id.is_empty() { unnamed(path) } else { names::plain_name(heading.id) };
     Ok(SceneHeading { name, dataset: heading.dataset.to_owned() })
 }
 

@@ -10,11 +10,10 @@ use sage_core::{
 
 use crate::{
     body::{Body, BodyKind, BodyShape},
-    episode::LAST_FRAME,
     observation::{Driving, LENGTH, ObservationKind, observe},
     policy::{Driver, EgoPolicy, Privilege, Seat, Start, View},
     route::{Localization, Route},
-    scene::{SimScene, guide},
+    scene::{LAST_FRAME, SimScene, guide},
     traffic::Plan,
     vehicle::{Action, Motion, SUBSTEP},
     world::{Contact, Control, World, WorldOptions},

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use sage_core::{
     Error,
     geometry::{OrientedBox, Point, norm, sub},
-    motion::{HORIZON, NOW},
+    motion::NOW,
     objective::{MIN_DEPTH, SideHit},
 };
 
@@ -23,8 +23,8 @@ use crate::{
     vehicle::SUBSTEP,
 };
 
-/// Last frame of an episode.
-pub const LAST_FRAME: usize = NOW + HORIZON;
+pub use crate::scene::LAST_FRAME;
+
 /// Time for which both cars go on through a contact, to see how deep it becomes, seconds.
 const THROUGH: f64 = 0.5;
 /// Frames within which two contacts with the adversary are the same. Recorded boxes change from frame to frame,

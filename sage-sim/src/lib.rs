@@ -51,6 +51,7 @@ mod rays;
 pub mod red_lights;
 pub mod rl;
 pub mod route;
+pub mod route_lights;
 mod scene;
 mod smoothing;
 pub mod traffic;

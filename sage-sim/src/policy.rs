@@ -47,8 +47,8 @@ pub use tracking::Tracking;
 use crate::{
     body::Body,
     observation::LENGTH,
-    red_lights::{self, RouteLights},
     route::{Localization, Route},
+    route_lights::{self, RouteLights},
     scene::SimScene,
     traffic::Plan,
     vehicle::{Motion, Vehicle},
@@ -309,7 +309,7 @@ impl<'a> View<'a> {
 
     /// State of a traffic light now, by its index in [`Scene::lights`].
     pub fn light(&self, light: usize) -> LightState {
-        red_lights::state(self.world.scene().scene(), light, self.step())
+        route_lights::state(self.world.scene().scene(), light, self.step())
     }
 
     /// The map.

@@ -1,123 +1,29 @@
-//! Traffic lights on a route: where a car has to stop, which red lights a driver minds, and who ran over red.
+//! Which red lights a driver minds, and who ran over red. [`crate::route_lights`] says which lights are on a route.
 //!
-//! A light is on a route if the route uses the lane that the light controls. The lane's centre line is followed
-//! in steps of a metre over the length of the route; the route uses it where it lies within 1.85 m and in the same
-//! direction. Several lanes often begin at one stop point, to the left, straight on and to the right:
-//! of these the one counts that the route uses most, and it must use half of it. The car has to stop at the
-//! light's stop point, or at the start of the lane where none is recorded. Lights of lanes that are not in the
-//! map, and of bike lanes, are left out.
-//!
-//! Red is [`LightState::Stop`], full or as an arrow, at the frame in question. Unknown, yellow and flashing lights
-//! are not red.
+//! Red is [`LightState::Stop`](sage_core::scene::LightState::Stop), full or as an arrow, at the frame in question. Unknown,
+//! yellow and flashing lights are not red.
 
 use std::sync::Arc;
 
 use sage_core::{
-    geometry::{OrientedBox, Point, distance, dot, norm, sub},
+    geometry::{OrientedBox, Point, norm, sub},
     motion::DT,
-    scene::{LightState, MapFeature, Scene},
 };
 
 use crate::{
     policy::View,
-    route::{Localization, Route, resampled},
+    route::Localization,
+    route_lights::{RouteLights, StopPlace, state},
     scene::SimScene,
     vehicle::Motion,
 };
 
-/// Largest distance of a lane that the route uses, metres.
-const HALF_LANE: f64 = 1.85;
-/// Largest distance of a stop point from the route, metres: half a lane, and what a car drives beside its middle.
-const STOP_REACH: f64 = 2.5;
-/// Cosine of the largest angle between route and lane (45°).
-const ALONG: f64 = std::f64::consts::FRAC_1_SQRT_2;
-/// Distance of the samples on a lane, metres, and the largest number of them: longer lanes are sampled more coarsely.
-const SAMPLE: f64 = 1.0;
-const MOST_SAMPLES: f64 = 1000.0;
-/// Least share of a lane that the route must use.
-const LEAST_SHARE: f64 = 0.5;
-/// Stop points closer than this along the route are one place, metres.
-const ONE_PLACE: f64 = 5.0;
 /// A car that is slower than this does not run over red, m/s.
 const CREEPING: f64 = 0.5;
 /// A car that stops has missed the stop point if it is farther past it, metres.
 const OVERSHOOT: f64 = 1.0;
 /// Farthest that a car beside its route still passes the stop point, metres: a lane to each side.
 const BESIDE: f64 = 6.0;
-
-/// A place on a route at which a light makes a car stop.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StopPlace {
-    /// Index of the light in [`Scene::lights`].
-    pub light: usize,
-    /// Distance of the stop point along the route, metres.
-    pub along: f64,
-}
-
-/// The lights on a route, in the order in which they are met.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct RouteLights {
-    stops: Vec<StopPlace>,
-}
-
-impl RouteLights {
-    /// The lights of a scene that are on a route.
-    pub fn new(scene: &Scene, route: &Route) -> Self {
-        let found = |(light, lane): (usize, &MapFeature)| {
-            let points = scene.map.points_of(lane);
-            let stop = scene.lights[light].stop_point.or_else(|| points.first().copied())?;
-            let place = route.locate([stop[0], stop[1]], Localization::Nearest);
-            if place.across.abs() > STOP_REACH {
-                return None;
-            }
-            let share = used_share(points, route)?;
-            (share >= LEAST_SHARE).then_some((share, StopPlace { light, along: place.along }))
-        };
-        let lane_of = |light: usize| {
-            let id = &scene.lights[light].lane;
-            let lane = scene.map.features.iter().find(|feature| feature.id == *id)?;
-            lane.kind.is_motor_lane().then_some((light, lane))
-        };
-        let mut all: Vec<(f64, StopPlace)> =
-            (0..scene.lights.len()).filter_map(lane_of).filter_map(found).collect();
-        all.sort_by(|(_, a), (_, b)| a.along.total_cmp(&b.along).then(a.light.cmp(&b.light)));
-        let is_best = |(share, stop): &&(f64, StopPlace)| {
-            let beats = |(other, at): &(f64, StopPlace)| {
-                *other > *share && (at.along - stop.along).abs() <= ONE_PLACE
-            };
-            !all.iter().any(beats)
-        };
-        Self { stops: all.iter().filter(is_best).map(|(_, stop)| *stop).collect() }
-    }
-
-    /// The stop places in the order of the route.
-    pub fn stops(&self) -> &[StopPlace] {
-        &self.stops
-    }
-}
-
-/// Share of a lane that a route uses, of the part beside the route; `None` if no part is.
-fn used_share(points: &[[f64; 3]], route: &Route) -> Option<f64> {
-    let line: Vec<Point> = points.iter().map(|[x, y, _]| [*x, *y]).collect();
-    if line.len() < 2 {
-        return None;
-    }
-    let length: f64 = line.windows(2).map(|pair| distance(pair[0], pair[1])).sum();
-    let samples = resampled(&line, SAMPLE.max(length / MOST_SAMPLES));
-    let (mut used, mut all) = (0, 0);
-    for pair in samples.windows(2) {
-        let place = route.locate(pair[0], Localization::Nearest);
-        if !(0.0..=route.length()).contains(&place.along) {
-            continue;
-        }
-        all += 1;
-        let (sin, cos) = route.heading(place.along).sin_cos();
-        let d = sub(pair[1], pair[0]);
-        let is_along = dot(d, [cos, sin]) >= ALONG * norm(d);
-        used += usize::from(is_along && place.across.abs() <= HALF_LANE);
-    }
-    (all > 0).then(|| used as f64 / all as f64)
-}
 
 /// How a driver stops.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -158,7 +64,7 @@ impl RedLights {
     /// The nearest stop place at which the car has to stop now.
     pub fn stop(&mut self, view: &View) -> Option<RedStop> {
         let lights = self.lights.get_or_insert_with(|| view.route_lights()).clone();
-        if lights.stops.is_empty() {
+        if lights.stops().is_empty() {
             return None;
         }
         let front = view.route().locate(front(view.area()), Localization::Nearest).along;
@@ -174,9 +80,9 @@ impl RedLights {
         speed: f64,
         is_red: impl Fn(&StopPlace) -> bool,
     ) -> Option<RedStop> {
-        self.stops.resize(lights.stops.len(), false);
+        self.stops.resize(lights.stops().len(), false);
         let mut nearest = None;
-        for (stop, stops) in lights.stops.iter().zip(&mut self.stops) {
+        for (stop, stops) in lights.stops().iter().zip(&mut self.stops) {
             let gap = stop.along - front;
             let can_stop = gap > 0.0 && (speed <= CREEPING || self.braking.distance(speed) <= gap);
             *stops = is_red(stop) && (can_stop || (*stops && gap > -OVERSHOOT));
@@ -214,7 +120,7 @@ pub fn over_red(scene: &SimScene, motions: &[Motion]) -> Option<Vec<usize>> {
         route.locate(front(&area), Localization::Nearest)
     };
     let mut before = place(motions.first()?);
-    let mut ahead: Vec<&StopPlace> = lights.stops.iter().filter(|stop| stop.along > before.along).collect();
+    let mut ahead: Vec<&StopPlace> = lights.stops().iter().filter(|stop| stop.along > before.along).collect();
     if ahead.is_empty() {
         return None;
     }
@@ -238,11 +144,6 @@ pub fn over_red(scene: &SimScene, motions: &[Motion]) -> Option<Vec<usize>> {
     Some(steps)
 }
 
-/// State of a light at a frame; unknown beyond its recording.
-pub(crate) fn state(scene: &Scene, light: usize, frame: usize) -> LightState {
-    scene.lights[light].states.get(frame).copied().unwrap_or(LightState::Unknown)
-}
-
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
@@ -262,7 +163,7 @@ mod tests {
 
     /// Decisions of a driver that brakes by 4 m/s² at a light 20 m along the route.
     fn decisions(frames: &[(f64, f64, bool)]) -> Vec<bool> {
-        let lights = RouteLights { stops: vec![StopPlace { light: 0, along: 20.0 }] };
+        let lights = RouteLights::of(vec![StopPlace { light: 0, along: 20.0 }]);
         let mut driver = RedLights::new(Braking { deceleration: 4.0, lag: 0.0 });
         let stops = |(front, speed, is_red): &(f64, f64, bool)| {
             driver.decide(&lights, *front, *speed, |_| *is_red).is_some()
@@ -295,30 +196,12 @@ mod tests {
 
     #[test]
     fn the_gap_is_that_of_the_front_bumper() {
-        let lights = RouteLights { stops: vec![StopPlace { light: 0, along: 20.0 }] };
+        let lights = RouteLights::of(vec![StopPlace { light: 0, along: 20.0 }]);
         let mut driver = RedLights::new(Braking { deceleration: 4.0, lag: 0.0 });
         let stop = driver.decide(&lights, 12.0, 3.0, |_| true).unwrap();
         assert_eq!((stop.along, stop.gap), (20.0, 8.0));
         let area = OrientedBox::new([1.0, 2.0], std::f64::consts::FRAC_PI_2, 4.0, 2.0);
         assert_relative_eq!(front(&area)[0], 1.0, epsilon = 1e-12);
         assert_relative_eq!(front(&area)[1], 4.0, epsilon = 1e-12);
-    }
-
-    #[test]
-    fn a_lane_is_used_as_far_as_the_route_lies_on_it() {
-        let route = Route::new(&[[0.0, 0.0], [50.0, 0.0], [100.0, 0.0]]);
-        let share = |points: &[[f64; 2]]| {
-            used_share(&points.iter().map(|[x, y]| [*x, *y, 0.0]).collect::<Vec<_>>(), &route)
-        };
-        assert_eq!(share(&[[10.0, 1.8], [40.0, 1.8]]), Some(1.0));
-        assert_eq!(share(&[[10.0, 1.9], [40.0, 1.9]]), Some(0.0));
-        // Against the route, across it, beyond its end, one point.
-        assert_eq!(share(&[[40.0, 0.0], [10.0, 0.0]]), Some(0.0));
-        assert_eq!(share(&[[20.0, -10.0], [20.0, 10.0]]), Some(0.0));
-        assert_eq!(share(&[[110.0, 0.0], [140.0, 0.0]]), None);
-        assert_eq!(share(&[[10.0, 0.0]]), None);
-        // 20 m on the route, then 20 m away from it.
-        let half = share(&[[10.0, 0.0], [30.0, 0.0], [30.0 + 14.0, 14.0]]).unwrap();
-        assert_relative_eq!(half, 0.5, epsilon = 0.1);
     }
 }

@@ -5,17 +5,19 @@ use std::sync::{Arc, OnceLock};
 use sage_core::{
     Error,
     geometry::Point,
+    motion::{HORIZON, NOW},
     scene::{Scene, SceneIndex, Track},
 };
 
 use crate::{
     body::BodyShape,
-    episode::LAST_FRAME,
     lines::{LineShapes, Lines},
-    red_lights::RouteLights,
     route::Route,
+    route_lights::RouteLights,
 };
 
+/// Last frame of an episode.
+pub const LAST_FRAME: usize = NOW + HORIZON;
 /// Length by which the route of a policy reaches beyond the log, metres.
 pub(crate) const GUIDE: f64 = 200.0;
 

@@ -13,6 +13,7 @@ use super::{
     FolderArgs, MOST_PROCEDURAL, SplitArgs,
     avoiding::{AvoidableArgs, seconds},
     converting::{ego_modes, standards},
+    number,
     reading::ReadingArgs,
 };
 use crate::{
@@ -279,14 +280,6 @@ pub(crate) struct FeasibilityArgs {
 /// One or more values of lambda or aggression.
 #[derive(Clone, Debug)]
 pub(crate) struct Values(pub Vec<f64>);
-
-/// Parses a finite number.
-pub(super) fn number(text: &str) -> std::result::Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        _ => Err(format!("`{text}` is not a finite number")),
-    }
-}
 
 /// Parses `1`, `0,0.5,1` or `0:1:0.1`.
 fn values(text: &str) -> std::result::Result<Values, String> {

@@ -3,7 +3,7 @@
 use clap::Args;
 use sage_sim::avoidable::AvoidanceOptions;
 
-use super::attacking::number;
+use super::number;
 use crate::react;
 
 /// Name of the preset of comfortable limits.

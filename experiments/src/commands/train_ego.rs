@@ -3,6 +3,7 @@
 mod columns;
 mod one_seed;
 mod report;
+mod trained;
 
 use std::{
     collections::BTreeSet,
@@ -21,7 +22,7 @@ use sage_sim::{
 };
 use serde_json::{Map, Value, json};
 
-use self::columns::Columns;
+use self::{columns::Columns, trained::Trained};
 use crate::{
     Outcome, Registries,
     cli::{SplitArgs, TrainEgoArgs},
@@ -221,7 +222,7 @@ fn simulated(data: &[SceneData]) -> Result<Vec<Arc<SimScene>>> {
 }
 
 /// Trains all seeds, each on a thread of its own. They share no state, so the number of threads changes no bit.
-fn all_seeds(shared: &Shared, run: &Run) -> Result<Vec<one_seed::Trained>> {
+fn all_seeds(shared: &Shared, run: &Run) -> Result<Vec<Trained>> {
     let seeds: Vec<u64> = shared.args.seeds.clone().collect();
     let next = AtomicUsize::new(0);
     let done = Mutex::new(Vec::new());

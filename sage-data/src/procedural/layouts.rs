@@ -1,11 +1,9 @@
-//! Networks of the kinds of scene; that of `divided` is in its own file.
+//! Networks of the kinds of scene but `divided`, which has its own file.
 
 use sage_core::{geometry::Point, motion::Pose, seed::Rng};
 
 use super::{
-    Kind,
     curve::{arc, beside, bezier, end_pose, resampled},
-    divided::divided,
     network::{Arm, LANE, Network, Section, circle_clockwise},
 };
 
@@ -13,25 +11,6 @@ use super::{
 pub(super) const CORNER: f64 = 7.0;
 /// A quarter turn.
 pub(super) const RIGHT: f64 = std::f64::consts::FRAC_PI_2;
-
-/// The network of a kind.
-pub(super) fn build(kind: Kind, rng: &mut Rng) -> Network {
-    let mut net = Network::default();
-    match kind {
-        Kind::Straight => through_road(&mut net, rng, 0.0),
-        Kind::Curve => {
-            let bend = rng.uniform(1.0 / 140.0, 1.0 / 70.0);
-            let bend = if rng.below(2) == 0 { bend } else { -bend };
-            through_road(&mut net, rng, bend);
-        }
-        Kind::Merge => merge(&mut net, rng),
-        Kind::FourWay => crossing(&mut net, rng, 4),
-        Kind::TJunction => crossing(&mut net, rng, 3),
-        Kind::Roundabout => roundabout(&mut net, rng),
-        Kind::Divided => divided(&mut net, rng),
-    }
-    net
-}
 
 /// An urban street.
 fn street(rng: &mut Rng, lanes: usize, limit: f64) -> Section {
@@ -97,7 +76,7 @@ fn side_streets(net: &mut Network, rng: &mut Rng, arm: Arm, end: &Pose, section:
 }
 
 /// A road through the scene with side streets on alternating sides.
-fn through_road(net: &mut Network, rng: &mut Rng, bend: f64) {
+pub(super) fn through_road(net: &mut Network, rng: &mut Rng, bend: f64) {
     let limit = rng.uniform(13.0, 18.0);
     let main = street(rng, 2, limit);
     let mut left = rng.below(2) == 0;
@@ -110,7 +89,7 @@ fn through_road(net: &mut Network, rng: &mut Rng, bend: f64) {
 }
 
 /// A crossing of three or four streets, each with a side street farther out.
-fn crossing(net: &mut Network, rng: &mut Rng, arms: usize) {
+pub(super) fn crossing(net: &mut Network, rng: &mut Rng, arms: usize) {
     let lights = rng.below(2) == 0;
     let sections: Vec<Section> = (0..2)
         .map(|k| {
@@ -153,7 +132,7 @@ pub(super) fn crosswalk(net: &mut Network, arm: &Arm) {
 }
 
 /// A roundabout with one lane and four streets.
-fn roundabout(net: &mut Network, rng: &mut Rng) {
+pub(super) fn roundabout(net: &mut Network, rng: &mut Rng) {
     let radius = rng.uniform(15.0, 19.0);
     let section = Section { along: 1, against: 1, bikes: false, median: 0.0, limit: 12.0 };
     let mouth = radius + 16.0;
@@ -218,7 +197,7 @@ fn roundabout(net: &mut Network, rng: &mut Rng) {
 }
 
 /// A motorway with an acceleration lane, and the other carriageway beyond a median.
-fn merge(net: &mut Network, rng: &mut Rng) {
+pub(super) fn merge(net: &mut Network, rng: &mut Rng) {
     let limit = rng.uniform(22.0, 26.0);
     let (from, nose, taper, end) = (-220.0, -60.0, rng.uniform(40.0, 70.0), 220.0);
     let rejoined = taper + 50.0;

@@ -6,9 +6,13 @@
 
 use std::path::Path;
 
-use sage_core::{motion::DT, scene::Scene};
+use sage_core::{
+    geometry::{norm, sub},
+    motion::DT,
+    scene::{Scene, Track},
+};
 
-use super::{motion, note};
+use super::note;
 use crate::Error;
 
 /// Largest deviation of the median step from 0.1 s at 10 Hz, seconds.
@@ -109,7 +113,7 @@ impl Clock {
         }
         let is_slow = step > RATES[1] && step <= LONGEST;
         if !(is_known(step) || may_be_slow && is_slow) {
-            let hint = motion::implied_step(&scene.tracks)
+            let hint = implied_step(&scene.tracks)
                 .filter(|implied| (implied / step - 1.0).abs() > 0.25)
                 .map_or(String::new(), |implied| {
                     format!("; its velocities fit a frame every {implied:.2} s, so its times may be wrong")
@@ -165,4 +169,32 @@ fn median_step(times: &[f64]) -> Option<f64> {
         return Some((times[times.len() - 1] - times[0]) / steps.len() as f64);
     }
     steps.get(steps.len() / 2).copied()
+}
+
+/// Speed from which a displacement says how long a frame lasts, m/s.
+const FAST: f64 = 2.0;
+/// Largest number of pairs of frames that are looked at.
+const MOST: usize = 20_000;
+
+/// Median time between frames that the displacements of moving road users have at their velocities, seconds; `None`
+/// if nobody moves.
+pub fn implied_step(tracks: &[Track]) -> Option<f64> {
+    let mut steps = Vec::new();
+    for track in tracks {
+        for frame in 1..track.valid.len() {
+            if !(track.valid[frame] && track.valid[frame - 1]) {
+                continue;
+            }
+            let [a, b] = [frame - 1, frame].map(|f| track.velocity[f]);
+            let speed = norm([0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])]);
+            if speed > FAST {
+                steps.push(norm(sub(track.point(frame), track.point(frame - 1))) / speed);
+            }
+        }
+        if steps.len() > MOST {
+            break;
+        }
+    }
+    let middle = steps.len() / 2;
+    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

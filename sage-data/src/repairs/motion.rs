@@ -8,11 +8,6 @@ use sage_core::{
 
 use super::{clock::Clock, note};
 
-/// Speed from which a displacement says how long a frame lasts, m/s.
-const FAST: f64 = 2.0;
-/// Largest number of pairs of frames that are looked at.
-const MOST: usize = 20_000;
-
 /// Replaces velocities and headings of valid frames by those of the positions: central
 /// differences, at the ends of a run of valid frames one-sided. A heading is kept while a road user stands.
 pub(super) fn recompute(scene: &mut Scene, clock: &Clock) {
@@ -49,27 +44,4 @@ fn recompute_track(track: &mut Track, clock: &Clock) {
             None => waiting.push(frame),
         }
     }
-}
-
-/// Median time between frames that the displacements of moving road users have at their velocities, seconds; `None`
-/// if nobody moves.
-pub fn implied_step(tracks: &[Track]) -> Option<f64> {
-    let mut steps = Vec::new();
-    for track in tracks {
-        for frame in 1..track.valid.len() {
-            if !(track.valid[frame] && track.valid[frame - 1]) {
-                continue;
-            }
-            let [a, b] = [frame - 1, frame].map(|f| track.velocity[f]);
-            let speed = norm([0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])]);
-            if speed > FAST {
-                steps.push(norm(sub(track.point(frame), track.point(frame - 1))) / speed);
-            }
-        }
-        if steps.len() > MOST {
-            break;
-        }
-    }
-    let middle = steps.len() / 2;
-    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
 }

@@ -6,6 +6,7 @@ mod features;
 mod foreign;
 mod lanes;
 mod lights;
+mod points;
 mod tracks;
 mod values;
 mod width;

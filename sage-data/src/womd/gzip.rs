@@ -4,8 +4,6 @@ use std::io::{self, BufReader, Read};
 
 use flate2::read::MultiGzDecoder;
 
-use super::tfrecord::Source;
-
 /// How many times a compressed shard may expand. Records of scenes expand 3 to 20 times, gzip up to 1000 times.
 pub(super) const MAX_EXPANSION: u64 = 100;
 /// Decompressed bytes that are free of that limit.
@@ -17,7 +15,7 @@ pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
 }
 
 /// The decompressed bytes of a source. Beyond the limit of expansion reading fails ([`is_expansion`]).
-pub(super) fn inflated(source: Source) -> impl Read + Send {
+pub(super) fn inflated<R: Read + Send>(source: R) -> impl Read + Send {
     let counted = Counted { source, bytes: 0 };
     Inflated { decoder: MultiGzDecoder::new(BufReader::new(counted)), bytes: 0 }
 }
@@ -32,12 +30,12 @@ pub(super) fn is_expansion(error: &io::Error) -> bool {
 struct Expansion;
 
 /// A source, and the number of bytes that were read from it.
-struct Counted {
-    source: Source,
+struct Counted<R> {
+    source: R,
     bytes: u64,
 }
 
-impl Read for Counted {
+impl<R: Read> Read for Counted<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let found = self.source.read(buffer)?;
         self.bytes += found as u64;
@@ -45,12 +43,12 @@ impl Read for Counted {
     }
 }
 
-struct Inflated {
-    decoder: MultiGzDecoder<BufReader<Counted>>,
+struct Inflated<R> {
+    decoder: MultiGzDecoder<BufReader<Counted<R>>>,
     bytes: u64,
 }
 
-impl Read for Inflated {
+impl<R: Read> Read for Inflated<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         let found = self.decoder.read(buffer)?;
         self.bytes += found as u64;
@@ -75,7 +73,7 @@ mod tests {
             for _ in 0..count >> 20 {
                 writer.write_all(&block).unwrap();
             }
-            Source::Stream(Box::new(io::Cursor::new(writer.finish().unwrap())), false)
+            io::Cursor::new(writer.finish().unwrap())
         };
         let read = |count| io::copy(&mut inflated(zeros(count)), &mut io::sink());
         assert_eq!(read(FREE).unwrap(), FREE);

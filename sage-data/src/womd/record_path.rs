@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::{
     decode, open_shard,
-    shard::{ShardReader, is_shard},
+    shard::{ShardReader, count_records, is_shard},
     tfrecord::{checked_data, frame_length},
 };
 use crate::Error;
@@ -40,19 +40,6 @@ pub fn is_record_path(path: &Path) -> bool {
 /// *Errors*: [`Error::Read`], or [`Error::Shard`] if not even the first record is there.
 pub(crate) fn record_paths(shard: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok((0..count_records(shard)?).map(|number| record_path(shard, number)).collect())
-}
-
-/// Number of records of a shard, as [`record_paths`] lists them.
-pub(super) fn count_records(shard: &Path) -> Result<usize, Error> {
-    let mut records = ShardReader::open(shard)?;
-    let mut count = 0;
-    while let Some(skipped) = records.skip_record() {
-        if count == 0 {
-            skipped?;
-        }
-        count += 1;
-    }
-    Ok(count)
 }
 
 /// The path of a record by its number, for one that names it by its id.

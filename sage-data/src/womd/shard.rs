@@ -9,7 +9,6 @@ use sage_core::files::{self, Opened};
 
 use super::{
     gzip::{inflated, is_gzip},
-    record_path::count_records,
     tfrecord::{
         Failure, FrameError, FrameProblem, Frames, HEADER, Record, Source, begins_with_record, read_up_to,
     },
@@ -189,4 +188,17 @@ pub(crate) fn count(file: &Path) -> Option<usize> {
     let start = files::read_start(file, START as u64).unwrap_or_default();
     // A shard that cannot be read counts as one failure.
     if is_gzip(&start) { None } else { Some(count_records(file).unwrap_or(1)) }
+}
+
+/// Number of records of a shard, the last of which may be cut or damaged.
+pub(super) fn count_records(shard: &Path) -> Result<usize, Error> {
+    let mut records = ShardReader::open(shard)?;
+    let mut count = 0;
+    while let Some(skipped) = records.skip_record() {
+        if count == 0 {
+            skipped?;
+        }
+        count += 1;
+    }
+    Ok(count)
 }

@@ -2,22 +2,13 @@
 
 use anyhow::{Context as _, Result, anyhow};
 use sage_sim::rl::{
-    CHECKPOINT, Counters, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions,
-    TrainingState, write_policy,
+    CHECKPOINT, Evaluation, KEPT_ACTORS, PolicyCard, Setting, Training, TrainingOptions, TrainingState,
+    write_policy,
 };
 use serde_json::json;
 
-use super::{Shared, report};
+use super::{Shared, report, trained::Trained};
 use crate::output::Run;
-
-/// A trained seed.
-pub(super) struct Trained {
-    pub(super) seed: u64,
-    pub(super) evaluations: Vec<Evaluation>,
-    pub(super) losses: Vec<[f64; 3]>,
-    pub(super) counters: Counters,
-    pub(super) updates: u64,
-}
 
 /// Name of a seed's folder.
 pub(super) fn folder(seed: u64) -> String {

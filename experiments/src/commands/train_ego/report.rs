@@ -16,7 +16,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     columns::{COMPLETION, CONTACT, Columns, OFF_ROAD, text},
-    one_seed::Trained,
+    trained::Trained,
 };
 use crate::{
     bench::line_chart::{Chart, Line},

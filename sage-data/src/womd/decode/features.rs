@@ -2,12 +2,11 @@
 
 use std::{collections::HashMap, ops::Range};
 
-use sage_core::motion::MAX_COORDINATE;
-
 use super::{
-    Scenario, checked,
+    Scenario,
     lanes::{self, LaneFields},
     lights::point,
+    points::{POINT_FIELD, push_point, push_usual_points},
     values::{Budget, Values},
     width,
 };
@@ -15,29 +14,23 @@ use crate::{
     pickle::Id,
     womd::{
         message_error::{MessageError, Place},
-        wire::{Field, Fields, Message},
+        wire::Message,
         words::{LANE, MEMBERS, Member, ROAD_EDGE, ROAD_EDGE_TYPES, ROAD_LINE, ROAD_LINE_TYPES, STOP_SIGN},
     },
 };
 
-/// Memory of a point: in the document, and in the scene.
-const POINT: usize = 36;
-
-/// Bytes of a point of a message, with its key and length.
-const POINT_FIELD: usize = 29;
-
 /// The features of a map by id, in the order of the file, and their points.
-pub(super) struct Features {
+struct Features {
     all: Vec<Feature>,
     index: HashMap<i64, usize>,
     points: Vec<[f32; 3]>,
 }
 
 /// A map feature that is not in the document yet.
-pub(super) struct Feature {
+struct Feature {
     id: i64,
     /// Number of the feature in the message.
-    pub(super) number: usize,
+    number: usize,
     kind: &'static str,
     /// Key of the points in the document.
     key: &'static str,
@@ -75,7 +68,10 @@ pub(super) fn decode(
     let mut entries = Vec::with_capacity(features.all.len());
     for feature in &features.all {
         let widths = match &feature.content {
-            Content::Lane(lane) => width::widths(&features, feature, lane, &mut work)?,
+            Content::Lane(lane) => {
+                let polyline = |id| features.polyline(id);
+                width::widths(polyline, feature.number, features.points(feature), lane, &mut work)?
+            }
             _ => Vec::new(),
         };
         entries.push((values.decimal(feature.id), features.write(feature, &widths, values)));
@@ -85,12 +81,12 @@ pub(super) fn decode(
 
 impl Features {
     /// Points of a feature.
-    pub(super) fn points(&self, feature: &Feature) -> &[[f32; 3]] {
+    fn points(&self, feature: &Feature) -> &[[f32; 3]] {
         &self.points[feature.points.clone()]
     }
 
     /// The polyline of the feature with an id; `None` without such a feature, or if it has none.
-    pub(super) fn polyline(&self, id: i64) -> Option<&[[f32; 3]]> {
+    fn polyline(&self, id: i64) -> Option<&[[f32; 3]]> {
         let feature = &self.all[*self.index.get(&id)?];
         (feature.key == "polyline").then(|| self.points(feature))
     }
@@ -243,49 +239,4 @@ impl Features {
             }
         }
     }
-}
-
-/// Reads a point of a polyline or polygon.
-#[inline]
-pub(super) fn push_point(
-    message: Message,
-    name: &'static str,
-    place: &Place,
-    points: &mut Vec<[f32; 3]>,
-    budget: &mut Budget,
-) -> Result<(), MessageError> {
-    let place = place.field(name);
-    budget.spend(POINT, message.offset, &place, "points")?;
-    let mut new = [0.0; 3];
-    point(message, &place, &mut new)?;
-    points.push(new);
-    Ok(())
-}
-
-/// Reads points as Waymo's files have them, with x, y and z in this order, up to another field.
-#[inline]
-pub(super) fn push_usual_points(
-    fields: &mut Fields,
-    number: u8,
-    points: &mut Vec<[f32; 3]>,
-    place: &Place,
-    budget: &mut Budget,
-) -> Result<(), MessageError> {
-    let (first, offset) = (points.len(), fields.offset());
-    while let Some(bytes) = fields.peek::<POINT_FIELD>() {
-        let numbers = [3, 12, 21].map(|at| f64::from_le_bytes(std::array::from_fn(|k| bytes[at + k])));
-        let keys = [bytes[0], bytes[1], bytes[2], bytes[11], bytes[20]];
-        let is_usual = keys == [number << 3 | 2, 27, 0x09, 0x11, 0x19];
-        if !is_usual || !numbers.iter().all(|x| x.abs() <= MAX_COORDINATE) {
-            break;
-        }
-        points.push(numbers.map(|x| x as f32));
-        fields.advance(POINT_FIELD);
-    }
-    budget.spend(POINT * (points.len() - first), offset, place, "points")
-}
-
-/// A speed limit, miles per hour.
-pub(super) fn speed_limit(field: &Field, place: &Place) -> Result<f64, MessageError> {
-    checked(field.double(&place.field("speed_limit_mph"))?, field, place, "speed_limit_mph")
 }

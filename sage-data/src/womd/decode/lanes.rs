@@ -1,7 +1,7 @@
 //! Lanes of a `Scenario`.
 
 use super::{
-    features::{push_point, push_usual_points, speed_limit},
+    points::{push_point, push_usual_points, speed_limit},
     values::{Budget, DICT, ENTRY, Values},
 };
 use crate::{

@@ -4,10 +4,7 @@
 //! The arithmetic is that of numpy on 32-bit floats. The boundary is walked by index from its point nearest to the
 //! start of each segment, and always forward, so widths can be far from the true ones.
 
-use super::{
-    features::{Feature, Features},
-    lanes::{Boundary, LaneFields},
-};
+use super::lanes::{Boundary, LaneFields};
 use crate::womd::message_error::{MessageError, Place};
 
 /// Names of the boundaries of both sides.
@@ -25,18 +22,18 @@ impl Work {
 }
 
 /// Left and right width at each point of a lane, metres; 0 where neither side has a boundary, and that of the
-/// other side where one has none.
+/// other side where one has none. `polyline` gives that of a feature by its id; the lane has a number and a line.
 ///
 /// *Errors*: a boundary whose points the lane does not have, or too many distances.
-pub(super) fn widths(
-    features: &Features,
-    feature: &Feature,
+pub(super) fn widths<'p>(
+    polyline: impl Fn(i64) -> Option<&'p [[f32; 3]]>,
+    number: usize,
+    line: &[[f32; 3]],
     lane: &LaneFields,
     work: &mut Work,
 ) -> Result<Vec<[f32; 2]>, MessageError> {
-    let line = features.points(feature);
     let root = Place::ROOT;
-    let place = root.item("map_features", feature.number);
+    let place = root.item("map_features", number);
     let place = place.field("lane");
     let mut widths = vec![[0.0; 2]; line.len()];
     for (side, name) in SIDES.into_iter().enumerate() {
@@ -44,7 +41,7 @@ pub(super) fn widths(
             let place = place.item(name, k);
             let own = points_of(boundary, line.len(), &place)?;
             // A boundary that the map does not hold bounds nothing.
-            let Some(other) = features.polyline(boundary.feature) else { continue };
+            let Some(other) = polyline(boundary.feature) else { continue };
             work.0 = work.0.checked_sub(other.len()).ok_or_else(|| {
                 let found = "a boundary of a record that names long boundaries too often";
                 let expected = "a scene whose boundaries are near their lanes";

@@ -11,7 +11,7 @@ use std::{process::ExitCode, sync::Arc};
 use sage_backbones::{
     Backbone, Error, MotionModel, Parameters, Trainable,
     backbone::{Loss, ParameterGroup, Sample, tensor},
-    candle::{Result as CandleResult, Tensor},
+    candle::{Module as _, Result as CandleResult, Tensor},
     encoding::Encoding,
     features::{Features, GOAL_COLUMNS},
     labels,

@@ -1,6 +1,6 @@
 //! Encoder from feature rows to states: one for each agent and each map polyline, and the target's.
 
-use candle_core::{Result, Tensor};
+use candle_core::{Module, Result, Tensor};
 
 use crate::{
     nn::{Attention, Groups, Linear, Mlp, max_of_others, max_of_rows},

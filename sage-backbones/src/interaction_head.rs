@@ -7,7 +7,7 @@
 mod description;
 mod trajectory_batch;
 
-use candle_core::{DType, Result, Tensor};
+use candle_core::{DType, Module, Result, Tensor};
 
 use crate::{
     backbone::indices,

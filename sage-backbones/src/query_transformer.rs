@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use candle_core::{DType, Device, Tensor};
+use candle_core::{DType, Device, Module, Tensor};
 use sage_core::{generator::Observation, motion::HORIZON, registry::Entry};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

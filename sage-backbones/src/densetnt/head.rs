@@ -3,7 +3,7 @@
 //! The published head regresses free waypoints, which jitter at 10 Hz. The other head gives smooth
 //! trajectories ([`smooth_path`]) that end on their goals.
 
-use candle_core::{Result, Tensor};
+use candle_core::{Module, Result, Tensor};
 use sage_core::motion::HORIZON;
 use serde::{Deserialize, Serialize};
 

@@ -1,6 +1,6 @@
 //! Goal scores.
 
-use candle_core::{Result, Tensor};
+use candle_core::{Module, Result, Tensor};
 
 use super::Shape;
 use crate::{

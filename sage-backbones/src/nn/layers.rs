@@ -1,9 +1,10 @@
-//! Layers with parameters. Each is built from a [`Scope`], which provides tensors by name.
+//! Layers with parameters. Each is built from a [`Scope`], which provides tensors by name. Those of one input are
+//! candle's [`Module`], so they stand in a `candle_nn::Sequential`.
 //!
 //! A layer stores the tensors of its scope and nothing computed from them. So its results change when the
 //! variables of its network are set.
 
-use candle_core::{Result, Tensor};
+use candle_core::{Module, Result, Tensor};
 
 use super::{add_row::add_row_in_place, norm_relu::norm_relu_in_place, softmax::softmax_in_place};
 use crate::parameters::{Init, Scope};
@@ -33,11 +34,6 @@ impl Linear {
             weight: scope.tensor("weight", &[outputs, inputs], init)?,
             bias: scope.tensor("bias", &[outputs], init)?,
         })
-    }
-
-    /// *Shapes*: `x` (n, inputs); result (n, outputs).
-    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        add_row_in_place(x.matmul(&self.weight.t()?)?, &self.bias)
     }
 
     /// `W x + b` for an input of several parts side by side. A part has either n rows or one row that all
@@ -77,6 +73,13 @@ impl Linear {
     }
 }
 
+impl Module for Linear {
+    /// *Shapes*: `x` (n, inputs); result (n, outputs).
+    fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        add_row_in_place(x.matmul(&self.weight.t()?)?, &self.bias)
+    }
+}
+
 /// `max(0, norm(W x + b))`.
 #[derive(Clone, Debug)]
 pub struct Mlp {
@@ -101,11 +104,6 @@ impl Mlp {
         norm_relu_in_place(product, row, &Tensor::stack(&[&self.gamma, &self.beta], 0)?)
     }
 
-    /// *Shapes*: `x` (n, inputs); result (n, outputs).
-    pub fn forward(&self, x: &Tensor) -> Result<Tensor> {
-        self.finish(x.matmul(&self.linear.weight.t()?)?, &self.linear.bias)
-    }
-
     /// As [`Linear::forward_parts`].
     pub fn forward_parts(&self, shared: &[&Tensor], rows: &[&Tensor]) -> Result<Tensor> {
         let (product, row) = self.linear.parts(shared, rows)?;
@@ -121,6 +119,13 @@ impl Mlp {
         let product = rows.matmul(&weight.narrow(1, 0, a)?.t()?)?;
         let row = (self.linear.bias.unsqueeze(0)? + shared.matmul(&weight.narrow(1, a, b)?.t()?)?)?;
         self.finish(product, &row)
+    }
+}
+
+impl Module for Mlp {
+    /// *Shapes*: `x` (n, inputs); result (n, outputs).
+    fn forward(&self, x: &Tensor) -> Result<Tensor> {
+        self.finish(x.matmul(&self.linear.weight.t()?)?, &self.linear.bias)
     }
 }
 
@@ -225,6 +230,18 @@ mod tests {
     fn bits(tensor: &Tensor) -> Vec<u32> {
         let numbers = tensor.to_dtype(DType::F32).unwrap().flatten_all().unwrap().to_vec1::<f32>().unwrap();
         numbers.into_iter().map(f32::to_bits).collect()
+    }
+
+    #[test]
+    fn layers_stand_in_a_sequence_of_candle_nn() {
+        let linear = |outputs, inputs| Linear {
+            weight: noise((outputs, inputs)),
+            bias: noise((1, outputs)).squeeze(0).unwrap(),
+        };
+        let (first, second, x) = (linear(5, 6), linear(2, 5), noise((7, 6)));
+        let sequence = candle_nn::seq().add(first.clone()).add(second.clone());
+        let composed = second.forward(&first.forward(&x).unwrap()).unwrap();
+        assert_eq!(bits(&sequence.forward(&x).unwrap()), bits(&composed));
     }
 
     #[test]

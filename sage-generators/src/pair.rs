@@ -111,17 +111,16 @@ impl Generator for ProposeAndSelect {
             // If only μ differs, the proposals are the same.
             let mixture = &at[first].mixture;
             let proposals = prepared.propose(mixture, seed)?;
-            for (point, attack) in at.iter().zip(&mut attacks).skip(first) {
-                if self.uses_mixture && point.mixture != *mixture {
-                    continue;
-                }
-                let selection = self.selector.select(&proposals, ctx, point.mu)?;
+            let is_alike = |k: &usize| !self.uses_mixture || at[*k].mixture == *mixture;
+            let alike: Vec<usize> = (first..at.len()).filter(is_alike).collect();
+            let mus: Vec<f64> = alike.iter().map(|k| at[*k].mu).collect();
+            for (k, selection) in alike.into_iter().zip(self.selector.select_each(&proposals, ctx, &mus)?) {
                 let (candidates, chosen) = if self.lists_candidates {
                     (proposals.clone(), selection.chosen)
                 } else {
                     (vec![proposals[selection.chosen].clone()], 0)
                 };
-                *attack = Some(Attack { candidates, chosen, note: selection.note });
+                attacks[k] = Some(Attack { candidates, chosen, note: selection.note });
             }
         }
         Ok(attacks.into_iter().flatten().collect())

@@ -31,6 +31,18 @@ pub trait Selector: Send + Sync {
     ///
     /// *Errors*: [`Error::Scene`] for proposals that it cannot compare.
     fn select(&self, proposals: &[Proposal], ctx: &Context, mu: f64) -> Result<Selection, Error>;
+
+    /// The same at several μ. A selector overrides it to share work among them.
+    ///
+    /// *Errors*: as [`Selector::select`].
+    fn select_each(
+        &self,
+        proposals: &[Proposal],
+        ctx: &Context,
+        mus: &[f64],
+    ) -> Result<Vec<Selection>, Error> {
+        mus.iter().map(|mu| self.select(proposals, ctx, *mu)).collect()
+    }
 }
 
 /// A kind of selector, for [`crate::Pair`].

@@ -1,6 +1,9 @@
 //! The best feasible proposal by an objective.
 
-use std::{borrow::Cow, sync::Arc};
+use std::{
+    borrow::{Borrow, Cow},
+    sync::Arc,
+};
 
 use sage_core::{
     Error,
@@ -34,43 +37,88 @@ impl SelectorKind for Best {
 }
 
 impl Selector for Best {
-    /// Evaluates proposals by descending upper bound and stops when no other proposal can be the best.
     fn select(&self, proposals: &[Proposal], ctx: &Context, mu: f64) -> Result<Selection, Error> {
+        Ok(self.best(&mut Evaluated::new(proposals, ctx), mu))
+    }
+
+    /// A proposal is evaluated once for all μ.
+    fn select_each(
+        &self,
+        proposals: &[Proposal],
+        ctx: &Context,
+        mus: &[f64],
+    ) -> Result<Vec<Selection>, Error> {
+        let mut evaluated = Evaluated::new(proposals, ctx);
+        Ok(mus.iter().map(|mu| self.best(&mut evaluated, *mu)).collect())
+    }
+}
+
+impl Best {
+    /// Evaluates proposals by descending upper bound and stops when no other proposal can be the best.
+    fn best(&self, all: &mut Evaluated, mu: f64) -> Selection {
         let objective = &*self.0;
-        let build = |proposal: &Proposal| ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
-        // Those of an exhaustive proposer, 10 kB each, are built anew where they are needed.
-        let kept: Vec<Candidate> =
-            if proposals.len() <= MOST_KEPT { proposals.iter().map(build).collect() } else { Vec::new() };
-        let candidate =
-            |k: usize| kept.get(k).map_or_else(|| Cow::Owned(build(&proposals[k])), Cow::Borrowed);
-        let at_most = |k: usize| (objective.value_at_most(&candidate(k), ctx, mu), k);
-        let mut order: Vec<(f64, usize)> = (0..proposals.len()).map(at_most).collect();
+        let at_most = |k: usize| (objective.value_at_most(&all.candidate(k), all.ctx, mu), k);
+        let mut order: Vec<(f64, usize)> = (0..all.proposals.len()).map(at_most).collect();
         order.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let (mut most, mut evaluated) = (f64::NEG_INFINITY, Vec::new());
+        let (mut most, mut used) = (f64::NEG_INFINITY, Vec::new());
         for (at_most, k) in order {
             if at_most < most {
                 break;
             }
-            let evaluation = objective.evaluate(&candidate(k), ctx);
+            let evaluation = all.evaluate(objective, k);
             if evaluation.is_feasible() {
-                most = most.max(objective.value(&evaluation, mu));
+                most = most.max(objective.value(evaluation, mu));
             }
-            evaluated.push((k, evaluation));
+            used.push(k);
         }
-        evaluated.sort_by_key(|(k, _)| *k);
-        let (numbers, evaluations): (Vec<usize>, Vec<Evaluation>) = evaluated.into_iter().unzip();
+        used.sort_unstable();
+        let evaluations: Vec<&Evaluation> = used.iter().filter_map(|k| all.known[*k].as_ref()).collect();
         let Selection { chosen, note } = best_of(&evaluations, objective, mu);
-        Ok(Selection { chosen: numbers.get(chosen).copied().unwrap_or(0), note })
+        Selection { chosen: used.get(chosen).copied().unwrap_or(0), note }
+    }
+}
+
+/// Proposals, each evaluated when it is needed.
+struct Evaluated<'p> {
+    proposals: &'p [Proposal],
+    ctx: &'p Context,
+    /// Those of an exhaustive proposer, 10 kB each, are built anew where they are needed.
+    kept: Vec<Candidate>,
+    known: Vec<Option<Evaluation>>,
+}
+
+impl<'p> Evaluated<'p> {
+    fn new(proposals: &'p [Proposal], ctx: &'p Context) -> Self {
+        let mut all = Self { proposals, ctx, kept: Vec::new(), known: vec![None; proposals.len()] };
+        if proposals.len() <= MOST_KEPT {
+            all.kept = (0..proposals.len()).map(|k| all.built(k)).collect();
+        }
+        all
+    }
+
+    fn built(&self, k: usize) -> Candidate {
+        let proposal = &self.proposals[k];
+        self.ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll)
+    }
+
+    fn candidate(&self, k: usize) -> Cow<'_, Candidate> {
+        self.kept.get(k).map_or_else(|| Cow::Owned(self.built(k)), Cow::Borrowed)
+    }
+
+    fn evaluate(&mut self, objective: &Objective, k: usize) -> &Evaluation {
+        let known = self.known[k].take();
+        let evaluation = known.unwrap_or_else(|| objective.evaluate(&self.candidate(k), self.ctx));
+        self.known[k].insert(evaluation)
     }
 }
 
 /// The best feasible evaluation at a weight μ, the first of equals. If none is feasible, the one with the
 /// largest value minus the cost of its violations, with a note.
-pub fn best_of(evaluations: &[Evaluation], objective: &Objective, mu: f64) -> Selection {
+pub fn best_of<E: Borrow<Evaluation>>(evaluations: &[E], objective: &Objective, mu: f64) -> Selection {
     let best = |value: &dyn Fn(&Evaluation) -> Option<f64>| {
         let mut best: Option<(usize, f64)> = None;
         for (k, evaluation) in evaluations.iter().enumerate() {
-            let Some(value) = value(evaluation) else { continue };
+            let Some(value) = value(evaluation.borrow()) else { continue };
             if best.is_none_or(|(_, most)| value > most) {
                 best = Some((k, value));
             }

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
     motion::{DT, HORIZON, NOW, Trajectory},
 };
 use sage_generators::{GeneratorInputs, Pair, ProposerKind, selector::Best};
@@ -55,7 +55,7 @@ struct Decelerations {
 }
 
 impl Proposer for Decelerations {
-    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedProposer>, Error> {
         let track = now.scene().adversary()?;
         let [vx, vy] = track.velocity[NOW];
         let (start, heading) = (track.point(NOW), track.heading[NOW]);
@@ -70,7 +70,7 @@ struct Straight {
     count: usize,
 }
 
-impl PreparedScene for Straight {
+impl PreparedProposer for Straight {
     fn propose(&self, _: &Mixture, _: u64) -> Result<Vec<Proposal>, Error> {
         let Self { start: [x, y], heading, speed, count } = *self;
         let (sin, cos) = heading.sin_cos();

@@ -21,7 +21,7 @@ const LIMIT: u64 = 64 << 20;
 /// A candidate as written in the file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Row {
+struct CandidateRow {
     name: String,
     trajectory: Vec<Point>,
     ego: Option<Vec<Vec<f64>>>,
@@ -41,7 +41,7 @@ pub(crate) struct NamedCandidate {
 pub(crate) fn read(path: &Path) -> Result<Vec<NamedCandidate>> {
     let file = path.display();
     let text = files::read_argument_text(path, LIMIT).with_context(|| format!("cannot read `{file}`"))?;
-    let rows: Vec<Row> = serde_json::from_str(&text).with_context(|| {
+    let rows: Vec<CandidateRow> = serde_json::from_str(&text).with_context(|| {
         format!(r#"`{file}` is not a JSON list of {{"name", "trajectory": [[x, y] × {HORIZON}], "ego": optional}}"#)
     })?;
     let checked = rows.into_iter().enumerate().map(|(k, row)| {

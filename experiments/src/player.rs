@@ -20,7 +20,7 @@ use sage_sim::{
 };
 use serde::Serialize;
 
-use encoding::{EncodedBody, State};
+use encoding::{EncodedBody, FrameState};
 use map::EncodedFeature;
 
 /// Size limit of a page, bytes.
@@ -148,7 +148,7 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
     let drive = |drive: &Drive| {
         let end = drive.contacts.first().map_or(LAST_FRAME, |contact| contact.step.min(LAST_FRAME));
         let motions = drive.motions.iter().take(end + 1).enumerate();
-        let states = motions.map(|(frame, motion)| (frame, State::of_motion(motion, origin)));
+        let states = motions.map(|(frame, motion)| (frame, FrameState::of_motion(motion, origin)));
         EncodedBody::of(states, size, "vehicle")
     };
     let contact = episode.first_contacts().next().map(|hit| {
@@ -183,7 +183,7 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
 }
 
 /// States of a way out, which ends at the last frame.
-fn way_out_states(rows: &[[f64; 3]], origin: Point) -> impl Iterator<Item = (usize, State)> {
+fn way_out_states(rows: &[[f64; 3]], origin: Point) -> impl Iterator<Item = (usize, FrameState)> {
     let first = LAST_FRAME + 1 - rows.len().min(LAST_FRAME + 1);
     rows.iter().enumerate().map(move |(k, &[x, y, heading])| {
         let [before_x, before_y, _] = rows[k.saturating_sub(1)];
@@ -193,12 +193,12 @@ fn way_out_states(rows: &[[f64; 3]], origin: Point) -> impl Iterator<Item = (usi
             velocity: [(x - before_x) / DT, (y - before_y) / DT],
             yaw_rate: 0.0,
         };
-        (first + k, State::of_motion(&motion, origin))
+        (first + k, FrameState::of_motion(&motion, origin))
     })
 }
 
 /// States of a track at its valid frames, relative to an origin.
-fn states(track: &Track, origin: Point) -> impl Iterator<Item = (usize, State)> {
+fn states(track: &Track, origin: Point) -> impl Iterator<Item = (usize, FrameState)> {
     let frames = (0..track.valid.len().min(LAST_FRAME + 1)).filter(|&frame| track.is_valid(frame));
     frames.map(move |frame| {
         let motion = Motion {
@@ -207,7 +207,7 @@ fn states(track: &Track, origin: Point) -> impl Iterator<Item = (usize, State)> 
             velocity: track.velocity[frame],
             yaw_rate: 0.0,
         };
-        (frame, State::of_motion(&motion, origin))
+        (frame, FrameState::of_motion(&motion, origin))
     })
 }
 

@@ -1,7 +1,11 @@
 //! The benchmark engine: a study is data, and everything else follows from its rows.
 //!
-//! - [`estimate`]: means, shares and differences with intervals; [`table`]: Markdown and CSV.
-//! - [`part`], [`operating_point`], [`selection`], [`generators`]: parts by name, as studies and commands give them.
+//! - [`study`]: what a file says. [`plan`]: a study with all its parts, checked before a scene is read.
+//! - [`measure`]: what is measured in a scene, one file per kind of measurement. [`runner`]: all scenes, in parallel, resuming.
+//! - [`rows`]: the results. [`estimate`]: means, shares and differences with intervals. [`curve`]: quantities of curves over λ.
+//! - [`report`]: tables, charts and files from rows alone. [`chart`]: pictures. [`table`]: Markdown and CSV. [`published`]: numbers of
+//!   the paper.
+//! - [`part`], [`operating_point`], [`selection`], [`generators`], [`ego`], [`react`]: what users name, as studies and commands give it.
 
 pub mod chart;
 pub mod curve;

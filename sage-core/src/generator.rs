@@ -69,11 +69,11 @@ pub trait Proposer: Send + Sync {
     /// Computes, once per scene, everything that does not depend on the mixture.
     ///
     /// *Errors*: [`Error::Scene`] for a scene that it cannot handle.
-    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error>;
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedProposer>, Error>;
 }
 
 /// A scene that a proposer has prepared.
-pub trait PreparedScene: Send + Sync {
+pub trait PreparedProposer: Send + Sync {
     /// Proposals at a mixture of experts: at least one, sorted by descending probability if they have
     /// probabilities.
     ///

@@ -6,6 +6,13 @@
 //! scene does not model stays in the document, so that writing loses nothing. Native files are safetensors.
 //! [`womd`] reads the files of the Waymo Open Motion Dataset into such documents.
 //!
+//! - Reading: [`Recording`] is a scene with its document; `reading` holds the options, `repairs` what is mended or left out, and
+//!   `contradictions` and [`checks`] what is warned about. [`stream`] reads many, [`folder`] lists them, `foreign` names files of
+//!   other formats.
+//! - Writing: [`VariantWriter`] adversarial scenes, [`dataset`] the tables of a data set, [`openscenario`] and [`opendrive`] scenarios
+//!   and maps.
+//! - [`procedural`] generates scenes; [`split`] chooses some of a list.
+//!
 //! ```no_run
 //! let recording = sage_data::Recording::read("scene.pkl".as_ref())?;
 //! println!("{} tracks", recording.scene.tracks.len());

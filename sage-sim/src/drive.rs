@@ -11,7 +11,7 @@ use sage_core::{
 use crate::{
     body::{Body, BodyKind, BodyShape},
     observation::{Driving, LENGTH, ObservationKind, observe},
-    policy::{Driver, EgoPolicy, Privilege, Seat, Start, View},
+    policy::{ControlledVehicle, Driver, EgoPolicy, Knowledge, Start, View},
     route::{Localization, Route},
     scene::{LAST_FRAME, SimScene, guide},
     traffic::Plan,
@@ -49,12 +49,12 @@ pub struct Simulation {
 /// A driver and what it may know.
 struct Seated {
     driver: Box<dyn Driver>,
-    privilege: Privilege,
+    knowledge: Knowledge,
 }
 
 impl Clone for Seated {
     fn clone(&self) -> Self {
-        Self { driver: self.driver.boxed_clone(), privilege: self.privilege }
+        Self { driver: self.driver.boxed_clone(), knowledge: self.knowledge }
     }
 }
 
@@ -77,7 +77,7 @@ impl Simulation {
     ) -> Result<Self, Error> {
         let world = World::new(scene.clone(), options.clone(), plan, seed)?;
         let track = scene.scene().ego;
-        let ego = Seated { driver: started(policy, scene, track, seed)?, privilege: policy.privilege() };
+        let ego = Seated { driver: started(policy, scene, track, seed)?, knowledge: policy.knows() };
         let driving = Driving::start(scene.route(), Localization::Nearest, world.motion());
         let observation = ObservationKind::Corrected;
         Ok(Self { world, ego, adversary: None, driving, observation, is_posed: false })
@@ -92,7 +92,7 @@ impl Simulation {
         self.world.drive_adversary()?;
         let log = &scene.scene().tracks[track];
         let routes = [guide(log, scene.index()), Route::of_track(log, 0, false)];
-        let seated = Seated { driver: started(policy, &scene, track, seed)?, privilege: policy.privilege() };
+        let seated = Seated { driver: started(policy, &scene, track, seed)?, knowledge: policy.knows() };
         self.adversary = Some((seated, routes));
         Ok(self)
     }
@@ -121,7 +121,7 @@ impl Simulation {
         let (driving, kind) = (&self.driving, self.observation);
         let see = |out: &mut [f32; LENGTH]| observe(world, driving, kind, out);
         let scene = world.scene();
-        let seat = Seat {
+        let vehicle = ControlledVehicle {
             track: scene.scene().ego,
             routes: [scene.guide(), scene.route()],
             motion: *world.motion(),
@@ -129,7 +129,7 @@ impl Simulation {
             ground: world.level(),
             others: world.bodies(),
         };
-        let control = self.ego.driver.control(&View::new(world, seat, self.ego.privilege, Some(&see)))?;
+        let control = self.ego.driver.control(&View::new(world, vehicle, self.ego.knowledge, Some(&see)))?;
         let mut theirs = None;
         if let (Some((seated, [route, log])), Some((motion, body))) =
             (&mut self.adversary, world.adversary_motion())
@@ -139,8 +139,15 @@ impl Simulation {
                 world.bodies().iter().filter(|body| body.track != track).copied().collect();
             others.push(ego_body(world));
             let (area, ground) = (body.area, body.ground);
-            let seat = Seat { track, routes: [route, log], motion: *motion, area, ground, others: &others };
-            theirs = Some(seated.driver.control(&View::new(world, seat, seated.privilege, None))?);
+            let vehicle = ControlledVehicle {
+                track,
+                routes: [route, log],
+                motion: *motion,
+                area,
+                ground,
+                others: &others,
+            };
+            theirs = Some(seated.driver.control(&View::new(world, vehicle, seated.knowledge, None))?);
         }
         self.world.step(control, theirs)?;
         self.is_posed = matches!(control, Control::Pose { .. });
@@ -160,7 +167,7 @@ fn started(
     track: usize,
     seed: u64,
 ) -> Result<Box<dyn Driver>, Error> {
-    policy.start(&Start::new(scene, track, policy.privilege(), seed))
+    policy.start(&Start::new(scene, track, policy.knows(), seed))
 }
 
 /// The ego as a body for others.

@@ -1,7 +1,7 @@
 //! Driving policies: what drives the car under test, or the adversary.
 //!
 //! A policy sees a [`View`]: its own state, its route, the map, and the present boxes and velocities of the
-//! others and states of traffic lights. Recordings and plans are a privilege that it must declare ([`EgoPolicy::privilege`]); tables print
+//! others and states of traffic lights. Recordings and plans are a knowledge that it must declare ([`EgoPolicy::knowledge`]); tables print
 //! it.
 
 mod constant;
@@ -91,7 +91,7 @@ const ROUTE_END: f64 = 5.0;
 
 /// What a policy knows beyond its view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Privilege {
+pub enum Knowledge {
     /// Nothing.
     #[default]
     None,
@@ -101,7 +101,7 @@ pub enum Privilege {
     Everything,
 }
 
-impl fmt::Display for Privilege {
+impl fmt::Display for Knowledge {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
             Self::None => "nothing beyond now",
@@ -116,8 +116,8 @@ impl fmt::Display for Privilege {
 /// Implementations are pure: the same scene, seed and views give the same controls.
 pub trait EgoPolicy: Send + Sync {
     /// What the policy knows beyond its view.
-    fn privilege(&self) -> Privilege {
-        Privilege::None
+    fn knows(&self) -> Knowledge {
+        Knowledge::None
     }
 
     /// Whether it drives the recording itself, so that an attack on it is one on the recording.
@@ -135,14 +135,14 @@ pub trait EgoPolicy: Send + Sync {
 pub struct Start<'a> {
     scene: &'a SimScene,
     track: usize,
-    privilege: Privilege,
+    knowledge: Knowledge,
     seed: u64,
 }
 
 impl<'a> Start<'a> {
     /// The start of a policy that drives a track: the ego or the adversary.
-    pub fn new(scene: &'a SimScene, track: usize, privilege: Privilege, seed: u64) -> Self {
-        Self { scene, track, privilege, seed }
+    pub fn new(scene: &'a SimScene, track: usize, knowledge: Knowledge, seed: u64) -> Self {
+        Self { scene, track, knowledge, seed }
     }
 
     /// Identifier of the scene.
@@ -170,9 +170,9 @@ impl<'a> Start<'a> {
         self.seed
     }
 
-    /// The recording of the driven track; `None` without [`Privilege::OwnLog`].
+    /// The recording of the driven track; `None` without [`Knowledge::OwnLog`].
     pub fn own_log(&self) -> Option<&'a Track> {
-        let is_allowed = self.privilege != Privilege::None;
+        let is_allowed = self.knowledge != Knowledge::None;
         is_allowed.then(|| self.scene.scene().tracks.get(self.track)).flatten()
     }
 
@@ -205,14 +205,14 @@ pub struct View<'a> {
     area: OrientedBox,
     ground: f64,
     others: &'a [Body],
-    privilege: Privilege,
+    knowledge: Knowledge,
     track: usize,
     observe: Option<&'a Observe<'a>>,
     observation: OnceCell<Box<[f32; LENGTH]>>,
 }
 
 /// The car that a view is of.
-pub struct Seat<'a> {
+pub struct ControlledVehicle<'a> {
     /// Index of its track.
     pub track: usize,
     /// Its route, continued along the lanes, and its recorded route alone.
@@ -228,14 +228,15 @@ pub struct Seat<'a> {
 }
 
 impl<'a> View<'a> {
-    /// The view of a driver in a seat. `observe` writes the observation on demand, if the seat has one.
+    /// The view of a driver in a vehicle. `observe` writes the observation on demand, if the vehicle has one.
     pub fn new(
         world: &'a World,
-        seat: Seat<'a>,
-        privilege: Privilege,
+        vehicle: ControlledVehicle<'a>,
+        knowledge: Knowledge,
         observe: Option<&'a Observe<'a>>,
     ) -> Self {
-        let Seat { track, routes: [route, logged_route], motion, area, ground, others } = seat;
+        let ControlledVehicle { track, routes: [route, logged_route], motion, area, ground, others } =
+            vehicle;
         let observation = OnceCell::new();
         Self {
             world,
@@ -245,7 +246,7 @@ impl<'a> View<'a> {
             area,
             ground,
             others,
-            privilege,
+            knowledge,
             track,
             observe,
             observation,
@@ -343,19 +344,19 @@ impl<'a> View<'a> {
         self.track
     }
 
-    /// The own recording; `None` without [`Privilege::OwnLog`].
+    /// The own recording; `None` without [`Knowledge::OwnLog`].
     pub fn own_log(&self) -> Option<&Track> {
-        (self.privilege != Privilege::None).then(|| &self.world.scene().scene().tracks[self.track])
+        (self.knowledge != Knowledge::None).then(|| &self.world.scene().scene().tracks[self.track])
     }
 
-    /// The recording of everybody; `None` without [`Privilege::Everything`].
+    /// The recording of everybody; `None` without [`Knowledge::Everything`].
     pub fn recording(&self) -> Option<&Scene> {
-        (self.privilege == Privilege::Everything).then(|| &**self.world.scene().scene())
+        (self.knowledge == Knowledge::Everything).then(|| &**self.world.scene().scene())
     }
 
-    /// The plan of the adversary; `None` without [`Privilege::Everything`], or if there is none.
+    /// The plan of the adversary; `None` without [`Knowledge::Everything`], or if there is none.
     pub fn plan(&self) -> Option<&Plan> {
-        (self.privilege == Privilege::Everything).then(|| self.world.plan()).flatten()
+        (self.knowledge == Knowledge::Everything).then(|| self.world.plan()).flatten()
     }
 
     /// Error about the scene.

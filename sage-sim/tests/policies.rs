@@ -13,7 +13,7 @@ use sage_sim::{
     SimScene,
     drive::{Drive, Simulation, drive},
     fault::{FaultClass, classify},
-    policy::{EgoPolicy, Privilege, Start, policies},
+    policy::{EgoPolicy, Knowledge, Start, policies},
     vehicle::Vehicle,
 };
 use serde_json::json;
@@ -138,11 +138,11 @@ fn idm_changes_to_a_free_parallel_lane_and_drives_on() {
 
 #[test]
 fn privileges_are_declared() {
-    let privileged = |name: &str| policy(name).privilege();
-    assert_eq!(privileged("expert-release"), Privilege::Everything);
-    assert_eq!(privileged("replay"), Privilege::OwnLog);
-    assert_eq!(privileged("expert"), Privilege::None);
-    // The expert without privilege drives the same whatever the log says of the future.
+    let knows = |name: &str| policy(name).knows();
+    assert_eq!(knows("expert-release"), Knowledge::Everything);
+    assert_eq!(knows("replay"), Knowledge::OwnLog);
+    assert_eq!(knows("expert"), Knowledge::None);
+    // The expert without knowledge drives the same whatever the log says of the future.
     let mut liar = car("other", [30.0, 0.0], 0.0, 2.0);
     let honest = on_road(vec![car("ego", [0.0, 0.0], 0.0, 12.0), liar.clone()]);
     for frame in 21..91 {
@@ -186,7 +186,7 @@ fn a_path_is_driven_pose_by_pose_and_bad_files_are_named() {
     let [far, jumping] = [far, jumping].map(|poses| build(&json!(poses).to_string()).unwrap());
     let short = build("[[1, 2, 3]]").unwrap();
     let start = |policy: &dyn EgoPolicy| {
-        let start = Start::new(&scene, 0, Privilege::None, 0);
+        let start = Start::new(&scene, 0, Knowledge::None, 0);
         policy.start(&start).err().unwrap().to_string()
     };
     assert!(start(far.as_ref()).contains("row 40 of the drive"));

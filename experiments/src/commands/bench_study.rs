@@ -23,7 +23,7 @@ use crate::{
     Outcome, Registries,
     cli::{ReportArgs, StudyArgs},
     input, networks,
-    output::{self, Folder, Run, State},
+    output::{self, Folder, Run, RunState},
     progress::{self, Progress, count},
     scenes::Scenes,
     selection::Selection,
@@ -131,7 +131,7 @@ pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> 
     });
     let results = [report::PAGE, ROWS, report::ESTIMATES, STUDY_RECORD];
     let (run, state) = Run::start(out, identity, args.folder.force, &[WINDOWS], &[], &results)?;
-    if state == State::Done {
+    if state == RunState::Done {
         let (record, results) = read(out)?;
         let report = Report::new(&record.study, &results)?;
         output::print(&if args.wide { report.markdown() } else { report.narrow() })?;

@@ -31,7 +31,7 @@ use crate::{
     cli::FinetuneArgs,
     input,
     networks::{self, Loaded},
-    output::{self, Run, State},
+    output::{self, Run, RunState},
     progress,
     scenes::{self, Scenes},
 };
@@ -188,7 +188,7 @@ pub(crate) fn run(args: &FinetuneArgs, registries: &Registries) -> Result<Outcom
         &outdated,
         &results.iter().map(String::as_str).collect::<Vec<_>>(),
     )?;
-    if state == State::Done {
+    if state == RunState::Done {
         return Ok(Outcome::Done);
     }
     let folder = run.folder();

@@ -18,7 +18,7 @@ use serde_json::json;
 use crate::{Outcome, cli::InspectArgs, progress, terminal};
 
 /// Summary of a scene after reading.
-struct Row {
+struct SceneRow {
     summary: Summary,
     tracks: Vec<String>,
 }
@@ -28,7 +28,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
     let options = args.reading.options();
     let read = |item: Item| {
         let (name, shard) = (scene_name(&item) + &options.suffix(), item.shard().map(Path::to_owned));
-        let row = item.read(&options).map(|recording| Row {
+        let row = item.read(&options).map(|recording| SceneRow {
             summary: Summary::of(&name, &recording.scene),
             tracks: if args.tracks { list_tracks(&recording.scene) } else { Vec::new() },
         });
@@ -51,7 +51,7 @@ struct Found {
     name: String,
     /// The shard of a record.
     shard: Option<PathBuf>,
-    row: Result<Row, sage_data::Error>,
+    row: Result<SceneRow, sage_data::Error>,
 }
 
 /// Name of a scene: its file's, without the ending, or a record's as `SHARD#3`.
@@ -130,7 +130,7 @@ impl<W: Write> Report<W> {
 
     fn row(&mut self, found: Found) -> Result<()> {
         let Found { name, shard, row } = found;
-        let Row { mut summary, tracks } = match row {
+        let SceneRow { mut summary, tracks } = match row {
             Ok(row) => row,
             Err(error) => {
                 self.total.failed += 1;

@@ -76,7 +76,7 @@ fn policies(out: &mut impl Write, registry: &Registry<dyn EgoPolicy>, as_json: b
         writeln!(out, "{}", registry.kind())?;
     }
     for entry in registry.entries() {
-        let knows = registry.build_default(entry.name).map(|policy| policy.privilege()).unwrap_or_default();
+        let knows = registry.build_default(entry.name).map(|policy| policy.knows()).unwrap_or_default();
         if as_json {
             let row = json!({
                 "kind": registry.kind(), "name": entry.name, "summary": entry.summary,

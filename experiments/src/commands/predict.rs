@@ -27,7 +27,7 @@ use crate::{
 };
 
 #[derive(Serialize)]
-struct Row<'p> {
+struct PredictionRow<'p> {
     rank: usize,
     log_prob: f32,
     goal: Point,
@@ -96,7 +96,7 @@ fn print(predicted: &[Predicted], as_json: bool) -> Result<()> {
     }
     for (k, Predicted { log_prob, goal, trajectory, .. }) in predicted.iter().enumerate() {
         if as_json {
-            let row = Row { rank: k + 1, log_prob: *log_prob, goal: *goal, trajectory };
+            let row = PredictionRow { rank: k + 1, log_prob: *log_prob, goal: *goal, trajectory };
             terminal::json_line(&mut out, &row)?;
             continue;
         }

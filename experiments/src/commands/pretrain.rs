@@ -17,7 +17,7 @@ use crate::{
     Outcome, Registries,
     cli::PretrainArgs,
     input, networks,
-    output::{self, Folder, Run, State},
+    output::{self, Folder, Run, RunState},
     progress::{self, count},
     scenes::{self, Scenes},
 };
@@ -69,13 +69,13 @@ pub(crate) fn run(args: &PretrainArgs, registries: &Registries) -> Result<Outcom
     });
     let outdated = [STATE, PRIOR_FILE, "curve.csv", "curve.svg"];
     let (run, state) = Run::start(&args.folder.out, identity, args.folder.force, &[], &outdated, &outdated)?;
-    if state == State::Done {
+    if state == RunState::Done {
         return Ok(Outcome::Done);
     }
     let folder = run.folder();
     progress::say(&format!(
         "{} network `{}` ({} parameters), {} scenes, validation on {}",
-        if state == State::Unfinished { "resuming" } else { "training" },
+        if state == RunState::Unfinished { "resuming" } else { "training" },
         network.name(),
         network.parameters().numbers(),
         train.len(),

@@ -18,7 +18,7 @@ use crate::{
 };
 
 #[derive(Serialize)]
-struct Row<'r> {
+struct ScoreRow<'r> {
     name: &'r str,
     #[serde(flatten)]
     scores: Scores,
@@ -70,7 +70,7 @@ pub(crate) fn run(args: &ScoreArgs, registries: &Registries) -> Result<Outcome> 
         let scores = Scorer::with(ctx, &further).scores(&prepared);
         let avoidable = args.avoidable.options().map(|options| Avoidance::new(ctx, options)).transpose()?;
         let avoidable = avoidable.map(|avoidance| avoidance.of(&prepared));
-        table.row(&Row { name: &candidate.name, scores, avoidable })?;
+        table.row(&ScoreRow { name: &candidate.name, scores, avoidable })?;
     }
     Ok(Outcome::Done)
 }
@@ -83,7 +83,7 @@ struct Table<'f, W> {
 }
 
 impl<W: Write> Table<'_, W> {
-    fn row(&mut self, row: &Row) -> Result<()> {
+    fn row(&mut self, row: &ScoreRow) -> Result<()> {
         if self.json {
             return Ok(terminal::json_line(&mut self.out, row)?);
         }

@@ -28,7 +28,7 @@ use crate::{
     cli::{SplitArgs, TrainEgoArgs},
     generators::{BuiltGenerator, Generators, weight_hashes},
     networks,
-    output::{self, Run, State},
+    output::{self, Run, RunState},
     part::Part,
     progress,
     scenes::{self, Scenes},
@@ -132,10 +132,10 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         &results,
         &results,
     )?;
-    if state == State::Done {
+    if state == RunState::Done {
         return Ok(Outcome::Done);
     }
-    if state == State::New {
+    if state == RunState::New {
         for seed in args.seeds.clone() {
             run.folder().remove(&format!("{}/{CHECKPOINT}", one_seed::folder(seed)))?;
         }

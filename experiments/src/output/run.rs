@@ -26,7 +26,7 @@ pub(crate) struct Run {
 
 /// State of a run in its folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum State {
+pub(crate) enum RunState {
     /// The folder holds no part of the run.
     New,
     /// The folder holds a part of the run, which resumes.
@@ -56,13 +56,13 @@ impl Run {
         temporary: &[&str],
         outdated: &[&str],
         results: &[&str],
-    ) -> Result<(Self, State)> {
+    ) -> Result<(Self, RunState)> {
         let owned = temporary.iter().map(|name| (*name).to_owned()).collect();
         let run =
             Self { folder: Folder::claim(&Inputs::of_command_line(), path)?, identity, temporary: owned };
-        let state = if force { State::New } else { run.state(results) };
+        let state = if force { RunState::New } else { run.state(results) };
         match state {
-            State::New
+            RunState::New
                 if !force && !run.folder.holds_at_most(if run.has_begun() { &[RECORD] } else { &[] })? =>
             {
                 bail!(
@@ -70,7 +70,7 @@ impl Run {
                     path.display()
                 );
             }
-            State::New => {
+            RunState::New => {
                 // The record goes first, so that it never marks a folder with missing results as done.
                 run.folder.remove(RECORD)?;
                 for name in temporary.iter().chain(outdated) {
@@ -78,10 +78,10 @@ impl Run {
                 }
                 run.record(&Value::Null, None)?;
             }
-            State::Unfinished => {
+            RunState::Unfinished => {
                 progress::say(&format!("note: `{}` holds this run unfinished; it resumes", path.display()));
             }
-            State::Done => {
+            RunState::Done => {
                 // The run may have been killed after it wrote the record and before it removed temporary
                 // files.
                 run.clear()?;
@@ -98,12 +98,12 @@ impl Run {
             .is_some_and(|record| record["run"].is_object() && record["seconds"].is_null())
     }
 
-    fn state(&self, results: &[&str]) -> State {
+    fn state(&self, results: &[&str]) -> RunState {
         let are_there = results.iter().all(|name| self.folder.path().join(name).is_file());
         match read_record(&self.folder).filter(|record| record["run"] == self.identity) {
-            None => State::New,
-            Some(record) if record["seconds"].is_null() || !are_there => State::Unfinished,
-            Some(_) => State::Done,
+            None => RunState::New,
+            Some(record) if record["seconds"].is_null() || !are_there => RunState::Unfinished,
+            Some(_) => RunState::Done,
         }
     }
 

@@ -8,14 +8,14 @@ use serde::Serialize;
 
 /// State at one frame.
 #[derive(Clone, Copy)]
-pub(super) struct State {
+pub(super) struct FrameState {
     /// Position, metres.
     pub(super) at: Point,
     heading: f64,
     speed: f64,
 }
 
-impl State {
+impl FrameState {
     /// The state of a motion, relative to an origin.
     pub(super) fn of_motion(motion: &Motion, origin: Point) -> Self {
         let at = [0, 1].map(|k| motion.position[k] - origin[k]);
@@ -45,7 +45,7 @@ struct Run {
 impl EncodedBody {
     /// Encodes states at increasing frames; `None` without any.
     pub(super) fn of(
-        states: impl Iterator<Item = (usize, State)>,
+        states: impl Iterator<Item = (usize, FrameState)>,
         [length, width]: [f64; 2],
         kind: &'static str,
     ) -> Option<Self> {
@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn gaps_start_new_runs_and_headings_do_not_jump() {
-        let state = |x: f64, heading: f64| State { at: [x, -x], heading, speed: 2.0 };
+        let state = |x: f64, heading: f64| FrameState { at: [x, -x], heading, speed: 2.0 };
         let states = [(3, state(1.0, 3.1)), (4, state(1.5, -3.1)), (7, state(2.0, 0.1))];
         let body = EncodedBody::of(states.into_iter(), [4.5, 1.9], "vehicle").unwrap();
         let runs: Vec<_> = body.runs.iter().map(|r| (r.first, &r.x[..], &r.h[..], &r.v[..])).collect();

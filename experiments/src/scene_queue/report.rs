@@ -46,10 +46,10 @@ pub(crate) struct Report {
     json: bool,
     /// What one line is: a noun.
     result: &'static str,
-    state: Mutex<State>,
+    state: Mutex<ReportState>,
 }
 
-struct State {
+struct ReportState {
     /// Index of the scene whose lines are printed next.
     next: usize,
     /// Lines of finished scenes that wait for an earlier scene.
@@ -68,7 +68,7 @@ impl Report {
     /// A report for a number of scenes with rows in a folder. The words are a participle for what is done to a
     /// scene, and a noun for a line.
     pub(crate) fn new(folder: &Path, json: bool, scenes: usize, [verb, result]: [&'static str; 2]) -> Self {
-        let state = State {
+        let state = ReportState {
             next: 0,
             waiting: BTreeMap::new(),
             is_open: true,
@@ -156,11 +156,11 @@ impl Report {
         [state.failed, state.left_out]
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn state(&self) -> MutexGuard<'_, ReportState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn print(&self, state: &mut State, number: usize, lines: Vec<Line>) -> Result<()> {
+    fn print(&self, state: &mut ReportState, number: usize, lines: Vec<Line>) -> Result<()> {
         state.waiting.insert(number, lines);
         while let Some(lines) = state.waiting.remove(&state.next) {
             state.next += 1;

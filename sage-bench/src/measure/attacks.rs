@@ -168,7 +168,7 @@ impl Attacks {
         let mut keys = Vec::new();
         for k in 0..self.egos.len().max(1) {
             let ego = self.egos.get(k);
-            let knows = ego.map(|ego| ego.policy.privilege().to_string()).unwrap_or_default();
+            let knows = ego.map(|ego| ego.policy.knows().to_string()).unwrap_or_default();
             if let Some(ego) = ego.filter(|_| drive) {
                 keys.push(Key { knows: knows.clone(), ..Key::new(Subject::Drive, &*ego.label, self.seed) });
             }

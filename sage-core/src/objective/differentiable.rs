@@ -1,4 +1,4 @@
-//! Smooth stand-ins of rewards, with gradients, for generators that optimise a trajectory.
+//! Smooth surrogates of rewards, with gradients, for generators that optimise a trajectory.
 //!
 //! A contact is a step in the reward, so its gradient says nothing. A [`DifferentiableReward`] is a smooth function that
 //! orders trajectories nearly as the reward does. Optimisers maximise it; reports use the reward itself.

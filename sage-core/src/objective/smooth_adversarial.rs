@@ -1,4 +1,4 @@
-//! Smooth stand-in of the adversarial reward.
+//! Smooth surrogate of the adversarial reward.
 //!
 //! The boxes' signed gap `s_t` (greatest separation along their four axes, negative in contact) gives a soft contact
 //! `q_t = σ(−s_t / τ)` and a soft "no contact before" `S_t = Π_{k<t} (1 − q_k)`. The value is

@@ -1,4 +1,4 @@
-//! Smooth stand-in of the realism penalty, from positions alone.
+//! Smooth surrogate of the realism penalty, from positions alone.
 //!
 //! Velocity and acceleration are second-order differences of the positions. Speed, turning rate and absolute values are
 //! rounded off near 0, so that the penalty has a gradient everywhere.

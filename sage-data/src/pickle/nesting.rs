@@ -6,7 +6,7 @@ use super::{Document, Id, MAX_DEPTH, Node, PickleProblem as Problem};
 
 /// State of a value during the traversal.
 #[derive(Clone, Copy)]
-enum State {
+enum Visit {
     New,
     /// On the path from the root to the current value.
     Open,
@@ -48,14 +48,14 @@ impl Document {
     /// stack.
     pub(super) fn check_nesting(&self) -> Result<Vec<Id>, Problem> {
         let mut keyed = Vec::new();
-        let mut states = vec![State::New; self.nodes.len()];
+        let mut states = vec![Visit::New; self.nodes.len()];
         let mut path: Vec<Step> = Vec::with_capacity(MAX_DEPTH);
         let mut next = Some(self.root);
         loop {
             if let Some(id) = next {
                 match states[id.0 as usize] {
-                    State::Open => return Err(Problem::Cycle),
-                    State::Done(levels) => {
+                    Visit::Open => return Err(Problem::Cycle),
+                    Visit::Done(levels) => {
                         let levels = usize::from(levels);
                         if path.len() + levels > MAX_DEPTH {
                             return Err(Problem::Depth);
@@ -64,12 +64,12 @@ impl Document {
                             parent.below = parent.below.max(levels);
                         }
                     }
-                    State::New => {
+                    Visit::New => {
                         if let Some(children) = self.children(id)? {
                             if path.len() == MAX_DEPTH {
                                 return Err(Problem::Depth);
                             }
-                            states[id.0 as usize] = State::Open;
+                            states[id.0 as usize] = Visit::Open;
                             if !matches!(self.node(id), Node::List(_) | Node::Tuple(_)) {
                                 keyed.push(id);
                             }
@@ -82,7 +82,7 @@ impl Document {
             next = step.children.next();
             if next.is_none() {
                 let levels = step.below + 1;
-                states[step.id.0 as usize] = State::Done(levels as u8);
+                states[step.id.0 as usize] = Visit::Done(levels as u8);
                 path.pop();
                 if let Some(parent) = path.last_mut() {
                     parent.below = parent.below.max(levels);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use sage_backbones::{Backbone, backbone::to_world, encoding::Encoding};
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
     scene::Scene,
 };
 use serde::{Deserialize, Serialize};
@@ -43,7 +43,7 @@ struct Decoder {
 }
 
 impl Proposer for Decoder {
-    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedProposer>, Error> {
         let encoding = encoded(&*self.prior, now).map_err(|error| in_scene(now.scene(), error))?;
         Ok(Box::new(Encoded { decoder: self.clone(), encoding, scene: now.scene().clone() }))
     }
@@ -55,7 +55,7 @@ struct Encoded {
     scene: Arc<Scene>,
 }
 
-impl PreparedScene for Encoded {
+impl PreparedProposer for Encoded {
     /// All goals at the first speed profile, then at the next.
     fn propose(&self, _: &Mixture, _: u64) -> Result<Vec<Proposal>, Error> {
         let Self { decoder: Decoder { prior, with_nll }, encoding, .. } = self;

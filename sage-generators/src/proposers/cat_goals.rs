@@ -11,7 +11,7 @@ use sage_backbones::{
 };
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
     scene::Scene,
     seed::Rng,
 };
@@ -55,7 +55,7 @@ struct OfPrior {
 }
 
 impl Proposer for OfPrior {
-    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedProposer>, Error> {
         let encoding = encoded(&*self.prior, now).map_err(|error| in_scene(now.scene(), error))?;
         let (prior, candidates) = (self.prior.clone(), self.candidates);
         Ok(Box::new(Encoded { prior, candidates, encoding, scene: now.scene().clone() }))
@@ -69,7 +69,7 @@ struct Encoded {
     scene: Arc<Scene>,
 }
 
-impl PreparedScene for Encoded {
+impl PreparedProposer for Encoded {
     fn propose(&self, _: &Mixture, seed: u64) -> Result<Vec<Proposal>, Error> {
         let nms = Selection::Nms { radius: suppression_radius(self.encoding.features().speed()) };
         let mut rng = Rng::new(seed, &self.scene.id, "candidates");

@@ -16,7 +16,7 @@ use sage_backbones::{
 };
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
     geometry::Point,
     motion::HORIZON,
     objective::Body,
@@ -125,7 +125,7 @@ struct Shared {
 }
 
 impl Proposer for Network {
-    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedProposer>, Error> {
         let Shared { options, prior, .. } = &*self.0;
         let encode = || {
             let adversary = now.scene().adversary_index()?;
@@ -145,7 +145,7 @@ struct Encoded {
     now: Observation,
 }
 
-impl PreparedScene for Encoded {
+impl PreparedProposer for Encoded {
     fn propose(&self, at: &Mixture, seed: u64) -> Result<Vec<Proposal>, Error> {
         self.proposals(at, seed).map_err(|error| in_scene(self.now.scene(), error))
     }

@@ -12,7 +12,7 @@ use sage_backbones::{
 };
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
     scene::Scene,
 };
 use serde::{Deserialize, Serialize};
@@ -43,7 +43,7 @@ struct OfPolicy {
 }
 
 impl Proposer for OfPolicy {
-    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedProposer>, Error> {
         let encode = || {
             let adversary = now.scene().adversary_index()?;
             let features = features_with_forecast(&*self.prior, now, adversary, Subsampling::NONE)?;
@@ -62,7 +62,7 @@ struct Encoded {
     scene: Arc<Scene>,
 }
 
-impl PreparedScene for Encoded {
+impl PreparedProposer for Encoded {
     fn propose(&self, at: &Mixture, _: u64) -> Result<Vec<Proposal>, Error> {
         let propose = || -> Result<Proposal, crate::Error> {
             let (encoding, model) = (&self.encoding, self.models.at(at)?);

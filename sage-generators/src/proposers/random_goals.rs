@@ -5,7 +5,7 @@ use std::sync::Arc;
 use sage_backbones::{Backbone, backbone::to_world, encoding::Encoding};
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedScene, Proposal, Proposer},
+    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
     objective::Body,
     seed::Rng,
 };
@@ -54,7 +54,7 @@ struct Decoder {
 }
 
 impl Proposer for Decoder {
-    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedScene>, Error> {
+    fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedProposer>, Error> {
         let encoding = encoded(&*self.prior, now).map_err(|error| in_scene(now.scene(), error))?;
         let body = Body::of(now.scene())?;
         Ok(Box::new(Encoded { decoder: self.clone(), encoding, body, now: now.clone() }))
@@ -68,7 +68,7 @@ struct Encoded {
     now: Observation,
 }
 
-impl PreparedScene for Encoded {
+impl PreparedProposer for Encoded {
     fn propose(&self, _: &Mixture, seed: u64) -> Result<Vec<Proposal>, Error> {
         let Self { decoder: Decoder { prior, candidates, with_nll }, encoding, body, now } = self;
         let id = &now.scene().id;

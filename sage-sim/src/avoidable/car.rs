@@ -35,7 +35,7 @@ pub(super) struct Car {
 
 /// State of the car.
 #[derive(Clone, Copy)]
-pub(super) struct State {
+pub(super) struct CarState {
     /// Centre of the rear axle.
     pub(super) axle: Point,
     /// Unit direction.
@@ -59,8 +59,8 @@ impl Car {
     }
 
     /// The state with the box at a place, at a station of the line.
-    pub(super) fn state(&self, area: &OrientedBox, speed: f64, station: f64) -> State {
-        State { axle: self.axle(area), axis: area.axis, speed, acceleration: 0.0, station }
+    pub(super) fn state(&self, area: &OrientedBox, speed: f64, station: f64) -> CarState {
+        CarState { axle: self.axle(area), axis: area.axis, speed, acceleration: 0.0, station }
     }
 
     /// The rear axle of a box.
@@ -69,7 +69,7 @@ impl Car {
     }
 
     /// The box of a state, grown by the margin.
-    pub(super) fn area(&self, state: &State) -> OrientedBox {
+    pub(super) fn area(&self, state: &CarState) -> OrientedBox {
         let center = [state.axle[0] + self.rear * state.axis[0], state.axle[1] + self.rear * state.axis[1]];
         let [half_length, half_width] = self.half.map(|half| half + MARGIN);
         OrientedBox { center, axis: state.axis, half_length, half_width }
@@ -91,7 +91,7 @@ impl Car {
     }
 
     /// One step with a commanded acceleration, towards an offset from the line (metres, positive to the left).
-    pub(super) fn step(&self, state: &mut State, command: f64, offset: f64, line: &ReferenceLine) {
+    pub(super) fn step(&self, state: &mut CarState, command: f64, offset: f64, line: &ReferenceLine) {
         let (a, next, length) = self.along(state.speed, state.acceleration, command);
         let place = line.place(state.axle, state.station);
         let curvature = self.curvature(state, &place, offset, state.speed.max(next), a);
@@ -104,11 +104,11 @@ impl Car {
         let axis = [mid[0] * cos - mid[1] * sin, mid[0] * sin + mid[1] * cos];
         let axle = [state.axle[0] + chord * mid[0], state.axle[1] + chord * mid[1]];
         let station = place.station + chord * dot(mid, place.along);
-        *state = State { axle, axis, speed: next, acceleration: a, station };
+        *state = CarState { axle, axis, speed: next, acceleration: a, station };
     }
 
     /// Curvature towards an offset from the line, as fast as the limits allow, levelling off along the line.
-    fn curvature(&self, state: &State, place: &Place, offset: f64, speed: f64, a: f64) -> f64 {
+    fn curvature(&self, state: &CarState, place: &Place, offset: f64, speed: f64, a: f64) -> f64 {
         let o = &self.options;
         if speed < CRAWLING {
             return 0.0;

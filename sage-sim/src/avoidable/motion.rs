@@ -2,12 +2,12 @@
 
 use sage_core::geometry::{OrientedBox, norm, sub};
 
-use super::{Avoidance, car::State, manoeuvres::Manoeuvre};
+use super::{Avoidance, car::CarState, manoeuvres::Manoeuvre};
 
 /// The ego on a manoeuvre.
 pub(super) enum Motion<'m> {
     /// Steered along the line, at an offset.
-    Steered { state: State, manoeuvre: &'m Manoeuvre, offset: f64 },
+    Steered { state: CarState, manoeuvre: &'m Manoeuvre, offset: f64 },
     /// On the recorded path: step of the path, metres beyond it, speed and acceleration.
     OnPath { manoeuvre: &'m Manoeuvre, step: usize, beyond: f64, speed: f64, acceleration: f64 },
 }

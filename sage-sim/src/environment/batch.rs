@@ -109,7 +109,7 @@ impl BatchOutput {
         info.episode_steps.resize(n, 0);
     }
 
-    fn write(&mut self, k: usize, row: &Row) {
+    fn write(&mut self, k: usize, row: &StepRow) {
         let (outcome, info) = (&row.outcome, &mut self.info);
         self.rewards[k] = outcome.reward;
         self.terminated[k] = outcome.terminated;
@@ -218,7 +218,7 @@ impl Batch {
             .zip(out.observations.as_chunks_mut::<LENGTH>().0)
             .zip(out.final_observations.as_chunks_mut::<LENGTH>().0)
             .zip(actions);
-        let results: Vec<Result<Row, Error>> = rows
+        let results: Vec<Result<StepRow, Error>> = rows
             .enumerate()
             // Steps differ in cost by a factor of ten; whole halves of the batch would be uneven.
             .with_max_len(1)
@@ -245,7 +245,7 @@ struct Shared {
     seed: u64,
 }
 
-struct Row {
+struct StepRow {
     outcome: Outcome,
     scene: usize,
     episode_return: f64,
@@ -275,12 +275,12 @@ impl Shared {
         [steer, throttle]: [f32; 2],
         observation: &mut [f32; LENGTH],
         last: &mut [f32; LENGTH],
-    ) -> Result<Row, Error> {
+    ) -> Result<StepRow, Error> {
         let action = Action { steer: f64::from(steer), throttle: f64::from(throttle) };
         let outcome = slot.environment.step(action)?;
         slot.episode_return += outcome.reward;
         let steps = slot.environment.world().step_count();
-        let row = Row { outcome, scene: slot.scene, episode_return: slot.episode_return, steps };
+        let row = StepRow { outcome, scene: slot.scene, episode_return: slot.episode_return, steps };
         if slot.environment.is_over() {
             slot.environment.observe(last);
             if self.auto_reset == AutoReset::SameStep {

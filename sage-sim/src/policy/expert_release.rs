@@ -12,7 +12,7 @@ use sage_core::{
     scene::{Track, TrackKind},
 };
 
-use super::{Driver, EgoPolicy, Privilege, Start, View, expert::quantile, pid::Pid};
+use super::{Driver, EgoPolicy, Knowledge, Start, View, expert::quantile, pid::Pid};
 use crate::{
     route::{Coordinates, Localization, Route},
     vehicle::Action,
@@ -49,8 +49,8 @@ impl Entry<dyn EgoPolicy> for ExpertRelease {
 }
 
 impl EgoPolicy for ExpertRelease {
-    fn privilege(&self) -> Privilege {
-        Privilege::Everything
+    fn knows(&self) -> Knowledge {
+        Knowledge::Everything
     }
 
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {

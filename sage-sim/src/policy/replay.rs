@@ -7,7 +7,7 @@ use sage_core::{
     scene::Track,
 };
 
-use super::{Driver, EgoPolicy, Privilege, Start, View};
+use super::{Driver, EgoPolicy, Knowledge, Start, View};
 use crate::world::Control;
 
 /// The policy `replay`.
@@ -26,8 +26,8 @@ impl Entry<dyn EgoPolicy> for Replay {
 }
 
 impl EgoPolicy for Replay {
-    fn privilege(&self) -> Privilege {
-        Privilege::OwnLog
+    fn knows(&self) -> Knowledge {
+        Knowledge::OwnLog
     }
 
     fn is_recording(&self) -> bool {

@@ -10,7 +10,7 @@ use sage_core::{
     scene::Track,
 };
 
-use super::{Driver, EgoPolicy, Privilege, Start, View, steering};
+use super::{Driver, EgoPolicy, Knowledge, Start, View, steering};
 use crate::{
     route::{Coordinates, Localization, Route},
     vehicle::Action,
@@ -36,8 +36,8 @@ impl Entry<dyn EgoPolicy> for Tracking {
 }
 
 impl EgoPolicy for Tracking {
-    fn privilege(&self) -> Privilege {
-        Privilege::OwnLog
+    fn knows(&self) -> Knowledge {
+        Knowledge::OwnLog
     }
 
     fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {

@@ -12,7 +12,7 @@ use crate::{
     environment::{Environment, EnvironmentOptions, Outcome},
     fault::classify,
     observation::LENGTH,
-    policy::{EgoPolicy, Seat, Start, View},
+    policy::{ControlledVehicle, EgoPolicy, Start, View},
     scene::SimScene,
     traffic::Plan,
 };
@@ -75,8 +75,8 @@ pub fn drive_episode(
     let adversary = scene.scene().adversary;
     let mut environment = Environment::reset(scene.clone(), rules.clone(), plan, seed)?;
     let track = scene.scene().ego;
-    let privilege = policy.privilege();
-    let mut driver = policy.start(&Start::new(scene, track, privilege, seed))?;
+    let knowledge = policy.knows();
+    let mut driver = policy.start(&Start::new(scene, track, knowledge, seed))?;
     let start = *environment.world().motion();
     let off_road = OffRoad::start(scene.index().map());
     let mut drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road };
@@ -85,7 +85,7 @@ pub fn drive_episode(
         let control = {
             let world = environment.world();
             let see = |out: &mut [f32; LENGTH]| environment.observe(out);
-            let seat = Seat {
+            let vehicle = ControlledVehicle {
                 track,
                 routes: [scene.guide(), scene.route()],
                 motion: *world.motion(),
@@ -93,7 +93,7 @@ pub fn drive_episode(
                 ground: world.level(),
                 others: world.bodies(),
             };
-            driver.control(&View::new(world, seat, privilege, Some(&see)))?
+            driver.control(&View::new(world, vehicle, knowledge, Some(&see)))?
         };
         let outcome = environment.step_with(control)?;
         drive.motions.push(*environment.world().motion());

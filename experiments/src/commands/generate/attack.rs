@@ -26,7 +26,7 @@ use serde_json::{Map, Value, json};
 
 use super::{
     plan::Plan,
-    row::{CandidateRow, ChosenScores, FoundRow, LeftOutRow, Row, ScoredCandidates, row_file},
+    row::{CandidateRow, ChosenScores, FoundRow, LeftOutRow, ScoredCandidates, VariantRow, row_file},
 };
 use crate::{
     attackers::Attacker,
@@ -321,10 +321,10 @@ impl SceneWriter<'_> {
         variant: &'r str,
         described: Map<String, Value>,
         scene_files: &[(String, Vec<u8>)],
-    ) -> Result<Row<'r>> {
+    ) -> Result<VariantRow<'r>> {
         let selected = ctx.candidate(attack.trajectory().clone());
         let violations = self.plan.attackers.selection.objective.rule().violations(&selected, ctx);
-        Ok(Row {
+        Ok(VariantRow {
             run_hash: self.run.hash(),
             scene: self.scene,
             variant,

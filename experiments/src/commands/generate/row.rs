@@ -28,7 +28,7 @@ pub(super) fn row_file(scene: &str, variant: &str) -> String {
 
 /// One attack, as its file records it.
 #[derive(Serialize)]
-pub(super) struct Row<'r> {
+pub(super) struct VariantRow<'r> {
     /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
     pub(super) run_hash: &'r str,
     /// Name of the input file without its ending.
@@ -210,7 +210,7 @@ impl FoundRow {
     }
 }
 
-impl Row<'_> {
+impl VariantRow<'_> {
     /// The printed line; `seconds` is the time of the attack.
     pub(super) fn line(&self, seconds: f64) -> String {
         let Self { scene, variant, feasible, note, scores: ChosenScores { scores, .. }, .. } = self;

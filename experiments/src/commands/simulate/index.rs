@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use anyhow::Result;
 
-use super::{Simulation, row::Row, scene::page_file};
+use super::{Simulation, row::DriveRow, scene::page_file};
 use crate::{output::Folder, scene_queue::Input, terminal::escaped_html as escaped};
 
 /// Name of the page.
@@ -33,7 +33,7 @@ pub(super) fn write(
     for input in inputs {
         let mut is_first = true;
         for (ego, variant, file) in simulation.files(&input.scene) {
-            let row = Row::read(&folder.path().join(&file)).filter(|row| row.run_hash == run_hash);
+            let row = DriveRow::read(&folder.path().join(&file)).filter(|row| row.run_hash == run_hash);
             let Some(row) = row else { continue };
             let name = if std::mem::take(&mut is_first) {
                 format!("<a href=\"{}\">{}</a>", link(&page_file(&input.scene)), escaped(&input.scene))

@@ -23,7 +23,7 @@ use crate::{
 
 /// One drive, as its file records it. Steps count from frame 10, *now*, which is step 0.
 #[derive(Serialize, Deserialize)]
-pub(super) struct Row {
+pub(super) struct DriveRow {
     /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
     pub(super) run_hash: String,
     /// Name of the input file without its ending.
@@ -134,7 +134,7 @@ pub(super) struct RowHead<'a> {
     pub(super) seed: u64,
 }
 
-impl Row {
+impl DriveRow {
     /// The row of an episode.
     pub(super) fn new(head: RowHead, episode: &Episode, scene: &Scene, attack: Option<AttackRow>) -> Self {
         let state = |motion: &sage_sim::vehicle::Motion| {

@@ -15,7 +15,7 @@ use serde_json::{Map, Value};
 use super::{
     Simulation,
     attacks::SceneAttacks,
-    row::{AttackRow, Row, RowHead},
+    row::{AttackRow, DriveRow, RowHead},
 };
 use crate::{
     ego::Ego,
@@ -77,7 +77,7 @@ fn finished(
         if !is_row_of(&path, run.hash()) {
             return Ok(None);
         }
-        let Some(row) = Row::read(&path) else { return Ok(None) };
+        let Some(row) = DriveRow::read(&path) else { return Ok(None) };
         anyhow::ensure!(
             row.source_hash == source_hash,
             "`{}` is of another `{}`; give --force to replace it, or name another --out",
@@ -102,7 +102,7 @@ struct DrivenRow {
     plan: Option<Plan>,
     /// Step of the planned contact with the drive before.
     contact: Option<usize>,
-    row: Row,
+    row: DriveRow,
 }
 
 /// Drives one scene.
@@ -155,7 +155,7 @@ impl SceneDrives<'_> {
         episode: &Episode,
         described: Map<String, Value>,
         attack: Option<AttackRow>,
-    ) -> Row {
+    ) -> DriveRow {
         let head = RowHead {
             run_hash: self.run.hash(),
             scene: self.name,
@@ -164,7 +164,7 @@ impl SceneDrives<'_> {
             source_hash: self.source_hash,
             seed: self.simulation.args.options.seed,
         };
-        Row::new(head, episode, scene, attack)
+        DriveRow::new(head, episode, scene, attack)
     }
 
     /// Writes the page, then the rows: their presence means that the page is complete.

@@ -103,7 +103,7 @@ pub(super) fn run(args: &TheoryArgs, registries: &Registries) -> Result<(String,
         Some(found.vectors()),
         found.extrapolation(),
         found.mixing(),
-        found.stand_in(),
+        found.surrogate(),
     ];
     if found.mixing.is_empty() {
         progress::say("G5 and G6 are left out: no scene records the adversary's whole future");

@@ -53,7 +53,7 @@ impl Found {
     }
 
     /// The squared error in place of a log-likelihood.
-    pub(super) fn stand_in(&self) -> Option<Diagnostic> {
+    pub(super) fn surrogate(&self) -> Option<Diagnostic> {
         let mut table = Table::new(
             format!(
                 "Squared error of the mean trajectory against the negative log-likelihood (nll) of the mode nearest to the log, by scene (N = {})",

@@ -33,7 +33,7 @@ const HOLDER_LIMIT: u64 = 2048;
 /// It is a lock of the operating system on a separate file, which is removed on drop. The system releases
 /// the lock of a killed process, so a lock file that remains does not block later runs.
 #[derive(Debug)]
-pub struct Claim {
+pub struct FolderLock {
     lock: PathBuf,
     // Closed, and so unlocked, only after `drop` has removed the file.
     _file: File,
@@ -43,7 +43,7 @@ pub struct Claim {
 /// Why a folder cannot be claimed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum ClaimError {
+pub enum LockError {
     /// Another run holds it.
     #[error("`{}` is in use by another run ({holder}); wait for its end or name another output", path.display())]
     Held {
@@ -63,12 +63,12 @@ pub enum ClaimError {
     },
 }
 
-impl Claim {
+impl FolderLock {
     /// Claims a folder, which must exist, and removes the temporary files that killed runs left in it.
     /// Other runs print `holder` in their errors.
     ///
-    /// *Errors*: [`ClaimError`], also if another run holds a shard of the folder.
-    pub fn folder(folder: &Path, holder: &str) -> Result<Self, ClaimError> {
+    /// *Errors*: [`LockError`], also if another run holds a shard of the folder.
+    pub fn folder(folder: &Path, holder: &str) -> Result<Self, LockError> {
         let claim = Self::lock(folder, folder.join(LOCK), folder, holder)?;
         claim.begin(folder, |_| false)?;
         Ok(claim)
@@ -77,8 +77,8 @@ impl Claim {
     /// Claims one shard of a folder, `number` of `of`, and the whole folder. The caller drops the second
     /// claim when the shard has begun. Meanwhile other runs can claim only other shards with the same `of`.
     ///
-    /// *Errors*: [`ClaimError`], if this shard, the whole folder, or a shard with another `of` is claimed.
-    pub fn shard(folder: &Path, number: u32, of: u32, holder: &str) -> Result<(Self, Self), ClaimError> {
+    /// *Errors*: [`LockError`], if this shard, the whole folder, or a shard with another `of` is claimed.
+    pub fn shard(folder: &Path, number: u32, of: u32, holder: &str) -> Result<(Self, Self), LockError> {
         let whole = Self::folder_shortly(folder, holder)?;
         let own = shard_lock(number, of);
         let same_count = format!("-of-{of}");
@@ -88,10 +88,10 @@ impl Claim {
 
     /// Holder text of any claimed shard of a folder other than `number` of `of`; `None` if there is none.
     ///
-    /// *Errors*: [`ClaimError::Io`].
-    pub fn other_shard(folder: &Path, number: u32, of: u32) -> Result<Option<String>, ClaimError> {
+    /// *Errors*: [`LockError::Io`].
+    pub fn other_shard(folder: &Path, number: u32, of: u32) -> Result<Option<String>, LockError> {
         let own = shard_lock(number, of);
-        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
+        let fail = |source| LockError::Io { folder: folder.to_owned(), source };
         for entry in std::fs::read_dir(folder).map_err(fail)? {
             let entry = entry.map_err(fail)?;
             let name = entry.file_name();
@@ -106,9 +106,9 @@ impl Claim {
     /// Claims a whole folder for the short time in which a shard begins or ends. Waits while other shards
     /// begin or end.
     ///
-    /// *Errors*: as [`Claim::folder`]: at once if a run holds the whole folder; after a minute if nobody can tell
+    /// *Errors*: as [`FolderLock::folder`]: at once if a run holds the whole folder; after a minute if nobody can tell
     /// whether the holder is alive.
-    pub fn folder_shortly(folder: &Path, holder: &str) -> Result<Self, ClaimError> {
+    pub fn folder_shortly(folder: &Path, holder: &str) -> Result<Self, LockError> {
         let start = Instant::now();
         let holder = format!("{SHORTLY} {holder}");
         // A live shard ends its short claim by itself. Everything else may be left over.
@@ -119,7 +119,7 @@ impl Claim {
         };
         loop {
             match Self::lock(folder, folder.join(LOCK), folder, &holder) {
-                Err(ClaimError::Held { holder, .. }) if waits(&holder) => std::thread::sleep(PAUSE),
+                Err(LockError::Held { holder, .. }) if waits(&holder) => std::thread::sleep(PAUSE),
                 outcome => return outcome,
             }
         }
@@ -127,8 +127,8 @@ impl Claim {
 
     /// Refuses a folder if another run holds a shard that is not `allowed`. Removes temporary files of killed
     /// runs.
-    fn begin(&self, folder: &Path, allowed: impl Fn(&str) -> bool) -> Result<(), ClaimError> {
-        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
+    fn begin(&self, folder: &Path, allowed: impl Fn(&str) -> bool) -> Result<(), LockError> {
+        let fail = |source| LockError::Io { folder: folder.to_owned(), source };
         for entry in std::fs::read_dir(folder).map_err(fail)? {
             let entry = entry.map_err(fail)?;
             let name = entry.file_name();
@@ -137,7 +137,7 @@ impl Claim {
                 continue;
             }
             if let Some(holder) = remove_if_stale(&entry.path()).map_err(fail)? {
-                return Err(ClaimError::Held { path: folder.to_owned(), holder });
+                return Err(LockError::Held { path: folder.to_owned(), holder });
             }
         }
         self.clean(folder).map_err(fail)
@@ -145,10 +145,10 @@ impl Claim {
 
     /// Claims one output file, which need not exist. Other files of its folder stay free.
     ///
-    /// *Errors*: [`ClaimError`].
-    pub fn file(path: &Path, holder: &str) -> Result<Self, ClaimError> {
+    /// *Errors*: [`LockError`].
+    pub fn file(path: &Path, holder: &str) -> Result<Self, LockError> {
         let folder = path.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
+        let fail = |source| LockError::Io { folder: folder.to_owned(), source };
         // A hash, because the file name may have the maximum length of a name already.
         let name = path.file_name().unwrap_or_default().as_encoded_bytes();
         let name = format!("{LOCK}-{}", &blake3::hash(name).to_hex()[..16]);
@@ -169,9 +169,9 @@ impl Claim {
         name == LOCK || name.to_str().is_some_and(is_shard_lock)
     }
 
-    fn lock(claimed: &Path, lock: PathBuf, folder: &Path, holder: &str) -> Result<Self, ClaimError> {
-        let fail = |source| ClaimError::Io { folder: folder.to_owned(), source };
-        let held = |holder| ClaimError::Held { path: claimed.to_owned(), holder };
+    fn lock(claimed: &Path, lock: PathBuf, folder: &Path, holder: &str) -> Result<Self, LockError> {
+        let fail = |source| LockError::Io { folder: folder.to_owned(), source };
+        let held = |holder| LockError::Held { path: claimed.to_owned(), holder };
         for _ in 0..ATTEMPTS {
             match OpenOptions::new().write(true).create_new(true).open(&lock) {
                 Ok(file) => {
@@ -214,7 +214,7 @@ fn is_shard_lock(name: &str) -> bool {
     parts.is_some_and(|(number, of)| is_number(number) && is_number(of))
 }
 
-impl Drop for Claim {
+impl Drop for FolderLock {
     fn drop(&mut self) {
         // If the removal fails, the next run finds the file unlocked.
         let _ = std::fs::remove_file(&self.lock);
@@ -268,11 +268,11 @@ mod tests {
     #[test]
     fn a_folder_has_one_holder_at_a_time_and_no_lock_file_afterwards() {
         let folder = tempfile::tempdir().unwrap();
-        let first = Claim::folder(folder.path(), "sage first").unwrap();
-        let error = Claim::folder(folder.path(), "sage second").unwrap_err().to_string();
+        let first = FolderLock::folder(folder.path(), "sage first").unwrap();
+        let error = FolderLock::folder(folder.path(), "sage second").unwrap_err().to_string();
         assert!(error.contains(&format!("process {}: sage first", std::process::id())), "{error}");
         drop(first);
-        drop(Claim::folder(folder.path(), "sage third").unwrap());
+        drop(FolderLock::folder(folder.path(), "sage third").unwrap());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
@@ -280,9 +280,9 @@ mod tests {
     fn files_of_one_folder_are_claimed_separately() {
         let folder = tempfile::tempdir().unwrap();
         let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
-        let first = Claim::file(&a, "a").unwrap();
-        assert!(Claim::file(&a, "a again").is_err());
-        let second = Claim::file(&b, "b").unwrap();
+        let first = FolderLock::file(&a, "a").unwrap();
+        assert!(FolderLock::file(&a, "a again").is_err());
+        let second = FolderLock::file(&b, "b").unwrap();
         drop((first, second));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
@@ -291,25 +291,25 @@ mod tests {
     fn shards_of_one_folder_are_claimed_together_and_exclude_other_claims() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path();
-        let first = Claim::shard(path, 1, 2, "first").unwrap().0;
-        assert_eq!(Claim::other_shard(path, 1, 2).unwrap(), None);
-        let second = Claim::shard(path, 2, 2, "second").unwrap().0;
-        assert!(Claim::other_shard(path, 1, 2).unwrap().unwrap().ends_with("second"));
+        let first = FolderLock::shard(path, 1, 2, "first").unwrap().0;
+        assert_eq!(FolderLock::other_shard(path, 1, 2).unwrap(), None);
+        let second = FolderLock::shard(path, 2, 2, "second").unwrap().0;
+        assert!(FolderLock::other_shard(path, 1, 2).unwrap().unwrap().ends_with("second"));
         for refused in [
-            Claim::shard(path, 1, 2, "first again").map(|(own, _)| own),
-            Claim::shard(path, 1, 3, "another number").map(|(own, _)| own),
-            Claim::folder(path, "all of it"),
+            FolderLock::shard(path, 1, 2, "first again").map(|(own, _)| own),
+            FolderLock::shard(path, 1, 3, "another number").map(|(own, _)| own),
+            FolderLock::folder(path, "all of it"),
         ] {
             let error = refused.unwrap_err().to_string();
             assert!(error.contains("first") || error.contains("second"), "{error}");
         }
-        drop(Claim::folder_shortly(path, "the end of a shard").unwrap());
+        drop(FolderLock::folder_shortly(path, "the end of a shard").unwrap());
         drop((first, second));
-        let whole = Claim::folder(path, "all of it").unwrap();
-        assert!(Claim::shard(path, 1, 2, "first").unwrap_err().to_string().contains("all of it"));
+        let whole = FolderLock::folder(path, "all of it").unwrap();
+        assert!(FolderLock::shard(path, 1, 2, "first").unwrap_err().to_string().contains("all of it"));
         drop(whole);
         std::fs::write(path.join(shard_lock(7, 9)), "process 1: gone").unwrap();
-        drop(Claim::folder(path, "all of it").unwrap());
+        drop(FolderLock::folder(path, "all of it").unwrap());
         assert_eq!(std::fs::read_dir(path).unwrap().count(), 0);
     }
 
@@ -319,7 +319,7 @@ mod tests {
         for name in [LOCK, ".sage-x.part"] {
             std::fs::write(folder.path().join(name), "process 1: gone").unwrap();
         }
-        drop(Claim::folder(folder.path(), "next").unwrap());
+        drop(FolderLock::folder(folder.path(), "next").unwrap());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
@@ -330,7 +330,7 @@ mod tests {
         let victim = folder.path().join("victim");
         std::fs::write(&victim, "mine").unwrap();
         std::os::unix::fs::symlink(&victim, folder.path().join(LOCK)).unwrap();
-        assert!(Claim::folder(folder.path(), "me").unwrap_err().to_string().contains("cannot write"));
+        assert!(FolderLock::folder(folder.path(), "me").unwrap_err().to_string().contains("cannot write"));
         assert_eq!(std::fs::read(&victim).unwrap(), b"mine");
     }
 
@@ -343,7 +343,7 @@ mod tests {
             for _ in 0..4 {
                 scope.spawn(|| {
                     for _ in 0..200 {
-                        let Ok(claim) = Claim::folder(folder.path(), "one of many") else { continue };
+                        let Ok(claim) = FolderLock::folder(folder.path(), "one of many") else { continue };
                         assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0);
                         claimed.fetch_add(1, Ordering::SeqCst);
                         inside.fetch_sub(1, Ordering::SeqCst);

@@ -45,11 +45,11 @@ impl Check for SafestMixture {
         "with unequal curvatures the safest λ is another one"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["η/4 in place of η/8", "λ = 1"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let tally = setup.each("safest", 200, |_, rng, tally| {
             let dimension = 1 + rng.below(10);
             let (eta, beta) = (log_uniform(rng, [-1.0, 1.0]), rng.uniform(0.55, 1.0));
@@ -68,8 +68,8 @@ impl Check for SafestMixture {
                 };
                 (0..=STEPS).map(loss).fold(0.0, f64::max)
             };
-            let share = if planted == Some(0) { 0.25 } else { 0.125 };
-            let lambda = if planted == Some(1) { 1.0 } else { 0.5 };
+            let share = if injected == Some(0) { 0.25 } else { 0.125 };
+            let lambda = if injected == Some(1) { 1.0 } else { 0.5 };
             let tolerance = TOLERANCE * (1.0 + eta * distance);
             tally.equal(share * eta * distance, worst(lambda), tolerance);
             for k in 0..=STEPS {

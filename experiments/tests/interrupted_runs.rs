@@ -331,7 +331,7 @@ fn a_run_that_is_told_to_stop_cleans_up() {
 
 #[cfg(unix)]
 #[test]
-fn planted_links_are_not_followed() {
+fn links_in_the_output_are_not_followed() {
     use std::os::unix::fs::symlink;
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);

@@ -320,7 +320,7 @@ fn a_policy_drives_and_is_attacked() {
 }
 
 #[test]
-fn a_claim_is_checked_with_its_planted_errors_and_has_a_section_of_the_page() {
+fn a_claim_is_checked_with_its_injected_faults_and_has_a_section_of_the_page() {
     let Some(program) = own("own_claim") else { return };
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("page");
@@ -329,8 +329,8 @@ fn a_claim_is_checked_with_its_planted_errors_and_has_a_section_of_the_page() {
     assert_eq!((&row["verdict"], &row["report"]["violations"]), (&Value::from("holds"), &Value::from(0)));
     let page = std::fs::read_to_string(out.join("theory.md")).unwrap();
     assert!(page.contains("## safest: equal curvature") && page.contains("| safest | λ = 1 | caught |"));
-    let planted = run(&program, &["theory", "--only", "safest", "--plant", "--instances", "100"]);
-    assert!(stdout(&planted).ends_with("caught 2 of 2\n"), "{}", stdout(&planted));
+    let injected = run(&program, &["theory", "--only", "safest", "--inject", "--instances", "100"]);
+    assert!(stdout(&injected).ends_with("caught 2 of 2\n"), "{}", stdout(&injected));
     assert!(stdout(&run(&program, &["list"])).contains("has the smallest loss in the worst case over μ"));
 }
 

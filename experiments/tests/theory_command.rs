@@ -85,8 +85,8 @@ fn trained_experts_are_measured_on_scenes_as_diagnostics() {
 }
 
 #[test]
-fn planted_errors_are_caught() {
-    let output = sage(&["theory", "--plant", "--instances", "100"]);
+fn injected_faults_are_caught() {
+    let output = sage(&["theory", "--inject", "--instances", "100"]);
     let last = stdout(&output).lines().last().unwrap().to_owned();
     let words: Vec<&str> = last.split(' ').collect();
     assert!(words[0] == "caught" && words[1] == words[3] && words[1] != "0", "{last}");

@@ -165,8 +165,8 @@ fn a_wrong_position_heading_or_time_is_a_deviation() {
         let from = vertex + text[vertex..].find(&format!(" {name}=\"")).unwrap() + 4;
         let to = from + text[from..].find('"').unwrap();
         let value: f64 = text[from..to].parse().unwrap();
-        let planted = format!("{}{:.6}{}", &text[..from], value + change, &text[to..]);
-        assert!(!sound(&planted), "{name}");
+        let changed = format!("{}{:.6}{}", &text[..from], value + change, &text[to..]);
+        assert!(!sound(&changed), "{name}");
     }
     // Another frame of the end, and of somebody's appearance.
     assert!(!sound(&text.replace("value=\"8.999999\"", "value=\"8.899999\"")));
@@ -196,7 +196,7 @@ fn scenarios_follow_the_rules_of_their_version() {
 }
 
 #[test]
-fn planted_errors_break_the_rules() {
+fn injected_faults_break_the_rules() {
     let scene = generate(Kind::FourWay, 11, 3).unwrap();
     let (export, _, network) = written(&scene);
     let file = export.network().file_name();
@@ -215,13 +215,13 @@ fn planted_errors_break_the_rules() {
         ("revMinor=\"2\"", "revMinor=\"1\""),
         ("\n<CatalogLocations/>", ""),
     ] {
-        let planted = match from {
+        let changed = match from {
             "\n<CatalogLocations/>" => {
                 scenario.replace(from, "").replace("</Entities>", "</Entities>\n<CatalogLocations/>")
             }
             _ => scenario.replacen(from, to, 1),
         };
-        assert!(planted != scenario && !is_sound(&planted), "{from}");
+        assert!(changed != scenario && !is_sound(&changed), "{from}");
     }
     let map = &export.network().xml;
     let is_sound = |text: &str| {
@@ -428,11 +428,11 @@ fn asams_checkers_find_no_issue() {
     let report = String::from_utf8_lossy(&found.stdout).into_owned();
     assert!(found.status.success(), "{report}{}", String::from_utf8_lossy(&found.stderr));
     println!("{report}");
-    // The script sees planted errors.
+    // The script sees injected faults.
     let sound = std::fs::read_to_string(folder.path().join("1-1.2-replay.xosc")).unwrap();
-    let planted = folder.path().join("planted.xosc");
-    std::fs::write(&planted, sound.replacen("entityRef=\"Ego\"", "entityRef=\"Egon\"", 1)).unwrap();
-    assert_eq!(check(&[&planted]).status.code(), Some(1));
-    std::fs::write(&planted, sound.replacen("<CatalogLocations/>", "", 1)).unwrap();
-    assert_eq!(check(&[Path::new("--schema-only"), &planted]).status.code(), Some(1));
+    let changed = folder.path().join("changed.xosc");
+    std::fs::write(&changed, sound.replacen("entityRef=\"Ego\"", "entityRef=\"Egon\"", 1)).unwrap();
+    assert_eq!(check(&[&changed]).status.code(), Some(1));
+    std::fs::write(&changed, sound.replacen("<CatalogLocations/>", "", 1)).unwrap();
+    assert_eq!(check(&[Path::new("--schema-only"), &changed]).status.code(), Some(1));
 }

@@ -2,7 +2,7 @@
 //! one thread with `RAYON_NUM_THREADS=1`.
 
 #[path = "../tests/td3/reference.rs"]
-#[allow(dead_code, reason = "the tests plant mistakes and read the tensors")]
+#[allow(dead_code, reason = "the tests inject faults and read the tensors")]
 mod reference;
 
 use criterion::{Criterion, criterion_group, criterion_main};

@@ -120,7 +120,7 @@ fn a_hundred_updates_at_full_size_agree() {
 }
 
 #[test]
-fn planted_mistakes_are_found() {
+fn injected_faults_are_found() {
     let (options, sizes) = small();
     for mistake in Mistake::ALL {
         let gap = after_updates::<f64>(&options, sizes, 5, OTHER_TARGETS, 9, Some(mistake));

@@ -16,13 +16,13 @@ pub trait Check: Send + Sync {
     fn caveat(&self) -> &'static str;
 
     /// Wrong versions of the formula that the check must notice.
-    fn planted(&self) -> &'static [&'static str];
+    fn injected(&self) -> &'static [&'static str];
 
     /// The verdict that this project stands for.
     fn expected(&self) -> Verdict {
         Verdict::Holds
     }
 
-    /// Runs the experiment, with one of the planted errors in place of the formula if given.
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report;
+    /// Runs the experiment, with one of the injected faults in place of the formula if given.
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report;
 }

@@ -1,7 +1,7 @@
 //! The theorems of preference-mixed experts, checked numerically.
 //!
 //! Each claim is a [`Check`]: seeded instances with the formula on one side and a direct computation on the other. Its
-//! [`Report`] supports a [`Verdict`]. A check also runs with each of its *planted errors*, wrong versions of the formula
+//! [`Report`] supports a [`Verdict`]. A check also runs with each of its *injected faults*, wrong versions of the formula
 //! that it must notice; one that misses any is broken. [`claims`] lists all claims.
 //!
 //! Conventions: rewards are maximised. `R_μ = μ R_adv + (1 − μ) R_real` with maximum `θ̂_μ`. Expert 1 maximises `R_β`,

@@ -89,13 +89,13 @@ impl Verdict {
     }
 }
 
-/// Which of its planted errors a check notices: those with which it comes to another verdict. None if it does not come
+/// Which of its injected faults a check notices: those with which it comes to another verdict. None if it does not come
 /// to the expected verdict without them.
 pub fn caught(check: &dyn Check, setup: &Setup) -> Vec<bool> {
-    let planted: Vec<Option<usize>> =
-        std::iter::once(None).chain((0..check.planted().len()).map(Some)).collect();
-    let run = |planted: &Option<usize>| Verdict::of(&check.run(setup, *planted)) == check.expected();
-    let as_expected: Vec<bool> = planted.par_iter().map(run).collect();
+    let injected: Vec<Option<usize>> =
+        std::iter::once(None).chain((0..check.injected().len()).map(Some)).collect();
+    let run = |injected: &Option<usize>| Verdict::of(&check.run(setup, *injected)) == check.expected();
+    let as_expected: Vec<bool> = injected.par_iter().map(run).collect();
     as_expected[1..].iter().map(|with_error| as_expected[0] && !with_error).collect()
 }
 

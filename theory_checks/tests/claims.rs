@@ -1,4 +1,4 @@
-//! Every claim comes to its verdict, and every planted error is noticed.
+//! Every claim comes to its verdict, and every injected fault is noticed.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -7,16 +7,16 @@ use theory_checks::{Setup, Verdict, caught, claims};
 const SMALL: Setup = Setup { seed: 0, instances: 50 };
 
 #[test]
-fn claims_come_to_their_verdicts_and_planted_errors_are_noticed() {
+fn claims_come_to_their_verdicts_and_injected_faults_are_noticed() {
     let claims = claims().unwrap();
     for entry in claims.entries() {
         let check = claims.build_default(entry.name).unwrap();
         let report = check.run(&SMALL, None);
         assert_eq!(Verdict::of(&report), check.expected(), "{}: {report:?}", entry.name);
         assert_ne!(check.expected(), Verdict::Violated);
-        assert!(!check.planted().is_empty());
-        for (planted, is_caught) in check.planted().iter().zip(caught(&*check, &SMALL)) {
-            assert!(is_caught, "{}: {planted}", entry.name);
+        assert!(!check.injected().is_empty());
+        for (injected, is_caught) in check.injected().iter().zip(caught(&*check, &SMALL)) {
+            assert!(is_caught, "{}: {injected}", entry.name);
         }
     }
 }

@@ -15,19 +15,19 @@ use super::SplitArgs;
 /// instance refutes the paper's text, and a corrected form has no violation). The exit code is 0 if every verdict is
 /// the expected one and every stored case comes out.
 ///
-/// With --plant every claim also runs with wrong versions of its formula, which its check must notice; a check that
+/// With --inject every claim also runs with wrong versions of its formula, which its check must notice; a check that
 /// misses one is broken. The last line says how many were caught, and the exit code is 0 if all were.
 ///
 /// With --report a page states for each claim formula, experiment, numbers, figures, verdict and caveat. With --data
 /// the same questions are put to trained experts on scenes, as diagnostics: they prove nothing.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage theory\n  sage theory --plant --only T1,T3\n  sage theory --report theory/\n  sage theory --data target/data/womd_cat500/val --weights waymo --report theory/"
+    after_help = "Examples:\n  sage theory\n  sage theory --inject --only T1,T3\n  sage theory --report theory/\n  sage theory --data target/data/womd_cat500/val --weights waymo --report theory/"
 )]
 pub(crate) struct TheoryArgs {
-    /// Run every claim with its planted errors.
-    #[arg(long, conflicts_with_all = ["report", "data"])]
-    pub plant: bool,
+    /// Run every claim with its injected faults.
+    #[arg(long, alias = "plant", conflicts_with_all = ["report", "data"])]
+    pub inject: bool,
     /// Only the claims with these comma-separated ids; `sage list` shows them.
     #[arg(long, value_name = "IDS", value_delimiter = ',')]
     pub only: Vec<String>,
@@ -37,7 +37,7 @@ pub(crate) struct TheoryArgs {
     /// Instances for every 1000 that a claim's experiment states: 100 runs a tenth of each.
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub instances: u32,
-    /// Print one JSON object per claim, or per planted error.
+    /// Print one JSON object per claim, or per injected fault.
     #[arg(long)]
     pub json: bool,
     /// Write a page (`index.html`, `theory.md`) with figures into this folder.

@@ -22,8 +22,8 @@ use crate::{
     scenes,
 };
 
-/// Share of the instances with which planted errors run for a page.
-const PLANTED_SHARE: usize = 10;
+/// Share of the instances with which injected faults run for a page.
+const INJECTED_SHARE: usize = 10;
 
 /// A claim with its experiment.
 pub(crate) struct Claim {
@@ -33,8 +33,8 @@ pub(crate) struct Claim {
     pub(crate) check: Box<dyn Check>,
 }
 
-/// A planted error, and whether its check noticed it.
-struct Planted<'c> {
+/// A injected fault, and whether its check noticed it.
+struct Injected<'c> {
     claim: &'c str,
     error: &'static str,
     is_caught: bool,
@@ -48,10 +48,10 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
     );
     let claims = selected(&args.only, registries)?;
     let setup = Setup { seed: args.seed, instances: args.instances as usize };
-    if args.plant {
-        let planted = planted(&claims, &setup);
-        output::print(&planted_lines(&planted, args.json)?)?;
-        return Ok(if planted.iter().all(|planted| planted.is_caught) {
+    if args.inject {
+        let injected = injected(&claims, &setup);
+        output::print(&injected_lines(&injected, args.json)?)?;
+        return Ok(if injected.iter().all(|injected| injected.is_caught) {
             Outcome::Done
         } else {
             Outcome::Partial
@@ -84,15 +84,15 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
     let is_expected = |(claim, report): (&Claim, &Report)| Verdict::of(report) == claim.check.expected();
     let mut is_well = claims.iter().zip(&reports).all(is_expected);
     if let Some(folder) = &folder {
-        let planted_setup = Setup { instances: (setup.instances / PLANTED_SHARE).max(1), ..setup };
-        let planted = planted(&claims, &planted_setup);
-        is_well &= planted.iter().all(|planted| planted.is_caught);
+        let injected_setup = Setup { instances: (setup.instances / INJECTED_SHARE).max(1), ..setup };
+        let injected = injected(&claims, &injected_setup);
+        is_well &= injected.iter().all(|injected| injected.is_caught);
         let page = Page {
             claims: &claims,
             reports: &reports,
-            planted: &planted,
+            injected: &injected,
             setup: &setup,
-            planted_setup: &planted_setup,
+            injected_setup: &injected_setup,
             diagnostics: diagnostics.as_ref(),
         };
         page.write(folder)?;
@@ -186,34 +186,34 @@ fn diagnostic_lines(subject: &str, diagnostics: &[Diagnostic], as_json: bool) ->
     Ok(out)
 }
 
-/// All planted errors, and whether they are noticed.
-fn planted<'c>(claims: &'c [Claim], setup: &Setup) -> Vec<Planted<'c>> {
+/// All injected faults, and whether they are noticed.
+fn injected<'c>(claims: &'c [Claim], setup: &Setup) -> Vec<Injected<'c>> {
     let one = |claim: &'c Claim| {
-        let errors = claim.check.planted().iter().zip(caught(&*claim.check, setup));
-        errors.map(|(error, is_caught)| Planted { claim: claim.id, error, is_caught }).collect::<Vec<_>>()
+        let errors = claim.check.injected().iter().zip(caught(&*claim.check, setup));
+        errors.map(|(error, is_caught)| Injected { claim: claim.id, error, is_caught }).collect::<Vec<_>>()
     };
     claims.par_iter().flat_map_iter(one).collect()
 }
 
-/// A line for each planted error, the checks that are broken, and how many errors were caught.
-fn planted_lines(planted: &[Planted<'_>], as_json: bool) -> Result<String> {
+/// A line for each injected fault, the checks that are broken, and how many errors were caught.
+fn injected_lines(injected: &[Injected<'_>], as_json: bool) -> Result<String> {
     let mut out = String::new();
-    for Planted { claim, error, is_caught } in planted {
+    for Injected { claim, error, is_caught } in injected {
         if as_json {
-            writeln!(out, "{}", json!({"claim": claim, "planted": error, "caught": is_caught}))?;
+            writeln!(out, "{}", json!({"claim": claim, "injected": error, "caught": is_caught}))?;
         } else {
             let word = if *is_caught { "caught" } else { "MISSED" };
             writeln!(out, "{claim:<5}  {word}  {error}")?;
         }
     }
     if !as_json {
-        let mut broken: Vec<&str> = planted.iter().filter(|p| !p.is_caught).map(|p| p.claim).collect();
+        let mut broken: Vec<&str> = injected.iter().filter(|p| !p.is_caught).map(|p| p.claim).collect();
         broken.dedup();
         for claim in broken {
             writeln!(out, "the check of {claim} is broken")?;
         }
-        let count = planted.iter().filter(|planted| planted.is_caught).count();
-        writeln!(out, "caught {count} of {}", planted.len())?;
+        let count = injected.iter().filter(|injected| injected.is_caught).count();
+        writeln!(out, "caught {count} of {}", injected.len())?;
     }
     Ok(out)
 }

@@ -281,7 +281,7 @@ fn links_are_read_and_never_written_through() {
     }
     assert!(at("in/a.pkl").is_symlink());
     assert_eq!(hostile::snapshot(&at("originals")), before);
-    // Links planted in the output folder: a file's is replaced, a folder's is refused.
+    // Links in the output folder: a file's is replaced, a folder's is refused.
     std::fs::write(at("victim/b.txt"), "mine").unwrap();
     symlink(at("victim/b.txt"), at("out/a.pkl")).unwrap();
     assert_eq!(convert(&at("out"), &["--force"]).0, 0);

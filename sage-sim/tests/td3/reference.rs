@@ -1,4 +1,4 @@
-//! TD3's update by candle's automatic differentiation, with planted mistakes.
+//! TD3's update by candle's automatic differentiation, with injected faults.
 
 use std::collections::BTreeMap;
 

@@ -83,19 +83,19 @@ impl Quadratics {
         Bounds::of(at, self.curvatures, distance)
     }
 
-    /// The segment by the formulas, with an error in place of the formula if planted (0: h_1 and h_2 exchanged;
+    /// The segment by the formulas, with an error in place of the formula if injected (0: h_1 and h_2 exchanged;
     /// 1: λ = c_1), and by search; `None` if a Hessian cannot be inverted.
-    pub fn segment(&self, at: Preference, planted: Option<usize>) -> Option<Segment> {
+    pub fn segment(&self, at: Preference, injected: Option<usize>) -> Option<Segment> {
         let [c1, c2] = at.coefficients();
         let (first, second) = (self.optimum(at.beta)?, self.optimum(1.0 - at.beta)?);
         let (hat, own) = (self.optimum(at.mu)?, self.hessian(at.mu));
         let way = &first - &second;
         let [of_first, of_second] = [at.beta, 1.0 - at.beta].map(|weight| self.hessian(weight) * &way);
         let [mut h1, mut h2] = [&of_first, &of_second].map(|h| way.dot(h));
-        if planted == Some(0) {
+        if injected == Some(0) {
             (h1, h2) = (h2, h1);
         }
-        let free = if planted == Some(1) { c1 } else { c1 * h1 / (c1 * h1 + c2 * h2) };
+        let free = if injected == Some(1) { c1 } else { c1 * h1 / (c1 * h1 + c2 * h2) };
         let lambda = free.clamp(0.0, 1.0);
         let gradient = c1 * (1.0 - lambda) * &of_first - c2 * lambda * &of_second;
         let formula = [lambda, 0.5 * gradient.dot(&own.clone().cholesky()?.solve(&gradient))];

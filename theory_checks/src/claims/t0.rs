@@ -35,15 +35,15 @@ impl Check for TwoExpertsAreAnyPreference {
         "an identity of values and gradients; the coefficients are negative outside [1 − β, β]"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["c₁ and c₂ exchanged"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let tally = setup.each("T0", 1000, |instance, rng, tally| {
             let at = preference(rng, instance);
             let [mut c1, mut c2] = at.coefficients();
-            if planted == Some(0) {
+            if injected == Some(0) {
                 (c1, c2) = (c2, c1);
             }
             let tolerance = ROUNDING * (c1.abs() + c2.abs());

@@ -41,11 +41,11 @@ impl Check for EqualCurvature {
         "the distance of the experts is (2β − 1) times that of the optima; what λ = μ costs is T1b"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["without the factor ½", "μ clipped to [0, 1]", "λ = μ", "μ and 1 − μ exchanged in the optimum"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let tally = setup.each("T1", 1000, |instance, rng, tally| {
             let dimension = DIMENSIONS[instance % DIMENSIONS.len()];
             // Dimensions and values of β have the same period.
@@ -53,7 +53,7 @@ impl Check for EqualCurvature {
             let eta = log_uniform(rng, [-1.0, 1.0]);
             let [adversarial, realistic] = [(); 2].map(|()| normals(rng, dimension));
             let optimum = |weight: f64| {
-                let weight = if planted == Some(3) { 1.0 - weight } else { weight };
+                let weight = if injected == Some(3) { 1.0 - weight } else { weight };
                 weight * &adversarial + (1.0 - weight) * &realistic
             };
             // The gradients of both rewards cancel there.
@@ -70,11 +70,11 @@ impl Check for EqualCurvature {
             let best = root(|lambda| (&hat - at_lambda(lambda)).dot(&way));
             let direct = 0.5 * eta * (at_lambda(best) - &hat).norm_squared();
             let distance = (&adversarial - &realistic).norm_squared();
-            let clipped = if planted == Some(1) { at.mu.clamp(0.0, 1.0) } else { at.clipped() };
-            let half = if planted == Some(0) { 1.0 } else { 0.5 };
+            let clipped = if injected == Some(1) { at.mu.clamp(0.0, 1.0) } else { at.clipped() };
+            let half = if injected == Some(0) { 1.0 } else { 0.5 };
             let gap = half * eta * (at.mu - clipped) * (at.mu - clipped) * distance;
             tally.equal(gap, direct, TOLERANCE * (1.0 + eta * distance));
-            let lambda = if planted == Some(2) { at.mu } else { at.coefficients()[0].clamp(0.0, 1.0) };
+            let lambda = if injected == Some(2) { at.mu } else { at.coefficients()[0].clamp(0.0, 1.0) };
             tally.equal(lambda, best, TOLERANCE);
             let apart = (2.0 * at.beta - 1.0).powi(2) * distance;
             tally.equal(way.norm_squared(), apart, TOLERANCE * (1.0 + distance));

@@ -34,7 +34,7 @@ impl Entry<dyn Check> for ConcavityAlongPath {
 }
 
 /// A reward between two random points.
-fn between(reward: &dyn Concave, rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn between(reward: &dyn Concave, rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let scale = log_uniform(rng, [-1.0, 0.5]);
     let [real, adversarial] = [(); 2].map(|()| scale * normals(rng, reward.dimension()));
     let ends = [&real, &adversarial].map(|theta| reward.value(theta));
@@ -44,7 +44,7 @@ fn between(reward: &dyn Concave, rng: &mut Rng, tally: &mut Tally, planted: Opti
     let mut barriers = Vec::new();
     for step in 0..=STEPS {
         let lambda = step as f64 / STEPS as f64;
-        let share = if planted == Some(1) { 1.0 - lambda } else { lambda };
+        let share = if injected == Some(1) { 1.0 - lambda } else { lambda };
         let chord = (1.0 - share) * ends[0] + share * ends[1];
         let above = reward.value(&((1.0 - lambda) * &real + lambda * &adversarial)) - chord;
         // Half of λ(1 − λ) D², which q multiplies.
@@ -57,7 +57,7 @@ fn between(reward: &dyn Concave, rng: &mut Rng, tally: &mut Tally, planted: Opti
         barriers.push(-above);
     }
     // The loss −R has its largest height above the chord at the ends.
-    let barrier = if planted == Some(0) {
+    let barrier = if injected == Some(0) {
         barriers.iter().sum::<f64>() / barriers.len() as f64
     } else {
         barriers.iter().copied().fold(f64::NEG_INFINITY, f64::max)
@@ -88,19 +88,19 @@ impl Check for ConcavityAlongPath {
         "q below 0 refutes strong concavity; above the chord does not imply concave: λ (1 − λ) + 0.05 sin 6πλ has second derivatives up to 15.8"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["the mean height in place of the largest", "λ reversed in the chord"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let random = setup.each("T10", 300, |instance, rng, tally| {
             let pair = Pair::draw(rng, instance, DIMENSIONS[instance / 5 % DIMENSIONS.len()]);
-            between(pair.rewards()[0], rng, tally, planted);
+            between(pair.rewards()[0], rng, tally, injected);
         });
         let tight = setup.whole().each("T10 tight", 100, |instance, rng, tally| {
             let center = normals(rng, DIMENSIONS[instance % DIMENSIONS.len()]);
             let curvature = log_uniform(rng, [-1.0, 1.0]);
-            between(&Separable::isotropic(curvature, center), rng, tally, planted);
+            between(&Separable::isotropic(curvature, center), rng, tally, injected);
         });
         let mut tally = random.and(tight);
         above_but_not_concave(&mut tally);

@@ -72,7 +72,7 @@ impl Check for WidthOfOptimality {
         "the sentence has it backwards; a β below 1 pays only where Hessians differ, because a long segment leaves the curve of the optima: 0.9 is a matter of conditioning"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["width 2 (1 − β)"]
     }
 
@@ -80,7 +80,7 @@ impl Check for WidthOfOptimality {
         Verdict::FailsAsPrinted
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let mut widths = Table::new(
             "Equal curvature η = 1, optima 1 apart",
             &["β", "width of μ without a gap", "largest gap", "mean gap over μ"],
@@ -88,7 +88,7 @@ impl Check for WidthOfOptimality {
         let mut tally = setup.each("T11 widths", 1, |_, _, tally| {
             for (beta, known) in WIDTHS {
                 let [width, largest, mean] = equal_curvature(beta);
-                let formula = if planted == Some(0) { 2.0 * (1.0 - beta) } else { 2.0 * beta - 1.0 };
+                let formula = if injected == Some(0) { 2.0 * (1.0 - beta) } else { 2.0 * beta - 1.0 };
                 tally.stored(formula, known, 1e-12);
                 tally.equal(formula, width, 2.0 / STEPS as f64);
                 tally.equal(0.5 * (1.0 - beta).powi(2), largest, 1e-12);

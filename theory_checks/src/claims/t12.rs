@@ -86,7 +86,7 @@ fn least_cosine(time: f64) -> f64 {
     2.0 * a.sqrt() / (1.0 + a)
 }
 
-fn flow(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn flow(rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let dimension = 2 + rng.below(20);
     let low = log_uniform(rng, [-2.0, 0.0]);
     let flow = Flow { spectrum: spectrum(rng, dimension, [low, 1.0]), offset: normals(rng, dimension) };
@@ -102,7 +102,7 @@ fn flow(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
     for time in [0.01, 0.1, 1.0] {
         let vector = flow.vector(time);
         tally.equal((&vector - flow.integrated(time)).norm(), 0.0, 1e-8 * size);
-        let gradient = if planted == Some(0) { flow.gradient(time) } else { flow.gradient(0.0) };
+        let gradient = if injected == Some(0) { flow.gradient(time) } else { flow.gradient(0.0) };
         tally.at_most(least_cosine(time), cosine(&vector, &gradient), 1e-12);
         // The next order: Δ/t = g − t/2 H g + at most t²/6 H² g.
         let next = &gradient - 0.5 * time * gradient.component_mul(&flow.spectrum);
@@ -152,7 +152,7 @@ impl Check for FirstOrder {
         "only for short training; an optimiser of Adam's kind starts with the sign of the gradient, at a cosine of √(2/π) = 0.798 to a normal gradient"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["the gradient at the expert in place of that at the prior"]
     }
 
@@ -160,8 +160,8 @@ impl Check for FirstOrder {
         Verdict::HoldsIf
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let random = setup.each("T12", 500, |_, rng, tally| flow(rng, tally, planted));
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let random = setup.each("T12", 500, |_, rng, tally| flow(rng, tally, injected));
         let mut tally = random.and(setup.each("T12 tight", 100, |_, rng, tally| attained(rng, tally)));
         stored(&mut tally);
         let mut columns = vec!["".to_owned()];

@@ -50,7 +50,7 @@ fn ways(adversarial: &DVector<f64>, realistic: &DVector<f64>, prior: &DVector<f6
 }
 
 /// Converged experts of log-cosh and pseudo-Huber rewards.
-fn converged(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn converged(rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let families = [Shape::LogCosh, Shape::PseudoHuber].map(Family::Separable);
     let pair = Pair::with(rng, families, CONSTANTS, 1.0, DIMENSION);
     let Some(experts) = pair.experts(BETA) else { return tally.unsolved() };
@@ -58,7 +58,7 @@ fn converged(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
     let [adversarial, realistic] = &experts.thetas;
     // The identity: beyond the line is along both vectors.
     let phi = rng.uniform(0.0, 1.0);
-    let sign = if planted == Some(1) { 1.0 } else { -1.0 };
+    let sign = if injected == Some(1) { 1.0 } else { -1.0 };
     let along = adversarial + phi * (adversarial - &prior) + sign * phi * (realistic - &prior);
     let scale = 1.0 + adversarial.norm() + realistic.norm() + prior.norm();
     tally.equal((along - experts.at(1.0 + phi)).norm(), 0.0, 1e-12 * scale);
@@ -140,14 +140,14 @@ fn stopped(rng: &mut Rng, tally: &mut Tally) {
 
 /// Under-trained experts of isotropic rewards: the adversarial vector points to the optimum of R_1, so no direction is
 /// better at an equal step. With one φ for both, as in the paper, the longer step wins where the vectors oppose.
-fn isotropic(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn isotropic(rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     const PHI: f64 = 0.1;
     // Relative to the prior; half of the way to the optimum is trained.
     let adversarial = normals(rng, DIMENSION);
     let realistic = normals(rng, DIMENSION) - rng.uniform(-0.5, 1.0) * &adversarial;
     let optimum = 2.0 * &adversarial;
     let ways = ways(&adversarial, &realistic, &DVector::zeros(DIMENSION));
-    let lengths = match planted {
+    let lengths = match injected {
         Some(0) => [PHI * (&adversarial - &realistic).norm(), PHI * adversarial.norm()],
         _ => [PHI * adversarial.norm(); 2],
     };
@@ -204,7 +204,7 @@ impl Check for Extrapolation {
         "only for under-trained experts, where it continues the training; the paper compares unequal steps. For equal curvature direct extrapolation is exact up to λ = 1.125 at β = 0.9"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["one φ for both in place of equal steps", "(φ, +φ) in place of (φ, −φ)"]
     }
 
@@ -212,10 +212,10 @@ impl Check for Extrapolation {
         Verdict::HoldsIf
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let far = setup.each("T13", 200, |_, rng, tally| converged(rng, tally, planted));
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let far = setup.each("T13", 200, |_, rng, tally| converged(rng, tally, injected));
         let early = setup.each("T13 stopped", 100, |_, rng, tally| stopped(rng, tally));
-        let round = setup.each("T13 isotropic", 200, |_, rng, tally| isotropic(rng, tally, planted));
+        let round = setup.each("T13 isotropic", 200, |_, rng, tally| isotropic(rng, tally, injected));
         let mut tally = far.and(early).and(round);
         for (time, _) in &TIMES[..2] {
             tally.holds(Number::share(tally.samples(&format!("better at {time}"))).value >= MOSTLY);

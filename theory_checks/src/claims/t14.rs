@@ -107,20 +107,20 @@ impl Entry<dyn Check> for FourSteps {
 }
 
 /// The three exact identities behind the steps.
-fn identities(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn identities(rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let scale = log_uniform(rng, [-1.0, 0.0]);
     let alpha = rng.uniform(0.05, 0.95);
     let problem = problem(rng, SIZES, 16, scale);
     let mixing = problem.at(alpha);
     // Step 1 drops −½‖f_w − f_e‖².
-    let sign = if planted == Some(1) { 0.5 } else { -0.5 };
+    let sign = if injected == Some(1) { 0.5 } else { -0.5 };
     let exact = mixing.linear + sign * mixing.apart;
     tally.equal(exact, mixing.difference(), 1e-13 * (1.0 + mixing.weight + mixing.output));
     // f_e − f_w is the integral of f'' with a kernel whose integral is k.
     let nodes = gauss_legendre(30);
     let kernel = |t: f64| ((1.0 - alpha) * t).min(alpha * (1.0 - t));
     let both = |f: &dyn Fn(f64) -> f64| integral(&nodes, 0.0, alpha, f) + integral(&nodes, alpha, 1.0, f);
-    let k = if planted == Some(0) { 2.0 * mixing.k() } else { mixing.k() };
+    let k = if injected == Some(0) { 2.0 * mixing.k() } else { mixing.k() };
     tally.equal(both(&kernel), k, 1e-14);
     let output = |t: f64| problem.first.plus(t, &problem.delta).along(&problem.delta, &problem.inputs);
     let integrated = both(&|t| kernel(t) * output(t).bend[(0, 0)]);
@@ -160,7 +160,7 @@ fn slope(values: [f64; SCALES.len()]) -> f64 {
 }
 
 /// Orders of all errors in ‖δ‖.
-fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
+fn orders(setup: &Setup, injected: Option<usize>) -> (Tally, Table, Figure) {
     let tally = setup.whole().each("T14 orders", SEEDS, |_, rng, tally| {
         let start = problem(rng, SIZES, INPUTS, 1.0);
         for (is_met, alpha, _, _) in ORDERS {
@@ -192,7 +192,7 @@ fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
     for (is_met, alpha, orders, known) in ORDERS {
         let numbers = QUANTITIES.iter().enumerate().map(|(k, quantity)| {
             let median = Number::median(tally.samples(&format!("{is_met} {alpha} {quantity}")), SEEDS);
-            let order = if planted == Some(2) && k == 2 { 2.0 } else { orders[k] };
+            let order = if injected == Some(2) && k == 2 { 2.0 } else { orders[k] };
             if order.is_nan() {
                 // The step is exact.
                 let largest = tally.samples("step 2 without a residual").iter().copied().fold(0.0, f64::max);
@@ -221,7 +221,7 @@ fn orders(setup: &Setup, planted: Option<usize>) -> (Tally, Table, Figure) {
 }
 
 /// `b tanh(a x)` on three points.
-fn stored(tally: &mut Tally, planted: Option<usize>) {
+fn stored(tally: &mut Tally, injected: Option<usize>) {
     for (scale, alpha, known) in FIXTURE {
         let problem = Problem {
             first: one(0.7, 1.1),
@@ -230,7 +230,7 @@ fn stored(tally: &mut Tally, planted: Option<usize>) {
             targets: DMatrix::from_row_slice(1, 3, &[0.2, -0.4, 1.0]),
         };
         let mixing = problem.at(alpha);
-        let printed = match planted {
+        let printed = match injected {
             Some(0) => 2.0 * mixing.printed(),
             Some(3) => -mixing.k() * (mixing.bend() + mixing.distance),
             _ => mixing.printed(),
@@ -265,7 +265,7 @@ impl Check for FourSteps {
         "with residual 0 at θ_α and α ≠ ½ the formula's error (order 3) exceeds its value (order 4): then L_w − L_e = −½ E‖f_w − f_e‖²"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &[
             "kernel with the integral α(1 − α)",
             "+½ E‖f_w − f_e‖² in step 1",
@@ -274,11 +274,11 @@ impl Check for FourSteps {
         ]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let exact = setup.each("T14", 100, |_, rng, tally| identities(rng, tally, planted));
-        let (measured, table, figure) = orders(setup, planted);
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let exact = setup.each("T14", 100, |_, rng, tally| identities(rng, tally, injected));
+        let (measured, table, figure) = orders(setup, injected);
         let mut tally = exact.and(measured);
-        stored(&mut tally, planted);
+        stored(&mut tally, injected);
         tally.report(vec![table], vec![figure])
     }
 }

@@ -41,11 +41,11 @@ impl Check for ExactComparison {
         "a loss below its chord (a reward above it) is the condition with 0 on the right: too weak"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["without k E‖Δf‖²"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let nodes = gauss_legendre(NODES);
         let tally = setup.each("T14x", 50, |_, rng, tally| {
             let scale = log_uniform(rng, [-1.5, 0.0]);
@@ -53,7 +53,7 @@ impl Check for ExactComparison {
             let problem = problem(rng, SIZES, INPUTS, scale);
             let mixing = problem.at(alpha);
             let scale = 1.0 + mixing.chord;
-            let diversity = if planted == Some(0) { 0.0 } else { mixing.k() * mixing.distance };
+            let diversity = if injected == Some(0) { 0.0 } else { mixing.k() * mixing.distance };
             tally.equal(mixing.chord - diversity, mixing.output, TOLERANCE * scale);
             let weighted = |t: f64| ((1.0 - alpha) * t).min(alpha * (1.0 - t)) * problem.at(t).bend();
             let bent = integral(&nodes, 0.0, alpha, weighted) + integral(&nodes, alpha, 1.0, weighted);

@@ -68,10 +68,10 @@ fn flag(is: bool) -> f64 {
 }
 
 /// Counts a comparison of weight and output mixing under a name.
-fn compare(tally: &mut Tally, name: &str, problem: &Problem, planted: Option<usize>) {
+fn compare(tally: &mut Tally, name: &str, problem: &Problem, injected: Option<usize>) {
     let mixing = problem.at(ALPHA);
     let difference = mixing.difference();
-    let decides = if planted == Some(0) { mixing.jacobian } else { mixing.curvature };
+    let decides = if injected == Some(0) { mixing.jacobian } else { mixing.curvature };
     let is_convex = mixing.bend() > 0.0;
     let is_worse = difference > 0.0;
     tally.sample(format!("{name} formula"), flag((mixing.printed() > 0.0) == is_worse));
@@ -90,7 +90,7 @@ fn compare(tally: &mut Tally, name: &str, problem: &Problem, planted: Option<usi
 }
 
 /// A network trained on y0 and tuned to y0 + A and to y0 + B, compared on several targets.
-fn trained(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn trained(rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let inputs = normal_matrix(rng, TRAINED[0], INPUTS);
     let [base, first, second, unrelated] = [(); 4].map(|()| targets(rng, &inputs));
     let (steps, rate) = TRAINING;
@@ -111,7 +111,7 @@ fn trained(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
             };
             let (first, delta, inputs) = (experts[0].clone(), delta.clone(), inputs.clone());
             let problem = Problem { first, delta, inputs, targets };
-            compare(tally, &format!("{amplitude} {name}"), &problem, planted);
+            compare(tally, &format!("{amplitude} {name}"), &problem, injected);
         }
     }
 }
@@ -200,7 +200,7 @@ impl Check for WhatDecides {
         "convexity comes mostly from the Gauss–Newton part, which cancels: in the squared error output mixing usually wins. An advantage of weight mixing must come from what this error does not see: several modes, the map, mean trajectories that no mode would produce"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["E‖Jδ‖² in place of E[r f'']"]
     }
 
@@ -208,12 +208,12 @@ impl Check for WhatDecides {
         Verdict::FailsAsPrinted
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let mut tally = Tally::default();
         for (scale, _) in KNOWN {
             tally = tally.and(setup.each(&format!("T15 {scale}"), NETWORKS, |_, rng, tally| {
                 let problem = problem(rng, SIZES, INPUTS, scale);
-                compare(tally, &format!("{scale}"), &problem, planted);
+                compare(tally, &format!("{scale}"), &problem, injected);
             }));
             if scale <= SMALL {
                 for what in ["formula", "curvature"] {
@@ -222,7 +222,7 @@ impl Check for WhatDecides {
                 }
             }
         }
-        tally = tally.and(setup.each("T15 trained", SEEDS, |_, rng, tally| trained(rng, tally, planted)));
+        tally = tally.and(setup.each("T15 trained", SEEDS, |_, rng, tally| trained(rng, tally, injected)));
         stored(&mut tally);
         tally.report(tables(&tally), vec![])
     }

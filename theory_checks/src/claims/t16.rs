@@ -80,16 +80,16 @@ fn bend(problem: &Problem, net: &TanhNet, direction: &TanhNet) -> f64 {
 }
 
 /// `η − Rayleigh quotient = E[r f'']/‖δ‖²`, with all matrices built.
-fn whole(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn whole(rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let mut problem = problem(rng, WHOLE, INPUTS, 0.5);
     problem.targets = normal_matrix(rng, WHOLE[2], INPUTS);
     let net = problem.first.plus(ALPHA, &problem.delta);
     let direction = vector(&problem.delta);
     let inputs =
-        if planted == Some(1) { problem.inputs.columns(0, 1).into_owned() } else { problem.inputs.clone() };
+        if injected == Some(1) { problem.inputs.columns(0, 1).into_owned() } else { problem.inputs.clone() };
     let length = direction.norm_squared();
     let rayleigh = direction.dot(&(fisher(&net, &inputs) * &direction)) / length;
-    let eta = if planted == Some(0) {
+    let eta = if injected == Some(0) {
         // The mean of the Hessian's diagonal.
         let trace: f64 = (0..direction.len())
             .map(|k| {
@@ -162,7 +162,7 @@ impl Check for RayleighCondition {
         "the strict inequality is never \"readily satisfied\" for a Gauss–Newton curvature: there both sides are equal. F is the Fisher matrix for unit output variance"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["η from the mean of the Hessian's diagonal", "F of one input, without the expectation"]
     }
 
@@ -170,8 +170,8 @@ impl Check for RayleighCondition {
         Verdict::FailsAsPrinted
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let mut tally = setup.each("T16", 100, |_, rng, tally| whole(rng, tally, planted));
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let mut tally = setup.each("T16", 100, |_, rng, tally| whole(rng, tally, injected));
         tally = tally.and(setup.each("T16 linear", 200, |_, rng, tally| linear(rng, tally)));
         stored(&mut tally);
         let mut table = Table::new(

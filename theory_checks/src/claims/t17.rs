@@ -161,7 +161,7 @@ fn bradley_terry(rewards: &DVector<f64>) -> DMatrix<f64> {
 }
 
 /// The learnt policy for labels in proportion to their probability: Newton's method against the closed form.
-fn population(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn population(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let temperature = TEMPERATURES[instance % TEMPERATURES.len()];
     let (rewards, reference) = (normals(rng, ITEMS), softmax(&normals(rng, ITEMS)));
     let start = reference.map(f64::ln);
@@ -182,13 +182,13 @@ fn population(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option
         tally.at_most(objective(&other), own, TOLERANCE);
     }
     // The closed form of KL-regularised reward maximisation.
-    let bonus = if planted == Some(1) { &rewards * temperature } else { &rewards / temperature };
-    let base = if planted == Some(0) { DVector::zeros(ITEMS) } else { reference.map(f64::ln) };
+    let bonus = if injected == Some(1) { &rewards * temperature } else { &rewards / temperature };
+    let base = if injected == Some(0) { DVector::zeros(ITEMS) } else { reference.map(f64::ln) };
     let best = softmax(&(base + bonus));
     tally.equal((policy.map(f64::ln) - best.map(f64::ln)).amax(), 0.0, TOLERANCE / temperature);
     let learnt = temperature * policy.zip_map(&reference, |p, r| (p / r).ln());
     let (learnt, made) =
-        if planted == Some(2) { (learnt, rewards) } else { (centred(&learnt), centred(&rewards)) };
+        if injected == Some(2) { (learnt, rewards) } else { (centred(&learnt), centred(&rewards)) };
     tally.equal((learnt - made).amax(), 0.0, TOLERANCE);
 }
 
@@ -279,7 +279,7 @@ impl Check for PreferenceLearning {
         "pairs that the higher reward always wins, as in HGPO, teach only the order: log-ratios grow without end, their gaps equalise, kl_beta scales time, and early stopping regularises. At kl_beta 0.05 a reward difference of 1 is 20 in log-odds"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["without π_ref", "kl_beta r in place of r/kl_beta", "rewards compared without centring"]
     }
 
@@ -287,9 +287,9 @@ impl Check for PreferenceLearning {
         Verdict::HoldsIf
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let mut tally =
-            setup.each("T17", 150, |instance, rng, tally| population(instance, rng, tally, planted));
+            setup.each("T17", 150, |instance, rng, tally| population(instance, rng, tally, injected));
         tally = tally.and(setup.each("T17 order", 200, |_, rng, tally| order_alone(rng, tally)));
         let mut labels = Table::new(
             "Sampled labels, 10 items with normal rewards: root mean square error of the rewards over the Fisher prediction √(tr I⁺/(n K)), and the median error",

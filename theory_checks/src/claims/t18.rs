@@ -60,16 +60,16 @@ fn reward(convention: Convention, step: usize, offset: f64) -> f64 {
 }
 
 /// Jump of the reward at a touch, by the formula.
-fn jump(convention: Convention, step: usize, planted: Option<usize>) -> f64 {
+fn jump(convention: Convention, step: usize, injected: Option<usize>) -> f64 {
     let elapsed = match convention {
         Convention::Paper => step,
         Convention::Release => step - 1,
     };
-    let closeness = if planted == Some(0) { 0.0 } else { (-0.2 * WIDTH).exp() };
+    let closeness = if injected == Some(0) { 0.0 } else { (-0.2 * WIDTH).exp() };
     10.0 * (1.0 - elapsed as f64 / HORIZON as f64) - closeness
 }
 
-fn contacts(tally: &mut Tally, planted: Option<usize>) -> Table {
+fn contacts(tally: &mut Tally, injected: Option<usize>) -> Table {
     let mut table = Table::new(
         "R_adv of a car that touches the ego in one step, 1e-9 m to both sides of the touch",
         &["convention; step", "touching", "not touching", "jump"],
@@ -77,7 +77,7 @@ fn contacts(tally: &mut Tally, planted: Option<usize>) -> Table {
     for (name, convention) in [("paper", Convention::Paper), ("release", Convention::Release)] {
         for step in 1..=HORIZON {
             let [inside, outside] = [-NEAR, NEAR].map(|shift| reward(convention, step, WIDTH + shift));
-            tally.equal(jump(convention, step, planted), inside - outside, 1e-8);
+            tally.equal(jump(convention, step, injected), inside - outside, 1e-8);
             // A Lipschitz constant would have to exceed the quotient of these differences.
             tally.counterexample((inside - outside).abs() / (2.0 * NEAR) > 1e6);
             if [1, 40, 74, 75, 80].contains(&step) {
@@ -109,12 +109,12 @@ fn contacts(tally: &mut Tally, planted: Option<usize>) -> Table {
 fn expectation(
     logits: &DVector<f64>,
     rewards: &DVector<f64>,
-    planted: Option<usize>,
+    injected: Option<usize>,
 ) -> (DVector<f64>, DMatrix<f64>) {
     let p = softmax(logits);
     let mean = p.dot(rewards);
     let a = p.zip_map(rewards, |p, r| p * (r - mean));
-    let second = if planted == Some(1) { DMatrix::zeros(p.len(), p.len()) } else { &p * a.transpose() };
+    let second = if injected == Some(1) { DMatrix::zeros(p.len(), p.len()) } else { &p * a.transpose() };
     let hessian = DMatrix::from_diagonal(&a) - &a * p.transpose() - second;
     (a, hessian)
 }
@@ -124,18 +124,18 @@ fn spectral_norm(matrix: &DMatrix<f64>) -> [f64; 2] {
     [eigenvalues.min(), eigenvalues.max()]
 }
 
-fn softened(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn softened(rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let count = 2 + rng.below(31);
     let spread = rng.uniform(0.1, 3.0);
     let (logits, rewards) = (spread * normals(rng, count), normals(rng, count));
-    let (gradient, hessian) = expectation(&logits, &rewards, planted);
+    let (gradient, hessian) = expectation(&logits, &rewards, injected);
     let value = |logits: &DVector<f64>| softmax(logits).dot(&rewards);
     let way = normals(rng, count).normalize();
     let moved = |share: f64| &logits + share * STEP * &way;
     let size = rewards.max() - rewards.min();
     let slope = (value(&moved(1.0)) - value(&moved(-1.0))) / (2.0 * STEP);
     tally.equal(gradient.dot(&way), slope, 1e-6 * size);
-    let slopes = [-1.0, 1.0].map(|share| expectation(&moved(share), &rewards, planted).0);
+    let slopes = [-1.0, 1.0].map(|share| expectation(&moved(share), &rewards, injected).0);
     let bend = (&slopes[1] - &slopes[0]) / (2.0 * STEP);
     tally.equal((&hessian * way - bend).norm(), 0.0, 1e-6 * size);
     let [low, high] = spectral_norm(&hessian);
@@ -146,7 +146,7 @@ fn softened(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
     tally.sample("norm", high.max(-low) / (0.5 * size));
     tally.sample("indefinite", f64::from(u8::from(low < -1e-12 && high > 1e-12)));
     let flat = &hessian * DVector::from_element(count, 1.0);
-    if planted.is_none() {
+    if injected.is_none() {
         tally.equal(flat.norm(), 0.0, 1e-13 * (1.0 + size));
     }
 }
@@ -216,7 +216,7 @@ impl Check for Smoothness {
         "expectations over fixed candidates are smooth, but not concave, and flat along equal shifts of the logits; where the candidates move with the weights the jump survives. √3/9 is proved for two candidates and conjectured for more"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["the jump without the closeness", "the Hessian without one rank-one term"]
     }
 
@@ -224,11 +224,11 @@ impl Check for Smoothness {
         Verdict::FailsAsPrinted
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let mut tally = setup.each("T18", 2000, |_, rng, tally| softened(rng, tally, planted));
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let mut tally = setup.each("T18", 2000, |_, rng, tally| softened(rng, tally, injected));
         tally = tally.and(setup.each("T18 sharpest", 4000, |_, rng, tally| sharpest(rng, tally)));
         tally = tally.and(setup.each("T18 noise", 40, |_, rng, tally| noise(rng, tally)));
-        let jumps = contacts(&mut tally, planted);
+        let jumps = contacts(&mut tally, injected);
         let logits = DVector::from_row_slice(&[(2.0 + 3f64.sqrt()).ln(), 0.0]);
         let [low, high] = spectral_norm(&expectation(&logits, &DVector::from_row_slice(&[1.0, 0.0]), None).1);
         tally.stored(high.max(-low), SHARPEST, 1e-12);

@@ -61,19 +61,19 @@ fn objectives(rng: &mut Rng, count: usize) -> DMatrix<f64> {
 fn coefficients(
     objectives: &DMatrix<f64>,
     mu: &DVector<f64>,
-    planted: Option<usize>,
+    injected: Option<usize>,
 ) -> Option<DVector<f64>> {
-    let of = if planted == Some(0) { objectives.clone() } else { objectives.transpose() };
+    let of = if injected == Some(0) { objectives.clone() } else { objectives.transpose() };
     of.lu().solve(mu)
 }
 
 /// Constants of the experts' rewards: `B L` and `B m`.
-fn of_experts(objectives: &DMatrix<f64>, base: &DVector<f64>, planted: Option<usize>) -> DVector<f64> {
-    if planted == Some(1) { base.clone() } else { objectives * base }
+fn of_experts(objectives: &DMatrix<f64>, base: &DVector<f64>, injected: Option<usize>) -> DVector<f64> {
+    if injected == Some(1) { base.clone() } else { objectives * base }
 }
 
 /// Scalar curvatures: `θ(w)` is the optimum for `w_i = c_i L_i/Σ c L` iff c ≥ 0.
-fn exact(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn exact(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let (count, _, _) = KNOWN[instance % KNOWN.len()];
     let dimension = [count, 10, 40][instance / KNOWN.len() % 3];
     let objectives = objectives(rng, count);
@@ -87,9 +87,9 @@ fn exact(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usiz
     };
     let shares = simplex(rng, count);
     let mu = objectives.tr_mul(&shares);
-    let Some(c) = coefficients(&objectives, &mu, planted) else { return tally.unsolved() };
+    let Some(c) = coefficients(&objectives, &mu, injected) else { return tally.unsolved() };
     tally.equal(c.sum(), 1.0, 1e-12 * (1.0 + c.abs().sum()));
-    let own = of_experts(&objectives, &curvatures, planted);
+    let own = of_experts(&objectives, &curvatures, injected);
     let weights = c.component_mul(&own) / c.dot(&own);
     let mixed = objectives
         .row_iter()
@@ -99,7 +99,7 @@ fn exact(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usiz
 }
 
 /// Equal curvatures on a line, a preference beyond its first expert: the bound at that expert is its loss.
-fn attained(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn attained(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let (count, _, _) = KNOWN[instance % KNOWN.len()];
     let objectives = objectives(rng, count);
     let positions = &objectives * normals(rng, count);
@@ -117,12 +117,12 @@ fn attained(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<u
         }
         beyond *= 0.5;
     };
-    let Some(found) = coefficients(&objectives, &mu, planted) else { return tally.unsolved() };
+    let Some(found) = coefficients(&objectives, &mu, injected) else { return tally.unsolved() };
     let curvature = log_uniform(rng, [-1.0, 1.0]);
     let thetas: Vec<DVector<f64>> = positions.iter().map(|x| DVector::from_element(1, *x)).collect();
     let loss = |x: f64| 0.5 * curvature * (x - c.dot(&positions)).powi(2);
     let pulls = found.abs() * curvature;
-    let bound = bound(&thetas, &pulls, &thetas[first], curvature, planted);
+    let bound = bound(&thetas, &pulls, &thetas[first], curvature, injected);
     let loss = loss(positions[first]);
     tally.equal(bound, loss, TIGHT * (1.0 + loss));
     // Inside, the pulls of the centre-bound vanish with L − m, as the loss does.
@@ -144,10 +144,10 @@ fn bound(
     pulls: &DVector<f64>,
     theta: &DVector<f64>,
     m: f64,
-    planted: Option<usize>,
+    injected: Option<usize>,
 ) -> f64 {
     let bracket: f64 = thetas.iter().zip(pulls).map(|(expert, pull)| pull * (theta - expert).norm()).sum();
-    let half = if planted == Some(2) { 1.0 } else { 0.5 };
+    let half = if injected == Some(2) { 1.0 } else { 0.5 };
     half * bracket * bracket / m
 }
 
@@ -194,7 +194,7 @@ impl Simplex<'_> {
     }
 }
 
-fn bounds(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn bounds(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let (count, _, _) = KNOWN[instance % KNOWN.len()];
     let dimension = [count, 10, 40][instance / KNOWN.len() % 3];
     let scale = log_uniform(rng, [-1.0, 0.5]);
@@ -217,12 +217,12 @@ fn bounds(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usi
     let Some(thetas) = (0..count).map(expert).collect::<Option<Vec<_>>>() else { return tally.unsolved() };
     let constants = |of: fn(&Curvature) -> f64| {
         let base = DVector::from_iterator(count, base.iter().map(|reward| of(&reward.curvature())));
-        of_experts(&objectives, &base, planted)
+        of_experts(&objectives, &base, injected)
     };
     let (l, m) = (constants(|c| c.l), constants(|c| c.m));
     // A preference inside, and any.
     for mu in [objectives.tr_mul(&simplex(rng, count)), simplex(rng, count)] {
-        let Some(c) = coefficients(&objectives, &mu, planted) else { return tally.unsolved() };
+        let Some(c) = coefficients(&objectives, &mu, injected) else { return tally.unsolved() };
         let reward = Mixed { of: base.clone(), weights: mu.iter().copied().collect() };
         let own = reward.curvature().m;
         // R_μ is the combination of the experts' rewards.
@@ -237,7 +237,7 @@ fn bounds(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usi
         let rounding = 1e-11 * (1.0 + top.abs());
         let loss = |weights: &DVector<f64>| top - experts.reward.value(&experts.at(weights));
         let bound = |pulls: &DVector<f64>, weights: &DVector<f64>| {
-            bound(&thetas, pulls, &experts.at(weights), own, planted)
+            bound(&thetas, pulls, &experts.at(weights), own, injected)
         };
         let pulls = c.abs().component_mul(&l);
         // At any mixture.
@@ -267,11 +267,11 @@ fn bounds(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usi
     }
 }
 
-fn stored(tally: &mut Tally, planted: Option<usize>) {
+fn stored(tally: &mut Tally, injected: Option<usize>) {
     let objectives = DMatrix::from_element(3, 3, 0.1) + 0.7 * DMatrix::identity(3, 3);
     let curvatures = DVector::from_row_slice(&[1.0, 2.0, 5.0]);
     let optima = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]];
-    let own = of_experts(&objectives, &curvatures, planted);
+    let own = of_experts(&objectives, &curvatures, injected);
     let known = [4.0 / 7.0, 2.0 / 7.0, 1.0 / 7.0];
     let mu = DVector::from_row_slice(&[0.5, 0.3, 0.2]);
     let Some(c) = coefficients(&objectives, &mu, None) else { return tally.unsolved() };
@@ -305,16 +305,16 @@ impl Check for ManyExperts {
         "for two experts these are T2, T4 and T5; the bounds are as loose"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["c = B⁻¹ μ", "L in place of B L", "without the factor ½"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let mut tally = setup.each("T19", 400, |instance, rng, tally| exact(instance, rng, tally, planted));
-        tally =
-            tally.and(setup.whole().each("T19 tight", 200, |k, rng, tally| attained(k, rng, tally, planted)));
-        tally = tally.and(setup.each("T19 bounds", 240, |k, rng, tally| bounds(k, rng, tally, planted)));
-        stored(&mut tally, planted);
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let mut tally = setup.each("T19", 400, |instance, rng, tally| exact(instance, rng, tally, injected));
+        tally = tally
+            .and(setup.whole().each("T19 tight", 200, |k, rng, tally| attained(k, rng, tally, injected)));
+        tally = tally.and(setup.each("T19 bounds", 240, |k, rng, tally| bounds(k, rng, tally, injected)));
+        stored(&mut tally, injected);
         let mut table = Table::new(
             "Bound over the gap of the best mixture, where the gap is above rounding: medians",
             &["experts", "largest corner", "centre, preferences inside"],

@@ -40,11 +40,11 @@ impl Check for LambdaEqualsMu {
         "at β = 0.9, λ = μ means μ' = 0.1 + 0.8 μ: nothing is lost at μ = 0.5, and as much as by the best λ at 0 and 1"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["θ(μ) optimal for μ", "(1 − β) without its square"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let tally = setup.each("T1b", 1000, |instance, rng, tally| {
             let at = preference(rng, instance);
             let eta = log_uniform(rng, [-1.0, 1.0]);
@@ -55,11 +55,11 @@ impl Check for LambdaEqualsMu {
             let theta = at.mu * optimum(at.beta) + (1.0 - at.mu) * optimum(1.0 - at.beta);
             let distance = (&adversarial - &realistic).norm_squared();
             let other =
-                if planted == Some(0) { at.mu } else { (1.0 - at.beta) + (2.0 * at.beta - 1.0) * at.mu };
+                if injected == Some(0) { at.mu } else { (1.0 - at.beta) + (2.0 * at.beta - 1.0) * at.mu };
             let gradient =
                 other * eta * (&adversarial - &theta) + (1.0 - other) * eta * (&realistic - &theta);
             tally.equal(gradient.norm_squared(), 0.0, TOLERANCE * (1.0 + eta * eta * distance));
-            let share = (1.0 - at.beta).powi(if planted == Some(1) { 1 } else { 2 });
+            let share = (1.0 - at.beta).powi(if injected == Some(1) { 1 } else { 2 });
             let loss = 0.5 * eta * share * (1.0 - 2.0 * at.mu).powi(2) * distance;
             let value = |theta: &DVector<f64>| {
                 let [own, other] =

@@ -63,13 +63,13 @@ impl Line {
     }
 
     /// The same as [`Self::direct`] by the formulas.
-    fn formula(&self, at: Preference, planted: Option<usize>) -> [f64; 2] {
+    fn formula(&self, at: Preference, injected: Option<usize>) -> [f64; 2] {
         let [c1, c2] = at.coefficients();
         let [first, second] = [at.beta, 1.0 - at.beta].map(|weight| self.curvature(weight));
-        let lambda = if planted == Some(0) { c1 } else { c1 * first / (c1 * first + c2 * second) };
+        let lambda = if injected == Some(0) { c1 } else { c1 * first / (c1 * first + c2 * second) };
         let clipped = at.clipped();
         let own = self.curvature(at.mu);
-        let other = if planted == Some(1) { own } else { self.curvature(clipped) };
+        let other = if injected == Some(1) { own } else { self.curvature(clipped) };
         let gap = (self.a * self.b * (at.mu - clipped) / other).powi(2) / (2.0 * own);
         [lambda.clamp(0.0, 1.0), gap]
     }
@@ -88,14 +88,14 @@ impl Check for UnequalCurvature {
         "needs scalar curvatures: with general Hessians the optima leave the segment (T3)"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["λ = c₁", "L(μ)² in place of L(μ_c)²", "a and b exchanged"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let formula = |line: &Line, at: Preference| {
             let exchanged = Line { a: line.b, b: line.a };
-            if planted == Some(2) { exchanged.formula(at, None) } else { line.formula(at, planted) }
+            if injected == Some(2) { exchanged.formula(at, None) } else { line.formula(at, injected) }
         };
         let mut tally = setup.each("T2", 1000, |instance, rng, tally| {
             let at = preference(rng, instance);
@@ -103,7 +103,7 @@ impl Check for UnequalCurvature {
             let line = Line { a, b };
             // Where the gradients w a (1 − θ) and (1 − w) b (0 − θ) cancel.
             for weight in [at.mu, at.beta, 1.0 - at.beta] {
-                let theta = if planted == Some(2) {
+                let theta = if injected == Some(2) {
                     Line { a: b, b: a }.optimum(weight)
                 } else {
                     line.optimum(weight)

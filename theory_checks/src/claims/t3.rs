@@ -59,11 +59,11 @@ impl Entry<dyn Check> for GeneralHessians {
     }
 }
 
-fn identity(instance: usize, rng: &mut sage_core::seed::Rng, tally: &mut Tally, planted: Option<usize>) {
+fn identity(instance: usize, rng: &mut sage_core::seed::Rng, tally: &mut Tally, injected: Option<usize>) {
     let dimension = DIMENSIONS[instance % DIMENSIONS.len()];
     let at = preference(rng, instance);
     let quadratics = Quadratics::draw(rng, dimension, CONDITIONS[instance % CONDITIONS.len()]);
-    match quadratics.segment(at, planted) {
+    match quadratics.segment(at, injected) {
         Some(segment) => {
             let ([lambda, gap], [best, direct]) = (segment.formula, segment.direct);
             tally.equal(lambda, best, TOLERANCE);
@@ -74,7 +74,7 @@ fn identity(instance: usize, rng: &mut sage_core::seed::Rng, tally: &mut Tally, 
 }
 
 /// What interpolation gains over the better expert, and how loose the bounds are.
-fn table(setup: &Setup, planted: Option<usize>) -> (Tally, Table) {
+fn table(setup: &Setup, injected: Option<usize>) -> (Tally, Table) {
     let mut all = Tally::default();
     let mut columns = vec!["κ; d"];
     columns.extend(QUANTITIES);
@@ -89,7 +89,7 @@ fn table(setup: &Setup, planted: Option<usize>) -> (Tally, Table) {
             let quadratics = Quadratics::draw(rng, dimension, condition);
             for mu in PREFERENCES {
                 let at = Preference { mu, beta: BETA };
-                let Some(segment) = quadratics.segment(at, planted) else {
+                let Some(segment) = quadratics.segment(at, injected) else {
                     tally.unsolved();
                     continue;
                 };
@@ -120,7 +120,7 @@ fn table(setup: &Setup, planted: Option<usize>) -> (Tally, Table) {
     (all, table)
 }
 
-fn stored(tally: &mut Tally, planted: Option<usize>) {
+fn stored(tally: &mut Tally, injected: Option<usize>) {
     let quadratics = Quadratics {
         hessians: [
             DMatrix::from_row_slice(2, 2, &[1.0, 0.0, 0.0, 10.0]),
@@ -136,7 +136,7 @@ fn stored(tally: &mut Tally, planted: Option<usize>) {
     }
     for (mu, [free, gap, max, min, best]) in FIXTURE {
         let at = Preference { mu, beta: BETA };
-        let Some(segment) = quadratics.segment(at, planted) else { return tally.unsolved() };
+        let Some(segment) = quadratics.segment(at, injected) else { return tally.unsolved() };
         let bounds = quadratics.bounds(at, segment.distance);
         tally.stored(segment.distance, 0.8291468303, 1e-10);
         tally.stored(segment.free, free, 1e-9);
@@ -160,15 +160,15 @@ impl Check for GeneralHessians {
         "\"exactly optimal inside [1 − β, β]\" is a property of scalar curvature: at condition number 100 interpolation removes only half to two thirds of what the better expert alone misses"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["h₁ and h₂ exchanged", "λ = c₁"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let found = setup.each("T3", 1000, |instance, rng, tally| identity(instance, rng, tally, planted));
-        let (measured, table) = table(setup, planted);
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let found = setup.each("T3", 1000, |instance, rng, tally| identity(instance, rng, tally, injected));
+        let (measured, table) = table(setup, injected);
         let mut tally = found.and(measured);
-        stored(&mut tally, planted);
+        stored(&mut tally, injected);
         tally.report(vec![table], vec![])
     }
 }

@@ -36,8 +36,8 @@ impl Entry<dyn Check> for BoundAtEveryLambda {
 }
 
 /// The bound at a λ, or a wrong version of it.
-fn bound(bounds: &Bounds, lambda: f64, reversed_m: f64, planted: Option<usize>) -> f64 {
-    match planted {
+fn bound(bounds: &Bounds, lambda: f64, reversed_m: f64, injected: Option<usize>) -> f64 {
+    match injected {
         Some(0) => bounds.at_lambda(1.0 - lambda),
         Some(1) => Bounds { m: reversed_m, ..*bounds }.at_lambda(lambda),
         Some(2) => Bounds { distance: bounds.distance.sqrt(), ..*bounds }.at_lambda(lambda),
@@ -47,7 +47,7 @@ fn bound(bounds: &Bounds, lambda: f64, reversed_m: f64, planted: Option<usize>) 
 
 /// Isotropic quadratics with a preference outside [1 − β, β], where the bound is the loss: at every λ if both
 /// curvatures are equal, else at the best λ.
-fn attained(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn attained(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let line = Line { a: log_uniform(rng, [-1.0, 1.0]), b: log_uniform(rng, [-1.0, 1.0]) };
     let line = if instance.is_multiple_of(2) { Line { b: line.a, ..line } } else { line };
     let beta = rng.uniform(0.55, 0.99);
@@ -59,7 +59,7 @@ fn attained(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<u
     for lambda in lambdas {
         let point = (1.0 - lambda) * line.optimum(1.0 - beta) + lambda * line.optimum(beta);
         let loss = 0.5 * line.curvature(mu) * (point - line.optimum(mu)).powi(2);
-        let bound = bound(&line.bounds(at), lambda, line.curvature(1.0 - mu), planted);
+        let bound = bound(&line.bounds(at), lambda, line.curvature(1.0 - mu), injected);
         tally.equal(bound, loss, TIGHT * (1.0 + loss));
     }
 }
@@ -82,7 +82,7 @@ fn measured_slack(beta: f64, ratio: f64) -> f64 {
 }
 
 /// Every λ at every μ for a random pair of rewards.
-fn pointwise(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn pointwise(instance: usize, rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let pair = Pair::draw(rng, instance, DIMENSIONS[instance / 25 % DIMENSIONS.len()]);
     let beta = BETAS[instance % BETAS.len()];
     let Some(experts) = pair.experts(beta) else { return tally.unsolved() };
@@ -103,7 +103,7 @@ fn pointwise(instance: usize, rng: &mut Rng, tally: &mut Tally, planted: Option<
         for step in 0..=STEPS {
             let lambda = step as f64 / STEPS as f64;
             let loss = top - best.value(&experts.at(lambda));
-            tally.at_most(loss, bound(&bounds, lambda, reversed_m, planted), gap.rounding);
+            tally.at_most(loss, bound(&bounds, lambda, reversed_m, injected), gap.rounding);
             if loss > 1e3 * gap.rounding {
                 tally.sample("pointwise", bounds.at_lambda(lambda) / loss);
             }
@@ -126,7 +126,7 @@ impl Check for BoundAtEveryLambda {
         "the largest f bounds the worst model between the experts, not the best: quote its slack with the region of μ"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["λ and 1 − λ exchanged in f", "μ and 1 − μ exchanged in m_μ", "D without its square"]
     }
 
@@ -134,11 +134,11 @@ impl Check for BoundAtEveryLambda {
         Verdict::HoldsWithSlack
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let tally = setup.each("T4", 375, |instance, rng, tally| pointwise(instance, rng, tally, planted));
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let tally = setup.each("T4", 375, |instance, rng, tally| pointwise(instance, rng, tally, injected));
         let tight = setup
             .whole()
-            .each("T4 tight", 200, |instance, rng, tally| attained(instance, rng, tally, planted));
+            .each("T4 tight", 200, |instance, rng, tally| attained(instance, rng, tally, injected));
         let scalars = setup.each("T4 scalars", 200, |_, rng, tally| slack_of_scalars(rng, tally));
         let mut tally = tally.and(tight).and(scalars);
         for (ratio, known, digits) in [(1.0, 81.0, 1e-9), (0.1, 3.531095, 5e-7), (0.001, 1.017855, 5e-7)] {

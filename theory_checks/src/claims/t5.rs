@@ -84,20 +84,20 @@ impl Entry<dyn Check> for SharperBounds {
     }
 }
 
-/// The bounds of an instance in the order of [`BOUNDS`], with an error in place of the formula if planted.
-fn bounds(of: &Bounds, at: Preference, planted: Option<usize>) -> [f64; 3] {
+/// The bounds of an instance in the order of [`BOUNDS`], with an error in place of the formula if injected.
+fn bounds(of: &Bounds, at: Preference, injected: Option<usize>) -> [f64; 3] {
     let mut of = *of;
-    if planted == Some(2) {
+    if injected == Some(2) {
         of.coefficients[0] = (at.mu - at.beta + 1.0) / (2.0 * at.beta - 1.0);
     }
     // Outside, the best end is known: λ = 0 below 1 − β, λ = 1 above β.
-    let is_low = (at.mu <= 1.0 - at.beta) != (planted == Some(1));
+    let is_low = (at.mu <= 1.0 - at.beta) != (injected == Some(1));
     let min = match region(at) {
         "inside" => of.min(),
         _ if is_low => of.at_lambda(0.0),
         _ => of.at_lambda(1.0),
     };
-    let centre = match planted {
+    let centre = match injected {
         Some(0) => of.centre().map(|_| {
             let ([c1, c2], [first, second]) = (of.coefficients, of.experts);
             let f = c1 * c2 * (first.l * second.l + first.m * second.m);
@@ -118,7 +118,7 @@ fn random_pair(
     experts: &Experts<'_>,
     preferences: &[f64],
     group: &str,
-    planted: Option<usize>,
+    injected: Option<usize>,
 ) {
     for mu in preferences {
         let at = Preference { mu: *mu, beta: experts.beta };
@@ -133,7 +133,7 @@ fn random_pair(
         let printed = Bounds { coefficients: [c2, c1], m, ..of }.max();
         let is_below = printed < gap.value - gap.rounding;
         tally.sample(format!("printed {}", region(at)), f64::from(u8::from(is_below)));
-        for (bound, name) in bounds(&experts.bounds(*mu), at, planted).into_iter().zip(BOUNDS) {
+        for (bound, name) in bounds(&experts.bounds(*mu), at, injected).into_iter().zip(BOUNDS) {
             tally.at_most(gap.value, bound, gap.rounding);
             if let Some(ratio) = gap.ratio(bound) {
                 tally.sample(format!("{group} {} {name}", region(at)), ratio);
@@ -150,18 +150,18 @@ fn random_pair(
 }
 
 /// Isotropic quadratics, where the bounds are attained: outside by the min-bound, inside by the centre-bound, both 0.
-fn attained(rng: &mut Rng, tally: &mut Tally, planted: Option<usize>) {
+fn attained(rng: &mut Rng, tally: &mut Tally, injected: Option<usize>) {
     let line = Line { a: log_uniform(rng, [-1.0, 1.0]), b: log_uniform(rng, [-1.0, 1.0]) };
     let at = Preference { mu: rng.unit(), beta: rng.uniform(0.55, 0.99) };
     let [_, gap] = line.direct(at);
-    let [_, _, best] = bounds(&line.bounds(at), at, planted);
+    let [_, _, best] = bounds(&line.bounds(at), at, injected);
     tally.equal(best, gap, TIGHT * (line.a + line.b));
     if region(at) == "outside" && gap > 1e-6 {
         tally.ratio(best / gap);
     }
 }
 
-fn stored(tally: &mut Tally, planted: Option<usize>) {
+fn stored(tally: &mut Tally, injected: Option<usize>) {
     let reward = |shape, m, l, turn: f64, center: [f64; 2]| {
         let (sin, cos) = turn.to_radians().sin_cos();
         let rotation = DMatrix::from_row_slice(2, 2, &[cos, -sin, sin, cos]);
@@ -180,7 +180,7 @@ fn stored(tally: &mut Tally, planted: Option<usize>) {
     tally.stored(experts.distance(), 1.932671312196, 1e-11);
     for (mu, hat, [lambda, gap, max, min, best]) in FIXTURE {
         let Some((found, loss)) = experts.gap(mu) else { return tally.unsolved() };
-        let bounds = bounds(&experts.bounds(mu), Preference { mu, beta: 0.9 }, planted);
+        let bounds = bounds(&experts.bounds(mu), Preference { mu, beta: 0.9 }, injected);
         loss.hat.iter().zip(hat).for_each(|(found, known)| tally.stored(*found, known, 1e-8));
         tally.stored(found, lambda, 1e-7);
         tally.stored(loss.value, gap, 1e-8 * gap);
@@ -312,23 +312,23 @@ impl Check for SharperBounds {
         "attained for isotropic quadratics; in general still 10 times the gap outside and some hundred times inside"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["L₁ L₂ + m₁ m₂ in G", "λ and 1 − λ exchanged in f", "μ − β + 1 in c₁"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let mut tally = setup.whole().each("T5 tight", 4200, |_, rng, tally| attained(rng, tally, planted));
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let mut tally = setup.whole().each("T5 tight", 4200, |_, rng, tally| attained(rng, tally, injected));
         let run = |number: usize, rng: &mut Rng, tally: &mut Tally, dimension: usize| {
             let pair = Pair::draw(rng, number, dimension);
             let is_large = LARGE.iter().any(|(large, _)| *large == dimension);
             let preferences = if is_large { &FEW[..] } else { &PREFERENCES[..] };
             let group = if is_large { "300 and 1000".to_owned() } else { dimension.to_string() };
             match pair.experts(BETAS[number % BETAS.len()]) {
-                Some(experts) => random_pair(tally, &experts, preferences, &group, planted),
+                Some(experts) => random_pair(tally, &experts, preferences, &group, injected),
                 None => tally.unsolved(),
             }
         };
-        if setup.is_full() && planted.is_none() {
+        if setup.is_full() && injected.is_none() {
             let large = setup.each("T5 large", LARGE.len(), |k, rng, tally| {
                 let (dimension, number) = LARGE[k % LARGE.len()];
                 run(number, rng, tally, dimension);
@@ -340,9 +340,9 @@ impl Check for SharperBounds {
             let some = setup.each(&purpose, count, |k, rng, tally| run(k, rng, tally, dimension));
             tally = tally.and(some);
         }
-        stored(&mut tally, planted);
+        stored(&mut tally, injected);
         let mut tables = vec![slack(&tally), printed_reading(&tally)];
-        if planted.is_none() {
+        if injected.is_none() {
             tables.push(smallest_slack(setup, &mut tally));
         }
         tally.report(tables, vec![gaps_and_bounds(&tally)])

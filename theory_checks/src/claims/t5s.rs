@@ -34,12 +34,12 @@ impl Entry<dyn Check> for SignRule {
 }
 
 /// The rule at every μ; the best λ of each.
-fn follow(tally: &mut Tally, experts: &Experts<'_>, planted: Option<usize>) -> Vec<[f64; 2]> {
-    let beta = if planted == Some(1) { 1.0 - experts.beta } else { experts.beta };
+fn follow(tally: &mut Tally, experts: &Experts<'_>, injected: Option<usize>) -> Vec<[f64; 2]> {
+    let beta = if injected == Some(1) { 1.0 - experts.beta } else { experts.beta };
     let mut curve: Vec<[f64; 2]> = Vec::new();
     for mu in PREFERENCES {
         let best = experts.best(mu);
-        let best = if planted == Some(0) { 1.0 - best } else { best };
+        let best = if injected == Some(0) { 1.0 - best } else { best };
         if (mu - beta).abs() > BORDER && (mu - (1.0 - beta)).abs() > BORDER {
             let follows = if mu < 1.0 - beta {
                 best < NEAR
@@ -71,16 +71,16 @@ impl Check for SignRule {
         "needs no constants, only strict concavity and experts at their optima: a best λ that falls on trained models refutes one of the two"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["λ reversed", "β and 1 − β exchanged"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let curved = setup.each("T5s", 3000, |instance, rng, tally| {
             let pair = Pair::draw(rng, instance, [2, 5, 20][instance / 25 % 3]);
             match pair.experts(BETAS[instance % BETAS.len()]) {
                 Some(experts) => {
-                    let curve = follow(tally, &experts, planted);
+                    let curve = follow(tally, &experts, injected);
                     if experts.beta == 0.9 && instance < 90 {
                         for [mu, lambda] in curve {
                             tally.sample(format!("{instance} mu"), mu);
@@ -97,7 +97,7 @@ impl Check for SignRule {
             let scale = log_uniform(rng, [-1.0, 0.5]);
             let pair = Pair::with(rng, [family; 2], [curvature; 2], scale, 3);
             match pair.experts(BETAS[instance % BETAS.len()]) {
-                Some(experts) => drop(follow(tally, &experts, planted)),
+                Some(experts) => drop(follow(tally, &experts, injected)),
                 None => tally.unsolved(),
             }
         });

@@ -35,10 +35,10 @@ impl Entry<dyn Check> for PrintedBound {
 }
 
 /// The bound as printed: c_1 and c_2, and μ and 1 − μ in the curvature, are exchanged.
-fn printed(line: &Line, at: Preference, planted: Option<usize>) -> f64 {
+fn printed(line: &Line, at: Preference, injected: Option<usize>) -> f64 {
     let bounds = line.bounds(at);
     let [c1, c2] = bounds.coefficients;
-    let coefficients = if planted == Some(1) { [c1, c2] } else { [c2, c1] };
+    let coefficients = if injected == Some(1) { [c1, c2] } else { [c2, c1] };
     Bounds { coefficients, m: line.curvature(1.0 - at.mu), ..bounds }.max()
 }
 
@@ -125,7 +125,7 @@ impl Check for PrintedBound {
         "the appendix is coherent alone: it uses the reversed preference (1 − μ) R_adv + μ R_real; with equal curvatures both readings coincide"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["equal curvatures", "c₁ and c₂ in the theorem's order"]
     }
 
@@ -133,19 +133,19 @@ impl Check for PrintedBound {
         Verdict::FailsAsPrinted
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let mut tally = setup.each("T6", 5000, |instance, rng, tally| {
             let beta = BETAS[instance % BETAS.len()];
             let a = log_uniform(rng, [-1.0, 1.0]);
             let ratio = log_uniform(rng, [-1.0, 3.0]);
-            let line = Line { a, b: if planted == Some(0) { a } else { a * ratio } };
+            let line = Line { a, b: if injected == Some(0) { a } else { a * ratio } };
             let at = Preference { mu: 1.0, beta };
             let ([_, gap], bounds) = (line.direct(at), line.bounds(at));
             // The bounds of the theorem's convention hold.
             tally.at_most(gap, bounds.min(), NEAR * gap);
             tally.at_most(bounds.min(), bounds.max(), NEAR * gap);
             let threshold = (beta / (1.0 - beta)).powi(2);
-            let is_below = printed(&line, at, planted) < gap;
+            let is_below = printed(&line, at, injected) < gap;
             if (line.b / line.a / threshold - 1.0).abs() > NEAR {
                 tally.holds(is_below == (line.b / line.a > threshold));
             }
@@ -155,10 +155,10 @@ impl Check for PrintedBound {
         let mut table =
             Table::new("Stored counterexamples, and the last one where the printed bound holds", &columns);
         for (beta, a, b, mu, known) in FIXTURE {
-            let line = Line { a, b: if planted == Some(0) { a } else { b } };
+            let line = Line { a, b: if injected == Some(0) { a } else { b } };
             let at = Preference { mu, beta };
             let bounds = line.bounds(at);
-            let found = [line.direct(at)[1], printed(&line, at, planted), bounds.max(), bounds.min()];
+            let found = [line.direct(at)[1], printed(&line, at, injected), bounds.max(), bounds.min()];
             found.iter().zip(known).for_each(|(found, known)| tally.stored(*found, known, 1e-6));
             tally.counterexample(found[1] < found[0] * (1.0 - NEAR));
             table.row(format!("{beta}; {a}; {b}; {mu}"), found.map(Number::new));

@@ -106,7 +106,7 @@ impl Check for LocalConcavity {
         "the experts and the optimum must lie in one region where m holds; a softmax has flat directions, so m = 0 there: for a trained network the constants are a diagnostic"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["the smallest curvature on the segments in place of the local one"]
     }
 
@@ -114,8 +114,8 @@ impl Check for LocalConcavity {
         Verdict::FailsAsPrinted
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
-        let is_honest = planted == Some(0);
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
+        let is_honest = injected == Some(0);
         let mut tally = setup.each("T7", 40, |_, rng, tally| {
             let flat = Flat { distance: rng.uniform(1.0, 30.0) };
             let (gap, honest) = flat.measured(true);

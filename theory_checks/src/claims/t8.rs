@@ -35,11 +35,11 @@ impl Check for VectorForm {
         "because the coefficients sum to 1; otherwise the prior matters"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["coefficients exchanged", "θ_ref added twice"]
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let tally = setup.each("T8", 1000, |instance, rng, tally| {
             let dimension = DIMENSIONS[instance % DIMENSIONS.len()];
             let [prior, adversarial, realistic] = [(); 3].map(|()| normals(rng, dimension));
@@ -49,8 +49,9 @@ impl Check for VectorForm {
             for k in 0..dimension {
                 let mixed = (1.0 - lambda) * realistic[k] + lambda * adversarial[k];
                 let deltas = [adversarial[k] - prior[k], realistic[k] - prior[k]];
-                let [a, b] = if planted == Some(0) { [1.0 - lambda, lambda] } else { [lambda, 1.0 - lambda] };
-                let start = if planted == Some(1) { 2.0 * prior[k] } else { prior[k] };
+                let [a, b] =
+                    if injected == Some(0) { [1.0 - lambda, lambda] } else { [lambda, 1.0 - lambda] };
+                let start = if injected == Some(1) { 2.0 * prior[k] } else { prior[k] };
                 worst = worst.max((start + a * deltas[0] + b * deltas[1] - mixed).abs());
             }
             tally.equal(worst, 0.0, TOLERANCE);

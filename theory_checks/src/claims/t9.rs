@@ -41,7 +41,7 @@ impl Check for NormAndCosine {
         "a cosine that rises is geometry, no evidence about training; the condition of the norm is a ratio of the lengths of at least 1/cos ψ, 2 at 60°"
     }
 
-    fn planted(&self) -> &'static [&'static str] {
+    fn injected(&self) -> &'static [&'static str] {
         &["the cosine to Δ_real rises", "the sign of the criterion of the norm flipped"]
     }
 
@@ -49,7 +49,7 @@ impl Check for NormAndCosine {
         Verdict::HoldsIf
     }
 
-    fn run(&self, setup: &Setup, planted: Option<usize>) -> Report {
+    fn run(&self, setup: &Setup, injected: Option<usize>) -> Report {
         let mut tally = setup.each("T9", 5000, |instance, rng, tally| {
             let dimension = DIMENSIONS[instance % DIMENSIONS.len()];
             let adversarial = normals(rng, dimension);
@@ -60,13 +60,13 @@ impl Check for NormAndCosine {
             let way = &adversarial - &realistic;
             let at = |k: usize| &realistic + k as f64 / (POINTS - 1) as f64 * &way;
             let path: Vec<DVector<f64>> = (0..POINTS).map(at).collect();
-            let target = if planted == Some(0) { &realistic } else { &adversarial };
+            let target = if injected == Some(0) { &realistic } else { &adversarial };
             let cosines: Vec<f64> = path.iter().map(|v| v.dot(target) / (v.norm() * target.norm())).collect();
             tally.holds(cosines.windows(2).all(|pair| pair[1] >= pair[0] - 1e-12));
             // The condition in terms of the angle against the path itself.
             let (long, short) = (adversarial.norm(), realistic.norm());
             let cosine = adversarial.dot(&realistic) / (long * short);
-            let sign = if planted == Some(1) { -1.0 } else { 1.0 };
+            let sign = if injected == Some(1) { -1.0 } else { 1.0 };
             let (rises, falls) =
                 (sign * (cosine - short / long) >= 0.0, sign * (cosine - long / short) >= 0.0);
             let (start, end) = (realistic.dot(&way), adversarial.dot(&way));

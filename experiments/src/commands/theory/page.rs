@@ -15,7 +15,7 @@ use self::{
     figure::draw,
     numbers::{digits, numbers},
 };
-use super::{Claim, Planted, diagnostics::Diagnostic};
+use super::{Claim, Injected, diagnostics::Diagnostic};
 use crate::output::Folder;
 
 /// File names.
@@ -41,9 +41,9 @@ const VERDICTS: [(Verdict, &str); 6] = [
 pub(super) struct Page<'a> {
     pub(super) claims: &'a [Claim],
     pub(super) reports: &'a [Report],
-    pub(super) planted: &'a [Planted<'a>],
+    pub(super) injected: &'a [Injected<'a>],
     pub(super) setup: &'a Setup,
-    pub(super) planted_setup: &'a Setup,
+    pub(super) injected_setup: &'a Setup,
     /// Subject and diagnostics; `None` without scenes.
     pub(super) diagnostics: Option<&'a (String, Vec<Diagnostic>)>,
 }
@@ -99,17 +99,17 @@ impl Page<'_> {
         for (claim, report) in self.claims.iter().zip(self.reports) {
             claim_blocks(claim, report, &mut blocks);
         }
-        blocks.push(Block::Heading(2, "planted".into(), "Planted errors".into()));
+        blocks.push(Block::Heading(2, "injected".into(), "Injected faults".into()));
         blocks.push(Block::Text(format!(
             "A check that cannot fail shows nothing. Each also ran with wrong versions of its formula ({}); it must notice all.",
-            size(self.planted_setup)
+            size(self.injected_setup)
         )));
-        let mut planted = Table::new("", &["claim", "planted error", "caught"]);
-        for planted_error in self.planted {
-            let caught = if planted_error.is_caught { "caught" } else { "MISSED: the check is broken" };
-            planted.row(planted_error.claim, [planted_error.error.to_owned(), caught.to_owned()]);
+        let mut injected = Table::new("", &["claim", "injected fault", "caught"]);
+        for injected_fault in self.injected {
+            let caught = if injected_fault.is_caught { "caught" } else { "MISSED: the check is broken" };
+            injected.row(injected_fault.claim, [injected_fault.error.to_owned(), caught.to_owned()]);
         }
-        blocks.push(Block::Table(planted));
+        blocks.push(Block::Table(injected));
         blocks.push(Block::Heading(2, "diagnostics".into(), "Diagnostics of trained experts".into()));
         match self.diagnostics {
             None => blocks.push(Block::Text(

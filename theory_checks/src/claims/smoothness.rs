@@ -8,7 +8,7 @@ use sage_core::{
     seed::Rng,
 };
 
-use super::t17::softmax;
+use super::preference_learning::softmax;
 use crate::{
     Agreement::Distance,
     Check, Number, Report, Setup, Table, Tally, Verdict,

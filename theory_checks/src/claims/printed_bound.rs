@@ -2,7 +2,7 @@
 
 use sage_core::registry::{Entry, NoOptions};
 
-use super::t2::Line;
+use super::unequal_curvature::Line;
 use crate::{Bounds, Check, Number, Preference, Report, Setup, Table, Verdict, random::log_uniform};
 
 /// Values of β, in turn; at 1 the threshold is infinite.

@@ -5,7 +5,7 @@ use sage_core::{
     seed::Rng,
 };
 
-use super::{instances::Pair, t2::Line};
+use super::{instances::Pair, unequal_curvature::Line};
 use crate::{
     Agreement, Bounds, Check, Number, Preference, Report, Setup, Table, Tally, Verdict, random::log_uniform,
     reward::Concave,

@@ -6,7 +6,7 @@ use sage_core::{
     seed::Rng,
 };
 
-use super::{instances::Pair, t2::Line};
+use super::{instances::Pair, unequal_curvature::Line};
 use crate::{
     Agreement::Factor,
     Check, Experts, Figure, Number, Preference, Report, Series, Setup, Table, Tally, Verdict,

@@ -9,7 +9,7 @@ use sage_core::{
 use super::{
     instances::Pair,
     quadratics::{Quadratics, SHAPE},
-    t2::Line,
+    unequal_curvature::Line,
 };
 use crate::{
     Agreement, Bounds, Check, Experts, Figure, Number, Preference, Report, Series, Setup, Table, Tally,

@@ -5,7 +5,7 @@ use sage_core::{
     statistics,
 };
 
-use super::{quadratics::Quadratics, t2::Line};
+use super::{quadratics::Quadratics, unequal_curvature::Line};
 use crate::{
     Agreement::{Distance, Factor},
     Check, Figure, Number, Preference, Report, Series, Setup, Table, Verdict,

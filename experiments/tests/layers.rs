@@ -72,21 +72,22 @@ fn modules(source: &Path) -> BTreeMap<Module, String> {
     let mut found = BTreeMap::new();
     let mut folders = vec![source.to_owned()];
     while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
+        for entry in fs::read_dir(folder).expect("a folder of sources") {
+            let path = entry.expect("a file of sources").path();
             if path.is_dir() {
                 folders.push(path);
                 continue;
             }
-            let relative = path.strip_prefix(source).unwrap().with_extension("");
-            let mut module: Module = relative.iter().map(|part| part.to_str().unwrap().to_owned()).collect();
+            let relative = path.strip_prefix(source).expect("a path within the sources").with_extension("");
+            let mut module: Module =
+                relative.iter().map(|part| part.to_str().expect("a plain name").to_owned()).collect();
             if path.extension().is_none_or(|kind| kind != "rs") || module.iter().any(|part| part == "tests") {
                 continue;
             }
             if ["lib", "main"].contains(&&*module[module.len() - 1]) {
                 module.pop();
             }
-            let text = fs::read_to_string(&path).unwrap();
+            let text = fs::read_to_string(&path).expect("a source file");
             let text = text.split("#[cfg(test)]").next().unwrap_or_default();
             let code = text.lines().map(|line| line.split("//").next().unwrap_or_default());
             found.insert(module, code.collect::<Vec<_>>().join("\n"));

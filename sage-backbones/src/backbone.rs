@@ -218,12 +218,12 @@ pub fn indices(modes: &[usize]) -> candle_core::Result<Tensor> {
 
 /// Log-probabilities as numbers of 32 or 64 bits.
 ///
-/// *Errors*: [`Error::Training`] with the first mode whose log-probability is not finite, because such values
+/// *Errors*: [`Error::NotFinite`] with the first mode whose log-probability is not finite, because such values
 /// cannot rank modes.
 pub fn finite<T: candle_core::WithDType + Into<f64>>(log_probs: &Tensor) -> Result<Vec<T>, Error> {
     let values = log_probs.detach().to_dtype(T::DTYPE)?.flatten_all()?.to_vec1::<T>()?;
     match values.iter().position(|x| !Into::<f64>::into(*x).is_finite()) {
-        Some(mode) => Err(Error::Training(format!(
+        Some(mode) => Err(Error::NotFinite(format!(
             "mode {mode} has log-probability {}; the weights or the scene are broken",
             Into::<f64>::into(values[mode])
         ))),

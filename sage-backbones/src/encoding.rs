@@ -68,11 +68,11 @@ impl Encoding {
 
     /// The states, for the network that computed them.
     ///
-    /// *Errors*: [`Error::Training`] if another network computed them.
+    /// *Errors*: [`Error::Mismatch`] if another network computed them.
     pub fn states_of<const N: usize>(&self, network: NetworkTag) -> Result<&[Tensor; N], Error> {
         let is_its_own = network == NetworkTag { name: self.network, options: &self.options };
         self.states.first_chunk().filter(|_| is_its_own).ok_or_else(|| {
-            Error::Training(format!(
+            Error::Mismatch(format!(
                 "this encoding was computed by another network, `{}`; encode the features again",
                 self.network
             ))

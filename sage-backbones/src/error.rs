@@ -44,9 +44,22 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// Work that cannot continue: broken weights, a value out of range, a number that is not finite.
+    /// An option out of range, with its value and the range.
     #[error("{0}")]
-    Training(String),
+    Option(String),
+    /// A number that is not finite: of a loss, a gradient, a probability. Names what holds it.
+    #[error("{0}")]
+    NotFinite(String),
+    /// Scenes, a network or an objective that nothing can be trained on or with.
+    #[error("{0}")]
+    NothingToTrain(String),
+    /// Parts that do not belong together: an encoding and a network, a checkpoint and a network, an objective and what was
+    /// measured.
+    #[error("{0}")]
+    Mismatch(String),
+    /// A header or tensors that cannot be written.
+    #[error("{0}")]
+    Write(String),
     /// An error for one agent of a scene.
     #[error("scene `{scene}`, agent `{agent}`")]
     Agent {

@@ -31,7 +31,7 @@ pub struct Predicted {
 
 /// Selects `k` modes of a target and decodes them, the likeliest first.
 ///
-/// *Errors*: those of the network; [`Error::Training`] if its probabilities are not finite.
+/// *Errors*: those of the network; [`Error::NotFinite`] if its probabilities are not finite.
 pub fn predict(
     network: &dyn Backbone,
     features: Arc<Features>,

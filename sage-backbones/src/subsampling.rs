@@ -38,9 +38,9 @@ impl Subsampling {
 
     /// Refuses values out of range.
     ///
-    /// *Errors*: [`Error::Training`] with the field, its value and the range.
+    /// *Errors*: [`Error::Option`] with the field, its value and the range.
     pub fn check(self) -> Result<Self, Error> {
-        let fail = |problem| Err(Error::Training(problem));
+        let fail = |problem| Err(Error::Option(problem));
         for (name, most) in
             [("max_polylines", self.max_polylines), ("ego_max_polylines", self.ego_max_polylines)]
         {

@@ -214,10 +214,10 @@ impl ExpertSet {
         let names: Vec<&str> = experts.iter().map(|(name, _)| name.as_str()).collect();
         let twice = names.iter().enumerate().find(|(k, name)| names[..*k].contains(name));
         if let Some((_, name)) = twice {
-            return Err(Error::Mixture { problem: format!("there are two experts `{name}`") });
+            return Err(Error::SameName((*name).to_owned()));
         }
         if names.is_empty() {
-            return Err(Error::Mixture { problem: "there is no expert to mix".to_owned() });
+            return Err(Error::NoExperts);
         }
         for (name, expert) in &experts {
             let mut problems = expert.mismatches(prior.parameter_specs());

@@ -22,8 +22,7 @@ impl InterpolatedModel {
     /// *Errors*: experts that the merger cannot mix, or that have their own encoders.
     pub fn new(experts: &ExpertSet, merger: &dyn TensorMerger, seed: u64) -> Result<Self, Error> {
         if experts.tunes() != Tunes::Scores {
-            let problem = "experts with their own encoders have no network that follows a mixture in place; use `Merger::merge`";
-            return Err(Error::Mixture { problem: problem.to_owned() });
+            return Err(Error::OwnEncoders);
         }
         let tuned = experts.tuned_tensors()?;
         let prior = experts.prior();
@@ -47,7 +46,7 @@ impl InterpolatedModel {
 
     /// Sets the mixture.
     ///
-    /// *Errors*: [`Error::Mixture`] for one that the merger refuses.
+    /// *Errors*: one that the merger refuses.
     pub fn set(&mut self, at: &Mixture) -> Result<(), Error> {
         let at = at.among(self.experts);
         self.range.check_weights(self.experts, &at)?;

@@ -37,7 +37,7 @@ pub trait Merger: Send + Sync {
 impl dyn Merger + '_ {
     /// The model at a mixture.
     ///
-    /// *Errors*: [`Error::Mixture`] for one that it refuses; those of [`Merger::model`].
+    /// *Errors*: one that it refuses; those of [`Merger::model`].
     pub fn merge(&self, experts: &ExpertSet, at: &Mixture, seed: u64) -> Result<Arc<dyn MotionModel>, Error> {
         let at = at.among(experts.names().len());
         self.range().check(experts, &at)?;
@@ -61,36 +61,36 @@ pub enum Range {
 impl Range {
     /// Checks that a mixture is within the range.
     ///
-    /// *Errors*: [`Error::Mixture`].
+    /// *Errors*: a number of weights, a λ or weights that are out of range.
     pub fn check(self, experts: &ExpertSet, at: &Mixture) -> Result<(), Error> {
         self.check_weights(experts.names().len(), at)
     }
 
     /// The same check for a number of experts.
     ///
-    /// *Errors*: [`Error::Mixture`].
+    /// *Errors*: a number of weights, a λ or weights that are out of range.
     pub fn check_weights(self, experts: usize, at: &Mixture) -> Result<(), Error> {
-        let fail = |problem| Err(Error::Mixture { problem });
         let weights = at.weights();
         if weights.len() != experts {
-            return fail(format!("a mixture of {} weights for {experts} experts", weights.len()));
+            return Err(Error::WeightCount { weights: weights.len(), experts });
         }
+        let refuse = |expected| Err(Error::Weights { weights: weights.to_vec(), expected });
         let sum: f64 = weights.iter().sum();
         match (self, at.lambda()) {
-            (Self::Simplex | Self::Edge, Some(lambda)) if !(0.0..=1.0).contains(&lambda) => fail(format!(
-                "lambda is {lambda:?}; expected 0 (realistic) to 1 (adversarial): this merger does not go beyond the experts"
-            )),
+            (Self::Simplex | Self::Edge, Some(lambda)) if !(0.0..=1.0).contains(&lambda) => {
+                Err(Error::BeyondExperts(lambda))
+            }
             (Self::Simplex | Self::Edge, _) if !at.is_on_simplex() => {
-                fail(format!("the mixture is {weights:?}; expected weights of 0 or more that sum to 1"))
+                refuse("expected weights of 0 or more that sum to 1")
             }
             (Self::Edge, _) if weights.iter().filter(|weight| **weight > 0.0).count() > 2 => {
-                fail(format!("the mixture is {weights:?}; this merger mixes two experts at a time"))
+                refuse("this merger mixes two experts at a time")
             }
             (Self::Affine, _) if !(sum - 1.0).abs().le(&1e-9) => {
-                fail(format!("the mixture is {weights:?}; expected finite weights that sum to 1"))
+                refuse("expected finite weights that sum to 1")
             }
             (Self::Affine | Self::Beyond, _) if !weights.iter().all(|weight| weight.is_finite()) => {
-                fail(format!("the mixture is {weights:?}; expected finite weights"))
+                refuse("expected finite weights")
             }
             _ => Ok(()),
         }
@@ -135,7 +135,7 @@ impl<T: TensorMerger> Merger for T {
 
 /// All weights at a mixture.
 ///
-/// *Errors*: [`Error::Mixture`] for one out of range; experts that cannot be mixed.
+/// *Errors*: one out of range; experts that cannot be mixed.
 pub fn merged_weights(
     merger: &dyn TensorMerger,
     experts: &ExpertSet,
@@ -150,9 +150,8 @@ pub fn merged_weights(
         let mut out = vec![0.0; tuned.prior.len()];
         rule.merge(&tuned.set(), at.weights(), &mut out);
         if let Some(value) = out.iter().find(|value| !value.is_finite()) {
-            let problem =
-                format!("tensor `{}` would hold {value} at the mixture {:?}", tuned.name, at.weights());
-            return Err(Error::Mixture { problem });
+            let (tensor, weights) = (tuned.name.to_string(), at.weights().to_vec());
+            return Err(Error::NotFinite { tensor, value: *value, weights });
         }
         weights.insert(&*tuned.name, Tensor::from_vec(out, tuned.shape.as_slice(), &Device::Cpu)?);
     }

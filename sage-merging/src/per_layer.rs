@@ -28,12 +28,8 @@ impl TensorMerger for PerLayer {
         let tuned = experts.tuned_tensors()?;
         for start in self.0.powers.keys() {
             if !tuned.iter().any(|tensor| tensor.name.starts_with(start)) {
-                let names: Vec<&str> = tuned.iter().map(|tensor| &*tensor.name).collect();
-                let problem = format!(
-                    "`powers` names `{start}`, and no tuned tensor begins so; there are {}",
-                    names.join(", ")
-                );
-                return Err(Error::Mixture { problem });
+                let known = tuned.iter().map(|tensor| tensor.name.to_string()).collect();
+                return Err(Error::NoTensor { start: start.clone(), known });
             }
         }
         Ok(Box::new(self.clone()))

@@ -157,7 +157,7 @@ impl MeanTrajectories {
                 Some(mean) => (mean + part)?,
             });
         }
-        mean.ok_or_else(|| NetworkError::Training("a mixture of no trajectories".to_owned()))
+        mean.ok_or_else(|| NetworkError::Mismatch("a mixture of no trajectories".to_owned()))
     }
 
     /// Mean log-probabilities of some pairs along points, without renormalisation.

@@ -60,7 +60,7 @@ impl Parameters {
     ///
     /// *Errors*: none that a caller can cause.
     pub fn to_bytes(&self, header: &Header) -> Result<Vec<u8>, Error> {
-        let json = serde_json::to_string(header).map_err(|e| Error::Training(e.to_string()))?;
+        let json = serde_json::to_string(header).map_err(|e| Error::Write(e.to_string()))?;
         let contiguous: Vec<(&str, Tensor)> = self
             .iter()
             .map(|(name, tensor)| Ok((name, tensor.contiguous()?)))
@@ -73,7 +73,7 @@ impl Parameters {
         });
         let metadata = HashMap::from([(KEY.to_owned(), with_hash(&json, &content_hash(&json, hashed)))]);
         safetensors::serialize(views, Some(metadata))
-            .map_err(|e| Error::Training(format!("cannot serialise weights: {e}")))
+            .map_err(|e| Error::Write(format!("cannot serialise weights: {e}")))
     }
 
     /// Reads the bytes of [`Parameters::to_bytes`]; `path` is for messages.

@@ -67,7 +67,7 @@ impl<Row: Serialize + DeserializeOwned> Checkpoint<Row> {
                 all.insert(format!("{kind}{name}"), tensor);
             }
         }
-        let json = serde_json::to_string(self).map_err(|e| Error::Training(e.to_string()))?;
+        let json = serde_json::to_string(self).map_err(|e| Error::Write(e.to_string()))?;
         let mut header = header.clone();
         header.notes.insert(NOTE.to_owned(), json);
         all.save(&header, path)

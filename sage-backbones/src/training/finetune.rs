@@ -100,7 +100,7 @@ impl Default for FinetuneOptions {
 impl FinetuneOptions {
     /// Refuses options out of range.
     ///
-    /// *Errors*: [`Error::Training`] with the option and its value.
+    /// *Errors*: [`Error::Option`] with the option and its value.
     pub fn check(&self) -> Result<(), Error> {
         check(&[
             ("margin", self.margin, 0.0, 1e6),
@@ -204,7 +204,7 @@ pub struct FinetuneRow {
 /// Fine-tunes an expert from a prior. The scenes must be prepared with this prior and with `measures`, which
 /// include the expert's objective. `callback` gets one row per epoch, also for the epochs of a resumed run.
 ///
-/// *Errors*: [`Error::Training`] without scenes, or for a number that is not finite, with epoch, scene and
+/// *Errors*: [`Error::NothingToTrain`] without scenes, or [`Error::NotFinite`] for a number that is not finite, with epoch, scene and
 /// tensor; [`Error::Io`] if the checkpoint cannot be written; [`Error::Format`] for a checkpoint that is
 /// damaged or of another run.
 pub fn finetune(
@@ -218,7 +218,7 @@ pub fn finetune(
 ) -> Result<Parameters, Error> {
     options.check()?;
     if scenes.is_empty() {
-        return Err(Error::Training("no scene has an adversary and an ego path to tune on".to_owned()));
+        return Err(Error::NothingToTrain("no scene has an adversary and an ego path to tune on".to_owned()));
     }
     let loop_options = LoopOptions {
         epochs: options.epochs,
@@ -319,7 +319,8 @@ fn scene_gradient(
 ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
     let log_probs = trainer.network().log_probs(encoding)?;
     let what = format!("epoch {epoch}, scene `{}`", scene.name);
-    let policy: Vec<f32> = finite(&log_probs).map_err(|error| Error::Training(format!("{what}: {error}")))?;
+    let policy: Vec<f32> =
+        finite(&log_probs).map_err(|error| Error::NotFinite(format!("{what}: {error}")))?;
     // The folder of a scene file must not matter.
     let own = scene.name.rsplit(['/', '\\']).next().unwrap_or(&scene.name);
     let mut rng = Rng::new(options.seed, own, &format!("candidates of epoch {epoch}"));

@@ -31,7 +31,7 @@ impl Measures {
         let rule = objectives.first().map_or_else(PartSpec::default, |o| o.spec().feasibility.clone());
         let spec =
             ObjectiveSpec::preset("paper-selection").map(|spec| ObjectiveSpec { feasibility: rule, ..spec });
-        let missing = || Error::Training("the paper's objective is missing".to_owned());
+        let missing = || Error::Mismatch("the paper's objective is missing".to_owned());
         let reported = Objective::new(&spec.ok_or_else(missing)?, rewards, rules)?;
         let all: Vec<&Objective> = objectives.iter().copied().chain([&reported]).collect();
         let union = Objective::union(&all)?.ok_or_else(missing)?;
@@ -43,11 +43,11 @@ impl Measures {
 
     /// Refuses an objective that depends on μ, because an expert has no μ.
     ///
-    /// *Errors*: [`Error::Training`] for a weight that depends on μ.
+    /// *Errors*: [`Error::Option`] for a weight that depends on μ.
     pub fn check(objective: &Objective) -> Result<(), Error> {
         let by_mu = objective.spec().terms.iter().find(|term| matches!(term.weight, Weight::Linear { .. }));
         match by_mu {
-            Some(term) => Err(Error::Training(format!(
+            Some(term) => Err(Error::Option(format!(
                 "the weight of term `{}` depends on mu; an expert's weights are plain numbers",
                 term.name
             ))),
@@ -57,13 +57,13 @@ impl Measures {
 
     /// An expert's objective over the measured terms.
     ///
-    /// *Errors*: [`Error::Training`] for an objective that was not among the measured ones, or that
+    /// *Errors*: [`Error::Mismatch`] for an objective that was not among the measured ones, or that
     /// [`Measures::check`] refuses.
     pub fn expert<'o>(&self, objective: &'o Objective) -> Result<ExpertObjective<'o>, Error> {
         Self::check(objective)?;
         let terms = objective.term_indices_in(&self.union);
         let terms = terms.ok_or_else(|| {
-            Error::Training("the goals were measured for other objectives than the expert's".to_owned())
+            Error::Mismatch("the goals were measured for other objectives than the expert's".to_owned())
         })?;
         Ok(ExpertObjective { objective, terms })
     }

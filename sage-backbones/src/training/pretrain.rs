@@ -70,7 +70,7 @@ impl Default for PretrainOptions {
 impl PretrainOptions {
     /// Refuses options out of range.
     ///
-    /// *Errors*: [`Error::Training`] with the option and its value.
+    /// *Errors*: [`Error::Option`] with the option and its value.
     pub fn check(&self) -> Result<(), Error> {
         check(&[
             ("epochs", f64::from(self.epochs), 1.0, 1e6),
@@ -90,7 +90,7 @@ impl PretrainOptions {
 pub(super) fn check(options: &[(&str, f64, f64, f64)]) -> Result<(), Error> {
     match options.iter().find(|(_, value, least, largest)| !(least..=largest).contains(&value)) {
         Some((name, value, least, largest)) => {
-            Err(Error::Training(format!("option `{name}` is {value}; expected {least} to {largest}")))
+            Err(Error::Option(format!("option `{name}` is {value}; expected {least} to {largest}")))
         }
         None => Ok(()),
     }
@@ -127,7 +127,7 @@ pub struct Pretrained {
 ///
 /// The bits of the result depend on network, data and options, not on threads or on interruptions.
 ///
-/// *Errors*: [`Error::Training`] if there is nothing to learn from, or for a number that is not
+/// *Errors*: [`Error::NothingToTrain`], or [`Error::NotFinite`] for a number that is not
 /// finite, with scene, step and tensor; [`Error::Io`], [`Error::Format`] for the folder.
 pub fn pretrain(
     network: &dyn Backbone,
@@ -140,19 +140,19 @@ pub fn pretrain(
 ) -> Result<Pretrained, Error> {
     options.check()?;
     if !network.parameter_specs().iter().any(|spec| network.parameter_group(&spec.name).is_pretrained()) {
-        return Err(Error::Training(format!("backbone `{}` has nothing to train", network.name())));
+        return Err(Error::NothingToTrain(format!("backbone `{}` has nothing to train", network.name())));
     }
     let moving = Examples::of(train).filter(|e| e.moves || e.of_interest);
     let standing = Examples::of(train).filter(|e| !e.moves && !e.of_interest);
     if moving.list().is_empty() {
-        return Err(Error::Training(format!(
+        return Err(Error::NothingToTrain(format!(
             "none of {} scenes shows a moving vehicle that is valid at frame 10 and in 30 of the 80 frames after it",
             train.len()
         )));
     }
     let held_out = Examples::of(dev).filter(|e| (e.moves || e.of_interest) && e.is_whole);
     if held_out.list().is_empty() {
-        return Err(Error::Training(format!(
+        return Err(Error::NothingToTrain(format!(
             "none of {} scenes to validate on shows a vehicle that is valid at frames 10 and 90",
             dev.len()
         )));

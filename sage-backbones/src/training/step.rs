@@ -20,9 +20,9 @@ pub struct Trainer {
 
 /// The training interface of a backbone.
 ///
-/// *Errors*: [`Error::Training`] if it has no parameters to train.
+/// *Errors*: [`Error::NothingToTrain`] if it has no parameters to train.
 pub fn trainable(network: &dyn Backbone) -> Result<&dyn Trainable, Error> {
-    let nothing = || Error::Training(format!("backbone `{}` has nothing to train", network.name()));
+    let nothing = || Error::NothingToTrain(format!("backbone `{}` has nothing to train", network.name()));
     network.trainable().ok_or_else(nothing)
 }
 
@@ -55,7 +55,7 @@ impl Trainer {
 
     /// The training interface of the network.
     ///
-    /// *Errors*: [`Error::Training`] if it has no parameters to train.
+    /// *Errors*: [`Error::NothingToTrain`] if it has no parameters to train.
     pub fn trainable(&self) -> Result<&dyn Trainable, Error> {
         trainable(&*self.network)
     }
@@ -82,7 +82,7 @@ impl Trainer {
         for (name, variable) in self.variables.iter() {
             match weights.get(name) {
                 Some(tensor) => variable.set(&tensor.copy()?)?,
-                None => return Err(Error::Training(format!("the checkpoint has no tensor `{name}`"))),
+                None => return Err(Error::Mismatch(format!("the checkpoint has no tensor `{name}`"))),
             }
         }
         Ok(())
@@ -95,11 +95,11 @@ impl Trainer {
 
     /// Loss and gradient of one item. `what` names the item in errors.
     ///
-    /// *Errors*: [`Error::Training`] for a loss or gradient that is not finite, with its tensor.
+    /// *Errors*: [`Error::NotFinite`] for a loss or gradient that is not finite, with its tensor.
     pub fn gradient(&self, loss: &Loss, what: &str) -> Result<Gradient, Error> {
         for (name, value) in &loss.parts {
             if !value.is_finite() {
-                return Err(Error::Training(format!("{what}: the loss `{name}` is {value}")));
+                return Err(Error::NotFinite(format!("{what}: the loss `{name}` is {value}")));
             }
         }
         let store = loss.total.backward()?;
@@ -107,7 +107,7 @@ impl Trainer {
             let Some(gradient) = store.get(variable) else { return Ok(vec![0.0; variable.elem_count()]) };
             let values = gradient.flatten_all()?.to_vec1::<f32>()?;
             match values.iter().find(|x| !x.is_finite()) {
-                Some(bad) => Err(Error::Training(format!("{what}: the gradient of `{name}` holds {bad}"))),
+                Some(bad) => Err(Error::NotFinite(format!("{what}: the gradient of `{name}` holds {bad}"))),
                 None => Ok(values),
             }
         };

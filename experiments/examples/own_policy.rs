@@ -55,7 +55,7 @@ impl Entry<dyn EgoPolicy> for Cautious {
     }
 }
 
-/// It declares no knowledge, so its view holds neither recordings nor plans.
+/// It declares that it knows nothing beyond now, so its view holds neither recordings nor plans.
 impl EgoPolicy for Cautious {
     fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
         Ok(Box::new(*self))

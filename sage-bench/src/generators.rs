@@ -125,14 +125,14 @@ impl BuiltGenerator {
         Ok(self.generator.attacks(ctx, point, seed)?.into_iter().next())
     }
 
-    /// The operating point at a λ; μ is λ.
+    /// An operating point between two experts, among all experts of the set.
     ///
     /// *Errors*: the merger refuses the λ.
-    pub fn at(&self, lambda: f64) -> Result<OperatingPoint> {
-        if !self.facts.uses_operating_point() {
-            return Ok(OperatingPoint::at(1.0, 1.0));
-        }
-        OperatingPointSpec::at(lambda, None, self.range)?.point(self.experts.as_ref())
+    fn among_experts(&self, at: &OperatingPoint) -> Result<OperatingPoint> {
+        let Some(lambda) = at.mixture.lambda().filter(|_| self.facts.uses_operating_point()) else {
+            return Ok(at.clone());
+        };
+        OperatingPointSpec::at(lambda, Some(at.mu), self.range)?.point(self.experts.as_ref())
     }
 }
 
@@ -141,10 +141,10 @@ impl Attacker for BuiltGenerator {
         &self,
         scene: &SimScene,
         drive: Option<&Drive>,
-        lambda: f64,
+        at: &OperatingPoint,
         seed: u64,
     ) -> Result<Arc<Plan>, Error> {
-        let point = self.at(lambda).map_err(|error| Error::Options {
+        let point = self.among_experts(at).map_err(|error| Error::Options {
             kind: "generator",
             name: "lambda",
             problem: format!("{error:#}"),

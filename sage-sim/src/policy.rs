@@ -1,7 +1,7 @@
 //! Driving policies: what drives the car under test, or the adversary.
 //!
 //! A policy sees a [`View`]: its own state, its route, the map, and the present boxes and velocities of the
-//! others and states of traffic lights. Recordings and plans are a knowledge that it must declare ([`EgoPolicy::knowledge`]); tables print
+//! others and states of traffic lights. A policy that uses recordings or plans must declare it ([`EgoPolicy::knows`]); tables print
 //! it.
 
 mod constant;
@@ -228,7 +228,7 @@ pub struct ControlledVehicle<'a> {
 }
 
 impl<'a> View<'a> {
-    /// The view of a driver in a vehicle. `observe` writes the observation on demand, if the vehicle has one.
+    /// The view of the driver of a vehicle. `observe` writes the observation on demand, if there is one.
     pub fn new(
         world: &'a World,
         vehicle: ControlledVehicle<'a>,

@@ -5,7 +5,7 @@ mod short_training;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 use safetensors::SafeTensors;
-use sage_core::{Error, motion::Trajectory};
+use sage_core::{Error, generator::OperatingPoint, motion::Trajectory};
 use sage_sim::{
     SimScene,
     drive::Drive,
@@ -23,7 +23,13 @@ struct Chase {
 }
 
 impl Attacker for Chase {
-    fn plan(&self, scene: &SimScene, drive: Option<&Drive>, lambda: f64, _: u64) -> Result<Arc<Plan>, Error> {
+    fn plan(
+        &self,
+        scene: &SimScene,
+        drive: Option<&Drive>,
+        at: &OperatingPoint,
+        _: u64,
+    ) -> Result<Arc<Plan>, Error> {
         let track = &scene.scene().tracks[scene.scene().adversary_index()?];
         let from = track.point(10);
         let last = drive
@@ -31,7 +37,7 @@ impl Attacker for Chase {
             .map_or_else(|| scene.scene().ego().point(90), |m| m.position);
         let to = if self.is_broken { [f64::NAN, 0.0] } else { last };
         let point = |k: usize| {
-            let share = lambda * k as f64 / 80.0;
+            let share = at.mu * k as f64 / 80.0;
             [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]))
         };
         let trajectory = Trajectory::new("chase", (1..=80).map(point).collect())?;

@@ -12,14 +12,15 @@ use crate::{attack_test::recorded, drive::Drive, scene::SimScene, traffic::Plan}
 
 /// Plans attacks in training and evaluation.
 pub trait Attacker: Sync {
-    /// The adversary's plan at intensity λ against a drive of the ego; without a drive against its recording.
+    /// The adversary's plan at an operating point between the realistic and the adversarial expert, against a drive of the
+    /// ego; without a drive against its recording.
     ///
     /// *Errors*: the scene cannot be attacked.
     fn plan(
         &self,
         scene: &SimScene,
         drive: Option<&Drive>,
-        lambda: f64,
+        at: &OperatingPoint,
         seed: u64,
     ) -> Result<Arc<Plan>, Error>;
 }

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use sage_core::{Error, geometry::norm, motion::DT};
+use sage_core::{Error, generator::OperatingPoint, geometry::norm, motion::DT};
 use serde::{Deserialize, Serialize};
 
 use super::Attacker;
@@ -169,7 +169,7 @@ pub fn attack_episode(
 ) -> EpisodeRow {
     // A drive that is too short to be attacked: the recording is attacked instead.
     let drive = unchanged.filter(|drive| drive.motions.len() > SHORTEST_DRIVE);
-    let plan = attacker.plan(scene, drive, 1.0, seed);
+    let plan = attacker.plan(scene, drive, &OperatingPoint::at(1.0, 1.0), seed);
     match plan.and_then(|plan| drive_episode(policy, scene, Some(plan), rules, seed)) {
         Ok((row, _)) => EpisodeRow { scene: number, ..row },
         Err(error) => EpisodeRow::failure(number, scene, &error),

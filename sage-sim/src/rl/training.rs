@@ -9,7 +9,7 @@
 
 use std::sync::Arc;
 
-use sage_core::{Error, seed::Rng};
+use sage_core::{Error, generator::OperatingPoint, seed::Rng};
 
 use super::{
     ActorPolicy, Attacker, Curriculum, Evaluation, Progress, SceneSampler, SingleRow, TrainingOptions,
@@ -245,7 +245,10 @@ impl<'a> Training<'a> {
             progress: 0.0,
             off_road: OffRoad::NotMeasured,
         });
-        let plan = attacker.plan(&self.setting.scenes[scene], drive.as_ref(), lambda, coin.bits())?;
+        let plan = {
+            let at = OperatingPoint::at(lambda, lambda);
+            attacker.plan(&self.setting.scenes[scene], drive.as_ref(), &at, coin.bits())?
+        };
         counters.attacked += 1;
         match chosen {
             Some(stored) => counters.drive_age += counters.steps - stored.step,

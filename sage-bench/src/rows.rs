@@ -111,8 +111,9 @@ impl Key {
 
     /// Whether two results are of the same method: they may differ in training seed and checkpoint alone.
     pub fn is_same_method(&self, other: &Self) -> bool {
-        let plain = |key: &Self| Self { training_seed: None, checkpoint: None, ..key.clone() };
-        plain(self) == plain(other)
+        let Self { subject, arm, training_seed: _, checkpoint: _, attack, point, target, seed, knows } = self;
+        (*subject, arm, attack, point) == (other.subject, &other.arm, &other.attack, &other.point)
+            && (target, seed, knows) == (&other.target, &other.seed, &other.knows)
     }
 
     /// Attack and operating point in a table.

@@ -23,7 +23,7 @@ use crate::{
 };
 
 /// The generator at all its operating points.
-pub(crate) struct Attacker {
+pub(crate) struct GeneratorAtPoints {
     /// Name of the weights; `None` for a generator without experts.
     pub(crate) weights: Option<String>,
     pub(crate) built: BuiltGenerator,
@@ -52,7 +52,7 @@ pub(crate) struct Attackers<'a> {
     /// recorded scenes. The weights for a scene do not depend on other scenes.
     experts: Vec<Weights>,
     /// Attackers built so far, by index of the weights.
-    attackers: Mutex<Vec<Option<Arc<Attacker>>>>,
+    attackers: Mutex<Vec<Option<Arc<GeneratorAtPoints>>>>,
 }
 
 impl<'a> Attackers<'a> {
@@ -110,7 +110,7 @@ impl<'a> Attackers<'a> {
     /// The attacker of a scene, by its origin.
     ///
     /// *Errors*: the generator cannot be built with the weights, or the weights have no dial.
-    pub(crate) fn attacker(&self, is_procedural: bool) -> Result<Arc<Attacker>> {
+    pub(crate) fn attacker(&self, is_procedural: bool) -> Result<Arc<GeneratorAtPoints>> {
         let mut number = 0;
         if self.needs_origin() {
             let name = networks::default_for(is_procedural)?;
@@ -125,7 +125,7 @@ impl<'a> Attackers<'a> {
         Ok(attacker)
     }
 
-    fn build(&self, weights: Option<&Weights>) -> Result<Attacker> {
+    fn build(&self, weights: Option<&Weights>) -> Result<GeneratorAtPoints> {
         if let Some(Weights { name, experts, header }) = weights {
             networks::announce_experts(name, experts, header);
         }
@@ -146,7 +146,7 @@ impl<'a> Attackers<'a> {
         let generators =
             experts.map_or(self.generators.clone(), |experts| self.generators.with_experts(experts));
         let built = generators.build(&self.method, &points)?;
-        Ok(Attacker { weights: weights.map(|weights| weights.name.clone()), built, points })
+        Ok(GeneratorAtPoints { weights: weights.map(|weights| weights.name.clone()), built, points })
     }
 
     /// What identifies the attacks in the record of a run.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result, bail};
 use sage_core::{files, registry::Entry};
-use sage_data::MAX_FILE;
+use sage_data::MAX_SCENE_FILE;
 use sage_sim::{
     policy::{EgoPolicy, Td3},
     rl::read_policy,
@@ -63,7 +63,7 @@ impl Ego {
 /// *Errors*: the file cannot be read.
 pub fn identity(part: &PolicyPart) -> Result<Value> {
     let Some(file) = part.file() else { return Ok(json!(part.to_string())) };
-    let bytes = files::read(Path::new(file), MAX_FILE);
+    let bytes = files::read(Path::new(file), MAX_SCENE_FILE);
     let bytes = bytes.with_context(|| format!("cannot read `{file}`"))?;
     Ok(json!([part.to_string(), blake3::hash(&bytes).to_hex()[..16]]))
 }

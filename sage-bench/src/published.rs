@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result};
 use serde::Deserialize;
 
 /// The file of all numbers.
-const FILE: &str = include_str!("../studies/published.yaml");
+const FILE: &str = include_str!("../published.yaml");
 
 /// A row of a published table.
 #[derive(Clone, Debug, PartialEq, Deserialize)]

@@ -32,7 +32,7 @@ const MOST_VALUES: usize = 1001;
 /// Most shares along an axis of a plane.
 const MOST_SHARES: usize = 101;
 /// Size limit of a file, bytes.
-pub const MAX_FILE: u64 = 1 << 20;
+pub const MAX_STUDY_FILE: u64 = 1 << 20;
 
 /// A study.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

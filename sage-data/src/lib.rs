@@ -49,5 +49,5 @@ mod xml;
 pub use error::Error;
 pub use format::Format;
 pub use reading::ReadOptions;
-pub use recording::{MAX_FILE, Recording, Source, read_bytes};
+pub use recording::{MAX_SCENE_FILE, Recording, Source, read_bytes};
 pub use variants::{PROVENANCE, Variant, VariantWriter};

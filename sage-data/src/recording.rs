@@ -1,4 +1,4 @@
-//! A scene together with its source file.
+//! A scene together with its source file, and the size limit of scene files.
 
 use std::{
     borrow::Cow,
@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Size limit of a scene file, bytes. The largest public ones have 2 MB.
-pub const MAX_FILE: u64 = 256 << 20;
+pub const MAX_SCENE_FILE: u64 = 256 << 20;
 
 /// Limit of the total length of the lines of a map, metres. None of 30 public maps has more than 21 km.
 /// Without a limit a small file could make every search among lines slow.
@@ -338,7 +338,7 @@ pub(crate) fn parse(path: &Path, bytes: Vec<u8>) -> Result<Document, Error> {
 ///
 /// For a record of a shard they are the record with its frame.
 ///
-/// *Errors*: [`Error::Read`]; [`Error::TooLarge`] beyond [`MAX_FILE`]; [`Error::Shard`].
+/// *Errors*: [`Error::Read`]; [`Error::TooLarge`] beyond [`MAX_SCENE_FILE`]; [`Error::Shard`].
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, Error> {
     if womd::is_shard(path) || womd::split_path(path).is_some() {
         return womd::read_framed(path);
@@ -368,8 +368,8 @@ fn read_with(
     path: &Path,
     read: impl FnOnce(&Path, u64) -> std::io::Result<Vec<u8>>,
 ) -> Result<Vec<u8>, Error> {
-    read(path, MAX_FILE).map_err(|source| match source.kind() {
-        std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MAX_FILE },
+    read(path, MAX_SCENE_FILE).map_err(|source| match source.kind() {
+        std::io::ErrorKind::FileTooLarge => Error::TooLarge { path: path.to_owned(), limit: MAX_SCENE_FILE },
         _ => Error::Read { path: path.to_owned(), source },
     })
 }

@@ -148,7 +148,7 @@ fn a_file_that_is_too_large_is_named_too() {
     let file = std::fs::File::create(&path).unwrap();
     std::io::Write::write_all(&mut &file, b"SQLite format 3\0").unwrap();
     // Sparse, so it takes no space.
-    file.set_len(sage_data::MAX_FILE + 1).unwrap();
+    file.set_len(sage_data::MAX_SCENE_FILE + 1).unwrap();
     let error = Recording::read(&path).unwrap_err().to_string();
     assert!(error.contains("an SQLite database, as nuPlan has them"), "{error}");
 }

@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::{Context as _, Result};
 use sage_core::{files, scene::Scene, statistics::quantile};
-use sage_data::{MAX_FILE, Recording, folder, womd};
+use sage_data::{MAX_SCENE_FILE, Recording, folder, womd};
 use serde::Serialize;
 
 /// Number of candidates that are scored together.
@@ -45,7 +45,7 @@ impl Data {
         if path.is_dir() || womd::is_shard(path) {
             return Ok(Self { files: folder::scene_files(path)?, content: None });
         }
-        let bytes = files::read_argument(path, MAX_FILE);
+        let bytes = files::read_argument(path, MAX_SCENE_FILE);
         Ok(Self::one(path.to_owned(), bytes.with_context(|| format!("cannot read `{}`", path.display()))?))
     }
 

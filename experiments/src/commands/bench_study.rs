@@ -12,7 +12,7 @@ use sage_bench::{
     report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
     rows::Subject,
     runner::{self, Observer, SceneSource, Store},
-    study::{MAX_FILE, Study},
+    study::{MAX_STUDY_FILE, Study},
 };
 use sage_core::{files, scene::SceneData};
 use sage_generators::Aggression;
@@ -45,7 +45,8 @@ fn study(name: &str, registries: &Registries) -> Result<Study> {
         let known = known.join(", ");
         bail!("there is no study `{name}`; known: {known}; or the file of a study (YAML)");
     }
-    let text = files::read_argument_text(path, MAX_FILE).with_context(|| format!("cannot read `{name}`"))?;
+    let text =
+        files::read_argument_text(path, MAX_STUDY_FILE).with_context(|| format!("cannot read `{name}`"))?;
     Study::parse(&text, name)
 }
 

@@ -21,7 +21,7 @@ const CARD: &str = "card";
 /// What marks a file as a policy of this format.
 const FORMAT: &str = "sage policy 1";
 /// Largest file that is read, bytes.
-const MAX_FILE: u64 = 64 << 20;
+const MAX_POLICY_FILE: u64 = 64 << 20;
 
 /// What a file says about its policy.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -73,7 +73,7 @@ pub fn write_policy(path: &Path, actor: &Network<f32>, card: &PolicyCard) -> std
 /// another observation, a tensor that is missing, of another shape, or not finite.
 pub fn read_policy(path: &Path) -> Result<(Network<f32>, PolicyCard), String> {
     let fail = |problem: String| format!("`{}`: {problem}", path.display());
-    let bytes = files::read(path, MAX_FILE).map_err(|error| fail(error.to_string()))?;
+    let bytes = files::read(path, MAX_POLICY_FILE).map_err(|error| fail(error.to_string()))?;
     parse_policy(&bytes).map_err(fail)
 }
 

@@ -29,7 +29,7 @@ use super::{
     row::{CandidateRow, ChosenScores, FoundRow, LeftOutRow, ScoredCandidates, VariantRow, row_file},
 };
 use crate::{
-    attackers::Attacker,
+    attackers::GeneratorAtPoints,
     drawing::{self, Picture, drawn_path},
     operating_point::OperatingPointSpec,
     output::{self, DatasetRun, LONGEST_FILE_NAME},
@@ -135,7 +135,7 @@ impl Careful {
 struct SceneWriter<'w> {
     plan: &'w Plan<'w>,
     run: &'w DatasetRun,
-    attacker: &'w Attacker,
+    attacker: &'w GeneratorAtPoints,
     scene: &'w str,
     source_hash: &'w str,
 }
@@ -362,6 +362,6 @@ fn drawn_way_out(avoidable: &Avoidable, contact: usize) -> Option<(f64, Vec<Poin
 }
 
 /// Label of an attack in the legend of the picture.
-fn label(point: &OperatingPointSpec, attacker: &Attacker) -> String {
+fn label(point: &OperatingPointSpec, attacker: &GeneratorAtPoints) -> String {
     if attacker.points.len() > 1 { point.long_label() } else { attacker.built.keys[0].label() }
 }

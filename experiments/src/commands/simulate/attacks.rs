@@ -18,7 +18,7 @@ use serde_json::{Map, Value};
 
 use super::{Attacked, attack_file, row::AttackRow};
 use crate::{
-    attackers::{Attacker, Attackers},
+    attackers::{Attackers, GeneratorAtPoints},
     contact_row::step,
     scene_queue::Failure,
 };
@@ -30,7 +30,7 @@ pub(super) enum SceneAttacks<'a> {
     /// One attack from a file, with its description.
     Given(Trajectory, Map<String, Value>),
     /// A generator at its operating points.
-    Generated(&'a Attackers<'a>, Arc<Attacker>),
+    Generated(&'a Attackers<'a>, Arc<GeneratorAtPoints>),
 }
 
 /// One drive of a driver: its attack, and what its row says of it.

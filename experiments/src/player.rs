@@ -156,7 +156,7 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         // The corner of one box that lies deepest in the other is near the place of the contact.
         let nearest = |a: &OrientedBox, b: &OrientedBox| {
             let gap = |p: &Point| {
-                let [x, y] = b.to_local(*p);
+                let [x, y] = b.box_from_world(*p);
                 (x.abs() - b.half_length).max(y.abs() - b.half_width)
             };
             a.corners().into_iter().map(|p| (gap(&p), p)).min_by(|p, q| p.0.total_cmp(&q.0))

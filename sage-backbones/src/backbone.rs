@@ -243,11 +243,11 @@ pub fn tensor(table: &Table, dtype: DType) -> candle_core::Result<Tensor> {
 ///
 /// *Shapes*: `trajectories` (n, 80, 2).
 /// *Errors*: [`Error::Core`] if a position is not finite, which means broken weights.
-pub fn to_world(trajectories: &Tensor, features: &Features) -> Result<Vec<Trajectory>, Error> {
+pub fn trajectories_in_world(trajectories: &Tensor, features: &Features) -> Result<Vec<Trajectory>, Error> {
     let numbers = trajectories.to_dtype(DType::F64)?.flatten_all()?.to_vec1::<f64>()?;
     let convert = |(k, local): (usize, &[f64])| {
         let (points, _) = local.as_chunks::<2>();
-        let world = points.iter().map(|p| features.frame.to_world(*p)).collect();
+        let world = points.iter().map(|p| features.frame.world_from_frame(*p)).collect();
         Ok(Trajectory::new(&format!("predicted trajectory {k}"), world)?)
     };
     numbers.chunks_exact(2 * HORIZON).enumerate().map(convert).collect()

@@ -133,7 +133,7 @@ impl Features {
         agents::append(scene, target, &frame, &mut vectors, &mut lengths);
         let agents = lengths.len();
         map::append(scene, index, &routes, &frame, velocity[0], &mut vectors, &mut lengths);
-        let end = end.map(|end| frame.to_local(end).map(|x| x as f32));
+        let end = end.map(|end| frame.frame_from_world(end).map(|x| x as f32));
         let goals = goals::Goals::around(scene, &routes, &frame, velocity, end);
         let [length, width, _] = scene.tracks[target].size[NOW];
         let half = [length, width].map(|size| (0.5 * size) as f32);
@@ -232,7 +232,7 @@ fn target_frame(scene: &Scene, target: usize) -> Result<(Frame, [f32; 2]), Error
         .into());
     }
     let frame = Frame::new(track.point(NOW), track.heading[NOW]);
-    let velocity = frame.turn_to_local(track.velocity[NOW]).map(|v| v.clamp(-FASTEST, FASTEST) as f32);
+    let velocity = frame.direction_from_world(track.velocity[NOW]).map(|v| v.clamp(-FASTEST, FASTEST) as f32);
     Ok((frame, velocity))
 }
 

@@ -10,7 +10,7 @@ use sage_core::{
 
 use crate::{
     Error,
-    backbone::{Backbone, MotionModel, finite, to_world},
+    backbone::{Backbone, MotionModel, finite, trajectories_in_world},
     candidates::{Selection, select},
     encoding::Encoding,
     features::Features,
@@ -57,11 +57,11 @@ pub fn propose(
     let ends = network.mode_ends(encoding)?;
     let modes = select(&log_probs, &ends, k, selection, rng);
     let features = encoding.features();
-    let trajectories = to_world(&network.trajectories(encoding, &modes)?, features)?;
+    let trajectories = trajectories_in_world(&network.trajectories(encoding, &modes)?, features)?;
     let predicted = |(mode, trajectory): (usize, Trajectory)| Predicted {
         mode,
         log_prob: log_probs[mode],
-        goal: features.frame.to_world(ends[mode].map(f64::from)),
+        goal: features.frame.world_from_frame(ends[mode].map(f64::from)),
         trajectory,
     };
     Ok(modes.into_iter().zip(trajectories).map(predicted).collect())

@@ -34,7 +34,7 @@ fn farthest(mode: &ForecastMode, scene: &Scene, track: usize, features: &Feature
     let frame = |step: usize| NOW + (step + 1) * STRIDE;
     let valid = (0..FORECAST_STEPS).filter(|step| scene.tracks[track].is_valid(frame(*step)));
     let gap = |step: usize| {
-        let [x, y] = features.frame.to_local(scene.tracks[track].point(frame(step)));
+        let [x, y] = features.frame.frame_from_world(scene.tracks[track].point(frame(step)));
         (f64::from(mode.poses[step][0]) - x).hypot(f64::from(mode.poses[step][1]) - y)
     };
     valid.map(gap).fold(0.0, f64::max)
@@ -49,8 +49,8 @@ fn the_forecast_of_a_vehicle_on_a_lane_follows_the_lane() {
         let scene = generate(Kind::ALL[number % Kind::ALL.len()], 9, number as u64).unwrap();
         let features = features_of(&scene);
         let ego = &features.agent_forecasts.ego[0];
-        let [x, y] = features.frame.to_local(scene.ego().point(NOW));
-        let [vx, vy] = features.frame.turn_to_local(scene.ego().velocity[NOW]);
+        let [x, y] = features.frame.frame_from_world(scene.ego().point(NOW));
+        let [vx, vy] = features.frame.direction_from_world(scene.ego().velocity[NOW]);
         let mut plain = ego.clone();
         for (step, pose) in plain.poses.iter_mut().enumerate() {
             let t = ((step + 1) * STRIDE) as f64 * 0.1;
@@ -71,7 +71,7 @@ fn a_standing_agent_stays_and_a_moving_one_has_several_acceleration_profiles() {
         .unwrap();
     scene.tracks[other].velocity[NOW] = [0.1, 0.0];
     let features = features_of(&scene);
-    let position = features.frame.to_local(scene.tracks[other].point(NOW));
+    let position = features.frame.frame_from_world(scene.tracks[other].point(NOW));
     let standing: Vec<&ForecastMode> =
         features.agent_forecasts.others.iter().filter(|mode| mode.stands).collect();
     let own = standing.iter().find(|mode| {

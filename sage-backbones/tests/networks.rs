@@ -9,7 +9,7 @@ use std::path::Path;
 use candle_core::{DType, Device, Tensor};
 use sage_backbones::{
     Backbone, Parameters,
-    backbone::{ParameterGroup, to_world},
+    backbone::{ParameterGroup, trajectories_in_world},
     candidates::Selection,
     parameters::Header,
     prediction::propose,
@@ -55,7 +55,7 @@ fn probabilities_sum_to_one_and_trajectories_start_at_the_target() {
         assert_eq!(trajectories.dims(), [2, HORIZON, 2]);
         if network.name() != "densetnt-cat" {
             let start = data.scene.adversary().unwrap().point(NOW);
-            for trajectory in to_world(&trajectories, encoding.features()).unwrap() {
+            for trajectory in trajectories_in_world(&trajectories, encoding.features()).unwrap() {
                 // A step of 4 m would be a speed of 40 m/s.
                 assert!(distance(trajectory.points()[0], start) < 4.0, "{}", network.name());
             }

@@ -14,7 +14,7 @@ use approx::assert_abs_diff_eq;
 use candle_core::{DType, Device, Tensor};
 use sage_backbones::{
     Backbone, MotionModel, Parameters, Trainable,
-    backbone::{Loss, ParameterGroup, Sample, to_world},
+    backbone::{Loss, ParameterGroup, Sample, trajectories_in_world},
     candidates::{Selection, ranked, suppressed},
     densetnt::{Cat, DenseTnt},
     encoding::Encoding,
@@ -164,7 +164,7 @@ fn check_goals(fixture: &Fixture, network: &DenseTnt, encoding: &Encoding, prefi
         let trajectories = network.trajectories(encoding, &expected).unwrap();
         close(kind, &trajectories, &fixture.numbers(&name("traj_local")), 1e-4);
         if fixture.0.contains_key(&name("traj_world")) {
-            let world = to_world(&trajectories, features).unwrap();
+            let world = trajectories_in_world(&trajectories, features).unwrap();
             let recorded = fixture.numbers(&name("traj_world"));
             let found = world.iter().flat_map(|trajectory| trajectory.points().iter().flatten());
             for (a, b) in found.zip(&recorded) {
@@ -385,7 +385,7 @@ fn recorded_scenes_give_the_published_features() {
             let worst = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             assert!(worst < 1e-4, "{prefix}: off by {worst}");
             assert_abs_diff_eq!(features.speed(), expected.speed(), epsilon = 1e-4);
-            let [a, b] = [features.frame, expected.frame].map(|frame| frame.to_world([30.0, 40.0]));
+            let [a, b] = [features.frame, expected.frame].map(|frame| frame.world_from_frame([30.0, 40.0]));
             assert_abs_diff_eq!(a[0], b[0], epsilon = 1e-3);
             assert_abs_diff_eq!(a[1], b[1], epsilon = 1e-3);
         }

@@ -47,7 +47,7 @@ fn encoded(prior: &dyn Backbone, now: &Observation) -> Result<Encoding, sage_bac
 
 /// End of a mode in the world frame.
 fn goal(encoding: &Encoding, end: [f32; 2]) -> Point {
-    encoding.features().frame.to_world(end.map(f64::from))
+    encoding.features().frame.world_from_frame(end.map(f64::from))
 }
 
 /// Negative log-likelihood of modes under a prior, up to a shared constant; `None` unless requested.

@@ -159,7 +159,7 @@ impl Body {
     pub fn touches(&self, area: &OrientedBox, car: &OrientedBox) -> bool {
         match self.disc() {
             Some(radius) => {
-                let [along, across] = car.to_local(area.center);
+                let [along, across] = car.box_from_world(area.center);
                 let out = [along.abs() - car.half_length, across.abs() - car.half_width].map(|d| d.max(0.0));
                 out[0] * out[0] + out[1] * out[1] <= radius * radius
             }

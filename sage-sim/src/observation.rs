@@ -262,7 +262,7 @@ fn nearest(world: &World, axis: Point, kind: ObservationKind, write: &mut impl F
 
 /// Distance of a point to a box, metres; 0 inside.
 fn distance_to(area: &OrientedBox, p: Point) -> f64 {
-    let [x, y] = area.to_local(p);
+    let [x, y] = area.box_from_world(p);
     let out = [x.abs() - area.half_length, y.abs() - area.half_width].map(|d| d.max(0.0));
     dot(out, out).sqrt()
 }

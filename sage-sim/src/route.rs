@@ -39,7 +39,7 @@ struct Leg {
 
 impl Leg {
     /// Coordinates of a point in the frame of the leg.
-    fn local(&self, p: Point) -> Coordinates {
+    fn leg_from_world(&self, p: Point) -> Coordinates {
         let d = sub(p, self.start);
         Coordinates { along: dot(d, self.along), across: dot(d, [self.along[1], -self.along[0]]) }
     }
@@ -195,7 +195,7 @@ impl Route {
     fn nearest(&self, p: Point) -> Coordinates {
         let mut best = (f64::INFINITY, Coordinates::default());
         for (k, leg) in self.legs.iter().enumerate() {
-            let local = leg.local(p);
+            let local = leg.leg_from_world(p);
             // Before the start and beyond the end the route continues straight.
             let first = if k == 0 { f64::NEG_INFINITY } else { 0.0 };
             let last = if k + 1 == self.legs.len() { f64::INFINITY } else { leg.length };
@@ -217,7 +217,7 @@ impl Route {
             }
         };
         for leg in &self.legs {
-            let local = leg.local(p);
+            let local = leg.leg_from_world(p);
             let found = Coordinates { along: leg.before + local.along, across: local.across };
             if local.along < 0.0 && distance(p, leg.start) < 2.0 * leg.length {
                 return found;

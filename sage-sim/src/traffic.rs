@@ -297,7 +297,7 @@ struct Appearance<'a> {
 
 /// Whether a car would appear within [`CLOSE`] of the ego.
 fn is_close(track: &Track, frame: usize, ego: &OrientedBox) -> bool {
-    let [ahead, aside] = ego.to_local(track.point(frame));
+    let [ahead, aside] = ego.box_from_world(track.point(frame));
     BodyKind::of(track) == BodyKind::Vehicle && ahead.abs() <= CLOSE[0] && aside.abs() <= CLOSE[1]
 }
 

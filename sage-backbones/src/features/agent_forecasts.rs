@@ -115,7 +115,7 @@ fn network_forecast(
     let (half, stands, [_, _, cos, sin]) = (known.half, known.stands, known.poses[0]);
     let total: f32 = forecast.modes().map(|(p, _)| p.exp()).sum();
     let mode = |(p, trajectory): (f32, &Trajectory)| {
-        let point = |step: usize| frame.to_local(trajectory.points()[step]).map(|x| x as f32);
+        let point = |step: usize| frame.frame_from_world(trajectory.points()[step]).map(|x| x as f32);
         let (mut last, mut axis) = (point(0), [cos, sin]);
         let mut poses = [[0.0; 4]; FORECAST_STEPS];
         for (step, pose) in poses.iter_mut().enumerate() {
@@ -155,7 +155,7 @@ fn lane_forecast(scene: &Scene, index: &SceneIndex, track: &Track, frame: &Frame
             };
             driven = far;
             let (sin, cos) = (heading - frame.heading()).sin_cos();
-            let [x, y] = frame.to_local(position);
+            let [x, y] = frame.frame_from_world(position);
             *pose = [x as f32, y as f32, cos as f32, sin as f32];
         }
         ForecastMode { weight: profile.weight, half, stands, poses }

@@ -24,7 +24,7 @@ pub(super) fn append(
     let mut order: Vec<(f64, usize)> = Vec::with_capacity(scene.tracks.len());
     for (k, track) in scene.tracks.iter().enumerate() {
         let Some(last) = FRAMES.into_iter().rev().find(|f| track.is_valid(*f)) else { continue };
-        let [x, y] = frame.to_local(track.point(last));
+        let [x, y] = frame.frame_from_world(track.point(last));
         let rank = if k == target {
             -2.0
         } else if k == scene.ego {
@@ -39,8 +39,8 @@ pub(super) fn append(
         let track = &scene.tracks[k];
         let first = vectors.rows();
         for f in FRAMES.into_iter().filter(|f| track.is_valid(*f)) {
-            let position = frame.to_local(track.point(f));
-            let velocity = frame.turn_to_local(track.velocity[f]);
+            let position = frame.frame_from_world(track.point(f));
+            let velocity = frame.direction_from_world(track.velocity[f]);
             let (sin, cos) = (track.heading[f] - frame.heading()).sin_cos();
             let mut row = [0.0; VECTOR_COLUMNS];
             row[0] = (position[0] / 40.0) as f32;

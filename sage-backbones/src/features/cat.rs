@@ -60,7 +60,7 @@ pub fn features(scene: &Scene, target: usize) -> Result<Features, Error> {
     Ok(Features {
         layout: Layout::Published,
         frame,
-        velocity: frame.turn_to_local(track.velocity[NOW]).map(|v| v as f32),
+        velocity: frame.direction_from_world(track.velocity[NOW]).map(|v| v as f32),
         vectors,
         groups,
         agents,
@@ -123,7 +123,7 @@ fn append_agent(track: &Track, frame: &Frame, rows: &mut Table) {
         if !track.is_valid(f) {
             return [0.0; 7];
         }
-        let [x, y] = frame.to_local(track.point(f));
+        let [x, y] = frame.frame_from_world(track.point(f));
         let [length, width, _] = track.size[f];
         let [vx, vy] = track.velocity[f];
         [x, y, length, width, track.heading[f], vx, vy]
@@ -187,7 +187,7 @@ fn append_map(scene: &Scene, frame: &Frame, rows: &mut Table, lengths: &mut Vec<
             .iter()
             .flat_map(|p| std::iter::repeat_n(p, copies))
             .take(left)
-            .map(|p| frame.to_local([p[0], p[1]]))
+            .map(|p| frame.frame_from_world([p[0], p[1]]))
             .collect();
         left -= read.len();
         let is_inside = |p: &Point| (p[0] - CENTRE[0]).hypot(p[1] - CENTRE[1]) < RADIUS;

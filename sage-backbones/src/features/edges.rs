@@ -68,7 +68,7 @@ impl EdgeGrid {
         let reach = Aabb::around(frame.origin(), f64::from(REACH) * std::f64::consts::SQRT_2);
         for run in edges.near(&reach) {
             for segment in &edges.segments()[run] {
-                grid.mark(frame.to_local(segment.a), frame.to_local(segment.b));
+                grid.mark(frame.frame_from_world(segment.a), frame.frame_from_world(segment.b));
             }
         }
         grid

@@ -30,19 +30,19 @@ impl Frame {
 
     /// A position of the world in this frame.
     #[inline]
-    pub fn to_local(&self, p: Point) -> Point {
-        self.turn_to_local([p[0] - self.origin[0], p[1] - self.origin[1]])
+    pub fn frame_from_world(&self, p: Point) -> Point {
+        self.direction_from_world([p[0] - self.origin[0], p[1] - self.origin[1]])
     }
 
     /// A direction of the world in this frame.
     #[inline]
-    pub fn turn_to_local(&self, v: Point) -> Point {
+    pub fn direction_from_world(&self, v: Point) -> Point {
         [self.cos * v[0] + self.sin * v[1], self.cos * v[1] - self.sin * v[0]]
     }
 
-    /// A local position in the world.
+    /// A position of this frame in the world.
     #[inline]
-    pub fn to_world(&self, p: Point) -> Point {
+    pub fn world_from_frame(&self, p: Point) -> Point {
         [
             self.origin[0] + self.cos * p[0] - self.sin * p[1],
             self.origin[1] + self.sin * p[0] + self.cos * p[1],

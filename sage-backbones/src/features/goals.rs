@@ -166,11 +166,11 @@ fn effort([i, j]: [i32; 2], speed: f64) -> f64 {
 fn leader(scene: &Scene, routes: &Routes, grid: &Grid, frame: &Frame) -> Option<[f32; 2]> {
     let vehicles = scene.tracks.iter().filter(|t| t.kind == TrackKind::Vehicle && t.is_valid(NOW));
     let ahead = vehicles.filter_map(|track| {
-        let position: Point = frame.to_local(track.point(NOW));
+        let position: Point = frame.frame_from_world(track.point(NOW));
         let on = grid.at(position)?;
         let route = routes.reach(on.lane as usize)?;
         let distance = route.distance as f32 + on.along;
-        let along = frame.turn_to_local(track.velocity[NOW]).map(|v| v as f32);
+        let along = frame.direction_from_world(track.velocity[NOW]).map(|v| v as f32);
         let speed = along[0] * on.direction[0] + along[1] * on.direction[1];
         (route.changes == 0 && distance > 2.0).then_some([distance, speed])
     });

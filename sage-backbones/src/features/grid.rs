@@ -105,9 +105,9 @@ impl Grid {
         let mut along = 0.0;
         // Distance from the start of a segment to the next point to mark.
         let mut next = 0.0;
-        let mut a = frame.to_local([first[0], first[1]]);
+        let mut a = frame.frame_from_world([first[0], first[1]]);
         for point in &line[1..] {
-            let b = frame.to_local([point[0], point[1]]);
+            let b = frame.frame_from_world([point[0], point[1]]);
             let [dx, dy] = [b[0] - a[0], b[1] - a[1]];
             let length = (dx * dx + dy * dy).sqrt();
             if length > 0.0 {

@@ -77,7 +77,7 @@ fn cut(
         if k > 0 && k + 1 < line.len() && along - last < SEGMENT {
             continue;
         }
-        let [x, y] = frame.to_local([point[0], point[1]]);
+        let [x, y] = frame.frame_from_world([point[0], point[1]]);
         points[count] = [x, y, along];
         count += 1;
         last = along;

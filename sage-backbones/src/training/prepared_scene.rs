@@ -13,7 +13,7 @@ use sage_core::{
 use super::goal_table::{Expectation, ExpertObjective, GoalTable, Measures};
 use crate::{
     Error,
-    backbone::{Backbone, MotionModel, finite, to_world},
+    backbone::{Backbone, MotionModel, finite, trajectories_in_world},
     encoding::Encoding,
     forecast::features_with_forecast,
     subsampling::Subsampling,
@@ -63,8 +63,8 @@ impl PreparedScene {
             let signs = Tensor::new(&[1.0, -1.0], &Device::Cpu)?.to_dtype(trajectories.dtype())?;
             trajectories = trajectories.broadcast_mul(&signs)?;
         }
-        let trajectories =
-            to_world(&trajectories, encoding.features()).map_err(|error| error.of(data, adversary))?;
+        let trajectories = trajectories_in_world(&trajectories, encoding.features())
+            .map_err(|error| error.of(data, adversary))?;
         let reference: Vec<f64> =
             finite(&prior.log_probs(&encoding)?).map_err(|error| error.of(data, adversary))?;
         let mut table = GoalTable::default();

@@ -112,11 +112,11 @@ impl<'d> Examples<'d> {
 pub fn recorded_sample(data: &SceneData, track: usize, network: &dyn Trainable) -> Result<Sample, Error> {
     let recorded = &data.scene.tracks[track];
     let frame = Frame::new(recorded.point(NOW), recorded.heading[NOW]);
-    let (positions, valid) = future(recorded, |p| frame.to_local(p));
-    let end = frame.to_world(labels::end(&positions, &valid).position.map(f64::from));
+    let (positions, valid) = future(recorded, |p| frame.frame_from_world(p));
+    let end = frame.world_from_frame(labels::end(&positions, &valid).position.map(f64::from));
     let features = network.labelled_features(&data.observe()?, track, end)?;
     // The network's features may have another frame.
-    let (future, _) = future(recorded, |p| features.frame.to_local(p));
+    let (future, _) = future(recorded, |p| features.frame.frame_from_world(p));
     Ok(Sample { features: Arc::new(features), future, valid })
 }
 

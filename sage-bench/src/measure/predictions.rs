@@ -192,7 +192,7 @@ fn random_modes(network: &dyn Backbone, encoding: &Encoding, scene: &str) -> Res
     Rng::new(0, scene, "random modes").shuffle(&mut order);
     order.truncate(EVALUATED);
     let trajectories = network.trajectories(encoding, &order)?;
-    Ok(sage_backbones::backbone::to_world(&trajectories, encoding.features())?)
+    Ok(sage_backbones::backbone::trajectories_in_world(&trajectories, encoding.features())?)
 }
 
 /// Evaluates candidates of the adversary as attacks, if the scene has an ego path.

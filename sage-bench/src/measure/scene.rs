@@ -89,7 +89,7 @@ impl PriorOfAdversary {
 
     /// −log p of the goal nearest to the end of a trajectory.
     fn nll(&self, trajectory: &Trajectory) -> Option<f64> {
-        let end = self.frame.to_local(trajectory.points()[HORIZON - 1]);
+        let end = self.frame.frame_from_world(trajectory.points()[HORIZON - 1]);
         let gap = |k: &usize| distance(self.ends[*k].map(f64::from), end);
         (0..self.ends.len()).min_by(|a, b| gap(a).total_cmp(&gap(b))).map(|k| -self.log_probs[k])
     }

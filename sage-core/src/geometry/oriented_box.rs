@@ -56,7 +56,7 @@ impl OrientedBox {
 
     /// A world point in the box's own frame: (forward, left).
     #[inline]
-    pub fn to_local(&self, point: Point) -> Point {
+    pub fn box_from_world(&self, point: Point) -> Point {
         let d = sub(point, self.center);
         [dot(self.axis, d), cross(self.axis, d)]
     }
@@ -82,8 +82,8 @@ impl OrientedBox {
     /// Whether the closed box and the closed segment share a point.
     #[inline]
     pub fn intersects_segment(&self, a: Point, b: Point) -> bool {
-        let a = self.to_local(a);
-        let b = self.to_local(b);
+        let a = self.box_from_world(a);
+        let b = self.box_from_world(b);
         let (l, w) = (self.half_length, self.half_width);
         if a[0].min(b[0]) > l || a[0].max(b[0]) < -l || a[1].min(b[1]) > w || a[1].max(b[1]) < -w {
             return false;
@@ -99,7 +99,7 @@ impl OrientedBox {
             return 0.0;
         }
         let to_box = |frame: &Self, corner: Point| {
-            let p = frame.to_local(corner);
+            let p = frame.box_from_world(corner);
             norm([(p[0].abs() - frame.half_length).max(0.0), (p[1].abs() - frame.half_width).max(0.0)])
         };
         // Of two disjoint convex polygons, one of the closest points is a corner.

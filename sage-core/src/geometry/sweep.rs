@@ -29,7 +29,7 @@ impl<'b> SweptBox<'b> {
     /// The area between `from` and `to`.
     pub fn between(from: &'b OrientedBox, to: &'b OrientedBox) -> Self {
         let (mut low, mut high) = ([-to.half_length, -to.half_width], [to.half_length, to.half_width]);
-        let d = to.to_local(from.center);
+        let d = to.box_from_world(from.center);
         let [c, s] = [dot(to.axis, from.axis).abs(), cross(to.axis, from.axis).abs()];
         let half = [
             from.half_length * c + from.half_width * s + COVER_MARGIN,

@@ -193,7 +193,7 @@ fn post_encroachment_time(candidate: &Candidate, path: &EgoPath) -> Option<f64> 
 /// and half width.
 fn side_hit(ego: &OrientedBox, other: &OrientedBox) -> SideHit {
     let (l, w) = (ego.half_length, ego.half_width);
-    let mut overlap: Vec<Point> = other.corners().into_iter().map(|c| ego.to_local(c)).collect();
+    let mut overlap: Vec<Point> = other.corners().into_iter().map(|c| ego.box_from_world(c)).collect();
     // Sutherland-Hodgman clipping by the four sides of the ego.
     for (axis, limit, sign) in [(0, l, 1.0), (0, l, -1.0), (1, w, 1.0), (1, w, -1.0)] {
         let inside = |p: Point| sign * p[axis] <= limit;
@@ -212,7 +212,8 @@ fn side_hit(ego: &OrientedBox, other: &OrientedBox) -> SideHit {
     }
     // Rounding can remove a mere touch, and the overlap of a fully covered ego has its centroid at the
     // ego's centre. In both cases the other box's centre gives the direction.
-    let middle = centroid(&overlap).filter(|m| norm(*m) > 1e-6).unwrap_or_else(|| ego.to_local(other.center));
+    let middle =
+        centroid(&overlap).filter(|m| norm(*m) > 1e-6).unwrap_or_else(|| ego.box_from_world(other.center));
     let (x, y) = (middle[0] / l, middle[1] / w);
     match (x.abs() >= y.abs(), x >= 0.0, y >= 0.0) {
         (true, true, _) => SideHit::Front,

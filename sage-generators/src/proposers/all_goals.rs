@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use sage_backbones::{Backbone, backbone::to_world, encoding::Encoding};
+use sage_backbones::{Backbone, backbone::trajectories_in_world, encoding::Encoding};
 use sage_core::{
     Error,
     generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
@@ -62,7 +62,7 @@ impl PreparedProposer for Encoded {
         let propose = || -> Result<Vec<Proposal>, sage_backbones::Error> {
             let ends = prior.mode_ends(encoding)?;
             let modes: Vec<usize> = (0..ends.len()).collect();
-            let plain = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
+            let plain = trajectories_in_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
             let origin = encoding.features().frame.origin();
             let plain: Vec<Extended> =
                 plain.iter().map(|trajectory| Extended::new(trajectory, origin)).collect();

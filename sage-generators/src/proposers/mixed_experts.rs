@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use sage_backbones::{
     Backbone, MotionModel,
-    backbone::{finite, to_world},
+    backbone::{finite, trajectories_in_world},
     candidates::{Selection, select},
     candle::{Device, Tensor},
     encoding::Encoding,
@@ -162,7 +162,8 @@ impl Encoded {
         let nms = Selection::Nms { radius: options.apart };
         let draw = Draw::of(options.candidates, encoding.features().edge_kinds);
         let modes = select(&policy, &ends, draw.modes, nms, &mut rng);
-        let trajectories = to_world(&model.trajectories(encoding, &modes)?, encoding.features())?;
+        let trajectories =
+            trajectories_in_world(&model.trajectories(encoding, &modes)?, encoding.features())?;
         let origin = encoding.features().frame.origin();
         let trajectories: Vec<Extended> =
             trajectories.iter().map(|trajectory| Extended::new(trajectory, origin)).collect();
@@ -203,7 +204,9 @@ impl Encoded {
         for retimed in &retimed_modes {
             let at =
                 |step: usize| profiles[retimed.profile].at(&trajectories[retimed.trajectory], step * STRIDE);
-            points.extend((1..=FORECAST_STEPS).flat_map(|step| frame.to_local(at(step)).map(|x| x as f32)));
+            points.extend(
+                (1..=FORECAST_STEPS).flat_map(|step| frame.frame_from_world(at(step)).map(|x| x as f32)),
+            );
         }
         let modes: Vec<usize> = retimed_modes.iter().map(|p| p.mode).collect();
         let points = Tensor::from_vec(points, (modes.len(), FORECAST_STEPS, 2), &Device::Cpu)?;

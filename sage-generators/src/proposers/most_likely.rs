@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use sage_backbones::{
     Backbone,
-    backbone::{finite, to_world},
+    backbone::{finite, trajectories_in_world},
     candidates::ranked,
     encoding::Encoding,
     forecast::features_with_forecast,
@@ -69,7 +69,8 @@ impl PreparedProposer for Encoded {
             let log_probs: Vec<f32> = finite(&model.log_probs(encoding)?)?;
             let best = ranked(&log_probs)[0];
             let end = self.prior.mode_ends(encoding)?[best];
-            let mut trajectories = to_world(&model.trajectories(encoding, &[best])?, encoding.features())?;
+            let mut trajectories =
+                trajectories_in_world(&model.trajectories(encoding, &[best])?, encoding.features())?;
             Ok(Proposal {
                 trajectory: trajectories.swap_remove(0),
                 log_prob: Some(f64::from(log_probs[best])),

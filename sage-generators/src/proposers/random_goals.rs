@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use sage_backbones::{Backbone, backbone::to_world, encoding::Encoding};
+use sage_backbones::{Backbone, backbone::trajectories_in_world, encoding::Encoding};
 use sage_core::{
     Error,
     generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
@@ -78,7 +78,8 @@ impl PreparedProposer for Encoded {
             Rng::new(seed, id, "random goals").shuffle(&mut modes);
             let draw = Draw::of(*candidates, encoding.features().edge_kinds);
             modes.truncate(draw.modes);
-            let trajectories = to_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
+            let trajectories =
+                trajectories_in_world(&prior.trajectories(encoding, &modes)?, encoding.features())?;
             let origin = encoding.features().frame.origin();
             let mut rng = Rng::new(seed, id, "random paces");
             let profiles = speed_profiles(encoding.features().edge_kinds);

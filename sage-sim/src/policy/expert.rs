@@ -217,7 +217,7 @@ impl ExpertDriver {
                 if own.center_distance(other) > own.radius() + other.radius() || !own.intersects(other) {
                     continue;
                 }
-                let [x, y] = own.to_local(other.center);
+                let [x, y] = own.box_from_world(other.center);
                 let is_behind = x < -0.4 * 2.0 * half[0] && y.abs() < half[1] + other.half_width;
                 if !is_behind {
                     return true;

@@ -224,7 +224,7 @@ impl Contact {
     /// Target speed in view of the contact.
     fn target(&self, now: Own, futures: &[Vec<Other>], size: [f64; 2], traffic: Option<f64>) -> f64 {
         let own = OrientedBox::new(self.own.position, self.own.heading, size[0], size[1]);
-        let [x, y] = own.to_local(self.area.center);
+        let [x, y] = own.box_from_world(self.area.center);
         let limit = 0.6 * size[1] + self.area.half_width;
         let is_rear = x < -0.4 * size[0] && y.abs() < limit;
         let relative = dot(self.velocity, own.axis) - self.own.speed;

@@ -40,7 +40,7 @@ pub(super) struct Reactive {
 
 /// MetaDrive's choice of the vehicles that react.
 pub(super) fn reacts_to(track: &Track, frame: usize, ego: &OrientedBox) -> bool {
-    let [ahead, aside] = ego.to_local(track.point(frame));
+    let [ahead, aside] = ego.box_from_world(track.point(frame));
     let heading = track.heading[frame];
     let last = (frame..track.valid.len()).take_while(|&f| track.valid[f]).last().unwrap_or(frame);
     BodyKind::of(track) == BodyKind::Vehicle

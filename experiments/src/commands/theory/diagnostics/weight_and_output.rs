@@ -61,7 +61,7 @@ pub(super) fn compare(
     let encoding = prepared.encoding();
     let frame = encoding.features().frame;
     let target: Vec<f64> =
-        (NOW + 1..=NOW + HORIZON).flat_map(|step| frame.to_local(log.point(step))).collect();
+        (NOW + 1..=NOW + HORIZON).flat_map(|step| frame.frame_from_world(log.point(step))).collect();
     let modes: Vec<usize> = (0..prior.mode_ends(encoding)?.len()).collect();
     let trajectories: Vec<f32> = prior.trajectories(encoding, &modes)?.flatten_all()?.to_vec1()?;
     let trajectories = || trajectories.chunks_exact(2 * HORIZON);

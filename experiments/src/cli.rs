@@ -356,7 +356,7 @@ fn number(text: &str) -> std::result::Result<f64, String> {
 }
 
 impl Cli {
-    /// True if the command evaluates networks.
+    /// True if the command evaluates networks or computes with their weights.
     pub(crate) fn needs_networks(&self) -> bool {
         matches!(
             self.command,

@@ -13,7 +13,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail};
-use sage_core::files::{self, Existing, FolderLock};
+use sage_core::files::{self, Existing, OutputLock};
 
 use crate::terminal;
 
@@ -28,7 +28,7 @@ pub(crate) const LONGEST_FILE_NAME: usize = 255;
 /// An output folder that only this run writes to.
 pub(crate) struct Folder {
     path: PathBuf,
-    claim: FolderLock,
+    claim: OutputLock,
 }
 
 impl Folder {
@@ -55,7 +55,7 @@ impl Folder {
     fn claim(inputs: &Inputs, path: &Path) -> Result<Self> {
         inputs.refuse_folder(path)?;
         create_folder(path)?;
-        Ok(Self { path: path.to_owned(), claim: FolderLock::folder(path, &command())? })
+        Ok(Self { path: path.to_owned(), claim: OutputLock::folder(path, &command())? })
     }
 
     /// True if the folder contains nothing except locks and some of the given files.
@@ -63,7 +63,7 @@ impl Folder {
         let entries = std::fs::read_dir(&self.path);
         for entry in entries.with_context(|| format!("cannot read `{}`", self.path.display()))? {
             let name = entry?.file_name();
-            if !FolderLock::is_lock(&name) && !files.iter().any(|file| name == *file) {
+            if !OutputLock::is_lock(&name) && !files.iter().any(|file| name == *file) {
                 return Ok(false);
             }
         }
@@ -108,7 +108,7 @@ impl Folder {
 pub(crate) struct OutputFile {
     path: PathBuf,
     existing: Existing,
-    claim: Option<FolderLock>,
+    claim: Option<OutputLock>,
 }
 
 impl OutputFile {
@@ -128,7 +128,7 @@ impl OutputFile {
         if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
             bail!("the folder `{}` does not exist; create it first", folder.display());
         }
-        let claim = FolderLock::file(path, &command())?;
+        let claim = OutputLock::file(path, &command())?;
         Ok(Self { path: path.to_owned(), existing, claim: Some(claim) })
     }
 

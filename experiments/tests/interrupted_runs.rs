@@ -13,7 +13,7 @@ use std::{
 
 use interruption::Case;
 use program::*;
-use sage_core::files::FolderLock;
+use sage_core::files::OutputLock;
 use sage_data::Recording;
 
 /// Times that each command is killed here; `kill_anywhere` does it as often as wanted.
@@ -88,8 +88,8 @@ fn a_folder_or_file_in_use_is_refused_and_told_whose_it_is() {
     let scene = example();
     let (out, dial, picture) = (at("out"), at("dial.json"), at("a.svg"));
     std::fs::create_dir(&out).unwrap();
-    let first = FolderLock::folder(&out, "sage of somebody else").unwrap();
-    let files = [&dial, &picture].map(|path| FolderLock::file(path, "sage of somebody else").unwrap());
+    let first = OutputLock::folder(&out, "sage of somebody else").unwrap();
+    let files = [&dial, &picture].map(|path| OutputLock::file(path, "sage of somebody else").unwrap());
     let out = text(&out);
     for command in [
         vec!["pretrain", "--procedural", "1", "--out", out],

@@ -44,7 +44,7 @@ pub enum Error {
         /// The file.
         path: PathBuf,
     },
-    /// An option out of range, with its value and the range.
+    /// An option with a value that it cannot have, and why.
     #[error("{0}")]
     Option(String),
     /// A number that is not finite: of a loss, a gradient, a probability. Names what holds it.

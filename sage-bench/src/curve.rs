@@ -119,14 +119,17 @@ pub struct Path {
 }
 
 impl Path {
-    /// The path of a value; `None` without scenes.
-    pub fn of(curve: &Curve, value: Value) -> Option<Self> {
+    /// The path of a value over increasing λ, one for each point; `None` without scenes or without an inner point.
+    pub fn of(curve: &Curve, lambdas: &[f64], value: Value) -> Option<Self> {
+        if lambdas.len() < 3 {
+            return None;
+        }
         let values = |front: &[Point]| front.iter().map(value).collect::<Vec<_>>();
+        let heights = |front: &[Point]| heights(lambdas, &values(front));
         Some(Self {
-            least: curve
-                .estimate(|front| heights(&values(front)).into_iter().fold(f64::INFINITY, f64::min))?,
-            mean: curve.estimate(|front| mean(&heights(&values(front))).unwrap_or(0.0))?,
-            concave: curve.estimate(|front| concave(&values(front)))?,
+            least: curve.estimate(|front| heights(front).into_iter().fold(f64::INFINITY, f64::min))?,
+            mean: curve.estimate(|front| mean(&heights(front)).unwrap_or(0.0))?,
+            concave: curve.estimate(|front| concave(lambdas, &values(front)))?,
         })
     }
 }
@@ -152,7 +155,7 @@ pub fn monotone(front: &[Point]) -> f64 {
     100.0 * rising as f64 / steps.len().max(1) as f64
 }
 
-/// Deviation of rates at evenly spaced points from the straight line between their ends.
+/// Deviation of rates from the straight line between their ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linearity {
     /// Root mean square of the distances from the line.
@@ -166,12 +169,12 @@ pub struct Linearity {
 }
 
 impl Linearity {
-    /// Of rates at evenly spaced points; all 0 without any.
-    pub fn of(rates: &[f64]) -> Self {
+    /// Of rates at increasing positions; all 0 without any.
+    pub fn of(positions: &[f64], rates: &[f64]) -> Self {
         let (Some(low), Some(high)) = (rates.first().copied(), rates.last().copied()) else {
             return Self { rms: 0.0, worst: 0.0, largest_drop: 0.0, span: 0.0 };
         };
-        let line = |k: usize| low + (high - low) * k as f64 / (rates.len() - 1).max(1) as f64;
+        let line = |k: usize| low + (high - low) * share(positions, k);
         let distances: Vec<f64> = rates.iter().enumerate().map(|(k, rate)| (rate - line(k)).abs()).collect();
         Self {
             rms: (distances.iter().map(|d| d * d).sum::<f64>() / distances.len() as f64).sqrt(),
@@ -183,34 +186,45 @@ impl Linearity {
 }
 
 /// Root mean square deviation of the attack rate from the straight line between its ends, in points.
-pub fn unevenness(front: &[Point]) -> f64 {
-    100.0 * Linearity::of(&front.iter().map(|p| p.attack).collect::<Vec<_>>()).rms
+pub fn unevenness(positions: &[f64], front: &[Point]) -> f64 {
+    100.0 * Linearity::of(positions, &front.iter().map(|p| p.attack).collect::<Vec<_>>()).rms
 }
 
-/// Heights above the chord between the ends, at the inner points. The chord is what mixing of probabilities attains.
-pub fn heights(values: &[f64]) -> Vec<f64> {
+/// Where a position lies between the first and the last, from 0 to 1.
+fn share(positions: &[f64], k: usize) -> f64 {
+    match positions {
+        [first, .., last] => (positions[k] - first) / (last - first),
+        _ => 0.0,
+    }
+}
+
+/// Heights above the chord between the ends, at the inner ones of increasing λ. The chord is what mixing of probabilities
+/// attains.
+pub fn heights(lambdas: &[f64], values: &[f64]) -> Vec<f64> {
     let last = values.len().saturating_sub(1);
     let (first, end) = (values.first().copied().unwrap_or(0.0), values.last().copied().unwrap_or(0.0));
     let height = |k: usize| {
-        let share = k as f64 / last as f64;
+        let share = share(lambdas, k);
         values[k] - ((1.0 - share) * first + share * end)
     };
     (1..last).map(height).collect()
 }
 
-/// Share of the inner points with a second difference of at most 0, in percent.
-pub fn concave(values: &[f64]) -> f64 {
-    let bends = values.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
+/// Share of the inner ones of increasing λ at which the slope does not rise, in percent.
+pub fn concave(lambdas: &[f64], values: &[f64]) -> f64 {
+    let slopes: Vec<f64> =
+        lambdas.windows(2).zip(values.windows(2)).map(|(l, v)| (v[1] - v[0]) / (l[1] - l[0])).collect();
+    let bends = slopes.windows(2).map(|pair| pair[1] - pair[0]);
     let (count, down) =
         bends.fold((0.0, 0.0), |(count, down), bend| (count + 1.0, down + f64::from(u8::from(bend <= 0.0))));
     100.0 * down / f64::max(count, 1.0)
 }
 
-/// λ at which `mu R_adv − (1 − mu) P_real` is largest, at evenly spaced points from 0 to 1.
-pub fn best_lambda(front: &[Point], mu: f64) -> f64 {
+/// λ at which `mu R_adv − (1 − mu) P_real` is largest; 0 without points.
+pub fn best_lambda(lambdas: &[f64], front: &[Point], mu: f64) -> f64 {
     let value = |p: &Point| mu * p.reward - (1.0 - mu) * p.penalty;
     let best = (0..front.len()).max_by(|a, b| value(&front[*a]).total_cmp(&value(&front[*b])));
-    best.unwrap_or(0) as f64 / front.len().saturating_sub(1).max(1) as f64
+    best.map_or(0.0, |k| lambdas[k])
 }
 
 /// Shapley share of λ in the change of a value when λ and μ rise from 0 to 1: the mean of the changes by λ at μ = 0
@@ -255,28 +269,37 @@ mod tests {
     #[test]
     fn evenness_is_measured_from_the_line_between_the_ends() {
         // The line is 0, 0.5, 1; the middle lies 0.3 below: RMS 0.3/√3.
-        let rates = Linearity::of(&[0.0, 0.2, 1.0]);
+        let rates = Linearity::of(&[0.0, 0.5, 1.0], &[0.0, 0.2, 1.0]);
         assert!((rates.rms - 0.3 / 3f64.sqrt()).abs() < 1e-12 && (rates.worst - 0.3).abs() < 1e-12);
         assert_eq!((rates.largest_drop, rates.span), (0.0, 1.0));
-        assert!((Linearity::of(&[0.5, 0.2, 0.4]).largest_drop - 0.3).abs() < 1e-12);
+        assert!((Linearity::of(&[0.0, 0.5, 1.0], &[0.5, 0.2, 0.4]).largest_drop - 0.3).abs() < 1e-12);
         let front = [at(1.0, 0.0, 0.0), at(2.0, 0.0, 0.2), at(1.5, 0.0, 1.0)];
-        assert!((unevenness(&front) - 100.0 * rates.rms).abs() < 1e-12);
+        assert!((unevenness(&[0.0, 0.5, 1.0], &front) - 100.0 * rates.rms).abs() < 1e-12);
         assert_eq!(monotone(&front), 50.0);
     }
 
     #[test]
     fn heights_and_bends_are_those_of_a_parabola() {
         // x (1 − x) at 0, ¼, ½, ¾, 1 over a chord of 0.
-        let values: Vec<f64> = (0..5).map(|k| f64::from(k) / 4.0).map(|x| x * (1.0 - x)).collect();
-        assert_eq!(heights(&values), [0.1875, 0.25, 0.1875]);
-        assert_eq!((concave(&values), concave(&[0.0, -1.0, 0.0])), (100.0, 0.0));
+        let parabola = |lambdas: &[f64]| lambdas.iter().map(|x| x * (1.0 - x)).collect::<Vec<_>>();
+        let lambdas = [0.0, 0.25, 0.5, 0.75, 1.0];
+        assert_eq!(heights(&lambdas, &parabola(&lambdas)), [0.1875, 0.25, 0.1875]);
+        assert_eq!(concave(&lambdas, &parabola(&lambdas)), 100.0);
+        assert_eq!(concave(&lambdas[..3], &[0.0, -1.0, 0.0]), 0.0);
+        // Uneven steps, and a part of the path: the chord is 0.75 λ from 0 to 1/4.
+        let uneven = [0.0, 0.125, 0.25];
+        assert_eq!(heights(&uneven, &parabola(&uneven)), [0.015625]);
+        let uneven = [0.0, 0.25, 1.0];
+        assert_eq!(heights(&uneven, &parabola(&uneven)), [0.1875]);
+        assert_eq!(concave(&uneven, &parabola(&uneven)), 100.0);
+        assert_eq!(heights(&uneven, &uneven), [0.0]);
     }
 
     #[test]
     fn a_parabola_lies_above_its_chord_and_a_valley_has_a_barrier() {
         let path = |of: fn(f64) -> f64| {
             let points = (0..=4).map(|k| at(of(f64::from(k) / 4.0), 0.0, 0.0)).collect();
-            Path::of(&Curve { scenes: vec![points; 3] }, VALUES[0].1).unwrap()
+            Path::of(&Curve { scenes: vec![points; 3] }, &[0.0, 0.25, 0.5, 0.75, 1.0], VALUES[0].1).unwrap()
         };
         let hill = path(|x| 2.0 * x + x * (1.0 - x));
         // At 1/4 and 3/4 the height is 3/16, at 1/2 it is 1/4.
@@ -284,7 +307,7 @@ mod tests {
         assert!((hill.mean.value - (2.0 * 0.1875 + 0.25) / 3.0).abs() < 1e-12);
         let valley = path(|x| x - x * (1.0 - x));
         assert!((valley.least.value + 0.25).abs() < 1e-12 && valley.concave.value == 0.0);
-        assert!(Path::of(&Curve::default(), VALUES[0].1).is_none());
+        assert!(Path::of(&Curve::default(), &[0.0, 0.5, 1.0], VALUES[0].1).is_none());
     }
 
     #[test]
@@ -293,7 +316,7 @@ mod tests {
         assert_eq!(shapley_of_lambda([0.0, 3.0, 1.0, 10.0]), Some(0.6));
         assert_eq!(shapley_of_lambda([1.0, 3.0, 2.0, 1.0]), None);
         let front = [at(0.0, 1.0, 0.0), at(2.0, 2.0, 0.0), at(3.0, 6.0, 0.0)];
-        assert_eq!([0.0, 0.5, 1.0].map(|mu| best_lambda(&front, mu)), [0.0, 0.5, 1.0]);
+        assert_eq!([0.0, 0.5, 1.0].map(|mu| best_lambda(&[0.0, 0.1, 1.0], &front, mu)), [0.0, 0.1, 1.0]);
     }
 
     #[test]

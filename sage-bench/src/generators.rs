@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use sage_core::{
     Error,
     generator::{ApartNow, Attack, Generator as _, OperatingPoint},
@@ -92,7 +92,8 @@ impl<'r> Generators<'r> {
             (vec![key(None)], vec![OperatingPoint::at(1.0, 1.0)])
         };
         let generator = ApartNow(kind.build(&self.inputs)?);
-        Ok(BuiltGenerator { facts, keys, points, generator, experts, range: self.inputs.merger.range() })
+        let (label, range) = (part.to_string(), self.inputs.merger.range());
+        Ok(BuiltGenerator { facts, keys, points, label, generator, experts, range })
     }
 }
 
@@ -104,6 +105,7 @@ pub struct BuiltGenerator {
     pub keys: Vec<RowKey>,
     /// Operating point of each key.
     pub points: Vec<OperatingPoint>,
+    label: String,
     generator: ApartNow,
     experts: Option<ExpertSet>,
     range: Range,
@@ -125,6 +127,14 @@ impl BuiltGenerator {
         Ok(self.generator.attacks(ctx, point, seed)?.into_iter().next())
     }
 
+    /// Whether it can attack at a λ between two experts, known before the first attack.
+    ///
+    /// *Errors*: an expert is missing.
+    pub fn check_lambda(&self) -> Result<()> {
+        let checked = self.among_experts(&OperatingPoint::at(1.0, 1.0));
+        checked.map(drop).with_context(|| format!("generator `{}`", self.label))
+    }
+
     /// An operating point between two experts, among all experts of the set.
     ///
     /// *Errors*: the merger refuses the λ.
@@ -144,10 +154,9 @@ impl Attacker for BuiltGenerator {
         at: &OperatingPoint,
         seed: u64,
     ) -> Result<Arc<Plan>, Error> {
-        let point = self.among_experts(at).map_err(|error| Error::Options {
-            kind: "generator",
-            name: "lambda",
-            problem: format!("{error:#}"),
+        let point = self.among_experts(at).map_err(|error| Error::Scene {
+            scene: scene.scene().id.clone(),
+            problem: format!("attack of `{}`: {error:#}", self.label),
         })?;
         // A contact at now counts here, as in the published evaluation.
         plan_of_generator(&*self.generator.0, &point, scene, drive, seed)

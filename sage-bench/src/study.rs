@@ -122,19 +122,20 @@ pub struct PlaneAxis {
     pub shares: Vec<f64>,
 }
 
+/// The first line of a YAML parser's message, which shows the place in further lines.
+pub fn in_one_line(error: serde_saphyr::Error) -> anyhow::Error {
+    let text = error.to_string();
+    let line = text.lines().next().unwrap_or_default();
+    anyhow!("{}", line.trim_start_matches("error: ").to_owned())
+}
+
 impl Study {
     /// A shipped study by its name, or the study of a file's text.
     ///
     /// *Errors*: the text is no study; the study is not complete.
     pub fn parse(text: &str, name: &str) -> Result<Self> {
-        // Only the first line of the parser's message fits one line.
-        let first = |error: serde_saphyr::Error| {
-            let text = error.to_string();
-            let line = text.lines().next().unwrap_or_default();
-            anyhow!("{}", line.trim_start_matches("error: ").to_owned())
-        };
         let study: Self =
-            serde_saphyr::from_str(text).map_err(first).with_context(|| format!("study `{name}`"))?;
+            serde_saphyr::from_str(text).map_err(in_one_line).with_context(|| format!("study `{name}`"))?;
         study.check().with_context(|| format!("study `{name}`"))?;
         Ok(study)
     }

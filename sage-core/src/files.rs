@@ -4,13 +4,13 @@
 //! limit. A file under its final name is complete, and no link is followed to write or to remove one. A run that
 //! fails leaves no temporary files.
 
-mod folder_lock;
 mod inside;
+mod output_lock;
 mod read;
 mod write;
 
-pub use folder_lock::{FolderLock, LockError};
 pub use inside::{check_folders, create_inside, remove_inside};
+pub use output_lock::{LockError, OutputLock};
 pub use read::{
     Opened, open_argument, read, read_argument, read_argument_text, read_open, read_start, read_text,
 };

@@ -72,7 +72,7 @@ pub trait Proposer: Send + Sync {
     fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedProposer>, Error>;
 }
 
-/// A scene that a proposer has prepared.
+/// A proposer that is prepared for one scene.
 pub trait PreparedProposer: Send + Sync {
     /// Proposals at a mixture of experts: at least one, sorted by descending probability if they have
     /// probabilities.

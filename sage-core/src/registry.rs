@@ -39,7 +39,7 @@ pub struct Registered<T: ?Sized> {
     pub source: &'static str,
     /// Default options.
     pub defaults: Value,
-    /// Whether options that are left out have these defaults, not those of the type.
+    /// Whether options that are left out, at any depth, have these defaults, not those of the type.
     is_preset: bool,
     build: fn(&Value) -> Result<Box<T>, String>,
 }
@@ -125,12 +125,10 @@ impl<T: ?Sized> Registry<T> {
             let problem = format!("`{options}` is not a JSON object of options by name");
             return Err(Error::Options { kind: self.kind, name: entry.name, problem });
         }
-        let built = match (entry.is_preset, &entry.defaults, options) {
-            (true, Value::Object(defaults), Value::Object(given)) => {
-                let all = defaults.iter().chain(given).map(|(name, value)| (name.clone(), value.clone()));
-                (entry.build)(&Value::Object(all.collect()))
-            }
-            _ => (entry.build)(options),
+        let built = if entry.is_preset {
+            (entry.build)(&with_defaults(&entry.defaults, options))
+        } else {
+            (entry.build)(options)
         };
         built.map_err(|problem| Error::Options { kind: self.kind, name: entry.name, problem })
     }
@@ -140,6 +138,17 @@ impl<T: ?Sized> Registry<T> {
         let defaults = &self.get(name)?.defaults;
         self.build(name, defaults)
     }
+}
+
+/// Options over their defaults, object by object.
+fn with_defaults(defaults: &Value, given: &Value) -> Value {
+    let (Value::Object(defaults), Value::Object(given)) = (defaults, given) else { return given.clone() };
+    let mut all = defaults.clone();
+    for (name, value) in given {
+        let value = defaults.get(name).map_or_else(|| value.clone(), |default| with_defaults(default, value));
+        all.insert(name.clone(), value);
+    }
+    Value::Object(all)
 }
 
 #[cfg(test)]
@@ -204,6 +213,15 @@ mod tests {
             shapes.with_preset::<Square>("square", "again", "Euclid", &large),
             Err(Error::Duplicate { .. })
         ));
+    }
+
+    #[test]
+    fn options_of_a_preset_keep_its_defaults_at_any_depth() {
+        use serde_json::json;
+        let defaults = json!({"model": {"gap": 1.0, "speed": {"max": 10.0, "min": 0.0}}, "limits": [-3.0, 1.0], "lane": {}});
+        let given = json!({"model": {"speed": {"min": 2.0}}, "limits": [-1.0], "lane": null, "new": 1});
+        let all = json!({"model": {"gap": 1.0, "speed": {"max": 10.0, "min": 2.0}}, "limits": [-1.0], "lane": null, "new": 1});
+        assert_eq!(with_defaults(&defaults, &given), all);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Smooth stand-ins of rewards: published values, gradients against differences, and order.
+//! Smooth surrogates of rewards: published values, gradients against differences, and order.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 

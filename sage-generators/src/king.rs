@@ -2,7 +2,7 @@
 //! steps that the SAGE paper gives it.
 //!
 //! The search starts from controls that follow the adversary's recorded motion, or SAGE's attack, and maximises a smooth
-//! stand-in of `0.9 R_adv − 0.1 P_real` minus what is missing to a clearance from edges and others. The published method has no
+//! surrogate of `0.9 R_adv − 0.1 P_real` minus what is missing to a clearance from edges and others. The published method has no
 //! such term in the paper's set-up and leaves the road.
 
 use sage_core::{

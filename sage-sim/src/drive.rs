@@ -39,20 +39,20 @@ pub struct DriveContact {
 /// A simulation with its drivers. A clone continues on its own.
 pub struct Simulation {
     world: World,
-    ego: Seated,
-    adversary: Option<(Seated, [Route; 2])>,
+    ego: InformedDriver,
+    adversary: Option<(InformedDriver, [Route; 2])>,
     driving: Driving,
     observation: ObservationKind,
     is_posed: bool,
 }
 
 /// A driver and what it may know.
-struct Seated {
+struct InformedDriver {
     driver: Box<dyn Driver>,
     knowledge: Knowledge,
 }
 
-impl Clone for Seated {
+impl Clone for InformedDriver {
     fn clone(&self) -> Self {
         Self { driver: self.driver.boxed_clone(), knowledge: self.knowledge }
     }
@@ -77,7 +77,7 @@ impl Simulation {
     ) -> Result<Self, Error> {
         let world = World::new(scene.clone(), options.clone(), plan, seed)?;
         let track = scene.scene().ego;
-        let ego = Seated { driver: started(policy, scene, track, seed)?, knowledge: policy.knows() };
+        let ego = InformedDriver { driver: started(policy, scene, track, seed)?, knowledge: policy.knows() };
         let driving = Driving::start(scene.route(), Localization::Nearest, world.motion());
         let observation = ObservationKind::Corrected;
         Ok(Self { world, ego, adversary: None, driving, observation, is_posed: false })
@@ -92,8 +92,9 @@ impl Simulation {
         self.world.drive_adversary()?;
         let log = &scene.scene().tracks[track];
         let routes = [guide(log, scene.index()), Route::of_track(log, 0, false)];
-        let seated = Seated { driver: started(policy, &scene, track, seed)?, knowledge: policy.knows() };
-        self.adversary = Some((seated, routes));
+        let driver =
+            InformedDriver { driver: started(policy, &scene, track, seed)?, knowledge: policy.knows() };
+        self.adversary = Some((driver, routes));
         Ok(self)
     }
 
@@ -131,7 +132,7 @@ impl Simulation {
         };
         let control = self.ego.driver.control(&View::new(world, vehicle, self.ego.knowledge, Some(&see)))?;
         let mut theirs = None;
-        if let (Some((seated, [route, log])), Some((motion, body))) =
+        if let (Some((driver, [route, log])), Some((motion, body))) =
             (&mut self.adversary, world.adversary_motion())
         {
             let track = scene.scene().adversary_index()?;
@@ -147,7 +148,7 @@ impl Simulation {
                 ground,
                 others: &others,
             };
-            theirs = Some(seated.driver.control(&View::new(world, vehicle, seated.knowledge, None))?);
+            theirs = Some(driver.driver.control(&View::new(world, vehicle, driver.knowledge, None))?);
         }
         self.world.step(control, theirs)?;
         self.is_posed = matches!(control, Control::Pose { .. });

@@ -137,7 +137,7 @@ fn idm_changes_to_a_free_parallel_lane_and_drives_on() {
 }
 
 #[test]
-fn privileges_are_declared() {
+fn knowledge_is_declared() {
     let knows = |name: &str| policy(name).knows();
     assert_eq!(knows("expert-release"), Knowledge::Everything);
     assert_eq!(knows("replay"), Knowledge::OwnLog);

@@ -87,10 +87,10 @@ pub(crate) struct FinetuneArgs {
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = roles)]
     pub roles: usize,
     /// Edges in the features of the network: road boundaries alone as in the paper, or medians too (default:
-    /// all, if the network has the option).
+    /// `edges` of --config or --variants, else all; networks without the option keep their features).
     #[arg(long, value_enum, value_name = "KIND")]
     pub edges: Option<Edges>,
-    /// JSON file of fine-tuning options; omitted options keep each expert's defaults.
+    /// JSON file of fine-tuning options, and `edges`; omitted options keep each expert's defaults.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Tune the variants of a study, each as an expert, and draw their training curves: `ablation`, or a JSON file as for

@@ -125,7 +125,7 @@ fn largest_layers(geometry: &Geometry) -> String {
 /// Principal components of the prior and all experts, with the path and two extrapolations, as CSV and as a picture.
 fn components(all: &ExpertSet, geometry: &Geometry) -> Result<[(&'static str, String); 2]> {
     let names = all.names();
-    let found = Components::of(&Geometry::of(all)?, names.len()).context("the experts are the prior")?;
+    let found = Components::of(&Geometry::of(all)?, names.len()).context("the differences of the experts from the prior have fewer than two directions, so there is no plane to draw")?;
     let place = |[realistic, adversarial]: [f64; 2]| -> Result<[f64; 2]> {
         let at = all.mixture(&[(REALISTIC, realistic), (ADVERSARIAL, adversarial)])?;
         Ok(found.coordinates(at.weights()))

@@ -57,7 +57,7 @@ pub(crate) fn run(args: &CalibrateArgs, registries: &Registries) -> Result<Outco
             grid.attacks(lambda, mu).context("an aggression was not evaluated")
         };
         let attacks = all.iter().map(at).collect::<Result<Vec<_>>>()?;
-        let linearity = Linearity::of(&attacks.iter().map(|a| a.rate(rate)).collect::<Vec<_>>());
+        let linearity = Linearity::of(&all, &attacks.iter().map(|a| a.rate(rate)).collect::<Vec<_>>());
         progress.say(&format!(
             "selection {}: {} rate {:.0} % to {:.0} %, deviation from a straight line {:.1} points RMS, {:.1} points at most",
             selection.name,

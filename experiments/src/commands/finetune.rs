@@ -130,7 +130,8 @@ fn read_config(path: &Path) -> Result<Map<String, Value>> {
     Ok(config)
 }
 
-/// The prior with some edges in its features. A network without this option keeps its features, unless --edges is given.
+/// The prior with some edges in its features. A network without this option keeps its features, also with the shipped
+/// variants; other edges that are asked for are an error.
 fn with_edges(
     loaded: Loaded,
     args: &FinetuneArgs,
@@ -140,7 +141,12 @@ fn with_edges(
     let Loaded { network, mut header, name } = loaded;
     let mut options = network.options().clone();
     let Some(edges) = options.get_mut(EDGES) else {
-        ensure!(args.edges.is_none(), "the network `{}` has no option `edges`; omit --edges", network.name());
+        let is_shipped = args.edges.is_none() && args.variants.as_deref() == Some(ABLATION);
+        ensure!(
+            edges_of_run.is_none() || is_shipped,
+            "the network `{}` has no option `edges`; omit --edges and `edges`",
+            network.name()
+        );
         return Ok(Loaded { network, header, name });
     };
     *edges = serde_json::to_value(edges_of_run.unwrap_or(EdgeKinds::All))?;

@@ -33,7 +33,7 @@ pub(crate) struct Claim {
     pub(crate) check: Box<dyn Check>,
 }
 
-/// A injected fault, and whether its check noticed it.
+/// An injected fault, and whether its check noticed it.
 struct Injected<'c> {
     claim: &'c str,
     error: &'static str,

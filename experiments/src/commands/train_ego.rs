@@ -15,6 +15,7 @@ use std::{
 };
 
 use anyhow::{Context as _, Result, anyhow, bail};
+use sage_bench::study::in_one_line;
 use sage_core::{files, scene::SceneData};
 use sage_sim::{
     SimScene,
@@ -38,7 +39,8 @@ use crate::{
 /// Name for no generator.
 const NONE: &str = "none";
 /// Options of a run that are options of the command, not of its configuration.
-const OWN_OPTIONS: [&str; 4] = ["updates", "ratio", "evaluations", "seed"];
+const OWN_OPTIONS: [(&str, &str); 4] =
+    [("updates", "--updates"), ("ratio", "--ratio"), ("evaluations", "--evaluations"), ("seed", "--seeds")];
 /// Size limit of a configuration, bytes.
 const MAX_CONFIG: u64 = 1 << 20;
 /// Procedural scenes of the evaluation have this seed, those of the training have 0.
@@ -87,7 +89,11 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
         used = json!({"name": weights, "hashes": weight_hashes(&experts)?});
         generators = generators.with_experts(&experts);
     }
-    let build = |part: Option<&Part>| part.map(|part| generators.build(part, &[])).transpose();
+    let build = |part: Option<&Part>| -> Result<_> {
+        let built = part.map(|part| generators.build(part, &[])).transpose()?;
+        built.as_ref().map_or(Ok(()), BuiltGenerator::check_lambda)?;
+        Ok(built)
+    };
     let (attacker, examiner) = (build(parts[0])?, build(parts[1])?);
     let needs_adversary = attacker.is_some() || examiner.is_some();
     let (training, failed) = scenes(&args.paths, &args.split, args.procedural, 0, needs_adversary)?;
@@ -158,9 +164,10 @@ fn options(args: &TrainEgoArgs) -> Result<TrainingOptions> {
         let read = files::read_text(args.config.as_ref(), MAX_CONFIG);
         (read.with_context(|| format!("--config: cannot read `{}`", args.config))?, &*args.config)
     };
-    let given: Map<String, Value> = serde_saphyr::from_str(&text).with_context(|| format!("`{name}`"))?;
-    if let Some(option) = OWN_OPTIONS.iter().find(|option| given.contains_key(**option)) {
-        bail!("`{name}`: `{option}` is not part of a configuration; give --{option}");
+    let given: Map<String, Value> =
+        serde_saphyr::from_str(&text).map_err(in_one_line).with_context(|| format!("`{name}`"))?;
+    if let Some((key, option)) = OWN_OPTIONS.iter().find(|(key, _)| given.contains_key(*key)) {
+        bail!("`{name}`: `{key}` is not part of a configuration; give {option}");
     }
     let rare: TrainingOptions =
         serde_json::from_value(Value::Object(given)).with_context(|| format!("`{name}`"))?;

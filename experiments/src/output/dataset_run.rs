@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use sage_core::files::FolderLock;
+use sage_core::files::OutputLock;
 use sage_data::{
     dataset::{self, Shard},
     folder,
@@ -40,9 +40,9 @@ impl DatasetRun {
         super::create_folder(path)?;
         // A shard also holds the whole folder until the record is written.
         let (claim, whole_folder) = match shard {
-            None => (FolderLock::folder(path, &command())?, None),
+            None => (OutputLock::folder(path, &command())?, None),
             Some(Shard { number, of }) => {
-                let (own, whole) = FolderLock::shard(path, number, of, &command())?;
+                let (own, whole) = OutputLock::shard(path, number, of, &command())?;
                 (own, Some(whole))
             }
         };
@@ -104,7 +104,7 @@ impl DatasetRun {
     ) -> Result<(Value, usize)> {
         // Shards that end at the same time wait for each other.
         let path = self.folder.path();
-        let _whole = self.shard.map(|_| FolderLock::folder_shortly(path, &command())).transpose()?;
+        let _whole = self.shard.map(|_| OutputLock::folder_shortly(path, &command())).transpose()?;
         // Counted first: a scene that another shard finishes now may be missing in the tables.
         let results = results();
         let mut listed = 0;
@@ -144,7 +144,7 @@ impl DatasetRun {
 
     fn other_shard(&self) -> Result<Option<String>> {
         let Some(Shard { number, of }) = self.shard else { return Ok(None) };
-        Ok(FolderLock::other_shard(self.folder.path(), number, of)?)
+        Ok(OutputLock::other_shard(self.folder.path(), number, of)?)
     }
 
     fn record(&self, results: &Value, per_attack: Option<f64>, seconds: Option<f64>) -> Result<()> {

@@ -319,8 +319,10 @@ fn scene_gradient(
 ) -> Result<(Option<Gradient>, FinetuneRow), Error> {
     let log_probs = trainer.network().log_probs(encoding)?;
     let what = format!("epoch {epoch}, scene `{}`", scene.name);
-    let policy: Vec<f32> =
-        finite(&log_probs).map_err(|error| Error::NotFinite(format!("{what}: {error}")))?;
+    let policy: Vec<f32> = finite(&log_probs).map_err(|error| match error {
+        Error::NotFinite(problem) => Error::NotFinite(format!("{what}: {problem}")),
+        other => other,
+    })?;
     // The folder of a scene file must not matter.
     let own = scene.name.rsplit(['/', '\\']).next().unwrap_or(&scene.name);
     let mut rng = Rng::new(options.seed, own, &format!("candidates of epoch {epoch}"));

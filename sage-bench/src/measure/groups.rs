@@ -165,9 +165,13 @@ fn built(
         points.iter().max_by(|a, b| a.mu.total_cmp(&b.mu)).into_iter().cloned().collect();
     let build = |text: &String| {
         let part: Part = text.parse().map_err(anyhow::Error::msg)?;
-        let is_upper_bound = generators.facts(&part)?.is_upper_bound;
+        let facts = generators.facts(&part)?;
+        ensure!(
+            !points.is_empty() || !facts.uses_operating_point(),
+            "generator `{text}`: the study has no operating point; give `lambda`, `aggression` or `mix`"
+        );
         generators
-            .build(&part, if is_upper_bound { &largest_mu } else { points })
+            .build(&part, if facts.is_upper_bound { &largest_mu } else { points })
             .with_context(|| format!("generator `{text}`"))
     };
     let built = study.method.iter().map(build).collect::<Result<Vec<_>>>()?;

@@ -156,8 +156,12 @@ fn plane(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> 
     let value = |y: &f64, x: &f64| -> Result<f64> {
         let mix = [(a.clone(), *x), (b.clone(), *y)];
         let is_here = |k: &&usize| results.keys[**k].point.as_ref().is_some_and(|point| point.mix == mix);
-        let method = methods.iter().find(is_here).context("a point of the plane was not measured")?;
-        Ok(mean(results, chart, *method, &chart.y)?.unwrap_or(f64::NAN))
+        let found: Vec<&usize> = methods.iter().filter(is_here).collect();
+        match found[..] {
+            [method] => Ok(mean(results, chart, *method, &chart.y)?.unwrap_or(f64::NAN)),
+            [] => bail!("a point of the plane was not measured"),
+            _ => bail!("a plane shows one merger, weights and generator; the study has {}", found.len()),
+        }
     };
     let values = shares.iter().flat_map(|y| shares.iter().map(move |x| value(y, x)));
     let axes = [format!("share of the {a} vector"), format!("share of the {b} vector")];

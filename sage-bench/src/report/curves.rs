@@ -1,6 +1,6 @@
 //! Quantities of the curve of each method over its operating points.
 
-use anyhow::{Context as _, Result};
+use anyhow::{Context as _, Result, ensure};
 use sage_core::statistics::Estimate;
 
 use crate::{
@@ -20,9 +20,7 @@ pub(super) struct Line {
 /// one curve, others are curves of their own.
 pub(super) fn lines(results: &Results, subject: Subject) -> Vec<Line> {
     let mut all: Vec<Line> = Vec::new();
-    // Mixtures by name lie on no curve.
-    let is_mixed = |k: &usize| results.keys[*k].point.as_ref().is_some_and(|point| !point.mix.is_empty());
-    let methods: Vec<usize> = results.methods(subject).into_iter().filter(|k| !is_mixed(k)).collect();
+    let methods = results.methods(subject);
     let has_arms = methods.iter().any(|k| results.keys[*k].arm != results.keys[methods[0]].arm);
     let has_attacks =
         methods.iter().any(|k| generator(&results.keys[*k]) != generator(&results.keys[methods[0]]));
@@ -50,6 +48,40 @@ fn generator(key: &Key) -> String {
     let serde_json::Value::Object(options) = options.unwrap_or_default() else { return key.attack.clone() };
     let other: serde_json::Map<_, _> = options.into_iter().filter(|(_, value)| !value.is_number()).collect();
     if other.is_empty() { name.to_owned() } else { format!("{name}{}", serde_json::Value::Object(other)) }
+}
+
+impl Line {
+    /// Its position at a point: λ or the aggression, whichever rises along the whole line; equal steps if neither does.
+    fn positions(&self, results: &Results) -> Vec<f64> {
+        let points = || self.methods.iter().map(|k| results.keys[*k].point.as_ref());
+        let lambdas: Option<Vec<f64>> = points().map(|point| point?.lambda).collect();
+        let aggressions: Option<Vec<f64>> = points().map(|point| point?.aggression).collect();
+        let rises = |all: &Vec<f64>| all.windows(2).all(|pair| pair[0] < pair[1]);
+        let steps = || (0..self.methods.len()).map(|k| k as f64).collect();
+        aggressions.filter(rises).or_else(|| lambdas.filter(rises)).unwrap_or_else(steps)
+    }
+
+    /// The part of it that lies on a path between two experts, in the order of λ, with each λ. `None` without any.
+    ///
+    /// *Errors*: fewer than three λ, or one that occurs several times.
+    fn over_lambda(&self, results: &Results) -> Result<Option<(Self, Vec<f64>)>> {
+        let lambda = |k: usize| results.keys[k].point.as_ref()?.lambda;
+        let mut all: Vec<(f64, usize)> =
+            self.methods.iter().filter_map(|k| Some((lambda(*k)?, *k))).collect();
+        if all.is_empty() {
+            return Ok(None);
+        }
+        all.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let is_path = all.len() > 2 && all.windows(2).all(|pair| pair[0].0 < pair[1].0);
+        ensure!(
+            is_path,
+            "`above-chord` and `best-lambda` need at least three lambda, each at one point; `{}` has {}",
+            self.name,
+            all.iter().map(|(lambda, _)| lambda.to_string()).collect::<Vec<_>>().join(", "),
+        );
+        let (lambdas, methods) = all.into_iter().unzip();
+        Ok(Some((Self { name: self.name.clone(), methods }, lambdas)))
+    }
 }
 
 /// The curve of a line over the scenes in which all its points were measured.
@@ -87,7 +119,7 @@ fn common(results: &Results, subject: Subject) -> Vec<usize> {
 
 /// The tables of quantities.
 ///
-/// *Errors*: R_adv, P_real, attack or believable was not measured.
+/// *Errors*: R_adv, P_real, attack or believable was not measured; a line is no path over λ, where one is needed.
 pub(super) fn tables(study: &Study, results: &Results) -> Result<Vec<Table>> {
     let wanted = &study.report.curves;
     let mut tables = Vec::new();
@@ -100,12 +132,9 @@ pub(super) fn tables(study: &Study, results: &Results) -> Result<Vec<Table>> {
         let scenes = common(results, subject);
         let curves =
             lines.iter().map(|line| curve(results, line, subject, &scenes)).collect::<Result<Vec<_>>>()?;
-        tables.extend(quantities(wanted, &lines, &curves, subject));
-        if wanted.contains(&CurveQuantity::AboveChord) {
-            tables.push(above_chord(&lines, &curves));
-        }
-        if wanted.contains(&CurveQuantity::BestLambda) {
-            tables.push(best_lambdas(&lines, &curves));
+        tables.extend(quantities(wanted, results, &lines, &curves, subject));
+        if [CurveQuantity::AboveChord, CurveQuantity::BestLambda].iter().any(|of| wanted.contains(of)) {
+            tables.extend(over_lambda(wanted, results, &lines, subject, &scenes)?);
         }
         if wanted.contains(&CurveQuantity::EqualRealism) && subject == Subject::Trajectory {
             tables.extend(equal_realism(results, &lines, &curves));
@@ -119,7 +148,13 @@ fn shown(e: Option<Estimate>) -> String {
 }
 
 /// One row for each curve; `None` without a quantity that is one number.
-fn quantities(wanted: &[CurveQuantity], lines: &[Line], curves: &[Curve], subject: Subject) -> Option<Table> {
+fn quantities(
+    wanted: &[CurveQuantity],
+    results: &Results,
+    lines: &[Line],
+    curves: &[Curve],
+    subject: Subject,
+) -> Option<Table> {
     let head = |quantity: &CurveQuantity| match quantity {
         CurveQuantity::Hypervolume => Some("hypervolume"),
         CurveQuantity::HypervolumeMinusFirst => Some("hypervolume minus the first"),
@@ -142,7 +177,7 @@ fn quantities(wanted: &[CurveQuantity], lines: &[Line], curves: &[Curve], subjec
             CurveQuantity::HypervolumeMinusFirst if k == 0 => "-".to_owned(),
             CurveQuantity::HypervolumeMinusFirst => shown(curve.difference(&curves[0], hypervolume)),
             CurveQuantity::Monotone => format!("{:.0}", monotone(&front)),
-            CurveQuantity::Unevenness => format!("{:.1}", unevenness(&front)),
+            CurveQuantity::Unevenness => format!("{:.1}", unevenness(&line.positions(results), &front)),
             _ => String::new(),
         }));
         row
@@ -157,13 +192,45 @@ fn quantities(wanted: &[CurveQuantity], lines: &[Line], curves: &[Curve], subjec
     Some(Table { title, heads, rows: lines.iter().zip(curves).enumerate().map(row).collect(), names: 1 })
 }
 
-/// Heights of rewards above the chord of each curve.
-fn above_chord(lines: &[Line], curves: &[Curve]) -> Table {
-    let rows = lines.iter().zip(curves).flat_map(|(line, curve)| {
+/// A line over increasing λ.
+struct LambdaPath {
+    name: String,
+    lambdas: Vec<f64>,
+    curve: Curve,
+}
+
+/// The tables of quantities over λ.
+fn over_lambda(
+    wanted: &[CurveQuantity],
+    results: &Results,
+    lines: &[Line],
+    subject: Subject,
+    scenes: &[usize],
+) -> Result<Vec<Table>> {
+    let mut paths = Vec::new();
+    for line in lines {
+        if let Some((line, lambdas)) = line.over_lambda(results)? {
+            let curve = curve(results, &line, subject, scenes)?;
+            paths.push(LambdaPath { name: line.name, lambdas, curve });
+        }
+    }
+    let mut tables = Vec::new();
+    if wanted.contains(&CurveQuantity::AboveChord) {
+        tables.push(above_chord(&paths));
+    }
+    if wanted.contains(&CurveQuantity::BestLambda) {
+        tables.push(best_lambdas(&paths));
+    }
+    Ok(tables)
+}
+
+/// Heights of rewards above the chord of each path.
+fn above_chord(paths: &[LambdaPath]) -> Table {
+    let rows = paths.iter().flat_map(|path| {
         VALUES.iter().filter_map(|(name, value)| {
-            let path = Path::of(curve, *value)?;
-            let cells = [path.least, path.mean, path.concave].map(|e| shown(Some(e)));
-            Some([vec![line.name.clone(), (*name).to_owned()], cells.to_vec()].concat())
+            let found = Path::of(&path.curve, &path.lambdas, *value)?;
+            let cells = [found.least, found.mean, found.concave].map(|e| shown(Some(e)));
+            Some([vec![path.name.clone(), (*name).to_owned()], cells.to_vec()].concat())
         })
     });
     let title = "Heights above the chord between the ends; the chord is what probability mixing attains, and a least height below 0 is a barrier:";
@@ -179,14 +246,14 @@ fn above_chord(lines: &[Line], curves: &[Curve]) -> Table {
 /// μ whose best λ is shown.
 const PREFERENCES: [f64; 7] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0];
 
-/// Where on each curve a weighted sum is largest.
-fn best_lambdas(lines: &[Line], curves: &[Curve]) -> Table {
-    let rows = lines.iter().zip(curves).map(|(line, curve)| {
+/// Where on each path a weighted sum is largest.
+fn best_lambdas(paths: &[LambdaPath]) -> Table {
+    let rows = paths.iter().map(|path| {
         let best = |mu: f64| {
-            let found = curve.estimate(|front| best_lambda(front, mu));
+            let found = path.curve.estimate(|front| best_lambda(&path.lambdas, front, mu));
             found.map_or("-".to_owned(), |e| format!("{:.2} [{:.2}, {:.2}]", e.value, e.low, e.high))
         };
-        std::iter::once(line.name.clone()).chain(PREFERENCES.map(best)).collect()
+        std::iter::once(path.name.clone()).chain(PREFERENCES.map(best)).collect()
     });
     let heads = std::iter::once("curve".to_owned()).chain(PREFERENCES.map(|mu| format!("mu {mu}")));
     let title = "Lambda at which mu R_adv - (1 - mu) P_real is largest:".to_owned();

@@ -78,7 +78,7 @@ fn evenness(results: &Results, sweeps: &[Sweep]) -> Result<Table> {
         let reward = means(REWARD)?;
         for rate in RATES {
             let rates = means(rate)?;
-            let found = Linearity::of(&rates);
+            let found = Linearity::of(&at, &rates);
             rows.push(vec![
                 sweep.name.to_owned(),
                 rate.to_owned(),

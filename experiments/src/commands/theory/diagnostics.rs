@@ -117,7 +117,9 @@ impl Found {
         let squared = self.geometry.norm(&[-1.0, 1.0]).powi(2);
         let last = (self.points.lambdas.len() - 1) as f64;
         let curvatures = |front: &[Measure], value: Value| -> Vec<f64> {
-            let heights = heights(&front.iter().map(value).collect::<Vec<_>>()).into_iter().enumerate();
+            let heights = heights(&self.points.lambdas, &front.iter().map(value).collect::<Vec<_>>())
+                .into_iter()
+                .enumerate();
             heights
                 .map(|(k, height)| {
                     let lambda = (k + 1) as f64 / last;
@@ -147,7 +149,7 @@ impl Found {
             }
             path.row(name, [least, mean, largest].map(|e| cell(&e, 4)));
             let over_chord = self.path.estimate(|front| {
-                heights(&front.iter().map(value).collect::<Vec<_>>())
+                heights(&self.points.lambdas, &front.iter().map(value).collect::<Vec<_>>())
                     .into_iter()
                     .map(|height| -height)
                     .fold(f64::NEG_INFINITY, f64::max)
@@ -197,7 +199,7 @@ impl Found {
         let mut points = Vec::new();
         let mut against = Vec::new();
         for mu in PREFERENCES {
-            let best = self.path.estimate(|front| best_lambda(front, mu))?;
+            let best = self.path.estimate(|front| best_lambda(&self.points.lambdas, front, mu))?;
             let at = Preference { mu, beta: BETA };
             let (rule, [low, high]) = match at.coefficients() {
                 [c1, _] if c1 <= 1e-9 => ("0", [0.0, 0.0]),

@@ -33,14 +33,14 @@ const HOLDER_LIMIT: u64 = 2048;
 /// It is a lock of the operating system on a separate file, which is removed on drop. The system releases
 /// the lock of a killed process, so a lock file that remains does not block later runs.
 #[derive(Debug)]
-pub struct FolderLock {
+pub struct OutputLock {
     lock: PathBuf,
     // Closed, and so unlocked, only after `drop` has removed the file.
     _file: File,
     _entry: Registered,
 }
 
-/// Why a folder cannot be claimed.
+/// Why a folder or a file cannot be claimed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LockError {
@@ -63,7 +63,7 @@ pub enum LockError {
     },
 }
 
-impl FolderLock {
+impl OutputLock {
     /// Claims a folder, which must exist, and removes the temporary files that killed runs left in it.
     /// Other runs print `holder` in their errors.
     ///
@@ -106,7 +106,7 @@ impl FolderLock {
     /// Claims a whole folder for the short time in which a shard begins or ends. Waits while other shards
     /// begin or end.
     ///
-    /// *Errors*: as [`FolderLock::folder`]: at once if a run holds the whole folder; after a minute if nobody can tell
+    /// *Errors*: as [`OutputLock::folder`]: at once if a run holds the whole folder; after a minute if nobody can tell
     /// whether the holder is alive.
     pub fn folder_shortly(folder: &Path, holder: &str) -> Result<Self, LockError> {
         let start = Instant::now();
@@ -214,7 +214,7 @@ fn is_shard_lock(name: &str) -> bool {
     parts.is_some_and(|(number, of)| is_number(number) && is_number(of))
 }
 
-impl Drop for FolderLock {
+impl Drop for OutputLock {
     fn drop(&mut self) {
         // If the removal fails, the next run finds the file unlocked.
         let _ = std::fs::remove_file(&self.lock);
@@ -268,11 +268,11 @@ mod tests {
     #[test]
     fn a_folder_has_one_holder_at_a_time_and_no_lock_file_afterwards() {
         let folder = tempfile::tempdir().unwrap();
-        let first = FolderLock::folder(folder.path(), "sage first").unwrap();
-        let error = FolderLock::folder(folder.path(), "sage second").unwrap_err().to_string();
+        let first = OutputLock::folder(folder.path(), "sage first").unwrap();
+        let error = OutputLock::folder(folder.path(), "sage second").unwrap_err().to_string();
         assert!(error.contains(&format!("process {}: sage first", std::process::id())), "{error}");
         drop(first);
-        drop(FolderLock::folder(folder.path(), "sage third").unwrap());
+        drop(OutputLock::folder(folder.path(), "sage third").unwrap());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
@@ -280,9 +280,9 @@ mod tests {
     fn files_of_one_folder_are_claimed_separately() {
         let folder = tempfile::tempdir().unwrap();
         let [a, b] = ["a", "b"].map(|name| folder.path().join(name));
-        let first = FolderLock::file(&a, "a").unwrap();
-        assert!(FolderLock::file(&a, "a again").is_err());
-        let second = FolderLock::file(&b, "b").unwrap();
+        let first = OutputLock::file(&a, "a").unwrap();
+        assert!(OutputLock::file(&a, "a again").is_err());
+        let second = OutputLock::file(&b, "b").unwrap();
         drop((first, second));
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
@@ -291,25 +291,25 @@ mod tests {
     fn shards_of_one_folder_are_claimed_together_and_exclude_other_claims() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path();
-        let first = FolderLock::shard(path, 1, 2, "first").unwrap().0;
-        assert_eq!(FolderLock::other_shard(path, 1, 2).unwrap(), None);
-        let second = FolderLock::shard(path, 2, 2, "second").unwrap().0;
-        assert!(FolderLock::other_shard(path, 1, 2).unwrap().unwrap().ends_with("second"));
+        let first = OutputLock::shard(path, 1, 2, "first").unwrap().0;
+        assert_eq!(OutputLock::other_shard(path, 1, 2).unwrap(), None);
+        let second = OutputLock::shard(path, 2, 2, "second").unwrap().0;
+        assert!(OutputLock::other_shard(path, 1, 2).unwrap().unwrap().ends_with("second"));
         for refused in [
-            FolderLock::shard(path, 1, 2, "first again").map(|(own, _)| own),
-            FolderLock::shard(path, 1, 3, "another number").map(|(own, _)| own),
-            FolderLock::folder(path, "all of it"),
+            OutputLock::shard(path, 1, 2, "first again").map(|(own, _)| own),
+            OutputLock::shard(path, 1, 3, "another number").map(|(own, _)| own),
+            OutputLock::folder(path, "all of it"),
         ] {
             let error = refused.unwrap_err().to_string();
             assert!(error.contains("first") || error.contains("second"), "{error}");
         }
-        drop(FolderLock::folder_shortly(path, "the end of a shard").unwrap());
+        drop(OutputLock::folder_shortly(path, "the end of a shard").unwrap());
         drop((first, second));
-        let whole = FolderLock::folder(path, "all of it").unwrap();
-        assert!(FolderLock::shard(path, 1, 2, "first").unwrap_err().to_string().contains("all of it"));
+        let whole = OutputLock::folder(path, "all of it").unwrap();
+        assert!(OutputLock::shard(path, 1, 2, "first").unwrap_err().to_string().contains("all of it"));
         drop(whole);
         std::fs::write(path.join(shard_lock(7, 9)), "process 1: gone").unwrap();
-        drop(FolderLock::folder(path, "all of it").unwrap());
+        drop(OutputLock::folder(path, "all of it").unwrap());
         assert_eq!(std::fs::read_dir(path).unwrap().count(), 0);
     }
 
@@ -319,7 +319,7 @@ mod tests {
         for name in [LOCK, ".sage-x.part"] {
             std::fs::write(folder.path().join(name), "process 1: gone").unwrap();
         }
-        drop(FolderLock::folder(folder.path(), "next").unwrap());
+        drop(OutputLock::folder(folder.path(), "next").unwrap());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
@@ -330,7 +330,7 @@ mod tests {
         let victim = folder.path().join("victim");
         std::fs::write(&victim, "mine").unwrap();
         std::os::unix::fs::symlink(&victim, folder.path().join(LOCK)).unwrap();
-        assert!(FolderLock::folder(folder.path(), "me").unwrap_err().to_string().contains("cannot write"));
+        assert!(OutputLock::folder(folder.path(), "me").unwrap_err().to_string().contains("cannot write"));
         assert_eq!(std::fs::read(&victim).unwrap(), b"mine");
     }
 
@@ -343,7 +343,7 @@ mod tests {
             for _ in 0..4 {
                 scope.spawn(|| {
                     for _ in 0..200 {
-                        let Ok(claim) = FolderLock::folder(folder.path(), "one of many") else { continue };
+                        let Ok(claim) = OutputLock::folder(folder.path(), "one of many") else { continue };
                         assert_eq!(inside.fetch_add(1, Ordering::SeqCst), 0);
                         claimed.fetch_add(1, Ordering::SeqCst);
                         inside.fetch_sub(1, Ordering::SeqCst);

@@ -7,7 +7,7 @@ use crate::{
     chart::{
         heat_map::{self, Grid},
         line::{Chart, Line},
-        triangle::{self, Triangle},
+        triangle::{self, Triangle, mixtures},
     },
     operating_point::OperatingPointSpec,
     published::{Published, published},
@@ -134,9 +134,24 @@ fn sweeps_of(results: &Results, chart: &ChartSpec) -> Result<String> {
     Chart { axes: ["aggression, or lambda = mu", &shown], lines, ranges, dashed, ..Chart::default() }.draw()
 }
 
+/// The method that was measured at a mixture.
+///
+/// *Errors*: there is none, or there are several, which one picture cannot show.
+fn method_at(results: &Results, chart: &ChartSpec, mix: &[(String, f64)]) -> Result<usize> {
+    let is_here = |k: &usize| results.keys[*k].point.as_ref().is_some_and(|point| point.mix == mix);
+    let found: Vec<usize> = results.methods(chart.of).into_iter().filter(is_here).collect();
+    match found[..] {
+        [method] => Ok(method),
+        [] => bail!("a mixture of the picture was not measured"),
+        _ => bail!("the picture shows one merger, weights and generator; the study has {}", found.len()),
+    }
+}
+
 fn triangles(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {
     let Some(axis) = &study.triangle else { bail!("the study has no `triangle`") };
-    let methods = results.methods(chart.of);
+    let named = |weights: [f64; 3]| axis.experts.iter().cloned().zip(weights).collect::<Vec<_>>();
+    let methods = mixtures(axis.steps).into_iter().map(|weights| method_at(results, chart, &named(weights)));
+    let methods: Vec<usize> = methods.collect::<Result<_>>()?;
     let metrics: Vec<&String> = std::iter::once(&chart.y).chain(&chart.more).collect();
     let mut all = Vec::new();
     for name in metrics {
@@ -152,16 +167,9 @@ fn triangles(study: &Study, results: &Results, chart: &ChartSpec) -> Result<Stri
 
 fn plane(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {
     let Some(PlaneAxis { experts: [a, b], shares }) = &study.plane else { bail!("the study has no `plane`") };
-    let methods = results.methods(chart.of);
     let value = |y: &f64, x: &f64| -> Result<f64> {
-        let mix = [(a.clone(), *x), (b.clone(), *y)];
-        let is_here = |k: &&usize| results.keys[**k].point.as_ref().is_some_and(|point| point.mix == mix);
-        let found: Vec<&usize> = methods.iter().filter(is_here).collect();
-        match found[..] {
-            [method] => Ok(mean(results, chart, *method, &chart.y)?.unwrap_or(f64::NAN)),
-            [] => bail!("a point of the plane was not measured"),
-            _ => bail!("a plane shows one merger, weights and generator; the study has {}", found.len()),
-        }
+        let method = method_at(results, chart, &[(a.clone(), *x), (b.clone(), *y)])?;
+        Ok(mean(results, chart, method, &chart.y)?.unwrap_or(f64::NAN))
     };
     let values = shares.iter().flat_map(|y| shares.iter().map(move |x| value(y, x)));
     let axes = [format!("share of the {a} vector"), format!("share of the {b} vector")];

@@ -8,11 +8,11 @@
 use std::process::ExitCode;
 
 use sage_core::{
-    Error,
     geometry::{dot, norm, sub},
     registry::Entry,
 };
 use sage_sim::{
+    Error,
     policy::{Driver, EgoPolicy, Start, View},
     route::{Coordinates, Localization},
     vehicle::Action,

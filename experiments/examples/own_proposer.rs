@@ -10,14 +10,15 @@ use std::process::ExitCode;
 
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
+    generator::{Generator, Mixture, Observation, PreparedProposer, Proposal, Proposer},
     motion::{DT, HORIZON, NOW, Trajectory},
+    registry::Entry,
 };
-use sage_generators::{GeneratorInputs, Pair, ProposerKind, selector::Best};
+use sage_generators::{Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect, selector::Best};
 use serde::{Deserialize, Serialize};
 
-/// Options of the proposer.
-#[derive(Serialize, Deserialize)]
+/// Proposes braking and accelerating. The type is also its own options.
+#[derive(Clone, Copy, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct StraightOn {
     /// Number of candidates.
@@ -30,36 +31,38 @@ impl Default for StraightOn {
     }
 }
 
-impl ProposerKind for StraightOn {
+impl Entry<dyn GeneratorKind> for StraightOn {
     const NAME: &'static str = "straight-on";
     const SUMMARY: &'static str = "straight on, at many decelerations";
     const SOURCE: &'static str = "this example";
-    const USES_MIXTURE: bool = false;
-    const NEEDS_EXPERTS: bool = false;
+    type Options = Self;
 
-    fn check(&self) -> Result<(), Error> {
-        if self.candidates > 0 {
-            Ok(())
+    fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
+        if options.candidates > 0 {
+            Ok(Box::new(options))
         } else {
-            Err(Self::refused("`candidates` must be above 0".to_owned()))
+            Err("`candidates` must be above 0".to_owned())
         }
     }
+}
 
-    fn build(&self, _: &GeneratorInputs) -> Result<Box<dyn Proposer>, sage_generators::Error> {
-        Ok(Box::new(Decelerations { count: self.candidates }))
+impl GeneratorKind for StraightOn {
+    fn facts(&self) -> Facts {
+        Facts { needs_experts: false, ..Best::FACTS }
+    }
+
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, sage_generators::Error> {
+        let selector = Box::new(Best::new(inputs.selection.clone()));
+        Ok(Box::new(ProposeAndSelect { proposer: Box::new(*self), selector, facts: self.facts() }))
     }
 }
 
-struct Decelerations {
-    count: usize,
-}
-
-impl Proposer for Decelerations {
+impl Proposer for StraightOn {
     fn prepare(&self, now: &Observation) -> Result<Box<dyn PreparedProposer>, Error> {
         let track = now.scene().adversary()?;
         let [vx, vy] = track.velocity[NOW];
         let (start, heading) = (track.point(NOW), track.heading[NOW]);
-        Ok(Box::new(Straight { start, heading, speed: vx.hypot(vy), count: self.count }))
+        Ok(Box::new(Straight { start, heading, speed: vx.hypot(vy), count: self.candidates }))
     }
 }
 
@@ -92,7 +95,7 @@ impl PreparedProposer for Straight {
 fn main() -> ExitCode {
     experiments::run(|| {
         let mut registries = experiments::Registries::shipped()?;
-        registries.generators = registries.generators.with::<Pair<StraightOn, Best>>()?;
+        registries.generators = registries.generators.with::<StraightOn>()?;
         Ok(registries)
     })
 }

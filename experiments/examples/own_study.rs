@@ -125,13 +125,13 @@ impl Entry<dyn EgoPolicy> for Roll {
 }
 
 impl EgoPolicy for Roll {
-    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, Error> {
+    fn start(&self, _: &Start) -> Result<Box<dyn Driver>, sage_sim::Error> {
         Ok(Box::new(*self))
     }
 }
 
 impl Driver for Roll {
-    fn control(&mut self, _: &View) -> Result<Control, Error> {
+    fn control(&mut self, _: &View) -> Result<Control, sage_sim::Error> {
         Ok(Control::Drive(Action { steer: 0.0, throttle: 0.0 }))
     }
 

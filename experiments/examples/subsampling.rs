@@ -25,8 +25,8 @@ use sage_core::{
 };
 use sage_data::{Recording, folder};
 use sage_generators::{
-    GeneratorInputs, ProposerKind,
-    proposers::MixedExperts,
+    GeneratorInputs,
+    proposers::{MixedExperts, ProposalOptions},
     selector::{Best, Selector},
 };
 use sage_merging::{ExpertSet, mergers};
@@ -116,8 +116,7 @@ fn run(args: &[String]) -> Result<()> {
 
 /// The proposer with a subsampling.
 fn proposer(inputs: &GeneratorInputs, subsampling: Subsampling) -> Result<Box<dyn Proposer>> {
-    let options = serde_json::from_value::<MixedExperts>(serde_json::json!({"subsampling": subsampling}))?;
-    Ok(options.build(inputs)?)
+    Ok(MixedExperts(ProposalOptions { subsampling, ..ProposalOptions::default() }).proposer(inputs)?)
 }
 
 /// Results of one scene, by proposer and operating point.

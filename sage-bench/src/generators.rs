@@ -153,8 +153,8 @@ impl Attacker for BuiltGenerator {
         drive: Option<&Drive>,
         at: &OperatingPoint,
         seed: u64,
-    ) -> Result<Arc<Plan>, Error> {
-        let point = self.among_experts(at).map_err(|error| Error::Scene {
+    ) -> Result<Arc<Plan>, sage_sim::Error> {
+        let point = self.among_experts(at).map_err(|error| sage_sim::Error::Plan {
             scene: scene.scene().id.clone(),
             problem: format!("attack of `{}`: {error:#}", self.label),
         })?;

@@ -1,4 +1,7 @@
 //! Kinds of generators by name, and their properties.
+//!
+//! A generator is built in two steps, from its options and then from [`GeneratorInputs`]: its properties, which decide
+//! whether weights are loaded, are known after the first.
 
 use sage_core::generator::{Generator, Knowledge};
 
@@ -29,6 +32,12 @@ impl Facts {
             needs_experts: false,
             is_upper_bound: false,
         }
+    }
+
+    /// Properties of a generator that selects among the prior's proposals; what the selector knows, and whether it depends
+    /// on μ.
+    pub const fn of_selection(knows: Knowledge, depends_on_mu: bool) -> Self {
+        Self { knows, depends_on_lambda: false, depends_on_mu, needs_experts: true, is_upper_bound: false }
     }
 
     /// Whether its attacks depend on λ or μ.

@@ -1,8 +1,8 @@
 //! Generators of adversarial scenes: trajectories of the adversary that endanger the ego.
 //!
 //! Each is a [`sage_core::generator::Generator`], built by name from [`generators`] and
-//! [`GeneratorInputs`]. Most are a [`Pair`]: a proposer ([`proposers`]), whose input is the observation up
-//! to *now*, and a selector ([`selector`]), which may use the ego's path. [`King`], [`AdvTrajOpt`], [`Rule`] and [`Log`] are not pairs.
+//! [`GeneratorInputs`]. Most are a [`ProposeAndSelect`]: a proposer ([`proposers`]), whose input is the observation up
+//! to *now*, and a selector ([`selector`]), which may use the ego's path. [`King`], [`AdvTrajOpt`], [`Rule`] and [`Log`] work as a whole.
 //! An [`Aggression`] combines λ and μ into one dial.
 //!
 //! From a scene to an attack, with the embedded weights ([`Weights::at`] loads a folder):
@@ -52,7 +52,7 @@ mod king;
 mod log;
 mod mixtures;
 mod optimisers;
-mod pair;
+mod propose_and_select;
 pub mod proposers;
 mod rule;
 pub mod selector;
@@ -70,24 +70,23 @@ pub use king::King;
 pub use log::{Log, logged_future};
 pub use mixtures::Mixtures;
 pub use optimisers::StartFrom;
-pub use pair::{Pair, ProposerKind};
+pub use propose_and_select::ProposeAndSelect;
 pub use rule::{Rule, bezier};
 
 use proposers::{AllGoals, CatGoals, MixedExperts, MostLikely, Prior, RandomGoals};
 use sage_core::registry::Registry;
-use selector::{Best, CatSelector, First};
 
 /// The generators of this crate. Add a line here to register a new one.
 ///
 /// *Errors*: [`sage_core::Error::Duplicate`] if two generators have the same name.
 pub fn generators() -> Result<Registry<dyn GeneratorKind>, sage_core::Error> {
     Registry::new("generator")
-        .with::<Pair<MixedExperts, Best>>()?
-        .with::<Pair<Prior, Best>>()?
-        .with::<Pair<MostLikely, First>>()?
-        .with::<Pair<RandomGoals, Best>>()?
-        .with::<Pair<AllGoals, Best>>()?
-        .with::<Pair<CatGoals, CatSelector>>()?
+        .with::<MixedExperts>()?
+        .with::<Prior>()?
+        .with::<MostLikely>()?
+        .with::<RandomGoals>()?
+        .with::<AllGoals>()?
+        .with::<CatGoals>()?
         .with::<King>()?
         .with_preset::<King>(
             "king-published",

@@ -17,8 +17,6 @@ pub use mixed_experts::{MixedExperts, Prior, ProposalOptions};
 pub use most_likely::MostLikely;
 pub use random_goals::RandomGoals;
 
-use crate::pair::ProposerKind;
-
 /// Number of candidates, and of modes from which they are taken; modes that no car can follow are skipped.
 #[derive(Clone, Copy)]
 struct Draw {
@@ -73,9 +71,9 @@ fn in_scene(scene: &Scene, error: impl Into<crate::Error>) -> Error {
 }
 
 /// Checks the number of candidates, if it is given.
-fn check_candidates<P: ProposerKind>(candidates: Option<usize>) -> Result<(), Error> {
+fn check_candidates(candidates: Option<usize>) -> Result<(), String> {
     match candidates.filter(|count| !(1..=1024).contains(count)) {
         None => Ok(()),
-        Some(count) => Err(P::refused(format!("`candidates` is {count}; expected 1 to 1024"))),
+        Some(count) => Err(format!("`candidates` is {count}; expected 1 to 1024")),
     }
 }

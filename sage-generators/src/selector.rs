@@ -6,11 +6,9 @@ mod first;
 
 use sage_core::{
     Error,
-    generator::{Knowledge, Note, Proposal},
+    generator::{Note, Proposal},
     objective::Context,
 };
-
-use crate::GeneratorInputs;
 
 pub use best::{Best, best_of};
 pub use cat::{CatSelection, CatSelector, cat_plan, cat_select};
@@ -43,15 +41,4 @@ pub trait Selector: Send + Sync {
     ) -> Result<Vec<Selection>, Error> {
         mus.iter().map(|mu| self.select(proposals, ctx, *mu)).collect()
     }
-}
-
-/// A kind of selector, for [`crate::Pair`].
-pub trait SelectorKind: 'static {
-    /// Information that it uses beyond the observation up to *now*.
-    const KNOWS: Knowledge;
-    /// Whether the selection depends on μ.
-    const DEPENDS_ON_MU: bool;
-
-    /// Builds the selector.
-    fn build(inputs: &GeneratorInputs) -> Box<dyn Selector>;
 }

@@ -12,9 +12,9 @@ use sage_core::{
 };
 use sage_data::procedural::{Kind, generate};
 use sage_generators::{
-    GeneratorInputs, ProposerKind, generators,
+    GeneratorInputs, generators,
     proposers::MixedExperts,
-    selector::{CatSelector, SelectorKind},
+    selector::{CatSelector, Selector as _},
 };
 use sage_merging::{ExpertSet, mergers};
 
@@ -96,7 +96,7 @@ fn generators_that_use_only_history_do_not_depend_on_the_future() {
 fn any_frame_may_be_now() {
     let scene = generate(Kind::Merge, 5, 1).unwrap();
     let index = SceneIndex::new(scene.map.clone());
-    let proposer = MixedExperts::default().build(&inputs("paper-selection")).unwrap();
+    let proposer = MixedExperts::default().proposer(&inputs("paper-selection")).unwrap();
     for now in [NOW, 25, 60] {
         let observation = Observation::at(&scene, &index, now).unwrap();
         let adversary = observation.scene().adversary().unwrap();
@@ -132,7 +132,7 @@ fn missing_inputs_are_named() {
 fn the_note_of_cat_agrees_with_the_scores() {
     let scene = Arc::new(generate(Kind::FourWay, 5, 1).unwrap());
     let ctx = context(&scene);
-    let selector = CatSelector::build(&inputs("paper-selection"));
+    let selector = CatSelector;
     let scorer = Scorer::new(&ctx);
     let ego = ctx.ego().positions();
     let mut nearest = 0;

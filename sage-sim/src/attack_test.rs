@@ -4,13 +4,13 @@
 use std::sync::Arc;
 
 use sage_core::{
-    Error,
     motion::{HORIZON, NOW, Trajectory},
     objective::{Context, ContextOptions, Convention, Encounter, release_reward},
     scene::Scene,
 };
 
 use crate::{
+    Error,
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::{Drive, Simulation, drive},
     episode::{Episode, Verdict},
@@ -65,7 +65,7 @@ impl<'p> AttackTest<'p> {
     ///
     /// *Errors*: the scene cannot be attacked.
     pub fn context(&self) -> Result<Context, Error> {
-        Context::new(&self.recorded(), self.scene.index(), &ContextOptions::default())
+        Ok(Context::new(&self.recorded(), self.scene.index(), &ContextOptions::default())?)
     }
 
     /// Drives again, against an attack.

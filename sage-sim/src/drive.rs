@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use sage_core::{
-    Error,
     geometry::{OrientedBox, Point, sub},
     scene::{Map, Scene},
 };
 
 use crate::{
+    Error,
     body::{Body, BodyKind, BodyShape},
     observation::{Driving, LENGTH, ObservationKind, observe},
     policy::{ControlledVehicle, Driver, EgoPolicy, Knowledge, Start, View},

@@ -11,7 +11,6 @@ mod rules;
 use std::sync::Arc;
 
 use sage_core::{
-    Error,
     geometry::{Point, distance},
     motion::Pose,
     scene::TrackKind,
@@ -23,6 +22,7 @@ pub(crate) use rules::ARRIVED;
 pub use rules::{Outcome, Situation, assess};
 
 use crate::{
+    Error,
     observation::{Driving, LENGTH, observe},
     route::{Coordinates, Localization},
     scene::SimScene,
@@ -77,7 +77,7 @@ impl Environment {
 
     /// Advances by one step of 0.1 s.
     ///
-    /// *Errors*: [`Error::Scene`] if the episode is over, or as [`World::step`].
+    /// *Errors*: [`Error::Call`] if the episode is over, or as [`World::step`].
     pub fn step(&mut self, action: Action) -> Result<Outcome, Error> {
         let action = if self.options.nan_is_zero { action.limited() } else { action };
         self.step_with(Control::Drive(action))
@@ -108,7 +108,7 @@ impl Environment {
     fn check_running(&self) -> Result<(), Error> {
         if self.is_over {
             let problem = "the episode is over; start another one".to_owned();
-            return Err(self.world.scene().error(problem));
+            return Err(Error::Call { scene: self.world.scene().scene().id.clone(), problem });
         }
         Ok(())
     }

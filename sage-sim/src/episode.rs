@@ -6,13 +6,13 @@
 use std::sync::Arc;
 
 use sage_core::{
-    Error,
     geometry::{OrientedBox, Point, norm, sub},
     motion::NOW,
     objective::{MIN_DEPTH, SideHit},
 };
 
 use crate::{
+    Error,
     body::BodyKind,
     drive::{Drive, DriveContact, Recorder, Simulation},
     environment::ARRIVED,

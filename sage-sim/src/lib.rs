@@ -38,6 +38,7 @@ pub mod comfort;
 pub mod drive;
 pub mod environment;
 pub mod episode;
+mod error;
 pub mod fault;
 pub mod following;
 mod grid;
@@ -59,4 +60,5 @@ pub mod unattacked;
 pub mod vehicle;
 pub mod world;
 
+pub use error::Error;
 pub use scene::SimScene;

@@ -25,7 +25,6 @@ mod tracking;
 use std::{cell::OnceCell, fmt, sync::Arc};
 
 use sage_core::{
-    Error,
     geometry::{OrientedBox, Point},
     registry::Registry,
     scene::{LightState, Map, Scene, SceneIndex, Track},
@@ -45,6 +44,7 @@ pub use td3::{Td3, Td3PolicyOptions};
 pub use tracking::Tracking;
 
 use crate::{
+    Error,
     body::Body,
     observation::LENGTH,
     route::{Localization, Route},
@@ -58,7 +58,7 @@ use crate::{
 /// All policies of this crate. Add a line here to make a new one known everywhere.
 ///
 /// *Errors*: two have the same name.
-pub fn policies() -> Result<Registry<dyn EgoPolicy>, Error> {
+pub fn policies() -> Result<Registry<dyn EgoPolicy>, sage_core::Error> {
     Registry::new("policy")
         .with::<Replay>()?
         .with::<IdmPolicy>()?
@@ -127,7 +127,7 @@ pub trait EgoPolicy: Send + Sync {
 
     /// A driver for one drive.
     ///
-    /// *Errors*: [`Error::Scene`] for a scene in which it cannot drive.
+    /// *Errors*: [`Error::Policy`] for a scene in which it cannot drive.
     fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error>;
 }
 
@@ -176,9 +176,9 @@ impl<'a> Start<'a> {
         is_allowed.then(|| self.scene.scene().tracks.get(self.track)).flatten()
     }
 
-    /// Error about the scene.
+    /// Error of a policy that cannot drive in this scene.
     pub fn error(&self, problem: String) -> Error {
-        self.scene.error(problem)
+        Error::Policy { scene: self.scene.scene().id.clone(), problem }
     }
 }
 
@@ -186,7 +186,7 @@ impl<'a> Start<'a> {
 pub trait Driver: Send {
     /// The control of the next step.
     ///
-    /// *Errors*: [`Error::Scene`] if it cannot go on.
+    /// *Errors*: [`Error::Policy`] if it cannot go on.
     fn control(&mut self, view: &View) -> Result<Control, Error>;
 
     /// A copy in the same state, so that a drive can be saved.
@@ -359,8 +359,8 @@ impl<'a> View<'a> {
         (self.knowledge == Knowledge::Everything).then(|| self.world.plan()).flatten()
     }
 
-    /// Error about the scene.
+    /// Error of a policy that cannot go on.
     pub fn error(&self, problem: String) -> Error {
-        self.world.scene().error(problem)
+        Error::Policy { scene: self.world.scene().scene().id.clone(), problem }
     }
 }

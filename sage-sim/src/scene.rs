@@ -3,13 +3,13 @@
 use std::sync::{Arc, OnceLock};
 
 use sage_core::{
-    Error,
     geometry::Point,
     motion::{HORIZON, NOW},
     scene::{Scene, SceneIndex, Track},
 };
 
 use crate::{
+    Error,
     body::BodyShape,
     lines::{LineShapes, Lines},
     route::Route,

@@ -16,9 +16,10 @@ use std::sync::Arc;
 
 pub use control::Control;
 pub use options::WorldOptions;
-use sage_core::{Error, geometry::OrientedBox};
+use sage_core::{Error as CoreError, geometry::OrientedBox};
 
 use crate::{
+    Error,
     body::Body,
     lines::LineKind,
     scene::{LEVEL_GAP, SimScene},
@@ -104,9 +105,9 @@ impl World {
     /// `seed` decides what the options leave open: strength of the car and classes of the traffic. `plan`
     /// replaces the log of one track.
     ///
-    /// *Errors*: [`Error::Scene`] if the car starts inside another road user; [`Error::Length`] and
-    /// [`Error::NotFinite`] for a plan that is shorter or longer than the scene, or not finite;
-    /// [`Error::Options`] for a strength outside [0, 1].
+    /// *Errors*: [`Error::Scene`] if the car starts inside another road user; [`CoreError::Length`] and
+    /// [`CoreError::NotFinite`] for a plan that is shorter or longer than the scene, or not finite;
+    /// [`CoreError::Options`] for a strength outside [0, 1].
     pub fn new(
         scene: Arc<SimScene>,
         options: Arc<WorldOptions>,
@@ -117,7 +118,7 @@ impl World {
         let strength = options.strength.unwrap_or_else(|| rng.uniform(0.0, 1.0));
         if !(0.0..=1.0).contains(&strength) {
             let problem = format!("`strength` is {strength}; expected a number from 0 to 1");
-            return Err(Error::Options { kind: "simulation", name: "world", problem });
+            return Err(CoreError::Options { kind: "simulation", name: "world", problem }.into());
         }
         if let Some(plan) = &plan {
             plan.check(scene.scene())?;
@@ -239,11 +240,12 @@ impl World {
 
     /// Continues from a state of a world of the same scene.
     ///
-    /// *Errors*: [`Error::Scene`] if the state is of another scene.
+    /// *Errors*: [`Error::Call`] if the state is of another scene.
     pub fn restore(&mut self, state: &WorldState) -> Result<(), Error> {
         if state.scene != self.state.scene || state.traffic.track_count() != self.state.traffic.track_count()
         {
-            return Err(self.scene.error("the saved state belongs to another scene".to_owned()));
+            let problem = "the saved state belongs to another scene".to_owned();
+            return Err(Error::Call { scene: self.scene.scene().id.clone(), problem });
         }
         self.state.clone_from(state);
         Ok(())
@@ -275,16 +277,17 @@ impl World {
 
     /// Advances by one step. `adversary` is needed after [`World::drive_adversary`], and ignored otherwise.
     ///
-    /// *Errors*: [`Error::Scene`] if a control is missing or not finite; the world is then as before. Also if
+    /// *Errors*: [`Error::Policy`] if a control is missing or not finite; the world is then as before. Also if
     /// the car's motion becomes too large.
     pub fn step(&mut self, control: Control, adversary: Option<Control>) -> Result<(), Error> {
         let theirs = adversary.filter(|_| self.state.driven.is_some());
         if theirs.is_none() && self.state.driven.is_some() {
             let problem = "a policy drives the adversary, but gave no control".to_owned();
-            return Err(self.scene.error(problem));
+            return Err(Error::Policy { scene: self.scene.scene().id.clone(), problem });
         }
         if let Some(problem) = [Some(control), theirs].iter().flatten().find_map(Control::problem) {
-            return Err(self.scene.error(format!("step {}: {problem}", self.state.step + 1)));
+            let problem = format!("step {}: {problem}", self.state.step + 1);
+            return Err(Error::Policy { scene: self.scene.scene().id.clone(), problem });
         }
         self.state.step += 1;
         self.state.before = self.state.motion;

@@ -5,9 +5,9 @@ mod short_training;
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
 use safetensors::SafeTensors;
-use sage_core::{Error, generator::OperatingPoint, motion::Trajectory};
+use sage_core::{generator::OperatingPoint, motion::Trajectory};
 use sage_sim::{
-    SimScene,
+    Error, SimScene,
     drive::Drive,
     rl::{
         Attacker, BUFFER, CHECKPOINT, Setting, Td3Options, Training, TrainingOptions, TrainingState,

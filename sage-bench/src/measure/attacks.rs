@@ -208,7 +208,7 @@ impl Attacks {
     fn of_ego(
         &self,
         data: &SceneData,
-        driver: Option<(&Ego, &Result<Arc<SimScene>, sage_core::Error>)>,
+        driver: Option<(&Ego, &Result<Arc<SimScene>, sage_sim::Error>)>,
         first: usize,
         result: &mut SceneResult,
     ) -> usize {

@@ -5,14 +5,12 @@ use sage_core::{
     geometry::{Point, distance, norm, wrap_angle},
     motion::{DT, HORIZON, NOW, Pose, State, Trajectory},
     objective::Context,
+    registry::Entry,
     scene::Track,
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{
-    ProposerKind,
-    proposers::{MixedExperts, Prior},
-};
+use crate::proposers::{MixedExperts, Prior};
 
 /// Where a search begins.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

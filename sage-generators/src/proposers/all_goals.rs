@@ -6,15 +6,16 @@ use std::sync::Arc;
 use sage_backbones::{Backbone, backbone::trajectories_in_world, encoding::Encoding};
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
+    generator::{Generator, Mixture, Observation, PreparedProposer, Proposal, Proposer},
+    registry::Entry,
     scene::Scene,
 };
 use serde::{Deserialize, Serialize};
 
 use super::{encoded, goal, in_scene, nll};
 use crate::{
-    GeneratorInputs,
-    pair::ProposerKind,
+    Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect,
+    selector::Best,
     speed_profile::{Extended, speed_profiles},
 };
 
@@ -23,16 +24,26 @@ use crate::{
 #[serde(default, deny_unknown_fields)]
 pub struct AllGoals {}
 
-impl ProposerKind for AllGoals {
+impl Entry<dyn GeneratorKind> for AllGoals {
     const NAME: &'static str = "oracle";
     const SUMMARY: &'static str = "the best of all goals: an upper bound";
     const SOURCE: &'static str = "this project";
-    const USES_MIXTURE: bool = false;
-    const IS_EXHAUSTIVE: bool = true;
+    type Options = Self;
 
-    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
+    fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
+        Ok(Box::new(options))
+    }
+}
+
+impl GeneratorKind for AllGoals {
+    fn facts(&self) -> Facts {
+        Facts { is_upper_bound: true, ..Best::FACTS }
+    }
+
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let (prior, with_nll) = (inputs.prior(Self::NAME)?, inputs.selection.needs_prior());
-        Ok(Box::new(Decoder { prior, with_nll }))
+        let proposer = Box::new(Decoder { prior, with_nll });
+        Ok(Box::new(ProposeAndSelect { proposer, selector: Best::boxed(inputs), facts: self.facts() }))
     }
 }
 

@@ -11,14 +11,15 @@ use sage_backbones::{
 };
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
+    generator::{Generator, Mixture, Observation, PreparedProposer, Proposal, Proposer},
+    registry::Entry,
     scene::Scene,
     seed::Rng,
 };
 use serde::{Deserialize, Serialize};
 
 use super::{check_candidates, encoded, in_scene};
-use crate::{GeneratorInputs, pair::ProposerKind};
+use crate::{Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect, selector::CatSelector};
 
 /// Options of CAT's proposer.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
@@ -34,18 +35,26 @@ impl Default for CatGoals {
     }
 }
 
-impl ProposerKind for CatGoals {
+impl Entry<dyn GeneratorKind> for CatGoals {
     const NAME: &'static str = "cat";
     const SUMMARY: &'static str = "the prior's candidate that most probably collides";
     const SOURCE: &'static str = "Zhang et al. 2023 (CAT)";
-    const USES_MIXTURE: bool = false;
+    type Options = Self;
 
-    fn check(&self) -> Result<(), Error> {
-        check_candidates::<Self>(Some(self.candidates))
+    fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
+        check_candidates(Some(options.candidates))?;
+        Ok(Box::new(options))
+    }
+}
+
+impl GeneratorKind for CatGoals {
+    fn facts(&self) -> Facts {
+        CatSelector::FACTS
     }
 
-    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
-        Ok(Box::new(OfPrior { prior: inputs.prior(Self::NAME)?, candidates: self.candidates }))
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
+        let proposer = Box::new(OfPrior { prior: inputs.prior(Self::NAME)?, candidates: self.candidates });
+        Ok(Box::new(ProposeAndSelect { proposer, selector: Box::new(CatSelector), facts: self.facts() }))
     }
 }
 

@@ -16,20 +16,21 @@ use sage_backbones::{
 };
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
+    generator::{Generator, Mixture, Observation, PreparedProposer, Proposal, Proposer},
     geometry::Point,
     motion::HORIZON,
     objective::Body,
+    registry::Entry,
     seed::Rng,
 };
 use serde::{Deserialize, Serialize};
 
 use super::{Draw, check_candidates, goal, in_scene, nll};
 use crate::{
-    GeneratorInputs,
+    Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect,
     drivable::drivable,
     mixtures::Mixtures,
-    pair::ProposerKind,
+    selector::Best,
     speed_profile::{Extended, SpeedProfile, speed_profiles},
 };
 
@@ -55,62 +56,78 @@ impl Default for ProposalOptions {
 }
 
 impl ProposalOptions {
-    fn check<P: ProposerKind>(&self) -> Result<(), Error> {
-        check_candidates::<P>(self.candidates)?;
+    fn checked(self) -> Result<Self, String> {
+        check_candidates(self.candidates)?;
         if !(0.0..=100.0).contains(&self.apart) {
-            return Err(P::refused(format!("`apart` is {}; expected 0 to 100 metres", self.apart)));
+            return Err(format!("`apart` is {}; expected 0 to 100 metres", self.apart));
         }
-        self.subsampling.check().map_err(|error| P::refused(format!("`subsampling`: {error}"))).map(|_| ())
-    }
-
-    fn over(
-        self,
-        models: Mixtures,
-        name: &'static str,
-        inputs: &GeneratorInputs,
-    ) -> Result<Box<dyn Proposer>, crate::Error> {
-        let (prior, with_nll) = (inputs.prior(name)?, inputs.selection.needs_prior());
-        Ok(Box::new(Network(Arc::new(Shared { options: self, models, prior, with_nll }))))
+        self.subsampling.check().map_err(|error| format!("`subsampling`: {error}"))?;
+        Ok(self)
     }
 }
 
 /// SAGE: the mixed experts.
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct MixedExperts(ProposalOptions);
+#[derive(Clone, Copy, Debug, Default)]
+pub struct MixedExperts(pub ProposalOptions);
 
-impl ProposerKind for MixedExperts {
+impl MixedExperts {
+    /// The proposer alone.
+    ///
+    /// *Errors*: a missing input.
+    pub fn proposer(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
+        let models = inputs.mixtures(Self::NAME)?;
+        let (prior, with_nll) = (inputs.prior(Self::NAME)?, inputs.selection.needs_prior());
+        Ok(Box::new(Network(Arc::new(Shared { options: self.0, models, prior, with_nll }))))
+    }
+}
+
+impl Entry<dyn GeneratorKind> for MixedExperts {
     const NAME: &'static str = "sage";
     const SUMMARY: &'static str = "experts mixed at lambda, the best of their candidates";
     const SOURCE: &'static str = "SAGE (ICLR 2026)";
-    const USES_MIXTURE: bool = true;
+    type Options = ProposalOptions;
 
-    fn check(&self) -> Result<(), Error> {
-        self.0.check::<Self>()
+    fn build(options: ProposalOptions) -> Result<Box<dyn GeneratorKind>, String> {
+        Ok(Box::new(Self(options.checked()?)))
+    }
+}
+
+impl GeneratorKind for MixedExperts {
+    fn facts(&self) -> Facts {
+        Facts { depends_on_lambda: true, ..Best::FACTS }
     }
 
-    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
-        self.0.over(inputs.mixtures(Self::NAME)?, Self::NAME, inputs)
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
+        let (proposer, selector) = (self.proposer(inputs)?, Best::boxed(inputs));
+        Ok(Box::new(ProposeAndSelect { proposer, selector, facts: self.facts() }))
     }
 }
 
 /// The untuned prior.
-#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-#[serde(transparent)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Prior(ProposalOptions);
 
-impl ProposerKind for Prior {
+impl Entry<dyn GeneratorKind> for Prior {
     const NAME: &'static str = "prior";
     const SUMMARY: &'static str = "the untuned prior with the same selection";
     const SOURCE: &'static str = "this project: the effect of the selection alone";
-    const USES_MIXTURE: bool = false;
+    type Options = ProposalOptions;
 
-    fn check(&self) -> Result<(), Error> {
-        self.0.check::<Self>()
+    fn build(options: ProposalOptions) -> Result<Box<dyn GeneratorKind>, String> {
+        Ok(Box::new(Self(options.checked()?)))
+    }
+}
+
+impl GeneratorKind for Prior {
+    fn facts(&self) -> Facts {
+        Best::FACTS
     }
 
-    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
-        self.0.over(inputs.prior_at_any_mixture(Self::NAME)?, Self::NAME, inputs)
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
+        let models = inputs.prior_at_any_mixture(Self::NAME)?;
+        let (prior, with_nll) = (inputs.prior(Self::NAME)?, inputs.selection.needs_prior());
+        let proposer = Box::new(Network(Arc::new(Shared { options: self.0, models, prior, with_nll })));
+        Ok(Box::new(ProposeAndSelect { proposer, selector: Best::boxed(inputs), facts: self.facts() }))
     }
 }
 

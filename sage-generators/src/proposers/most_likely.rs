@@ -12,28 +12,40 @@ use sage_backbones::{
 };
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
+    generator::{Generator, Mixture, Observation, PreparedProposer, Proposal, Proposer},
+    registry::Entry,
     scene::Scene,
 };
 use serde::{Deserialize, Serialize};
 
 use super::{goal, in_scene};
-use crate::{GeneratorInputs, mixtures::Mixtures, pair::ProposerKind};
+use crate::{Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect, mixtures::Mixtures, selector::First};
 
 /// Options; there are none.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct MostLikely {}
 
-impl ProposerKind for MostLikely {
+impl Entry<dyn GeneratorKind> for MostLikely {
     const NAME: &'static str = "most-likely";
     const SUMMARY: &'static str = "the mixed experts' most likely goal, without selection";
     const SOURCE: &'static str = "this project: the effect of the policy alone";
-    const USES_MIXTURE: bool = true;
+    type Options = Self;
 
-    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
+    fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
+        Ok(Box::new(options))
+    }
+}
+
+impl GeneratorKind for MostLikely {
+    fn facts(&self) -> Facts {
+        Facts { depends_on_lambda: true, ..First::FACTS }
+    }
+
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
         let (prior, models) = (inputs.prior(Self::NAME)?, inputs.mixtures(Self::NAME)?);
-        Ok(Box::new(OfPolicy { prior, models }))
+        let proposer = Box::new(OfPolicy { prior, models });
+        Ok(Box::new(ProposeAndSelect { proposer, selector: Box::new(First), facts: self.facts() }))
     }
 }
 

@@ -5,17 +5,18 @@ use std::sync::Arc;
 use sage_backbones::{Backbone, backbone::trajectories_in_world, encoding::Encoding};
 use sage_core::{
     Error,
-    generator::{Mixture, Observation, PreparedProposer, Proposal, Proposer},
+    generator::{Generator, Mixture, Observation, PreparedProposer, Proposal, Proposer},
     objective::Body,
+    registry::Entry,
     seed::Rng,
 };
 use serde::{Deserialize, Serialize};
 
 use super::{Draw, check_candidates, encoded, goal, in_scene, nll};
 use crate::{
-    GeneratorInputs,
+    Facts, GeneratorInputs, GeneratorKind, ProposeAndSelect,
     drivable::drivable,
-    pair::ProposerKind,
+    selector::Best,
     speed_profile::{Extended, speed_profiles},
 };
 
@@ -27,22 +28,27 @@ pub struct RandomGoals {
     pub candidates: Option<usize>,
 }
 
-impl ProposerKind for RandomGoals {
+impl Entry<dyn GeneratorKind> for RandomGoals {
     const NAME: &'static str = "random";
     const SUMMARY: &'static str = "random goals with the same selection";
     const SOURCE: &'static str = "this project: the effect of search alone";
-    const USES_MIXTURE: bool = false;
+    type Options = Self;
 
-    fn check(&self) -> Result<(), Error> {
-        check_candidates::<Self>(self.candidates)
+    fn build(options: Self) -> Result<Box<dyn GeneratorKind>, String> {
+        check_candidates(options.candidates)?;
+        Ok(Box::new(options))
+    }
+}
+
+impl GeneratorKind for RandomGoals {
+    fn facts(&self) -> Facts {
+        Best::FACTS
     }
 
-    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Proposer>, crate::Error> {
-        Ok(Box::new(Decoder {
-            prior: inputs.prior(Self::NAME)?,
-            candidates: self.candidates,
-            with_nll: inputs.selection.needs_prior(),
-        }))
+    fn build(&self, inputs: &GeneratorInputs) -> Result<Box<dyn Generator>, crate::Error> {
+        let (prior, with_nll) = (inputs.prior(Self::NAME)?, inputs.selection.needs_prior());
+        let proposer = Box::new(Decoder { prior, candidates: self.candidates, with_nll });
+        Ok(Box::new(ProposeAndSelect { proposer, selector: Best::boxed(inputs), facts: self.facts() }))
     }
 }
 

@@ -11,8 +11,8 @@ use sage_core::{
     objective::{Candidate, Context, Evaluation, Objective},
 };
 
-use super::{Selection, Selector, SelectorKind};
-use crate::GeneratorInputs;
+use super::{Selection, Selector};
+use crate::{Facts, GeneratorInputs};
 
 /// Largest number of candidates that are kept between their bound and their evaluation.
 const MOST_KEPT: usize = 256;
@@ -21,17 +21,17 @@ const MOST_KEPT: usize = 256;
 pub struct Best(Arc<Objective>);
 
 impl Best {
+    /// Properties of a generator that selects so among the prior's proposals.
+    pub const FACTS: Facts =
+        Facts::of_selection(Knowledge { ego_future: true, others_future: true, own_future: false }, true);
+
     /// A selector by an objective.
     pub fn new(objective: Arc<Objective>) -> Self {
         Self(objective)
     }
-}
 
-impl SelectorKind for Best {
-    const KNOWS: Knowledge = Knowledge { ego_future: true, others_future: true, own_future: false };
-    const DEPENDS_ON_MU: bool = true;
-
-    fn build(inputs: &GeneratorInputs) -> Box<dyn Selector> {
+    /// The selector by the objective of the selection.
+    pub(crate) fn boxed(inputs: &GeneratorInputs) -> Box<dyn Selector> {
         Box::new(Self::new(inputs.selection.clone()))
     }
 }

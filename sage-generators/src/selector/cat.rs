@@ -14,8 +14,8 @@ use sage_core::{
     objective::{Context, Situation},
 };
 
-use super::{Selection, Selector, SelectorKind};
-use crate::GeneratorInputs;
+use super::{Selection, Selector};
+use crate::Facts;
 
 /// First rank, from 0, of those that count as equally likely.
 const FLATTENED: usize = 6;
@@ -29,13 +29,10 @@ const DECAY: f64 = 0.99;
 /// CAT's selector.
 pub struct CatSelector;
 
-impl SelectorKind for CatSelector {
-    const KNOWS: Knowledge = Knowledge { ego_future: true, others_future: false, own_future: false };
-    const DEPENDS_ON_MU: bool = false;
-
-    fn build(_: &GeneratorInputs) -> Box<dyn Selector> {
-        Box::new(Self)
-    }
+impl CatSelector {
+    /// Properties of a generator that selects so among the prior's proposals.
+    pub const FACTS: Facts =
+        Facts::of_selection(Knowledge { ego_future: true, others_future: false, own_future: false }, false);
 }
 
 impl Selector for CatSelector {

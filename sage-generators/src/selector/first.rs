@@ -6,19 +6,15 @@ use sage_core::{
     objective::Context,
 };
 
-use super::{Selection, Selector, SelectorKind};
-use crate::GeneratorInputs;
+use super::{Selection, Selector};
+use crate::Facts;
 
 /// Selects the first proposal.
 pub struct First;
 
-impl SelectorKind for First {
-    const KNOWS: Knowledge = Knowledge::NOW;
-    const DEPENDS_ON_MU: bool = false;
-
-    fn build(_: &GeneratorInputs) -> Box<dyn Selector> {
-        Box::new(Self)
-    }
+impl First {
+    /// Properties of a generator that selects so among the prior's proposals.
+    pub const FACTS: Facts = Facts::of_selection(Knowledge::NOW, false);
 }
 
 impl Selector for First {

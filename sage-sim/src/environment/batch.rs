@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use sage_core::{Error, seed::Rng};
+use sage_core::{Error as CoreError, seed::Rng};
 
 use super::{Environment, EnvironmentOptions, Outcome};
-use crate::{observation::LENGTH, scene::SimScene, traffic::Plan, vehicle::Action};
+use crate::{Error, observation::LENGTH, scene::SimScene, traffic::Plan, vehicle::Action};
 
 /// What happens after the last step of an episode.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -133,7 +133,7 @@ impl Batch {
     /// `count` environments. The scene of each episode is drawn from the seed, the environment's number and
     /// the episode's number.
     ///
-    /// *Errors*: [`Error::Options`] without scenes; a scene that cannot start, as
+    /// *Errors*: [`CoreError::Options`] without scenes; a scene that cannot start, as
     /// [`Environment::reset`]. Every scene is tried.
     pub fn new(
         scenes: Vec<Arc<SimScene>>,
@@ -144,7 +144,7 @@ impl Batch {
     ) -> Result<Self, Error> {
         if scenes.is_empty() {
             let problem = "there are no scenes; give at least one".to_owned();
-            return Err(Error::Options { kind: "simulation", name: "batch", problem });
+            return Err(CoreError::Options { kind: "simulation", name: "batch", problem }.into());
         }
         let shared = Shared { scenes, options, auto_reset, seed };
         for scene in 0..shared.scenes.len() {
@@ -173,7 +173,7 @@ impl Batch {
     /// Starts another episode of one environment, in a given scene or a drawn one, and with a plan in place
     /// of a track's log.
     ///
-    /// *Errors*: [`Error::Options`] for a number out of range; as [`Environment::reset`].
+    /// *Errors*: [`CoreError::Options`] for a number out of range; as [`Environment::reset`].
     pub fn reset_one(
         &mut self,
         number: usize,
@@ -187,7 +187,7 @@ impl Batch {
             let problem = format!(
                 "environment {number}, scene {scene:?}; there are {count} environments and {scenes} scenes"
             );
-            return Err(Error::Options { kind: "simulation", name: "batch", problem });
+            return Err(CoreError::Options { kind: "simulation", name: "batch", problem }.into());
         };
         slot.episode += 1;
         *slot = self.shared.started(number, slot.episode, scene, plan)?;
@@ -203,12 +203,12 @@ impl Batch {
 
     /// Steps every environment, in the caller's thread pool: one (steering, throttle) each.
     ///
-    /// *Errors*: [`Error::Length`] for another number of actions, before any step. Otherwise the first
+    /// *Errors*: [`CoreError::Length`] for another number of actions, before any step. Otherwise the first
     /// environment that fails, as [`Environment::step`]; the rows of all others are written.
     pub fn step(&mut self, actions: &[[f32; 2]], out: &mut BatchOutput) -> Result<(), Error> {
         let (found, expected) = (actions.len(), self.len());
         if found != expected {
-            return Err(Error::Length { what: "actions".to_owned(), found, expected });
+            return Err(CoreError::Length { what: "actions".to_owned(), found, expected }.into());
         }
         out.resize(expected);
         let shared = &self.shared;

@@ -1,10 +1,10 @@
 //! A constant action: the simplest driver, for tests and as an example.
 
-use sage_core::{Error, registry::Entry};
+use sage_core::registry::Entry;
 use serde::{Deserialize, Serialize};
 
 use super::{Driver, EgoPolicy, Start, View};
-use crate::{vehicle::Action, world::Control};
+use crate::{Error, vehicle::Action, world::Control};
 
 /// The policy `constant`.
 #[derive(Clone, Copy, Debug, Default)]

@@ -1,13 +1,13 @@
 //! The logged route at the speed of frame 0: what a car does that nobody drives. A baseline for drivers.
 
 use sage_core::{
-    Error,
     motion::{DT, Pose},
     registry::{Entry, NoOptions},
 };
 
 use super::{Driver, EgoPolicy, Start, View};
 use crate::{
+    Error,
     route::{Coordinates, Localization},
     world::Control,
 };

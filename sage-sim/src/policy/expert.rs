@@ -7,7 +7,6 @@
 //! and no plan.
 
 use sage_core::{
-    Error,
     geometry::{OrientedBox, distance},
     motion::{DT, State},
     registry::Entry,
@@ -16,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Driver, EgoPolicy, Start, View, forecast, pid::Pid, steering};
 use crate::{
+    Error,
     body::{Body, BodyKind},
     red_lights::{Braking, RedLights, RedStop},
     route::{Coordinates, Localization, Route},

@@ -5,7 +5,6 @@
 //! drive; here a drive starts with fresh windows and forecasts use copies.
 
 use sage_core::{
-    Error,
     geometry::{OrientedBox, Point, distance, dot, norm, sub, wrap_angle},
     motion::DT,
     registry::{Entry, NoOptions},
@@ -14,6 +13,7 @@ use sage_core::{
 
 use super::{Driver, EgoPolicy, Knowledge, Start, View, expert::quantile, pid::Pid};
 use crate::{
+    Error,
     route::{Coordinates, Localization, Route},
     vehicle::Action,
     world::Control,

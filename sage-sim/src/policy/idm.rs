@@ -5,7 +5,6 @@
 //! ([`crate::red_lights`]).
 
 use sage_core::{
-    Error,
     motion::{
         DT,
         idm::{Idm, Leader},
@@ -20,6 +19,7 @@ use super::{
     steering,
 };
 use crate::{
+    Error,
     following::{Follower, areas, leader},
     red_lights::{Braking, RedLights},
     route::Localization,

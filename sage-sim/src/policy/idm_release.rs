@@ -2,13 +2,13 @@
 //! that it keeps 20 m and stops and goes. Its target is 40 km/h everywhere; it does not change lanes.
 
 use sage_core::{
-    Error,
     geometry::{OrientedBox, distance, dot, wrap_angle},
     registry::{Entry, NoOptions},
 };
 
 use super::{Driver, EgoPolicy, Start, View};
 use crate::{
+    Error,
     route::{Localization, Route},
     vehicle::Action,
     world::Control,

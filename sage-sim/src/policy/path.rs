@@ -10,7 +10,7 @@ use std::{
 };
 
 use sage_core::{
-    Error, files,
+    files,
     geometry::MAX_COORDINATE,
     motion::{Pose, check_path},
     registry::Entry,
@@ -18,7 +18,7 @@ use sage_core::{
 use serde::{Deserialize, Serialize};
 
 use super::{Driver, EgoPolicy, Start, View};
-use crate::world::Control;
+use crate::{Error, world::Control};
 
 /// Largest file that is read, bytes: the drives of 10 000 scenes.
 const MAX_DRIVES: u64 = 64 << 20;
@@ -60,10 +60,10 @@ impl DrivenPath {
 
     /// Poses of a scene, frame 0 first, one for each of its frames.
     ///
-    /// *Errors*: [`Error::Scene`] if the file has no drive of this scene, one of another length, or one that no
+    /// *Errors*: [`Error::Policy`] if the file has no drive of this scene, one of another length, or one that no
     /// car drives: numbers beyond [`MAX_COORDINATE`], steps beyond [`sage_core::motion::MAX_STEP`].
     pub fn of(&self, scene: &str, frames: usize) -> Result<&[[f64; 3]], Error> {
-        let fail = |problem: String| Error::Scene { scene: scene.to_owned(), problem };
+        let fail = |problem: String| Error::Policy { scene: scene.to_owned(), problem };
         let file = self.file.display();
         let poses = match &self.drives {
             Drives::One(poses) => poses,

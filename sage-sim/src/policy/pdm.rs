@@ -17,7 +17,6 @@ mod tracker;
 use std::sync::Arc;
 
 use sage_core::{
-    Error,
     geometry::{Aabb, Point, dot, norm, sub},
     motion::DT,
     registry::Entry,
@@ -26,6 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Driver, EgoPolicy, Start, View};
 use crate::{
+    Error,
     red_lights::{Braking, RedLights},
     route::Coordinates,
     traffic::DESIRED_SPEED,

@@ -11,7 +11,6 @@ mod reaction;
 use std::collections::BTreeMap;
 
 use sage_core::{
-    Error,
     geometry::{Point, dot, sub},
     motion::DT,
     registry::Entry,
@@ -25,6 +24,7 @@ use super::{
     idm::{IdmDriver, IdmOptions},
 };
 use crate::{
+    Error,
     body::Body,
     route::{Localization, Route},
     vehicle::Action,

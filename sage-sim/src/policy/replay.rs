@@ -1,14 +1,13 @@
 //! Replay of the recording, pose by pose. It knows its own future and reacts to nothing.
 
 use sage_core::{
-    Error,
     motion::Pose,
     registry::{Entry, NoOptions},
     scene::Track,
 };
 
 use super::{Driver, EgoPolicy, Knowledge, Start, View};
-use crate::world::Control;
+use crate::{Error, world::Control};
 
 /// The policy `replay`.
 #[derive(Clone, Copy, Debug, Default)]

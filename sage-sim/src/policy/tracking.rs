@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use sage_core::{
-    Error,
     geometry::Point,
     motion::DT,
     registry::{Entry, NoOptions},
@@ -12,6 +11,7 @@ use sage_core::{
 
 use super::{Driver, EgoPolicy, Knowledge, Start, View, steering};
 use crate::{
+    Error,
     route::{Coordinates, Localization, Route},
     vehicle::Action,
     world::Control,

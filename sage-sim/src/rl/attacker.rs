@@ -3,12 +3,11 @@
 use std::sync::Arc;
 
 use sage_core::{
-    Error,
     generator::{Generator, OperatingPoint},
     objective::{Context, ContextOptions},
 };
 
-use crate::{attack_test::recorded, drive::Drive, scene::SimScene, traffic::Plan};
+use crate::{Error, attack_test::recorded, drive::Drive, scene::SimScene, traffic::Plan};
 
 /// Plans attacks in training and evaluation.
 pub trait Attacker: Sync {
@@ -39,7 +38,10 @@ pub fn plan_of_generator(
     let recorded = recorded(scene, drive);
     let ctx = Context::new(&recorded, scene.index(), &ContextOptions::default())?;
     let attacks = generator.attacks(&ctx, std::slice::from_ref(point), seed)?;
-    let attack = attacks.first().ok_or_else(|| scene.error("the generator gave no attack".to_owned()))?;
+    let attack = attacks.first().ok_or_else(|| Error::Plan {
+        scene: recorded.id.clone(),
+        problem: "the generator gave no attack".to_owned(),
+    })?;
     attack.check(&recorded)?;
     Ok(Arc::new(Plan::of_adversary(scene.scene(), attack.trajectory())?))
 }

@@ -3,11 +3,12 @@
 
 use std::sync::Arc;
 
-use sage_core::{Error, generator::OperatingPoint, geometry::norm, motion::DT};
+use sage_core::{generator::OperatingPoint, geometry::norm, motion::DT};
 use serde::{Deserialize, Serialize};
 
 use super::Attacker;
 use crate::{
+    Error,
     drive::{Drive, OffRoad, found},
     environment::{Environment, EnvironmentOptions, Outcome},
     fault::classify,

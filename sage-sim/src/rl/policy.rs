@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
-use sage_core::Error;
-
 use super::{Network, SingleRow};
 use crate::{
+    Error,
     policy::{Driver, EgoPolicy, Start, View},
     vehicle::Action,
     world::Control,

@@ -9,7 +9,7 @@
 
 use std::sync::Arc;
 
-use sage_core::{Error, generator::OperatingPoint, seed::Rng};
+use sage_core::{generator::OperatingPoint, seed::Rng};
 
 use super::{
     ActorPolicy, Attacker, Curriculum, Evaluation, Progress, SceneSampler, SingleRow, TrainingOptions,
@@ -20,6 +20,7 @@ use super::{
     way_out::is_shown_avoidable,
 };
 use crate::{
+    Error,
     drive::{Drive, OffRoad},
     environment::{Environment, EnvironmentOptions},
     observation::LENGTH,
@@ -182,7 +183,7 @@ impl<'a> Training<'a> {
             match self.begin_in(scene, episode, &mut rng("coin"), rng("world").bits()) {
                 Ok(slot) if slot.observation.iter().all(|x| x.is_finite()) => return Ok(slot),
                 Ok(slot) => return Err(self.not_a_number(&slot, "observation at the start")),
-                Err(error @ Error::NotFinite { .. }) => {
+                Err(error @ Error::Core(sage_core::Error::NotFinite { .. })) => {
                     return Err(self.broken(scene, &error.to_string()));
                 }
                 Err(error) => {

@@ -1,11 +1,13 @@
 //! A trajectory for one track in place of its log, usually the adversary's.
 
 use sage_core::{
-    Error,
+    Error as CoreError,
     geometry::MAX_COORDINATE,
     motion::Trajectory,
     scene::{Scene, Track},
 };
+
+use crate::Error;
 
 /// A trajectory for one track in place of its log.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,7 +21,7 @@ pub struct Plan {
 impl Plan {
     /// The plan of the adversary: its log up to *now*, then a trajectory for frames 11 to 90; absent after it.
     ///
-    /// *Errors*: [`Error::Scene`] if the scene has no adversary.
+    /// *Errors*: [`CoreError::Scene`] if the scene has no adversary.
     pub fn of_adversary(scene: &Scene, trajectory: &Trajectory) -> Result<Self, Error> {
         let track = scene.adversary_index()?;
         Ok(Self { track, motion: scene.tracks[track].following(trajectory) })
@@ -27,17 +29,17 @@ impl Plan {
 
     /// Checks that the plan fits a scene.
     ///
-    /// *Errors*: [`Error::Scene`] for a track that the scene has not, or the ego; [`Error::Length`] for
-    /// another number of frames; [`Error::NotFinite`] for a number that is not finite.
+    /// *Errors*: [`Error::Plan`] for a track that the scene has not, or the ego; [`CoreError::Length`] for
+    /// another number of frames; [`CoreError::NotFinite`] for a number that is not finite.
     pub(crate) fn check(&self, scene: &Scene) -> Result<(), Error> {
         if self.track >= scene.tracks.len() || self.track == scene.ego {
             let problem = format!("track number {} cannot have a plan", self.track);
-            return Err(Error::Scene { scene: scene.id.clone(), problem });
+            return Err(Error::Plan { scene: scene.id.clone(), problem });
         }
         let Track { position, heading, velocity, size, valid, .. } = &self.motion;
         let columns = [position.len(), heading.len(), velocity.len(), size.len(), valid.len()];
         if let Some(found) = columns.into_iter().find(|length| *length != scene.frames) {
-            return Err(Error::Length { what: "plan".to_owned(), found, expected: scene.frames });
+            return Err(CoreError::Length { what: "plan".to_owned(), found, expected: scene.frames }.into());
         }
         let is_finite = |frame: usize| {
             let numbers = position[frame].iter().chain(&velocity[frame]).chain(&size[frame]);
@@ -46,7 +48,7 @@ impl Plan {
         match (0..scene.frames).find(|&frame| valid[frame] && !is_finite(frame)) {
             Some(index) => {
                 let what = format!("plan of track `{}`", scene.tracks[self.track].id);
-                Err(Error::NotFinite { what, index, point: self.motion.point(index) })
+                Err(CoreError::NotFinite { what, index, point: self.motion.point(index) }.into())
             }
             None => Ok(()),
         }

@@ -11,9 +11,7 @@ use sage_core::{
     scene::SceneData,
     statistics,
 };
-use sage_generators::{
-    Aggression, GeneratorInputs, ProposerKind, Rate, proposers::MixedExperts, selector::best_of,
-};
+use sage_generators::{Aggression, GeneratorInputs, Rate, proposers::MixedExperts, selector::best_of};
 
 use crate::scenes::Scenes;
 
@@ -71,7 +69,7 @@ impl AttackGrid {
         // If any objective needs the prior's likelihood, the proposer must compute it.
         let needs_prior = objectives.iter().find(|objective| objective.needs_prior());
         let selection = needs_prior.unwrap_or(&inputs.selection).clone();
-        let proposer = MixedExperts::default().build(&GeneratorInputs { selection, ..inputs.clone() })?;
+        let proposer = MixedExperts::default().proposer(&GeneratorInputs { selection, ..inputs.clone() })?;
         let experts = inputs.experts("sage")?;
         let mixtures =
             lambdas.iter().map(|lambda| experts.between(*lambda)).collect::<Result<Vec<_>, _>>()?;

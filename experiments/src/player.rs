@@ -42,8 +42,8 @@ pub(crate) struct Panel<'a> {
     pub(crate) adversary: Option<&'a Track>,
     /// The same driver without the attack; the page shows it up to its first contact.
     pub(crate) unattacked: Option<&'a Drive>,
-    /// The last way out of that drive, from its start to frame 90: box centres and headings.
-    pub(crate) way_out: Option<&'a [[f64; 3]]>,
+    /// The last evasive manoeuvre of that drive, from its start to frame 90: box centres and headings.
+    pub(crate) evasion: Option<&'a [[f64; 3]]>,
     /// Whether the attack works; `None` without an attack.
     pub(crate) verdict: Option<bool>,
     /// Says what is attacked, before the end.
@@ -143,7 +143,7 @@ fn traffic(scene: &Scene, panels: &[Panel], area: &Aabb, origin: Point) -> Vec<E
 }
 
 fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'a> {
-    let Panel { name, episode, adversary, unattacked, way_out, verdict, note, ending } = panel;
+    let Panel { name, episode, adversary, unattacked, evasion, verdict, note, ending } = panel;
     let size = box_size(scene.ego());
     let drive = |drive: &Drive| {
         let end = drive.contacts.first().map_or(LAST_FRAME, |contact| contact.step.min(LAST_FRAME));
@@ -174,7 +174,7 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         adversary: adversary
             .and_then(|track| EncodedBody::of(states(track, origin), box_size(track), kind(track))),
         ghost: unattacked.and_then(drive),
-        escape: way_out.and_then(|rows| EncodedBody::of(way_out_states(rows, origin), size, "vehicle")),
+        escape: evasion.and_then(|rows| EncodedBody::of(evasion_states(rows, origin), size, "vehicle")),
         contact,
         verdict: *verdict,
         note,
@@ -182,8 +182,8 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
     }
 }
 
-/// States of a way out, which ends at the last frame.
-fn way_out_states(rows: &[[f64; 3]], origin: Point) -> impl Iterator<Item = (usize, FrameState)> {
+/// States of an evasive manoeuvre, which ends at the last frame.
+fn evasion_states(rows: &[[f64; 3]], origin: Point) -> impl Iterator<Item = (usize, FrameState)> {
     let first = LAST_FRAME + 1 - rows.len().min(LAST_FRAME + 1);
     rows.iter().enumerate().map(move |(k, &[x, y, heading])| {
         let [before_x, before_y, _] = rows[k.saturating_sub(1)];

@@ -1,4 +1,4 @@
-//! Ways out of attacks, as a user sees them.
+//! Evasive manoeuvres, as a user sees them.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -86,7 +86,7 @@ fn generated_attacks_say_how_late_they_are_avoidable_and_react_chooses() {
     assert!(avoided >= 2, "{avoided}");
     let name = plain[0]["scene"].as_str().unwrap();
     let picture = fs::read_to_string(folder.path().join(format!("plain/{name}.svg"))).unwrap();
-    assert_eq!(picture.contains("way out from"), plain[0]["scores"]["avoidable"] == json!(true));
+    assert_eq!(picture.contains("evasive manoeuvre from"), plain[0]["scores"]["avoidable"] == json!(true));
 
     for target in ["0.3", "1"] {
         let mut notes = 0;

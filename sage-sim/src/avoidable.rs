@@ -1,13 +1,13 @@
-//! Whether a driver could have avoided an attack: a search for a way out, and when the last one began.
+//! Whether a driver could have avoided an attack: a search for an evasive manoeuvre, and when the last one began.
 //!
 //! The adversary keeps to its plan and the others to their recording. The ego keeps to its path up to a frame and
 //! then follows one of many manoeuvres of a kinematic bicycle within [`AvoidanceOptions`]. A manoeuvre is a *way
 //! out* if its box touches nothing up to frame 90: not the adversary, no other road user, no edge, no median,
 //! swept between frames. Lines under the box at the start may be left, and a road user that runs into the ego from
 //! behind is noted, because a recorded follower does not react. Starts are tried from the contact backwards, so the
-//! first way out that is found is the last one.
+//! first evasive manoeuvre that is found is the last one.
 //!
-//! A way out that is found exists, and any simulator can replay it. That none is found proves nothing.
+//! An evasive manoeuvre that is found exists, and any simulator can replay it. That none is found proves nothing.
 
 mod car;
 mod follower;
@@ -35,38 +35,38 @@ use motion::Motion;
 use reference_line::ReferenceLine;
 use surroundings::{HEIGHT_GAP, Moving, Passed, Surroundings, plan};
 
-/// A way out: box centre and heading at the 80 steps, metres and rad, world frame.
+/// An evasive manoeuvre: box centre and heading at the 80 steps, metres and rad, world frame.
 pub type Witness = Vec<[f64; 3]>;
 
 /// Whether an attack is avoidable, and how late.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Avoidable {
-    /// Whether a way out was found, contacts from behind allowed; `None` if the question does not arise.
+    /// Whether an evasive manoeuvre was found, contacts from behind allowed; `None` if the question does not arise.
     pub avoidable: Option<bool>,
     /// Why it does not arise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub avoidable_reason: Option<String>,
-    /// Whether a way out without any contact from behind was found.
+    /// Whether an evasive manoeuvre without any contact from behind was found.
     pub avoidable_unhit: Option<bool>,
-    /// Whether someone else runs into the ego from behind on the last way out.
+    /// Whether someone else runs into the ego from behind on the last evasive manoeuvre.
     pub hit_from_behind: Option<bool>,
-    /// Whether one of them would do so too as a careful driver, who brakes 0.75 s after the way out begins; `None` if nobody
+    /// Whether one of them would do so too as a UN R157 driver, who brakes 0.75 s after the evasive manoeuvre begins; `None` if nobody
     /// runs into the ego, or one that does is not recorded throughout.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub hit_by_reactive_follower: Option<bool>,
     /// Whether a straight full brake after frame 90 stays free for 2 s.
     pub recovers: Option<bool>,
-    /// Whether the last way out leaves the lane at a frame at which the ego's own path is in one.
+    /// Whether the last evasive manoeuvre leaves the lane at a frame at which the ego's own path is in one.
     pub leaves_lane: Option<bool>,
-    /// Seconds from the last start to the contact; `None` without a way out.
+    /// Seconds from the last start to the contact; `None` without an evasive manoeuvre.
     pub time_to_react: Option<f64>,
     /// The same of braking alone, on the ego's path.
     pub time_to_brake: Option<f64>,
     /// The same of steering alone, at the speed of the start.
     pub time_to_steer: Option<f64>,
-    /// Peak deceleration of the mildest way out that begins *now*, m/s²; `None` if only later starts have one.
+    /// Peak deceleration of the mildest evasive manoeuvre that begins *now*, m/s²; `None` if only later starts have one.
     pub mildest_deceleration: Option<f64>,
-    /// The last way out.
+    /// The last evasive manoeuvre.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub witness: Option<Witness>,
 }
@@ -74,7 +74,7 @@ pub struct Avoidable {
 impl Avoidable {
     /// The part of the witness from its start on, and the time of the start, seconds after *now*, of an attack whose
     /// contact is at a step.
-    pub fn way_out(&self, contact: usize) -> Option<(f64, &[[f64; 3]])> {
+    pub fn evasion(&self, contact: usize) -> Option<(f64, &[[f64; 3]])> {
         let start = contact as f64 * DT - self.time_to_react?;
         let first = (start / DT).round().max(0.0) as usize;
         Some((start.max(0.0), self.witness.as_ref()?.get(first.saturating_sub(1)..)?))
@@ -117,7 +117,7 @@ impl Prefix {
     }
 }
 
-/// A way out, step by step.
+/// An evasive manoeuvre, step by step.
 struct Traced {
     witness: Witness,
     recovers: bool,
@@ -216,7 +216,7 @@ impl Avoidance {
         let adversary = plan(track, candidate.box_now(), candidate.boxes());
         let attack = Attack { prefix: self.prefix(contact, &adversary), adversary };
         let search = |latest: usize, fits: &dyn Fn(&Manoeuvre) -> bool| -> Option<Free> {
-            (0..=latest).rev().find_map(|start| self.way_out(start, &attack, fits, true))
+            (0..=latest).rev().find_map(|start| self.evasion(start, &attack, fits, true))
         };
         let react = search(attack.prefix.last, &|_| true);
         let seconds = |free: &Option<Free>| free.as_ref().map(|free| (contact - free.start) as f64 / 10.0);
@@ -228,16 +228,16 @@ impl Avoidance {
             };
         };
         let unhit = !way.is_hit || {
-            (0..=way.start).rev().any(|start| self.way_out(start, &attack, &|_| true, false).is_some())
+            (0..=way.start).rev().any(|start| self.evasion(start, &attack, &|_| true, false).is_some())
         };
-        // Later starts than that of the last way out have failed with all manoeuvres.
+        // Later starts than that of the last evasive manoeuvre have failed with every manoeuvre.
         let Traced { witness, recovers, followers } = self.trace(way, &attack);
         Avoidable {
             avoidable: Some(true),
             avoidable_reason: None,
             avoidable_unhit: Some(unhit),
             hit_from_behind: Some(way.is_hit),
-            hit_by_reactive_follower: self.is_hit_by_careful(&followers, &witness, way.start),
+            hit_by_reactive_follower: self.is_hit_by_r157(&followers, &witness, way.start),
             recovers: Some(recovers),
             leaves_lane: self.leaves_lane(&witness, way.start),
             time_to_react: seconds(&react),
@@ -248,7 +248,7 @@ impl Avoidance {
         }
     }
 
-    /// Least deceleration of a manoeuvre that is a way out from *now* on, m/s².
+    /// Least deceleration of an evasive manoeuvre that begins *now*, m/s².
     fn mildest(&self, attack: &Attack) -> Option<f64> {
         let mut by_deceleration: Vec<&Manoeuvre> = self.manoeuvres.iter().collect();
         by_deceleration.sort_by(|a, b| a.deceleration().total_cmp(&b.deceleration()));
@@ -275,7 +275,7 @@ impl Avoidance {
     }
 
     /// The first manoeuvre from a start that touches nothing; one that nobody runs into is preferred.
-    fn way_out(
+    fn evasion(
         &self,
         start: usize,
         attack: &Attack,
@@ -320,7 +320,7 @@ impl Avoidance {
         Some(passed)
     }
 
-    /// The witness of a way out, and what happens on it.
+    /// The witness of an evasive manoeuvre, and what happens on it.
     fn trace(&self, way: &Free, attack: &Attack) -> Traced {
         let row = |area: &OrientedBox| [area.center[0], area.center[1], area.axis[1].atan2(area.axis[0])];
         let mut witness: Witness = self.path[1..=way.start].iter().map(row).collect();
@@ -338,8 +338,8 @@ impl Avoidance {
         Traced { witness, recovers, followers: passed.from_behind }
     }
 
-    /// Whether one of those who run into the ego would do so as a careful driver.
-    fn is_hit_by_careful(&self, followers: &[usize], witness: &Witness, start: usize) -> Option<bool> {
+    /// Whether one of those who run into the ego would do so as a UN R157 driver.
+    fn is_hit_by_r157(&self, followers: &[usize], witness: &Witness, start: usize) -> Option<bool> {
         if followers.is_empty() {
             return None;
         }

@@ -13,6 +13,7 @@
 
 mod adam;
 mod attacker;
+mod avoidable_contact;
 mod buffer_log;
 mod checkpoint;
 pub mod curriculum;
@@ -30,7 +31,6 @@ mod tensor_file;
 mod training;
 mod training_options;
 mod training_state;
-mod way_out;
 
 pub use attacker::{Attacker, plan_of_generator};
 pub use buffer_log::BUFFER;

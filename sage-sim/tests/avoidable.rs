@@ -1,4 +1,4 @@
-//! Ways out of attacks: worked scenes with known answers, and witnesses that other code finds free of contacts.
+//! Evasive manoeuvres: worked scenes with known answers, and witnesses that other code finds free of contacts.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -141,10 +141,10 @@ fn a_follower_that_does_not_react_is_told_apart() {
     assert_eq!((out.avoidable, out.avoidable_unhit), (Some(true), Some(false)));
     assert_eq!(out.hit_from_behind, Some(true));
     assert!(is_within_frames(out.time_to_brake, 0.75), "{:?}", out.time_to_brake);
-    // The ego stops within 9 m. A careful driver behind it needs 9 m to react and 13 m to stop: 13 m between the bumpers
+    // The ego stops within 9 m. A UN R157 driver behind it needs 9 m to react and 13 m to stop: 13 m between the bumpers
     // suffice.
-    let careful = |gap: f64| followed(-4.5 - gap).hit_by_reactive_follower;
-    assert_eq!((careful(12.5), careful(13.5)), (Some(true), Some(false)));
+    let r157 = |gap: f64| followed(-4.5 - gap).hit_by_reactive_follower;
+    assert_eq!((r157(12.5), r157(13.5)), (Some(true), Some(false)));
     assert_eq!(followed(-60.0).hit_by_reactive_follower, None);
 }
 
@@ -250,7 +250,7 @@ fn witnesses_touch_nothing_when_other_code_replays_them() {
         for plan in plans(&ctx) {
             let candidate = ctx.candidate(plan);
             let [coarse, out] = [0, 1].map(|k| searches[k].of(&candidate));
-            // A finer search loses no way out, and finds none that starts earlier.
+            // A finer search loses no evasive manoeuvre, and finds none that starts earlier.
             let latest = |out: &Avoidable| out.time_to_react.unwrap_or(f64::INFINITY);
             assert!(latest(&out) <= latest(&coarse), "{}", scene.id);
             // The finest of these is slow.
@@ -266,7 +266,7 @@ fn witnesses_touch_nothing_when_other_code_replays_them() {
             simulate(&ctx, &index, candidate.trajectory(), &witness, is_hit);
         }
     }
-    println!("{witnesses} ways out of {attacks} attacks");
+    println!("{witnesses} evasive manoeuvres from {attacks} attacks");
     assert!(witnesses > 20, "{witnesses}");
 }
 

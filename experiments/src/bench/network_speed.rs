@@ -173,7 +173,7 @@ fn attacks(
     Ok(())
 }
 
-/// Times the search for ways out: of the selected attack, and of its first candidates that hit the ego.
+/// Times the search for evasive manoeuvres: from the selected attack, and from its first candidates that hit the ego.
 fn ways_out(
     sage: &dyn Generator,
     cases: &[Case],

@@ -1,4 +1,4 @@
-//! Arguments of the search for ways out of attacks.
+//! Arguments of the search for evasive manoeuvres.
 
 use clap::Args;
 use sage_sim::avoidable::AvoidanceOptions;
@@ -9,7 +9,7 @@ use crate::react;
 /// Name of the preset of comfortable limits.
 const COMFORTABLE: &str = "comfortable";
 
-/// Search for ways out of attacks.
+/// Search for evasive manoeuvres.
 #[derive(Clone, Debug, Default, Args)]
 pub(crate) struct AvoidableArgs {
     /// Search whether a driver could have avoided each attack, and how late. Options as JSON, such as

@@ -36,7 +36,7 @@ pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
         frame: args.frame,
         ego_path: None,
         candidates: drawn(&scene, candidates)?,
-        way_out: None,
+        evasion: None,
         whole_map: args.whole_map,
     };
     out.write(drawing::draw(&scene, &picture).as_bytes())?;

@@ -32,8 +32,8 @@ pub(super) struct Content<'c> {
     pub(super) adversary: Option<&'c str>,
     /// Names of the candidates and the step of their first contact.
     pub(super) candidates: &'c [(String, Option<usize>)],
-    /// Time at which the way out starts, seconds.
-    pub(super) way_out: Option<f64>,
+    /// Time at which the evasive manoeuvre starts, seconds.
+    pub(super) evasion: Option<f64>,
     pub(super) has_contact: bool,
     pub(super) map: &'c BTreeSet<Shown>,
     pub(super) users: &'c BTreeSet<TrackKind>,
@@ -104,9 +104,9 @@ fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
     if let Some(more) = content.candidates.len().checked_sub(NAMED).filter(|n| *n > 0) {
         at.next(svg, &format!("and {more} more"));
     }
-    if let Some(start) = content.way_out {
-        let [x, y] = at.next(svg, &format!("way out from {start:.1} s on"));
-        road_users::way_out_line(svg, &[[x - 12.0, y], [x + 12.0, y]]);
+    if let Some(start) = content.evasion {
+        let [x, y] = at.next(svg, &format!("evasive manoeuvre from {start:.1} s on"));
+        road_users::evasion_line(svg, &[[x - 12.0, y], [x + 12.0, y]]);
     }
     if content.has_contact {
         let sign = at.next(svg, "first contact");

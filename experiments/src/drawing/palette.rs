@@ -38,8 +38,8 @@ pub(super) const OTHER: &str = "#e6c229";
 /// Contact of two cars.
 pub(super) const CONTACT: &str = "#f0e442";
 
-/// The ego's way out of an attack.
-pub(super) const WAY_OUT: &str = "#007a52";
+/// The ego's evasive manoeuvre.
+pub(super) const EVASION: &str = "#007a52";
 
 /// Colours from *now* to the end of the future.
 pub(super) struct Ramp {

@@ -123,16 +123,16 @@ pub(super) fn role(svg: &mut Svg, viewport: &Viewport, b: &OrientedBox, role: Ro
     svg.polygon(&corners, &format!(r#"fill="none" stroke="{}" stroke-width="1""#, color::INK));
 }
 
-/// Draws the ego's way out of an attack.
-pub(super) fn way_out(svg: &mut Svg, viewport: &Viewport, points: &[Point]) {
+/// Draws the ego's evasive manoeuvre.
+pub(super) fn evasion(svg: &mut Svg, viewport: &Viewport, points: &[Point]) {
     let pixels: Vec<Point> = points.iter().map(|p| viewport.pixel(*p)).collect();
-    way_out_line(svg, &pixels);
+    evasion_line(svg, &pixels);
 }
 
-/// The line of a way out, in pixels.
-pub(super) fn way_out_line(svg: &mut Svg, pixels: &[Point]) {
+/// The line of an evasive manoeuvre, in pixels.
+pub(super) fn evasion_line(svg: &mut Svg, pixels: &[Point]) {
     let attributes =
-        format!(r#"fill="none" stroke="{}" stroke-width="3" stroke-dasharray="6 4""#, color::WAY_OUT);
+        format!(r#"fill="none" stroke="{}" stroke-width="3" stroke-dasharray="6 4""#, color::EVASION);
     svg.lines(&[pixels.to_vec()], &attributes);
 }
 

@@ -41,8 +41,8 @@ pub struct Picture {
     pub candidates: Vec<DrawnPath>,
     /// The ego's path, if it differs from the logged one.
     pub ego_path: Option<Vec<Point>>,
-    /// The last way out of an attack: the ego's positions from its start on, and the time of the start, seconds.
-    pub way_out: Option<(f64, Vec<Point>)>,
+    /// The last evasive manoeuvre: the ego's positions from its start on, and the time of the start, seconds.
+    pub evasion: Option<(f64, Vec<Point>)>,
     /// Draw the whole map instead of the surroundings of ego and adversary.
     pub whole_map: bool,
 }
@@ -54,8 +54,8 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     let ego_path = picture.ego_path.clone().unwrap_or_else(|| road_users::logged_trajectory(scene.ego()));
     let adversary_log = adversary.map(road_users::logged_trajectory).unwrap_or_default();
     let mut area = road_users::bounds(&ego_path);
-    let way_out = picture.way_out.iter().map(|(_, points)| points);
-    for points in picture.candidates.iter().map(|c| &c.points).chain([&adversary_log]).chain(way_out) {
+    let evasion = picture.evasion.iter().map(|(_, points)| points);
+    for points in picture.candidates.iter().map(|c| &c.points).chain([&adversary_log]).chain(evasion) {
         area = area.union(&road_users::bounds(points));
     }
     for track in [Some(scene.ego()), adversary].into_iter().flatten().filter(|t| t.is_valid(frame)) {
@@ -85,8 +85,8 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     if picture.candidates.is_empty() {
         road_users::trajectory(&mut svg, &viewport, &adversary_log, Role::Adversary);
     }
-    if let Some((_, points)) = &picture.way_out {
-        road_users::way_out(&mut svg, &viewport, points);
+    if let Some((_, points)) = &picture.evasion {
+        road_users::evasion(&mut svg, &viewport, points);
     }
     for candidate in &picture.candidates {
         road_users::trajectory(&mut svg, &viewport, &candidate.points, Role::Adversary);
@@ -123,7 +123,7 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
         ego: &scene.ego().id,
         adversary: adversary.map(|track| &track.id[..]),
         candidates: &names,
-        way_out: picture.way_out.as_ref().map(|(start, _)| *start),
+        evasion: picture.evasion.as_ref().map(|(start, _)| *start),
         has_contact: picture.candidates.iter().any(|c| c.contact.is_some()),
         map: &map,
         users: &users,

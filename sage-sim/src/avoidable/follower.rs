@@ -1,4 +1,4 @@
-//! A recorded follower that reacts: whether one that runs into the ego from behind would still do so as a careful driver.
+//! A recorded follower that reacts: whether one that runs into the ego from behind would still do so as a UN R157 driver.
 
 use sage_core::{
     geometry::{OrientedBox, boxes_meet_between, distance},
@@ -6,14 +6,14 @@ use sage_core::{
     objective::Context,
 };
 
-/// Delay of a careful driver, seconds, its deceleration, m/s², and the time in which that rises (UN R157).
+/// Delay of a driver by UN R157, seconds, its deceleration, m/s², and the time in which that rises.
 const DELAY: f64 = 0.75;
 const DECELERATION: f64 = 0.774 * 9.81;
 const RAMP: f64 = 0.6;
 
-/// Whether a follower that brakes on its recorded path, from 0.75 s after the ego's way out begins, meets the boxes of the
+/// Whether a follower that brakes on its recorded path, from 0.75 s after the ego's evasive manoeuvre begins, meets the boxes of the
 /// ego; `None` if it is not recorded throughout. `own` has the ego's boxes at steps 0 to 80. One that met the ego before
-/// the way out began does so whatever it does then.
+/// the evasive manoeuvre began does so whatever it does then.
 pub(super) fn is_hit(ctx: &Context, track: usize, own: &[OrientedBox], start: usize) -> Option<bool> {
     let other = ctx.others().iter().find(|other| other.track == track)?;
     let recorded: Vec<OrientedBox> =

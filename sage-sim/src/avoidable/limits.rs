@@ -1,4 +1,4 @@
-//! What a driver can do with the car: the limits of the search for a way out.
+//! What a driver can do with the car: the limits of the search for an evasive manoeuvre.
 
 use sage_core::Error;
 use serde::{Deserialize, Serialize};

@@ -1,4 +1,4 @@
-//! The line that a way out is measured from: where the ego went, continued along the lanes.
+//! The line that an evasive manoeuvre is measured from: where the ego went, continued along the lanes.
 
 use sage_core::{
     geometry::{Point, cross, dot, norm, sub},

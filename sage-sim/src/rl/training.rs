@@ -13,11 +13,12 @@ use sage_core::{generator::OperatingPoint, seed::Rng};
 
 use super::{
     ActorPolicy, Attacker, Curriculum, Evaluation, Progress, SceneSampler, SingleRow, TrainingOptions,
-    TrainingState, Transition, TransitionBatch, attack_episode, drive_episode, drive_scene,
+    TrainingState, Transition, TransitionBatch, attack_episode,
+    avoidable_contact::is_shown_avoidable,
+    drive_episode, drive_scene,
     evaluation::SHORTEST_DRIVE,
     evaluation_rules,
     training_state::{SIZES, StoredDrive},
-    way_out::is_shown_avoidable,
 };
 use crate::{
     Error,

@@ -113,13 +113,13 @@ pub(super) fn picture_file(scene: &str) -> String {
     format!("{scene}.svg")
 }
 
-/// The careful driver in a scene; without what cannot be simulated.
-struct Careful {
+/// The UN R157 driver in a scene; without what cannot be simulated.
+struct R157Driver {
     scene: Option<Arc<SimScene>>,
     driver: Option<Box<dyn EgoPolicy>>,
 }
 
-impl Careful {
+impl R157Driver {
     fn new(scene: &Arc<Scene>, index: &Arc<SceneIndex>) -> Self {
         let scene = SimScene::new(scene.clone(), index.clone()).ok();
         Self { scene, driver: R157::build(R157Options::default()).ok() }
@@ -161,7 +161,7 @@ impl SceneWriter<'_> {
         let export = plan.scenario_options().zip(origin).map(|(options, (license, origin))| {
             (Export::new(&scene, Options { license, ..options }), origin)
         });
-        let (mut way_out, mut careful) = (None, None);
+        let (mut evasion, mut r157) = (None, None);
         let clock = Instant::now();
         let mut attacks = attacker.built.attacks(&ctx, plan.args.attack.seed)?;
         if let Some(target) = plan.args.react {
@@ -180,10 +180,10 @@ impl SceneWriter<'_> {
             let avoidable = scored.avoidable(attack.trajectory())?;
             let contact = scored.get(attack.trajectory())?.scores.collision_step;
             // The picture shows that of the last attack that has one.
-            way_out = contact.and_then(|contact| drawn_way_out(&avoidable, contact)).or(way_out);
+            evasion = contact.and_then(|contact| drawn_evasion(&avoidable, contact)).or(evasion);
             let r157_avoids = contact.and_then(|_| {
-                let careful = careful.get_or_insert_with(|| Careful::new(&scene, &index));
-                careful.avoids(attack, plan.args.attack.seed)
+                let r157 = r157.get_or_insert_with(|| R157Driver::new(&scene, &index));
+                r157.avoids(attack, plan.args.attack.seed)
             });
             let scores = &scored.get(attack.trajectory())?.scores;
             let mut scene_files = self.scene_files(&files, &scene, attack, variant, &described)?;
@@ -213,7 +213,7 @@ impl SceneWriter<'_> {
             drawn.push(drawn_path(label(point, attacker), &ctx, attack.trajectory().clone()));
         }
         let picture =
-            Picture { title: self.scene.to_owned(), candidates: drawn, way_out, ..Picture::default() };
+            Picture { title: self.scene.to_owned(), candidates: drawn, evasion, ..Picture::default() };
         let picture = drawing::draw(&scene, &picture);
         self.write(&[(&picture_file(self.scene), picture.as_bytes())])?;
         Ok(SceneReport { lines, seconds: Some(seconds), warnings })
@@ -355,9 +355,9 @@ fn scenario_origin(recording: &Recording) -> Result<(Option<License>, Provenance
     Ok((scenario_files::license(recording)?, scenario_files::provenance(recording)?))
 }
 
-/// The way out of an attack for its picture.
-fn drawn_way_out(avoidable: &Avoidable, contact: usize) -> Option<(f64, Vec<Point>)> {
-    let (start, rows) = avoidable.way_out(contact)?;
+/// The evasive manoeuvre for the picture of an attack.
+fn drawn_evasion(avoidable: &Avoidable, contact: usize) -> Option<(f64, Vec<Point>)> {
+    let (start, rows) = avoidable.evasion(contact)?;
     Some((start, rows.iter().map(|[x, y, _]| [*x, *y]).collect()))
 }
 

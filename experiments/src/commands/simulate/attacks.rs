@@ -50,7 +50,7 @@ pub(super) struct PlannedAttack {
     pub(super) unbelievable: Vec<Reason>,
     /// Step of the contact with that drive.
     pub(super) contact: Option<usize>,
-    /// Whether that drive has a way out.
+    /// Whether that drive has an evasive manoeuvre.
     pub(super) avoidable: Avoidable,
 }
 
@@ -133,7 +133,7 @@ impl<'a> SceneAttacks<'a> {
 }
 
 impl PlannedAttack {
-    /// A plan with its scores against the drive before, and the last way out from that drive.
+    /// A plan with its scores against the drive before, and the last evasive manoeuvre of that drive.
     fn of(ctx: &Context, avoidance: &Avoidance, trajectory: Trajectory) -> Self {
         let candidate = ctx.candidate(trajectory.clone());
         let scores = Scorer::new(ctx).scores(&candidate);

@@ -88,7 +88,7 @@ pub(super) struct AttackRow {
     pub(super) verdict: Verdict,
     /// Step of the first contact without the attack.
     pub(super) unattacked_contact: Option<i64>,
-    /// Whether the drive before has a way out of the attack.
+    /// Whether the drive before could evade the attack.
     #[serde(flatten)]
     pub(super) avoidable: Avoidable,
 }
@@ -218,9 +218,11 @@ impl DriveRow {
             .map_or(String::new(), |step| format!(" That drive has a contact of its own {}.", time(step)));
         let out = match (attack.avoidable.avoidable, attack.avoidable.time_to_react) {
             (Some(true), Some(time)) => {
-                format!(" That drive has a way out up to {time:.1} s before the contact.")
+                format!(
+                    " An evasive manoeuvre of that drive could begin up to {time:.1} s before the contact."
+                )
             }
-            (Some(false), _) => " No way out of it was found for that drive.".to_owned(),
+            (Some(false), _) => " No evasive manoeuvre was found for that drive.".to_owned(),
             _ => String::new(),
         };
         format!("Plan: {feasible}. Against the drive without the attack: {contact}.{out}{before}")

@@ -188,9 +188,9 @@ impl SceneDrives<'_> {
                     episode: &driven.episode,
                     adversary: own,
                     unattacked: unattacked[driven.ego].as_ref(),
-                    way_out: driven
+                    evasion: driven
                         .contact
-                        .and_then(|contact| driven.row.attack.as_ref()?.avoidable.way_out(contact))
+                        .and_then(|contact| driven.row.attack.as_ref()?.avoidable.evasion(contact))
                         .map(|(_, rows)| rows),
                     note: driven.row.note(),
                     verdict: driven.row.verdict().map(|verdict| verdict.is_attack),

@@ -15,7 +15,7 @@ use crate::{
     vehicle::Motion,
 };
 
-/// Whether the driver had a way out of a contact with the adversary.
+/// Whether the driver could have evaded a contact with the adversary.
 pub(super) fn is_shown_avoidable(scene: &SimScene, plan: &Plan, motions: &[Motion], step: usize) -> bool {
     let drive = Drive {
         motions: motions.to_vec(),

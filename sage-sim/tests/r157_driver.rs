@@ -58,14 +58,14 @@ fn a_cut_in_is_answered_with_more_than_car_following() {
     let gap = 18.0;
     let ahead = 4.5 + gap + 2.0 * (own - other);
     let tracks = || vec![car("ego", [0.0, 0.0], 0.0, own), cutting_in(ahead, other, 20, 1.0)];
-    let careful = drive(tracks(), policy("r157").as_ref());
-    assert_eq!((careful.end, careful.contacts.len()), (End::Horizon, 0));
+    let r157 = drive(tracks(), policy("r157").as_ref());
+    assert_eq!((r157.end, r157.contacts.len()), (End::Horizon, 0));
     let blind = drive(tracks(), policy("constant-speed").as_ref());
     assert_eq!(blind.end, End::Contact);
     // Nothing happens within the wandering zone, perception and delay: 2 s + 0.375 s + 0.72 s + 0.75 s.
-    let before = speed_at(&careful, 30);
+    let before = speed_at(&r157, 30);
     assert!((before - own).abs() < 1.5, "{before}");
-    let slowest = (30..90).map(|step| speed_at(&careful, step)).fold(f64::INFINITY, f64::min);
+    let slowest = (30..90).map(|step| speed_at(&r157, step)).fold(f64::INFINITY, f64::min);
     assert!(slowest < other + 0.5, "{slowest}");
 }
 

@@ -88,7 +88,7 @@ struct EncodedContact {
 
 /// The page. `columns` is the number of drives in a row, if there is room.
 ///
-/// *Errors*: none that a caller can cause.
+/// *Errors*: a template without the places for title and data.
 pub(crate) fn page(
     scene: &Scene,
     [title, subtitle]: [&str; 2],

@@ -358,7 +358,7 @@ pub struct Cat;
 impl Cat {
     /// The network with initial weights from a seed.
     ///
-    /// *Errors*: none that a caller can cause.
+    /// *Errors*: options out of range.
     pub fn untrained(options: &CatOptions) -> Result<DenseTnt, Error> {
         let shape = Shape {
             hidden: 128,

@@ -34,8 +34,8 @@ impl Facts {
         }
     }
 
-    /// Properties of a generator that selects among the prior's proposals; what the selector knows, and whether it depends
-    /// on μ.
+    /// Properties of a generator that selects among the prior's proposals, from what the selector knows and whether it
+    /// depends on μ.
     pub const fn of_selection(knows: Knowledge, depends_on_mu: bool) -> Self {
         Self { knows, depends_on_lambda: false, depends_on_mu, needs_experts: true, is_upper_bound: false }
     }

@@ -2,7 +2,8 @@
 //!
 //! Each is a [`sage_core::generator::Generator`], built by name from [`generators`] and
 //! [`GeneratorInputs`]. Most are a [`ProposeAndSelect`]: a proposer ([`proposers`]), whose input is the observation up
-//! to *now*, and a selector ([`selector`]), which may use the ego's path. [`King`], [`AdvTrajOpt`], [`Rule`] and [`Log`] work as a whole.
+//! to *now*, and a selector ([`selector`]), which may use the ego's path. [`King`], [`AdvTrajOpt`], [`Rule`] and
+//! [`Log`] work as a whole.
 //! An [`Aggression`] combines λ and μ into one dial.
 //!
 //! From a scene to an attack, with the embedded weights ([`Weights::at`] loads a folder):

@@ -58,7 +58,7 @@ pub struct Header {
 impl Parameters {
     /// The file's bytes, with a hash of its content in the header; equal for equal weights and header.
     ///
-    /// *Errors*: none that a caller can cause.
+    /// *Errors*: those of the file format's library, for tensors on another device.
     pub fn to_bytes(&self, header: &Header) -> Result<Vec<u8>, Error> {
         let json = serde_json::to_string(header).map_err(|e| Error::Write(e.to_string()))?;
         let contiguous: Vec<(&str, Tensor)> = self

@@ -24,7 +24,7 @@ pub struct Grid<'a> {
 
 /// Draws the grid.
 ///
-/// *Errors*: none that a caller can cause.
+/// *Errors*: those of the drawing library.
 pub fn draw(grid: &Grid) -> Result<String> {
     let mut svg = String::new();
     plot(&mut svg, grid).map_err(|e| anyhow!("the map cannot be drawn: {e}"))?;

@@ -58,7 +58,7 @@ pub struct Chart<'a> {
 
 /// Draws named lines, with ranges that fit their points.
 ///
-/// *Errors*: none that a caller can cause.
+/// *Errors*: those of the drawing library.
 pub fn draw(axes: [&str; 2], lines: Vec<Line>) -> Result<String> {
     Chart { axes, lines, ..Chart::default() }.draw()
 }
@@ -66,7 +66,7 @@ pub fn draw(axes: [&str; 2], lines: Vec<Line>) -> Result<String> {
 impl Chart<'_> {
     /// Draws the chart.
     ///
-    /// *Errors*: none that a caller can cause.
+    /// *Errors*: those of the drawing library.
     pub fn draw(&self) -> Result<String> {
         let mut svg = String::new();
         let placed = |lines: &[Line]| lines.iter().map(|line| self.placed(line)).collect::<Vec<_>>();

@@ -30,7 +30,7 @@ pub fn mixtures(steps: u32) -> Vec<[f64; 3]> {
 
 /// Draws triangles side by side; `corners` are the names of the experts.
 ///
-/// *Errors*: none that a caller can cause.
+/// *Errors*: those of the drawing library.
 pub fn draw(corners: [&str; 3], steps: u32, triangles: &[Triangle]) -> Result<String> {
     let mut svg = String::new();
     plot(&mut svg, corners, steps, triangles).map_err(|e| anyhow!("the triangles cannot be drawn: {e}"))?;

@@ -1,9 +1,9 @@
 //! Products of matrices, over flat row-major slices, on one thread.
 //!
 //! A number of the product is the sum of its terms in the order of their index, each added with one rounding (a fused
-//! multiply-add). Its bits are the same on every processor, with vectors of any width. The second factor is copied into
-//! panels of [`WIDTH`] columns, which stay in the cache while [`HEIGHT`] rows of the first factor at a time give a tile
-//! of the product, whose sums stay in registers. A processor without fused multiply-add takes many times as long.
+//! multiply-add). Its bits are the same on every processor, with vectors of any width. [`WIDTH`] columns
+//! of the second factor at a time are copied into a panel; with it, [`HEIGHT`] rows of the first factor at a time give a
+//! tile of the product, whose sums stay in registers. A processor without fused multiply-add takes many times as long.
 
 use std::array;
 
@@ -42,105 +42,98 @@ impl<'a, T> Rows<'a, T> {
 
 /// `out = max(0, a bᵀ + bias)`, with one bias for each column. NaN stays NaN.
 pub(super) fn relu_layer<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>, bias: &[T]) {
-    pulp::Arch::new().dispatch(ReluLayer { out, a, b, bias });
+    let (first, second) = (Factor::Plain(a), Factor::Transposed(b));
+    pulp::Arch::new().dispatch(Product { out, first, second, bias: Some(bias) });
 }
 
 /// `out = a b`.
 pub(super) fn times<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
-    pulp::Arch::new().dispatch(Times { out, a, b });
+    let (first, second) = (Factor::Plain(a), Factor::Plain(b));
+    pulp::Arch::new().dispatch(Product { out, first, second, bias: None });
 }
 
 /// `out = aᵀ b`.
 pub(super) fn transposed_times<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
-    pulp::Arch::new().dispatch(TransposedTimes { out, a, b });
+    let (first, second) = (Factor::Transposed(a), Factor::Plain(b));
+    pulp::Arch::new().dispatch(Product { out, first, second, bias: None });
 }
 
-struct ReluLayer<'a, T> {
+#[derive(Clone, Copy)]
+enum Factor<'a, T> {
+    Plain(Rows<'a, T>),
+    Transposed(Rows<'a, T>),
+}
+
+impl<T> Factor<'_, T> {
+    /// Rows and columns of the factor.
+    #[inline(always)]
+    fn shape(&self) -> [usize; 2] {
+        match self {
+            Self::Plain(rows) => rows.shape,
+            Self::Transposed(rows) => [rows.shape[1], rows.shape[0]],
+        }
+    }
+}
+
+/// A product, with a bias and the positive part after it if there is one. Without closures: one that is not inlined is
+/// compiled without fused multiply-add.
+struct Product<'a, T> {
     out: &'a mut [T],
-    a: Rows<'a, T>,
-    b: Rows<'a, T>,
-    bias: &'a [T],
+    first: Factor<'a, T>,
+    second: Factor<'a, T>,
+    bias: Option<&'a [T]>,
 }
 
-impl<T: Real> pulp::NullaryFnOnce for ReluLayer<'_, T> {
+impl<T: Real> pulp::NullaryFnOnce for Product<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Self { out, a, b, bias } = self;
-        let zero = T::default();
-        tiles(
-            out,
-            [a.shape[0], b.shape[0]],
-            &panels_of_transposed(b),
-            |row, panel| tile(a, row, panel),
-            |j, row| {
-                let bias = &bias[j..][..row.len()];
-                for (x, b) in row.iter_mut().zip(bias) {
-                    let y = *x + *b;
-                    *x = if y < zero { zero } else { y };
-                }
-            },
-        );
-    }
-}
-
-struct Times<'a, T> {
-    out: &'a mut [T],
-    a: Rows<'a, T>,
-    b: Rows<'a, T>,
-}
-
-impl<T: Real> pulp::NullaryFnOnce for Times<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { out, a, b } = self;
-        tiles(out, [a.shape[0], b.shape[1]], &panels(b), |row, panel| tile(a, row, panel), |_, _| ());
-    }
-}
-
-struct TransposedTimes<'a, T> {
-    out: &'a mut [T],
-    a: Rows<'a, T>,
-    b: Rows<'a, T>,
-}
-
-impl<T: Real> pulp::NullaryFnOnce for TransposedTimes<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        let Self { out, a, b } = self;
-        let tile = |row: usize, panel: &[PanelRow<T>]| tile_of_transposed(a, row, panel);
-        tiles(out, [a.shape[1], b.shape[1]], &panels(b), tile, |_, _| ());
-    }
-}
-
-/// Writes the tiles of a product of some shape; `finish` changes a piece of a row from a column on.
-#[inline(always)]
-fn tiles<T: Real>(
-    out: &mut [T],
-    [rows, columns]: [usize; 2],
-    panels: &[PanelRow<T>],
-    tile: impl Fn(usize, &[PanelRow<T>]) -> Tile<T>,
-    finish: impl Fn(usize, &mut [T]),
-) {
-    let depth = panels.len() / columns.div_ceil(WIDTH);
-    for (panel, j) in panels.chunks_exact(depth).zip((0..columns).step_by(WIDTH)) {
-        let width = WIDTH.min(columns - j);
-        for i in (0..rows).step_by(HEIGHT) {
-            let tile = tile(i, panel);
-            for (row, numbers) in tile.iter().enumerate().take(rows - i) {
-                let to = &mut out[(i + row) * columns + j..][..width];
-                // A copy of known length is two instructions.
-                match to.first_chunk_mut() {
-                    Some(to) => *to = *numbers,
-                    None => to.copy_from_slice(&numbers[..width]),
-                }
-                finish(j, to);
+        let Self { out, first, second, bias } = self;
+        let ([rows, _], [depth, columns]) = (first.shape(), second.shape());
+        let rows_of_first = match first {
+            Factor::Plain(_) => Vec::new(),
+            Factor::Transposed(a) => columns_as_rows(a),
+        };
+        // One panel at a time: it stays in the first cache.
+        let mut panel = vec![PanelRow([T::default(); WIDTH]); depth];
+        for j in (0..columns).step_by(WIDTH) {
+            match second {
+                Factor::Plain(b) => fill(&mut panel, b, j),
+                Factor::Transposed(b) => fill_transposed(&mut panel, b, j),
             }
+            let width = WIDTH.min(columns - j);
+            for i in (0..rows).step_by(HEIGHT) {
+                let mut tile = match first {
+                    Factor::Plain(a) => tile(a, i, &panel),
+                    Factor::Transposed(_) => {
+                        tile_of_rows(&rows_of_first[i / HEIGHT * depth..][..depth], &panel)
+                    }
+                };
+                if let Some(bias) = bias {
+                    add_bias_relu(&mut tile, &bias[j..j + width]);
+                }
+                for (row, numbers) in tile.iter().enumerate().take(rows - i) {
+                    let to = &mut out[(i + row) * columns + j..][..width];
+                    if let Some(to) = to.first_chunk_mut() {
+                        *to = *numbers;
+                    } else {
+                        // In a copy of slices the compiler would join both cases to one of unknown length.
+                        to.iter_mut().zip(numbers).for_each(|(to, x)| *to = *x);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn add_bias_relu<T: Real>(tile: &mut Tile<T>, bias: &[T]) {
+    let zero = T::default();
+    for row in tile {
+        for (x, b) in row.iter_mut().zip(bias) {
+            let y = *x + *b;
+            *x = if y < zero { zero } else { y };
         }
     }
 }
@@ -158,18 +151,30 @@ fn tile<T: Real>(a: Rows<T>, first: usize, panel: &[PanelRow<T>]) -> Tile<T> {
     sums
 }
 
-/// Columns `first` to `first + HEIGHT` of `a`, as rows, times a panel; columns after the last repeat it.
+/// [`HEIGHT`] rows of the first factor, one number of each at a time, times a panel.
 #[inline(always)]
-fn tile_of_transposed<T: Real>(a: Rows<T>, first: usize, panel: &[PanelRow<T>]) -> Tile<T> {
+fn tile_of_rows<T: Real>(rows: &[[T; HEIGHT]], panel: &[PanelRow<T>]) -> Tile<T> {
     let mut sums = [[T::default(); WIDTH]; HEIGHT];
-    for (PanelRow(b), a) in panel.iter().zip(a.numbers.chunks_exact(a.shape[1])) {
-        let a = match a[first..].first_chunk() {
-            Some(a) => *a,
-            None => array::from_fn(|k| a[(first + k).min(a.len() - 1)]),
-        };
-        add_products(&mut sums, a, b);
+    for (a, PanelRow(b)) in rows.iter().zip(panel) {
+        add_products(&mut sums, *a, b);
     }
     sums
+}
+
+/// Columns of `a` for [`tile_of_rows`], [`HEIGHT`] after [`HEIGHT`]; columns after the last repeat it.
+#[inline(always)]
+fn columns_as_rows<T: Real>(a: Rows<T>) -> Vec<[T; HEIGHT]> {
+    let [depth, columns] = a.shape;
+    let mut all = Vec::with_capacity(depth * columns.div_ceil(HEIGHT));
+    for first in (0..columns).step_by(HEIGHT) {
+        for row in a.numbers.chunks_exact(columns) {
+            all.push(match row[first..].first_chunk() {
+                Some(numbers) => *numbers,
+                None => array::from_fn(|k| row[(first + k).min(columns - 1)]),
+            });
+        }
+    }
+    all
 }
 
 #[inline(always)]
@@ -181,39 +186,26 @@ fn add_products<T: Real>(sums: &mut Tile<T>, a: [T; HEIGHT], b: &[T; WIDTH]) {
     }
 }
 
-/// The panels of a matrix; columns after the last are 0.
+/// Fills a panel with columns of `b` from `first` on; those after the last are not read.
 #[inline(always)]
-fn panels<T: Real>(b: Rows<T>) -> Vec<PanelRow<T>> {
-    let [depth, columns] = b.shape;
-    let mut panels = empty_panels(depth, columns);
-    for (panel, j) in panels.chunks_exact_mut(depth).zip((0..columns).step_by(WIDTH)) {
-        for (to, row) in panel.iter_mut().zip(b.numbers.chunks_exact(columns)) {
-            match row[j..].first_chunk() {
-                Some(row) => to.0 = *row,
-                None => to.0[..columns - j].copy_from_slice(&row[j..]),
-            }
+fn fill<T: Real>(panel: &mut [PanelRow<T>], b: Rows<T>, first: usize) {
+    for (to, row) in panel.iter_mut().zip(b.numbers.chunks_exact(b.shape[1])) {
+        if let Some(row) = row[first..].first_chunk() {
+            to.0 = *row;
+        } else {
+            to.0.iter_mut().zip(&row[first..]).for_each(|(to, x)| *to = *x);
         }
     }
-    panels
 }
 
-/// The panels of a transposed matrix; columns after the last are 0.
+/// Fills a panel with rows of `b` from `first` on, as columns.
 #[inline(always)]
-fn panels_of_transposed<T: Real>(b: Rows<T>) -> Vec<PanelRow<T>> {
-    let [columns, depth] = b.shape;
-    let mut panels = empty_panels(depth, columns);
-    for (panel, j) in panels.chunks_exact_mut(depth).zip((0..columns).step_by(WIDTH)) {
-        for k in 0..WIDTH.min(columns - j) {
-            for (to, x) in panel.iter_mut().zip(b.row(j + k)) {
-                to.0[k] = *x;
-            }
+fn fill_transposed<T: Real>(panel: &mut [PanelRow<T>], b: Rows<T>, first: usize) {
+    for k in 0..WIDTH.min(b.shape[0] - first) {
+        for (to, x) in panel.iter_mut().zip(b.row(first + k)) {
+            to.0[k] = *x;
         }
     }
-    panels
-}
-
-fn empty_panels<T: Real>(depth: usize, columns: usize) -> Vec<PanelRow<T>> {
-    vec![PanelRow([T::default(); WIDTH]); depth * columns.div_ceil(WIDTH)]
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ const CHARTS: [(&str, &str, &str); 4] = [
 
 /// All charts as file names and contents, from the table of `finetune.csv`.
 ///
-/// *Errors*: none that a caller can cause.
+/// *Errors*: a table without a column of the charts, or the drawing library's.
 pub(super) fn draw(table: &Table) -> Result<Vec<(&'static str, String)>> {
     let column = |name: &str| {
         let place = table.heads.iter().position(|head| head == name);

@@ -66,8 +66,8 @@ impl Page<'_> {
                 }
                 _ => String::new(),
             };
-            block.html(&svg, &mut html)?;
-            block.markdown(&mut markdown)?;
+            html += &block.html(&svg);
+            markdown += &block.markdown();
         }
         html += "</main></html>\n";
         folder.write(HTML, html.as_bytes())?;

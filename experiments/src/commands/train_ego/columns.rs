@@ -30,7 +30,7 @@ pub(super) struct Columns(Vec<Metric<EpisodeRow>>);
 impl Columns {
     /// All columns: those above, then registered metrics that are not built in.
     ///
-    /// *Errors*: none that a caller can cause.
+    /// *Errors*: a built-in column that is not registered.
     pub(super) fn new(registered: &Metrics<EpisodeRow>) -> Result<Self> {
         let built_in = episode_metrics()?;
         let is_own = |metric: &&Metric<EpisodeRow>| {

@@ -1,8 +1,5 @@
 //! Parts of a page, as Markdown and as HTML.
 
-use std::fmt::Write as _;
-
-use anyhow::Result;
 use sage_bench::table::Table;
 use theory_checks::{Figure, Verdict};
 
@@ -22,59 +19,47 @@ pub(super) enum Block<'a> {
 }
 
 impl Block<'_> {
-    /// Appends the part as Markdown.
-    ///
-    /// *Errors*: none that a caller can cause.
-    pub(super) fn markdown(&self, out: &mut String) -> Result<()> {
+    /// The part as Markdown.
+    pub(super) fn markdown(&self) -> String {
         match self {
-            Self::Heading(level, _, text) => writeln!(out, "{} {text}\n", "#".repeat(*level))?,
-            Self::Text(text) => writeln!(out, "{text}\n")?,
-            Self::Labelled("Formula", text) => writeln!(out, "**Formula.** `{text}`\n")?,
-            Self::Labelled(label, text) => writeln!(out, "**{label}.** {text}\n")?,
-            Self::Figure(file, figure) => writeln!(out, "![{}]({FIGURES}/{file})\n", figure.title)?,
+            Self::Heading(level, _, text) => format!("{} {text}\n\n", "#".repeat(*level)),
+            Self::Text(text) => format!("{text}\n\n"),
+            Self::Labelled("Formula", text) => format!("**Formula.** `{text}`\n\n"),
+            Self::Labelled(label, text) => format!("**{label}.** {text}\n\n"),
+            Self::Figure(file, figure) => format!("![{}]({FIGURES}/{file})\n\n", figure.title),
             Self::Table(table) => {
                 let colon = if table.title.is_empty() { "" } else { ":" };
                 let titled = Table { title: format!("{}{colon}", table.title), ..table.clone() };
-                writeln!(out, "{}", titled.markdown())?;
+                format!("{}\n", titled.markdown())
             }
         }
-        Ok(())
     }
 
-    /// Appends the part as HTML, a figure as the given SVG.
-    ///
-    /// *Errors*: none that a caller can cause.
-    pub(super) fn html(&self, svg: &str, out: &mut String) -> Result<()> {
+    /// The part as HTML, a figure as the given SVG.
+    pub(super) fn html(&self, svg: &str) -> String {
         match self {
             Self::Heading(level, anchor, text) => {
-                writeln!(out, "<h{level} id=\"{anchor}\">{}</h{level}>", inline(text))?;
+                format!("<h{level} id=\"{anchor}\">{}</h{level}>\n", inline(text))
             }
-            Self::Text(text) => writeln!(out, "<p>{}</p>", inline(text))?,
-            Self::Labelled("Formula", text) => {
-                writeln!(out, "<p class=formula>{}</p>", escaped_html(text))?;
-            }
-            Self::Labelled(label, text) => {
-                writeln!(out, "<p><b>{label}.</b> {}</p>", inline(text))?;
-            }
+            Self::Text(text) => format!("<p>{}</p>\n", inline(text)),
+            Self::Labelled("Formula", text) => format!("<p class=formula>{}</p>\n", escaped_html(text)),
+            Self::Labelled(label, text) => format!("<p><b>{label}.</b> {}</p>\n", inline(text)),
             Self::Figure(_, figure) => {
-                writeln!(out, "<figure>{svg}<figcaption>{}</figcaption></figure>", inline(&figure.title))?;
+                format!("<figure>{svg}<figcaption>{}</figcaption></figure>\n", inline(&figure.title))
             }
             Self::Table(table) => {
-                out.push_str("<div class=wide><table>");
-                if !table.title.is_empty() {
-                    write!(out, "<caption>{}</caption>", inline(&table.title))?;
-                }
-                let cells = |tag: &str, cells: &[String]| -> String {
-                    cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", linked(cell))).collect()
+                let caption = match &*table.title {
+                    "" => String::new(),
+                    title => format!("<caption>{}</caption>", inline(title)),
                 };
-                write!(out, "<tr>{}</tr>", cells("th", &table.heads))?;
-                for row in &table.rows {
-                    write!(out, "<tr>{}</tr>", cells("td", row))?;
-                }
-                out.push_str("</table></div>\n");
+                let row = |tag: &str, cells: &[String]| -> String {
+                    let cells = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", linked(cell)));
+                    format!("<tr>{}</tr>", cells.collect::<String>())
+                };
+                let rows: String = table.rows.iter().map(|cells| row("td", cells)).collect();
+                format!("<div class=wide><table>{caption}{}{rows}</table></div>\n", row("th", &table.heads))
             }
         }
-        Ok(())
     }
 }
 
@@ -139,10 +124,9 @@ mod tests {
         assert_eq!(inline("a < `b & c`"), "a &lt; <code>b &amp; c</code>");
         assert_eq!(linked("T14x"), "<a href=\"#T14x\">T14x</a>");
         assert_eq!(linked("The"), "The");
-        let mut out = String::new();
         let mut table = Table::new("of |x|", &["a"]);
         table.row("|b|", []);
-        Block::Table(table).markdown(&mut out).unwrap();
+        let out = Block::Table(table).markdown();
         assert!(out.contains("| \\|b\\| |"), "{out}");
     }
 }

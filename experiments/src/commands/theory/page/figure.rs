@@ -7,7 +7,7 @@ use crate::bench::line_chart::{Chart, Line};
 
 /// Draws a figure.
 ///
-/// *Errors*: none that a caller can cause.
+/// *Errors*: those of the drawing library.
 pub(super) fn draw(figure: &Figure) -> Result<String> {
     let [x, y] = &figure.axes;
     let of = |is_line: bool| -> Vec<Line> {

@@ -73,7 +73,8 @@ fn axis(results: &Results, chart: &ChartSpec, name: &str) -> String {
 }
 
 fn lines_of(study: &Study, results: &Results, chart: &ChartSpec) -> Result<String> {
-    let (mut drawn, mut marks, mut texts): (Vec<Line>, Vec<_>, Vec<_>) = Default::default();
+    let (mut drawn, mut dots, mut marks, mut texts): (Vec<Line>, Vec<Line>, Vec<_>, Vec<_>) =
+        Default::default();
     for line in lines(results, chart.of) {
         let (mut points, mut labels) = (Vec::new(), Vec::new());
         for method in &line.methods {
@@ -81,6 +82,13 @@ fn lines_of(study: &Study, results: &Results, chart: &ChartSpec) -> Result<Strin
             points.extend(x.zip(y).map(|(x, y)| [x, y]));
             let point = results.keys[*method].point.as_ref();
             labels.extend(x.and(y).map(|_| point.map(OperatingPointSpec::long_label).unwrap_or_default()));
+        }
+        // Mixtures of named experts have no order that a line could follow.
+        let is_mixture =
+            |method: &usize| results.keys[*method].point.as_ref().is_some_and(|p| !p.mix.is_empty());
+        if points.len() > 1 && line.methods.iter().any(is_mixture) {
+            dots.push((line.name, points));
+            continue;
         }
         // Where the operating point is no axis, the ends of a line say theirs.
         if points.len() > 1 && ![LAMBDA, AGGRESSION].contains(&&*chart.x) {
@@ -96,7 +104,7 @@ fn lines_of(study: &Study, results: &Results, chart: &ChartSpec) -> Result<Strin
     }
     marks.extend(published_points(study, results, chart)?);
     let axes = [axis(results, chart, &chart.x), axis(results, chart, &chart.y)];
-    Chart { axes: [&axes[0], &axes[1]], lines: drawn, marks, texts, ..Chart::default() }.draw()
+    Chart { axes: [&axes[0], &axes[1]], lines: drawn, dots, marks, texts, ..Chart::default() }.draw()
 }
 
 /// The paper's points of the methods that are drawn, where it has both metrics. It has none without selection.

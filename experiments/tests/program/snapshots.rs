@@ -12,6 +12,7 @@ use super::{run, sage, stdout};
 /// - `[time]`: the time at the end of a line, in brackets.
 /// - `[number]`: the number of a process.
 /// - `[version]`: the version of the program.
+/// - `[hash]`: a hash of 16 digits, as those of weights that a test trains.
 pub fn redacted(text: &str) -> String {
     let project = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the crate lies in the project");
     let resolved = std::env::temp_dir().canonicalize().expect("a folder for temporary files");
@@ -24,7 +25,8 @@ pub fn redacted(text: &str) -> String {
         text = masked(&text, &start, |c| c.is_ascii_alphanumeric(), "[folder]");
     }
     let text = masked(&text, "process ", |c| c.is_ascii_digit(), "process [number]");
-    text.split_inclusive('\n').map(without_time).collect()
+    let text: String = text.split_inclusive('\n').map(without_time).collect();
+    text.split_inclusive(|c: char| !c.is_ascii_alphanumeric()).map(without_hash).collect()
 }
 
 /// Text with a stand-in for each `start` with the characters after it.
@@ -41,6 +43,20 @@ fn without_time(line: &str) -> String {
         time.parse::<f64>().is_ok().then(|| format!("{said}([time])\n"))
     };
     time().unwrap_or_else(|| line.to_owned())
+}
+
+/// Lines in alphabetical order, where scenes in parallel are told of as they end.
+pub fn sorted(text: &str) -> String {
+    let mut lines: Vec<&str> = text.lines().collect();
+    lines.sort_unstable();
+    lines.join("\n")
+}
+
+/// A word without the hash that it is: 16 hexadecimal digits, then the character that ends the word.
+fn without_hash(word: &str) -> String {
+    let (hash, end) = word.split_at_checked(16).unwrap_or((word, ""));
+    let is_hash = hash.len() == 16 && hash.bytes().all(|byte| byte.is_ascii_hexdigit());
+    if is_hash && end.chars().count() <= 1 { format!("[hash]{end}") } else { word.to_owned() }
 }
 
 /// What is said to each input, a line `input -> message` each. Further lines of a message are indented.

@@ -104,19 +104,22 @@ fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
     let generated = &rows(&sage(&[&generate[..], &WEIGHTS].concat()))[0];
     assert_eq!(generated["adversary"], "leader");
     let name = format!("{}-{}", generated["scene"].as_str().unwrap(), generated["variant"].as_str().unwrap());
-    for (k, attack) in ["json", "safetensors"].into_iter().enumerate() {
-        let out = folder.path().join(format!("other-{k}"));
-        let attack = by_other.join(format!("{name}.{attack}"));
+    let mut refused = Vec::new();
+    for ending in ["json", "safetensors"] {
+        let out = folder.path().join(format!("other-{ending}"));
+        let attack = by_other.join(format!("{name}.{ending}"));
         let arguments =
             ["simulate", &scene, "--attack", text(&attack), "--ego", "replay", "--json", "--out", text(&out)];
         let row = &rows(&sage(&arguments))[0];
         assert_eq!((&row["adversary"], row["attack"]["verdict"].is_object()), (&json!("leader"), true));
-        let twice = failure(&[&arguments[..], &["--force", "--adversary", "crosser"]].concat());
-        insta::allow_duplicates! { assert_snapshot!(redacted(&twice), @r"
-        error: `[sage]/examples/crossing.pkl`: the adversary of `[folder]/by-other/crossing-lambda1.00.safetensors` is `leader`, not `crosser`
-        error: the scene could not be driven
-        ") };
+        refused.push((ending, failure(&[&arguments[..], &["--force", "--adversary", "crosser"]].concat())));
     }
+    assert_snapshot!(messages(refused), @r"
+    json -> error: `[sage]/examples/crossing.pkl`: the adversary of `[folder]/by-other/crossing-lambda1.00.json` is `leader`, not `crosser`
+        error: the scene could not be driven
+    safetensors -> error: `[sage]/examples/crossing.pkl`: the adversary of `[folder]/by-other/crossing-lambda1.00.safetensors` is `leader`, not `crosser`
+        error: the scene could not be driven
+    ");
 
     // The same command again changes nothing.
     let page = out.join("crossing.html");

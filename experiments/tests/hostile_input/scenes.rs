@@ -73,6 +73,8 @@ fn no_command_runs_what_is_in_a_scene_file() {
             let arguments: Vec<&str> = command.iter().map(String::as_str).collect();
             let (code, said) = quick(&arguments);
             assert_eq!(code, 1, "{command:?}: {said}");
+            // The place depends on the length of the marker's path.
+            let said = masked(&said, "at byte ", |c| c.is_ascii_digit(), "at byte [place]");
             refused.push((command.join(" "), said));
             assert!(!marker.exists(), "{command:?} ran the file");
         }

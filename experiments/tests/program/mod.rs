@@ -12,7 +12,7 @@ use std::{
 use serde_json::Value;
 
 #[allow(unused_imports)] // Each test program uses a part of it.
-pub use snapshots::{added, messages, redacted, sorted};
+pub use snapshots::{added, masked, messages, redacted, sorted};
 
 /// Weights in the binary, so that a test does not depend on other installed weights.
 pub const WEIGHTS: [&str; 2] = ["--weights", "procedural"];

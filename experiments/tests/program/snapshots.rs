@@ -30,7 +30,7 @@ pub fn redacted(text: &str) -> String {
 }
 
 /// Text with a stand-in for each `start` with the characters after it.
-fn masked(text: &str, start: &str, is_of_it: fn(char) -> bool, stand_in: &str) -> String {
+pub fn masked(text: &str, start: &str, is_of_it: fn(char) -> bool, stand_in: &str) -> String {
     let mut parts = text.split(start);
     let first = parts.next().unwrap_or_default().to_owned();
     parts.fold(first, |all, part| all + stand_in + part.trim_start_matches(is_of_it))

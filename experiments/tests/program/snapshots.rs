@@ -1,6 +1,7 @@
 //! Text for snapshots: what a user reads, without what differs between runs and machines.
 //!
-//! `INSTA_UPDATE=always cargo test --workspace --test NAME` writes the snapshots in files anew; read the difference before a commit.
+//! `INSTA_UPDATE=always cargo test --workspace --test NAME` writes the snapshots in files anew, and `cargo insta review`
+//! those in the source. Read the difference before a commit.
 
 use std::{fmt::Display, path::Path};
 
@@ -16,15 +17,16 @@ use super::{run, sage, stdout};
 pub fn redacted(text: &str) -> String {
     let project = Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the crate lies in the project");
     let resolved = std::env::temp_dir().canonicalize().expect("a folder for temporary files");
-    let mut text = text
-        .replace(concat!(env!("CARGO_MANIFEST_DIR"), "/.."), "[sage]")
-        .replace(&project.display().to_string(), "[sage]")
-        .replace(concat!("sage ", env!("CARGO_PKG_VERSION")), "sage [version]");
+    let mut text = text.to_owned();
     for folder in [resolved, std::env::temp_dir()] {
         let start = folder.join(".tmp").display().to_string();
         text = masked(&text, &start, |c| c.is_ascii_alphanumeric(), "[folder]");
     }
-    let text = masked(&text, "process ", |c| c.is_ascii_digit(), "process [number]");
+    let text = text
+        .replace(concat!(env!("CARGO_MANIFEST_DIR"), "/.."), "[sage]")
+        .replace(&project.display().to_string(), "[sage]")
+        .replace(concat!("sage ", env!("CARGO_PKG_VERSION")), "sage [version]");
+    let text = masked(&text, "(process ", |c| c.is_ascii_digit(), "(process [number]");
     let text: String = text.split_inclusive('\n').map(without_time).collect();
     text.split_inclusive(|c: char| !c.is_ascii_alphanumeric()).map(without_hash).collect()
 }

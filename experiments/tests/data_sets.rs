@@ -11,6 +11,7 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
+use insta::assert_snapshot;
 use program::*;
 use sage_data::{
     Recording,
@@ -247,11 +248,11 @@ fn a_finished_scene_stays_finished_and_its_rows_are_printed_again() {
     assert_eq!(record(&out)["results"], serde_json::json!({"scenes": 4, "done": 4}));
     assert!(record(&out)["seconds"].is_number() && rows(&first).iter().all(|row| row["seconds"].is_number()));
     let again = generate(&scenes, &out, &["--json"]);
-    assert!(
-        stderr(&again).contains("it is done") && stderr(&again).contains("4 of them"),
-        "{}",
-        stderr(&again)
-    );
+    assert_snapshot!(redacted(stderr(&again)), @r"
+    note: weights `procedural` (network densetnt)
+    note: `[folder]/out` holds this run, and it is done
+    4 scenes, 4 of them finished before, 8 attacks in `[folder]/out` ([time])
+    ");
     let plain = |output: &Output| {
         let rows = rows(output).into_iter().map(|mut row| {
             row["seconds"] = Value::Null;
@@ -285,12 +286,11 @@ fn another_run_or_another_scene_of_the_same_name_is_refused() {
     stdout(&generate(&scenes, &out, &[]));
     let whole = hostile::snapshot(&out);
     let other = generate(&scenes, &out, &["--seed", "1"]);
-    assert!(stderr(&other).contains("holds no run of the same command"), "{}", stderr(&other));
     assert!(hostile::snapshot(&out) == whole);
     std::fs::copy(scenes.join("straight-1-0.pkl"), scenes.join("curve-1-1.pkl")).unwrap();
     let changed = generate(&scenes, &out, &[]);
-    let said = stderr(&changed);
-    assert!(said.contains("was generated from another `") && said.contains("1 of 2 scenes failed"), "{said}");
+    let said = [("--seed 1", stderr(&other)), ("another scene of the same name", stderr(&changed))];
+    assert_snapshot!("a_folder_of_another_run", messages(said));
     // With --force the run starts again.
     stdout(&generate(&scenes, &out, &["--force"]));
     assert_eq!(record(&out)["results"]["done"], 2);
@@ -333,10 +333,12 @@ fn shards_at_once_leave_the_folder_of_one_run() {
     assert!(record(&at("later"))["seconds"].is_null(), "the other half is missing");
     stdout(&generate(&scenes, &at("later"), &["--shard", "1/2"]));
     assert!(files(&at("later")) == files(&at("whole")));
-    for wrong in ["0/2", "3/2", "1", "x"] {
+    let said = ["0/2", "3/2", "1", "x"].map(|wrong| {
         let output = generate(&scenes, &at("later"), &["--shard", wrong]);
-        assert!(output.status.code() == Some(2) && stderr(&output).contains("expected K/N"), "{wrong}");
-    }
+        assert_eq!(output.status.code(), Some(2), "{wrong}");
+        (wrong, stderr(&output).to_owned())
+    });
+    assert_snapshot!("wrong_shards", messages(said));
 }
 
 #[test]
@@ -386,6 +388,9 @@ fn the_tables_of_another_data_set_are_not_replaced() {
     hostile::summary(&other, &[("sd_a.pkl", "part")]);
     let before = hostile::snapshot(&other);
     let refused = generate(Path::new(&example()), &other, &["--force"]);
-    assert!(stderr(&refused).contains("is a data set that lists"), "{}", stderr(&refused));
+    assert_snapshot!(redacted(stderr(&refused)), @r"
+    note: weights `procedural` (network densetnt)
+    error: `[folder]/other` is a data set that lists `[folder]/other/part/sd_a.pkl`; name another --out
+    ");
     assert!(hostile::snapshot(&other) == before);
 }

@@ -11,6 +11,7 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
+use insta::assert_snapshot;
 use interruption::Case;
 use program::*;
 use sage_core::files::OutputLock;
@@ -91,6 +92,7 @@ fn a_folder_or_file_in_use_is_refused_and_told_whose_it_is() {
     let first = OutputLock::folder(&out, "sage of somebody else").unwrap();
     let files = [&dial, &picture].map(|path| OutputLock::file(path, "sage of somebody else").unwrap());
     let out = text(&out);
+    let mut said = Vec::new();
     for command in [
         vec!["pretrain", "--procedural", "1", "--out", out],
         vec!["finetune", "--procedural", "1", "--out", out],
@@ -105,14 +107,13 @@ fn a_folder_or_file_in_use_is_refused_and_told_whose_it_is() {
         vec!["predict", &scene, "--weights", "procedural", "--out", text(&picture)],
     ] {
         for more in [&[][..], &["--force"]] {
-            let error = failure(&[&command[..], more].concat());
-            let holder = format!("process {}: sage of somebody else", std::process::id());
-            assert!(
-                error.contains("is in use by another run") && error.contains(&holder),
-                "{command:?}: {error}"
-            );
+            let command = [&command[..], more].concat();
+            let error = failure(&command);
+            assert!(error.contains(&format!("process {}", std::process::id())), "{command:?}: {error}");
+            said.push((command.join(" "), error));
         }
     }
+    assert_snapshot!("outputs_in_use", messages(said));
     drop((first, files));
     assert_eq!(hostile::snapshot(folder.path()).len(), 0, "nobody wrote anything");
     stdout(&sage(&["draw", &scene, "--out", text(&picture)]));
@@ -158,7 +159,11 @@ fn files_that_are_not_its_own_keep_pretrain_out() {
         std::fs::create_dir(&out).unwrap();
         std::fs::write(out.join(name), "mine").unwrap();
         let error = failure(&["pretrain", "--procedural", "1", "--epochs", "1", "--out", text(&out)]);
-        assert!(error.contains("is not empty") && error.contains("--force"), "{error}");
+        insta::allow_duplicates! { assert_snapshot!(redacted(&error).replace(&name.replace('.', "-"), "[name]"), @r"
+        read 1 scene ([time])
+        read 60 scenes ([time])
+        error: `[folder]/[name]` is not empty and holds no run of the same options, data and program; give --force to write into it anyway
+        ") };
         assert_eq!(hostile::snapshot(&out), [(name.to_owned(), b"mine".to_vec())].into());
     }
 }
@@ -169,6 +174,7 @@ fn a_damaged_state_is_refused_with_the_remedy() {
     let config = folder.path().join("quick.json");
     std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
     let small = r#"{"hidden": 16, "rounds": 1}"#;
+    let mut said = Vec::new();
     for (name, state, more) in [
         ("pretrain", "last.safetensors", vec!["--epochs", "1", "--network", small]),
         ("finetune", "realistic.state", vec!["--roles", "0", "--config", text(&config)]),
@@ -182,16 +188,15 @@ fn a_damaged_state_is_refused_with_the_remedy() {
         run["seconds"] = serde_json::Value::Null;
         std::fs::write(&record, run.to_string()).unwrap();
         let state = out.join(state);
-        for damage in
-            [&b"cut off"[..], &[8, 0, 0, 0, 0, 0, 0, 0, b'{', b'}', b' ', b' ', b' ', b' ', b' ', b' ']]
-        {
-            std::fs::write(&state, damage).unwrap();
-            let error = failure(&arguments);
-            assert!(error.contains(text(&state)) && error.contains("remove it"), "{name}: {error}");
+        let empty = [8, 0, 0, 0, 0, 0, 0, 0, b'{', b'}', b' ', b' ', b' ', b' ', b' ', b' '];
+        for (damage, bytes) in [("cut off", &b"cut off"[..]), ("empty", &empty)] {
+            std::fs::write(&state, bytes).unwrap();
+            said.push((format!("{name}, {damage}"), failure(&arguments)));
         }
         std::fs::remove_file(&state).unwrap();
         assert!(sage(&arguments).status.success(), "{name} begins anew");
     }
+    assert_snapshot!("damaged_states", messages(said));
 }
 
 #[test]
@@ -201,6 +206,7 @@ fn a_finished_run_is_told_from_another_one() {
     let config = at("quick.json");
     std::fs::write(&config, r#"{"epochs": 1, "candidates": 16}"#).unwrap();
     let small = r#"{"hidden": 16, "rounds": 1}"#;
+    let mut said = Vec::new();
     for (command, other) in [
         (
             vec!["pretrain", "--procedural", "2", "--epochs", "1", "--network", small, "--out", &at("prior")],
@@ -228,12 +234,13 @@ fn a_finished_run_is_told_from_another_one() {
         let before = hostile::snapshot(&out);
         let again = sage(&command);
         assert_eq!(stdout(&again), stdout(&first), "what is printed is printed again");
-        assert!(stderr(&again).contains("holds this run, and it is done"), "{}", stderr(&again));
+        said.push((format!("{} again", command[0]), stderr(&again).to_owned()));
         assert_eq!(hostile::snapshot(&out), before);
         let error = failure(&[&command[..], &["--seed", other]].concat());
-        assert!(error.contains("is not empty and holds no run of the same options"), "{error}");
+        said.push((format!("{} of another seed", command[0]), error));
         assert_eq!(hostile::snapshot(&out), before);
     }
+    assert_snapshot!("finished_runs", messages(said));
 }
 
 #[test]
@@ -354,7 +361,10 @@ fn links_in_the_output_are_not_followed() {
     // A lock that is a link is no lock.
     symlink(at("victim"), at("out/.sage-lock")).unwrap();
     let error = failure(&[&generate[..], &WEIGHTS].concat());
-    assert!(error.contains("is no regular file; remove it"), "{error}");
+    assert_snapshot!(redacted(&error), @r"
+    note: weights `procedural` (network densetnt)
+    error: cannot write into `[folder]/out`: `[folder]/out/.sage-lock` is no regular file; remove it
+    ");
     assert_eq!(std::fs::read(at("victim")).unwrap(), b"mine");
     // Nothing is written to the system's folder of temporary files.
     let output = Command::new(env!("CARGO_BIN_EXE_sage"))

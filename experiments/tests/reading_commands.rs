@@ -6,6 +6,7 @@ mod program;
 
 use std::path::{Path, PathBuf};
 
+use insta::assert_snapshot;
 use program::*;
 use sage_core::{motion::NOW, scene::Scene};
 use sage_data::Recording;
@@ -63,7 +64,13 @@ fn a_short_recording_is_attacked_over_what_it_has() {
     let out = folder.path().join("out");
     let run =
         sage(&[&["generate", text(&scene), "--lambda", "1", "--out", text(&out)][..], &WEIGHTS].concat());
-    assert!(run.status.success() && stderr(&run).contains("short-recording"), "{}", stderr(&run));
+    assert!(run.status.success(), "{}", stderr(&run));
+    assert_snapshot!(redacted(stderr(&run)), @r"
+    note: weights `procedural` (network densetnt)
+    warning: short: short-recording: it ends at frame 49: attacks are scored over 3.9 s instead of 8 s
+    warnings: 1 scene short-recording
+    1 scene, 1 attack in `[folder]/out` ([time])
+    ");
     let row = row(&out, "short-lambda1.00.json");
     assert_eq!((&row["scores"]["horizon"], row["trajectory"].as_array().unwrap().len()), (&39.into(), 80));
     assert!(row["scores"]["collision_step"].as_u64().is_none_or(|step| step <= 39));
@@ -97,12 +104,8 @@ fn eleven_frames_are_predicted_drawn_and_driven_and_nothing_else() {
         &["generate", text(&scene), "--method", "log", "--out", text(&logged)],
         &["simulate", text(&scene), "--ego", "idm", "--method", "rule", "--out", text(&driven)],
     ];
-    for arguments in fails {
-        let run = sage(arguments);
-        assert_eq!(run.status.code(), Some(1), "{arguments:?}");
-        let said = stderr(&run);
-        assert!(said.contains("11 frames") && said.contains("sage predict"), "{arguments:?}: {said}");
-    }
+    let said = fails.map(|arguments| (arguments.join(" "), failure(arguments)));
+    assert_snapshot!("commands_that_need_a_future", messages(said));
 }
 
 #[test]
@@ -123,12 +126,21 @@ fn another_frame_rate_is_said_and_converted_back_unchanged() {
     let out = folder.path().join("out");
     let arguments = ["generate", text(&scene), "--lambda", "1", "--format", "pickle", "--out", text(&out)];
     let run = sage(&[&arguments[..], &WEIGHTS].concat());
-    assert!(stderr(&run).contains("frame-rate: recorded at 20 Hz; resampled to 10 Hz"), "{}", stderr(&run));
+    assert!(run.status.success());
+    assert_snapshot!(redacted(stderr(&run)), @r"
+    note: weights `procedural` (network densetnt)
+    warning: fast: frame-rate: recorded at 20 Hz; resampled to 10 Hz
+    warnings: 1 scene frame-rate
+    1 scene, 1 attack in `[folder]/out` ([time])
+    ");
     let written = sage_data::folder::scene_files(&out).unwrap();
     assert_eq!(Recording::read(&written[0]).unwrap().scene.frames, 91);
     let back = folder.path().join("back");
     let run = sage(&["convert", text(&scene), "--to", "pickle", "--out", text(&back)]);
-    assert!(stderr(&run).contains("frame-rate"), "{}", stderr(&run));
+    assert_snapshot!(redacted(stderr(&run)), @r"
+    note: `[folder]/fast.pkl`: frame-rate: recorded at 20 Hz; resampled to 10 Hz
+    1 scene in `[folder]/back`, 0 failed ([time])
+    ");
     assert_eq!(std::fs::read(back.join("fast.pkl")).unwrap(), std::fs::read(&scene).unwrap());
     let window = folder.path().join("window");
     stdout(&sage(&["convert", text(&scene), "--to", "native", "--now", "30", "--out", text(&window)]));
@@ -151,7 +163,7 @@ fn now_is_chosen_and_named() {
     assert_eq!(written.frames, 91);
     assert_eq!(written.tracks[0].position[..91], whole.tracks[0].position[30..121]);
     let run = sage(&["inspect", text(&scene), "--now", "300"]);
-    assert!(stderr(&run).contains("frame 300 cannot be now"), "{}", stderr(&run));
+    assert_snapshot!(redacted(stderr(&run)), @"error: `[folder]/long.pkl`: field `length` is 181 frames at 10 Hz, so frame 300 cannot be now; expected --now 10 to 180");
 }
 
 #[test]
@@ -162,16 +174,13 @@ fn a_contact_at_now_is_left_out_by_every_command() {
     let bad = made(&scenes, "touching", beside_now);
     made(&scenes, "apart", |_| ());
     let at = |name: &str| folder.path().join(name);
+    let mut said = Vec::new();
     for method in ["sage", "log", "rule", "cat"] {
         let out = at(method);
         let arguments = ["generate", text(&scenes), "--method", method, "--lambda", "1", "--out", text(&out)];
         let run = sage(&[&arguments[..], &WEIGHTS].concat());
         assert!(run.status.success(), "{method}: {}", stderr(&run));
-        assert!(
-            stderr(&run).contains("left out: touching") && stderr(&run).contains("contact_now"),
-            "{}",
-            stderr(&run)
-        );
+        said.push((format!("generate --method {method}"), stderr(&run).to_owned()));
         assert_eq!(row(&out, "run.json")["results"], serde_json::json!({"scenes": 2, "done": 2}));
         let name =
             std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -182,16 +191,17 @@ fn a_contact_at_now_is_left_out_by_every_command() {
         let again = sage(&[&arguments[..], &WEIGHTS].concat());
         assert!(again.status.success(), "{method}: {}", stderr(&again));
     }
-    let run = sage(&["generate", text(&bad), "--method", "log", "--out", text(&at("alone"))]);
-    assert_eq!(run.status.code(), Some(1));
+    let alone = failure(&["generate", text(&bad), "--method", "log", "--out", text(&at("alone"))]);
+    said.push(("generate of this scene alone".to_owned(), alone));
     let run =
         sage(&["simulate", text(&scenes), "--ego", "idm", "--method", "rule", "--out", text(&at("driven"))]);
-    assert!(run.status.success() && stderr(&run).contains("left out: touching"), "{}", stderr(&run));
+    assert!(run.status.success(), "{}", stderr(&run));
+    said.push(("simulate".to_owned(), stderr(&run).to_owned()));
     let table = at("table");
     let arguments = ["bench", "open-loop", text(&scenes), "--methods", "log,rule", "--out", text(&table)];
     let run = sage(&[&arguments[..], &WEIGHTS].concat());
-    assert!(stderr(&run).contains("1 of 2 scenes are left out"), "{}", stderr(&run));
-    assert!(stdout(&run).contains("1 scene contact-now"), "{}", stdout(&run));
+    assert_snapshot!("table_without_a_scene_in_contact", stdout(&run));
+    said.push(("bench open-loop".to_owned(), stderr(&run).to_owned()));
     let drivers = at("drivers");
     let arguments = [
         "bench",
@@ -205,11 +215,9 @@ fn a_contact_at_now_is_left_out_by_every_command() {
         text(&drivers),
     ];
     let run = sage(&arguments);
-    assert!(
-        run.status.success() && stderr(&run).contains("left out: `touching`: attacked-drive idm"),
-        "{}",
-        stderr(&run)
-    );
+    assert!(run.status.success(), "{}", stderr(&run));
+    said.push(("bench drivers".to_owned(), stderr(&run).to_owned()));
+    assert_snapshot!("a_scene_in_contact_is_left_out", messages(said));
     let rows = std::fs::read_to_string(drivers.join("rows.csv")).unwrap();
     assert_eq!(rows.lines().filter(|line| line.contains(",at-fault attack,")).count(), 1);
 }
@@ -226,18 +234,32 @@ fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
         scene.tracks[other.unwrap()].position[40][0] = f64::NAN;
     });
     let run = sage(&["inspect", text(&bad)]);
-    assert!(run.status.success() && stdout(&run).contains("track-left-out"), "{}", stdout(&run));
+    assert_snapshot!(redacted(stdout(&run)), @r"
+    scene          id                 frames vehicles  peds  cycl other features  points lights  ego        adversary   past future  warnings
+    bad            bad                    91        3     1     0     0       12     963      1  ego        crosser    11/11  80/80  track-left-out, one-point-lanes
+        track-left-out: track `leader` is left out: `state/position/40` is NaN; expected a finite number within ±1e8
+        one-point-lanes: 1 lane has a single point
+    1 scene, 4 tracks, 963 map points; warnings: 1 one-point-lanes, 1 track-left-out
+    ");
     let run = sage(&["inspect", text(&bad), "--strict"]);
-    assert!(!run.status.success() && stderr(&run).contains("position/40"), "{}", stderr(&run));
+    assert!(!run.status.success());
+    assert_snapshot!(redacted(stderr(&run)), @"error: `[folder]/scenes/bad.pkl`: field `tracks/leader/state/position/40` is NaN; expected a finite number within ±1e8");
     std::fs::write(scenes.join("no-scene.pkl"), b"\x80\x04N.").unwrap();
     let out = folder.path().join("drivers");
     let arguments =
         ["bench", "drivers", text(&scenes), "--policies", "idm", "--unattacked", "--out", text(&out)];
     let run = sage(&arguments);
     assert_eq!(run.status.code(), Some(1), "{}", stderr(&run));
-    assert!(stderr(&run).contains("error: `") && stderr(&run).contains("no-scene.pkl"), "{}", stderr(&run));
+    assert_snapshot!(redacted(stderr(&run)), @r"
+    warning: `[folder]/scenes/bad.pkl`: track-left-out: track `leader` is left out: `state/position/40` is NaN; expected a finite number within ±1e8
+    error: `[folder]/scenes/no-scene.pkl`: field `(root)` is None; expected a dict
+    read 1 scene ([time])
+    1 method on 1 scene ([time])
+    table.md, estimates.csv, rows.csv, study.json are in `[folder]/drivers`
+    1 scene failed; the results are of the others
+    ");
     let table = std::fs::read_to_string(out.join("table.md")).unwrap();
-    assert!(table.contains("1 scene track-left-out, 1 scene unreadable"), "{table}");
+    assert_snapshot!("table_with_a_file_that_is_no_scene", redacted(&table));
 }
 
 #[test]
@@ -246,15 +268,17 @@ fn contradictions_are_said_where_they_matter_and_positions_can_be_trusted() {
     let scene = made(folder.path(), "still", |scene| {
         scene.tracks.iter_mut().for_each(|track| track.velocity.fill([0.0; 2]));
     });
+    let mut said = Vec::new();
     for (k, more) in [&[][..], &["--trust", "positions"]].into_iter().enumerate() {
         let out = folder.path().join(k.to_string());
         let arguments = ["generate", text(&scene), "--lambda", "1", "--out", text(&out)];
         let run = sage(&[&arguments[..], more, &WEIGHTS].concat());
         assert!(run.status.success(), "{}", stderr(&run));
-        assert_eq!(stderr(&run).contains("velocity-against-positions"), more.is_empty(), "{}", stderr(&run));
+        said.push((format!("generate {}", more.join(" ")), stderr(&run).to_owned()));
         let written = Recording::read(&out.join("still-lambda1.00.safetensors")).unwrap().scene;
         let ego = written.ego();
         let is_moving = (0..91).any(|frame| ego.velocity[frame] != [0.0; 2]);
         assert_eq!(is_moving, !more.is_empty());
     }
+    assert_snapshot!("positions_that_contradict_velocities", messages(said));
 }

@@ -6,6 +6,7 @@ mod program;
 
 use std::{fs, path::Path};
 
+use insta::assert_snapshot;
 use program::*;
 use serde_json::{Value, json};
 
@@ -103,16 +104,22 @@ fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
     let generated = &rows(&sage(&[&generate[..], &WEIGHTS].concat()))[0];
     assert_eq!(generated["adversary"], "leader");
     let name = format!("{}-{}", generated["scene"].as_str().unwrap(), generated["variant"].as_str().unwrap());
-    for (k, attack) in ["json", "safetensors"].into_iter().enumerate() {
-        let out = folder.path().join(format!("other-{k}"));
-        let attack = by_other.join(format!("{name}.{attack}"));
+    let mut refused = Vec::new();
+    for ending in ["json", "safetensors"] {
+        let out = folder.path().join(format!("other-{ending}"));
+        let attack = by_other.join(format!("{name}.{ending}"));
         let arguments =
             ["simulate", &scene, "--attack", text(&attack), "--ego", "replay", "--json", "--out", text(&out)];
         let row = &rows(&sage(&arguments))[0];
         assert_eq!((&row["adversary"], row["attack"]["verdict"].is_object()), (&json!("leader"), true));
-        let twice = failure(&[&arguments[..], &["--force", "--adversary", "crosser"]].concat());
-        assert!(twice.contains("is `leader`, not `crosser`"), "{twice}");
+        refused.push((ending, failure(&[&arguments[..], &["--force", "--adversary", "crosser"]].concat())));
     }
+    assert_snapshot!(messages(refused), @r"
+    json -> error: `[sage]/examples/crossing.pkl`: the adversary of `[folder]/by-other/crossing-lambda1.00.json` is `leader`, not `crosser`
+        error: the scene could not be driven
+    safetensors -> error: `[sage]/examples/crossing.pkl`: the adversary of `[folder]/by-other/crossing-lambda1.00.safetensors` is `leader`, not `crosser`
+        error: the scene could not be driven
+    ");
 
     // The same command again changes nothing.
     let page = out.join("crossing.html");
@@ -187,8 +194,12 @@ fn a_scene_that_fails_is_named_and_the_others_go_on() {
     let arguments = ["simulate", text(&input), "--ego", "idm,expert", "--json", "--out", text(&out)];
     let output = sage(&arguments);
     assert_eq!(output.status.code(), Some(1));
-    let errors = stderr(&output);
-    assert!(errors.contains("broken.pkl") && errors.contains("1 of 8 scenes failed"), "{errors}");
+    assert_snapshot!(redacted(stderr(&output)), @r"
+    error: `[folder]/scenes/broken.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo shard
+    7 scenes, 14 drives in `[folder]/out` ([time])
+    to watch, open `[folder]/out/index.html` in a browser
+    1 of 8 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again
+    ");
     let rows = |output: &std::process::Output| -> Vec<Value> {
         let text = std::str::from_utf8(&output.stdout).unwrap();
         text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
@@ -223,11 +234,11 @@ fn a_scene_that_fails_is_named_and_the_others_go_on() {
     let lost = all[2]["scene"].as_str().unwrap();
     fs::remove_file(out.join(format!("{lost}-idm.json"))).unwrap();
     let output = sage(&arguments);
-    assert!(
-        stderr(&output).contains("7 scenes, 6 of them finished before, 14 drives"),
-        "{}",
-        stderr(&output)
-    );
+    assert_snapshot!(redacted(stderr(&output)), @r"
+    note: `[folder]/out` holds this run unfinished; it resumes
+    7 scenes, 6 of them finished before, 14 drives in `[folder]/out` ([time])
+    to watch, open `[folder]/out/index.html` in a browser
+    ");
     let again = rows(&output);
     let driven = again.iter().filter(|row| !row["seconds"].is_null()).count();
     assert_eq!((driven, plain(again)), (2, plain(all)));
@@ -241,42 +252,48 @@ fn wrong_input_gets_an_error_that_names_it() {
     let out = folder.path().join("out");
     let scene = example();
     let error = |more: &[&str]| failure(&[&["simulate", &*scene, "--out", text(&out)], more].concat());
-    let has = |error: String, parts: &[&str]| {
-        assert!(parts.iter().all(|part| error.contains(part)), "{error}");
-    };
-    has(error(&["--ego", "idmm"]), &["unknown policy `idmm`", "idm,"]);
-    has(error(&["--ego", "idm,idm"]), &["`idm` is given twice"]);
-    has(error(&["--lambda", "1"]), &["--lambda needs a generator", "--method"]);
-    has(error(&["--selection", "nonsense"]), &["--selection needs a generator"]);
-    has(error(&["--attack", "missing.json"]), &["missing.json"]);
+    let options: [&[&str]; 5] = [
+        &["--ego", "idmm"],
+        &["--ego", "idm,idm"],
+        &["--lambda", "1"],
+        &["--selection", "nonsense"],
+        &["--attack", "missing.json"],
+    ];
+    let mut said = options.map(|more| (more.join(" "), error(more))).to_vec();
 
     let path = folder.path().join("drive.json");
-    fs::write(&path, json!([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]).to_string()).unwrap();
-    has(error(&["--ego", &format!("path:{}", text(&path))]), &["path", "2", "91"]);
-
     let far: Vec<[f64; 3]> = (0..91).map(|k| [1e4 + f64::from(k), 0.0, 0.0]).collect();
-    fs::write(&path, json!(far).to_string()).unwrap();
-    has(error(&["--ego", &format!("path:{}", text(&path))]), &["drive.json", "of another scene"]);
+    for (name, drive) in [
+        ("a drive of two poses", json!([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])),
+        ("a drive elsewhere", json!(far)),
+    ] {
+        fs::write(&path, drive.to_string()).unwrap();
+        said.push((name.to_owned(), error(&["--ego", &format!("path:{}", text(&path))])));
+    }
     let row = folder.path().join("row.json");
     for wrong in ["[1]", "{}", r#"{"scene": "crossing", "source_hash": "0", "trajectory": [[1, 2, 3, 4]]}"#] {
         fs::write(&row, wrong).unwrap();
-        has(error(&["--attack", text(&row)]), &["row.json", "is not a row of `sage generate`"]);
+        said.push((format!("--attack {wrong}"), error(&["--attack", text(&row)])));
     }
-    has(error(&["--attack", &scene]), &["holds no attack", "crossing"]);
+    said.push(("--attack of the scene itself".to_owned(), error(&["--attack", &scene])));
 
     scenes(&folder.path().join("scenes"), "1");
     let other = fs::read_dir(folder.path().join("scenes")).unwrap().map(|entry| entry.unwrap().path());
     let other = other.filter(|path| path.extension().is_some_and(|e| e != "json")).min().unwrap();
-    has(error(&["--attack", text(&other)]), &["on scene", "crossing"]);
+    said.push(("--attack of another scene".to_owned(), error(&["--attack", text(&other)])));
     let attacked = folder.path().join("attacked");
     let generate = ["generate", text(&other), "--method", "rule", "--json", "--out", text(&attacked)];
     let row = &rows(&sage(&generate))[0];
     let name = format!("{}-{}.json", row["scene"].as_str().unwrap(), row["variant"].as_str().unwrap());
-    has(error(&["--attack", text(&attacked.join(name))]), &["is on scene", "not on `crossing`"]);
+    said.push((
+        "--attack of a row of another scene".to_owned(),
+        error(&["--attack", text(&attacked.join(name))]),
+    ));
     assert!(!out.join("crossing.html").exists());
     let two = sage(&["simulate", &scene, "--method", "sage", "--attack", "x.json", "--out", text(&out)]);
     assert_eq!(two.status.code(), Some(2));
-    has(stderr(&two).to_owned(), &["cannot be used with"]);
+    said.push(("--method sage --attack x.json".to_owned(), stderr(&two).to_owned()));
+    assert_snapshot!("wrong_options_of_simulate", messages(said));
 }
 
 #[test]
@@ -300,8 +317,7 @@ fn drivers_are_tested_in_two_stages() {
         text(&out),
     ];
     let table = stdout(&sage(&arguments)).to_owned();
-    assert!(table.contains("| replay | sage 1.00 | 5 |"), "{table}");
-    assert!(table.contains("| replay, sage 1.00 | idm, sage 1.00 |"), "{table}");
+    assert_snapshot!("drivers_in_two_stages", table);
     let estimates = fs::read_to_string(out.join("estimates.csv")).unwrap();
     let share = |start: &str| -> f64 {
         let line = estimates.lines().find(|line| line.starts_with(start)).unwrap();
@@ -323,5 +339,5 @@ fn drivers_are_tested_in_two_stages() {
         "--out",
         text(&folder.path().join("x")),
     ]);
-    assert!(unknown.contains("unknown policy `nobody`"), "{unknown}");
+    assert_snapshot!(unknown, @"error: unknown policy `nobody`; known: replay, idm, idm-release, idm-nuplan, idm-vmax, r157, pdm, expert, expert-release, td3, tracking, constant-speed, constant, path");
 }

@@ -6,6 +6,7 @@ mod program;
 
 use std::{path::Path, process::Command};
 
+use insta::assert_snapshot;
 use program::*;
 
 #[test]
@@ -69,10 +70,7 @@ fn experts_are_tuned_from_either_network_merged_and_used() {
             "--out",
             text(&folder.path().join("x")),
         ]);
-        assert!(
-            error.contains("the realistic expert") && error.contains("tuned from another prior"),
-            "{error}"
-        );
+        insta::allow_duplicates! { assert_snapshot!(redacted(&error).replace(backbone, "[backbone]"), @"error: weights `[folder]/[backbone]-other`: `[folder]/[backbone]-other/realistic.safetensors`: the realistic expert was tuned from another prior ([hash]) than the given prior ([hash]): recreate the experts with `sage finetune`") };
     }
 }
 
@@ -102,7 +100,7 @@ fn aggression_uses_a_dial_that_calibrate_fits_and_stores_with_the_experts() {
     let other = folder.path().join("other");
     let generate =
         ["generate", &scene, "--weights", text(&experts), "--aggression", "0.3", "--out", text(&other)];
-    assert!(failure(&generate).contains("`sage calibrate` fits one"));
+    let without_dial = failure(&generate);
     let dial = experts.join("dial.json");
     let calibrate = [
         "calibrate",
@@ -118,13 +116,14 @@ fn aggression_uses_a_dial_that_calibrate_fits_and_stores_with_the_experts() {
     let output = sage(&calibrate);
     assert!(output.status.success(), "{}", stderr(&output));
     stdout(&sage(&generate));
-    assert!(failure(&calibrate).contains("exists"));
+    let said = [("generate without a dial", without_dial), ("calibrate again", failure(&calibrate))];
+    assert_snapshot!("dials_of_experts", messages(said));
 
     let scenes = folder.path().join("scenes");
     stdout(&sage(&["scenes", "--count", "4", "--out", text(&scenes)]));
     let report = folder.path().join("dial");
     let output = sage(&["bench", "dial", text(&scenes), "--weights", text(&experts), "--out", text(&report)]);
-    assert!(stdout(&output).contains("Shapley share of lambda"), "{}", stdout(&output));
+    assert_snapshot!("dial_of_experts_measured", stdout(&output));
     for file in ["table.md", "estimates.csv", "dial.svg", "run.json"] {
         assert!(report.join(file).is_file(), "{file}");
     }
@@ -167,23 +166,22 @@ fn bad_options_fail_before_work_starts() {
     let config = folder.path().join("config.json");
     let out = folder.path().join("out");
     let tune = ["finetune", "--procedural", "2", "--config", text(&config), "--out", text(&out)];
-    for (wrong, why) in [
-        (r#"{"epoch": 1}"#, "unknown field `epoch`"),
-        (r#"{"seed": 1}"#, "`seed` is given by --seed"),
-        (r#"{"epochs": 0}"#, "epochs"),
-    ] {
+    let mut said = Vec::new();
+    for wrong in [r#"{"epoch": 1}"#, r#"{"seed": 1}"#, r#"{"epochs": 0}"#] {
         std::fs::write(&config, wrong).unwrap();
-        assert!(failure(&tune).contains(why), "{wrong}");
+        said.push((format!("finetune {wrong}"), failure(&tune)));
         assert!(!out.exists(), "nothing was written");
     }
     let far = folder.path().join("no/dial.json");
-    assert!(failure(&["calibrate", "--procedural", "2", "--out", text(&far)]).contains("create it first"));
-    let error = failure(&["calibrate", "--procedural", "0", "--out", text(&folder.path().join("d.json"))]);
-    assert!(error.contains("none of 0 scenes"), "{error}");
-    let scene = example();
-    let wrong = ["bench", "open-loop", &scene, "--methods", r#"log,rule{"row": true}"#, "--out", text(&out)];
-    assert!(failure(&[&wrong[..], &WEIGHTS].concat()).contains("unknown field `row`, expected `raw`"));
+    let dial = folder.path().join("d.json");
     let shipped = Path::new(env!("CARGO_MANIFEST_DIR")).join("../weights/procedural/adversarial.safetensors");
-    let error = failure(&["generate", &scene, "--weights", text(&shipped), "--out", text(&out)]);
-    assert!(error.contains("is the adversarial expert of a prior, no prior"), "{error}");
+    let (scene, out) = (example(), text(&out));
+    let wrong: [&[&str]; 4] = [
+        &["calibrate", "--procedural", "2", "--out", text(&far)],
+        &["calibrate", "--procedural", "0", "--out", text(&dial)],
+        &["bench", "open-loop", &scene, "--methods", r#"log,rule{"row": true}"#, "--out", out],
+        &["generate", &scene, "--weights", text(&shipped), "--out", out],
+    ];
+    said.extend(wrong.map(|command| (command.join(" "), failure(command))));
+    assert_snapshot!("wrong_options_of_tuning", messages(said));
 }

@@ -7,6 +7,7 @@ mod fixtures;
 use std::path::Path;
 
 use candle_core::{DType, Device, Tensor};
+use insta::assert_snapshot;
 use sage_backbones::{
     Backbone, Parameters,
     backbone::{ParameterGroup, trajectories_in_world},
@@ -215,8 +216,7 @@ fn an_encoding_of_another_network_is_refused() {
     let data = scene(Kind::Curve);
     let [ours, other] = ["densetnt", "lane-graph"].map(network);
     let foreign = other.encode(features(&*other, &data)).unwrap();
-    let error = ours.log_probs(&foreign).unwrap_err().to_string();
-    assert!(error.contains("computed by another network"), "{error}");
+    assert_snapshot!(ours.log_probs(&foreign).unwrap_err(), @"this encoding was computed by another network, `lane-graph`; encode the features again");
 }
 
 #[test]
@@ -266,8 +266,7 @@ fn files_of_weights_load_unchanged_and_broken_ones_are_refused() {
     }
     let plain =
         safetensors::serialize([("a", &Tensor::zeros(2, DType::F32, &Device::Cpu).unwrap())], None).unwrap();
-    let error = Parameters::from_bytes(&plain, Path::new("plain")).unwrap_err().to_string();
-    assert!(error.contains("`plain`: has no `sage` header"), "{error}");
+    assert_snapshot!(Parameters::from_bytes(&plain, Path::new("plain")).unwrap_err(), @"`plain`: has no `sage` header, which says what network its tensors belong to");
     assert!(
         Parameters::load(Path::new("nowhere")).unwrap_err().to_string().starts_with("cannot read `nowhere`")
     );

@@ -4,6 +4,7 @@
 use std::{path::Path, sync::Arc};
 
 use candle_core::{Device, Tensor};
+use insta::assert_snapshot;
 use sage_backbones::{
     Backbone, Error, Parameters, backbones,
     nn::AdamWConfig,
@@ -124,7 +125,7 @@ fn a_folder_of_another_run_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     train(&*network("densetnt"), folder.path(), usize::MAX).unwrap();
     let error = train(&*network("query-transformer"), folder.path(), usize::MAX).err().unwrap().to_string();
-    assert!(error.contains("last.safetensors") && error.contains("other options or data"), "{error}");
+    assert_snapshot!(error.replace(&folder.path().display().to_string(), "[folder]"), @"`[folder]/last.safetensors`: belongs to a run with other options or data; give another folder or remove it");
 }
 
 #[test]
@@ -175,29 +176,37 @@ fn scenes_without_a_vehicle_to_train_on_are_refused() {
     .err()
     .unwrap()
     .to_string();
-    assert!(error.contains("none of 1 scenes shows a moving vehicle"), "{error}");
+    assert_snapshot!(error, @"none of 1 scenes shows a moving vehicle that is valid at frame 10 and in 30 of the 80 frames after it");
 }
 
 #[test]
 fn options_out_of_range_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let plain = PretrainOptions::default;
-    for (options, part) in [
-        (PretrainOptions { batch: 0, ..plain() }, "option `batch` is 0; expected 1"),
-        (PretrainOptions { per_scene: 0, ..plain() }, "option `per_scene` is 0"),
-        (PretrainOptions { rate: -1.0, ..plain() }, "option `rate` is -1; expected 0 to 1"),
-        (PretrainOptions { rate: f64::NAN, ..plain() }, "option `rate` is NaN"),
-        (PretrainOptions { clip: -3.0, ..plain() }, "option `clip` is -3"),
-        (PretrainOptions { epochs: 0, ..plain() }, "option `epochs` is 0"),
-    ] {
+    let wrong = [
+        PretrainOptions { batch: 0, ..plain() },
+        PretrainOptions { per_scene: 0, ..plain() },
+        PretrainOptions { rate: -1.0, ..plain() },
+        PretrainOptions { rate: f64::NAN, ..plain() },
+        PretrainOptions { clip: -3.0, ..plain() },
+        PretrainOptions { epochs: 0, ..plain() },
+    ];
+    let said = wrong.map(|options| {
         let (train, dev) = (scenes(1, 3), scenes(1, 4));
         let mut silent = Silent::new(usize::MAX);
         let header = Header::default();
         let run =
             pretrain(&*network("densetnt"), &train, &dev, &options, &header, folder.path(), &mut silent);
-        let error = run.err().unwrap().to_string();
-        assert!(error.contains(part), "{error}");
-    }
+        run.err().unwrap().to_string()
+    });
+    assert_snapshot!(said.join("\n"), @r"
+    option `batch` is 0; expected 1 to 1000000
+    option `per_scene` is 0; expected 1 to 1000000000
+    option `rate` is -1; expected 0 to 1
+    option `rate` is NaN; expected 0 to 1
+    option `clip` is -3; expected 0.000000001 to inf
+    option `epochs` is 0; expected 1 to 1000000
+    ");
 }
 
 #[test]
@@ -219,7 +228,7 @@ fn scenes_without_a_vehicle_to_validate_on_are_refused() {
         &mut silent,
     );
     let error = run.err().unwrap().to_string();
-    assert!(error.contains("none of 1 scenes to validate on"), "{error}");
+    assert_snapshot!(error, @"none of 1 scenes to validate on shows a vehicle that is valid at frames 10 and 90");
 }
 
 #[test]
@@ -243,5 +252,5 @@ fn a_truncated_checkpoint_is_refused() {
     let whole = std::fs::read(&path).unwrap();
     std::fs::write(&path, &whole[..whole.len() - 10]).unwrap();
     let error = train(&*network, folder.path(), usize::MAX).err().unwrap().to_string();
-    assert!(error.contains("last.safetensors") && error.contains("no whole file"), "{error}");
+    assert_snapshot!(error.replace(&folder.path().display().to_string(), "[folder]"), @"`[folder]/last.safetensors`: is no whole file of weights (incomplete metadata, file not fully covered); copy or train it again; remove it to start again");
 }

@@ -8,6 +8,7 @@ mod scenes;
 use std::sync::Arc;
 
 use approx::assert_relative_eq;
+use insta::assert_snapshot;
 use sage_core::{
     objective::{
         Candidate, Context, ContextOptions, EgoPaths, Encounter, Feasibility, MapFeasibility, Objective,
@@ -78,8 +79,7 @@ fn a_union_measures_the_terms_of_all_its_objectives() {
     let paper = preset("paper-selection");
     let drivable =
         objective(r#"{"terms": [{"name": "realism", "weight": -1}], "feasibility": {"name": "drivable"}}"#);
-    let error = Objective::union(&[&paper, &drivable]).err().unwrap().to_string();
-    assert!(error.contains("the rules `paper` and `drivable`"), "{error}");
+    assert_snapshot!(Objective::union(&[&paper, &drivable]).err().unwrap(), @"options of objective `feasibility`: objectives that are evaluated together have the rules `paper` and `drivable`; expected one rule");
     assert_eq!(drivable.term_indices_in(&paper), Some(vec![1]));
     let other = objective(r#"{"terms": [{"name": "impact-speed", "weight": 1}]}"#);
     assert_eq!(other.term_indices_in(&paper), None);
@@ -158,16 +158,17 @@ fn invalid_objectives_are_refused_by_name() {
         let built = Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap());
         built.err().unwrap().to_string()
     };
-    assert!(build(r#"{"terms": []}"#).contains("expected at least one"));
-    assert!(
-        build(r#"{"terms": [{"name": "nice", "weight": 1}]}"#).contains("unknown reward `nice`; known: adv")
-    );
-    let wrong = r#"{"terms": [{"name": "realism", "weight": 1, "options": {"much": 1}}]}"#;
-    assert!(build(wrong).contains("unknown field `much`"));
-    let wrong = r#"{"terms": [{"name": "realism", "weight": 1}], "feasibility": {"name": "none"}}"#;
-    assert!(build(wrong).contains("unknown feasibility `none`; known: paper, drivable"));
-    let wrong = r#"{"terms": [{"name": "realism", "weight": 1}], "violation_weight": -1}"#;
-    assert!(build(wrong).contains("violation_weight"));
+    let many = format!(r#"{{"terms": [{}]}}"#, vec![r#"{"name": "realism", "weight": 1}"#; 65].join(","));
+    let wrong = [
+        r#"{"terms": []}"#,
+        r#"{"terms": [{"name": "nice", "weight": 1}]}"#,
+        r#"{"terms": [{"name": "realism", "weight": 1, "options": {"much": 1}}]}"#,
+        r#"{"terms": [{"name": "realism", "weight": 1}], "feasibility": {"name": "none"}}"#,
+        r#"{"terms": [{"name": "realism", "weight": 1}], "violation_weight": -1}"#,
+        r#"{"terms": [{"name": "realism", "weight": 1}], "violation_weight": 1e300}"#,
+        &many,
+    ];
+    let mut said: Vec<String> = wrong.iter().map(|json| format!("{json:.120} -> {}", build(json))).collect();
     for weight in [
         Weight::Constant(f64::NAN),
         Weight::Constant(1e308),
@@ -177,13 +178,9 @@ fn invalid_objectives_are_refused_by_name() {
         let mut spec = ObjectiveSpec::preset("natural").unwrap();
         spec.terms[0].weight = weight;
         let error = Objective::new(&spec, &rewards().unwrap(), &feasibilities().unwrap()).err().unwrap();
-        assert!(error.to_string().contains("`adversarial` is "), "{error}");
-        assert!(error.to_string().contains("within ±1e9"), "{error}");
+        said.push(format!("{weight:?} -> {error}"));
     }
-    let many = vec![r#"{"name": "realism", "weight": 1}"#; 65].join(",");
-    assert!(build(&format!(r#"{{"terms": [{many}]}}"#)).contains("expected at most 64"));
-    let wrong = r#"{"terms": [{"name": "realism", "weight": 1}], "violation_weight": 1e300}"#;
-    assert!(build(wrong).contains("a number from 0 to 1e9"));
+    assert_snapshot!("invalid_objectives", said.join("\n"));
     for (positions, headings) in
         [(vec![], None), (vec![[0.0; 2]; 81], None), (vec![[0.0; 2]; 3], Some(vec![0.0]))]
     {

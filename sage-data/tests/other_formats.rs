@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
+use insta::assert_snapshot;
 use sage_data::{Error, Recording, folder, pickle::Document};
 
 fn error_of(bytes: &[u8]) -> String {
@@ -18,80 +19,70 @@ fn every_known_format_is_named_with_a_remedy() {
     let tar = [&[b'a'; 257][..], b"ustar\0", &[0; 200]].concat();
     let npz = [b"PK\x03\x04", &[0; 26][..], b"tracks.npy", &[7; 40]].concat();
     let cut = "é".repeat(40_000).into_bytes();
-    for (bytes, named, remedy) in [
-        (&b""[..], "an empty file", "copy or create it again"),
-        (&[0; 5000], "a file of zeros", "copy it again"),
-        (b"PAR1\x15\x04\x15", "a Parquet file, as Argoverse 2 has them", "ScenarioNet"),
-        (b"ARROW1\0\0", "an Arrow file", "ScenarioNet"),
-        (b"SQLite format 3\0\x10\0", "an SQLite database, as nuPlan has them", "ScenarioNet"),
-        (b"\x89HDF\r\n\x1a\n\0", "an HDF5 file", "ScenarioNet"),
-        (b"\x93NUMPY\x01\0", "a NumPy array (.npy)", "ScenarioNet"),
-        (&npz, "a NumPy archive (.npz)", "ScenarioNet"),
-        (b"PK\x03\x04\x14\0\0\0", "a zip archive", "unpack it"),
-        (b"PK\x05\x06\0\0", "an empty zip archive", "copy it again"),
-        (&tar, "a tar archive", "unpack it"),
-        (b"7z\xbc\xaf\x27\x1c\0", "a 7z archive", "unpack it"),
-        (b"BZh91AY&SY", "compressed by bzip2", "decompress it first"),
-        (b"\xfd7zXZ\0\0", "compressed by xz", "decompress it first"),
-        (b"\x28\xb5\x2f\xfd\x24\x08", "compressed by zstd", "decompress it first"),
-        (
-            b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n",
-            "a pointer of Git LFS",
-            "git lfs pull",
-        ),
-        (b"%PDF-1.7\n%\xe2\xe3", "a PDF document", "give a scene file"),
-        (b"\x89PNG\r\n\x1a\n\0\0", "a picture (PNG)", "give a scene file"),
-        (b"<!DOCTYPE html>\n<html><body>404</body></html>", "a web page (HTML)", "download the file itself"),
-        (b"<html>", "a web page (HTML)", "download the file itself"),
-        (b"<?xml version=\"1.0\"?>\n<OpenSCENARIO>", "an OpenSCENARIO scenario", "give a scene file"),
-        (b"<?xml version=\"1.0\"?>\n<OpenDRIVE>", "an OpenDRIVE map", "give a scene file"),
-        (b"<commonRoad commonRoadVersion=\"2020a\">", "a CommonRoad scenario", "give a scene file"),
-        (b"<svg/>", "an XML file", "give a scene file"),
-        (
-            b"{\"name\": \"a\", \"scenario_id\": \"b\", \"objects\": [{\"position\": [{\"x\": 1}]}]}",
-            "a scene of GPUDrive (JSON)",
-            "Waymo shard",
-        ),
-        (
-            b"{\"objects\":[{\"position\":[{\"x\":1}]}],\"roads\":[],\"name\":\"a\"}",
-            "a scene of GPUDrive (JSON)",
-            "Waymo shard",
-        ),
-        (b"{\"drivable_areas\": {}, \"lane_segments\": {}}", "a map of Argoverse 2 (JSON)", "ScenarioNet"),
-        (b"{\"run_hash\": \"a\", \"scene\": \"b\"}", "a row of `sage generate` (JSON)", "scene files"),
-        (b"{\"command\": \"generate\", \"run\": {}, \"results\": {}}", "a record of a run", "folder"),
-        (b"[{\"name\": \"a\", \"trajectory\": [[1, 2]]}]", "a file of candidates (JSON)", "--candidates"),
-        (b"\xef\xbb\xbf {\"a\": 1}", "a JSON file", "give a scene file"),
-        (b"[1, 2, 3]", "a JSON file", "give a scene file"),
-        (b"track_id,timestep,x,y\n1,2,3,4\n", "a text file", "give a scene file"),
-        (b"city,x\n1,2\n", "a text file", "give a scene file"),
-        (b"(c) 2024, all rights reserved\nby us\n", "a text file", "give a scene file"),
-        ("Straße nach München\n".as_bytes(), "a text file", "give a scene file"),
-        (&cut, "a text file", "give a scene file"),
-    ] {
+    let files: [&[u8]; 37] = [
+        b"",
+        &[0; 5000],
+        b"PAR1\x15\x04\x15",
+        b"ARROW1\0\0",
+        b"SQLite format 3\0\x10\0",
+        b"\x89HDF\r\n\x1a\n\0",
+        b"\x93NUMPY\x01\0",
+        &npz,
+        b"PK\x03\x04\x14\0\0\0",
+        b"PK\x05\x06\0\0",
+        &tar,
+        b"7z\xbc\xaf\x27\x1c\0",
+        b"BZh91AY&SY",
+        b"\xfd7zXZ\0\0",
+        b"\x28\xb5\x2f\xfd\x24\x08",
+        b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n",
+        b"%PDF-1.7\n%\xe2\xe3",
+        b"\x89PNG\r\n\x1a\n\0\0",
+        b"<!DOCTYPE html>\n<html><body>404</body></html>",
+        b"<html>",
+        b"<?xml version=\"1.0\"?>\n<OpenSCENARIO>",
+        b"<?xml version=\"1.0\"?>\n<OpenDRIVE>",
+        b"<commonRoad commonRoadVersion=\"2020a\">",
+        b"<svg/>",
+        b"{\"name\": \"a\", \"scenario_id\": \"b\", \"objects\": [{\"position\": [{\"x\": 1}]}]}",
+        b"{\"objects\":[{\"position\":[{\"x\":1}]}],\"roads\":[],\"name\":\"a\"}",
+        b"{\"drivable_areas\": {}, \"lane_segments\": {}}",
+        b"{\"run_hash\": \"a\", \"scene\": \"b\"}",
+        b"{\"command\": \"generate\", \"run\": {}, \"results\": {}}",
+        b"[{\"name\": \"a\", \"trajectory\": [[1, 2]]}]",
+        b"\xef\xbb\xbf {\"a\": 1}",
+        b"[1, 2, 3]",
+        b"track_id,timestep,x,y\n1,2,3,4\n",
+        b"city,x\n1,2\n",
+        b"(c) 2024, all rights reserved\nby us\n",
+        "Straße nach München\n".as_bytes(),
+        &cut,
+    ];
+    let said = files.map(|bytes| {
         let error = error_of(bytes);
         let shown = bytes[..bytes.len().min(30)].escape_ascii();
-        assert!(error.starts_with("`folder/given.file` is "), "{shown}: {error}");
-        assert!(error.contains(named) && error.contains(remedy), "{shown}: {error}");
-        assert!(!error.contains('\n'));
-    }
+        assert!(error.starts_with("`folder/given.file` is ") && !error.contains('\n'), "{shown}: {error}");
+        format!("\"{shown}\" -> {error}")
+    });
+    assert_snapshot!("files_of_other_formats", said.join("\n"));
 }
 
 #[test]
 fn damaged_scenes_keep_their_error() {
-    for (bytes, expected) in [
-        (&b"(dp0\nVlength\np1\nI9"[..], "ends inside a value"),
-        (b"\x80\x04}\x94(", "ends inside a value"),
-        (b"cos\nsystem\n(S'ls'\ntR.", "global `os.system` is not allowed"),
-        (b"\xfe\xfe\xfe\xfe", "not a pickle: the first byte is 0xfe"),
-        (b"\x1f\x8b\x08\0\0", "gzip"),
-        (b"(dp0\nVlength\np1\nI91\ns.", "`metadata` is missing"),
-    ] {
+    let files: [&[u8]; 6] = [
+        b"(dp0\nVlength\np1\nI9",
+        b"\x80\x04}\x94(",
+        b"cos\nsystem\n(S'ls'\ntR.",
+        b"\xfe\xfe\xfe\xfe",
+        b"\x1f\x8b\x08\0\0",
+        b"(dp0\nVlength\np1\nI91\ns.",
+    ];
+    let said = files.map(|bytes| {
         let error = Recording::from_bytes(Path::new("x.pkl"), bytes.to_vec()).unwrap_err();
         assert!(!matches!(error, Error::OtherFormat { .. }), "{error}");
-        let text = error.to_string();
-        assert!(text.contains(expected) && text.contains("x.pkl"), "{text}");
-    }
+        format!("\"{}\" -> {error}", bytes.escape_ascii())
+    });
+    assert_snapshot!("damaged_scenes", said.join("\n"));
 }
 
 /// A dict of str keys in protocol 0; values are opcodes.
@@ -105,28 +96,21 @@ fn tables_of_data_sets_given_as_scenes_are_named() {
     let summary = dict(&[("object_summary", "(d"), ("number_summary", "(d")]);
     let short = dict(&[("sdc_id", "V1\n"), ("track_length", "I91\n")]);
     let scene = dict(&[("tracks", "(d"), ("length", "I91\n")]);
-    for (values, named, remedy) in [
-        (
-            dict(&[("sd_a_1.pkl", "V\n"), ("sd_a_2.pkl", "Vpart\n")]),
-            "the mapping of a data set",
-            "give the folder",
-        ),
-        (dict(&[("sd_a_1.pkl", &summary)]), "the summary of a data set", "give the folder"),
-        (
-            dict(&[("sd_a_1.pkl", &short), ("sd_a_2.pkl", &short)]),
-            "the summary of a data set",
-            "give the folder",
-        ),
-        (dict(&[("a", &short)]), "the summary of a data set", "give the folder"),
-        (format!("(l{scene}a"), "a list of scenes", "a pickle of its own"),
-        (dict(&[("a", &scene)]), "a dict of scenes", "a pickle of its own"),
-        (dict(&[("track_infos", "(d"), ("map_infos", "(d")]), "a preprocessed scene of MTR", "Waymo shard"),
-    ] {
+    let tables = [
+        ("a mapping", dict(&[("sd_a_1.pkl", "V\n"), ("sd_a_2.pkl", "Vpart\n")])),
+        ("a summary of one scene", dict(&[("sd_a_1.pkl", &summary)])),
+        ("a summary of two scenes", dict(&[("sd_a_1.pkl", &short), ("sd_a_2.pkl", &short)])),
+        ("a summary of a short name", dict(&[("a", &short)])),
+        ("a list of scenes", format!("(l{scene}a")),
+        ("a dict of scenes", dict(&[("a", &scene)])),
+        ("a scene of MTR", dict(&[("track_infos", "(d"), ("map_infos", "(d")])),
+    ];
+    let said = tables.map(|(name, values)| {
         let bytes = format!("{values}.").into_bytes();
         Document::parse(bytes.clone()).unwrap();
-        let error = error_of(&bytes);
-        assert!(error.contains(named) && error.contains(remedy), "{error}");
-    }
+        format!("{name} -> {}", error_of(&bytes))
+    });
+    assert_snapshot!("tables_of_data_sets", said.join("\n"));
 }
 
 #[test]
@@ -150,7 +134,7 @@ fn a_file_that_is_too_large_is_named_too() {
     // Sparse, so it takes no space.
     file.set_len(sage_data::MAX_SCENE_FILE + 1).unwrap();
     let error = Recording::read(&path).unwrap_err().to_string();
-    assert!(error.contains("an SQLite database, as nuPlan has them"), "{error}");
+    assert_snapshot!(error.replace(&folder.path().display().to_string(), "[folder]"), @"`[folder]/2021.db` is an SQLite database, as nuPlan has them; convert it with ScenarioNet, and give the .pkl files that it writes");
 }
 
 fn reference(name: &str) -> Option<PathBuf> {

@@ -8,6 +8,7 @@ mod reference;
 use std::sync::Arc;
 
 use hand_made::{car, road, scene};
+use insta::assert_snapshot;
 use sage_core::{
     geometry::{OrientedBox, distance},
     motion::{HORIZON, NOW, Trajectory},
@@ -163,11 +164,8 @@ fn what_has_no_answer_says_why() {
     assert_eq!(reason(found(&context(open), AvoidanceOptions::default())), "the map has no road edges");
     let ctx = context(scene(street(5.0), vec![ego(), car("wall", [40.0, 0.0], 0.0, 0.0)]));
     let refused = |options| Avoidance::new(&ctx, options).err().unwrap().to_string();
-    assert!(refused(AvoidanceOptions { brake: 0.0, ..AvoidanceOptions::default() }).contains("`brake` is 0"));
-    assert!(
-        refused(AvoidanceOptions { refinement: 9, ..AvoidanceOptions::default() })
-            .contains("expected 0 to 4")
-    );
+    assert_snapshot!(refused(AvoidanceOptions { brake: 0.0, ..AvoidanceOptions::default() }), @"options of search `avoidable`: `brake` is 0; expected a number above 0, up to 100");
+    assert_snapshot!(refused(AvoidanceOptions { refinement: 9, ..AvoidanceOptions::default() }), @"options of search `avoidable`: `refinement` is 9; expected 0 to 4");
 }
 
 #[test]
@@ -207,8 +205,7 @@ fn the_time_to_react_is_a_reward() {
     assert_eq!(score(&near, time), 0.0);
     assert!((score(&near, 1.5) + (1.5 - time)).abs() < 1e-9 && score(&near, 8.0) == -3.0);
     assert_eq!(score(&ctx(200.0), 1.5), -3.0);
-    let error = registry.build("time-to-react", &serde_json::json!({"target": 9})).err().unwrap().to_string();
-    assert!(error.contains("expected 0 to 8"), "{error}");
+    assert_snapshot!(registry.build("time-to-react", &serde_json::json!({"target": 9})).err().unwrap(), @"options of reward `time-to-react`: `target` is 9; expected 0 to 8 seconds");
     // It is slow, so tables have it only on demand.
     let rules = feasibilities().unwrap();
     let spec: ObjectiveSpec =

@@ -4,6 +4,7 @@ mod short_training;
 
 use std::path::Path;
 
+use insta::assert_snapshot;
 use safetensors::SafeTensors;
 use sage_core::content_hash::{HashedTensor, content_hash, split_hash, with_hash};
 use sage_sim::rl::{
@@ -23,18 +24,20 @@ fn a_damaged_or_foreign_checkpoint_is_refused_by_name() {
     let mut state = TrainingState::new(&options, 6).expect("valid options");
     state.save(folder.path(), "a").expect("written");
     assert_eq!(load("a"), Ok(true));
-    assert!(load("b").expect_err("another run").contains("other options, scenes or weights"));
+    let told = |identity: &str| in_folder(folder.path(), &load(identity).expect_err("a refusal"));
+    assert_snapshot!(told("b"), @"`[folder]/checkpoint.safetensors`: it is of a run with other options, scenes or weights; give --force to start again");
     let path = folder.path().join(CHECKPOINT);
     let whole = std::fs::read(&path).expect("the checkpoint");
     for cut in [0, 7, 100, whole.len() / 2, whole.len() - 1] {
         std::fs::write(&path, &whole[..cut]).expect("written");
-        assert!(load("a").expect_err("cut").contains(CHECKPOINT));
+        let error = load("a").expect_err("cut");
+        assert!(error.contains(CHECKPOINT), "{error}");
     }
     let mut flipped = whole.clone();
     let last = flipped.len() - 3;
     flipped[last] ^= 1;
     std::fs::write(&path, flipped).expect("written");
-    assert!(load("a").expect_err("flipped").contains("does not match the hash"));
+    assert_snapshot!(told("a"), @"`[folder]/checkpoint.safetensors`: its content does not match the hash in its header: the file is damaged or was changed; copy or make it again; give --force to start again");
     std::fs::write(&path, whole).expect("written");
     assert_eq!(load("a"), Ok(true));
 }
@@ -46,6 +49,7 @@ fn a_damaged_replay_buffer_is_refused_by_name() {
     save_trained(folder.path(), &options);
     let load = || TrainingState::load(folder.path(), "test", &options, 6).map(|found| found.is_some());
     assert_eq!(load(), Ok(true));
+    let told = || in_folder(folder.path(), &load().expect_err("a refusal"));
     let file = std::fs::read_dir(folder.path().join(BUFFER)).expect("a folder").next().expect("a file");
     let file = file.expect("an entry").path();
     let whole = std::fs::read(&file).expect("rows");
@@ -53,14 +57,28 @@ fn a_damaged_replay_buffer_is_refused_by_name() {
         let mut flipped = whole.clone();
         flipped[position] ^= 1;
         std::fs::write(&file, flipped).expect("written");
-        assert!(load().expect_err("a flipped bit").contains("does not match the hash"));
+        insta::allow_duplicates! { assert_snapshot!(told(), @"`[folder]/buffer/000000000000.rows`: its content does not match the hash in the checkpoint: it is damaged; give --force to start again") };
     }
     std::fs::write(&file, &whole[..whole.len() - 4]).expect("written");
-    assert!(load().expect_err("cut").contains(".rows"));
+    assert_snapshot!(told(), @"`[folder]/buffer/000000000000.rows`: its content does not match the hash in the checkpoint: it is damaged; give --force to start again");
     std::fs::write(&file, [&whole[..], &[0; 420]].concat()).expect("written");
-    assert!(load().expect_err("longer").contains(".rows"));
+    assert_snapshot!(told(), @"`[folder]/buffer/000000000000.rows`: it holds more than 128520 bytes, the most that is read; give --force to start again");
     std::fs::remove_file(&file).expect("removed");
-    assert!(load().expect_err("no rows").contains(".rows"));
+    assert_snapshot!(told(), @"`[folder]/buffer/000000000000.rows`: No such file or directory (os error 2); give --force to start again");
+}
+
+/// A message without the path of a folder.
+fn in_folder(folder: &Path, message: &str) -> String {
+    message.replace(&folder.display().to_string(), "[folder]")
+}
+
+/// A message with `#` for its numbers, some of which depend on the length of the episodes.
+fn without_numbers(message: &str) -> String {
+    let masked = |word: &str| match word.trim_end_matches(';') {
+        number if number.parse::<u64>().is_ok() => word.replace(number, "#"),
+        _ => word.to_owned(),
+    };
+    message.split(' ').map(masked).collect::<Vec<_>>().join(" ")
 }
 
 /// Trains for a while and saves the run.
@@ -99,9 +117,11 @@ fn a_crafted_checkpoint_is_refused() {
     };
     assert_eq!(crafted("/diverging", 0.into()), Ok(true), "the crafted file has the right hash");
     let huge = serde_json::Value::from(u64::MAX);
+    let mut told = Vec::new();
     for counter in ["steps", "episodes", "attacked", "skipped", "drive_age", "without_drive", "unavoidable"] {
         let error = crafted(&format!("/counters/{counter}"), huge.clone()).expect_err(counter);
         assert!(error.contains(counter), "{counter}: {error}");
+        told.push(format!("{counter} -> {}", without_numbers(&in_folder(folder.path(), &error))));
     }
     for (pointer, value) in [
         ("/records", serde_json::json!([])),
@@ -122,8 +142,11 @@ fn a_crafted_checkpoint_is_refused() {
         ("/format", "sage train-ego checkpoint 1".into()),
     ] {
         let error = crafted(pointer, value.clone()).expect_err(pointer);
-        assert!(error.contains("--force"), "{pointer} {value}: {error}");
+        let mut value = value.to_string();
+        value.truncate(30);
+        told.push(format!("{pointer} {value} -> {}", without_numbers(&in_folder(folder.path(), &error))));
     }
+    assert_snapshot!("crafted_checkpoints", told.join("\n"));
 }
 
 /// A checkpoint with a changed record and the hash of its new content.

@@ -4,6 +4,7 @@ mod short_training;
 
 use std::{collections::BTreeMap, path::Path, sync::Arc};
 
+use insta::assert_snapshot;
 use safetensors::SafeTensors;
 use sage_core::{generator::OperatingPoint, motion::Trajectory};
 use sage_sim::{
@@ -192,9 +193,9 @@ fn divergence_stops_the_run() {
 #[test]
 fn options_out_of_range_are_named() {
     let problem = |options: TrainingOptions| options.check().expect_err("out of range");
-    assert!(problem(TrainingOptions { ratio: 0.0, ..small() }).contains("`ratio` is 0"));
-    assert!(problem(TrainingOptions { updates: 10, ..small() }).contains("random steps"));
-    assert!(problem(TrainingOptions { evaluations: 0, ..small() }).contains("`evaluations` is 0"));
+    assert_snapshot!(problem(TrainingOptions { ratio: 0.0, ..small() }), @"`ratio` is 0; expected a number from 1/64 to 64");
+    assert_snapshot!(problem(TrainingOptions { updates: 10, ..small() }), @"10 updates at a ratio of 0.5 are 20 steps, fewer than the 200 random steps at the start; give more updates or fewer random steps");
+    assert_snapshot!(problem(TrainingOptions { evaluations: 0, ..small() }), @"`evaluations` is 0; expected a number from 1 to 1000");
     let td3 = Td3Options { gamma: 1.5, ..Td3Options::default() };
-    assert!(problem(TrainingOptions { td3, ..small() }).contains("`gamma` is 1.5"));
+    assert_snapshot!(problem(TrainingOptions { td3, ..small() }), @"`gamma` is 1.5; expected a number from 0 to 1");
 }

@@ -7,6 +7,7 @@ mod hand_made;
 use std::{f64::consts::FRAC_PI_2, sync::Arc};
 
 use hand_made::{car, prepared, road, scene};
+use insta::assert_snapshot;
 use sage_core::scene::{Map, Track, TrackKind};
 use sage_data::procedural::{Kind, generate};
 use sage_sim::{
@@ -177,8 +178,8 @@ fn a_path_is_driven_pose_by_pose_and_bad_files_are_named() {
         assert_eq!(recorded.ego().point(50), [25.0, 0.5]);
         assert_eq!(recorded.ego().size[50], scene.log().size[10]);
     }
-    let fails = |text: &str| build(text).err().unwrap().to_string();
-    assert!(fails("[[1, 2]]").contains("drive.json`: expected a JSON list of [x, y, heading]"));
+    let error = build("[[1, 2]]").err().unwrap().to_string();
+    assert_snapshot!(error.replace(&folder.path().display().to_string(), "[folder]"), @"options of policy `path`: `[folder]/drive.json`: expected a JSON list of [x, y, heading], or an object with such a list for each scene id: invalid length 2, expected an array of length 3 at line 1 column 7");
     let mut far = poses.clone();
     far[40] = [1e300, 0.0, 0.0];
     let mut jumping = poses.clone();
@@ -187,31 +188,39 @@ fn a_path_is_driven_pose_by_pose_and_bad_files_are_named() {
     let short = build("[[1, 2, 3]]").unwrap();
     let start = |policy: &dyn EgoPolicy| {
         let start = Start::new(&scene, 0, Knowledge::None, 0);
-        policy.start(&start).err().unwrap().to_string()
+        let error = policy.start(&start).err().unwrap().to_string();
+        error.replace(&folder.path().display().to_string(), "[folder]")
     };
-    assert!(start(far.as_ref()).contains("row 40 of the drive"));
-    assert!(start(jumping.as_ref()).contains("expected at most 100 m a frame"));
-    assert!(start(short.as_ref()).contains("has 1 poses; expected 91, one a frame"));
+    assert_snapshot!(start(far.as_ref()), @"scene `hand-made`: row 40 of the drive in `[folder]/drive.json` is [1e300, 0.0, 0.0]; expected numbers within ±1e8");
+    assert_snapshot!(start(jumping.as_ref()), @"scene `hand-made`: row 40 of the drive in `[folder]/drive.json` is 481 m from the position before; expected at most 100 m a frame");
+    assert_snapshot!(start(short.as_ref()), @"scene `hand-made`: the drive in `[folder]/drive.json` has 1 poses; expected 91, one a frame");
     let other = build(r#"{"another": []}"#).unwrap();
-    assert!(
-        start(other.as_ref()).contains("scene `hand-made`")
-            && start(other.as_ref()).contains("has no drive of this scene")
-    );
+    assert_snapshot!(start(other.as_ref()), @"scene `hand-made`: `[folder]/drive.json` has no drive of this scene");
 }
 
 #[test]
 fn options_out_of_range_are_refused() {
     let registry = policies().unwrap();
-    let said = |name: &str, options| registry.build(name, &options).err().unwrap().to_string();
-    assert!(said("idm", json!({"limits": [1.0, 2.0]})).contains("`limits` is [1, 2]"));
-    assert!(said("idm", json!({"model": {"standing_gap": 0.0}})).contains("`model.standing_gap` is 0"));
-    assert!(said("idm", json!({"sped": 1})).contains("unknown field `sped`"));
-    assert!(
-        said("idm", json!({"lane_changes": {"politeness": -1.0}}))
-            .contains("`lane_changes.politeness` is -1")
-    );
-    assert!(said("expert", json!({"brakes": []})).contains("`brakes` is []"));
-    assert!(said("constant", json!({"steer": 2.0})).contains("`steer` is 2; expected a number from -1 to 1"));
+    let wrong = [
+        ("idm", json!({"limits": [1.0, 2.0]})),
+        ("idm", json!({"model": {"standing_gap": 0.0}})),
+        ("idm", json!({"sped": 1})),
+        ("idm", json!({"lane_changes": {"politeness": -1.0}})),
+        ("expert", json!({"brakes": []})),
+        ("constant", json!({"steer": 2.0})),
+    ];
+    let said = wrong.map(|(name, options)| {
+        let error = registry.build(name, &options).err().unwrap();
+        format!("{name}{options} -> {error}")
+    });
+    assert_snapshot!(said.join("\n"), @r#"
+    idm{"limits":[1.0,2.0]} -> options of policy `idm`: `limits` is [1, 2]; expected a number below 0 and one above
+    idm{"model":{"standing_gap":0.0}} -> options of policy `idm`: `model.standing_gap` is 0; expected a number above 0
+    idm{"sped":1} -> options of policy `idm`: unknown field `sped`, expected one of `model`, `speed_limits`, `curves`, `limits`, `lane_changes`, `red_lights`
+    idm{"lane_changes":{"politeness":-1.0}} -> options of policy `idm`: `lane_changes.politeness` is -1; expected a number, at least 0
+    expert{"brakes":[]} -> options of policy `expert`: `brakes` is []; expected numbers below 0, at least one
+    constant{"steer":2.0} -> options of policy `constant`: `steer` is 2; expected a number from -1 to 1
+    "#);
 }
 
 /// Class of the first contact of a replayed ego with another car.

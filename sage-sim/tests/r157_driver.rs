@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use driving::policy;
 use hand_made::{car, prepared, scene};
+use insta::assert_snapshot;
 use sage_core::scene::{Lane, Map, MapFeature, MapKind, Track};
 use sage_sim::{
     SimScene,
@@ -105,9 +106,8 @@ fn it_stops_behind_a_standing_car_and_one_that_brakes_hard() {
 fn its_options_are_checked() {
     let build = |options| policies().unwrap().build("r157", &options);
     assert!(build(json!({"reading": "overlap", "aeb": true})).is_ok());
-    let error = |options| build(options).err().unwrap().to_string();
-    assert!(error(json!({"reading": "late"})).contains("unknown variant `late`"));
-    assert!(error(json!({"following": {"lane_changes": {}}})).contains("never changes lanes"));
-    let wrong = json!({"following": {"limits": [1, 2], "lane_changes": null}});
-    assert!(error(wrong).contains("`following`: `limits` is [1, 2]"));
+    let error = |options| build(options).err().unwrap();
+    assert_snapshot!(error(json!({"reading": "late"})), @"options of policy `r157`: unknown variant `late`, expected one of `distance`, `time`, `overlap`");
+    assert_snapshot!(error(json!({"following": {"lane_changes": {}}})), @"options of policy `r157`: `following.lane_changes` must be null: this driver never changes lanes");
+    assert_snapshot!(error(json!({"following": {"limits": [1, 2], "lane_changes": null}})), @"options of policy `r157`: `following`: `limits` is [1, 2]; expected a number below 0 and one above");
 }

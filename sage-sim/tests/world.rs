@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use driving::{policy, scenes, simulation};
 use hand_made::{car, prepared, road, scene};
+use insta::assert_snapshot;
 use sage_core::{
     geometry::{OrientedBox, distance},
     motion::Pose,
@@ -173,39 +174,29 @@ fn bad_input_gets_clear_errors() {
     let fail = |scene: &Arc<SimScene>, plan| {
         World::new(scene.clone(), Arc::default(), plan, 0).err().unwrap().to_string()
     };
-    let said = fail(&inside, None);
-    assert!(said.contains("starts 1.5 m inside track `inside`") && said.contains("skip_close"), "{said}");
+    assert_snapshot!(fail(&inside, None), @"scene `hand-made`: the ego starts 1.5 m inside track `inside` at frame 0; the option `skip_close` leaves such cars out");
 
     let mut late = ego();
     late.valid[0] = false;
     let index = SceneIndex::new(Arc::new(road()));
     let unseen = scene(road(), vec![late, car("other", [50.0, 0.0], 0.0, 0.0)]);
     let said = SimScene::new(Arc::new(unseen), index).err().unwrap().to_string();
-    assert!(said.contains("the ego `ego` is not valid at frame 0"), "{said}");
+    assert_snapshot!(said, @"scene `hand-made`: the ego `ego` is not valid at frame 0, where a drive starts");
 
     let free = prepared(scene(road(), vec![ego(), car("other", [50.0, 9.0], 0.0, 0.0)]));
     let mut short = car("other", [50.0, 9.0], 0.0, 0.0);
     short.valid.pop();
     let plan = |motion| Some(Arc::new(Plan { track: 1, motion }));
-    assert!(fail(&free, plan(short)).contains("plan: 90 points, expected 91"));
+    assert_snapshot!(fail(&free, plan(short)), @"plan: 90 points, expected 91");
     let mut broken = car("other", [50.0, 9.0], 0.0, 0.0);
     broken.position[4][1] = f64::NAN;
-    let said = fail(&free, plan(broken));
-    assert!(said.contains("plan of track `other`: point 4 is [50.0, NaN]"), "{said}");
+    assert_snapshot!(fail(&free, plan(broken)), @"plan of track `other`: point 4 is [50.0, NaN]; expected finite coordinates within ±1e8 m");
 
     let mut world = World::new(free, Arc::default(), None, 0).unwrap();
     let nan = Control::Drive(Action { steer: f64::NAN, throttle: 0.0 });
-    let said = world.step(nan, None).err().unwrap().to_string();
-    assert!(said.contains("hand-made") && said.contains("the action is [NaN, 0]"), "{said}");
+    assert_snapshot!(world.step(nan, None).err().unwrap(), @"scene `hand-made`: step 1: the action is [NaN, 0]; expected finite numbers");
     let pose = Control::Pose { pose: Pose::new(f64::INFINITY, 0.0, 0.0), velocity: None };
-    assert!(
-        world
-            .step(pose, None)
-            .err()
-            .unwrap()
-            .to_string()
-            .contains("the pose is [inf, 0, 0], its velocity [0, 0]; expected finite numbers")
-    );
+    assert_snapshot!(world.step(pose, None).err().unwrap(), @"scene `hand-made`: step 1: the pose is [inf, 0, 0], its velocity [0, 0]; expected finite numbers");
 }
 
 #[test]
@@ -253,8 +244,7 @@ fn a_failed_step_changes_nothing_and_states_stay_with_their_scene() {
     let mut other = scene(road(), tracks());
     other.id = "another".to_owned();
     let other = World::new(prepared(other), Arc::default(), None, 0).unwrap();
-    let said = world.restore(other.state()).unwrap_err().to_string();
-    assert!(said.contains("the saved state belongs to another scene"), "{said}");
+    assert_snapshot!(world.restore(other.state()).unwrap_err(), @"scene `hand-made`: the saved state belongs to another scene");
 }
 
 #[test]

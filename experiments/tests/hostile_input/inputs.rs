@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use insta::assert_snapshot;
+
 use crate::{experts, hostile, program::*, quick, recipe};
 
 /// A folder with a scene, weights and a policy, and its content.
@@ -50,6 +52,7 @@ fn no_command_replaces_an_input() {
     ];
     let [candidates, recipe, policies, all] =
         [at("c.json"), at("recipe.yaml"), at("policies"), root.display().to_string()];
+    let mut refused = Vec::new();
     for attack in attacks {
         let place = |word: &&str| match *word {
             "C" => candidates.clone(),
@@ -65,7 +68,10 @@ fn no_command_replaces_an_input() {
         // A simulation may write beside its inputs, under other names.
         now.retain(|name, _| before.contains_key(name));
         assert!(now == before, "{attack:?}: an input changed: {said}");
-        let is_refused = code == 1 && (said.contains("an input") || said.contains("the input"));
-        assert!(is_refused || attack[0] == "simulate", "{attack:?}: {said}");
+        if attack[0] != "simulate" {
+            assert_eq!(code, 1, "{attack:?}: {said}");
+            refused.push((attack.join(" "), said));
+        }
     }
+    assert_snapshot!("outputs_in_place_of_inputs", messages(refused));
 }

@@ -2,12 +2,17 @@
 
 #![allow(dead_code)] // Each test program uses a part of it.
 
+mod snapshots;
+
 use std::{
     path::{Path, PathBuf},
     process::{Command, Output},
 };
 
 use serde_json::Value;
+
+#[allow(unused_imports)] // Each test program uses a part of it.
+pub use snapshots::{added, masked, messages, redacted, sorted};
 
 /// Weights in the binary, so that a test does not depend on other installed weights.
 pub const WEIGHTS: [&str; 2] = ["--weights", "procedural"];

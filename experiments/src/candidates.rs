@@ -42,7 +42,7 @@ pub(crate) fn read(path: &Path) -> Result<Vec<NamedCandidate>> {
     let file = path.display();
     let text = files::read_argument_text(path, LIMIT).with_context(|| format!("cannot read `{file}`"))?;
     let rows: Vec<CandidateRow> = serde_json::from_str(&text).with_context(|| {
-        format!(r#"`{file}` is not a JSON list of {{"name", "trajectory": [[x, y] × {HORIZON}], "ego": optional}}"#)
+        format!(r#"`{file}` is not a JSON list of {{"name", "trajectory": [[x, y] × {HORIZON}], "ego"}}; "ego" may be left out"#)
     })?;
     let checked = rows.into_iter().enumerate().map(|(k, row)| {
         let what = format!("`{file}`: candidate {k} `{}`", row.name);

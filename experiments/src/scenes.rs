@@ -178,7 +178,7 @@ impl Scenes {
         let before = self.failed();
         let all = self.map_each(work, done)?;
         if all.is_empty() && self.failed() > before {
-            bail!("none of {} can be used", count(self.len(), "scene"));
+            bail!("no scene of {} can be used", self.len());
         }
         Ok(all)
     }
@@ -291,12 +291,12 @@ impl Scenes {
         })?;
         if attackable.len() == 0 {
             bail!(
-                "none of {all} scenes has an ego path, 1 s of recording after frame {NOW}, and an adversary that is valid there apart from the ego"
+                "no scene of {all} has an ego path, 1 s of recording after frame {NOW}, and an adversary that is valid there apart from the ego"
             );
         }
         if attackable.len() < all {
             progress::say(&format!(
-                "note: {} of {all} scenes are left out: no ego path, less than 1 s after frame {NOW}, or no adversary that is valid there apart from the ego",
+                "note: left out of {all} scenes: {}, which cannot be read, or without an ego path, 1 s after frame {NOW}, or an adversary that is valid there and does not overlap the ego",
                 all - attackable.len()
             ));
         }
@@ -341,7 +341,7 @@ impl Scenes {
             }
         }
         if loaded.is_empty() && self.failed() > 0 {
-            bail!("none of {} can be used", count(self.len(), "scene"));
+            bail!("no scene of {} can be used", self.len());
         }
         progress.finish(&format!("read {}", count(loaded.len(), "scene")));
         Ok(loaded)

@@ -24,7 +24,7 @@ fn fronts_group_the_weights_of_a_generator_and_compare_with_the_first() {
     let twice = ["bench", "front", &scene, "--methods", "rule,rule", "--out", text(&other)];
     assert_snapshot!(failure(&[&twice[..], &WEIGHTS].concat()), @r"
     note: weights `procedural` (network densetnt)
-    error: `rule` is given twice
+    error: the row `rule` is given twice
     ");
 }
 
@@ -46,7 +46,7 @@ fn the_variants_of_the_ablation_are_tuned_and_compared_with_the_first() {
     assert!(table.contains("| sage hgpo=1.00 mu 1.00 | 3 |"), "{table}");
     assert!(table.contains("| sage dpo=1.00 mu 1.00 | sage hgpo=1.00 mu 1.00 |"), "{table}");
     // The shipped variants are known by name; they take long.
-    assert_snapshot!(redacted(&failure(&["finetune", "--variants", "nothing", "--out", text(&out)])), @"error: cannot read `nothing`: No such file or directory (os error 2)");
+    assert_snapshot!(redacted(&failure(&["finetune", "--variants", "nothing", "--out", text(&out)])), @"error: --variants: expected `ablation` or a file: cannot read `nothing`: No such file or directory (os error 2)");
 }
 
 #[test]

@@ -176,7 +176,7 @@ fn scenes_without_a_vehicle_to_train_on_are_refused() {
     .err()
     .unwrap()
     .to_string();
-    assert_snapshot!(error, @"none of 1 scenes shows a moving vehicle that is valid at frame 10 and in 30 of the 80 frames after it");
+    assert_snapshot!(error, @"no scene of 1 shows a moving vehicle that is valid at frame 10 and in 30 of the 80 frames after it");
 }
 
 #[test]
@@ -228,7 +228,7 @@ fn scenes_without_a_vehicle_to_validate_on_are_refused() {
         &mut silent,
     );
     let error = run.err().unwrap().to_string();
-    assert_snapshot!(error, @"none of 1 scenes to validate on shows a vehicle that is valid at frames 10 and 90");
+    assert_snapshot!(error, @"no scene of 1 to validate on shows a vehicle that is valid at frames 10 and 90");
 }
 
 #[test]

@@ -177,7 +177,7 @@ pub fn weight_hashes(experts: &ExpertSet) -> Result<Map<String, Value>> {
 /// *Errors*: the first key that occurs twice.
 pub fn refuse_duplicates(keys: &[RowKey]) -> Result<()> {
     match keys.iter().enumerate().find(|(k, key)| keys[..*k].contains(key)) {
-        Some((_, key)) => bail!("`{}` is given twice", key.label()),
+        Some((_, key)) => bail!("the row `{}` is given twice", key.label()),
         None => Ok(()),
     }
 }

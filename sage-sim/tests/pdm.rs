@@ -154,6 +154,6 @@ fn it_is_seldom_at_fault_and_never_leaves_the_road() {
 #[test]
 fn its_options_are_checked() {
     let error = |options| policies().unwrap().build("pdm", &options).err().unwrap();
-    assert_snapshot!(error(json!({"curves": -1})), @"options of policy `pdm`: `curves` is Some(-1.0); expected m/s² above 0, or null");
+    assert_snapshot!(error(json!({"curves": -1})), @"options of policy `pdm`: `curves` is -1; expected m/s² above 0, or null");
     assert_snapshot!(error(json!({"brakes": true})), @"options of policy `pdm`: unknown field `brakes`, expected one of `brake`, `any_speed`, `curves`, `as_published`, `red_lights`");
 }

@@ -17,7 +17,7 @@ use super::{FolderArgs, reading::ReadingArgs};
 /// Default number of scenes of a shard: about 0.5 GB.
 const SHARD_SIZE: usize = 500;
 
-/// Convert scenes between formats, one after another, on all cores.
+/// Convert scenes between formats, on all cores.
 ///
 /// PATH is a scene file, a shard of the Waymo Open Motion Dataset (TFRecord, also gzip), a record of a shard
 /// (SHARD#3 or SHARD#ID), a pipe (-), or a folder of files and shards.

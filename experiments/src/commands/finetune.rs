@@ -58,7 +58,9 @@ fn experts(args: &FinetuneArgs, registries: &Registries) -> Result<(Vec<Expert>,
     let mut shared = match (&args.config, args.variants.as_deref()) {
         (Some(path), _) => read_config(path)?,
         (None, Some(ABLATION)) => serde_json::from_str(VARIANTS)?,
-        (None, Some(file)) => read_config(file.as_ref())?,
+        (None, Some(file)) => {
+            read_config(file.as_ref()).context("--variants: expected `ablation` or a file")?
+        }
         (None, None) => Map::new(),
     };
     let all = || [REALISTIC, ADVERSARIAL, LAWFUL].map(|name| (name.to_owned(), json!({})));

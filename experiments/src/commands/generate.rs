@@ -72,7 +72,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
         0 if left_out == own.len() && left_out > 0 => bail!("no scene could be attacked: all are left out"),
         0 => Ok(Outcome::Done),
         1 if own.len() == 1 => bail!("the scene could not be attacked"),
-        all if all == own.len() => bail!("none of {all} scenes could be attacked"),
+        all if all == own.len() => bail!("no scene of {all} could be attacked"),
         some => {
             let out = args.folder.out.display();
             progress::say(&format!(

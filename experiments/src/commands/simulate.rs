@@ -213,7 +213,7 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
         0 if left_out == inputs.len() && left_out > 0 => bail!("no scene could be driven: all are left out"),
         0 => Ok(Outcome::Done),
         1 if inputs.len() == 1 => bail!("the scene could not be driven"),
-        all if all == inputs.len() => bail!("none of {all} scenes could be driven"),
+        all if all == inputs.len() => bail!("no scene of {all} could be driven"),
         some => {
             progress::say(&format!(
                 "{some} of {} scenes failed; the others are in `{}`; remove the cause and run the same command again",

@@ -146,14 +146,14 @@ pub fn pretrain(
     let standing = Examples::of(train).filter(|e| !e.moves && !e.of_interest);
     if moving.list().is_empty() {
         return Err(Error::NothingToTrain(format!(
-            "none of {} scenes shows a moving vehicle that is valid at frame 10 and in 30 of the 80 frames after it",
+            "no scene of {} shows a moving vehicle that is valid at frame 10 and in 30 of the 80 frames after it",
             train.len()
         )));
     }
     let held_out = Examples::of(dev).filter(|e| (e.moves || e.of_interest) && e.is_whole);
     if held_out.list().is_empty() {
         return Err(Error::NothingToTrain(format!(
-            "none of {} scenes to validate on shows a vehicle that is valid at frames 10 and 90",
+            "no scene of {} to validate on shows a vehicle that is valid at frames 10 and 90",
             dev.len()
         )));
     }

@@ -101,8 +101,8 @@ impl IdmOptions {
         if let Some(lane_changes) = &self.lane_changes {
             lane_changes.check()?;
         }
-        if self.curves.is_some_and(|lateral| !(lateral > 0.0)) {
-            return Err(format!("`curves` is {:?}; expected m/s² above 0, or null", self.curves));
+        if let Some(lateral) = self.curves.filter(|lateral| !(*lateral > 0.0)) {
+            return Err(format!("`curves` is {lateral}; expected m/s² above 0, or null"));
         }
         Ok(())
     }

@@ -88,8 +88,8 @@ impl Entry<dyn EgoPolicy> for Pdm {
     type Options = PdmOptions;
 
     fn build(options: PdmOptions) -> Result<Box<dyn EgoPolicy>, String> {
-        if options.curves.is_some_and(|lateral| !(lateral > 0.0)) {
-            return Err(format!("`curves` is {:?}; expected m/s² above 0, or null", options.curves));
+        if let Some(lateral) = options.curves.filter(|lateral| !(*lateral > 0.0)) {
+            return Err(format!("`curves` is {lateral}; expected m/s² above 0, or null"));
         }
         Ok(Box::new(Self(options)))
     }

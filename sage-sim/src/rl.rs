@@ -8,7 +8,7 @@
 //! - [`ActorPolicy`]: the driving policy of an actor.
 //!
 //! Observation and action sizes of the learner are free. The update is written by hand: buffers are allocated once,
-//! products have kernels of their own, gradients are formulas, and Adam changes weights, moments and targets in one pass. It is
+//! products come from `faer`, gradients are formulas, and Adam changes weights, moments and targets in one pass. It is
 //! generic over `f32` (training) and `f64` (tests against candle's automatic differentiation).
 
 mod adam;
@@ -24,7 +24,6 @@ mod network;
 mod options;
 mod policy;
 mod policy_file;
-mod product;
 mod replay_buffer;
 pub mod scene_sampler;
 mod tensor_file;

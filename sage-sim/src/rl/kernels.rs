@@ -1,16 +1,20 @@
-//! The inner loops of the networks beside the products, over flat row-major matrices.
+//! The inner loops of the networks, over flat row-major matrices.
 //!
-//! They are compiled for several vector widths and chosen at run time; their order of operations, and with it every
-//! bit, is the same in all of them.
+//! Products of matrices come from `faer`, on one thread: its kernels choose the widest vectors of the processor at run
+//! time, and the bits do not depend on the number of threads. All other loops are compiled for several vector widths
+//! and chosen at run time too; their order of operations, and with it every bit, is the same in all of them.
 
 use std::{
     fmt::Debug,
     ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign},
 };
 
+use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul, traits::RealField};
+
 /// `f32` or `f64`.
 pub trait Real:
-    Copy
+    RealField
+    + Copy
     + Default
     + Debug
     + PartialOrd
@@ -29,8 +33,6 @@ pub trait Real:
     fn of(x: f64) -> Self;
     /// As `f64`.
     fn wide(self) -> f64;
-    /// `self × b + c` with one rounding.
-    fn times_plus(self, b: Self, c: Self) -> Self;
     /// Square root.
     fn root(self) -> Self;
     /// Hyperbolic tangent.
@@ -45,10 +47,6 @@ impl Real for f32 {
     #[inline(always)]
     fn wide(self) -> f64 {
         f64::from(self)
-    }
-    #[inline(always)]
-    fn times_plus(self, b: Self, c: Self) -> Self {
-        self.mul_add(b, c)
     }
     #[inline(always)]
     fn root(self) -> Self {
@@ -70,10 +68,6 @@ impl Real for f64 {
         self
     }
     #[inline(always)]
-    fn times_plus(self, b: Self, c: Self) -> Self {
-        self.mul_add(b, c)
-    }
-    #[inline(always)]
     fn root(self) -> Self {
         Self::sqrt(self)
     }
@@ -91,6 +85,55 @@ const LANES: usize = 16;
 #[inline(always)]
 pub(super) fn vectorised<R>(run: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(run)
+}
+
+/// A row-major matrix in a slice: the numbers, and how many rows and columns.
+#[derive(Clone, Copy)]
+pub(super) struct Rows<'a, T> {
+    pub(super) numbers: &'a [T],
+    pub(super) shape: [usize; 2],
+}
+
+impl<'a, T> Rows<'a, T> {
+    pub(super) fn new(numbers: &'a [T], shape: [usize; 2]) -> Self {
+        debug_assert_eq!(numbers.len(), shape[0] * shape[1]);
+        Self { numbers, shape }
+    }
+
+    fn view(self) -> MatRef<'a, T> {
+        MatRef::from_row_major_slice(self.numbers, self.shape[0], self.shape[1])
+    }
+}
+
+/// `out = a bᵀ`.
+pub(super) fn times_transposed<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
+    let out = MatMut::from_row_major_slice_mut(out, a.shape[0], b.shape[0]);
+    matmul(out, Accum::Replace, a.view(), b.view().transpose(), T::of(1.0), Par::Seq);
+}
+
+/// `out = a b`.
+pub(super) fn times<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
+    let out = MatMut::from_row_major_slice_mut(out, a.shape[0], b.shape[1]);
+    matmul(out, Accum::Replace, a.view(), b.view(), T::of(1.0), Par::Seq);
+}
+
+/// `out = aᵀ b`.
+pub(super) fn transposed_times<T: Real>(out: &mut [T], a: Rows<T>, b: Rows<T>) {
+    let out = MatMut::from_row_major_slice_mut(out, a.shape[1], b.shape[1]);
+    matmul(out, Accum::Replace, a.view().transpose(), b.view(), T::of(1.0), Par::Seq);
+}
+
+/// Adds a bias to every row and takes the positive part. NaN stays NaN.
+pub(super) fn add_bias_relu<T: Real>(rows: &mut [T], bias: &[T]) {
+    let zero = T::default();
+    vectorised(|| {
+        for row in rows.chunks_exact_mut(bias.len()) {
+            for (x, b) in row.iter_mut().zip(bias) {
+                let y = *x + *b;
+                *x = if y < zero { zero } else { y };
+            }
+        }
+    });
 }
 
 /// Takes the positive part. NaN stays NaN.
@@ -283,6 +326,20 @@ mod tests {
     use super::*;
 
     #[test]
+    fn products_are_those_of_the_definition() {
+        let a = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
+        let b = [1.0, 0.0, 2.0, -1.0, 3.0, 1.0];
+        let mut out = [0.0; 4];
+        times_transposed(&mut out, Rows::new(&a, [2, 3]), Rows::new(&b, [2, 3]));
+        assert_eq!(out, [7.0, 8.0, 16.0, 17.0]);
+        times(&mut out, Rows::new(&a, [2, 3]), Rows::new(&b, [3, 2]));
+        assert_eq!(out, [14.0, 1.0, 32.0, 1.0]);
+        let mut out = [0.0; 9];
+        transposed_times(&mut out, Rows::new(&a, [2, 3]), Rows::new(&b, [2, 3]));
+        assert_eq!(out, [-3.0, 12.0, 6.0, -3.0, 15.0, 9.0, -3.0, 18.0, 12.0]);
+    }
+
+    #[test]
     fn dot_products_take_every_item() {
         for n in 0..50 {
             let a: Vec<f64> = (0..n).map(f64::from).collect();
@@ -292,7 +349,13 @@ mod tests {
     }
 
     #[test]
-    fn gradients_stop_where_the_output_is_zero() {
+    fn relu_keeps_nan_and_stops_at_zero() {
+        let mut rows = [1.0_f32, -3.0, f32::NAN, -0.5];
+        add_bias_relu(&mut rows, &[0.5, 0.5]);
+        assert_eq!(rows[0], 1.5);
+        assert_eq!(rows[1], 0.0);
+        assert!(rows[2].is_nan());
+        assert_eq!(rows[3], 0.0);
         let mut gradient = [1.0_f32, 1.0];
         mask(&mut gradient, &[0.0, 2.0]);
         assert_eq!(gradient, [0.0, 1.0]);

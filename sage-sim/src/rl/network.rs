@@ -8,9 +8,9 @@ use std::ops::Range;
 use sage_core::seed::Rng;
 
 use super::kernels::{
-    NarrowGradients, Real, mask, mask_and_sum, narrow_layer, narrow_layer_backward, positive_part,
+    NarrowGradients, Real, Rows, add_bias_relu, mask, mask_and_sum, narrow_layer, narrow_layer_backward,
+    positive_part, times, times_transposed, transposed_times,
 };
-use super::product::{Rows, relu_layer, times, transposed_times};
 
 /// Sizes of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -145,8 +145,10 @@ impl<T: Real> Network<T> {
         let Shape { inputs: width, hidden: [h1, h2], .. } = self.shape;
         let rows = inputs.len() / width;
         let [w1, b1, w2, b2, w3, b3] = self.tensors();
-        relu_layer(&mut to.first, Rows::new(inputs, [rows, width]), Rows::new(w1, [h1, width]), b1);
-        relu_layer(&mut to.second, Rows::new(&to.first, [rows, h1]), Rows::new(w2, [h2, h1]), b2);
+        times_transposed(&mut to.first, Rows::new(inputs, [rows, width]), Rows::new(w1, [h1, width]));
+        add_bias_relu(&mut to.first, b1);
+        times_transposed(&mut to.second, Rows::new(&to.first, [rows, h1]), Rows::new(w2, [h2, h1]));
+        add_bias_relu(&mut to.second, b2);
         narrow_layer(&mut to.output, &to.second, w3, b3);
     }
 

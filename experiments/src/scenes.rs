@@ -296,7 +296,7 @@ impl Scenes {
         }
         if attackable.len() < all {
             progress::say(&format!(
-                "note: left out of {all} scenes: {}, which cannot be read, or without an ego path, 1 s after frame {NOW}, or an adversary that is valid there and does not overlap the ego",
+                "note: {} of {all} scenes left out: unreadable, or without an ego path, 1 s after frame {NOW}, or an adversary that is valid there and does not overlap the ego",
                 all - attackable.len()
             ));
         }

@@ -7,7 +7,7 @@ use std::{fmt::Display, path::Path};
 
 use super::{run, sage, stdout};
 
-/// Text with stand-ins for what differs between runs and machines:
+/// Text with placeholders for what differs between runs and machines:
 /// - `[folder]`: a temporary folder.
 /// - `[sage]`: the folder of the project.
 /// - `[time]`: the time at the end of a line, in brackets.
@@ -31,7 +31,7 @@ pub fn redacted(text: &str) -> String {
     text.split_inclusive(|c: char| !c.is_ascii_alphanumeric()).map(without_hash).collect()
 }
 
-/// Text with a stand-in for each `start` with the characters after it.
+/// Text with a placeholder for each `start` with the characters after it.
 pub fn masked(text: &str, start: &str, is_of_it: fn(char) -> bool, stand_in: &str) -> String {
     let mut parts = text.split(start);
     let first = parts.next().unwrap_or_default().to_owned();

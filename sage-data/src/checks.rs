@@ -9,7 +9,7 @@ use sage_core::{
 use serde::Serialize;
 
 pub use crate::warning::Warning;
-use crate::{contradictions, repairs};
+use crate::{contradictions, repairs::Repair};
 
 /// Height difference above which two roads are on different levels, metres.
 const LEVEL: f64 = 3.0;
@@ -115,11 +115,8 @@ pub fn warnings(scene: &Scene) -> Vec<Warning> {
     let mut found = Vec::new();
     let mut warn = |kind, detail: String| found.push(Warning::new(kind, detail));
     for note in &scene.notes {
-        let kind = repairs::KINDS
-            .iter()
-            .find_map(|kind| Some((*kind, note.strip_prefix(kind)?.strip_prefix(": ")?)));
-        match kind {
-            Some((kind, text)) => warn(kind, text.to_owned()),
+        match Repair::of(note) {
+            Some((kind, text)) => warn(kind.name(), text.to_owned()),
             None if note.contains("swapped") => warn("swapped-sizes", note.clone()),
             None => warn("note", note.clone()),
         }

@@ -15,7 +15,7 @@ use sage_core::{
 use crate::{
     Error, Format, ReadOptions, foreign, metadrive, native,
     pickle::Document,
-    repairs::{Decoded, note},
+    repairs::{Decoded, Repair},
     variants::PROVENANCE,
     womd::{self, EncodedScenario},
 };
@@ -181,7 +181,7 @@ impl Recording {
         let (source, has_id) = womd::document(path, message)?;
         let mut scene = metadrive::decode(&source, options, path)?.scene;
         if !has_id {
-            scene.notes.push(note("no-id", format!("the record has no id; it is named `{}`", scene.id)));
+            scene.notes.push(Repair::NoId.note(format!("the record has no id; it is named `{}`", scene.id)));
         }
         Self::checked(path, scene, Source::Record(source), options)
     }

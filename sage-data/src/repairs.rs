@@ -30,21 +30,73 @@ use crate::{Error, ReadOptions, Recording, metadrive::MAX_FRAMES};
 
 use clock::Clock;
 
-/// Kinds of notes that change what is computed from a scene. A note of such a kind begins with it and a colon.
-pub const KINDS: [&str; 6] =
-    ["frame-rate", "track-left-out", "no-size", "ego-copy", "trust-positions", "map-values"];
+/// A kind of notes that change what is computed from a scene. A note of such a kind begins with its name and a
+/// colon.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Repair {
+    /// Times at another rate than 10 Hz, or in another unit.
+    FrameRate,
+    /// A track that cannot be used.
+    TrackLeftOut,
+    /// A road user without a size.
+    NoSize,
+    /// A second recording of the ego.
+    EgoCopy,
+    /// Velocities and headings of the positions, as asked for.
+    TrustPositions,
+    /// Values of the map that cannot be used.
+    MapValues,
+    /// A record without an id: the name that it is given decides its seeds.
+    NoId,
+}
 
-/// A note of a kind.
-pub(crate) fn note(kind: &'static str, text: impl AsRef<str>) -> String {
-    debug_assert!(KINDS.contains(&kind), "`{kind}` is no kind of notes");
-    format!("{kind}: {}", text.as_ref())
+impl Repair {
+    /// All kinds.
+    pub const ALL: [Self; 7] = [
+        Self::FrameRate,
+        Self::TrackLeftOut,
+        Self::NoSize,
+        Self::EgoCopy,
+        Self::TrustPositions,
+        Self::MapValues,
+        Self::NoId,
+    ];
+
+    /// Its name in notes and warnings.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FrameRate => "frame-rate",
+            Self::TrackLeftOut => "track-left-out",
+            Self::NoSize => "no-size",
+            Self::EgoCopy => "ego-copy",
+            Self::TrustPositions => "trust-positions",
+            Self::MapValues => "map-values",
+            Self::NoId => "no-id",
+        }
+    }
+
+    /// The kind of a note, and what the note says.
+    pub fn of(note: &str) -> Option<(Self, &str)> {
+        Self::ALL
+            .into_iter()
+            .find_map(|kind| Some((kind, note.strip_prefix(kind.name())?.strip_prefix(": ")?)))
+    }
+
+    /// A note of this kind.
+    pub(crate) fn note(self, text: impl AsRef<str>) -> String {
+        format!("{}: {}", self.name(), text.as_ref())
+    }
 }
 
 /// What was mended or left out in a recording, with its file.
 pub fn notes_of(recording: &Recording) -> impl Iterator<Item = String> {
-    let is_mended = |note: &&String| KINDS.iter().any(|kind| note.starts_with(&format!("{kind}: ")));
     let file = recording.path.display();
-    recording.scene.notes.iter().filter(is_mended).map(move |note| format!("`{file}`: {note}"))
+    recording
+        .scene
+        .notes
+        .iter()
+        .filter(|note| Repair::of(note).is_some())
+        .map(move |note| format!("`{file}`: {note}"))
 }
 
 /// A scene with the frames of its file, before anything is mended.
@@ -86,7 +138,7 @@ pub(crate) fn finish(draft: Draft, options: &ReadOptions, path: &Path) -> Result
     }
     if let Clock::Other { times, step } = &clock {
         let text = format!("recorded at {:.3} Hz; resampled to 10 Hz", 1.0 / step);
-        scene.notes.push(note("frame-rate", text.replace(".000", "")));
+        scene.notes.push(Repair::FrameRate.note(text.replace(".000", "")));
         frames = Some(resample::to_ten_hertz(&mut scene, times, *step));
     }
     if let Some(now) = options.now {
@@ -149,7 +201,7 @@ fn leave_out_copies(scene: &mut Scene, named: &mut Option<usize>) {
     for k in copies.into_iter().rev() {
         let track = scene.tracks.remove(k);
         let text = format!("track `{}` is a second recording of the ego; it is left out", track.id);
-        scene.notes.push(note("ego-copy", text));
+        scene.notes.push(Repair::EgoCopy.note(text));
         scene.ego -= usize::from(scene.ego > k);
         *named = named.filter(|index| *index != k).map(|index| index - usize::from(index > k));
     }

@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use crate::repairs;
+use crate::repairs::Repair;
 
-/// Kinds of warnings that change what is computed, besides the notes of [`repairs::KINDS`].
+/// Kinds of warnings that change what is computed, besides the notes of [`Repair`].
 const IMPORTANT: [&str; 9] = [
     "short-recording",
     "contact-now",
@@ -30,7 +30,8 @@ pub struct Warning {
 
 impl Warning {
     pub(crate) fn new(kind: &'static str, detail: String) -> Self {
-        Self { kind, detail, is_important: repairs::KINDS.contains(&kind) || IMPORTANT.contains(&kind) }
+        let is_repair = Repair::ALL.iter().any(|repair| repair.name() == kind);
+        Self { kind, detail, is_important: is_repair || IMPORTANT.contains(&kind) }
     }
 }
 

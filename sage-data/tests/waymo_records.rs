@@ -319,6 +319,22 @@ fn a_record_that_is_written_reads_as_the_one_that_was_read() {
 }
 
 #[test]
+fn a_record_without_an_id_is_named_and_says_so() {
+    let (shard, empty_id) = (synthetic(), [0x2a, 0x00]);
+    let mut record = scenes(&shard)[0].to_scenario().unwrap().data;
+    record.extend(empty_id);
+    let read = Recording::from_bytes(Path::new("shard.tfrecord#7"), womd::frame(&record)).unwrap();
+    let warnings = sage_data::checks::warnings(&read.scene);
+    let warning = warnings.iter().find(|warning| warning.kind == "no-id").unwrap();
+    assert!(warning.is_important);
+    let expected = format!("the record has no id; it is named `{}`", read.scene.id);
+    assert_eq!(warning.detail, expected);
+    // Commands print it, whatever they do with the scene.
+    let notes: Vec<String> = sage_data::repairs::notes_of(&read).collect();
+    assert_eq!(notes, [format!("`shard.tfrecord#7`: no-id: {expected}")]);
+}
+
+#[test]
 fn a_pickle_is_the_same_after_a_record() {
     let Some(data) = real::data() else { return };
     for file in folder::scene_files(&data.join("val")).unwrap() {

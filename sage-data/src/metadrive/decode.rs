@@ -21,7 +21,7 @@ use super::{
 use crate::{
     Error, ReadOptions, lane_links, lane_polygon,
     pickle::{Document, Id, Node},
-    repairs::{self, Decoded, Draft},
+    repairs::{self, Decoded, Draft, Repair},
 };
 
 /// Maximum number of frames of a recording: over an hour at 10 Hz.
@@ -246,7 +246,7 @@ fn map(fields: &Fields, top: Id, notes: &mut Vec<String>) -> Result<Map, Error> 
         if count.get() > 0 {
             let text =
                 format!("{} lanes have {what} that cannot be true; they count as unknown", count.get());
-            notes.push(repairs::note("map-values", text));
+            notes.push(Repair::MapValues.note(text));
         }
     }
     for (feature, lane) in map.features.iter_mut().zip(lanes) {

@@ -15,7 +15,7 @@ use super::fields::{Field, Fields};
 use crate::{
     Error,
     pickle::{Id, Node},
-    repairs::{note, sizes::default_size},
+    repairs::{Repair, sizes::default_size},
 };
 
 /// Number of left-out tracks that a note each names; the rest are counted.
@@ -76,7 +76,7 @@ pub(super) fn tracks(
             {
                 let at = found_at.strip_prefix(&format!("{field}/")).unwrap_or(&found_at).to_owned();
                 let text = format!("track `{name}` is left out: `{at}` is {found}; expected {expected}");
-                left_out.push(note("track-left-out", text));
+                left_out.push(Repair::TrackLeftOut.note(text));
             }
             Err(error) => return Err(error),
         }
@@ -85,14 +85,14 @@ pub(super) fn tracks(
     notes.extend(left_out.into_iter().take(NAMED));
     if more > 0 {
         let text = format!("{more} more tracks are left out, because a value of theirs is unusable");
-        notes.push(note("track-left-out", text));
+        notes.push(Repair::TrackLeftOut.note(text));
     }
     for (kind, count) in without_size {
         let [length, width, height] = default_size(&TrackKind::from_name(&kind));
         let tracks = if count == 1 { "1 track" } else { &format!("{count} tracks") };
         let text =
             format!("{tracks} of type {kind} without a size: {length} × {width} × {height} m is assumed");
-        notes.push(note("no-size", text));
+        notes.push(Repair::NoSize.note(text));
     }
     Ok(tracks)
 }

@@ -12,7 +12,7 @@ use sage_core::{
     scene::{Scene, Track},
 };
 
-use super::note;
+use super::Repair;
 use crate::Error;
 
 /// Largest deviation of the median step from 0.1 s at 10 Hz, seconds.
@@ -83,7 +83,7 @@ impl Clock {
                 let step = period.unwrap_or(DT);
                 if constant.is_some() {
                     let text = format!("the times are constant; a frame every {step} s is assumed");
-                    scene.notes.push(note("frame-rate", text));
+                    scene.notes.push(Repair::FrameRate.note(text));
                     // As files and records hold times: in 32 bits.
                     scene.timestamps =
                         (0..scene.frames).map(|frame| f64::from((frame as f64 * step) as f32)).collect();
@@ -100,13 +100,15 @@ impl Clock {
             let first = scene.timestamps[0];
             scene.timestamps.iter_mut().for_each(|time| *time = (*time - first) * scale);
             step *= scale;
-            scene.notes.push(note("frame-rate", format!("the times are in {unit}; they are read as such")));
+            scene
+                .notes
+                .push(Repair::FrameRate.note(format!("the times are in {unit}; they are read as such")));
         }
         if let Some(period) = period.filter(|period| (step / period - 1.0).abs() > CONTRADICTION) {
             let text = format!(
                 "the times have a frame every {step:.4} s, `sample_rate` says {period:.4} s; the times are used"
             );
-            scene.notes.push(note("frame-rate", text));
+            scene.notes.push(Repair::FrameRate.note(text));
         }
         if (step - DT).abs() <= TEN_HERTZ || field == "ts" && is_coarse_ten_hertz(&scene.timestamps) {
             return Ok(Self::Ten);

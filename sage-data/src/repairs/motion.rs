@@ -6,7 +6,7 @@ use sage_core::{
     scene::{Scene, Track},
 };
 
-use super::{clock::Clock, note};
+use super::{Repair, clock::Clock};
 
 /// Replaces velocities and headings of valid frames by those of the positions: central
 /// differences, at the ends of a run of valid frames one-sided. A heading is kept while a road user stands.
@@ -14,7 +14,7 @@ pub(super) fn recompute(scene: &mut Scene, clock: &Clock) {
     for track in &mut scene.tracks {
         recompute_track(track, clock);
     }
-    scene.notes.push(note("trust-positions", "velocities and headings are those of the positions"));
+    scene.notes.push(Repair::TrustPositions.note("velocities and headings are those of the positions"));
 }
 
 fn recompute_track(track: &mut Track, clock: &Clock) {

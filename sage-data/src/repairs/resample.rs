@@ -12,7 +12,7 @@ use sage_core::{
     scene::{Scene, Track},
 };
 
-use super::note;
+use super::Repair;
 use crate::{Error, metadrive::MAX_FRAMES};
 
 /// Distance in time at which a frame falls on a recorded one, seconds.
@@ -70,7 +70,7 @@ pub(super) fn to_ten_hertz(scene: &mut Scene, times: &[f64], step: f64) -> Vec<u
     if gaps > 0 {
         let text =
             format!("{gaps} gaps of more than {longest:.2} s in the times; the frames there are not valid");
-        scene.notes.push(note("frame-rate", text));
+        scene.notes.push(Repair::FrameRate.note(text));
     }
     for track in &mut scene.tracks {
         *track = resampled(track, &places, longest);

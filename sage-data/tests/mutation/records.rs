@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use sage_core::{scene::Scene, seed::Rng};
-use sage_data::{Error, Recording, womd};
+use sage_data::{Error, Recording, repairs::Repair, womd};
 
 use super::{Mutant, Mutator, score};
 
@@ -103,7 +103,12 @@ pub fn consume_message(message: &[u8]) -> Result<(), Error> {
     score(&recording.scene);
     // A record without an id gets one and a note; a pickle of it has an id and no such note.
     let named = |scene: &Scene| {
-        let notes = scene.notes.iter().filter(|note| !note.starts_with("no-id: ")).cloned().collect();
+        let notes = scene
+            .notes
+            .iter()
+            .filter(|note| !matches!(Repair::of(note), Some((Repair::NoId, _))))
+            .cloned()
+            .collect();
         Scene { notes, ..scene.clone() }
     };
     let same = |path: &str, bytes: Vec<u8>| -> Result<(), Error> {

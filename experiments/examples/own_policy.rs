@@ -85,8 +85,8 @@ impl Driver for Cautious {
         }))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(*self)
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(*self))
     }
 }
 

@@ -135,8 +135,8 @@ impl Driver for Roll {
         Ok(Control::Drive(Action { steer: 0.0, throttle: 0.0 }))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(*self)
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, sage_sim::Error> {
+        Ok(Box::new(*self))
     }
 }
 

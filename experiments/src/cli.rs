@@ -23,7 +23,7 @@ use sage_data::procedural::Kind;
 pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, GenerateArgs};
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};
-pub(crate) use driving::SimulateArgs;
+pub(crate) use driving::{PlannerArgs, SimulateArgs};
 pub(crate) use learning::{FinetuneArgs, PredictArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use reading::ReadingArgs;

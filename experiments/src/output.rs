@@ -22,6 +22,8 @@ pub(crate) use dataset_run::DatasetRun;
 pub(crate) use inputs::Inputs;
 pub(crate) use run::{RECORD, Run, RunState};
 
+/// Folder of what planners that are programs write to their standard error, in the output folder.
+pub(crate) const PLANNER_LOGS: &str = "planner-logs";
 /// Length limit of a file name on common file systems, bytes.
 pub(crate) const LONGEST_FILE_NAME: usize = 255;
 

@@ -15,7 +15,8 @@ use sage_core::{
 use sage_sim::{
     body::BodyShape,
     drive::Drive,
-    episode::{Episode, LAST_FRAME},
+    episode::{EpisodeContact, LAST_FRAME},
+    policy::Shown,
     vehicle::Motion,
 };
 use serde::Serialize;
@@ -37,7 +38,9 @@ const SCRIPT: &str = include_str!("player/player.js");
 pub(crate) struct Panel<'a> {
     /// Driver and attack.
     pub(crate) name: String,
-    pub(crate) episode: &'a Episode,
+    pub(crate) drive: &'a Drive,
+    /// The contact that ends it.
+    pub(crate) contact: Option<&'a EpisodeContact>,
     /// What the adversary does, if there is one.
     pub(crate) adversary: Option<&'a Track>,
     /// The same driver without the attack; the page shows it up to its first contact.
@@ -46,6 +49,8 @@ pub(crate) struct Panel<'a> {
     pub(crate) evasion: Option<&'a [[f64; 3]]>,
     /// Whether the attack works; `None` without an attack.
     pub(crate) verdict: Option<bool>,
+    /// Whether its planner failed, so that the drive has no result.
+    pub(crate) is_failed: bool,
     /// Says what is attacked, before the end.
     pub(crate) note: String,
     /// Says how it ended.
@@ -75,8 +80,20 @@ struct EncodedPanel<'a> {
     escape: Option<EncodedBody>,
     contact: Option<EncodedContact>,
     verdict: Option<bool>,
+    failed: bool,
+    /// What the driver showed.
+    shown: Vec<EncodedShown<'a>>,
     note: &'a str,
     ending: &'a str,
+}
+
+/// A plan from a frame on, in centimetres as differences, and lines of a log.
+#[derive(Serialize)]
+struct EncodedShown<'a> {
+    frame: usize,
+    x: Vec<i64>,
+    y: Vec<i64>,
+    log: &'a str,
 }
 
 #[derive(Serialize)]
@@ -98,7 +115,7 @@ pub(crate) fn page(
     // World coordinates reach 100 km, so the page counts from the ego's start.
     let origin = scene.ego().point(0);
     let driven = Aabb::of(panels.iter().flat_map(|panel| {
-        let ego = panel.episode.drive.motions.iter().map(|motion| motion.position);
+        let ego = panel.drive.motions.iter().map(|motion| motion.position);
         let other = panel.adversary.into_iter().flat_map(|track| states(track, [0.0, 0.0]).map(|s| s.1.at));
         ego.chain(other).collect::<Vec<Point>>()
     }));
@@ -143,7 +160,9 @@ fn traffic(scene: &Scene, panels: &[Panel], area: &Aabb, origin: Point) -> Vec<E
 }
 
 fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'a> {
-    let Panel { name, episode, adversary, unattacked, evasion, verdict, note, ending } = panel;
+    let Panel {
+        name, drive: driven, adversary, unattacked, evasion, verdict, is_failed, note, ending, ..
+    } = panel;
     let size = box_size(scene.ego());
     let drive = |drive: &Drive| {
         let end = drive.contacts.first().map_or(LAST_FRAME, |contact| contact.step.min(LAST_FRAME));
@@ -151,7 +170,7 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         let states = motions.map(|(frame, motion)| (frame, FrameState::of_motion(motion, origin)));
         EncodedBody::of(states, size, "vehicle")
     };
-    let contact = episode.first_contacts().next().map(|hit| {
+    let contact = panel.contact.map(|hit| {
         let [own, other] = &hit.contact.areas;
         // The corner of one box that lies deepest in the other is near the place of the contact.
         let nearest = |a: &OrientedBox, b: &OrientedBox| {
@@ -168,18 +187,28 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
     });
     EncodedPanel {
         name,
-        end: episode.steps(),
+        end: driven.motions.len() - 1,
         // A drive has at least its first frame.
-        ego: drive(&episode.drive).unwrap_or_default(),
+        ego: drive(driven).unwrap_or_default(),
         adversary: adversary
             .and_then(|track| EncodedBody::of(states(track, origin), box_size(track), kind(track))),
         ghost: unattacked.and_then(drive),
         escape: evasion.and_then(|rows| EncodedBody::of(evasion_states(rows, origin), size, "vehicle")),
         contact,
         verdict: *verdict,
+        failed: *is_failed,
+        shown: driven.shown.iter().map(|shown| encoded_shown(shown, origin)).collect(),
         note,
         ending,
     }
+}
+
+fn encoded_shown(shown: &Shown, origin: Point) -> EncodedShown<'_> {
+    let differences = |axis: usize| -> Vec<i64> {
+        let all = shown.plan.iter().map(|p| encoding::hundredths(p[axis] - origin[axis]));
+        all.scan(0, |before, value| Some(value - std::mem::replace(before, value))).collect()
+    };
+    EncodedShown { frame: shown.step, x: differences(0), y: differences(1), log: &shown.log }
 }
 
 /// States of an evasive manoeuvre, which ends at the last frame.

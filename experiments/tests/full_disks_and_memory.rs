@@ -132,7 +132,7 @@ fn memory_does_not_grow_with_the_number_of_scenes() {
     let folder = tempfile::tempdir().unwrap();
     let scenes = folder.path().join("scenes");
     // Of one kind, because the largest scene decides the peak.
-    stdout(&sage(&["scenes", "--kind", "four-way", "--count", "56", "--out", text(&scenes)]));
+    stdout(&sage(&["scenes", "--kind", "four-way", "--count", "88", "--out", text(&scenes)]));
     let names: Vec<String> = hostile::snapshot(&scenes)
         .into_keys()
         .map(|name| name.trim_end_matches(".safetensors").to_owned())
@@ -159,16 +159,16 @@ fn memory_does_not_grow_with_the_number_of_scenes() {
         ("dial", vec!["bench", "dial"]),
         ("calibrate", vec!["calibrate", "--selection", "paper-selection"]),
     ] {
-        // 24 scenes fill the window of scenes that are held at once.
-        let [few, many] = [24, 56].map(|count| {
+        // 24 scenes fill the window of scenes that are held at once. Peaks of equal runs differ by 20 MiB.
+        let [few, many] = [24, 88].map(|count| {
             let out = folder.path().join(format!("{name}-{count}"));
             let some = names[..count].join(",");
             peak(&[&command[..], &[text(&scenes), "--scenes", &some, "--out", text(&out)]].concat())
         });
-        let growth = (many - few) / 32.0;
-        assert!(growth < 0.5, "{name}: {few:.0} MiB with 24 scenes, {many:.0} with 56");
+        let growth = (many - few) / 64.0;
+        assert!(growth < 0.5, "{name}: {few:.0} MiB with 24 scenes, {many:.0} with 88");
     }
-    let [few, many] = [8, 40].map(|count| {
+    let [few, many] = [8, 72].map(|count| {
         let [part, out] = ["part", "out"].map(|name| folder.path().join(format!("{name}-{count}")));
         std::fs::create_dir(&part).unwrap();
         for name in &names[..count] {
@@ -177,6 +177,6 @@ fn memory_does_not_grow_with_the_number_of_scenes() {
         }
         peak(&["generate", text(&part), "--lambda", "0,1", "--json", "--out", text(&out)])
     });
-    let growth = (many - few) / 32.0;
-    assert!(growth < 0.5, "generate: {few:.0} MiB with 8 scenes, {many:.0} with 40");
+    let growth = (many - few) / 64.0;
+    assert!(growth < 0.5, "generate: {few:.0} MiB with 8 scenes, {many:.0} with 72");
 }

@@ -58,12 +58,27 @@ impl Ego {
     }
 }
 
-/// What identifies a policy in the record of a run. Another content of a file that describes it is another run.
+/// What identifies a policy in the record of a run. Another content of a file that describes it, or that its command names,
+/// is another run.
 ///
-/// *Errors*: the file cannot be read.
+/// *Errors*: a file cannot be read.
 pub fn identity(part: &PolicyPart) -> Result<Value> {
-    let Some(file) = part.file() else { return Ok(json!(part.to_string())) };
-    let bytes = files::read(Path::new(file), MAX_SCENE_FILE);
-    let bytes = bytes.with_context(|| format!("cannot read `{file}`"))?;
-    Ok(json!([part.to_string(), blake3::hash(&bytes).to_hex()[..16]]))
+    let mut all = vec![json!(part.to_string())];
+    for file in part.files() {
+        let shown = file.display();
+        let hash = if part.is_program() { file_hash(&file) } else { content_hash(&file) };
+        all.push(json!(hash.with_context(|| format!("cannot read `{shown}`"))?));
+    }
+    Ok(if all.len() == 1 { all.remove(0) } else { json!(all) })
+}
+
+fn content_hash(file: &Path) -> std::io::Result<String> {
+    Ok(blake3::hash(&files::read(file, MAX_SCENE_FILE)?).to_hex()[..16].to_owned())
+}
+
+/// Hash of a file of any size, such as a program.
+fn file_hash(file: &Path) -> std::io::Result<String> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update_reader(std::fs::File::open(file)?)?;
+    Ok(hasher.finalize().to_hex()[..16].to_owned())
 }

@@ -7,7 +7,7 @@ mod policies;
 mod predictions;
 mod scene;
 
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
 use anyhow::Result;
 use sage_backbones::Backbone;
@@ -37,6 +37,9 @@ pub trait Measurement: Sync + Send {
 
     /// Measures a scene. The numbers of keys in cells are those of [`Measurement::keys`].
     fn measure(&self, data: &SceneData) -> SceneResult;
+
+    /// Names the folder of a run for logs of drivers.
+    fn write_logs_to(&self, _folder: &Path) {}
 
     /// The attack of a key on the recorded ego, computed again for a picture; `None` if the key has none.
     ///

@@ -1,6 +1,6 @@
 //! Registry entries as command-line values: `NAME`, or `NAME{"option": value}`.
 
-use std::{fmt, str::FromStr};
+use std::{fmt, path::PathBuf, str::FromStr};
 
 use anyhow::Result;
 use sage_core::{objective::PartSpec, registry::Registry};
@@ -62,8 +62,12 @@ impl fmt::Display for Part {
 
 /// Policies that a file describes, written NAME:FILE.
 const FROM_FILES: [&str; 2] = ["path", "td3"];
+/// Policy that a command describes, and how it is written: cmd:COMMAND.
+const PROCESS: &str = "process";
+const COMMAND: &str = "cmd:";
 
-/// A driving policy: a part, `path:FILE` for the drive of another planner, or `td3:FILE` for a learnt policy.
+/// A driving policy: a part, `path:FILE` for the drive of another planner, `td3:FILE` for a learnt policy, or
+/// `cmd:COMMAND` for a planner that is a program.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PolicyPart(pub Part);
 
@@ -73,13 +77,60 @@ impl PolicyPart {
         let Self(part) = self;
         part.options.get("file").and_then(Value::as_str).filter(|_| FROM_FILES.contains(&&*part.name))
     }
+
+    /// Program and arguments of a planner that is a program.
+    pub fn command(&self) -> Option<Vec<String>> {
+        let Self(part) = self;
+        let words = part.options.get("command").filter(|_| part.name == PROCESS)?.as_array()?;
+        words.iter().map(|word| Some(word.as_str()?.to_owned())).collect()
+    }
+
+    /// Whether it starts a program. Only a command line may name one; files that come from elsewhere may not.
+    pub fn is_program(&self) -> bool {
+        self.0.name == PROCESS
+    }
+
+    /// Files that decide how it drives: the one that describes it, or those that its command names.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let words = self.command().unwrap_or_default();
+        let named = words.iter().map(PathBuf::from).filter(|path| path.is_file());
+        named.chain(self.file().map(PathBuf::from)).collect()
+    }
+
+    /// The policy with all its options, as it can be given again.
+    pub fn spelled(&self) -> String {
+        let Self(part) = self;
+        if self.is_program() { part.to_string() } else { self.to_string() }
+    }
+
+    /// The policy with times that a program has to answer (to the first message, to that of a drive, to that of a step),
+    /// seconds; other policies as they are.
+    #[must_use]
+    pub fn with_timeouts(mut self, timeouts: [f64; 3]) -> Self {
+        if self.is_program() {
+            self.0.options.insert("timeouts".to_owned(), timeouts.to_vec().into());
+        }
+        self
+    }
 }
 
 impl fmt::Display for PolicyPart {
+    /// Times to answer are not shown: they decide no drive.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        match self.file() {
-            Some(file) if self.0.options.len() == 1 => write!(f, "{}:{file}", self.0.name),
-            _ => self.0.fmt(f),
+        let mut shown = self.0.clone();
+        if self.is_program() {
+            shown.options.remove("timeouts");
+        }
+        match (self.file(), self.command()) {
+            (Some(file), _) if shown.options.len() == 1 => write!(f, "{}:{file}", shown.name),
+            (_, Some(words)) if shown.options.len() == 1 => {
+                // A word with a zero byte is no argument of any program, and is shown as JSON.
+                match shlex::try_join(words.iter().map(String::as_str)) {
+                    Ok(line) => write!(f, "{COMMAND}{line}"),
+                    Err(_) => shown.fmt(f),
+                }
+            }
+            _ => shown.fmt(f),
         }
     }
 }
@@ -88,6 +139,12 @@ impl FromStr for PolicyPart {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
+        if let Some(line) = text.trim_start().strip_prefix(COMMAND) {
+            let words = shlex::split(line)
+                .ok_or_else(|| format!("`{line}` has a quote without its end, or ends with a backslash"))?;
+            let options = Map::from_iter([("command".to_owned(), Value::from(words))]);
+            return Ok(Self(Part { name: PROCESS.to_owned(), options }));
+        }
         let found = text.split_once(':').filter(|(name, _)| FROM_FILES.contains(name));
         let Some((name, file)) = found else { return Ok(Self(text.parse()?)) };
         let options = Map::from_iter([("file".to_owned(), Value::from(file))]);
@@ -107,7 +164,7 @@ impl FromStr for Parts {
     }
 }
 
-/// Comma-separated policies.
+/// Comma-separated policies. One that is a command takes the rest of the text.
 #[derive(Clone, Debug)]
 pub struct PolicyParts(pub Vec<PolicyPart>);
 
@@ -119,11 +176,17 @@ impl FromStr for PolicyParts {
     }
 }
 
-/// Splits a list at its commas. Commas within options do not separate; brackets in JSON strings are ignored.
+/// Splits a list at its commas. Commas within options do not separate, nor those of a command (`cmd:…`), which takes the
+/// rest; brackets in JSON strings are ignored.
 pub fn split(text: &str) -> Vec<String> {
     let (mut depth, mut is_text, mut is_escaped) = (0_usize, false, false);
     let mut parts = vec![String::new()];
-    for letter in text.chars() {
+    for (at, letter) in text.char_indices() {
+        if parts.last().is_some_and(|part| part.trim().is_empty()) && text[at..].starts_with(COMMAND) {
+            parts.pop();
+            parts.push(text[at..].to_owned());
+            return parts;
+        }
         match letter {
             _ if is_escaped => is_escaped = false,
             '\\' if is_text => is_escaped = true,
@@ -155,6 +218,24 @@ mod tests {
         let PolicyPart(part) = "td3:run/policy.safetensors".parse().unwrap();
         assert_eq!((&*part.name, &part.options["file"]), ("td3", &Value::from("run/policy.safetensors")));
         assert_eq!("idm".parse::<PolicyPart>().unwrap().0.name, "idm");
+    }
+
+    #[test]
+    fn a_policy_may_be_a_command() {
+        let PolicyParts(all) =
+            r#"idm,path:a.json,cmd:python3 "my planner.py" --speed 3,4 --name='a b'"#.parse().unwrap();
+        let words = ["python3", "my planner.py", "--speed", "3,4", "--name=a b"].map(str::to_owned).to_vec();
+        assert_eq!((all.len(), all[2].command()), (3, Some(words.clone())));
+        assert!(all[2].is_program() && !all[1].is_program());
+        // It is shown as it can be given again; times to answer are no part of its name.
+        let shown = all[2].to_string();
+        assert_eq!(shown.parse::<PolicyPart>().unwrap(), all[2]);
+        assert_eq!(all[2].clone().with_timeouts([1.0, 2.0, 3.0]).to_string(), shown);
+        let long: PolicyPart = r#"process{"command":["a","b c"]}"#.parse().unwrap();
+        assert_eq!(long.to_string(), "cmd:a 'b c'");
+        assert!("cmd:python3 'x".parse::<PolicyPart>().unwrap_err().contains("without its end"));
+        let PolicyParts(one) = "cmd:a, b".parse().unwrap();
+        assert_eq!(one[0].command().unwrap(), ["a,", "b"]);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! A study with all its parts built: checked before any scene is read.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
 use anyhow::{Result, bail, ensure};
 use sage_core::{generator::Attack, scene::SceneData};
@@ -142,6 +142,11 @@ impl Plan {
     /// Whether scenes without an adversary are left out.
     pub fn needs_adversary(&self) -> bool {
         !self.study.measures(Subject::Drive) && !self.study.measures(Subject::Prediction)
+    }
+
+    /// Names the folder of a run for logs of drivers.
+    pub fn write_logs_to(&self, folder: &Path) {
+        self.measurements.iter().for_each(|measurement| measurement.write_logs_to(folder));
     }
 
     /// The attack of a key on the recorded ego, computed again for a picture; `None` if the key has none.

@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, ReportSpec};
 
-use crate::rows::Subject;
+use crate::{part::PolicyPart, rows::Subject};
 
 /// Studies that are part of the program: name and file.
 pub const SHIPPED: [(&str, &str); 12] = [
@@ -137,7 +137,20 @@ impl Study {
         let study: Self =
             serde_saphyr::from_str(text).map_err(in_one_line).with_context(|| format!("study `{name}`"))?;
         study.check().with_context(|| format!("study `{name}`"))?;
+        study.refuse_programs().with_context(|| format!("study `{name}`"))?;
         Ok(study)
+    }
+
+    /// Refuses drivers that are programs: a study may come from anywhere, and what it names would be run.
+    fn refuse_programs(&self) -> Result<()> {
+        for text in &self.ego {
+            let is_program = text.parse::<PolicyPart>().is_ok_and(|part| part.is_program());
+            ensure!(
+                !is_program,
+                "`ego` names the program `{text}`; a file names no program, so give it as --ego on the command line"
+            );
+        }
+        Ok(())
     }
 
     /// A shipped study.

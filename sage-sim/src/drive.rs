@@ -11,7 +11,7 @@ use crate::{
     Error,
     body::{Body, BodyKind, BodyShape},
     observation::{Driving, LENGTH, ObservationKind, observe},
-    policy::{ControlledVehicle, Driver, EgoPolicy, Knowledge, Start, View},
+    policy::{ControlledVehicle, Driver, EgoPolicy, Knowledge, Shown, Start, View},
     route::{Localization, Route},
     scene::{LAST_FRAME, SimScene, guide},
     traffic::Plan,
@@ -36,7 +36,7 @@ pub struct DriveContact {
     pub velocities: [Point; 2],
 }
 
-/// A simulation with its drivers. A clone continues on its own.
+/// A simulation with its drivers.
 pub struct Simulation {
     world: World,
     ego: InformedDriver,
@@ -44,6 +44,8 @@ pub struct Simulation {
     driving: Driving,
     observation: ObservationKind,
     is_posed: bool,
+    /// What the ego's driver showed of the last step.
+    shown: Option<Shown>,
 }
 
 /// A driver and what it may know.
@@ -52,15 +54,9 @@ struct InformedDriver {
     knowledge: Knowledge,
 }
 
-impl Clone for InformedDriver {
-    fn clone(&self) -> Self {
-        Self { driver: self.driver.boxed_clone(), knowledge: self.knowledge }
-    }
-}
-
-impl Clone for Simulation {
-    fn clone(&self) -> Self {
-        Self { world: self.world.clone(), ego: self.ego.clone(), adversary: self.adversary.clone(), ..*self }
+impl InformedDriver {
+    fn try_clone(&self) -> Result<Self, Error> {
+        Ok(Self { driver: self.driver.boxed_clone()?, knowledge: self.knowledge })
     }
 }
 
@@ -80,7 +76,7 @@ impl Simulation {
         let ego = InformedDriver { driver: started(policy, scene, track, seed)?, knowledge: policy.knows() };
         let driving = Driving::start(scene.route(), Localization::Nearest, world.motion());
         let observation = ObservationKind::Corrected;
-        Ok(Self { world, ego, adversary: None, driving, observation, is_posed: false })
+        Ok(Self { world, ego, adversary: None, driving, observation, is_posed: false, shown: None })
     }
 
     /// Lets a policy drive the adversary, from now on.
@@ -96,6 +92,23 @@ impl Simulation {
             InformedDriver { driver: started(policy, &scene, track, seed)?, knowledge: policy.knows() };
         self.adversary = Some((driver, routes));
         Ok(self)
+    }
+
+    /// A copy, which continues on its own.
+    ///
+    /// *Errors*: as [`Driver::boxed_clone`].
+    pub fn try_clone(&self) -> Result<Self, Error> {
+        let adversary = match &self.adversary {
+            Some((driver, routes)) => Some((driver.try_clone()?, routes.clone())),
+            None => None,
+        };
+        Ok(Self {
+            world: self.world.clone(),
+            ego: self.ego.try_clone()?,
+            adversary,
+            shown: self.shown.clone(),
+            ..*self
+        })
     }
 
     /// Observations of another kind for the policy; [`ObservationKind::Corrected`] is the default.
@@ -131,6 +144,7 @@ impl Simulation {
             others: world.bodies(),
         };
         let control = self.ego.driver.control(&View::new(world, vehicle, self.ego.knowledge, Some(&see)))?;
+        self.shown = self.ego.driver.shown();
         let mut theirs = None;
         if let (Some((driver, [route, log])), Some((motion, body))) =
             (&mut self.adversary, world.adversary_motion())
@@ -188,7 +202,7 @@ fn ego_body(world: &World) -> Body {
 }
 
 /// The record of a drive.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Drive {
     /// Motion at each step, the start first.
     pub motions: Vec<Motion>,
@@ -198,6 +212,8 @@ pub struct Drive {
     pub progress: f64,
     /// When the car leaves the road.
     pub off_road: OffRoad,
+    /// What the driver showed, in the order of the steps.
+    pub shown: Vec<Shown>,
 }
 
 /// When a car leaves the road: it touches an edge, or is on a sidewalk. What it touches at the start does not count
@@ -281,7 +297,7 @@ impl Recorder {
     pub fn new(simulation: &Simulation) -> Self {
         let (world, start) = (simulation.world(), *simulation.world().motion());
         let off_road = OffRoad::start(world.scene().index().map());
-        let drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road };
+        let drive = Drive { motions: vec![start], off_road, ..Drive::default() };
         let mut touched = vec![false; world.scene().scene().tracks.len()];
         // What the car touches at the start counts only if they part and touch again.
         for contact in &world.facts().contacts {
@@ -299,6 +315,7 @@ impl Recorder {
             contacts.retain(|contact| touches_now(world, contact.track));
         }
         drive.motions.push(*world.motion());
+        drive.shown.extend(simulation.shown.clone());
         drive.progress = drive.progress.max(along(simulation) - self.first);
         let step = world.step_count();
         if world.facts().off_road && drive.off_road == OffRoad::Never {
@@ -358,12 +375,14 @@ pub(crate) fn found(world: &World, contact: &Contact) -> Option<DriveContact> {
 
 /// Drives a policy to the end of the log, at most to the last frame of an episode.
 ///
-/// *Errors*: as [`Simulation::step`].
+/// *Errors*: as [`Simulation::step`]; that of a planner holds the drive up to there.
 pub fn drive(simulation: &mut Simulation) -> Result<Drive, Error> {
     let mut recorder = Recorder::new(simulation);
     let last = LAST_FRAME.min(simulation.world().scene().scene().frames - 1);
     while simulation.world().step_count() < last {
-        simulation.step()?;
+        if let Err(error) = simulation.step() {
+            return Err(error.with_drive(recorder.finish()));
+        }
         recorder.record(simulation);
     }
     Ok(recorder.finish())

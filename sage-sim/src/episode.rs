@@ -97,7 +97,9 @@ impl Episode {
         let has_route = route >= SHORTEST_LOG;
         let (mut recorder, mut arrived, mut found) = (Recorder::new(&simulation), None, 0);
         while found == 0 && simulation.world().step_count() < last {
-            simulation.step()?;
+            if let Err(error) = simulation.step() {
+                return Err(error.with_drive(recorder.finish()));
+            }
             found = recorder.record(&simulation);
             if has_route && recorder.drive().progress > ARRIVED * route {
                 arrived = arrived.or(Some(simulation.world().step_count()));

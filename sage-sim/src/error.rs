@@ -1,5 +1,9 @@
 //! Errors of a simulation, grouped by how a caller can react.
 
+use std::{fmt, path::Path};
+
+use crate::drive::Drive;
+
 /// An error of `sage-sim`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -39,4 +43,65 @@ pub enum Error {
         /// The state, and what to call instead.
         problem: String,
     },
+    /// A planner's program that did not start, ended, was late, or answered nonsense. Its drive has no result; other drives
+    /// are not concerned.
+    #[error("scene `{scene}`{}: {problem}{log}", step.map_or(String::new(), |step| format!(", step {step}")))]
+    Planner {
+        /// Identifier of the scene.
+        scene: String,
+        /// Step of the drive; `None` if the program did not start.
+        step: Option<usize>,
+        /// The command, and what happened.
+        problem: String,
+        /// What it wrote to its standard error.
+        log: PlannerLog,
+        /// The drive up to there, if it had begun.
+        drive: Option<Box<Drive>>,
+    },
+    /// A driver whose state cannot be copied.
+    #[error("the drive cannot be saved: {problem}")]
+    Clone {
+        /// Which one, and why.
+        problem: String,
+    },
+}
+
+impl Error {
+    /// The error with the drive that it ended; only that of a planner holds one.
+    #[must_use]
+    pub(crate) fn with_drive(mut self, ended: Drive) -> Self {
+        if let Self::Planner { drive, .. } = &mut self {
+            *drive = Some(Box::new(ended));
+        }
+        self
+    }
+}
+
+/// The end of what a planner wrote to its standard error in a drive.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PlannerLog {
+    /// The file that holds all of it, as messages name it; empty for a temporary one.
+    pub file: String,
+    /// Its last lines.
+    pub lines: Vec<String>,
+}
+
+impl PlannerLog {
+    /// A log of a path and its last lines.
+    pub(crate) fn of(log: Option<(Option<&Path>, Vec<String>)>) -> Self {
+        let Some((path, lines)) = log else { return Self::default() };
+        Self { file: path.map(|path| path.display().to_string()).unwrap_or_default(), lines }
+    }
+}
+
+impl fmt::Display for PlannerLog {
+    /// As an addition to a message, in one line; nothing if it wrote nothing.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.lines.is_empty() {
+            return Ok(());
+        }
+        let place = if self.file.is_empty() { String::new() } else { format!(" (`{}`)", self.file) };
+        let lines: Vec<&str> = self.lines.iter().map(|line| line.trim()).collect();
+        write!(f, "; the end of its standard error{place}: {}", lines.join(" | "))
+    }
 }

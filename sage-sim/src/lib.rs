@@ -60,5 +60,5 @@ pub mod unattacked;
 pub mod vehicle;
 pub mod world;
 
-pub use error::Error;
+pub use error::{Error, PlannerLog};
 pub use scene::SimScene;

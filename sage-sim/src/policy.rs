@@ -16,13 +16,15 @@ mod lane_change;
 mod path;
 mod pdm;
 mod pid;
+#[cfg(unix)]
+mod process;
 mod r157;
 mod replay;
 mod steering;
 mod td3;
 mod tracking;
 
-use std::{cell::OnceCell, fmt, sync::Arc};
+use std::{cell::OnceCell, fmt, path::Path, sync::Arc};
 
 use sage_core::{
     geometry::{OrientedBox, Point},
@@ -38,6 +40,8 @@ pub use idm::IdmPolicy;
 pub use idm_release::IdmRelease;
 pub use path::{DrivenPath, PathPolicy};
 pub use pdm::{Pdm, PdmOptions};
+#[cfg(unix)]
+pub use process::{Process, ProcessOptions};
 pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
 pub use td3::{Td3, Td3PolicyOptions};
@@ -59,7 +63,7 @@ use crate::{
 ///
 /// *Errors*: two have the same name.
 pub fn policies() -> Result<Registry<dyn EgoPolicy>, sage_core::Error> {
-    Registry::new("policy")
+    let registry = Registry::new("policy")
         .with::<Replay>()?
         .with::<IdmPolicy>()?
         .with::<IdmRelease>()?
@@ -83,7 +87,10 @@ pub fn policies() -> Result<Registry<dyn EgoPolicy>, sage_core::Error> {
         .with::<Tracking>()?
         .with::<ConstantSpeed>()?
         .with::<Constant>()?
-        .with::<PathPolicy>()
+        .with::<PathPolicy>()?;
+    #[cfg(unix)]
+    let registry = registry.with::<Process>()?;
+    Ok(registry)
 }
 
 /// Distance to the end of the recorded route at which it is over, metres.
@@ -125,9 +132,12 @@ pub trait EgoPolicy: Send + Sync {
         false
     }
 
+    /// Names the folder of a run, for policies that keep logs. Without it they keep temporary ones.
+    fn write_logs_to(&self, _folder: &Path) {}
+
     /// A driver for one drive.
     ///
-    /// *Errors*: [`Error::Policy`] for a scene in which it cannot drive.
+    /// *Errors*: [`Error::Policy`] for a scene in which it cannot drive, [`Error::Planner`] for a program that fails.
     fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error>;
 }
 
@@ -182,15 +192,33 @@ impl<'a> Start<'a> {
     }
 }
 
+/// What a driver shows of a step to people who watch.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shown {
+    /// The step.
+    pub step: usize,
+    /// Where it plans to drive, from where it is; empty if it says nothing about it.
+    pub plan: Vec<Point>,
+    /// What it wrote to its log.
+    pub log: String,
+}
+
 /// A policy in the middle of a drive.
 pub trait Driver: Send {
     /// The control of the next step.
     ///
-    /// *Errors*: [`Error::Policy`] if it cannot go on.
+    /// *Errors*: [`Error::Policy`] if it cannot go on, [`Error::Planner`] for a program that fails.
     fn control(&mut self, view: &View) -> Result<Control, Error>;
 
+    /// What it shows of the step whose control it just gave; `None` for nothing new.
+    fn shown(&mut self) -> Option<Shown> {
+        None
+    }
+
     /// A copy in the same state, so that a drive can be saved.
-    fn boxed_clone(&self) -> Box<dyn Driver>;
+    ///
+    /// *Errors*: [`Error::Clone`] if its state is not in this process.
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error>;
 }
 
 /// Writes an observation.

@@ -83,7 +83,7 @@ fn saved_states_continue_with_the_same_bits() {
             for _ in 0..30 {
                 first.step().unwrap();
             }
-            let mut copy = first.clone();
+            let mut copy = first.try_clone().unwrap();
             let saved = first.world().state().clone();
             let at_30 = first.world().clone();
             for _ in 0..40 {
@@ -159,7 +159,7 @@ fn a_policy_can_drive_the_adversary() {
     assert_eq!((contacts("replay"), contacts("idm")), (1, 0));
     let mut saved = build("idm");
     saved.step().unwrap();
-    let mut copy = saved.clone();
+    let mut copy = saved.try_clone().unwrap();
     for _ in 0..20 {
         saved.step().unwrap();
         copy.step().unwrap();

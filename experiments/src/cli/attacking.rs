@@ -10,7 +10,7 @@ use sage_data::{
 use sage_generators::Rate;
 
 use super::{
-    FolderArgs, MOST_PROCEDURAL, SplitArgs,
+    FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
     avoiding::{AvoidableArgs, seconds},
     converting::{ego_modes, standards},
     number,
@@ -47,11 +47,13 @@ pub(crate) struct GenerateArgs {
     pub method: Part,
     #[command(flatten)]
     pub attack: AttackArgs,
-    /// Policy that drives the ego before the attack, by its name in `sage list`, or path:FILE with the drive of
-    /// your own planner: JSON, [x, y, heading] for each frame. The attack is planned against this drive, which
-    /// also replaces the ego's recording in the written scenes.
+    /// Policy that drives the ego before the attack, by its name in `sage list`; path:FILE, a drive of your own
+    /// planner (JSON, [x, y, heading] for each frame); or 'cmd:COMMAND', your own planner as a program. The attack is
+    /// planned against this drive, which also replaces the ego's recording in the written scenes.
     #[arg(long, value_name = "POLICY", default_value = "replay")]
     pub ego: PolicyPart,
+    #[command(flatten)]
+    pub planner: PlannerArgs,
     /// Time to react, seconds: choose the most adversarial candidate that a reaction this long before the contact
     /// avoids and no later one (within 0.25 s), else the nearest, with a note. More candidates hold more late and
     /// early ones: --options '{"candidates": 384, "apart": 2}'.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::{AttackArgs, FolderArgs, ReadingArgs};
-use crate::part::{Part, PolicyParts};
+use crate::part::{Part, PolicyPart, PolicyParts};
 
 /// Drive scenes with policies, with or without an attack, and watch the drives.
 ///
@@ -25,15 +25,21 @@ use crate::part::{Part, PolicyParts};
 /// and --force starts again. If a scene fails, the error is printed and the other scenes continue.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage simulate examples/crossing.pkl --ego replay,idm,expert --method sage --lambda 0,0.5,1 --out drives/\n  sage simulate scenes/ --ego idm --json --out drives/\n  sage simulate scene.pkl --attack attacked/scene-lambda1.json --ego expert --out drives/"
+    after_help = "Examples:\n  sage simulate examples/crossing.pkl --ego replay,idm,expert --method sage --lambda 0,0.5,1 --out drives/\n  sage simulate scenes/ --ego idm --json --out drives/\n  sage simulate scene.pkl --attack attacked/scene-lambda1.json --ego expert --out drives/\n  sage simulate scenes/ --ego idm --ego 'cmd:python3 my_planner.py' --method sage --out drives/"
 )]
 pub(crate) struct SimulateArgs {
     /// Scene file, or folder of scene files.
     pub scene: PathBuf,
-    /// Comma-separated policies that drive the ego, by their names in `sage list`, or path:FILE with the drive
-    /// of your own planner.
+    /// Comma-separated policies that drive the ego, by their names in `sage list`; path:FILE, a drive of your own
+    /// planner; or 'cmd:COMMAND', your own planner as a program, which takes the rest of the text. May be repeated.
     #[arg(long, value_name = "POLICIES", default_value = "idm")]
-    pub ego: PolicyParts,
+    pub ego: Vec<PolicyParts>,
+    #[command(flatten)]
+    pub planner: PlannerArgs,
+    /// First drive up to ten scenes three times with each planner of --ego 'cmd:COMMAND', in another order and in another
+    /// process, and stop if the drives are not the same.
+    #[arg(long)]
+    pub check_planner: bool,
     /// Let the adversary drive this attack on SCENE: a row of `sage generate` (JSON), or an attacked scene.
     #[arg(long, value_name = "FILE", conflicts_with = "method")]
     pub attack: Option<PathBuf>,
@@ -49,4 +55,37 @@ pub(crate) struct SimulateArgs {
     pub folder: FolderArgs,
     #[command(flatten)]
     pub reading: ReadingArgs,
+}
+
+/// Options of planners that are programs.
+#[derive(Debug, Args)]
+pub(crate) struct PlannerArgs {
+    /// Seconds that a planner of --ego 'cmd:COMMAND' has to answer: START,RESET,STEP for its first message, for that of
+    /// a drive and for that of a step, or one number for all (default: 60,20,5).
+    #[arg(long, value_name = "TIMES", value_parser = timeouts, allow_hyphen_values = true)]
+    pub ego_timeout: Option<Timeouts>,
+}
+
+/// Times for the first message of a program, of a drive, and of a step, s.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Timeouts(pub [f64; 3]);
+
+fn timeouts(text: &str) -> Result<Timeouts, String> {
+    let seconds = |word: &str| word.trim().parse::<f64>().ok().filter(|seconds| *seconds > 0.0);
+    let numbers: Option<Vec<f64>> = text.split(',').map(seconds).collect();
+    match numbers.as_deref() {
+        Some([all]) => Ok(Timeouts([*all; 3])),
+        Some([start, reset, step]) => Ok(Timeouts([*start, *reset, *step])),
+        _ => Err("expected one number of seconds above 0, or three: START,RESET,STEP".to_owned()),
+    }
+}
+
+impl PlannerArgs {
+    /// A policy with the times that are given.
+    pub(crate) fn applied(&self, part: &PolicyPart) -> PolicyPart {
+        match self.ego_timeout {
+            Some(Timeouts(times)) => part.clone().with_timeouts(times),
+            None => part.clone(),
+        }
+    }
 }

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use sage_data::dataset::Shard;
 
-use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs, avoiding::AvoidableArgs};
+use super::{FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs, avoiding::AvoidableArgs};
+use crate::part::PolicyParts;
 
 /// Run a study: measure what it names over its axes, and report it.
 ///
@@ -66,9 +67,12 @@ pub(crate) struct AxisArgs {
     /// Comma-separated generators; with options as NAME{"option": value}.
     #[arg(long, alias = "methods", value_name = "NAMES")]
     pub method: Option<String>,
-    /// Comma-separated driving policies; `sage list` shows them, and path:FILE is the drive of your own planner.
+    /// Comma-separated driving policies; `sage list` shows them. path:FILE is a drive of your own planner, and
+    /// 'cmd:COMMAND' your own planner as a program, which takes the rest of the text. May be repeated.
     #[arg(long, alias = "policies", value_name = "POLICIES")]
-    pub ego: Option<String>,
+    pub ego: Vec<PolicyParts>,
+    #[command(flatten)]
+    pub planner: PlannerArgs,
     /// Drive the unchanged scenes alone.
     #[arg(long, conflicts_with_all = ["method", "lambda", "mu", "aggression", "mix"])]
     pub unattacked: bool,
@@ -122,7 +126,6 @@ impl AxisArgs {
     pub(crate) fn assignments(&self) -> Vec<String> {
         let axes = [
             ("method", &self.method),
-            ("ego", &self.ego),
             ("merger", &self.merger),
             ("selection", &self.selection),
             ("feasibility", &self.feasibility),
@@ -142,6 +145,12 @@ impl AxisArgs {
             format!("mix=[{{{}}}]", weights.collect::<Vec<_>>().join(", "))
         });
         given.chain(weights).chain(seed).chain(untrained).chain(mix).collect()
+    }
+
+    /// The drivers that are given, in place of those of a study.
+    pub(crate) fn drivers(&self) -> Option<Vec<String>> {
+        let all = self.ego.iter().flat_map(|PolicyParts(parts)| parts);
+        (!self.ego.is_empty()).then(|| all.map(|part| self.planner.applied(part).spelled()).collect())
     }
 }
 

@@ -57,6 +57,9 @@ fn adapted(args: &StudyArgs, registries: &Registries) -> Result<Study> {
     for assignment in args.axes.assignments().iter().chain(&args.set) {
         study.set(assignment)?;
     }
+    if let Some(drivers) = args.axes.drivers() {
+        study.ego = drivers;
+    }
     study.check()?;
     if let Some(search) = args.avoidable.options() {
         study.avoidable = Some(search);
@@ -139,6 +142,7 @@ pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> 
         return Ok(Outcome::Done);
     }
     run.folder().inner(WINDOWS.as_ref())?;
+    plan.write_logs_to(&run.folder().path().join(output::PLANNER_LOGS));
     let mut follow = Follow { progress: Progress::new("measured", chosen.names.len()), scenes: &scenes };
     let results = runner::run(&plan, &chosen, &Windows(run.folder()), &mut follow)?;
     let Follow { progress, .. } = follow;

@@ -47,6 +47,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let out = &args.folder.out;
     let outdated = || own.iter().flat_map(|input| outputs(&plan, out, input)).collect();
     let run = DatasetRun::start(out, plan.identity()?, args.folder.force, args.shard, outdated)?;
+    plan.ego.policy.write_logs_to(&run.folder().path().join(output::PLANNER_LOGS));
     let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attack"]);
     let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
     let seconds = scene_queue::work(&own, &run, &report, attack)?;

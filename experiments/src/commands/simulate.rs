@@ -2,6 +2,7 @@
 
 mod attack_file;
 mod attacks;
+mod check_planner;
 mod index;
 mod row;
 mod scene;
@@ -52,8 +53,8 @@ impl<'a> Simulation<'a> {
     ///
     /// *Errors*: an argument is out of range or names an unknown part; a file cannot be read.
     fn new(args: &'a SimulateArgs, registries: &'a Registries) -> Result<Self> {
-        let PolicyParts(parts) = &args.ego;
-        let egos = Ego::all(parts, registries)?;
+        let parts = drivers(args);
+        let egos = Ego::all(&parts, registries)?;
         progress::say_notes(&egos);
         let (attacked, subtitle) = match (&args.method, &args.attack) {
             (Some(method), _) => {
@@ -117,8 +118,7 @@ impl<'a> Simulation<'a> {
                 "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
             }),
         };
-        let PolicyParts(parts) = &self.args.ego;
-        identity["ego"] = parts.iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
+        identity["ego"] = drivers(self.args).iter().map(ego::identity).collect::<Result<Vec<_>>>()?.into();
         identity["adversary"] = json!(self.args.options.adversary);
         let reading = self.args.reading.identity();
         if !reading.is_null() {
@@ -129,6 +129,12 @@ impl<'a> Simulation<'a> {
         }
         Ok(identity)
     }
+}
+
+/// The drivers that are named, in their order.
+fn drivers(args: &SimulateArgs) -> Vec<PolicyPart> {
+    let all = args.ego.iter().flat_map(|PolicyParts(parts)| parts);
+    all.map(|part| args.planner.applied(part)).collect()
 }
 
 /// Refuses options of an attack if nothing generates one.
@@ -164,6 +170,11 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
         );
     }
     let inputs = scene_queue::inputs(&args.scene, &files, &args.reading.options());
+    if args.check_planner {
+        let mut planners = drivers(args);
+        planners.retain(PolicyPart::is_program);
+        check_planner::check(args, &planners, registries, &inputs)?;
+    }
     let outputs = |input: &Input| -> Vec<String> {
         let rows = simulation.files(&input.scene).map(|(.., file)| file);
         rows.chain([page_file(&input.scene)]).collect()
@@ -178,11 +189,13 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
     written.extend([index::FILE, RECORD].map(PathBuf::from));
     let mut read = files.clone();
     read.extend(args.attack.clone());
-    read.extend(args.ego.0.iter().filter_map(PolicyPart::file).map(PathBuf::from));
+    read.extend(drivers(args).iter().flat_map(PolicyPart::files));
     output::protect_inputs(std::slice::from_ref(&args.scene), &read, &args.folder.out, &written)?;
     let out = &args.folder.out;
     let outdated = || inputs.iter().flat_map(outputs).chain([index::FILE.to_owned()]).collect();
     let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, None, outdated)?;
+    let logs = run.folder().path().join(output::PLANNER_LOGS);
+    simulation.egos.iter().for_each(|ego| ego.policy.write_logs_to(&logs));
     let report = Report::new(run.folder().path(), args.json, inputs.len(), ["driven", "drive"]);
     let all: Vec<&Input> = inputs.iter().collect();
     let seconds = scene_queue::work(&all, &run, &report, |input| simulate_scene(&simulation, &run, input))?;

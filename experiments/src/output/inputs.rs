@@ -93,7 +93,8 @@ fn parts(argument: &str) -> impl Iterator<Item = &str> {
     let rests = [Some(argument), after('='), after(':')].into_iter().flatten();
     let in_lists = argument.split(',').map(|part| part.split_once(':').map_or(part, |(_, rest)| rest));
     let in_json = argument.split('"').skip(1).step_by(2);
-    rests.chain(in_lists).chain(in_json)
+    let in_commands = after(':').unwrap_or_default().split_whitespace();
+    rests.chain(in_lists).chain(in_json).chain(in_commands)
 }
 
 /// Where a file or a folder is, links resolved; for a record such as `SHARD#3` its shard.

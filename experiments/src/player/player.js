@@ -3,7 +3,7 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 const element = (id) => document.getElementById(id);
 const now = data.now, last = data.frames - 1;
-const colour = { ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222", escape: "#007a52" };
+const colour = { ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222", escape: "#007a52", plan: "rgba(120,60,200,.6)" };
 
 // --- decoding ---
 
@@ -42,7 +42,7 @@ const features = data.map.map(({ kind, width, x, y }) => {
   return { kind, width: (width || 0) / 100, path, box };
 });
 const traffic = data.traffic.map(body);
-const panels = data.panels.map((p, number) => ({ ...p, number, ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost), escape: p.escape && body(p.escape) }));
+const panels = data.panels.map((p, number) => ({ ...p, number, ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost), escape: p.escape && body(p.escape), shown: p.shown.map((s) => ({ frame: s.frame, x: sums(s.x, 1e-2), y: sums(s.y, 1e-2), log: s.log })) }));
 
 // --- state ---
 
@@ -118,6 +118,19 @@ function trail(c, b, from, to, tone, width) {
   c.stroke();
 }
 
+// What the driver showed last; its plan counts until the next one.
+function planAt(panel, time) {
+  return panel.shown.findLast((s) => s.frame <= time && s.x.length);
+}
+
+function line(c, { x, y }, tone, width) {
+  c.beginPath();
+  x.forEach((px, k) => (k ? c.lineTo(px, y[k]) : c.moveTo(px, y[k])));
+  c.strokeStyle = tone;
+  c.lineWidth = width;
+  c.stroke();
+}
+
 function burst(c, x, y, radius) {
   c.beginPath();
   for (let k = 0; k < 16; k++) {
@@ -181,6 +194,8 @@ function drawPanel(panel) {
     trail(c, panel.adversary, 0, Math.floor(time), "rgba(213,94,0,.9)", 1.5 * thin);
   }
   trail(c, panel.ego, 0, Math.floor(time), "rgba(0,114,178,.9)", 1.5 * thin);
+  const plan = planAt(panel, time);
+  if (plan) line(c, plan, colour.plan, 2 * thin);
   const ghost = panel.ghost && view.ghost && pose(panel.ghost, time);
   const own = pose(panel.ego, time);
   if (ghost && Math.hypot(ghost.x - own.x, ghost.y - own.y) > 0.3) car(c, ghost, panel.ego, colour.ego, { dashed: true });
@@ -195,8 +210,11 @@ function drawPanel(panel) {
   panel.live.textContent = `${own.v.toFixed(1)} m/s${gap}`;
   const over = view.time >= panel.end;
   panel.box.classList.toggle("over", Boolean(over && panel.contact));
-  panel.badge.hidden = !over || panel.verdict === null;
-  panel.status.className = over && panel.contact ? "over" : "";
+  panel.badge.hidden = !over || (panel.verdict === null && !panel.failed);
+  panel.status.className = over && (panel.contact || panel.failed) ? "over" : "";
+  const said = panel.shown.findLast((s) => s.frame <= time && s.log);
+  panel.log.textContent = said ? `${((said.frame - now) / 10).toFixed(1)} s: ${said.log}` : "";
+  panel.log.hidden = !panel.shown.some((s) => s.log);
   panel.status.textContent = over ? panel.ending : view.time < now ? panel.history : panel.note;
   drawStrip(panel, time, ratio);
 }
@@ -277,6 +295,7 @@ function build() {
   element("subtitle").textContent = data.subtitle;
   element("time").max = last;
   element("ghost").parentElement.hidden = element("ghost-legend").hidden = !panels.some((p) => p.ghost);
+  element("plan-legend").hidden = !panels.some((p) => p.shown.some((s) => s.x.length));
   element("escape-legend").hidden = !panels.some((p) => p.escape);
   if (!panels.some((p) => p.adversary)) element("adversary-legend").hidden = true;
   if (!panels.some((p) => p.adversary)) element("follow").querySelectorAll("[value=adversary],[value=both]").forEach((o) => o.remove());
@@ -289,8 +308,8 @@ function build() {
     const head = make("h2", panel.box);
     head.title = "Show this drive alone, or all";
     make("b", head).textContent = panel.name;
-    panel.badge = make("em", head, panel.verdict ? "hit" : "");
-    panel.badge.textContent = panel.verdict ? "attack" : "no attack";
+    panel.badge = make("em", head, panel.verdict || panel.failed ? "hit" : "");
+    panel.badge.textContent = panel.failed ? "planner failed" : panel.verdict ? "attack" : "no attack";
     panel.live = make("span", head);
     panel.live.title = "Speed of the ego, and distance of the centres of ego and adversary";
     panel.history = panel.verdict === null ? "Before now." : "Before now: the attack begins at 0 s.";
@@ -299,6 +318,8 @@ function build() {
     panel.canvas.setAttribute("aria-label", `Drive of ${panel.name} from above`);
     panel.strip = make("canvas", make("div", panel.box, "strip"));
     panel.status = make("p", panel.box);
+    panel.log = make("pre", panel.box);
+    panel.log.title = "What the planner wrote to its log";
     head.addEventListener("click", () => alone(view.alone === null ? panel.number : null));
     panel.isVisible = true;
     drag(area, panel);

@@ -30,12 +30,14 @@ pub(crate) struct SceneReport {
     pub(crate) seconds: Option<f64>,
     /// Warnings about the scene that change its results.
     pub(crate) warnings: Vec<Warning>,
+    /// Why lines are missing: planners that failed.
+    pub(crate) failures: Vec<String>,
 }
 
 impl SceneReport {
     /// The report of a scene that an earlier run finished.
     pub(crate) fn found(lines: Vec<Line>) -> Self {
-        Self { lines, seconds: None, warnings: Vec::new() }
+        Self { lines, seconds: None, warnings: Vec::new(), failures: Vec::new() }
     }
 }
 
@@ -90,6 +92,10 @@ impl Report {
             *state.warnings.entry(warning.kind).or_default() += 1;
             state.progress.say(&format!("warning: {name}: {warning}"));
         }
+        for failure in &scene.failures {
+            state.progress.say(&format!("error: {name}: {failure}"));
+        }
+        state.failed += usize::from(!scene.failures.is_empty());
         state.results += scene.lines.len();
         if scene.seconds.is_some() {
             state.progress.step()

@@ -1,6 +1,6 @@
 //! Generators against the recorded ego or against drivers: the selected trajectories, and what drivers do.
 
-use std::{sync::Arc, time::Instant};
+use std::{path::Path, sync::Arc, time::Instant};
 
 use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
@@ -375,6 +375,10 @@ fn plan_metrics(
 }
 
 impl Measurement for Attacks {
+    fn write_logs_to(&self, folder: &Path) {
+        self.egos.iter().for_each(|ego| ego.policy.write_logs_to(folder));
+    }
+
     fn keys(&self) -> &[Key] {
         &self.keys
     }

@@ -154,6 +154,10 @@ fn of_run(name: &str, folder: &Path) -> Result<Vec<Candidate>> {
 }
 
 impl Measurement for Episodes {
+    fn write_logs_to(&self, folder: &Path) {
+        self.candidates.iter().for_each(|candidate| candidate.policy.write_logs_to(folder));
+    }
+
     fn keys(&self) -> &[Key] {
         &self.keys
     }
@@ -175,6 +179,9 @@ impl Measurement for Episodes {
         for candidate in &self.candidates {
             let mut push = |row: &EpisodeRow| {
                 let number = result.cells.len();
+                if let Some(reason) = row.failed.as_ref().filter(|_| row.is_without_result) {
+                    return result.cells.push(Cell::failed(number, reason));
+                }
                 let mut found = cell(number, &self.metrics, row);
                 // A failed episode counts, as a failure.
                 found.notes.extend(row.failed.iter().map(|reason| (0, reason.clone())));

@@ -48,7 +48,7 @@ impl Driver for Constant {
         Ok(Control::Drive(self.0))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(*self)
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(*self))
     }
 }

@@ -50,7 +50,7 @@ impl Driver for ConstantSpeed {
         Ok(Control::Pose { pose: Pose::new(x, y, heading), velocity: Some(velocity) })
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(*self)
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(*self))
     }
 }

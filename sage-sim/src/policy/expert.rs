@@ -135,8 +135,8 @@ impl Driver for ExpertDriver {
         }))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(self.clone())
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(self.clone()))
     }
 }
 

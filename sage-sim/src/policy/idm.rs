@@ -138,8 +138,8 @@ impl Driver for IdmDriver {
         Ok(Control::Drive(Action { steer, throttle: view.car().throttle_for(acceleration) }))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(self.clone())
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(self.clone()))
     }
 }
 

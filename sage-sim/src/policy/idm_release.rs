@@ -73,8 +73,8 @@ impl Driver for IdmReleaseDriver {
         Ok(Control::Drive(Action { steer, throttle }.limited()))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(*self)
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(*self))
     }
 }
 

@@ -146,7 +146,7 @@ impl Driver for PathDriver {
         Ok(Control::Pose { pose: Pose::new(x, y, heading), velocity: None })
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(self.clone())
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(self.clone()))
     }
 }

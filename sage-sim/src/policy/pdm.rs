@@ -12,7 +12,7 @@ mod others;
 mod path;
 mod proposals;
 mod score;
-mod tracker;
+pub(super) mod tracker;
 
 use std::sync::Arc;
 
@@ -149,8 +149,8 @@ impl Driver for PdmDriver {
         }))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(self.clone())
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(self.clone()))
     }
 }
 

@@ -44,8 +44,8 @@ impl Driver for Replay {
         Ok(logged(log, view.step() + 1))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(*self)
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(*self))
     }
 }
 

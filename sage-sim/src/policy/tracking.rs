@@ -93,7 +93,7 @@ impl Driver for TrackingDriver {
         }))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(self.clone())
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(self.clone()))
     }
 }

@@ -9,7 +9,7 @@ use sage_core::{
 
 use crate::{
     avoidable::{Avoidance, AvoidanceOptions},
-    drive::{Drive, OffRoad},
+    drive::Drive,
     scene::SimScene,
     traffic::Plan,
     vehicle::Motion,
@@ -17,12 +17,7 @@ use crate::{
 
 /// Whether the driver could have evaded a contact with the adversary.
 pub(super) fn is_shown_avoidable(scene: &SimScene, plan: &Plan, motions: &[Motion], step: usize) -> bool {
-    let drive = Drive {
-        motions: motions.to_vec(),
-        contacts: Vec::new(),
-        progress: 0.0,
-        off_road: OffRoad::NotMeasured,
-    };
+    let drive = Drive { motions: motions.to_vec(), ..Drive::default() };
     let search = || -> Option<bool> {
         let recorded = Arc::new(drive.recorded(scene.scene()));
         let ctx = Context::new(&recorded, scene.index(), &ContextOptions::default()).ok()?;

@@ -29,6 +29,9 @@ pub struct EpisodeRow {
     pub scene: usize,
     /// Why there is no episode: the policy failed, or the scene could not be attacked. It counts as a failure.
     pub failed: Option<String>,
+    /// Whether its planner failed, a program: then nothing is known of the driver, and the episode counts in no rate.
+    #[serde(skip)]
+    pub is_without_result: bool,
     /// Steps of 0.1 s.
     pub steps: usize,
     /// Sum of the rewards.
@@ -80,7 +83,7 @@ pub fn drive_episode(
     let mut driver = policy.start(&Start::new(scene, track, knowledge, seed))?;
     let start = *environment.world().motion();
     let off_road = OffRoad::start(scene.index().map());
-    let mut drive = Drive { motions: vec![start], contacts: Vec::new(), progress: 0.0, off_road };
+    let mut drive = Drive { motions: vec![start], off_road, ..Drive::default() };
     let mut row = EpisodeRow::default();
     while !environment.is_over() {
         let control = {
@@ -117,7 +120,14 @@ pub fn drive_episode(
 impl EpisodeRow {
     fn failure(number: usize, scene: &SimScene, error: &Error) -> Self {
         let off_road = scene.index().map().has_edges().then_some(false);
-        Self { scene: number, failed: Some(error.to_string()), off_road, ..Self::default() }
+        let is_without_result = matches!(error, Error::Planner { .. });
+        Self {
+            scene: number,
+            failed: Some(error.to_string()),
+            is_without_result,
+            off_road,
+            ..Self::default()
+        }
     }
 
     fn count(&mut self, outcome: &Outcome, step: usize) {

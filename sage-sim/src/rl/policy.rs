@@ -61,7 +61,7 @@ impl Driver for ActorDriver {
         Ok(Control::Drive(Action { steer, throttle }))
     }
 
-    fn boxed_clone(&self) -> Box<dyn Driver> {
-        Box::new(self.clone())
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Ok(Box::new(self.clone()))
     }
 }

@@ -22,7 +22,7 @@ use super::{
 };
 use crate::{
     Error,
-    drive::{Drive, OffRoad},
+    drive::Drive,
     environment::{Environment, EnvironmentOptions},
     observation::LENGTH,
     scene::SimScene,
@@ -241,12 +241,7 @@ impl<'a> Training<'a> {
     ) -> Result<Arc<Plan>, Error> {
         let (stored, counters) = (&self.state.drives[scene], &mut self.state.counters);
         let chosen = stored.get(coin.below(stored.len()));
-        let drive = chosen.map(|stored| Drive {
-            motions: stored.motions.clone(),
-            contacts: Vec::new(),
-            progress: 0.0,
-            off_road: OffRoad::NotMeasured,
-        });
+        let drive = chosen.map(|stored| Drive { motions: stored.motions.clone(), ..Drive::default() });
         let plan = {
             let at = OperatingPoint::at(lambda, lambda);
             attacker.plan(&self.setting.scenes[scene], drive.as_ref(), &at, coin.bits())?

@@ -216,7 +216,7 @@ impl SceneWriter<'_> {
             Picture { title: self.scene.to_owned(), candidates: drawn, evasion, ..Picture::default() };
         let picture = drawing::draw(&scene, &picture);
         self.write(&[(&picture_file(self.scene), picture.as_bytes())])?;
-        Ok(SceneReport { lines, seconds: Some(seconds), warnings })
+        Ok(SceneReport { lines, seconds: Some(seconds), warnings, failures: Vec::new() })
     }
 
     /// Writes rows that say why the scene is left out, so that the run is complete without it.

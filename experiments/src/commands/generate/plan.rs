@@ -30,7 +30,7 @@ impl<'a> Plan<'a> {
         if !is_scenario && (args.standard.is_some() || args.scenario_ego.is_some()) {
             bail!("--standard and --scenario-ego need --format openscenario");
         }
-        let ego = Ego::new(&args.ego, registries)?;
+        let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
         progress::say_notes(std::slice::from_ref(&ego));
         let attackers = Attackers::new(&args.method, &args.attack, registries)?;
         Ok(Self { args, attackers, ego })

@@ -8,7 +8,9 @@ use sage_core::{
     scene::{Scene, SceneIndex, Track},
 };
 use sage_data::{Recording, checks};
-use sage_sim::{SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, traffic::Plan};
+use sage_sim::{
+    SimScene, attack_test::AttackTest, drive::Drive, episode::Episode, policy::Shown, traffic::Plan,
+};
 
 use serde_json::{Map, Value};
 
@@ -94,15 +96,45 @@ fn finished(
     Ok(page.is_ok_and(|page| page.is_file() && page.len() > 0).then(|| SceneReport::found(lines)))
 }
 
-/// One drive with its row.
+/// One drive with its row, or one whose planner failed.
 struct DrivenRow {
     ego: usize,
+    /// Number among the drives of its driver.
+    variant: usize,
     label: String,
-    episode: Episode,
     plan: Option<Plan>,
     /// Step of the planned contact with the drive before.
     contact: Option<usize>,
-    row: DriveRow,
+    result: DriveResult,
+}
+
+enum DriveResult {
+    Driven(Episode, Box<DriveRow>),
+    Failed(PlannerFailure),
+}
+
+/// A planner that failed.
+struct PlannerFailure {
+    message: String,
+    /// The drive up to there, if it had begun.
+    drive: Option<Box<Drive>>,
+}
+
+impl PlannerFailure {
+    /// The failure of an error that is one of a planner.
+    ///
+    /// *Errors*: any other error.
+    fn of(error: anyhow::Error) -> Result<Self> {
+        let Some(sage_sim::Error::Planner { drive, log, .. }) = error.downcast_ref() else {
+            return Err(error);
+        };
+        let drive = drive.clone().map(|mut drive| {
+            let step = drive.motions.len() - 1;
+            drive.shown.push(Shown { step, plan: Vec::new(), log: log.lines.join("\n") });
+            drive
+        });
+        Ok(Self { message: format!("{error:#}"), drive })
+    }
 }
 
 /// Drives one scene.
@@ -118,34 +150,70 @@ impl SceneDrives<'_> {
     fn simulate(&self, scene: Arc<Scene>, clock: Instant) -> Result<SceneReport> {
         let index = SceneIndex::new(scene.map.clone());
         let simulated = SimScene::new(scene.clone(), index.clone())?;
-        let seed = self.simulation.args.options.seed;
         let mut rows: Vec<DrivenRow> = Vec::new();
         let mut unattacked: Vec<Option<Drive>> = Vec::new();
-        for (number, ego) in self.simulation.egos.iter().enumerate() {
-            let failed = || format!("the policy `{}` cannot drive here", ego.label);
-            let test = self.attacks.has_attack().then(|| AttackTest::new(&*ego.policy, &simulated, seed));
-            let test = test.transpose().with_context(failed)?;
-            for planned in self.attacks.planned(test.as_ref())? {
-                let (label, described) = (planned.label, planned.described);
-                let (episode, attack) = match (planned.attack, &test) {
-                    (Some(attack), Some(test)) => {
-                        let outcome =
-                            test.attack(&attack.trajectory, attack.feasible).with_context(failed)?;
-                        (outcome.episode, Some((attack, outcome.verdict, test.unattacked())))
-                    }
-                    _ => (Episode::run(&simulated, None, &*ego.policy, seed).with_context(failed)?, None),
-                };
-                let contact = attack.as_ref().and_then(|(attack, ..)| attack.contact);
-                let plan = attack.as_ref().map(|(a, ..)| Plan::of_adversary(&scene, &a.trajectory));
-                let plan = plan.transpose()?;
-                let attack = attack.map(|(attack, verdict, before)| attack.row(verdict, before));
-                let row = self.row(&scene, ego, &episode, described, attack);
-                rows.push(DrivenRow { ego: number, label, episode, plan, contact, row });
-            }
-            unattacked.push(test.map(|test| test.unattacked().clone()));
+        for number in 0..self.simulation.egos.len() {
+            let before = match self.drives_of(number, &scene, &simulated, &mut rows) {
+                Ok(before) => before,
+                Err(error) => {
+                    // Without its unchanged drive there are no attacks on it.
+                    let result = DriveResult::Failed(PlannerFailure::of(error)?);
+                    let label = String::new();
+                    rows.push(DrivenRow {
+                        ego: number,
+                        variant: 0,
+                        label,
+                        plan: None,
+                        contact: None,
+                        result,
+                    });
+                    None
+                }
+            };
+            unattacked.push(before);
         }
         let seconds = clock.elapsed().as_secs_f64() / rows.len().max(1) as f64;
         self.write(&scene, &rows, &unattacked, seconds)
+    }
+
+    /// All drives of one driver. Returns its drive before the attacks, if it is attacked.
+    ///
+    /// *Errors*: the scene cannot be attacked or driven; a planner that fails in the unchanged scene.
+    fn drives_of(
+        &self,
+        number: usize,
+        scene: &Arc<Scene>,
+        simulated: &Arc<SimScene>,
+        rows: &mut Vec<DrivenRow>,
+    ) -> Result<Option<Drive>> {
+        let (ego, seed) = (&self.simulation.egos[number], self.simulation.args.options.seed);
+        let failed = || format!("the policy `{}` cannot drive here", ego.label);
+        let test = self.attacks.has_attack().then(|| AttackTest::new(&*ego.policy, simulated, seed));
+        let test = test.transpose().with_context(failed)?;
+        for (variant, planned) in self.attacks.planned(test.as_ref())?.into_iter().enumerate() {
+            let (label, described) = (planned.label, planned.described);
+            let contact = planned.attack.as_ref().and_then(|attack| attack.contact);
+            let plan =
+                planned.attack.as_ref().map(|a| Plan::of_adversary(scene, &a.trajectory)).transpose()?;
+            let driven = match (planned.attack, &test) {
+                (Some(attack), Some(test)) => test
+                    .attack(&attack.trajectory, attack.feasible)
+                    .with_context(failed)
+                    .map(|outcome| (outcome.episode, Some(attack.row(outcome.verdict, test.unattacked())))),
+                _ => Episode::run(simulated, None, &*ego.policy, seed)
+                    .with_context(failed)
+                    .map(|episode| (episode, None)),
+            };
+            let result = match driven {
+                Ok((episode, attack)) => {
+                    let row = self.row(scene, ego, &episode, described, attack);
+                    DriveResult::Driven(episode, Box::new(row))
+                }
+                Err(error) => DriveResult::Failed(PlannerFailure::of(error)?),
+            };
+            rows.push(DrivenRow { ego: number, variant, label, plan, contact, result });
+        }
+        Ok(test.map(|test| test.unattacked().clone()))
     }
 
     fn row(
@@ -167,6 +235,50 @@ impl SceneDrives<'_> {
         DriveRow::new(head, episode, scene, attack)
     }
 
+    /// The panel of a drive; `None` if its planner failed before it began.
+    fn panel<'r>(
+        &'r self,
+        driven: &'r DrivenRow,
+        unattacked: &'r [Option<Drive>],
+        adversary: Option<&'r Track>,
+    ) -> Option<Panel<'r>> {
+        let egos = &self.simulation.egos;
+        let own: Option<&Track> = driven.plan.as_ref().map(|plan| &plan.motion).or(adversary);
+        let label = driven.label.replace("lambda ", "λ ");
+        let names = [&*egos[driven.ego].label, &*label];
+        let name = names.into_iter().filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", ");
+        let unattacked = unattacked[driven.ego].as_ref();
+        Some(match &driven.result {
+            DriveResult::Driven(episode, row) => Panel {
+                name,
+                drive: &episode.drive,
+                contact: episode.first_contacts().next(),
+                adversary: own,
+                unattacked,
+                evasion: driven
+                    .contact
+                    .and_then(|contact| row.attack.as_ref()?.avoidable.evasion(contact))
+                    .map(|(_, rows)| rows),
+                verdict: row.verdict().map(|verdict| verdict.is_attack),
+                is_failed: false,
+                note: row.note(),
+                ending: row.ending(),
+            },
+            DriveResult::Failed(failure) => Panel {
+                name,
+                drive: failure.drive.as_deref()?,
+                contact: None,
+                adversary: own,
+                unattacked,
+                evasion: None,
+                verdict: None,
+                is_failed: true,
+                note: String::new(),
+                ending: failure.message.lines().next().unwrap_or_default().to_owned(),
+            },
+        })
+    }
+
     /// Writes the page, then the rows: their presence means that the page is complete.
     fn write(
         &self,
@@ -177,37 +289,26 @@ impl SceneDrives<'_> {
     ) -> Result<SceneReport> {
         let egos = &self.simulation.egos;
         let adversary = scene.adversary.map(|k| &scene.tracks[k]);
-        let panels: Vec<Panel> = rows
-            .iter()
-            .map(|driven| {
-                let own: Option<&Track> = driven.plan.as_ref().map(|plan| &plan.motion).or(adversary);
-                let label = driven.label.replace("lambda ", "λ ");
-                let names = [&*egos[driven.ego].label, &*label];
-                Panel {
-                    name: names.into_iter().filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", "),
-                    episode: &driven.episode,
-                    adversary: own,
-                    unattacked: unattacked[driven.ego].as_ref(),
-                    evasion: driven
-                        .contact
-                        .and_then(|contact| driven.row.attack.as_ref()?.avoidable.evasion(contact))
-                        .map(|(_, rows)| rows),
-                    note: driven.row.note(),
-                    verdict: driven.row.verdict().map(|verdict| verdict.is_attack),
-                    ending: driven.row.ending(),
-                }
-            })
-            .collect();
+        let panel = |driven| self.panel(driven, unattacked, adversary);
+        let panels: Vec<Panel> = rows.iter().filter_map(panel).collect();
         let per_ego = rows.len() / egos.len().max(1);
         let columns = if per_ego > 1 { per_ego } else { rows.len() };
         let titles = [self.name, &self.simulation.subtitle];
         let page = player::page(scene, titles, &panels, columns)?;
         let mut all = vec![(page_file(self.name), page.into_bytes())];
-        let mut lines = Vec::new();
-        for (driven, (_, variant, file)) in rows.iter().zip(self.simulation.files(self.name)) {
-            let text = format!("{} ({:.0} ms)", driven.row.line(variant), 1e3 * seconds);
-            all.push((file.clone(), serde_json::to_vec(&driven.row)?));
-            lines.push(Line { text, row: file, seconds: Some(seconds) });
+        let (mut lines, mut failures) = (Vec::new(), Vec::new());
+        let names: Vec<(usize, &str, String)> = self.simulation.files(self.name).collect();
+        for driven in rows {
+            let mut of_ego = names.iter().filter(|(ego, ..)| *ego == driven.ego);
+            let Some((_, variant, file)) = of_ego.nth(driven.variant) else { continue };
+            match &driven.result {
+                DriveResult::Driven(_, row) => {
+                    let text = format!("{} ({:.0} ms)", row.line(variant), 1e3 * seconds);
+                    all.push((file.clone(), serde_json::to_vec(row)?));
+                    lines.push(Line { text, row: file.clone(), seconds: Some(seconds) });
+                }
+                DriveResult::Failed(failure) => failures.push(failure.message.clone()),
+            }
         }
         let written = files::write_all(
             self.run.folder().path(),
@@ -216,6 +317,6 @@ impl SceneDrives<'_> {
         written.or_else(|(path, error)| {
             Err(error).with_context(|| format!("cannot write `{}`", path.display()))
         })?;
-        Ok(SceneReport { lines, seconds: Some(seconds), warnings: Vec::new() })
+        Ok(SceneReport { lines, seconds: Some(seconds), warnings: Vec::new(), failures })
     }
 }

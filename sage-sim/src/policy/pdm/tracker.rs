@@ -10,7 +10,7 @@ use sage_core::{
 };
 
 /// Steps that the tracker looks ahead.
-pub(super) const LOOK_AHEAD: usize = 10;
+pub(in crate::policy) const LOOK_AHEAD: usize = 10;
 /// Weights of the distance across, of the heading, and of the error of the speed against the acceleration.
 const ACROSS: f64 = 1.0;
 const HEADING: f64 = 10.0;
@@ -23,49 +23,54 @@ const LAGS: [f64; 2] = [0.2, 0.05];
 
 /// Size of the car as a bicycle.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Bicycle {
+pub(in crate::policy) struct Bicycle {
     /// Distance of the axles, metres.
-    pub(super) wheelbase: f64,
+    pub(in crate::policy) wheelbase: f64,
     /// Largest steering angle, rad.
-    pub(super) max_steering: f64,
+    pub(in crate::policy) max_steering: f64,
 }
 
 /// State of a car that is driven.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Driven {
+pub(in crate::policy) struct Driven {
     /// Centre of the rear axle, metres.
-    pub(super) axle: Point,
+    pub(in crate::policy) axle: Point,
     /// Heading, rad.
-    pub(super) heading: f64,
+    pub(in crate::policy) heading: f64,
     /// Speed, m/s.
-    pub(super) speed: f64,
+    pub(in crate::policy) speed: f64,
     /// Acceleration, m/s².
-    pub(super) acceleration: f64,
+    pub(in crate::policy) acceleration: f64,
     /// Steering angle, rad.
-    pub(super) steering: f64,
+    pub(in crate::policy) steering: f64,
 }
 
 /// Where the car should be at a step.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Reference {
-    pub(super) position: Point,
-    pub(super) heading: f64,
-    pub(super) speed: f64,
+pub(in crate::policy) struct Reference {
+    pub(in crate::policy) position: Point,
+    pub(in crate::policy) heading: f64,
+    pub(in crate::policy) speed: f64,
     /// 1/m, positive to the left.
-    pub(super) curvature: f64,
+    pub(in crate::policy) curvature: f64,
 }
 
 /// What the tracker asks for.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Command {
+pub(in crate::policy) struct Command {
     /// Acceleration, m/s².
-    pub(super) acceleration: f64,
+    pub(in crate::policy) acceleration: f64,
     /// Rate of the steering angle, rad/s.
-    pub(super) rate: f64,
+    pub(in crate::policy) rate: f64,
 }
 
 /// The command at a step of a proposal. The reference after its last step is that of the last step.
-pub(super) fn track(car: &Bicycle, state: &Driven, reference: &[Reference], step: usize) -> Command {
+pub(in crate::policy) fn track(
+    car: &Bicycle,
+    state: &Driven,
+    reference: &[Reference],
+    step: usize,
+) -> Command {
     let at = |k: usize| &reference[k.min(reference.len() - 1)];
     let target = at(step + LOOK_AHEAD).speed;
     if state.speed <= STOPPING && target <= STOPPING {
@@ -107,7 +112,7 @@ fn steering_rate(
 
 impl Driven {
     /// The state after one step under a command. The speed never falls below 0.
-    pub(super) fn after(&self, car: &Bicycle, command: &Command) -> Self {
+    pub(in crate::policy) fn after(&self, car: &Bicycle, command: &Command) -> Self {
         let [quick, slow] = [LAGS[1], LAGS[0]].map(|lag| DT / (DT + lag));
         let (sin, cos) = self.heading.sin_cos();
         let acceleration = self.acceleration + slow * (command.acceleration - self.acceleration);

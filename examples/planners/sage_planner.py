@@ -1,0 +1,327 @@
+"""Put your planner into the ego's seat of `sage`. Copy this file beside your planner; it needs Python 3.8 and nothing else.
+
+    from sage_planner import serve
+
+    class MyPlanner:
+        def act(self, obs):
+            return 0.0, 0.2            # steer and throttle, both in [-1, 1], steer positive to the left
+
+    serve(MyPlanner())
+
+A planner has `act(obs)` and may have `reset(scene, seed)`, which is called before each drive. `act` returns
+
+- `(steer, throttle)`,
+- a plan: a list (or array) of rows `[x, y]`, `[x, y, heading]` or `[x, y, heading, speed]` in the car's frame (x ahead,
+  y to the left), the first 0.1 s ahead and one every 0.1 s; or
+- a dict as the protocol has it, such as `{"acceleration": 1.0, "steering_angle": 0.02}` or `{"plan": rows, "again": 5}`.
+
+Units: metres, seconds, radians; positions in the frame of the scene. `docs/your-own-planner.md` describes all fields.
+"""
+
+import json
+import math
+import os
+import sys
+from collections import deque
+
+PROTOCOL = 1
+#: Number of frames that `Observation.history` holds, this one included.
+HISTORY = 10
+#: Road users farther than this are no leaders, metres.
+REACH = 80.0
+#: Space to each side of the car that belongs to its path, metres.
+MARGIN = 0.3
+
+
+class Car:
+    """Size and limits of the driven car."""
+
+    def __init__(self, fields):
+        self.length = fields["length"]
+        self.width = fields["width"]
+        #: Distances from the centre to the axles.
+        self.front_axle = fields["front_axle"]
+        self.rear_axle = fields["rear_axle"]
+        self.max_steering_angle = fields["max_steering_angle"]
+        #: At full throttle, at full brake, and without either, m/s2, all positive.
+        self.max_acceleration = fields["max_acceleration"]
+        self.max_deceleration = fields["max_deceleration"]
+        self.rolling_deceleration = fields["rolling_deceleration"]
+        self.max_speed = fields["max_speed"]
+
+    def throttle_for(self, acceleration):
+        """Throttle or brake for an acceleration on a straight road."""
+        if acceleration >= 0.0:
+            throttle = acceleration / self.max_acceleration
+        elif acceleration > -self.rolling_deceleration:
+            throttle = 0.0
+        else:
+            throttle = acceleration / self.max_deceleration
+        return min(max(throttle, -1.0), 1.0)
+
+
+class Route:
+    """The path to follow, a polyline. Before its start and beyond its end it goes straight on."""
+
+    def __init__(self, points):
+        self.points = [tuple(point) for point in points]
+        # Start, direction, length, length before, heading of each leg.
+        self.legs = []
+        before = 0.0
+        for (ax, ay), (bx, by) in zip(self.points, self.points[1:]):
+            length = math.hypot(bx - ax, by - ay)
+            tx, ty = (bx - ax) / length, (by - ay) / length
+            self.legs.append((ax, ay, tx, ty, length, before, math.atan2(ty, tx)))
+            before += length
+        self.length = before
+
+    def locate(self, x, y):
+        """Distance along the route and across it (positive to the right) of a point."""
+        best, found = math.inf, (0.0, 0.0)
+        last = len(self.legs) - 1
+        for k, (ax, ay, tx, ty, length, before, _) in enumerate(self.legs):
+            dx, dy = x - ax, y - ay
+            along = dx * tx + dy * ty
+            across = dx * ty - dy * tx
+            nearest = along
+            if k > 0 and nearest < 0.0:
+                nearest = 0.0
+            if k < last and nearest > length:
+                nearest = length
+            away = math.hypot(along - nearest, across)
+            if away < best:
+                best, found = away, (before + nearest, math.copysign(away, across))
+        return found
+
+    def _leg(self, along):
+        low, high = 0, len(self.legs) - 1
+        while low < high:
+            middle = (low + high) // 2
+            leg = self.legs[middle]
+            if leg[5] + leg[4] <= along:
+                low = middle + 1
+            else:
+                high = middle
+        return self.legs[low]
+
+    def point(self, along, across=0.0):
+        """Position at a distance along the route and across it (positive to the right)."""
+        ax, ay, tx, ty, _, before, _ = self._leg(along)
+        along -= before
+        return ax + along * tx + across * ty, ay + along * ty - across * tx
+
+    def heading(self, along):
+        """Heading of the route at a distance along it."""
+        return self._leg(along)[6]
+
+
+class Scene:
+    """What is known before a drive: `id`, `route`, `car`, `map` (a list of dicts), `lights` (on the route)."""
+
+    def __init__(self, fields):
+        self.id = fields["scene"]
+        self.route = Route(fields["route"])
+        self.car = Car(fields["ego"])
+        self.map = fields["map"]
+        self.lights = fields["lights"]
+
+
+class Agent:
+    """Another road user now."""
+
+    __slots__ = ("id", "type", "length", "width", "x", "y", "heading", "vx", "vy")
+
+    def __init__(self, fields):
+        self.id = fields["id"]
+        self.type = fields["type"]
+        self.length, self.width = fields["size"]
+        self.x, self.y = fields["position"]
+        self.heading = fields["heading"]
+        self.vx, self.vy = fields["velocity"]
+
+    @property
+    def speed(self):
+        return math.hypot(self.vx, self.vy)
+
+    def corners(self):
+        cos, sin = math.cos(self.heading), math.sin(self.heading)
+        half_l, half_w = 0.5 * self.length, 0.5 * self.width
+        return [
+            (self.x + a * half_l * cos - b * half_w * sin, self.y + a * half_l * sin + b * half_w * cos)
+            for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))
+        ]
+
+
+class Ego:
+    """The driven car now."""
+
+    __slots__ = ("x", "y", "heading", "vx", "vy", "yaw_rate")
+
+    def __init__(self, fields):
+        self.x, self.y = fields["position"]
+        self.heading = fields["heading"]
+        self.vx, self.vy = fields["velocity"]
+        self.yaw_rate = fields["yaw_rate"]
+
+    @property
+    def speed(self):
+        """Forward speed."""
+        return self.vx * math.cos(self.heading) + self.vy * math.sin(self.heading)
+
+
+class Observation:
+    """What the driver sees before a step of 0.1 s."""
+
+    def __init__(self, fields, scene, history):
+        self.fields = fields
+        self.scene = scene
+        #: Time since the start of the drive.
+        self.t = fields["t"]
+        self.ego = Ego(fields["ego"])
+        #: States of `scene.lights` now: "red", "yellow", "green", "flashing red" or "unknown".
+        self.lights = fields["lights"]
+        #: The messages of the last ten frames, the oldest first, this one last.
+        self.history = history
+        self._agents = None
+
+    @property
+    def agents(self):
+        """The other road users, the nearest first."""
+        if self._agents is None:
+            self._agents = [Agent(fields) for fields in self.fields["agents"]]
+        return self._agents
+
+    @property
+    def vector(self):
+        """The 101 numbers that learning drivers see; ask for them with `serve(planner, observation=True)`."""
+        numbers = self.fields["observation"]
+        try:
+            import numpy
+        except ImportError:
+            return numbers
+        return numpy.asarray(numbers, dtype=numpy.float32)
+
+    def leader(self, route, across=None):
+        """Gap and speed of the nearest road user ahead on a route, bumper to bumper, or None.
+
+        Its speed is the part along the route. `across` is the offset of the path from the route, positive to the right;
+        without it the car's own.
+        """
+        car, ego = self.scene.car, self.ego
+        place, own = route.locate(ego.x, ego.y)
+        across = own if across is None else across
+        x, y = route.point(place, across)
+        half = 0.5 * car.width + MARGIN
+        best = None
+        for agent in self.agents:
+            if (agent.x - x) ** 2 + (agent.y - y) ** 2 > REACH * REACH:
+                continue
+            along, aside = route.locate(agent.x, agent.y)
+            radius = 0.5 * math.hypot(agent.length, agent.width)
+            if along <= place or abs(aside - across) > half + radius:
+                continue
+            corners = [route.locate(*corner) for corner in agent.corners()]
+            sides = [side - across for _, side in corners]
+            if all(side < -half for side in sides) or all(side > half for side in sides):
+                continue
+            gap = min(rear for rear, _ in corners) - (place + 0.5 * car.length)
+            heading = route.heading(along)
+            speed = agent.vx * math.cos(heading) + agent.vy * math.sin(heading)
+            if best is None or gap < best[0]:
+                best = (gap, speed)
+        return best
+
+    def leader_gap(self, route):
+        """Distance to the road user ahead on a route, bumper to bumper; infinite if there is none."""
+        leader = self.leader(route)
+        return math.inf if leader is None else leader[0]
+
+    def steer_to(self, route, ahead):
+        """Steering in [-1, 1] that leads to the route, `ahead` metres ahead of the car (pure pursuit)."""
+        car, ego = self.scene.car, self.ego
+        along, _ = route.locate(ego.x, ego.y)
+        x, y = route.point(along + ahead)
+        cos, sin = math.cos(ego.heading), math.sin(ego.heading)
+        dx = x - (ego.x - car.rear_axle * cos)
+        dy = y - (ego.y - car.rear_axle * sin)
+        left = dy * cos - dx * sin
+        squared = max(dx * dx + dy * dy, 1.0)
+        angle = math.atan(2.0 * (car.front_axle + car.rear_axle) * left / squared)
+        return min(max(angle / car.max_steering_angle, -1.0), 1.0)
+
+
+def from_gym(model):
+    """A planner from a policy of Gymnasium or Stable-Baselines3 that was trained on MetaDrive's observation: `predict` gets
+    the 101 numbers and returns steer and throttle. Serve it with `observation=True`."""
+
+    class Gym:
+        def act(self, obs):
+            action = model.predict(obs.vector, deterministic=True)
+            return action[0] if isinstance(action, tuple) else action
+
+    return Gym()
+
+
+def from_metadrive(policy):
+    """A planner from an object with MetaDrive's `act(agent_id)`, which returns steer and throttle, and perhaps `reset()`.
+    It gets the observation as `policy.observation` before each step."""
+
+    class MetaDrive:
+        def reset(self, scene, seed):
+            if hasattr(policy, "reset"):
+                policy.reset()
+
+        def act(self, obs):
+            policy.observation = obs
+            return policy.act("default_agent")
+
+    return MetaDrive()
+
+
+def _answer(action):
+    """What a planner returned, as the protocol has it."""
+    if isinstance(action, dict):
+        return {key: _plain(value) for key, value in action.items()}
+    rows = _plain(action)
+    if not isinstance(rows, list) or not rows:
+        raise TypeError(f"act returned {action!r}; expected (steer, throttle), rows of a plan, or a dict")
+    if isinstance(rows[0], list):
+        return {"plan": rows}
+    if len(rows) != 2:
+        raise TypeError(f"act returned {len(rows)} numbers; expected steer and throttle")
+    return {"steer": rows[0], "throttle": rows[1]}
+
+
+def _plain(value):
+    """Lists and floats in place of arrays and their numbers."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return value
+
+
+def serve(planner, observation=False):
+    """Answers `sage` until it closes the input. What the planner prints goes to the log of the run."""
+    # Answers alone go to the standard output; whatever else writes there goes to the standard error.
+    out = os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n")
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr
+    encode = json.JSONEncoder(allow_nan=False, separators=(",", ":")).encode
+    scene, history = None, deque(maxlen=HISTORY)
+    for line in sys.stdin:
+        message = json.loads(line)
+        if "step" in message:
+            fields = message["step"]
+            history.append(fields)
+            answer = _answer(planner.act(Observation(fields, scene, history)))
+        elif "reset" in message:
+            scene = Scene(message["reset"])
+            history.clear()
+            if hasattr(planner, "reset"):
+                planner.reset(scene, message["reset"]["seed"])
+            answer = {"ready": True}
+        else:
+            answer = {"hello": PROTOCOL, "observation": observation}
+        out.write(encode(answer) + "\n")
+        out.flush()

@@ -1,0 +1,309 @@
+//! Somebody's own planner: a program in any language, which is asked over its standard input and output.
+//!
+//! `docs/your-own-planner.md` describes the protocol: lines of JSON. The program is started once for each worker of a
+//! run, and told the scene before each drive. A program that dies, hangs or answers nonsense fails its drive
+//! ([`Error::Planner`]); the next drive gets a new one.
+
+mod answer;
+mod follow;
+mod log;
+mod messages;
+mod program;
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
+
+use sage_core::{geometry::Point, registry::Entry};
+use serde::{Deserialize, Serialize};
+
+use super::{Driver, EgoPolicy, Shown, Start, View};
+use crate::{Error, error::PlannerLog, world::Control};
+use answer::Answer;
+use follow::{Followed, Memory};
+use log::{LARGEST, Log};
+use program::Program;
+
+/// Longest time limit, s: a day.
+const LONGEST: f64 = 86_400.0;
+/// Largest radius of the map that is told, metres.
+const FARTHEST_MAP: f64 = 10_000.0;
+
+/// Options of [`Process`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ProcessOptions {
+    /// Program and arguments; no shell reads them.
+    pub command: Vec<String>,
+    /// Time to answer the first message of a program, that of a drive, and that of a step, s.
+    pub timeouts: [f64; 3],
+    /// Distance from the route within which the map is told, metres.
+    pub radius: f64,
+}
+
+impl Default for ProcessOptions {
+    fn default() -> Self {
+        Self { command: Vec::new(), timeouts: [60.0, 20.0, 5.0], radius: 50.0 }
+    }
+}
+
+/// The policy `process`.
+pub struct Process(Arc<Shared>);
+
+/// What all drives of a policy share.
+struct Shared {
+    command: Vec<String>,
+    /// For `hello`, `reset` and `step`.
+    limits: [Duration; 3],
+    radius: f64,
+    state: Mutex<State>,
+}
+
+/// Programs without a drive, and logs of programs that failed.
+#[derive(Default)]
+struct State {
+    idle: Vec<Planner>,
+    logs: Vec<Log>,
+    folder: Option<PathBuf>,
+}
+
+/// A program that has said hello, and its log.
+struct Planner {
+    program: Program,
+    log: Log,
+    wants_observation: bool,
+}
+
+impl Entry<dyn EgoPolicy> for Process {
+    const NAME: &'static str = "process";
+    const SUMMARY: &'static str = "your own planner, a program in any language (cmd:COMMAND)";
+    const SOURCE: &'static str = "this project";
+    type Options = ProcessOptions;
+
+    fn build(options: ProcessOptions) -> Result<Box<dyn EgoPolicy>, String> {
+        let ProcessOptions { command, timeouts, radius } = options;
+        if command.first().is_none_or(String::is_empty) {
+            return Err(
+                "`command` is empty; write cmd:COMMAND, such as 'cmd:python3 my_planner.py'".to_owned()
+            );
+        }
+        if let Some(seconds) = timeouts.into_iter().find(|seconds| !(*seconds > 0.0 && *seconds <= LONGEST)) {
+            return Err(format!("`timeouts` has {seconds}; expected seconds above 0 and up to {LONGEST}"));
+        }
+        if !(0.0..=FARTHEST_MAP).contains(&radius) {
+            return Err(format!("`radius` is {radius}; expected metres from 0 to {FARTHEST_MAP}"));
+        }
+        let limits = timeouts.map(Duration::from_secs_f64);
+        Ok(Box::new(Self(Arc::new(Shared { command, limits, radius, state: Mutex::default() }))))
+    }
+}
+
+impl EgoPolicy for Process {
+    fn start(&self, start: &Start) -> Result<Box<dyn Driver>, Error> {
+        let planner = self.0.planner(start.scene_id())?;
+        let first_byte = planner.log.length();
+        Ok(Box::new(ProcessDriver {
+            shared: self.0.clone(),
+            first_byte,
+            planner: Some(planner),
+            seed: start.seed(),
+            is_reset: false,
+            plan: None,
+            memory: Memory::default(),
+            logged: first_byte,
+            shown: None,
+        }))
+    }
+
+    fn write_logs_to(&self, folder: &Path) {
+        self.0.state().folder = Some(folder.to_owned());
+    }
+}
+
+impl Drop for Shared {
+    /// Programs get the end of their input, then half a second all together.
+    fn drop(&mut self) {
+        let idle = std::mem::take(&mut self.state().idle);
+        let mut idle: Vec<Planner> = idle;
+        idle.iter_mut().for_each(|planner| planner.program.dismiss());
+        if let Some(first) = idle.first() {
+            first.program.wait_until_ended();
+        }
+    }
+}
+
+impl Shared {
+    /// A lock that a panic elsewhere does not spoil: the lists hold whole entries at any time.
+    fn state(&self) -> std::sync::MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// A program without a drive, or a new one.
+    fn planner(&self, scene: &str) -> Result<Planner, Error> {
+        let (idle, log, folder) = {
+            let mut state = self.state();
+            match state.idle.pop() {
+                Some(planner) => (Some(planner), None, None),
+                None => (None, state.logs.pop(), state.folder.clone()),
+            }
+        };
+        if let Some(planner) = idle {
+            planner.log.limit();
+            return Ok(planner);
+        }
+        let fail = |problem: String, log: Option<(&Log, u64)>| Error::Planner {
+            scene: scene.to_owned(),
+            step: None,
+            problem: format!("the planner `{}` {problem}", self.command.join(" ")),
+            log: PlannerLog::of(log.map(|(log, since)| (log.path(), log.last_lines(since)))),
+            drive: None,
+        };
+        let log = match log {
+            Some(log) => log,
+            None => {
+                Log::create(folder.as_deref()).map_err(|error| fail(format!("gets no log: {error}"), None))?
+            }
+        };
+        log.limit();
+        let since = log.length();
+        let started = Program::start(&self.command, log.file());
+        let mut program = match started {
+            Ok(program) => program,
+            Err(error) => {
+                let error = fail(format!("does not start: {error}"), None);
+                self.state().logs.push(log);
+                return Err(error);
+            }
+        };
+        let answer = program.ask(&messages::hello(), self.limits[0]);
+        let greeting = answer.map_err(|failure| failure.to_string()).and_then(|line| answer::greeting(&line));
+        match greeting {
+            Ok(greeting) => Ok(Planner { program, log, wants_observation: greeting.wants_observation }),
+            Err(problem) => {
+                drop(program);
+                let error = fail(format!("failed at its start: {problem}"), Some((&log, since)));
+                self.state().logs.push(log);
+                Err(error)
+            }
+        }
+    }
+}
+
+/// A drive of a planner.
+struct ProcessDriver {
+    shared: Arc<Shared>,
+    /// Taken when it fails.
+    planner: Option<Planner>,
+    /// Length of the log at the start of the drive, bytes.
+    first_byte: u64,
+    seed: u64,
+    is_reset: bool,
+    plan: Option<Followed>,
+    memory: Memory,
+    /// Length of the log after the step before, bytes.
+    logged: u64,
+    shown: Option<Shown>,
+}
+
+impl Driver for ProcessDriver {
+    fn control(&mut self, view: &View) -> Result<Control, Error> {
+        if let Some(plan) = self.plan.as_mut().filter(|plan| plan.is_kept()) {
+            return Ok(Control::Drive(plan.next(view, &mut self.memory)));
+        }
+        match self.answer(view) {
+            Ok(Answer::Control(action)) => {
+                self.show(view.step(), Vec::new());
+                Ok(Control::Drive(action))
+            }
+            Ok(Answer::Plan { poses, again }) => {
+                let plan = self.plan.insert(Followed::new(view, &poses, again));
+                let action = plan.next(view, &mut self.memory);
+                let positions = plan.centers().to_vec();
+                self.show(view.step(), positions);
+                Ok(Control::Drive(action))
+            }
+            Err(problem) => Err(self.failed(view, problem)),
+        }
+    }
+
+    fn shown(&mut self) -> Option<Shown> {
+        self.shown.take()
+    }
+
+    fn boxed_clone(&self) -> Result<Box<dyn Driver>, Error> {
+        Err(Error::Clone {
+            problem: format!(
+                "the planner `{}` is a program, whose state cannot be copied",
+                self.shared.command.join(" ")
+            ),
+        })
+    }
+}
+
+impl ProcessDriver {
+    /// What the planner answers to the next step.
+    fn answer(&mut self, view: &View) -> Result<Answer, String> {
+        let [_, reset, step] = self.shared.limits;
+        let planner = self.planner.as_mut().ok_or("it failed before")?;
+        if !self.is_reset {
+            let message = messages::reset(view, self.seed, self.shared.radius);
+            let line = planner.program.ask(&message, reset).map_err(|failure| failure.to_string())?;
+            answer::ready(&line)?;
+            self.is_reset = true;
+        }
+        let observation = match (planner.wants_observation, view.observation()) {
+            (true, Some(numbers)) => Some(&numbers[..]),
+            (true, None) => {
+                return Err("it asks for the observation, which an adversary does not have".to_owned());
+            }
+            (false, _) => None,
+        };
+        let message = messages::step(view, observation);
+        let line = planner.program.ask(&message, step).map_err(|failure| failure.to_string())?;
+        if planner.log.length() > self.first_byte.saturating_add(LARGEST) {
+            return Err(format!(
+                "it wrote more than {} MiB to its standard error in one drive",
+                LARGEST >> 20
+            ));
+        }
+        answer::step(&line, view.car())
+    }
+
+    /// Keeps what is shown of a step: a plan, and what was written to the log since the step before.
+    fn show(&mut self, step: usize, plan: Vec<Point>) {
+        let Some(planner) = &self.planner else { return };
+        let length = planner.log.length();
+        let log =
+            if length > self.logged { planner.log.last_lines(self.logged).join("\n") } else { String::new() };
+        self.logged = length;
+        self.shown = (!plan.is_empty() || !log.is_empty()).then_some(Shown { step, plan, log });
+    }
+
+    /// The error of a failed planner, which is killed.
+    fn failed(&mut self, view: &View, problem: String) -> Error {
+        let mut log = PlannerLog::default();
+        if let Some(Planner { program, log: own, .. }) = self.planner.take() {
+            drop(program);
+            log = PlannerLog::of(Some((own.path(), own.last_lines(self.first_byte))));
+            self.shared.state().logs.push(own);
+        }
+        Error::Planner {
+            scene: view.scene().scene().id.clone(),
+            step: Some(view.step()),
+            problem: format!("the planner `{}` failed: {problem}", self.shared.command.join(" ")),
+            log,
+            drive: None,
+        }
+    }
+}
+
+impl Drop for ProcessDriver {
+    /// A planner that did not fail waits for the next drive.
+    fn drop(&mut self) {
+        if let Some(planner) = self.planner.take() {
+            self.shared.state().idle.push(planner);
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! How a plan is driven: by the tracker and the bicycle of `pdm`.
+
+use sage_core::{
+    geometry::{Point, dot, norm, sub, wrap_angle},
+    motion::DT,
+};
+
+use super::answer::PlannedPose;
+use crate::{
+    policy::{
+        View,
+        pdm::tracker::{Bicycle, Driven, Reference, track},
+    },
+    vehicle::Action,
+};
+
+/// Way in a step below which it has no direction, metres.
+const SHORTEST_WAY: f64 = 0.01;
+
+/// A plan that is followed.
+pub(super) struct Followed {
+    /// Where the rear axle should be at each step since the plan was made.
+    references: Vec<Reference>,
+    /// Where the centre should be.
+    centers: Vec<Point>,
+    /// Steps since then.
+    step: usize,
+    /// Steps that it is followed for.
+    again: usize,
+}
+
+/// What a car remembers from step to step while it follows plans.
+#[derive(Default)]
+pub(super) struct Memory {
+    /// Angle of the front wheels, rad.
+    steering: f64,
+    /// Speed at the step before, m/s.
+    speed: Option<f64>,
+}
+
+impl Followed {
+    /// A plan that begins at the present pose.
+    pub(super) fn new(view: &View, poses: &[PlannedPose], again: usize) -> Self {
+        let motion = view.motion();
+        let centers = centers(motion.position, motion.heading, poses);
+        let references = references(&centers, motion.heading, view.car().rear, poses);
+        Self { references, centers, step: 0, again }
+    }
+
+    /// Positions of the plan in the world, the present one first.
+    pub(super) fn centers(&self) -> &[Point] {
+        &self.centers
+    }
+
+    /// Whether the planner need not be asked.
+    pub(super) fn is_kept(&self) -> bool {
+        self.step < self.again
+    }
+
+    /// The command of the next step.
+    pub(super) fn next(&mut self, view: &View, memory: &mut Memory) -> Action {
+        let car = view.car();
+        let bicycle = Bicycle { wheelbase: car.front + car.rear, max_steering: car.max_steering };
+        let state = memory.state(view);
+        let command = track(&bicycle, &state, &self.references, self.step);
+        let after = state.after(&bicycle, &command);
+        self.step += 1;
+        *memory = Memory { steering: after.steering, speed: Some(state.speed) };
+        Action { steer: after.steering / car.max_steering, throttle: car.throttle_for(command.acceleration) }
+    }
+}
+
+impl Memory {
+    /// The state of the car. Its acceleration is that of the last step.
+    fn state(&self, view: &View) -> Driven {
+        let (motion, rear) = (view.motion(), view.car().rear);
+        let speed = motion.body_velocity()[0].max(0.0);
+        Driven {
+            axle: behind(motion.position, motion.heading, rear),
+            heading: motion.heading,
+            speed,
+            acceleration: self.speed.map_or(0.0, |before| (speed - before) / DT),
+            steering: self.steering,
+        }
+    }
+}
+
+fn behind([x, y]: Point, heading: f64, distance: f64) -> Point {
+    let (sin, cos) = heading.sin_cos();
+    [x - distance * cos, y - distance * sin]
+}
+
+/// Positions of a plan in the world, the present one first.
+fn centers(position: Point, heading: f64, poses: &[PlannedPose]) -> Vec<Point> {
+    let (sin, cos) = heading.sin_cos();
+    let world_from_car = |[x, y]: Point| [position[0] + x * cos - y * sin, position[1] + x * sin + y * cos];
+    std::iter::once(position).chain(poses.iter().map(|pose| world_from_car(pose.position))).collect()
+}
+
+/// References of the rear axle in the world: the present pose, then those of the plan. Headings and speeds that a plan does
+/// not give are those of the way between its positions.
+fn references(centers: &[Point], heading: f64, rear: f64, poses: &[PlannedPose]) -> Vec<Reference> {
+    let mut headings = vec![heading];
+    let mut before = [0.0; 2];
+    for pose in poses {
+        let way = sub(pose.position, before);
+        let last = headings[headings.len() - 1];
+        let along = if norm(way) > SHORTEST_WAY { heading + way[1].atan2(way[0]) } else { last };
+        headings.push(pose.heading.map_or(along, |own| heading + own));
+        before = pose.position;
+    }
+    let axles: Vec<Point> =
+        centers.iter().zip(&headings).map(|(center, heading)| behind(*center, *heading, rear)).collect();
+    let reference = |k: usize| {
+        // The speed on the way to a pose; at the present pose that on the way to the first.
+        let end = k.max(1);
+        let way = sub(axles[end], axles[end - 1]);
+        let (sin, cos) = headings[end].sin_cos();
+        let along = dot(way, [cos, sin]) / DT;
+        let speed = if k == 0 { along } else { poses[k - 1].speed.unwrap_or(along) };
+        let next = (k + 1).min(axles.len() - 1);
+        let turn = wrap_angle(headings[next] - headings[k]);
+        let length = norm(sub(axles[next], axles[k]));
+        let curvature = if length > SHORTEST_WAY { turn / length } else { 0.0 };
+        Reference { position: axles[k], heading: headings[k], speed, curvature }
+    };
+    (0..axles.len()).map(reference).collect()
+}

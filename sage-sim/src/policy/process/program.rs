@@ -1,0 +1,237 @@
+//! A planner's program: lines go to its standard input, lines come from its standard output, each within a time.
+//!
+//! The program leads a process group of its own, which is ended as a whole. If this process dies, the program reads the
+//! end of its input.
+
+use std::{
+    fs::File,
+    io::{ErrorKind, Read, Write},
+    os::{fd::AsFd, unix::process::CommandExt},
+    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    time::{Duration, Instant},
+};
+
+use rustix::{
+    event::{PollFd, PollFlags, Timespec, poll},
+    io::Errno,
+    process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid},
+};
+
+/// Longest line that a program may answer, bytes.
+pub(super) const LONGEST_LINE: usize = 1 << 20;
+/// Bytes read at once.
+const CHUNK: usize = 1 << 16;
+/// Time between two looks at whether the program still runs, while nothing comes from it.
+const LOOK: Duration = Duration::from_millis(50);
+/// Time that a program has to end by itself once its input ends.
+const FAREWELL: Duration = Duration::from_millis(500);
+
+/// A program that runs.
+pub(super) struct Program {
+    child: Child,
+    /// Taken when it ends.
+    input: Option<ChildStdin>,
+    output: ChildStdout,
+    /// What was read and not yet given out.
+    read: Vec<u8>,
+}
+
+/// Why there is no answer.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) enum Failure {
+    /// The program ended: its exit status in words.
+    Ended(String),
+    /// The program closed its output and still runs.
+    Closed,
+    /// Nothing came within the time.
+    Late(Duration),
+    /// The line is longer than [`LONGEST_LINE`].
+    TooLong,
+    /// More than one line came for one message.
+    Extra(String),
+    /// The pipe failed.
+    Pipe(String),
+}
+
+impl std::fmt::Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Ended(status) => write!(f, "it ended ({status})"),
+            Self::Closed => f.write_str("it closed its standard output"),
+            Self::Late(limit) => {
+                write!(f, "no answer within {} s; --ego-timeout gives it more time", limit.as_secs_f64())
+            }
+            Self::TooLong => write!(
+                f,
+                "a line of more than {LONGEST_LINE} bytes; expected one short line of JSON for each message"
+            ),
+            Self::Extra(line) => write!(
+                f,
+                "more than one line for a message, the second `{line}`; print to standard error what is not an answer"
+            ),
+            Self::Pipe(error) => write!(f, "the pipe to it failed: {error}"),
+        }
+    }
+}
+
+impl Program {
+    /// Starts a command, without a shell. Its standard error goes into `log`.
+    pub(super) fn start(command: &[String], log: &File) -> std::io::Result<Self> {
+        let [program, arguments @ ..] = command else {
+            return Err(std::io::Error::new(ErrorKind::InvalidInput, "the command is empty"));
+        };
+        let mut child = Command::new(program)
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::from(log.try_clone()?))
+            .process_group(0)
+            .spawn()?;
+        let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
+            return Err(std::io::Error::other("no pipe to it"));
+        };
+        rustix::io::ioctl_fionbio(&input, true)?;
+        rustix::io::ioctl_fionbio(&output, true)?;
+        Ok(Self { child, input: Some(input), output, read: Vec::new() })
+    }
+
+    /// Sends a line, which ends with a line feed, and waits for one: its bytes without the line feed.
+    ///
+    /// *Errors*: why there is no answer. The program is of no use then.
+    pub(super) fn ask(&mut self, line: &[u8], limit: Duration) -> Result<Vec<u8>, Failure> {
+        let start = Instant::now();
+        let mut sent = 0;
+        let mut seen = 0;
+        loop {
+            if let Some(found) = self.read[seen..].iter().position(|byte| *byte == b'\n') {
+                let end = seen + found;
+                let rest = self.read.split_off(end + 1);
+                let answer = std::mem::replace(&mut self.read, rest);
+                if !self.read.is_empty() {
+                    return Err(Failure::Extra(shortened(&self.read)));
+                }
+                return Ok(answer[..end].to_vec());
+            }
+            seen = self.read.len();
+            if seen > LONGEST_LINE {
+                return Err(Failure::TooLong);
+            }
+            let left = limit.checked_sub(start.elapsed()).ok_or(Failure::Late(limit))?;
+            let ready = self.wait(sent < line.len(), left.min(LOOK))?;
+            if ready.output {
+                if self.receive()? == 0 {
+                    return Err(self.ended_or(Failure::Closed, limit));
+                }
+            } else if ready.input {
+                sent += self.send(&line[sent..])?;
+            } else if let Some(status) = self.status() {
+                return Err(Failure::Ended(status));
+            }
+        }
+    }
+
+    /// Waits until the program reads, if something is to be sent, or writes.
+    fn wait(&self, sends: bool, time: Duration) -> Result<Ready, Failure> {
+        let flag = if sends { PollFlags::OUT } else { PollFlags::empty() };
+        let mut fds = vec![PollFd::from_borrowed_fd(self.output.as_fd(), PollFlags::IN)];
+        if let Some(input) = self.input.as_ref().filter(|_| sends) {
+            fds.push(PollFd::from_borrowed_fd(input.as_fd(), flag));
+        }
+        let time = Timespec { tv_sec: 0, tv_nsec: i64::from(time.subsec_nanos().max(1)) };
+        match poll(&mut fds, Some(&time)) {
+            Ok(_) | Err(Errno::INTR) => {}
+            Err(error) => return Err(Failure::Pipe(error.to_string())),
+        }
+        let is_ready = |k: usize| fds.get(k).is_some_and(|fd| !fd.revents().is_empty());
+        Ok(Ready { output: is_ready(0), input: is_ready(1) })
+    }
+
+    /// Reads what is there; 0 at the end of the output.
+    fn receive(&mut self) -> Result<usize, Failure> {
+        let before = self.read.len();
+        self.read.resize(before + CHUNK, 0);
+        let result = self.output.read(&mut self.read[before..]);
+        self.read.truncate(before + *result.as_ref().unwrap_or(&0));
+        match result {
+            Ok(count) => Ok(count),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(1),
+            Err(error) => Err(Failure::Pipe(error.to_string())),
+        }
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> Result<usize, Failure> {
+        let Some(input) = &mut self.input else { return Err(Failure::Closed) };
+        match input.write(bytes) {
+            Ok(count) => Ok(count),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(0),
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => {
+                Err(self.ended_or(Failure::Pipe("it closed its standard input".to_owned()), FAREWELL))
+            }
+            Err(error) => Err(Failure::Pipe(error.to_string())),
+        }
+    }
+
+    /// How it ended, if it ends shortly: a program closes its pipes just before.
+    fn ended_or(&self, failure: Failure, limit: Duration) -> Failure {
+        let start = Instant::now();
+        while start.elapsed() < limit.min(FAREWELL) {
+            if let Some(status) = self.status() {
+                return Failure::Ended(status);
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        failure
+    }
+
+    /// Exit status in words, once the program has ended. It is not reaped, so that its group keeps its number.
+    fn status(&self) -> Option<String> {
+        let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        let status = waitid(WaitId::Pid(self.pid()?), options).ok()??;
+        Some(match (status.exit_status(), status.terminating_signal()) {
+            (Some(code), _) => format!("exit status {code}"),
+            (None, Some(signal)) => format!("signal {signal}"),
+            (None, None) => "stopped".to_owned(),
+        })
+    }
+
+    fn pid(&self) -> Option<Pid> {
+        Pid::from_raw(i32::try_from(self.child.id()).ok()?)
+    }
+
+    /// Ends the input, so that the program can end by itself.
+    pub(super) fn dismiss(&mut self) {
+        self.input = None;
+    }
+
+    /// Waits until a dismissed program has ended by itself, at most half a second.
+    pub(super) fn wait_until_ended(&self) {
+        let _ = self.ended_or(Failure::Closed, FAREWELL);
+    }
+}
+
+impl Drop for Program {
+    /// Kills the whole group.
+    fn drop(&mut self) {
+        self.dismiss();
+        if let Some(pid) = self.pid() {
+            // The group may be gone already.
+            let _ = kill_process_group(pid, Signal::KILL);
+        }
+        let _ = self.child.wait();
+    }
+}
+
+/// Which pipes can be used.
+struct Ready {
+    output: bool,
+    input: bool,
+}
+
+/// The beginning of a text as one printable line.
+pub(super) fn shortened(bytes: &[u8]) -> String {
+    const LONGEST: usize = 120;
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(4 * LONGEST)]);
+    let line = text.lines().next().unwrap_or_default();
+    let shown: String = line.chars().map(|c| if c.is_control() { '?' } else { c }).take(LONGEST).collect();
+    if shown.len() < line.len() || bytes.len() > 4 * LONGEST { format!("{shown}…") } else { shown }
+}

@@ -1,0 +1,208 @@
+//! Planners that are programs: what they are told, what they may answer, and what happens when they misbehave.
+
+#![cfg(unix)]
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+#![allow(clippy::print_stderr)] // Tests that are left out say so.
+
+mod hand_made;
+
+use std::{path::Path, process::Command, sync::Arc, time::Instant};
+
+use approx::assert_relative_eq;
+use hand_made::{car, prepared, road, scene};
+use sage_sim::{
+    Error, SimScene,
+    drive::{Drive, Simulation, drive},
+    policy::{EgoPolicy, policies},
+};
+use serde_json::{Value, json};
+
+/// The scene of all tests: a road with a car far ahead.
+fn road_ahead() -> Arc<SimScene> {
+    prepared(scene(road(), vec![car("ego", [0.0, 0.0], 0.0, 8.0), car("other", [70.0, 0.0], 0.0, 8.0)]))
+}
+
+fn planner(command: &[&str], timeouts: [f64; 3]) -> Box<dyn EgoPolicy> {
+    policies().unwrap().build("process", &json!({"command": command, "timeouts": timeouts})).unwrap()
+}
+
+fn driven(scene: &Arc<SimScene>, policy: &dyn EgoPolicy) -> Result<Drive, Error> {
+    drive(&mut Simulation::new(scene, &Arc::default(), None, policy, 0)?)
+}
+
+/// A Python file of `tests/planners` as a command; `None`, said aloud, without Python.
+fn python(file: &str) -> Option<[String; 2]> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/planners").join(file);
+    let is_there = Command::new("python3").arg("--version").output().is_ok_and(|out| out.status.success());
+    if !is_there {
+        eprintln!("left out: planners need python3");
+    }
+    is_there.then(|| ["python3".to_owned(), path.display().to_string()])
+}
+
+const LATE: [f64; 3] = [20.0, 20.0, 10.0];
+
+/// Ways to misbehave, with the times to answer where they are what is tested.
+const WAYS: [(&str, [f64; 3]); 35] = [
+    ("exits at its start", LATE),
+    ("prints a banner", LATE),
+    ("is silent at its start", [0.5, 20.0, 10.0]),
+    ("speaks another version", LATE),
+    ("leaves the version out", LATE),
+    ("asks for observation by a word", LATE),
+    ("exits at reset", LATE),
+    ("is silent at reset", [20.0, 0.5, 10.0]),
+    ("is not ready", LATE),
+    ("exits at step 7", LATE),
+    ("is killed", LATE),
+    ("is silent", [20.0, 20.0, 0.5]),
+    ("ignores SIGTERM", [20.0, 20.0, 0.5]),
+    ("closes its output", LATE),
+    ("writes too much to its log", LATE),
+    ("sends half a line", [20.0, 20.0, 0.5]),
+    ("sends a line of a gigabyte", LATE),
+    ("sends deep JSON", LATE),
+    ("sends NaN", LATE),
+    ("sends infinity", LATE),
+    ("sends bytes", LATE),
+    ("sends an empty line", LATE),
+    ("sends two lines", LATE),
+    ("sends a list", LATE),
+    ("leaves throttle out", LATE),
+    ("sends a word", LATE),
+    ("sends null", LATE),
+    ("sends two kinds", LATE),
+    ("sends no kind", LATE),
+    ("sends an empty plan", LATE),
+    ("sends a plan that is a number", LATE),
+    ("sends rows of five", LATE),
+    ("sends rows of words", LATE),
+    ("sends a plan in the world's frame", LATE),
+    ("keeps a plan for no step", LATE),
+];
+
+#[test]
+fn misbehaving_planners_fail_their_drive_with_a_clear_message() {
+    let Some([program, file]) = python("misbehaving.py") else { return };
+    let scene = road_ahead();
+    let more = [("keeps a control", LATE), ("says what is wrong", LATE)];
+    let messages = WAYS.iter().chain(&more).map(|(way, timeouts)| {
+        let policy = planner(&[&program, &file, way], *timeouts);
+        let start = Instant::now();
+        let error = driven(&scene, &*policy).err().unwrap_or_else(|| panic!("{way}: it drives"));
+        assert!(matches!(error, Error::Planner { .. }), "{way}: {error}");
+        assert!(start.elapsed().as_secs_f64() < 20.0, "{way}");
+        // The next drive gets a new program, which misbehaves again: nothing of the first is left in the pipe.
+        let again =
+            driven(&scene, &*policy).err().unwrap_or_else(|| panic!("{way}: it drives the second time"));
+        assert_eq!(again.to_string(), error.to_string(), "{way}");
+        format!("{way}\n    {}\n", error.to_string().replace(&file, "misbehaving.py"))
+    });
+    insta::assert_snapshot!(messages.collect::<String>());
+}
+
+#[test]
+fn a_command_that_cannot_be_started_is_named() {
+    let scene = road_ahead();
+    let message = |command: &[&str]| driven(&scene, &*planner(command, LATE)).err().unwrap().to_string();
+    insta::assert_snapshot!(message(&["./no-such-planner", "x"]), @"scene `hand-made`: the planner `./no-such-planner x` does not start: No such file or directory (os error 2)");
+    insta::assert_snapshot!(message(&["/"]), @"scene `hand-made`: the planner `/` does not start: Permission denied (os error 13)");
+    let build = |options: Value| policies().unwrap().build("process", &options).err().unwrap().to_string();
+    insta::assert_snapshot!(build(json!({})), @"options of policy `process`: `command` is empty; write cmd:COMMAND, such as 'cmd:python3 my_planner.py'");
+    insta::assert_snapshot!(build(json!({"command": ["x"], "timeouts": [1, 0, 1]})), @"options of policy `process`: `timeouts` has 0; expected seconds above 0 and up to 86400");
+    insta::assert_snapshot!(build(json!({"command": ["x"], "radius": -1})), @"options of policy `process`: `radius` is -1; expected metres from 0 to 10000");
+}
+
+#[test]
+fn no_process_of_a_planner_is_left() {
+    let Some([program, file]) = python("misbehaving.py") else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let note = folder.path().join("pid");
+    let policy = planner(&[&program, &file, "leaves a child with the pipe", note.to_str().unwrap()], LATE);
+    let start = Instant::now();
+    let error = driven(&road_ahead(), &*policy).err().unwrap().to_string();
+    assert!(error.contains("it ended (exit status 0)"), "{error}");
+    assert!(start.elapsed().as_secs_f64() < 10.0, "it waits for the child");
+    let child: i32 = std::fs::read_to_string(&note).unwrap().parse().unwrap();
+    // A killed child may stay as a zombie until its new parent asks for it.
+    let state = || std::fs::read_to_string(format!("/proc/{child}/stat")).unwrap_or_default();
+    let is_gone = || !Path::new("/proc/self").exists() || state().is_empty() || state().contains(") Z ");
+    let end = Instant::now();
+    while !is_gone() && end.elapsed().as_secs_f64() < 5.0 {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    assert!(is_gone(), "process {child} is left: {}", state());
+}
+
+#[test]
+fn a_constant_control_is_that_of_the_policy_constant() {
+    let Some([program, file]) = python("misbehaving.py") else { return };
+    let scene = road_ahead();
+    let policy = planner(&[&program, &file], LATE);
+    let constant = policies().unwrap().build("constant", &json!({"steer": 0.0, "throttle": 0.1})).unwrap();
+    let expected = driven(&scene, &*constant).unwrap();
+    // Several drives of one program.
+    for _ in 0..3 {
+        assert_eq!(driven(&scene, &*policy).unwrap(), expected);
+    }
+}
+
+#[test]
+fn the_state_of_a_program_is_not_copied() {
+    let Some([program, file]) = python("misbehaving.py") else { return };
+    let policy = planner(&[&program, &file], LATE);
+    let simulation = Simulation::new(&road_ahead(), &Arc::default(), None, &*policy, 0).unwrap();
+    let error = simulation.try_clone().err().unwrap().to_string().replace(&file, "misbehaving.py");
+    insta::assert_snapshot!(error, @"the drive cannot be saved: the planner `python3 misbehaving.py` is a program, whose state cannot be copied");
+}
+
+/// A planner in `sh`, which answers every step with the same line.
+fn answering(line: &str) -> Box<dyn EgoPolicy> {
+    let script = format!(
+        r#"while read -r message; do case "$message" in *'"step"'*) echo '{line}';; *'"reset"'*) echo '{{"ready": true}}';; *) echo '{{"hello": 1}}';; esac; done"#
+    );
+    planner(&["sh", "-c", &script], LATE)
+}
+
+#[test]
+fn plans_are_followed_by_the_tracker() {
+    let scene = road_ahead();
+    // Straight on at 8 m/s, as it starts: it stays at that speed, less what the tyres lose.
+    let rows: Vec<[f64; 2]> = (1..=40).map(|k| [0.8 * f64::from(k), 0.0]).collect();
+    let drive = driven(&scene, &*answering(&json!({"plan": rows}).to_string())).unwrap();
+    let last = drive.motions.last().unwrap();
+    assert_relative_eq!(last.speed(), 8.0, epsilon = 0.1);
+    assert_relative_eq!(last.position[0], 72.0, epsilon = 1.0);
+    assert_relative_eq!(last.position[1], 0.0, epsilon = 1e-6);
+    // The same with headings and speeds, asked for every tenth step.
+    let rows: Vec<[f64; 4]> = (1..=40).map(|k| [0.8 * f64::from(k), 0.0, 0.0, 8.0]).collect();
+    let kept = driven(&scene, &*answering(&json!({"plan": rows, "again": 10}).to_string())).unwrap();
+    assert_relative_eq!(kept.motions.last().unwrap().position[0], last.position[0], epsilon = 1.0);
+    // A place to stand still at: it stops.
+    let stop = driven(&scene, &*answering(r#"{"plan": [[0, 0, 0, 0]]}"#)).unwrap();
+    assert!(stop.motions.last().unwrap().speed() < 0.1, "{:?}", stop.motions.last());
+    // To the left: a circle of 40 m radius, planned once, is followed within a metre.
+    let circle = |k: i32| {
+        let angle = 0.8 * f64::from(k) / 40.0;
+        [40.0 * angle.sin(), 40.0 * (1.0 - angle.cos()), angle]
+    };
+    let rows: Vec<[f64; 3]> = (1..=100).map(circle).collect();
+    let left = driven(&scene, &*answering(&json!({"plan": rows, "again": 100}).to_string())).unwrap();
+    for motion in &left.motions {
+        let radius = motion.position[0].hypot(motion.position[1] - 40.0);
+        assert!((radius - 40.0).abs() < 1.0, "{motion:?}");
+    }
+    assert!(left.motions.last().unwrap().heading > 1.2, "{:?}", left.motions.last());
+}
+
+#[test]
+fn accelerations_and_angles_are_controls_too() {
+    let scene = road_ahead();
+    let drive = driven(&scene, &*answering(r#"{"acceleration": 0.5, "steering_angle": 0.0}"#)).unwrap();
+    assert_relative_eq!(drive.motions[50].speed(), 8.0 + 0.5 * 5.0, epsilon = 0.05);
+    let car = sage_sim::vehicle::Vehicle::default();
+    let angle = 0.1 * car.max_steering;
+    let own = driven(&scene, &*answering(&format!(r#"{{"acceleration": 0, "steering_angle": {angle}}}"#)));
+    let constant = policies().unwrap().build("constant", &json!({"steer": 0.1, "throttle": 0.0})).unwrap();
+    assert_eq!(own.unwrap(), driven(&scene, &*constant).unwrap());
+}

@@ -20,6 +20,8 @@ use clap::{
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
+use crate::part::PolicyParts;
+
 pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, GenerateArgs};
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};
@@ -304,11 +306,17 @@ pub(crate) enum BenchCommand {
 /// allows, and `ratio` is median / target. If Python with numpy is installed, its
 /// pickle.loads is timed in the same run.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  sage bench speed --data target/data/womd_cat500 --json")]
+#[command(
+    after_help = "Example:\n  sage bench speed --data target/data/womd_cat500 --json\n  sage bench speed --data scenes/ --ego constant --ego 'cmd:python3 my_planner.py'"
+)]
 pub(crate) struct SpeedArgs {
     /// Folder of scenes (default: one built-in scene).
     #[arg(long, value_name = "DIR")]
     pub data: Option<PathBuf>,
+    /// Time only these policies: 1000 steps of each, as a median over the scenes, the start of each drive included. What a
+    /// planner costs is the difference to `constant`.
+    #[arg(long, value_name = "POLICIES")]
+    pub ego: Vec<PolicyParts>,
     /// Number of repetitions of each measurement.
     #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..100_000))]
     pub repeat: u32,

@@ -35,7 +35,7 @@ impl Cli {
                 commands::analyse_connectivity::run(&args, registries)
             }
             Command::Bench(args) => match args.command {
-                Some(BenchCommand::Speed(args)) => commands::bench_speed::run(&args),
+                Some(BenchCommand::Speed(args)) => commands::bench_speed::run(&args, registries),
                 Some(BenchCommand::List) => commands::bench_study::list(registries),
                 Some(BenchCommand::Report(args)) => commands::bench_study::report(&args, registries),
                 None => commands::bench_study::run(&args.study, registries),

@@ -5,14 +5,17 @@
 #![allow(clippy::print_stderr)] // Tests that are left out say so.
 
 mod hand_made;
+mod reference;
 
 use std::{path::Path, process::Command, sync::Arc, time::Instant};
 
 use approx::assert_relative_eq;
 use hand_made::{car, prepared, road, scene};
+use sage_data::procedural::{Kind, generate};
 use sage_sim::{
     Error, SimScene,
     drive::{Drive, Simulation, drive},
+    episode::Episode,
     policy::{EgoPolicy, policies},
 };
 use serde_json::{Value, json};
@@ -205,4 +208,41 @@ fn accelerations_and_angles_are_controls_too() {
     let own = driven(&scene, &*answering(&format!(r#"{{"acceleration": 0, "steering_angle": {angle}}}"#)));
     let constant = policies().unwrap().build("constant", &json!({"steer": 0.1, "throttle": 0.0})).unwrap();
     assert_eq!(own.unwrap(), driven(&scene, &*constant).unwrap());
+}
+
+/// Procedural scenes, and those of `val` where they are.
+fn many_scenes() -> Vec<Arc<SimScene>> {
+    let procedural = Kind::ALL.iter().filter_map(|kind| generate(*kind, 2, 0)).map(prepared);
+    procedural
+        .chain(reference::scenes(&["val"]).into_iter().map(|scene| prepared((*scene).clone())))
+        .collect()
+}
+
+#[test]
+fn a_planner_in_python_drives_like_the_same_policy_here() {
+    let Some([program, _]) = python("misbehaving.py") else { return };
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/planners/idm.py");
+    let options = json!({"command": [program, file], "timeouts": LATE, "agents": 1000});
+    let planner = policies().unwrap().build("process", &options).unwrap();
+    let options = json!({"lane_changes": null, "curves": null, "speed_limits": false});
+    let own = policies().unwrap().build("idm", &options).unwrap();
+    for scene in many_scenes() {
+        let name = &scene.scene().id;
+        let [theirs, ours] = [&planner, &own].map(|policy| Episode::run(&scene, None, &**policy, 0).unwrap());
+        assert_eq!(
+            (theirs.end, theirs.steps(), theirs.arrived),
+            (ours.end, ours.steps(), ours.arrived),
+            "{name}"
+        );
+        let hits = |episode: &Episode| -> Vec<_> {
+            episode.contacts.iter().map(|c| (c.contact.step, c.contact.other.track, c.class)).collect()
+        };
+        assert_eq!(hits(&theirs), hits(&ours), "{name}");
+        // How cars are pushed apart depends on the last bit.
+        let free = ours.contacts.first().map_or(usize::MAX, |contact| contact.contact.step);
+        for (a, b) in theirs.drive.motions.iter().zip(&ours.drive.motions).take(free) {
+            assert_relative_eq!(a.position[0], b.position[0], epsilon = 1e-6);
+            assert_relative_eq!(a.position[1], b.position[1], epsilon = 1e-6);
+        }
+    }
 }

@@ -1,6 +1,10 @@
 //! Times of the simulation: steps with and without observation, and resets.
 
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Instant,
+};
 
 use anyhow::{Context as _, Result};
 use sage_core::{scene::SceneIndex, seed::Rng};
@@ -17,6 +21,7 @@ use sage_sim::{
 use serde_json::json;
 
 use super::timing::{Data, Timing, timing};
+use crate::ego::Ego;
 
 /// Steps that one row times.
 const STEPS: f64 = 1000.0;
@@ -38,15 +43,7 @@ pub(super) fn run(data: &Data, repeat: usize, report: &mut impl FnMut(Timing) ->
     let is_named = |file: &Path| number(file).is_some_and(|n| n % EVERY == 0 && n <= LAST);
     let named: Vec<_> = files.iter().filter(|file| is_named(file)).collect();
     let chosen = if named.is_empty() { files.iter().collect() } else { named };
-    let mut scenes = Vec::with_capacity(chosen.len());
-    for file in chosen {
-        let scene = Arc::new(data.scene(file)?);
-        let index = SceneIndex::new(scene.map.clone());
-        index.build_all();
-        if scene.ego().is_valid(0) {
-            scenes.push(SimScene::new(scene, index)?);
-        }
-    }
+    let scenes = prepared(data, &chosen)?;
     if scenes.is_empty() {
         return Ok(());
     }
@@ -94,6 +91,41 @@ pub(super) fn run(data: &Data, repeat: usize, report: &mut impl FnMut(Timing) ->
         let policy = policies()?.build(options.0, &options.1)?;
         let times = (0..LEAST).map(|_| driver(&scenes, &*policy)).collect::<Result<Vec<_>>>()?;
         report(timing(name, times, target))?;
+    }
+    Ok(())
+}
+
+/// Scenes with all that is built once.
+fn prepared(data: &Data, files: &[&PathBuf]) -> Result<Vec<Arc<SimScene>>> {
+    let mut scenes = Vec::with_capacity(files.len());
+    for file in files {
+        let scene = Arc::new(data.scene(file)?);
+        let index = SceneIndex::new(scene.map.clone());
+        index.build_all();
+        if scene.ego().is_valid(0) {
+            scenes.push(SimScene::new(scene, index)?);
+        }
+    }
+    Ok(scenes)
+}
+
+/// Times drivers on all scenes: a median over the scenes.
+///
+/// *Errors*: a scene cannot be read or driven.
+pub(super) fn drivers(
+    data: &Data,
+    egos: &[Ego],
+    report: &mut impl FnMut(Timing) -> Result<()>,
+) -> Result<()> {
+    let scenes = prepared(data, &data.files().iter().collect::<Vec<_>>())?;
+    for ego in egos {
+        // The first drive starts a planner, and builds what a scene keeps.
+        for scene in &scenes {
+            driver(std::slice::from_ref(scene), &*ego.policy)?;
+        }
+        let times = scenes.iter().map(|scene| driver(std::slice::from_ref(scene), &*ego.policy));
+        let name = format!("1000 steps of driver `{}`, median of scenes", ego.label);
+        report(timing(name, times.collect::<Result<Vec<_>>>()?, None))?;
     }
     Ok(())
 }

@@ -21,6 +21,8 @@ use sage_core::{
 use sage_data::{Recording, checks::Summary, folder, pickle::Document, womd};
 
 pub use super::timing::{CANDIDATES, Data, Timing};
+use crate::ego::Ego;
+
 use super::{
     learning_speed, network_speed, simulation_speed,
     timing::{measure, timing},
@@ -168,6 +170,13 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
         report(timing("all scenes inspected, all threads", vec![elapsed], target))?;
     }
     Ok(())
+}
+
+/// Times drivers on all scenes.
+///
+/// *Errors*: a scene cannot be read or driven.
+pub fn drivers(data: &Data, egos: &[Ego], mut report: impl FnMut(Timing) -> Result<()>) -> Result<()> {
+    simulation_speed::drivers(data, egos, &mut report)
 }
 
 /// Feasibility rules that are timed.

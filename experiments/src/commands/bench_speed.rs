@@ -5,16 +5,18 @@ use std::io::Write;
 use anyhow::Result;
 
 use crate::{
-    Outcome,
-    bench::speed::{self, Data},
+    Outcome, Registries,
+    bench::speed::{self, Data, Timing},
     cli::SpeedArgs,
+    ego::Ego,
+    part::{PolicyPart, PolicyParts},
     terminal,
 };
 
 /// The scene in the binary, for a measurement without data.
 const BUILT_IN: &[u8] = include_bytes!("../../../examples/crossing.pkl");
 
-pub(crate) fn run(args: &SpeedArgs) -> Result<Outcome> {
+pub(crate) fn run(args: &SpeedArgs, registries: &Registries) -> Result<Outcome> {
     let data = match &args.data {
         Some(data) => Data::of(data)?,
         None => Data::one("crossing.pkl".into(), BUILT_IN.to_vec()),
@@ -27,7 +29,7 @@ pub(crate) fn run(args: &SpeedArgs) -> Result<Outcome> {
             "measurement", "n", "median ms", "min ms", "p90 ms", "target ms", "ratio"
         )?;
     }
-    speed::run(&data, args.repeat, |timing| {
+    let report = |timing: Timing| {
         if args.json {
             terminal::json_line(&mut out, &timing)?;
         } else {
@@ -41,6 +43,13 @@ pub(crate) fn run(args: &SpeedArgs) -> Result<Outcome> {
         }
         out.flush()?;
         Ok(())
-    })?;
+    };
+    if args.ego.is_empty() {
+        speed::run(&data, args.repeat, report)?;
+    } else {
+        let parts: Vec<PolicyPart> = args.ego.iter().flat_map(|PolicyParts(parts)| parts.clone()).collect();
+        let egos = Ego::all(&parts, registries)?;
+        speed::drivers(&data, &egos, report)?;
+    }
     Ok(Outcome::Done)
 }

@@ -41,11 +41,13 @@ pub struct ProcessOptions {
     pub timeouts: [f64; 3],
     /// Distance from the route within which the map is told, metres.
     pub radius: f64,
+    /// Most road users in a step: the nearest ones.
+    pub agents: usize,
 }
 
 impl Default for ProcessOptions {
     fn default() -> Self {
-        Self { command: Vec::new(), timeouts: [60.0, 20.0, 5.0], radius: 50.0 }
+        Self { command: Vec::new(), timeouts: [60.0, 20.0, 5.0], radius: 50.0, agents: 64 }
     }
 }
 
@@ -58,6 +60,7 @@ struct Shared {
     /// For `hello`, `reset` and `step`.
     limits: [Duration; 3],
     radius: f64,
+    agents: usize,
     state: Mutex<State>,
 }
 
@@ -83,7 +86,7 @@ impl Entry<dyn EgoPolicy> for Process {
     type Options = ProcessOptions;
 
     fn build(options: ProcessOptions) -> Result<Box<dyn EgoPolicy>, String> {
-        let ProcessOptions { command, timeouts, radius } = options;
+        let ProcessOptions { command, timeouts, radius, agents } = options;
         if command.first().is_none_or(String::is_empty) {
             return Err(
                 "`command` is empty; write cmd:COMMAND, such as 'cmd:python3 my_planner.py'".to_owned()
@@ -96,7 +99,7 @@ impl Entry<dyn EgoPolicy> for Process {
             return Err(format!("`radius` is {radius}; expected metres from 0 to {FARTHEST_MAP}"));
         }
         let limits = timeouts.map(Duration::from_secs_f64);
-        Ok(Box::new(Self(Arc::new(Shared { command, limits, radius, state: Mutex::default() }))))
+        Ok(Box::new(Self(Arc::new(Shared { command, limits, radius, agents, state: Mutex::default() }))))
     }
 }
 
@@ -260,7 +263,7 @@ impl ProcessDriver {
             }
             (false, _) => None,
         };
-        let message = messages::step(view, observation);
+        let message = messages::step(view, self.shared.agents, observation);
         let line = planner.program.ask(&message, step).map_err(|failure| failure.to_string())?;
         if planner.log.length() > self.first_byte.saturating_add(LARGEST) {
             return Err(format!(

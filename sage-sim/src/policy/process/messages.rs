@@ -16,20 +16,20 @@ use crate::{
 
 /// Version of the protocol.
 pub(super) const PROTOCOL: u64 = 1;
-/// Most road users in a step: the nearest ones.
-const MOST_AGENTS: usize = 64;
+/// Numbers are rounded to a billionth: a planner that is the same as one of ours then drives the same to a micrometre.
+const DIGITS: f64 = 1e9;
 
-/// A number, rounded to a millionth.
+/// A rounded number.
 struct Rounded(f64);
 
 impl Serialize for Rounded {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_f64((self.0 * 1e6).round() / 1e6)
+        serializer.serialize_f64((self.0 * DIGITS).round() / DIGITS)
     }
 }
 
 fn rounded<const N: usize>(numbers: [f64; N]) -> [f64; N] {
-    numbers.map(|number| (number * 1e6).round() / 1e6)
+    numbers.map(|number| (number * DIGITS).round() / DIGITS)
 }
 
 /// A message as a line.
@@ -247,14 +247,15 @@ fn light(state: LightState) -> &'static str {
     }
 }
 
-/// The message before a step; with the observation of a learning driver, if it is asked for.
-pub(super) fn step(view: &View, observation: Option<&[f32]>) -> Vec<u8> {
+/// The message before a step, with the nearest `most` road users, and with the observation of a learning driver, if it is
+/// asked for.
+pub(super) fn step(view: &View, most: usize, observation: Option<&[f32]>) -> Vec<u8> {
     let (scene, motion) = (view.scene().scene(), view.motion());
     let distance = |body: &Body| norm(sub(body.area.center, motion.position));
     let mut near: Vec<(f64, &Body)> = view.others().map(|body| (distance(body), body)).collect();
     // The nearest first; of equals the first track.
     near.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-    let agents = near.into_iter().take(MOST_AGENTS).map(|(_, body)| Agent {
+    let agents = near.into_iter().take(most).map(|(_, body)| Agent {
         id: &scene.tracks[body.track].id,
         kind: kind(body),
         size: rounded([2.0 * body.area.half_length, 2.0 * body.area.half_width]),

@@ -9,7 +9,8 @@ mod program;
 use std::{
     fs,
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::{Command, Output, Stdio},
+    time::{Duration, Instant},
 };
 
 use insta::assert_snapshot;
@@ -209,4 +210,33 @@ fn times_to_answer_are_checked() {
     };
     let messages = ["", "1,2", "1,2,x", "0", "-1", "nan", "1e9"].map(|times| (times.to_owned(), said(times)));
     assert_snapshot!("times_to_answer", program::messages(messages));
+}
+
+#[test]
+fn a_planner_ends_when_sage_is_killed() {
+    if !has_python() || !Path::new("/proc/self").exists() {
+        return;
+    }
+    let planner = "import os, time\nfrom sage_planner import serve\nopen('pid', 'w').write(str(os.getpid()))\nclass Slow:\n    def act(self, obs):\n        time.sleep(0.05)\n        return 0.0, 0.1\nserve(Slow())\n";
+    let folder = desk(planner);
+    let note = folder.path().join("pid");
+    let wait = |holds: &dyn Fn() -> bool| {
+        let start = Instant::now();
+        while !holds() && start.elapsed().as_secs() < 20 {
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        assert!(holds());
+    };
+    let mut sage = Command::new(env!("CARGO_BIN_EXE_sage"))
+        .current_dir(folder.path())
+        .args(["simulate", "scenes", "--ego", PLANNER, "--threads", "1", "--out", "out"])
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    wait(&|| fs::read_to_string(&note).is_ok_and(|text| !text.is_empty()));
+    sage.kill().unwrap();
+    sage.wait().unwrap();
+    let process = PathBuf::from("/proc").join(fs::read_to_string(&note).unwrap()).join("stat");
+    wait(&|| fs::read_to_string(&process).map_or(true, |stat| stat.contains(") Z ")));
 }

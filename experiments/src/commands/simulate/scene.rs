@@ -116,6 +116,8 @@ enum DriveResult {
 /// A planner that failed.
 struct PlannerFailure {
     message: String,
+    /// The message without scene and log, for the page.
+    ending: String,
     /// The drive up to there, if it had begun.
     drive: Option<Box<Drive>>,
 }
@@ -125,7 +127,7 @@ impl PlannerFailure {
     ///
     /// *Errors*: any other error.
     fn of(error: anyhow::Error) -> Result<Self> {
-        let Some(sage_sim::Error::Planner { drive, log, .. }) = error.downcast_ref() else {
+        let Some(sage_sim::Error::Planner { drive, log, problem, .. }) = error.downcast_ref() else {
             return Err(error);
         };
         let drive = drive.clone().map(|mut drive| {
@@ -133,7 +135,8 @@ impl PlannerFailure {
             drive.shown.push(Shown { step, plan: Vec::new(), log: log.lines.join("\n") });
             drive
         });
-        Ok(Self { message: format!("{error:#}"), drive })
+        let ending = format!("No result: {problem}.");
+        Ok(Self { message: format!("{error:#}"), ending, drive })
     }
 }
 
@@ -274,7 +277,7 @@ impl SceneDrives<'_> {
                 verdict: None,
                 is_failed: true,
                 note: String::new(),
-                ending: failure.message.lines().next().unwrap_or_default().to_owned(),
+                ending: failure.ending.clone(),
             },
         })
     }

@@ -71,7 +71,9 @@ impl Log {
             return Vec::new();
         }
         let text = String::from_utf8_lossy(&bytes);
-        let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
+        // Lines that only underline the one before say nothing in a message.
+        let says_something = |line: &&str| line.contains(char::is_alphanumeric);
+        let lines: Vec<&str> = text.lines().filter(says_something).collect();
         let printable = |line: &&str| -> String {
             line.chars().map(|c| if c.is_control() { '?' } else { c }).take(300).collect()
         };

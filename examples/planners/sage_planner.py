@@ -12,7 +12,7 @@ A planner has `act(obs)` and may have `reset(scene, seed)`, which is called befo
 
 - `(steer, throttle)`,
 - a plan: a list (or array) of rows `[x, y]`, `[x, y, heading]` or `[x, y, heading, speed]` in the car's frame (x ahead,
-  y to the left), the first 0.1 s ahead and one every 0.1 s; or
+  y to the left), the first 0.1 s ahead and one every 0.1 s (`obs.to_car(x, y)` takes a point of the scene there); or
 - a dict as the protocol has it, such as `{"acceleration": 1.0, "steering_angle": 0.02}` or `{"plan": rows, "again": 5}`.
 
 Units: metres, seconds, radians; positions in the frame of the scene. `docs/your-own-planner.md` describes all fields.
@@ -23,6 +23,11 @@ import math
 import os
 import sys
 from collections import deque
+
+try:
+    import numpy
+except ImportError:
+    numpy = None
 
 PROTOCOL = 1
 #: Number of frames that `Observation.history` holds, this one included.
@@ -192,14 +197,17 @@ class Observation:
         return self._agents
 
     @property
+    def agent_rows(self):
+        """A row `[x, y, heading, vx, vy, length, width]` for each of `agents`: an array where NumPy is installed, else
+        lists."""
+        rows = [[a.x, a.y, a.heading, a.vx, a.vy, a.length, a.width] for a in self.agents]
+        return rows if numpy is None else numpy.array(rows, dtype=float).reshape(-1, 7)
+
+    @property
     def vector(self):
         """The 101 numbers that learning drivers see; ask for them with `serve(planner, observation=True)`."""
         numbers = self.fields["observation"]
-        try:
-            import numpy
-        except ImportError:
-            return numbers
-        return numpy.asarray(numbers, dtype=numpy.float32)
+        return numbers if numpy is None else numpy.asarray(numbers, dtype=numpy.float32)
 
     def leader(self, route, across=None):
         """Gap and speed of the nearest road user ahead on a route, bumper to bumper, or None.
@@ -230,6 +238,12 @@ class Observation:
             if best is None or gap < best[0]:
                 best = (gap, speed)
         return best
+
+    def to_car(self, x, y):
+        """A point of the scene in the car's frame: ahead and to the left."""
+        cos, sin = math.cos(self.ego.heading), math.sin(self.ego.heading)
+        dx, dy = x - self.ego.x, y - self.ego.y
+        return [dx * cos + dy * sin, dy * cos - dx * sin]
 
     def leader_gap(self, route):
         """Distance to the road user ahead on a route, bumper to bumper; infinite if there is none."""
@@ -281,8 +295,11 @@ def from_metadrive(policy):
 def _answer(action):
     """What a planner returned, as the protocol has it."""
     if isinstance(action, dict):
-        return {key: _plain(value) for key, value in action.items()}
+        answer = {key: _plain(value) for key, value in action.items()}
+        _refuse_infinite(answer)
+        return answer
     rows = _plain(action)
+    _refuse_infinite(rows)
     if not isinstance(rows, list) or not rows:
         raise TypeError(f"act returned {action!r}; expected (steer, throttle), rows of a plan, or a dict")
     if isinstance(rows[0], list):
@@ -290,6 +307,18 @@ def _answer(action):
     if len(rows) != 2:
         raise TypeError(f"act returned {len(rows)} numbers; expected steer and throttle")
     return {"steer": rows[0], "throttle": rows[1]}
+
+
+def _refuse_infinite(value, place="act returned"):
+    """JSON has no NaN and no infinity."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{place} {value}; expected finite numbers")
+    if isinstance(value, dict):
+        for key, item in value.items():
+            _refuse_infinite(item, f"act returned, as `{key}`,")
+    if isinstance(value, list):
+        for k, item in enumerate(value):
+            _refuse_infinite(item, f"act returned, in row {k}," if isinstance(item, list) else place)
 
 
 def _plain(value):

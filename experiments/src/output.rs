@@ -15,7 +15,7 @@ use std::{
 use anyhow::{Context, Result, bail};
 use sage_core::files::{self, Existing, OutputLock};
 
-use crate::terminal;
+use crate::{ego::Ego, terminal};
 
 pub(crate) use command_line::{command, program};
 pub(crate) use dataset_run::DatasetRun;
@@ -26,6 +26,17 @@ pub(crate) use run::{RECORD, Run, RunState};
 pub(crate) const PLANNER_LOGS: &str = "planner-logs";
 /// Length limit of a file name on common file systems, bytes.
 pub(crate) const LONGEST_FILE_NAME: usize = 255;
+
+/// Lets drivers that are programs keep their logs in a folder of the run.
+///
+/// *Errors*: the folder cannot be created.
+pub(crate) fn keep_planner_logs(folder: &Folder, egos: &[Ego]) -> Result<()> {
+    if egos.iter().any(|ego| ego.is_program) {
+        let logs = folder.inner(PLANNER_LOGS.as_ref())?;
+        egos.iter().for_each(|ego| ego.policy.write_logs_to(&logs));
+    }
+    Ok(())
+}
 
 /// An output folder that only this run writes to.
 pub(crate) struct Folder {

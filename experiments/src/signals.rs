@@ -1,4 +1,4 @@
-//! Clean-up on Ctrl-C and SIGTERM: unfinished files and locks are removed, complete files stay.
+//! Clean-up on Ctrl-C and SIGTERM: unfinished files and locks are removed, planners end, complete files stay.
 
 /// Handles Ctrl-C and SIGTERM on a separate thread. Without a handler the next run cleans up.
 #[cfg(unix)]
@@ -12,6 +12,7 @@ pub(crate) fn clean_up_when_stopped() {
     std::thread::spawn(move || {
         if let Some(signal) = signals.forever().next() {
             sage_core::files::discard_unfinished();
+            sage_sim::policy::kill_programs();
             // Ends the process as the signal would, so that a shell gets the signal's exit status.
             let _ = emulate_default_handler(signal);
         }

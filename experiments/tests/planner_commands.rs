@@ -47,11 +47,15 @@ fn run(folder: &Path, arguments: &[&str]) -> Output {
 
 const PLANNER: &str = "cmd:python3 planner.py";
 
-/// The planner of the page about planners.
+/// The planner of the README, which is that of the page about planners.
 fn documented() -> String {
-    let page = fs::read_to_string(of_project("docs/your-own-planner.md")).unwrap();
-    let (_, rest) = page.split_once("```python\n").unwrap();
-    rest.split_once("```").unwrap().0.to_owned()
+    let [readme, page] = ["README.md", "docs/your-own-planner.md"].map(|name| {
+        let text = fs::read_to_string(of_project(name)).unwrap();
+        let (_, rest) = text.split_once("```python\n").unwrap();
+        rest.split_once("```").unwrap().0.to_owned()
+    });
+    assert_eq!(readme, page);
+    readme
 }
 
 #[test]
@@ -213,30 +217,68 @@ fn times_to_answer_are_checked() {
 }
 
 #[test]
-fn a_planner_ends_when_sage_is_killed() {
+fn planners_end_with_sage() {
     if !has_python() || !Path::new("/proc/self").exists() {
         return;
     }
-    let planner = "import os, time\nfrom sage_planner import serve\nopen('pid', 'w').write(str(os.getpid()))\nclass Slow:\n    def act(self, obs):\n        time.sleep(0.05)\n        return 0.0, 0.1\nserve(Slow())\n";
-    let folder = desk(planner);
-    let note = folder.path().join("pid");
-    let wait = |holds: &dyn Fn() -> bool| {
+    let planner = |act: &str| {
+        format!(
+            "import os, time\nfrom sage_planner import serve\nopen('pid', 'w').write(str(os.getpid()))\nclass Slow:\n    def act(self, obs):\n        {act}\n        return 0.0, 0.1\nserve(Slow())\n"
+        )
+    };
+    let wait = |what: &str, holds: &dyn Fn() -> bool| {
         let start = Instant::now();
         while !holds() && start.elapsed().as_secs() < 20 {
             std::thread::sleep(Duration::from_millis(10));
         }
-        assert!(holds());
+        assert!(holds(), "{what}");
     };
-    let mut sage = Command::new(env!("CARGO_BIN_EXE_sage"))
-        .current_dir(folder.path())
-        .args(["simulate", "scenes", "--ego", PLANNER, "--threads", "1", "--out", "out"])
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    wait(&|| fs::read_to_string(&note).is_ok_and(|text| !text.is_empty()));
-    sage.kill().unwrap();
-    sage.wait().unwrap();
-    let process = PathBuf::from("/proc").join(fs::read_to_string(&note).unwrap()).join("stat");
-    wait(&|| fs::read_to_string(&process).map_or(true, |stat| stat.contains(") Z ")));
+    // A killed `sage` ends the planner's input. One that is told to end kills even a planner that reads nothing.
+    for (signal, act) in
+        [("KILL", "time.sleep(0.05)"), ("TERM", "time.sleep(1000)"), ("INT", "time.sleep(1000)")]
+    {
+        let folder = desk(&planner(act));
+        let note = folder.path().join("pid");
+        let mut sage = Command::new(env!("CARGO_BIN_EXE_sage"))
+            .current_dir(folder.path())
+            .args([
+                "simulate",
+                "scenes",
+                "--ego",
+                PLANNER,
+                "--ego-timeout",
+                "900",
+                "--threads",
+                "1",
+                "--out",
+                "out",
+            ])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        wait("the planner starts", &|| fs::read_to_string(&note).is_ok_and(|text| !text.is_empty()));
+        let process = PathBuf::from("/proc").join(fs::read_to_string(&note).unwrap()).join("stat");
+        assert!(process.exists());
+        assert!(
+            Command::new("kill").args(["-s", signal, &sage.id().to_string()]).status().unwrap().success()
+        );
+        sage.wait().unwrap();
+        wait(signal, &|| fs::read_to_string(&process).map_or(true, |stat| stat.contains(") Z ")));
+    }
+}
+
+#[test]
+fn adapters_work_with_the_packages_that_are_there() {
+    if !has_python() {
+        return;
+    }
+    let mut pythons = vec!["python3".to_owned()];
+    pythons.extend(std::env::var("SAGE_METADRIVE_PYTHON"));
+    for python in pythons {
+        let output =
+            Command::new(&python).arg(of_project("examples/planners/test_adapters.py")).output().unwrap();
+        eprintln!("{python}: {}", String::from_utf8_lossy(&output.stdout));
+        assert!(output.status.success(), "{python}: {}", stderr(&output));
+    }
 }

@@ -21,6 +21,8 @@ pub struct Ego {
     pub stream: String,
     /// The policy.
     pub policy: Box<dyn EgoPolicy>,
+    /// Whether it is a program, which keeps a log.
+    pub is_program: bool,
     /// What the user should know about its file.
     pub note: Option<String>,
 }
@@ -31,7 +33,10 @@ impl Ego {
     /// *Errors*: the name is not registered, or the policy refuses the options.
     pub fn new(named: &PolicyPart, registries: &Registries) -> Result<Self> {
         let PolicyPart(part) = named;
-        let policy = part.build(&registries.policies)?;
+        let is_command = registries.policies.get(&part.name).is_err() && part.name.contains([' ', '/']);
+        let hint = || format!("to run a program as the driver, write --ego 'cmd:{}'", part.name);
+        let policy = part.build(&registries.policies);
+        let policy = if is_command { policy.with_context(hint)? } else { policy? };
         let mut note = None;
         if let Some(file) = named.file().filter(|_| part.name == Td3::NAME)
             && read_policy(file.as_ref()).is_ok_and(|(_, card)| !card.is_hashed)
@@ -43,7 +48,7 @@ impl Ego {
         let mut earlier = named.clone();
         earlier.0.options.retain(|key, value| key != "red_lights" || *value != json!(false));
         let (label, stream) = (named.to_string(), earlier.to_string());
-        Ok(Self { label, stream, policy, note })
+        Ok(Self { label, stream, policy, is_program: named.is_program(), note })
     }
 
     /// Builds several policies.
@@ -58,13 +63,13 @@ impl Ego {
     }
 }
 
-/// What identifies a policy in the record of a run. Another content of a file that describes it, or that its command names,
-/// is another run.
+/// What identifies a policy in the record of a run. Another content of a file that describes it, or that its command names
+/// or has beside it, is another run.
 ///
 /// *Errors*: a file cannot be read.
 pub fn identity(part: &PolicyPart) -> Result<Value> {
     let mut all = vec![json!(part.to_string())];
-    for file in part.files() {
+    for file in part.files_and_beside() {
         let shown = file.display();
         let hash = if part.is_program() { file_hash(&file) } else { content_hash(&file) };
         all.push(json!(hash.with_context(|| format!("cannot read `{shown}`"))?));

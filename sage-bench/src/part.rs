@@ -65,6 +65,8 @@ const FROM_FILES: [&str; 2] = ["path", "td3"];
 /// Policy that a command describes, and how it is written: cmd:COMMAND.
 const PROCESS: &str = "process";
 const COMMAND: &str = "cmd:";
+/// Most files beside a script that are looked at.
+const MOST_BESIDE: usize = 1000;
 
 /// A driving policy: a part, `path:FILE` for the drive of another planner, `td3:FILE` for a learnt policy, or
 /// `cmd:COMMAND` for a planner that is a program.
@@ -95,6 +97,26 @@ impl PolicyPart {
         let words = self.command().unwrap_or_default();
         let named = words.iter().map(PathBuf::from).filter(|path| path.is_file());
         named.chain(self.file().map(PathBuf::from)).collect()
+    }
+
+    /// [`PolicyPart::files`], and the files beside those that a command names that have the same ending: what a script
+    /// imports is often there.
+    pub fn files_and_beside(&self) -> Vec<PathBuf> {
+        let mut all = self.files();
+        if self.is_program() {
+            let beside = |file: &PathBuf| -> Vec<PathBuf> {
+                let Some(ending) = file.extension() else { return Vec::new() };
+                let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+                let entries =
+                    std::fs::read_dir(folder.unwrap_or(".".as_ref())).into_iter().flatten().flatten();
+                let same = entries.map(|entry| entry.path()).filter(|path| path.extension() == Some(ending));
+                same.filter(|path| path.is_file()).take(MOST_BESIDE).collect()
+            };
+            let found: Vec<PathBuf> = all.iter().flat_map(beside).collect();
+            all.extend(found);
+            all.sort();
+        }
+        all
     }
 
     /// The policy with all its options, as it can be given again.

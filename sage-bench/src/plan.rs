@@ -30,6 +30,8 @@ pub struct Plan {
     pub identity: Value,
     /// What the user should know of the parts.
     pub notes: Vec<String>,
+    /// Whether a driver is a program, which keeps a log.
+    pub has_programs: bool,
     measurements: Vec<Box<dyn Measurement>>,
 }
 
@@ -92,6 +94,7 @@ impl Plan {
         let egos = Ego::all(&parts, registries)?;
         let drives = [Subject::Drive, Subject::AttackedDrive].iter().any(|subject| study.measures(*subject));
         ensure!(!drives || !egos.is_empty(), "the study drives, but `ego` names no driver");
+        let has_programs = egos.iter().any(|ego| ego.is_program);
         let notes = egos.iter().filter_map(|ego| ego.note.clone()).chain(unused(&study)).collect();
         let is_attacked = study.measures(Subject::Trajectory) || study.measures(Subject::AttackedDrive);
         let is_episodic = study.measures(Subject::Episode);
@@ -136,7 +139,7 @@ impl Plan {
         }
         ensure!(!keys.is_empty(), "the study measures nothing");
         check_report(&study, registries, &keys, &metrics)?;
-        Ok(Self { study, keys, metrics, identity, notes, measurements })
+        Ok(Self { study, keys, metrics, identity, notes, has_programs, measurements })
     }
 
     /// Whether scenes without an adversary are left out.

@@ -111,7 +111,7 @@ pub fn run(
             for cell in cells.iter().filter(|cell| !cell.error.is_empty()) {
                 if !told.contains(&&*cell.error) {
                     told.push(&cell.error);
-                    observer.failed(&scene, &plan.keys[cell.key].stream(), &cell.error);
+                    observer.failed(&scene, plan.keys[cell.key].stream().trim_end(), &cell.error);
                 }
             }
             results.scenes.push(scene);

@@ -2,6 +2,8 @@
 
 use std::{fmt, path::Path};
 
+use sage_core::motion::{DT, NOW};
+
 use crate::drive::Drive;
 
 /// An error of `sage-sim`.
@@ -45,7 +47,7 @@ pub enum Error {
     },
     /// A planner's program that did not start, ended, was late, or answered nonsense. Its drive has no result; other drives
     /// are not concerned.
-    #[error("scene `{scene}`{}: {problem}{log}", step.map_or(String::new(), |step| format!(", step {step}")))]
+    #[error("scene `{scene}`{}: {problem}{log}", step.map_or(String::new(), in_time))]
     Planner {
         /// Identifier of the scene.
         scene: String,
@@ -64,6 +66,13 @@ pub enum Error {
         /// Which one, and why.
         problem: String,
     },
+}
+
+/// A step as a place in time.
+fn in_time(step: usize) -> String {
+    let seconds = (step as f64 - NOW as f64) * DT;
+    let side = if seconds < 0.0 { "before" } else { "after" };
+    format!(", {:.1} s {side} now (step {step})", seconds.abs())
 }
 
 impl Error {

@@ -41,7 +41,7 @@ pub use idm_release::IdmRelease;
 pub use path::{DrivenPath, PathPolicy};
 pub use pdm::{Pdm, PdmOptions};
 #[cfg(unix)]
-pub use process::{Process, ProcessOptions};
+pub use process::{Process, ProcessOptions, kill_programs};
 pub use r157::{R157, R157Options, Reading};
 pub use replay::Replay;
 pub use td3::{Td3, Td3PolicyOptions};

@@ -142,7 +142,9 @@ pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> 
         return Ok(Outcome::Done);
     }
     run.folder().inner(WINDOWS.as_ref())?;
-    plan.write_logs_to(&run.folder().path().join(output::PLANNER_LOGS));
+    if plan.has_programs {
+        plan.write_logs_to(&run.folder().inner(output::PLANNER_LOGS.as_ref())?);
+    }
     let mut follow = Follow { progress: Progress::new("measured", chosen.names.len()), scenes: &scenes };
     let results = runner::run(&plan, &chosen, &Windows(run.folder()), &mut follow)?;
     let Follow { progress, .. } = follow;

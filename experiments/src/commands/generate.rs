@@ -47,11 +47,11 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let out = &args.folder.out;
     let outdated = || own.iter().flat_map(|input| outputs(&plan, out, input)).collect();
     let run = DatasetRun::start(out, plan.identity()?, args.folder.force, args.shard, outdated)?;
-    plan.ego.policy.write_logs_to(&run.folder().path().join(output::PLANNER_LOGS));
+    output::keep_planner_logs(run.folder(), std::slice::from_ref(&plan.ego))?;
     let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attack"]);
     let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
     let seconds = scene_queue::work(&own, &run, &report, attack)?;
-    let [failed, left_out] = report.finish(&args.folder.out);
+    let [failed, left_out, _] = report.finish(&args.folder.out);
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let results = || {
         let done = all.iter().filter(|input| is_done(&plan, &folder, &hash, input)).count();

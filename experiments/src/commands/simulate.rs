@@ -192,14 +192,19 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
     read.extend(drivers(args).iter().flat_map(PolicyPart::files));
     output::protect_inputs(std::slice::from_ref(&args.scene), &read, &args.folder.out, &written)?;
     let out = &args.folder.out;
-    let outdated = || inputs.iter().flat_map(outputs).chain([index::FILE.to_owned()]).collect();
+    let outdated = || {
+        inputs
+            .iter()
+            .flat_map(outputs)
+            .chain([index::FILE, output::PLANNER_LOGS].map(str::to_owned))
+            .collect()
+    };
     let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, None, outdated)?;
-    let logs = run.folder().path().join(output::PLANNER_LOGS);
-    simulation.egos.iter().for_each(|ego| ego.policy.write_logs_to(&logs));
+    output::keep_planner_logs(run.folder(), &simulation.egos)?;
     let report = Report::new(run.folder().path(), args.json, inputs.len(), ["driven", "drive"]);
     let all: Vec<&Input> = inputs.iter().collect();
     let seconds = scene_queue::work(&all, &run, &report, |input| simulate_scene(&simulation, &run, input))?;
-    let [failed, left_out] = report.finish(out);
+    let [failed, left_out, drives] = report.finish(out);
     index::write(run.folder(), &simulation, &inputs, run.hash())?;
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let is_done = |input: &&Input| {
@@ -225,11 +230,16 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
     match failed {
         0 if left_out == inputs.len() && left_out > 0 => bail!("no scene could be driven: all are left out"),
         0 => Ok(Outcome::Done),
-        1 if inputs.len() == 1 => bail!("the scene could not be driven"),
-        all if all == inputs.len() => bail!("no scene of {all} could be driven"),
+        1 if inputs.len() == 1 && drives == 0 => bail!("the scene could not be driven"),
+        all if all == inputs.len() && drives == 0 => bail!("no scene of {all} could be driven"),
         some => {
+            let again = if simulation.egos.iter().any(|ego| ego.is_program) {
+                "run the same command again; after a change of a planner with --force, or into another --out"
+            } else {
+                "run the same command again"
+            };
             progress::say(&format!(
-                "{some} of {} scenes failed; the others are in `{}`; remove the cause and run the same command again",
+                "{some} of {} scenes failed; the others are in `{}`; remove the cause and {again}",
                 inputs.len(),
                 out.display()
             ));

@@ -139,8 +139,8 @@ impl Report {
         state.progress.done() - state.failed - state.left_out
     }
 
-    /// Prints a summary. Returns the numbers of scenes that failed and that were left out.
-    pub(crate) fn finish(self, out: &Path) -> [usize; 2] {
+    /// Prints a summary. Returns the numbers of scenes that failed and that were left out, and that of results.
+    pub(crate) fn finish(self, out: &Path) -> [usize; 3] {
         let state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
         let scenes = state.progress.done() - state.failed - state.left_out;
         let found = state.progress.found();
@@ -159,7 +159,7 @@ impl Report {
         if state.results > 0 || state.failed == 0 {
             state.progress.finish(&format!("{scenes}{before}{left_out}, {results} in `{}`", out.display()));
         }
-        [state.failed, state.left_out]
+        [state.failed, state.left_out, state.results]
     }
 
     fn state(&self) -> MutexGuard<'_, ReportState> {

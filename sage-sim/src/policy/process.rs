@@ -25,6 +25,7 @@ use answer::Answer;
 use follow::{Followed, Memory};
 use log::{LARGEST, Log};
 use program::Program;
+pub use program::kill_all as kill_programs;
 
 /// Longest time limit, s: a day.
 const LONGEST: f64 = 86_400.0;
@@ -175,13 +176,20 @@ impl Shared {
         let mut program = match started {
             Ok(program) => program,
             Err(error) => {
-                let error = fail(format!("does not start: {error}"), None);
+                let hint = if error.kind() == std::io::ErrorKind::NotFound {
+                    format!(
+                        "; there is no program `{}`, and no shell reads the command: cmd:sh -c '…' asks one",
+                        self.command[0]
+                    )
+                } else {
+                    String::new()
+                };
+                let error = fail(format!("does not start: {error}{hint}"), None);
                 self.state().logs.push(log);
                 return Err(error);
             }
         };
-        let answer = program.ask(&messages::hello(), self.limits[0]);
-        let greeting = answer.map_err(|failure| failure.to_string()).and_then(|line| answer::greeting(&line));
+        let greeting = asked(&mut program, &messages::hello(), self.limits[0], answer::greeting);
         match greeting {
             Ok(greeting) => Ok(Planner { program, log, wants_observation: greeting.wants_observation }),
             Err(problem) => {
@@ -192,6 +200,19 @@ impl Shared {
             }
         }
     }
+}
+
+/// What a program answers to a message within a time.
+fn asked<T>(
+    program: &mut Program,
+    message: &[u8],
+    limit: Duration,
+    understood: impl Fn(&[u8]) -> Result<T, String>,
+) -> Result<T, String> {
+    let line = program.ask(message, limit).map_err(|failure| failure.to_string())?;
+    let answer = understood(&line)?;
+    program.no_more().map_err(|failure| failure.to_string())?;
+    Ok(answer)
 }
 
 /// A drive of a planner.
@@ -252,8 +273,7 @@ impl ProcessDriver {
         let planner = self.planner.as_mut().ok_or("it failed before")?;
         if !self.is_reset {
             let message = messages::reset(view, self.seed, self.shared.radius);
-            let line = planner.program.ask(&message, reset).map_err(|failure| failure.to_string())?;
-            answer::ready(&line)?;
+            asked(&mut planner.program, &message, reset, answer::ready)?;
             self.is_reset = true;
         }
         let observation = match (planner.wants_observation, view.observation()) {
@@ -264,14 +284,14 @@ impl ProcessDriver {
             (false, _) => None,
         };
         let message = messages::step(view, self.shared.agents, observation);
-        let line = planner.program.ask(&message, step).map_err(|failure| failure.to_string())?;
+        let answer = asked(&mut planner.program, &message, step, |line| answer::step(line, view.car()))?;
         if planner.log.length() > self.first_byte.saturating_add(LARGEST) {
             return Err(format!(
                 "it wrote more than {} MiB to its standard error in one drive",
                 LARGEST >> 20
             ));
         }
-        answer::step(&line, view.car())
+        Ok(answer)
     }
 
     /// Keeps what is shown of a step: a plan, and what was written to the log since the step before.

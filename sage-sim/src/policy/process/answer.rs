@@ -136,7 +136,10 @@ fn number(object: &Map<String, Value>, name: &str) -> Result<f64, String> {
         Some(value) => value.as_f64().ok_or_else(|| {
             format!("`{name}` is {}; expected a number", shortened(value.to_string().as_bytes()))
         }),
-        None => Err(format!("`{name}` is missing")),
+        None => {
+            let given: Vec<String> = object.keys().map(|key| shortened(key.as_bytes())).collect();
+            Err(format!("`{name}` is missing; it gives `{}`", given.join("`, `")))
+        }
     }
 }
 

@@ -1,5 +1,7 @@
 //! How a plan is driven: by the tracker and the bicycle of `pdm`.
 
+use std::f64::consts::{FRAC_PI_2, PI};
+
 use sage_core::{
     geometry::{Point, dot, norm, sub, wrap_angle},
     motion::DT,
@@ -97,32 +99,61 @@ fn centers(position: Point, heading: f64, poses: &[PlannedPose]) -> Vec<Point> {
     std::iter::once(position).chain(poses.iter().map(|pose| world_from_car(pose.position))).collect()
 }
 
-/// References of the rear axle in the world: the present pose, then those of the plan. Headings and speeds that a plan does
-/// not give are those of the way between its positions.
+/// References of the rear axle in the world, the first for now. Headings and speeds that a plan does not give are those of
+/// the way between its positions.
+///
+/// The reference for now lies on the plan, which is continued backwards: a plan beside the car leads it there.
 fn references(centers: &[Point], heading: f64, rear: f64, poses: &[PlannedPose]) -> Vec<Reference> {
-    let mut headings = vec![heading];
-    let mut before = [0.0; 2];
-    for pose in poses {
-        let way = sub(pose.position, before);
-        let last = headings[headings.len() - 1];
-        let along = if norm(way) > SHORTEST_WAY { heading + way[1].atan2(way[0]) } else { last };
-        headings.push(pose.heading.map_or(along, |own| heading + own));
-        before = pose.position;
-    }
+    let headings = headings(centers, heading, poses);
     let axles: Vec<Point> =
         centers.iter().zip(&headings).map(|(center, heading)| behind(*center, *heading, rear)).collect();
-    let reference = |k: usize| {
-        // The speed on the way to a pose; at the present pose that on the way to the first.
-        let end = k.max(1);
-        let way = sub(axles[end], axles[end - 1]);
-        let (sin, cos) = headings[end].sin_cos();
-        let along = dot(way, [cos, sin]) / DT;
-        let speed = if k == 0 { along } else { poses[k - 1].speed.unwrap_or(along) };
-        let next = (k + 1).min(axles.len() - 1);
-        let turn = wrap_angle(headings[next] - headings[k]);
-        let length = norm(sub(axles[next], axles[k]));
-        let curvature = if length > SHORTEST_WAY { turn / length } else { 0.0 };
-        Reference { position: axles[k], heading: headings[k], speed, curvature }
+    let now = behind(centers[0], heading, rear);
+    let count = axles.len();
+    // Way from each reference to the next along its heading; negative if the plan leads backwards.
+    let along = |k: usize| {
+        let from = if k == 0 { now } else { axles[k] };
+        let (sin, cos) = headings[k + 1].sin_cos();
+        dot(sub(axles[k + 1], from), [cos, sin])
     };
-    (0..axles.len()).map(reference).collect()
+    let curvature = |k: usize| {
+        let length = norm(sub(axles[k + 1], axles[k]));
+        let turn = wrap_angle(headings[k + 1] - headings[k]);
+        if length > SHORTEST_WAY { turn / length } else { 0.0 }
+    };
+    let reference = |k: usize| Reference {
+        position: axles[k],
+        heading: headings[k],
+        speed: poses[k - 1].speed.unwrap_or_else(|| along(k - 1) / DT),
+        curvature: if k + 1 < count { curvature(k) } else { 0.0 },
+    };
+    let mut all: Vec<Reference> = (1..count).map(reference).collect();
+    let first = all[0];
+    let way = along(0).max(0.0);
+    let heading = first.heading - first.curvature * way;
+    let (sin, cos) = (0.5 * (heading + first.heading)).sin_cos();
+    let back = dot(sub(first.position, now), [cos, sin]);
+    let position = [first.position[0] - back * cos, first.position[1] - back * sin];
+    all.insert(0, Reference { position, heading, ..first });
+    all
+}
+
+/// Headings at the positions of a plan, the present one first.
+fn headings(centers: &[Point], heading: f64, poses: &[PlannedPose]) -> Vec<f64> {
+    let mut all = vec![heading];
+    for (k, pose) in poses.iter().enumerate() {
+        // From the position before to the one after. The car need not be on the plan, so the first is left out.
+        let last = centers.len() - 1;
+        let from = if poses.len() == 1 { 0 } else { k.max(1) };
+        let way = sub(centers[(k + 2).min(last)], centers[from]);
+        let before = all[k];
+        let along = if norm(way) > SHORTEST_WAY {
+            let turn = wrap_angle(way[1].atan2(way[0]) - before);
+            // A way back is driven backwards, and so not at all: the car stops.
+            if turn.abs() > FRAC_PI_2 { before + wrap_angle(turn + PI) } else { before + turn }
+        } else {
+            before
+        };
+        all.push(pose.heading.map_or(along, |own| heading + own));
+    }
+    all
 }

@@ -4,10 +4,12 @@
 //! end of its input.
 
 use std::{
+    collections::BTreeSet,
     fs::File,
     io::{ErrorKind, Read, Write},
     os::{fd::AsFd, unix::process::CommandExt},
     process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    sync::{Mutex, PoisonError},
     time::{Duration, Instant},
 };
 
@@ -26,12 +28,30 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Time that a program has to end by itself once its input ends.
 const FAREWELL: Duration = Duration::from_millis(500);
 
+/// Process groups of programs that run, for [`kill_all`].
+static RUNNING: Mutex<BTreeSet<u32>> = Mutex::new(BTreeSet::new());
+
+/// Kills all programs with their groups: for a process that is about to end by a signal, and does not drop them.
+pub fn kill_all() {
+    for group in RUNNING.lock().unwrap_or_else(PoisonError::into_inner).iter() {
+        kill(*group);
+    }
+}
+
+fn kill(group: u32) {
+    if let Some(group) = i32::try_from(group).ok().and_then(Pid::from_raw) {
+        // The group may be gone already.
+        let _ = kill_process_group(group, Signal::KILL);
+    }
+}
+
 /// A program that runs.
 pub(super) struct Program {
     child: Child,
     /// Taken when it ends.
     input: Option<ChildStdin>,
-    output: ChildStdout,
+    /// There while it runs.
+    output: Option<ChildStdout>,
     /// What was read and not yet given out.
     read: Vec<u8>,
 }
@@ -87,12 +107,16 @@ impl Program {
             .stderr(Stdio::from(log.try_clone()?))
             .process_group(0)
             .spawn()?;
-        let (Some(input), Some(output)) = (child.stdin.take(), child.stdout.take()) else {
+        RUNNING.lock().unwrap_or_else(PoisonError::into_inner).insert(child.id());
+        let (input, output) = (child.stdin.take(), child.stdout.take());
+        // From here on, an error drops the program, and so ends it.
+        let program = Self { child, input, output, read: Vec::new() };
+        let (Some(input), Some(output)) = (&program.input, &program.output) else {
             return Err(std::io::Error::other("no pipe to it"));
         };
-        rustix::io::ioctl_fionbio(&input, true)?;
-        rustix::io::ioctl_fionbio(&output, true)?;
-        Ok(Self { child, input: Some(input), output, read: Vec::new() })
+        rustix::io::ioctl_fionbio(input, true)?;
+        rustix::io::ioctl_fionbio(output, true)?;
+        Ok(program)
     }
 
     /// Sends a line, which ends with a line feed, and waits for one: its bytes without the line feed.
@@ -103,21 +127,23 @@ impl Program {
         let mut sent = 0;
         let mut seen = 0;
         loop {
-            if let Some(found) = self.read[seen..].iter().position(|byte| *byte == b'\n') {
-                let end = seen + found;
+            // A program may answer before it has read all of the message, which is sent all the same.
+            let is_sent = sent == line.len();
+            let found = self.read[seen..].iter().position(|byte| *byte == b'\n');
+            if let Some(end) = found.filter(|_| is_sent).map(|found| seen + found) {
                 let rest = self.read.split_off(end + 1);
-                let answer = std::mem::replace(&mut self.read, rest);
-                if !self.read.is_empty() {
-                    return Err(Failure::Extra(shortened(&self.read)));
-                }
-                return Ok(answer[..end].to_vec());
+                let mut answer = std::mem::replace(&mut self.read, rest);
+                answer.truncate(end);
+                return Ok(answer);
             }
-            seen = self.read.len();
-            if seen > LONGEST_LINE {
+            if found.is_none() {
+                seen = self.read.len();
+            }
+            if self.read.len() > LONGEST_LINE {
                 return Err(Failure::TooLong);
             }
             let left = limit.checked_sub(start.elapsed()).ok_or(Failure::Late(limit))?;
-            let ready = self.wait(sent < line.len(), left.min(LOOK))?;
+            let ready = self.wait(!is_sent, left.min(LOOK))?;
             if ready.output {
                 if self.receive()? == 0 {
                     return Err(self.ended_or(Failure::Closed, limit));
@@ -130,10 +156,17 @@ impl Program {
         }
     }
 
+    /// What came besides the answer, which it must not. Asked after the answer is understood: a banner before it is told as
+    /// a wrong answer.
+    pub(super) fn no_more(&self) -> Result<(), Failure> {
+        if self.read.is_empty() { Ok(()) } else { Err(Failure::Extra(shortened(&self.read))) }
+    }
+
     /// Waits until the program reads, if something is to be sent, or writes.
     fn wait(&self, sends: bool, time: Duration) -> Result<Ready, Failure> {
         let flag = if sends { PollFlags::OUT } else { PollFlags::empty() };
-        let mut fds = vec![PollFd::from_borrowed_fd(self.output.as_fd(), PollFlags::IN)];
+        let Some(output) = &self.output else { return Err(Failure::Closed) };
+        let mut fds = vec![PollFd::from_borrowed_fd(output.as_fd(), PollFlags::IN)];
         if let Some(input) = self.input.as_ref().filter(|_| sends) {
             fds.push(PollFd::from_borrowed_fd(input.as_fd(), flag));
         }
@@ -148,9 +181,10 @@ impl Program {
 
     /// Reads what is there; 0 at the end of the output.
     fn receive(&mut self) -> Result<usize, Failure> {
+        let Some(output) = &mut self.output else { return Err(Failure::Closed) };
         let before = self.read.len();
         self.read.resize(before + CHUNK, 0);
-        let result = self.output.read(&mut self.read[before..]);
+        let result = output.read(&mut self.read[before..]);
         self.read.truncate(before + *result.as_ref().unwrap_or(&0));
         match result {
             Ok(count) => Ok(count),
@@ -213,10 +247,9 @@ impl Drop for Program {
     /// Kills the whole group.
     fn drop(&mut self) {
         self.dismiss();
-        if let Some(pid) = self.pid() {
-            // The group may be gone already.
-            let _ = kill_process_group(pid, Signal::KILL);
-        }
+        // The number may belong to another group once the program is waited for.
+        RUNNING.lock().unwrap_or_else(PoisonError::into_inner).remove(&self.child.id());
+        kill(self.child.id());
         let _ = self.child.wait();
     }
 }

@@ -339,5 +339,5 @@ fn drivers_are_tested_in_two_stages() {
         "--out",
         text(&folder.path().join("x")),
     ]);
-    assert_snapshot!(unknown, @"error: unknown policy `nobody`; known: replay, idm, idm-release, idm-nuplan, idm-vmax, r157, pdm, expert, expert-release, td3, tracking, constant-speed, constant, path");
+    assert_snapshot!(unknown, @"error: unknown policy `nobody`; known: replay, idm, idm-release, idm-nuplan, idm-vmax, r157, pdm, expert, expert-release, td3, tracking, constant-speed, constant, path, process");
 }

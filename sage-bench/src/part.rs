@@ -110,11 +110,15 @@ impl PolicyPart {
                 let entries =
                     std::fs::read_dir(folder.unwrap_or(".".as_ref())).into_iter().flatten().flatten();
                 let same = entries.map(|entry| entry.path()).filter(|path| path.extension() == Some(ending));
-                same.filter(|path| path.is_file()).take(MOST_BESIDE).collect()
+                let mut same: Vec<PathBuf> = same.filter(|path| path.is_file()).collect();
+                same.sort();
+                same.truncate(MOST_BESIDE);
+                same
             };
             let found: Vec<PathBuf> = all.iter().flat_map(beside).collect();
             all.extend(found);
             all.sort();
+            all.dedup();
         }
         all
     }

@@ -6,7 +6,7 @@
 use std::ops::RangeInclusive;
 
 use sage_core::{
-    geometry::{Point, Segment, distance, dot, norm, sub},
+    geometry::{Aabb, Point, Segment, distance, dot, norm, sub},
     scene::{SceneIndex, Track},
 };
 
@@ -16,6 +16,11 @@ const SPACING: f64 = 1.0;
 const LONGEST_JUMP: f64 = 100.0;
 /// Shortest last segment, metres.
 const SHORTEST: f64 = 1e-6;
+
+/// Legs with common bounds: most of a route is far from a point, and not looked at leg by leg.
+const RUN: usize = 8;
+/// Distance by which bounds may be wrong without any effect, metres: far more than rounding.
+const SLACK: f64 = 0.01;
 
 /// Largest distance of the lane at the end of a route, metres, and least cosine of the angle between them.
 const LANE_REACH: f64 = 3.0;
@@ -69,13 +74,15 @@ pub enum Localization {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
     legs: Vec<Leg>,
+    /// Bounds of each [`RUN`] legs.
+    runs: Vec<Aabb>,
     length: f64,
 }
 
 impl Route {
     /// The route through positions. Positions without motion give a route of 0.1 m along +x.
     pub fn new(positions: &[Point]) -> Self {
-        let mut route = Self { legs: Vec::new(), length: 0.0 };
+        let mut route = Self { legs: Vec::new(), runs: Vec::new(), length: 0.0 };
         let mut k = 0;
         while k + 1 < positions.len() {
             let next = (k + 1..positions.len()).find(|&n| distance(positions[k], positions[n]) > SPACING);
@@ -96,6 +103,12 @@ impl Route {
         let length = distance(start, end);
         let along = [(end[0] - start[0]) / length, (end[1] - start[1]) / length];
         let heading = along[1].atan2(along[0]);
+        if self.legs.len().is_multiple_of(RUN) {
+            self.runs.push(Aabb::EMPTY);
+        }
+        if let Some(run) = self.runs.last_mut() {
+            *run = run.union(&Aabb::of([start, end]));
+        }
         self.legs.push(Leg { start, along, length, before: self.length, heading });
         self.length += length;
     }
@@ -194,15 +207,27 @@ impl Route {
 
     fn nearest(&self, p: Point) -> Coordinates {
         let mut best = (f64::INFINITY, Coordinates::default());
-        for (k, leg) in self.legs.iter().enumerate() {
-            let local = leg.leg_from_world(p);
-            // Before the start and beyond the end the route continues straight.
-            let first = if k == 0 { f64::NEG_INFINITY } else { 0.0 };
-            let last = if k + 1 == self.legs.len() { f64::INFINITY } else { leg.length };
-            let along = local.along.clamp(first, last);
-            let away = (local.along - along).hypot(local.across);
-            if away < best.0 {
-                best = (away, Coordinates { along: leg.before + along, across: away.copysign(local.across) });
+        // The route is not farther than any of its corners, so runs beyond that distance hold no nearest point.
+        let corners = self.legs.iter().step_by(RUN).map(|leg| squared(sub(leg.start, p)));
+        let reach = corners.fold(f64::INFINITY, f64::min).sqrt() + SLACK;
+        for (number, bounds) in self.runs.iter().enumerate() {
+            // The first and the last leg have no bounds.
+            let is_inner = number > 0 && number + 1 < self.runs.len();
+            if is_inner && squared_distance(bounds, p) > reach * reach {
+                continue;
+            }
+            let from = number * RUN;
+            for (k, leg) in self.legs.iter().enumerate().skip(from).take(RUN) {
+                let local = leg.leg_from_world(p);
+                // Before the start and beyond the end the route continues straight.
+                let first = if k == 0 { f64::NEG_INFINITY } else { 0.0 };
+                let last = if k + 1 == self.legs.len() { f64::INFINITY } else { leg.length };
+                let along = local.along.clamp(first, last);
+                let away = (local.along - along).hypot(local.across);
+                if away < best.0 {
+                    let across = away.copysign(local.across);
+                    best = (away, Coordinates { along: leg.before + along, across });
+                }
             }
         }
         best.1
@@ -294,6 +319,16 @@ fn lane_at(index: &SceneIndex, p: Point, direction: Point) -> Option<usize> {
     Some(lanes.segments()[near.segment].feature as usize)
 }
 
+fn squared(d: Point) -> f64 {
+    dot(d, d)
+}
+
+/// Squared distance of a point from bounds, 0 inside.
+fn squared_distance(bounds: &Aabb, p: Point) -> f64 {
+    let out = |axis: usize| (bounds.min[axis] - p[axis]).max(p[axis] - bounds.max[axis]).max(0.0);
+    squared([out(0), out(1)])
+}
+
 fn at(leg: &Leg, along: f64, across: f64) -> Point {
     let [tx, ty] = leg.along;
     [leg.start[0] + along * tx + across * ty, leg.start[1] + along * ty - across * tx]
@@ -336,6 +371,38 @@ mod tests {
         assert_relative_eq!(c.across, 2.0);
         assert_relative_eq!(route.locate([-3.0, 0.0], Localization::Nearest).along, -3.0);
         assert!(route.locate([20.0, 14.0], Localization::Nearest).along > route.length() + 3.9);
+    }
+
+    #[test]
+    fn the_nearest_point_is_that_of_all_legs() {
+        let mut rng = sage_core::seed::Rng::new(0, "route", "test");
+        for _ in 0..200 {
+            let (mut p, mut heading) = ([rng.uniform(-1e5, 1e5), rng.uniform(-1e5, 1e5)], 0.0_f64);
+            let corners: Vec<Point> = (0..1 + rng.below(80))
+                .map(|_| {
+                    heading += rng.uniform(-0.8, 0.8);
+                    let step = rng.uniform(1.1, 9.0);
+                    p = [p[0] + step * heading.cos(), p[1] + step * heading.sin()];
+                    p
+                })
+                .collect();
+            let route = Route::new(&corners);
+            for _ in 0..50 {
+                let corner = corners[rng.below(corners.len())];
+                let away = [1.0, 20.0, 1000.0][rng.below(3)];
+                let p = [corner[0] + rng.uniform(-away, away), corner[1] + rng.uniform(-away, away)];
+                let legs = route.legs.iter().enumerate().map(|(k, leg)| {
+                    let local = leg.leg_from_world(p);
+                    let first = if k == 0 { f64::NEG_INFINITY } else { 0.0 };
+                    let last = if k + 1 == route.legs.len() { f64::INFINITY } else { leg.length };
+                    let along = local.along.clamp(first, last);
+                    let away = (local.along - along).hypot(local.across);
+                    (away, Coordinates { along: leg.before + along, across: away.copysign(local.across) })
+                });
+                let first_least = legs.reduce(|a, b| if b.0 < a.0 { b } else { a }).unwrap();
+                assert_eq!(route.locate(p, Localization::Nearest), first_least.1);
+            }
+        }
     }
 
     #[test]

@@ -108,7 +108,7 @@ fn misbehaving_planners_fail_their_drive_with_a_clear_message() {
 fn a_command_that_cannot_be_started_is_named() {
     let scene = road_ahead();
     let message = |command: &[&str]| driven(&scene, &*planner(command, LATE)).err().unwrap().to_string();
-    insta::assert_snapshot!(message(&["./no-such-planner", "x"]), @"scene `hand-made`: the planner `./no-such-planner x` does not start: No such file or directory (os error 2)");
+    insta::assert_snapshot!(message(&["./no-such-planner", "x"]), @"scene `hand-made`: the planner `./no-such-planner x` does not start: No such file or directory (os error 2); there is no program `./no-such-planner`, and no shell reads the command: cmd:sh -c '…' asks one");
     insta::assert_snapshot!(message(&["/"]), @"scene `hand-made`: the planner `/` does not start: Permission denied (os error 13)");
     let build = |options: Value| policies().unwrap().build("process", &options).err().unwrap().to_string();
     insta::assert_snapshot!(build(json!({})), @"options of policy `process`: `command` is empty; write cmd:COMMAND, such as 'cmd:python3 my_planner.py'");

@@ -13,7 +13,7 @@ mod program;
 use std::{
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
-    time::Duration,
+    time::{Duration, Instant},
 };
 
 use sage_core::{geometry::Point, registry::Entry};
@@ -24,8 +24,8 @@ use crate::{Error, error::PlannerLog, world::Control};
 use answer::Answer;
 use follow::{Followed, Memory};
 use log::{LARGEST, Log};
-use program::Program;
 pub use program::kill_all as kill_programs;
+use program::{FAREWELL, Program};
 
 /// Longest time limit, s: a day.
 const LONGEST: f64 = 86_400.0;
@@ -127,14 +127,12 @@ impl EgoPolicy for Process {
 }
 
 impl Drop for Shared {
-    /// Programs get the end of their input, then half a second all together.
+    /// Programs get the end of their input, then half a second all together to end by themselves.
     fn drop(&mut self) {
-        let idle = std::mem::take(&mut self.state().idle);
-        let mut idle: Vec<Planner> = idle;
+        let mut idle = std::mem::take(&mut self.state().idle);
         idle.iter_mut().for_each(|planner| planner.program.dismiss());
-        if let Some(first) = idle.first() {
-            first.program.wait_until_ended();
-        }
+        let end = Instant::now() + FAREWELL;
+        idle.iter().for_each(|planner| planner.program.wait_until_ended(end));
     }
 }
 

@@ -36,9 +36,9 @@ pub(super) enum Answer {
 pub(super) struct PlannedPose {
     /// Position, metres.
     pub(super) position: [f64; 2],
-    /// Heading, rad; `None` for that of the way.
+    /// Heading, rad; `None` for that between the positions.
     pub(super) heading: Option<f64>,
-    /// Speed, m/s; `None` for that of the way.
+    /// Speed, m/s; `None` for that between the positions.
     pub(super) speed: Option<f64>,
 }
 

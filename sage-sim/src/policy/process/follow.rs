@@ -16,8 +16,8 @@ use crate::{
     vehicle::Action,
 };
 
-/// Way in a step below which it has no direction, metres.
-const SHORTEST_WAY: f64 = 0.01;
+/// Distance of two positions below which they give no heading, metres.
+const SHORTEST: f64 = 0.01;
 
 /// A plan that is followed.
 pub(super) struct Followed {
@@ -99,8 +99,8 @@ fn centers(position: Point, heading: f64, poses: &[PlannedPose]) -> Vec<Point> {
     std::iter::once(position).chain(poses.iter().map(|pose| world_from_car(pose.position))).collect()
 }
 
-/// References of the rear axle in the world, the first for now. Headings and speeds that a plan does not give are those of
-/// the way between its positions.
+/// References of the rear axle in the world, the first for now. Headings and speeds that a plan does not give are those
+/// between its positions.
 ///
 /// The reference for now lies on the plan, which is continued backwards: a plan beside the car leads it there.
 fn references(centers: &[Point], heading: f64, rear: f64, poses: &[PlannedPose]) -> Vec<Reference> {
@@ -109,7 +109,7 @@ fn references(centers: &[Point], heading: f64, rear: f64, poses: &[PlannedPose])
         centers.iter().zip(&headings).map(|(center, heading)| behind(*center, *heading, rear)).collect();
     let now = behind(centers[0], heading, rear);
     let count = axles.len();
-    // Way from each reference to the next along its heading; negative if the plan leads backwards.
+    // Distance from each reference to the next along its heading; negative if the plan leads backwards.
     let along = |k: usize| {
         let from = if k == 0 { now } else { axles[k] };
         let (sin, cos) = headings[k + 1].sin_cos();
@@ -118,7 +118,7 @@ fn references(centers: &[Point], heading: f64, rear: f64, poses: &[PlannedPose])
     let curvature = |k: usize| {
         let length = norm(sub(axles[k + 1], axles[k]));
         let turn = wrap_angle(headings[k + 1] - headings[k]);
-        if length > SHORTEST_WAY { turn / length } else { 0.0 }
+        if length > SHORTEST { turn / length } else { 0.0 }
     };
     let reference = |k: usize| Reference {
         position: axles[k],
@@ -128,8 +128,8 @@ fn references(centers: &[Point], heading: f64, rear: f64, poses: &[PlannedPose])
     };
     let mut all: Vec<Reference> = (1..count).map(reference).collect();
     let first = all[0];
-    let way = along(0).max(0.0);
-    let heading = first.heading - first.curvature * way;
+    let distance = along(0).max(0.0);
+    let heading = first.heading - first.curvature * distance;
     let (sin, cos) = (0.5 * (heading + first.heading)).sin_cos();
     let back = dot(sub(first.position, now), [cos, sin]);
     let position = [first.position[0] - back * cos, first.position[1] - back * sin];
@@ -144,11 +144,11 @@ fn headings(centers: &[Point], heading: f64, poses: &[PlannedPose]) -> Vec<f64> 
         // From the position before to the one after. The car need not be on the plan, so the first is left out.
         let last = centers.len() - 1;
         let from = if poses.len() == 1 { 0 } else { k.max(1) };
-        let way = sub(centers[(k + 2).min(last)], centers[from]);
+        let displacement = sub(centers[(k + 2).min(last)], centers[from]);
         let before = all[k];
-        let along = if norm(way) > SHORTEST_WAY {
-            let turn = wrap_angle(way[1].atan2(way[0]) - before);
-            // A way back is driven backwards, and so not at all: the car stops.
+        let along = if norm(displacement) > SHORTEST {
+            let turn = wrap_angle(displacement[1].atan2(displacement[0]) - before);
+            // A plan that leads back would be driven backwards, so the car stops.
             if turn.abs() > FRAC_PI_2 { before + wrap_angle(turn + PI) } else { before + turn }
         } else {
             before

@@ -26,7 +26,7 @@ const CHUNK: usize = 1 << 16;
 /// Time between two looks at whether the program still runs, while nothing comes from it.
 const LOOK: Duration = Duration::from_millis(50);
 /// Time that a program has to end by itself once its input ends.
-const FAREWELL: Duration = Duration::from_millis(500);
+pub(super) const FAREWELL: Duration = Duration::from_millis(500);
 
 /// Process groups of programs that run, for [`kill_all`].
 static RUNNING: Mutex<BTreeSet<u32>> = Mutex::new(BTreeSet::new());
@@ -207,14 +207,8 @@ impl Program {
 
     /// How it ended, if it ends shortly: a program closes its pipes just before.
     fn ended_or(&self, failure: Failure, limit: Duration) -> Failure {
-        let start = Instant::now();
-        while start.elapsed() < limit.min(FAREWELL) {
-            if let Some(status) = self.status() {
-                return Failure::Ended(status);
-            }
-            std::thread::sleep(Duration::from_millis(2));
-        }
-        failure
+        self.wait_until_ended(Instant::now() + limit.min(FAREWELL));
+        self.status().map_or(failure, Failure::Ended)
     }
 
     /// Exit status in words, once the program has ended. It is not reaped, so that its group keeps its number.
@@ -237,9 +231,11 @@ impl Program {
         self.input = None;
     }
 
-    /// Waits until a dismissed program has ended by itself, at most half a second.
-    pub(super) fn wait_until_ended(&self) {
-        let _ = self.ended_or(Failure::Closed, FAREWELL);
+    /// Waits until the program has ended by itself, at most until a time.
+    pub(super) fn wait_until_ended(&self, end: Instant) {
+        while self.status().is_none() && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(2));
+        }
     }
 }
 

@@ -149,12 +149,14 @@ serve(Fails())
     let log = fs::read_to_string(folder.path().join("out/planner-logs/planner-1.log")).unwrap();
     assert!(log.contains("no way to go"), "{log}");
     // A study leaves the drive out of all rates, and says so.
-    let output = run(
-        folder.path(),
-        &["bench", "drivers", "scenes", "--unattacked", "--ego", &format!("idm,{PLANNER}"), "--out", "study"],
-    );
+    let drivers = format!("idm,{PLANNER}");
+    let study = ["bench", "drivers", "scenes", "--unattacked", "--ego", &drivers, "--out", "study"];
+    let output = run(folder.path(), &study);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert_snapshot!(redacted(&String::from_utf8_lossy(&output.stdout)));
+    // The finished study is shown again, with the same exit status.
+    let again = run(folder.path(), &study);
+    assert_eq!((again.status.code(), &again.stdout), (Some(1), &output.stdout));
 }
 
 #[test]

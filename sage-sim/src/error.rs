@@ -97,8 +97,8 @@ pub struct PlannerLog {
 
 impl PlannerLog {
     /// A log of a path and its last lines.
-    pub(crate) fn of(log: Option<(Option<&Path>, Vec<String>)>) -> Self {
-        let Some((path, lines)) = log else { return Self::default() };
+    #[cfg(unix)]
+    pub(crate) fn of(path: Option<&Path>, lines: Vec<String>) -> Self {
         Self { file: path.map(|path| path.display().to_string()).unwrap_or_default(), lines }
     }
 }

@@ -10,7 +10,7 @@ use sage_bench::{
     measure::ExpertSource,
     plan::Plan,
     report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
-    rows::Subject,
+    rows::{Results, Subject},
     runner::{self, Observer, SceneSource, Store},
     study::{MAX_STUDY_FILE, Study},
 };
@@ -139,7 +139,7 @@ pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> 
         let (record, results) = read(out)?;
         let report = Report::new(&record.study, &results)?;
         output::print(&if args.wide { report.markdown() } else { report.narrow() })?;
-        return Ok(Outcome::Done);
+        return Ok(crate::scenes::outcome_without(failed_scenes(&results)));
     }
     run.folder().inner(WINDOWS.as_ref())?;
     if plan.has_programs {
@@ -182,7 +182,7 @@ fn write(folder: &Folder, report: &Report, record: &StudyRecord) -> Result<()> {
 }
 
 /// The results in a folder.
-fn read(folder: &Path) -> Result<(StudyRecord, sage_bench::rows::Results)> {
+fn read(folder: &Path) -> Result<(StudyRecord, Results)> {
     let text = |name: &str| {
         let path = folder.join(name);
         files::read_text(&path, LIMIT).with_context(|| format!("cannot read `{}`", path.display()))
@@ -211,14 +211,18 @@ pub(crate) fn report(args: &ReportArgs, registries: &Registries) -> Result<Outco
     let report = Report::new(&study, &results)?;
     let out = Folder::make(&args.folder.out, args.folder.force)?;
     write(&out, &report, &StudyRecord { study, ..record })?;
-    let failed = results.cells.iter().filter(|cells| cells.iter().any(|cell| !cell.error.is_empty())).count();
     output::print(&if args.wide { report.markdown() } else { report.narrow() })?;
     progress::say(&format!(
         "{} and {STUDY_RECORD} are in `{}`",
         files_of(&report),
         args.folder.out.display()
     ));
-    Ok(crate::scenes::outcome_without(failed))
+    Ok(crate::scenes::outcome_without(failed_scenes(&results)))
+}
+
+/// Number of scenes in which something failed.
+fn failed_scenes(results: &Results) -> usize {
+    results.cells.iter().filter(|cells| cells.iter().any(|cell| !cell.error.is_empty())).count()
 }
 
 /// Lists the shipped studies and all metrics.

@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Driver, EgoPolicy, Shown, Start, View};
 use crate::{Error, error::PlannerLog, world::Control};
-use answer::Answer;
+use answer::{Answer, Greeting};
 use follow::{Followed, Memory};
 use log::{LARGEST, Log};
 pub use program::kill_all as kill_programs;
@@ -144,59 +144,54 @@ impl Shared {
 
     /// A program without a drive, or a new one.
     fn planner(&self, scene: &str) -> Result<Planner, Error> {
-        let (idle, log, folder) = {
-            let mut state = self.state();
-            match state.idle.pop() {
-                Some(planner) => (Some(planner), None, None),
-                None => (None, state.logs.pop(), state.folder.clone()),
-            }
-        };
+        let idle = self.state().idle.pop();
         if let Some(planner) = idle {
             planner.log.limit();
             return Ok(planner);
         }
-        let fail = |problem: String, log: Option<(&Log, u64)>| Error::Planner {
+        let fail = |problem: String, log: PlannerLog| Error::Planner {
             scene: scene.to_owned(),
             step: None,
             problem: format!("the planner `{}` {problem}", self.command.join(" ")),
-            log: PlannerLog::of(log.map(|(log, since)| (log.path(), log.last_lines(since)))),
+            log,
             drive: None,
+        };
+        let (log, folder) = {
+            let mut state = self.state();
+            (state.logs.pop(), state.folder.clone())
         };
         let log = match log {
             Some(log) => log,
-            None => {
-                Log::create(folder.as_deref()).map_err(|error| fail(format!("gets no log: {error}"), None))?
-            }
+            None => Log::create(folder.as_deref())
+                .map_err(|error| fail(format!("gets no log: {error}"), PlannerLog::default()))?,
         };
         log.limit();
         let since = log.length();
-        let started = Program::start(&self.command, log.file());
-        let mut program = match started {
-            Ok(program) => program,
-            Err(error) => {
-                let hint = if error.kind() == std::io::ErrorKind::NotFound {
-                    format!(
-                        "; there is no program `{}`, and no shell reads the command: cmd:sh -c '…' asks one",
-                        self.command[0]
-                    )
-                } else {
-                    String::new()
-                };
-                let error = fail(format!("does not start: {error}{hint}"), None);
-                self.state().logs.push(log);
-                return Err(error);
-            }
-        };
-        let greeting = asked(&mut program, &messages::hello(), self.limits[0], answer::greeting);
-        match greeting {
-            Ok(greeting) => Ok(Planner { program, log, wants_observation: greeting.wants_observation }),
+        match self.started(&log) {
+            Ok((program, Greeting { wants_observation })) => Ok(Planner { program, log, wants_observation }),
             Err(problem) => {
-                drop(program);
-                let error = fail(format!("failed at its start: {problem}"), Some((&log, since)));
+                let error = fail(problem, PlannerLog::of(log.path(), log.last_lines(since)));
                 self.state().logs.push(log);
                 Err(error)
             }
         }
+    }
+
+    /// Starts the program and greets it.
+    fn started(&self, log: &Log) -> Result<(Program, Greeting), String> {
+        let mut program = Program::start(&self.command, log.file()).map_err(|error| {
+            let hint = match error.kind() {
+                std::io::ErrorKind::NotFound => format!(
+                    "; there is no program `{}`, and no shell reads the command: cmd:sh -c '…' asks one",
+                    self.command[0]
+                ),
+                _ => String::new(),
+            };
+            format!("does not start: {error}{hint}")
+        })?;
+        let greeting = asked(&mut program, &messages::hello(), self.limits[0], answer::greeting)
+            .map_err(|problem| format!("failed at its start: {problem}"))?;
+        Ok((program, greeting))
     }
 }
 
@@ -307,7 +302,7 @@ impl ProcessDriver {
         let mut log = PlannerLog::default();
         if let Some(Planner { program, log: own, .. }) = self.planner.take() {
             drop(program);
-            log = PlannerLog::of(Some((own.path(), own.last_lines(self.first_byte))));
+            log = PlannerLog::of(own.path(), own.last_lines(self.first_byte));
             self.shared.state().logs.push(own);
         }
         Error::Planner {

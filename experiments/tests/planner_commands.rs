@@ -263,7 +263,11 @@ fn planners_end_with_sage() {
         let process = PathBuf::from("/proc").join(fs::read_to_string(&note).unwrap()).join("stat");
         assert!(process.exists());
         assert!(
-            Command::new("kill").args(["-s", signal, &sage.id().to_string()]).status().unwrap().success()
+            Command::new("sh")
+                .args(["-c", "kill -s $0 $1", signal, &sage.id().to_string()])
+                .status()
+                .unwrap()
+                .success()
         );
         sage.wait().unwrap();
         wait(signal, &|| fs::read_to_string(&process).map_or(true, |stat| stat.contains(") Z ")));

@@ -32,10 +32,60 @@ pub(crate) struct GeneratorAtPoints {
 }
 
 /// Loaded weights with their name.
-struct Weights {
-    name: String,
-    experts: ExpertSet,
+pub(crate) struct Weights {
+    pub(crate) name: String,
+    pub(crate) experts: ExpertSet,
     header: Header,
+}
+
+impl Weights {
+    /// Says which experts are used.
+    pub(crate) fn announce(&self) {
+        networks::announce_experts(&self.name, &self.experts, &self.header);
+    }
+}
+
+/// Weights that scenes may need: those that the user names, or the defaults for procedural and for recorded scenes. The
+/// weights for a scene do not depend on other scenes.
+pub(crate) struct WeightsByOrigin(pub(crate) Vec<Weights>);
+
+impl WeightsByOrigin {
+    /// Loads named weights, or the defaults; with their experts, or the prior alone.
+    ///
+    /// *Errors*: weights that cannot be used.
+    pub(crate) fn load(named: Option<&str>, with_experts: bool, registries: &Registries) -> Result<Self> {
+        let names = match named {
+            Some(weights) => vec![weights.to_owned()],
+            None => {
+                let mut names =
+                    [networks::default_for(true)?, networks::default_for(false)?].map(str::to_owned).to_vec();
+                names.dedup();
+                names
+            }
+        };
+        let load = |name: String| {
+            let find = if with_experts { networks::find_experts } else { networks::find_prior };
+            let (experts, header) = find(&registries.backbones, &name)?;
+            Ok(Weights { name, experts, header })
+        };
+        Ok(Self(names.into_iter().map(load).collect::<Result<Vec<_>>>()?))
+    }
+
+    /// True if the weights depend on whether the scene is procedural or recorded.
+    pub(crate) fn needs_origin(&self) -> bool {
+        self.0.len() > 1
+    }
+
+    /// Number of the weights for a scene, by its origin.
+    ///
+    /// *Errors*: as [`networks::default_for`].
+    pub(crate) fn number(&self, is_procedural: bool) -> Result<usize> {
+        if !self.needs_origin() {
+            return Ok(0);
+        }
+        let name = networks::default_for(is_procedural)?;
+        Ok(self.0.iter().position(|weights| weights.name == name).unwrap_or(0))
+    }
 }
 
 /// The attackers of a run: one for each set of weights that its scenes need.
@@ -48,9 +98,7 @@ pub(crate) struct Attackers<'a> {
     pub(crate) variants: Vec<String>,
     facts: Facts,
     generators: Generators<'a>,
-    /// Weights that scenes may need: those that the user names, or the defaults for procedural and for
-    /// recorded scenes. The weights for a scene do not depend on other scenes.
-    experts: Vec<Weights>,
+    experts: WeightsByOrigin,
     /// Attackers built so far, by index of the weights.
     attackers: Mutex<Vec<Option<Arc<GeneratorAtPoints>>>>,
 }
@@ -78,25 +126,14 @@ impl<'a> Attackers<'a> {
         }
         let spec = Some(selection.objective.spec());
         let further = FurtherMeasures::of(&registries.rewards, &registries.feasibilities, spec)?;
-        let names = match &args.weights {
-            _ if !facts.needs_experts => Vec::new(),
-            Some(weights) => vec![weights.clone()],
-            None => {
-                let mut names =
-                    [networks::default_for(true)?, networks::default_for(false)?].map(str::to_owned).to_vec();
-                names.dedup();
-                names
-            }
+        let experts = if facts.needs_experts {
+            WeightsByOrigin::load(args.weights.as_deref(), facts.depends_on_lambda, registries)?
+        } else {
+            WeightsByOrigin(Vec::new())
         };
-        let load = |name: String| {
-            let find = if facts.depends_on_lambda { networks::find_experts } else { networks::find_prior };
-            let (experts, header) = find(&registries.backbones, &name)?;
-            Ok(Weights { name, experts, header })
-        };
-        let experts = names.into_iter().map(load).collect::<Result<Vec<_>>>()?;
-        let attackers = Mutex::new((0..experts.len().max(1)).map(|_| None).collect());
+        let attackers = Mutex::new((0..experts.0.len().max(1)).map(|_| None).collect());
         let all = Self { args, method, selection, further, variants, facts, generators, experts, attackers };
-        if args.weights.is_some() || all.experts.is_empty() {
+        if args.weights.is_some() || all.experts.0.is_empty() {
             all.attacker(true)?;
         }
         Ok(all)
@@ -104,30 +141,26 @@ impl<'a> Attackers<'a> {
 
     /// True if the weights depend on whether the scene is procedural or recorded.
     pub(crate) fn needs_origin(&self) -> bool {
-        self.experts.len() > 1
+        self.experts.needs_origin()
     }
 
     /// The attacker of a scene, by its origin.
     ///
     /// *Errors*: the generator cannot be built with the weights, or the weights have no dial.
     pub(crate) fn attacker(&self, is_procedural: bool) -> Result<Arc<GeneratorAtPoints>> {
-        let mut number = 0;
-        if self.needs_origin() {
-            let name = networks::default_for(is_procedural)?;
-            number = self.experts.iter().position(|weights| weights.name == name).unwrap_or(0);
-        }
+        let number = self.experts.number(is_procedural)?;
         let mut attackers = self.attackers.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(attacker) = &attackers[number] {
             return Ok(attacker.clone());
         }
-        let attacker = Arc::new(self.build(self.experts.get(number))?);
+        let attacker = Arc::new(self.build(self.experts.0.get(number))?);
         attackers[number] = Some(attacker.clone());
         Ok(attacker)
     }
 
     fn build(&self, weights: Option<&Weights>) -> Result<GeneratorAtPoints> {
-        if let Some(Weights { name, experts, header }) = weights {
-            networks::announce_experts(name, experts, header);
+        if let Some(weights) = weights {
+            weights.announce();
         }
         let args = self.args;
         let dial = || {
@@ -154,7 +187,7 @@ impl<'a> Attackers<'a> {
     /// *Errors*: none on a CPU.
     pub(crate) fn identity(&self) -> Result<Value> {
         let (mut weights, mut dials) = (Map::new(), Map::new());
-        for Weights { name, experts, .. } in &self.experts {
+        for Weights { name, experts, .. } in &self.experts.0 {
             weights.insert(name.clone(), weight_hashes(experts)?.into());
             if self.args.points.aggression.is_some() && self.facts.uses_operating_point() {
                 // Weights without a dial fail only if a scene needs them.

@@ -7,6 +7,7 @@ mod driving;
 mod learning;
 mod mixing;
 mod reading;
+mod searching;
 mod studies;
 mod theory;
 mod training;
@@ -29,6 +30,7 @@ pub(crate) use driving::{PlannerArgs, SimulateArgs};
 pub(crate) use learning::{FinetuneArgs, PredictArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use reading::ReadingArgs;
+pub(crate) use searching::{SearchArgs, SearchFormat};
 pub(crate) use studies::{ReportArgs, StudyArgs};
 pub(crate) use theory::TheoryArgs;
 pub(crate) use training::TrainEgoArgs;
@@ -72,6 +74,7 @@ pub(crate) enum Command {
     Predict(PredictArgs),
     Generate(GenerateArgs),
     Simulate(SimulateArgs),
+    Search(Box<SearchArgs>),
     TrainEgo(TrainEgoArgs),
     /// Analyse a set of experts.
     #[command(
@@ -376,6 +379,7 @@ impl Cli {
                 | Command::Predict(_)
                 | Command::Generate(_)
                 | Command::Simulate(_)
+                | Command::Search(_)
                 | Command::TrainEgo(_)
                 | Command::Analyse(_)
                 | Command::Bench(_)

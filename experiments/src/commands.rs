@@ -17,6 +17,7 @@ pub(crate) mod predict;
 pub(crate) mod pretrain;
 pub(crate) mod scenes;
 pub(crate) mod score;
+pub(crate) mod search;
 pub(crate) mod simulate;
 pub(crate) mod theory;
 pub(crate) mod train_ego;

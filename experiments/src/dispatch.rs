@@ -30,6 +30,7 @@ impl Cli {
             Command::Predict(args) => commands::predict::run(&args, registries),
             Command::Generate(args) => commands::generate::run(&args, registries),
             Command::Simulate(args) => commands::simulate::run(&args, registries),
+            Command::Search(args) => commands::search::run(&args, registries),
             Command::TrainEgo(args) => commands::train_ego::run(&args, registries),
             Command::Analyse(AnalyseCommand::Connectivity(args)) => {
                 commands::analyse_connectivity::run(&args, registries)

@@ -19,6 +19,7 @@
 //! }
 //! ```
 
+mod attacked_files;
 mod attackers;
 pub mod bench;
 mod candidates;
@@ -50,7 +51,7 @@ pub use sage_bench::{
     Registries,
     operating_point::{OperatingPointSpec, RowKey},
 };
-pub(crate) use sage_bench::{ego, generators, operating_point, part, react, selection};
+pub(crate) use sage_bench::{ego, generators, operating_point, part, react, search, selection};
 
 /// Result of a command that ran to its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,7 +5,7 @@
 //! - [`rows`]: the results. [`estimate`]: means, shares and differences with intervals. [`curve`]: quantities of curves over λ.
 //! - [`report`]: tables, charts and files from rows alone. [`chart`]: pictures. [`table`]: Markdown and CSV. [`published`]: numbers of
 //!   the paper.
-//! - [`part`], [`operating_point`], [`selection`], [`generators`], [`ego`], [`react`]: what users name, as studies and commands give it.
+//! - [`part`], [`operating_point`], [`selection`], [`generators`], [`ego`], [`react`], [`search`]: what users name, as studies and commands give it.
 
 pub mod chart;
 pub mod curve;
@@ -22,6 +22,7 @@ mod registries;
 pub mod report;
 pub mod rows;
 pub mod runner;
+pub mod search;
 pub mod selection;
 pub mod study;
 pub mod table;

@@ -20,10 +20,14 @@ pub struct Facts {
     pub needs_experts: bool,
     /// Whether it is an upper bound, for which a table needs one row.
     pub is_upper_bound: bool,
+    /// Whether its candidates, and not only the selection among them, depend on the ego's path: planned against another
+    /// drive of the ego, it gives other candidates.
+    pub plans_against_ego: bool,
 }
 
 impl Facts {
-    /// Properties of a generator that needs no experts and does not depend on λ or μ.
+    /// Properties of a generator that needs no experts and does not depend on λ or μ. If it knows the ego's path, it plans
+    /// against it.
     pub const fn without_operating_point(knows: Knowledge) -> Self {
         Self {
             knows,
@@ -31,13 +35,21 @@ impl Facts {
             depends_on_mu: false,
             needs_experts: false,
             is_upper_bound: false,
+            plans_against_ego: knows.ego_future,
         }
     }
 
     /// Properties of a generator that selects among the prior's proposals, from what the selector knows and whether it
     /// depends on μ.
     pub const fn of_selection(knows: Knowledge, depends_on_mu: bool) -> Self {
-        Self { knows, depends_on_lambda: false, depends_on_mu, needs_experts: true, is_upper_bound: false }
+        Self {
+            knows,
+            depends_on_lambda: false,
+            depends_on_mu,
+            needs_experts: true,
+            is_upper_bound: false,
+            plans_against_ego: false,
+        }
     }
 
     /// Whether its attacks depend on λ or μ.

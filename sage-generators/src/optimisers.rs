@@ -150,6 +150,7 @@ pub(crate) fn facts(from: StartFrom, others_future: bool) -> Facts {
         depends_on_mu: !from_log,
         needs_experts: !from_log,
         is_upper_bound: false,
+        plans_against_ego: true,
     }
 }
 

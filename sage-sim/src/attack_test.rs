@@ -13,7 +13,7 @@ use crate::{
     Error,
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     drive::{Drive, Simulation, drive},
-    episode::{Episode, Verdict},
+    episode::{Episode, Progress, Verdict},
     policy::EgoPolicy,
     red_lights::over_red,
     scene::SimScene,
@@ -51,6 +51,11 @@ impl<'p> AttackTest<'p> {
         &self.unattacked
     }
 
+    /// The driver's car.
+    pub fn car(&self) -> &Vehicle {
+        &self.car
+    }
+
     /// What happened in the drive before the attack.
     pub fn unattacked_drive(&self) -> UnattackedDrive {
         UnattackedDrive::of(&self.unattacked, &self.scene, &self.car)
@@ -68,14 +73,41 @@ impl<'p> AttackTest<'p> {
         Ok(Context::new(&self.recorded(), self.scene.index(), &ContextOptions::default())?)
     }
 
+    /// The drive up to *now*, which is the same for all attacks; `None` for a driver that cannot be copied there.
+    pub(crate) fn until_now(&self) -> Option<Progress> {
+        let adversary = self.scene.scene().adversary().ok()?;
+        let log = Trajectory::new("log", vec![adversary.point(NOW); HORIZON]).ok()?;
+        let plan = Arc::new(Plan::of_adversary(self.scene.scene(), &log).ok()?);
+        let mut progress = Progress::start(&self.scene, Some(plan.clone()), self.policy, self.seed).ok()?;
+        progress.drive_to(NOW).ok()?;
+        // A driver that cannot be copied says so at the first copy.
+        progress.with_plan(plan).ok()?;
+        Some(progress)
+    }
+
     /// Drives again, against an attack.
     ///
     /// *Errors*: as [`Episode::run`].
     pub fn attack(&self, attack: &Trajectory, is_feasible: bool) -> Result<AttackOutcome, Error> {
+        self.attack_from(None, attack, is_feasible)
+    }
+
+    /// The same, continued from [`AttackTest::until_now`] if that is given.
+    ///
+    /// *Errors*: as [`Episode::run`].
+    pub(crate) fn attack_from(
+        &self,
+        until_now: Option<&Progress>,
+        attack: &Trajectory,
+        is_feasible: bool,
+    ) -> Result<AttackOutcome, Error> {
         let scene = self.scene.scene();
         let adversary = scene.adversary_index()?;
         let plan = Arc::new(Plan::of_adversary(scene, attack)?);
-        let episode = Episode::run(&self.scene, Some(plan), self.policy, self.seed)?;
+        let episode = match until_now {
+            Some(progress) => progress.with_plan(plan)?.finish()?,
+            None => Episode::run(&self.scene, Some(plan), self.policy, self.seed)?,
+        };
         let verdict = episode.verdict(adversary, is_feasible, &self.unattacked);
         Ok(AttackOutcome { scene: self.scene.clone(), attack: attack.clone(), adversary, episode, verdict })
     }

@@ -201,23 +201,11 @@ impl Avoidance {
     /// The same for a contact at a known step, 1 or later. The path of a driver that a contact pushed aside need not
     /// show it.
     pub fn of_contact(&self, candidate: &Candidate, contact: Option<usize>) -> Avoidable {
-        let refuse =
-            |reason: &str| Avoidable { avoidable_reason: Some(reason.to_owned()), ..Avoidable::default() };
-        if let Some(reason) = &self.refused {
-            return refuse(reason);
-        }
-        let Some(contact) = contact.filter(|step| *step > 0) else {
-            return refuse("no contact");
+        let (contact, attack) = match self.prepared(candidate, contact) {
+            Ok(prepared) => prepared,
+            Err(reason) => return Avoidable { avoidable_reason: Some(reason), ..Avoidable::default() },
         };
-        if contact >= self.path.len() {
-            return refuse("the ego's path has a gap before the contact");
-        }
-        let track = self.ctx.scene().adversary_index().unwrap_or_default();
-        let adversary = plan(track, candidate.box_now(), candidate.boxes());
-        let attack = Attack { prefix: self.prefix(contact, &adversary), adversary };
-        let search = |latest: usize, fits: &dyn Fn(&Manoeuvre) -> bool| -> Option<Free> {
-            (0..=latest).rev().find_map(|start| self.evasion(start, &attack, fits, true))
-        };
+        let search = |latest: usize, fits: &dyn Fn(&Manoeuvre) -> bool| self.latest(latest, &attack, fits);
         let react = search(attack.prefix.last, &|_| true);
         let seconds = |free: &Option<Free>| free.as_ref().map(|free| (contact - free.start) as f64 / 10.0);
         let Some(way) = &react else {
@@ -246,6 +234,35 @@ impl Avoidance {
             mildest_deceleration: self.mildest(&attack),
             witness: Some(witness),
         }
+    }
+
+    /// Seconds from the last evasive manoeuvre to a contact at a known step, and nothing else of [`Avoidance::of_contact`];
+    /// `None` without a manoeuvre, or if the question does not arise.
+    pub fn time_to_react(&self, candidate: &Candidate, contact: usize) -> Option<f64> {
+        let (contact, attack) = self.prepared(candidate, Some(contact)).ok()?;
+        let free = self.latest(attack.prefix.last, &attack, &|_| true)?;
+        Some((contact - free.start) as f64 / 10.0)
+    }
+
+    /// The step of the contact and what a search for manoeuvres needs.
+    ///
+    /// *Errors*: why the question does not arise.
+    fn prepared(&self, candidate: &Candidate, contact: Option<usize>) -> Result<(usize, Attack), String> {
+        if let Some(reason) = &self.refused {
+            return Err(reason.clone());
+        }
+        let contact = contact.filter(|step| *step > 0).ok_or("no contact")?;
+        if contact >= self.path.len() {
+            return Err("the ego's path has a gap before the contact".to_owned());
+        }
+        let track = self.ctx.scene().adversary_index().unwrap_or_default();
+        let adversary = plan(track, candidate.box_now(), candidate.boxes());
+        Ok((contact, Attack { prefix: self.prefix(contact, &adversary), adversary }))
+    }
+
+    /// The last evasive manoeuvre that starts at a step or before.
+    fn latest(&self, step: usize, attack: &Attack, fits: &dyn Fn(&Manoeuvre) -> bool) -> Option<Free> {
+        (0..=step).rev().find_map(|start| self.evasion(start, attack, fits, true))
     }
 
     /// Least deceleration of an evasive manoeuvre that begins *now*, m/s².

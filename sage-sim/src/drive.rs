@@ -111,6 +111,13 @@ impl Simulation {
         })
     }
 
+    /// Goes on with another plan.
+    ///
+    /// *Errors*: as [`World::new`].
+    pub(crate) fn replace_plan(&mut self, plan: Arc<Plan>) -> Result<(), Error> {
+        self.world.replace_plan(plan)
+    }
+
     /// Observations of another kind for the policy; [`ObservationKind::Corrected`] is the default.
     pub fn with_observation(mut self, kind: ObservationKind) -> Self {
         self.observation = kind;
@@ -283,6 +290,7 @@ impl Drive {
 }
 
 /// Records a drive step by step.
+#[derive(Clone)]
 pub struct Recorder {
     drive: Drive,
     /// Coordinate along the route at the start, metres.

@@ -79,32 +79,76 @@ pub struct Episode {
     /// First contact with each road user, in the order of time. A replayed ego also has those after the end,
     /// because contacts do not change its drive.
     pub contacts: Vec<EpisodeContact>,
+    /// Whether the policy sets the poses of the car, so that a contact does not change them.
+    pub is_posed: bool,
 }
 
-impl Episode {
-    /// Drives a policy with an optional plan of the adversary.
+/// An episode in progress.
+pub(crate) struct Progress {
+    simulation: Simulation,
+    recorder: Recorder,
+    arrived: Option<usize>,
+    /// Number of new contacts in the last step.
+    found: usize,
+    scene: Arc<SimScene>,
+}
+
+impl Progress {
+    /// A policy at frame 0, with an optional plan of the adversary.
     ///
-    /// *Errors*: as [`Simulation::new`] and [`Simulation::step`].
-    pub fn run(
+    /// *Errors*: as [`Simulation::new`].
+    pub(crate) fn start(
         scene: &Arc<SimScene>,
         plan: Option<Arc<Plan>>,
         policy: &dyn EgoPolicy,
         seed: u64,
     ) -> Result<Self, Error> {
-        let mut simulation = Simulation::new(scene, &Arc::default(), plan, policy, seed)?;
-        let last = LAST_FRAME.min(scene.scene().frames - 1);
-        let route = scene.window_length();
-        let has_route = route >= SHORTEST_LOG;
-        let (mut recorder, mut arrived, mut found) = (Recorder::new(&simulation), None, 0);
-        while found == 0 && simulation.world().step_count() < last {
-            if let Err(error) = simulation.step() {
-                return Err(error.with_drive(recorder.finish()));
+        let simulation = Simulation::new(scene, &Arc::default(), plan, policy, seed)?;
+        let recorder = Recorder::new(&simulation);
+        Ok(Self { simulation, recorder, arrived: None, found: 0, scene: scene.clone() })
+    }
+
+    /// Drives on to a frame, or to the first contact if that is earlier.
+    ///
+    /// *Errors*: as [`Simulation::step`]; that of a planner holds the drive up to there.
+    pub(crate) fn drive_to(&mut self, frame: usize) -> Result<(), Error> {
+        let last = frame.min(self.last());
+        let route = self.scene.window_length();
+        while self.found == 0 && self.simulation.world().step_count() < last {
+            if let Err(error) = self.simulation.step() {
+                return Err(error.with_drive(self.recorder.drive().clone()));
             }
-            found = recorder.record(&simulation);
-            if has_route && recorder.drive().progress > ARRIVED * route {
-                arrived = arrived.or(Some(simulation.world().step_count()));
+            self.found = self.recorder.record(&self.simulation);
+            if route >= SHORTEST_LOG && self.recorder.drive().progress > ARRIVED * route {
+                self.arrived = self.arrived.or(Some(self.simulation.world().step_count()));
             }
         }
+        Ok(())
+    }
+
+    /// A copy that goes on with another plan. Plans of the adversary are its log up to *now*, so until then their drives
+    /// are the same.
+    ///
+    /// *Errors*: as [`Simulation::try_clone`] and [`Simulation::replace_plan`].
+    pub(crate) fn with_plan(&self, plan: Arc<Plan>) -> Result<Self, Error> {
+        let mut simulation = self.simulation.try_clone()?;
+        simulation.replace_plan(plan)?;
+        let (recorder, scene) = (self.recorder.clone(), self.scene.clone());
+        Ok(Self { simulation, recorder, scene, ..*self })
+    }
+
+    fn last(&self) -> usize {
+        LAST_FRAME.min(self.scene.scene().frames - 1)
+    }
+
+    /// Drives to the end.
+    ///
+    /// *Errors*: as [`Progress::drive_to`].
+    pub(crate) fn finish(mut self) -> Result<Episode, Error> {
+        self.drive_to(LAST_FRAME)?;
+        let last = self.last();
+        let Self { mut simulation, mut recorder, arrived, found, scene } = self;
+        let route = scene.window_length();
         let drive = recorder.drive().clone();
         let overlaps = if found == 0 {
             Vec::new()
@@ -131,13 +175,28 @@ impl Episode {
         // Of contacts at the same time, the adversary's is the first.
         let planned = simulation.world().plan().map(|plan| plan.track);
         contacts.sort_by_key(|c| (c.contact.step, c.contact.substep, Some(c.contact.other.track) != planned));
-        Ok(Self {
+        Ok(Episode {
             end: if found == 0 { End::Horizon } else { End::Contact },
             arrived,
-            completion: has_route.then(|| drive.progress / route),
+            completion: (route >= SHORTEST_LOG).then(|| drive.progress / route),
             contacts,
+            is_posed,
             drive,
         })
+    }
+}
+
+impl Episode {
+    /// Drives a policy with an optional plan of the adversary.
+    ///
+    /// *Errors*: as [`Simulation::new`] and [`Simulation::step`].
+    pub fn run(
+        scene: &Arc<SimScene>,
+        plan: Option<Arc<Plan>>,
+        policy: &dyn EgoPolicy,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        Progress::start(scene, plan, policy, seed)?.finish()
     }
 
     /// Number of steps, which is also the last frame.

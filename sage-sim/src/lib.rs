@@ -54,6 +54,7 @@ pub mod rl;
 pub mod route;
 pub mod route_lights;
 mod scene;
+pub mod search;
 mod smoothing;
 pub mod traffic;
 pub mod unattacked;

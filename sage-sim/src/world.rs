@@ -183,6 +183,15 @@ impl World {
         self.plan.as_deref()
     }
 
+    /// Goes on with another plan.
+    ///
+    /// *Errors*: as [`World::new`] for a plan.
+    pub(crate) fn replace_plan(&mut self, plan: Arc<Plan>) -> Result<(), Error> {
+        plan.check(self.scene.scene())?;
+        self.plan = Some(plan);
+        Ok(())
+    }
+
     /// The car's constants.
     pub fn car(&self) -> &Vehicle {
         &self.car

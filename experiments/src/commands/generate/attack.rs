@@ -2,7 +2,7 @@
 
 use std::{path::Path, sync::Arc, time::Instant};
 
-use anyhow::{Context as _, Result, anyhow, ensure};
+use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
     files,
     generator::{Attack, Note},
@@ -11,11 +11,7 @@ use sage_core::{
     registry::Entry as _,
     scene::{Scene, SceneIndex},
 };
-use sage_data::{
-    Recording, VariantWriter, checks, dataset,
-    openscenario::{Export, License, Options, Provenance},
-};
-use sage_generators::attacked;
+use sage_data::{Recording, checks};
 use sage_sim::{
     SimScene,
     attack_test::{self, AttackTest},
@@ -29,12 +25,12 @@ use super::{
     row::{CandidateRow, ChosenScores, FoundRow, LeftOutRow, ScoredCandidates, VariantRow, row_file},
 };
 use crate::{
+    attacked_files::{self, AttackedFiles},
     attackers::GeneratorAtPoints,
     drawing::{self, Picture, drawn_path},
     operating_point::OperatingPointSpec,
-    output::{self, DatasetRun, LONGEST_FILE_NAME},
+    output::DatasetRun,
     react,
-    scenario_files::{self, with_facts},
     scene_queue::{Failure, Line, SceneReport},
 };
 
@@ -144,9 +140,8 @@ impl SceneWriter<'_> {
     fn attack(&self, recording: Recording) -> Result<SceneReport> {
         let Self { plan, attacker, .. } = self;
         let warnings = checks::important(&recording.scene);
-        let files = VariantWriter::new(&recording)?;
-        self.check_names(&files)?;
-        let origin = plan.scenario_options().map(|_| scenario_origin(&recording)).transpose()?;
+        let files = AttackedFiles::new(&recording, self.scene, plan.formats())?;
+        files.check_names(plan.variants().iter().map(|variant| &**variant))?;
         let mut scene = Arc::new(recording.scene.with_roles(None, plan.args.attack.adversary.as_deref())?);
         let index = SceneIndex::new(scene.map.clone());
         scene.check_apart_now()?;
@@ -158,9 +153,7 @@ impl SceneWriter<'_> {
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
         let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
         let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.attackers.further), &avoidance);
-        let export = plan.scenario_options().zip(origin).map(|(options, (license, origin))| {
-            (Export::new(&scene, Options { license, ..options }), origin)
-        });
+        let scenarios = files.scenarios(&scene);
         let (mut evasion, mut r157) = (None, None);
         let clock = Instant::now();
         let mut attacks = attacker.built.attacks(&ctx, plan.args.attack.seed)?;
@@ -186,15 +179,17 @@ impl SceneWriter<'_> {
                 r157.avoids(attack, plan.args.attack.seed)
             });
             let scores = &scored.get(attack.trajectory())?.scores;
-            let mut scene_files = self.scene_files(&files, &scene, attack, variant, &described)?;
-            if let Some((export, origin)) = &export {
+            let written = attacked_files::Attack {
+                trajectory: attack.trajectory(),
+                variant,
+                described: &described,
+                weights: attacker.weights.as_deref(),
+                seed: plan.args.attack.seed,
+            };
+            let mut scene_files = files.files(&scene, &written)?;
+            if let Some(scenarios) = &scenarios {
                 let facts = self.facts(&ctx, attack, &described, scores);
-                let attacked = attacked(&scene, attack.trajectory())?;
-                let scenario = export.scenario(&attacked, &with_facts(origin.clone(), &facts));
-                let network = export.network();
-                // The scenario goes after its map.
-                scene_files.push((network.file_name(), network.xml.clone().into_bytes()));
-                scene_files.push((format!("{}-{variant}.xosc", self.scene), scenario.into_bytes()));
+                scene_files.extend(files.scenario(scenarios, &scene, &written, &facts)?);
             }
             let scores = ChosenScores { scores, avoidable, r157_avoids };
             let row =
@@ -238,20 +233,6 @@ impl SceneWriter<'_> {
         Ok(lines)
     }
 
-    /// Refuses a scene whose outputs would have names that no file can have.
-    fn check_names(&self, files: &VariantWriter) -> Result<()> {
-        for variant in self.plan.variants() {
-            let name =
-                dataset::file_name(files.dataset(), files.version(), &format!("{}-{variant}", self.scene));
-            ensure!(
-                name.len() <= LONGEST_FILE_NAME,
-                "an output would have a name of {} bytes, more than {LONGEST_FILE_NAME}; rename the scene file",
-                name.len()
-            );
-        }
-        Ok(())
-    }
-
     /// What an OpenSCENARIO file says about its attack.
     fn facts(
         &self,
@@ -275,42 +256,6 @@ impl SceneWriter<'_> {
             facts.insert(key.to_owned(), value);
         }
         facts
-    }
-
-    /// The attacked scene as data set files, as file names and contents.
-    fn scene_files(
-        &self,
-        files: &VariantWriter,
-        scene: &Scene,
-        attack: &Attack,
-        variant: &str,
-        described: &Map<String, Value>,
-    ) -> Result<Vec<(String, Vec<u8>)>> {
-        let plan = self.plan;
-        let mut provenance = described.clone();
-        for (key, value) in [
-            ("by", json!(concat!("sage ", env!("CARGO_PKG_VERSION")))),
-            ("command", json!(output::command())),
-            ("weights", json!(self.attacker.weights)),
-            ("seed", json!(plan.args.attack.seed)),
-        ] {
-            provenance.insert(key.to_owned(), value);
-        }
-        let provenance = Value::Object(provenance).to_string();
-        let attacked = attacked(scene, attack.trajectory())?;
-        let attacked_files = files.variant(&attacked, &provenance)?;
-        let name = format!("{}-{variant}", self.scene);
-        let mut all = Vec::with_capacity(2);
-        if plan.writes_pickles() {
-            all.push((
-                dataset::file_name(files.dataset(), files.version(), &name),
-                attacked_files.to_pickle(),
-            ));
-        }
-        if plan.writes_native() {
-            all.push((format!("{name}.safetensors"), attacked_files.to_native()?));
-        }
-        Ok(all)
     }
 
     fn row<'r>(
@@ -348,11 +293,6 @@ impl SceneWriter<'_> {
         written
             .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
     }
-}
-
-/// Licence and origin of a recording, for OpenSCENARIO files.
-fn scenario_origin(recording: &Recording) -> Result<(Option<License>, Provenance)> {
-    Ok((scenario_files::license(recording)?, scenario_files::provenance(recording)?))
 }
 
 /// The evasive manoeuvre for the picture of an attack.

@@ -6,6 +6,7 @@ use serde_json::{Map, Value, json};
 
 use crate::{
     Registries,
+    attacked_files::Formats,
     attackers::Attackers,
     cli::{DatasetFormat, GenerateArgs},
     ego::{self, Ego},
@@ -46,19 +47,23 @@ impl<'a> Plan<'a> {
         matches!(self.args.format, DatasetFormat::Both | DatasetFormat::Pickle)
     }
 
-    /// True if native files are written.
-    pub(super) fn writes_native(&self) -> bool {
-        matches!(self.args.format, DatasetFormat::Both | DatasetFormat::Native)
-    }
-
     /// Choices for OpenSCENARIO files, without the licence; `None` if none are written.
-    pub(super) fn scenario_options(&self) -> Option<Options> {
+    fn scenario_options(&self) -> Option<Options> {
         let GenerateArgs { format, standard, scenario_ego, .. } = self.args;
         (*format == DatasetFormat::Openscenario).then(|| Options {
             standard: standard.unwrap_or_default(),
             ego: scenario_ego.unwrap_or_default(),
             license: None,
         })
+    }
+
+    /// The files of each attack.
+    pub(super) fn formats(&self) -> Formats {
+        Formats {
+            pickle: self.writes_pickles(),
+            native: matches!(self.args.format, DatasetFormat::Both | DatasetFormat::Native),
+            scenario: self.scenario_options(),
+        }
     }
 
     /// Identity of this run. The folder of another run is refused.

@@ -1,0 +1,135 @@
+//! The files of an attacked scene: pickle, native file, OpenSCENARIO.
+
+use anyhow::{Result, ensure};
+use sage_core::{motion::Trajectory, scene::Scene};
+use sage_data::{
+    Recording, VariantWriter, dataset,
+    openscenario::{Export, License, Options, Provenance},
+};
+use sage_generators::attacked;
+use serde_json::{Map, Value, json};
+
+use crate::{
+    output::{self, LONGEST_FILE_NAME},
+    scenario_files::{self, with_facts},
+};
+
+/// Which files are written.
+#[derive(Clone, Debug)]
+pub(crate) struct Formats {
+    pub(crate) pickle: bool,
+    pub(crate) native: bool,
+    /// Choices for OpenSCENARIO files, without the licence; `None` if none are written.
+    pub(crate) scenario: Option<Options>,
+}
+
+/// What an attacked scene is made from, beside the scene and the plan.
+pub(crate) struct Attack<'a> {
+    pub(crate) trajectory: &'a Trajectory,
+    /// Name of the attack, as part of file names.
+    pub(crate) variant: &'a str,
+    /// How it was generated.
+    pub(crate) described: &'a Map<String, Value>,
+    pub(crate) weights: Option<&'a str>,
+    pub(crate) seed: u64,
+}
+
+/// Writes attacks into one recorded scene.
+pub(crate) struct AttackedFiles<'s> {
+    scene: &'s str,
+    formats: Formats,
+    writer: VariantWriter,
+    origin: Option<(Option<License>, Provenance)>,
+}
+
+/// The OpenSCENARIO files of one scene: their map is made once.
+pub(crate) struct Scenarios<'f> {
+    export: Export,
+    origin: &'f Provenance,
+}
+
+impl<'s> AttackedFiles<'s> {
+    /// A writer for a recording, whose files have names that begin with `scene`.
+    ///
+    /// *Errors*: the recording cannot be written, or has no licence or origin that OpenSCENARIO could state.
+    pub(crate) fn new(recording: &Recording, scene: &'s str, formats: Formats) -> Result<Self> {
+        let writer = VariantWriter::new(recording)?;
+        let origin = match formats.scenario {
+            Some(_) => Some((scenario_files::license(recording)?, scenario_files::provenance(recording)?)),
+            None => None,
+        };
+        Ok(Self { scene, formats, writer, origin })
+    }
+
+    /// Refuses a scene whose outputs would have names that no file can have.
+    ///
+    /// *Errors*: the name of a variant is too long.
+    pub(crate) fn check_names<'v>(&self, variants: impl Iterator<Item = &'v str>) -> Result<()> {
+        for variant in variants {
+            let (dataset, version) = (self.writer.dataset(), self.writer.version());
+            let name = dataset::file_name(dataset, version, &format!("{}-{variant}", self.scene));
+            ensure!(
+                name.len() <= LONGEST_FILE_NAME,
+                "an output would have a name of {} bytes, more than {LONGEST_FILE_NAME}; rename the scene file",
+                name.len()
+            );
+        }
+        Ok(())
+    }
+
+    /// The OpenSCENARIO files of a scene; `None` if none are written.
+    pub(crate) fn scenarios(&self, scene: &Scene) -> Option<Scenarios<'_>> {
+        let (options, (license, origin)) = self.formats.scenario.clone().zip(self.origin.as_ref())?;
+        Some(Scenarios { export: Export::new(scene, Options { license: license.clone(), ..options }), origin })
+    }
+
+    /// Pickle and native file of an attack, as file names and contents.
+    ///
+    /// *Errors*: an attack that the scene cannot hold.
+    pub(crate) fn files(&self, scene: &Scene, attack: &Attack) -> Result<Vec<(String, Vec<u8>)>> {
+        let mut all = Vec::with_capacity(2);
+        if !self.formats.pickle && !self.formats.native {
+            return Ok(all);
+        }
+        let mut provenance = attack.described.clone();
+        for (key, value) in [
+            ("by", json!(concat!("sage ", env!("CARGO_PKG_VERSION")))),
+            ("command", json!(output::command())),
+            ("weights", json!(attack.weights)),
+            ("seed", json!(attack.seed)),
+        ] {
+            provenance.insert(key.to_owned(), value);
+        }
+        let attacked = attacked(scene, attack.trajectory)?;
+        let provenance = Value::Object(provenance).to_string();
+        let files = self.writer.variant(&attacked, &provenance)?;
+        let name = format!("{}-{}", self.scene, attack.variant);
+        if self.formats.pickle {
+            let (dataset, version) = (self.writer.dataset(), self.writer.version());
+            all.push((dataset::file_name(dataset, version, &name), files.to_pickle()));
+        }
+        if self.formats.native {
+            all.push((format!("{name}.safetensors"), files.to_native()?));
+        }
+        Ok(all)
+    }
+
+    /// Map and scenario of an attack. The scenario goes after its map.
+    ///
+    /// *Errors*: as [`AttackedFiles::files`].
+    pub(crate) fn scenario(
+        &self,
+        scenarios: &Scenarios,
+        scene: &Scene,
+        attack: &Attack,
+        facts: &Map<String, Value>,
+    ) -> Result<[(String, Vec<u8>); 2]> {
+        let attacked = attacked(scene, attack.trajectory)?;
+        let scenario = scenarios.export.scenario(&attacked, &with_facts(scenarios.origin.clone(), facts));
+        let network = scenarios.export.network();
+        Ok([
+            (network.file_name(), network.xml.clone().into_bytes()),
+            (format!("{}-{}.xosc", self.scene, attack.variant), scenario.into_bytes()),
+        ])
+    }
+}

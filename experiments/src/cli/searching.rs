@@ -1,0 +1,130 @@
+//! Arguments of `sage search`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum, builder::PossibleValue};
+use sage_data::{
+    dataset::Shard,
+    openscenario::{EgoMode, Standard},
+};
+use sage_sim::search::{MOST_PLANS, Order, Requirement};
+
+use super::{
+    AttackArgs, FolderArgs, PlannerArgs, ReadingArgs,
+    avoiding::AvoidableArgs,
+    converting::{ego_modes, standards},
+};
+use crate::part::{Part, PolicyPart};
+
+/// Search for what a driver fails at: drive against many plans of the adversary, and keep the failures.
+///
+/// SCENE is a scene file, a shard, a record (SHARD#3), or a folder of them. In each scene the driver drives the unchanged
+/// scene once, and then up to --budget times against a plan of the adversary; what it has done decides which plan is next.
+/// A plan is a failure if its attacked drive meets all clauses of --require: `attack` (the first contact is with the
+/// adversary, and not there without the attack), `believable`, `at-fault` (by nuPlan's rule), and `avoidable` (an evasive
+/// manoeuvre exists).
+///
+/// The plans are those of SAGE at five lambda, of its mixtures with the lawful expert, and of random goals, as far as they are
+/// feasible (--feasibility, by default `drivable`). --method searches the plans of one generator instead; `king`,
+/// `adv-traj-opt` and `rule` plan anew against the newest drive.
+///
+/// The output folder holds a JSON row and a picture per scene, a JSON file of all its drives, and for each failure a row and the
+/// files of the attacked scene, as `sage generate` writes them. `docs/searching.md` describes all files. Scenes run in parallel; the same command resumes an interrupted run.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sage search examples/crossing.pkl --ego idm --out failures/\n  sage search scenes/ --ego 'cmd:python3 my_planner.py' --budget 32 --require attack,believable --out failures/\n  sage search scenes/ --ego pdm --first --shard 2/8 --out failures/\n  sage simulate examples/crossing.pkl --ego idm --attack failures/crossing-failure1.json --out watch/"
+)]
+pub(crate) struct SearchArgs {
+    /// Scene file, shard, record (SHARD#3), or folder of them.
+    pub scene: PathBuf,
+    /// Driver under test: a policy by its name in `sage list`; path:FILE, a drive of your own planner; or 'cmd:COMMAND',
+    /// your own planner as a program.
+    #[arg(long, value_name = "POLICY")]
+    pub ego: PolicyPart,
+    #[command(flatten)]
+    pub planner: PlannerArgs,
+    /// Largest number of attacked drives in a scene.
+    #[arg(long, value_name = "N", default_value_t = 64, value_parser = budget)]
+    pub budget: usize,
+    /// Comma-separated clauses that make a plan a failure.
+    #[arg(long, value_name = "CLAUSES", default_value_t = Requirement::default())]
+    pub require: Requirement,
+    /// Stop in each scene at the first failure.
+    #[arg(long)]
+    pub first: bool,
+    /// Order of the plans: `surrogate` drives first against what earlier drives make likely to fail; `random` and `pool` (by
+    /// likelihood) do not learn from drives.
+    #[arg(long, value_name = "ORDER", default_value = "surrogate")]
+    pub order: OrderArg,
+    /// Search the plans of this generator, by its name in `sage list`, instead of the default ones.
+    #[arg(long, value_name = "NAME")]
+    pub method: Option<Part>,
+    /// Largest number of plans of a scene.
+    #[arg(long, value_name = "N", default_value_t = MOST_PLANS, value_parser = budget)]
+    pub plans: usize,
+    #[command(flatten)]
+    pub attack: AttackArgs,
+    #[command(flatten)]
+    pub avoidable: AvoidableArgs,
+    /// Print one JSON object per scene.
+    #[arg(long)]
+    pub json: bool,
+    /// Formats of the attacked scenes.
+    #[arg(long, value_enum, default_value_t = SearchFormat::Native)]
+    pub format: SearchFormat,
+    /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
+    #[arg(long, value_name = "VERSION", value_parser = standards())]
+    pub standard: Option<Standard>,
+    /// Who drives the ego with --format openscenario: the recording, or an external controller that gets a start
+    /// speed and a route (default: replay).
+    #[arg(long, value_name = "WHO", value_parser = ego_modes())]
+    pub scenario_ego: Option<EgoMode>,
+    /// Search only the scenes of shard K of N. Several machines can write all shards into one folder.
+    #[arg(long, value_name = "K/N")]
+    pub shard: Option<Shard>,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
+}
+
+/// Formats of the attacked scenes of a search.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SearchFormat {
+    /// Native files (safetensors).
+    Native,
+    /// MetaDrive pickles, with `dataset_summary.pkl` and `dataset_mapping.pkl`.
+    Pickle,
+    /// Pickles and native files.
+    Both,
+    /// OpenSCENARIO files and their OpenDRIVE maps, for simulators.
+    Openscenario,
+    /// No scene files: the rows alone hold the plans.
+    None,
+}
+
+/// Names of [`Order`].
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct OrderArg(pub Order);
+
+impl ValueEnum for OrderArg {
+    fn value_variants<'a>() -> &'a [Self] {
+        &[Self(Order::Surrogate), Self(Order::Random), Self(Order::Pool)]
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(PossibleValue::new(match self.0 {
+            Order::Surrogate => "surrogate",
+            Order::Random => "random",
+            Order::Pool => "pool",
+        }))
+    }
+}
+
+/// Most drives or plans of a scene.
+const MOST: usize = 100_000;
+
+fn budget(text: &str) -> Result<usize, String> {
+    let number = text.trim().parse().ok().filter(|number| (1..=MOST).contains(number));
+    number.ok_or_else(|| format!("expected a whole number from 1 to {MOST}"))
+}

@@ -1,0 +1,288 @@
+//! The rows of a search: one a scene, one a failure, and a file of all drives.
+
+use std::path::Path;
+
+use sage_core::{files, motion::Trajectory, objective::kinematic_penalty};
+use sage_sim::{
+    avoidable::Avoidable,
+    search::{Clause, Clauses, Failure, Judged, Met, Pool, PoolCounts, Reason, Requirement, SearchResult},
+};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
+
+use crate::{
+    operating_point::RowKey,
+    scene_queue::ROW_LIMIT,
+    terminal,
+};
+
+/// Name of the row of a scene.
+pub(super) fn row_file(scene: &str) -> String {
+    format!("{scene}.json")
+}
+
+/// Name of the file of all drives of a scene.
+pub(super) fn drives_file(scene: &str) -> String {
+    format!("{scene}-drives.json")
+}
+
+/// Name of a failure, as part of file names; `number` counts from 1.
+pub(super) fn failure_name(number: usize) -> String {
+    format!("failure{number}")
+}
+
+/// Fields that every row begins with.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct RowHead {
+    /// Hash of the run's identity. The first field, so that it can be checked without reading the row.
+    pub(super) run_hash: String,
+    /// Name of the input file without its ending.
+    pub(super) scene: String,
+    /// The driver under test.
+    pub(super) ego: String,
+    /// Hash of the input file.
+    pub(super) source_hash: String,
+    pub(super) seed: u64,
+    /// Track of the adversary.
+    pub(super) adversary: String,
+}
+
+/// The row of a scene.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct SceneRow {
+    #[serde(flatten)]
+    pub(super) head: RowHead,
+    /// All files of the scene but its row.
+    pub(super) files: Vec<String>,
+    /// What makes a plan a failure.
+    pub(super) require: Requirement,
+    /// Plans by what became of them, and how many were driven against.
+    pub(super) plans: PlanCounts,
+    /// Attacked drives.
+    pub(super) drives: usize,
+    /// Drives in which the driver gave an error.
+    pub(super) errors: usize,
+    /// Drives by the clauses that they meet, each with the ones before it.
+    pub(super) attacks: usize,
+    pub(super) believable: usize,
+    pub(super) at_fault: usize,
+    /// Drives that meet all required clauses.
+    pub(super) failures: usize,
+    /// Why there is no failure.
+    pub(super) reason: Option<Reason>,
+    /// The furthest clause that a drive missed, whatever ended the search.
+    pub(super) reached: Option<Reason>,
+    /// Drives until the first failure, that one included.
+    pub(super) first_failure: Option<usize>,
+    /// Step of the first contact of the unattacked drive.
+    pub(super) unattacked_contact: Option<i64>,
+    /// The failure with the largest reward.
+    pub(super) worst: Option<FoundFailure>,
+    /// The failure that is likeliest under the prior.
+    pub(super) mildest: Option<FoundFailure>,
+}
+
+/// Plans of a scene.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) struct PlanCounts {
+    #[serde(flatten)]
+    counts: PoolCounts,
+    /// In the pool.
+    in_pool: usize,
+}
+
+/// A failure as the row of its scene names it.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct FoundFailure {
+    /// File of its row.
+    row: String,
+    /// Its drive, 1 the first.
+    drive: usize,
+    /// Where its plan comes from.
+    plan: PlanRow,
+    /// Seconds from *now* to the contact.
+    contact_after: f64,
+    contact: Option<Met>,
+    clauses: Clauses,
+    reward: f64,
+    time_to_react: Option<f64>,
+}
+
+/// Where a plan comes from.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub(super) struct PlanRow {
+    /// Its number in the pool.
+    number: usize,
+    /// Generator.
+    method: String,
+    lambda: Option<f64>,
+    #[serde(default, skip_serializing_if = "Map::is_empty")]
+    mix: Map<String, Value>,
+    /// Negative log-likelihood under the prior, nats, up to a constant of the scene.
+    nll: Option<f64>,
+    /// Kinematic penalty of the paper.
+    kinematic_penalty: f64,
+}
+
+impl PlanRow {
+    pub(super) fn new(pool: &Pool, number: usize, source: Option<&RowKey>) -> Self {
+        let plan = &pool.plans[number];
+        let point = source.and_then(|key| key.point.as_ref());
+        let mix = point.iter().flat_map(|point| &point.mix);
+        Self {
+            number,
+            method: source.map(|key| key.part().to_string()).unwrap_or_default(),
+            lambda: point.and_then(|point| point.lambda),
+            mix: mix.map(|(name, weight)| (name.clone(), json!(weight))).collect(),
+            nll: plan.proposal.nll,
+            kinematic_penalty: kinematic_penalty(plan.candidate.profile()),
+        }
+    }
+
+    /// The plan in words.
+    fn words(&self) -> String {
+        let name = self.method.split('{').next().unwrap_or_default();
+        match self.lambda {
+            Some(lambda) => format!("{name} {lambda:.2}"),
+            None => name.to_owned(),
+        }
+    }
+}
+
+/// The row of a failure: like that of `sage generate`, and as `sage simulate --attack` reads it.
+#[derive(Serialize)]
+pub(super) struct FailureRow<'r> {
+    #[serde(flatten)]
+    pub(super) head: &'r RowHead,
+    /// Name of the failure, as in file names.
+    pub(super) variant: &'r str,
+    /// The scene files of this attack.
+    pub(super) files: Vec<String>,
+    #[serde(flatten)]
+    pub(super) described: &'r Map<String, Value>,
+    pub(super) trajectory: &'r Trajectory,
+    pub(super) feasible: bool,
+    /// Its drive, 1 the first.
+    pub(super) drive: usize,
+    pub(super) plan: PlanRow,
+    #[serde(flatten)]
+    pub(super) judged: JudgedRow<'r>,
+    /// The ego's path in the attacked drive, after the contact at constant velocity: `ego` of `sage score`.
+    pub(super) ego_path: Vec<[f64; 3]>,
+    #[serde(flatten)]
+    pub(super) avoidable: &'r Avoidable,
+}
+
+/// What an attacked drive was found to be.
+#[derive(Serialize)]
+pub(super) struct JudgedRow<'r> {
+    contact: Option<&'r Met>,
+    clauses: Clauses,
+    reward: f64,
+    avoidable_r157: Option<bool>,
+}
+
+impl<'r> JudgedRow<'r> {
+    pub(super) fn of(judged: &'r Judged) -> Self {
+        let Judged { contact, clauses, reward, avoidable_r157, .. } = judged;
+        Self { contact: contact.as_ref(), clauses: *clauses, reward: *reward, avoidable_r157: *avoidable_r157 }
+    }
+}
+
+/// The file of all drives of a scene.
+#[derive(Serialize)]
+pub(super) struct DrivesFile<'r> {
+    #[serde(flatten)]
+    pub(super) head: &'r RowHead,
+    /// In their order.
+    pub(super) drives: Vec<DrivenRow<'r>>,
+}
+
+/// One attacked drive.
+#[derive(Serialize)]
+pub(super) struct DrivenRow<'r> {
+    pub(super) plan: PlanRow,
+    #[serde(flatten)]
+    pub(super) judged: JudgedRow<'r>,
+    pub(super) time_to_react: Option<f64>,
+    pub(super) error: Option<&'r str>,
+    pub(super) trajectory: &'r Trajectory,
+}
+
+impl SceneRow {
+    /// The row of a search; `source` finds the source of a plan.
+    pub(super) fn new<'k>(
+        head: RowHead,
+        require: Requirement,
+        pool: &Pool,
+        result: &SearchResult,
+        source: impl Fn(usize) -> Option<&'k RowKey>,
+    ) -> Self {
+        let found = |failure: &Failure| {
+            let judged = &result.driven[failure.drive];
+            let number = result.failures.iter().position(|other| other.drive == failure.drive).unwrap_or(0) + 1;
+            FoundFailure {
+                row: row_file(&format!("{}-{}", head.scene, failure_name(number))),
+                drive: failure.drive + 1,
+                plan: PlanRow::new(pool, judged.plan, source(pool.plans[judged.plan].source)),
+                contact_after: judged.contact.as_ref().map_or(0.0, |met| met.step as f64 / 10.0),
+                contact: judged.contact.clone(),
+                clauses: judged.clauses,
+                reward: judged.reward,
+                time_to_react: judged.time_to_react,
+            }
+        };
+        Self {
+            files: Vec::new(),
+            require,
+            plans: PlanCounts { counts: pool.counts, in_pool: pool.plans.len() },
+            drives: result.driven.len(),
+            errors: result.driven.iter().filter(|judged| judged.error.is_some()).count(),
+            attacks: result.count(Clause::Attack),
+            believable: result.count(Clause::Believable),
+            at_fault: result.count(Clause::AtFault),
+            failures: result.failures.len(),
+            reason: result.reason,
+            reached: result.reached,
+            first_failure: result.failures.first().map(|failure| failure.drive + 1),
+            unattacked_contact: None,
+            worst: result.worst().map(found),
+            mildest: result.mildest(pool).map(found),
+            head,
+        }
+    }
+
+    /// Reads a row; `None` if the file is missing or incomplete.
+    pub(super) fn read(path: &Path) -> Option<Self> {
+        serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
+    }
+
+    /// The printed line; `seconds` is the time of the search, `None` if an earlier run finished it.
+    pub(super) fn line(&self, seconds: Option<f64>) -> String {
+        let drives = crate::progress::count(self.drives, "drive");
+        let found = match (self.failures, self.reason) {
+            (0, Some(Reason::Budget)) => {
+                let reached = self.reached.map_or("", Reason::words);
+                format!("no failure in {drives}, plans left: {reached}")
+            }
+            (0, reason) => format!("no failure in {drives}: {}", reason.map_or("", Reason::words)),
+            (failures, _) => {
+                let failures = crate::progress::count(failures, "failure");
+                let first = self.first_failure.unwrap_or_default();
+                let words = |failure: &Option<FoundFailure>| {
+                    failure.as_ref().map_or(String::new(), |failure| {
+                        format!("{} contact after {:.1} s", failure.plan.words(), failure.contact_after)
+                    })
+                };
+                let [worst, mildest] = [words(&self.worst), words(&self.mildest)];
+                format!("{failures} in {drives}, the first in drive {first}; worst: {worst}; mildest: {mildest}")
+            }
+        };
+        let errors = match self.errors {
+            0 => String::new(),
+            errors => format!("; {}", crate::progress::count(errors, "drive with an error of the driver")),
+        };
+        let time = seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s));
+        format!("{}: {found}{errors} ({time})", terminal::escaped_name(&self.head.scene))
+    }
+}

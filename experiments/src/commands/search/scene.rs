@@ -1,0 +1,250 @@
+//! Searches one scene and writes its files.
+
+use std::{sync::Arc, time::Instant};
+
+use anyhow::{Context as _, Result, anyhow};
+use sage_core::{
+    files,
+    scene::{Scene, SceneIndex},
+};
+use sage_data::{Recording, checks};
+use sage_sim::{
+    SimScene,
+    attack_test::AttackTest,
+    search::{Failure as DriverFailure, Pool, Reason, SearchResult},
+};
+use serde_json::{Map, Value, json};
+
+use super::{
+    picture,
+    row::{
+        DrivenRow, DrivesFile, FailureRow, JudgedRow, PlanRow, RowHead, SceneRow, drives_file, failure_name, row_file,
+    },
+    searcher::{Searcher, Sources},
+};
+use crate::{
+    attacked_files::{Attack, AttackedFiles, Scenarios},
+    contact_row::step,
+    output::DatasetRun,
+    scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
+};
+
+/// Name of the picture of a scene.
+pub(super) fn picture_file(scene: &str) -> String {
+    format!("{scene}.svg")
+}
+
+/// Searches a scene and writes its files, unless they exist.
+///
+/// *Errors*: [`Failure`].
+pub(super) fn search_scene(
+    searcher: &Searcher,
+    run: &DatasetRun,
+    input: &Input,
+) -> Result<SceneReport, Failure> {
+    let fail = |error: anyhow::Error| Failure::Scene(error);
+    let bytes = sage_data::read_bytes(&input.file).map_err(|error| fail(error.into()))?;
+    let source_hash = blake3::hash(&bytes).to_hex()[..16].to_owned();
+    if let Some(found) = finished(run, input, &source_hash).map_err(fail)? {
+        return Ok(found);
+    }
+    let recording = Recording::from_bytes_as(&input.file, bytes, &searcher.args.reading.options())
+        .map_err(|error| fail(error.into()))?;
+    let is_procedural =
+        !searcher.needs_origin() || recording.is_procedural().map_err(|error| fail(error.into()))?;
+    let sources = searcher.sources(is_procedural).map_err(Failure::Run)?;
+    let one = OneScene { searcher, run, sources: &sources, name: &input.scene, source_hash: &source_hash };
+    one.search(&recording).map_err(|error| match error.downcast_ref() {
+        Some(sage_core::Error::ContactNow { .. }) => {
+            Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() }
+        }
+        _ => fail(error),
+    })
+}
+
+/// The line of a scene whose files all exist; `None` if any is missing.
+///
+/// *Errors*: the row is of another input file with the same name.
+fn finished(run: &DatasetRun, input: &Input, source_hash: &str) -> Result<Option<SceneReport>> {
+    let folder = run.folder().path();
+    let file = row_file(&input.scene);
+    let path = folder.join(&file);
+    if !is_row_of(&path, run.hash()) {
+        return Ok(None);
+    }
+    let Some(row) = SceneRow::read(&path) else { return Ok(None) };
+    if row.head.source_hash != source_hash {
+        return Err(anyhow!(
+            "`{}` is of another `{}`; give --force to replace it, or name another --out",
+            path.display(),
+            input.file.display()
+        ));
+    }
+    let exists = |name: &String| std::fs::metadata(folder.join(name)).is_ok_and(|f| f.is_file() && f.len() > 0);
+    let line = Line { text: row.line(None), row: file, seconds: None };
+    Ok(row.files.iter().all(exists).then(|| SceneReport::found(vec![line])))
+}
+
+/// Searches one scene.
+struct OneScene<'s> {
+    searcher: &'s Searcher<'s>,
+    run: &'s DatasetRun,
+    sources: &'s Sources,
+    name: &'s str,
+    source_hash: &'s str,
+}
+
+impl OneScene<'_> {
+    fn search(&self, recording: &Recording) -> Result<SceneReport> {
+        let Self { searcher, sources, .. } = self;
+        let args = searcher.args;
+        let clock = Instant::now();
+        let warnings = checks::important(&recording.scene);
+        let files = AttackedFiles::new(recording, self.name, searcher.formats())?;
+        files.check_names([&*failure_name(searcher.options.budget)].into_iter())?;
+        let scene = Arc::new(recording.scene.clone().with_roles(None, args.attack.adversary.as_deref())?);
+        scene.attackable_horizon()?;
+        scene.check_apart_now()?;
+        let index = SceneIndex::new(scene.map.clone());
+        let simulated = SimScene::new(scene.clone(), index)?;
+        let failed = || format!("the policy `{}` cannot drive here", searcher.ego.label);
+        let test = AttackTest::new(&*searcher.ego.policy, &simulated, args.attack.seed).with_context(failed)?;
+        let ctx = test.context()?;
+        ctx.check_apart_now()?;
+        let rule = &searcher.rule.objective;
+        let (pool, result) = sources.plans.search(&test, &ctx, rule, &searcher.options, args.attack.seed)?;
+        if result.reason == Some(Reason::Error) {
+            let first = result.driven.first().and_then(|judged| judged.error.clone()).unwrap_or_default();
+            return Err(anyhow!("every attacked drive ended in an error; the first: {first}"));
+        }
+        let head = RowHead {
+            run_hash: self.run.hash().to_owned(),
+            scene: self.name.to_owned(),
+            ego: searcher.ego.label.clone(),
+            source_hash: self.source_hash.to_owned(),
+            seed: args.attack.seed,
+            adversary: ctx.adversary().id.clone(),
+        };
+        let source = |number| sources.plans.source(number);
+        let mut row = SceneRow::new(head, searcher.options.require, &pool, &result, source);
+        row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
+        let recorded = test.recorded();
+        let mut written = self.failure_files(&files, &recorded, &row.head, &pool, &result)?;
+        written.push((drives_file(self.name), serde_json::to_vec(&self.drives(&row.head, &pool, &result))?));
+        let picture = picture::draw(self.name, &recorded, &ctx, &pool, &result);
+        written.push((picture_file(self.name), picture.into_bytes()));
+        row.files = written.iter().map(|(name, _)| name.clone()).collect();
+        // Several failures share the map of their scenarios.
+        row.files.sort();
+        row.files.dedup();
+        // The row is written last, because its presence means that the other files are complete.
+        written.push((row_file(self.name), serde_json::to_vec(&row)?));
+        self.write(&written)?;
+        let seconds = clock.elapsed().as_secs_f64();
+        let line = Line { text: row.line(Some(seconds)), row: row_file(self.name), seconds: Some(seconds) };
+        Ok(SceneReport { lines: vec![line], seconds: Some(seconds), warnings, failures: Vec::new() })
+    }
+
+    /// The rows and scenes of all failures.
+    fn failure_files(
+        &self,
+        files: &AttackedFiles,
+        scene: &Scene,
+        head: &RowHead,
+        pool: &Pool,
+        result: &SearchResult,
+    ) -> Result<Vec<(String, Vec<u8>)>> {
+        let scenarios = files.scenarios(scene);
+        let mut all = Vec::new();
+        for (k, failure) in result.failures.iter().enumerate() {
+            let variant = failure_name(k + 1);
+            all.extend(self.one_failure((files, scenarios.as_ref()), scene, head, pool, result, (failure, &variant))?);
+        }
+        Ok(all)
+    }
+
+    fn one_failure(
+        &self,
+        (files, scenarios): (&AttackedFiles, Option<&Scenarios>),
+        scene: &Scene,
+        head: &RowHead,
+        pool: &Pool,
+        result: &SearchResult,
+        (failure, variant): (&DriverFailure, &str),
+    ) -> Result<Vec<(String, Vec<u8>)>> {
+        let (searcher, judged) = (self.searcher, &result.driven[failure.drive]);
+        let plan = &pool.plans[judged.plan];
+        let key = self.sources.plans.source(plan.source);
+        let described = self.described(key.and_then(|key| serde_json::to_value(key).ok()));
+        let attack = Attack {
+            trajectory: &plan.proposal.trajectory,
+            variant,
+            described: &described,
+            weights: self.sources.weights.as_deref(),
+            seed: searcher.args.attack.seed,
+        };
+        let mut all = files.files(scene, &attack)?;
+        if let Some(scenarios) = scenarios {
+            let mut facts = described.clone();
+            facts.insert("seed".to_owned(), json!(searcher.args.attack.seed));
+            facts.insert("adversary".to_owned(), json!(head.adversary));
+            let after = judged.contact.as_ref().map(|met| met.step as f64 / 10.0);
+            facts.insert("contact_after_seconds".to_owned(), json!(after));
+            facts.insert("adversarial_reward".to_owned(), json!(judged.reward));
+            all.extend(files.scenario(scenarios, scene, &attack, &facts)?);
+        }
+        let path = failure.path.positions.iter().zip(&failure.path.headings);
+        let row = FailureRow {
+            head,
+            variant,
+            files: all.iter().map(|(name, _)| name.clone()).collect(),
+            described: &described,
+            trajectory: &plan.proposal.trajectory,
+            feasible: true,
+            drive: failure.drive + 1,
+            plan: PlanRow::new(pool, judged.plan, key),
+            judged: JudgedRow::of(judged),
+            ego_path: path.map(|([x, y], heading)| [*x, *y, *heading]).collect(),
+            avoidable: &failure.avoidable,
+        };
+        all.push((row_file(&format!("{}-{variant}", self.name)), serde_json::to_vec(&row)?));
+        Ok(all)
+    }
+
+    /// How a plan was generated.
+    fn described(&self, key: Option<Value>) -> Map<String, Value> {
+        let key = key.unwrap_or_default();
+        let point = &key["point"];
+        let described = json!({
+            "method": key["method"], "options": key["options"], "lambda": point["lambda"], "mu": point["mu"],
+            "aggression": point["aggression"], "search": self.searcher.options,
+            "merger": self.searcher.args.attack.points.merging.merger.to_string(),
+        });
+        let Value::Object(mut described) = described else { return Map::new() };
+        if let Some(mix) = point["mix"].as_array() {
+            let mix = mix.iter().map(|pair| (pair[0].as_str().unwrap_or_default().to_owned(), pair[1].clone()));
+            described.insert("mix".to_owned(), Value::Object(mix.collect()));
+        }
+        described
+    }
+
+    fn drives<'r>(&'r self, head: &'r RowHead, pool: &'r Pool, result: &'r SearchResult) -> DrivesFile<'r> {
+        let row = |judged: &'r sage_sim::search::Judged| {
+            let plan = &pool.plans[judged.plan];
+            DrivenRow {
+                plan: PlanRow::new(pool, judged.plan, self.sources.plans.source(plan.source)),
+                judged: JudgedRow::of(judged),
+                time_to_react: judged.time_to_react,
+                error: judged.error.as_deref(),
+                trajectory: &plan.proposal.trajectory,
+            }
+        };
+        DrivesFile { head, drives: result.driven.iter().map(row).collect() }
+    }
+
+    fn write(&self, all: &[(String, Vec<u8>)]) -> Result<()> {
+        let all = all.iter().map(|(name, bytes)| (&name[..], &bytes[..]));
+        files::write_all(self.run.folder().path(), all)
+            .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
+    }
+}

@@ -1,0 +1,83 @@
+//! What a search found over all scenes.
+
+use std::collections::BTreeMap;
+
+use sage_core::statistics::wilson;
+use sage_sim::search::{Reason, Requirement};
+use serde_json::{Value, json};
+
+use super::row::SceneRow;
+use crate::progress::count;
+
+/// Counts over the scenes that are done.
+pub(super) struct Summary {
+    require: Requirement,
+    scenes: usize,
+    drives: usize,
+    errors: usize,
+    /// Scenes with an attack, a believable one, one at fault, a failure.
+    with: [usize; 4],
+    /// Scenes without a failure by reason.
+    reasons: BTreeMap<Reason, usize>,
+}
+
+/// Names of [`Summary::with`].
+const NAMES: [&str; 4] = ["attack", "believable", "at_fault", "failure"];
+
+impl Summary {
+    pub(super) fn of(rows: impl Iterator<Item = SceneRow>, require: Requirement) -> Self {
+        let (with, reasons) = ([0; 4], BTreeMap::new());
+        let mut all = Self { require, scenes: 0, drives: 0, errors: 0, with, reasons };
+        for row in rows {
+            all.scenes += 1;
+            all.drives += row.drives;
+            all.errors += row.errors;
+            let found = [row.attacks, row.believable, row.at_fault, row.failures];
+            for (scenes, found) in all.with.iter_mut().zip(found) {
+                *scenes += usize::from(found > 0);
+            }
+            if let Some(reason) = row.reason {
+                *all.reasons.entry(reason).or_default() += 1;
+            }
+        }
+        all
+    }
+
+    /// The counts for the record of the run.
+    pub(super) fn json(&self) -> Value {
+        let mut all = json!({
+            "done": self.scenes, "drives": self.drives, "errors": self.errors, "reasons": self.reasons,
+        });
+        for (name, scenes) in NAMES.iter().zip(self.with) {
+            all["scenes_with"][*name] = json!(scenes);
+        }
+        all
+    }
+
+    /// The counts in words.
+    pub(super) fn text(&self) -> String {
+        let [.., failures] = self.with;
+        let share = |scenes: usize| match wilson(scenes, self.scenes) {
+            Some(share) => format!(
+                "{:.1} % [{:.1}, {:.1}]",
+                100.0 * share.value,
+                100.0 * share.low,
+                100.0 * share.high
+            ),
+            None => "none".to_owned(),
+        };
+        let mut lines = vec![format!(
+            "{} of {} with a failure ({}): {}; {}{}",
+            failures,
+            count(self.scenes, "scene"),
+            self.require,
+            share(failures),
+            count(self.drives, "drive"),
+            if self.errors > 0 { format!(", {} of them with an error of the driver", self.errors) } else { String::new() },
+        )];
+        for (reason, scenes) in &self.reasons {
+            lines.push(format!("  {}: {}", count(*scenes, "scene"), reason.words()));
+        }
+        lines.join("\n")
+    }
+}

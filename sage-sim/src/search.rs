@@ -1,0 +1,232 @@
+//! Search with the driver in the loop: which plans of the adversary a driver fails at.
+//!
+//! A driver that reacts is elsewhere when the adversary comes, so a plan that is best against its unattacked drive need not
+//! be an attack at all. The search drives against one plan of a [`Pool`] after the other. What it has seen decides which is
+//! next ([`surrogate`]), and four [`Clause`]s, each on the attacked drive, say whether a plan is a failure of the driver.
+//!
+//! Everything is deterministic: the same driver, pool and options give the same drives in the same order.
+
+pub mod clauses;
+pub mod judge;
+pub mod pool;
+pub mod surrogate;
+
+use sage_core::{
+    Error as CoreError,
+    generator::Proposal,
+    objective::{Context, Feasibility, kinematic_penalty},
+    seed::Rng,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, attack_test::AttackTest, avoidable::{Avoidable, AvoidanceOptions}};
+
+pub use clauses::{Clause, Clauses, Reason, Requirement};
+pub use judge::{AttackedPath, Judged, Met};
+pub use pool::{MOST_PLANS, Pool, PoolCounts, PoolPlan};
+
+use judge::Judge;
+use surrogate::Surrogate;
+
+/// Order in which plans are driven.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Order {
+    /// What earlier drives make likely to fail comes first.
+    #[default]
+    Surrogate,
+    /// Random, which shows what the surrogate is worth.
+    Random,
+    /// That of the pool.
+    Pool,
+}
+
+/// How to search.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SearchOptions {
+    /// Largest number of attacked drives; the unattacked one is not counted.
+    pub budget: usize,
+    /// What makes a plan a failure.
+    pub require: Requirement,
+    /// Whether the search ends at the first failure.
+    pub first: bool,
+    /// Order of the plans.
+    pub order: Order,
+    /// The search for an evasive manoeuvre.
+    pub avoidable: AvoidanceOptions,
+}
+
+impl Default for SearchOptions {
+    fn default() -> Self {
+        Self {
+            budget: 64,
+            require: Requirement::default(),
+            first: false,
+            order: Order::Surrogate,
+            avoidable: AvoidanceOptions::default(),
+        }
+    }
+}
+
+/// A failure of the driver with what it takes to see it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Failure {
+    /// Number of its drive among [`SearchResult::driven`].
+    pub drive: usize,
+    /// The ego's path in the attacked drive.
+    pub path: AttackedPath,
+    /// The last evasive manoeuvre of that drive.
+    pub avoidable: Avoidable,
+}
+
+/// What a search found in a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SearchResult {
+    /// All attacked drives, in their order.
+    pub driven: Vec<Judged>,
+    /// The failures, in the order in which they were found.
+    pub failures: Vec<Failure>,
+    /// Why there is no failure; `None` if there is one.
+    pub reason: Option<Reason>,
+    /// The clause that the best attack misses, whatever ended the search; `None` if there is a failure or no drive.
+    pub reached: Option<Reason>,
+    /// Number of plans that were not driven against.
+    pub left: usize,
+}
+
+impl SearchResult {
+    /// Number of drives that meet a clause and the ones before it.
+    pub fn count(&self, clause: Clause) -> usize {
+        let until = |judged: &&Judged| {
+            Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| judged.clauses.holds(c))
+        };
+        self.driven.iter().filter(until).count()
+    }
+
+    /// The failure with the largest reward; the first of equals.
+    pub fn worst(&self) -> Option<&Failure> {
+        let reward = |failure: &Failure| self.driven[failure.drive].reward;
+        self.failures.iter().reduce(|best, other| if reward(other) > reward(best) { other } else { best })
+    }
+
+    /// The failure that is likeliest under the prior, then the one with the least kinematic penalty, then the first.
+    pub fn mildest(&self, pool: &Pool) -> Option<&Failure> {
+        let strain = |failure: &Failure| {
+            let plan = &pool.plans[self.driven[failure.drive].plan];
+            // A plan of unknown likelihood comes after all others.
+            let nll = plan.proposal.nll.unwrap_or(f64::INFINITY);
+            (nll, kinematic_penalty(plan.candidate.profile()))
+        };
+        let is_milder = |a: (f64, f64), b: (f64, f64)| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)).is_lt();
+        self.failures
+            .iter()
+            .reduce(|best, other| if is_milder(strain(other), strain(best)) { other } else { best })
+    }
+}
+
+/// Plans anew against the newest drive, for generators whose plans depend on it.
+pub type Replan<'r> = dyn FnMut(&Context) -> Result<Vec<Proposal>, CoreError> + 'r;
+
+/// Searches a scene. `ctx` is that of the unattacked drive ([`AttackTest::context`]); the pool is filled up by `replan`,
+/// whenever it has no plan left.
+///
+/// *Errors*: those of `replan`, and options of the search for evasive manoeuvres that are out of range. An error of the
+/// driver is no error of the search: the drive is noted and counts.
+pub fn search(
+    test: &AttackTest,
+    ctx: &Context,
+    rule: &dyn Feasibility,
+    pool: &mut Pool,
+    options: &SearchOptions,
+    seed: u64,
+    mut replan: Option<&mut Replan>,
+) -> Result<SearchResult, Error> {
+    options.avoidable.check()?;
+    let judge = Judge::new(test, ctx, options.require, options.avoidable);
+    let mut surrogate = Surrogate::new(ctx, test, options.require);
+    let mut random: Vec<usize> = (0..pool.plans.len()).collect();
+    Rng::new(seed, &ctx.scene().id, "search").shuffle(&mut random);
+    let mut result = SearchResult {
+        driven: Vec::new(),
+        failures: Vec::new(),
+        reason: None,
+        reached: None,
+        left: 0,
+    };
+    let mut is_driven = vec![false; pool.plans.len()];
+    let mut newest: Option<AttackedPath> = None;
+    while result.driven.len() < options.budget {
+        surrogate.see_plans(&pool.plans);
+        let is_open = |k: &usize| !is_driven[*k];
+        let next = match options.order {
+            Order::Surrogate => surrogate.next(&is_driven),
+            Order::Random => random.iter().copied().find(is_open),
+            Order::Pool => (0..pool.plans.len()).find(is_open),
+        };
+        let Some(number) = next else {
+            let Some(replan) = replan.as_mut() else { break };
+            let against = match &newest {
+                Some(path) => ctx.with_ego(&path.ego(ctx.horizon())?)?,
+                None => ctx.clone(),
+            };
+            let source = pool.plans.iter().map(|plan| plan.source).max().unwrap_or(0);
+            let before = pool.plans.len();
+            for proposal in replan(&against)? {
+                pool.add(ctx, rule, proposal, source);
+            }
+            is_driven.resize(pool.plans.len(), false);
+            random.extend(before..pool.plans.len());
+            if pool.plans.len() == before {
+                break;
+            }
+            continue;
+        };
+        is_driven[number] = true;
+        let plan = &pool.plans[number];
+        let (outcome, path) = match judge.drive(plan) {
+            Ok(driven) => driven,
+            Err(error) => {
+                result.driven.push(Judged::failed(number, error.to_string()));
+                continue;
+            }
+        };
+        let judged = judge.judge(number, plan, &outcome, &path)?;
+        surrogate.see_drive(number, &judged, &path);
+        if judged.clauses.meet(options.require) {
+            let step = judged.contact.as_ref().map_or(0, |met| met.step.max(0) as usize);
+            let avoidable = judge.avoidable(plan, step, &path)?;
+            result.failures.push(Failure { drive: result.driven.len(), path: path.clone(), avoidable });
+        }
+        result.driven.push(judged);
+        newest = Some(path);
+        if options.first && !result.failures.is_empty() {
+            break;
+        }
+    }
+    result.left = is_driven.iter().filter(|is| !**is).count();
+    result.explain(options.require);
+    Ok(result)
+}
+
+impl SearchResult {
+    /// Says why there is no failure.
+    fn explain(&mut self, requirement: Requirement) {
+        if !self.failures.is_empty() {
+            return;
+        }
+        let without_error = || self.driven.iter().filter(|judged| judged.error.is_none());
+        let best = without_error().map(|judged| {
+            let met = judged.contact.as_ref().is_some_and(|met| met.is_adversary);
+            let missing = judged.clauses.first_missing(requirement).unwrap_or(Clause::Avoidable);
+            if missing == Clause::Attack && !met { Reason::NeverHit } else { Reason::missing(missing) }
+        });
+        self.reached = best.max();
+        self.reason = Some(match self.reached {
+            None if self.driven.is_empty() => Reason::NoFeasiblePlan,
+            None => Reason::Error,
+            Some(_) if self.left > 0 => Reason::Budget,
+            Some(reached) => reached,
+        });
+    }
+}

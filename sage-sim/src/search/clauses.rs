@@ -1,0 +1,225 @@
+//! What makes a driven plan a failure of the driver: four clauses, each on the attacked drive.
+
+use std::{fmt, str::FromStr};
+
+use serde::{Deserialize, Serialize};
+
+/// A condition on an attacked drive. Each is asked only of drives that meet the ones before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Clause {
+    /// The verdict of the attack test: the first contact is with the adversary, and not there without the attack.
+    Attack,
+    /// An overlap of at least 0.5 m, and the attack is believable with this drive as the ego's path.
+    Believable,
+    /// nuPlan's rule gives the fault to the ego. Unknown is no.
+    AtFault,
+    /// A search finds an evasive manoeuvre from a state of this drive.
+    Avoidable,
+}
+
+impl Clause {
+    /// All clauses, in the order in which they are asked.
+    pub const ALL: [Self; 4] = [Self::Attack, Self::Believable, Self::AtFault, Self::Avoidable];
+
+    /// Name on the command line and in rows.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Attack => "attack",
+            Self::Believable => "believable",
+            Self::AtFault => "at-fault",
+            Self::Avoidable => "avoidable",
+        }
+    }
+}
+
+impl fmt::Display for Clause {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// The clauses that make a driven plan a failure. `attack` is always one of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<Clause>", into = "Vec<Clause>")]
+pub struct Requirement([bool; 4]);
+
+impl Default for Requirement {
+    /// All clauses.
+    fn default() -> Self {
+        Self([true; 4])
+    }
+}
+
+impl Requirement {
+    /// A requirement of some clauses.
+    pub fn of(clauses: &[Clause]) -> Self {
+        Self(Clause::ALL.map(|clause| clause == Clause::Attack || clauses.contains(&clause)))
+    }
+
+    /// Whether it names a clause.
+    pub fn holds(self, clause: Clause) -> bool {
+        self.0[clause as usize]
+    }
+
+    /// Its clauses in their order.
+    pub fn clauses(self) -> impl Iterator<Item = Clause> {
+        Clause::ALL.into_iter().filter(move |clause| self.holds(*clause))
+    }
+}
+
+impl TryFrom<Vec<Clause>> for Requirement {
+    type Error = String;
+
+    fn try_from(clauses: Vec<Clause>) -> Result<Self, String> {
+        if clauses.is_empty() { Err("no clause is named".to_owned()) } else { Ok(Self::of(&clauses)) }
+    }
+}
+
+impl From<Requirement> for Vec<Clause> {
+    fn from(requirement: Requirement) -> Self {
+        requirement.clauses().collect()
+    }
+}
+
+impl FromStr for Requirement {
+    type Err = String;
+
+    /// Names of clauses with commas between them.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let clause = |name: &str| {
+            let found = Clause::ALL.into_iter().find(|clause| clause.name() == name);
+            found.ok_or_else(|| {
+                let known = Clause::ALL.map(Clause::name).join(", ");
+                format!("`{name}` is no clause; known: {known}")
+            })
+        };
+        let clauses = text.split(',').map(|name| clause(name.trim())).collect::<Result<Vec<_>, _>>()?;
+        Self::try_from(clauses)
+    }
+}
+
+impl fmt::Display for Requirement {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(&self.clauses().map(Clause::name).collect::<Vec<_>>().join(","))
+    }
+}
+
+/// Answers to the clauses for one driven plan; `None` for one that was not asked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Clauses {
+    /// [`Clause::Attack`].
+    pub attack: bool,
+    /// [`Clause::Believable`].
+    pub believable: Option<bool>,
+    /// [`Clause::AtFault`].
+    pub at_fault: Option<bool>,
+    /// [`Clause::Avoidable`].
+    pub avoidable: Option<bool>,
+}
+
+impl Clauses {
+    /// Whether a clause was asked and holds.
+    pub fn holds(&self, clause: Clause) -> bool {
+        match clause {
+            Clause::Attack => self.attack,
+            Clause::Believable => self.believable == Some(true),
+            Clause::AtFault => self.at_fault == Some(true),
+            Clause::Avoidable => self.avoidable == Some(true),
+        }
+    }
+
+    /// Whether all required clauses hold.
+    pub fn meet(&self, requirement: Requirement) -> bool {
+        requirement.clauses().all(|clause| self.holds(clause))
+    }
+
+    /// The first required clause that does not hold.
+    pub fn first_missing(&self, requirement: Requirement) -> Option<Clause> {
+        requirement.clauses().find(|clause| !self.holds(*clause))
+    }
+}
+
+/// Why a search found no failure in a scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reason {
+    /// The driver, or the scene, gave an error in every drive.
+    Error,
+    /// No plan keeps to the road and clear of the others.
+    NoFeasiblePlan,
+    /// The driver never met the adversary.
+    NeverHit,
+    /// It met the adversary, but there would be a contact without the attack too, or it met another road user first.
+    ContactWithoutAttack,
+    /// Attacks, but none that a person would believe.
+    NotBelievable,
+    /// Believable attacks, but none in which the driver is at fault.
+    NotAtFault,
+    /// No evasive manoeuvre was found in any of the attacks that meet the other clauses.
+    NotShownAvoidable,
+    /// The budget ended before the plans did.
+    Budget,
+}
+
+impl Reason {
+    /// All reasons.
+    pub const ALL: [Self; 8] = [
+        Self::Error,
+        Self::NoFeasiblePlan,
+        Self::NeverHit,
+        Self::ContactWithoutAttack,
+        Self::NotBelievable,
+        Self::NotAtFault,
+        Self::NotShownAvoidable,
+        Self::Budget,
+    ];
+
+    /// The reason of an attack that misses a clause.
+    pub fn missing(clause: Clause) -> Self {
+        match clause {
+            Clause::Attack => Self::ContactWithoutAttack,
+            Clause::Believable => Self::NotBelievable,
+            Clause::AtFault => Self::NotAtFault,
+            Clause::Avoidable => Self::NotShownAvoidable,
+        }
+    }
+
+    /// The reason in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Error => "the driver gave an error in every drive",
+            Self::NoFeasiblePlan => "no plan of the adversary is feasible",
+            Self::NeverHit => "the driver never met the adversary",
+            Self::ContactWithoutAttack => "every contact is there without the attack too, or with another first",
+            Self::NotBelievable => "no attack is believable",
+            Self::NotAtFault => "the driver is at fault in no believable attack",
+            Self::NotShownAvoidable => "no evasive manoeuvre was found in any attack that meets the other clauses",
+            Self::Budget => "the budget ended before the plans did",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_requirement_is_read_and_printed_and_always_has_the_attack() {
+        let requirement: Requirement = "at-fault, believable".parse().unwrap();
+        assert_eq!(requirement.to_string(), "attack,believable,at-fault");
+        assert_eq!(Requirement::default().to_string(), "attack,believable,at-fault,avoidable");
+        let text = serde_json::to_string(&requirement).unwrap();
+        assert_eq!(serde_json::from_str::<Requirement>(&text).unwrap(), requirement);
+        let error = "solid".parse::<Requirement>().unwrap_err();
+        assert_eq!(error, "`solid` is no clause; known: attack, believable, at-fault, avoidable");
+    }
+
+    #[test]
+    fn clauses_that_were_not_asked_do_not_hold() {
+        let clauses = Clauses { attack: true, believable: Some(true), at_fault: None, avoidable: None };
+        assert!(clauses.meet(Requirement::of(&[Clause::Believable])));
+        assert_eq!(clauses.first_missing(Requirement::default()), Some(Clause::AtFault));
+        assert_eq!(clauses.first_missing(Requirement::of(&[Clause::Attack])), None);
+    }
+}

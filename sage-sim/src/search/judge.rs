@@ -1,0 +1,213 @@
+//! Drives against one plan, and answers the clauses.
+
+use sage_core::{
+    geometry::Point,
+    motion::{DT, NOW},
+    objective::{Context, EgoPaths, Situation, is_believable},
+};
+use serde::{Deserialize, Serialize};
+
+use super::{Clause, Clauses, PoolPlan, Requirement};
+use crate::{
+    Error,
+    attack_test::{AttackOutcome, AttackTest},
+    avoidable::{Avoidable, Avoidance, AvoidanceOptions},
+    episode::Progress,
+    fault::FaultClass,
+    vehicle::{SUBSTEP, SUBSTEPS},
+};
+
+/// The first contact of an attacked drive.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Met {
+    /// Steps after *now* of 0.1 s.
+    pub step: i64,
+    /// Track of the other road user.
+    pub track: String,
+    /// Whether it is the adversary.
+    pub is_adversary: bool,
+    /// Largest overlap, metres.
+    pub overlap: f64,
+    /// Relative speed, m/s.
+    pub impact_speed: f64,
+    /// Class by nuPlan's rule.
+    pub class: FaultClass,
+}
+
+/// An attacked drive with the answers to the clauses.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Judged {
+    /// Number of the plan in the pool.
+    pub plan: usize,
+    /// First contact; `None` without one, or if the driver gave an error.
+    pub contact: Option<Met>,
+    /// Answers to the clauses.
+    pub clauses: Clauses,
+    /// The paper's reward with the contact of the drive; 0 if the driver gave an error.
+    pub reward: f64,
+    /// Seconds from the last evasive manoeuvre to the contact, if the clause holds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub time_to_react: Option<f64>,
+    /// Whether there is an evasive manoeuvre within the limits of UN R157's driver; asked of avoidable attacks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub avoidable_r157: Option<bool>,
+    /// What went wrong, if the driver gave an error.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub error: Option<String>,
+}
+
+impl Judged {
+    /// A drive that ended in an error of the driver.
+    pub(super) fn failed(plan: usize, error: String) -> Self {
+        Self {
+            plan,
+            contact: None,
+            clauses: Clauses::default(),
+            reward: 0.0,
+            time_to_react: None,
+            avoidable_r157: None,
+            error: Some(error),
+        }
+    }
+}
+
+/// Drives against plans of one scene.
+pub(super) struct Judge<'t> {
+    test: &'t AttackTest<'t>,
+    /// The scene with the unattacked drive.
+    ctx: &'t Context,
+    /// The drive up to *now*, which all plans share; `None` for a driver that cannot be copied.
+    until_now: Option<Progress>,
+    requirement: Requirement,
+    search: AvoidanceOptions,
+}
+
+impl<'t> Judge<'t> {
+    /// Drives up to *now*, unless the driver cannot be copied.
+    pub(super) fn new(
+        test: &'t AttackTest<'t>,
+        ctx: &'t Context,
+        requirement: Requirement,
+        search: AvoidanceOptions,
+    ) -> Self {
+        Self { test, ctx, until_now: test.until_now(), requirement, search }
+    }
+
+    /// Drives against a plan.
+    ///
+    /// *Errors*: as [`AttackTest::attack`].
+    pub(super) fn drive(&self, plan: &PoolPlan) -> Result<(AttackOutcome, AttackedPath), Error> {
+        let outcome = self.test.attack_from(self.until_now.as_ref(), plan.candidate.trajectory(), true)?;
+        let path = AttackedPath::of(&outcome, self.test);
+        Ok((outcome, path))
+    }
+
+    /// Answers the clauses for an attacked drive.
+    ///
+    /// *Errors*: [`sage_core::Error::Options`] for options of the search out of range.
+    pub(super) fn judge(
+        &self,
+        number: usize,
+        plan: &PoolPlan,
+        outcome: &AttackOutcome,
+        path: &AttackedPath,
+    ) -> Result<Judged, Error> {
+        let mut judged = Judged {
+            plan: number,
+            contact: self.met(outcome),
+            clauses: Clauses { attack: outcome.verdict.attack, ..Clauses::default() },
+            reward: outcome.reward(),
+            time_to_react: None,
+            avoidable_r157: None,
+            error: None,
+        };
+        let Some(step) = judged.contact.as_ref().map(|met| met.step as usize) else { return Ok(judged) };
+        if !outcome.verdict.attack {
+            return Ok(judged);
+        }
+        let ctx = self.ctx.with_ego(&path.ego(self.ctx.horizon())?)?;
+        let situation = Situation::new(&plan.candidate, ctx.ego(), &ctx);
+        let believable = outcome.verdict.solid && is_believable(&situation);
+        judged.clauses.believable = Some(believable);
+        judged.clauses.at_fault = Some(outcome.verdict.at_fault);
+        let others = self.requirement.clauses().filter(|clause| *clause != Clause::Avoidable);
+        if self.requirement.holds(Clause::Avoidable) && others.into_iter().all(|c| judged.clauses.holds(c)) {
+            let time = Avoidance::new(&ctx, self.search)?.time_to_react(&plan.candidate, step);
+            judged.clauses.avoidable = Some(time.is_some());
+            judged.time_to_react = time;
+            if time.is_some() {
+                let r157 = Avoidance::new(&ctx, AvoidanceOptions::r157())?;
+                judged.avoidable_r157 = Some(r157.time_to_react(&plan.candidate, step).is_some());
+            }
+        }
+        Ok(judged)
+    }
+
+    /// The search for an evasive manoeuvre in an attacked drive, with its witness.
+    ///
+    /// *Errors*: as [`Judge::judge`].
+    pub(super) fn avoidable(&self, plan: &PoolPlan, step: usize, path: &AttackedPath) -> Result<Avoidable, Error> {
+        let ctx = self.ctx.with_ego(&path.ego(self.ctx.horizon())?)?;
+        Ok(Avoidance::new(&ctx, self.search)?.of_contact(&plan.candidate, Some(step)))
+    }
+
+    fn met(&self, outcome: &AttackOutcome) -> Option<Met> {
+        let contact = outcome.episode.first_contacts().next()?;
+        let other = contact.contact.other.track;
+        Some(Met {
+            step: contact.contact.step as i64 - NOW as i64,
+            track: outcome.track(other).to_owned(),
+            is_adversary: self.ctx.scene().adversary == Some(other),
+            overlap: contact.overlap,
+            impact_speed: contact.impact_speed,
+            class: contact.class,
+        })
+    }
+}
+
+/// The ego's path in an attacked drive: as driven up to the contact, then straight on at constant velocity. A policy that
+/// sets the poses of the car goes on along its own drive.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AttackedPath {
+    /// Box centre at steps 1 to 80, metres, world frame; shorter if the recording is.
+    pub positions: Vec<Point>,
+    /// Heading at each, rad.
+    pub headings: Vec<f64>,
+}
+
+impl AttackedPath {
+    /// The path of a drive.
+    pub(super) fn of(outcome: &AttackOutcome, test: &AttackTest) -> Self {
+        let episode = &outcome.episode;
+        let frames = test.unattacked().motions.len();
+        let contact = episode.contacts.first().map(|contact| &contact.contact);
+        let motions = if episode.is_posed { &test.unattacked().motions } else { &episode.drive.motions };
+        let end = contact.filter(|_| !episode.is_posed).map_or(motions.len(), |contact| contact.step);
+        let driven = motions.get(NOW + 1..end.max(NOW + 1)).unwrap_or_default();
+        let mut positions: Vec<Point> = driven.iter().map(|motion| motion.position).collect();
+        let mut headings: Vec<f64> = driven.iter().map(|motion| motion.heading).collect();
+        if let Some(contact) = contact.filter(|_| !episode.is_posed) {
+            let ([x, y], [vx, vy]) = (contact.areas[0].center, contact.velocities[0]);
+            let axis = contact.areas[0].axis;
+            for frame in end.max(NOW + 1)..frames {
+                let time = (frame - contact.step) as f64 * DT
+                    + SUBSTEP * (SUBSTEPS - contact.substep.min(SUBSTEPS)) as f64;
+                positions.push([x + time * vx, y + time * vy]);
+                headings.push(axis[1].atan2(axis[0]));
+            }
+        }
+        Self { positions, headings }
+    }
+
+    /// The path as one of a context, up to its horizon.
+    ///
+    /// *Errors*: an empty path, or one with too long a step.
+    pub(super) fn ego(&self, horizon: usize) -> Result<EgoPaths, sage_core::Error> {
+        let count = self.positions.len().min(horizon);
+        EgoPaths::one(
+            "the attacked drive",
+            self.positions[..count].to_vec(),
+            Some(self.headings[..count].to_vec()),
+        )
+    }
+}

@@ -1,0 +1,96 @@
+//! The plans that a search can drive against: feasible, and different from each other.
+
+use sage_core::{
+    generator::Proposal,
+    objective::{Candidate, Context, Feasibility},
+};
+use serde::{Deserialize, Serialize};
+
+/// Plans whose positions are this close at every step count as one, metres.
+const SAME: f64 = 0.1;
+/// Largest number of plans of a pool by default.
+pub const MOST_PLANS: usize = 256;
+
+/// A plan of the adversary.
+#[derive(Clone)]
+pub struct PoolPlan {
+    /// The plan, with its negative log-likelihood under the prior if that is known.
+    pub proposal: Proposal,
+    /// Number of the source that proposed it.
+    pub source: usize,
+    /// The plan prepared for evaluation.
+    pub candidate: Candidate,
+}
+
+/// How many plans were proposed, and what became of them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PoolCounts {
+    /// Plans of all sources.
+    pub proposed: usize,
+    /// Left out, because they are not feasible.
+    pub infeasible: usize,
+    /// Left out, because another plan is within 0.1 m at all steps.
+    pub merged: usize,
+    /// Left out, because the pool is full.
+    pub beyond: usize,
+}
+
+/// The plans of a search, in a fixed order.
+pub struct Pool {
+    /// The plans.
+    pub plans: Vec<PoolPlan>,
+    /// Where the others went.
+    pub counts: PoolCounts,
+}
+
+impl Pool {
+    /// The feasible plans of several sources, one source after the other taking its next, at most `most`. The rule must
+    /// not depend on the ego's path.
+    pub fn new(ctx: &Context, rule: &dyn Feasibility, sources: Vec<Vec<Proposal>>, most: usize) -> Self {
+        let counts =
+            PoolCounts { proposed: sources.iter().map(Vec::len).sum(), ..PoolCounts::default() };
+        let mut pool = Self { plans: Vec::new(), counts };
+        let mut sources: Vec<_> = sources.into_iter().map(Vec::into_iter).collect();
+        loop {
+            let mut is_empty = true;
+            for (source, proposals) in sources.iter_mut().enumerate() {
+                let Some(proposal) = proposals.next() else { continue };
+                is_empty = false;
+                if pool.plans.len() == most {
+                    pool.counts.beyond += 1;
+                } else {
+                    pool.add(ctx, rule, proposal, source);
+                }
+            }
+            if is_empty {
+                return pool;
+            }
+        }
+    }
+
+    /// Adds a plan unless it is infeasible or known. Returns whether it was added.
+    pub fn add(&mut self, ctx: &Context, rule: &dyn Feasibility, proposal: Proposal, source: usize) -> bool {
+        let is_known = |plan: &PoolPlan| is_same(&plan.proposal, &proposal);
+        if self.plans.iter().any(is_known) {
+            self.counts.merged += 1;
+            return false;
+        }
+        let candidate = ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
+        if !rule.is_feasible(&candidate, ctx) {
+            self.counts.infeasible += 1;
+            return false;
+        }
+        self.plans.push(PoolPlan { proposal, source, candidate });
+        true
+    }
+}
+
+/// Whether two plans are within 0.1 m at all steps.
+fn is_same(a: &Proposal, b: &Proposal) -> bool {
+    let is_near = |(a, b): (&[f64; 2], &[f64; 2])| {
+        let [dx, dy] = [a[0] - b[0], a[1] - b[1]];
+        dx * dx + dy * dy <= SAME * SAME
+    };
+    // Plans differ most at the end, so it is compared first.
+    a.trajectory.points().iter().zip(b.trajectory.points()).rev().all(is_near)
+}

@@ -24,8 +24,10 @@ use crate::{
 /// Generators of the default pool.
 const SAGE: &str = "sage";
 const RANDOM: &str = "random";
-/// Plans that each source of the pool proposes.
+/// Plans that the experts propose at each operating point of the pool.
 const CANDIDATES: usize = 64;
+/// Random goals of the pool. Fewer than half of them are feasible.
+const RANDOM_CANDIDATES: usize = 256;
 /// Least distance between the ends of the plans of one source, metres.
 const APART: f64 = 2.0;
 /// λ at which the experts propose by default.
@@ -66,9 +68,8 @@ impl PlanSources {
             name: name.to_owned(),
             options: options.iter().map(|(key, value)| ((*key).to_owned(), value.clone())).collect(),
         };
-        let candidates = ("candidates", json!(CANDIDATES));
-        let sage = part(SAGE, &[candidates.clone(), ("apart", json!(APART))]);
-        let random = part(RANDOM, &[candidates]);
+        let sage = part(SAGE, &[("candidates", json!(CANDIDATES)), ("apart", json!(APART))]);
+        let random = part(RANDOM, &[("candidates", json!(RANDOM_CANDIDATES))]);
         let built = vec![generators.build(&sage, &points)?, generators.build(&random, &points[..1])?];
         Ok(Self { built, most })
     }

@@ -144,7 +144,7 @@ pub fn search(
 ) -> Result<SearchResult, Error> {
     options.avoidable.check()?;
     let judge = Judge::new(test, ctx, options.require, options.avoidable);
-    let mut surrogate = Surrogate::new(ctx, test, options.require);
+    let mut surrogate = Surrogate::new(ctx, options.require);
     let mut random: Vec<usize> = (0..pool.plans.len()).collect();
     Rng::new(seed, &ctx.scene().id, "search").shuffle(&mut random);
     let mut result = SearchResult {
@@ -192,7 +192,7 @@ pub fn search(
             }
         };
         let judged = judge.judge(number, plan, &outcome, &path)?;
-        surrogate.see_drive(number, &judged, &path);
+        surrogate.see_drive(number, &path);
         if judged.clauses.meet(options.require) {
             let step = judged.contact.as_ref().map_or(0, |met| met.step.max(0) as usize);
             let avoidable = judge.avoidable(plan, step, &path)?;

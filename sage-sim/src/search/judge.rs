@@ -177,7 +177,7 @@ pub struct AttackedPath {
 
 impl AttackedPath {
     /// The path of a drive.
-    pub(super) fn of(outcome: &AttackOutcome, test: &AttackTest) -> Self {
+    pub fn of(outcome: &AttackOutcome, test: &AttackTest) -> Self {
         let episode = &outcome.episode;
         let frames = test.unattacked().motions.len();
         let contact = episode.contacts.first().map(|contact| &contact.contact);

@@ -42,6 +42,11 @@ impl<'r> Generators<'r> {
         Ok(Self { registries, inputs: GeneratorInputs { experts: None, merger, seed, selection } })
     }
 
+    /// Generators with given inputs.
+    pub fn with_inputs(registries: &'r Registries, inputs: GeneratorInputs) -> Self {
+        Self { registries, inputs }
+    }
+
     /// The same with a prior and its experts.
     pub fn with_experts(&self, experts: &ExpertSet) -> Self {
         let inputs = GeneratorInputs { experts: Some(experts.clone()), ..self.inputs.clone() };

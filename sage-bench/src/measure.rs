@@ -6,6 +6,7 @@ mod groups;
 mod policies;
 mod predictions;
 mod scene;
+mod searches;
 
 use std::{path::Path, sync::Arc};
 
@@ -24,6 +25,7 @@ pub use groups::{ExpertSource, Group};
 pub use policies::Policies;
 pub use predictions::Predictions;
 pub use scene::MeasuredScene;
+pub use searches::Searches;
 
 use crate::rows::{Cell, Key, Subject};
 

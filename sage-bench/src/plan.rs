@@ -10,10 +10,11 @@ use crate::{
     Registries,
     ego::{self, Ego},
     generators::weight_hashes,
-    measure::{Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult},
+    measure::{Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult, Searches},
     part::{Part, PolicyPart},
     report::{KINDS, Report},
     rows::{Cell, Key, MetricRecord, Results, Subject},
+    search::{ONE_SHOT, POOL},
     selection::Selection,
     study::{PairSpec, Study},
 };
@@ -43,7 +44,7 @@ fn check_report(
     metrics: &BTreeMap<Subject, Vec<MetricRecord>>,
 ) -> Result<()> {
     for PairSpec { with, .. } in &study.report.pairs {
-        let is_known = KINDS.contains(&&**with) || registries.generators.get(with).is_ok();
+        let is_known = KINDS.contains(&&**with) || [POOL, ONE_SHOT].contains(&&**with) || registries.generators.get(with).is_ok();
         ensure!(
             is_known,
             "`pairs` has `with: {with}`, which is neither a generator nor one of {}",
@@ -92,13 +93,19 @@ impl Plan {
         let parts: Vec<PolicyPart> =
             study.ego.iter().map(|text| text.parse().map_err(anyhow::Error::msg)).collect::<Result<_>>()?;
         let egos = Ego::all(&parts, registries)?;
-        let drives = [Subject::Drive, Subject::AttackedDrive].iter().any(|subject| study.measures(*subject));
-        ensure!(!drives || !egos.is_empty(), "the study drives, but `ego` names no driver");
+        let measures_any = |subjects: &[Subject]| subjects.iter().any(|subject| study.measures(*subject));
+        let drives = measures_any(&[Subject::Drive, Subject::AttackedDrive]);
+        let searches = measures_any(&[Subject::Search, Subject::Threshold]);
+        ensure!(!drives && !searches || !egos.is_empty(), "the study drives, but `ego` names no driver");
+        ensure!(
+            !searches || study.measure.iter().all(|s| [Subject::Search, Subject::Threshold].contains(s)),
+            "`measure` names `search` or `threshold` beside other subjects; they need a study of their own"
+        );
         let has_programs = egos.iter().any(|ego| ego.is_program);
         let notes = egos.iter().filter_map(|ego| ego.note.clone()).chain(unused(&study)).collect();
         let is_attacked = study.measures(Subject::Trajectory) || study.measures(Subject::AttackedDrive);
         let is_episodic = study.measures(Subject::Episode);
-        let groups = if is_attacked || is_episodic || study.measures(Subject::Policy) {
+        let groups = if is_attacked || is_episodic || searches || study.measures(Subject::Policy) {
             Group::all(&study, registries, source, &selection)?
         } else {
             Vec::new()
@@ -122,6 +129,8 @@ impl Plan {
             let episodes = Episodes::new(&study, registries, egos, groups)?;
             identity["policies"] = episodes.identity();
             measurements.push(Box::new(episodes));
+        } else if searches {
+            measurements.push(Box::new(Searches::new(&study, registries, egos, &groups, &selection)?));
         } else if is_attacked || drives {
             let objective = selection.objective;
             measurements.push(Box::new(Attacks::new(&study, registries, egos, groups, objective)?));

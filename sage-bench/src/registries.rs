@@ -18,6 +18,7 @@ use sage_sim::{
     metrics::{MeasuredAttack, attack_metrics, avoidable_metrics, drive_metrics, episode_metrics},
     policy::{EgoPolicy, policies},
     rl::{Curriculum, EpisodeRow, SceneSampler, curriculum::curricula, scene_sampler::scene_samplers},
+    search::{MeasuredSearch, MeasuredThreshold, search_metrics, threshold_metrics},
     unattacked::UnattackedDrive,
 };
 use theory_checks::{Check, claims};
@@ -87,6 +88,10 @@ pub struct MetricRegistries {
     pub episode: Metrics<EpisodeRow>,
     /// Of the predictions of a vehicle.
     pub prediction: Metrics<Distances>,
+    /// Of a search for what a driver fails at.
+    pub search: Metrics<MeasuredSearch>,
+    /// Of the λ from which a driver fails.
+    pub threshold: Metrics<MeasuredThreshold>,
 }
 
 impl MetricRegistries {
@@ -99,6 +104,8 @@ impl MetricRegistries {
             attack: attack_metrics()?,
             episode: episode_metrics()?,
             prediction: prediction_metrics()?,
+            search: search_metrics()?,
+            threshold: threshold_metrics()?,
         })
     }
 }

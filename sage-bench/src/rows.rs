@@ -26,12 +26,24 @@ pub enum Subject {
     Episode,
     /// Predictions of recorded vehicles.
     Prediction,
+    /// A search for what a driver fails at.
+    Search,
+    /// How much it takes until a driver fails: one plan at each λ.
+    Threshold,
 }
 
 impl Subject {
     /// All of them.
-    pub const ALL: [Self; 6] =
-        [Self::Drive, Self::AttackedDrive, Self::Trajectory, Self::Policy, Self::Episode, Self::Prediction];
+    pub const ALL: [Self; 8] = [
+        Self::Drive,
+        Self::AttackedDrive,
+        Self::Trajectory,
+        Self::Policy,
+        Self::Episode,
+        Self::Prediction,
+        Self::Search,
+        Self::Threshold,
+    ];
 
     /// Title of its table in a study that gives none.
     pub fn title(self) -> &'static str {
@@ -42,6 +54,8 @@ impl Subject {
             Self::Policy => "Policies without selection, expectations:",
             Self::Episode => "Episodes:",
             Self::Prediction => "Predictions:",
+            Self::Search => "Searches with the driver in the loop:",
+            Self::Threshold => "Thresholds of lambda:",
         }
     }
 
@@ -54,6 +68,8 @@ impl Subject {
             Self::Policy => "policy",
             Self::Episode => "episode",
             Self::Prediction => "prediction",
+            Self::Search => "search",
+            Self::Threshold => "threshold",
         }
     }
 }

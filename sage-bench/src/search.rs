@@ -36,12 +36,16 @@ pub const LAMBDAS: [f64; 5] = [0.0, 0.25, 0.5, 0.75, 1.0];
 const LAWFUL_SHARES: [f64; 2] = [0.5, 0.75];
 /// Name of the default pool in rows and tables.
 pub const POOL: &str = "pool";
+/// Name of the single plan that `sage generate` selects.
+pub const ONE_SHOT: &str = "one-shot";
 
 /// The generators whose plans a search drives against.
 pub struct PlanSources {
     built: Vec<BuiltGenerator>,
     /// Largest number of plans of a pool.
     most: usize,
+    /// Whether only the plan that a generator selects is driven against.
+    only_selected: bool,
 }
 
 impl PlanSources {
@@ -71,7 +75,7 @@ impl PlanSources {
         let sage = part(SAGE, &[("candidates", json!(CANDIDATES)), ("apart", json!(APART))]);
         let random = part(RANDOM, &[("candidates", json!(RANDOM_CANDIDATES))]);
         let built = vec![generators.build(&sage, &points)?, generators.build(&random, &points[..1])?];
-        Ok(Self { built, most })
+        Ok(Self { built, most, only_selected: false })
     }
 
     /// The plans of one generator at operating points; by default SAGE's λ.
@@ -92,7 +96,15 @@ impl PlanSources {
                 points.push(OperatingPointSpec::at(*lambda, None, range)?);
             }
         }
-        Ok(Self { built: vec![generators.build(part, &points)?], most })
+        Ok(Self { built: vec![generators.build(part, &points)?], most, only_selected: false })
+    }
+
+    /// The plan that SAGE selects at each operating point, as `sage generate` does without options.
+    ///
+    /// *Errors*: an operating point that the merger refuses.
+    pub fn one_shot(generators: &Generators, points: &[OperatingPointSpec]) -> Result<Self> {
+        let built = vec![generators.build(&Part::named(SAGE), points)?];
+        Ok(Self { built, most: points.len(), only_selected: true })
     }
 
     /// Generator and operating point of a source, by its number.
@@ -104,14 +116,30 @@ impl PlanSources {
     ///
     /// *Errors*: those of the generators.
     pub fn plans(&self, ctx: &Context, rule: &Objective, seed: u64) -> Result<Pool> {
+        Ok(Pool::new(ctx, rule.rule(), self.proposals(ctx, seed)?, self.most))
+    }
+
+    /// All plans of each source, whether feasible or not.
+    ///
+    /// *Errors*: those of the generators.
+    pub fn proposals(&self, ctx: &Context, seed: u64) -> Result<Vec<Vec<Proposal>>> {
         let mut sources = Vec::new();
         for built in &self.built {
             for attack in built.attacks(ctx, seed)? {
                 attack.check(ctx.scene())?;
-                sources.push(candidates(built, attack));
+                sources.push(self.candidates(built, attack));
             }
         }
-        Ok(Pool::new(ctx, rule.rule(), sources, self.most))
+        Ok(sources)
+    }
+
+    /// All candidates of an attack; of an upper bound the selected one.
+    fn candidates(&self, built: &BuiltGenerator, mut attack: Attack) -> Vec<Proposal> {
+        if self.only_selected || built.facts.is_upper_bound {
+            vec![attack.candidates.swap_remove(attack.chosen)]
+        } else {
+            attack.candidates
+        }
     }
 
     /// Searches a scene: draws the plans, and drives against them. A generator whose plans depend on the ego's path plans
@@ -130,16 +158,11 @@ impl PlanSources {
         let anew = self.built.iter().find(|built| built.facts.plans_against_ego);
         let mut replan = |against: &Context| -> Result<Vec<Proposal>, sage_core::Error> {
             let Some(built) = anew else { return Ok(Vec::new()) };
-            Ok(built.attacks(against, seed)?.into_iter().flat_map(|attack| candidates(built, attack)).collect())
+            Ok(built.attacks(against, seed)?.into_iter().flat_map(|attack| self.candidates(built, attack)).collect())
         };
         let result = search(test, ctx, rule.rule(), &mut pool, options, seed, anew.is_some().then_some(&mut replan))?;
         Ok((pool, result))
     }
-}
-
-/// All candidates of an attack; of an upper bound and of what plans against the ego, the selected one.
-fn candidates(built: &BuiltGenerator, mut attack: Attack) -> Vec<Proposal> {
-    if built.facts.is_upper_bound { vec![attack.candidates.swap_remove(attack.chosen)] } else { attack.candidates }
 }
 
 /// What feasible means in a search: a rule by name, `drivable` by default.

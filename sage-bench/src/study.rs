@@ -5,7 +5,7 @@ mod report;
 use std::collections::BTreeMap;
 
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
-use sage_sim::avoidable::AvoidanceOptions;
+use sage_sim::{avoidable::AvoidanceOptions, search::SearchOptions};
 use serde::{Deserialize, Deserializer, Serialize};
 
 pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, ReportSpec};
@@ -13,7 +13,7 @@ pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, Repor
 use crate::{part::PolicyPart, rows::Subject};
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 12] = [
+pub const SHIPPED: [(&str, &str); 14] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("front", include_str!("../studies/front.yaml")),
@@ -26,6 +26,8 @@ pub const SHIPPED: [(&str, &str); 12] = [
     ("experts", include_str!("../studies/experts.yaml")),
     ("react", include_str!("../studies/react.yaml")),
     ("connectivity", include_str!("../studies/connectivity.yaml")),
+    ("search", include_str!("../studies/search.yaml")),
+    ("threshold", include_str!("../studies/threshold.yaml")),
 ];
 /// Most values of an axis of numbers.
 const MOST_VALUES: usize = 1001;
@@ -81,6 +83,8 @@ pub struct Study {
     pub react: Vec<f64>,
     /// Options of the search for evasive manoeuvres; without them it is made only for metrics that need it.
     pub avoidable: Option<AvoidanceOptions>,
+    /// How searches are made: budget, clauses that are required, order of the plans.
+    pub search: SearchOptions,
     /// Radii of the suppression among predictions, metres.
     #[serde(deserialize_with = "numbers")]
     pub radius: Vec<f64>,

@@ -2,14 +2,16 @@
 //!
 //! A driver that reacts is elsewhere when the adversary comes, so a plan that is best against its unattacked drive need not
 //! be an attack at all. The search drives against one plan of a [`Pool`] after the other. What it has seen decides which is
-//! next ([`surrogate`]), and four [`Clause`]s, each on the attacked drive, say whether a plan is a failure of the driver.
+//! next (`search/surrogate.rs`), and four [`Clause`]s, each on the attacked drive, say whether a plan is a failure of the driver.
 //!
 //! Everything is deterministic: the same driver, pool and options give the same drives in the same order.
 
 pub mod clauses;
 pub mod judge;
+pub mod metrics;
 pub mod pool;
-pub mod surrogate;
+mod surrogate;
+pub mod threshold;
 
 use sage_core::{
     Error as CoreError,
@@ -23,6 +25,7 @@ use crate::{Error, attack_test::AttackTest, avoidable::{Avoidable, AvoidanceOpti
 
 pub use clauses::{Clause, Clauses, Reason, Requirement};
 pub use judge::{AttackedPath, Judged, Met};
+pub use metrics::{MeasuredSearch, MeasuredThreshold, search_metrics, threshold_metrics};
 pub use pool::{MOST_PLANS, Pool, PoolCounts, PoolPlan};
 
 use judge::Judge;

@@ -1,6 +1,6 @@
 //! The charts of a study: means of two metrics over the operating points, triangles of mixtures, or planes.
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result, bail, ensure};
 
 use super::{curves::lines, sweeps::sweeps};
 use crate::{
@@ -21,6 +21,7 @@ const AGGRESSION: &str = "aggression";
 const TRIANGLE: &str = "triangle";
 const OPERATING_POINT: &str = "operating-point";
 const PLANE: &str = "plane";
+const SERIES: &str = "series";
 
 /// All charts as file names and contents.
 ///
@@ -32,6 +33,7 @@ pub(super) fn draw(study: &Study, results: &Results) -> Result<Vec<(String, Stri
             TRIANGLE => triangles(study, results, chart),
             OPERATING_POINT => sweeps_of(results, chart),
             PLANE => plane(study, results, chart),
+            SERIES => series(results, chart),
             _ => lines_of(study, results, chart),
         };
         Ok((chart.file.clone(), svg.with_context(|| format!("chart `{}`", chart.file))?))
@@ -140,6 +142,31 @@ fn sweeps_of(results: &Results, chart: &ChartSpec) -> Result<String> {
     let shown = axis(results, chart, &chart.y);
     let ranges = Some([0.0..1.0, 0.0..100.0]);
     Chart { axes: ["aggression, or lambda = mu", &shown], lines, ranges, dashed, ..Chart::default() }.draw()
+}
+
+/// Means of the metrics whose names differ in a number, over that number: a line for each method.
+fn series(results: &Results, chart: &ChartSpec) -> Result<String> {
+    let number = |name: &str| name.strip_prefix(&chart.y)?.trim().parse::<f64>().ok();
+    let numbered = results.metrics_of(chart.of).iter().filter_map(|m| Some((number(&m.name)?, &*m.name)));
+    let mut names: Vec<(f64, &str)> = numbered.collect();
+    names.sort_by(|a, b| a.0.total_cmp(&b.0));
+    ensure!(!names.is_empty(), "no metric of `{}` in this study is named `{} NUMBER`", chart.of, chart.y);
+    let methods = results.methods(chart.of);
+    let has_attacks = methods.iter().any(|k| results.keys[*k].attack != results.keys[methods[0]].attack);
+    let mut lines: Vec<Line> = Vec::new();
+    for method in methods {
+        let key = &results.keys[method];
+        let attack = Some(key.attack_label()).filter(|label| has_attacks && !label.is_empty());
+        let name = std::iter::once(key.arm.clone()).chain(attack).collect::<Vec<_>>().join(", ");
+        let mut points = Vec::new();
+        for (x, metric) in &names {
+            points.extend(mean(results, chart, method, metric)?.map(|y| [*x, y]));
+        }
+        lines.push((name, points));
+    }
+    let y = format!("{} ... %", chart.y);
+    let axes = [chart.axis.as_deref().unwrap_or("number"), &y];
+    Chart { axes, lines, ..Chart::default() }.draw()
 }
 
 /// The method that was measured at a mixture.

@@ -118,11 +118,16 @@ pub struct ChartSpec {
     /// What the metrics are of.
     pub of: Subject,
     /// Metric of the horizontal axis; `lambda` or `aggression` for the operating point; `operating-point` for sweeps of
-    /// aggression and of λ = μ; `triangle` for mixtures of three experts; `plane` for the plane of two experts.
+    /// aggression and of λ = μ; `triangle` for mixtures of three experts; `plane` for the plane of two experts; `series` for the numbers at the
+    /// end of the names of metrics, such as 16 in `failure in 16`.
     pub x: String,
-    /// Metric of the vertical axis. In a triangle: of the first picture. On a plane: of the colour.
+    /// Metric of the vertical axis. In a triangle: of the first picture. On a plane: of the colour. Of a series: the names of
+    /// its metrics without the numbers.
     pub y: String,
     /// Further metrics of a triangle, one picture each.
     #[serde(default)]
     pub more: Vec<String>,
+    /// Label of the horizontal axis of a `series`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub axis: Option<String>,
 }

@@ -70,12 +70,18 @@ pub enum Localization {
     MetaDrive,
 }
 
+/// [`RUN`] legs, the last one fewer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Run {
+    start: Point,
+    bounds: Aabb,
+}
+
 /// A polyline with arc length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Route {
     legs: Vec<Leg>,
-    /// Bounds of each [`RUN`] legs.
-    runs: Vec<Aabb>,
+    runs: Vec<Run>,
     length: f64,
 }
 
@@ -104,10 +110,10 @@ impl Route {
         let along = [(end[0] - start[0]) / length, (end[1] - start[1]) / length];
         let heading = along[1].atan2(along[0]);
         if self.legs.len().is_multiple_of(RUN) {
-            self.runs.push(Aabb::EMPTY);
+            self.runs.push(Run { start, bounds: Aabb::EMPTY });
         }
         if let Some(run) = self.runs.last_mut() {
-            *run = run.union(&Aabb::of([start, end]));
+            run.bounds = run.bounds.union(&Aabb::of([start, end]));
         }
         self.legs.push(Leg { start, along, length, before: self.length, heading });
         self.length += length;
@@ -205,28 +211,50 @@ impl Route {
         self.by_lines(p, true)
     }
 
+    /// [`Localization::Nearest`] for a point near another one. `leg` is that of the other one, and then the point's: any
+    /// leg gives the same coordinates, a near one the fastest.
+    pub(crate) fn locate_near(&self, p: Point, leg: &mut usize) -> Coordinates {
+        let near = &self.legs[(*leg).min(self.legs.len() - 1)];
+        let local = near.leg_from_world(p);
+        let out = [local.along - local.along.clamp(0.0, near.length), local.across];
+        let found = self.nearest_within(p, squared(out).sqrt());
+        *leg = found.0;
+        found.1
+    }
+
     fn nearest(&self, p: Point) -> Coordinates {
-        let mut best = (f64::INFINITY, Coordinates::default());
-        // The route is not farther than any of its corners, so runs beyond that distance hold no nearest point.
-        let corners = self.legs.iter().step_by(RUN).map(|leg| squared(sub(leg.start, p)));
-        let reach = corners.fold(f64::INFINITY, f64::min).sqrt() + SLACK;
-        for (number, bounds) in self.runs.iter().enumerate() {
+        let corners = self.runs.iter().map(|run| squared(sub(run.start, p)));
+        self.nearest_within(p, corners.fold(f64::INFINITY, f64::min).sqrt()).1
+    }
+
+    /// The nearest leg, and the coordinates. `reach` is the distance of any point of the route.
+    fn nearest_within(&self, p: Point, reach: f64) -> (usize, Coordinates) {
+        let mut best = (f64::INFINITY, (0, Coordinates::default()));
+        // Legs beyond the distance of a point of the route hold no nearest point.
+        let mut least = (reach + SLACK) * (reach + SLACK);
+        let last = self.runs.len() - 1;
+        for (number, (run, legs)) in self.runs.iter().zip(self.legs.chunks(RUN)).enumerate() {
             // The first and the last leg have no bounds.
-            let is_inner = number > 0 && number + 1 < self.runs.len();
-            if is_inner && squared_distance(bounds, p) > reach * reach {
+            let is_inner = number > 0 && number < last;
+            if is_inner && run.bounds.squared_distance(p) > least {
                 continue;
             }
-            let from = number * RUN;
-            for (k, leg) in self.legs.iter().enumerate().skip(from).take(RUN) {
+            for (k, leg) in (number * RUN..).zip(legs) {
                 let local = leg.leg_from_world(p);
                 // Before the start and beyond the end the route continues straight.
                 let first = if k == 0 { f64::NEG_INFINITY } else { 0.0 };
                 let last = if k + 1 == self.legs.len() { f64::INFINITY } else { leg.length };
                 let along = local.along.clamp(first, last);
-                let away = (local.along - along).hypot(local.across);
+                let out = [local.along - along, local.across];
+                // Most legs of a run are farther than the nearest one so far, and `hypot` is slow.
+                if squared(out) > least {
+                    continue;
+                }
+                let away = out[0].hypot(out[1]);
                 if away < best.0 {
                     let across = away.copysign(local.across);
-                    best = (away, Coordinates { along: leg.before + along, across });
+                    best = (away, (k, Coordinates { along: leg.before + along, across }));
+                    least = least.min((away + SLACK) * (away + SLACK));
                 }
             }
         }
@@ -281,6 +309,19 @@ impl Route {
         &self.legs[k.min(self.legs.len() - 1)]
     }
 
+    /// As [`Route::point`], for a place that is some legs away from a leg.
+    pub(crate) fn point_near(&self, c: Coordinates, leg: usize) -> Point {
+        let is_before = |leg: &Leg| leg.before + leg.length <= c.along;
+        let mut k = leg.min(self.legs.len() - 1);
+        while k > 0 && !is_before(&self.legs[k - 1]) {
+            k -= 1;
+        }
+        while k + 1 < self.legs.len() && is_before(&self.legs[k]) {
+            k += 1;
+        }
+        at_leg(&self.legs[k], c)
+    }
+
     fn leg(&self, along: f64) -> &Leg {
         let k = self.legs.partition_point(|leg| leg.before + leg.length <= along);
         &self.legs[k.min(self.legs.len() - 1)]
@@ -323,12 +364,6 @@ fn squared(d: Point) -> f64 {
     dot(d, d)
 }
 
-/// Squared distance of a point from bounds, 0 inside.
-fn squared_distance(bounds: &Aabb, p: Point) -> f64 {
-    let out = |axis: usize| (bounds.min[axis] - p[axis]).max(p[axis] - bounds.max[axis]).max(0.0);
-    squared([out(0), out(1)])
-}
-
 fn at(leg: &Leg, along: f64, across: f64) -> Point {
     let [tx, ty] = leg.along;
     [leg.start[0] + along * tx + across * ty, leg.start[1] + along * ty - across * tx]
@@ -354,9 +389,10 @@ mod tests {
     fn points_on_the_route_come_back() {
         let route = corner();
         assert_relative_eq!(route.length(), 30.0, epsilon = 0.6);
-        for along in [0.3, 5.0, 18.9, 25.0] {
+        for along in [-2.0, 0.3, 5.0, 18.9, 25.0, 40.0] {
             for across in [-0.4, 0.0, 0.3] {
                 let c = Coordinates { along, across };
+                assert!((0..50).all(|leg| route.point_near(c, leg) == route.point(c)));
                 let back = route.locate(route.point(c), Localization::Nearest);
                 assert_relative_eq!(back.along, along, epsilon = 1e-9);
                 assert_relative_eq!(back.across, across, epsilon = 1e-9);
@@ -401,6 +437,8 @@ mod tests {
                 });
                 let first_least = legs.reduce(|a, b| if b.0 < a.0 { b } else { a }).unwrap();
                 assert_eq!(route.locate(p, Localization::Nearest), first_least.1);
+                let mut leg = rng.below(100);
+                assert_eq!(route.locate_near(p, &mut leg), first_least.1);
             }
         }
     }

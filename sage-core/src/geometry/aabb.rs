@@ -1,6 +1,6 @@
 //! Axis-aligned bounds: the cheap first test before any exact one.
 
-use super::Point;
+use super::{Point, dot};
 
 /// Axis-aligned rectangle, closed. [`Aabb::EMPTY`] meets nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,6 +48,14 @@ impl Aabb {
             && other.min[0] <= self.max[0]
             && self.min[1] <= other.max[1]
             && other.min[1] <= self.max[1]
+    }
+
+    /// Squared distance of a point, m²; 0 inside.
+    #[inline]
+    pub fn squared_distance(&self, p: Point) -> f64 {
+        let out = |axis: usize| (self.min[axis] - p[axis]).max(p[axis] - self.max[axis]).max(0.0);
+        let d = [out(0), out(1)];
+        dot(d, d)
     }
 
     pub(super) fn to_parry(self) -> parry2d_f64::bounding_volume::Aabb {

@@ -18,12 +18,22 @@ pub struct Bicycle {
 impl Bicycle {
     /// Slip angle of the centre's velocity against the body, rad.
     pub fn slip(&self, steering: f64) -> f64 {
-        (self.rear / (self.front + self.rear) * steering.tan()).atan()
+        self.slip_at(steering.tan())
+    }
+
+    /// The same, given the tangent of the steering angle.
+    fn slip_at(&self, tan: f64) -> f64 {
+        (self.rear / (self.front + self.rear) * tan).atan()
     }
 
     /// Yaw rate at a speed and steering angle, rad/s.
     pub fn yaw_rate(&self, speed: f64, steering: f64) -> f64 {
-        speed * self.slip(steering).cos() * steering.tan() / (self.front + self.rear)
+        self.yaw_rate_at(speed, steering.tan(), self.slip(steering))
+    }
+
+    /// The same, given the tangent of the steering angle and the slip angle (rad).
+    fn yaw_rate_at(&self, speed: f64, tan: f64, slip: f64) -> f64 {
+        speed * slip.cos() * tan / (self.front + self.rear)
     }
 
     /// The state after `dt` seconds of constant steering (rad, |δ| < π/2) and acceleration
@@ -36,8 +46,10 @@ impl Bicycle {
         } else {
             0.5 * state.speed * state.speed / -acceleration
         };
-        let turn = self.yaw_rate(length, steering);
-        let course = state.heading + self.slip(steering) + 0.5 * turn;
+        let tan = steering.tan();
+        let slip = self.slip_at(tan);
+        let turn = self.yaw_rate_at(length, tan, slip);
+        let course = state.heading + slip + 0.5 * turn;
         // Chord of an arc of this length and turn.
         let half = 0.5 * turn;
         let chord = if half.abs() < 1e-6 { length } else { length * half.sin() / half };

@@ -7,13 +7,13 @@
 //! and no plan.
 
 use sage_core::{
-    geometry::{OrientedBox, distance},
+    geometry::{Aabb, OrientedBox, distance, norm},
     motion::{DT, State},
     registry::Entry,
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Driver, EgoPolicy, Start, View, forecast, pid::Pid, steering};
+use super::{Driver, EgoPolicy, Start, View, forecast::Forecast, pid::Pid, steering};
 use crate::{
     Error,
     body::{Body, BodyKind},
@@ -35,6 +35,8 @@ const TRAFFIC_SPEEDS: [f64; 2] = [5.0, 25.0];
 const CURVE_BRAKING: f64 = 2.0;
 /// Boxes farther apart than this cannot meet within the forecast, metres.
 const FARTHEST: f64 = 120.0;
+/// Distance by which a reach may be wrong without any effect, metres: far more than rounding.
+const SLACK: f64 = 0.01;
 
 /// Length and width of the barrier that stands for a red light, metres: a car cannot drive through within a step.
 const BARRIER: [f64; 2] = [3.0, 3.0];
@@ -165,9 +167,13 @@ impl ExpertDriver {
     fn safe_acceleration(&self, view: &View, wanted: f64, red: Option<RedStop>) -> f64 {
         let steps = (self.options.forecast / DT).round() as usize;
         let position = view.motion().position;
+        let within_reach = Aabb::around(position, self.reach(view, wanted));
         let near = view.others().filter(|other| distance(other.area.center, position) < FARTHEST);
-        let mut others: Vec<Vec<OrientedBox>> = near.map(|other| forecast::boxes(other, steps)).collect();
-        others.extend(red.map(|stop| vec![barrier(view.route(), stop); steps + 1]));
+        let forecasts = near.map(|other| Forecast::of(other, steps));
+        let light = red.map(|stop| Forecast::standing(barrier(view.route(), stop), steps));
+        // Others that the car cannot reach under any of the accelerations do not matter.
+        let others: Vec<Forecast> =
+            forecasts.chain(light).filter(|other| other.bounds.meets(&within_reach)).collect();
         if others.is_empty() {
             return wanted;
         }
@@ -179,8 +185,19 @@ impl ExpertDriver {
         safe.find(|a| !self.meets(view, &others, *a, steps)).unwrap_or(brakes[0])
     }
 
+    /// Distance from the car's position within which its box stays in the forecast, with margins, metres.
+    fn reach(&self, view: &View, wanted: f64) -> f64 {
+        // One step more than the forecast leaves room for rounding.
+        let time = self.options.forecast + DT;
+        let speed = view.motion().body_velocity()[0].max(0.0);
+        let [ahead, aside] = self.options.margins;
+        let area = view.area();
+        let around = area.half_length + ahead + area.half_width + aside;
+        speed * time + 0.5 * wanted.max(0.0) * time * time + around + SLACK
+    }
+
     /// Whether the own box, with margins, meets another within the forecast, other than from behind.
-    fn meets(&self, view: &View, others: &[Vec<OrientedBox>], acceleration: f64, steps: usize) -> bool {
+    fn meets(&self, view: &View, others: &[Forecast], acceleration: f64, steps: usize) -> bool {
         let (route, car) = (view.route(), view.car());
         let bicycle = steering::bicycle(car);
         let motion = view.motion();
@@ -191,19 +208,17 @@ impl ExpertDriver {
         };
         let [ahead, aside] = self.options.margins;
         let half = [view.area().half_length, view.area().half_width];
+        let (mut sin, mut cos) = state.heading.sin_cos();
+        let mut leg = 0;
         for step in 1..=steps {
-            let place = route.locate(state.position, Localization::Nearest).along;
-            let as_motion = crate::vehicle::Motion {
-                position: state.position,
-                heading: state.heading,
-                velocity: [state.speed, 0.0],
-                yaw_rate: 0.0,
-            };
-            let steer = steering::along(car, &as_motion, route, place, 0.0) * car.max_steering;
+            let place = route.locate_near(state.position, &mut leg).along;
+            let ahead_on_route = place + steering::look_ahead(norm([state.speed, 0.0]));
+            let target = route.point_near(Coordinates { along: ahead_on_route, across: 0.0 }, leg);
+            let steer = steering::from_pose(car, state.position, [cos, sin], target) * car.max_steering;
             state = bicycle.step(&state, steer, acceleration, DT);
             // The margin ahead shrinks with the speed, so that the car can close up and stop.
             let front = ahead * (state.speed / 5.0).min(1.0);
-            let (sin, cos) = state.heading.sin_cos();
+            (sin, cos) = state.heading.sin_cos();
             let [x, y] = state.position;
             let center = [x + 0.5 * front * cos, y + 0.5 * front * sin];
             let own = OrientedBox {
@@ -212,8 +227,13 @@ impl ExpertDriver {
                 half_length: half[0] + 0.5 * front,
                 half_width: half[1] + aside,
             };
+            let bounds = own.aabb();
             for other in others {
-                let other = &other[step];
+                // Bounds first: the boxes of a forecast that is never near are not worked out.
+                if !other.bounds.meets(&bounds) {
+                    continue;
+                }
+                let other = other.at(step);
                 if own.center_distance(other) > own.radius() + other.radius() || !own.intersects(other) {
                     continue;
                 }

@@ -26,7 +26,11 @@ const CURVE_WINDOW: f64 = 4.0;
 /// Steering in [−1, 1] that brings the car to a point ahead.
 pub(super) fn towards(car: &Vehicle, motion: &Motion, target: Point) -> f64 {
     let (sin, cos) = motion.heading.sin_cos();
-    let [x, y] = motion.position;
+    from_pose(car, motion.position, [cos, sin], target)
+}
+
+/// Steering in [−1, 1] that brings the car from a position and direction to a point ahead.
+pub(super) fn from_pose(car: &Vehicle, [x, y]: Point, [cos, sin]: Point, target: Point) -> f64 {
     let rear = [x - car.rear * cos, y - car.rear * sin];
     let d = sub(target, rear);
     let left = d[1] * cos - d[0] * sin;

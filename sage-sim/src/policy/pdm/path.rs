@@ -19,6 +19,12 @@ const CURVE_BRAKING: f64 = 2.0;
 const STRIDE: usize = 4;
 /// Length of the pieces of a corridor, metres.
 const PIECE: f64 = 1.0;
+/// Points with common bounds, a multiple of [`STRIDE`]: most of a path is far from a point, and not looked at.
+const RUN: usize = 16;
+/// Length of the cells by which the points at a distance along the path are found, metres.
+const CELL: f64 = 1.0;
+/// Distance by which bounds may be wrong without any effect, metres: far more than rounding.
+const SLACK: f64 = 0.01;
 
 /// A path: points with directions, curvatures and speeds.
 #[derive(Clone)]
@@ -32,17 +38,19 @@ pub(super) struct Path {
     along: Vec<f64>,
     /// Largest speeds for the curves ahead, m/s.
     speeds: Vec<f64>,
+    /// Bounds of each [`RUN`] points and of the next one, so that they hold the way to it.
+    runs: Vec<Aabb>,
+    /// Number of points before each cell, and the one before it.
+    cells: Vec<usize>,
 }
 
 /// A place on a path.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Place {
     pub(super) position: Point,
     pub(super) axis: Point,
     /// 1/m, positive to the left.
     pub(super) curvature: f64,
-    /// Largest speed for the curves ahead, m/s.
-    pub(super) speed: f64,
 }
 
 impl Path {
@@ -89,7 +97,17 @@ impl Path {
                 speeds[k] = squared.sqrt();
             }
         }
-        Self { points, axes: axes.to_vec(), curvatures, along, speeds }
+        let run = |start: usize| {
+            let end = (start + RUN).min(last);
+            Aabb::of(points[start..=end].iter().copied())
+        };
+        let runs = (0..points.len()).step_by(RUN).map(run).collect();
+        let before = |cell: usize| {
+            let start = CELL * (cell as f64 - 1.0);
+            along.partition_point(|a| *a <= start)
+        };
+        let cells = (0..=(along[last] / CELL) as usize).map(before).collect();
+        Self { points, axes: axes.to_vec(), curvatures, along, speeds, runs, cells }
     }
 
     /// Length, metres.
@@ -97,10 +115,21 @@ impl Path {
         self.along[self.along.len() - 1]
     }
 
+    /// The number of the last point, but one, that is not beyond a distance along the path.
+    fn before(&self, along: f64) -> usize {
+        // The cell is rounded, and 0 before the path; so the search begins a cell before it.
+        let cell = ((along / CELL) as usize).min(self.cells.len() - 1);
+        let mut k = self.cells[cell];
+        while self.along.get(k).is_some_and(|a| *a <= along) {
+            k += 1;
+        }
+        k.clamp(1, self.points.len() - 1) - 1
+    }
+
     /// The place at a distance along the path; beyond the ends it continues straight.
+    #[inline]
     pub(super) fn at(&self, along: f64) -> Place {
-        let last = self.points.len() - 1;
-        let k = self.along.partition_point(|a| *a <= along).clamp(1, last) - 1;
+        let k = self.before(along);
         let length = (self.along[k + 1] - self.along[k]).max(1e-9);
         let share = (along - self.along[k]) / length;
         let inner = share.clamp(0.0, 1.0);
@@ -110,25 +139,58 @@ impl Path {
             position: between(self.points[k], self.points[k + 1], share),
             axis: axis.map(|x| x / norm(axis).max(1e-9)),
             curvature: self.curvatures[k],
-            speed: self.speeds[k],
         }
+    }
+
+    /// Largest speed for the curves ahead at a distance along the path, m/s.
+    pub(super) fn speed(&self, along: f64) -> f64 {
+        self.speeds[self.before(along)]
     }
 
     /// The distance along the path of its point nearest to `p`.
     pub(super) fn project(&self, p: Point) -> f64 {
+        let starts = (0..self.points.len()).step_by(RUN).map(|k| gap(self.points[k], p));
+        self.project_within(p, starts.fold(f64::INFINITY, f64::min)).0
+    }
+
+    /// The same with the number of the nearest point, which the search looks at first for a place near the last one.
+    pub(super) fn project_near(&self, p: Point, last: &mut usize) -> f64 {
+        let compared = *last - *last % STRIDE;
+        let (along, k) = self.project_within(p, gap(self.points[compared], p));
+        *last = k;
+        along
+    }
+
+    /// The distance along the path of its point nearest to `p`, and the number of that point. The gap of one of the
+    /// compared points, or a larger one, is `least`.
+    fn project_within(&self, p: Point, mut least: f64) -> (f64, usize) {
         let last = self.points.len() - 1;
-        let gap = |k: usize| {
-            let d = sub(self.points[k], p);
-            dot(d, d)
-        };
-        let nearest = |range: &mut dyn Iterator<Item = usize>| {
-            range
-                .map(|k| (gap(k), k))
-                .fold((f64::INFINITY, 0), |best, one| if one.0 < best.0 { one } else { best })
-        };
-        let (_, coarse) = nearest(&mut (0..=last).step_by(STRIDE));
-        let (_, k) = nearest(&mut (coarse.saturating_sub(STRIDE)..=(coarse + STRIDE).min(last)));
-        self.along[k] + dot(sub(p, self.points[k]), self.axes[k])
+        // A run whose bounds are farther than a point that is compared cannot hold the nearest one. The same
+        // operations give bounds and gaps, so no rounding brings a point before its bounds.
+        let mut coarse = (f64::INFINITY, 0);
+        for (number, run) in self.runs.iter().enumerate() {
+            if run.squared_distance(p) > least {
+                continue;
+            }
+            let start = number * RUN;
+            for k in (start..(start + RUN).min(self.points.len())).step_by(STRIDE) {
+                let found = gap(self.points[k], p);
+                if found < coarse.0 {
+                    coarse = (found, k);
+                    least = least.min(found);
+                }
+            }
+        }
+        let from = coarse.1.saturating_sub(STRIDE);
+        let mut nearest = (f64::INFINITY, 0);
+        for (k, point) in (from..).zip(&self.points[from..=(coarse.1 + STRIDE).min(last)]) {
+            let found = gap(*point, p);
+            if found < nearest.0 {
+                nearest = (found, k);
+            }
+        }
+        let k = nearest.1;
+        (self.along[k] + dot(sub(p, self.points[k]), self.axes[k]), k)
     }
 
     /// Whether a box meets the corridor of a half width around the path between two distances along it. The centre
@@ -161,12 +223,34 @@ impl Path {
 
     /// Bounds of the part between two distances along the path, grown by a reach.
     pub(super) fn bounds(&self, [from, to]: [f64; 2], reach: f64) -> Aabb {
-        let inside =
-            (0..self.points.len()).filter(|&k| (from - SPACING..=to + SPACING).contains(&self.along[k]));
+        // The distances along the path never fall.
+        let first = self.along.partition_point(|a| *a < from - SPACING);
+        let end = self.along.partition_point(|a| *a <= to + SPACING).max(first);
         let ends = [self.at(from).position, self.at(to).position];
-        let all = Aabb::of(inside.map(|k| self.points[k]).chain(ends));
-        Aabb { min: all.min.map(|x| x - reach), max: all.max.map(|x| x + reach) }
+        let all = Aabb::of(self.points[first..end].iter().copied().chain(ends));
+        all.grown(reach)
     }
+
+    /// Bounds of all runs of points between two distances along the path, and of the straight ways before and beyond
+    /// the path: a box farther than `half_width` and its radius from each of them does not meet the corridor
+    /// ([`Path::meets`]).
+    pub(super) fn corridor(&self, [from, to]: [f64; 2], half_width: f64) -> Vec<Aabb> {
+        let last = self.points.len() - 1;
+        let runs = &self.runs[self.before(from) / RUN..=self.before(to) / RUN];
+        let beyond = (to > self.along[last]).then(|| Aabb::of([self.points[last], self.at(to).position]));
+        let before = (from < self.along[0]).then(|| Aabb::of([self.points[0], self.at(from).position]));
+        // A piece reaches half its length farther than its place on the path.
+        let reach = half_width + 0.5 * PIECE + SLACK;
+        let all = runs.iter().copied().chain(beyond).chain(before);
+        all.map(|bounds| bounds.grown(reach)).collect()
+    }
+}
+
+/// Squared distance of two points, m².
+#[inline]
+fn gap(a: Point, b: Point) -> f64 {
+    let d = sub(a, b);
+    dot(d, d)
 }
 
 /// Positions averaged over their neighbours; the ends stay.
@@ -183,6 +267,7 @@ fn smoothed(points: &[Point]) -> Vec<Point> {
 #[cfg(test)]
 mod tests {
     use approx::assert_relative_eq;
+    use sage_core::seed::Rng;
 
     use super::*;
 
@@ -207,12 +292,57 @@ mod tests {
     }
 
     #[test]
+    fn searches_find_what_a_scan_of_all_points_finds() {
+        let mut rng = Rng::new(0, "pdm path", "searches");
+        for path in bend() {
+            let (last, mut near) = (path.points.len() - 1, 0);
+            for _ in 0..2_000 {
+                let along = rng.uniform(-20.0, path.length() + 20.0);
+                let k = path.along.partition_point(|a| *a <= along).clamp(1, last) - 1;
+                assert_eq!(path.before(along), k);
+                let p = [rng.uniform(-60.0, 120.0), rng.uniform(-60.0, 300.0)];
+                let first_least = |range: &mut dyn Iterator<Item = usize>| {
+                    range.reduce(|a, b| if gap(path.points[b], p) < gap(path.points[a], p) { b } else { a })
+                };
+                let coarse = first_least(&mut (0..=last).step_by(STRIDE)).unwrap();
+                let around = coarse.saturating_sub(STRIDE)..=(coarse + STRIDE).min(last);
+                let k = first_least(&mut around.into_iter()).unwrap();
+                let found = path.along[k] + dot(sub(p, path.points[k]), path.axes[k]);
+                assert_eq!(path.project(p), found);
+                assert_eq!(path.project_near(p, &mut near), found);
+            }
+        }
+    }
+
+    #[test]
+    fn what_meets_a_corridor_is_near_its_parts() {
+        let mut rng = Rng::new(0, "pdm path", "corridor");
+        let mut met = 0;
+        for path in bend() {
+            for _ in 0..2_000 {
+                let from = rng.uniform(-20.0, path.length());
+                let range = [from, from + rng.uniform(1.0, 120.0)];
+                let p = path.at(rng.uniform(-30.0, path.length() + 100.0)).position;
+                let center = p.map(|x| x + rng.uniform(-6.0, 6.0));
+                let area = OrientedBox::new(center, rng.uniform(-3.0, 3.0), 5.0, 2.0);
+                if path.meets(&area, path.project(center), 1.0, range) {
+                    met += 1;
+                    let radius = area.radius();
+                    let parts = path.corridor(range, 1.0);
+                    assert!(parts.iter().any(|part| part.squared_distance(center) <= radius * radius));
+                }
+            }
+        }
+        assert!(met > 500, "{met}");
+    }
+
+    #[test]
     fn a_bend_has_its_curvature_and_limits_the_speed_before_it() {
         let [center, ..] = bend();
         assert_relative_eq!(center.at(45.0).curvature, 0.05, epsilon = 2e-3);
-        assert_relative_eq!(center.at(45.0).speed, (2.5f64 * 20.0).sqrt(), epsilon = 0.2);
+        assert_relative_eq!(center.speed(45.0), (2.5f64 * 20.0).sqrt(), epsilon = 0.2);
         // 20 m before the bend the car may still brake.
-        let before = center.at(10.0).speed;
+        let before = center.speed(10.0);
         assert!(before > 9.0 && before < 13.0, "{before}");
         assert_relative_eq!(center.at(90.0).curvature, 0.0, epsilon = 1e-9);
     }

@@ -120,7 +120,11 @@ pub(super) fn proposals(paths: &[Path; 3], outset: &Outset) -> Vec<Proposal> {
         let first = Followed { along: 0.0, speed: 0.0, half_length: 0.0 };
         let mut states = [[start, outset.speed]; SPEEDS.len()];
         let mut followed = [first; SPEEDS.len()];
-        let mut driven: [Vec<[f64; 2]>; SPEEDS.len()] = std::array::from_fn(|n| vec![states[n]]);
+        let mut driven: [Vec<[f64; 2]>; SPEEDS.len()] = std::array::from_fn(|n| {
+            let mut all = Vec::with_capacity(STEPS + 1);
+            all.push(states[n]);
+            all
+        });
         for step in 1..=STEPS {
             if step % RENEWED == 0 || (step == 1 && !outset.as_published) {
                 let mut half_length = 0.0;
@@ -134,7 +138,7 @@ pub(super) fn proposals(paths: &[Path; 3], outset: &Outset) -> Vec<Proposal> {
                 }
             }
             for n in 0..SPEEDS.len() {
-                let target = (SPEEDS[n] * outset.limit).min(path.at(states[n][0]).speed);
+                let target = (SPEEDS[n] * outset.limit).min(path.speed(states[n][0]));
                 states[n] = follow(states[n], &followed[n], target, outset.as_published);
                 driven[n].push(states[n]);
             }
@@ -179,6 +183,7 @@ fn corridor<'a>(path: &Path, start: f64, outset: &Outset<'a>) -> Vec<Vec<Ahead<'
     let range = [start, start + CORRIDOR * outset.limit];
     let half_width = outset.shape.half[1];
     let bounds = path.bounds([range[0], range[1].min(path.length())], half_width);
+    let parts = path.corridor(range, half_width);
     let place = path.at(start);
     let own = outset.shape.area(place.position, place.axis);
     let mut found: Vec<Vec<Ahead>> = (0..=STEPS / RENEWED).map(|_| Vec::new()).collect();
@@ -187,9 +192,15 @@ fn corridor<'a>(path: &Path, start: f64, outset: &Outset<'a>) -> Vec<Vec<Ahead<'
         if !outset.as_published && is_behind(&own, outset.shape.rear, other.at(0).center) {
             continue;
         }
-        let look = |step: usize| {
+        let mut last = 0;
+        let mut look = |step: usize| {
             let area = other.at(step);
-            let along = path.project(area.center);
+            let radius = area.radius();
+            // Most are never near the corridor, and need no search of the nearest point.
+            if !parts.iter().any(|part| part.squared_distance(area.center) <= radius * radius) {
+                return None;
+            }
+            let along = path.project_near(area.center, &mut last);
             path.meets(&area, along, half_width, range).then_some((along, area))
         };
         let standing = other.stands().then(|| look(0));
@@ -205,7 +216,8 @@ fn corridor<'a>(path: &Path, start: f64, outset: &Outset<'a>) -> Vec<Vec<Ahead<'
 /// The nearest road user before a car whose rear axle is at a distance along the path, the red light if its stop point
 /// is nearer, or the end of the path.
 fn leader(path: &Path, corridor: &[Ahead], along: f64, stop: Option<f64>, outset: &Outset) -> Followed {
-    let place = path.at(along);
+    // Without anybody ahead the place does not matter.
+    let place = if corridor.is_empty() { Place::default() } else { path.at(along) };
     let own = outset.shape.area(place.position, place.axis);
     let mut nearest: Option<(f64, &Ahead)> = None;
     for ahead in corridor.iter().filter(|ahead| ahead.along > along) {

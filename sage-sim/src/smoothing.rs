@@ -10,6 +10,8 @@ pub(crate) struct Filter {
     window: usize,
     /// `rows[k]` gives the result at the window's value `k`.
     rows: Vec<Vec<f64>>,
+    /// The same, by the window's values: `columns[k][place]` is `rows[place][k]`.
+    columns: Vec<Vec<f64>>,
 }
 
 impl Filter {
@@ -34,19 +36,36 @@ impl Filter {
         let weight = |place: usize, k: usize| {
             basis.iter().map(|p| value(p, at(place), derivative) * value(p, at(k), 0)).sum()
         };
-        let rows = (0..window).map(|place| (0..window).map(|k| weight(place, k)).collect()).collect();
-        Self { window, rows }
+        let rows: Vec<Vec<f64>> =
+            (0..window).map(|place| (0..window).map(|k| weight(place, k)).collect()).collect();
+        let columns = (0..window).map(|k| rows.iter().map(|row| row[k]).collect()).collect();
+        Self { window, rows, columns }
     }
 
     /// The filtered series; empty if the series is shorter than the window.
     pub(crate) fn apply(&self, series: &[f64]) -> Vec<f64> {
         let Some(last) = series.len().checked_sub(self.window) else { return Vec::new() };
+        if last == 0 {
+            return self.apply_once(series);
+        }
         let result = |k: usize| {
             let start = k.saturating_sub(self.window / 2).min(last);
             let window = &series[start..start + self.window];
             self.rows[k - start].iter().zip(window).map(|(weight, y)| weight * y).sum()
         };
         (0..series.len()).map(result).collect()
+    }
+
+    /// The filtered series of the length of the window. All sums grow together, each in the same order as alone: one
+    /// after the other, each addition would wait for the one before it.
+    fn apply_once(&self, series: &[f64]) -> Vec<f64> {
+        let mut sums = vec![-0.0; self.window];
+        for (column, y) in self.columns.iter().zip(series) {
+            for (sum, weight) in sums.iter_mut().zip(column) {
+                *sum += weight * y;
+            }
+        }
+        sums
     }
 }
 
@@ -79,6 +98,15 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_series_of_one_window_gets_the_sums_of_the_rows() {
+        let filter = Filter::new(41, 2, 1);
+        let series: Vec<f64> = (0..41).map(|k| (0.7 * f64::from(k)).sin()).collect();
+        let rows = filter.rows.iter();
+        let sums: Vec<f64> = rows.map(|row| row.iter().zip(&series).map(|(w, y)| w * y).sum()).collect();
+        assert_eq!(filter.apply(&series), sums);
     }
 
     #[test]

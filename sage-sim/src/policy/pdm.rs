@@ -12,6 +12,7 @@ mod others;
 mod path;
 mod proposals;
 mod score;
+mod surroundings;
 pub(super) mod tracker;
 
 use std::sync::Arc;
@@ -35,7 +36,7 @@ use crate::{
 use others::Other;
 use path::Path;
 use proposals::{BRAKE, Outset, Proposal, STEPS, Shape};
-use score::{Scored, Scorer};
+use score::{Drive, Scored, Scorer};
 use tracker::{Bicycle, Command, Driven, Reference, track};
 
 /// Largest distance of a lane whose speed limit counts, metres, and least cosine of the angle to it (30°).
@@ -202,15 +203,20 @@ impl PdmDriver {
             Command { acceleration, ..tracked }
         };
         let driven = |k: usize| {
-            let mut states = vec![*start];
-            for step in 0..STEPS {
-                let state = states[step];
-                states.push(state.after(bicycle, &command(k, &state, step)));
+            let (mut states, mut areas) = (Vec::with_capacity(STEPS + 1), Vec::with_capacity(STEPS + 1));
+            let mut state = *start;
+            for step in 0..=STEPS {
+                let axis = state.axis();
+                states.push(state);
+                areas.push(shape.area(state.axle, axis));
+                if step < STEPS {
+                    state = state.after_along(bicycle, &command(k, &state, step), axis);
+                }
             }
-            states
+            Drive::new(states, areas)
         };
-        let driven: Vec<Vec<Driven>> = (0..proposals.len()).map(driven).collect();
-        let scores = Scorer { view, shape, others, center: &paths[0] }.scores(&driven);
+        let drives: Vec<Drive> = (0..proposals.len()).map(driven).collect();
+        let scores = Scorer { view, shape, others, center: &paths[0] }.scores(&drives);
         let best = best(&proposals, &scores);
         let first = command(best, start, 0);
         let is_due = scores[best].at_fault.is_some_and(|step| step <= EMERGENCY_STEPS);

@@ -3,11 +3,14 @@
 use std::cell::OnceCell;
 
 use sage_core::{
-    geometry::{Aabb, OrientedBox, Point, SweptBox, distance, dot, norm, sub},
+    geometry::{Aabb, OrientedBox, Point, dot},
     motion::DT,
 };
 
-use super::{comfort::is_comfortable, others::Other, path::Path, proposals::Shape, tracker::Driven};
+use super::{
+    comfort::is_comfortable, others::Other, path::Path, proposals::Shape, surroundings::Surroundings,
+    tracker::Driven,
+};
 use crate::{
     body::BodyKind,
     fault::{bearing, classify_meeting, is_behind, is_in_one_lane, lanes_at},
@@ -16,20 +19,13 @@ use crate::{
 
 /// Factor of a contact with a standing object.
 const OBJECT_CONTACT: f64 = 0.5;
-/// Space to edges, metres: half their width in the simulation, and what the tyres may miss.
-const EDGE_SPACE: f64 = 0.2;
-/// Metres against the traffic: below the first nothing happens, below the second the factor is a half, then 0.
-const AGAINST: [f64; 2] = [2.0, 6.0];
-/// Half the width of a lane in the test of its direction, metres: stated widths are distances to the next boundary.
-const HALF_LANE: f64 = 1.85;
-/// Cosine of the angle from which a lane counts as opposite (120°).
-const OPPOSITE: f64 = -0.5;
 /// Weights of progress, time to collision and comfort.
 const WEIGHTS: [f64; 3] = [5.0, 5.0, 2.0];
 /// Progress below which all proposals count as equal, metres.
 const LEAST_PROGRESS: f64 = 0.1;
 /// Steps ahead at which a constant velocity must not lead into another.
 const AHEAD: [usize; 4] = [0, 3, 6, 9];
+const LAST_AHEAD: usize = AHEAD[AHEAD.len() - 1];
 /// Speed below which no time to collision is asked for, m/s.
 const STANDING: f64 = 5e-3;
 /// Cosine of the angle within which others count as ahead (30°).
@@ -55,70 +51,107 @@ pub(super) struct Scorer<'a> {
     pub(super) center: &'a Path,
 }
 
-/// A proposal with its boxes.
-struct Drive<'a> {
-    states: &'a [Driven],
+/// A driven proposal.
+pub(super) struct Drive {
+    states: Vec<Driven>,
+    /// Boxes of the states.
     areas: Vec<OrientedBox>,
     bounds: Aabb,
 }
 
+impl Drive {
+    /// A drive of states, with their boxes.
+    pub(super) fn new(states: Vec<Driven>, areas: Vec<OrientedBox>) -> Self {
+        let bounds = areas.iter().fold(Aabb::EMPTY, |all, area| all.union(&area.aabb()));
+        Self { states, areas, bounds }
+    }
+}
+
 /// Factors that any proposal needs, and its progress, metres.
-struct Checked<'a> {
-    drive: Drive<'a>,
+#[derive(Clone, Copy)]
+struct Checked {
     at_fault: Option<usize>,
     factor: f64,
     progress: f64,
 }
 
+/// Road users with the bounds of their forecasts.
+type Bounded<'a> = Vec<(Aabb, &'a Other)>;
+
 impl Scorer<'_> {
-    /// Scores of all proposals.
-    pub(super) fn scores(&self, proposals: &[Vec<Driven>]) -> Vec<Scored> {
-        let checked: Vec<Checked> = proposals.iter().map(|states| self.check(states)).collect();
+    /// Scores of all proposals. That of a proposal which cannot be the best one, or is not the first of the best, may be
+    /// given as 0.
+    pub(super) fn scores(&self, drives: &[Drive]) -> Vec<Scored> {
+        let checked = self.check(drives);
         let best = checked.iter().map(|one| one.factor * one.progress).fold(0.0, f64::max);
-        let score = |one: &Checked| {
-            let value = if one.factor > 0.0 {
-                let progress = if best > LEAST_PROGRESS { one.factor * one.progress / best } else { 1.0 };
-                let holds = |is_fulfilled: bool| f64::from(u8::from(is_fulfilled));
-                let parts =
-                    [progress, holds(self.keeps_time(&one.drive)), holds(is_comfortable(one.drive.states))];
-                let sum: f64 = WEIGHTS.iter().zip(parts).map(|(weight, part)| weight * part).sum();
-                one.factor * sum / WEIGHTS.iter().sum::<f64>()
-            } else {
-                0.0
-            };
-            Scored { value, at_fault: one.at_fault }
+        let value = |one: &Checked, keeps_time: bool, is_comfortable: bool| {
+            let progress = if best > LEAST_PROGRESS { one.factor * one.progress / best } else { 1.0 };
+            let holds = |is_fulfilled: bool| f64::from(u8::from(is_fulfilled));
+            let parts = [progress, holds(keeps_time), holds(is_comfortable)];
+            let sum: f64 = WEIGHTS.iter().zip(parts).map(|(weight, part)| weight * part).sum();
+            one.factor * sum / WEIGHTS.iter().sum::<f64>()
         };
-        checked.iter().map(score).collect()
+        let mut scores: Vec<Scored> =
+            checked.iter().map(|one| Scored { value: 0.0, at_fault: one.at_fault }).collect();
+        let ahead = self.bounded(drives.first().map_or(0, |drive| drive.states.len()) + LAST_AHEAD);
+        // Those that can reach most come first, so that the others need no test of time and comfort.
+        let mut order: Vec<usize> = (0..drives.len()).filter(|k| checked[*k].factor > 0.0).collect();
+        let most: Vec<f64> = checked.iter().map(|one| value(one, true, true)).collect();
+        order.sort_by(|a, b| most[*b].total_cmp(&most[*a]));
+        let (mut first, mut highest) = (usize::MAX, 0.0);
+        for k in order {
+            let can_win = |most: f64| most > highest || (most == highest && k < first);
+            if !can_win(most[k]) {
+                continue;
+            }
+            let keeps_time = self.keeps_time(&drives[k], &ahead);
+            if !can_win(value(&checked[k], keeps_time, true)) {
+                continue;
+            }
+            let found = value(&checked[k], keeps_time, is_comfortable(&drives[k].states));
+            scores[k].value = found;
+            if can_win(found) {
+                (first, highest) = (k, found);
+            }
+        }
+        scores
     }
 
-    fn check<'s>(&self, states: &'s [Driven]) -> Checked<'s> {
-        let area = |state: &Driven| {
-            let (sin, cos) = state.heading.sin_cos();
-            self.shape.area(state.axle, [cos, sin])
+    /// Road users with the bounds of their forecasts up to a step.
+    fn bounded(&self, step: usize) -> Bounded<'_> {
+        self.others.iter().map(|other| (other.bounds(step), other)).collect()
+    }
+
+    /// All drives start with the same state.
+    fn check(&self, drives: &[Drive]) -> Vec<Checked> {
+        let Some(start) = drives.first() else { return Vec::new() };
+        let bounds = drives.iter().fold(Aabb::EMPTY, |all, drive| all.union(&drive.bounds));
+        let surroundings = Surroundings::new(self.view, &start.areas[0], &bounds);
+        let others = self.bounded(start.states.len());
+        let mut place = 0;
+        let mut along = |area: &OrientedBox| self.center.project_near(area.center, &mut place);
+        let first = along(&start.areas[0]);
+        let check = |drive: &Drive| {
+            let (contacts, at_fault) = self.contacts(drive, &others);
+            let mut factor = contacts;
+            if factor > 0.0 && surroundings.touches_edge(&drive.areas) {
+                factor = 0.0;
+            }
+            if factor > 0.0 {
+                factor *= surroundings.direction(&drive.areas);
+            }
+            let last = &drive.areas[drive.areas.len() - 1];
+            let progress = if factor > 0.0 { (along(last) - first).max(0.0) } else { 0.0 };
+            Checked { at_fault, factor, progress }
         };
-        let areas: Vec<OrientedBox> = states.iter().map(area).collect();
-        let bounds = areas.iter().fold(Aabb::EMPTY, |all, area| all.union(&area.aabb()));
-        let drive = Drive { states, areas, bounds };
-        let (contacts, at_fault) = self.contacts(&drive);
-        let mut factor = contacts;
-        if factor > 0.0 && self.touches_edge(&drive) {
-            factor = 0.0;
-        }
-        if factor > 0.0 {
-            factor *= self.direction(&drive);
-        }
-        let along = |area: &OrientedBox| self.center.project(area.center);
-        let (first, last) = (&drive.areas[0], &drive.areas[drive.areas.len() - 1]);
-        let progress = if factor > 0.0 { (along(last) - along(first)).max(0.0) } else { 0.0 };
-        Checked { drive, at_fault, factor, progress }
+        drives.iter().map(check).collect()
     }
 
     /// Factor of contacts at fault, and the step of the first one. A contact without fault ends the interest in that
     /// road user.
-    fn contacts(&self, drive: &Drive) -> (f64, Option<usize>) {
+    fn contacts(&self, drive: &Drive, others: &Bounded) -> (f64, Option<usize>) {
         let (mut factor, mut first) = (1.0, None);
-        for other in self.others.iter().filter(|other| other.bounds(drive.states.len()).meets(&drive.bounds))
-        {
+        for (_, other) in others.iter().filter(|(bounds, _)| bounds.meets(&drive.bounds)) {
             let met = drive.areas.iter().enumerate().find_map(|(step, own)| {
                 let area = other.at(step);
                 area.intersects(own).then_some((step, area))
@@ -137,83 +170,16 @@ impl Scorer<'_> {
         (factor, first)
     }
 
-    /// Whether an edge or median is touched. One that is nearer than the space at the start must only not be touched; one
-    /// that is touched there does not count.
-    fn touches_edge(&self, drive: &Drive) -> bool {
-        let edges = self.view.index().edges();
-        let grown = |area: &OrientedBox| OrientedBox {
-            half_length: area.half_length + EDGE_SPACE,
-            half_width: area.half_width + EDGE_SPACE,
-            ..*area
-        };
-        let start = &drive.areas[0];
-        let features_at = |area: &OrientedBox| -> Vec<u32> {
-            let bounds = area.aabb();
-            let touched = edges.near(&bounds).flatten().map(|k| &edges.segments()[k]);
-            touched.filter(|s| area.intersects_segment(s.a, s.b)).map(|s| s.feature).collect()
-        };
-        let (near, touched) = (features_at(&grown(start)), features_at(start));
-        drive.areas.windows(2).any(|pair| {
-            let [from, to] = [grown(&pair[0]), grown(&pair[1])];
-            let (wide, narrow) = (SweptBox::between(&from, &to), SweptBox::between(&pair[0], &pair[1]));
-            let bounds = from.aabb().union(&to.aabb());
-            edges.near(&bounds).flatten().any(|k| {
-                let segment = &edges.segments()[k];
-                let sweep = if near.contains(&segment.feature) { &narrow } else { &wide };
-                sweep.intersects_segment(segment.a, segment.b)
-                    && self.view.is_level(segment.height(0.5))
-                    && !touched.contains(&segment.feature)
-            })
-        })
-    }
-
-    /// Factor of driving against the traffic.
-    fn direction(&self, drive: &Drive) -> f64 {
-        let (mut run, mut longest) = (0.0, 0.0f64);
-        for pair in drive.areas.windows(2) {
-            let way = distance(pair[0].center, pair[1].center);
-            // A car that stands keeps its run.
-            if way > 0.0 {
-                run = if self.is_against(&pair[1]) { run + way } else { 0.0 };
-                longest = longest.max(run);
-            }
-        }
-        match longest {
-            l if l < AGAINST[0] => 1.0,
-            l if l < AGAINST[1] => 0.5,
-            _ => 0.0,
-        }
-    }
-
-    /// Whether the centre is in a lane of the opposite direction and in none of its own.
-    fn is_against(&self, own: &OrientedBox) -> bool {
-        let lanes = self.view.index().motor_lanes();
-        let mut is_opposite = false;
-        for k in lanes.near(&Aabb::around(own.center, HALF_LANE)).flatten() {
-            let segment = &lanes.segments()[k];
-            let away = sub(own.center, segment.at(segment.nearest_share(own.center)));
-            if dot(away, away) <= HALF_LANE * HALF_LANE {
-                let direction = sub(segment.b, segment.a);
-                let along = dot(direction, own.axis);
-                if along >= 0.0 {
-                    return false;
-                }
-                is_opposite |= along < OPPOSITE * norm(direction);
-            }
-        }
-        is_opposite
-    }
-
     /// Whether no step, continued for 0.9 s at constant velocity, meets another: one ahead, or, where the car is not in
     /// one lane or is in an intersection, one that is not behind. A first meeting that does not count ends the
     /// interest in that road user.
-    fn keeps_time(&self, drive: &Drive) -> bool {
-        let last = AHEAD[AHEAD.len() - 1];
-        let reach = drive.states.iter().map(|state| state.speed).fold(0.0, f64::max) * DT * last as f64;
+    fn keeps_time(&self, drive: &Drive, others: &Bounded) -> bool {
+        let fastest = drive.states.iter().map(|state| state.speed).fold(0.0, f64::max);
+        let reach = fastest * DT * LAST_AHEAD as f64;
         let bounds =
             Aabb { min: drive.bounds.min.map(|x| x - reach), max: drive.bounds.max.map(|x| x + reach) };
-        let near = self.others.iter().filter(|other| other.bounds(drive.states.len() + last).meets(&bounds));
-        let mut left: Vec<&Other> = near.collect();
+        let near = others.iter().filter(|(forecast, _)| forecast.meets(&bounds));
+        let mut left: Vec<&Other> = near.map(|(_, other)| *other).collect();
         for (step, (state, own)) in drive.states.iter().zip(&drive.areas).enumerate() {
             if state.speed < STANDING {
                 continue;

@@ -113,8 +113,18 @@ fn steering_rate(
 impl Driven {
     /// The state after one step under a command. The speed never falls below 0.
     pub(in crate::policy) fn after(&self, car: &Bicycle, command: &Command) -> Self {
-        let [quick, slow] = [LAGS[1], LAGS[0]].map(|lag| DT / (DT + lag));
+        self.after_along(car, command, self.axis())
+    }
+
+    /// Unit vector of the heading.
+    pub(in crate::policy) fn axis(&self) -> Point {
         let (sin, cos) = self.heading.sin_cos();
+        [cos, sin]
+    }
+
+    /// The state after one step, given [`Driven::axis`].
+    pub(in crate::policy) fn after_along(&self, car: &Bicycle, command: &Command, [cos, sin]: Point) -> Self {
+        let [quick, slow] = [LAGS[1], LAGS[0]].map(|lag| DT / (DT + lag));
         let acceleration = self.acceleration + slow * (command.acceleration - self.acceleration);
         let most = car.max_steering;
         let steering = (self.steering + quick * DT * command.rate).clamp(-most, most);

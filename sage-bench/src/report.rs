@@ -6,6 +6,7 @@ mod pairs;
 mod record;
 mod sweeps;
 mod tests;
+mod thresholds;
 
 use std::collections::HashMap;
 
@@ -63,6 +64,7 @@ impl Report {
         if study.report.sweeps {
             tables.extend(sweeps::tables(results)?);
         }
+        tables.extend(thresholds::tables(results));
         tables.extend(pairs::tables(study, results)?);
         tables.extend(tests::tables(study, results)?);
         let notes = tests::braking(results) + &study.report.notes;

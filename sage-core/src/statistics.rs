@@ -62,6 +62,25 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     if size > 0.0 { product(&a, &b) / size } else { 0.0 }
 }
 
+/// Kendall's τ-b of two lists of equal length: 1 if they order alike, −1 if they order oppositely; 0 if all values of one are
+/// equal.
+pub fn kendall_tau(a: &[f64], b: &[f64]) -> f64 {
+    let (mut sum, mut apart) = (0.0, [0.0; 2]);
+    for i in 0..a.len().min(b.len()) {
+        for j in 0..i {
+            let [x, y] = [(a[i], a[j]), (b[i], b[j])].map(|(p, q)| match p.partial_cmp(&q) {
+                Some(std::cmp::Ordering::Less) => -1.0,
+                Some(std::cmp::Ordering::Greater) => 1.0,
+                _ => 0.0,
+            });
+            sum += x * y;
+            apart = [apart[0] + f64::abs(x), apart[1] + f64::abs(y)];
+        }
+    }
+    let scale = (apart[0] * apart[1]).sqrt();
+    if scale > 0.0 { sum / scale } else { 0.0 }
+}
+
 /// Rank of each value from 0; equal values get the mean of their ranks.
 fn ranks(values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..values.len()).collect();
@@ -161,6 +180,16 @@ mod tests {
         assert_eq!(median(&[3.0, 1.0, 2.0]), Some(2.0));
         assert_eq!(quantile(&[0.0, 10.0], 0.25), Some(2.5));
         assert_eq!(median(&[]), None);
+    }
+
+    #[test]
+    fn kendall_tau_matches_the_published_example() {
+        // SciPy's documentation of `kendalltau`: -0.4714045207910316.
+        let tau = kendall_tau(&[12.0, 2.0, 1.0, 12.0, 2.0], &[1.0, 4.0, 7.0, 1.0, 0.0]);
+        assert!((tau + 0.471_404_520_791_031_6).abs() < 1e-12, "{tau}");
+        assert_eq!(kendall_tau(&[1.0, 2.0, 3.0], &[10.0, 20.0, 30.0]), 1.0);
+        assert_eq!(kendall_tau(&[1.0, 2.0, 3.0], &[3.0, 2.0, 1.0]), -1.0);
+        assert_eq!(kendall_tau(&[1.0, 1.0], &[3.0, 2.0]), 0.0);
     }
 
     #[test]

@@ -72,7 +72,8 @@ fn adapted(args: &StudyArgs, registries: &Registries) -> Result<Study> {
         study.metrics.retain(|subject, _| *subject == Subject::Drive);
     }
     // Against drivers, the drives under attack are what is asked for.
-    let is_driven = study.measures(Subject::Drive) || study.measures(Subject::AttackedDrive);
+    let of_drives = [Subject::Drive, Subject::AttackedDrive, Subject::Search, Subject::Threshold];
+    let is_driven = of_drives.iter().any(|subject| study.measures(*subject));
     if !study.ego.is_empty() && !is_driven {
         study.measure.push(Subject::AttackedDrive);
         study.metrics.insert(Subject::AttackedDrive, ATTACKED.map(str::to_owned).to_vec());

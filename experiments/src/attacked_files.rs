@@ -80,7 +80,10 @@ impl<'s> AttackedFiles<'s> {
     /// The OpenSCENARIO files of a scene; `None` if none are written.
     pub(crate) fn scenarios(&self, scene: &Scene) -> Option<Scenarios<'_>> {
         let (options, (license, origin)) = self.formats.scenario.clone().zip(self.origin.as_ref())?;
-        Some(Scenarios { export: Export::new(scene, Options { license: license.clone(), ..options }), origin })
+        Some(Scenarios {
+            export: Export::new(scene, Options { license: license.clone(), ..options }),
+            origin,
+        })
     }
 
     /// Pickle and native file of an attack, as file names and contents.

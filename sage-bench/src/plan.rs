@@ -10,7 +10,9 @@ use crate::{
     Registries,
     ego::{self, Ego},
     generators::weight_hashes,
-    measure::{Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult, Searches},
+    measure::{
+        Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult, Searches,
+    },
     part::{Part, PolicyPart},
     report::{KINDS, Report},
     rows::{Cell, Key, MetricRecord, Results, Subject},
@@ -44,7 +46,9 @@ fn check_report(
     metrics: &BTreeMap<Subject, Vec<MetricRecord>>,
 ) -> Result<()> {
     for PairSpec { with, .. } in &study.report.pairs {
-        let is_known = KINDS.contains(&&**with) || [POOL, ONE_SHOT].contains(&&**with) || registries.generators.get(with).is_ok();
+        let is_known = KINDS.contains(&&**with)
+            || [POOL, ONE_SHOT].contains(&&**with)
+            || registries.generators.get(with).is_ok();
         ensure!(
             is_known,
             "`pairs` has `with: {with}`, which is neither a generator nor one of {}",

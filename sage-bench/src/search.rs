@@ -158,9 +158,14 @@ impl PlanSources {
         let anew = self.built.iter().find(|built| built.facts.plans_against_ego);
         let mut replan = |against: &Context| -> Result<Vec<Proposal>, sage_core::Error> {
             let Some(built) = anew else { return Ok(Vec::new()) };
-            Ok(built.attacks(against, seed)?.into_iter().flat_map(|attack| self.candidates(built, attack)).collect())
+            Ok(built
+                .attacks(against, seed)?
+                .into_iter()
+                .flat_map(|attack| self.candidates(built, attack))
+                .collect())
         };
-        let result = search(test, ctx, rule.rule(), &mut pool, options, seed, anew.is_some().then_some(&mut replan))?;
+        let result =
+            search(test, ctx, rule.rule(), &mut pool, options, seed, anew.is_some().then_some(&mut replan))?;
         Ok((pool, result))
     }
 }

@@ -21,7 +21,11 @@ use sage_core::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, attack_test::AttackTest, avoidable::{Avoidable, AvoidanceOptions}};
+use crate::{
+    Error,
+    attack_test::AttackTest,
+    avoidable::{Avoidable, AvoidanceOptions},
+};
 
 pub use clauses::{Clause, Clauses, Reason, Requirement};
 pub use judge::{AttackedPath, Judged, Met};
@@ -150,13 +154,8 @@ pub fn search(
     let mut surrogate = Surrogate::new(ctx, options.require);
     let mut random: Vec<usize> = (0..pool.plans.len()).collect();
     Rng::new(seed, &ctx.scene().id, "search").shuffle(&mut random);
-    let mut result = SearchResult {
-        driven: Vec::new(),
-        failures: Vec::new(),
-        reason: None,
-        reached: None,
-        left: 0,
-    };
+    let mut result =
+        SearchResult { driven: Vec::new(), failures: Vec::new(), reason: None, reached: None, left: 0 };
     let mut is_driven = vec![false; pool.plans.len()];
     let mut newest: Option<AttackedPath> = None;
     while result.driven.len() < options.budget {

@@ -34,10 +34,9 @@ pub(crate) fn run(args: &DrawArgs) -> Result<Outcome> {
     let picture = Picture {
         title,
         frame: args.frame,
-        ego_path: None,
         candidates: drawn(&scene, candidates)?,
-        evasion: None,
         whole_map: args.whole_map,
+        ..Picture::default()
     };
     out.write(drawing::draw(&scene, &picture).as_bytes())?;
     Ok(Outcome::Done)

@@ -12,6 +12,7 @@ use super::{
     palette::{self as color, Ramp},
     road_users::{self, Role},
     svg::Svg,
+    tried::{Outcome, Tried},
     viewport::Viewport,
 };
 
@@ -32,6 +33,8 @@ pub(super) struct Content<'c> {
     pub(super) adversary: Option<&'c str>,
     /// Names of the candidates and the step of their first contact.
     pub(super) candidates: &'c [(String, Option<usize>)],
+    /// Plans of a search.
+    pub(super) tried: &'c [Tried],
     /// Time at which the evasive manoeuvre starts, seconds.
     pub(super) evasion: Option<f64>,
     pub(super) has_contact: bool,
@@ -86,12 +89,17 @@ fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
         let sign = at.next(svg, &format!("adversary {adversary}"));
         let (viewport, car) = sign_car(sign);
         road_users::role(svg, &viewport, &car, Role::Adversary);
-        ramp(
-            svg,
-            at,
-            Role::Adversary.ramp(),
-            if content.candidates.is_empty() { "its trajectory" } else { "candidates" },
-        );
+        let words = if content.candidates.is_empty() { "its trajectory" } else { "candidates" };
+        if content.tried.is_empty() {
+            ramp(svg, at, Role::Adversary.ramp(), words);
+        }
+    }
+    for outcome in Outcome::ALL.into_iter().rev() {
+        let count = content.tried.iter().filter(|tried| tried.outcome == outcome).count();
+        if count > 0 {
+            let [x, y] = at.next(svg, &format!("{}: {count}", outcome.words()));
+            outcome.line(svg, vec![[x - 12.0, y], [x + 12.0, y]]);
+        }
     }
     for (number, (name, contact)) in content.candidates.iter().enumerate().take(NAMED) {
         let text = match contact {

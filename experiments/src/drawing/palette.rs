@@ -38,6 +38,11 @@ pub(super) const OTHER: &str = "#e6c229";
 /// Contact of two cars.
 pub(super) const CONTACT: &str = "#f0e442";
 
+/// Plans of a search that touch nobody.
+pub(super) const OTHER_PLAN: &str = "#7d8894";
+/// Plans at which the driver fails.
+pub(super) const FAILURE: &str = "#a50f15";
+
 /// The ego's evasive manoeuvre.
 pub(super) const EVASION: &str = "#007a52";
 

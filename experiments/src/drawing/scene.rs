@@ -10,6 +10,7 @@ use super::{
     legend, map_layer, palette as color,
     road_users::{self, Role},
     svg::Svg,
+    tried::{self, Tried},
     viewport::Viewport,
 };
 
@@ -39,6 +40,8 @@ pub struct Picture {
     pub frame: Option<usize>,
     /// Candidates of the adversary; without any its logged trajectory is drawn.
     pub candidates: Vec<DrawnPath>,
+    /// Plans of a search, in place of candidates.
+    pub tried: Vec<Tried>,
     /// The ego's path, if it differs from the logged one.
     pub ego_path: Option<Vec<Point>>,
     /// The last evasive manoeuvre: the ego's positions from its start on, and the time of the start, seconds.
@@ -55,7 +58,8 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     let adversary_log = adversary.map(road_users::logged_trajectory).unwrap_or_default();
     let mut area = road_users::bounds(&ego_path);
     let evasion = picture.evasion.iter().map(|(_, points)| points);
-    for points in picture.candidates.iter().map(|c| &c.points).chain([&adversary_log]).chain(evasion) {
+    let plans = picture.candidates.iter().map(|c| &c.points).chain(picture.tried.iter().map(|t| &t.points));
+    for points in plans.chain([&adversary_log]).chain(evasion) {
         area = area.union(&road_users::bounds(points));
     }
     for track in [Some(scene.ego()), adversary].into_iter().flatten().filter(|t| t.is_valid(frame)) {
@@ -81,8 +85,9 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     svg.rect([0.0, 0.0], [viewport.width, viewport.height], &format!(r#"fill="{}""#, color::GROUND));
     let map = map_layer::draw(&mut svg, &viewport, scene, frame);
     let users = road_users::background(&mut svg, &viewport, scene, frame);
+    tried::draw(&mut svg, &viewport, &picture.tried);
     road_users::trajectory(&mut svg, &viewport, &ego_path, Role::Ego);
-    if picture.candidates.is_empty() {
+    if picture.candidates.is_empty() && picture.tried.is_empty() {
         road_users::trajectory(&mut svg, &viewport, &adversary_log, Role::Adversary);
     }
     if let Some((_, points)) = &picture.evasion {
@@ -123,6 +128,7 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
         ego: &scene.ego().id,
         adversary: adversary.map(|track| &track.id[..]),
         candidates: &names,
+        tried: &picture.tried,
         evasion: picture.evasion.as_ref().map(|(start, _)| *start),
         has_contact: picture.candidates.iter().any(|c| c.contact.is_some()),
         map: &map,

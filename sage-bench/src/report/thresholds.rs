@@ -72,15 +72,15 @@ fn order(results: &Results, methods: &[usize]) -> Option<Table> {
     let areas = values("area")?;
     let tau = |name: &str| -> Option<Estimate> {
         let faults = values(name)?;
-        let is_measured = |k: &usize| {
-            areas.iter().chain(&faults).all(|scenes| scenes.get(*k).is_some_and(Option::is_some))
-        };
+        let is_measured =
+            |k: &usize| areas.iter().chain(&faults).all(|scenes| scenes.get(*k).is_some_and(Option::is_some));
         let scenes: Vec<usize> = (0..results.scenes.len()).filter(is_measured).collect();
         let mean = |of: &[Option<f64>], drawn: &[usize]| {
             drawn.iter().filter_map(|k| of[scenes[*k]]).sum::<f64>() / drawn.len().max(1) as f64
         };
         of_scenes(scenes.len(), STREAM, |drawn| {
-            let [a, b] = [&areas, &faults].map(|all| all.iter().map(|of| mean(of, drawn)).collect::<Vec<_>>());
+            let [a, b] =
+                [&areas, &faults].map(|all| all.iter().map(|of| mean(of, drawn)).collect::<Vec<_>>());
             kendall_tau(&a, &b)
         })
     };

@@ -191,10 +191,14 @@ impl Reason {
             Self::Error => "the driver gave an error in every drive",
             Self::NoFeasiblePlan => "no plan of the adversary is feasible",
             Self::NeverHit => "the driver never met the adversary",
-            Self::ContactWithoutAttack => "every contact is there without the attack too, or with another first",
+            Self::ContactWithoutAttack => {
+                "every contact is there without the attack too, or with another first"
+            }
             Self::NotBelievable => "no attack is believable",
             Self::NotAtFault => "the driver is at fault in no believable attack",
-            Self::NotShownAvoidable => "no evasive manoeuvre was found in any attack that meets the other clauses",
+            Self::NotShownAvoidable => {
+                "no evasive manoeuvre was found in any attack that meets the other clauses"
+            }
             Self::Budget => "the budget ended before the plans did",
         }
     }

@@ -146,7 +146,12 @@ impl<'t> Judge<'t> {
     /// The search for an evasive manoeuvre in an attacked drive, with its witness.
     ///
     /// *Errors*: as [`Judge::judge`].
-    pub(super) fn avoidable(&self, plan: &PoolPlan, step: usize, path: &AttackedPath) -> Result<Avoidable, Error> {
+    pub(super) fn avoidable(
+        &self,
+        plan: &PoolPlan,
+        step: usize,
+        path: &AttackedPath,
+    ) -> Result<Avoidable, Error> {
         let ctx = self.ctx.with_ego(&path.ego(self.ctx.horizon())?)?;
         Ok(Avoidance::new(&ctx, self.search)?.of_contact(&plan.candidate, Some(step)))
     }

@@ -3,9 +3,10 @@
 use sage_core::{
     Error,
     metric::{Metric, Metrics},
+    objective::kinematic_penalty,
 };
 
-use super::{Clause, Judged, Reason, SearchResult, threshold};
+use super::{Clause, Failure, Judged, Pool, PoolPlan, Reason, SearchResult, threshold};
 
 /// Numbers of drives at which the any-time metrics look.
 pub const BUDGETS: [usize; 8] = [1, 2, 4, 8, 16, 32, 64, 128];
@@ -16,9 +17,19 @@ pub struct MeasuredSearch {
     pub result: SearchResult,
     /// Number of plans of its pool.
     pub plans: usize,
+    /// Negative log-likelihood under the prior and kinematic penalty of the mildest failure.
+    pub mildest: Option<(Option<f64>, f64)>,
 }
 
 impl MeasuredSearch {
+    /// A search with its pool.
+    pub fn new(result: SearchResult, pool: &Pool) -> Self {
+        let plan = |failure: &Failure| &pool.plans[result.driven[failure.drive].plan];
+        let strain = |plan: &PoolPlan| (plan.proposal.nll, kinematic_penalty(plan.candidate.profile()));
+        let mildest = result.mildest(pool).map(|failure| strain(plan(failure)));
+        Self { plans: pool.plans.len(), mildest, result }
+    }
+
     /// Drives until the first that meets a clause and the ones before it; `None` without one.
     fn first(&self, clause: Clause) -> Option<usize> {
         let meets = |judged: &Judged| {
@@ -86,6 +97,12 @@ pub fn search_metrics() -> Result<Metrics<MeasuredSearch>, Error> {
             .more_is_better(),
             Metric::mean("first failure", |s: &S| s.first_failure().map(|first| first as f64))
                 .about("drives until the first failure, of the scenes with one"),
+            Metric::mean("mildest nll", |s: &S| s.mildest?.0)
+                .about("negative log-likelihood under the prior of the likeliest failure, of the scenes with one")
+                .less_is_better(),
+            Metric::mean("mildest P_kin", |s: &S| Some(s.mildest?.1))
+                .about("kinematic penalty of that failure")
+                .less_is_better(),
             Metric::mean("plans", |s: &S| Some(s.plans as f64)).about("plans of the pool"),
             Metric::share("error", |s: &S| Some(s.result.driven.iter().any(|judged| judged.error.is_some())))
                 .about("a drive ended in an error of the driver")

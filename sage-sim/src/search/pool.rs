@@ -47,8 +47,7 @@ impl Pool {
     /// The feasible plans of several sources, one source after the other taking its next, at most `most`. The rule must
     /// not depend on the ego's path.
     pub fn new(ctx: &Context, rule: &dyn Feasibility, sources: Vec<Vec<Proposal>>, most: usize) -> Self {
-        let counts =
-            PoolCounts { proposed: sources.iter().map(Vec::len).sum(), ..PoolCounts::default() };
+        let counts = PoolCounts { proposed: sources.iter().map(Vec::len).sum(), ..PoolCounts::default() };
         let mut pool = Self { plans: Vec::new(), counts };
         let mut sources: Vec<_> = sources.into_iter().map(Vec::into_iter).collect();
         loop {

@@ -35,7 +35,8 @@ pub fn judge_each(
     let mut known: HashMap<Vec<u64>, Option<Judged>> = HashMap::new();
     let mut all = Vec::with_capacity(plans.len());
     for (number, proposal) in plans.iter().enumerate() {
-        let bits: Vec<u64> = proposal.trajectory.points().as_flattened().iter().map(|x| x.to_bits()).collect();
+        let bits: Vec<u64> =
+            proposal.trajectory.points().as_flattened().iter().map(|x| x.to_bits()).collect();
         if let Some(judged) = known.get(&bits) {
             all.push(judged.clone());
             continue;

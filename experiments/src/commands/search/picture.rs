@@ -1,23 +1,34 @@
 //! The picture of a scene's search: all plans by outcome, the failures in front.
 
-use sage_core::{objective::Context, scene::Scene};
-use sage_sim::search::{Pool, SearchResult};
+use sage_core::scene::Scene;
+use sage_sim::search::{Judged, Pool, SearchResult};
 
-use crate::drawing::{self, DrawnPath, Picture};
+use crate::drawing::{self, Outcome, Picture, Tried};
 
-/// Draws the failures as candidates.
-pub(super) fn draw(title: &str, scene: &Scene, ctx: &Context, pool: &Pool, result: &SearchResult) -> String {
-    let drawn = result.failures.iter().map(|failure| {
-        let judged = &result.driven[failure.drive];
-        let plan = &pool.plans[judged.plan];
-        DrawnPath {
-            name: format!("drive {}", failure.drive + 1),
-            points: std::iter::once(plan.candidate.start().position)
-                .chain(plan.candidate.points().iter().copied())
-                .collect(),
-            contact: None,
+/// Draws all plans that were driven against, and the attacked drives of the worst and the mildest failure.
+pub(super) fn draw(title: &str, scene: &Scene, pool: &Pool, result: &SearchResult) -> String {
+    let is_failure = |drive: usize| result.failures.iter().any(|failure| failure.drive == drive);
+    let outcome = |drive: usize, judged: &Judged| match &judged.contact {
+        _ if is_failure(drive) => Outcome::Failure,
+        _ if judged.clauses.attack => Outcome::Attack,
+        Some(_) => Outcome::OtherContact,
+        None => Outcome::NoContact,
+    };
+    let tried = |(drive, judged): (usize, &Judged)| {
+        let candidate = &pool.plans[judged.plan].candidate;
+        // Only up to the contact: what comes after it did not happen.
+        let steps = judged.contact.as_ref().map_or(usize::MAX, |met| met.step.max(0) as usize);
+        let points = candidate.points().iter().take(steps).copied();
+        let failure = result.failures.iter().find(|failure| failure.drive == drive);
+        Tried {
+            points: std::iter::once(candidate.start().position).chain(points).collect(),
+            outcome: outcome(drive, judged),
+            contact: failure.and_then(|failure| {
+                let step = steps.checked_sub(1)?;
+                Some([*failure.path.positions.get(step)?, *candidate.points().get(step)?])
+            }),
         }
-    });
-    let _ = ctx;
-    drawing::draw(scene, &Picture { title: title.to_owned(), candidates: drawn.collect(), ..Picture::default() })
+    };
+    let tried: Vec<Tried> = result.driven.iter().enumerate().map(tried).collect();
+    drawing::draw(scene, &Picture { title: title.to_owned(), tried, ..Picture::default() })
 }

@@ -10,11 +10,7 @@ use sage_sim::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use crate::{
-    operating_point::RowKey,
-    scene_queue::ROW_LIMIT,
-    terminal,
-};
+use crate::{operating_point::RowKey, scene_queue::ROW_LIMIT, terminal};
 
 /// Name of the row of a scene.
 pub(super) fn row_file(scene: &str) -> String {
@@ -185,7 +181,12 @@ pub(super) struct JudgedRow<'r> {
 impl<'r> JudgedRow<'r> {
     pub(super) fn of(judged: &'r Judged) -> Self {
         let Judged { contact, clauses, reward, avoidable_r157, .. } = judged;
-        Self { contact: contact.as_ref(), clauses: *clauses, reward: *reward, avoidable_r157: *avoidable_r157 }
+        Self {
+            contact: contact.as_ref(),
+            clauses: *clauses,
+            reward: *reward,
+            avoidable_r157: *avoidable_r157,
+        }
     }
 }
 
@@ -220,7 +221,8 @@ impl SceneRow {
     ) -> Self {
         let found = |failure: &Failure| {
             let judged = &result.driven[failure.drive];
-            let number = result.failures.iter().position(|other| other.drive == failure.drive).unwrap_or(0) + 1;
+            let number =
+                result.failures.iter().position(|other| other.drive == failure.drive).unwrap_or(0) + 1;
             FoundFailure {
                 row: row_file(&format!("{}-{}", head.scene, failure_name(number))),
                 drive: failure.drive + 1,
@@ -275,7 +277,9 @@ impl SceneRow {
                     })
                 };
                 let [worst, mildest] = [words(&self.worst), words(&self.mildest)];
-                format!("{failures} in {drives}, the first in drive {first}; worst: {worst}; mildest: {mildest}")
+                format!(
+                    "{failures} in {drives}, the first in drive {first}; worst: {worst}; mildest: {mildest}"
+                )
             }
         };
         let errors = match self.errors {

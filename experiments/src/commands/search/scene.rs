@@ -18,7 +18,8 @@ use serde_json::{Map, Value, json};
 use super::{
     picture,
     row::{
-        DrivenRow, DrivesFile, FailureRow, JudgedRow, PlanRow, RowHead, SceneRow, drives_file, failure_name, row_file,
+        DrivenRow, DrivesFile, FailureRow, JudgedRow, PlanRow, RowHead, SceneRow, drives_file, failure_name,
+        row_file,
     },
     searcher::{Searcher, Sources},
 };
@@ -80,7 +81,8 @@ fn finished(run: &DatasetRun, input: &Input, source_hash: &str) -> Result<Option
             input.file.display()
         ));
     }
-    let exists = |name: &String| std::fs::metadata(folder.join(name)).is_ok_and(|f| f.is_file() && f.len() > 0);
+    let exists =
+        |name: &String| std::fs::metadata(folder.join(name)).is_ok_and(|f| f.is_file() && f.len() > 0);
     let line = Line { text: row.line(None), row: file, seconds: None };
     Ok(row.files.iter().all(exists).then(|| SceneReport::found(vec![line])))
 }
@@ -108,7 +110,8 @@ impl OneScene<'_> {
         let index = SceneIndex::new(scene.map.clone());
         let simulated = SimScene::new(scene.clone(), index)?;
         let failed = || format!("the policy `{}` cannot drive here", searcher.ego.label);
-        let test = AttackTest::new(&*searcher.ego.policy, &simulated, args.attack.seed).with_context(failed)?;
+        let test =
+            AttackTest::new(&*searcher.ego.policy, &simulated, args.attack.seed).with_context(failed)?;
         let ctx = test.context()?;
         ctx.check_apart_now()?;
         let rule = &searcher.rule.objective;
@@ -131,7 +134,7 @@ impl OneScene<'_> {
         let recorded = test.recorded();
         let mut written = self.failure_files(&files, &recorded, &row.head, &pool, &result)?;
         written.push((drives_file(self.name), serde_json::to_vec(&self.drives(&row.head, &pool, &result))?));
-        let picture = picture::draw(self.name, &recorded, &ctx, &pool, &result);
+        let picture = picture::draw(self.name, &recorded, &pool, &result);
         written.push((picture_file(self.name), picture.into_bytes()));
         row.files = written.iter().map(|(name, _)| name.clone()).collect();
         // Several failures share the map of their scenarios.
@@ -158,7 +161,14 @@ impl OneScene<'_> {
         let mut all = Vec::new();
         for (k, failure) in result.failures.iter().enumerate() {
             let variant = failure_name(k + 1);
-            all.extend(self.one_failure((files, scenarios.as_ref()), scene, head, pool, result, (failure, &variant))?);
+            all.extend(self.one_failure(
+                (files, scenarios.as_ref()),
+                scene,
+                head,
+                pool,
+                result,
+                (failure, &variant),
+            )?);
         }
         Ok(all)
     }
@@ -222,7 +232,8 @@ impl OneScene<'_> {
         });
         let Value::Object(mut described) = described else { return Map::new() };
         if let Some(mix) = point["mix"].as_array() {
-            let mix = mix.iter().map(|pair| (pair[0].as_str().unwrap_or_default().to_owned(), pair[1].clone()));
+            let mix =
+                mix.iter().map(|pair| (pair[0].as_str().unwrap_or_default().to_owned(), pair[1].clone()));
             described.insert("mix".to_owned(), Value::Object(mix.collect()));
         }
         described

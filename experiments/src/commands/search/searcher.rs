@@ -76,7 +76,8 @@ impl<'a> Searcher<'a> {
             method.is_some() || args.attack.options.is_none(),
             "--options needs a generator; name it with --method, such as --method sage"
         );
-        let selection = Selection::of(registries, &args.attack.selection, args.attack.rule.feasibility.as_ref())?;
+        let selection =
+            Selection::of(registries, &args.attack.selection, args.attack.rule.feasibility.as_ref())?;
         // Of a generator that plans against the ego the selection is the plan; of the others every candidate is one.
         let generators = if method.as_ref().is_some_and(|(_, facts)| facts.plans_against_ego) {
             Generators::new(registries, merger, &selection, args.attack.seed)?
@@ -147,8 +148,14 @@ impl<'a> Searcher<'a> {
             return Ok(Vec::new());
         }
         let dial = || {
-            let weights = self.weights.0.get(number).context("a dial needs experts; name them with --weights")?;
-            networks::load_dial(&weights.name, &weights.experts, &self.selection, &points.merging.merger.to_string())
+            let weights =
+                self.weights.0.get(number).context("a dial needs experts; name them with --weights")?;
+            networks::load_dial(
+                &weights.name,
+                &weights.experts,
+                &self.selection,
+                &points.merging.merger.to_string(),
+            )
         };
         points.listed().specs(self.generators.merger().range(), dial)
     }

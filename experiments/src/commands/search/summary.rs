@@ -58,12 +58,9 @@ impl Summary {
     pub(super) fn text(&self) -> String {
         let [.., failures] = self.with;
         let share = |scenes: usize| match wilson(scenes, self.scenes) {
-            Some(share) => format!(
-                "{:.1} % [{:.1}, {:.1}]",
-                100.0 * share.value,
-                100.0 * share.low,
-                100.0 * share.high
-            ),
+            Some(share) => {
+                format!("{:.1} % [{:.1}, {:.1}]", 100.0 * share.value, 100.0 * share.low, 100.0 * share.high)
+            }
             None => "none".to_owned(),
         };
         let mut lines = vec![format!(
@@ -73,7 +70,11 @@ impl Summary {
             self.require,
             share(failures),
             count(self.drives, "drive"),
-            if self.errors > 0 { format!(", {} of them with an error of the driver", self.errors) } else { String::new() },
+            if self.errors > 0 {
+                format!(", {} of them with an error of the driver", self.errors)
+            } else {
+                String::new()
+            },
         )];
         for (reason, scenes) in &self.reasons {
             lines.push(format!("  {}: {}", count(*scenes, "scene"), reason.words()));

@@ -1,0 +1,75 @@
+//! Plans of a search by what came of them, the failures in front.
+
+use sage_core::geometry::Point;
+
+use super::{palette as color, svg::Svg, viewport::Viewport};
+
+/// What came of a drive against a plan. Later ones are drawn in front.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Outcome {
+    /// The driver touched nobody.
+    NoContact,
+    /// A contact that is no attack.
+    OtherContact,
+    /// An attack that misses a clause.
+    Attack,
+    /// A failure of the driver.
+    Failure,
+}
+
+impl Outcome {
+    pub(super) const ALL: [Self; 4] = [Self::NoContact, Self::OtherContact, Self::Attack, Self::Failure];
+
+    /// Words of the legend.
+    pub(super) fn words(self) -> &'static str {
+        match self {
+            Self::NoContact => "no contact",
+            Self::OtherContact => "contact, no attack",
+            Self::Attack => "attack, not all clauses",
+            Self::Failure => "failure",
+        }
+    }
+
+    /// Colour, width in pixels and opacity of its lines.
+    fn stroke(self) -> (&'static str, f64, f64) {
+        match self {
+            Self::NoContact => (color::OTHER_PLAN, 1.2, 0.55),
+            Self::OtherContact => (color::PEDESTRIAN, 1.4, 0.75),
+            Self::Attack => (color::ADVERSARY, 1.6, 0.8),
+            Self::Failure => (color::FAILURE, 2.0, 0.9),
+        }
+    }
+
+    /// Draws a line in its colour, in pixels.
+    pub(super) fn line(self, svg: &mut Svg, pixels: Vec<Point>) {
+        let (tone, width, opacity) = self.stroke();
+        let attributes = format!(
+            r#"fill="none" stroke="{tone}" stroke-width="{width}" stroke-opacity="{opacity}" stroke-linejoin="round""#
+        );
+        svg.lines(&[pixels], &attributes);
+    }
+}
+
+/// A plan that a driver drove against.
+pub struct Tried {
+    /// Positions of the adversary from *now* to the contact.
+    pub points: Vec<Point>,
+    /// What came of it.
+    pub outcome: Outcome,
+    /// Centres of ego and adversary at the contact of a failure.
+    pub contact: Option<[Point; 2]>,
+}
+
+/// Draws all plans, and a dot at each contact of a failure.
+pub(super) fn draw(svg: &mut Svg, viewport: &Viewport, all: &[Tried]) {
+    for outcome in Outcome::ALL {
+        for tried in all.iter().filter(|tried| tried.outcome == outcome) {
+            outcome.line(svg, tried.points.iter().map(|p| viewport.pixel(*p)).collect());
+        }
+    }
+    for [ego, adversary] in all.iter().filter_map(|tried| tried.contact) {
+        let middle = [0.5 * (ego[0] + adversary[0]), 0.5 * (ego[1] + adversary[1])];
+        let attributes = format!(r#"fill="{}" stroke="{}" stroke-width="1""#, color::CONTACT, color::INK);
+        svg.circle(viewport.pixel(middle), 3.4, &attributes);
+    }
+}

@@ -195,3 +195,44 @@ impl AttackOutcome {
         Ok(Some(Avoidance::new(&ctx, search)?.of_contact(&ctx.candidate(self.attack.clone()), step)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::policy::policies;
+    use sage_core::scene::SceneIndex;
+    use sage_data::procedural::{Kind, generate};
+
+    #[test]
+    fn a_drive_continued_from_now_has_the_bits_of_a_whole_one() {
+        let kinds = [Kind::FourWay, Kind::Merge, Kind::Straight];
+        let mut contacts = 0;
+        for (seed, kind) in (0..6).zip(kinds.into_iter().cycle()) {
+            let Some(scene) = generate(kind, seed, 0) else { continue };
+            let index = SceneIndex::new(scene.map.clone());
+            let simulated = SimScene::new(Arc::new(scene), index).unwrap();
+            for name in ["replay", "idm", "expert", "pdm", "r157", "td3"] {
+                let policy = policies().unwrap().build_default(name).unwrap();
+                let test = AttackTest::new(&*policy, &simulated, seed).unwrap();
+                let until_now = test.until_now().unwrap();
+                let track = simulated.scene().adversary().unwrap();
+                let [x, y] = track.point(NOW);
+                for meets in [20, 30, 45] {
+                    // Straight to where the recorded ego is after some steps.
+                    let [to_x, to_y] = simulated.scene().ego().point(NOW + meets);
+                    let at = |step: usize| {
+                        let share = step as f64 / meets as f64;
+                        [x + share * (to_x - x), y + share * (to_y - y)]
+                    };
+                    let plan = Trajectory::new("straight", (1..=HORIZON).map(at).collect()).unwrap();
+                    let whole = test.attack(&plan, true).unwrap();
+                    let continued = test.attack_from(Some(&until_now), &plan, true).unwrap();
+                    assert_eq!(continued.episode, whole.episode, "{kind:?} {seed}, {name}, {meets}");
+                    assert_eq!(continued.verdict, whole.verdict);
+                    contacts += usize::from(!whole.episode.contacts.is_empty());
+                }
+            }
+        }
+        assert!(contacts > 10, "the drives have contacts: {contacts}");
+    }
+}

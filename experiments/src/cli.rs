@@ -47,7 +47,8 @@ pub struct Cli {
     #[command(subcommand)]
     pub(crate) command: Command,
     /// Number of threads (default: all cores); results do not depend on it.
-    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    // Last, wherever the other options of a command end.
+    #[arg(long, global = true, value_name = "N", display_order = 900, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
 }
 

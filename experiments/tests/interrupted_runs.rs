@@ -51,6 +51,11 @@ fn a_killed_simulate_resumes_to_the_same_files() {
 }
 
 #[test]
+fn a_killed_search_resumes_to_the_same_files() {
+    killed("search");
+}
+
+#[test]
 fn a_killed_convert_resumes_to_the_same_files() {
     for format in ["convert", "convert-shards", "convert-scenarios"] {
         killed(format);
@@ -97,6 +102,7 @@ fn a_folder_or_file_in_use_is_refused_and_told_whose_it_is() {
         vec!["pretrain", "--procedural", "1", "--out", out],
         vec!["finetune", "--procedural", "1", "--out", out],
         vec!["generate", &scene, "--weights", "procedural", "--out", out],
+        vec!["search", &scene, "--ego", "idm", "--weights", "procedural", "--out", out],
         vec!["convert", &scene, "--to", "native", "--out", out],
         vec!["scenes", "--count", "1", "--out", out],
         vec!["demo", "--out", out],

@@ -20,7 +20,8 @@ use sage_sim::{
     attack_test::AttackTest,
     policy::{Driver, EgoPolicy, Start, View, policies},
     search::{
-        AttackedPath, Clause, Order, Pool, Reason, Requirement, SearchOptions, SearchResult, search, threshold::judge_each,
+        AttackedPath, Clause, Order, Pool, Reason, Requirement, SearchOptions, SearchResult, search,
+        threshold::judge_each,
     },
     world::Control,
 };
@@ -161,8 +162,13 @@ fn budget_first_and_reasons_are_kept() {
     assert_eq!(result.reason, Some(Reason::Budget));
     let (_, whole) = searched("idm", &SearchOptions { budget: 1000, ..SearchOptions::default() });
     assert_eq!(whole.reason, whole.reached);
-    assert!(matches!(whole.reason, Some(Reason::NotShownAvoidable | Reason::NotAtFault)), "{:?}", whole.reason);
-    let attacks = searched("idm", &SearchOptions { require: until(Clause::Attack), ..SearchOptions::default() }).1;
+    assert!(
+        matches!(whole.reason, Some(Reason::NotShownAvoidable | Reason::NotAtFault)),
+        "{:?}",
+        whole.reason
+    );
+    let attacks =
+        searched("idm", &SearchOptions { require: until(Clause::Attack), ..SearchOptions::default() }).1;
     assert_eq!(attacks.failures.len(), attacks.count(Clause::Attack));
     assert!(attacks.count(Clause::Believable) <= attacks.count(Clause::Attack));
 }
@@ -201,7 +207,8 @@ fn the_attacked_path_goes_on_at_constant_velocity_after_the_contact() {
     }
     // A replayed ego follows its recording.
     let (replayed, _, unattacked) = path("replay");
-    let recorded: Vec<[f64; 2]> = unattacked.motions[NOW + 1..].iter().map(|motion| motion.position).collect();
+    let recorded: Vec<[f64; 2]> =
+        unattacked.motions[NOW + 1..].iter().map(|motion| motion.position).collect();
     assert_eq!(replayed.positions, recorded);
 }
 

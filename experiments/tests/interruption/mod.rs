@@ -17,11 +17,12 @@ use sage_core::seed::Rng;
 use serde_json::Value;
 
 /// Commands that leave files behind.
-pub const COMMANDS: [&str; 12] = [
+pub const COMMANDS: [&str; 13] = [
     "pretrain",
     "finetune",
     "generate",
     "simulate",
+    "search",
     "convert",
     "convert-shards",
     "convert-scenarios",
@@ -34,8 +35,18 @@ pub const COMMANDS: [&str; 12] = [
 
 /// Studies that share the runner of those above: a slow set, on request.
 #[allow(dead_code)] // Only the example kills them.
-pub const STUDIES: &[&str] =
-    &["front", "pareto", "dial", "mixtures", "react", "prediction", "experts", "ablation", "connectivity"];
+pub const STUDIES: &[&str] = &[
+    "front",
+    "pareto",
+    "dial",
+    "mixtures",
+    "react",
+    "prediction",
+    "experts",
+    "ablation",
+    "connectivity",
+    "threshold",
+];
 
 /// A command with its inputs, which writes into a folder of its own each time.
 pub struct Case {
@@ -67,6 +78,10 @@ impl Case {
             "simulate" => {
                 let attack = ["--method", "sage", "--lambda", "0,1", "--weights", "procedural"];
                 (&[&["simulate", "scenes", "--ego", "replay,idm"][..], &attack].concat(), false)
+            }
+            "search" => {
+                let size = ["--budget", "8", "--weights", "procedural"];
+                (&[&["search", "scenes", "--ego", "idm"][..], &size].concat(), false)
             }
             "convert" => (&["convert", "scenes", "--to", "native"], false),
             "convert-shards" => (&["convert", "scenes", "--to", "womd", "--shard-size", "2"], false),

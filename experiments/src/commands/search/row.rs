@@ -104,6 +104,9 @@ pub(super) struct FoundFailure {
     time_to_react: Option<f64>,
 }
 
+/// Goals that are drawn at random, whatever λ is.
+const RANDOM: &str = "random";
+
 /// Where a plan comes from.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct PlanRow {
@@ -139,8 +142,12 @@ impl PlanRow {
     fn words(&self) -> String {
         let name = self.method.split('{').next().unwrap_or_default();
         match self.lambda {
-            Some(lambda) => format!("{name} {lambda:.2}"),
-            None => name.to_owned(),
+            Some(lambda) if name != RANDOM => format!("{name} lambda {lambda}"),
+            None if !self.mix.is_empty() => {
+                let mix = self.mix.iter().map(|(expert, weight)| format!("{expert}={weight}"));
+                format!("{name} {}", mix.collect::<Vec<_>>().join(","))
+            }
+            _ => name.to_owned(),
         }
     }
 }
@@ -273,7 +280,7 @@ impl SceneRow {
                 let first = self.first_failure.unwrap_or_default();
                 let words = |failure: &Option<FoundFailure>| {
                     failure.as_ref().map_or(String::new(), |failure| {
-                        format!("{} contact after {:.1} s", failure.plan.words(), failure.contact_after)
+                        format!("{}, contact after {:.1} s", failure.plan.words(), failure.contact_after)
                     })
                 };
                 let [worst, mildest] = [words(&self.worst), words(&self.mildest)];

@@ -79,9 +79,9 @@ impl<'p> AttackTest<'p> {
         let log = Trajectory::new("log", vec![adversary.point(NOW); HORIZON]).ok()?;
         let plan = Arc::new(Plan::of_adversary(self.scene.scene(), &log).ok()?);
         let mut progress = Progress::start(&self.scene, Some(plan.clone()), self.policy, self.seed).ok()?;
-        progress.drive_to(NOW).ok()?;
         // A driver that cannot be copied says so at the first copy.
         progress.with_plan(plan).ok()?;
+        progress.drive_to(NOW).ok()?;
         Some(progress)
     }
 

@@ -131,10 +131,10 @@ impl OneScene<'_> {
         let source = |number| sources.plans.source(number);
         let mut row = SceneRow::new(head, searcher.options.require, &pool, &result, source);
         row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
-        let recorded = test.recorded();
-        let mut written = self.failure_files(&files, &recorded, &row.head, &pool, &result)?;
+        // In the written scenes the ego keeps its recording, so that any driver meets the attack on the same route.
+        let mut written = self.failure_files(&files, &scene, &row.head, &pool, &result)?;
         written.push((drives_file(self.name), serde_json::to_vec(&self.drives(&row.head, &pool, &result))?));
-        let picture = picture::draw(self.name, &recorded, &pool, &result);
+        let picture = picture::draw(self.name, &test.recorded(), &pool, &result);
         written.push((picture_file(self.name), picture.into_bytes()));
         row.files = written.iter().map(|(name, _)| name.clone()).collect();
         // Several failures share the map of their scenarios.

@@ -19,6 +19,8 @@ pub(super) struct Summary {
     with: [usize; 4],
     /// Scenes without a failure by reason.
     reasons: BTreeMap<Reason, usize>,
+    /// Those that the budget ended, by what the best drive missed.
+    reached: BTreeMap<Reason, usize>,
 }
 
 /// Names of [`Summary::with`].
@@ -26,8 +28,8 @@ const NAMES: [&str; 4] = ["attack", "believable", "at_fault", "failure"];
 
 impl Summary {
     pub(super) fn of(rows: impl Iterator<Item = SceneRow>, require: Requirement) -> Self {
-        let (with, reasons) = ([0; 4], BTreeMap::new());
-        let mut all = Self { require, scenes: 0, drives: 0, errors: 0, with, reasons };
+        let (reasons, reached) = (BTreeMap::new(), BTreeMap::new());
+        let mut all = Self { require, scenes: 0, drives: 0, errors: 0, with: [0; 4], reasons, reached };
         for row in rows {
             all.scenes += 1;
             all.drives += row.drives;
@@ -38,6 +40,9 @@ impl Summary {
             }
             if let Some(reason) = row.reason {
                 *all.reasons.entry(reason).or_default() += 1;
+                if let Some(reached) = row.reached.filter(|_| reason == Reason::Budget) {
+                    *all.reached.entry(reached).or_default() += 1;
+                }
             }
         }
         all
@@ -47,6 +52,7 @@ impl Summary {
     pub(super) fn json(&self) -> Value {
         let mut all = json!({
             "done": self.scenes, "drives": self.drives, "errors": self.errors, "reasons": self.reasons,
+            "reached": self.reached,
         });
         for (name, scenes) in NAMES.iter().zip(self.with) {
             all["scenes_with"][*name] = json!(scenes);
@@ -78,6 +84,9 @@ impl Summary {
         )];
         for (reason, scenes) in &self.reasons {
             lines.push(format!("  {}: {}", count(*scenes, "scene"), reason.words()));
+            for (reached, scenes) in self.reached.iter().filter(|_| *reason == Reason::Budget) {
+                lines.push(format!("    {scenes} so far: {}", reached.words()));
+            }
         }
         lines.join("\n")
     }

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_data::openscenario::Options;
 use sage_generators::Facts;
-use sage_sim::{avoidable::AvoidanceOptions, search::SearchOptions};
+use sage_sim::search::SearchOptions;
 use serde_json::{Map, Value, json};
 
 use crate::{
@@ -96,7 +96,7 @@ impl<'a> Searcher<'a> {
             require: args.require,
             first: args.first,
             order: args.order.0,
-            avoidable: args.avoidable.options().unwrap_or(AvoidanceOptions::default()),
+            avoidable: args.avoidable.options().unwrap_or_default(),
         };
         let built = Mutex::new((0..weights.0.len().max(1)).map(|_| None).collect());
         let all = Self { args, ego, rule, options, method, selection, generators, weights, built };

@@ -247,6 +247,8 @@ pub(crate) fn list(registries: &Registries) -> Result<Outcome> {
     table("an attacked drive", metrics.attack.all().iter().map(|m| &m.info).collect());
     table("an episode", metrics.episode.all().iter().map(|m| &m.info).collect());
     table("a prediction", metrics.prediction.all().iter().map(|m| &m.info).collect());
+    table("a search", metrics.search.all().iter().map(|m| &m.info).collect());
+    table("a threshold", metrics.threshold.all().iter().map(|m| &m.info).collect());
     out += "\nEvery registered reward and rule (`sage list`) is a metric of a trajectory too.\n";
     output::print(&out)?;
     Ok(Outcome::Done)

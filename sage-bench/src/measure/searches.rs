@@ -227,7 +227,7 @@ impl Searches {
             let first = result.driven.iter().find_map(|judged| judged.error.clone());
             return Err(anyhow!("every attacked drive ended in an error: {}", first.unwrap_or_default()));
         }
-        Ok(cell(key, &self.searches, &MeasuredSearch::new(result, &pool)))
+        Ok(cell(key, &self.searches, &MeasuredSearch::new(result, &pool, method.options.budget)))
     }
 
     fn threshold(

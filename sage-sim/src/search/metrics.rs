@@ -17,17 +17,19 @@ pub struct MeasuredSearch {
     pub result: SearchResult,
     /// Number of plans of its pool.
     pub plans: usize,
+    /// Largest number of drives.
+    pub budget: usize,
     /// Negative log-likelihood under the prior and kinematic penalty of the mildest failure.
     pub mildest: Option<(Option<f64>, f64)>,
 }
 
 impl MeasuredSearch {
     /// A search with its pool.
-    pub fn new(result: SearchResult, pool: &Pool) -> Self {
+    pub fn new(result: SearchResult, pool: &Pool, budget: usize) -> Self {
         let plan = |failure: &Failure| &pool.plans[result.driven[failure.drive].plan];
         let strain = |plan: &PoolPlan| (plan.proposal.nll, kinematic_penalty(plan.candidate.profile()));
         let mildest = result.mildest(pool).map(|failure| strain(plan(failure)));
-        Self { plans: pool.plans.len(), mildest, result }
+        Self { plans: pool.plans.len(), budget, mildest, result }
     }
 
     /// Drives until the first that meets a clause and the ones before it; `None` without one.
@@ -65,13 +67,15 @@ pub fn search_metrics() -> Result<Metrics<MeasuredSearch>, Error> {
     };
     let believable_in = |budget: usize| {
         Metric::share(format!("believable in {budget}"), move |s: &S| {
-            Some(s.first(Clause::Believable).is_some_and(|first| first <= budget))
+            (budget <= s.budget).then(|| s.first(Clause::Believable).is_some_and(|first| first <= budget))
         })
+        .about("within so many drives")
     };
     let failure_in = |budget: usize| {
         Metric::share(format!("failure in {budget}"), move |s: &S| {
-            Some(s.first_failure().is_some_and(|first| first <= budget))
+            (budget <= s.budget).then(|| s.first_failure().is_some_and(|first| first <= budget))
         })
+        .about("within so many drives")
     };
     Metrics::default()
         .with_all([
@@ -146,6 +150,7 @@ pub fn threshold_metrics() -> Result<Metrics<MeasuredThreshold>, Error> {
         Metric::share(format!("threshold up to {limit}"), move |t: &T| {
             Some(t.lambda().is_some_and(|lambda| lambda <= limit + 1e-9))
         })
+        .about("lambda is at most this")
     };
     Metrics::default()
         .with_all([

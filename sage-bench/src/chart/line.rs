@@ -31,6 +31,18 @@ const COLORS: [RGBColor; 12] = [
 /// A named line and its points.
 pub type Line = (String, Vec<[f64; 2]>);
 
+/// A corner for the legend.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Legend {
+    /// At the lower right.
+    #[default]
+    LowerRight,
+    /// At the upper right.
+    UpperRight,
+    /// At the upper left.
+    UpperLeft,
+}
+
 /// A chart of lines.
 #[derive(Default)]
 pub struct Chart<'a> {
@@ -48,8 +60,8 @@ pub struct Chart<'a> {
     pub is_isometric: bool,
     /// Ends of a dashed line.
     pub dashed: Option<[[f64; 2]; 2]>,
-    /// Whether the legend is at the upper right, not at the lower right.
-    pub is_legend_high: bool,
+    /// Place of the legend.
+    pub legend: Legend,
     /// Named points.
     pub marks: Vec<(String, [f64; 2])>,
     /// Small texts beside points, such as the operating points at the ends of a line.
@@ -128,7 +140,12 @@ impl Chart<'_> {
             .build_cartesian_2d(xs.clone(), ys.clone())?;
         let [x, y] = self.axes;
         let mut mesh = chart.configure_mesh();
-        let power = |x: &f64| format!("{:.1e}", 10f64.powf(*x));
+        // Numbers that are easy to read are written out, to two digits.
+        let power = |x: &f64| match 10f64.powf(*x) {
+            x if (0.99..9.95).contains(&x) => tick(&((10.0 * x).round() / 10.0)),
+            x if (9.95..1000.0).contains(&x) => format!("{x:.0}"),
+            x => format!("{x:.1e}"),
+        };
         let plain = |x: &f64| tick(x);
         let formatter = |is_log: bool| -> &dyn Fn(&f64) -> String { if is_log { &power } else { &plain } };
         mesh.x_label_formatter(formatter(self.is_log[0])).y_label_formatter(formatter(self.is_log[1]));
@@ -178,10 +195,10 @@ impl Chart<'_> {
         }
         chart
             .configure_series_labels()
-            .position(if self.is_legend_high {
-                SeriesLabelPosition::UpperRight
-            } else {
-                SeriesLabelPosition::LowerRight
+            .position(match self.legend {
+                Legend::LowerRight => SeriesLabelPosition::LowerRight,
+                Legend::UpperRight => SeriesLabelPosition::UpperRight,
+                Legend::UpperLeft => SeriesLabelPosition::UpperLeft,
             })
             .label_font(("sans-serif", 13))
             .background_style(WHITE.mix(0.8))

@@ -6,7 +6,7 @@ use super::{curves::lines, sweeps::sweeps};
 use crate::{
     chart::{
         heat_map::{self, Grid},
-        line::{Chart, Line},
+        line::{Chart, Legend, Line},
         triangle::{self, Triangle, mixtures},
     },
     operating_point::OperatingPointSpec,
@@ -24,8 +24,6 @@ const PLANE: &str = "plane";
 const SERIES: &str = "series";
 /// Ratio of the ends of a series from which its axis is logarithmic.
 const LOG_FROM: f64 = 16.0;
-/// Height of a row of the legend by that of a chart, percent.
-const LEGEND_ROW: f64 = 4.0;
 
 /// All charts as file names and contents.
 ///
@@ -170,13 +168,14 @@ fn series(results: &Results, chart: &ChartSpec) -> Result<String> {
     }
     let y = format!("{} ... %", chart.y);
     let axes = [chart.axis.as_deref().unwrap_or("number"), &y];
-    let [first, last] = [names.first(), names.last()].map(|end| end.map_or(0.0, |(x, _)| *x));
-    let is_log = [first > 0.0 && last >= LOG_FROM * first, false];
-    // The legend stands where no line runs, if there is room.
-    let most = lines.iter().flat_map(|(_, points)| points).fold(0.0, |most: f64, [_, y]| most.max(*y));
-    let is_legend_high = most <= 100.0 - LEGEND_ROW * lines.len() as f64;
-    let ranges = Some([first..last.max(first + 1e-9), 0.0..100.0]);
-    Chart { axes, lines, is_log, ranges, is_legend_high, ..Chart::default() }.draw()
+    let drawn = || lines.iter().flat_map(|(_, points)| points.iter().map(|[x, _]| *x));
+    let (first, last) = (drawn().fold(f64::INFINITY, f64::min), drawn().fold(0.0, f64::max));
+    let is_log = first > 0.0 && last >= LOG_FROM * first;
+    let x = if is_log { first.log10()..last.log10() } else { first..last.max(first + 1e-9) };
+    // Shares that rise leave the upper left free.
+    let legend = Legend::UpperLeft;
+    let ranges = first.is_finite().then_some([x, 0.0..100.0]);
+    Chart { axes, lines, is_log: [is_log, false], ranges, legend, ..Chart::default() }.draw()
 }
 
 /// The method that was measured at a mixture.

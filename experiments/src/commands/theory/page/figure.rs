@@ -3,7 +3,7 @@
 use anyhow::Result;
 use theory_checks::Figure;
 
-use crate::bench::line_chart::{Chart, Line};
+use crate::bench::line_chart::{Chart, Legend, Line};
 
 /// Draws a figure.
 ///
@@ -19,7 +19,7 @@ pub(super) fn draw(figure: &Figure) -> Result<String> {
         lines: of(true),
         dots: of(false),
         is_log: figure.is_log,
-        is_legend_high: is_low_right(figure),
+        legend: if is_low_right(figure) { Legend::UpperRight } else { Legend::LowerRight },
         ..Chart::default()
     }
     .draw()

@@ -12,13 +12,13 @@ use std::{
     },
 };
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use sage_core::files;
-use sage_data::{ReadOptions, folder};
+use sage_data::{ReadOptions, dataset::Shard, folder};
 
 use crate::{
-    input,
-    output::{self, DatasetRun},
+    Outcome, input,
+    output::{self, DatasetRun, Inputs},
     progress, terminal,
 };
 
@@ -32,6 +32,64 @@ pub(crate) struct Input {
     pub(crate) file: PathBuf,
     /// Name of the file without its ending, or the id of a record.
     pub(crate) scene: String,
+}
+
+/// The scenes of a command that writes a data set, alone or as a shard.
+pub(crate) struct Scenes {
+    root: PathBuf,
+    /// All scene files.
+    pub(crate) files: Vec<PathBuf>,
+    /// All scenes, of this shard and of the others.
+    pub(crate) all: Vec<Input>,
+}
+
+impl Scenes {
+    /// Finds the scenes of a file or folder.
+    ///
+    /// *Errors*: there are none, or they cannot be listed.
+    pub(crate) fn find(root: &Path, options: &ReadOptions) -> Result<Self> {
+        let files = folder::scene_files(root)?;
+        input::check_single(&files)?;
+        let all = inputs(root, &files, options);
+        Ok(Self { root: root.to_owned(), files, all })
+    }
+
+    /// The scenes of a shard; all without one.
+    pub(crate) fn of_shard(&self, shard: Option<Shard>) -> Vec<&Input> {
+        self.all.iter().filter(|input| shard.is_none_or(|shard| shard.holds(&input.scene))).collect()
+    }
+
+    /// Refuses an output folder that holds inputs, even if no output has the name of one; `further` are other inputs.
+    ///
+    /// *Errors*: it does.
+    pub(crate) fn protect(&self, out: &Path, further: Vec<PathBuf>) -> Result<()> {
+        let both = self.files.iter().flat_map(|file| [Some(file.clone()), file.canonicalize().ok()]);
+        let names: Vec<PathBuf> =
+            both.flatten().filter_map(|file| file.file_name().map(PathBuf::from)).collect();
+        let mut read = self.files.clone();
+        read.extend(further);
+        output::protect_inputs(std::slice::from_ref(&self.root), &read, out, &names)?;
+        Inputs::of_command_line().refuse_folder(out)
+    }
+}
+
+/// How a command ends that worked on some scenes. `done` is what it does to a scene, a participle.
+///
+/// *Errors*: it could be done to none.
+pub(crate) fn outcome([failed, left_out]: [usize; 2], own: usize, out: &Path, done: &str) -> Result<Outcome> {
+    match failed {
+        0 if left_out == own && left_out > 0 => bail!("no scene could be {done}: all are left out"),
+        0 => Ok(Outcome::Done),
+        1 if own == 1 => bail!("the scene could not be {done}"),
+        all if all == own => bail!("no scene of {all} could be {done}"),
+        some => {
+            progress::say(&format!(
+                "{some} of {own} scenes failed; the others are in `{}`; remove the cause and run the same command again",
+                out.display()
+            ));
+            Ok(Outcome::Partial)
+        }
+    }
 }
 
 /// Extent of a failure.

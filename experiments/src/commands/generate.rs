@@ -4,23 +4,18 @@ mod attack;
 mod plan;
 mod row;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{path::Path, time::Instant};
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use sage_core::statistics;
-use sage_data::folder;
 use serde_json::{Value, json};
 
 use crate::{
     Outcome, Registries,
     cli::GenerateArgs,
-    input,
-    output::{self, DatasetRun, Inputs},
+    output::{self, DatasetRun},
     progress,
-    scene_queue::{self, Input, Report, is_row_of},
+    scene_queue::{self, Input, Report, Scenes, is_row_of},
 };
 
 use attack::{attack_scene, picture_file};
@@ -30,20 +25,9 @@ use row::{FoundRow, row_file};
 pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let plan = Plan::new(args, registries)?;
-    let files = folder::scene_files(&args.scene)?;
-    input::check_single(&files)?;
-    let all = scene_queue::inputs(&args.scene, &files, &args.reading.options());
-    let own: Vec<&Input> =
-        all.iter().filter(|input| args.shard.is_none_or(|shard| shard.holds(&input.scene))).collect();
-    // Input files must not be in the output folder, even if no output has the same name.
-    let names: Vec<PathBuf> = files
-        .iter()
-        .flat_map(|file| [Some(file.clone()), file.canonicalize().ok()])
-        .flatten()
-        .filter_map(|file| file.file_name().map(PathBuf::from))
-        .collect();
-    output::protect_inputs(std::slice::from_ref(&args.scene), &files, &args.folder.out, &names)?;
-    Inputs::of_command_line().refuse_folder(&args.folder.out)?;
+    let scenes = Scenes::find(&args.scene, &args.reading.options())?;
+    let (all, own) = (&scenes.all, scenes.of_shard(args.shard));
+    scenes.protect(&args.folder.out, Vec::new())?;
     let out = &args.folder.out;
     let outdated = || own.iter().flat_map(|input| outputs(&plan, out, input)).collect();
     let run = DatasetRun::start(out, plan.identity()?, args.folder.force, args.shard, outdated)?;
@@ -69,20 +53,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
             "note: the summary of `{out}` also lists {others} that other runs left there"
         ));
     }
-    match failed {
-        0 if left_out == own.len() && left_out > 0 => bail!("no scene could be attacked: all are left out"),
-        0 => Ok(Outcome::Done),
-        1 if own.len() == 1 => bail!("the scene could not be attacked"),
-        all if all == own.len() => bail!("no scene of {all} could be attacked"),
-        some => {
-            let out = args.folder.out.display();
-            progress::say(&format!(
-                "{some} of {} scenes failed; the others are in `{out}`; remove the cause and run the same command again",
-                own.len()
-            ));
-            Ok(Outcome::Partial)
-        }
-    }
+    scene_queue::outcome([failed, left_out], own.len(), out, "attacked")
 }
 
 /// True if all rows of a scene exist and are of the run with a hash.

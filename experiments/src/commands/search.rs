@@ -6,24 +6,18 @@ mod scene;
 mod searcher;
 mod summary;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::{path::Path, time::Instant};
 
 use anyhow::{Result, bail};
 use sage_core::statistics;
-use sage_data::folder;
 use serde_json::{Value, json};
 
 use crate::{
     Outcome, Registries,
     cli::SearchArgs,
-    input,
-    output::{self, DatasetRun, Inputs},
-    part::PolicyPart,
+    output::{self, DatasetRun},
     progress,
-    scene_queue::{self, Input, Report, is_row_of},
+    scene_queue::{self, Input, Report, Scenes, is_row_of},
 };
 
 use row::{SceneRow, failure_name, row_file};
@@ -34,23 +28,10 @@ use summary::Summary;
 pub(crate) fn run(args: &SearchArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
     let searcher = Searcher::new(args, registries)?;
-    let files = folder::scene_files(&args.scene)?;
-    input::check_single(&files)?;
-    let all = scene_queue::inputs(&args.scene, &files, &args.reading.options());
-    check_names(&all)?;
-    let own: Vec<&Input> =
-        all.iter().filter(|input| args.shard.is_none_or(|shard| shard.holds(&input.scene))).collect();
-    // Input files must not be in the output folder, even if no output has the same name.
-    let names: Vec<PathBuf> = files
-        .iter()
-        .flat_map(|file| [Some(file.clone()), file.canonicalize().ok()])
-        .flatten()
-        .filter_map(|file| file.file_name().map(PathBuf::from))
-        .collect();
-    let mut read = files.clone();
-    read.extend(PolicyPart::files(&args.ego));
-    output::protect_inputs(std::slice::from_ref(&args.scene), &read, &args.folder.out, &names)?;
-    Inputs::of_command_line().refuse_folder(&args.folder.out)?;
+    let scenes = Scenes::find(&args.scene, &args.reading.options())?;
+    let (all, own) = (&scenes.all, scenes.of_shard(args.shard));
+    check_names(all)?;
+    scenes.protect(&args.folder.out, args.ego.files())?;
     let out = &args.folder.out;
     let outdated = || own.iter().flat_map(|input| outputs(out, input)).collect();
     let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, args.shard, outdated)?;
@@ -69,20 +50,7 @@ pub(crate) fn run(args: &SearchArgs, registries: &Registries) -> Result<Outcome>
     let whole = |results: &Value| (is_whole(results) && failed == 0).then(|| clock.elapsed().as_secs_f64());
     run.finish(searcher.writes_pickles(), results, statistics::median(&seconds), whole)?;
     progress::say_lines(&summary.text());
-    match failed {
-        0 if left_out == own.len() && left_out > 0 => bail!("no scene could be searched: all are left out"),
-        0 => Ok(Outcome::Done),
-        1 if own.len() == 1 => bail!("the scene could not be searched"),
-        all if all == own.len() => bail!("no scene of {all} could be searched"),
-        some => {
-            progress::say(&format!(
-                "{some} of {} scenes failed; the others are in `{}`; remove the cause and run the same command again",
-                own.len(),
-                out.display()
-            ));
-            Ok(Outcome::Partial)
-        }
-    }
+    scene_queue::outcome([failed, left_out], own.len(), out, "searched")
 }
 
 /// Refuses scenes one of whose files would have the name of a file of another.

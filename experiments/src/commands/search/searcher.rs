@@ -79,7 +79,11 @@ impl<'a> Searcher<'a> {
         let selection =
             Selection::of(registries, &args.attack.selection, args.attack.rule.feasibility.as_ref())?;
         // Of a generator that plans against the ego the selection is the plan; of the others every candidate is one.
-        let generators = if method.as_ref().is_some_and(|(_, facts)| facts.plans_against_ego) {
+        let plans_against_ego = method.as_ref().is_some_and(|(_, facts)| facts.plans_against_ego);
+        if !plans_against_ego && args.attack.selection != "natural" {
+            progress::say("note: --selection has no effect: every candidate is a plan of the search");
+        }
+        let generators = if plans_against_ego {
             Generators::new(registries, merger, &selection, args.attack.seed)?
         } else {
             of_rule

@@ -9,6 +9,7 @@ mod mixing;
 mod reading;
 mod searching;
 mod studies;
+mod testing;
 mod theory;
 mod training;
 
@@ -32,6 +33,7 @@ pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use reading::ReadingArgs;
 pub(crate) use searching::{SearchArgs, SearchFormat};
 pub(crate) use studies::{ReportArgs, StudyArgs};
+pub(crate) use testing::{Keep, SuiteArgs, TestArgs};
 pub(crate) use theory::TheoryArgs;
 pub(crate) use training::TrainEgoArgs;
 
@@ -76,6 +78,8 @@ pub(crate) enum Command {
     Generate(GenerateArgs),
     Simulate(SimulateArgs),
     Search(Box<SearchArgs>),
+    Suite(SuiteArgs),
+    Test(TestArgs),
     TrainEgo(TrainEgoArgs),
     /// Analyse a set of experts.
     #[command(
@@ -381,6 +385,7 @@ impl Cli {
                 | Command::Generate(_)
                 | Command::Simulate(_)
                 | Command::Search(_)
+                | Command::Test(_)
                 | Command::TrainEgo(_)
                 | Command::Analyse(_)
                 | Command::Bench(_)

@@ -19,5 +19,7 @@ pub(crate) mod scenes;
 pub(crate) mod score;
 pub(crate) mod search;
 pub(crate) mod simulate;
+pub(crate) mod suite;
+pub(crate) mod test;
 pub(crate) mod theory;
 pub(crate) mod train_ego;

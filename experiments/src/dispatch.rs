@@ -31,6 +31,8 @@ impl Cli {
             Command::Generate(args) => commands::generate::run(&args, registries),
             Command::Simulate(args) => commands::simulate::run(&args, registries),
             Command::Search(args) => commands::search::run(&args, registries),
+            Command::Suite(args) => commands::suite::run(&args),
+            Command::Test(args) => commands::test::run(&args, registries),
             Command::TrainEgo(args) => commands::train_ego::run(&args, registries),
             Command::Analyse(AnalyseCommand::Connectivity(args)) => {
                 commands::analyse_connectivity::run(&args, registries)

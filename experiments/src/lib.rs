@@ -29,6 +29,7 @@ pub mod contact_row;
 mod dispatch;
 pub mod drawing;
 mod input;
+mod junit;
 mod networks;
 mod output;
 mod player;

@@ -10,6 +10,7 @@ pub mod clauses;
 pub mod judge;
 pub mod metrics;
 pub mod pool;
+pub mod suite;
 mod surrogate;
 pub mod threshold;
 

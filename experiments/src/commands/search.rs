@@ -20,7 +20,7 @@ use crate::{
     scene_queue::{self, Input, Report, Scenes, is_row_of},
 };
 
-use row::{SceneRow, failure_name, row_file};
+pub(super) use row::{SceneRow, failure_name, row_file, unchanged_file};
 use scene::{picture_file, search_scene};
 use searcher::Searcher;
 use summary::Summary;
@@ -44,10 +44,15 @@ pub(crate) fn run(args: &SearchArgs, registries: &Registries) -> Result<Outcome>
     let results = || {
         let mut results = summary.json();
         results["scenes"] = json!(all.len());
+        if left_out > 0 {
+            results["left_out"] = json!(left_out);
+        }
         results
     };
-    let is_whole = |results: &Value| results["scenes"] == results["done"];
-    let whole = |results: &Value| (is_whole(results) && failed == 0).then(|| clock.elapsed().as_secs_f64());
+    let whole = |results: &Value| {
+        let done = results["done"].as_u64().unwrap_or_default() as usize;
+        (all.len() == done + left_out && failed == 0).then(|| clock.elapsed().as_secs_f64())
+    };
     run.finish(searcher.writes_pickles(), results, statistics::median(&seconds), whole)?;
     progress::say_lines(&summary.text());
     scene_queue::outcome([failed, left_out], own.len(), out, "searched")
@@ -56,7 +61,7 @@ pub(crate) fn run(args: &SearchArgs, registries: &Registries) -> Result<Outcome>
 /// Refuses scenes one of whose files would have the name of a file of another.
 fn check_names(inputs: &[Input]) -> Result<()> {
     for input in inputs {
-        let cut = ["-drives", "-failure"].iter().find_map(|word| {
+        let cut = ["-drives", "-failure", "-unchanged"].iter().find_map(|word| {
             let (before, after) = input.scene.rsplit_once(word)?;
             after.chars().all(|c| c.is_ascii_digit()).then_some(before)
         });

@@ -13,7 +13,7 @@ use serde_json::{Map, Value, json};
 use crate::{operating_point::RowKey, scene_queue::ROW_LIMIT, terminal};
 
 /// Name of the row of a scene.
-pub(super) fn row_file(scene: &str) -> String {
+pub(in crate::commands) fn row_file(scene: &str) -> String {
     format!("{scene}.json")
 }
 
@@ -22,8 +22,14 @@ pub(super) fn drives_file(scene: &str) -> String {
     format!("{scene}-drives.json")
 }
 
+/// Name of the file of the unchanged scene, in the native format.
+pub(in crate::commands) fn unchanged_file(scene: &str) -> String {
+    // No ending of a scene: in the folder of the attacked scenes it is none of them.
+    format!("{scene}-unchanged.scene")
+}
+
 /// Name of a failure, as part of file names; `number` counts from 1.
-pub(super) fn failure_name(number: usize) -> String {
+pub(in crate::commands) fn failure_name(number: usize) -> String {
     format!("failure{number}")
 }
 
@@ -45,7 +51,7 @@ pub(super) struct RowHead {
 
 /// The row of a scene.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct SceneRow {
+pub(in crate::commands) struct SceneRow {
     #[serde(flatten)]
     pub(super) head: RowHead,
     /// All files of the scene but its row.
@@ -90,6 +96,8 @@ pub(super) struct PlanCounts {
 /// A failure as the row of its scene names it.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct FoundFailure {
+    /// Its number, 1 the first found.
+    number: usize,
     /// File of its row.
     row: String,
     /// Its drive, 1 the first.
@@ -231,6 +239,7 @@ impl SceneRow {
             let number =
                 result.failures.iter().position(|other| other.drive == failure.drive).unwrap_or(0) + 1;
             FoundFailure {
+                number,
                 row: row_file(&format!("{}-{}", head.scene, failure_name(number))),
                 drive: failure.drive + 1,
                 plan: PlanRow::new(pool, judged.plan, source(pool.plans[judged.plan].source)),
@@ -261,8 +270,28 @@ impl SceneRow {
         }
     }
 
+    /// The scene.
+    pub(in crate::commands) fn scene(&self) -> &str {
+        &self.head.scene
+    }
+
+    /// Number of failures.
+    pub(in crate::commands) fn failures(&self) -> usize {
+        self.failures
+    }
+
+    /// Number of the worst failure, 1 the first found.
+    pub(in crate::commands) fn worst(&self) -> Option<usize> {
+        self.worst.as_ref().map(|failure| failure.number)
+    }
+
+    /// Number of the mildest failure.
+    pub(in crate::commands) fn mildest(&self) -> Option<usize> {
+        self.mildest.as_ref().map(|failure| failure.number)
+    }
+
     /// Reads a row; `None` if the file is missing or incomplete.
-    pub(super) fn read(path: &Path) -> Option<Self> {
+    pub(in crate::commands) fn read(path: &Path) -> Option<Self> {
         serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
     }
 

@@ -19,12 +19,13 @@ use super::{
     picture,
     row::{
         DrivenRow, DrivesFile, FailureRow, JudgedRow, PlanRow, RowHead, SceneRow, drives_file, failure_name,
-        row_file,
+        row_file, unchanged_file,
     },
     searcher::{Searcher, Sources},
 };
 use crate::{
     attacked_files::{Attack, AttackedFiles, Scenarios},
+    cli::SearchFormat,
     contact_row::step,
     output::DatasetRun,
     scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
@@ -133,6 +134,9 @@ impl OneScene<'_> {
         row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
         // In the written scenes the ego keeps its recording, so that any driver meets the attack on the same route.
         let mut written = self.failure_files(&files, &scene, &row.head, &pool, &result)?;
+        if !result.failures.is_empty() && args.format != SearchFormat::None {
+            written.push((unchanged_file(self.name), recording.to_native()?));
+        }
         written.push((drives_file(self.name), serde_json::to_vec(&self.drives(&row.head, &pool, &result))?));
         let picture = picture::draw(self.name, &test.recorded(), &pool, &result);
         written.push((picture_file(self.name), picture.into_bytes()));

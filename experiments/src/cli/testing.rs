@@ -1,0 +1,72 @@
+//! Arguments of `sage suite` and `sage test`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use super::{FolderArgs, PlannerArgs, SearchFormat};
+use crate::part::PolicyPart;
+
+/// Keep failures of searches as a test suite.
+///
+/// The suite holds the unchanged scenes, the plans of the adversary, and the clauses that made them failures. `sage test`
+/// drives any driver against it. The attacked scenes are written too, as a data set for other simulators.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage search scenes/ --ego idm --out failures/\n  sage suite failures/ --out suite/\n  sage test suite/ --ego expert"
+)]
+pub(crate) struct SuiteArgs {
+    /// Output folders of `sage search`. All must require the same clauses.
+    #[arg(required = true, value_name = "SEARCH")]
+    pub searches: Vec<PathBuf>,
+    /// Failures of each scene that are kept.
+    #[arg(long, value_enum, default_value_t = Keep::Worst)]
+    pub keep: Keep,
+    /// Formats of the attacked scenes.
+    #[arg(long, value_enum, default_value_t = SearchFormat::Native)]
+    pub format: SearchFormat,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}
+
+/// Failures of a scene that a suite keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Keep {
+    /// The one with the largest reward.
+    Worst,
+    /// The likeliest one under the prior.
+    Mildest,
+    /// All.
+    All,
+}
+
+/// Drive a driver against a test suite.
+///
+/// A test passes if its plan is no failure of the driver, by the clauses of the suite. Exit status: 0 if all tests pass, else
+/// 1; with --baseline 1 only if a test fails that passed there, or the driver gives an error.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sage test suite/ --ego expert\n  sage test suite/ --ego 'cmd:python3 my_planner.py' --junit report.xml\n  sage test suite/ --ego idm --json > today.jsonl\n  sage test suite/ --ego idm --baseline yesterday.jsonl"
+)]
+pub(crate) struct TestArgs {
+    /// Folder of a suite.
+    pub suite: PathBuf,
+    /// Driver under test: a policy by its name in `sage list`; path:FILE, a drive of your own planner; or 'cmd:COMMAND',
+    /// your own planner as a program.
+    #[arg(long, value_name = "POLICY")]
+    pub ego: PolicyPart,
+    #[command(flatten)]
+    pub planner: PlannerArgs,
+    /// Results of an earlier run (--json): only tests that passed there count as failed.
+    #[arg(long, value_name = "FILE")]
+    pub baseline: Option<PathBuf>,
+    /// Also write the results as JUnit XML, which build servers read.
+    #[arg(long, value_name = "FILE")]
+    pub junit: Option<PathBuf>,
+    /// Print one JSON object per test.
+    #[arg(long)]
+    pub json: bool,
+    /// Overwrite an existing file.
+    #[arg(long)]
+    pub force: bool,
+}

@@ -1,0 +1,223 @@
+//! `sage suite`: keeps failures of searches as tests.
+
+use std::{collections::HashMap, path::Path};
+
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
+use sage_core::{files, motion::Trajectory, objective::PartSpec};
+use sage_data::Recording;
+use sage_sim::search::{
+    Clauses, Met, SearchOptions,
+    suite::{Found, MOST_TESTS, SCENES, Suite, SuiteTest, VERSION, is_plain, plan_hash},
+};
+use serde::Deserialize;
+use serde_json::{Map, Value};
+
+use super::search::{SceneRow, failure_name, row_file, unchanged_file};
+use crate::{
+    Outcome,
+    attacked_files::{Attack, AttackedFiles, Formats},
+    cli::{Keep, SearchFormat, SuiteArgs},
+    output::{Folder, RECORD},
+    progress,
+    scene_queue::ROW_LIMIT,
+};
+
+/// File of a suite.
+pub(super) const FILE: &str = "suite.json";
+
+/// What a suite needs of the row of a failure.
+#[derive(Deserialize)]
+struct FailureFile {
+    ego: String,
+    adversary: String,
+    seed: u64,
+    trajectory: Trajectory,
+    plan: Map<String, Value>,
+    contact: Option<Met>,
+    clauses: Clauses,
+    #[serde(flatten)]
+    described: Map<String, Value>,
+}
+
+/// What a suite needs of the record of a search.
+#[derive(Deserialize)]
+struct SearchRecord {
+    search: SearchOptions,
+    feasibility: PartSpec,
+}
+
+/// A suite that grows.
+struct Maker<'a> {
+    args: &'a SuiteArgs,
+    folder: Folder,
+    suite: Option<Suite>,
+    /// File of each scene by the hash of its content.
+    scenes: HashMap<String, String>,
+}
+
+pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
+    let folder = Folder::make(&args.folder.out, args.folder.force)?;
+    // The suite goes first, so that a folder with files of two suites never has that of one.
+    folder.remove(FILE)?;
+    folder.inner(SCENES.as_ref())?;
+    let mut maker = Maker { args, folder, suite: None, scenes: HashMap::new() };
+    for search in &args.searches {
+        maker.add_search(search).with_context(|| format!("`{}`", search.display()))?;
+    }
+    let Maker { folder, suite, .. } = maker;
+    let suite = suite.filter(|suite| !suite.tests.is_empty()).context("the searches hold no failure")?;
+    suite.check().map_err(|problem| anyhow!(problem))?;
+    if matches!(args.format, SearchFormat::Pickle | SearchFormat::Both) {
+        sage_data::dataset::write_tables(folder.path())?;
+    }
+    folder.write(FILE, &serde_json::to_vec(&suite)?)?;
+    progress::say(&format!(
+        "{} of {} are in `{}`; to drive against them: sage test {} --ego POLICY",
+        progress::count(suite.tests.len(), "test"),
+        progress::count(args.searches.len(), "search"),
+        folder.path().display(),
+        folder.path().display()
+    ));
+    Ok(Outcome::Done)
+}
+
+impl Maker<'_> {
+    fn add_search(&mut self, search: &Path) -> Result<()> {
+        let record: Value = json(&search.join(RECORD)).context("it is no output of `sage search`")?;
+        let record: SearchRecord =
+            serde_json::from_value(record["run"].clone()).context("it is no output of `sage search`")?;
+        let suite = self.suite.get_or_insert_with(|| Suite {
+            suite: VERSION,
+            require: record.search.require,
+            feasibility: record.feasibility.clone(),
+            avoidable: record.search.avoidable,
+            tests: Vec::new(),
+        });
+        ensure!(
+            suite.require == record.search.require
+                && suite.feasibility == record.feasibility
+                && suite.avoidable == record.search.avoidable,
+            "it requires other clauses than the searches before it, or by other rules; make a suite of its own"
+        );
+        let mut rows: Vec<SceneRow> = Vec::new();
+        for entry in std::fs::read_dir(search)? {
+            let name = entry?.file_name().to_string_lossy().into_owned();
+            let is_row = name.ends_with(".json") && name != RECORD;
+            rows.extend(
+                SceneRow::read(&search.join(&name)).filter(|row| is_row && row_file(row.scene()) == name),
+            );
+        }
+        rows.sort_by(|a, b| sage_data::folder::natural_order(a.scene(), b.scene()));
+        rows.iter().filter(|row| row.failures() > 0).try_for_each(|row| {
+            self.add_scene(search, row).with_context(|| format!("scene `{}`", row.scene()))
+        })
+    }
+
+    fn add_scene(&mut self, search: &Path, row: &SceneRow) -> Result<()> {
+        let source = search.join(unchanged_file(row.scene()));
+        let bytes = sage_data::read_bytes(&source).with_context(|| {
+            format!("`{}` is missing; search again without --format none", source.display())
+        })?;
+        let scene_hash = blake3::hash(&bytes).to_hex().to_string();
+        let name = plain(row.scene());
+        let taken = |file: &String| self.scenes.values().any(|known| known == file);
+        let file = self.scenes.get(&scene_hash).cloned().unwrap_or_else(|| {
+            let named = |k: usize| if k == 0 { format!("{name}.scene") } else { format!("{name}-{k}.scene") };
+            (0..).map(named).find(|file| !taken(file)).unwrap_or_default()
+        });
+        self.folder.write(&format!("{SCENES}/{file}"), &bytes)?;
+        self.scenes.insert(scene_hash.clone(), file.clone());
+        let recording = Recording::from_bytes(&source, bytes)?;
+        let numbers: Vec<usize> = match self.args.keep {
+            Keep::All => (1..=row.failures()).collect(),
+            Keep::Worst => row.worst().into_iter().collect(),
+            Keep::Mildest => row.mildest().into_iter().collect(),
+        };
+        for number in numbers {
+            let failure: FailureFile =
+                json(&search.join(row_file(&format!("{}-{}", row.scene(), failure_name(number)))))?;
+            self.add_test(&recording, &name, number, [&file, &scene_hash], failure)?;
+        }
+        Ok(())
+    }
+
+    fn add_test(
+        &mut self,
+        recording: &Recording,
+        scene: &str,
+        number: usize,
+        [file, scene_hash]: [&String; 2],
+        failure: FailureFile,
+    ) -> Result<()> {
+        let tests = self.suite.as_mut().map(|suite| &mut suite.tests).context("a search was added")?;
+        ensure!(tests.len() < MOST_TESTS, "a suite has at most {MOST_TESTS} tests");
+        let ego = plain(&failure.ego);
+        let named = |k: usize| {
+            let more = if k == 0 { String::new() } else { format!("-{k}") };
+            format!("{ego}-{}{more}", failure_name(number))
+        };
+        let is_free = |variant: &String| {
+            let name = format!("{scene}-{variant}");
+            tests.iter().all(|test| test.name != name)
+        };
+        let variant = (0..).map(named).find(is_free).unwrap_or_default();
+        let formats = Formats {
+            pickle: matches!(self.args.format, SearchFormat::Pickle | SearchFormat::Both),
+            native: matches!(self.args.format, SearchFormat::Native | SearchFormat::Both),
+            scenario: (self.args.format == SearchFormat::Openscenario).then(Default::default),
+        };
+        let files = AttackedFiles::new(recording, scene, formats)?;
+        files.check_names(std::iter::once(&*variant))?;
+        let attacked = recording.scene.clone().with_roles(None, Some(&failure.adversary))?;
+        let attack = Attack {
+            trajectory: &failure.trajectory,
+            variant: &variant,
+            described: &failure.described,
+            weights: None,
+            seed: failure.seed,
+        };
+        let mut written = files.files(&attacked, &attack)?;
+        if let Some(scenarios) = files.scenarios(&attacked) {
+            written.extend(files.scenario(&scenarios, &attacked, &attack, &failure.described)?);
+        }
+        for (name, bytes) in &written {
+            self.folder.write(name, bytes)?;
+        }
+        tests.push(SuiteTest {
+            name: format!("{scene}-{variant}"),
+            scene: file.clone(),
+            scene_hash: scene_hash.clone(),
+            adversary: failure.adversary,
+            seed: failure.seed,
+            plan_hash: plan_hash(&failure.trajectory),
+            plan: failure.trajectory,
+            found: Found {
+                ego: failure.ego,
+                plan: failure.plan,
+                contact: failure.contact,
+                clauses: failure.clauses,
+            },
+        });
+        Ok(())
+    }
+}
+
+/// A name as that of a file of a suite.
+fn plain(name: &str) -> String {
+    let all: String = name
+        .chars()
+        .map(|c| if c.is_alphanumeric() || "._-".contains(c) { c } else { '-' })
+        .take(80)
+        .collect();
+    let name = all.trim_start_matches(['.', '-']).to_owned();
+    if is_plain(&name) { name } else { "scene".to_owned() }
+}
+
+fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
+    let shown = || format!("cannot read `{}`", path.display());
+    let bytes = files::read(path, ROW_LIMIT).with_context(shown)?;
+    match serde_json::from_slice(&bytes) {
+        Ok(value) => Ok(value),
+        Err(error) => bail!("`{}` is not as `sage search` writes it: {error}", path.display()),
+    }
+}

@@ -1,0 +1,271 @@
+//! `sage test`: drives a driver against a test suite.
+
+use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
+
+use anyhow::{Context as _, Result, anyhow, bail};
+use rayon::prelude::*;
+use sage_bench::table::Table;
+use sage_core::{files, objective::Feasibility, scene::SceneIndex};
+use sage_data::Recording;
+use sage_sim::{
+    SimScene,
+    attack_test::AttackTest,
+    search::{
+        Clauses, Judged, Met,
+        suite::{self, SCENES, Suite, SuiteTest},
+    },
+};
+use serde::{Deserialize, Serialize};
+
+use super::suite::FILE;
+use crate::{
+    Outcome, Registries,
+    cli::TestArgs,
+    ego::Ego,
+    junit::{self, Case, Verdict},
+    output::{self, OutputFile},
+    progress, terminal,
+};
+
+/// Size limit of a suite and of earlier results, bytes.
+const LIMIT: u64 = 1 << 29;
+
+/// What came of a test.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum TestResult {
+    Passed,
+    Failed,
+    Error,
+}
+
+/// The result of a test, as `--json` prints it.
+#[derive(Debug, Serialize)]
+struct ResultRow<'s> {
+    test: &'s str,
+    ego: &'s str,
+    result: TestResult,
+    /// The driver that the failure was found with.
+    found_with: &'s str,
+    contact: Option<Met>,
+    clauses: Clauses,
+    /// The first clause that does not hold, of a test that passed.
+    missing: Option<String>,
+    error: Option<String>,
+    seconds: f64,
+}
+
+/// What a baseline needs of an earlier result.
+#[derive(Deserialize)]
+struct EarlierRow {
+    test: String,
+    result: TestResult,
+}
+
+pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
+    let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
+    progress::say_notes(std::slice::from_ref(&ego));
+    let suite = read(&args.suite)?;
+    let rule = registries
+        .feasibilities
+        .build(&suite.feasibility.name, &suite.feasibility.options.clone().into())
+        .with_context(|| format!("`{}`", args.suite.join(FILE).display()))?;
+    let baseline = args.baseline.as_deref().map(earlier).transpose()?;
+    let junit = args.junit.as_deref().map(|path| OutputFile::claim(path, args.force)).transpose()?;
+    let mut groups: Vec<Vec<&SuiteTest>> = Vec::new();
+    for test in &suite.tests {
+        let is_alike = |group: &&mut Vec<&SuiteTest>| {
+            group[0].scene == test.scene && group[0].adversary == test.adversary && group[0].seed == test.seed
+        };
+        match groups.iter_mut().find(is_alike) {
+            Some(group) => group.push(test),
+            None => groups.push(vec![test]),
+        }
+    }
+    let driven = groups.par_iter().map(|tests| drive(&args.suite, &suite, &*rule, &ego, tests));
+    let driven: Vec<Vec<ResultRow>> = driven.collect::<Result<_>>()?;
+    let mut rows: Vec<ResultRow> = driven.into_iter().flatten().collect();
+    let place: HashMap<&str, usize> =
+        suite.tests.iter().enumerate().map(|(k, test)| (&*test.name, k)).collect();
+    rows.sort_by_key(|row| place.get(row.test).copied());
+    if let Some(file) = junit {
+        let name = args.suite.display().to_string();
+        file.write(junit::report(&name, &ego.label, &rows.iter().map(case).collect::<Vec<_>>()).as_bytes())?;
+    }
+    print(&rows, args.json)?;
+    Ok(ended(&rows, baseline.as_ref()))
+}
+
+/// Reads a suite.
+///
+/// *Errors*: it is none, or not as it was made.
+fn read(folder: &Path) -> Result<Suite> {
+    let path = folder.join(FILE);
+    let shown = path.display();
+    let bytes = files::read(&path, LIMIT).with_context(|| format!("cannot read `{shown}`"))?;
+    let suite: Suite = serde_json::from_slice(&bytes).with_context(|| format!("`{shown}` is no suite"))?;
+    suite.check().map_err(|problem| anyhow!("`{shown}`: {problem}"))?;
+    if suite.tests.is_empty() {
+        bail!("`{shown}` has no tests");
+    }
+    Ok(suite)
+}
+
+/// The results of an earlier run by the names of the tests.
+fn earlier(path: &Path) -> Result<HashMap<String, TestResult>> {
+    let shown = path.display();
+    let text = files::read_text(path, LIMIT).with_context(|| format!("cannot read `{shown}`"))?;
+    let row = |(k, line): (usize, &str)| -> Result<(String, TestResult)> {
+        let row: EarlierRow = serde_json::from_str(line)
+            .with_context(|| format!("`{shown}`, line {}: no result of `sage test --json`", k + 1))?;
+        Ok((row.test, row.result))
+    };
+    text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()).map(row).collect()
+}
+
+/// Drives against all tests of one scene.
+///
+/// *Errors*: the scene is not the one that the suite was made with.
+fn drive<'s>(
+    folder: &Path,
+    suite: &'s Suite,
+    rule: &dyn Feasibility,
+    ego: &'s Ego,
+    tests: &[&'s SuiteTest],
+) -> Result<Vec<ResultRow<'s>>> {
+    let path = folder.join(SCENES).join(&tests[0].scene);
+    let shown = path.display();
+    let bytes = sage_data::read_bytes(&path)?;
+    if blake3::hash(&bytes).to_hex().as_str() != tests[0].scene_hash {
+        bail!("`{shown}` is not the scene that the suite was made with; make the suite again");
+    }
+    let clock = Instant::now();
+    let prepared = || -> Result<(Arc<SimScene>, u64)> {
+        let scene = Recording::from_bytes(&path, bytes)?.scene.with_roles(None, Some(&tests[0].adversary))?;
+        let index = SceneIndex::new(scene.map.clone());
+        Ok((SimScene::new(Arc::new(scene), index)?, tests[0].seed))
+    };
+    let failed = |test: &'s SuiteTest, error: anyhow::Error, seconds| ResultRow {
+        test: &test.name,
+        ego: &ego.label,
+        result: TestResult::Error,
+        found_with: &test.found.ego,
+        contact: None,
+        clauses: Clauses::default(),
+        missing: None,
+        error: Some(format!("{error:#}")),
+        seconds,
+    };
+    let (simulated, seed) = match prepared() {
+        Ok(prepared) => prepared,
+        Err(error) => {
+            let text = format!("{error:#}");
+            return Ok(tests.iter().map(|test| failed(test, anyhow!("{text}"), 0.0)).collect());
+        }
+    };
+    let unattacked = AttackTest::new(&*ego.policy, &simulated, seed).map_err(anyhow::Error::from);
+    let unattacked = unattacked.and_then(|test| Ok((test.context()?, test)));
+    let before = clock.elapsed().as_secs_f64() / tests.len() as f64;
+    let one = |test: &&'s SuiteTest| {
+        let clock = Instant::now();
+        let judged = match &unattacked {
+            Ok((ctx, driver)) => {
+                suite::run(suite, driver, ctx, rule, &test.plan).map_err(anyhow::Error::from)
+            }
+            Err(error) => Err(anyhow!("{error:#}")),
+        };
+        let seconds = before + clock.elapsed().as_secs_f64();
+        match judged {
+            Ok(judged) => of_drive(suite, test, &ego.label, judged, seconds),
+            Err(error) => failed(test, error, seconds),
+        }
+    };
+    Ok(tests.iter().map(one).collect())
+}
+
+fn of_drive<'s>(
+    suite: &Suite,
+    test: &'s SuiteTest,
+    ego: &'s str,
+    judged: Option<Judged>,
+    seconds: f64,
+) -> ResultRow<'s> {
+    let clauses = judged.as_ref().map(|judged| judged.clauses).unwrap_or_default();
+    let missing = clauses.first_missing(suite.require);
+    ResultRow {
+        test: &test.name,
+        ego,
+        result: if missing.is_none() { TestResult::Failed } else { TestResult::Passed },
+        found_with: &test.found.ego,
+        contact: judged.and_then(|judged| judged.contact),
+        clauses,
+        missing: missing.map(|clause| clause.name().to_owned()),
+        error: None,
+        seconds,
+    }
+}
+
+impl ResultRow<'_> {
+    /// What happened, in words.
+    fn words(&self) -> String {
+        let after = |met: &Met| format!("{:.1} s", met.step as f64 / 10.0);
+        match (&self.error, &self.contact) {
+            (Some(error), _) => error.clone(),
+            (None, None) => "no contact".to_owned(),
+            (None, Some(met)) => match &self.missing {
+                None => format!("contact after {}, {:.1} m/s", after(met), met.impact_speed),
+                Some(clause) => format!("contact after {}, not {clause}", after(met)),
+            },
+        }
+    }
+}
+
+fn case(row: &ResultRow) -> Case {
+    let verdict = match row.result {
+        TestResult::Passed => Verdict::Passed,
+        TestResult::Failed => Verdict::Failed(row.words()),
+        TestResult::Error => Verdict::Error(row.words()),
+    };
+    Case { name: row.test.to_owned(), seconds: row.seconds, verdict }
+}
+
+fn print(rows: &[ResultRow], json: bool) -> Result<()> {
+    if json {
+        let mut out = Vec::new();
+        for row in rows {
+            terminal::write_json_line(&mut out, &serde_json::to_string(row)?)?;
+        }
+        return output::print(&String::from_utf8(out)?);
+    }
+    let mut table = Table::new("", &["test", "result", "found with", "what happened"]);
+    for row in rows {
+        let result = match row.result {
+            TestResult::Passed => "passed",
+            TestResult::Failed => "FAILED",
+            TestResult::Error => "ERROR",
+        };
+        let cells = [result, row.found_with, &row.words()].map(terminal::escaped_name);
+        table.row(terminal::escaped_name(row.test), cells);
+    }
+    output::print(&table.markdown())
+}
+
+/// Says how many tests passed. Done unless a test counts against the driver.
+fn ended(rows: &[ResultRow], baseline: Option<&HashMap<String, TestResult>>) -> Outcome {
+    let count = |result: TestResult| rows.iter().filter(|row| row.result == result).count();
+    let [passed, failed, errors] = [TestResult::Passed, TestResult::Failed, TestResult::Error].map(count);
+    let passed_before =
+        |row: &&ResultRow| baseline.is_none_or(|earlier| earlier.get(row.test) == Some(&TestResult::Passed));
+    let new: Vec<&ResultRow> =
+        rows.iter().filter(|row| row.result == TestResult::Failed).filter(passed_before).collect();
+    let mut text = format!("{passed} of {} passed, {failed} failed", progress::count(rows.len(), "test"));
+    if errors > 0 {
+        text += &format!(", {}", progress::count(errors, "error"));
+    }
+    if baseline.is_some() {
+        text += &format!("; {} that passed before", new.len());
+        new.iter().for_each(|row| text += &format!("\n  {}", terminal::escaped_name(row.test)));
+    }
+    progress::say_lines(&text);
+    if new.is_empty() && errors == 0 { Outcome::Done } else { Outcome::Partial }
+}

@@ -1,0 +1,199 @@
+//! `sage suite` and `sage test`: failures as a test suite.
+
+#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+
+mod program;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::Output,
+};
+
+use insta::assert_snapshot;
+use program::*;
+use serde_json::Value;
+
+/// A folder with six procedural scenes, a search of them with `idm`, and a suite of all its failures.
+struct Desk {
+    folder: tempfile::TempDir,
+}
+
+impl Desk {
+    fn new() -> Self {
+        let desk = Self { folder: tempfile::tempdir().unwrap() };
+        stdout(&sage(&["scenes", "--count", "6", "--format", "pickle", "--out", &desk.at("scenes")]));
+        let search = ["search", &desk.at("scenes"), "--ego", "idm", "--budget", "10"];
+        stdout(&sage(&[&search[..], &WEIGHTS, &["--out", &desk.at("found")]].concat()));
+        stdout(&sage(&["suite", &desk.at("found"), "--keep", "all", "--out", &desk.at("suite")]));
+        desk
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn at(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+
+    fn test(&self, ego: &str, more: &[&str]) -> Output {
+        sage(&[&["test", &self.at("suite"), "--ego", ego][..], more].concat())
+    }
+
+    fn suite(&self) -> Value {
+        serde_json::from_slice(&fs::read(self.path("suite/suite.json")).unwrap()).unwrap()
+    }
+
+    /// Changes the suite, and gives the error of a test of it.
+    fn refused(&self, change: impl Fn(&mut Value)) -> String {
+        let whole = fs::read(self.path("suite/suite.json")).unwrap();
+        let mut changed = self.suite();
+        change(&mut changed);
+        fs::write(self.path("suite/suite.json"), changed.to_string()).unwrap();
+        let output = self.test("idm", &[]);
+        fs::write(self.path("suite/suite.json"), whole).unwrap();
+        assert_eq!(output.status.code(), Some(1));
+        stderr(&output).replace(&self.at(""), "[folder]/")
+    }
+}
+
+fn results(output: &Output) -> Vec<Value> {
+    let lines = std::str::from_utf8(&output.stdout).unwrap().lines();
+    lines.map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn the_driver_of_the_search_fails_every_test_and_a_better_one_passes_some() {
+    let desk = Desk::new();
+    let idm = desk.test("idm", &["--json"]);
+    assert_eq!(idm.status.code(), Some(1), "{}", stderr(&idm));
+    let rows = results(&idm);
+    let tests = desk.suite()["tests"].as_array().unwrap().clone();
+    assert!(rows.len() > 3 && rows.len() == tests.len());
+    for (row, test) in rows.iter().zip(&tests) {
+        assert_eq!((&row["test"], &row["result"]), (&test["name"], &Value::from("failed")));
+        // Driven again with the bits of the search.
+        assert_eq!(
+            (&row["contact"], &row["clauses"]),
+            (&test["found"]["contact"], &test["found"]["clauses"])
+        );
+    }
+    let expert = desk.test("expert", &["--json"]);
+    let passed = results(&expert).iter().filter(|row| row["result"] == "passed").count();
+    assert!(passed > 0, "the expert passes some tests");
+    // Threads change nothing.
+    let again = desk.test("expert", &["--json", "--threads", "1"]);
+    let without_times = |output: &Output| {
+        let mut rows = results(output);
+        rows.iter_mut().for_each(|row| drop(row.as_object_mut().unwrap().remove("seconds")));
+        rows
+    };
+    assert_eq!(without_times(&expert), without_times(&again));
+}
+
+#[test]
+fn a_baseline_lets_only_new_failures_count() {
+    let desk = Desk::new();
+    let [idm, expert] = ["idm", "expert"].map(|ego| {
+        let file = desk.path(&format!("{ego}.jsonl"));
+        fs::write(&file, desk.test(ego, &["--json"]).stdout).unwrap();
+        file.display().to_string()
+    });
+    let same = desk.test("idm", &["--baseline", &idm]);
+    assert_eq!(same.status.code(), Some(0), "{}", stderr(&same));
+    assert!(stderr(&same).contains("0 that passed before"));
+    let worse = desk.test("idm", &["--baseline", &expert]);
+    assert_eq!(worse.status.code(), Some(1));
+    let better = desk.test("expert", &["--baseline", &idm]);
+    assert_eq!(better.status.code(), Some(0), "{}", stderr(&better));
+    fs::write(desk.path("no.jsonl"), "nonsense\n").unwrap();
+    let refused = desk.test("idm", &["--baseline", &desk.at("no.jsonl")]);
+    assert!(stderr(&refused).contains("line 1: no result of `sage test --json`"));
+}
+
+#[test]
+fn a_report_for_build_servers_counts_failures_and_errors() {
+    let desk = Desk::new();
+    let output = desk.test("idm", &["--junit", &desk.at("report.xml")]);
+    assert_eq!(output.status.code(), Some(1));
+    let xml = fs::read_to_string(desk.path("report.xml")).unwrap();
+    let count = desk.suite()["tests"].as_array().unwrap().len();
+    assert!(xml.contains(&format!("tests=\"{count}\" failures=\"{count}\" errors=\"0\"")), "{xml}");
+    assert_eq!(xml.matches("<failure message=\"contact after ").count(), count);
+    assert!(stdout_of(&output).contains("| FAILED | idm |"));
+    // Written again only with --force.
+    assert!(stderr(&desk.test("idm", &["--junit", &desk.at("report.xml")])).contains("--force"));
+    let wrong = desk.test("path:no-such-file.json", &[]);
+    assert_eq!(wrong.status.code(), Some(1));
+}
+
+fn stdout_of(output: &Output) -> &str {
+    std::str::from_utf8(&output.stdout).unwrap()
+}
+
+#[cfg(unix)]
+#[test]
+fn a_planner_that_fails_is_an_error_of_its_tests() {
+    let desk = Desk::new();
+    let output = desk.test("cmd:false", &["--json", "--junit", &desk.at("report.xml")]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(results(&output).iter().all(|row| row["result"] == "error" && row["error"].is_string()));
+    let xml = fs::read_to_string(desk.path("report.xml")).unwrap();
+    assert!(xml.contains("<error message=") && !xml.contains("<failure"), "{xml}");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_planner_in_python_is_tested() {
+    let planners = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/planners").canonicalize().unwrap();
+    let python = std::process::Command::new("python3").arg("--version").output();
+    if !python.is_ok_and(|output| output.status.success()) {
+        return;
+    }
+    let desk = Desk::new();
+    let planner = format!("cmd:python3 {}/idm.py", planners.display());
+    let output = desk.test(&planner, &["--json"]);
+    let rows = results(&output);
+    assert!(!rows.is_empty() && rows.iter().all(|row| row["result"] != "error"), "{}", stderr(&output));
+}
+
+#[test]
+fn suites_that_were_changed_or_lead_out_are_refused_and_nothing_happens() {
+    let desk = Desk::new();
+    let mut said = Vec::new();
+    let first = |suite: &mut Value, key: &str, value: Value| suite["tests"][0][key] = value;
+    let moved = |suite: &mut Value| {
+        let x = &mut suite["tests"][0]["plan"][5][0];
+        *x = (x.as_f64().unwrap() + 0.001).into();
+    };
+    said.push(("scene outside", desk.refused(|s| first(s, "scene", "../../etc/passwd".into()))));
+    said.push(("markup in a name", desk.refused(|s| first(s, "name", "<script>alert(1)</script>".into()))));
+    said.push(("a command", desk.refused(|s| first(s, "command", "touch /tmp/owned".into()))));
+    said.push(("another plan", desk.refused(moved)));
+    said.push(("a later version", desk.refused(|s| s["suite"] = 9.into())));
+    said.push(("no tests", desk.refused(|s| s["tests"] = Value::Array(Vec::new()))));
+    said.push(("an unknown rule", desk.refused(|s| s["feasibility"]["name"] = "anything".into())));
+    let mask = |text: String| -> String {
+        // Numbers of a changed scene differ from machine to machine only in names.
+        text.lines().filter(|line| !line.starts_with("note:")).collect::<Vec<_>>().join("\n")
+    };
+    let said: Vec<(&str, String)> = said.into_iter().map(|(what, text)| (what, mask(text))).collect();
+    assert_snapshot!("refused_suites", messages(said));
+    // A scene that was changed.
+    let scene = desk.suite()["tests"][0]["scene"].as_str().unwrap().to_owned();
+    let file = desk.path("suite/scenes").join(scene);
+    let mut bytes = fs::read(&file).unwrap();
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    fs::write(&file, bytes).unwrap();
+    let refused = desk.test("idm", &[]);
+    assert!(
+        stderr(&refused).contains("is not the scene that the suite was made with"),
+        "{}",
+        stderr(&refused)
+    );
+    // A folder that is no search, and one without failures.
+    let nothing = sage(&["suite", &desk.at("scenes"), "--out", &desk.at("none")]);
+    assert!(stderr(&nothing).contains("it is no output of `sage search`"), "{}", stderr(&nothing));
+}

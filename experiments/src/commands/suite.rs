@@ -1,6 +1,9 @@
 //! `sage suite`: keeps failures of searches as tests.
 
-use std::{collections::HashMap, path::Path};
+use std::{
+    collections::{HashMap, HashSet},
+    path::Path,
+};
 
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::{files, motion::Trajectory, objective::PartSpec};
@@ -53,6 +56,8 @@ struct Maker<'a> {
     suite: Option<Suite>,
     /// File of each scene by the hash of its content.
     scenes: HashMap<String, String>,
+    /// Names of the tests.
+    names: HashSet<String>,
 }
 
 pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
@@ -60,7 +65,7 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
     // The suite goes first, so that a folder with files of two suites never has that of one.
     folder.remove(FILE)?;
     folder.inner(SCENES.as_ref())?;
-    let mut maker = Maker { args, folder, suite: None, scenes: HashMap::new() };
+    let mut maker = Maker { args, folder, suite: None, scenes: HashMap::new(), names: HashSet::new() };
     for search in &args.searches {
         maker.add_search(search).with_context(|| format!("`{}`", search.display()))?;
     }
@@ -156,11 +161,9 @@ impl Maker<'_> {
             let more = if k == 0 { String::new() } else { format!("-{k}") };
             format!("{ego}-{}{more}", failure_name(number))
         };
-        let is_free = |variant: &String| {
-            let name = format!("{scene}-{variant}");
-            tests.iter().all(|test| test.name != name)
-        };
+        let is_free = |variant: &String| !self.names.contains(&format!("{scene}-{variant}"));
         let variant = (0..).map(named).find(is_free).unwrap_or_default();
+        self.names.insert(format!("{scene}-{variant}"));
         let formats = Formats {
             pickle: matches!(self.args.format, SearchFormat::Pickle | SearchFormat::Both),
             native: matches!(self.args.format, SearchFormat::Native | SearchFormat::Both),

@@ -28,7 +28,7 @@ use crate::{
 };
 
 /// Size limit of a suite and of earlier results, bytes.
-const LIMIT: u64 = 1 << 29;
+const LIMIT: u64 = 1 << 27;
 
 /// What came of a test.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -72,15 +72,14 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
         .with_context(|| format!("`{}`", args.suite.join(FILE).display()))?;
     let baseline = args.baseline.as_deref().map(earlier).transpose()?;
     let junit = args.junit.as_deref().map(|path| OutputFile::claim(path, args.force)).transpose()?;
-    let mut groups: Vec<Vec<&SuiteTest>> = Vec::new();
+    // Tests of one scene share its unattacked drive.
+    let (mut groups, mut places): (Vec<Vec<&SuiteTest>>, HashMap<_, usize>) = Default::default();
     for test in &suite.tests {
-        let is_alike = |group: &&mut Vec<&SuiteTest>| {
-            group[0].scene == test.scene && group[0].adversary == test.adversary && group[0].seed == test.seed
-        };
-        match groups.iter_mut().find(is_alike) {
-            Some(group) => group.push(test),
-            None => groups.push(vec![test]),
-        }
+        let place = *places.entry((&test.scene, &test.adversary, test.seed)).or_insert_with(|| {
+            groups.push(Vec::new());
+            groups.len() - 1
+        });
+        groups[place].push(test);
     }
     let driven = groups.par_iter().map(|tests| drive(&args.suite, &suite, &*rule, &ego, tests));
     let driven: Vec<Vec<ResultRow>> = driven.collect::<Result<_>>()?;

@@ -20,7 +20,7 @@ use crate::{Error, attack_test::AttackTest, avoidable::AvoidanceOptions};
 /// Version of the format.
 pub const VERSION: u32 = 1;
 /// Largest number of tests.
-pub const MOST_TESTS: usize = 100_000;
+pub const MOST_TESTS: usize = 20_000;
 /// Folder of the unchanged scenes in that of the suite.
 pub const SCENES: &str = "scenes";
 /// Longest name of a test or a scene file, bytes.

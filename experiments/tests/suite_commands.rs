@@ -196,4 +196,5 @@ fn suites_that_were_changed_or_lead_out_are_refused_and_nothing_happens() {
     // A folder that is no search, and one without failures.
     let nothing = sage(&["suite", &desk.at("scenes"), "--out", &desk.at("none")]);
     assert!(stderr(&nothing).contains("it is no output of `sage search`"), "{}", stderr(&nothing));
+    assert!(!desk.path("none").exists());
 }

@@ -60,17 +60,48 @@ struct Maker<'a> {
     names: HashSet<String>,
 }
 
+/// A search as a suite reads it.
+struct Search<'a> {
+    folder: &'a Path,
+    record: SearchRecord,
+    rows: Vec<SceneRow>,
+}
+
+impl<'a> Search<'a> {
+    /// Reads the record of a search and the rows of its scenes with a failure.
+    ///
+    /// *Errors*: it is no search, or cannot be read.
+    fn read(folder: &'a Path) -> Result<Self> {
+        let record: Value = json(&folder.join(RECORD)).context("it is no output of `sage search`")?;
+        let record: SearchRecord =
+            serde_json::from_value(record["run"].clone()).context("it is no output of `sage search`")?;
+        let mut rows: Vec<SceneRow> = Vec::new();
+        for entry in std::fs::read_dir(folder)? {
+            let name = entry?.file_name().to_string_lossy().into_owned();
+            if name.ends_with(".json") && name != RECORD {
+                let row = SceneRow::read(&folder.join(&name)).filter(|row| row_file(row.scene()) == name);
+                rows.extend(row.filter(|row| row.failures() > 0));
+            }
+        }
+        rows.sort_by(|a, b| sage_data::folder::natural_order(a.scene(), b.scene()));
+        Ok(Self { folder, record, rows })
+    }
+}
+
 pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
+    let read = |folder| Search::read(folder).with_context(|| format!("`{}`", folder.display()));
+    let searches: Vec<Search> = args.searches.iter().map(|folder| read(folder)).collect::<Result<_>>()?;
+    ensure!(searches.iter().any(|search| !search.rows.is_empty()), "the searches hold no failure");
     let folder = Folder::make(&args.folder.out, args.folder.force)?;
     // The suite goes first, so that a folder with files of two suites never has that of one.
     folder.remove(FILE)?;
     folder.inner(SCENES.as_ref())?;
     let mut maker = Maker { args, folder, suite: None, scenes: HashMap::new(), names: HashSet::new() };
-    for search in &args.searches {
-        maker.add_search(search).with_context(|| format!("`{}`", search.display()))?;
+    for search in &searches {
+        maker.add_search(search).with_context(|| format!("`{}`", search.folder.display()))?;
     }
     let Maker { folder, suite, .. } = maker;
-    let suite = suite.filter(|suite| !suite.tests.is_empty()).context("the searches hold no failure")?;
+    let suite = suite.context("a search was added")?;
     suite.check().map_err(|problem| anyhow!(problem))?;
     if matches!(args.format, SearchFormat::Pickle | SearchFormat::Both) {
         sage_data::dataset::write_tables(folder.path())?;
@@ -87,10 +118,7 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
 }
 
 impl Maker<'_> {
-    fn add_search(&mut self, search: &Path) -> Result<()> {
-        let record: Value = json(&search.join(RECORD)).context("it is no output of `sage search`")?;
-        let record: SearchRecord =
-            serde_json::from_value(record["run"].clone()).context("it is no output of `sage search`")?;
+    fn add_search(&mut self, Search { folder, record, rows }: &Search) -> Result<()> {
         let suite = self.suite.get_or_insert_with(|| Suite {
             suite: VERSION,
             require: record.search.require,
@@ -104,17 +132,8 @@ impl Maker<'_> {
                 && suite.avoidable == record.search.avoidable,
             "it requires other clauses than the searches before it, or by other rules; make a suite of its own"
         );
-        let mut rows: Vec<SceneRow> = Vec::new();
-        for entry in std::fs::read_dir(search)? {
-            let name = entry?.file_name().to_string_lossy().into_owned();
-            let is_row = name.ends_with(".json") && name != RECORD;
-            rows.extend(
-                SceneRow::read(&search.join(&name)).filter(|row| is_row && row_file(row.scene()) == name),
-            );
-        }
-        rows.sort_by(|a, b| sage_data::folder::natural_order(a.scene(), b.scene()));
-        rows.iter().filter(|row| row.failures() > 0).try_for_each(|row| {
-            self.add_scene(search, row).with_context(|| format!("scene `{}`", row.scene()))
+        rows.iter().try_for_each(|row| {
+            self.add_scene(folder, row).with_context(|| format!("scene `{}`", row.scene()))
         })
     }
 
@@ -156,7 +175,8 @@ impl Maker<'_> {
     ) -> Result<()> {
         let tests = self.suite.as_mut().map(|suite| &mut suite.tests).context("a search was added")?;
         ensure!(tests.len() < MOST_TESTS, "a suite has at most {MOST_TESTS} tests");
-        let ego = plain(&failure.ego);
+        let driver = without_folders(&failure.ego);
+        let ego = plain(&driver);
         let named = |k: usize| {
             let more = if k == 0 { String::new() } else { format!("-{k}") };
             format!("{ego}-{}{more}", failure_name(number))
@@ -195,7 +215,7 @@ impl Maker<'_> {
             plan_hash: plan_hash(&failure.trajectory),
             plan: failure.trajectory,
             found: Found {
-                ego: failure.ego,
+                ego: driver,
                 plan: failure.plan,
                 contact: failure.contact,
                 clauses: failure.clauses,
@@ -203,6 +223,16 @@ impl Maker<'_> {
         });
         Ok(())
     }
+}
+
+/// The words of a driver without the folders of its files: a suite is passed on, and folders are nobody's business.
+fn without_folders(ego: &str) -> String {
+    let (kind, rest) = match ego.split_once(':') {
+        Some((kind, rest)) if !kind.contains(['{', '"']) => (format!("{kind}:"), rest),
+        _ => (String::new(), ego),
+    };
+    let name = |word: &str| word.rsplit('/').next().unwrap_or_default().to_owned();
+    kind + &rest.split(' ').map(name).collect::<Vec<_>>().join(" ")
 }
 
 /// A name as that of a file of a suite.
@@ -222,5 +252,25 @@ fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
     match serde_json::from_slice(&bytes) {
         Ok(value) => Ok(value),
         Err(error) => bail!("`{}` is not as `sage search` writes it: {error}", path.display()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_of_a_driver_are_left_out_and_names_are_plain() {
+        let short = |ego: &str| (without_folders(ego), plain(&without_folders(ego)));
+        let expected = |words: &str, name: &str| (words.to_owned(), name.to_owned());
+        assert_eq!(short("idm"), expected("idm", "idm"));
+        assert_eq!(
+            short("cmd:/usr/bin/python3 /home/me/p.py"),
+            expected("cmd:python3 p.py", "cmd-python3-p.py")
+        );
+        assert_eq!(short("td3:weights/a.safetensors"), expected("td3:a.safetensors", "td3-a.safetensors"));
+        assert_eq!(short(r#"idm{"curves":3}"#), expected(r#"idm{"curves":3}"#, "idm--curves--3-"));
+        assert_eq!(plain("../x"), "x");
+        assert_eq!(plain(".."), "scene");
     }
 }

@@ -18,7 +18,7 @@ use sage_core::files::{self, Existing, OutputLock};
 use crate::{ego::Ego, terminal};
 
 pub(crate) use command_line::{command, program};
-pub(crate) use dataset_run::DatasetRun;
+pub(crate) use dataset_run::{DatasetRun, run_hash};
 pub(crate) use inputs::Inputs;
 pub(crate) use run::{RECORD, Run, RunState};
 

@@ -109,6 +109,7 @@ fn drives_again(scene: &Path, row: &Path, failure: &Value) {
     let output = sage(&["score", text(scene), "--candidates", text(&file), "--avoidable", "--json"]);
     let scored = &rows(&output)[0];
     assert_eq!(scored["believable"], true, "{}", row.display());
+    assert_eq!(scored["avoidable"], true, "{}", row.display());
 }
 
 #[test]
@@ -154,10 +155,11 @@ fn a_search_can_stop_early_and_ask_less_and_take_other_plans() {
         }
         assert_eq!(row["require"], serde_json::json!(["attack"]));
     }
-    for row in of("rule", &["--method", "rule"]) {
-        // Planned anew against the newest drive, until nothing changes.
-        assert!(row["plans"]["in_pool"].as_u64().unwrap() <= 12, "{row}");
-    }
+    // Planned anew against the newest drive, until nothing changes.
+    let rows = of("rule", &["--method", "rule"]);
+    let in_pool = |row: &Value| row["plans"]["in_pool"].as_u64().unwrap();
+    assert!(rows.iter().any(|row| in_pool(row) > 1), "{rows:?}");
+    assert!(rows.iter().all(|row| in_pool(row) <= 12), "{rows:?}");
     for row in
         of("random", &["--method", r#"random{"candidates": 20}"#, "--order", "random", "--format", "none"])
     {

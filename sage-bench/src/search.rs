@@ -156,13 +156,14 @@ impl PlanSources {
     ) -> Result<(Pool, SearchResult)> {
         let mut pool = self.plans(ctx, rule, seed)?;
         let anew = self.built.iter().find(|built| built.facts.plans_against_ego);
-        let mut replan = |against: &Context| -> Result<Vec<Proposal>, sage_core::Error> {
+        let mut replan = |against: &Context| -> Result<Vec<(usize, Proposal)>, sage_core::Error> {
             let Some(built) = anew else { return Ok(Vec::new()) };
-            Ok(built
-                .attacks(against, seed)?
-                .into_iter()
-                .flat_map(|attack| self.candidates(built, attack))
-                .collect())
+            let mut plans = Vec::new();
+            for (source, attack) in built.attacks(against, seed)?.into_iter().enumerate() {
+                attack.check(against.scene())?;
+                plans.extend(self.candidates(built, attack).into_iter().map(|plan| (source, plan)));
+            }
+            Ok(plans)
         };
         let result =
             search(test, ctx, rule.rule(), &mut pool, options, seed, anew.is_some().then_some(&mut replan))?;

@@ -133,8 +133,8 @@ impl SearchResult {
     }
 }
 
-/// Plans anew against the newest drive, for generators whose plans depend on it.
-pub type Replan<'r> = dyn FnMut(&Context) -> Result<Vec<Proposal>, CoreError> + 'r;
+/// Plans anew against the newest drive, for generators whose plans depend on it. Each plan has the number of its source.
+pub type Replan<'r> = dyn FnMut(&Context) -> Result<Vec<(usize, Proposal)>, CoreError> + 'r;
 
 /// Searches a scene. `ctx` is that of the unattacked drive ([`AttackTest::context`]); the pool is filled up by `replan`,
 /// whenever it has no plan left.
@@ -173,9 +173,9 @@ pub fn search(
                 Some(path) => ctx.with_ego(&path.ego(ctx.horizon())?)?,
                 None => ctx.clone(),
             };
-            let source = pool.plans.iter().map(|plan| plan.source).max().unwrap_or(0);
             let before = pool.plans.len();
-            for proposal in replan(&against)? {
+            for (source, proposal) in replan(&against)? {
+                pool.counts.proposed += 1;
                 pool.add(ctx, rule, proposal, source);
             }
             is_driven.resize(pool.plans.len(), false);
@@ -208,19 +208,21 @@ pub fn search(
         }
     }
     result.left = is_driven.iter().filter(|is| !**is).count();
-    result.explain(options.require);
+    // A generator that plans anew could have gone on.
+    let is_cut = result.left > 0 || replan.is_some() && result.driven.len() >= options.budget;
+    result.explain(options.require, is_cut);
     Ok(result)
 }
 
 impl SearchResult {
     /// Says why there is no failure.
-    fn explain(&mut self, requirement: Requirement) {
+    fn explain(&mut self, requirement: Requirement, is_cut: bool) {
         if !self.failures.is_empty() {
             return;
         }
         let without_error = || self.driven.iter().filter(|judged| judged.error.is_none());
         let best = without_error().map(|judged| {
-            let met = judged.contact.as_ref().is_some_and(|met| met.is_adversary);
+            let met = judged.contact.is_some();
             let missing = judged.clauses.first_missing(requirement).unwrap_or(Clause::Avoidable);
             if missing == Clause::Attack && !met { Reason::NeverHit } else { Reason::missing(missing) }
         });
@@ -228,7 +230,7 @@ impl SearchResult {
         self.reason = Some(match self.reached {
             None if self.driven.is_empty() => Reason::NoFeasiblePlan,
             None => Reason::Error,
-            Some(_) if self.left > 0 => Reason::Budget,
+            Some(_) if is_cut => Reason::Budget,
             Some(reached) => reached,
         });
     }

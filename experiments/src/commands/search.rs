@@ -85,7 +85,8 @@ fn done(folder: &Path, run_hash: &str, input: &Input) -> Option<SceneRow> {
 /// Existing outputs of a scene: the files that its row names, and the row, which is removed last.
 fn outputs(folder: &Path, input: &Input) -> Vec<String> {
     let row = row_file(&input.scene);
-    let mut names = vec![picture_file(&input.scene), row::drives_file(&input.scene)];
+    let mut names =
+        vec![picture_file(&input.scene), row::drives_file(&input.scene), unchanged_file(&input.scene)];
     if let Some(found) = SceneRow::read(&folder.join(&row)) {
         let start = format!("{}-{}", input.scene, failure_name(1).trim_end_matches('1'));
         let is_own = |file: &String| file.contains(&start) && !file.contains(['/', '\\']);

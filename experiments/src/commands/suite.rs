@@ -7,7 +7,7 @@ use std::{
 
 use anyhow::{Context as _, Result, anyhow, bail, ensure};
 use sage_core::{files, motion::Trajectory, objective::PartSpec};
-use sage_data::Recording;
+use sage_data::{Recording, dataset};
 use sage_sim::search::{
     Clauses, Met, SearchOptions,
     suite::{Found, MOST_TESTS, SCENES, Suite, SuiteTest, VERSION, is_plain, plan_hash},
@@ -20,9 +20,9 @@ use crate::{
     Outcome,
     attacked_files::{Attack, AttackedFiles, Formats},
     cli::{Keep, SearchFormat, SuiteArgs},
-    output::{Folder, RECORD},
+    output::{self, Folder, RECORD},
     progress,
-    scene_queue::ROW_LIMIT,
+    scene_queue::{ROW_LIMIT, is_row_of},
 };
 
 /// File of a suite.
@@ -73,18 +73,46 @@ impl<'a> Search<'a> {
     /// *Errors*: it is no search, or cannot be read.
     fn read(folder: &'a Path) -> Result<Self> {
         let record: Value = json(&folder.join(RECORD)).context("it is no output of `sage search`")?;
+        let hash = output::run_hash(&record["run"]);
+        if record["seconds"].is_null() {
+            progress::say(&format!("note: the search in `{}` is not complete", folder.display()));
+        }
         let record: SearchRecord =
             serde_json::from_value(record["run"].clone()).context("it is no output of `sage search`")?;
         let mut rows: Vec<SceneRow> = Vec::new();
         for entry in std::fs::read_dir(folder)? {
             let name = entry?.file_name().to_string_lossy().into_owned();
             if name.ends_with(".json") && name != RECORD {
-                let row = SceneRow::read(&folder.join(&name)).filter(|row| row_file(row.scene()) == name);
+                // Rows of another run remain after --force with fewer scenes.
+                let path = folder.join(&name);
+                let row = if is_row_of(&path, &hash) { SceneRow::read(&path) } else { None };
+                let row = row.filter(|row| row_file(row.scene()) == name);
                 rows.extend(row.filter(|row| row.failures() > 0));
             }
         }
         rows.sort_by(|a, b| sage_data::folder::natural_order(a.scene(), b.scene()));
         Ok(Self { folder, record, rows })
+    }
+
+    /// Checks that it can be in one suite with another search.
+    ///
+    /// *Errors*: it requires something else, or its unchanged scenes are missing.
+    fn check(&self, first: &Self) -> Result<()> {
+        let [own, other] = [&self.record, &first.record];
+        ensure!(
+            own.search.require == other.search.require
+                && own.feasibility == other.feasibility
+                && own.search.avoidable == other.search.avoidable,
+            "it requires other clauses than the first search, or by other rules; make a suite of its own"
+        );
+        for row in &self.rows {
+            let file = unchanged_file(row.scene());
+            ensure!(
+                self.folder.join(&file).is_file(),
+                "`{file}` is missing; search again without --format none"
+            );
+        }
+        Ok(())
     }
 }
 
@@ -92,9 +120,11 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
     let read = |folder| Search::read(folder).with_context(|| format!("`{}`", folder.display()));
     let searches: Vec<Search> = args.searches.iter().map(|folder| read(folder)).collect::<Result<_>>()?;
     ensure!(searches.iter().any(|search| !search.rows.is_empty()), "the searches hold no failure");
+    searches.iter().try_for_each(|search| {
+        search.check(&searches[0]).with_context(|| format!("`{}`", search.folder.display()))
+    })?;
     let folder = Folder::make(&args.folder.out, args.folder.force)?;
-    // The suite goes first, so that a folder with files of two suites never has that of one.
-    folder.remove(FILE)?;
+    remove_old(&folder)?;
     folder.inner(SCENES.as_ref())?;
     let mut maker = Maker { args, folder, suite: None, scenes: HashMap::new(), names: HashSet::new() };
     for search in &searches {
@@ -104,7 +134,7 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
     let suite = suite.context("a search was added")?;
     suite.check().map_err(|problem| anyhow!(problem))?;
     if matches!(args.format, SearchFormat::Pickle | SearchFormat::Both) {
-        sage_data::dataset::write_tables(folder.path())?;
+        dataset::write_tables(folder.path())?;
     }
     folder.write(FILE, &serde_json::to_vec(&suite)?)?;
     progress::say(&format!(
@@ -119,19 +149,13 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
 
 impl Maker<'_> {
     fn add_search(&mut self, Search { folder, record, rows }: &Search) -> Result<()> {
-        let suite = self.suite.get_or_insert_with(|| Suite {
+        self.suite.get_or_insert_with(|| Suite {
             suite: VERSION,
             require: record.search.require,
             feasibility: record.feasibility.clone(),
             avoidable: record.search.avoidable,
             tests: Vec::new(),
         });
-        ensure!(
-            suite.require == record.search.require
-                && suite.feasibility == record.feasibility
-                && suite.avoidable == record.search.avoidable,
-            "it requires other clauses than the searches before it, or by other rules; make a suite of its own"
-        );
         rows.iter().try_for_each(|row| {
             self.add_scene(folder, row).with_context(|| format!("scene `{}`", row.scene()))
         })
@@ -152,6 +176,7 @@ impl Maker<'_> {
         self.folder.write(&format!("{SCENES}/{file}"), &bytes)?;
         self.scenes.insert(scene_hash.clone(), file.clone());
         let recording = Recording::from_bytes(&source, bytes)?;
+        ensure!(row.failures() <= MOST_TESTS, "its row counts {} failures", row.failures());
         let numbers: Vec<usize> = match self.args.keep {
             Keep::All => (1..=row.failures()).collect(),
             Keep::Worst => row.worst().into_iter().collect(),
@@ -190,18 +215,25 @@ impl Maker<'_> {
             scenario: (self.args.format == SearchFormat::Openscenario).then(Default::default),
         };
         let files = AttackedFiles::new(recording, scene, formats)?;
+        let mut described = failure.described.clone();
+        described.retain(|key, _| DESCRIPTION.contains(&&**key));
         files.check_names(std::iter::once(&*variant))?;
         let attacked = recording.scene.clone().with_roles(None, Some(&failure.adversary))?;
         let attack = Attack {
             trajectory: &failure.trajectory,
             variant: &variant,
-            described: &failure.described,
+            described: &described,
             weights: None,
             seed: failure.seed,
         };
         let mut written = files.files(&attacked, &attack)?;
         if let Some(scenarios) = files.scenarios(&attacked) {
-            written.extend(files.scenario(&scenarios, &attacked, &attack, &failure.described)?);
+            let mut facts = described.clone();
+            facts.insert("seed".to_owned(), failure.seed.into());
+            facts.insert("adversary".to_owned(), failure.adversary.clone().into());
+            let after = failure.contact.as_ref().map(|met| met.step as f64 / 10.0);
+            facts.insert("contact_after_seconds".to_owned(), after.into());
+            written.extend(files.scenario(&scenarios, &attacked, &attack, &facts)?);
         }
         for (name, bytes) in &written {
             self.folder.write(name, bytes)?;
@@ -225,14 +257,44 @@ impl Maker<'_> {
     }
 }
 
+/// Removes the suite that a folder holds: what it says first, then what it is made of.
+///
+/// *Errors*: a system error.
+fn remove_old(folder: &Folder) -> Result<()> {
+    let old: Option<Suite> = json(&folder.path().join(FILE)).ok();
+    folder.remove(FILE)?;
+    let Some(old) = old.filter(|old| old.check().is_ok()) else { return Ok(()) };
+    for test in &old.tests {
+        folder.remove(&format!("{SCENES}/{}", test.scene))?;
+    }
+    let names: HashSet<&str> = old.tests.iter().map(|test| &*test.name).collect();
+    for entry in std::fs::read_dir(folder.path())? {
+        let file = entry?.file_name().to_string_lossy().into_owned();
+        let (stem, ending) = file.rsplit_once('.').unwrap_or((&file, ""));
+        let is_of_test = match ending {
+            "safetensors" | "xosc" => names.contains(stem),
+            // `sd_<dataset>_<version>_<test>.pkl`
+            "pkl" => stem.match_indices('_').any(|(k, _)| names.contains(&stem[k + 1..])),
+            _ => false,
+        };
+        if is_of_test || [dataset::SUMMARY, dataset::MAPPING].contains(&&*file) {
+            folder.remove(&file)?;
+        }
+    }
+    Ok(())
+}
+
+/// What describes how a plan was generated, of all that the row of a failure holds.
+const DESCRIPTION: [&str; 8] = ["method", "options", "lambda", "mu", "aggression", "mix", "merger", "search"];
+
 /// The words of a driver without the folders of its files: a suite is passed on, and folders are nobody's business.
 fn without_folders(ego: &str) -> String {
-    let (kind, rest) = match ego.split_once(':') {
-        Some((kind, rest)) if !kind.contains(['{', '"']) => (format!("{kind}:"), rest),
-        _ => (String::new(), ego),
+    let Some((kind, rest)) = ego.split_once(':').filter(|(kind, _)| ["cmd", "path", "td3"].contains(kind))
+    else {
+        return ego.to_owned();
     };
     let name = |word: &str| word.rsplit('/').next().unwrap_or_default().to_owned();
-    kind + &rest.split(' ').map(name).collect::<Vec<_>>().join(" ")
+    format!("{kind}:{}", rest.split(' ').map(name).collect::<Vec<_>>().join(" "))
 }
 
 /// A name as that of a file of a suite.

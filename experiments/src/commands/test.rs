@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, anyhow, bail};
 use rayon::prelude::*;
 use sage_bench::table::Table;
 use sage_core::{files, objective::Feasibility, scene::SceneIndex};
-use sage_data::Recording;
+use sage_data::{MAX_SCENE_FILE, Recording};
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
@@ -70,19 +70,22 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
         .feasibilities
         .build(&suite.feasibility.name, &suite.feasibility.options.clone().into())
         .with_context(|| format!("`{}`", args.suite.join(FILE).display()))?;
-    let baseline = args.baseline.as_deref().map(earlier).transpose()?;
+    let baseline = args.baseline.as_deref().map(|path| earlier(path, &suite)).transpose()?;
     let junit = args.junit.as_deref().map(|path| OutputFile::claim(path, args.force)).transpose()?;
     // Tests of one scene share its unattacked drive.
     let (mut groups, mut places): (Vec<Vec<&SuiteTest>>, HashMap<_, usize>) = Default::default();
     for test in &suite.tests {
-        let place = *places.entry((&test.scene, &test.adversary, test.seed)).or_insert_with(|| {
-            groups.push(Vec::new());
-            groups.len() - 1
-        });
+        let place =
+            *places.entry((&test.scene, &test.scene_hash, &test.adversary, test.seed)).or_insert_with(|| {
+                groups.push(Vec::new());
+                groups.len() - 1
+            });
         groups[place].push(test);
     }
     let driven = groups.par_iter().map(|tests| drive(&args.suite, &suite, &*rule, &ego, tests));
-    let driven: Vec<Vec<ResultRow>> = driven.collect::<Result<_>>()?;
+    // The first error in the order of the suite, whichever thread meets one first.
+    let driven: Vec<Result<Vec<ResultRow>>> = driven.collect();
+    let driven = driven.into_iter().collect::<Result<Vec<_>>>()?;
     let mut rows: Vec<ResultRow> = driven.into_iter().flatten().collect();
     let place: HashMap<&str, usize> =
         suite.tests.iter().enumerate().map(|(k, test)| (&*test.name, k)).collect();
@@ -111,7 +114,9 @@ fn read(folder: &Path) -> Result<Suite> {
 }
 
 /// The results of an earlier run by the names of the tests.
-fn earlier(path: &Path) -> Result<HashMap<String, TestResult>> {
+///
+/// *Errors*: the file holds no result of this suite, so that every failure would be excused.
+fn earlier(path: &Path, suite: &Suite) -> Result<HashMap<String, TestResult>> {
     let shown = path.display();
     let text = files::read_text(path, LIMIT).with_context(|| format!("cannot read `{shown}`"))?;
     let row = |(k, line): (usize, &str)| -> Result<(String, TestResult)> {
@@ -119,7 +124,19 @@ fn earlier(path: &Path) -> Result<HashMap<String, TestResult>> {
             .with_context(|| format!("`{shown}`, line {}: no result of `sage test --json`", k + 1))?;
         Ok((row.test, row.result))
     };
-    text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()).map(row).collect()
+    let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+    let earlier: HashMap<String, TestResult> = lines.map(row).collect::<Result<_>>()?;
+    let unknown = suite.tests.iter().filter(|test| !earlier.contains_key(&test.name)).count();
+    if unknown == suite.tests.len() {
+        bail!("`{shown}` holds no result of a test of this suite");
+    }
+    if unknown > 0 {
+        let tests = progress::count(unknown, "test");
+        progress::say(&format!(
+            "note: `{shown}` does not know {tests} of this suite; they count if they fail"
+        ));
+    }
+    Ok(earlier)
 }
 
 /// Drives against all tests of one scene.
@@ -134,7 +151,7 @@ fn drive<'s>(
 ) -> Result<Vec<ResultRow<'s>>> {
     let path = folder.join(SCENES).join(&tests[0].scene);
     let shown = path.display();
-    let bytes = sage_data::read_bytes(&path)?;
+    let bytes = files::read(&path, MAX_SCENE_FILE).with_context(|| format!("cannot read `{shown}`"))?;
     if blake3::hash(&bytes).to_hex().as_str() != tests[0].scene_hash {
         bail!("`{shown}` is not the scene that the suite was made with; make the suite again");
     }
@@ -175,7 +192,8 @@ fn drive<'s>(
         };
         let seconds = before + clock.elapsed().as_secs_f64();
         match judged {
-            Ok(judged) => of_drive(suite, test, &ego.label, judged, seconds),
+            Ok(Some(judged)) => of_drive(suite, test, &ego.label, judged, seconds),
+            Ok(None) => failed(test, anyhow!("the plan is not feasible by the rule of the suite"), seconds),
             Err(error) => failed(test, error, seconds),
         }
     };
@@ -186,17 +204,17 @@ fn of_drive<'s>(
     suite: &Suite,
     test: &'s SuiteTest,
     ego: &'s str,
-    judged: Option<Judged>,
+    judged: Judged,
     seconds: f64,
 ) -> ResultRow<'s> {
-    let clauses = judged.as_ref().map(|judged| judged.clauses).unwrap_or_default();
+    let Judged { clauses, contact, .. } = judged;
     let missing = clauses.first_missing(suite.require);
     ResultRow {
         test: &test.name,
         ego,
         result: if missing.is_none() { TestResult::Failed } else { TestResult::Passed },
         found_with: &test.found.ego,
-        contact: judged.and_then(|judged| judged.contact),
+        contact,
         clauses,
         missing: missing.map(|clause| clause.name().to_owned()),
         error: None,
@@ -253,8 +271,11 @@ fn print(rows: &[ResultRow], json: bool) -> Result<()> {
 fn ended(rows: &[ResultRow], baseline: Option<&HashMap<String, TestResult>>) -> Outcome {
     let count = |result: TestResult| rows.iter().filter(|row| row.result == result).count();
     let [passed, failed, errors] = [TestResult::Passed, TestResult::Failed, TestResult::Error].map(count);
-    let passed_before =
-        |row: &&ResultRow| baseline.is_none_or(|earlier| earlier.get(row.test) == Some(&TestResult::Passed));
+    // A test that the baseline does not know has no excuse.
+    let passed_before = |row: &&ResultRow| {
+        let before = baseline.and_then(|earlier| earlier.get(row.test));
+        before.is_none_or(|result| *result == TestResult::Passed)
+    };
     let new: Vec<&ResultRow> =
         rows.iter().filter(|row| row.result == TestResult::Failed).filter(passed_before).collect();
     let mut text = format!("{passed} of {} passed, {failed} failed", progress::count(rows.len(), "test"));

@@ -25,6 +25,11 @@ pub(crate) struct DatasetRun {
     shard: Option<Shard>,
 }
 
+/// Hash of what identifies a run, as its rows begin with it.
+pub(crate) fn run_hash(identity: &Value) -> String {
+    blake3::hash(identity.to_string().as_bytes()).to_hex()[..16].to_owned()
+}
+
 impl DatasetRun {
     /// Creates or opens the folder of a run. With `force` the run starts again: files named `outdated` are
     /// removed, and the others stay.
@@ -46,7 +51,7 @@ impl DatasetRun {
                 (own, Some(whole))
             }
         };
-        let hash = blake3::hash(identity.to_string().as_bytes()).to_hex()[..16].to_owned();
+        let hash = run_hash(&identity);
         let run = Self { folder: Folder { path: path.to_owned(), claim }, identity, hash, shard };
         let record = read_record(&run.folder);
         let is_same = record.as_ref().is_some_and(|record| record["run"] == run.identity);

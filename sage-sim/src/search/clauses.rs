@@ -148,9 +148,9 @@ pub enum Reason {
     Error,
     /// No plan keeps to the road and clear of the others.
     NoFeasiblePlan,
-    /// The driver never met the adversary.
+    /// The driver had no contact.
     NeverHit,
-    /// It met the adversary, but there would be a contact without the attack too, or it met another road user first.
+    /// Contacts, but there would be one without the attack too, or the first is with another road user.
     ContactWithoutAttack,
     /// Attacks, but none that a person would believe.
     NotBelievable,
@@ -190,9 +190,9 @@ impl Reason {
         match self {
             Self::Error => "the driver gave an error in every drive",
             Self::NoFeasiblePlan => "no plan of the adversary is feasible",
-            Self::NeverHit => "the driver never met the adversary",
+            Self::NeverHit => "the driver had no contact",
             Self::ContactWithoutAttack => {
-                "every contact is there without the attack too, or with another first"
+                "every contact is there without the attack too, or with another road user first"
             }
             Self::NotBelievable => "no attack is believable",
             Self::NotAtFault => "the driver is at fault in no believable attack",

@@ -41,6 +41,8 @@ pub struct Pool {
     pub plans: Vec<PoolPlan>,
     /// Where the others went.
     pub counts: PoolCounts,
+    /// Largest number of plans.
+    most: usize,
 }
 
 impl Pool {
@@ -48,18 +50,14 @@ impl Pool {
     /// not depend on the ego's path.
     pub fn new(ctx: &Context, rule: &dyn Feasibility, sources: Vec<Vec<Proposal>>, most: usize) -> Self {
         let counts = PoolCounts { proposed: sources.iter().map(Vec::len).sum(), ..PoolCounts::default() };
-        let mut pool = Self { plans: Vec::new(), counts };
+        let mut pool = Self { plans: Vec::new(), counts, most };
         let mut sources: Vec<_> = sources.into_iter().map(Vec::into_iter).collect();
         loop {
             let mut is_empty = true;
             for (source, proposals) in sources.iter_mut().enumerate() {
                 let Some(proposal) = proposals.next() else { continue };
                 is_empty = false;
-                if pool.plans.len() == most {
-                    pool.counts.beyond += 1;
-                } else {
-                    pool.add(ctx, rule, proposal, source);
-                }
+                pool.add(ctx, rule, proposal, source);
             }
             if is_empty {
                 return pool;
@@ -67,8 +65,12 @@ impl Pool {
         }
     }
 
-    /// Adds a plan unless it is infeasible or known. Returns whether it was added.
+    /// Adds a plan unless it is infeasible or known, or the pool is full. Returns whether it was added.
     pub fn add(&mut self, ctx: &Context, rule: &dyn Feasibility, proposal: Proposal, source: usize) -> bool {
+        if self.plans.len() >= self.most {
+            self.counts.beyond += 1;
+            return false;
+        }
         let is_known = |plan: &PoolPlan| is_same(&plan.proposal, &proposal);
         if self.plans.iter().any(is_known) {
             self.counts.merged += 1;

@@ -133,14 +133,15 @@ impl OneScene<'_> {
         let mut row = SceneRow::new(head, searcher.options.require, &pool, &result, source);
         row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
         // In the written scenes the ego keeps its recording, so that any driver meets the attack on the same route.
-        let mut written = self.failure_files(&files, &scene, &row.head, &pool, &result)?;
+        row.files = self.write_failures(&files, &scene, &row.head, &pool, &result)?;
+        let mut written = Vec::new();
         if !result.failures.is_empty() && args.format != SearchFormat::None {
             written.push((unchanged_file(self.name), recording.to_native()?));
         }
         written.push((drives_file(self.name), serde_json::to_vec(&self.drives(&row.head, &pool, &result))?));
         let picture = picture::draw(self.name, &test.recorded(), &pool, &result);
         written.push((picture_file(self.name), picture.into_bytes()));
-        row.files = written.iter().map(|(name, _)| name.clone()).collect();
+        row.files.extend(written.iter().map(|(name, _)| name.clone()));
         // Several failures share the map of their scenarios.
         row.files.sort();
         row.files.dedup();
@@ -152,29 +153,25 @@ impl OneScene<'_> {
         Ok(SceneReport { lines: vec![line], seconds: Some(seconds), warnings, failures: Vec::new() })
     }
 
-    /// The rows and scenes of all failures.
-    fn failure_files(
+    /// Writes the rows and scenes of all failures, one after the other: a search may have very many. Returns their names.
+    fn write_failures(
         &self,
         files: &AttackedFiles,
         scene: &Scene,
         head: &RowHead,
         pool: &Pool,
         result: &SearchResult,
-    ) -> Result<Vec<(String, Vec<u8>)>> {
+    ) -> Result<Vec<String>> {
         let scenarios = files.scenarios(scene);
-        let mut all = Vec::new();
+        let mut names = Vec::new();
         for (k, failure) in result.failures.iter().enumerate() {
             let variant = failure_name(k + 1);
-            all.extend(self.one_failure(
-                (files, scenarios.as_ref()),
-                scene,
-                head,
-                pool,
-                result,
-                (failure, &variant),
-            )?);
+            let from = (files, scenarios.as_ref());
+            let written = self.one_failure(from, scene, head, pool, result, (failure, &variant))?;
+            self.write(&written)?;
+            names.extend(written.into_iter().map(|(name, _)| name));
         }
-        Ok(all)
+        Ok(names)
     }
 
     fn one_failure(

@@ -110,6 +110,39 @@ fn a_baseline_lets_only_new_failures_count() {
     fs::write(desk.path("no.jsonl"), "nonsense\n").unwrap();
     let refused = desk.test("idm", &["--baseline", &desk.at("no.jsonl")]);
     assert!(stderr(&refused).contains("line 1: no result of `sage test --json`"));
+    // Results that say nothing of this suite excuse nothing.
+    fs::write(desk.path("empty.jsonl"), "").unwrap();
+    let refused = desk.test("idm", &["--baseline", &desk.at("empty.jsonl")]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(stderr(&refused).contains("holds no result of a test of this suite"));
+    let first = fs::read_to_string(&expert).unwrap().lines().next().unwrap().to_owned();
+    fs::write(desk.path("first.jsonl"), first).unwrap();
+    let partly = desk.test("idm", &["--baseline", &desk.at("first.jsonl")]);
+    assert_eq!(partly.status.code(), Some(1));
+    assert!(stderr(&partly).contains("they count if they fail"), "{}", stderr(&partly));
+}
+
+#[test]
+fn a_suite_takes_the_rows_of_one_run_and_replaces_an_earlier_suite() {
+    let desk = Desk::new();
+    let all = desk.suite()["tests"].as_array().unwrap().len();
+    let one = desk.suite()["tests"][0]["scene"].as_str().unwrap().replace(".scene", ".pkl");
+    // Another run in the same folder, of one scene: the rows of the others stay, and are none of it.
+    let scene = desk.path("scenes").join(&one).display().to_string();
+    let search = ["search", &scene, "--ego", "idm", "--budget", "10", "--force", "--out", &desk.at("found")];
+    stdout(&sage(&[&search[..], &WEIGHTS].concat()));
+    let make = ["suite", &desk.at("found"), "--force", "--format", "both", "--out", &desk.at("suite")];
+    stdout(&sage(&make));
+    let tests = desk.suite()["tests"].as_array().unwrap().len();
+    assert!(tests == 1 && all > 1);
+    let files = |ending: &str| {
+        let names = fs::read_dir(desk.path("suite")).unwrap();
+        names.filter(|name| name.as_ref().unwrap().path().extension().is_some_and(|e| e == ending)).count()
+    };
+    assert_eq!((files("safetensors"), files("pkl")), (1, 3), "one scene, and the tables of the data set");
+    let again = ["suite", &desk.at("found"), "--force", "--out", &desk.at("suite")];
+    stdout(&sage(&again));
+    assert_eq!((files("safetensors"), files("pkl")), (1, 0));
 }
 
 #[test]

@@ -7,7 +7,7 @@
 //! Everything is deterministic: the same driver, pool and options give the same drives in the same order.
 
 pub mod clauses;
-pub mod judge;
+pub mod evaluation;
 pub mod metrics;
 pub mod pool;
 pub mod suite;
@@ -29,11 +29,11 @@ use crate::{
 };
 
 pub use clauses::{Clause, Clauses, Reason, Requirement};
-pub use judge::{AttackedPath, Judged, Met};
+pub use evaluation::{AttackedPath, Evaluated, Met};
 pub use metrics::{MeasuredSearch, MeasuredThreshold, search_metrics, threshold_metrics};
 pub use pool::{MOST_PLANS, Pool, PoolCounts, PoolPlan};
 
-use judge::Judge;
+use evaluation::Evaluator;
 use surrogate::Surrogate;
 
 /// Order in which plans are driven.
@@ -92,7 +92,7 @@ pub struct Failure {
 #[derive(Clone, Debug, PartialEq)]
 pub struct SearchResult {
     /// All attacked drives, in their order.
-    pub driven: Vec<Judged>,
+    pub driven: Vec<Evaluated>,
     /// The failures, in the order in which they were found.
     pub failures: Vec<Failure>,
     /// Why there is no failure; `None` if there is one.
@@ -106,8 +106,8 @@ pub struct SearchResult {
 impl SearchResult {
     /// Number of drives that meet a clause and the ones before it.
     pub fn count(&self, clause: Clause) -> usize {
-        let until = |judged: &&Judged| {
-            Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| judged.clauses.holds(c))
+        let until = |evaluated: &&Evaluated| {
+            Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| evaluated.clauses.holds(c))
         };
         self.driven.iter().filter(until).count()
     }
@@ -151,7 +151,7 @@ pub fn search(
     mut replan: Option<&mut Replan>,
 ) -> Result<SearchResult, Error> {
     options.avoidable.check()?;
-    let judge = Judge::new(test, ctx, options.require, options.avoidable);
+    let evaluator = Evaluator::new(test, ctx, options.require, options.avoidable);
     let mut surrogate = Surrogate::new(ctx, options.require);
     let mut random: Vec<usize> = (0..pool.plans.len()).collect();
     Rng::new(seed, &ctx.scene().id, "search").shuffle(&mut random);
@@ -187,21 +187,21 @@ pub fn search(
         };
         is_driven[number] = true;
         let plan = &pool.plans[number];
-        let (outcome, path) = match judge.drive(plan) {
+        let (outcome, path) = match evaluator.drive(plan) {
             Ok(driven) => driven,
             Err(error) => {
-                result.driven.push(Judged::failed(number, error.to_string()));
+                result.driven.push(Evaluated::failed(number, error.to_string()));
                 continue;
             }
         };
-        let judged = judge.judge(number, plan, &outcome, &path)?;
+        let evaluated = evaluator.evaluate(number, plan, &outcome, &path)?;
         surrogate.see_drive(number, &path);
-        if judged.clauses.meet(options.require) {
-            let step = judged.contact.as_ref().map_or(0, |met| met.step.max(0) as usize);
-            let avoidable = judge.avoidable(plan, step, &path)?;
+        if evaluated.clauses.meet(options.require) {
+            let step = evaluated.contact.as_ref().map_or(0, |met| met.step.max(0) as usize);
+            let avoidable = evaluator.avoidable(plan, step, &path)?;
             result.failures.push(Failure { drive: result.driven.len(), path: path.clone(), avoidable });
         }
-        result.driven.push(judged);
+        result.driven.push(evaluated);
         newest = Some(path);
         if options.first && !result.failures.is_empty() {
             break;
@@ -220,10 +220,10 @@ impl SearchResult {
         if !self.failures.is_empty() {
             return;
         }
-        let without_error = || self.driven.iter().filter(|judged| judged.error.is_none());
-        let best = without_error().map(|judged| {
-            let met = judged.contact.is_some();
-            let missing = judged.clauses.first_missing(requirement).unwrap_or(Clause::Avoidable);
+        let without_error = || self.driven.iter().filter(|evaluated| evaluated.error.is_none());
+        let best = without_error().map(|evaluated| {
+            let met = evaluated.contact.is_some();
+            let missing = evaluated.clauses.first_missing(requirement).unwrap_or(Clause::Avoidable);
             if missing == Clause::Attack && !met { Reason::NeverHit } else { Reason::missing(missing) }
         });
         self.reached = best.max();

@@ -21,7 +21,7 @@ use sage_sim::{
     policy::{Driver, EgoPolicy, Start, View, policies},
     search::{
         AttackedPath, Clause, Order, Pool, Reason, Requirement, SearchOptions, SearchResult, search,
-        threshold::judge_each,
+        threshold::evaluate_each,
     },
     world::Control,
 };
@@ -122,15 +122,18 @@ fn every_order_drives_against_every_plan_once_and_finds_the_same() {
         for order in [Order::Surrogate, Order::Random, Order::Pool] {
             let (pool, result) = searched(name, &all(order));
             let mut driven = result.driven.clone();
-            driven.sort_by_key(|judged| judged.plan);
-            assert!(driven.iter().map(|judged| judged.plan).eq(0..pool.plans.len()), "{name}, {order:?}");
+            driven.sort_by_key(|evaluated| evaluated.plan);
+            assert!(
+                driven.iter().map(|evaluated| evaluated.plan).eq(0..pool.plans.len()),
+                "{name}, {order:?}"
+            );
             assert_eq!(result.left, 0);
             found.push(driven);
         }
         assert!(found.windows(2).all(|pair| pair[0] == pair[1]), "{name}");
     }
     let order_of = |order| -> Vec<usize> {
-        searched("idm", &all(order)).1.driven.iter().map(|judged| judged.plan).collect()
+        searched("idm", &all(order)).1.driven.iter().map(|evaluated| evaluated.plan).collect()
     };
     assert_eq!(order_of(Order::Random), order_of(Order::Random));
     assert_ne!(order_of(Order::Random), order_of(Order::Pool));
@@ -260,12 +263,12 @@ fn an_error_of_the_driver_counts_as_a_drive_and_as_nothing_else() {
         SearchOptions { require: until(Clause::Attack), order: Order::Pool, ..SearchOptions::default() };
     let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, None).unwrap();
     assert_eq!(result.driven.len(), pool.plans.len());
-    let failed = result.driven.iter().filter(|judged| judged.error.is_some());
+    let failed = result.driven.iter().filter(|evaluated| evaluated.error.is_some());
     let count = failed.clone().count();
     assert_eq!(count, pool.plans.len().div_ceil(2));
-    for judged in failed {
-        assert_eq!((judged.contact.is_none(), judged.clauses.attack), (true, false));
-        assert_eq!(judged.error.as_deref(), Some("scene `hand-made`: no road ahead"));
+    for evaluated in failed {
+        assert_eq!((evaluated.contact.is_none(), evaluated.clauses.attack), (true, false));
+        assert_eq!(evaluated.error.as_deref(), Some("scene `hand-made`: no road ahead"));
     }
     let mut pool = Pool::new(&ctx, &Anything, vec![plans()[..1].to_vec()], 256);
     driver.0.store(1, Ordering::Relaxed);
@@ -274,15 +277,15 @@ fn an_error_of_the_driver_counts_as_a_drive_and_as_nothing_else() {
 }
 
 #[test]
-fn plans_are_judged_one_by_one_and_equal_ones_once() {
+fn plans_are_evaluated_one_by_one_and_equal_ones_once() {
     let (simulated, driver) = (overtaken(), policy("idm"));
     let test = AttackTest::new(&*driver, &simulated, 0).unwrap();
     let ctx = test.context().unwrap();
     let plans = vec![cut_in(2.0, 0, 12.0), cut_in(6.0, 0, 2.0), cut_in(2.0, 0, 12.0)];
-    let judged = judge_each(&test, &ctx, &South, &plans, &SearchOptions::default()).unwrap();
-    assert!(judged[1].is_none(), "not feasible");
-    assert_eq!(judged[0], judged[2]);
+    let evaluated = evaluate_each(&test, &ctx, &South, &plans, &SearchOptions::default()).unwrap();
+    assert!(evaluated[1].is_none(), "not feasible");
+    assert_eq!(evaluated[0], evaluated[2]);
     let (_, whole) = searched("idm", &SearchOptions { budget: 1000, ..SearchOptions::default() });
-    let same = judged[0].as_ref().unwrap();
+    let same = evaluated[0].as_ref().unwrap();
     assert!(whole.driven.iter().any(|other| other.contact == same.contact && other.clauses == same.clauses));
 }

@@ -11,7 +11,7 @@ use sage_sim::{
     SimScene,
     attack_test::AttackTest,
     search::{
-        Clauses, Judged, Met,
+        Clauses, Evaluated, Met,
         suite::{self, SCENES, Suite, SuiteTest},
     },
 };
@@ -184,15 +184,15 @@ fn drive<'s>(
     let before = clock.elapsed().as_secs_f64() / tests.len() as f64;
     let one = |test: &&'s SuiteTest| {
         let clock = Instant::now();
-        let judged = match &unattacked {
+        let evaluated = match &unattacked {
             Ok((ctx, driver)) => {
                 suite::run(suite, driver, ctx, rule, &test.plan).map_err(anyhow::Error::from)
             }
             Err(error) => Err(anyhow!("{error:#}")),
         };
         let seconds = before + clock.elapsed().as_secs_f64();
-        match judged {
-            Ok(Some(judged)) => of_drive(suite, test, &ego.label, judged, seconds),
+        match evaluated {
+            Ok(Some(evaluated)) => of_drive(suite, test, &ego.label, evaluated, seconds),
             Ok(None) => failed(test, anyhow!("the plan is not feasible by the rule of the suite"), seconds),
             Err(error) => failed(test, error, seconds),
         }
@@ -204,10 +204,10 @@ fn of_drive<'s>(
     suite: &Suite,
     test: &'s SuiteTest,
     ego: &'s str,
-    judged: Judged,
+    evaluated: Evaluated,
     seconds: f64,
 ) -> ResultRow<'s> {
-    let Judged { clauses, contact, .. } = judged;
+    let Evaluated { clauses, contact, .. } = evaluated;
     let missing = clauses.first_missing(suite.require);
     ResultRow {
         test: &test.name,

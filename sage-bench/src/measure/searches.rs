@@ -14,7 +14,7 @@ use sage_sim::{
     SimScene,
     attack_test::AttackTest,
     search::{
-        Clause, MOST_PLANS, MeasuredSearch, MeasuredThreshold, Order, SearchOptions, threshold::judge_each,
+        Clause, MOST_PLANS, MeasuredSearch, MeasuredThreshold, Order, SearchOptions, threshold::evaluate_each,
     },
 };
 use serde::Deserialize;
@@ -224,7 +224,7 @@ impl Searches {
     fn search(&self, key: usize, method: &Method, test: &AttackTest, ctx: &Context) -> Result<Cell> {
         let (pool, result) = method.plans.search(test, ctx, &self.rule, &method.options, self.seed)?;
         if result.reason == Some(sage_sim::search::Reason::Error) {
-            let first = result.driven.iter().find_map(|judged| judged.error.clone());
+            let first = result.driven.iter().find_map(|evaluated| evaluated.error.clone());
             return Err(anyhow!("every attacked drive ended in an error: {}", first.unwrap_or_default()));
         }
         Ok(cell(key, &self.searches, &MeasuredSearch::new(result, &pool, method.options.budget)))
@@ -239,17 +239,19 @@ impl Searches {
         ctx: &Context,
     ) -> Result<Cell> {
         let plans: Vec<Proposal> = method.plans.proposals(ctx, self.seed)?.into_iter().flatten().collect();
-        let judged = judge_each(test, ctx, self.rule.rule(), &plans, &method.options)?;
+        let evaluated = evaluate_each(test, ctx, self.rule.rule(), &plans, &method.options)?;
         let require = method.options.require;
-        let fails = |judged: &Option<_>| {
-            judged.as_ref().is_some_and(|judged: &sage_sim::search::Judged| judged.clauses.meet(require))
+        let fails = |evaluated: &Option<_>| {
+            evaluated
+                .as_ref()
+                .is_some_and(|evaluated: &sage_sim::search::Evaluated| evaluated.clauses.meet(require))
         };
-        let at_fault_last = judged.last().and_then(Option::as_ref).is_some_and(|judged| {
-            [Clause::Attack, Clause::Believable, Clause::AtFault].iter().all(|c| judged.clauses.holds(*c))
+        let at_fault_last = evaluated.last().and_then(Option::as_ref).is_some_and(|evaluated| {
+            [Clause::Attack, Clause::Believable, Clause::AtFault].iter().all(|c| evaluated.clauses.holds(*c))
         });
         let measured = MeasuredThreshold {
             lambdas: lambdas.to_vec(),
-            fails: judged.iter().map(fails).collect(),
+            fails: evaluated.iter().map(fails).collect(),
             at_fault_last,
             at_fault_unattacked: test.unattacked_drive().is_at_fault(),
         };

@@ -51,7 +51,7 @@ impl AvoidanceOptions {
         Self { brake: 4.05, accelerate: 2.4, lateral: 4.89, jerk: Some(4.13), ..Self::default() }
     }
 
-    /// The limits of UN R157's careful driver: 0.75 s until the brake begins to act, 7.593 m/s² along, built up at
+    /// The limits of the UN R157 driver: 0.75 s until the brake begins to act, 7.593 m/s² along, built up at
     /// 12.65 m/s³, and grip shared between braking and steering. Source: UN R157, table of the reference driver.
     pub fn r157() -> Self {
         Self { brake: 7.593, jerk: Some(12.65), dead_time: 0.75, ellipse: true, ..Self::default() }

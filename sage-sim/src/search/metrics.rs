@@ -6,7 +6,7 @@ use sage_core::{
     objective::kinematic_penalty,
 };
 
-use super::{Clause, Failure, Judged, Pool, PoolPlan, Reason, SearchResult, threshold};
+use super::{Clause, Evaluated, Failure, Pool, PoolPlan, Reason, SearchResult, threshold};
 
 /// Numbers of drives at which the any-time metrics look.
 pub const BUDGETS: [usize; 8] = [1, 2, 4, 8, 16, 32, 64, 128];
@@ -34,8 +34,8 @@ impl MeasuredSearch {
 
     /// Drives until the first that meets a clause and the ones before it; `None` without one.
     fn first(&self, clause: Clause) -> Option<usize> {
-        let meets = |judged: &Judged| {
-            Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| judged.clauses.holds(c))
+        let meets = |evaluated: &Evaluated| {
+            Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| evaluated.clauses.holds(c))
         };
         self.result.driven.iter().position(meets).map(|k| k + 1)
     }
@@ -108,7 +108,7 @@ pub fn search_metrics() -> Result<Metrics<MeasuredSearch>, Error> {
                 .about("kinematic penalty of that failure")
                 .less_is_better(),
             Metric::mean("plans", |s: &S| Some(s.plans as f64)).about("plans of the pool"),
-            Metric::share("error", |s: &S| Some(s.result.driven.iter().any(|judged| judged.error.is_some())))
+            Metric::share("error", |s: &S| Some(s.result.driven.iter().any(|evaluated| evaluated.error.is_some())))
                 .about("a drive ended in an error of the driver")
                 .less_is_better(),
         ])?

@@ -14,7 +14,7 @@ use sage_core::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Clauses, Judged, Met, Requirement, SearchOptions, threshold::judge_each};
+use super::{Clauses, Evaluated, Met, Requirement, SearchOptions, threshold::evaluate_each};
 use crate::{Error, attack_test::AttackTest, avoidable::AvoidanceOptions};
 
 /// Version of the format.
@@ -131,18 +131,18 @@ pub fn is_plain(name: &str) -> bool {
 /// Drives a driver against the plans of one scene. `ctx` is that of its unattacked drive. `None` for a plan that is not
 /// feasible by the rule, which cannot be a failure.
 ///
-/// *Errors*: as [`judge_each`].
+/// *Errors*: as [`evaluate_each`].
 pub fn run(
     suite: &Suite,
     test: &AttackTest,
     ctx: &Context,
     rule: &dyn Feasibility,
     plan: &Trajectory,
-) -> Result<Option<Judged>, Error> {
+) -> Result<Option<Evaluated>, Error> {
     let options =
         SearchOptions { require: suite.require, avoidable: suite.avoidable, ..SearchOptions::default() };
     let plans = [Proposal::of(plan.clone())];
-    Ok(judge_each(test, ctx, rule, &plans, &options)?.pop().flatten())
+    Ok(evaluate_each(test, ctx, rule, &plans, &options)?.pop().flatten())
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use sage_core::{
     objective::{Context, Feasibility},
 };
 
-use super::{Judged, SearchOptions, judge::Judge, pool::PoolPlan};
+use super::{Evaluated, SearchOptions, evaluation::Evaluator, pool::PoolPlan};
 use crate::{Error, attack_test::AttackTest};
 
 /// Consecutive points at which a driver must fail.
@@ -23,34 +23,34 @@ pub fn threshold(fails: &[bool]) -> Option<usize> {
 /// driven once. `ctx` is that of the unattacked drive.
 ///
 /// *Errors*: an error of the driver, or options of the search for evasive manoeuvres that are out of range.
-pub fn judge_each(
+pub fn evaluate_each(
     test: &AttackTest,
     ctx: &Context,
     rule: &dyn Feasibility,
     plans: &[Proposal],
     options: &SearchOptions,
-) -> Result<Vec<Option<Judged>>, Error> {
+) -> Result<Vec<Option<Evaluated>>, Error> {
     options.avoidable.check()?;
-    let judge = Judge::new(test, ctx, options.require, options.avoidable);
-    let mut known: HashMap<Vec<u64>, Option<Judged>> = HashMap::new();
+    let evaluator = Evaluator::new(test, ctx, options.require, options.avoidable);
+    let mut known: HashMap<Vec<u64>, Option<Evaluated>> = HashMap::new();
     let mut all = Vec::with_capacity(plans.len());
     for (number, proposal) in plans.iter().enumerate() {
         let bits: Vec<u64> =
             proposal.trajectory.points().as_flattened().iter().map(|x| x.to_bits()).collect();
-        if let Some(judged) = known.get(&bits) {
-            all.push(judged.clone());
+        if let Some(evaluated) = known.get(&bits) {
+            all.push(evaluated.clone());
             continue;
         }
         let candidate = ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
-        let judged = if rule.is_feasible(&candidate, ctx) {
+        let evaluated = if rule.is_feasible(&candidate, ctx) {
             let plan = PoolPlan { proposal: proposal.clone(), source: 0, candidate };
-            let (outcome, path) = judge.drive(&plan)?;
-            Some(judge.judge(number, &plan, &outcome, &path)?)
+            let (outcome, path) = evaluator.drive(&plan)?;
+            Some(evaluator.evaluate(number, &plan, &outcome, &path)?)
         } else {
             None
         };
-        known.insert(bits, judged.clone());
-        all.push(judged);
+        known.insert(bits, evaluated.clone());
+        all.push(evaluated);
     }
     Ok(all)
 }

@@ -1,28 +1,28 @@
 //! The picture of a scene's search: all plans by outcome, the failures in front.
 
 use sage_core::scene::Scene;
-use sage_sim::search::{Judged, Pool, SearchResult};
+use sage_sim::search::{Evaluated, Pool, SearchResult};
 
 use crate::drawing::{self, Outcome, Picture, Tried};
 
 /// Draws all plans that were driven against, and the attacked drives of the worst and the mildest failure.
 pub(super) fn draw(title: &str, scene: &Scene, pool: &Pool, result: &SearchResult) -> String {
     let is_failure = |drive: usize| result.failures.iter().any(|failure| failure.drive == drive);
-    let outcome = |drive: usize, judged: &Judged| match &judged.contact {
+    let outcome = |drive: usize, evaluated: &Evaluated| match &evaluated.contact {
         _ if is_failure(drive) => Outcome::Failure,
-        _ if judged.clauses.attack => Outcome::Attack,
+        _ if evaluated.clauses.attack => Outcome::Attack,
         Some(_) => Outcome::OtherContact,
         None => Outcome::NoContact,
     };
-    let tried = |(drive, judged): (usize, &Judged)| {
-        let candidate = &pool.plans[judged.plan].candidate;
+    let tried = |(drive, evaluated): (usize, &Evaluated)| {
+        let candidate = &pool.plans[evaluated.plan].candidate;
         // Only up to the contact: what comes after it did not happen.
-        let steps = judged.contact.as_ref().map_or(usize::MAX, |met| met.step.max(0) as usize);
+        let steps = evaluated.contact.as_ref().map_or(usize::MAX, |met| met.step.max(0) as usize);
         let points = candidate.points().iter().take(steps).copied();
         let failure = result.failures.iter().find(|failure| failure.drive == drive);
         Tried {
             points: std::iter::once(candidate.start().position).chain(points).collect(),
-            outcome: outcome(drive, judged),
+            outcome: outcome(drive, evaluated),
             contact: failure.and_then(|failure| {
                 let step = steps.checked_sub(1)?;
                 Some([*failure.path.positions.get(step)?, *candidate.points().get(step)?])

@@ -5,7 +5,7 @@ use std::path::Path;
 use sage_core::{files, motion::Trajectory, objective::kinematic_penalty};
 use sage_sim::{
     avoidable::Avoidable,
-    search::{Clause, Clauses, Failure, Judged, Met, Pool, PoolCounts, Reason, Requirement, SearchResult},
+    search::{Clause, Clauses, Evaluated, Failure, Met, Pool, PoolCounts, Reason, Requirement, SearchResult},
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -177,7 +177,7 @@ pub(super) struct FailureRow<'r> {
     pub(super) drive: usize,
     pub(super) plan: PlanRow,
     #[serde(flatten)]
-    pub(super) judged: JudgedRow<'r>,
+    pub(super) evaluated: EvaluatedRow<'r>,
     /// The ego's path in the attacked drive, after the contact at constant velocity: `ego` of `sage score`.
     pub(super) ego_path: Vec<[f64; 3]>,
     #[serde(flatten)]
@@ -186,16 +186,16 @@ pub(super) struct FailureRow<'r> {
 
 /// What an attacked drive was found to be.
 #[derive(Serialize)]
-pub(super) struct JudgedRow<'r> {
+pub(super) struct EvaluatedRow<'r> {
     contact: Option<&'r Met>,
     clauses: Clauses,
     reward: f64,
     avoidable_r157: Option<bool>,
 }
 
-impl<'r> JudgedRow<'r> {
-    pub(super) fn of(judged: &'r Judged) -> Self {
-        let Judged { contact, clauses, reward, avoidable_r157, .. } = judged;
+impl<'r> EvaluatedRow<'r> {
+    pub(super) fn of(evaluated: &'r Evaluated) -> Self {
+        let Evaluated { contact, clauses, reward, avoidable_r157, .. } = evaluated;
         Self {
             contact: contact.as_ref(),
             clauses: *clauses,
@@ -219,7 +219,7 @@ pub(super) struct DrivesFile<'r> {
 pub(super) struct DrivenRow<'r> {
     pub(super) plan: PlanRow,
     #[serde(flatten)]
-    pub(super) judged: JudgedRow<'r>,
+    pub(super) evaluated: EvaluatedRow<'r>,
     pub(super) time_to_react: Option<f64>,
     pub(super) error: Option<&'r str>,
     pub(super) trajectory: &'r Trajectory,
@@ -235,19 +235,19 @@ impl SceneRow {
         source: impl Fn(usize) -> Option<&'k RowKey>,
     ) -> Self {
         let found = |failure: &Failure| {
-            let judged = &result.driven[failure.drive];
+            let evaluated = &result.driven[failure.drive];
             let number =
                 result.failures.iter().position(|other| other.drive == failure.drive).unwrap_or(0) + 1;
             FoundFailure {
                 number,
                 row: row_file(&format!("{}-{}", head.scene, failure_name(number))),
                 drive: failure.drive + 1,
-                plan: PlanRow::new(pool, judged.plan, source(pool.plans[judged.plan].source)),
-                contact_after: judged.contact.as_ref().map_or(0.0, |met| met.step as f64 / 10.0),
-                contact: judged.contact.clone(),
-                clauses: judged.clauses,
-                reward: judged.reward,
-                time_to_react: judged.time_to_react,
+                plan: PlanRow::new(pool, evaluated.plan, source(pool.plans[evaluated.plan].source)),
+                contact_after: evaluated.contact.as_ref().map_or(0.0, |met| met.step as f64 / 10.0),
+                contact: evaluated.contact.clone(),
+                clauses: evaluated.clauses,
+                reward: evaluated.reward,
+                time_to_react: evaluated.time_to_react,
             }
         };
         Self {
@@ -255,7 +255,7 @@ impl SceneRow {
             require,
             plans: PlanCounts { counts: pool.counts, in_pool: pool.plans.len() },
             drives: result.driven.len(),
-            errors: result.driven.iter().filter(|judged| judged.error.is_some()).count(),
+            errors: result.driven.iter().filter(|evaluated| evaluated.error.is_some()).count(),
             attacks: result.count(Clause::Attack),
             believable: result.count(Clause::Believable),
             at_fault: result.count(Clause::AtFault),

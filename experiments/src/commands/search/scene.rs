@@ -18,8 +18,8 @@ use serde_json::{Map, Value, json};
 use super::{
     picture,
     row::{
-        DrivenRow, DrivesFile, FailureRow, JudgedRow, PlanRow, RowHead, SceneRow, drives_file, failure_name,
-        row_file, unchanged_file,
+        DrivenRow, DrivesFile, EvaluatedRow, FailureRow, PlanRow, RowHead, SceneRow, drives_file,
+        failure_name, row_file, unchanged_file,
     },
     searcher::{Searcher, Sources},
 };
@@ -118,7 +118,8 @@ impl OneScene<'_> {
         let rule = &searcher.rule.objective;
         let (pool, result) = sources.plans.search(&test, &ctx, rule, &searcher.options, args.attack.seed)?;
         if result.reason == Some(Reason::Error) {
-            let first = result.driven.first().and_then(|judged| judged.error.clone()).unwrap_or_default();
+            let first =
+                result.driven.first().and_then(|evaluated| evaluated.error.clone()).unwrap_or_default();
             return Err(anyhow!("every attacked drive ended in an error; the first: {first}"));
         }
         let head = RowHead {
@@ -183,8 +184,8 @@ impl OneScene<'_> {
         result: &SearchResult,
         (failure, variant): (&DriverFailure, &str),
     ) -> Result<Vec<(String, Vec<u8>)>> {
-        let (searcher, judged) = (self.searcher, &result.driven[failure.drive]);
-        let plan = &pool.plans[judged.plan];
+        let (searcher, evaluated) = (self.searcher, &result.driven[failure.drive]);
+        let plan = &pool.plans[evaluated.plan];
         let key = self.sources.plans.source(plan.source);
         let described = self.described(key.and_then(|key| serde_json::to_value(key).ok()));
         let attack = Attack {
@@ -199,9 +200,9 @@ impl OneScene<'_> {
             let mut facts = described.clone();
             facts.insert("seed".to_owned(), json!(searcher.args.attack.seed));
             facts.insert("adversary".to_owned(), json!(head.adversary));
-            let after = judged.contact.as_ref().map(|met| met.step as f64 / 10.0);
+            let after = evaluated.contact.as_ref().map(|met| met.step as f64 / 10.0);
             facts.insert("contact_after_seconds".to_owned(), json!(after));
-            facts.insert("adversarial_reward".to_owned(), json!(judged.reward));
+            facts.insert("adversarial_reward".to_owned(), json!(evaluated.reward));
             all.extend(files.scenario(scenarios, scene, &attack, &facts)?);
         }
         let path = failure.path.positions.iter().zip(&failure.path.headings);
@@ -213,8 +214,8 @@ impl OneScene<'_> {
             trajectory: &plan.proposal.trajectory,
             feasible: true,
             drive: failure.drive + 1,
-            plan: PlanRow::new(pool, judged.plan, key),
-            judged: JudgedRow::of(judged),
+            plan: PlanRow::new(pool, evaluated.plan, key),
+            evaluated: EvaluatedRow::of(evaluated),
             ego_path: path.map(|([x, y], heading)| [*x, *y, *heading]).collect(),
             avoidable: &failure.avoidable,
         };
@@ -241,13 +242,13 @@ impl OneScene<'_> {
     }
 
     fn drives<'r>(&'r self, head: &'r RowHead, pool: &'r Pool, result: &'r SearchResult) -> DrivesFile<'r> {
-        let row = |judged: &'r sage_sim::search::Judged| {
-            let plan = &pool.plans[judged.plan];
+        let row = |evaluated: &'r sage_sim::search::Evaluated| {
+            let plan = &pool.plans[evaluated.plan];
             DrivenRow {
-                plan: PlanRow::new(pool, judged.plan, self.sources.plans.source(plan.source)),
-                judged: JudgedRow::of(judged),
-                time_to_react: judged.time_to_react,
-                error: judged.error.as_deref(),
+                plan: PlanRow::new(pool, evaluated.plan, self.sources.plans.source(plan.source)),
+                evaluated: EvaluatedRow::of(evaluated),
+                time_to_react: evaluated.time_to_react,
+                error: evaluated.error.as_deref(),
                 trajectory: &plan.proposal.trajectory,
             }
         };

@@ -36,7 +36,7 @@ pub struct Met {
 
 /// An attacked drive with the answers to the clauses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Judged {
+pub struct Evaluated {
     /// Number of the plan in the pool.
     pub plan: usize,
     /// First contact; `None` without one, or if the driver gave an error.
@@ -56,7 +56,7 @@ pub struct Judged {
     pub error: Option<String>,
 }
 
-impl Judged {
+impl Evaluated {
     /// A drive that ended in an error of the driver.
     pub(super) fn failed(plan: usize, error: String) -> Self {
         Self {
@@ -72,7 +72,7 @@ impl Judged {
 }
 
 /// Drives against plans of one scene.
-pub(super) struct Judge<'t> {
+pub(super) struct Evaluator<'t> {
     test: &'t AttackTest<'t>,
     /// The scene with the unattacked drive.
     ctx: &'t Context,
@@ -82,7 +82,7 @@ pub(super) struct Judge<'t> {
     search: AvoidanceOptions,
 }
 
-impl<'t> Judge<'t> {
+impl<'t> Evaluator<'t> {
     /// Drives up to *now*, unless the driver cannot be copied.
     pub(super) fn new(
         test: &'t AttackTest<'t>,
@@ -105,14 +105,14 @@ impl<'t> Judge<'t> {
     /// Answers the clauses for an attacked drive.
     ///
     /// *Errors*: [`sage_core::Error::Options`] for options of the search out of range.
-    pub(super) fn judge(
+    pub(super) fn evaluate(
         &self,
         number: usize,
         plan: &PoolPlan,
         outcome: &AttackOutcome,
         path: &AttackedPath,
-    ) -> Result<Judged, Error> {
-        let mut judged = Judged {
+    ) -> Result<Evaluated, Error> {
+        let mut evaluated = Evaluated {
             plan: number,
             contact: self.met(outcome),
             clauses: Clauses { attack: outcome.verdict.attack, ..Clauses::default() },
@@ -121,31 +121,34 @@ impl<'t> Judge<'t> {
             avoidable_r157: None,
             error: None,
         };
-        let Some(step) = judged.contact.as_ref().map(|met| met.step as usize) else { return Ok(judged) };
+        let Some(step) = evaluated.contact.as_ref().map(|met| met.step as usize) else {
+            return Ok(evaluated);
+        };
         if !outcome.verdict.attack {
-            return Ok(judged);
+            return Ok(evaluated);
         }
         let ctx = self.ctx.with_ego(&path.ego(self.ctx.horizon())?)?;
         let situation = Situation::new(&plan.candidate, ctx.ego(), &ctx);
         let believable = outcome.verdict.solid && is_believable(&situation);
-        judged.clauses.believable = Some(believable);
-        judged.clauses.at_fault = Some(outcome.verdict.at_fault);
+        evaluated.clauses.believable = Some(believable);
+        evaluated.clauses.at_fault = Some(outcome.verdict.at_fault);
         let others = self.requirement.clauses().filter(|clause| *clause != Clause::Avoidable);
-        if self.requirement.holds(Clause::Avoidable) && others.into_iter().all(|c| judged.clauses.holds(c)) {
+        if self.requirement.holds(Clause::Avoidable) && others.into_iter().all(|c| evaluated.clauses.holds(c))
+        {
             let time = Avoidance::new(&ctx, self.search)?.time_to_react(&plan.candidate, step);
-            judged.clauses.avoidable = Some(time.is_some());
-            judged.time_to_react = time;
+            evaluated.clauses.avoidable = Some(time.is_some());
+            evaluated.time_to_react = time;
             if time.is_some() {
                 let r157 = Avoidance::new(&ctx, AvoidanceOptions::r157())?;
-                judged.avoidable_r157 = Some(r157.time_to_react(&plan.candidate, step).is_some());
+                evaluated.avoidable_r157 = Some(r157.time_to_react(&plan.candidate, step).is_some());
             }
         }
-        Ok(judged)
+        Ok(evaluated)
     }
 
     /// The search for an evasive manoeuvre in an attacked drive, with its witness.
     ///
-    /// *Errors*: as [`Judge::judge`].
+    /// *Errors*: as [`Evaluator::evaluator`].
     pub(super) fn avoidable(
         &self,
         plan: &PoolPlan,

@@ -32,12 +32,20 @@ const DETAILS: [[f64; 2]; 5] = [[0.05, 150.0], [0.1, 100.0], [0.2, 70.0], [0.5, 
 
 const PAGE: &str = include_str!("player/page.html");
 const STYLE: &str = include_str!("player/style.css");
-const SCRIPT: &str = include_str!("player/player.js");
+const SCRIPT: &str = concat!(
+    include_str!("player/drawing.js"),
+    include_str!("player/sweep.js"),
+    include_str!("player/player.js")
+);
 
 /// One drive of the page.
 pub(crate) struct Panel<'a> {
     /// Driver and attack.
     pub(crate) name: String,
+    /// Names it in a link to the page; may be empty.
+    pub(crate) id: String,
+    /// Its place in a sweep.
+    pub(crate) sweep: Option<Sweep>,
     pub(crate) drive: &'a Drive,
     /// The contact that ends it.
     pub(crate) contact: Option<&'a EpisodeContact>,
@@ -57,6 +65,16 @@ pub(crate) struct Panel<'a> {
     pub(crate) ending: String,
 }
 
+/// Drives that differ in one value share a box of the page, and a slider chooses which of them it shows.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub(crate) struct Sweep {
+    /// Number of the box.
+    pub(crate) group: usize,
+    /// What differs: `lambda` or `aggression`.
+    pub(crate) axis: &'static str,
+    pub(crate) value: f64,
+}
+
 #[derive(Serialize)]
 struct Data<'a> {
     title: &'a str,
@@ -64,6 +82,7 @@ struct Data<'a> {
     now: usize,
     frames: usize,
     columns: usize,
+    back: Option<&'a str>,
     map: Vec<EncodedFeature>,
     traffic: Vec<EncodedBody>,
     panels: Vec<EncodedPanel<'a>>,
@@ -72,6 +91,10 @@ struct Data<'a> {
 #[derive(Serialize)]
 struct EncodedPanel<'a> {
     name: &'a str,
+    #[serde(skip_serializing_if = "str::is_empty")]
+    id: &'a str,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sweep: Option<Sweep>,
     /// Last frame of the drive.
     end: usize,
     ego: EncodedBody,
@@ -103,7 +126,7 @@ struct EncodedContact {
     y: i64,
 }
 
-/// The page. `columns` is the number of drives in a row, if there is room.
+/// The page. `columns` is the number of drives in a row, if there is room; `back` is a link to the page that lists all.
 ///
 /// *Errors*: a template without the places for title and data.
 pub(crate) fn page(
@@ -111,6 +134,7 @@ pub(crate) fn page(
     [title, subtitle]: [&str; 2],
     panels: &[Panel],
     columns: usize,
+    back: Option<&str>,
 ) -> Result<String> {
     // World coordinates reach 100 km, so the page counts from the ego's start.
     let origin = scene.ego().point(0);
@@ -128,6 +152,7 @@ pub(crate) fn page(
             now: NOW,
             frames: LAST_FRAME + 1,
             columns,
+            back,
             map: map::encoded(scene, &area, error, origin),
             traffic: traffic(scene, panels, &area, origin),
             panels: panels.iter().map(|panel| encoded(panel, scene, origin)).collect(),
@@ -161,7 +186,18 @@ fn traffic(scene: &Scene, panels: &[Panel], area: &Aabb, origin: Point) -> Vec<E
 
 fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'a> {
     let Panel {
-        name, drive: driven, adversary, unattacked, evasion, verdict, is_failed, note, ending, ..
+        name,
+        id,
+        sweep,
+        drive: driven,
+        adversary,
+        unattacked,
+        evasion,
+        verdict,
+        is_failed,
+        note,
+        ending,
+        ..
     } = panel;
     let size = box_size(scene.ego());
     let drive = |drive: &Drive| {
@@ -187,6 +223,8 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
     });
     EncodedPanel {
         name,
+        id,
+        sweep: *sweep,
         end: driven.motions.len() - 1,
         // A drive has at least its first frame.
         ego: drive(driven).unwrap_or_default(),

@@ -1,12 +1,14 @@
 //! What a study measures in a scene: each kind of measurement is a file.
 
 mod attacks;
+mod ego_samples;
 mod episodes;
 mod groups;
 mod policies;
 mod predictions;
 mod scene;
 mod searches;
+mod transfers;
 
 use std::{path::Path, sync::Arc};
 
@@ -26,6 +28,7 @@ pub use policies::Policies;
 pub use predictions::Predictions;
 pub use scene::MeasuredScene;
 pub use searches::Searches;
+pub use transfers::Transfers;
 
 use crate::rows::{Cell, Key, Subject};
 

@@ -12,6 +12,7 @@ use crate::{
     generators::weight_hashes,
     measure::{
         Attacks, Episodes, ExpertSource, Group, Measurement, Policies, Predictions, SceneResult, Searches,
+        Transfers,
     },
     part::{Part, PolicyPart},
     report::{KINDS, Report},
@@ -100,16 +101,25 @@ impl Plan {
         let measures_any = |subjects: &[Subject]| subjects.iter().any(|subject| study.measures(*subject));
         let drives = measures_any(&[Subject::Drive, Subject::AttackedDrive]);
         let searches = measures_any(&[Subject::Search, Subject::Threshold]);
-        ensure!(!drives && !searches || !egos.is_empty(), "the study drives, but `ego` names no driver");
+        let transfers = study.measures(Subject::Transfer);
+        ensure!(
+            !drives && !searches && !transfers || !egos.is_empty(),
+            "the study drives, but `ego` names no driver"
+        );
         ensure!(
             !searches || study.measure.iter().all(|s| [Subject::Search, Subject::Threshold].contains(s)),
             "`measure` names `search` or `threshold` beside other subjects; they need a study of their own"
+        );
+        ensure!(
+            !transfers || study.measure.len() == 1,
+            "`measure` names `transfer` beside other subjects; it needs a study of its own"
         );
         let has_programs = egos.iter().any(|ego| ego.is_program);
         let notes = egos.iter().filter_map(|ego| ego.note.clone()).chain(unused(&study)).collect();
         let is_attacked = study.measures(Subject::Trajectory) || study.measures(Subject::AttackedDrive);
         let is_episodic = study.measures(Subject::Episode);
-        let groups = if is_attacked || is_episodic || searches || study.measures(Subject::Policy) {
+        let groups = if is_attacked || is_episodic || searches || transfers || study.measures(Subject::Policy)
+        {
             Group::all(&study, registries, source, &selection)?
         } else {
             Vec::new()
@@ -135,6 +145,8 @@ impl Plan {
             measurements.push(Box::new(episodes));
         } else if searches {
             measurements.push(Box::new(Searches::new(&study, registries, egos, &groups, &selection)?));
+        } else if transfers {
+            measurements.push(Box::new(Transfers::new(&study, registries, egos, &groups, &selection)?));
         } else if is_attacked || drives {
             let objective = selection.objective;
             measurements.push(Box::new(Attacks::new(&study, registries, egos, groups, objective)?));

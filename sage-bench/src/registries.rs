@@ -18,7 +18,10 @@ use sage_sim::{
     metrics::{MeasuredAttack, attack_metrics, avoidable_metrics, drive_metrics, episode_metrics},
     policy::{EgoPolicy, policies},
     rl::{Curriculum, EpisodeRow, SceneSampler, curriculum::curricula, scene_sampler::scene_samplers},
-    search::{MeasuredSearch, MeasuredThreshold, search_metrics, threshold_metrics},
+    search::{
+        MeasuredSearch, MeasuredThreshold, MeasuredTransfer, search_metrics, threshold_metrics,
+        transfer_metrics,
+    },
     unattacked::UnattackedDrive,
 };
 use theory_checks::{Check, claims};
@@ -92,6 +95,8 @@ pub struct MetricRegistries {
     pub search: Metrics<MeasuredSearch>,
     /// Of the λ from which a driver fails.
     pub threshold: Metrics<MeasuredThreshold>,
+    /// Of a plan that was made against one driver, driven by another.
+    pub transfer: Metrics<MeasuredTransfer>,
 }
 
 impl MetricRegistries {
@@ -106,6 +111,7 @@ impl MetricRegistries {
             prediction: prediction_metrics()?,
             search: search_metrics()?,
             threshold: threshold_metrics()?,
+            transfer: transfer_metrics()?,
         })
     }
 }

@@ -7,6 +7,7 @@ mod record;
 mod sweeps;
 mod tests;
 mod thresholds;
+mod transfers;
 
 use std::collections::HashMap;
 
@@ -65,6 +66,7 @@ impl Report {
             tables.extend(sweeps::tables(results)?);
         }
         tables.extend(thresholds::tables(results));
+        tables.extend(transfers::tables(results));
         tables.extend(pairs::tables(study, results)?);
         tables.extend(tests::tables(study, results)?);
         let notes = tests::braking(results) + &study.report.notes;

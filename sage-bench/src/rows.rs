@@ -30,11 +30,13 @@ pub enum Subject {
     Search,
     /// How much it takes until a driver fails: one plan at each λ.
     Threshold,
+    /// A plan that was made against one driver, driven by another.
+    Transfer,
 }
 
 impl Subject {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Drive,
         Self::AttackedDrive,
         Self::Trajectory,
@@ -43,6 +45,7 @@ impl Subject {
         Self::Prediction,
         Self::Search,
         Self::Threshold,
+        Self::Transfer,
     ];
 
     /// Title of its table in a study that gives none.
@@ -56,6 +59,7 @@ impl Subject {
             Self::Prediction => "Predictions:",
             Self::Search => "Searches with the driver in the loop:",
             Self::Threshold => "Thresholds of lambda:",
+            Self::Transfer => "Plans that were made against one driver, driven by another:",
         }
     }
 
@@ -70,6 +74,7 @@ impl Subject {
             Self::Prediction => "prediction",
             Self::Search => "search",
             Self::Threshold => "threshold",
+            Self::Transfer => "transfer",
         }
     }
 }
@@ -102,6 +107,9 @@ pub struct Key {
     /// What is aimed at or varied further, such as the time to react, s.
     #[serde(default)]
     pub target: Option<f64>,
+    /// Driver that the plan was made against, in a study of transfer; empty in others.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub made_against: String,
     /// Seed of random numbers.
     pub seed: u64,
     /// What the generator knows beyond *now*, or what the driver knows; empty for nothing.
@@ -120,6 +128,7 @@ impl Key {
             attack: String::new(),
             point: None,
             target: None,
+            made_against: String::new(),
             seed,
             knows: String::new(),
         }
@@ -127,9 +136,21 @@ impl Key {
 
     /// Whether two results are of the same method: they may differ in training seed and checkpoint alone.
     pub fn is_same_method(&self, other: &Self) -> bool {
-        let Self { subject, arm, training_seed: _, checkpoint: _, attack, point, target, seed, knows } = self;
+        let Self {
+            subject,
+            arm,
+            training_seed: _,
+            checkpoint: _,
+            attack,
+            point,
+            target,
+            made_against,
+            seed,
+            knows,
+        } = self;
         (*subject, arm, attack, point) == (other.subject, &other.arm, &other.attack, &other.point)
-            && (target, seed, knows) == (&other.target, &other.seed, &other.knows)
+            && (target, made_against, seed, knows)
+                == (&other.target, &other.made_against, &other.seed, &other.knows)
     }
 
     /// Attack and operating point in a table.
@@ -137,7 +158,9 @@ impl Key {
         let point = self.point.as_ref().map(OperatingPointSpec::label);
         let target = self.target.map(|target| format!("target {target}"));
         let attack = Some(self.attack.clone()).filter(|attack| !attack.is_empty());
-        [attack, point, target].into_iter().flatten().collect::<Vec<_>>().join(" ")
+        let against = Some(&self.made_against).filter(|driver| !driver.is_empty());
+        let against = against.map(|driver| format!("made against {driver}"));
+        [attack, point, target, against].into_iter().flatten().collect::<Vec<_>>().join(" ")
     }
 
     /// Seeds the bootstrap of its estimates.

@@ -13,7 +13,7 @@ pub use report::{ChartSpec, Claim, CurveQuantity, Family, Guard, PairSpec, Repor
 use crate::{part::PolicyPart, rows::Subject};
 
 /// Studies that are part of the program: name and file.
-pub const SHIPPED: [(&str, &str); 14] = [
+pub const SHIPPED: [(&str, &str); 15] = [
     ("open-loop", include_str!("../studies/open-loop.yaml")),
     ("drivers", include_str!("../studies/drivers.yaml")),
     ("front", include_str!("../studies/front.yaml")),
@@ -28,6 +28,7 @@ pub const SHIPPED: [(&str, &str); 14] = [
     ("connectivity", include_str!("../studies/connectivity.yaml")),
     ("search", include_str!("../studies/search.yaml")),
     ("threshold", include_str!("../studies/threshold.yaml")),
+    ("transfer", include_str!("../studies/transfer.yaml")),
 ];
 /// Most values of an axis of numbers.
 const MOST_VALUES: usize = 1001;

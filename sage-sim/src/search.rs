@@ -8,11 +8,14 @@
 
 pub mod clauses;
 pub mod evaluation;
+pub mod features;
+pub mod manoeuvre;
 pub mod metrics;
 pub mod pool;
 pub mod suite;
 mod surrogate;
 pub mod threshold;
+pub mod transfer;
 
 use sage_core::{
     Error as CoreError,
@@ -29,9 +32,11 @@ use crate::{
 };
 
 pub use clauses::{Clause, Clauses, Reason, Requirement};
-pub use evaluation::{AttackedPath, Evaluated, Met};
+pub use evaluation::{AttackedPath, Evaluated, Met, evaluate_each};
+pub use features::Features;
 pub use metrics::{MeasuredSearch, MeasuredThreshold, search_metrics, threshold_metrics};
 pub use pool::{MOST_PLANS, Pool, PoolCounts, PoolPlan};
+pub use transfer::{MeasuredTransfer, transfer_metrics};
 
 use evaluation::Evaluator;
 use surrogate::Surrogate;
@@ -110,6 +115,18 @@ impl SearchResult {
             Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| evaluated.clauses.holds(c))
         };
         self.driven.iter().filter(until).count()
+    }
+
+    /// The drive that meets the most clauses, each with the ones before it, then the one with the largest reward; the first
+    /// of equals. `None` without a drive.
+    pub fn strongest(&self) -> Option<&Evaluated> {
+        let rank = |evaluated: &Evaluated| {
+            let met = Clause::ALL.into_iter().take_while(|clause| evaluated.clauses.holds(*clause));
+            (met.count(), evaluated.reward)
+        };
+        let is_stronger = |a: (usize, f64), b: (usize, f64)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).is_gt();
+        let driven = self.driven.iter();
+        driven.reduce(|best, other| if is_stronger(rank(other), rank(best)) { other } else { best })
     }
 
     /// The failure with the largest reward; the first of equals.

@@ -20,8 +20,8 @@ use sage_sim::{
     attack_test::AttackTest,
     policy::{Driver, EgoPolicy, Start, View, policies},
     search::{
-        AttackedPath, Clause, Order, Pool, Reason, Requirement, SearchOptions, SearchResult, search,
-        threshold::evaluate_each,
+        AttackedPath, Clause, Order, Pool, Reason, Requirement, SearchOptions, SearchResult, evaluate_each,
+        search,
     },
     world::Control,
 };

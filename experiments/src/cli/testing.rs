@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use sage_sim::search::suite::MOST_TESTS;
 
 use super::{FolderArgs, PlannerArgs, SearchFormat};
 use crate::part::PolicyPart;
@@ -13,15 +14,19 @@ use crate::part::PolicyPart;
 /// drives any driver against it. The attacked scenes are written too, as a data set for other simulators.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example:\n  sage search scenes/ --ego idm --out failures/\n  sage suite failures/ --out suite/\n  sage test suite/ --ego expert"
+    after_help = "Example:\n  sage search scenes/ --ego idm --out failures/\n  sage suite failures/ --out suite/\n  sage test suite/ --ego expert\n  sage suite failures/ --diverse 30 --out suite/"
 )]
 pub(crate) struct SuiteArgs {
     /// Output folders of `sage search`. All must require the same clauses.
     #[arg(required = true, value_name = "SEARCH")]
     pub searches: Vec<PathBuf>,
-    /// Failures of each scene that are kept.
-    #[arg(long, value_enum, default_value_t = Keep::Worst)]
-    pub keep: Keep,
+    /// Failures of each scene that are kept (default: worst; with --diverse all).
+    #[arg(long, value_enum)]
+    pub keep: Option<Keep>,
+    /// Keep at most N of these, as different as possible: by type of the collision, relative heading and speed, what both cars
+    /// do, kind of road, and time to react.
+    #[arg(long, value_name = "N", value_parser = tests)]
+    pub diverse: Option<usize>,
     /// Formats of the attacked scenes.
     #[arg(long, value_enum, default_value_t = SearchFormat::Native)]
     pub format: SearchFormat,
@@ -69,4 +74,9 @@ pub(crate) struct TestArgs {
     /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
+}
+
+fn tests(text: &str) -> Result<usize, String> {
+    let number = text.trim().parse().ok().filter(|number| (1..=MOST_TESTS).contains(number));
+    number.ok_or_else(|| format!("expected a whole number from 1 to {MOST_TESTS}"))
 }

@@ -72,7 +72,8 @@ fn adapted(args: &StudyArgs, registries: &Registries) -> Result<Study> {
         study.metrics.retain(|subject, _| *subject == Subject::Drive);
     }
     // Against drivers, the drives under attack are what is asked for.
-    let of_drives = [Subject::Drive, Subject::AttackedDrive, Subject::Search, Subject::Threshold];
+    let of_drives =
+        [Subject::Drive, Subject::AttackedDrive, Subject::Search, Subject::Threshold, Subject::Transfer];
     let is_driven = of_drives.iter().any(|subject| study.measures(*subject));
     if !study.ego.is_empty() && !is_driven {
         study.measure.push(Subject::AttackedDrive);

@@ -1,5 +1,6 @@
 //! `sage search`: searches scenes for what a driver fails at.
 
+pub(super) mod found;
 mod picture;
 mod row;
 mod scene;

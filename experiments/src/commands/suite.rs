@@ -1,171 +1,176 @@
 //! `sage suite`: keeps failures of searches as tests.
 
-use std::{
-    collections::{HashMap, HashSet},
-    path::Path,
-};
+use std::collections::{HashMap, HashSet};
 
-use anyhow::{Context as _, Result, anyhow, bail, ensure};
-use sage_core::{files, motion::Trajectory, objective::PartSpec};
+use anyhow::{Context as _, Result, anyhow, ensure};
+use rayon::prelude::*;
 use sage_data::{Recording, dataset};
 use sage_sim::search::{
-    Clauses, Met, SearchOptions,
-    suite::{Found, MOST_TESTS, SCENES, Suite, SuiteTest, VERSION, is_plain, plan_hash},
+    Features,
+    features::{Spread, diverse},
+    suite::{Found as Origin, MOST_TESTS, SCENES, Suite, SuiteTest, VERSION, is_plain, plan_hash},
 };
-use serde::Deserialize;
-use serde_json::{Map, Value};
 
-use super::search::{SceneRow, failure_name, row_file, unchanged_file};
+use super::search::{
+    SceneRow, failure_name,
+    found::{FailureFile, FailureScene, Found, json},
+};
 use crate::{
     Outcome,
     attacked_files::{Attack, AttackedFiles, Formats},
     cli::{Keep, SearchFormat, SuiteArgs},
-    output::{self, Folder, RECORD},
+    output::Folder,
     progress,
-    scene_queue::{ROW_LIMIT, is_row_of},
 };
 
 /// File of a suite.
 pub(super) const FILE: &str = "suite.json";
-
-/// What a suite needs of the row of a failure.
-#[derive(Deserialize)]
-struct FailureFile {
-    ego: String,
-    adversary: String,
-    seed: u64,
-    trajectory: Trajectory,
-    plan: Map<String, Value>,
-    contact: Option<Met>,
-    clauses: Clauses,
-    #[serde(flatten)]
-    described: Map<String, Value>,
-}
-
-/// What a suite needs of the record of a search.
-#[derive(Deserialize)]
-struct SearchRecord {
-    search: SearchOptions,
-    feasibility: PartSpec,
-}
+/// Clusters that are printed.
+const SHOWN: usize = 10;
 
 /// A suite that grows.
 struct Maker<'a> {
     args: &'a SuiteArgs,
     folder: Folder,
-    suite: Option<Suite>,
+    suite: Suite,
     /// File of each scene by the hash of its content.
     scenes: HashMap<String, String>,
     /// Names of the tests.
     names: HashSet<String>,
 }
 
-/// A search as a suite reads it.
-struct Search<'a> {
-    folder: &'a Path,
-    record: SearchRecord,
-    rows: Vec<SceneRow>,
-}
-
-impl<'a> Search<'a> {
-    /// Reads the record of a search and the rows of its scenes with a failure.
-    ///
-    /// *Errors*: it is no search, or cannot be read.
-    fn read(folder: &'a Path) -> Result<Self> {
-        let record: Value = json(&folder.join(RECORD)).context("it is no output of `sage search`")?;
-        let hash = output::run_hash(&record["run"]);
-        if record["seconds"].is_null() {
-            progress::say(&format!("note: the search in `{}` is not complete", folder.display()));
-        }
-        let record: SearchRecord =
-            serde_json::from_value(record["run"].clone()).context("it is no output of `sage search`")?;
-        let mut rows: Vec<SceneRow> = Vec::new();
-        for entry in std::fs::read_dir(folder)? {
-            let name = entry?.file_name().to_string_lossy().into_owned();
-            if name.ends_with(".json") && name != RECORD {
-                // Rows of another run remain after --force with fewer scenes.
-                let path = folder.join(&name);
-                let row = if is_row_of(&path, &hash) { SceneRow::read(&path) } else { None };
-                let row = row.filter(|row| row_file(row.scene()) == name);
-                rows.extend(row.filter(|row| row.failures() > 0));
-            }
-        }
-        rows.sort_by(|a, b| sage_data::folder::natural_order(a.scene(), b.scene()));
-        Ok(Self { folder, record, rows })
-    }
-
-    /// Checks that it can be in one suite with another search.
-    ///
-    /// *Errors*: it requires something else, or its unchanged scenes are missing.
-    fn check(&self, first: &Self) -> Result<()> {
-        let [own, other] = [&self.record, &first.record];
-        ensure!(
-            own.search.require == other.search.require
-                && own.feasibility == other.feasibility
-                && own.search.avoidable == other.search.avoidable,
-            "it requires other clauses than the first search, or by other rules; make a suite of its own"
-        );
-        for row in &self.rows {
-            let file = unchanged_file(row.scene());
-            ensure!(
-                self.folder.join(&file).is_file(),
-                "`{file}` is missing; search again without --format none"
-            );
-        }
-        Ok(())
-    }
+/// A failure that may become a test.
+struct Candidate {
+    /// Number of its search, of the row of its scene, and its own, 1 the first found.
+    place: [usize; 3],
+    reward: f64,
+    features: Features,
 }
 
 pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
-    let read = |folder| Search::read(folder).with_context(|| format!("`{}`", folder.display()));
-    let searches: Vec<Search> = args.searches.iter().map(|folder| read(folder)).collect::<Result<_>>()?;
+    let mut searches: Vec<Found> =
+        args.searches.iter().map(|folder| Found::read(folder)).collect::<Result<_>>()?;
+    searches.iter_mut().for_each(|search| search.rows.retain(|row| row.failures() > 0));
     ensure!(searches.iter().any(|search| !search.rows.is_empty()), "the searches hold no failure");
     searches.iter().try_for_each(|search| {
-        search.check(&searches[0]).with_context(|| format!("`{}`", search.folder.display()))
+        check(search, &searches[0]).with_context(|| format!("`{}`", search.folder.display()))
     })?;
+    let mut candidates = candidates(&searches, args)?;
+    let all = Spread::of(candidates.iter().map(|candidate| candidate.features.cluster()));
+    if let Some(count) = args.diverse {
+        let features: Vec<Features> = candidates.iter().map(|candidate| candidate.features).collect();
+        let reward = |k: usize| candidates[k].reward;
+        let worst = (0..candidates.len()).reduce(|a, b| if reward(b) > reward(a) { b } else { a });
+        let chosen: HashSet<usize> = diverse(&features, worst.unwrap_or(0), count).into_iter().collect();
+        let mut number = 0..;
+        candidates.retain(|_| number.next().is_some_and(|number| chosen.contains(&number)));
+    }
+    ensure!(
+        candidates.len() <= MOST_TESTS,
+        "the searches hold {} failures; a suite has at most {MOST_TESTS} tests, so give --diverse N or --keep worst",
+        candidates.len()
+    );
     let folder = Folder::make(&args.folder.out, args.folder.force)?;
     remove_old(&folder)?;
     folder.inner(SCENES.as_ref())?;
-    let mut maker = Maker { args, folder, suite: None, scenes: HashMap::new(), names: HashSet::new() };
-    for search in &searches {
-        maker.add_search(search).with_context(|| format!("`{}`", search.folder.display()))?;
+    let record = &searches[0].record;
+    let suite = Suite {
+        suite: VERSION,
+        require: record.search.require,
+        feasibility: record.feasibility.clone(),
+        avoidable: record.search.avoidable,
+        tests: Vec::new(),
+    };
+    let mut maker = Maker { args, folder, suite, scenes: HashMap::new(), names: HashSet::new() };
+    let of_scene = |a: &Candidate, b: &Candidate| a.place[..2] == b.place[..2];
+    for candidates in candidates.chunk_by(of_scene) {
+        let [search, row, _] = candidates[0].place;
+        let (search, row) = (&searches[search], &searches[search].rows[row]);
+        maker.add_scene(search, row, candidates).with_context(|| of_row(search, row))?;
     }
     let Maker { folder, suite, .. } = maker;
-    let suite = suite.context("a search was added")?;
     suite.check().map_err(|problem| anyhow!(problem))?;
     if matches!(args.format, SearchFormat::Pickle | SearchFormat::Both) {
         dataset::write_tables(folder.path())?;
     }
     folder.write(FILE, &serde_json::to_vec(&suite)?)?;
-    progress::say(&format!(
-        "{} of {} are in `{}`; to drive against them: sage test {} --ego POLICY",
+    let out = folder.path().display();
+    let kept = Spread::of(candidates.iter().map(|candidate| candidate.features.cluster()));
+    progress::say_lines(&format!(
+        "{} of {} are in `{out}`\n{}\nto drive against them: sage test {out} --ego POLICY",
         progress::count(suite.tests.len(), "test"),
         progress::count(args.searches.len(), "search"),
-        folder.path().display(),
-        folder.path().display()
+        spread_words(&kept, &all, args.diverse.is_some()),
     ));
     Ok(Outcome::Done)
 }
 
-impl Maker<'_> {
-    fn add_search(&mut self, Search { folder, record, rows }: &Search) -> Result<()> {
-        self.suite.get_or_insert_with(|| Suite {
-            suite: VERSION,
-            require: record.search.require,
-            feasibility: record.feasibility.clone(),
-            avoidable: record.search.avoidable,
-            tests: Vec::new(),
-        });
-        rows.iter().try_for_each(|row| {
-            self.add_scene(folder, row).with_context(|| format!("scene `{}`", row.scene()))
-        })
-    }
+/// How the tests spread over clusters; with a diverse choice, also how all failures do.
+fn spread_words(kept: &Spread, all: &Spread, is_diverse: bool) -> String {
+    let of_all = if is_diverse { format!(" of {}", all.clusters.len()) } else { String::new() };
+    let before =
+        if is_diverse { format!(", {:.2} among all failures", all.entropy()) } else { String::new() };
+    let mut lines = vec![format!(
+        "{}{of_all} clusters, entropy {:.2} bits{before}; the largest:",
+        kept.clusters.len(),
+        kept.entropy()
+    )];
+    lines.extend(kept.largest().take(SHOWN).map(|(name, count)| format!("  {count:3}  {name}")));
+    lines.join("\n")
+}
 
-    fn add_scene(&mut self, search: &Path, row: &SceneRow) -> Result<()> {
-        let source = search.join(unchanged_file(row.scene()));
-        let bytes = sage_data::read_bytes(&source).with_context(|| {
-            format!("`{}` is missing; search again without --format none", source.display())
-        })?;
+fn of_row(search: &Found, row: &SceneRow) -> String {
+    format!("`{}`, scene `{}`", search.folder.display(), row.scene())
+}
+
+/// Checks that a search can be in one suite with the first.
+///
+/// *Errors*: it requires something else, or its unchanged scenes are missing.
+fn check(search: &Found, first: &Found) -> Result<()> {
+    let [own, other] = [&search.record, &first.record];
+    ensure!(
+        own.search.require == other.search.require
+            && own.feasibility == other.feasibility
+            && own.search.avoidable == other.search.avoidable,
+        "it requires other clauses than the first search, or by other rules; make a suite of its own"
+    );
+    search.rows.iter().try_for_each(|row| search.unchanged(row).map(drop))
+}
+
+/// All failures that --keep leaves, with their features, in the order of their searches, scenes and numbers.
+fn candidates(searches: &[Found], args: &SuiteArgs) -> Result<Vec<Candidate>> {
+    let keep = args.keep.unwrap_or(if args.diverse.is_some() { Keep::All } else { Keep::Worst });
+    let places =
+        searches.iter().enumerate().flat_map(|(s, search)| (0..search.rows.len()).map(move |r| [s, r]));
+    let places: Vec<[usize; 2]> = places.collect();
+    let of_scene = |&[s, r]: &[usize; 2]| -> Result<Vec<Candidate>> {
+        let (search, row) = (&searches[s], &searches[s].rows[r]);
+        let of_scene = || -> Result<Vec<Candidate>> {
+            let recording = Recording::read(&search.unchanged(row)?)?;
+            let scene = FailureScene::new(&recording, row.adversary())?;
+            let numbers: Vec<usize> = match keep {
+                Keep::All => (1..=row.failures()).collect(),
+                Keep::Worst => row.worst().into_iter().collect(),
+                Keep::Mildest => row.mildest().into_iter().collect(),
+            };
+            let candidate = |number: usize| {
+                let failure = search.failure(row, number)?;
+                let features = scene.features(&failure).with_context(|| failure_name(number))?;
+                Ok(Candidate { place: [s, r, number], reward: failure.reward, features })
+            };
+            numbers.into_iter().map(candidate).collect()
+        };
+        of_scene().with_context(|| of_row(search, row))
+    };
+    // The first error in the order of the scenes, whichever thread meets one first.
+    let all: Vec<Result<Vec<Candidate>>> = places.par_iter().map(of_scene).collect();
+    Ok(all.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect())
+}
+
+impl Maker<'_> {
+    fn add_scene(&mut self, search: &Found, row: &SceneRow, candidates: &[Candidate]) -> Result<()> {
+        let source = search.unchanged(row)?;
+        let bytes = sage_data::read_bytes(&source)?;
         let scene_hash = blake3::hash(&bytes).to_hex().to_string();
         let name = plain(row.scene());
         let taken = |file: &String| self.scenes.values().any(|known| known == file);
@@ -176,16 +181,9 @@ impl Maker<'_> {
         self.folder.write(&format!("{SCENES}/{file}"), &bytes)?;
         self.scenes.insert(scene_hash.clone(), file.clone());
         let recording = Recording::from_bytes(&source, bytes)?;
-        ensure!(row.failures() <= MOST_TESTS, "its row counts {} failures", row.failures());
-        let numbers: Vec<usize> = match self.args.keep {
-            Keep::All => (1..=row.failures()).collect(),
-            Keep::Worst => row.worst().into_iter().collect(),
-            Keep::Mildest => row.mildest().into_iter().collect(),
-        };
-        for number in numbers {
-            let failure: FailureFile =
-                json(&search.join(row_file(&format!("{}-{}", row.scene(), failure_name(number)))))?;
-            self.add_test(&recording, &name, number, [&file, &scene_hash], failure)?;
+        for Candidate { place: [_, _, number], features, .. } in candidates {
+            let failure = search.failure(row, *number)?;
+            self.add_test(&recording, &name, (*number, features), [&file, &scene_hash], failure)?;
         }
         Ok(())
     }
@@ -194,12 +192,10 @@ impl Maker<'_> {
         &mut self,
         recording: &Recording,
         scene: &str,
-        number: usize,
+        (number, features): (usize, &Features),
         [file, scene_hash]: [&String; 2],
         failure: FailureFile,
     ) -> Result<()> {
-        let tests = self.suite.as_mut().map(|suite| &mut suite.tests).context("a search was added")?;
-        ensure!(tests.len() < MOST_TESTS, "a suite has at most {MOST_TESTS} tests");
         let driver = without_folders(&failure.ego);
         let ego = plain(&driver);
         let named = |k: usize| {
@@ -238,7 +234,7 @@ impl Maker<'_> {
         for (name, bytes) in &written {
             self.folder.write(name, bytes)?;
         }
-        tests.push(SuiteTest {
+        self.suite.tests.push(SuiteTest {
             name: format!("{scene}-{variant}"),
             scene: file.clone(),
             scene_hash: scene_hash.clone(),
@@ -246,11 +242,12 @@ impl Maker<'_> {
             seed: failure.seed,
             plan_hash: plan_hash(&failure.trajectory),
             plan: failure.trajectory,
-            found: Found {
+            found: Origin {
                 ego: driver,
                 plan: failure.plan,
                 contact: failure.contact,
                 clauses: failure.clauses,
+                cluster: features.cluster(),
             },
         });
         Ok(())
@@ -306,15 +303,6 @@ fn plain(name: &str) -> String {
         .collect();
     let name = all.trim_start_matches(['.', '-']).to_owned();
     if is_plain(&name) { name } else { "scene".to_owned() }
-}
-
-fn json<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T> {
-    let shown = || format!("cannot read `{}`", path.display());
-    let bytes = files::read(path, ROW_LIMIT).with_context(shown)?;
-    match serde_json::from_slice(&bytes) {
-        Ok(value) => Ok(value),
-        Err(error) => bail!("`{}` is not as `sage search` writes it: {error}", path.display()),
-    }
 }
 
 #[cfg(test)]

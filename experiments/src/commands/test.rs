@@ -47,6 +47,8 @@ struct ResultRow<'s> {
     result: TestResult,
     /// The driver that the failure was found with.
     found_with: &'s str,
+    /// Cluster of that failure.
+    cluster: &'s str,
     contact: Option<Met>,
     clauses: Clauses,
     /// The first clause that does not hold, of a test that passed.
@@ -166,6 +168,7 @@ fn drive<'s>(
         ego: &ego.label,
         result: TestResult::Error,
         found_with: &test.found.ego,
+        cluster: &test.found.cluster,
         contact: None,
         clauses: Clauses::default(),
         missing: None,
@@ -192,6 +195,7 @@ fn drive<'s>(
         };
         let seconds = before + clock.elapsed().as_secs_f64();
         match evaluated {
+            Ok(Some(Evaluated { error: Some(error), .. })) => failed(test, anyhow!(error), seconds),
             Ok(Some(evaluated)) => of_drive(suite, test, &ego.label, evaluated, seconds),
             Ok(None) => failed(test, anyhow!("the plan is not feasible by the rule of the suite"), seconds),
             Err(error) => failed(test, error, seconds),
@@ -214,6 +218,7 @@ fn of_drive<'s>(
         ego,
         result: if missing.is_none() { TestResult::Failed } else { TestResult::Passed },
         found_with: &test.found.ego,
+        cluster: &test.found.cluster,
         contact,
         clauses,
         missing: missing.map(|clause| clause.name().to_owned()),
@@ -254,14 +259,14 @@ fn print(rows: &[ResultRow], json: bool) -> Result<()> {
         }
         return output::print(&String::from_utf8(out)?);
     }
-    let mut table = Table::new("", &["test", "result", "found with", "what happened"]);
+    let mut table = Table::new("", &["test", "result", "found with", "cluster", "what happened"]);
     for row in rows {
         let result = match row.result {
             TestResult::Passed => "passed",
             TestResult::Failed => "FAILED",
             TestResult::Error => "ERROR",
         };
-        let cells = [result, row.found_with, &row.words()].map(terminal::escaped_name);
+        let cells = [result, row.found_with, row.cluster, &row.words()].map(terminal::escaped_name);
         table.row(terminal::escaped_name(row.test), cells);
     }
     output::print(&table.markdown())

@@ -1,292 +1,3 @@
-"use strict";
-// Units of the data: centimetres, milliradians, centimetres per second. Numbers are differences to the one before.
-const data = JSON.parse(document.getElementById("data").textContent);
-const element = (id) => document.getElementById(id);
-const now = data.now, last = data.frames - 1;
-const colour = { ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222", escape: "#007a52", plan: "rgba(120,60,200,.6)" };
-
-// --- decoding ---
-
-function sums(differences, unit) {
-  let sum = 0;
-  return differences.map((d) => (sum += d) * unit);
-}
-
-// A body is given by runs of frames; between them it is absent, and its numbers are NaN.
-function body({ runs, length, width, kind }) {
-  const first = runs[0].first, b = { first, x: [], y: [], h: [], v: [], length: length / 100, width: width / 100, kind };
-  for (const run of runs) {
-    for (const [name, unit] of [["x", 1e-2], ["y", 1e-2], ["h", 1e-3], ["v", 1e-2]]) {
-      while (b[name].length < run.first - first) b[name].push(NaN);
-      b[name].push(...sums(run[name], unit));
-    }
-  }
-  return b;
-}
-
-// Pose between two frames; null where the body is absent.
-function pose(b, time) {
-  const at = time - b.first;
-  if (at < 0 || at > b.x.length - 1) return null;
-  const k = Math.min(Math.floor(at), b.x.length - 1), next = Math.min(k + 1, b.x.length - 1), share = at - k;
-  if (b.x[k] !== b.x[k] || b.x[next] !== b.x[next]) return null;
-  const mix = (a) => a[k] + share * (a[next] - a[k]);
-  return { x: mix(b.x), y: mix(b.y), h: mix(b.h), v: mix(b.v) };
-}
-
-const features = data.map.map(({ kind, width, x, y }) => {
-  const xs = sums(x, 1e-2), ys = sums(y, 1e-2), path = new Path2D();
-  xs.forEach((px, k) => (k ? path.lineTo(px, ys[k]) : path.moveTo(px, ys[k])));
-  const margin = (width || 100) / 200;
-  const box = [Math.min(...xs) - margin, Math.min(...ys) - margin, Math.max(...xs) + margin, Math.max(...ys) + margin];
-  return { kind, width: (width || 0) / 100, path, box };
-});
-const traffic = data.traffic.map(body);
-const panels = data.panels.map((p, number) => ({ ...p, number, ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost), escape: p.escape && body(p.escape), shown: p.shown.map((s) => ({ frame: s.frame, x: sums(s.x, 1e-2), y: sums(s.y, 1e-2), log: s.log })) }));
-
-// --- state ---
-
-const view = { time: now, playing: false, rate: 1, scale: 0, isZoomed: false, follow: "ego", centre: null, alone: null, ghost: true };
-const hits = panels.filter((p) => p.contact).map((p) => p.contact.frame);
-
-// --- map tiles: drawn once for each zoom, shared by all panels ---
-
-const TILE = 512, MOST_TILES = 128;
-let tiles = new Map(), tileScale = 0;
-const passes = [
-  ["driveway", "fill", "#ddd3c0"], ["sidewalk", "fill", "#cbb9a4"], ["bike", "lane", "#c3dccd"], ["lane", "lane", "#d3d7dc"], ["crosswalk", "fill", "rgba(255,255,255,.65)"], ["bump", "fill", "rgba(138,109,75,.35)"],
-  ["white", "line", "#fff"], ["white-broken", "dash", "#fff"], ["yellow", "line", "#d9a300"], ["yellow-broken", "dash", "#d9a300"],
-  ["median", "edge", "#8a6d4b"], ["edge", "edge", "#4d4d4d"],
-];
-
-function tile(column, row, scale) {
-  if (scale !== tileScale) { tiles = new Map(); tileScale = scale; }
-  const key = column + "," + row;
-  let canvas = tiles.get(key);
-  if (canvas) return canvas;
-  if (tiles.size >= MOST_TILES) tiles.delete(tiles.keys().next().value);
-  canvas = document.createElement("canvas");
-  canvas.width = canvas.height = TILE;
-  const c = canvas.getContext("2d"), size = TILE / scale, left = column * size, bottom = row * size;
-  c.fillStyle = "#eceae3";
-  c.fillRect(0, 0, TILE, TILE);
-  c.setTransform(scale, 0, 0, -scale, -left * scale, TILE + bottom * scale);
-  c.lineJoin = c.lineCap = "round";
-  const near = features.filter(({ box }) => box[2] >= left && box[0] <= left + size && box[3] >= bottom && box[1] <= bottom + size);
-  for (const [kind, how, tone] of passes) {
-    for (const f of near) {
-      if (f.kind !== kind) continue;
-      c.setLineDash(how === "dash" ? [3, 3] : []);
-      if (how === "fill") { c.fillStyle = tone; c.fill(f.path); continue; }
-      c.strokeStyle = tone;
-      c.lineWidth = how === "lane" ? f.width : Math.max(how === "edge" ? 0.2 : 0.15, (how === "edge" ? 2 : 1) / scale);
-      c.stroke(f.path);
-    }
-  }
-  tiles.set(key, canvas);
-  return canvas;
-}
-
-// --- drawing ---
-
-function car(c, p, b, tone, { stripes = false, outline = "#555d66", dashed = false } = {}) {
-  c.save();
-  c.translate(p.x, p.y);
-  c.rotate(p.h);
-  const l = b.length, w = b.width;
-  c.lineWidth = 0.12;
-  if (dashed) { c.setLineDash([0.5, 0.35]); c.strokeStyle = tone; c.lineWidth = 0.18; c.strokeRect(-l / 2, -w / 2, l, w); c.restore(); return; }
-  c.fillStyle = tone;
-  c.strokeStyle = outline;
-  c.fillRect(-l / 2, -w / 2, l, w);
-  if (stripes) { c.fillStyle = "#fff"; c.fillRect(-0.14 * l, -w / 2, 0.09 * l, w); c.fillRect(-0.35 * l, -w / 2, 0.09 * l, w); }
-  c.fillStyle = "rgba(0,0,0,.35)"; // windscreen: shows where the front is
-  if (l > 2.5) c.fillRect(0.16 * l, -0.42 * w, 0.1 * l, 0.84 * w);
-  c.strokeRect(-l / 2, -w / 2, l, w);
-  c.restore();
-}
-
-function trail(c, b, from, to, tone, width) {
-  c.beginPath();
-  for (let t = Math.max(0, from - b.first), drawn = false; t <= Math.min(b.x.length - 1, to - b.first); t++) {
-    const isThere = b.x[t] === b.x[t];
-    if (isThere) drawn ? c.lineTo(b.x[t], b.y[t]) : c.moveTo(b.x[t], b.y[t]);
-    drawn = isThere;
-  }
-  c.strokeStyle = tone;
-  c.lineWidth = width;
-  c.stroke();
-}
-
-// What the driver showed last; its plan counts until the next one.
-function planAt(panel, time) {
-  return panel.shown.findLast((s) => s.frame <= time && s.x.length);
-}
-
-function line(c, { x, y }, tone, width) {
-  c.beginPath();
-  x.forEach((px, k) => (k ? c.lineTo(px, y[k]) : c.moveTo(px, y[k])));
-  c.strokeStyle = tone;
-  c.lineWidth = width;
-  c.stroke();
-}
-
-function burst(c, x, y, radius) {
-  c.beginPath();
-  for (let k = 0; k < 16; k++) {
-    const r = k % 2 ? 0.45 * radius : radius, a = (k * Math.PI) / 8;
-    c.lineTo(x + r * Math.cos(a), y + r * Math.sin(a));
-  }
-  c.closePath();
-  c.fillStyle = "#f0e442";
-  c.strokeStyle = colour.ink;
-  c.lineWidth = 0.12 * radius;
-  c.fill();
-  c.stroke();
-}
-
-function centre(panel, time) {
-  const ego = pose(panel.ego, time), adversary = panel.adversary && pose(panel.adversary, time);
-  if (view.follow === "free" && view.centre) return view.centre;
-  if (view.follow === "adversary" && adversary) return adversary;
-  if (view.follow === "both" && adversary) return { x: (ego.x + adversary.x) / 2, y: (ego.y + adversary.y) / 2 };
-  return ego;
-}
-
-function fitted(canvas) {
-  const ratio = window.devicePixelRatio || 1, box = canvas.parentElement.getBoundingClientRect();
-  const width = Math.max(1, Math.round(box.width * ratio)), height = Math.max(1, Math.round(box.height * ratio));
-  if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
-  return ratio;
-}
-
-function drawPanel(panel) {
-  const canvas = panel.canvas, c = canvas.getContext("2d"), ratio = fitted(canvas);
-  const time = Math.min(view.time, panel.end), middle = centre(panel, time), scale = view.scale * ratio;
-  const { width, height } = canvas;
-  panel.middle = middle;
-  // Whole pixels: tiles meet without gaps, and the map does not shake under the cars.
-  const x0 = Math.round(middle.x * scale - width / 2), y0 = Math.round(middle.y * scale - height / 2);
-  const left = x0 / scale, bottom = y0 / scale;
-  c.setTransform(1, 0, 0, 1, 0, 0);
-  for (let column = Math.floor(x0 / TILE); column * TILE < x0 + width; column++) {
-    for (let row = Math.floor(y0 / TILE); row * TILE < y0 + height; row++) {
-      c.drawImage(tile(column, row, scale), column * TILE - x0, height - (row * TILE - y0) - TILE);
-    }
-  }
-  c.setTransform(scale, 0, 0, -scale, -x0, height + y0);
-  c.lineJoin = c.lineCap = "round";
-  for (const b of traffic) {
-    const p = pose(b, time);
-    if (!p || p.x < left - 20 || p.x > left + width / scale + 20 || p.y < bottom - 20 || p.y > bottom + height / scale + 20) continue;
-    if (b.kind === "vehicle" || b.length > 2.5) car(c, p, b, colour[b.kind]);
-    else { c.beginPath(); c.arc(p.x, p.y, Math.max(0.5, 4 * ratio / scale), 0, 7); c.fillStyle = colour[b.kind]; c.strokeStyle = colour.ink; c.lineWidth = 0.1; c.fill(); c.stroke(); }
-  }
-  const thin = Math.max(0.15, (1.5 * ratio) / scale);
-  if (panel.ghost && view.ghost) {
-    c.setLineDash([0.8, 0.8]);
-    trail(c, panel.ghost, now, last, "rgba(0,114,178,.55)", thin);
-    if (panel.escape) trail(c, panel.escape, now, last, colour.escape, 1.5 * thin);
-    c.setLineDash([]);
-  }
-  if (panel.adversary) {
-    trail(c, panel.adversary, now, last, "rgba(213,94,0,.35)", thin);
-    trail(c, panel.adversary, 0, Math.floor(time), "rgba(213,94,0,.9)", 1.5 * thin);
-  }
-  trail(c, panel.ego, 0, Math.floor(time), "rgba(0,114,178,.9)", 1.5 * thin);
-  const plan = planAt(panel, time);
-  if (plan) line(c, plan, colour.plan, 2 * thin);
-  const ghost = panel.ghost && view.ghost && pose(panel.ghost, time);
-  const own = pose(panel.ego, time);
-  if (ghost && Math.hypot(ghost.x - own.x, ghost.y - own.y) > 0.3) car(c, ghost, panel.ego, colour.ego, { dashed: true });
-  const escape = panel.escape && view.ghost && pose(panel.escape, time);
-  if (escape) car(c, escape, panel.ego, colour.escape, { dashed: true });
-  const adversary = panel.adversary && pose(panel.adversary, time);
-  if (adversary) car(c, adversary, panel.adversary, colour.adversary, { stripes: true, outline: colour.ink });
-  car(c, own, panel.ego, colour.ego, { outline: colour.ink });
-  if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(1, (7 * ratio) / scale));
-  scaleBar(c, ratio, scale, height);
-  const gap = adversary ? `, ${Math.hypot(adversary.x - own.x, adversary.y - own.y).toFixed(0)} m apart` : "";
-  panel.live.textContent = `${own.v.toFixed(1)} m/s${gap}`;
-  const over = view.time >= panel.end;
-  panel.box.classList.toggle("over", Boolean(over && panel.contact));
-  panel.badge.hidden = !over || (panel.verdict === null && !panel.failed);
-  panel.status.className = over && (panel.contact || panel.failed) ? "over" : "";
-  const said = panel.shown.findLast((s) => s.frame <= time && s.log);
-  panel.log.textContent = said ? `${((said.frame - now) / 10).toFixed(1)} s: ${said.log}` : "";
-  panel.log.hidden = !panel.shown.some((s) => s.log);
-  panel.status.textContent = over ? panel.ending : view.time < now ? panel.history : panel.note;
-  drawStrip(panel, time, ratio);
-}
-
-function scaleBar(c, ratio, scale, height) {
-  const length = [5, 10, 20, 50, 100, 200, 500].find((l) => l * scale >= 50 * ratio) || 500;
-  c.setTransform(1, 0, 0, 1, 0, 0);
-  c.fillStyle = "rgba(255,255,255,.75)";
-  c.fillRect(6 * ratio, height - 24 * ratio, length * scale + 12 * ratio, 19 * ratio);
-  c.strokeStyle = c.fillStyle = colour.ink;
-  c.lineWidth = 2 * ratio;
-  c.beginPath();
-  c.moveTo(12 * ratio, height - 9 * ratio);
-  c.lineTo(12 * ratio + length * scale, height - 9 * ratio);
-  c.stroke();
-  c.font = `${10 * ratio}px system-ui, sans-serif`;
-  c.fillText(`${length} m`, 12 * ratio, height - 13 * ratio);
-}
-
-// Speeds over time: ego, adversary, and the ego without the attack.
-function drawStrip(panel, time, ratio) {
-  const canvas = panel.strip, c = canvas.getContext("2d");
-  fitted(canvas);
-  const { width, height } = canvas, bodies = [panel.ghost && view.ghost && panel.ghost, panel.adversary, panel.ego];
-  const top = Math.max(5, ...bodies.filter(Boolean).map((b) => Math.max(...b.v.filter((v) => v === v))));
-  const x = (frame) => 34 * ratio + (frame / last) * (width - 42 * ratio), y = (v) => height - 5 * ratio - (v / top) * (height - 12 * ratio);
-  c.setTransform(1, 0, 0, 1, 0, 0);
-  c.clearRect(0, 0, width, height);
-  c.font = `${9.5 * ratio}px system-ui, sans-serif`;
-  c.fillStyle = "#555";
-  c.textBaseline = "middle";
-  c.fillText(`${top.toFixed(0)} m/s`, 3 * ratio, y(top) + 3 * ratio);
-  c.fillText("0", 3 * ratio, y(0) - 1 * ratio);
-  c.strokeStyle = "#ddd";
-  c.lineWidth = ratio;
-  c.strokeRect(x(now), y(top), 0, y(0) - y(top));
-  const tones = [["rgba(0,114,178,.6)", [4, 3]], [colour.adversary, []], [colour.ego, []]];
-  bodies.forEach((b, k) => {
-    if (!b) return;
-    c.beginPath();
-    b.v.forEach((v, t) => { if (v === v) c.lineTo(x(b.first + t), y(v)); });
-    c.strokeStyle = tones[k][0];
-    c.setLineDash(tones[k][1].map((d) => d * ratio));
-    c.lineWidth = 1.4 * ratio;
-    c.stroke();
-  });
-  c.setLineDash([]);
-  if (panel.contact) { c.fillStyle = "#b00020"; c.fillRect(x(panel.contact.frame) - ratio, y(top), 2 * ratio, y(0) - y(top)); }
-  c.fillStyle = colour.ink;
-  c.fillRect(x(time) - 0.5 * ratio, 0, ratio, height);
-}
-
-let waiting = false;
-function redraw() {
-  if (waiting) return;
-  waiting = true;
-  requestAnimationFrame(() => {
-    waiting = false;
-    if (!view.scale) view.scale = firstScale();
-    panels.filter((p) => !p.box.hidden && p.isVisible).forEach(drawPanel);
-    element("time").value = view.time;
-    element("clock").textContent = `${((view.time - now) / 10).toFixed(1)} s`;
-    element("play").textContent = view.playing ? "Pause" : "Play";
-  });
-}
-
-// About 45 m across the smaller side of a view, or 90 m across the larger one.
-function firstScale() {
-  const box = panels.find((p) => !p.box.hidden).canvas.parentElement.getBoundingClientRect();
-  return Math.max(2, Math.min(Math.min(box.width, box.height) / 45, Math.max(box.width, box.height) / 90));
-}
-
 // --- layout and controls ---
 
 function build() {
@@ -299,15 +10,15 @@ function build() {
   element("escape-legend").hidden = !panels.some((p) => p.escape);
   if (!panels.some((p) => p.adversary)) element("adversary-legend").hidden = true;
   if (!panels.some((p) => p.adversary)) element("follow").querySelectorAll("[value=adversary],[value=both]").forEach((o) => o.remove());
-  const mark = (frame, name) => { const i = document.createElement("i"); i.className = name; i.style.left = `${(100 * frame) / last}%`; element("marks").append(i); };
+  const mark = (frame, name) => { const i = document.createElement("i"); i.className = name; i.style.left = `${(100 * frame) / last}%`; element("marks").append(i); return i; };
   mark(now, "now");
-  hits.forEach((frame) => mark(frame, "hit"));
   for (const panel of panels) {
     const make = (tag, parent, name) => { const e = document.createElement(tag); if (name) e.className = name; parent.append(e); return e; };
+    panel.mark = panel.contact && mark(panel.contact.frame, "hit");
     panel.box = make("section", element("panels"), "panel");
     const head = make("h2", panel.box);
     head.title = "Show this drive alone, or all";
-    make("b", head).textContent = panel.name;
+    make("b", head).textContent = title(panel);
     panel.badge = make("em", head, panel.verdict || panel.failed ? "hit" : "");
     panel.badge.textContent = panel.failed ? "planner failed" : panel.verdict ? "attack" : "no attack";
     panel.live = make("span", head);
@@ -315,12 +26,12 @@ function build() {
     panel.history = panel.verdict === null ? "Before now." : "Before now: the attack begins at 0 s.";
     const area = make("div", panel.box, "view");
     panel.canvas = make("canvas", area);
-    panel.canvas.setAttribute("aria-label", `Drive of ${panel.name} from above`);
+    panel.canvas.setAttribute("aria-label", `Drive of ${title(panel)} from above`);
     panel.strip = make("canvas", make("div", panel.box, "strip"));
     panel.status = make("p", panel.box);
     panel.log = make("pre", panel.box);
     panel.log.title = "What the planner wrote to its log";
-    head.addEventListener("click", () => alone(view.alone === null ? panel.number : null));
+    head.addEventListener("click", () => alone(view.alone === null ? unit(panel) : null));
     panel.isVisible = true;
     drag(area, panel);
   }
@@ -330,20 +41,47 @@ function build() {
     redraw();
   });
   panels.forEach((p) => seen.observe(p.box));
+  if (groups.length) buildSweep();
+  if (typeof data.back === "string" && /^[\w.][^:]*$/.test(data.back)) {
+    element("index").href = data.back;
+    element("index").hidden = false;
+  }
+  openLink() || alone(null);
+}
+
+function show() {
+  const order = units();
+  for (const p of panels) {
+    // The observer would report a box that appears one frame late.
+    if (p.box.hidden && isShown(p)) p.isVisible = true;
+    p.box.hidden = !isShown(p);
+    if (groups.length) p.box.style.order = order.indexOf(unit(p));
+    if (p.mark && (groups.length || hasLinks)) p.mark.hidden = p.box.hidden;
+  }
+  element("every").hidden = !hasLinks || view.alone === null || units().length === 1;
+  // The address must not name a drive that is no longer the one shown.
+  const panel = linked();
+  if (panel && (view.alone === null || panel.box.hidden)) history.replaceState(null, "", location.href.split("#")[0]);
+  redraw();
+}
+
+function alone(chosen) {
+  view.alone = chosen;
+  view.isZoomed = false;
+  show();
   arrange();
 }
 
-function alone(number) {
-  view.alone = number;
-  view.isZoomed = false;
-  panels.forEach((p) => (p.box.hidden = number !== null && p.number !== number));
-  arrange();
+// A row of drives becomes a row of boxes; rows of one box each become one row.
+function boxesInRow() {
+  const wide = new Set(panels.slice(0, data.columns).map(unit)).size;
+  return view.all ? data.columns : wide > 1 ? wide : units().length;
 }
 
 // Columns as in the data if there is room for them, else as many as fit.
 function arrange() {
   const shown = panels.filter((p) => !p.box.hidden).length, room = Math.max(1, Math.floor(element("panels").clientWidth / 280));
-  const wanted = shown === 1 ? 1 : Math.min(data.columns, shown);
+  const wanted = shown === 1 ? 1 : Math.min(boxesInRow(), shown);
   // On a wide page each driver keeps its row, even if it has to be scrolled; on a narrow one rows wrap.
   const [columns, least] = wanted > room && room > 2 ? [wanted, "240px"] : [Math.min(wanted, room), "0"];
   element("panels").style.gridTemplateColumns = `repeat(${columns}, minmax(${least}, 1fr))`;
@@ -351,7 +89,8 @@ function arrange() {
   // Room for the longest text, so that the view keeps its size when the text changes.
   const tallest = (p) => {
     p.status.style.height = "auto";
-    return Math.max(...[p.note, p.ending, p.history].map((words) => { p.status.textContent = words; return p.status.offsetHeight; }));
+    const members = unit(p).members || [p]; // the slider does not change the size either
+    return Math.max(...[...new Set(members.flatMap((m) => [m.note, m.ending, m.history]))].map((words) => { p.status.textContent = words; return p.status.offsetHeight; }));
   };
   const height = Math.max(...panels.filter((p) => !p.box.hidden).map(tallest));
   panels.forEach((p) => (p.status.style.height = `${height}px`));
@@ -393,7 +132,10 @@ function drag(area, panel) {
 }
 
 function follow(what) {
-  if (what === "free" && !view.centre) view.centre = { ...panels.find((p) => !p.box.hidden).middle };
+  if (what === "free" && !view.centre) {
+    const panel = panels.find((p) => !p.box.hidden); // perhaps not drawn yet
+    view.centre = { ...centre(panel, Math.min(view.time, panel.end)) };
+  }
   if (what !== "free") view.centre = null;
   view.follow = element("follow").value = what;
   redraw();
@@ -444,17 +186,24 @@ element("in").addEventListener("click", () => zoom(1.25));
 element("out").addEventListener("click", () => zoom(0.8));
 element("ghost").addEventListener("change", (e) => { view.ghost = e.target.checked; redraw(); });
 element("help").addEventListener("click", (e) => { element("keys").hidden = !element("keys").hidden; e.target.setAttribute("aria-expanded", String(!element("keys").hidden)); arrange(); });
+element("every").addEventListener("click", () => alone(null));
+window.addEventListener("hashchange", () => {
+  if (!openLink() && hasLinks && location.hash.length < 2 && view.alone !== null) alone(null);
+});
 document.addEventListener("keydown", (e) => {
-  if (e.ctrlKey || e.metaKey || e.altKey || (e.target.tagName === "SELECT" && e.key !== "Escape")) return;
+  // Some keyboards type brackets with AltGr or Option.
+  const isBracket = e.altKey && !e.metaKey && (e.key === "[" || e.key === "]");
+  if (((e.ctrlKey || e.metaKey || e.altKey) && !isBracket) || (e.target.tagName === "SELECT" && e.key !== "Escape")) return;
   const key = e.key.length === 1 ? e.key.toLowerCase() : e.key;
   // Space also presses the button and ticks the box that the keyboard is on.
   if (e.key === " " && ((e.target.tagName === "BUTTON" && e.target.id !== "play") || e.target.type === "checkbox")) return;
-  const digit = Number(key);
-  const action = keys[key] || (digit >= 1 && digit <= panels.length && key !== " " ? () => alone(digit - 1) : null);
+  if (e.target.id === "value" && /^(Arrow|Home|End|Page)/.test(e.key)) return;
+  const digit = Number(key), boxes = units();
+  const action = keys[key] || (digit >= 1 && digit <= boxes.length && key !== " " ? () => alone(boxes[digit - 1]) : null);
   if (action) { e.preventDefault(); action(e); }
 });
-// What the mouse used does not keep the keyboard.
-document.querySelectorAll("nav button, nav input").forEach((e) => e.addEventListener("click", (event) => event.detail && e.blur()));
+// What the mouse used does not keep the keyboard, except the slider of a sweep.
+document.querySelectorAll("nav button, nav input:not(#value)").forEach((e) => e.addEventListener("click", (event) => event.detail && e.blur()));
 document.querySelectorAll("nav select").forEach((e) => e.addEventListener("change", () => e.blur()));
 window.addEventListener("resize", arrange);
 build();

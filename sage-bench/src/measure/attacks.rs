@@ -18,7 +18,11 @@ use sage_sim::{
     unattacked::UnattackedDrive,
 };
 
-use super::{ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell, infos};
+use super::{
+    ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell,
+    ego_samples::{self, EgoSamples},
+    infos,
+};
 use crate::{
     Registries,
     ego::Ego,
@@ -36,6 +40,8 @@ pub const RECORDING: &str = "recording";
 pub struct MeasuredPlan {
     trajectory: Option<MeasuredTrajectory>,
     avoidable: Option<Avoidable>,
+    /// Share of the ego's predictions that it touches.
+    pub(super) samples_hit: Option<f64>,
     choice: Option<Choice>,
 }
 
@@ -48,9 +54,13 @@ pub struct Choice {
 }
 
 impl MeasuredPlan {
+    /// Whether it is an attack on the ego's path.
+    pub(super) fn is_attack(&self) -> bool {
+        self.trajectory.as_ref().is_none_or(MeasuredTrajectory::is_attack)
+    }
+
     fn avoidable_attack(&self) -> Option<&Avoidable> {
-        let is_attack = self.trajectory.as_ref().is_none_or(MeasuredTrajectory::is_attack);
-        self.avoidable.as_ref().filter(|_| is_attack)
+        self.avoidable.as_ref().filter(|_| self.is_attack())
     }
 }
 
@@ -79,6 +89,7 @@ struct Prepared<'a> {
     /// `None` if trajectories are not measured.
     measured: Option<MeasuredScene<'a>>,
     avoidance: Option<Avoidance>,
+    samples: Option<EgoSamples>,
 }
 
 /// Generators and drivers of a study.
@@ -118,6 +129,8 @@ impl Attacks {
         if study.avoidable.is_some() && study.measures(Subject::Trajectory) {
             // The search was asked for, so its metrics are shown.
             let of_search = registries.metrics.avoidable.all().iter().map(|m| m.info.name.to_string());
+            let of_samples = ego_samples::metrics().map(|m| m.info.name.to_string());
+            let of_search = of_search.chain(of_samples);
             names.extend(of_search.filter(|name| !listed(Subject::Trajectory).contains(name)));
         }
         let is_built_in = |name: &&String| {
@@ -271,7 +284,9 @@ impl Attacks {
         let measured = is_measured.then(|| MeasuredScene::new(ctx.clone(), data, prior, &self.further));
         let is_searched = self.searches[0] || !self.targets.is_empty();
         let avoidance = is_searched.then(|| Avoidance::new(&ctx, self.search));
-        Ok(Prepared { measured: measured.transpose()?, avoidance: avoidance.transpose()?, ctx })
+        let is_sampled = is_measured && self.searches[0];
+        let samples = is_sampled.then(|| EgoSamples::of(data, &ctx, prior)).transpose()?;
+        Ok(Prepared { measured: measured.transpose()?, avoidance: avoidance.transpose()?, samples, ctx })
     }
 
     fn of_group(
@@ -311,7 +326,7 @@ impl Attacks {
         test: Option<&AttackTest>,
         first: usize,
     ) -> Result<Vec<Cell>> {
-        let Prepared { ctx, measured, avoidance } = prepared;
+        let Prepared { ctx, measured, avoidance, samples } = prepared;
         let clock = Instant::now();
         let attacks = built.attacks(ctx, self.seed)?;
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
@@ -320,7 +335,9 @@ impl Attacks {
             if let Some(scene) = measured {
                 let trajectory = scene.measured(attack, seconds)?;
                 let avoidable = avoidance.as_ref().map(|avoidance| avoidance.of(&trajectory.candidate));
-                let plan = MeasuredPlan { trajectory: Some(trajectory), avoidable, choice: None };
+                let samples_hit = samples.as_ref().map(|samples| samples.share_hit(&trajectory.candidate));
+                let plan =
+                    MeasuredPlan { trajectory: Some(trajectory), avoidable, samples_hit, choice: None };
                 cells.push(cell(key, &self.plans, &plan));
                 key += 1;
             }
@@ -371,7 +388,9 @@ fn plan_metrics(
     let of_choice = choice_metrics();
     let of_choice = of_choice.iter().filter(|_| !study.react.is_empty());
     let of_choice = of_choice.map(|m| m.of_part(|p: &MeasuredPlan| p.choice.as_ref()));
-    Ok(Metrics::default().with_all(own.chain(of_search).chain(of_choice).collect::<Vec<_>>())?)
+    let of_samples = ego_samples::metrics();
+    Ok(Metrics::default()
+        .with_all(own.chain(of_search).chain(of_samples).chain(of_choice).collect::<Vec<_>>())?)
 }
 
 impl Measurement for Attacks {

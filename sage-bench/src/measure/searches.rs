@@ -13,9 +13,7 @@ use sage_generators::GeneratorInputs;
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
-    search::{
-        Clause, MOST_PLANS, MeasuredSearch, MeasuredThreshold, Order, SearchOptions, threshold::evaluate_each,
-    },
+    search::{Clause, MOST_PLANS, MeasuredSearch, MeasuredThreshold, Order, SearchOptions, evaluate_each},
 };
 use serde::Deserialize;
 use serde_json::Value;
@@ -240,6 +238,9 @@ impl Searches {
     ) -> Result<Cell> {
         let plans: Vec<Proposal> = method.plans.proposals(ctx, self.seed)?.into_iter().flatten().collect();
         let evaluated = evaluate_each(test, ctx, self.rule.rule(), &plans, &method.options)?;
+        if let Some(error) = evaluated.iter().flatten().find_map(|evaluated| evaluated.error.as_ref()) {
+            return Err(anyhow!("{error}"));
+        }
         let require = method.options.require;
         let fails = |evaluated: &Option<_>| {
             evaluated

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Criticality, SideHit, Situation};
+use crate::geometry::OrientedBox;
 
 /// Collision types, defined by the side of the ego that is hit and the angle between the headings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -46,9 +47,13 @@ impl CollisionType {
     /// Collision type of a candidate that touches the ego; `None` without contact.
     pub fn of(situation: &Situation, criticality: &Criticality) -> Option<Self> {
         let step = situation.encounter.contact?;
-        let ([a, b], [c, d]) = (situation.ego.box_at(step)?.axis, situation.candidate.boxes()[step - 1].axis);
-        let turn = (a * d - b * c).atan2(a * c + b * d).abs();
-        Some(Self::classify(criticality.side_hit?, turn))
+        let (ego, adversary) = (situation.ego.box_at(step)?, &situation.candidate.boxes()[step - 1]);
+        Some(Self::classify(criticality.side_hit?, turn(ego, adversary)))
+    }
+
+    /// Collision type of two boxes that touch.
+    pub fn between(ego: &OrientedBox, adversary: &OrientedBox) -> Self {
+        Self::classify(SideHit::of(ego, adversary), turn(ego, adversary))
     }
 
     fn classify(side: SideHit, turn: f64) -> Self {
@@ -62,6 +67,12 @@ impl CollisionType {
             _ => Self::SideImpact,
         }
     }
+}
+
+/// Angle between the headings of two boxes, rad, 0 to π.
+fn turn(ego: &OrientedBox, adversary: &OrientedBox) -> f64 {
+    let ([a, b], [c, d]) = (ego.axis, adversary.axis);
+    (a * d - b * c).atan2(a * c + b * d).abs()
 }
 
 #[cfg(test)]

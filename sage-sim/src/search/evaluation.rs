@@ -1,13 +1,16 @@
 //! Drives against one plan, and answers the clauses.
 
+use std::collections::HashMap;
+
 use sage_core::{
+    generator::Proposal,
     geometry::Point,
     motion::{DT, NOW},
-    objective::{Context, EgoPaths, Situation, is_believable},
+    objective::{Context, EgoPaths, Feasibility, Situation, is_believable},
 };
 use serde::{Deserialize, Serialize};
 
-use super::{Clause, Clauses, PoolPlan, Requirement};
+use super::{Clause, Clauses, PoolPlan, Requirement, SearchOptions};
 use crate::{
     Error,
     attack_test::{AttackOutcome, AttackTest},
@@ -171,6 +174,44 @@ impl<'t> Evaluator<'t> {
             class: contact.class,
         })
     }
+}
+
+/// Drives against each of some plans and answers the clauses; `None` for a plan that is not feasible. Equal plans are
+/// driven once. `ctx` is that of the unattacked drive.
+///
+/// *Errors*: options of the search for evasive manoeuvres that are out of range. An error of the driver is noted in its drive.
+pub fn evaluate_each(
+    test: &AttackTest,
+    ctx: &Context,
+    rule: &dyn Feasibility,
+    plans: &[Proposal],
+    options: &SearchOptions,
+) -> Result<Vec<Option<Evaluated>>, Error> {
+    options.avoidable.check()?;
+    let evaluator = Evaluator::new(test, ctx, options.require, options.avoidable);
+    let mut known: HashMap<Vec<u64>, Option<Evaluated>> = HashMap::new();
+    let mut all = Vec::with_capacity(plans.len());
+    for (number, proposal) in plans.iter().enumerate() {
+        let bits: Vec<u64> =
+            proposal.trajectory.points().as_flattened().iter().map(|x| x.to_bits()).collect();
+        if let Some(evaluated) = known.get(&bits) {
+            all.push(evaluated.clone());
+            continue;
+        }
+        let candidate = ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
+        let evaluated = if rule.is_feasible(&candidate, ctx) {
+            let plan = PoolPlan { proposal: proposal.clone(), source: 0, candidate };
+            Some(match evaluator.drive(&plan) {
+                Ok((outcome, path)) => evaluator.evaluate(number, &plan, &outcome, &path)?,
+                Err(error) => Evaluated::failed(number, error.to_string()),
+            })
+        } else {
+            None
+        };
+        known.insert(bits, evaluated.clone());
+        all.push(evaluated);
+    }
+    Ok(all)
 }
 
 /// The ego's path in an attacked drive: as driven up to the contact, then straight on at constant velocity. A policy that

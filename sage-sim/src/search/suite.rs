@@ -14,7 +14,7 @@ use sage_core::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Clauses, Evaluated, Met, Requirement, SearchOptions, threshold::evaluate_each};
+use super::{Clauses, Evaluated, Met, Requirement, SearchOptions, evaluate_each};
 use crate::{Error, attack_test::AttackTest, avoidable::AvoidanceOptions};
 
 /// Version of the format.
@@ -76,6 +76,8 @@ pub struct Found {
     pub contact: Option<Met>,
     /// Its clauses.
     pub clauses: Clauses,
+    /// Name of its cluster: type of the collision, what the driver does, its speed.
+    pub cluster: String,
 }
 
 /// Hash of a plan.
@@ -166,6 +168,7 @@ mod tests {
                 plan: Map::new(),
                 contact: None,
                 clauses: Clauses::default(),
+                cluster: "cut-in, ego brakes, 5 to 10 m/s".to_owned(),
             },
         };
         Suite {

@@ -275,6 +275,11 @@ impl SceneRow {
         &self.head.scene
     }
 
+    /// Track of the adversary.
+    pub(in crate::commands) fn adversary(&self) -> &str {
+        &self.head.adversary
+    }
+
     /// Number of failures.
     pub(in crate::commands) fn failures(&self) -> usize {
         self.failures

@@ -20,6 +20,7 @@ use super::{Attacked, attack_file, row::AttackRow};
 use crate::{
     attackers::{Attackers, GeneratorAtPoints},
     contact_row::step,
+    operating_point::OperatingPointSpec,
     scene_queue::Failure,
 };
 
@@ -38,6 +39,8 @@ pub(super) struct PlannedDrive {
     pub(super) described: Map<String, Value>,
     /// Name of the operating point on the page; empty without a generator.
     pub(super) label: String,
+    /// What differs between the drives of a sweep, and its value.
+    pub(super) swept: Option<(&'static str, f64)>,
     /// `None` for the scene as it is.
     pub(super) attack: Option<PlannedAttack>,
 }
@@ -106,14 +109,14 @@ impl<'a> SceneAttacks<'a> {
         match self {
             Self::AsItIs(known) => {
                 let described = complete(known.clone());
-                Ok(vec![PlannedDrive { described, label: String::new(), attack: None }])
+                Ok(vec![PlannedDrive { described, label: String::new(), swept: None, attack: None }])
             }
             Self::Given(trajectory, described) => {
                 let ctx = context()?;
                 let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
                 let attack = Some(PlannedAttack::of(&ctx, &avoidance, trajectory.clone()));
                 let described = complete(described.clone());
-                Ok(vec![PlannedDrive { described, label: String::new(), attack }])
+                Ok(vec![PlannedDrive { described, label: String::new(), swept: None, attack }])
             }
             Self::Generated(attackers, attacker) => {
                 let (ctx, built) = (context()?, &attacker.built);
@@ -124,12 +127,20 @@ impl<'a> SceneAttacks<'a> {
                     let uses_point = built.facts.uses_operating_point();
                     let label = if uses_point { point.long_label() } else { attackers.method.to_string() };
                     let attack = PlannedAttack::of(&ctx, &avoidance, attack.trajectory().clone());
-                    Ok(PlannedDrive { described: attackers.describe(point), label, attack: Some(attack) })
+                    let swept = swept(point).filter(|_| uses_point);
+                    let described = attackers.describe(point);
+                    Ok(PlannedDrive { described, label, swept, attack: Some(attack) })
                 });
                 planned.collect()
             }
         }
     }
+}
+
+/// The axis of an operating point, if it is one number.
+fn swept(point: &OperatingPointSpec) -> Option<(&'static str, f64)> {
+    let by_lambda = point.lambda.map(|lambda| ("lambda", lambda));
+    point.aggression.map(|aggression| ("aggression", aggression)).or(by_lambda)
 }
 
 impl PlannedAttack {

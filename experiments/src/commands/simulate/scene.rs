@@ -22,9 +22,12 @@ use super::{
 use crate::{
     ego::Ego,
     output::DatasetRun,
-    player::{self, Panel},
+    player::{self, Panel, Sweep},
     scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
+
+/// Most drives of a driver that are shown side by side. More share a box with a slider.
+const MOST_BESIDE: usize = 5;
 
 /// Name of the page of a scene.
 pub(super) fn page_file(scene: &str) -> String {
@@ -102,6 +105,7 @@ struct DrivenRow {
     /// Number among the drives of its driver.
     variant: usize,
     label: String,
+    swept: Option<(&'static str, f64)>,
     plan: Option<Plan>,
     /// Step of the planned contact with the drive before.
     contact: Option<usize>,
@@ -166,6 +170,7 @@ impl SceneDrives<'_> {
                         ego: number,
                         variant: 0,
                         label,
+                        swept: None,
                         plan: None,
                         contact: None,
                         result,
@@ -194,7 +199,7 @@ impl SceneDrives<'_> {
         let test = self.attacks.has_attack().then(|| AttackTest::new(&*ego.policy, simulated, seed));
         let test = test.transpose().with_context(failed)?;
         for (variant, planned) in self.attacks.planned(test.as_ref())?.into_iter().enumerate() {
-            let (label, described) = (planned.label, planned.described);
+            let (label, swept, described) = (planned.label, planned.swept, planned.described);
             let contact = planned.attack.as_ref().and_then(|attack| attack.contact);
             let plan =
                 planned.attack.as_ref().map(|a| Plan::of_adversary(scene, &a.trajectory)).transpose()?;
@@ -214,7 +219,7 @@ impl SceneDrives<'_> {
                 }
                 Err(error) => DriveResult::Failed(PlannerFailure::of(error)?),
             };
-            rows.push(DrivenRow { ego: number, variant, label, plan, contact, result });
+            rows.push(DrivenRow { ego: number, variant, label, swept, plan, contact, result });
         }
         Ok(test.map(|test| test.unattacked().clone()))
     }
@@ -244,6 +249,7 @@ impl SceneDrives<'_> {
         driven: &'r DrivenRow,
         unattacked: &'r [Option<Drive>],
         adversary: Option<&'r Track>,
+        is_sweep: bool,
     ) -> Option<Panel<'r>> {
         let egos = &self.simulation.egos;
         let own: Option<&Track> = driven.plan.as_ref().map(|plan| &plan.motion).or(adversary);
@@ -251,9 +257,13 @@ impl SceneDrives<'_> {
         let names = [&*egos[driven.ego].label, &*label];
         let name = names.into_iter().filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", ");
         let unattacked = unattacked[driven.ego].as_ref();
+        let sweep = driven.swept.filter(|_| is_sweep);
+        let sweep = sweep.map(|(axis, value)| Sweep { group: driven.ego, axis, value });
         Some(match &driven.result {
             DriveResult::Driven(episode, row) => Panel {
                 name,
+                id: String::new(),
+                sweep,
                 drive: &episode.drive,
                 contact: episode.first_contacts().next(),
                 adversary: own,
@@ -269,6 +279,8 @@ impl SceneDrives<'_> {
             },
             DriveResult::Failed(failure) => Panel {
                 name,
+                id: String::new(),
+                sweep,
                 drive: failure.drive.as_deref()?,
                 contact: None,
                 adversary: own,
@@ -292,12 +304,12 @@ impl SceneDrives<'_> {
     ) -> Result<SceneReport> {
         let egos = &self.simulation.egos;
         let adversary = scene.adversary.map(|k| &scene.tracks[k]);
-        let panel = |driven| self.panel(driven, unattacked, adversary);
-        let panels: Vec<Panel> = rows.iter().filter_map(panel).collect();
         let per_ego = rows.len() / egos.len().max(1);
+        let panel = |driven| self.panel(driven, unattacked, adversary, per_ego > MOST_BESIDE);
+        let panels: Vec<Panel> = rows.iter().filter_map(panel).collect();
         let columns = if per_ego > 1 { per_ego } else { rows.len() };
         let titles = [self.name, &self.simulation.subtitle];
-        let page = player::page(scene, titles, &panels, columns)?;
+        let page = player::page(scene, titles, &panels, columns, None)?;
         let mut all = vec![(page_file(self.name), page.into_bytes())];
         let (mut lines, mut failures) = (Vec::new(), Vec::new());
         let names: Vec<(usize, &str, String)> = self.simulation.files(self.name).collect();

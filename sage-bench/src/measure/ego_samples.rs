@@ -1,0 +1,77 @@
+//! Avoidability as predictions of the ego say it: an attack is avoidable if one of them does not touch the adversary.
+//!
+//! It differs from a search for an evasive manoeuvre: predictions are what the ego might do by itself, from *now* on and
+//! without seeing the attack, and there are few of them. That all touch the adversary does not mean that a driver who
+//! brakes or steers must.
+
+use anyhow::Result;
+use sage_backbones::{
+    Backbone,
+    candidates::Selection,
+    prediction::{Predicted, predict},
+};
+use sage_core::{
+    metric::Metric,
+    objective::{Candidate, Context, EgoPaths, Encounter},
+    scene::SceneData,
+    seed::Rng,
+};
+
+use super::MeasuredPlan;
+
+/// Predictions of the ego.
+const SAMPLES: usize = 32;
+/// Least distance of their ends, metres.
+const APART: f32 = 2.0;
+
+/// The ego's most likely predictions under the prior.
+pub struct EgoSamples(Context);
+
+impl EgoSamples {
+    /// Predicts the ego from the observation up to *now*.
+    ///
+    /// *Errors*: those of the prior.
+    pub fn of(data: &SceneData, ctx: &Context, prior: &dyn Backbone) -> Result<Self> {
+        let features = prior.features(&data.observe()?, data.scene.ego, None)?;
+        let rng = &mut Rng::new(0, &data.scene.id, "ego samples");
+        let predicted = predict(prior, features.into(), SAMPLES, Selection::Nms { radius: APART }, rng)?;
+        let path = |paths: Option<EgoPaths>, one: &Predicted| -> Result<Option<EgoPaths>> {
+            let positions = one.trajectory.points().to_vec();
+            let what = "a prediction of the ego";
+            Ok(Some(match paths {
+                None => EgoPaths::one(what, positions, None)?,
+                Some(paths) => paths.and(what, 1.0, positions, None)?,
+            }))
+        };
+        let paths = predicted.iter().try_fold(None, path)?;
+        Ok(Self(paths.map_or_else(|| Ok(ctx.clone()), |paths| ctx.with_ego(&paths))?))
+    }
+
+    /// Share of the predictions that a trajectory of the adversary touches.
+    pub fn share_hit(&self, candidate: &Candidate) -> f64 {
+        let paths = self.0.egos();
+        let hit = paths.iter().filter(|path| Encounter::of(candidate, path).contact.is_some()).count();
+        hit as f64 / paths.len() as f64
+    }
+}
+
+/// Metrics of the predictions of the ego.
+pub(super) fn metrics() -> [Metric<MeasuredPlan>; 3] {
+    type P = MeasuredPlan;
+    let hits_all = |plan: &P| Some(plan.samples_hit? >= 1.0);
+    [
+        Metric::mean("predictions hit", |plan: &P| plan.samples_hit)
+            .about("share of 32 predictions of the ego that the trajectory touches")
+            .costly(),
+        Metric::share("hits all predictions", hits_all)
+            .about("it touches all of them")
+            .less_is_better()
+            .costly(),
+        Metric::share("hits all predictions, of the attacks", move |plan: &P| {
+            hits_all(plan).filter(|_| plan.is_attack())
+        })
+        .about("the same, of the attacks")
+        .less_is_better()
+        .costly(),
+    ]
+}

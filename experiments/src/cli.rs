@@ -33,7 +33,7 @@ pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use reading::ReadingArgs;
 pub(crate) use searching::{SearchArgs, SearchFormat};
 pub(crate) use studies::{ReportArgs, StudyArgs};
-pub(crate) use testing::{Keep, SuiteArgs, TestArgs};
+pub(crate) use testing::{FailureReportArgs, Keep, SuiteArgs, TestArgs};
 pub(crate) use theory::TheoryArgs;
 pub(crate) use training::TrainEgoArgs;
 
@@ -78,6 +78,7 @@ pub(crate) enum Command {
     Generate(GenerateArgs),
     Simulate(SimulateArgs),
     Search(Box<SearchArgs>),
+    Report(FailureReportArgs),
     Suite(SuiteArgs),
     Test(TestArgs),
     TrainEgo(TrainEgoArgs),

@@ -31,6 +31,7 @@ impl Cli {
             Command::Generate(args) => commands::generate::run(&args, registries),
             Command::Simulate(args) => commands::simulate::run(&args, registries),
             Command::Search(args) => commands::search::run(&args, registries),
+            Command::Report(args) => commands::report::run(&args),
             Command::Suite(args) => commands::suite::run(&args),
             Command::Test(args) => commands::test::run(&args, registries),
             Command::TrainEgo(args) => commands::train_ego::run(&args, registries),

@@ -28,6 +28,7 @@ mod commands;
 pub mod contact_row;
 mod dispatch;
 pub mod drawing;
+mod html_page;
 mod input;
 mod junit;
 mod networks;

@@ -4,7 +4,7 @@
 //! milliradians, centimetres per second, each as the difference to the number before. It needs no network.
 
 mod encoding;
-mod map;
+pub(crate) mod map;
 
 use anyhow::Result;
 use sage_core::{
@@ -21,6 +21,7 @@ use sage_sim::{
 };
 use serde::Serialize;
 
+use crate::html_page;
 use encoding::{EncodedBody, FrameState};
 use map::EncodedFeature;
 
@@ -46,13 +47,18 @@ pub(crate) struct Panel<'a> {
     pub(crate) id: String,
     /// Its place in a sweep.
     pub(crate) sweep: Option<Sweep>,
-    pub(crate) drive: &'a Drive,
+    /// Motion of the ego at each frame, up to its first contact.
+    pub(crate) motions: &'a [Motion],
+    /// Last frame of the drive.
+    pub(crate) end: usize,
+    /// What its driver showed.
+    pub(crate) shown: &'a [Shown],
     /// The contact that ends it.
-    pub(crate) contact: Option<&'a EpisodeContact>,
+    pub(crate) contact: Option<Meeting>,
     /// What the adversary does, if there is one.
     pub(crate) adversary: Option<&'a Track>,
-    /// The same driver without the attack; the page shows it up to its first contact.
-    pub(crate) unattacked: Option<&'a Drive>,
+    /// The same driver without the attack, up to its first contact.
+    pub(crate) unattacked: Option<&'a [Motion]>,
     /// The last evasive manoeuvre of that drive, from its start to frame 90: box centres and headings.
     pub(crate) evasion: Option<&'a [[f64; 3]]>,
     /// Whether the attack works; `None` without an attack.
@@ -63,6 +69,26 @@ pub(crate) struct Panel<'a> {
     pub(crate) note: String,
     /// Says how it ended.
     pub(crate) ending: String,
+}
+
+/// Where two boxes meet.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Meeting {
+    pub(crate) frame: usize,
+    /// Boxes of the ego and of the other.
+    pub(crate) areas: [OrientedBox; 2],
+}
+
+impl From<&EpisodeContact> for Meeting {
+    fn from(hit: &EpisodeContact) -> Self {
+        Self { frame: hit.contact.step, areas: hit.contact.areas }
+    }
+}
+
+/// The part of a drive that a page shows: up to its first contact.
+pub(crate) fn shown_part(drive: &Drive) -> &[Motion] {
+    let end = drive.contacts.first().map_or(LAST_FRAME, |contact| contact.step.min(LAST_FRAME));
+    &drive.motions[..drive.motions.len().min(end + 1)]
 }
 
 /// Drives that differ in one value share a box of the page, and a slider chooses which of them it shows.
@@ -139,7 +165,7 @@ pub(crate) fn page(
     // World coordinates reach 100 km, so the page counts from the ego's start.
     let origin = scene.ego().point(0);
     let driven = Aabb::of(panels.iter().flat_map(|panel| {
-        let ego = panel.drive.motions.iter().map(|motion| motion.position);
+        let ego = panel.motions.iter().map(|motion| motion.position);
         let other = panel.adversary.into_iter().flat_map(|track| states(track, [0.0, 0.0]).map(|s| s.1.at));
         ego.chain(other).collect::<Vec<Point>>()
     }));
@@ -157,20 +183,12 @@ pub(crate) fn page(
             traffic: traffic(scene, panels, &area, origin),
             panels: panels.iter().map(|panel| encoded(panel, scene, origin)).collect(),
         };
-        // Within a script element only `<` could end the data.
-        text = serde_json::to_string(&data)?.replace('<', "\\u003c");
+        text = html_page::embedded(&data)?;
         if text.len() + PAGE.len() + STYLE.len() + SCRIPT.len() <= LIMIT {
             break;
         }
     }
-    let title = crate::terminal::escaped_html(title);
-    // The data come last: a title may hold the name of another part.
-    let page = PAGE.replace("{{STYLE}}", STYLE).replace("{{SCRIPT}}", SCRIPT);
-    let parts = page.split_once("{{TITLE}}").and_then(|(head, rest)| {
-        let (middle, tail) = rest.split_once("{{DATA}}")?;
-        Some([head, &title, middle, &text, tail].concat())
-    });
-    parts.ok_or_else(|| anyhow::anyhow!("the page has no place for its title or data"))
+    html_page::assembled(PAGE, [STYLE, SCRIPT, title, &text])
 }
 
 /// All road users besides ego and adversary that come near.
@@ -189,7 +207,8 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         name,
         id,
         sweep,
-        drive: driven,
+        motions,
+        end,
         adversary,
         unattacked,
         evasion,
@@ -200,14 +219,13 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         ..
     } = panel;
     let size = box_size(scene.ego());
-    let drive = |drive: &Drive| {
-        let end = drive.contacts.first().map_or(LAST_FRAME, |contact| contact.step.min(LAST_FRAME));
-        let motions = drive.motions.iter().take(end + 1).enumerate();
-        let states = motions.map(|(frame, motion)| (frame, FrameState::of_motion(motion, origin)));
+    let drive = |motions: &[Motion]| {
+        let states =
+            motions.iter().enumerate().map(|(frame, motion)| (frame, FrameState::of_motion(motion, origin)));
         EncodedBody::of(states, size, "vehicle")
     };
     let contact = panel.contact.map(|hit| {
-        let [own, other] = &hit.contact.areas;
+        let [own, other] = &hit.areas;
         // The corner of one box that lies deepest in the other is near the place of the contact.
         let nearest = |a: &OrientedBox, b: &OrientedBox| {
             let gap = |p: &Point| {
@@ -219,15 +237,15 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         let corners = [nearest(own, other), nearest(other, own)].into_iter().flatten();
         let at = corners.min_by(|p, q| p.0.total_cmp(&q.0)).map_or(own.center, |(_, p)| p);
         let [x, y] = [0, 1].map(|k| encoding::hundredths(at[k] - origin[k]));
-        EncodedContact { frame: hit.contact.step, x, y }
+        EncodedContact { frame: hit.frame, x, y }
     });
     EncodedPanel {
         name,
         id,
         sweep: *sweep,
-        end: driven.motions.len() - 1,
+        end: *end,
         // A drive has at least its first frame.
-        ego: drive(driven).unwrap_or_default(),
+        ego: drive(motions).unwrap_or_default(),
         adversary: adversary
             .and_then(|track| EncodedBody::of(states(track, origin), box_size(track), kind(track))),
         ghost: unattacked.and_then(drive),
@@ -235,7 +253,7 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         contact,
         verdict: *verdict,
         failed: *is_failed,
-        shown: driven.shown.iter().map(|shown| encoded_shown(shown, origin)).collect(),
+        shown: panel.shown.iter().map(|shown| encoded_shown(shown, origin)).collect(),
         note,
         ending,
     }

@@ -59,7 +59,12 @@ pub(crate) fn show(text: &str) {
 
 /// A number with its noun: `1 scene`, `2 scenes`.
 pub(crate) fn count(number: usize, noun: &str) -> String {
-    format!("{number} {noun}{}", if number == 1 { "" } else { "s" })
+    let ending = match number {
+        1 => "",
+        _ if noun.ends_with("rch") => "es",
+        _ => "s",
+    };
+    format!("{number} {noun}{ending}")
 }
 
 /// Counts finished items.

@@ -183,6 +183,19 @@ print(len(files))
     assert_eq!(last, scenes.to_string(), "{}", stderr(&run));
 }
 
+#[test]
+fn the_attacked_scenes_of_a_suite_are_a_data_set_that_metadrive_opens() {
+    let folder = tempfile::tempdir().unwrap();
+    let (found, suite) = (folder.path().join("found"), folder.path().join("suite"));
+    let search = ["search", &example(), "--ego", "idm", "--budget", "8", "--out", text(&found)];
+    stdout(&sage(&[&search[..], &WEIGHTS].concat()));
+    stdout(&sage(&["suite", text(&found), "--keep", "all", "--format", "pickle", "--out", text(&suite)]));
+    let bytes = std::fs::read(suite.join("suite.json")).unwrap();
+    let tests = serde_json::from_slice::<Value>(&bytes).unwrap()["tests"].as_array().unwrap().len();
+    assert!(tests > 1);
+    metadrive_opens(&suite, tests);
+}
+
 /// Drives every scene of a data set in MetaDrive, and writes what it exports of the drives.
 const DRIVE: &str = "
 import os, pickle, sys

@@ -230,3 +230,37 @@ fn studies_of_searches_and_thresholds_report_rates_curves_and_orders() {
     let refused = failure(&["bench", "threshold", text(&scenes), "--lambda", "1", "--out", text(&at("no"))]);
     assert!(refused.contains("at least three rising values"), "{refused}");
 }
+
+#[test]
+fn a_study_of_transfer_drives_every_plan_against_every_driver() {
+    let (folder, scenes) = desk();
+    let out = folder.path().join("transfer");
+    let study = |out: &Path, more: &[&str]| {
+        let command =
+            ["bench", "transfer", text(&scenes), "--weights", "procedural", "--ego", "idm,expert,replay"];
+        let methods = ["--method", "sage,rule,search", "--set", "search={budget: 6}", "--out", text(out)];
+        stdout(&sage(&[&command[..], &methods, more].concat()));
+        let file = |name: &str| fs::read_to_string(out.join(name)).unwrap();
+        (file("table.md"), file("rows.csv"))
+    };
+    let (table, rows) = study(&out, &[]);
+    for name in [
+        "Attacks of `sage 1.00` in %",
+        "Attacks of `rule` in %",
+        "Attacks of `search` in %",
+        "| made against | idm | expert | replay |",
+        "| method | rate | itself | another | lost |",
+        "* marks the best other driver",
+    ] {
+        assert!(table.contains(name), "{name} is in\n{table}");
+    }
+    // Three methods, made against and tested on three drivers.
+    let attacks: Vec<&str> = rows.lines().skip(1).filter(|row| row.contains(",attack,")).collect();
+    let scenes_measured = attacks.len() / 27;
+    assert!(scenes_measured > 0 && attacks.len() == 27 * scenes_measured, "{}", attacks.len());
+    let again = study(&folder.path().join("again"), &["--threads", "1"]);
+    assert_eq!(again.1, rows, "the same bits at one thread");
+    let alone =
+        ["bench", "transfer", text(&scenes), "--set", "measure=[transfer, drive]", "--out", text(&out)];
+    assert!(failure(&alone).contains("it needs a study of its own"), "{}", failure(&alone));
+}

@@ -341,3 +341,31 @@ fn drivers_are_tested_in_two_stages() {
     ]);
     assert_snapshot!(unknown, @"error: unknown policy `nobody`; known: replay, idm, idm-release, idm-nuplan, idm-vmax, r157, pdm, expert, expert-release, td3, tracking, constant-speed, constant, path, process");
 }
+
+#[test]
+fn many_operating_points_share_a_box_with_a_slider() {
+    let folder = tempfile::tempdir().unwrap();
+    let page = |lambda: &str, out: &str| -> Value {
+        let out = folder.path().join(out);
+        let command = ["simulate", &example(), "--ego", "idm,expert", "--method", "sage", "--lambda", lambda];
+        stdout(&sage(&[&command[..], &WEIGHTS, &["--out", text(&out)]].concat()));
+        let page = fs::read_to_string(out.join("crossing.html")).unwrap();
+        let (_, data) = page.split_once("type=\"application/json\">").unwrap();
+        serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap()
+    };
+    let swept = page("0:1:0.2", "swept");
+    let sweeps: Vec<(u64, f64)> = swept["panels"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|panel| {
+            assert_eq!(panel["sweep"]["axis"], "lambda");
+            (panel["sweep"]["group"].as_u64().unwrap(), panel["sweep"]["value"].as_f64().unwrap())
+        })
+        .collect();
+    let expected = |group| [0.0, 0.2, 0.4, 0.6, 0.8, 1.0].map(|lambda| (group, lambda));
+    assert_eq!(sweeps, [expected(0), expected(1)].concat());
+    // A few stand side by side.
+    let few = page("0,0.5,1", "few");
+    assert!(few["panels"].as_array().unwrap().iter().all(|panel| panel["sweep"].is_null()));
+}

@@ -1,4 +1,4 @@
-//! `sage suite` and `sage test`: failures as a test suite.
+//! `sage report`, `sage suite` and `sage test`: failures as a page and as a test suite.
 
 #![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
 
@@ -230,4 +230,124 @@ fn suites_that_were_changed_or_lead_out_are_refused_and_nothing_happens() {
     let nothing = sage(&["suite", &desk.at("scenes"), "--out", &desk.at("none")]);
     assert!(stderr(&nothing).contains("it is no output of `sage search`"), "{}", stderr(&nothing));
     assert!(!desk.path("none").exists());
+}
+
+#[test]
+fn a_diverse_suite_keeps_more_kinds_of_failures_than_the_first_ones() {
+    let desk = Desk::new();
+    let clusters = |suite: &Value, count: usize| -> std::collections::BTreeSet<String> {
+        let tests = suite["tests"].as_array().unwrap().iter().take(count);
+        tests.map(|test| test["found"]["cluster"].as_str().unwrap().to_owned()).collect()
+    };
+    let all = desk.suite();
+    let count = clusters(&all, usize::MAX).len();
+    assert!(count > 2 && all["tests"].as_array().unwrap().len() > count, "{count} clusters");
+    let make = ["suite", &desk.at("found"), "--diverse", &count.to_string(), "--out", &desk.at("diverse")];
+    let said = sage(&make);
+    stdout(&said);
+    let suite = fs::read(desk.path("diverse/suite.json")).unwrap();
+    let diverse: Value = serde_json::from_slice(&suite).unwrap();
+    assert_eq!(diverse["tests"].as_array().unwrap().len(), count);
+    assert!(clusters(&diverse, count).len() >= clusters(&all, count).len());
+    assert!(clusters(&diverse, count).len() > count / 2, "{}", stderr(&said));
+    assert!(stderr(&said).contains(&format!(" of {count} clusters, entropy ")), "{}", stderr(&said));
+    // The same choice at one thread.
+    let again = ["suite", &desk.at("found"), "--diverse", &count.to_string(), "--out", &desk.at("again")];
+    stdout(&sage(&[&again[..], &["--threads", "1"]].concat()));
+    assert_eq!(fs::read(desk.path("again/suite.json")).unwrap(), suite);
+    // One failure is the worst of all.
+    stdout(&sage(&["suite", &desk.at("found"), "--diverse", "1", "--out", &desk.at("one")]));
+    let one: Value = serde_json::from_slice(&fs::read(desk.path("one/suite.json")).unwrap()).unwrap();
+    assert_eq!(one["tests"].as_array().unwrap().len(), 1);
+    assert_eq!(
+        sage(&["suite", &desk.at("found"), "--diverse", "0", "--out", &desk.at("none")]).status.code(),
+        Some(2)
+    );
+}
+
+/// The data of a page.
+fn data_of(page: &Path) -> Value {
+    let page = fs::read_to_string(page).unwrap();
+    let (_, data) = page.split_once("type=\"application/json\">").unwrap();
+    serde_json::from_str(data.split_once("</script>").unwrap().0).unwrap()
+}
+
+#[test]
+fn a_report_shows_every_failure_of_all_searches_and_needs_no_network() {
+    let desk = Desk::new();
+    let search = ["search", &desk.at("scenes"), "--ego", "expert", "--budget", "10", "--format", "native"];
+    stdout(&sage(&[&search[..], &WEIGHTS, &["--out", &desk.at("expert")]].concat()));
+    stdout(&sage(&["report", &desk.at("found"), &desk.at("expert"), "--out", &desk.at("report")]));
+    let data = data_of(&desk.path("report/index.html"));
+    let failures = data["failures"].as_array().unwrap();
+    let rows = |folder: &str| -> Vec<Value> {
+        let names = fs::read_dir(desk.path(folder)).unwrap().map(|entry| entry.unwrap().path());
+        let is_row = |path: &PathBuf| {
+            let name = path.file_name().unwrap().to_str().unwrap();
+            name.ends_with(".json")
+                && !name.contains("-failure")
+                && !name.contains("-drives")
+                && name != "run.json"
+        };
+        names.filter(is_row).map(|path| serde_json::from_slice(&fs::read(path).unwrap()).unwrap()).collect()
+    };
+    let all: Vec<Value> = [rows("found"), rows("expert")].concat();
+    let count: u64 = all.iter().map(|row| row["failures"].as_u64().unwrap()).sum();
+    let without = all.iter().filter(|row| row["failures"] == 0).count();
+    assert_eq!((failures.len() as u64, data["without"].as_array().unwrap().len()), (count, without));
+    assert_eq!(data["title"], "Failures of idm, expert");
+    let mut scenes = std::collections::HashSet::new();
+    for failure in failures {
+        let (page, id) = failure["page"].as_str().unwrap().split_once('#').unwrap();
+        let drives = data_of(&desk.path("report").join(page));
+        let panels = drives["panels"].as_array().unwrap();
+        let panel = panels.iter().find(|panel| panel["id"] == id).unwrap();
+        // The drive ends at its contact, with the names of the list.
+        let last = panel["end"].as_u64().unwrap();
+        assert_eq!(last - 10, (10.0 * failure["contact_after"].as_f64().unwrap()).round() as u64);
+        assert_eq!(panel["contact"]["frame"].as_u64(), Some(last));
+        assert!(panel["name"].as_str().unwrap().contains(failure["cluster"].as_str().unwrap()));
+        assert!(panel["ghost"].is_object() && drives["back"] == "../index.html");
+        scenes.insert(failure["scene"].as_u64().unwrap());
+    }
+    // A scene that both drivers fail in is one scene.
+    assert_eq!(scenes.len(), data["scenes"].as_array().unwrap().len());
+    let page = fs::read_to_string(desk.path("report/index.html")).unwrap();
+    for outside in ["http:", "https:", "src=", "@import", "url(", "fetch(", "innerHTML"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    stdout(&sage(&["report", &desk.at("found"), "--keep", "worst", "--out", &desk.at("worst")]));
+    let worst = data_of(&desk.path("worst/index.html"))["failures"].as_array().unwrap().len();
+    assert_eq!(worst, rows("found").iter().filter(|row| row["failures"].as_u64() > Some(0)).count());
+    let refused = sage(&["report", &desk.at("scenes"), "--out", &desk.at("no")]);
+    assert!(stderr(&refused).contains("it is no output of `sage search`"), "{}", stderr(&refused));
+}
+
+#[cfg(unix)]
+#[test]
+fn names_of_strangers_are_text_in_a_report() {
+    let desk = Desk::new();
+    let name = "<img src=x onerror=alert(1)> {{SCRIPT}} ''#?%.pkl";
+    let scenes = fs::read_dir(desk.path("scenes")).unwrap().map(|entry| entry.unwrap().path());
+    let mut scenes: Vec<PathBuf> =
+        scenes.filter(|path| path.extension().is_some_and(|e| e == "pkl")).collect();
+    scenes.retain(|path| !path.file_name().unwrap().to_str().unwrap().starts_with("dataset"));
+    scenes.sort();
+    fs::create_dir(desk.path("strange")).unwrap();
+    for (k, scene) in scenes.iter().enumerate() {
+        fs::copy(scene, desk.path("strange").join(format!("{k}{name}"))).unwrap();
+    }
+    let search =
+        ["search", &desk.at("strange"), "--ego", "idm", "--budget", "10", "--out", &desk.at("strange-found")];
+    stdout(&sage(&[&search[..], &WEIGHTS].concat()));
+    stdout(&sage(&["report", &desk.at("strange-found"), "--out", &desk.at("report")]));
+    let page = fs::read_to_string(desk.path("report/index.html")).unwrap();
+    assert!(!page.contains("<img"), "no name is markup");
+    let data = data_of(&desk.path("report/index.html"));
+    assert!(data["scenes"][0]["name"].as_str().unwrap().contains("<img src=x"));
+    for failure in data["failures"].as_array().unwrap() {
+        let page = failure["page"].as_str().unwrap().split('#').next().unwrap();
+        assert!(page.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"/.-_".contains(&byte)), "{page}");
+        assert!(desk.path("report").join(page).is_file());
+    }
 }

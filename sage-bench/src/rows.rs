@@ -344,7 +344,17 @@ impl Results {
         self.cells.iter().filter(failed).count()
     }
 
-    /// All rows: the columns of [`HEADS`].
+    /// Heads of the columns of [`Results::rows`]: [`HEADS`], and the driver that plans were made against, where there is one.
+    pub fn heads(&self) -> Vec<String> {
+        let made_against = self.is_transfer().then_some("made_against");
+        HEADS.into_iter().chain(made_against).map(str::to_owned).collect()
+    }
+
+    fn is_transfer(&self) -> bool {
+        self.keys.iter().any(|key| !key.made_against.is_empty())
+    }
+
+    /// All rows: the columns of [`Results::heads`].
     pub fn rows(&self) -> impl Iterator<Item = Vec<String>> {
         let of_scene = move |(scene, cells): (&'_ String, &'_ Vec<Cell>)| {
             cells.iter().flat_map(|cell| self.rows_of(scene, cell)).collect::<Vec<_>>()
@@ -375,9 +385,11 @@ impl Results {
             plain(scene),
             plain(&cell.agent),
         ];
+        let made_against = self.is_transfer().then(|| plain(&key.made_against));
         let row = |[metric, unit, value, note, error]: [&str; 5]| {
             let tail = [metric, unit, value, note, error].map(str::to_owned);
-            head.iter().cloned().chain(tail).chain([cell.key.to_string()]).collect::<Vec<_>>()
+            let last = std::iter::once(cell.key.to_string()).chain(made_against.clone());
+            head.iter().cloned().chain(tail).chain(last).collect::<Vec<_>>()
         };
         if !cell.error.is_empty() {
             return vec![row(["", "", "", "", &plain(&cell.error)])];

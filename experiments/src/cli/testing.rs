@@ -1,4 +1,4 @@
-//! Arguments of `sage suite` and `sage test`.
+//! Arguments of `sage report`, `sage suite` and `sage test`.
 
 use std::path::PathBuf;
 
@@ -7,6 +7,25 @@ use sage_sim::search::suite::MOST_TESTS;
 
 use super::{FolderArgs, PlannerArgs, SearchFormat};
 use crate::part::PolicyPart;
+
+/// Make a page of what searches have found: filters, clusters, thumbnails, and every failure in a player.
+///
+/// The page is made from the rows of the searches; nothing is driven again. It opens from disk and needs no network. Several
+/// searches, such as those of several drivers, make one page.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Example:\n  sage search scenes/ --ego idm --out idm/\n  sage search scenes/ --ego expert --out expert/\n  sage report idm/ expert/ --out report/"
+)]
+pub(crate) struct FailureReportArgs {
+    /// Output folders of `sage search`.
+    #[arg(required = true, value_name = "SEARCH")]
+    pub searches: Vec<PathBuf>,
+    /// Failures of each scene that are shown.
+    #[arg(long, value_enum, default_value_t = Keep::All)]
+    pub keep: Keep,
+    #[command(flatten)]
+    pub folder: FolderArgs,
+}
 
 /// Keep failures of searches as a test suite.
 ///
@@ -34,7 +53,7 @@ pub(crate) struct SuiteArgs {
     pub folder: FolderArgs,
 }
 
-/// Failures of a scene that a suite keeps.
+/// Failures of a scene that are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Keep {
     /// The one with the largest reward.

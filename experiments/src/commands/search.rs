@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 use crate::{
     Outcome, Registries,
-    cli::SearchArgs,
+    cli::{Keep, SearchArgs},
     output::{self, DatasetRun},
     progress,
     scene_queue::{self, Input, Report, Scenes, is_row_of},
@@ -95,4 +95,20 @@ fn outputs(folder: &Path, input: &Input) -> Vec<String> {
     }
     names.push(row);
     names
+}
+
+impl Keep {
+    /// Numbers of the failures of a scene that are kept.
+    pub(super) fn numbers(self, row: &SceneRow) -> Vec<usize> {
+        match self {
+            Self::All => (1..=row.failures()).collect(),
+            Self::Worst => row.worst().into_iter().collect(),
+            Self::Mildest => row.mildest().into_iter().collect(),
+        }
+    }
+
+    /// How many they are.
+    pub(super) fn count(self, row: &SceneRow) -> usize {
+        if self == Self::All { row.failures() } else { row.failures().min(1) }
+    }
 }

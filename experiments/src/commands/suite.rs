@@ -148,17 +148,12 @@ fn candidates(searches: &[Found], args: &SuiteArgs) -> Result<Vec<Candidate>> {
         let of_scene = || -> Result<Vec<Candidate>> {
             let recording = Recording::read(&search.unchanged(row)?)?;
             let scene = FailureScene::new(&recording, row.adversary())?;
-            let numbers: Vec<usize> = match keep {
-                Keep::All => (1..=row.failures()).collect(),
-                Keep::Worst => row.worst().into_iter().collect(),
-                Keep::Mildest => row.mildest().into_iter().collect(),
-            };
             let candidate = |number: usize| {
                 let failure = search.failure(row, number)?;
                 let features = scene.features(&failure).with_context(|| failure_name(number))?;
                 Ok(Candidate { place: [s, r, number], reward: failure.reward, features })
             };
-            numbers.into_iter().map(candidate).collect()
+            keep.numbers(row).into_iter().map(candidate).collect()
         };
         of_scene().with_context(|| of_row(search, row))
     };

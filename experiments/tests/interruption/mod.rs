@@ -46,6 +46,7 @@ pub const STUDIES: &[&str] = &[
     "ablation",
     "connectivity",
     "threshold",
+    "transfer",
 ];
 
 /// A command with its inputs, which writes into a folder of its own each time.

@@ -6,7 +6,7 @@ use anyhow::{Context as _, Result, bail, ensure};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    rows::{Cell, HEADS, Key, MetricRecord, Results, Subject},
+    rows::{Cell, Key, MetricRecord, Results, Subject},
     study::Study,
     table::csv,
 };
@@ -42,8 +42,7 @@ impl StudyRecord {
 
 /// `rows.csv`.
 pub fn rows_csv(results: &Results) -> String {
-    let heads = HEADS.map(str::to_owned).to_vec();
-    csv(std::iter::once(heads).chain(results.rows()))
+    csv(std::iter::once(results.heads()).chain(results.rows()))
 }
 
 /// Results from the text of `rows.csv` and their record.

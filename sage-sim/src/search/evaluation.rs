@@ -17,7 +17,7 @@ use crate::{
     avoidable::{Avoidable, Avoidance, AvoidanceOptions},
     episode::Progress,
     fault::FaultClass,
-    vehicle::{SUBSTEP, SUBSTEPS},
+    vehicle::{Motion, SUBSTEP, SUBSTEPS},
 };
 
 /// The first contact of an attacked drive.
@@ -218,6 +218,8 @@ pub fn evaluate_each(
 /// sets the poses of the car goes on along its own drive.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AttackedPath {
+    /// Box centre and heading at frames 0 to *now*, as driven.
+    pub history: Vec<[f64; 3]>,
     /// Box centre at steps 1 to 80, metres, world frame; shorter if the recording is.
     pub positions: Vec<Point>,
     /// Heading at each, rad.
@@ -232,6 +234,8 @@ impl AttackedPath {
         let contact = episode.contacts.first().map(|contact| &contact.contact);
         let motions = if episode.is_posed { &test.unattacked().motions } else { &episode.drive.motions };
         let end = contact.filter(|_| !episode.is_posed).map_or(motions.len(), |contact| contact.step);
+        let pose = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading];
+        let history = motions.iter().take(NOW + 1).map(pose).collect();
         let driven = motions.get(NOW + 1..end.max(NOW + 1)).unwrap_or_default();
         let mut positions: Vec<Point> = driven.iter().map(|motion| motion.position).collect();
         let mut headings: Vec<f64> = driven.iter().map(|motion| motion.heading).collect();
@@ -245,7 +249,7 @@ impl AttackedPath {
                 headings.push(axis[1].atan2(axis[0]));
             }
         }
-        Self { positions, headings }
+        Self { history, positions, headings }
     }
 
     /// The path as one of a context, up to its horizon.

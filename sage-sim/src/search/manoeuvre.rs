@@ -15,10 +15,11 @@ const STANDING: f64 = 0.5;
 const TURN: f64 = FRAC_PI_4;
 /// Drift across the lane from which a car moves over, metres.
 const DRIFT: f64 = 1.5;
-/// Mean acceleration or deceleration from which a car accelerates or brakes, m/s².
-const CHANGE: f64 = 1.0;
-/// Steps over which speeds at both ends are averaged.
+/// Speed that a car which brakes loses within a second, and one that accelerates gains up to the contact, m/s.
+const CHANGE: f64 = 1.5;
+/// Steps over which speeds are averaged, and within which a car brakes.
 const SPEED_STEPS: usize = 3;
+const SECOND: usize = 10;
 /// Reach for the lane of a car, metres.
 const OWN_LANE: f64 = 3.0;
 /// Reach for lanes that cross, metres.
@@ -40,9 +41,9 @@ pub enum Manoeuvre {
     MovesLeft,
     /// The same to the right.
     MovesRight,
-    /// It loses 1 m/s² or more on average.
+    /// It loses 1.5 m/s or more within a second.
     Brakes,
-    /// It gains 1 m/s² or more on average.
+    /// It gains 1.5 m/s or more up to the contact.
     Accelerates,
     /// None of these.
     DrivesOn,
@@ -65,11 +66,12 @@ impl Manoeuvre {
 
     /// The manoeuvre of boxes at consecutive steps of 0.1 s.
     pub fn of(boxes: &[OrientedBox], index: &SceneIndex) -> Self {
-        let (Some(first), Some(last)) = (boxes.first(), boxes.last()) else { return Self::Stands };
-        let ends = SPEED_STEPS.min(boxes.len().saturating_sub(1));
+        let Some(first) = boxes.first() else { return Self::Stands };
+        let ends = SPEED_STEPS.min(boxes.len() - 1);
         let speed =
             |from: usize| distance(boxes[from].center, boxes[from + ends].center) / (ends.max(1) as f64 * DT);
-        let [before, after] = [speed(0), speed(boxes.len() - 1 - ends)];
+        let speeds: Vec<f64> = (0..boxes.len() - ends).map(speed).collect();
+        let [before, after] = [speeds[0], speeds[speeds.len() - 1]];
         if before < STANDING && after < STANDING {
             return Self::Stands;
         }
@@ -83,15 +85,16 @@ impl Manoeuvre {
             cross(direction, sub(w[1].center, w[0].center))
         };
         let drift: f64 = boxes.windows(2).map(across).sum();
-        if drift.abs() >= DRIFT && distance(first.center, last.center) > 0.0 {
+        if drift.abs() >= DRIFT {
             return if drift > 0.0 { Self::MovesLeft } else { Self::MovesRight };
         }
-        let gain = (after - before) / (boxes.len().saturating_sub(1).max(1) as f64 * DT);
-        match gain {
-            _ if gain <= -CHANGE => Self::Brakes,
-            _ if gain >= CHANGE => Self::Accelerates,
-            _ => Self::DrivesOn,
+        let loses = |(k, speed): (usize, &f64)| {
+            speeds[k..].iter().take(SECOND + 1).any(|later| speed - later >= CHANGE)
+        };
+        if speeds.iter().enumerate().any(loses) {
+            return Self::Brakes;
         }
+        if after - before >= CHANGE { Self::Accelerates } else { Self::DrivesOn }
     }
 }
 
@@ -143,18 +146,85 @@ impl RoadKind {
             }
         }
         let crosses = |a: f64, b: f64| (ALONG..=PI - ALONG).contains(&wrap_angle(a - b).abs());
-        match headings.split_first() {
-            None => Self::OffLanes,
-            // Lanes cross where any two do; that each is along or against the first shows only that none crosses it.
-            Some(_)
-                if headings
-                    .iter()
-                    .enumerate()
-                    .any(|(k, a)| headings[..k].iter().any(|b| crosses(*a, *b))) =>
-            {
-                Self::Junction
-            }
-            Some(_) => Self::Road,
+        let cross = headings.iter().enumerate().any(|(k, a)| headings[..k].iter().any(|b| crosses(*a, *b)));
+        match (headings.is_empty(), cross) {
+            (true, _) => Self::OffLanes,
+            (false, true) => Self::Junction,
+            (false, false) => Self::Road,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use sage_core::scene::{Map, MapFeature, MapKind};
+
+    use super::*;
+
+    /// A map of lanes, given by their points.
+    fn map_of(lanes: &[Vec<Point>]) -> Arc<SceneIndex> {
+        let mut map = Map::default();
+        for (k, lane) in lanes.iter().enumerate() {
+            let start = map.points.len();
+            map.points.extend(lane.iter().map(|[x, y]| [*x, *y, 0.0]));
+            let (kind, points) = (MapKind::LaneSurfaceStreet, start..map.points.len());
+            map.features.push(MapFeature { id: k.to_string(), kind, points, lane: None });
+        }
+        SceneIndex::new(Arc::new(map))
+    }
+
+    /// Boxes along a path of 40 steps: speed and yaw rate at each.
+    fn boxes(speed: impl Fn(usize) -> f64, yaw_rate: impl Fn(usize) -> f64) -> Vec<OrientedBox> {
+        let (mut p, mut heading) = ([0.0, 0.0], 0.0_f64);
+        let step = |k: usize| {
+            heading += DT * yaw_rate(k);
+            p = [p[0] + DT * speed(k) * heading.cos(), p[1] + DT * speed(k) * heading.sin()];
+            OrientedBox::new(p, heading, 4.5, 1.9)
+        };
+        (0..40).map(step).collect()
+    }
+
+    #[test]
+    fn manoeuvres_are_what_one_sees() {
+        let straight = map_of(&[vec![[-50.0, 0.0], [200.0, 0.0]]]);
+        let of = |boxes: &[OrientedBox]| Manoeuvre::of(boxes, &straight);
+        let steady = |speed: f64| move |_: usize| speed;
+        assert_eq!(of(&boxes(steady(0.1), steady(0.0))), Manoeuvre::Stands);
+        assert_eq!(of(&boxes(steady(8.0), steady(0.0))), Manoeuvre::DrivesOn);
+        assert_eq!(of(&boxes(steady(8.0), steady(0.3))), Manoeuvre::TurnsLeft);
+        assert_eq!(of(&boxes(steady(8.0), steady(-0.3))), Manoeuvre::TurnsRight);
+        // Into the lane beside, and along it again.
+        let swerves = |sign: f64| move |k: usize| if k < 20 { sign * 0.1 } else { -sign * 0.1 };
+        assert_eq!(of(&boxes(steady(8.0), swerves(1.0))), Manoeuvre::MovesLeft);
+        assert_eq!(of(&boxes(steady(8.0), swerves(-1.0))), Manoeuvre::MovesRight);
+        // Late and hard, so that the mean over the attack says little.
+        let late = |k: usize| if k < 33 { 9.0 } else { 9.0 - 0.4 * (k - 33) as f64 };
+        assert_eq!(of(&boxes(late, steady(0.0))), Manoeuvre::Brakes);
+        assert_eq!(of(&boxes(|k| 1.0 + 0.06 * k as f64, steady(0.0))), Manoeuvre::Accelerates);
+        assert_eq!(of(&[]), Manoeuvre::Stands);
+        assert_eq!(of(&boxes(steady(8.0), steady(0.0))[..1]), Manoeuvre::Stands, "one box has no speed");
+    }
+
+    #[test]
+    fn a_car_that_follows_a_curve_does_not_move_over() {
+        let path = boxes(|_| 8.0, |_| 0.15);
+        let curve: Vec<Point> = path.iter().map(|area| area.center).collect();
+        assert_eq!(Manoeuvre::of(&path, &map_of(&[curve])), Manoeuvre::DrivesOn);
+        // Without a lane the same path is a drift.
+        assert_eq!(Manoeuvre::of(&path, &map_of(&[])), Manoeuvre::MovesLeft);
+    }
+
+    #[test]
+    fn lanes_that_cross_are_a_junction_and_lanes_along_each_other_a_road() {
+        let east = vec![[-50.0, 0.0], [50.0, 0.0]];
+        let west = vec![[50.0, 3.5], [-50.0, 3.5]];
+        let north = vec![[1.0, -50.0], [1.0, 50.0]];
+        let at_origin = |lanes: &[Vec<Point>]| RoadKind::at([0.0, 0.0], &map_of(lanes));
+        assert_eq!(at_origin(&[east.clone(), west.clone()]), RoadKind::Road);
+        assert_eq!(at_origin(&[east.clone(), west, north]), RoadKind::Junction);
+        assert_eq!(at_origin(&[]), RoadKind::OffLanes);
+        assert_eq!(RoadKind::at([0.0, -6.0], &map_of(&[east])), RoadKind::OffLanes);
     }
 }

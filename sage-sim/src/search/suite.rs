@@ -204,6 +204,8 @@ mod tests {
         assert!(error(&|suite| suite.tests[0].name = "x".repeat(300)).contains("expected a plain name"));
         assert!(error(&|suite| suite.tests.push(suite.tests[0].clone())).contains("is taken"));
         assert!(error(&|suite| suite.suite = 2).contains("version"));
+        let many = |suite: &mut Suite| suite.tests = vec![suite.tests[0].clone(); MOST_TESTS + 1];
+        assert!(error(&many).contains("it has 20001 tests; expected at most 20000"));
         let moved = |suite: &mut Suite| {
             let points = suite.tests[0].plan.points().iter().map(|[x, y]| [x + 1e-9, *y]).collect();
             suite.tests[0].plan = Trajectory::new("plan", points).unwrap();

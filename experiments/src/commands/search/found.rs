@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
+    geometry::OrientedBox,
     motion::Trajectory,
-    objective::{Context, ContextOptions, EgoPaths, PartSpec},
+    objective::{Candidate, Context, ContextOptions, EgoPaths, PartSpec},
     scene::{Scene, SceneIndex},
 };
 use sage_data::Recording;
@@ -20,6 +21,9 @@ use crate::{
     progress,
     scene_queue::{ROW_LIMIT, is_row_of},
 };
+
+/// What is wrong with a failure whose contact is nowhere on its path.
+const NOT_WITHIN: &str = "its `contact` is not within its `ego_path`";
 
 /// The folder of a search.
 pub(in crate::commands) struct Found<'a> {
@@ -49,7 +53,10 @@ pub(in crate::commands) struct FailureFile {
     pub(in crate::commands) reward: f64,
     #[serde(default)]
     pub(in crate::commands) avoidable_r157: Option<bool>,
-    /// Box centre and heading of the ego at steps 1 to 80.
+    /// Box centre and heading of the ego at frames 0 to *now*.
+    #[serde(default)]
+    pub(in crate::commands) ego_history: Vec<[f64; 3]>,
+    /// The same at steps 1 to 80.
     pub(in crate::commands) ego_path: Vec<[f64; 3]>,
     #[serde(default)]
     pub(in crate::commands) time_to_react: Option<f64>,
@@ -133,13 +140,32 @@ impl FailureScene {
     ///
     /// *Errors*: its path or its contact is not as a search writes it.
     pub(in crate::commands) fn features(&self, failure: &FailureFile) -> Result<Features> {
+        let (ctx, plan) = self.driven(failure)?;
+        let met = failure.contact.as_ref().context("it has no `contact`")?;
+        Features::of(&ctx, &plan, met, failure.time_to_react).context(NOT_WITHIN)
+    }
+
+    /// Boxes of the ego and of the adversary at a step, 1 or later.
+    ///
+    /// *Errors*: as [`FailureScene::features`].
+    pub(in crate::commands) fn boxes_at(
+        &self,
+        failure: &FailureFile,
+        step: usize,
+    ) -> Result<[OrientedBox; 2]> {
+        let (ctx, plan) = self.driven(failure)?;
+        let at = step.checked_sub(1).context(NOT_WITHIN)?;
+        let own = ctx.ego().boxes().get(at).copied().flatten().context(NOT_WITHIN)?;
+        Ok([own, *plan.boxes().get(at).context(NOT_WITHIN)?])
+    }
+
+    /// The scene with the path of an attacked drive, and its plan.
+    fn driven(&self, failure: &FailureFile) -> Result<(Context, Candidate)> {
         let positions = failure.ego_path.iter().map(|[x, y, _]| [*x, *y]).collect();
         let headings = failure.ego_path.iter().map(|pose| pose[2]).collect();
         let ctx = self.0.with_ego(&EgoPaths::one("`ego_path`", positions, Some(headings))?)?;
         let plan = ctx.candidate(failure.trajectory.clone());
-        let met = failure.contact.as_ref().context("it has no `contact`")?;
-        Features::of(&ctx, &plan, met, failure.time_to_react)
-            .context("its `contact` is not within its `ego_path`")
+        Ok((ctx, plan))
     }
 }
 

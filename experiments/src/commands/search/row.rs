@@ -78,6 +78,9 @@ pub(in crate::commands) struct SceneRow {
     pub(super) first_failure: Option<usize>,
     /// Step of the first contact of the unattacked drive.
     pub(super) unattacked_contact: Option<i64>,
+    /// Box centre and heading of the ego in the unattacked drive at frames 0 to 90, up to its first contact.
+    #[serde(default)]
+    pub(super) unattacked_path: Vec<[f64; 3]>,
     /// The failure with the largest reward.
     pub(super) worst: Option<FoundFailure>,
     /// The failure that is likeliest under the prior.
@@ -178,6 +181,8 @@ pub(super) struct FailureRow<'r> {
     pub(super) plan: PlanRow,
     #[serde(flatten)]
     pub(super) evaluated: EvaluatedRow<'r>,
+    /// Box centre and heading of the ego at frames 0 to *now*.
+    pub(super) ego_history: &'r [[f64; 3]],
     /// The ego's path in the attacked drive, after the contact at constant velocity: `ego` of `sage score`.
     pub(super) ego_path: Vec<[f64; 3]>,
     #[serde(flatten)]
@@ -264,6 +269,7 @@ impl SceneRow {
             reached: result.reached,
             first_failure: result.failures.first().map(|failure| failure.drive + 1),
             unattacked_contact: None,
+            unattacked_path: Vec::new(),
             worst: result.worst().map(found),
             mildest: result.mildest(pool).map(found),
             head,
@@ -278,6 +284,23 @@ impl SceneRow {
     /// Track of the adversary.
     pub(in crate::commands) fn adversary(&self) -> &str {
         &self.head.adversary
+    }
+
+    /// The driver under test.
+    pub(in crate::commands) fn ego(&self) -> &str {
+        &self.head.ego
+    }
+
+    /// Why there is no failure, in words; after an exhausted budget, what the drives so far have missed.
+    pub(in crate::commands) fn reason_words(&self) -> &'static str {
+        let reason =
+            if self.reason == Some(Reason::Budget) { self.reached.or(self.reason) } else { self.reason };
+        reason.map_or("", Reason::words)
+    }
+
+    /// Box centre and heading of the ego in the unattacked drive.
+    pub(in crate::commands) fn unattacked_path(&self) -> &[[f64; 3]] {
+        &self.unattacked_path
     }
 
     /// Number of failures.

@@ -12,6 +12,7 @@ use sage_sim::{
     SimScene,
     attack_test::AttackTest,
     search::{Failure as DriverFailure, Pool, Reason, SearchResult},
+    vehicle::Motion,
 };
 use serde_json::{Map, Value, json};
 
@@ -28,6 +29,7 @@ use crate::{
     cli::SearchFormat,
     contact_row::step,
     output::DatasetRun,
+    player::shown_part,
     scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
 
@@ -133,6 +135,8 @@ impl OneScene<'_> {
         let source = |number| sources.plans.source(number);
         let mut row = SceneRow::new(head, searcher.options.require, &pool, &result, source);
         row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
+        let pose = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading];
+        row.unattacked_path = shown_part(test.unattacked()).iter().map(pose).collect();
         // In the written scenes the ego keeps its recording, so that any driver meets the attack on the same route.
         row.files = self.write_failures(&files, &scene, &row.head, &pool, &result)?;
         let mut written = Vec::new();
@@ -216,6 +220,7 @@ impl OneScene<'_> {
             drive: failure.drive + 1,
             plan: PlanRow::new(pool, evaluated.plan, key),
             evaluated: EvaluatedRow::of(evaluated),
+            ego_history: &failure.path.history,
             ego_path: path.map(|([x, y], heading)| [*x, *y, *heading]).collect(),
             avoidable: &failure.avoidable,
         };

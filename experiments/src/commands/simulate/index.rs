@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use anyhow::Result;
 
 use super::{Simulation, row::DriveRow, scene::page_file};
-use crate::{output::Folder, scene_queue::Input, terminal::escaped_html as escaped};
+use crate::{html_page::link, output::Folder, scene_queue::Input, terminal::escaped_html as escaped};
 
 /// Name of the page.
 pub(super) const FILE: &str = "index.html";
@@ -51,29 +51,4 @@ pub(super) fn write(
     }
     page += "</table></html>\n";
     folder.write(FILE, page.as_bytes())
-}
-
-/// A file name as a link.
-fn link(name: &str) -> String {
-    let mut out = String::new();
-    for byte in name.bytes() {
-        match byte {
-            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'.' | b'_' | b'-' => out.push(char::from(byte)),
-            _ => {
-                // Writing to a string cannot fail.
-                let _ = write!(out, "%{byte:02X}");
-            }
-        }
-    }
-    out
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn links_hold_no_character_with_a_meaning() {
-        assert_eq!(link("a b#?<é.html"), "a%20b%23%3F%3C%C3%A9.html");
-    }
 }

@@ -22,7 +22,7 @@ use super::{
 use crate::{
     ego::Ego,
     output::DatasetRun,
-    player::{self, Panel, Sweep},
+    player::{self, Meeting, Panel, Sweep},
     scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
 
@@ -256,7 +256,7 @@ impl SceneDrives<'_> {
         let label = driven.label.replace("lambda ", "λ ");
         let names = [&*egos[driven.ego].label, &*label];
         let name = names.into_iter().filter(|name| !name.is_empty()).collect::<Vec<_>>().join(", ");
-        let unattacked = unattacked[driven.ego].as_ref();
+        let unattacked = unattacked[driven.ego].as_ref().map(player::shown_part);
         let sweep = driven.swept.filter(|_| is_sweep);
         let sweep = sweep.map(|(axis, value)| Sweep { group: driven.ego, axis, value });
         Some(match &driven.result {
@@ -264,8 +264,10 @@ impl SceneDrives<'_> {
                 name,
                 id: String::new(),
                 sweep,
-                drive: &episode.drive,
-                contact: episode.first_contacts().next(),
+                motions: player::shown_part(&episode.drive),
+                end: episode.drive.motions.len() - 1,
+                shown: &episode.drive.shown,
+                contact: episode.first_contacts().next().map(Meeting::from),
                 adversary: own,
                 unattacked,
                 evasion: driven
@@ -277,20 +279,25 @@ impl SceneDrives<'_> {
                 note: row.note(),
                 ending: row.ending(),
             },
-            DriveResult::Failed(failure) => Panel {
-                name,
-                id: String::new(),
-                sweep,
-                drive: failure.drive.as_deref()?,
-                contact: None,
-                adversary: own,
-                unattacked,
-                evasion: None,
-                verdict: None,
-                is_failed: true,
-                note: String::new(),
-                ending: failure.ending.clone(),
-            },
+            DriveResult::Failed(failure) => {
+                let drive = failure.drive.as_deref()?;
+                Panel {
+                    name,
+                    id: String::new(),
+                    sweep,
+                    motions: player::shown_part(drive),
+                    end: drive.motions.len() - 1,
+                    shown: &drive.shown,
+                    contact: None,
+                    adversary: own,
+                    unattacked,
+                    evasion: None,
+                    verdict: None,
+                    is_failed: true,
+                    note: String::new(),
+                    ending: failure.ending.clone(),
+                }
+            }
         })
     }
 

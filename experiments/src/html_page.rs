@@ -1,0 +1,61 @@
+//! Self-contained HTML pages: a template with its style, script, title and data.
+
+use anyhow::{Result, anyhow};
+use serde::Serialize;
+
+use crate::terminal::escaped_html;
+
+/// Data as JSON for a script element.
+///
+/// *Errors*: data that JSON cannot hold.
+pub(crate) fn embedded(data: &impl Serialize) -> Result<String> {
+    // Within a script element only `<` could end the data.
+    Ok(serde_json::to_string(data)?.replace('<', "\\u003c"))
+}
+
+/// A template with its parts in place of `{{STYLE}}`, `{{SCRIPT}}`, `{{TITLE}}` and `{{DATA}}`.
+///
+/// *Errors*: a template without the places for title and data.
+pub(crate) fn assembled(template: &str, [style, script, title, data]: [&str; 4]) -> Result<String> {
+    let title = escaped_html(title);
+    // The data come last: a title may hold the name of another part.
+    let page = template.replace("{{STYLE}}", style).replace("{{SCRIPT}}", script);
+    let parts = page.split_once("{{TITLE}}").and_then(|(head, rest)| {
+        let (middle, tail) = rest.split_once("{{DATA}}")?;
+        Some([head, &title, middle, data, tail].concat())
+    });
+    parts.ok_or_else(|| anyhow!("the page has no place for its title or data"))
+}
+
+/// A file name as a link.
+pub(crate) fn link(name: &str) -> String {
+    let mut out = String::new();
+    for byte in name.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'.' | b'_' | b'-' => out.push(char::from(byte)),
+            _ => out += &format!("%{byte:02X}"),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn links_hold_no_character_with_a_meaning() {
+        assert_eq!(link("a b#?<é.html"), "a%20b%23%3F%3C%C3%A9.html");
+    }
+
+    #[test]
+    fn titles_and_data_end_no_element_and_name_no_part() {
+        let template = "<title>{{TITLE}}</title><style>{{STYLE}}</style>{{DATA}}<script>{{SCRIPT}}</script>";
+        let data = embedded(&"</script>{{SCRIPT}}").unwrap();
+        let page = assembled(template, ["s", "j", "<b>{{DATA}}", &data]).unwrap();
+        let expected =
+            "<title>&lt;b&gt;{{DATA}}</title><style>s</style>\"\\u003c/script>{{SCRIPT}}\"<script>j</script>";
+        assert_eq!(page, expected);
+        assert!(assembled("{{DATA}}", ["", "", "", ""]).is_err());
+    }
+}

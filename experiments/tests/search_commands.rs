@@ -260,7 +260,8 @@ fn a_study_of_transfer_drives_every_plan_against_every_driver() {
     assert!(scenes_measured > 0 && attacks.len() == 27 * scenes_measured, "{}", attacks.len());
     let again = study(&folder.path().join("again"), &["--threads", "1"]);
     assert_eq!(again.1, rows, "the same bits at one thread");
-    let alone =
-        ["bench", "transfer", text(&scenes), "--set", "measure=[transfer, drive]", "--out", text(&out)];
+    let beside =
+        ["--set", "measure=[transfer, drive]", "--set", "metrics={transfer: [attack], drive: [contact]}"];
+    let alone = [&["bench", "transfer", text(&scenes)][..], &beside, &["--out", text(&out)]].concat();
     assert!(failure(&alone).contains("it needs a study of its own"), "{}", failure(&alone));
 }

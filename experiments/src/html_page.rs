@@ -2,6 +2,7 @@
 
 use anyhow::{Result, anyhow};
 use serde::Serialize;
+use serde_json::Value;
 
 use crate::terminal::escaped_html;
 
@@ -25,6 +26,12 @@ pub(crate) fn assembled(template: &str, [style, script, title, data]: [&str; 4])
         Some([head, &title, middle, data, tail].concat())
     });
     parts.ok_or_else(|| anyhow!("the page has no place for its title or data"))
+}
+
+/// The data of a page that [`assembled`] made; `None` if there are none.
+pub(crate) fn data_of(page: &str) -> Option<Value> {
+    let (_, data) = page.split_once("type=\"application/json\">")?;
+    serde_json::from_str(data.split_once("</script>")?.0).ok()
 }
 
 /// A file name as a link.

@@ -7,6 +7,8 @@ pub(crate) enum Verdict {
     Passed,
     /// Why it failed, in words.
     Failed(String),
+    /// It failed, as it did before; why, in words.
+    Accepted(String),
     /// What went wrong.
     Error(String),
 }
@@ -22,6 +24,7 @@ pub(crate) struct Case {
 pub(crate) fn report(suite: &str, class: &str, cases: &[Case]) -> String {
     let count = |is: fn(&Verdict) -> bool| cases.iter().filter(|case| is(&case.verdict)).count();
     let failures = count(|verdict| matches!(verdict, Verdict::Failed(_)));
+    let skipped = count(|verdict| matches!(verdict, Verdict::Accepted(_)));
     let errors = count(|verdict| matches!(verdict, Verdict::Error(_)));
     let time: f64 = cases.iter().map(|case| case.seconds).sum();
     let (suite, class) = (escaped(suite), escaped(class));
@@ -30,7 +33,7 @@ pub(crate) fn report(suite: &str, class: &str, cases: &[Case]) -> String {
     // Writing to a string cannot fail.
     let _ = writeln!(
         out,
-        "  <testsuite name=\"{suite}\" tests=\"{tests}\" failures=\"{failures}\" errors=\"{errors}\" time=\"{time:.3}\">"
+        "  <testsuite name=\"{suite}\" tests=\"{tests}\" failures=\"{failures}\" errors=\"{errors}\" skipped=\"{skipped}\" time=\"{time:.3}\">"
     );
     for Case { name, seconds, verdict } in cases {
         let name = escaped(name);
@@ -40,6 +43,13 @@ pub(crate) fn report(suite: &str, class: &str, cases: &[Case]) -> String {
             Verdict::Failed(why) => {
                 let why = escaped(why);
                 writeln!(out, "{open}>\n      <failure message=\"{why}\"/>\n    </testcase>")
+            }
+            Verdict::Accepted(why) => {
+                let why = escaped(why);
+                writeln!(
+                    out,
+                    "{open}>\n      <skipped message=\"failed before too: {why}\"/>\n    </testcase>"
+                )
             }
             Verdict::Error(why) => {
                 let why = escaped(why);
@@ -79,6 +89,7 @@ mod tests {
         let cases = [
             case("13-failure1", Verdict::Passed),
             case("<script>", Verdict::Failed("hit \"it\" & died".to_owned())),
+            case("known", Verdict::Accepted("hit".to_owned())),
             case("a\u{1}b", Verdict::Error("no\nanswer".to_owned())),
         ];
         insta::assert_snapshot!("junit", report("suite", "cmd:python3 'p.py'", &cases));

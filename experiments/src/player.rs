@@ -35,6 +35,7 @@ const PAGE: &str = include_str!("player/page.html");
 const STYLE: &str = include_str!("player/style.css");
 const SCRIPT: &str = concat!(
     include_str!("player/drawing.js"),
+    include_str!("player/burst.js"),
     include_str!("player/sweep.js"),
     include_str!("player/player.js")
 );
@@ -162,6 +163,8 @@ pub(crate) fn page(
     columns: usize,
     back: Option<&str>,
 ) -> Result<String> {
+    let [title, subtitle] = [title, subtitle].map(crate::terminal::escaped_name);
+    let (title, subtitle) = (&*title, &*subtitle);
     // World coordinates reach 100 km, so the page counts from the ego's start.
     let origin = scene.ego().point(0);
     let driven = Aabb::of(panels.iter().flat_map(|panel| {

@@ -249,8 +249,9 @@ fn a_study_of_transfer_drives_every_plan_against_every_driver() {
         "Attacks of `rule` in %",
         "Attacks of `search` in %",
         "| made against | idm | expert | replay |",
-        "| method | rate | itself | another | lost |",
-        "* marks the best other driver",
+        "| method | rate | N | itself | another | lost |",
+        "Failures by plans of `search` in %",
+        "| method | tested | N | itself | best other | its rate | itself − best other |",
     ] {
         assert!(table.contains(name), "{name} is in\n{table}");
     }

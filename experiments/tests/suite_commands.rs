@@ -102,7 +102,8 @@ fn a_baseline_lets_only_new_failures_count() {
     });
     let same = desk.test("idm", &["--baseline", &idm]);
     assert_eq!(same.status.code(), Some(0), "{}", stderr(&same));
-    assert!(stderr(&same).contains("0 that passed before"));
+    assert!(stderr(&same).contains("0 not in the baseline as failed"));
+    assert!(stdout_of(&same).contains("| failed before | idm |") && !stdout_of(&same).contains("FAILED"));
     let worse = desk.test("idm", &["--baseline", &expert]);
     assert_eq!(worse.status.code(), Some(1));
     let better = desk.test("expert", &["--baseline", &idm]);
@@ -120,6 +121,73 @@ fn a_baseline_lets_only_new_failures_count() {
     let partly = desk.test("idm", &["--baseline", &desk.at("first.jsonl")]);
     assert_eq!(partly.status.code(), Some(1));
     assert!(stderr(&partly).contains("they count if they fail"), "{}", stderr(&partly));
+}
+
+#[test]
+fn only_a_failure_at_the_same_plan_excuses_a_failure() {
+    let desk = Desk::new();
+    let baseline = |change: &dyn Fn(&mut Value)| {
+        let rows = results(&desk.test("idm", &["--json"])).into_iter().map(|mut row| {
+            change(&mut row);
+            row.to_string()
+        });
+        fs::write(desk.path("base.jsonl"), rows.collect::<Vec<_>>().join("\n")).unwrap();
+        desk.test(
+            "idm",
+            &["--baseline", &desk.at("base.jsonl"), "--junit", &desk.at("report.xml"), "--force"],
+        )
+    };
+    let same = baseline(&|_| ());
+    assert_eq!(same.status.code(), Some(0), "{}", stderr(&same));
+    let tests = desk.suite()["tests"].as_array().unwrap().len();
+    let xml = fs::read_to_string(desk.path("report.xml")).unwrap();
+    assert!(xml.contains(&format!("failures=\"0\" errors=\"0\" skipped=\"{tests}\"")), "{xml}");
+    let erred = baseline(&|row| row["result"] = "error".into());
+    assert_eq!(erred.status.code(), Some(1), "an error is no failure");
+    let other = baseline(&|row| {
+        if row["test"] != desk.suite()["tests"][0]["name"] {
+            row["plan_hash"] = "0".into();
+        }
+    });
+    assert_eq!(other.status.code(), Some(1), "{}", stderr(&other));
+    assert!(stderr(&other).contains(&format!("does not know {} tests", tests - 1)), "{}", stderr(&other));
+    let driver = baseline(&|row| row["ego"] = "pdm".into());
+    assert!(stderr(&driver).contains("holds results of `pdm`, not of `idm`"), "{}", stderr(&driver));
+}
+
+#[test]
+fn folders_may_have_the_names_of_commands() {
+    let desk = Desk::new();
+    let run = |arguments: &[&str]| {
+        let mut program = std::process::Command::new(env!("CARGO_BIN_EXE_sage"));
+        let output = program.args(arguments).current_dir(desk.folder.path()).output().unwrap();
+        stdout(&output);
+    };
+    for _ in 0..2 {
+        run(&["suite", "found", "--out", "suite", "--force"]);
+        run(&["report", "found", "--out", "report", "--force"]);
+        run(&[
+            "search",
+            "scenes",
+            "--ego",
+            "idm",
+            "--budget",
+            "2",
+            "--weights",
+            "procedural",
+            "--out",
+            "search",
+        ]);
+    }
+    // A failure that is found twice is one test.
+    run(&["suite", "found", "found", "--out", "twice"]);
+    let tests = |folder: &str| {
+        let bytes = fs::read(desk.path(folder).join("suite.json")).unwrap();
+        serde_json::from_slice::<Value>(&bytes).unwrap()["tests"].as_array().unwrap().len()
+    };
+    assert_eq!(tests("twice"), tests("suite"));
+    let search = sage(&["test", &desk.at("found"), "--ego", "idm"]);
+    assert!(stderr(&search).contains("make one of it: sage suite"), "{}", stderr(&search));
 }
 
 #[test]
@@ -321,6 +389,47 @@ fn a_report_shows_every_failure_of_all_searches_and_needs_no_network() {
     assert_eq!(worst, rows("found").iter().filter(|row| row["failures"].as_u64() > Some(0)).count());
     let refused = sage(&["report", &desk.at("scenes"), "--out", &desk.at("no")]);
     assert!(stderr(&refused).contains("it is no output of `sage search`"), "{}", stderr(&refused));
+}
+
+#[test]
+fn a_report_replaces_the_pages_of_an_earlier_one_and_refuses_rows_that_no_search_writes() {
+    let desk = Desk::new();
+    let report = |more: &[&str]| {
+        sage(&[&["report", &desk.at("found"), "--out", &desk.at("report"), "--force"], more].concat())
+    };
+    let pages = || fs::read_dir(desk.path("report/scenes")).unwrap().count();
+    stdout(&report(&[]));
+    let all = pages();
+    let row = fs::read_dir(desk.path("found")).unwrap().map(|entry| entry.unwrap().path());
+    let row = row.filter(|path| path.to_str().unwrap().ends_with("-failure1.json")).min().unwrap();
+    let whole = fs::read(&row).unwrap();
+    let refused = |change: &dyn Fn(&mut Value)| {
+        let mut changed: Value = serde_json::from_slice(&whole).unwrap();
+        change(&mut changed);
+        fs::write(&row, changed.to_string()).unwrap();
+        let output = report(&[]);
+        assert_eq!(output.status.code(), Some(1));
+        stderr(&output).replace(&desk.at(""), "[folder]/")
+    };
+    let mut said = vec![
+        ("no history", refused(&|row| drop(row.as_object_mut().unwrap().remove("ego_history")))),
+        ("a short history", refused(&|row| drop(row["ego_history"].as_array_mut().unwrap().pop()))),
+        ("a million poses", refused(&|row| row["witness"] = vec![[0.0; 3]; 1_000_000].into())),
+        ("far away", refused(&|row| row["ego_history"][3][0] = 1e300.into())),
+        ("no contact", refused(&|row| row["contact"] = Value::Null)),
+        ("a late contact", refused(&|row| row["contact"]["step"] = 81.into())),
+    ];
+    said.iter_mut().for_each(|(_, text)| *text = text.lines().last().unwrap_or_default().to_owned());
+    let said = said.into_iter().map(|(what, text)| (what, text));
+    assert_snapshot!("refused_rows", messages(said.collect::<Vec<_>>()));
+    fs::write(&row, whole).unwrap();
+    // Without its other scenes: their pages go.
+    let scene = row.file_name().unwrap().to_str().unwrap().replace("-failure1.json", ".pkl");
+    let one = desk.path("scenes").join(scene).display().to_string();
+    let search = ["search", &one, "--ego", "idm", "--budget", "10", "--force", "--out", &desk.at("found")];
+    stdout(&sage(&[&search[..], &WEIGHTS].concat()));
+    stdout(&report(&[]));
+    assert!(all > 1 && pages() == 1, "{all} pages, then {}", pages());
 }
 
 #[cfg(unix)]

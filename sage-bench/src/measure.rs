@@ -12,13 +12,15 @@ mod transfers;
 
 use std::{path::Path, sync::Arc};
 
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use sage_backbones::Backbone;
 use sage_core::{
     generator::Attack,
     metric::{Metric, MetricInfo},
+    objective::Context,
     scene::SceneData,
 };
+use sage_sim::{SimScene, attack_test::AttackTest};
 use serde::{Deserialize, Serialize};
 
 pub use attacks::{Attacks, Choice, MeasuredPlan};
@@ -30,7 +32,10 @@ pub use scene::MeasuredScene;
 pub use searches::Searches;
 pub use transfers::Transfers;
 
-use crate::rows::{Cell, Key, Subject};
+use crate::{
+    ego::Ego,
+    rows::{Cell, Key, Subject},
+};
 
 /// A kind of measurement with all its methods.
 pub trait Measurement: Sync + Send {
@@ -75,6 +80,31 @@ fn cell<S>(key: usize, metrics: &[Metric<S>], of: &S) -> Cell {
         notes: notes.collect(),
         error: String::new(),
     }
+}
+
+/// A driver in a scene, with the context of its unattacked drive.
+struct DriverInScene<'t> {
+    test: AttackTest<'t>,
+    ctx: Context,
+}
+
+impl<'t> DriverInScene<'t> {
+    /// Drives the unchanged scene.
+    ///
+    /// *Errors*: the driver cannot drive here, or touches the adversary *now*.
+    fn new(ego: &'t Ego, simulated: &Result<Arc<SimScene>, sage_sim::Error>, seed: u64) -> Result<Self> {
+        let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
+        simulated.scene().check_apart_now()?;
+        let test = AttackTest::new(&*ego.policy, simulated, seed)?;
+        let ctx = test.context()?;
+        ctx.check_apart_now()?;
+        Ok(Self { test, ctx })
+    }
+}
+
+/// Whether an error says that two cars touch *now*: nothing can be measured then, which is no failure.
+fn is_contact_now(error: &anyhow::Error) -> bool {
+    matches!(error.downcast_ref(), Some(sage_core::Error::ContactNow { .. }))
 }
 
 fn infos<S>(metrics: &[Metric<S>]) -> Vec<MetricInfo> {

@@ -32,7 +32,7 @@ use crate::{
 };
 
 pub use clauses::{Clause, Clauses, Reason, Requirement};
-pub use evaluation::{AttackedPath, Evaluated, Met, evaluate_each};
+pub use evaluation::{AttackedPath, Evaluated, Met, PlanDrives};
 pub use features::Features;
 pub use metrics::{MeasuredSearch, MeasuredThreshold, search_metrics, threshold_metrics};
 pub use pool::{MOST_PLANS, Pool, PoolCounts, PoolPlan};
@@ -111,21 +111,18 @@ pub struct SearchResult {
 impl SearchResult {
     /// Number of drives that meet a clause and the ones before it.
     pub fn count(&self, clause: Clause) -> usize {
-        let until = |evaluated: &&Evaluated| {
-            Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| evaluated.clauses.holds(c))
-        };
-        self.driven.iter().filter(until).count()
+        self.driven.iter().filter(|evaluated| evaluated.clauses.reach(clause)).count()
     }
 
     /// The drive that meets the most clauses, each with the ones before it, then the one with the largest reward; the first
-    /// of equals. `None` without a drive.
+    /// of equals. `None` without a drive in which the driver gave no error.
     pub fn strongest(&self) -> Option<&Evaluated> {
         let rank = |evaluated: &Evaluated| {
-            let met = Clause::ALL.into_iter().take_while(|clause| evaluated.clauses.holds(*clause));
+            let met = Clause::ALL.into_iter().filter(|clause| evaluated.clauses.reach(*clause));
             (met.count(), evaluated.reward)
         };
         let is_stronger = |a: (usize, f64), b: (usize, f64)| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).is_gt();
-        let driven = self.driven.iter();
+        let driven = self.driven.iter().filter(|evaluated| evaluated.error.is_none());
         driven.reduce(|best, other| if is_stronger(rank(other), rank(best)) { other } else { best })
     }
 

@@ -20,8 +20,8 @@ use sage_sim::{
     attack_test::AttackTest,
     policy::{Driver, EgoPolicy, Start, View, policies},
     search::{
-        AttackedPath, Clause, Order, Pool, Reason, Requirement, SearchOptions, SearchResult, evaluate_each,
-        search,
+        AttackedPath, Clause, Evaluated, Order, PlanDrives, Pool, Reason, Requirement, SearchOptions,
+        SearchResult, search,
     },
     world::Control,
 };
@@ -270,10 +270,18 @@ fn an_error_of_the_driver_counts_as_a_drive_and_as_nothing_else() {
         assert_eq!((evaluated.contact.is_none(), evaluated.clauses.attack), (true, false));
         assert_eq!(evaluated.error.as_deref(), Some("scene `hand-made`: no road ahead"));
     }
+    // The strongest drive is none that ended in an error.
+    assert!(result.strongest().unwrap().error.is_none());
+    let strength = |drive: &Evaluated| {
+        (Clause::ALL.iter().filter(|clause| drive.clauses.reach(**clause)).count(), drive.reward)
+    };
+    let drives = result.driven.iter().filter(|drive| drive.error.is_none());
+    let most = drives.map(strength).max_by(|a, b| a.partial_cmp(b).unwrap()).unwrap();
+    assert_eq!(strength(result.strongest().unwrap()), most);
     let mut pool = Pool::new(&ctx, &Anything, vec![plans()[..1].to_vec()], 256);
     driver.0.store(1, Ordering::Relaxed);
     let result = search(&test, &ctx, &Anything, &mut pool, &options, 0, None).unwrap();
-    assert_eq!(result.reason, Some(Reason::Error));
+    assert_eq!((result.reason, result.strongest()), (Some(Reason::Error), None));
 }
 
 #[test]
@@ -281,8 +289,10 @@ fn plans_are_evaluated_one_by_one_and_equal_ones_once() {
     let (simulated, driver) = (overtaken(), policy("idm"));
     let test = AttackTest::new(&*driver, &simulated, 0).unwrap();
     let ctx = test.context().unwrap();
-    let plans = vec![cut_in(2.0, 0, 12.0), cut_in(6.0, 0, 2.0), cut_in(2.0, 0, 12.0)];
-    let evaluated = evaluate_each(&test, &ctx, &South, &plans, &SearchOptions::default()).unwrap();
+    let plans = [cut_in(2.0, 0, 12.0), cut_in(6.0, 0, 2.0), cut_in(2.0, 0, 12.0)];
+    let mut drives = PlanDrives::new(&test, &ctx, &South, &SearchOptions::default()).unwrap();
+    let mut evaluate = |(k, plan)| drives.evaluate(k, plan).unwrap();
+    let evaluated: Vec<_> = plans.iter().enumerate().map(&mut evaluate).collect();
     assert!(evaluated[1].is_none(), "not feasible");
     assert_eq!(evaluated[0], evaluated[2]);
     let (_, whole) = searched("idm", &SearchOptions { budget: 1000, ..SearchOptions::default() });

@@ -8,13 +8,13 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 use anyhow::{Context as _, Result, ensure};
 use rayon::prelude::*;
-use sage_core::geometry::Aabb;
+use sage_core::{files, geometry::Aabb};
 use sage_data::Recording;
 use serde::Serialize;
 
 use super::search::{
     SceneRow,
-    found::{FailureFile, FailureScene, Found},
+    found::{FailureFile, FailureScene, Found, without_folders},
 };
 use crate::{
     Outcome,
@@ -33,12 +33,18 @@ const SCENES: &str = "scenes";
 /// Most failures of a page, and of the page of a scene.
 const MOST: usize = 20_000;
 const MOST_OF_SCENE: usize = 100;
+/// Size limit of an earlier report, bytes.
+const LIMIT: u64 = 1 << 28;
 /// Longest name of a page, bytes.
 const LONGEST_NAME: usize = 80;
 
 const PAGE: &str = include_str!("report/page.html");
 const STYLE: &str = include_str!("report/style.css");
-const SCRIPT: &str = concat!(include_str!("report/thumbnails.js"), include_str!("report/report.js"));
+const SCRIPT: &str = concat!(
+    include_str!("report/thumbnails.js"),
+    include_str!("../player/burst.js"),
+    include_str!("report/report.js")
+);
 
 #[derive(Serialize)]
 struct Data<'a> {
@@ -49,6 +55,7 @@ struct Data<'a> {
     without: Vec<Without<'a>>,
 }
 
+/// A scene on the page.
 #[derive(Serialize)]
 struct SceneEntry<'a> {
     name: &'a str,
@@ -59,7 +66,7 @@ struct SceneEntry<'a> {
 #[derive(Serialize)]
 struct Without<'a> {
     scene: &'a str,
-    driver: &'a str,
+    driver: String,
     reason: &'a str,
 }
 
@@ -83,6 +90,7 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
         "the searches hold {count} failures; a page shows at most {MOST}: give --keep worst"
     );
     let folder = Folder::make(&args.folder.out, args.folder.force)?;
+    let earlier = files::read_text(&folder.path().join(FILE), LIMIT).map(|page| pages_of(&page));
     folder.inner(SCENES.as_ref())?;
     let rows = || searches.iter().flat_map(|search| search.rows.iter().map(move |row| (search, row)));
     let named = page_names(rows().filter(|(_, row)| row.failures() > 0));
@@ -105,11 +113,20 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
         ),
         without: rows()
             .filter(|(_, row)| row.failures() == 0)
-            .map(|(_, row)| Without { scene: row.scene(), driver: row.ego(), reason: row.reason_words() })
+            .map(|(_, row)| Without {
+                scene: row.scene(),
+                driver: without_folders(row.ego()),
+                reason: row.reason_words(),
+            })
             .collect(),
         ..collected(found)?
     };
     let page = html_page::assembled(PAGE, [STYLE, SCRIPT, &data.title, &html_page::embedded(&data)?])?;
+    // The list of an earlier report stays until this one is complete: it says which pages are in the way.
+    let own = pages_of(&page);
+    for page in earlier.unwrap_or_default().difference(&own) {
+        folder.remove(&format!("{SCENES}/{page}"))?;
+    }
     folder.write(FILE, page.as_bytes())?;
     progress::say(&format!(
         "{} of {}; open `{}`",
@@ -120,10 +137,23 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// Names of the pages that a list names; only names as they are made here.
+fn pages_of(page: &str) -> HashSet<String> {
+    let data = html_page::data_of(page).unwrap_or_default();
+    let failures = data["failures"].as_array().map_or(&[][..], |all| all);
+    let links = failures.iter().filter_map(|failure| failure["page"].as_str()?.split('#').next());
+    let is_own = |name: &str| {
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
+        name.ends_with(".html") && !name.starts_with('.') && name.chars().all(is_plain)
+    };
+    let names = links.filter_map(|link| link.strip_prefix(SCENES)?.strip_prefix('/'));
+    names.filter(|name| is_own(name)).map(str::to_owned).collect()
+}
+
 /// Drivers, each once, in their order.
-fn drivers<'a>(all: impl Iterator<Item = &'a str>) -> Vec<&'a str> {
+fn drivers<'a>(all: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut known = HashSet::new();
-    all.filter(|driver| known.insert(*driver)).collect()
+    all.map(without_folders).filter(|driver| known.insert(driver.clone())).collect()
 }
 
 /// The rows with the names of their pages, which are unique.
@@ -132,13 +162,13 @@ fn page_names<'a>(
 ) -> Vec<(&'a Found<'a>, &'a SceneRow, String)> {
     let mut taken: HashMap<String, usize> = HashMap::new();
     let name = |(search, row): (&'a Found<'a>, &'a SceneRow)| {
-        let plain = |c: char| if c.is_ascii_alphanumeric() || "._".contains(c) { c } else { '-' };
-        let wished = format!("{}-{}", row.scene(), row.ego());
+        let plain = |c: char| if c.is_ascii_alphanumeric() || c == '_' { c } else { '-' };
+        let wished = format!("{}-{}", row.scene(), without_folders(row.ego()));
         let name: String = wished.chars().map(plain).take(LONGEST_NAME).collect();
-        let name = name.trim_start_matches(['.', '-']).to_owned();
+        let name = name.trim_start_matches('-').to_owned();
         let before = taken.entry(name.to_lowercase()).or_default();
         *before += 1;
-        // `.` keeps a number apart from the names of other scenes.
+        // Names hold no `.`, which keeps numbers of equal names, and of further pages, apart.
         let name = if *before > 1 { format!("{name}..{before}") } else { name };
         (search, row, name)
     };

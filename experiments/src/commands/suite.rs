@@ -13,7 +13,7 @@ use sage_sim::search::{
 
 use super::search::{
     SceneRow, failure_name,
-    found::{FailureFile, FailureScene, Found, json},
+    found::{FailureFile, FailureScene, Found, json, without_folders},
 };
 use crate::{
     Outcome,
@@ -37,6 +37,8 @@ struct Maker<'a> {
     scenes: HashMap<String, String>,
     /// Names of the tests.
     names: HashSet<String>,
+    /// Scene, plan and adversary of each test: a failure that two searches have found is one test.
+    known: HashSet<[String; 3]>,
 }
 
 /// A failure that may become a test.
@@ -51,7 +53,10 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
     let mut searches: Vec<Found> =
         args.searches.iter().map(|folder| Found::read(folder)).collect::<Result<_>>()?;
     searches.iter_mut().for_each(|search| search.rows.retain(|row| row.failures() > 0));
-    ensure!(searches.iter().any(|search| !search.rows.is_empty()), "the searches hold no failure");
+    ensure!(
+        searches.iter().any(|search| !search.rows.is_empty()),
+        "the searches hold no failure; search more scenes, or with a larger --budget"
+    );
     searches.iter().try_for_each(|search| {
         check(search, &searches[0]).with_context(|| format!("`{}`", search.folder.display()))
     })?;
@@ -81,7 +86,8 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
         avoidable: record.search.avoidable,
         tests: Vec::new(),
     };
-    let mut maker = Maker { args, folder, suite, scenes: HashMap::new(), names: HashSet::new() };
+    let mut maker =
+        Maker { args, folder, suite, scenes: HashMap::new(), names: HashSet::new(), known: HashSet::new() };
     let of_scene = |a: &Candidate, b: &Candidate| a.place[..2] == b.place[..2];
     for candidates in candidates.chunk_by(of_scene) {
         let [search, row, _] = candidates[0].place;
@@ -97,7 +103,7 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
     let out = folder.path().display();
     let kept = Spread::of(candidates.iter().map(|candidate| candidate.features.cluster()));
     progress::say_lines(&format!(
-        "{} of {} are in `{out}`\n{}\nto drive against them: sage test {out} --ego POLICY",
+        "`{out}`: {} of {}\n{}\nto drive against them: sage test {out} --ego POLICY",
         progress::count(suite.tests.len(), "test"),
         progress::count(args.searches.len(), "search"),
         spread_words(&kept, &all, args.diverse.is_some()),
@@ -105,16 +111,18 @@ pub(crate) fn run(args: &SuiteArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// How the tests spread over clusters; with a diverse choice, also how all failures do.
+/// How the tests spread over clusters; with a diverse choice, also how the failures to choose from do.
 fn spread_words(kept: &Spread, all: &Spread, is_diverse: bool) -> String {
-    let of_all = if is_diverse { format!(" of {}", all.clusters.len()) } else { String::new() };
-    let before =
-        if is_diverse { format!(", {:.2} among all failures", all.entropy()) } else { String::new() };
-    let mut lines = vec![format!(
-        "{}{of_all} clusters, entropy {:.2} bits{before}; the largest:",
-        kept.clusters.len(),
-        kept.entropy()
-    )];
+    let (clusters, entropy) = (kept.clusters.len(), kept.entropy());
+    let mut lines = vec![if is_diverse {
+        format!(
+            "{clusters} of {}, entropy {entropy:.2} bits, {:.2} before the choice; the largest:",
+            progress::count(all.clusters.len(), "cluster"),
+            all.entropy()
+        )
+    } else {
+        format!("{}, entropy {entropy:.2} bits; the largest:", progress::count(clusters, "cluster"))
+    }];
     lines.extend(kept.largest().take(SHOWN).map(|(name, count)| format!("  {count:3}  {name}")));
     lines.join("\n")
 }
@@ -150,7 +158,8 @@ fn candidates(searches: &[Found], args: &SuiteArgs) -> Result<Vec<Candidate>> {
             let scene = FailureScene::new(&recording, row.adversary())?;
             let candidate = |number: usize| {
                 let failure = search.failure(row, number)?;
-                let features = scene.features(&failure).with_context(|| failure_name(number))?;
+                let features = scene.driven(&failure).and_then(|driven| driven.features(&failure));
+                let features = features.with_context(|| failure_name(number))?;
                 Ok(Candidate { place: [s, r, number], reward: failure.reward, features })
             };
             keep.numbers(row).into_iter().map(candidate).collect()
@@ -191,6 +200,10 @@ impl Maker<'_> {
         [file, scene_hash]: [&String; 2],
         failure: FailureFile,
     ) -> Result<()> {
+        let plan_hash = plan_hash(&failure.trajectory);
+        if !self.known.insert([scene_hash.clone(), plan_hash.clone(), failure.adversary.clone()]) {
+            return Ok(());
+        }
         let driver = without_folders(&failure.ego);
         let ego = plain(&driver);
         let named = |k: usize| {
@@ -235,7 +248,7 @@ impl Maker<'_> {
             scene_hash: scene_hash.clone(),
             adversary: failure.adversary,
             seed: failure.seed,
-            plan_hash: plan_hash(&failure.trajectory),
+            plan_hash,
             plan: failure.trajectory,
             found: Origin {
                 ego: driver,
@@ -278,16 +291,6 @@ fn remove_old(folder: &Folder) -> Result<()> {
 
 /// What describes how a plan was generated, of all that the row of a failure holds.
 const DESCRIPTION: [&str; 8] = ["method", "options", "lambda", "mu", "aggression", "mix", "merger", "search"];
-
-/// The words of a driver without the folders of its files: a suite is passed on, and folders are nobody's business.
-fn without_folders(ego: &str) -> String {
-    let Some((kind, rest)) = ego.split_once(':').filter(|(kind, _)| ["cmd", "path", "td3"].contains(kind))
-    else {
-        return ego.to_owned();
-    };
-    let name = |word: &str| word.rsplit('/').next().unwrap_or_default().to_owned();
-    format!("{kind}:{}", rest.split(' ').map(name).collect::<Vec<_>>().join(" "))
-}
 
 /// A name as that of a file of a suite.
 fn plain(name: &str) -> String {

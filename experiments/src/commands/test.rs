@@ -23,7 +23,7 @@ use crate::{
     cli::TestArgs,
     ego::Ego,
     junit::{self, Case, Verdict},
-    output::{self, OutputFile},
+    output::{self, OutputFile, RECORD},
     progress, terminal,
 };
 
@@ -43,6 +43,8 @@ enum TestResult {
 #[derive(Debug, Serialize)]
 struct ResultRow<'s> {
     test: &'s str,
+    /// Which plan it was: another suite may have a test of the same name.
+    plan_hash: &'s str,
     ego: &'s str,
     result: TestResult,
     /// The driver that the failure was found with.
@@ -61,8 +63,13 @@ struct ResultRow<'s> {
 #[derive(Deserialize)]
 struct EarlierRow {
     test: String,
+    plan_hash: String,
+    ego: String,
     result: TestResult,
 }
+
+/// Results of an earlier run by the names and the plans of the tests.
+type Earlier = HashMap<(String, String), TestResult>;
 
 pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
     let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
@@ -72,7 +79,7 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
         .feasibilities
         .build(&suite.feasibility.name, &suite.feasibility.options.clone().into())
         .with_context(|| format!("`{}`", args.suite.join(FILE).display()))?;
-    let baseline = args.baseline.as_deref().map(|path| earlier(path, &suite)).transpose()?;
+    let baseline = args.baseline.as_deref().map(|path| earlier(path, &suite, &ego.label)).transpose()?;
     let junit = args.junit.as_deref().map(|path| OutputFile::claim(path, args.force)).transpose()?;
     // Tests of one scene share its unattacked drive.
     let (mut groups, mut places): (Vec<Vec<&SuiteTest>>, HashMap<_, usize>) = Default::default();
@@ -94,9 +101,10 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
     rows.sort_by_key(|row| place.get(row.test).copied());
     if let Some(file) = junit {
         let name = args.suite.display().to_string();
-        file.write(junit::report(&name, &ego.label, &rows.iter().map(case).collect::<Vec<_>>()).as_bytes())?;
+        let cases: Vec<Case> = rows.iter().map(|row| case(row, baseline.as_ref())).collect();
+        file.write(junit::report(&name, &ego.label, &cases).as_bytes())?;
     }
-    print(&rows, args.json)?;
+    print(&rows, baseline.as_ref(), args.json)?;
     Ok(ended(&rows, baseline.as_ref()))
 }
 
@@ -106,6 +114,12 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
 fn read(folder: &Path) -> Result<Suite> {
     let path = folder.join(FILE);
     let shown = path.display();
+    if !path.is_file() && folder.join(RECORD).is_file() {
+        bail!(
+            "`{}` is no suite; if it is the output of a search, make one of it: sage suite {0} --out DIR",
+            folder.display()
+        );
+    }
     let bytes = files::read(&path, LIMIT).with_context(|| format!("cannot read `{shown}`"))?;
     let suite: Suite = serde_json::from_slice(&bytes).with_context(|| format!("`{shown}` is no suite"))?;
     suite.check().map_err(|problem| anyhow!("`{shown}`: {problem}"))?;
@@ -115,20 +129,25 @@ fn read(folder: &Path) -> Result<Suite> {
     Ok(suite)
 }
 
-/// The results of an earlier run by the names of the tests.
+/// The results of an earlier run.
 ///
 /// *Errors*: the file holds no result of this suite, so that every failure would be excused.
-fn earlier(path: &Path, suite: &Suite) -> Result<HashMap<String, TestResult>> {
+fn earlier(path: &Path, suite: &Suite, ego: &str) -> Result<Earlier> {
     let shown = path.display();
     let text = files::read_text(path, LIMIT).with_context(|| format!("cannot read `{shown}`"))?;
-    let row = |(k, line): (usize, &str)| -> Result<(String, TestResult)> {
-        let row: EarlierRow = serde_json::from_str(line)
-            .with_context(|| format!("`{shown}`, line {}: no result of `sage test --json`", k + 1))?;
-        Ok((row.test, row.result))
+    let row = |(k, line): (usize, &str)| -> Result<EarlierRow> {
+        serde_json::from_str(line)
+            .with_context(|| format!("`{shown}`, line {}: no result of `sage test --json`", k + 1))
     };
     let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-    let earlier: HashMap<String, TestResult> = lines.map(row).collect::<Result<_>>()?;
-    let unknown = suite.tests.iter().filter(|test| !earlier.contains_key(&test.name)).count();
+    let rows: Vec<EarlierRow> = lines.map(row).collect::<Result<_>>()?;
+    if let Some(other) = rows.iter().find(|row| row.ego != ego) {
+        let other = terminal::escaped_name(&other.ego);
+        progress::say(&format!("note: `{shown}` holds results of `{other}`, not of `{ego}`"));
+    }
+    let earlier: Earlier = rows.into_iter().map(|row| ((row.test, row.plan_hash), row.result)).collect();
+    let is_known = |test: &SuiteTest| earlier.contains_key(&(test.name.clone(), test.plan_hash.clone()));
+    let unknown = suite.tests.iter().filter(|test| !is_known(test)).count();
     if unknown == suite.tests.len() {
         bail!("`{shown}` holds no result of a test of this suite");
     }
@@ -165,6 +184,7 @@ fn drive<'s>(
     };
     let failed = |test: &'s SuiteTest, error: anyhow::Error, seconds| ResultRow {
         test: &test.name,
+        plan_hash: &test.plan_hash,
         ego: &ego.label,
         result: TestResult::Error,
         found_with: &test.found.ego,
@@ -195,7 +215,6 @@ fn drive<'s>(
         };
         let seconds = before + clock.elapsed().as_secs_f64();
         match evaluated {
-            Ok(Some(Evaluated { error: Some(error), .. })) => failed(test, anyhow!(error), seconds),
             Ok(Some(evaluated)) => of_drive(suite, test, &ego.label, evaluated, seconds),
             Ok(None) => failed(test, anyhow!("the plan is not feasible by the rule of the suite"), seconds),
             Err(error) => failed(test, error, seconds),
@@ -215,6 +234,7 @@ fn of_drive<'s>(
     let missing = clauses.first_missing(suite.require);
     ResultRow {
         test: &test.name,
+        plan_hash: &test.plan_hash,
         ego,
         result: if missing.is_none() { TestResult::Failed } else { TestResult::Passed },
         found_with: &test.found.ego,
@@ -236,22 +256,39 @@ impl ResultRow<'_> {
             (None, None) => "no contact".to_owned(),
             (None, Some(met)) => match &self.missing {
                 None => format!("contact after {}, {:.1} m/s", after(met), met.impact_speed),
-                Some(clause) => format!("contact after {}, not {clause}", after(met)),
+                Some(clause) => format!("contact after {}, {}", after(met), missing_words(clause)),
             },
         }
     }
+
+    /// Whether it failed, and the baseline has the same.
+    fn is_accepted(&self, baseline: Option<&Earlier>) -> bool {
+        let before = baseline.and_then(|all| all.get(&(self.test.to_owned(), self.plan_hash.to_owned())));
+        self.result == TestResult::Failed && before == Some(&TestResult::Failed)
+    }
 }
 
-fn case(row: &ResultRow) -> Case {
+/// Why a contact is no failure of the driver, by the clause that does not hold.
+fn missing_words(clause: &str) -> &'static str {
+    match clause {
+        "attack" => "there without the attack too, or with another road user first",
+        "believable" => "not believable",
+        "at-fault" => "the driver not at fault",
+        _ => "no evasive manoeuvre found",
+    }
+}
+
+fn case(row: &ResultRow, baseline: Option<&Earlier>) -> Case {
     let verdict = match row.result {
         TestResult::Passed => Verdict::Passed,
+        TestResult::Failed if row.is_accepted(baseline) => Verdict::Accepted(row.words()),
         TestResult::Failed => Verdict::Failed(row.words()),
         TestResult::Error => Verdict::Error(row.words()),
     };
     Case { name: row.test.to_owned(), seconds: row.seconds, verdict }
 }
 
-fn print(rows: &[ResultRow], json: bool) -> Result<()> {
+fn print(rows: &[ResultRow], baseline: Option<&Earlier>, json: bool) -> Result<()> {
     if json {
         let mut out = Vec::new();
         for row in rows {
@@ -263,6 +300,7 @@ fn print(rows: &[ResultRow], json: bool) -> Result<()> {
     for row in rows {
         let result = match row.result {
             TestResult::Passed => "passed",
+            TestResult::Failed if row.is_accepted(baseline) => "failed before",
             TestResult::Failed => "FAILED",
             TestResult::Error => "ERROR",
         };
@@ -273,22 +311,18 @@ fn print(rows: &[ResultRow], json: bool) -> Result<()> {
 }
 
 /// Says how many tests passed. Done unless a test counts against the driver.
-fn ended(rows: &[ResultRow], baseline: Option<&HashMap<String, TestResult>>) -> Outcome {
+fn ended(rows: &[ResultRow], baseline: Option<&Earlier>) -> Outcome {
     let count = |result: TestResult| rows.iter().filter(|row| row.result == result).count();
     let [passed, failed, errors] = [TestResult::Passed, TestResult::Failed, TestResult::Error].map(count);
-    // A test that the baseline does not know has no excuse.
-    let passed_before = |row: &&ResultRow| {
-        let before = baseline.and_then(|earlier| earlier.get(row.test));
-        before.is_none_or(|result| *result == TestResult::Passed)
-    };
-    let new: Vec<&ResultRow> =
-        rows.iter().filter(|row| row.result == TestResult::Failed).filter(passed_before).collect();
+    // Only a failure excuses a failure: not an error, and not a test that the baseline does not know.
+    let counts = |row: &&ResultRow| row.result == TestResult::Failed && !row.is_accepted(baseline);
+    let new: Vec<&ResultRow> = rows.iter().filter(counts).collect();
     let mut text = format!("{passed} of {} passed, {failed} failed", progress::count(rows.len(), "test"));
     if errors > 0 {
         text += &format!(", {}", progress::count(errors, "error"));
     }
     if baseline.is_some() {
-        text += &format!("; {} that passed before", new.len());
+        text += &format!("; {} not in the baseline as failed", new.len());
         new.iter().for_each(|row| text += &format!("\n  {}", terminal::escaped_name(row.test)));
     }
     progress::say_lines(&text);

@@ -23,7 +23,8 @@ impl Inputs {
     /// All files and folders that the command line of this process names, other than its outputs: as a value, as the
     /// value of a flag, as the file of a policy (`td3:FILE`), in a list, as an option in JSON, or as the name of weights.
     pub(crate) fn of_command_line() -> Self {
-        Self::named(std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()))
+        let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
+        Self::named(without_command(arguments.collect()).into_iter())
     }
 
     fn named(arguments: impl Iterator<Item = String>) -> Self {
@@ -87,6 +88,21 @@ impl Inputs {
     }
 }
 
+/// Arguments without the words of the command: a folder may have the name of one. `bench` and `analyse` have a second word,
+/// the name of a study or of a command; a study from a file has an ending or a folder.
+fn without_command(mut arguments: Vec<String>) -> Vec<String> {
+    // This option alone may stand before the command.
+    let first = if arguments.first().is_some_and(|argument| argument == "--threads") { 2 } else { 0 };
+    let is_word = |argument: &String| !argument.starts_with('-') && !argument.contains(['.', '/', '\\']);
+    if let Some(place) = (first..arguments.len()).find(|k| is_word(&arguments[*k])) {
+        let command = arguments.remove(place);
+        if ["bench", "analyse"].contains(&&*command) && arguments.get(place).is_some_and(is_word) {
+            arguments.remove(place);
+        }
+    }
+    arguments
+}
+
 /// Parts of an argument that may be paths: itself, and what separators of lists, flags, policies and JSON leave.
 fn parts(argument: &str) -> impl Iterator<Item = &str> {
     let after = |separator: char| argument.split_once(separator).map(|(_, rest)| rest);
@@ -138,6 +154,17 @@ mod tests {
         expected.sort();
         found.sort();
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn the_words_of_a_command_are_no_files() {
+        let left = |line: &str| without_command(line.split(' ').map(str::to_owned).collect()).join(" ");
+        assert_eq!(left("suite failures --out suite"), "failures --out suite");
+        assert_eq!(left("--threads 2 search scenes --ego idm"), "--threads 2 scenes --ego idm");
+        assert_eq!(left("--threads=2 search search"), "--threads=2 search");
+        assert_eq!(left("bench transfer transfer --out transfer"), "transfer --out transfer");
+        assert_eq!(left("bench own.yaml scenes"), "own.yaml scenes");
+        assert_eq!(left("bench --scene-seed 3"), "--scene-seed 3");
     }
 
     #[test]

@@ -43,7 +43,8 @@ function build() {
   panels.forEach((p) => seen.observe(p.box));
   if (groups.length) buildSweep();
   if (typeof data.back === "string" && /^[\w.][^:]*$/.test(data.back)) {
-    element("index").href = data.back;
+    const from = new URLSearchParams(location.search).get("from");
+    element("index").href = from ? `${data.back}#${from}` : data.back;
     element("index").hidden = false;
   }
   openLink() || alone(null);

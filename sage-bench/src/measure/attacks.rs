@@ -21,7 +21,7 @@ use sage_sim::{
 use super::{
     ByPrior, Group, MeasuredScene, Measurement, SceneResult, cell,
     ego_samples::{self, EgoSamples},
-    infos,
+    infos, is_contact_now,
 };
 use crate::{
     Registries,
@@ -369,10 +369,6 @@ impl Attacks {
         let measured = MeasuredAttack { outcome, avoidable, is_searched, over_red, reward_cut };
         Ok(cell(key, &self.attacked, &measured))
     }
-}
-
-fn is_contact_now(error: &anyhow::Error) -> bool {
-    matches!(error.downcast_ref(), Some(sage_core::Error::ContactNow { .. }))
 }
 
 /// All metrics of plans: of the trajectory with registered rewards and rules, of the search, of the choice.

@@ -63,15 +63,11 @@ pub(super) fn metrics() -> [Metric<MeasuredPlan>; 3] {
         Metric::mean("predictions hit", |plan: &P| plan.samples_hit)
             .about("share of 32 predictions of the ego that the trajectory touches")
             .costly(),
-        Metric::share("hits all predictions", hits_all)
-            .about("it touches all of them")
-            .less_is_better()
-            .costly(),
+        Metric::share("hits all predictions", hits_all).about("it touches all of them").costly(),
         Metric::share("hits all predictions, of the attacks", move |plan: &P| {
             hits_all(plan).filter(|_| plan.is_attack())
         })
         .about("the same, of the attacks")
-        .less_is_better()
         .costly(),
     ]
 }

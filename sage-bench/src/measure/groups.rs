@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_backbones::Backbone;
-use sage_generators::Aggression;
+use sage_generators::{Aggression, GeneratorInputs};
 use sage_merging::{ExpertSet, Merger};
 
 use crate::{
@@ -69,6 +69,22 @@ impl Group {
             points: self.points.clone(),
             built: Vec::new(),
         }
+    }
+
+    /// Generators with these weights and this merger.
+    pub fn generators<'r>(
+        &self,
+        registries: &'r Registries,
+        selection: &Selection,
+        seed: u64,
+    ) -> Generators<'r> {
+        let inputs = GeneratorInputs {
+            experts: Some(self.experts.clone()),
+            merger: self.merger.clone(),
+            seed,
+            selection: Arc::new(selection.objective.clone()),
+        };
+        Generators::with_inputs(registries, inputs)
     }
 
     /// All groups of a study: every weights with every merger.

@@ -9,20 +9,18 @@ use sage_core::{
     objective::{Context, Objective},
     scene::SceneData,
 };
-use sage_generators::GeneratorInputs;
 use sage_sim::{
     SimScene,
     attack_test::AttackTest,
-    search::{Clause, MOST_PLANS, MeasuredSearch, MeasuredThreshold, Order, SearchOptions, evaluate_each},
+    search::{Clause, MOST_PLANS, MeasuredSearch, MeasuredThreshold, Order, PlanDrives, SearchOptions},
 };
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::{Group, Measurement, SceneResult, cell, infos};
+use super::{DriverInScene, Group, Measurement, SceneResult, cell, infos, is_contact_now};
 use crate::{
     Registries,
     ego::Ego,
-    generators::Generators,
     operating_point::OperatingPointSpec,
     part::Part,
     rows::{Cell, Key, Subject},
@@ -89,15 +87,7 @@ impl Searches {
         let listed = |subject| study.metrics.get(&subject).cloned().unwrap_or_default();
         let (mut methods, mut along) = (Vec::new(), Vec::new());
         for group in groups {
-            let with = |selection: &Selection| {
-                let inputs = GeneratorInputs {
-                    experts: Some(group.experts.clone()),
-                    merger: group.merger.clone(),
-                    seed: study.seed,
-                    selection: Arc::new(selection.objective.clone()),
-                };
-                Generators::with_inputs(registries, inputs)
-            };
+            let with = |selection| group.generators(registries, selection, study.seed);
             let (likeliest, selecting) = (with(&rule), with(selection));
             let method = |label: String, point, plans, options| Method {
                 arm: group.arm.clone(),
@@ -188,19 +178,11 @@ impl Searches {
         result: &mut SceneResult,
     ) {
         let count = self.methods.len() + self.along.len();
-        let prepared = || -> Result<(AttackTest<'_>, Context)> {
-            let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
-            simulated.scene().check_apart_now()?;
-            let test = AttackTest::new(&*ego.policy, simulated, self.seed)?;
-            let ctx = test.context()?;
-            ctx.check_apart_now()?;
-            Ok((test, ctx))
-        };
-        let (test, ctx) = match prepared() {
-            Ok(prepared) => prepared,
+        let DriverInScene { test, ctx } = match DriverInScene::new(ego, simulated, self.seed) {
+            Ok(driver) => driver,
             Err(error) => {
                 let reason = format!("{error:#}");
-                if matches!(error.downcast_ref(), Some(sage_core::Error::ContactNow { .. })) {
+                if is_contact_now(&error) {
                     result.left_out.push(format!("{}: {reason}", ego.label));
                 } else {
                     result.cells.extend((first..first + count).map(|key| Cell::failed(key, &reason)));
@@ -237,10 +219,9 @@ impl Searches {
         ctx: &Context,
     ) -> Result<Cell> {
         let plans: Vec<Proposal> = method.plans.proposals(ctx, self.seed)?.into_iter().flatten().collect();
-        let evaluated = evaluate_each(test, ctx, self.rule.rule(), &plans, &method.options)?;
-        if let Some(error) = evaluated.iter().flatten().find_map(|evaluated| evaluated.error.as_ref()) {
-            return Err(anyhow!("{error}"));
-        }
+        let mut drives = PlanDrives::new(test, ctx, self.rule.rule(), &method.options)?;
+        let evaluate = |(k, plan)| drives.evaluate(k, plan);
+        let evaluated = plans.iter().enumerate().map(evaluate).collect::<Result<Vec<_>, _>>()?;
         let require = method.options.require;
         let fails = |evaluated: &Option<_>| {
             evaluated

@@ -2,25 +2,23 @@
 
 use std::{path::Path, sync::Arc};
 
-use anyhow::{Result, anyhow, ensure};
+use anyhow::{Result, bail, ensure};
 use sage_core::{
     generator::Proposal,
     metric::{Metric, MetricInfo},
-    objective::{Context, Objective},
+    objective::Objective,
     scene::SceneData,
 };
-use sage_generators::GeneratorInputs;
 use sage_sim::{
     SimScene,
-    attack_test::AttackTest,
-    search::{Clause, MOST_PLANS, MeasuredTransfer, Requirement, SearchOptions, evaluate_each},
+    search::{Clause, MOST_PLANS, MeasuredTransfer, PlanDrives, Reason, Requirement, SearchOptions},
 };
 
-use super::{Group, Measurement, SceneResult, cell, infos};
+use super::{DriverInScene, Group, Measurement, SceneResult, cell, infos, is_contact_now};
 use crate::{
     Registries,
     ego::Ego,
-    generators::{BuiltGenerator, Generators},
+    generators::BuiltGenerator,
     operating_point::{OperatingPointSpec, RowKey},
     part::Part,
     rows::{Cell, Key, Subject},
@@ -50,6 +48,13 @@ struct Method {
     maker: Maker,
 }
 
+impl Method {
+    /// Name of an attack with the weights, if there are several.
+    fn named(&self, attack: &str) -> String {
+        if self.arm.is_empty() { attack.to_owned() } else { format!("{attack}, {}", self.arm) }
+    }
+}
+
 /// All plans against all drivers.
 pub struct Transfers {
     egos: Vec<Ego>,
@@ -65,12 +70,6 @@ pub struct Transfers {
 type Shared = Arc<anyhow::Error>;
 /// The plan of a method against a driver: `None` if a search had no plan.
 type Made = Result<Option<Proposal>, Shared>;
-
-/// A driver with its unattacked drive.
-struct Prepared<'t> {
-    test: AttackTest<'t>,
-    ctx: Context,
-}
 
 impl Transfers {
     /// Builds the sources of all plans.
@@ -90,15 +89,7 @@ impl Transfers {
         options.avoidable = study.avoidable.unwrap_or(options.avoidable);
         let mut methods = Vec::new();
         for group in groups {
-            let with = |selection: &Selection| {
-                let inputs = GeneratorInputs {
-                    experts: Some(group.experts.clone()),
-                    merger: group.merger.clone(),
-                    seed: study.seed,
-                    selection: Arc::new(selection.objective.clone()),
-                };
-                Generators::with_inputs(registries, inputs)
-            };
+            let with = |selection| group.generators(registries, selection, study.seed);
             for text in &study.method {
                 let part: Part = text.parse().map_err(anyhow::Error::msg)?;
                 let (keys, maker) = if part.name == SEARCH {
@@ -136,17 +127,13 @@ impl Transfers {
         for method in &self.methods {
             for (attack, point) in &method.keys {
                 for made in &self.egos {
-                    keys.extend(self.egos.iter().map(|tested| {
-                        let labels = [tested.label.clone(), method.arm.clone()];
-                        let labels: Vec<String> = labels.into_iter().filter(|l| !l.is_empty()).collect();
-                        Key {
-                            training_seed: method.training_seed,
-                            attack: attack.clone(),
-                            point: point.clone(),
-                            made_against: made.label.clone(),
-                            knows: tested.policy.knows().to_string(),
-                            ..Key::new(Subject::Transfer, labels.join(", "), self.seed)
-                        }
+                    keys.extend(self.egos.iter().map(|tested| Key {
+                        training_seed: method.training_seed,
+                        attack: method.named(attack),
+                        point: point.clone(),
+                        made_against: made.label.clone(),
+                        knows: tested.policy.knows().to_string(),
+                        ..Key::new(Subject::Transfer, &*tested.label, self.seed)
                     }));
                 }
             }
@@ -155,8 +142,8 @@ impl Transfers {
     }
 
     /// One plan of each key of a method against a driver.
-    fn plans(&self, method: &Method, made: &Prepared) -> Result<Vec<Proposal>> {
-        let Prepared { test, ctx } = made;
+    fn plans(&self, method: &Method, made: &DriverInScene) -> Result<Vec<Proposal>> {
+        let DriverInScene { test, ctx } = made;
         match &method.maker {
             Maker::Selected(built) => {
                 let mut plans = Vec::new();
@@ -168,67 +155,62 @@ impl Transfers {
             }
             Maker::Searched(sources, options) => {
                 let (pool, result) = sources.search(test, ctx, &self.rule, options, self.seed)?;
+                if result.reason == Some(Reason::Error) {
+                    let first = result.driven.iter().find_map(|drive| drive.error.clone());
+                    bail!(
+                        "every attacked drive of the search ended in an error: {}",
+                        first.unwrap_or_default()
+                    );
+                }
                 let strongest = result.strongest();
                 Ok(strongest.map(|drive| pool.plans[drive.plan].proposal.clone()).into_iter().collect())
             }
         }
     }
 
-    fn prepare<'t>(
-        &'t self,
-        ego: &'t Ego,
-        simulated: &Result<Arc<SimScene>, sage_sim::Error>,
-    ) -> Result<Prepared<'t>> {
-        let simulated = simulated.as_ref().map_err(|error| anyhow!("{error}"))?;
-        simulated.scene().check_apart_now()?;
-        let test = AttackTest::new(&*ego.policy, simulated, self.seed)?;
-        let ctx = test.context()?;
-        ctx.check_apart_now()?;
-        Ok(Prepared { test, ctx })
-    }
-
     /// Cells of all keys against one tested driver.
     fn of_tested(
         &self,
         tested: usize,
-        prepared: &Result<Prepared, Shared>,
+        driver: &Result<DriverInScene, Shared>,
         plans: &[Made],
         result: &mut SceneResult,
     ) {
-        // Keys run over the tested drivers fastest.
-        let key = |number: usize| number * self.egos.len() + tested;
-        let keys = 0..plans.len();
-        let Prepared { test, ctx } = match prepared {
-            Ok(prepared) => prepared,
-            Err(error) => return keys.for_each(|number| self.not_driven(error, key(number), result)),
-        };
-        let made: Vec<Proposal> = plans.iter().filter_map(|plan| plan.as_ref().ok()?.clone()).collect();
-        match evaluate_each(test, ctx, self.rule.rule(), &made, &self.options) {
-            Err(error) => result.cells.extend(keys.map(|k| Cell::failed(key(k), &error))),
-            Ok(evaluated) => {
-                let mut evaluated = evaluated.into_iter();
-                for (number, plan) in plans.iter().enumerate() {
-                    match plan {
-                        Ok(plan) => {
-                            let evaluated = plan.as_ref().and_then(|_| evaluated.next().flatten());
-                            if let Some(error) = evaluated.as_ref().and_then(|drive| drive.error.as_ref()) {
-                                result.cells.push(Cell::failed(key(number), error));
-                                continue;
-                            }
-                            let measured = MeasuredTransfer { evaluated };
-                            result.cells.push(cell(key(number), &self.metrics, &measured));
-                        }
-                        Err(error) => self.not_driven(error, key(number), result),
-                    }
+        // Keys run over the tested drivers fastest, then over those that plans are made against.
+        let drivers = self.egos.len();
+        let mut drives = driver.as_ref().map_err(Arc::clone).and_then(|DriverInScene { test, ctx }| {
+            PlanDrives::new(test, ctx, self.rule.rule(), &self.options)
+                .map_err(|error| Arc::new(error.into()))
+        });
+        for (number, plan) in plans.iter().enumerate() {
+            let key = number * drivers + tested;
+            let drives = match &mut drives {
+                Ok(drives) => drives,
+                Err(error) => {
+                    self.not_driven(error, &self.egos[tested].label, key, result);
+                    continue;
                 }
+            };
+            match plan {
+                Ok(plan) => {
+                    let evaluated = plan.as_ref().map(|plan| drives.evaluate(number, plan)).transpose();
+                    result.cells.push(match evaluated {
+                        Ok(evaluated) => {
+                            let measured = MeasuredTransfer { evaluated: evaluated.flatten() };
+                            cell(key, &self.metrics, &measured)
+                        }
+                        Err(error) => Cell::failed(key, error),
+                    });
+                }
+                Err(error) => self.not_driven(error, &self.egos[number % drivers].label, key, result),
             }
         }
     }
 
-    /// Notes that there is no result: left out if two cars touch *now*, else failed.
-    fn not_driven(&self, error: &anyhow::Error, key: usize, result: &mut SceneResult) {
-        if matches!(error.downcast_ref(), Some(sage_core::Error::ContactNow { .. })) {
-            let reason = format!("{}: {error:#}", self.keys[key].arm);
+    /// Notes that there is no result because of a driver: left out if it touches the adversary *now*, else failed.
+    fn not_driven(&self, error: &anyhow::Error, driver: &str, key: usize, result: &mut SceneResult) {
+        if is_contact_now(error) {
+            let reason = format!("{driver}: {error:#}");
             if !result.left_out.contains(&reason) {
                 result.left_out.push(reason);
             }
@@ -254,12 +236,12 @@ impl Measurement for Transfers {
     fn measure(&self, data: &SceneData) -> SceneResult {
         let mut result = SceneResult::default();
         let simulated = SimScene::new(data.scene.clone(), data.index.clone());
-        let prepare = |ego| self.prepare(ego, &simulated).map_err(Arc::new);
-        let prepared: Vec<Result<Prepared, Shared>> = self.egos.iter().map(prepare).collect();
+        let prepare = |ego| DriverInScene::new(ego, &simulated, self.seed).map_err(Arc::new);
+        let prepared: Vec<Result<DriverInScene, Shared>> = self.egos.iter().map(prepare).collect();
         // One plan of each method, operating point and driver that it is made against.
         let mut plans: Vec<Made> = Vec::new();
         for method in &self.methods {
-            let made = |against: &Result<Prepared, Shared>| {
+            let made = |against: &Result<DriverInScene, Shared>| {
                 let against = against.as_ref().map_err(Arc::clone)?;
                 self.plans(method, against).map_err(Arc::new)
             };

@@ -129,6 +129,11 @@ impl Clauses {
         }
     }
 
+    /// Whether a clause and the ones before it hold.
+    pub fn reach(&self, clause: Clause) -> bool {
+        Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| self.holds(c))
+    }
+
     /// Whether all required clauses hold.
     pub fn meet(&self, requirement: Requirement) -> bool {
         requirement.clauses().all(|clause| self.holds(clause))

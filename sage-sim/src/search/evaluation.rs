@@ -176,42 +176,50 @@ impl<'t> Evaluator<'t> {
     }
 }
 
-/// Drives against each of some plans and answers the clauses; `None` for a plan that is not feasible. Equal plans are
-/// driven once. `ctx` is that of the unattacked drive.
-///
-/// *Errors*: options of the search for evasive manoeuvres that are out of range. An error of the driver is noted in its drive.
-pub fn evaluate_each(
-    test: &AttackTest,
-    ctx: &Context,
-    rule: &dyn Feasibility,
-    plans: &[Proposal],
-    options: &SearchOptions,
-) -> Result<Vec<Option<Evaluated>>, Error> {
-    options.avoidable.check()?;
-    let evaluator = Evaluator::new(test, ctx, options.require, options.avoidable);
-    let mut known: HashMap<Vec<u64>, Option<Evaluated>> = HashMap::new();
-    let mut all = Vec::with_capacity(plans.len());
-    for (number, proposal) in plans.iter().enumerate() {
+/// Drives a driver against given plans of one scene.
+pub struct PlanDrives<'t> {
+    evaluator: Evaluator<'t>,
+    rule: &'t dyn Feasibility,
+    /// Equal plans are driven once.
+    known: HashMap<Vec<u64>, Option<Evaluated>>,
+}
+
+impl<'t> PlanDrives<'t> {
+    /// `ctx` is that of the unattacked drive.
+    ///
+    /// *Errors*: options of the search for evasive manoeuvres that are out of range.
+    pub fn new(
+        test: &'t AttackTest<'t>,
+        ctx: &'t Context,
+        rule: &'t dyn Feasibility,
+        options: &SearchOptions,
+    ) -> Result<Self, Error> {
+        options.avoidable.check()?;
+        let evaluator = Evaluator::new(test, ctx, options.require, options.avoidable);
+        Ok(Self { evaluator, rule, known: HashMap::new() })
+    }
+
+    /// Drives against a plan and answers the clauses; `None` for a plan that is not feasible.
+    ///
+    /// *Errors*: an error of the driver.
+    pub fn evaluate(&mut self, number: usize, proposal: &Proposal) -> Result<Option<Evaluated>, Error> {
         let bits: Vec<u64> =
             proposal.trajectory.points().as_flattened().iter().map(|x| x.to_bits()).collect();
-        if let Some(evaluated) = known.get(&bits) {
-            all.push(evaluated.clone());
-            continue;
+        if let Some(evaluated) = self.known.get(&bits) {
+            return Ok(evaluated.clone());
         }
+        let ctx = self.evaluator.ctx;
         let candidate = ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
-        let evaluated = if rule.is_feasible(&candidate, ctx) {
+        let evaluated = if self.rule.is_feasible(&candidate, ctx) {
             let plan = PoolPlan { proposal: proposal.clone(), source: 0, candidate };
-            Some(match evaluator.drive(&plan) {
-                Ok((outcome, path)) => evaluator.evaluate(number, &plan, &outcome, &path)?,
-                Err(error) => Evaluated::failed(number, error.to_string()),
-            })
+            let (outcome, path) = self.evaluator.drive(&plan)?;
+            Some(self.evaluator.evaluate(number, &plan, &outcome, &path)?)
         } else {
             None
         };
-        known.insert(bits, evaluated.clone());
-        all.push(evaluated);
+        self.known.insert(bits, evaluated.clone());
+        Ok(evaluated)
     }
-    Ok(all)
 }
 
 /// The ego's path in an attacked drive: as driven up to the contact, then straight on at constant velocity. A policy that

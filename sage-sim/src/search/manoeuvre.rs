@@ -137,17 +137,20 @@ impl RoadKind {
     /// The kind of road at a point.
     pub fn at(p: Point, index: &SceneIndex) -> Self {
         let lanes = index.motor_lanes();
-        let mut headings: Vec<f64> = Vec::new();
+        // Lanes with their directions near the point. A tight lane does not cross itself.
+        let mut found: Vec<(u32, f64)> = Vec::new();
         for k in lanes.near(&Aabb::around(p, CROSSING)).flatten() {
             let segment = &lanes.segments()[k];
-            if distance(segment.at(segment.nearest_share(p)), p) <= CROSSING {
-                let d = sub(segment.b, segment.a);
-                headings.push(d[1].atan2(d[0]));
+            let d = sub(segment.b, segment.a);
+            if norm(d) > 0.0 && distance(segment.at(segment.nearest_share(p)), p) <= CROSSING {
+                found.push((segment.feature, d[1].atan2(d[0])));
             }
         }
-        let crosses = |a: f64, b: f64| (ALONG..=PI - ALONG).contains(&wrap_angle(a - b).abs());
-        let cross = headings.iter().enumerate().any(|(k, a)| headings[..k].iter().any(|b| crosses(*a, *b)));
-        match (headings.is_empty(), cross) {
+        let crosses = |a: &(u32, f64), b: &(u32, f64)| {
+            a.0 != b.0 && (ALONG..=PI - ALONG).contains(&wrap_angle(a.1 - b.1).abs())
+        };
+        let cross = found.iter().enumerate().any(|(k, a)| found[..k].iter().any(|b| crosses(a, b)));
+        match (found.is_empty(), cross) {
             (true, _) => Self::OffLanes,
             (false, true) => Self::Junction,
             (false, false) => Self::Road,
@@ -225,6 +228,10 @@ mod tests {
         assert_eq!(at_origin(&[east.clone(), west.clone()]), RoadKind::Road);
         assert_eq!(at_origin(&[east.clone(), west, north]), RoadKind::Junction);
         assert_eq!(at_origin(&[]), RoadKind::OffLanes);
+        // A lane of 6 m radius turns by more than 30° within the reach.
+        let tight: Vec<Point> =
+            (0..20).map(|k| [6.0 * (0.1 * k as f64).sin(), 6.0 - 6.0 * (0.1 * k as f64).cos()]).collect();
+        assert_eq!(at_origin(&[tight]), RoadKind::Road);
         assert_eq!(RoadKind::at([0.0, -6.0], &map_of(&[east])), RoadKind::OffLanes);
     }
 }

@@ -34,9 +34,7 @@ impl MeasuredSearch {
 
     /// Drives until the first that meets a clause and the ones before it; `None` without one.
     fn first(&self, clause: Clause) -> Option<usize> {
-        let meets = |evaluated: &Evaluated| {
-            Clause::ALL.into_iter().take_while(|c| *c <= clause).all(|c| evaluated.clauses.holds(c))
-        };
+        let meets = |evaluated: &Evaluated| evaluated.clauses.reach(clause);
         self.result.driven.iter().position(meets).map(|k| k + 1)
     }
 

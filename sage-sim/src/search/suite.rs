@@ -14,7 +14,7 @@ use sage_core::{
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Clauses, Evaluated, Met, Requirement, SearchOptions, evaluate_each};
+use super::{Clauses, Evaluated, Met, PlanDrives, Requirement, SearchOptions};
 use crate::{Error, attack_test::AttackTest, avoidable::AvoidanceOptions};
 
 /// Version of the format.
@@ -76,7 +76,8 @@ pub struct Found {
     pub contact: Option<Met>,
     /// Its clauses.
     pub clauses: Clauses,
-    /// Name of its cluster: type of the collision, what the driver does, its speed.
+    /// Name of its cluster: type of the collision, what the driver does, its speed at the contact.
+    #[serde(default)]
     pub cluster: String,
 }
 
@@ -133,7 +134,7 @@ pub fn is_plain(name: &str) -> bool {
 /// Drives a driver against the plans of one scene. `ctx` is that of its unattacked drive. `None` for a plan that is not
 /// feasible by the rule, which cannot be a failure.
 ///
-/// *Errors*: as [`evaluate_each`].
+/// *Errors*: those of [`PlanDrives`].
 pub fn run(
     suite: &Suite,
     test: &AttackTest,
@@ -143,8 +144,7 @@ pub fn run(
 ) -> Result<Option<Evaluated>, Error> {
     let options =
         SearchOptions { require: suite.require, avoidable: suite.avoidable, ..SearchOptions::default() };
-    let plans = [Proposal::of(plan.clone())];
-    Ok(evaluate_each(test, ctx, rule, &plans, &options)?.pop().flatten())
+    PlanDrives::new(test, ctx, rule, &options)?.evaluate(0, &Proposal::of(plan.clone()))
 }
 
 #[cfg(test)]

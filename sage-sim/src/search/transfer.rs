@@ -16,10 +16,7 @@ pub struct MeasuredTransfer {
 impl MeasuredTransfer {
     /// Whether the drive meets a clause and the ones before it.
     fn meets(&self, clause: Clause) -> bool {
-        let before = Clause::ALL.into_iter().take_while(|c| *c <= clause);
-        self.evaluated
-            .as_ref()
-            .is_some_and(|evaluated| before.into_iter().all(|c| evaluated.clauses.holds(c)))
+        self.evaluated.as_ref().is_some_and(|evaluated| evaluated.clauses.reach(clause))
     }
 
     /// The drive, if the plan is an attack on the driver.

@@ -11,7 +11,7 @@ use super::{FILE, entry::Entry};
 use crate::{
     commands::search::{
         SceneRow,
-        found::{FailureFile, FailureScene},
+        found::{FailureFile, FailureScene, without_folders},
     },
     player::{self, Meeting, Panel},
 };
@@ -40,7 +40,7 @@ pub(super) fn page(
         };
         parts.push(Parts {
             motions: motions(&driven.copied().collect::<Vec<_>>()),
-            meeting: Meeting { frame: NOW + step, areas: scene.boxes_at(failure, step)? },
+            meeting: Meeting { frame: NOW + step, areas: scene.driven(failure)?.boxes_at(step)? },
             adversary: scene.scene().adversary()?.following(&failure.trajectory),
             evasion: avoidable.evasion(step).map(|(_, poses)| poses.to_vec()),
         });
@@ -48,7 +48,7 @@ pub(super) fn page(
     let panels: Vec<Panel> =
         parts.iter().zip(entries).map(|(part, entry)| panel(part, entry, &unattacked)).collect();
     let back = format!("../{FILE}");
-    let titles = [row.scene(), &format!("failures of {}", row.ego())];
+    let titles = [row.scene(), &format!("failures of {}", without_folders(row.ego()))];
     player::page(scene.scene(), titles, &panels, COLUMNS, Some(&back))
 }
 

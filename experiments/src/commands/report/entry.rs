@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use crate::commands::search::{
     failure_name,
-    found::{FailureFile, FailureScene},
+    found::{FailureFile, FailureScene, without_folders},
 };
 
 /// Length of the paths that a thumbnail shows, and how far it looks around them, metres.
@@ -65,15 +65,15 @@ impl Entry {
         page: &str,
     ) -> Result<(Self, Aabb)> {
         let name = failure_name(number);
-        let Features { collision, ego, adversary, road, .. } =
-            scene.features(failure).with_context(|| name.clone())?;
-        let cluster = scene.features(failure)?.cluster();
+        let driven = scene.driven(failure).with_context(|| name.clone())?;
+        let features = driven.features(failure).with_context(|| name.clone())?;
+        let Features { collision, ego, adversary, road, .. } = features;
         let met = failure.contact.as_ref().with_context(|| format!("{name} has no `contact`"))?;
         let step = usize::try_from(met.step).unwrap_or_default();
-        let [own, other] = scene.boxes_at(failure, step).with_context(|| name.clone())?;
+        let [own, other] = driven.boxes_at(step).with_context(|| name.clone())?;
         let tracks = (scene.scene().ego(), scene.scene().adversary()?);
-        let driven: Vec<Point> = failure.ego_path.iter().map(|[x, y, _]| [*x, *y]).collect();
-        let paths = [path(tracks.0, &driven, step), path(tracks.1, failure.trajectory.points(), step)];
+        let positions: Vec<Point> = failure.ego_path.iter().map(|[x, y, _]| [*x, *y]).collect();
+        let paths = [path(tracks.0, &positions, step), path(tracks.1, failure.trajectory.points(), step)];
         let shown = paths.iter().flat_map(|path| path.iter().filter(|p| near_end(p, path)).copied());
         let area = Aabb::of(shown);
         let area = Aabb { min: area.min.map(|x| x - AROUND), max: area.max.map(|x| x + AROUND) };
@@ -85,8 +85,8 @@ impl Entry {
             scene: 0,
             page: format!("{page}#{name}"),
             name,
-            driver: failure.ego.clone(),
-            cluster,
+            driver: without_folders(&failure.ego),
+            cluster: features.cluster(),
             collision: collision.name(),
             ego_does: ego.words(),
             adversary_does: adversary.words(),
@@ -119,7 +119,7 @@ impl Entry {
             None => "fault unknown",
         };
         let react = self.time_to_react.map_or(String::new(), |time| {
-            format!("; an evasive manoeuvre could begin up to {time:.1} s before the contact")
+            format!("; an evasive manoeuvre could begin as late as {time:.1} s before the contact")
         });
         format!(
             "{}; contact after {:.1} s at {:.1} m/s, {fault}; adversary {}{react}",

@@ -337,10 +337,16 @@ function comeBack() {
   item.firstChild.focus({ preventScroll: true });
 }
 
-element("cards").addEventListener("click", (e) => {
-  const item = e.target.closest("li");
-  if (item?.querySelector("a[href]")) writeAddress({ place: Number(item.dataset.place) });
-});
+for (const press of ["click", "auxclick"]) {
+  element("cards").addEventListener(press, (e) => {
+    const item = e.target.closest("li"), a = item?.querySelector("a[href]");
+    if (!a) return;
+    // The page of the scene links back to this view.
+    const [file, id] = link(failures[item.dataset.failure].page).split("#"), from = address().slice(1);
+    a.href = `${file}${from ? `?from=${encodeURIComponent(from)}` : ""}#${id}`;
+    if (press === "click") writeAddress({ place: Number(item.dataset.place) });
+  });
+}
 element("scene").addEventListener("input", (e) => { state.text = e.target.value.slice(0, 200); change(); });
 element("sort").addEventListener("change", (e) => { state.sort = e.target.value; state.rises = risesFirst(state.sort); change(); });
 element("order").addEventListener("click", () => { state.rises = !state.rises; change(); });

@@ -101,7 +101,7 @@ function thumbnail(f) {
   }
   cars.forEach((b) => car(c, b, ratio / scale));
   const contact = cars.length > 1 ? meeting(...cars) : null;
-  if (contact) burst(c, contact, Math.max(0.9, (5 * ratio) / scale));
+  if (contact) burst(c, ...contact, Math.max(0.9, (5 * ratio) / scale));
   scaleBar(c, ratio, scale, height);
   return canvas;
 }
@@ -136,20 +136,6 @@ function meeting(a, b) {
   }
   const nearest = Math.min(...found.map(([gap]) => gap)), at = found.filter(([gap]) => gap <= nearest + 0.05);
   return nearest > 1 ? null : [1, 2].map((k) => at.reduce((sum, p) => sum + p[k], 0) / at.length);
-}
-
-function burst(c, [x, y], radius) {
-  c.beginPath();
-  for (let k = 0; k < 16; k++) {
-    const r = k % 2 ? 0.45 * radius : radius, a = (k * Math.PI) / 8;
-    c.lineTo(x + r * Math.cos(a), y + r * Math.sin(a));
-  }
-  c.closePath();
-  c.fillStyle = "#f0e442";
-  c.strokeStyle = colour.ink;
-  c.lineWidth = 0.12 * radius;
-  c.fill();
-  c.stroke();
 }
 
 function scaleBar(c, ratio, scale, height) {

@@ -1,17 +1,23 @@
 //! What a search has found, read from its folder.
 
-use std::path::{Path, PathBuf};
+use std::{
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+};
 
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_core::{
     files,
     geometry::OrientedBox,
-    motion::Trajectory,
+    motion::{HORIZON, MAX_COORDINATE, NOW, Trajectory},
     objective::{Candidate, Context, ContextOptions, EgoPaths, PartSpec},
     scene::{Scene, SceneIndex},
 };
 use sage_data::Recording;
-use sage_sim::search::{Clauses, Features, Met, SearchOptions, suite::MOST_TESTS};
+use sage_sim::{
+    episode::LAST_FRAME,
+    search::{Clauses, Features, Met, SearchOptions, suite::MOST_TESTS},
+};
 use serde::{Deserialize, de::DeserializeOwned};
 use serde_json::{Map, Value};
 
@@ -19,8 +25,11 @@ use super::{SceneRow, failure_name, row_file, unchanged_file};
 use crate::{
     output::{self, RECORD},
     progress,
-    scene_queue::{ROW_LIMIT, is_row_of},
+    scene_queue::is_row_of,
 };
+
+/// Size limit of a row, bytes.
+const LIMIT: u64 = 1 << 24;
 
 /// What is wrong with a failure whose contact is nowhere on its path.
 const NOT_WITHIN: &str = "its `contact` is not within its `ego_path`";
@@ -54,7 +63,6 @@ pub(in crate::commands) struct FailureFile {
     #[serde(default)]
     pub(in crate::commands) avoidable_r157: Option<bool>,
     /// Box centre and heading of the ego at frames 0 to *now*.
-    #[serde(default)]
     pub(in crate::commands) ego_history: Vec<[f64; 3]>,
     /// The same at steps 1 to 80.
     pub(in crate::commands) ego_path: Vec<[f64; 3]>,
@@ -94,8 +102,10 @@ impl<'a> Found<'a> {
         }
         rows.sort_by(|a, b| sage_data::folder::natural_order(a.scene(), b.scene()));
         for row in &rows {
-            let (scene, failures) = (row.scene(), row.failures());
-            ensure!(failures <= MOST_TESTS, "scene `{scene}`: its row counts {failures} failures");
+            let failures = row.failures();
+            ensure!(failures <= MOST_TESTS, "scene `{}`: its row counts {failures} failures", row.scene());
+            check_poses("unattacked_path", row.unattacked_path(), 0..=LAST_FRAME + 1)
+                .with_context(|| format!("scene `{}`", row.scene()))?;
         }
         Ok(Self { folder, record, rows })
     }
@@ -114,7 +124,64 @@ impl<'a> Found<'a> {
     ///
     /// *Errors*: it cannot be read.
     pub(in crate::commands) fn failure(&self, row: &SceneRow, number: usize) -> Result<FailureFile> {
-        json(&self.folder.join(row_file(&format!("{}-{}", row.scene(), failure_name(number)))))
+        let path = self.folder.join(row_file(&format!("{}-{}", row.scene(), failure_name(number))));
+        let failure: FailureFile = json(&path).context("search again with this version")?;
+        let check = || -> Result<()> {
+            check_poses("ego_history", &failure.ego_history, NOW + 1..=NOW + 1)?;
+            check_poses("ego_path", &failure.ego_path, 1..=HORIZON)?;
+            check_poses("witness", failure.witness.as_deref().unwrap_or_default(), 0..=HORIZON)
+        };
+        check().with_context(|| format!("`{}`", path.display()))?;
+        Ok(failure)
+    }
+}
+
+/// Checks the poses of a row, which may come from anywhere.
+///
+/// *Errors*: another number than expected, or one that is not finite or too far away.
+fn check_poses(field: &str, poses: &[[f64; 3]], count: RangeInclusive<usize>) -> Result<()> {
+    let (least, most) = (count.start(), count.end());
+    let expected = if least == most { least.to_string() } else { format!("{least} to {most}") };
+    ensure!(count.contains(&poses.len()), "`{field}` has {} poses; expected {expected}", poses.len());
+    let is_usable = |pose: &[f64; 3]| pose.iter().all(|x| x.abs() <= MAX_COORDINATE);
+    let wrong = poses.iter().position(|pose| !is_usable(pose));
+    ensure!(wrong.is_none(), "`{field}`: pose {} is out of range", wrong.unwrap_or_default());
+    Ok(())
+}
+
+/// The words of a driver without the folders of its files: suites and reports are passed on, and folders are nobody's
+/// business.
+pub(in crate::commands) fn without_folders(ego: &str) -> String {
+    let Some((kind, rest)) = ego.split_once(':').filter(|(kind, _)| ["cmd", "path", "td3"].contains(kind))
+    else {
+        return ego.to_owned();
+    };
+    let name = |word: &str| word.rsplit('/').next().unwrap_or_default().to_owned();
+    format!("{kind}:{}", rest.split(' ').map(name).collect::<Vec<_>>().join(" "))
+}
+
+/// A failure on its scene: the attacked drive and its plan.
+pub(in crate::commands) struct DrivenFailure {
+    ctx: Context,
+    plan: Candidate,
+}
+
+impl DrivenFailure {
+    /// Features of a failure.
+    ///
+    /// *Errors*: its contact is not within its path.
+    pub(in crate::commands) fn features(&self, failure: &FailureFile) -> Result<Features> {
+        let met = failure.contact.as_ref().context("it has no `contact`")?;
+        Features::of(&self.ctx, &self.plan, met, failure.time_to_react).context(NOT_WITHIN)
+    }
+
+    /// Boxes of the ego and of the adversary at a step, 1 or later.
+    ///
+    /// *Errors*: the step is not within the path.
+    pub(in crate::commands) fn boxes_at(&self, step: usize) -> Result<[OrientedBox; 2]> {
+        let at = step.checked_sub(1).context(NOT_WITHIN)?;
+        let own = self.ctx.ego().boxes().get(at).copied().flatten().context(NOT_WITHIN)?;
+        Ok([own, *self.plan.boxes().get(at).context(NOT_WITHIN)?])
     }
 }
 
@@ -136,36 +203,14 @@ impl FailureScene {
         self.0.scene()
     }
 
-    /// Features of a failure.
+    /// A failure on this scene.
     ///
-    /// *Errors*: its path or its contact is not as a search writes it.
-    pub(in crate::commands) fn features(&self, failure: &FailureFile) -> Result<Features> {
-        let (ctx, plan) = self.driven(failure)?;
-        let met = failure.contact.as_ref().context("it has no `contact`")?;
-        Features::of(&ctx, &plan, met, failure.time_to_react).context(NOT_WITHIN)
-    }
-
-    /// Boxes of the ego and of the adversary at a step, 1 or later.
-    ///
-    /// *Errors*: as [`FailureScene::features`].
-    pub(in crate::commands) fn boxes_at(
-        &self,
-        failure: &FailureFile,
-        step: usize,
-    ) -> Result<[OrientedBox; 2]> {
-        let (ctx, plan) = self.driven(failure)?;
-        let at = step.checked_sub(1).context(NOT_WITHIN)?;
-        let own = ctx.ego().boxes().get(at).copied().flatten().context(NOT_WITHIN)?;
-        Ok([own, *plan.boxes().get(at).context(NOT_WITHIN)?])
-    }
-
-    /// The scene with the path of an attacked drive, and its plan.
-    fn driven(&self, failure: &FailureFile) -> Result<(Context, Candidate)> {
+    /// *Errors*: its path is not as a search writes it.
+    pub(in crate::commands) fn driven(&self, failure: &FailureFile) -> Result<DrivenFailure> {
         let positions = failure.ego_path.iter().map(|[x, y, _]| [*x, *y]).collect();
         let headings = failure.ego_path.iter().map(|pose| pose[2]).collect();
         let ctx = self.0.with_ego(&EgoPaths::one("`ego_path`", positions, Some(headings))?)?;
-        let plan = ctx.candidate(failure.trajectory.clone());
-        Ok((ctx, plan))
+        Ok(DrivenFailure { plan: ctx.candidate(failure.trajectory.clone()), ctx })
     }
 }
 
@@ -174,7 +219,7 @@ impl FailureScene {
 /// *Errors*: the file cannot be read, or holds something else.
 pub(in crate::commands) fn json<T: DeserializeOwned>(path: &Path) -> Result<T> {
     let shown = || format!("cannot read `{}`", path.display());
-    let bytes = files::read(path, ROW_LIMIT).with_context(shown)?;
+    let bytes = files::read(path, LIMIT).with_context(shown)?;
     match serde_json::from_slice(&bytes) {
         Ok(value) => Ok(value),
         Err(error) => bail!("`{}` is not as `sage search` writes it: {error}", path.display()),

@@ -4,7 +4,7 @@
 //! - `cli`: arguments. `commands`: one file per command. `dispatch`: which command runs.
 //! - `scenes` lists and reads the scenes of a command, `scene_queue` works on them in parallel with rows that resume, and `output` writes
 //!   folders, files and the record of a run.
-//! - `networks` finds weights by name, and `attackers` builds the generator of `generate` and `simulate` for scenes of any origin.
+//! - `networks` finds weights by name, and `run_generator` builds the generator of `generate` and `simulate`.
 //! - `drawing` draws scenes, `player` plays drives, `bench` times the program, and `terminal`, `progress` and `signals` talk to the user.
 //!
 //! ```no_run
@@ -20,7 +20,6 @@
 //! ```
 
 mod attacked_files;
-mod attackers;
 pub mod bench;
 mod candidates;
 mod cli;
@@ -35,6 +34,7 @@ mod networks;
 mod output;
 mod player;
 mod progress;
+mod run_generator;
 mod scenario_files;
 mod scene_queue;
 mod scenes;

@@ -17,12 +17,14 @@ use crate::{progress, selection::Selection};
 /// Environment variable that names the folder of weights trained on recorded scenes.
 const WEIGHTS_VARIABLE: &str = "SAGE_WEIGHTS";
 
+/// Weights that every command uses unless others are named: free, in the binary, and the same from any folder.
+pub(crate) const DEFAULT: &str = "procedural";
 /// Weights trained on recorded scenes.
 const WAYMO: &str = "waymo";
 /// The same prior with experts of the paper's objectives.
 const WAYMO_PAPER: &str = "waymo-paper";
 /// Names of the weights that this project ships.
-const SHIPPED: [&str; 3] = ["procedural", WAYMO, WAYMO_PAPER];
+const SHIPPED: [&str; 3] = [DEFAULT, WAYMO, WAYMO_PAPER];
 /// Prefix of a backbone's name that selects its initial weights, as a baseline.
 const UNTRAINED: &str = "untrained:";
 
@@ -68,7 +70,7 @@ pub(crate) fn load(registry: &Registry<dyn Backbone>, name: &str) -> Result<Load
 /// *Errors*: there are no such weights.
 fn find(name: &str) -> Result<Weights> {
     match name {
-        "procedural" => {
+        DEFAULT => {
             Ok(Weights::Carried { name: "weights/procedural (in the binary)", files: sage_weights::PROCEDURAL })
         }
         WAYMO | WAYMO_PAPER => recorded(name)?.map(Weights::File).with_context(|| {
@@ -113,13 +115,6 @@ fn recorded(name: &str) -> Result<Option<PathBuf>> {
 pub(crate) fn folder_of(name: &str) -> Option<PathBuf> {
     let file = if [WAYMO, WAYMO_PAPER].contains(&name) { recorded(name).ok()? } else { None };
     file.and_then(|file| Some(file.parent()?.to_owned()))
-}
-
-/// Default weights for a scene: `waymo` for a recording if they are available, else `procedural`.
-///
-/// *Errors*: the environment variable names a folder without weights.
-pub(crate) fn default_for(is_procedural: bool) -> Result<&'static str> {
-    Ok(if recorded(WAYMO)?.is_some() && !is_procedural { WAYMO } else { "procedural" })
 }
 
 /// Loads a prior with its experts: `procedural`, `waymo`, or a folder that `sage finetune` wrote.

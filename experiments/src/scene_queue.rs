@@ -102,8 +102,6 @@ pub(crate) enum Failure {
         /// What is printed for it.
         lines: Vec<Line>,
     },
-    /// Ends the run: no scene can be worked on.
-    Run(anyhow::Error),
 }
 
 /// Name of the page that lists all scenes.
@@ -176,7 +174,6 @@ pub(crate) fn work(
                 Err(Failure::LeftOut { reason, lines }) => {
                     report.left_out(number, &input.scene, &reason, lines)
                 }
-                Err(Failure::Run(error)) => Err(error),
             };
             if let Err(error) = outcome {
                 locked_stop().get_or_insert(error);

@@ -217,13 +217,6 @@ impl Recording {
         })
     }
 
-    /// True if the scene is procedural: it has no source, or its source names this project as its data set.
-    ///
-    /// *Errors*: a native file whose source is damaged.
-    pub fn is_procedural(&self) -> Result<bool, Error> {
-        Ok(self.dataset()?.as_deref() == Some(metadrive::PROCEDURAL_DATASET))
-    }
-
     /// Name of the data set in the metadata, such as `waymo`; that of this project for a procedural scene.
     ///
     /// *Errors*: a native file whose source is damaged.

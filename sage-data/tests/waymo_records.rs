@@ -399,7 +399,6 @@ fn a_record_keeps_the_data_set_and_how_a_scene_was_made() {
     let made = Recording::procedural(scene);
     let (again, _) = through_record(&made);
     assert_eq!(again.dataset().unwrap(), made.dataset().unwrap());
-    assert!(again.is_procedural().unwrap());
     assert_eq!(scenes(&synthetic())[0].dataset().unwrap().as_deref(), Some("waymo"));
     // An attacked scene has the id of its recording, so its record has the name of its file.
     let folder = tempfile::tempdir().unwrap();

@@ -100,8 +100,7 @@ pub(crate) struct AttackArgs {
     /// Use this track as the adversary.
     #[arg(long, value_name = "ID")]
     pub adversary: Option<String>,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder. Default: procedural; for recorded scenes waymo, if
-    /// `weights/waymo` is in the current folder or SAGE_WEIGHTS names the folder `weights`.
+    /// Weights of the experts: procedural, waymo, waymo-paper or a folder (default: procedural).
     #[arg(long, value_name = "NAME")]
     pub weights: Option<String>,
     /// Seed of random numbers.

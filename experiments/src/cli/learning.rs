@@ -131,10 +131,9 @@ pub(crate) struct PredictArgs {
     /// Seed of the sampling with --select gumbel.
     #[arg(long, value_name = "S", default_value_t = 0)]
     pub seed: u64,
-    /// Weights: procedural, waymo, lane-graph, a folder or a file (default: waymo for recordings if
-    /// available, else procedural).
-    #[arg(long, value_name = "NAME")]
-    pub weights: Option<String>,
+    /// Weights: procedural, waymo, lane-graph, a folder or a file.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub weights: String,
     /// Print one JSON object per line.
     #[arg(long)]
     pub json: bool,

@@ -42,9 +42,9 @@ pub(crate) struct TrainEgoArgs {
     /// Generator of the attacks in the evaluation, or none.
     #[arg(long, alias = "eval-generator", value_name = "NAME", default_value = "sage")]
     pub eval_method: Part,
-    /// Weights of the experts: procedural, waymo, waymo-paper or a folder (default: as in `sage generate`).
-    #[arg(long, value_name = "NAME")]
-    pub weights: Option<String>,
+    /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
+    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    pub weights: String,
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
     #[arg(long, value_name = "NAME", default_value = "natural")]
     pub selection: String,

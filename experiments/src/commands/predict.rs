@@ -40,11 +40,7 @@ pub(crate) fn run(args: &PredictArgs, registries: &Registries) -> Result<Outcome
     for warning in checks::important(&recording.scene) {
         progress::say(&format!("warning: {warning}"));
     }
-    let weights = match args.weights.as_deref() {
-        Some(weights) => weights,
-        None => networks::default_for(recording.is_procedural()?)?,
-    };
-    let loaded = networks::load(&registries.backbones, weights)?;
+    let loaded = networks::load(&registries.backbones, &args.weights)?;
     networks::announce(&loaded);
     let mut scene = recording.scene;
     let target = match &args.agent {

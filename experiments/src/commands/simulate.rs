@@ -16,13 +16,13 @@ use serde_json::{Value, json};
 
 use crate::{
     Outcome, Registries,
-    attackers::Attackers,
     cli::SimulateArgs,
     ego::{self, Ego},
     input,
     output::{self, DatasetRun, LONGEST_FILE_NAME, RECORD},
     part::{PolicyPart, PolicyParts},
     progress,
+    run_generator::RunGenerator,
     scene_queue::{self, Input, Report, is_row_of},
 };
 
@@ -36,7 +36,7 @@ enum Attacked<'a> {
     /// An attack from a file.
     FromFile(Box<AttackFile>),
     /// A generator, at operating points.
-    Generated(Box<Attackers<'a>>),
+    Generated(Box<RunGenerator<'a>>),
 }
 
 /// All inputs of the command except the scenes.
@@ -58,10 +58,10 @@ impl<'a> Simulation<'a> {
         progress::say_notes(&egos);
         let (attacked, subtitle) = match (&args.method, &args.attack) {
             (Some(method), _) => {
-                let attackers = Attackers::new(method, &args.options, registries)?;
+                let generator = RunGenerator::new(method, &args.options, registries)?;
                 let subtitle =
-                    format!("attacks by {}, each planned against the drive without it", attackers.method);
-                (Attacked::Generated(Box::new(attackers)), subtitle)
+                    format!("attacks by {}, each planned against the drive without it", generator.method);
+                (Attacked::Generated(Box::new(generator)), subtitle)
             }
             (None, file) => {
                 refuse_attack_options(args)?;
@@ -80,7 +80,7 @@ impl<'a> Simulation<'a> {
     /// Name of each attack, as part of file names; empty without a generator.
     fn variants(&self) -> &[String] {
         match &self.attacked {
-            Attacked::Generated(attackers) => &attackers.variants,
+            Attacked::Generated(generator) => &generator.variants,
             _ => const { &[String::new()] },
         }
     }
@@ -112,7 +112,7 @@ impl<'a> Simulation<'a> {
     /// *Errors*: the file of a `path` or of the attack cannot be read.
     fn identity(&self) -> Result<Value> {
         let mut identity = match &self.attacked {
-            Attacked::Generated(attackers) => attackers.identity()?,
+            Attacked::Generated(generator) => generator.identity()?,
             _ => json!({
                 "command": output::command(), "seed": self.args.options.seed,
                 "version": env!("CARGO_PKG_VERSION"), "program": output::program(),

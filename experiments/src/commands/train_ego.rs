@@ -73,10 +73,6 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     args.curriculum.build(&registries.curricula)?;
     args.sampler.build(&registries.scene_samplers)?;
     let selection = Selection::of(registries, &args.selection, None)?;
-    let weights = match &args.weights {
-        Some(name) => name.clone(),
-        None => networks::default_for(args.paths.is_empty())?.to_owned(),
-    };
     let mut generators = Generators::new(registries, &args.merging.merger, &selection, 0)?;
     let parts = [&args.method, &args.eval_method].map(|part| Some(part).filter(|p| p.name != NONE));
     let needs_experts = |part: Option<&Part>| -> Result<bool> {
@@ -85,8 +81,8 @@ pub(crate) fn run(args: &TrainEgoArgs, registries: &Registries) -> Result<Outcom
     let [of_attacker, of_examiner] = [needs_experts(parts[0])?, needs_experts(parts[1])?];
     let mut used = Value::Null;
     if of_attacker || of_examiner {
-        let experts = networks::load_experts(&registries.backbones, &weights)?;
-        used = json!({"name": weights, "hashes": weight_hashes(&experts)?});
+        let experts = networks::load_experts(&registries.backbones, &args.weights)?;
+        used = json!({"name": args.weights, "hashes": weight_hashes(&experts)?});
         generators = generators.with_experts(&experts);
     }
     let build = |part: Option<&Part>| -> Result<_> {

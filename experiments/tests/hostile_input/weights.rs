@@ -1,13 +1,9 @@
 //! Weights.
 
-use std::{
-    path::Path,
-    process::{Command, Output},
-};
+use std::{path::Path, process::Command};
 
 use insta::assert_snapshot;
 use sage_backbones::Parameters;
-use sage_data::Recording;
 use serde_json::Value;
 
 use crate::{experts, program::*, quick};
@@ -162,55 +158,94 @@ fn weights_of_another_type_or_shape_are_told_in_a_few_words() {
 }
 
 #[test]
-fn each_scene_gets_the_weights_of_its_own_origin() {
+fn every_command_uses_the_same_weights_from_any_folder() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    // A folder that says it is `waymo`, with the weights that are in the binary.
+    // A folder that holds other weights under the name `waymo`, and one that holds none.
     let weights = experts(folder.path());
-    std::fs::create_dir(at("weights")).unwrap();
-    std::fs::rename(&weights, at("weights/waymo")).unwrap();
-    let generate = |input: &Path, out: &str| -> Output {
-        let arguments = ["generate", text(input), "--out", text(&at(out))].map(str::to_owned);
-        Command::new(env!("CARGO_BIN_EXE_sage"))
-            .args(arguments)
-            .env("SAGE_WEIGHTS", at("weights"))
-            .output()
-            .unwrap()
-    };
+    std::fs::create_dir_all(at("with/weights")).unwrap();
+    std::fs::create_dir(at("without")).unwrap();
+    std::fs::rename(&weights, at("with/weights/waymo")).unwrap();
     std::fs::create_dir(at("scenes")).unwrap();
     std::fs::copy(example(), at("scenes/recorded.pkl")).unwrap();
-    let told = |out: &str, scene: &str| -> Value {
-        let made = Recording::read(&pickle(&at(out), &format!("{scene}-lambda1.00"))).unwrap();
-        let document = made.document().unwrap().unwrap();
-        let metadata = document.get(document.root(), "metadata").unwrap();
-        let told = document.get(metadata, sage_data::PROVENANCE).and_then(|id| document.text(id)).unwrap();
-        serde_json::from_str(told).unwrap()
-    };
-    assert!(generate(&at("scenes"), "alone").status.success());
-    assert_eq!(told("alone", "recorded")["weights"], "waymo");
-    // Neither a broken file nor a procedural scene before it changes that.
-    std::fs::write(at("scenes/0bad.pkl"), "no scene").unwrap();
-    stdout(&sage(&["scenes", "--count", "1", "--kind", "curve", "--out", text(&at("made"))]));
-    std::fs::copy(at("made/curve-1-0.safetensors"), at("scenes/1made.safetensors")).unwrap();
-    let output = generate(&at("scenes"), "mixed");
-    assert_eq!(output.status.code(), Some(1), "one file is no scene");
-    assert_snapshot!(redacted(&sorted(stderr(&output))), @r"
-    1 of 3 scenes failed; the others are in `[folder]/mixed`; remove the cause and run the same command again
-    2 scenes, 2 attacks in `[folder]/mixed` ([time])
-    error: `[folder]/scenes/0bad.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo shard
-    note: weights `procedural` (network densetnt)
-    note: weights `waymo` (network densetnt)
-    ");
-    assert_eq!(told("mixed", "recorded"), told("alone", "recorded"));
-    for ending in ["pkl", "safetensors"] {
-        let file = |out: &str| match ending {
-            "pkl" => pickle(&at(out), "recorded-lambda1.00"),
-            _ => at(out).join("recorded-lambda1.00.safetensors"),
+    stdout(&sage(&[
+        "scenes",
+        "--count",
+        "1",
+        "--kind",
+        "four-way",
+        "--format",
+        "pickle",
+        "--out",
+        text(&at("made")),
+    ]));
+    let made = pickle(&at("made"), "four-way-0-0");
+    std::fs::copy(made, at("scenes/made.pkl")).unwrap();
+    let scenes = at("scenes").display().to_string();
+    let one = at("scenes/recorded.pkl").display().to_string();
+    let study = ["bench", "open-loop", &scenes, "--method", "sage", "--lambda", "1"];
+    let commands: [&[&str]; 8] = [
+        &["generate", &scenes, "--json"],
+        &["simulate", &scenes, "--ego", "idm", "--method", "sage", "--json"],
+        &["search", &scenes, "--ego", "idm", "--budget", "4", "--json"],
+        &["predict", &one, "--k", "2", "--json"],
+        &study,
+        &["bench", "search", &scenes, "--ego", "idm", "--set", "search={budget: 2}", "--method", "pool"],
+        &["calibrate", &scenes, "--procedural", "1"],
+        &["train-ego", "--procedural", "3", "--updates", "4", "--method", "sage", "--eval-method", "none"],
+    ];
+    for (number, command) in commands.into_iter().enumerate() {
+        let run = |from: &str, variable: Option<&str>| -> (String, String) {
+            let out = at(&format!("out-{number}-{from}-{}", variable.is_some()));
+            let mut program = Command::new(env!("CARGO_BIN_EXE_sage"));
+            program.args(command).current_dir(at(from)).env_remove("SAGE_WEIGHTS");
+            if command[0] == "calibrate" {
+                program.args(["--out", text(&out.with_extension("json"))]);
+            } else if command[0] != "predict" {
+                program.args(["--out", text(&out)]);
+            }
+            if let Some(folder) = variable {
+                program.env("SAGE_WEIGHTS", at(folder));
+            }
+            let output = program.output().unwrap();
+            let said = stderr(&output).to_owned();
+            assert_eq!(output.status.code(), Some(0), "{command:?}: {said}");
+            let without_times = |line: &str| line.split("\"seconds\"").next().unwrap_or_default().to_owned();
+            (stdout(&output).lines().map(without_times).collect::<Vec<_>>().join("\n"), said)
         };
-        let read = |out: &str| std::fs::read(file(out)).unwrap();
-        assert!(read("mixed") == read("alone"), "the attack depends on the folder");
+        let plain = run("without", None);
+        assert!(plain.1.contains("note: weights `procedural`"), "{command:?}: {}", plain.1);
+        for (from, variable) in [("with", None), ("without", Some("with/weights"))] {
+            let other = run(from, variable);
+            assert!(!other.1.contains("weights `waymo`"), "{command:?}: {}", other.1);
+            if ["generate", "simulate", "search", "predict"].contains(&command[0]) {
+                let hash = |text: &str| text.split("\"run_hash\"").skip(1).count();
+                assert_eq!(hash(&other.0), hash(&plain.0));
+                assert_eq!(masked_hash(&other.0), masked_hash(&plain.0), "{command:?}");
+            }
+        }
     }
-    assert_eq!(told("mixed", "1made")["weights"], "procedural");
+    // By their name they are found in either place.
+    for (from, variable) in [("with", None), ("without", Some("with/weights"))] {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_sage"));
+        program
+            .args(["predict", &one, "--weights", "waymo"])
+            .current_dir(at(from))
+            .env_remove("SAGE_WEIGHTS");
+        if let Some(folder) = variable {
+            program.env("SAGE_WEIGHTS", at(folder));
+        }
+        assert!(stderr(&program.output().unwrap()).contains("note: weights `waymo`"));
+    }
+}
+
+/// Lines without the hash of the run, which holds the command.
+fn masked_hash(text: &str) -> String {
+    let line = |line: &str| match line.split_once("\"scene\"") {
+        Some((_, rest)) => rest.to_owned(),
+        None => line.to_owned(),
+    };
+    text.lines().map(line).collect::<Vec<_>>().join("\n")
 }
 
 #[test]
@@ -220,9 +255,8 @@ fn a_variable_that_points_nowhere_is_an_error() {
     let out = folder.path().join("out").display().to_string();
     let mut said = Vec::new();
     for command in [
-        vec!["generate", &example(), "--out", &out],
         vec!["generate", &example(), "--weights", "waymo", "--out", &out],
-        vec!["predict", &example()],
+        vec!["predict", &example(), "--weights", "waymo"],
     ] {
         let output = Command::new(env!("CARGO_BIN_EXE_sage"))
             .args(&command)

@@ -26,11 +26,11 @@ use super::{
 };
 use crate::{
     attacked_files::{self, AttackedFiles},
-    attackers::GeneratorAtPoints,
     drawing::{self, Picture, drawn_path},
     operating_point::OperatingPointSpec,
     output::DatasetRun,
     react,
+    run_generator::RunGenerator,
     scene_queue::{Failure, Line, SceneReport},
 };
 
@@ -51,10 +51,7 @@ pub(super) fn attack_scene(
     }
     let recording = Recording::from_bytes_as(file, bytes, &plan.args.reading.options())
         .map_err(|error| fail(error.into()))?;
-    let is_procedural =
-        !plan.attackers.needs_origin() || recording.is_procedural().map_err(|error| fail(error.into()))?;
-    let attacker = plan.attackers.attacker(is_procedural).map_err(Failure::Run)?;
-    let writer = SceneWriter { plan, run, attacker: &attacker, scene, source_hash: &source_hash };
+    let writer = SceneWriter { plan, run, scene, source_hash: &source_hash };
     writer.attack(recording).map_err(|error| match error.downcast_ref() {
         Some(sage_core::Error::ContactNow { .. }) => {
             let reason = format!("{error:#}");
@@ -131,14 +128,14 @@ impl R157Driver {
 struct SceneWriter<'w> {
     plan: &'w Plan<'w>,
     run: &'w DatasetRun,
-    attacker: &'w GeneratorAtPoints,
     scene: &'w str,
     source_hash: &'w str,
 }
 
 impl SceneWriter<'_> {
     fn attack(&self, recording: Recording) -> Result<SceneReport> {
-        let Self { plan, attacker, .. } = self;
+        let plan = self.plan;
+        let generator = &plan.generator;
         let warnings = checks::important(&recording.scene);
         let files = AttackedFiles::new(&recording, self.scene, plan.formats())?;
         files.check_names(plan.variants().iter().map(|variant| &**variant))?;
@@ -152,21 +149,21 @@ impl SceneWriter<'_> {
         index.build_all();
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
         let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
-        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.attackers.further), &avoidance);
+        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.generator.further), &avoidance);
         let scenarios = files.scenarios(&scene);
         let (mut evasion, mut r157) = (None, None);
         let clock = Instant::now();
-        let mut attacks = attacker.built.attacks(&ctx, plan.args.attack.seed)?;
+        let mut attacks = generator.built.attacks(&ctx, plan.args.attack.seed)?;
         if let Some(target) = plan.args.react {
-            let objective = &plan.attackers.selection.objective;
-            for (point, attack) in attacker.points.iter().zip(&mut attacks) {
+            let objective = &plan.generator.selection.objective;
+            for (point, attack) in generator.points.iter().zip(&mut attacks) {
                 let avoided = react::avoided(attack, &ctx, objective, point.mu, &avoidance);
                 react::choose(attack, &avoided, target);
             }
         }
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
         let (mut drawn, mut lines) = (Vec::new(), Vec::new());
-        for ((point, variant), attack) in attacker.points.iter().zip(plan.variants()).zip(&attacks) {
+        for ((point, variant), attack) in generator.points.iter().zip(plan.variants()).zip(&attacks) {
             attack.check(&scene)?;
             let described = plan.describe(point);
             scored.score(attack)?;
@@ -183,7 +180,7 @@ impl SceneWriter<'_> {
                 trajectory: attack.trajectory(),
                 variant,
                 described: &described,
-                weights: attacker.weights.as_deref(),
+                weights: generator.weights_name(),
                 seed: plan.args.attack.seed,
             };
             let mut scene_files = files.files(&scene, &written)?;
@@ -205,7 +202,7 @@ impl SceneWriter<'_> {
             let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
             all.push((&name, &bytes));
             self.write(&all)?;
-            drawn.push(drawn_path(label(point, attacker), &ctx, attack.trajectory().clone()));
+            drawn.push(drawn_path(label(point, generator), &ctx, attack.trajectory().clone()));
         }
         let picture =
             Picture { title: self.scene.to_owned(), candidates: drawn, evasion, ..Picture::default() };
@@ -242,7 +239,7 @@ impl SceneWriter<'_> {
         scores: &Scores,
     ) -> Map<String, Value> {
         let candidate = ctx.candidate(attack.trajectory().clone());
-        let violations = self.plan.attackers.selection.objective.rule().violations(&candidate, ctx);
+        let violations = self.plan.generator.selection.objective.rule().violations(&candidate, ctx);
         let mut facts = described.clone();
         for (key, value) in [
             ("seed", json!(self.plan.args.attack.seed)),
@@ -268,7 +265,7 @@ impl SceneWriter<'_> {
         scene_files: &[(String, Vec<u8>)],
     ) -> Result<VariantRow<'r>> {
         let selected = ctx.candidate(attack.trajectory().clone());
-        let violations = self.plan.attackers.selection.objective.rule().violations(&selected, ctx);
+        let violations = self.plan.generator.selection.objective.rule().violations(&selected, ctx);
         Ok(VariantRow {
             run_hash: self.run.hash(),
             scene: self.scene,
@@ -302,6 +299,6 @@ fn drawn_evasion(avoidable: &Avoidable, contact: usize) -> Option<(f64, Vec<Poin
 }
 
 /// Label of an attack in the legend of the picture.
-fn label(point: &OperatingPointSpec, attacker: &GeneratorAtPoints) -> String {
-    if attacker.points.len() > 1 { point.long_label() } else { attacker.built.keys[0].label() }
+fn label(point: &OperatingPointSpec, generator: &RunGenerator) -> String {
+    if generator.points.len() > 1 { point.long_label() } else { generator.built.keys[0].label() }
 }

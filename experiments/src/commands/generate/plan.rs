@@ -7,17 +7,17 @@ use serde_json::{Map, Value, json};
 use crate::{
     Registries,
     attacked_files::Formats,
-    attackers::Attackers,
     cli::{DatasetFormat, GenerateArgs},
     ego::{self, Ego},
     operating_point::OperatingPointSpec,
     progress,
+    run_generator::RunGenerator,
 };
 
 /// What attacks, what drives the ego before, and what is written.
 pub(super) struct Plan<'a> {
     pub(super) args: &'a GenerateArgs,
-    pub(super) attackers: Attackers<'a>,
+    pub(super) generator: RunGenerator<'a>,
     /// Drives the ego before the attack.
     pub(super) ego: Ego,
 }
@@ -33,13 +33,13 @@ impl<'a> Plan<'a> {
         }
         let ego = Ego::new(&args.planner.applied(&args.ego), registries)?;
         progress::say_notes(std::slice::from_ref(&ego));
-        let attackers = Attackers::new(&args.method, &args.attack, registries)?;
-        Ok(Self { args, attackers, ego })
+        let generator = RunGenerator::new(&args.method, &args.attack, registries)?;
+        Ok(Self { args, generator, ego })
     }
 
     /// Name of each operating point, as part of file names.
     pub(super) fn variants(&self) -> &[String] {
-        &self.attackers.variants
+        &self.generator.variants
     }
 
     /// True if pickles are written.
@@ -70,7 +70,7 @@ impl<'a> Plan<'a> {
     ///
     /// *Errors*: the file of a `path` cannot be read.
     pub(super) fn identity(&self) -> Result<Value> {
-        let mut identity = self.attackers.identity()?;
+        let mut identity = self.generator.identity()?;
         if let Some(options) = self.scenario_options() {
             identity["scenario"] = json!([options.standard.name(), options.ego.name()]);
         }
@@ -89,7 +89,7 @@ impl<'a> Plan<'a> {
 
     /// Description of how a variant was generated, for its row and for the metadata of its scene files.
     pub(super) fn describe(&self, point: &OperatingPointSpec) -> Map<String, Value> {
-        let mut described = self.attackers.describe(point);
+        let mut described = self.generator.describe(point);
         if !self.ego.policy.is_recording() {
             described.insert("ego".to_owned(), json!(self.ego.label));
         }

@@ -22,7 +22,7 @@ use super::{
         DrivenRow, DrivesFile, EvaluatedRow, FailureRow, PlanRow, RowHead, SceneRow, drives_file,
         failure_name, row_file, unchanged_file,
     },
-    searcher::{Searcher, Sources},
+    searcher::Searcher,
 };
 use crate::{
     attacked_files::{Attack, AttackedFiles, Scenarios},
@@ -54,10 +54,7 @@ pub(super) fn search_scene(
     }
     let recording = Recording::from_bytes_as(&input.file, bytes, &searcher.args.reading.options())
         .map_err(|error| fail(error.into()))?;
-    let is_procedural =
-        !searcher.needs_origin() || recording.is_procedural().map_err(|error| fail(error.into()))?;
-    let sources = searcher.sources(is_procedural).map_err(Failure::Run)?;
-    let one = OneScene { searcher, run, sources: &sources, name: &input.scene, source_hash: &source_hash };
+    let one = OneScene { searcher, run, name: &input.scene, source_hash: &source_hash };
     one.search(&recording).map_err(|error| match error.downcast_ref() {
         Some(sage_core::Error::ContactNow { .. }) => {
             Failure::LeftOut { reason: format!("{error:#}"), lines: Vec::new() }
@@ -94,14 +91,13 @@ fn finished(run: &DatasetRun, input: &Input, source_hash: &str) -> Result<Option
 struct OneScene<'s> {
     searcher: &'s Searcher<'s>,
     run: &'s DatasetRun,
-    sources: &'s Sources,
     name: &'s str,
     source_hash: &'s str,
 }
 
 impl OneScene<'_> {
     fn search(&self, recording: &Recording) -> Result<SceneReport> {
-        let Self { searcher, sources, .. } = self;
+        let searcher = self.searcher;
         let args = searcher.args;
         let clock = Instant::now();
         let warnings = checks::important(&recording.scene);
@@ -118,7 +114,7 @@ impl OneScene<'_> {
         let ctx = test.context()?;
         ctx.check_apart_now()?;
         let rule = &searcher.rule.objective;
-        let (pool, result) = sources.plans.search(&test, &ctx, rule, &searcher.options, args.attack.seed)?;
+        let (pool, result) = searcher.plans.search(&test, &ctx, rule, &searcher.options, args.attack.seed)?;
         if result.reason == Some(Reason::Error) {
             let first =
                 result.driven.first().and_then(|evaluated| evaluated.error.clone()).unwrap_or_default();
@@ -132,7 +128,7 @@ impl OneScene<'_> {
             seed: args.attack.seed,
             adversary: ctx.adversary().id.clone(),
         };
-        let source = |number| sources.plans.source(number);
+        let source = |number| searcher.plans.source(number);
         let mut row = SceneRow::new(head, searcher.options.require, &pool, &result, source);
         row.unattacked_contact = test.unattacked().contacts.first().map(|contact| step(contact.step));
         let pose = |motion: &Motion| [motion.position[0], motion.position[1], motion.heading];
@@ -190,13 +186,13 @@ impl OneScene<'_> {
     ) -> Result<Vec<(String, Vec<u8>)>> {
         let (searcher, evaluated) = (self.searcher, &result.driven[failure.drive]);
         let plan = &pool.plans[evaluated.plan];
-        let key = self.sources.plans.source(plan.source);
+        let key = self.searcher.plans.source(plan.source);
         let described = self.described(key.and_then(|key| serde_json::to_value(key).ok()));
         let attack = Attack {
             trajectory: &plan.proposal.trajectory,
             variant,
             described: &described,
-            weights: self.sources.weights.as_deref(),
+            weights: searcher.weights_name(),
             seed: searcher.args.attack.seed,
         };
         let mut all = files.files(scene, &attack)?;
@@ -250,7 +246,7 @@ impl OneScene<'_> {
         let row = |evaluated: &'r sage_sim::search::Evaluated| {
             let plan = &pool.plans[evaluated.plan];
             DrivenRow {
-                plan: PlanRow::new(pool, evaluated.plan, self.sources.plans.source(plan.source)),
+                plan: PlanRow::new(pool, evaluated.plan, self.searcher.plans.source(plan.source)),
                 evaluated: EvaluatedRow::of(evaluated),
                 time_to_react: evaluated.time_to_react,
                 error: evaluated.error.as_deref(),

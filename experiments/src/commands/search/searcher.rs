@@ -1,7 +1,5 @@
 //! All inputs of `sage search` except the scenes.
 
-use std::sync::{Arc, Mutex, PoisonError};
-
 use anyhow::{Context as _, Result, bail, ensure};
 use sage_data::openscenario::Options;
 use sage_generators::Facts;
@@ -11,15 +9,14 @@ use serde_json::{Map, Value, json};
 use crate::{
     Registries,
     attacked_files::Formats,
-    attackers::WeightsByOrigin,
     cli::{SearchArgs, SearchFormat},
     ego::{self, Ego},
     generators::{Generators, weight_hashes},
-    networks,
     operating_point::OperatingPointSpec,
     output,
     part::Part,
     progress,
+    run_generator::{Weights, dial},
     search::{self, POOL, PlanSources},
     selection::Selection,
 };
@@ -35,16 +32,11 @@ pub(super) struct Searcher<'a> {
     /// The generator that the user names, with its options.
     method: Option<(Part, Facts)>,
     selection: Selection,
-    generators: Generators<'a>,
-    weights: WeightsByOrigin,
-    /// Sources built so far, by number of the weights.
-    built: Mutex<Vec<Option<Arc<Sources>>>>,
-}
-
-/// Sources of plans with the weights that they use.
-pub(super) struct Sources {
+    /// `None` if no plan needs experts.
+    weights: Option<Weights>,
+    /// Operating points that the user gives; none for the default ones.
+    points: Vec<OperatingPointSpec>,
     pub(super) plans: PlanSources,
-    pub(super) weights: Option<String>,
 }
 
 impl<'a> Searcher<'a> {
@@ -83,17 +75,28 @@ impl<'a> Searcher<'a> {
         if !plans_against_ego && args.attack.selection != "natural" {
             progress::say("note: --selection has no effect: every candidate is a plan of the search");
         }
-        let generators = if plans_against_ego {
+        let mut generators = if plans_against_ego {
             Generators::new(registries, merger, &selection, args.attack.seed)?
         } else {
             of_rule
         };
         let needs_experts = method.as_ref().is_none_or(|(_, facts)| facts.needs_experts);
         let with_experts = method.as_ref().is_none_or(|(_, facts)| facts.depends_on_lambda);
-        let weights = if needs_experts {
-            WeightsByOrigin::load(args.attack.weights.as_deref(), with_experts, registries)?
+        let load = || Weights::load(args.attack.weights.as_deref(), with_experts, registries);
+        let weights = needs_experts.then(load).transpose()?;
+        if let Some(weights) = &weights {
+            generators = generators.with_experts(&weights.experts);
+        }
+        let given = &args.attack.points;
+        let points = if given.lambda.is_none() && given.aggression.is_none() && given.mix.is_none() {
+            Vec::new()
         } else {
-            WeightsByOrigin(Vec::new())
+            let dial = || dial(weights.as_ref(), &args.attack, &selection);
+            given.listed().specs(generators.merger().range(), dial)?
+        };
+        let plans = match &method {
+            Some((method, _)) => PlanSources::of_generator(&generators, method, &points, args.plans)?,
+            None => PlanSources::pool(&generators, &points, args.plans)?,
         };
         let options = SearchOptions {
             budget: args.budget,
@@ -102,66 +105,12 @@ impl<'a> Searcher<'a> {
             order: args.order.0,
             avoidable: args.avoidable.options().unwrap_or_default(),
         };
-        let built = Mutex::new((0..weights.0.len().max(1)).map(|_| None).collect());
-        let all = Self { args, ego, rule, options, method, selection, generators, weights, built };
-        if args.attack.weights.is_some() || all.weights.0.is_empty() {
-            all.sources(true)?;
-        }
-        Ok(all)
+        Ok(Self { args, ego, rule, options, method, selection, weights, points, plans })
     }
 
-    /// True if the weights depend on whether the scene is procedural or recorded.
-    pub(super) fn needs_origin(&self) -> bool {
-        self.weights.needs_origin()
-    }
-
-    /// The sources of plans for a scene, by its origin.
-    ///
-    /// *Errors*: a generator cannot be built with the weights, or the weights have no dial.
-    pub(super) fn sources(&self, is_procedural: bool) -> Result<Arc<Sources>> {
-        let number = self.weights.number(is_procedural)?;
-        let mut built = self.built.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(sources) = &built[number] {
-            return Ok(sources.clone());
-        }
-        let sources = Arc::new(self.build(number)?);
-        built[number] = Some(sources.clone());
-        Ok(sources)
-    }
-
-    fn build(&self, number: usize) -> Result<Sources> {
-        let weights = self.weights.0.get(number);
-        weights.iter().for_each(|weights| weights.announce());
-        let generators = match weights {
-            Some(weights) => self.generators.with_experts(&weights.experts),
-            None => self.generators.clone(),
-        };
-        let points = self.points(number)?;
-        let most = self.args.plans;
-        let plans = match &self.method {
-            Some((method, _)) => PlanSources::of_generator(&generators, method, &points, most)?,
-            None => PlanSources::pool(&generators, &points, most)?,
-        };
-        Ok(Sources { plans, weights: weights.map(|weights| weights.name.clone()) })
-    }
-
-    /// The operating points that the user gives; none for the default ones.
-    fn points(&self, number: usize) -> Result<Vec<OperatingPointSpec>> {
-        let points = &self.args.attack.points;
-        if points.lambda.is_none() && points.aggression.is_none() && points.mix.is_none() {
-            return Ok(Vec::new());
-        }
-        let dial = || {
-            let weights =
-                self.weights.0.get(number).context("a dial needs experts; name them with --weights")?;
-            networks::load_dial(
-                &weights.name,
-                &weights.experts,
-                &self.selection,
-                &points.merging.merger.to_string(),
-            )
-        };
-        points.listed().specs(self.generators.merger().range(), dial)
+    /// Name of the weights; `None` if no plan needs experts.
+    pub(super) fn weights_name(&self) -> Option<&str> {
+        self.weights.as_ref().map(|weights| &*weights.name)
     }
 
     /// Name of the plans in rows and tables.
@@ -192,14 +141,12 @@ impl<'a> Searcher<'a> {
     ///
     /// *Errors*: a file of the driver cannot be read; a dial cannot be used.
     pub(super) fn identity(&self) -> Result<Value> {
-        let (mut weights, mut points) = (Map::new(), Vec::new());
-        for (number, loaded) in self.weights.0.iter().enumerate() {
+        let mut weights = Map::new();
+        if let Some(loaded) = &self.weights {
             weights.insert(loaded.name.clone(), weight_hashes(&loaded.experts)?.into());
-            // Weights without a dial fail only if a scene needs them.
-            points.push(self.points(number).ok());
         }
         let mut identity = json!({
-            "command": output::command(), "method": self.method(), "weights": weights, "points": points,
+            "command": output::command(), "method": self.method(), "weights": weights, "points": self.points,
             "selection": self.selection.objective.spec(), "feasibility": self.rule.objective.spec().feasibility,
             "merger": self.args.attack.points.merging.merger.to_string(), "search": self.options,
             "plans": self.args.plans, "adversary": self.args.attack.adversary, "seed": self.args.attack.seed,

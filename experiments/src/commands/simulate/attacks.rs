@@ -1,7 +1,5 @@
 //! What attacks the drivers of one scene.
 
-use std::sync::Arc;
-
 use anyhow::{Context as _, Result};
 use sage_core::{
     motion::Trajectory,
@@ -18,10 +16,7 @@ use serde_json::{Map, Value};
 
 use super::{Attacked, attack_file, row::AttackRow};
 use crate::{
-    attackers::{Attackers, GeneratorAtPoints},
-    contact_row::step,
-    operating_point::OperatingPointSpec,
-    scene_queue::Failure,
+    contact_row::step, operating_point::OperatingPointSpec, run_generator::RunGenerator, scene_queue::Failure,
 };
 
 /// What attacks the drivers of one scene.
@@ -31,7 +26,7 @@ pub(super) enum SceneAttacks<'a> {
     /// One attack from a file, with its description.
     Given(Trajectory, Map<String, Value>),
     /// A generator at its operating points.
-    Generated(&'a Attackers<'a>, Arc<GeneratorAtPoints>),
+    Generated(&'a RunGenerator<'a>),
 }
 
 /// One drive of a driver: its attack, and what its row says of it.
@@ -79,12 +74,7 @@ impl<'a> SceneAttacks<'a> {
                 let (adversary, trajectory) = attack.map_err(fail)?;
                 (Self::Given(trajectory, file.described().clone()), Some(adversary))
             }
-            Attacked::Generated(attackers) => {
-                let is_procedural = !attackers.needs_origin()
-                    || recording.is_procedural().map_err(|error| fail(error.into()))?;
-                let attacker = attackers.attacker(is_procedural).map_err(Failure::Run)?;
-                (Self::Generated(attackers, attacker), wanted_id())
-            }
+            Attacked::Generated(generator) => (Self::Generated(generator), wanted_id()),
         })
     }
 
@@ -118,17 +108,17 @@ impl<'a> SceneAttacks<'a> {
                 let described = complete(described.clone());
                 Ok(vec![PlannedDrive { described, label: String::new(), swept: None, attack }])
             }
-            Self::Generated(attackers, attacker) => {
-                let (ctx, built) = (context()?, &attacker.built);
+            Self::Generated(generator) => {
+                let (ctx, built) = (context()?, &generator.built);
                 let avoidance = Avoidance::new(&ctx, AvoidanceOptions::default())?;
-                let attacks = built.attacks(&ctx, attackers.args.seed)?;
-                let planned = attacks.into_iter().zip(&attacker.points).map(|(attack, point)| {
+                let attacks = built.attacks(&ctx, generator.args.seed)?;
+                let planned = attacks.into_iter().zip(&generator.points).map(|(attack, point)| {
                     attack.check(ctx.scene())?;
                     let uses_point = built.facts.uses_operating_point();
-                    let label = if uses_point { point.long_label() } else { attackers.method.to_string() };
+                    let label = if uses_point { point.long_label() } else { generator.method.to_string() };
                     let attack = PlannedAttack::of(&ctx, &avoidance, attack.trajectory().clone());
                     let swept = swept(point).filter(|_| uses_point);
-                    let described = attackers.describe(point);
+                    let described = generator.describe(point);
                     Ok(PlannedDrive { described, label, swept, attack: Some(attack) })
                 });
                 planned.collect()

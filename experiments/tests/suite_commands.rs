@@ -420,8 +420,7 @@ fn a_report_replaces_the_pages_of_an_earlier_one_and_refuses_rows_that_no_search
         ("a late contact", refused(&|row| row["contact"]["step"] = 81.into())),
     ];
     said.iter_mut().for_each(|(_, text)| *text = text.lines().last().unwrap_or_default().to_owned());
-    let said = said.into_iter().map(|(what, text)| (what, text));
-    assert_snapshot!("refused_rows", messages(said.collect::<Vec<_>>()));
+    assert_snapshot!("refused_rows", messages(said));
     fs::write(&row, whole).unwrap();
     // Without its other scenes: their pages go.
     let scene = row.file_name().unwrap().to_str().unwrap().replace("-failure1.json", ".pkl");

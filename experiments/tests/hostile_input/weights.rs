@@ -179,10 +179,11 @@ fn every_command_uses_the_same_weights_from_any_folder() {
         "--out",
         text(&at("made")),
     ]));
-    let made = pickle(&at("made"), "four-way-0-0");
-    std::fs::copy(made, at("scenes/made.pkl")).unwrap();
+    std::fs::copy(at("made/four-way-1-0.pkl"), at("scenes/made.pkl")).unwrap();
     let scenes = at("scenes").display().to_string();
     let one = at("scenes/recorded.pkl").display().to_string();
+    let small = ["--config", r#"{"td3": {"hidden": [8, 8], "batch": 16, "random_steps": 200}}"#];
+    let method = ["--method", "sage", "--eval-method", "none"];
     let study = ["bench", "open-loop", &scenes, "--method", "sage", "--lambda", "1"];
     let commands: [&[&str]; 8] = [
         &["generate", &scenes, "--json"],
@@ -192,7 +193,8 @@ fn every_command_uses_the_same_weights_from_any_folder() {
         &study,
         &["bench", "search", &scenes, "--ego", "idm", "--set", "search={budget: 2}", "--method", "pool"],
         &["calibrate", &scenes, "--procedural", "1"],
-        &["train-ego", "--procedural", "3", "--updates", "4", "--method", "sage", "--eval-method", "none"],
+        &[&["train-ego", "--procedural", "6", "--updates", "300", "--evaluations", "1"], &small[..], &method]
+            .concat(),
     ];
     for (number, command) in commands.into_iter().enumerate() {
         let run = |from: &str, variable: Option<&str>| -> (String, String) {

@@ -36,7 +36,8 @@ fn prose(text: &str) -> String {
         is_code ^= is_fence;
         !is_code && !is_fence
     });
-    let lines: Vec<String> = lines.map(|line| line.split('`').step_by(2).collect::<Vec<_>>().join("x")).collect();
+    let lines: Vec<String> =
+        lines.map(|line| line.split('`').step_by(2).collect::<Vec<_>>().join("x")).collect();
     lines.join("\n")
 }
 

@@ -24,7 +24,7 @@ use sage_data::procedural::Kind;
 
 use crate::part::PolicyParts;
 
-pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, GenerateArgs};
+pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, ExplainArgs, GenerateArgs, Values};
 pub(crate) use avoiding::AvoidableArgs;
 pub(crate) use converting::{ConvertArgs, ConvertFormat};
 pub(crate) use driving::{PlannerArgs, SimulateArgs};
@@ -76,6 +76,7 @@ pub(crate) enum Command {
     Calibrate(CalibrateArgs),
     Predict(PredictArgs),
     Generate(GenerateArgs),
+    Explain(ExplainArgs),
     Simulate(SimulateArgs),
     Search(Box<SearchArgs>),
     Report(FailureReportArgs),

@@ -8,6 +8,7 @@ pub(crate) mod completions;
 pub(crate) mod convert;
 pub(crate) mod demo;
 pub(crate) mod draw;
+pub(crate) mod explain;
 pub(crate) mod finetune;
 pub(crate) mod generate;
 pub(crate) mod inspect;

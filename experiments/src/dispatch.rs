@@ -28,6 +28,7 @@ impl Cli {
             Command::Merge(args) => commands::merge::run(&args, registries),
             Command::Calibrate(args) => commands::calibrate::run(&args, registries),
             Command::Predict(args) => commands::predict::run(&args, registries),
+            Command::Explain(args) => commands::explain::run(&args, registries),
             Command::Generate(args) => commands::generate::run(&args, registries),
             Command::Simulate(args) => commands::simulate::run(&args, registries),
             Command::Search(args) => commands::search::run(&args, registries),

@@ -365,3 +365,64 @@ fn drivers_are_compared_by_scene() {
         [("the folder of another run", &*other), ("idm,idm", stderr(&twice)), ("idn", stderr(&unknown))];
     assert_snapshot!("refused_runs_of_drivers", messages(said));
 }
+
+#[test]
+fn explain_counts_what_the_rows_of_generate_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    stdout(&sage(&["scenes", "--count", "8", "--out", text(&at("scenes"))]));
+    let scenes = std::fs::read_dir(at("scenes")).unwrap().map(|entry| entry.unwrap().path());
+    let scenes: Vec<_> = scenes.filter(|path| path.extension().is_some_and(|e| e == "safetensors")).collect();
+    let mut outcomes = std::collections::BTreeSet::new();
+    for scene in &scenes {
+        let points = ["--lambda", "0,0.5,1"];
+        let generated = rows(&sage(
+            &[
+                &["generate", text(scene), "--json", "--format", "native"][..],
+                &WEIGHTS,
+                &points,
+                &["--force", "--out", text(&at("out"))],
+            ]
+            .concat(),
+        ));
+        let explained = rows(&sage(&[&["explain", text(scene), "--json"][..], &WEIGHTS, &points].concat()));
+        assert_eq!(generated.len(), explained.len());
+        for (row, explained) in generated.iter().zip(&explained) {
+            let candidates = row["candidates"].as_array().unwrap();
+            let count =
+                |is: &dyn Fn(&Value) -> bool| candidates.iter().filter(|one| is(&one["scores"])).count();
+            let hits = |scores: &Value| scores["collision"] == true;
+            // The selection `natural` uses the rule `drivable`.
+            let feasible = |scores: &Value| scores["feasible_drivable"] == true;
+            let believed = |scores: &Value| hits(scores) && feasible(scores) && scores["believable"] == true;
+            assert_eq!(explained["candidates"], candidates.len());
+            assert_eq!(explained["feasible"], count(&feasible));
+            assert_eq!(explained["hits"], count(&hits));
+            assert_eq!(explained["feasible_hits"], count(&|scores| hits(scores) && feasible(scores)));
+            assert_eq!(explained["believable_hits"], count(&believed));
+            let chosen = &row["scores"];
+            let outcome = explained["outcome"].as_str().unwrap();
+            let expected = match (hits(chosen), believed(chosen)) {
+                (true, true) => &["attack"][..],
+                (true, false) => &["not-believable"],
+                _ => &["never-hit", "no-feasible-hit", "not-preferred", "no-feasible-plan"],
+            };
+            assert!(expected.contains(&outcome), "{outcome}");
+            outcomes.insert(outcome.to_owned());
+            // The value is the sum of its terms, and the selected one is first and has the largest value.
+            let best = explained["best"].as_array().unwrap();
+            assert_eq!((&best[0]["is_chosen"], &best[0]["number"]), (&Value::Bool(true), &row["chosen"]));
+            for one in best {
+                let sum: f64 =
+                    one["terms"].as_array().unwrap().iter().map(|term| term[1].as_f64().unwrap()).sum();
+                assert!((sum - one["value"].as_f64().unwrap()).abs() < 1e-9);
+                assert!(one["feasible"] == false || one["value"].as_f64() <= best[0]["value"].as_f64());
+            }
+        }
+    }
+    assert!(outcomes.contains("attack") && outcomes.contains("never-hit"), "{outcomes:?}");
+    let text = stdout(&sage(&[&["explain", &example()][..], &WEIGHTS].concat())).to_owned();
+    // The first line holds the path of the scene.
+    assert!(text.lines().skip(1).all(|line| line.chars().count() <= 100), "{text}");
+    assert_eq!(text.matches("| candidate | contact | value |").count(), 5);
+}

@@ -83,8 +83,32 @@ pub(crate) struct GenerateArgs {
     pub reading: ReadingArgs,
 }
 
-/// How to attack a scene, besides the generator.
+/// Explain why a scene is attacked as it is, or why there is no attack.
+///
+/// The scene is attacked as by `sage generate`, and nothing is written. For each operating point (default: lambda 0 to 1 in
+/// quarters) it says how many candidates touch the ego, which of them are feasible and believable and why the others are not,
+/// and what the selection makes of the best ones: its value is the sum of the columns to its right.
 #[derive(Debug, Args)]
+#[command(
+    after_help = "Examples:\n  sage explain examples/crossing.pkl\n  sage explain scenes/7.pkl --lambda 1 --json | jq .outcome"
+)]
+pub(crate) struct ExplainArgs {
+    /// Scene file, or record (SHARD#3).
+    pub scene: PathBuf,
+    /// Generator, by its name in `sage list`.
+    #[arg(long, value_name = "NAME", default_value = "sage")]
+    pub method: Part,
+    #[command(flatten)]
+    pub attack: AttackArgs,
+    /// Print one JSON object per operating point.
+    #[arg(long)]
+    pub json: bool,
+    #[command(flatten)]
+    pub reading: ReadingArgs,
+}
+
+/// How to attack a scene, besides the generator.
+#[derive(Clone, Debug, Args)]
 pub(crate) struct AttackArgs {
     /// Options of the generator as JSON, such as '{"candidates": 64}'; `sage list` shows them. The same as
     /// --method 'sage{"candidates": 64}'.

@@ -143,5 +143,5 @@ fn values(one: &Explanation) -> String {
         rows: one.best.iter().map(row).collect(),
         names: 1,
     };
-    table.narrow().markdown()
+    format!("\n{}", table.narrow().markdown())
 }

@@ -89,8 +89,8 @@ fn text(one: &Explanation) -> String {
     if !one.violations.is_empty() {
         out += &format!("  infeasible: {}\n", counted(&one.violations));
     }
-    if !one.doubts.is_empty() {
-        out += &format!("  not believable: {}\n", counted(&one.doubts));
+    if !one.unbelievable.is_empty() {
+        out += &format!("  not believable: {}\n", counted(&one.unbelievable));
     }
     out + &values(one)
 }
@@ -110,7 +110,7 @@ fn words(one: &Explanation) -> String {
             format!("no attack: the selection prefers one without contact{loss}")
         }
         Outcome::NotBelievable => {
-            format!("an attack that is not believable: {}", one.chosen_doubts.join(", "))
+            format!("an attack that is not believable: {}", one.selected_unbelievable.join(", "))
         }
     }
 }

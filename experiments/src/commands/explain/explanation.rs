@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sage_core::{
     generator::Attack,
-    objective::{Context, Evaluation, Objective, Reason as Doubt, Scorer, Violation},
+    objective::{Context, Evaluation, Objective, Reason as Unbelievable, Scorer, Violation},
 };
 use serde::Serialize;
 
@@ -71,9 +71,9 @@ pub(super) struct Explanation {
     /// What makes hits infeasible: rule and what is touched, with the number of hits.
     pub(super) violations: BTreeMap<String, usize>,
     /// Why feasible hits are not believable, with the number of hits.
-    pub(super) doubts: BTreeMap<String, usize>,
+    pub(super) unbelievable: BTreeMap<String, usize>,
     /// Why the selected candidate is not believable, in words.
-    pub(super) chosen_doubts: Vec<String>,
+    pub(super) selected_unbelievable: Vec<String>,
     /// The selected candidate, the best that is feasible and touches the ego, and the best of the others.
     pub(super) best: Vec<ValuedCandidate>,
 }
@@ -84,22 +84,24 @@ impl Explanation {
         let evaluate = |proposal: &sage_core::generator::Proposal| {
             let candidate = ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
             let evaluation = objective.evaluate(&candidate, ctx);
-            let doubts = evaluation.contact.map(|_| Scorer::new(ctx).scores(&candidate).unbelievable);
-            (evaluation, doubts)
+            let unbelievable = evaluation.contact.map(|_| Scorer::new(ctx).scores(&candidate).unbelievable);
+            (evaluation, unbelievable)
         };
-        let all: Vec<(Evaluation, Option<Vec<Doubt>>)> = attack.candidates.iter().map(evaluate).collect();
+        let all: Vec<(Evaluation, Option<Vec<Unbelievable>>)> =
+            attack.candidates.iter().map(evaluate).collect();
         let hits = || all.iter().filter(|(evaluation, _)| evaluation.contact.is_some());
         let feasible_hits = || hits().filter(|(evaluation, _)| evaluation.is_feasible());
-        let (mut violations, mut doubts) = (BTreeMap::new(), BTreeMap::new());
+        let (mut violations, mut unbelievable) = (BTreeMap::new(), BTreeMap::new());
         for (evaluation, _) in hits().filter(|(evaluation, _)| !evaluation.is_feasible()) {
             count_each(&mut violations, evaluation.violations.iter().map(violated));
         }
         for reasons in feasible_hits().filter_map(|(_, reasons)| reasons.as_ref()) {
-            count_each(&mut doubts, reasons.iter().map(|reason| reason.reason.replace('_', " ")));
+            count_each(&mut unbelievable, reasons.iter().map(|reason| reason.reason.replace('_', " ")));
         }
-        let is_believed = |doubts: &Option<Vec<Doubt>>| doubts.as_ref().is_some_and(Vec::is_empty);
-        let (chosen, chosen_doubts) = &all[attack.chosen];
-        let outcome = if chosen.is_attack() && is_believed(chosen_doubts) {
+        let is_believed =
+            |unbelievable: &Option<Vec<Unbelievable>>| unbelievable.as_ref().is_some_and(Vec::is_empty);
+        let (chosen, selected_unbelievable) = &all[attack.chosen];
+        let outcome = if chosen.is_attack() && is_believed(selected_unbelievable) {
             Outcome::Attack
         } else if chosen.is_attack() {
             Outcome::NotBelievable
@@ -113,7 +115,7 @@ impl Explanation {
             Outcome::NotPreferred
         };
         let evaluations: Vec<&Evaluation> = all.iter().map(|(evaluation, _)| evaluation).collect();
-        let chosen_words = chosen_doubts.iter().flatten().map(Doubt::words).collect();
+        let chosen_words = selected_unbelievable.iter().flatten().map(Unbelievable::words).collect();
         Self {
             scene: ctx.scene().id.clone(),
             adversary: ctx.adversary().id.clone(),
@@ -123,10 +125,10 @@ impl Explanation {
             feasible: evaluations.iter().filter(|evaluation| evaluation.is_feasible()).count(),
             hits: hits().count(),
             feasible_hits: feasible_hits().count(),
-            believable_hits: feasible_hits().filter(|(_, doubts)| is_believed(doubts)).count(),
+            believable_hits: feasible_hits().filter(|(_, unbelievable)| is_believed(unbelievable)).count(),
             violations,
-            doubts,
-            chosen_doubts: chosen_words,
+            unbelievable,
+            selected_unbelievable: chosen_words,
             best: best(&evaluations, attack.chosen, objective, mu),
         }
     }

@@ -79,11 +79,7 @@ impl Searches {
         groups: &[Group],
         selection: &Selection,
     ) -> Result<Self> {
-        let feasibility =
-            study.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(anyhow::Error::msg)?;
-        let rule = search::rule(registries, feasibility.as_ref())?;
-        let mut options = study.search;
-        options.avoidable = study.avoidable.unwrap_or(options.avoidable);
+        let (rule, options) = search::of_study(study, registries)?;
         let listed = |subject| study.metrics.get(&subject).cloned().unwrap_or_default();
         let (mut methods, mut along) = (Vec::new(), Vec::new());
         for group in groups {

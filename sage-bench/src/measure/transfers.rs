@@ -82,11 +82,7 @@ impl Transfers {
         groups: &[Group],
         selection: &Selection,
     ) -> Result<Self> {
-        let feasibility =
-            study.feasibility.as_deref().map(str::parse::<Part>).transpose().map_err(anyhow::Error::msg)?;
-        let rule = search::rule(registries, feasibility.as_ref())?;
-        let mut options = study.search;
-        options.avoidable = study.avoidable.unwrap_or(options.avoidable);
+        let (rule, options) = search::of_study(study, registries)?;
         let mut methods = Vec::new();
         for group in groups {
             let with = |selection| group.generators(registries, selection, study.seed);

@@ -17,8 +17,8 @@ const ATTACK: &str = "attack";
 const FAILURE: &str = "failure";
 /// What stands beside the rate of attacks: shares of the attacks.
 const BESIDE: [&str; 2] = ["unavoidable", "unavoidable, R157"];
-/// Rate by which drivers stand in for others.
-const STAND_IN: &str = "believable";
+/// Rate by which the best other driver is chosen.
+const CHOSEN_BY: &str = "believable";
 /// The method that searches with the driver in the loop: it is not averaged with the others.
 const SEARCH: &str = "search";
 
@@ -131,7 +131,7 @@ pub(super) fn tables(results: &Results) -> Vec<Table> {
     let of_attack = |attack: usize| [matrix(&cube, attack, ATTACK), matrix(&cube, attack, FAILURE)];
     let mut all: Vec<Table> = (0..cube.attacks.len()).flat_map(of_attack).flatten().collect();
     all.extend(loss(&cube));
-    all.extend(stand_ins(&cube));
+    all.extend(best_others(&cube));
     all
 }
 
@@ -233,8 +233,8 @@ fn own_and_others(cube: &Cube, attack: usize, metric: usize) -> Option<(Vec<f64>
 }
 
 /// For each tested driver the best other driver to make attacks for it.
-fn stand_ins(cube: &Cube) -> Option<Table> {
-    let metric = cube.results.metric(Subject::Transfer, STAND_IN).filter(|_| cube.drivers.len() > 2)?;
+fn best_others(cube: &Cube) -> Option<Table> {
+    let metric = cube.results.metric(Subject::Transfer, CHOSEN_BY).filter(|_| cube.drivers.len() > 2)?;
     let (searches, others): (Vec<usize>, Vec<usize>) =
         (0..cube.attacks.len()).partition(|attack| cube.attacks[*attack].starts_with(SEARCH));
     let groups = [("search", searches), ("other methods, mean", others)];
@@ -242,7 +242,7 @@ fn stand_ins(cube: &Cube) -> Option<Table> {
     for (name, attacks) in groups.iter().filter(|(_, attacks)| !attacks.is_empty()) {
         for (tested, driver) in cube.drivers.iter().enumerate() {
             rows.extend(
-                stand_in(cube, attacks, tested, metric)
+                best_other(cube, attacks, tested, metric)
                     .map(|cells| [vec![(*name).to_owned(), driver.clone()], cells].concat()),
             );
         }
@@ -258,7 +258,7 @@ fn stand_ins(cube: &Cube) -> Option<Table> {
 }
 
 /// Cells of a tested driver: N, own rate, best other driver, its rate, difference.
-fn stand_in(cube: &Cube, attacks: &[usize], tested: usize, metric: usize) -> Option<Vec<String>> {
+fn best_other(cube: &Cube, attacks: &[usize], tested: usize, metric: usize) -> Option<Vec<String>> {
     // Values of all methods of the plans made against a driver; `None` if one was not measured.
     let of_driver = |made: usize| -> Option<Vec<ByScene>> {
         attacks.iter().map(|attack| cube.by_scene(*attack, made, tested, metric)).collect()
@@ -274,7 +274,7 @@ fn stand_in(cube: &Cube, attacks: &[usize], tested: usize, metric: usize) -> Opt
     let rate = |values: &[f64]| mean(values.iter().copied());
     let others = rates.iter().filter(|(made, values)| *made != tested && !values.is_empty());
     let (best, values) = others.reduce(|a, b| if rate(&b.1) > rate(&a.1) { b } else { a })?;
-    let stream = format!("stand-in {}", cube.drivers[tested]);
+    let stream = format!("best other {}", cube.drivers[tested]);
     let [own_rate, best_rate, gap] =
         [own, values, &less(own, values)].map(|values| points(estimate(values, &stream)));
     Some(vec![own.len().to_string(), own_rate, cube.drivers[*best].clone(), best_rate, gap])

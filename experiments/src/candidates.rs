@@ -35,15 +35,47 @@ pub(crate) struct NamedCandidate {
     pub(crate) ego: Option<EgoPaths>,
 }
 
-/// Reads a JSON list of candidates; `-` is standard input.
+/// A row of `sage generate`.
+#[derive(Deserialize)]
+struct AttackRow {
+    chosen: usize,
+    candidates: Vec<RowCandidate>,
+}
+
+#[derive(Deserialize)]
+struct RowCandidate {
+    trajectory: Vec<Point>,
+}
+
+impl From<AttackRow> for Vec<CandidateRow> {
+    fn from(row: AttackRow) -> Self {
+        let name = |k: usize| if k == row.chosen { format!("{k}, selected") } else { k.to_string() };
+        let candidates = row.candidates.into_iter().enumerate();
+        candidates
+            .map(|(k, RowCandidate { trajectory })| CandidateRow { name: name(k), trajectory, ego: None })
+            .collect()
+    }
+}
+
+/// Reads a JSON list of candidates, or a row of `sage generate`; `-` is standard input.
 ///
 /// *Errors*: an invalid value, with the file and the candidate.
 pub(crate) fn read(path: &Path) -> Result<Vec<NamedCandidate>> {
     let file = path.display();
     let text = files::read_argument_text(path, LIMIT).with_context(|| format!("cannot read `{file}`"))?;
+    if text.trim_start().starts_with('{') {
+        let row: AttackRow =
+            serde_json::from_str(&text).with_context(|| format!("`{file}` is no row of `sage generate`"))?;
+        return checked(&file.to_string(), row.into());
+    }
     let rows: Vec<CandidateRow> = serde_json::from_str(&text).with_context(|| {
         format!(r#"`{file}` is not a JSON list of {{"name", "trajectory": [[x, y] × {HORIZON}], "ego"}}; "ego" may be left out"#)
     })?;
+    checked(&file.to_string(), rows)
+}
+
+/// Checks candidates of a file.
+fn checked(file: &str, rows: Vec<CandidateRow>) -> Result<Vec<NamedCandidate>> {
     let checked = rows.into_iter().enumerate().map(|(k, row)| {
         let what = format!("`{file}`: candidate {k} `{}`", row.name);
         let trajectory = Trajectory::new(&format!("{what}: `trajectory`"), row.trajectory)?;

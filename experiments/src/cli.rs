@@ -140,6 +140,9 @@ pub(crate) struct InspectArgs {
     /// Also list the tracks of each scene.
     #[arg(long, conflicts_with = "json")]
     pub tracks: bool,
+    /// Print all columns.
+    #[arg(long, conflicts_with = "json")]
+    pub wide: bool,
     #[command(flatten)]
     pub reading: ReadingArgs,
 }
@@ -156,7 +159,7 @@ pub(crate) struct InspectArgs {
 pub(crate) struct ScoreArgs {
     /// Scene file.
     pub scene: PathBuf,
-    /// JSON file of candidates; - for standard input.
+    /// JSON file of candidates, or a row of `sage generate`; - for standard input.
     #[arg(long, value_name = "FILE")]
     pub candidates: PathBuf,
     /// Convention of the formulas: as in the paper, or as in the published code.
@@ -179,6 +182,9 @@ pub(crate) struct ScoreArgs {
     /// Print one JSON object per line.
     #[arg(long)]
     pub json: bool,
+    /// Print all columns.
+    #[arg(long, conflicts_with = "json")]
+    pub wide: bool,
     #[command(flatten)]
     pub reading: ReadingArgs,
 }
@@ -195,7 +201,7 @@ pub(crate) struct DrawArgs {
     /// SVG file to write; - for standard output.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// JSON file of candidates, in the format of `sage score`.
+    /// JSON file of candidates, in the format of `sage score`, or a row of `sage generate`.
     #[arg(long, value_name = "FILE")]
     pub candidates: Option<PathBuf>,
     /// Frame at which boxes are drawn (default: 10, which is now).

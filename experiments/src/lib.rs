@@ -5,7 +5,7 @@
 //! - `scenes` lists and reads the scenes of a command, `scene_queue` works on them in parallel with rows that resume, and `output` writes
 //!   folders, files and the record of a run.
 //! - `networks` finds weights by name, and `run_generator` builds the generator of `generate` and `simulate`.
-//! - `drawing` draws scenes, `player` plays drives, `bench` times the program, and `terminal`, `progress` and `signals` talk to the user.
+//! - `drawing` draws scenes, `player` plays drives, `listing` lists results, `bench` times the program, and `terminal`, `progress` and `signals` talk to the user.
 //!
 //! ```no_run
 //! use experiments::Registries;
@@ -30,6 +30,7 @@ pub mod drawing;
 mod html_page;
 mod input;
 mod junit;
+mod listing;
 mod networks;
 mod output;
 mod player;
@@ -38,6 +39,7 @@ mod run_generator;
 mod scenario_files;
 mod scene_queue;
 mod scenes;
+mod selection_outcome;
 mod signals;
 mod terminal;
 mod threads;

@@ -13,9 +13,10 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail};
+use sage_bench::table::Table;
 use sage_core::files::{self, Existing, OutputLock};
 
-use crate::{ego::Ego, terminal};
+use crate::{ego::Ego, progress, terminal};
 
 pub(crate) use command_line::{command, program};
 pub(crate) use dataset_run::{DatasetRun, run_hash};
@@ -236,4 +237,16 @@ pub(crate) fn is_disk_full(error: &anyhow::Error) -> bool {
 /// *Errors*: standard output is closed or full.
 pub(crate) fn print(text: &str) -> Result<()> {
     Ok(io::stdout().lock().write_all(terminal::escaped(text).as_bytes())?)
+}
+
+/// Prints the table at the end of a run: to standard output, or to standard error if that holds JSON rows.
+///
+/// *Errors*: standard output is closed or full.
+pub(crate) fn print_table(table: &Table, beside_json: bool) -> Result<()> {
+    let text = table.terminal();
+    if beside_json {
+        progress::say_lines(&text);
+        return Ok(());
+    }
+    print(&format!("\n{text}"))
 }

@@ -21,7 +21,7 @@ use sage_sim::{
 };
 use serde::Serialize;
 
-use crate::html_page;
+use crate::{html_page, selection_outcome::CandidateKind};
 use encoding::{EncodedBody, FrameState};
 use map::EncodedFeature;
 
@@ -66,10 +66,19 @@ pub(crate) struct Panel<'a> {
     pub(crate) verdict: Option<bool>,
     /// Whether its planner failed, so that the drive has no result.
     pub(crate) is_failed: bool,
+    /// Candidates that were not selected, by their number among the paths of the page.
+    pub(crate) others: Vec<usize>,
     /// Says what is attacked, before the end.
     pub(crate) note: String,
     /// Says how it ended.
     pub(crate) ending: String,
+}
+
+/// A candidate of the adversary.
+pub(crate) struct Path {
+    pub(crate) kind: CandidateKind,
+    /// Positions from *now* on.
+    pub(crate) points: Vec<Point>,
 }
 
 /// Where two boxes meet.
@@ -112,7 +121,16 @@ struct Data<'a> {
     back: Option<&'a str>,
     map: Vec<EncodedFeature>,
     traffic: Vec<EncodedBody>,
+    paths: Vec<EncodedPath>,
     panels: Vec<EncodedPanel<'a>>,
+}
+
+/// Every fourth point of a path, in decimetres as differences.
+#[derive(Serialize)]
+struct EncodedPath {
+    kind: CandidateKind,
+    x: Vec<i64>,
+    y: Vec<i64>,
 }
 
 #[derive(Serialize)]
@@ -131,6 +149,8 @@ struct EncodedPanel<'a> {
     contact: Option<EncodedContact>,
     verdict: Option<bool>,
     failed: bool,
+    #[serde(skip_serializing_if = "<[usize]>::is_empty")]
+    others: &'a [usize],
     /// What the driver showed.
     shown: Vec<EncodedShown<'a>>,
     note: &'a str,
@@ -160,6 +180,7 @@ pub(crate) fn page(
     scene: &Scene,
     [title, subtitle]: [&str; 2],
     panels: &[Panel],
+    paths: &[Path],
     columns: usize,
     back: Option<&str>,
 ) -> Result<String> {
@@ -184,6 +205,7 @@ pub(crate) fn page(
             back,
             map: map::encoded(scene, &area, error, origin),
             traffic: traffic(scene, panels, &area, origin),
+            paths: paths.iter().map(|path| encoded_path(path, origin)).collect(),
             panels: panels.iter().map(|panel| encoded(panel, scene, origin)).collect(),
         };
         text = html_page::embedded(&data)?;
@@ -256,10 +278,22 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         contact,
         verdict: *verdict,
         failed: *is_failed,
+        others: &panel.others,
         shown: panel.shown.iter().map(|shown| encoded_shown(shown, origin)).collect(),
         note,
         ending,
     }
+}
+
+fn encoded_path(path: &Path, origin: Point) -> EncodedPath {
+    let last = path.points.len().saturating_sub(1);
+    let shown: Vec<&Point> =
+        path.points.iter().enumerate().filter(|(k, _)| k % 4 == 0 || *k == last).map(|(_, p)| p).collect();
+    let differences = |axis: usize| -> Vec<i64> {
+        let all = shown.iter().map(|p| (10.0 * (p[axis] - origin[axis])).round() as i64);
+        all.scan(0, |before, value| Some(value - std::mem::replace(before, value))).collect()
+    };
+    EncodedPath { kind: path.kind, x: differences(0), y: differences(1) }
 }
 
 fn encoded_shown(shown: &Shown, origin: Point) -> EncodedShown<'_> {

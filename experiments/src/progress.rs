@@ -8,12 +8,14 @@ use std::{
     time::{Duration, Instant},
 };
 
+use sage_bench::wrap::wrapped;
+
 use crate::{ego::Ego, terminal};
 
 /// Minimum time between two updates.
 const INTERVAL: Duration = Duration::from_millis(200);
 
-/// Most characters of a line: a text may quote what a stranger wrote.
+/// Most characters of a message: a text may quote what a stranger wrote.
 const LONGEST_LINE: usize = 2000;
 
 /// Prints a line on stderr. A text may be a stranger's, so a new line in it is escaped, and a very long one is
@@ -22,6 +24,7 @@ pub(crate) fn say(text: &str) {
     let text = terminal::escaped_name(text);
     let count = text.chars().count();
     if count <= LONGEST_LINE {
+        let text = if std::io::stderr().is_terminal() { wrapped(&text, 2) } else { text.into() };
         let _ = writeln!(std::io::stderr(), "{text}");
         return;
     }

@@ -55,6 +55,13 @@ pub(crate) fn escaped_markdown_code(text: &str) -> String {
     escaped_name(text).replace('`', "'").replace('|', "\\u{7c}")
 }
 
+/// A line of a table that ends with a text: the text goes to a line of its own if both have no room in one.
+pub(crate) fn with_remark(cells: &str, remark: &str) -> String {
+    let is_long = cells.chars().count() + 2 + remark.chars().count() > sage_bench::wrap::COLUMNS;
+    let gap = if is_long { "\n    " } else { "  " };
+    format!("{cells}{gap}{remark}").trim_end().to_owned()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -26,5 +26,6 @@ pub mod search;
 pub mod selection;
 pub mod study;
 pub mod table;
+pub mod wrap;
 
 pub use registries::{MetricRegistries, Registries};

@@ -95,6 +95,12 @@ impl OperatingPointSpec {
         }
     }
 
+    /// What differs between the points of a sweep, and its value; `None` for a mixture of experts by name.
+    pub fn swept(&self) -> Option<(&'static str, f64)> {
+        let by_lambda = self.lambda.map(|lambda| ("lambda", lambda));
+        self.aggression.map(|aggression| ("aggression", aggression)).or(by_lambda)
+    }
+
     /// Part of file names, and the field `variant` of rows.
     pub fn variant(&self) -> String {
         match (self.aggression, self.lambda) {

@@ -24,6 +24,7 @@ use crate::{
     rows::{MetricRecord, Results, Subject},
     study::Study,
     table::{Table, csv},
+    wrap::wrapped,
 };
 
 /// The report as Markdown.
@@ -80,19 +81,23 @@ impl Report {
 
     /// The whole report as Markdown.
     pub fn markdown(&self) -> String {
-        self.page(&self.tables)
+        self.page(&self.tables, Table::markdown)
     }
 
     /// What fits a terminal, with the words on its columns alone.
-    pub fn narrow(&self) -> String {
-        self.page(&self.tables.iter().map(Table::narrow).collect::<Vec<_>>())
+    pub fn terminal(&self) -> String {
+        let tables: Vec<Table> = self.tables.iter().map(Table::narrow).collect();
+        // Tables fit already, and their lines must stay whole.
+        let text = self.page(&tables, Table::aligned);
+        let fitted = |line: &str| if line.starts_with('|') { line.to_owned() } else { wrapped(line, 0) };
+        text.split('\n').map(fitted).collect::<Vec<_>>().join("\n")
     }
 
-    fn page(&self, tables: &[Table]) -> String {
+    fn page(&self, tables: &[Table], text: impl Fn(&Table) -> String) -> String {
         let is_shown = |head: &String| tables.iter().any(|table| table.heads.contains(head));
         let words = self.words.iter().filter(|(head, _)| is_shown(head));
         let words: String = words.map(|(_, words)| &**words).collect();
-        let tables: Vec<String> = tables.iter().map(Table::markdown).collect();
+        let tables: Vec<String> = tables.iter().map(text).collect();
         format!("{}\n{words}{}", tables.join("\n"), self.notes)
     }
 }

@@ -1,8 +1,10 @@
 //! Tables of text: Markdown, CSV, and what fits a terminal.
 
+use crate::wrap::COLUMNS;
+
 /// Most columns and characters of a table in a terminal.
 const MOST_COLUMNS: usize = 8;
-const MOST_CHARACTERS: usize = 100;
+const MOST_CHARACTERS: usize = COLUMNS;
 
 /// A table with heads.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -46,8 +48,44 @@ impl Table {
         out
     }
 
+    /// The table for a terminal: the columns that fit, aligned.
+    pub fn terminal(&self) -> String {
+        self.narrow().aligned()
+    }
+
+    /// The table with columns of equal width. It is still Markdown.
+    pub fn aligned(&self) -> String {
+        let cells = |k: usize| self.rows.iter().filter_map(move |row| row.get(k)).chain([&self.heads[k]]);
+        let length = |cell: &String| cell.chars().count();
+        let widths: Vec<usize> =
+            (0..self.heads.len()).map(|k| cells(k).map(length).max().unwrap_or(0).max(3)).collect();
+        let padded = |row: &Vec<String>| -> Vec<String> {
+            let one = |(k, cell): (usize, &String)| {
+                let space = " ".repeat(widths[k].saturating_sub(length(cell)));
+                if self.is_text(k) { format!("{cell}{space}") } else { format!("{space}{cell}") }
+            };
+            row.iter().enumerate().map(one).collect()
+        };
+        let rule = |k: usize| {
+            let dashes = "-".repeat(widths[k]);
+            if self.is_text(k) { dashes } else { format!("{}:", &dashes[1..]) }
+        };
+        let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+        let mut out = if self.title.is_empty() { String::new() } else { format!("{}\n\n", self.title) };
+        out += &line(&padded(&self.heads));
+        out += &line(&(0..widths.len()).map(rule).collect::<Vec<_>>());
+        self.rows.iter().for_each(|row| out += &line(&padded(row)));
+        out
+    }
+
+    /// Whether a column holds text: it names a row, or a cell of it has words.
+    fn is_text(&self, k: usize) -> bool {
+        let is_words = |cell: &String| cell.chars().filter(|c| c.is_alphabetic()).count() > 4;
+        k < self.names || self.rows.iter().filter_map(|row| row.get(k)).any(is_words)
+    }
+
     /// The columns that fit a terminal: those that name a row, and of the others the first.
-    pub fn narrow(&self) -> Self {
+    pub(crate) fn narrow(&self) -> Self {
         let width = |k: usize| {
             let cells = self.rows.iter().filter_map(|row| row.get(k)).chain([&self.heads[k]]);
             cells.map(|cell| cell.chars().count()).max().unwrap_or(0) + 3
@@ -106,6 +144,14 @@ mod tests {
     }
 
     #[test]
+    fn aligned_columns_have_one_width() {
+        let mut table = Table { names: 1, ..Table::new("", &["scene", "n", "why"]) };
+        table.row("crossing", ["3".to_owned(), "never hits".to_owned()]);
+        let expected = "| scene    |   n | why        |\n| -------- | --: | ---------- |\n| crossing |   3 | never hits |\n";
+        assert_eq!(table.terminal(), expected);
+    }
+
+    #[test]
     fn cells_are_escaped() {
         let table = table(2);
         assert_eq!(
@@ -118,7 +164,7 @@ mod tests {
     #[test]
     fn a_terminal_gets_at_most_eight_columns_of_a_hundred_characters() {
         let narrow = table(20).narrow();
-        assert!(narrow.heads.len() <= 8 && narrow.rows[0].len() == narrow.heads.len());
+        assert!(self.heads.len() <= 8 && self.rows[0].len() == self.heads.len());
         assert!(narrow.markdown().lines().all(|line| line.chars().count() <= 110), "{}", narrow.markdown());
         assert_eq!(table(2).narrow(), table(2));
         let long = Table { heads: vec!["x".repeat(200), "y".repeat(200)], names: 1, ..Table::default() };

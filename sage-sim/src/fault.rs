@@ -54,6 +54,19 @@ impl FaultClass {
         }
     }
 
+    /// What decides about the fault, in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::StoppedEgo => "the ego stood",
+            Self::StoppedTrack => "the other stood",
+            Self::ActiveRear => "the ego was hit from behind",
+            Self::ActiveFront => "the ego's front hit the other",
+            Self::LateralInLane => "a side contact, the ego in its lane",
+            Self::LateralOffLane => "a side contact, the ego not in one lane",
+            Self::LateralUnknown => "a side contact, on a map without lanes",
+        }
+    }
+
     /// Number of nuPlan's rule that decides, 1 to 5.
     pub fn rule(self) -> u8 {
         match self {

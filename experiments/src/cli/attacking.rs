@@ -27,10 +27,10 @@ use crate::{
 /// Dataset, a record of it (SHARD#3), or a folder of files and shards. Each scene is
 /// attacked at each operating point that --lambda, --aggression or --mix gives (default: lambda 1).
 ///
-/// The output folder is a data set that MetaDrive and ScenarioNet read, unless --format excludes pickles. It holds a
-/// pickle, a native file and a JSON row per scene and operating point. The row lists all candidates with
-/// their scores. An SVG picture per scene shows its attacks. The folder also holds `dataset_summary.pkl`,
-/// `dataset_mapping.pkl` and `run.json`. `docs/formats.md`, section 'Data sets', describes all files.
+/// At the end a table says how often each operating point attacks and why it does not, and `index.html` lists all
+/// scenes: each has a page that plays its attacks and a picture (SVG). The output folder is a data set that MetaDrive
+/// and ScenarioNet read, unless --format excludes pickles. It holds a scene file and a JSON row per scene and operating
+/// point; `sage explain` takes a row. `docs/formats.md`, section 'Data sets', describes all files.
 ///
 /// Scenes run in parallel on all cores (see --threads). The files of a finished scene stay, so the same
 /// command resumes an interrupted run, and --force starts again. If a scene fails, the error is printed and
@@ -64,8 +64,11 @@ pub(crate) struct GenerateArgs {
     /// Print one JSON object per scene and operating point.
     #[arg(long)]
     pub json: bool,
-    /// Formats of the written scenes.
-    #[arg(long, value_enum, default_value_t = DatasetFormat::Both)]
+    /// Print no line per attack, only the table at the end.
+    #[arg(long, conflicts_with = "json")]
+    pub quiet: bool,
+    /// Format of the written scenes.
+    #[arg(long, value_enum, default_value_t = DatasetFormat::Pickle)]
     pub format: DatasetFormat,
     /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
     #[arg(long, value_name = "VERSION", value_parser = standards())]
@@ -85,21 +88,32 @@ pub(crate) struct GenerateArgs {
 
 /// Explain why a scene is attacked as it is, or why there is no attack.
 ///
-/// The scene is attacked as by `sage generate`, and nothing is written. For each operating point (default: lambda 0 to 1 in
-/// quarters) it says how many candidates touch the ego, which of them are feasible and believable and why the others are not,
-/// and what the selection makes of the best ones: its value is the sum of the columns to its right.
+/// A scene is attacked as by `sage generate`, and no attack is written. A row of `sage generate` (JSON) is explained from its
+/// candidates and its scene file, and a row of `sage search` by what came of its plans. For each operating point of a scene
+/// (default: lambda 0 to 1 in quarters) it says how many candidates touch the ego, which of them are feasible and believable
+/// and why the others are not, and what the selection makes of the best ones: its value is the sum of the columns to its right.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Examples:\n  sage explain examples/crossing.pkl\n  sage explain scenes/7.pkl --lambda 1 --json | jq .outcome"
+    after_help = "Examples:\n  sage explain examples/crossing.pkl\n  sage explain scenes/7.pkl --lambda 1 --svg 7.svg\n  sage explain attacked/7-lambda1.00.json --json | jq .outcome"
 )]
 pub(crate) struct ExplainArgs {
-    /// Scene file, or record (SHARD#3).
+    /// Scene file, record (SHARD#3), or row.
+    #[arg(value_name = "SCENE|ROW")]
     pub scene: PathBuf,
     /// Generator, by its name in `sage list`.
     #[arg(long, value_name = "NAME", default_value = "sage")]
     pub method: Part,
     #[command(flatten)]
     pub attack: AttackArgs,
+    /// The scene that a row is of, if the row names no scene file beside it.
+    #[arg(long, value_name = "FILE")]
+    pub of: Option<PathBuf>,
+    /// Also draw the candidates, by what they do, at the last operating point.
+    #[arg(long, value_name = "FILE")]
+    pub svg: Option<PathBuf>,
+    /// Overwrite an existing SVG file.
+    #[arg(long, requires = "svg")]
+    pub force: bool,
     /// Print one JSON object per operating point.
     #[arg(long)]
     pub json: bool,
@@ -132,13 +146,34 @@ pub(crate) struct AttackArgs {
     pub seed: u64,
 }
 
+impl AttackArgs {
+    /// The first option that is given and makes an attack what it is.
+    pub(crate) fn first_given(&self) -> Option<&'static str> {
+        let points = &self.points;
+        let given = [
+            ("--lambda", points.lambda.is_some()),
+            ("--mu", points.mu.is_some()),
+            ("--aggression", points.aggression.is_some()),
+            ("--mix", points.mix.is_some()),
+            ("--options", self.options.is_some()),
+            ("--weights", self.weights.is_some()),
+            ("--feasibility", self.rule.feasibility.is_some()),
+            ("--selection", self.selection != "natural"),
+            ("--merger", points.merging.merger.name != "linear"),
+        ];
+        given.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name)
+    }
+}
+
 /// Formats of the scene files of a data set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum DatasetFormat {
-    /// Pickles and native files.
-    Both,
     /// MetaDrive pickles, with `dataset_summary.pkl` and `dataset_mapping.pkl`.
     Pickle,
+    /// Pickles and native files.
+    Both,
+    /// No scene files: rows, pages and pictures alone.
+    Rows,
     /// Native files (safetensors).
     Native,
     /// OpenSCENARIO files and their OpenDRIVE maps, for simulators.

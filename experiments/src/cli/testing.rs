@@ -90,6 +90,9 @@ pub(crate) struct TestArgs {
     /// Print one JSON object per test.
     #[arg(long)]
     pub json: bool,
+    /// Print all columns.
+    #[arg(long, conflicts_with = "json")]
+    pub wide: bool,
     /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,

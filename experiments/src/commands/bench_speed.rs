@@ -25,8 +25,8 @@ pub(crate) fn run(args: &SpeedArgs, registries: &Registries) -> Result<Outcome> 
     if !args.json {
         writeln!(
             out,
-            "{:<64} {:>5} {:>10} {:>10} {:>10} {:>10} {:>6}",
-            "measurement", "n", "median ms", "min ms", "p90 ms", "target ms", "ratio"
+            "{:<64} {:>5} {:>10} {:>10} {:>6}",
+            "measurement", "n", "median ms", "target ms", "ratio"
         )?;
     }
     let report = |timing: Timing| {
@@ -37,8 +37,8 @@ pub(crate) fn run(args: &SpeedArgs, registries: &Registries) -> Result<Outcome> 
             let ratio = timing.target_ms.map_or("-".to_owned(), |t| format!("{:.2}", timing.median_ms / t));
             writeln!(
                 out,
-                "{:<64} {:>5} {:>10.3} {:>10.3} {:>10.3} {target:>10} {ratio:>6}",
-                timing.name, timing.n, timing.median_ms, timing.min_ms, timing.p90_ms
+                "{:<64} {:>5} {:>10.3} {target:>10} {ratio:>6}",
+                timing.name, timing.n, timing.median_ms
             )?;
         }
         out.flush()?;

@@ -13,6 +13,7 @@ use sage_bench::{
     rows::{Results, Subject},
     runner::{self, Observer, SceneSource, Store},
     study::{MAX_STUDY_FILE, Study},
+    wrap::wrapped,
 };
 use sage_core::{files, scene::SceneData};
 use sage_generators::Aggression;
@@ -140,7 +141,7 @@ pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> 
     if state == RunState::Done {
         let (record, results) = read(out)?;
         let report = Report::new(&record.study, &results)?;
-        output::print(&if args.wide { report.markdown() } else { report.narrow() })?;
+        output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
         return Ok(crate::scenes::outcome_without(failed_scenes(&results)));
     }
     run.folder().inner(WINDOWS.as_ref())?;
@@ -163,7 +164,7 @@ pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> 
     }
     write(run.folder(), &report, &record)?;
     run.finish(&Value::Null, clock.elapsed().as_secs_f64())?;
-    output::print(&if args.wide { report.markdown() } else { report.narrow() })?;
+    output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
     let pictures = if plan.study.report.pictures { ", index.html with pictures" } else { "" };
     progress::say(&format!("{}, {STUDY_RECORD}{pictures} are in `{}`", files_of(&report), out.display()));
     Ok(scenes.outcome())
@@ -213,7 +214,7 @@ pub(crate) fn report(args: &ReportArgs, registries: &Registries) -> Result<Outco
     let report = Report::new(&study, &results)?;
     let out = Folder::make(&args.folder.out, args.folder.force)?;
     write(&out, &report, &StudyRecord { study, ..record })?;
-    output::print(&if args.wide { report.markdown() } else { report.narrow() })?;
+    output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
     progress::say(&format!(
         "{} and {STUDY_RECORD} are in `{}`",
         files_of(&report),
@@ -231,14 +232,16 @@ fn failed_scenes(results: &Results) -> usize {
 pub(crate) fn list(registries: &Registries) -> Result<Outcome> {
     let mut out = "Studies:\n".to_owned();
     for (name, text) in &registries.studies {
-        out += &format!("  {name:<12} {}\n", Study::parse(text, name)?.summary);
+        let line = format!("  {name:<12} {}", Study::parse(text, name)?.summary);
+        out += &format!("{}\n", wrapped(&line, 15));
     }
     let metrics = &registries.metrics;
     let mut table = |subject: &str, infos: Vec<&sage_core::metric::MetricInfo>| {
         out += &format!("\nMetrics of {subject}:\n");
         for info in infos {
             let unit = if info.unit.is_empty() { String::new() } else { format!(" ({})", info.unit) };
-            out += &format!("  {:<28} {}\n", format!("{}{unit}", info.name), info.summary);
+            let line = format!("  {:<28} {}", format!("{}{unit}", info.name), info.summary);
+            out += &format!("{}\n", wrapped(&line, 31));
         }
     };
     table("a trajectory", metrics.trajectory.all().iter().map(|m| &m.info).collect());

@@ -1,12 +1,20 @@
 //! `sage generate`: writes adversarial variants of scenes as a data set.
 
 mod attack;
+mod found_row;
+mod index;
+mod measured;
+mod names;
 mod plan;
 mod row;
+mod scored;
+mod summary;
+mod view;
 
 use std::{path::Path, time::Instant};
 
 use anyhow::Result;
+use rayon::prelude::*;
 use sage_core::statistics;
 use serde_json::{Value, json};
 
@@ -18,9 +26,10 @@ use crate::{
     scene_queue::{self, Input, Report, Scenes, is_row_of},
 };
 
-use attack::{attack_scene, picture_file};
+use attack::attack_scene;
+use found_row::FoundRow;
+use names::{INDEX, page_file, picture_file, row_file};
 use plan::Plan;
-use row::{FoundRow, row_file};
 
 pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
@@ -29,13 +38,18 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let (all, own) = (&scenes.all, scenes.of_shard(args.shard));
     scenes.protect(&args.folder.out, Vec::new())?;
     let out = &args.folder.out;
-    let outdated = || own.iter().flat_map(|input| outputs(&plan, out, input)).collect();
+    let outdated = || {
+        let of_scenes = own.iter().flat_map(|input| outputs(&plan, out, input));
+        of_scenes.chain([INDEX.to_owned()]).collect()
+    };
     let run = DatasetRun::start(out, plan.identity()?, args.folder.force, args.shard, outdated)?;
     output::keep_planner_logs(run.folder(), std::slice::from_ref(&plan.ego))?;
     let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attack"]);
+    let report = if args.quiet { report.quiet() } else { report };
     let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
     let seconds = scene_queue::work(&own, &run, &report, attack)?;
     let [failed, left_out, _] = report.finish(&args.folder.out);
+    print_table(&plan, run.folder().path(), run.hash(), &own, args.json)?;
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let results = || {
         let done = all.iter().filter(|input| is_done(&plan, &folder, &hash, input)).count();
@@ -44,6 +58,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let is_whole = |results: &Value| results["scenes"] == results["done"];
     let whole = |results: &Value| (is_whole(results) && failed == 0).then(|| clock.elapsed().as_secs_f64());
     let median = statistics::median(&seconds);
+    write_index(&plan, &run, all, args.shard.is_some())?;
     let (results, listed) = run.finish(plan.writes_pickles(), results, median, whole)?;
     let others = listed.saturating_sub(all.len() * plan.variants().len());
     if is_whole(&results) && others > 0 {
@@ -53,7 +68,55 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
             "note: the summary of `{out}` also lists {others} that other runs left there"
         ));
     }
+    if out.join(INDEX).is_file() {
+        progress::say(&format!("to look at the attacks, open `{}`", out.join(INDEX).display()));
+    }
     scene_queue::outcome([failed, left_out], own.len(), out, "attacked")
+}
+
+/// Prints what came of the attacks of this run, and how to find out why one is none.
+fn print_table(plan: &Plan, folder: &Path, run_hash: &str, own: &[&Input], json: bool) -> Result<()> {
+    let of_scene = |input: &&Input| -> Vec<FoundRow> { rows(plan, folder, run_hash, input).collect() };
+    let all: Vec<Vec<FoundRow>> = own.par_iter().map(of_scene).collect();
+    if all.iter().map(Vec::len).sum::<usize>() > 1 {
+        output::print_table(&summary::table(plan.variants(), all.iter().flatten()), json)?;
+    }
+    let mut each =
+        own.iter().zip(&all).rev().flat_map(|(input, rows)| rows.iter().rev().map(move |row| (input, row)));
+    if let Some((input, row)) = each.find(|(_, row)| !row.outcome.is_attack()) {
+        let file = folder.join(row_file(&row.scene, &row.variant));
+        let of = if row.files.is_empty() { format!(" --of {}", input.file.display()) } else { String::new() };
+        progress::say(&format!("why there is no attack: `sage explain {}{of}`", file.display()));
+    }
+    Ok(())
+}
+
+/// Rows of a scene that this run has, with its name.
+fn rows<'a>(
+    plan: &'a Plan,
+    folder: &'a Path,
+    run_hash: &'a str,
+    input: &'a Input,
+) -> impl Iterator<Item = FoundRow> + 'a {
+    let names = plan.variants().iter().map(|variant| folder.join(row_file(&input.scene, variant)));
+    names.filter(|path| is_row_of(path, run_hash)).filter_map(|path| FoundRow::read_head(&path))
+}
+
+/// Writes the page of the data set. A shard writes it if it is the last.
+fn write_index(plan: &Plan, run: &DatasetRun, all: &[Input], is_shard: bool) -> Result<()> {
+    if is_shard && !all.iter().all(|input| is_done(plan, run.folder().path(), run.hash(), input)) {
+        return Ok(());
+    }
+    let attacks = all.len() * plan.variants().len();
+    if attacks > index::MOST {
+        progress::say(&format!(
+            "note: no `{}`: it holds at most {} attacks, and these are {attacks}; each scene has its page",
+            INDEX,
+            index::MOST
+        ));
+        return Ok(());
+    }
+    index::write(plan, run.folder(), run.hash(), all)
 }
 
 /// True if all rows of a scene exist and are of the run with a hash.
@@ -64,7 +127,7 @@ fn is_done(plan: &Plan, folder: &Path, run_hash: &str, input: &Input) -> bool {
 
 /// Existing outputs of a scene: its rows, the scene files that they name, and its picture.
 fn outputs(plan: &Plan, folder: &Path, input: &Input) -> Vec<String> {
-    let mut names = vec![picture_file(&input.scene)];
+    let mut names = vec![picture_file(&input.scene), page_file(&input.scene)];
     for variant in plan.variants() {
         let (row, name) = (row_file(&input.scene, variant), format!("{}-{variant}", input.scene));
         let is_own = |file: &String| {

@@ -37,6 +37,7 @@ pub(crate) fn run(args: &InspectArgs) -> Result<Outcome> {
     let mut report = Report {
         out: std::io::stdout().lock(),
         json: args.json,
+        wide: args.wide,
         single: inputs.count() == Some(1),
         shard: None,
         total: Total::default(),
@@ -96,6 +97,8 @@ struct Total {
 struct Report<W> {
     out: W,
     json: bool,
+    /// True for all columns.
+    wide: bool,
     /// True for one scene: each warning is then printed in full.
     single: bool,
     /// Shard of the last printed record.
@@ -105,10 +108,11 @@ struct Report<W> {
 
 impl<W: Write> Report<W> {
     fn header(&mut self) -> Result<()> {
-        if !self.json {
-            writeln!(
-                self.out,
-                "{:<14} {:<18} {:>6} {:>8} {:>5} {:>5} {:>5} {:>8} {:>7} {:>6}  {:<10} {:<10} {:>5} {:>6}  warnings",
+        if self.json {
+            return Ok(());
+        }
+        let head = if self.wide {
+            wide_cells(&[
                 "scene",
                 "id",
                 "frames",
@@ -122,10 +126,12 @@ impl<W: Write> Report<W> {
                 "ego",
                 "adversary",
                 "past",
-                "future"
-            )?;
-        }
-        Ok(())
+                "future",
+            ])
+        } else {
+            cells(&["scene", "frames", "vehicles", "others", "ego", "adversary", "future"])
+        };
+        Ok(writeln!(self.out, "{head}  warnings")?)
     }
 
     fn row(&mut self, found: Found) -> Result<()> {
@@ -166,25 +172,27 @@ impl<W: Write> Report<W> {
         let (vehicles, peds, cyclists) = (kind("VEHICLE"), kind("PEDESTRIAN"), kind("CYCLIST"));
         let other = summary.tracks.values().sum::<usize>() - vehicles - peds - cyclists;
         let kinds: Vec<&str> = summary.warnings.iter().map(|w| w.kind).collect();
-        writeln!(
-            self.out,
-            "{:<14} {:<18} {:>6} {:>8} {:>5} {:>5} {:>5} {:>8} {:>7} {:>6}  {:<10} {:<10} {:>5} {:>6}  {}",
-            label,
-            summary.id.escape_debug().to_string(),
-            summary.frames,
-            vehicles,
-            peds,
-            cyclists,
-            other,
-            summary.map_features,
-            summary.map_points,
-            summary.lights,
-            shortened(&summary.ego),
-            shortened(summary.adversary.as_deref().unwrap_or("none")),
-            format!("{}/11", summary.adversary_history),
-            format!("{}/{}", summary.adversary_future, summary.horizon),
-            kinds.join(", ")
-        )?;
+        let [ego, adversary] = [&summary.ego, summary.adversary.as_deref().unwrap_or("none")].map(shortened);
+        let future = format!("{}/{}", summary.adversary_future, summary.horizon);
+        let text = |number: usize| number.to_string();
+        let row = if self.wide {
+            let past = format!("{}/11", summary.adversary_history);
+            let counts = [peds, cyclists, other, summary.map_features, summary.map_points, summary.lights];
+            let counts = counts.map(text);
+            let [peds, cyclists, other, features, points, lights] = counts.each_ref().map(|count| &**count);
+            let id = summary.id.escape_debug().to_string();
+            let (frames, vehicles) = (text(summary.frames), text(vehicles));
+            wide_cells(&[
+                &label, &id, &frames, &vehicles, peds, cyclists, other, features, points, lights, &ego,
+                &adversary, &past, &future,
+            ])
+        } else {
+            let others = text(peds + cyclists + other);
+            cells(&[&label, &text(summary.frames), &text(vehicles), &others, &ego, &adversary, &future])
+        };
+        let kinds = kinds.join(", ");
+        let row = if self.wide { format!("{row}  {kinds}") } else { terminal::with_remark(&row, &kinds) };
+        writeln!(self.out, "{}", row.trim_end())?;
         for line in tracks {
             writeln!(self.out, "{line}")?;
         }
@@ -215,6 +223,35 @@ impl<W: Write> Report<W> {
         }
         Ok(if *failed > 0 { Outcome::Partial } else { Outcome::Done })
     }
+}
+
+/// The columns that fit a terminal.
+fn cells(all: &[&str; 7]) -> String {
+    let [scene, frames, vehicles, others, ego, adversary, future] = all;
+    format!("{scene:<18} {frames:>6} {vehicles:>8} {others:>6}  {ego:<10} {adversary:<10} {future:>6}")
+}
+
+/// All columns.
+fn wide_cells(all: &[&str; 14]) -> String {
+    let [
+        scene,
+        id,
+        frames,
+        vehicles,
+        peds,
+        cyclists,
+        other,
+        features,
+        points,
+        lights,
+        ego,
+        adversary,
+        past,
+        future,
+    ] = all;
+    format!(
+        "{scene:<14} {id:<18} {frames:>6} {vehicles:>8} {peds:>5} {cyclists:>5} {other:>5} {features:>8} {points:>7} {lights:>6}  {ego:<10} {adversary:<10} {past:>5} {future:>6}"
+    )
 }
 
 /// Shortens an id to its column and escapes control characters.

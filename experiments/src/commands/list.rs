@@ -3,6 +3,7 @@
 use std::io::Write;
 
 use anyhow::Result;
+use sage_bench::wrap::wrapped;
 use sage_core::{
     objective::{ObjectiveSpec, PRESETS},
     registry::Registry,
@@ -42,7 +43,7 @@ fn objectives(out: &mut impl Write, as_json: bool) -> Result<()> {
                 json!({"kind": "objective", "name": name, "summary": summary, "spec": spec})
             )?;
         } else {
-            writeln!(out, "  {name:<22} {summary}")?;
+            line(out, name, summary)?;
         }
     }
     Ok(())
@@ -62,7 +63,7 @@ fn generators(out: &mut impl Write, registry: &Registry<dyn GeneratorKind>, as_j
             });
             writeln!(out, "{row}")?;
         } else {
-            writeln!(out, "  {:<22} {} (knows {knows})", entry.name, entry.summary)?;
+            line(out, entry.name, &format!("{} (knows {knows})", entry.summary))?;
             options(out, &entry.defaults)?;
         }
     }
@@ -84,7 +85,7 @@ fn policies(out: &mut impl Write, registry: &Registry<dyn EgoPolicy>, as_json: b
             });
             writeln!(out, "{row}")?;
         } else {
-            writeln!(out, "  {:<22} {} (knows {knows})", entry.name, entry.summary)?;
+            line(out, entry.name, &format!("{} (knows {knows})", entry.summary))?;
             options(out, &entry.defaults)?;
         }
     }
@@ -103,11 +104,16 @@ fn print<T: ?Sized>(out: &mut impl Write, registry: &Registry<T>, as_json: bool)
             });
             writeln!(out, "{row}")?;
         } else {
-            writeln!(out, "  {:<22} {}", entry.name, entry.summary)?;
+            line(out, entry.name, entry.summary)?;
             options(out, &entry.defaults)?;
         }
     }
     Ok(())
+}
+
+/// A name with words, in lines that fit a terminal.
+fn line(out: &mut impl Write, name: &str, words: &str) -> Result<()> {
+    Ok(writeln!(out, "{}", wrapped(&format!("  {name:<22} {words}"), 27))?)
 }
 
 fn options(out: &mut impl Write, defaults: &Value) -> Result<()> {
@@ -115,7 +121,7 @@ fn options(out: &mut impl Write, defaults: &Value) -> Result<()> {
     if let Some(options) = options {
         let words: Vec<String> =
             options.iter().map(|(key, value)| format!("{key} = {}", short(value))).collect();
-        writeln!(out, "  {:<22}   options: {}", "", words.join(", "))?;
+        line(out, "", &format!("  options: {}", words.join(", ")))?;
     }
     Ok(())
 }

@@ -2,7 +2,6 @@
 
 mod drives;
 mod entry;
-mod road;
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -20,11 +19,14 @@ use crate::{
     Outcome,
     cli::{FailureReportArgs, Keep},
     html_page,
+    listing::{
+        self, ListedScene,
+        road::{self, RoadLine},
+    },
     output::Folder,
     progress,
 };
 use entry::Entry;
-use road::RoadLine;
 
 /// The page that lists all failures.
 const FILE: &str = "index.html";
@@ -38,28 +40,16 @@ const LIMIT: u64 = 1 << 28;
 /// Longest name of a page, bytes.
 const LONGEST_NAME: usize = 80;
 
-const PAGE: &str = include_str!("report/page.html");
-const STYLE: &str = include_str!("report/style.css");
-const SCRIPT: &str = concat!(
-    include_str!("report/thumbnails.js"),
-    include_str!("../player/burst.js"),
-    include_str!("report/report.js")
-);
+/// What the items of the page hold.
+const FIELDS: &str = include_str!("report/fields.js");
 
 #[derive(Serialize)]
 struct Data<'a> {
     title: String,
     subtitle: String,
-    scenes: Vec<SceneEntry<'a>>,
-    failures: Vec<Entry>,
+    scenes: Vec<ListedScene<'a>>,
+    items: Vec<Entry>,
     without: Vec<Without<'a>>,
-}
-
-/// A scene on the page.
-#[derive(Serialize)]
-struct SceneEntry<'a> {
-    name: &'a str,
-    road: Vec<RoadLine>,
 }
 
 /// A scene in which a search found no failure.
@@ -121,7 +111,7 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
             .collect(),
         ..collected(found)?
     };
-    let page = html_page::assembled(PAGE, [STYLE, SCRIPT, &data.title, &html_page::embedded(&data)?])?;
+    let page = listing::page(&data.title, FIELDS, &data)?;
     // The list of an earlier report stays until this one is complete: it says which pages are in the way.
     let own = pages_of(&page);
     for page in earlier.unwrap_or_default().difference(&own) {
@@ -130,7 +120,7 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
     folder.write(FILE, page.as_bytes())?;
     progress::say(&format!(
         "{} of {}; open `{}`",
-        progress::count(data.failures.len(), "failure"),
+        progress::count(data.items.len(), "failure"),
         progress::count(searches.len(), "search"),
         folder.path().join(FILE).display()
     ));
@@ -140,7 +130,7 @@ pub(crate) fn run(args: &FailureReportArgs) -> Result<Outcome> {
 /// Names of the pages that a list names; only names as they are made here.
 fn pages_of(page: &str) -> HashSet<String> {
     let data = html_page::data_of(page).unwrap_or_default();
-    let failures = data["failures"].as_array().map_or(&[][..], |all| all);
+    let failures = data["items"].as_array().map_or(&[][..], |all| all);
     let links = failures.iter().filter_map(|failure| failure["page"].as_str()?.split('#').next());
     let is_own = |name: &str| {
         let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
@@ -226,7 +216,7 @@ fn collected(found: Vec<OfScene<'_>>) -> Result<Data<'_>> {
     };
     let roads: Vec<Vec<RoadLine>> = scenes.par_iter().map(entry).collect::<Result<_>>()?;
     let scenes =
-        scenes.into_iter().zip(roads).map(|((_, row, _), road)| SceneEntry { name: row.scene(), road });
+        scenes.into_iter().zip(roads).map(|((_, row, _), road)| ListedScene { name: row.scene(), road });
     let scenes = scenes.collect();
-    Ok(Data { title: String::new(), subtitle: String::new(), scenes, failures, without: Vec::new() })
+    Ok(Data { title: String::new(), subtitle: String::new(), scenes, items: failures, without: Vec::new() })
 }

@@ -46,7 +46,8 @@ pub(crate) fn run(args: &ScoreArgs, registries: &Registries) -> Result<Outcome> 
     };
     // Built only for candidates without an ego path: a short scene has no logged one.
     let mut logged: Option<Context> = None;
-    let mut table = Table { out: std::io::stdout().lock(), json: args.json, rows: 0, further: &further };
+    let mut table =
+        Table { out: std::io::stdout().lock(), json: args.json, wide: args.wide, rows: 0, further: &further };
     for candidate in candidates {
         let own;
         let ctx = match (candidate.ego, &mut logged) {
@@ -78,6 +79,8 @@ pub(crate) fn run(args: &ScoreArgs, registries: &Registries) -> Result<Outcome> 
 struct Table<'f, W> {
     out: W,
     json: bool,
+    /// True for all columns.
+    wide: bool,
     rows: usize,
     further: &'f FurtherMeasures,
 }
@@ -88,47 +91,52 @@ impl<W: Write> Table<'_, W> {
             return Ok(terminal::json_line(&mut self.out, row)?);
         }
         if self.rows == 0 {
-            write!(
-                self.out,
-                "{:<22} {:>6} {:>4} {:>7} {:>7} {:>4} {:>5} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}",
-                "candidate",
-                "R_adv",
-                "hit",
-                "P_kin",
-                "P_beh",
-                "line",
-                "crash",
-                "feasible",
-                "drivable",
-                "believable",
-                "TTC",
-                "PET",
-                "decel",
-                "impact",
-                "side",
-                "wd_v",
-                "wd_a",
-                "wd_yaw"
-            )?;
-            for name in self.further.rewards().chain(self.further.rules()) {
-                write!(self.out, " {name:>width$}", width = column(name))?;
-            }
-            if row.avoidable.is_some() {
-                write!(self.out, " avoidable react brake steer")?;
-            }
-            writeln!(self.out, "  violations")?;
+            let head = if self.wide { self.wide_head(row) } else { narrow_head(row) };
+            writeln!(self.out, "{head}  violations")?;
         }
         self.rows += 1;
+        let violations = violations(&row.scores);
+        let line = if self.wide {
+            format!("{}  {violations}", self.wide_cells(row))
+        } else {
+            terminal::with_remark(&narrow_cells(row), &violations)
+        };
+        Ok(writeln!(self.out, "{}", line.trim_end())?)
+    }
+
+    fn wide_head(&self, row: &ScoreRow) -> String {
+        let mut head = format!(
+            "{:<22} {:>6} {:>4} {:>7} {:>7} {:>4} {:>5} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}",
+            "candidate",
+            "R_adv",
+            "hit",
+            "P_kin",
+            "P_beh",
+            "line",
+            "crash",
+            "feasible",
+            "drivable",
+            "believable",
+            "TTC",
+            "PET",
+            "decel",
+            "impact",
+            "side",
+            "wd_v",
+            "wd_a",
+            "wd_yaw"
+        );
+        for name in self.further.rewards().chain(self.further.rules()) {
+            head += &format!(" {name:>width$}", width = column(name));
+        }
+        if row.avoidable.is_some() {
+            head += " avoidable react brake steer";
+        }
+        head
+    }
+
+    fn wide_cells(&self, row: &ScoreRow) -> String {
         let s = &row.scores;
-        let number = |x: Option<f64>, digits: usize| x.map_or("-".to_owned(), |x| format!("{x:.digits$}"));
-        let yes = |x: bool| if x { "yes" } else { "no" };
-        let violations: Vec<String> = s
-            .violations_drivable
-            .iter()
-            .chain(s.violations.iter().filter(|r| !s.violations_drivable.contains(r)))
-            .chain(s.rules.values().flatten())
-            .map(|v| format!("{} {} at step {}", v.words(), v.with.escape_debug(), v.step))
-            .collect();
         let mut further = String::new();
         for name in self.further.rewards() {
             let value = number(s.rewards.get(name).copied().flatten(), 3);
@@ -144,8 +152,8 @@ impl<W: Write> Table<'_, W> {
             let avoidable = a.avoidable.map_or("-", yes);
             further += &format!(" {avoidable:>9} {react:>5} {brake:>5} {steer:>5}");
         }
-        let line = format!(
-            "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4} {:>5.0} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}  {}",
+        format!(
+            "{:<22} {:>6.3} {:>4} {:>7.3} {:>7.3} {:>4} {:>5.0} {:>8} {:>8} {:>10} {:>5} {:>5} {:>6} {:>6} {:>5} {:>6} {:>6} {:>6}{further}",
             row.name.escape_debug().to_string(),
             s.adversarial_reward,
             s.collision_step.map_or("-".to_owned(), |step| step.to_string()),
@@ -164,11 +172,51 @@ impl<W: Write> Table<'_, W> {
             number(s.distances.wd_speed, 2),
             number(s.distances.wd_acceleration, 2),
             number(s.distances.wd_yaw_rate, 3),
-            violations.join("; ")
-        );
-        writeln!(self.out, "{}", line.trim_end())?;
-        Ok(())
+        )
     }
+}
+
+/// Heads of the columns that fit a terminal.
+fn narrow_head(row: &ScoreRow) -> String {
+    let avoidable = if row.avoidable.is_some() { " react" } else { "" };
+    format!(
+        "{:<24} {:>6} {:>5} {:>7} {:>7} {:>8} {:>10}{avoidable}",
+        "candidate", "R_adv", "hit", "P_kin", "P_beh", "feasible", "believable"
+    )
+}
+
+/// The columns that fit a terminal.
+fn narrow_cells(row: &ScoreRow) -> String {
+    let s = &row.scores;
+    let react = row.avoidable.as_ref().map(|avoidable| format!(" {:>5}", number(avoidable.time_to_react, 1)));
+    format!(
+        "{:<24} {:>6.3} {:>5} {:>7.3} {:>7.3} {:>8} {:>10}{}",
+        row.name.escape_debug().to_string(),
+        s.adversarial_reward,
+        s.collision_step.map_or("-".to_owned(), |step| format!("{:.1} s", step as f64 / 10.0)),
+        s.kinematic_penalty,
+        s.behavior_penalty,
+        yes(s.feasible),
+        s.believable.map_or("-", yes),
+        react.unwrap_or_default()
+    )
+}
+
+/// All violations of a candidate, each once.
+fn violations(s: &Scores) -> String {
+    let of_paper = s.violations.iter().filter(|violation| !s.violations_drivable.contains(violation));
+    let all = s.violations_drivable.iter().chain(of_paper).chain(s.rules.values().flatten());
+    let words: Vec<String> =
+        all.map(|v| format!("{} {} at step {}", v.words(), v.with.escape_debug(), v.step)).collect();
+    words.join("; ")
+}
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or("-".to_owned(), |value| format!("{value:.digits$}"))
+}
+
+fn yes(is: bool) -> &'static str {
+    if is { "yes" } else { "no" }
 }
 
 /// Column width of a further measure.

@@ -6,6 +6,7 @@ mod check_planner;
 mod index;
 mod row;
 mod scene;
+mod summary;
 
 use std::{path::PathBuf, time::Instant};
 
@@ -139,20 +140,8 @@ fn drivers(args: &SimulateArgs) -> Vec<PolicyPart> {
 
 /// Refuses options of an attack if nothing generates one.
 fn refuse_attack_options(args: &SimulateArgs) -> Result<()> {
-    let (options, points) = (&args.options, &args.options.points);
-    let given = [
-        ("--lambda", points.lambda.is_some()),
-        ("--mu", points.mu.is_some()),
-        ("--aggression", points.aggression.is_some()),
-        ("--mix", points.mix.is_some()),
-        ("--options", options.options.is_some()),
-        ("--weights", options.weights.is_some()),
-        ("--feasibility", options.rule.feasibility.is_some()),
-        ("--selection", options.selection != "natural"),
-        ("--merger", points.merging.merger.name != "linear"),
-    ];
-    match given.into_iter().find(|(_, is_given)| *is_given) {
-        Some((name, _)) => bail!("{name} needs a generator; name it with --method, such as --method sage"),
+    match args.options.first_given() {
+        Some(name) => bail!("{name} needs a generator; name it with --method, such as --method sage"),
         None => Ok(()),
     }
 }
@@ -206,6 +195,9 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
     let seconds = scene_queue::work(&all, &run, &report, |input| simulate_scene(&simulation, &run, input))?;
     let [failed, left_out, drives] = report.finish(out);
     index::write(run.folder(), &simulation, &inputs, run.hash())?;
+    if let Some(table) = summary::table(&simulation, run.folder().path(), &inputs, run.hash()) {
+        output::print_table(&table, args.json)?;
+    }
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let is_done = |input: &&Input| {
         simulation.files(&input.scene).all(|(.., file)| is_row_of(&folder.join(file), &hash))

@@ -104,7 +104,7 @@ pub(crate) fn run(args: &TestArgs, registries: &Registries) -> Result<Outcome> {
         let cases: Vec<Case> = rows.iter().map(|row| case(row, baseline.as_ref())).collect();
         file.write(junit::report(&name, &ego.label, &cases).as_bytes())?;
     }
-    print(&rows, baseline.as_ref(), args.json)?;
+    print(&rows, baseline.as_ref(), args)?;
     Ok(ended(&rows, baseline.as_ref()))
 }
 
@@ -288,15 +288,16 @@ fn case(row: &ResultRow, baseline: Option<&Earlier>) -> Case {
     Case { name: row.test.to_owned(), seconds: row.seconds, verdict }
 }
 
-fn print(rows: &[ResultRow], baseline: Option<&Earlier>, json: bool) -> Result<()> {
-    if json {
+fn print(rows: &[ResultRow], baseline: Option<&Earlier>, args: &TestArgs) -> Result<()> {
+    if args.json {
         let mut out = Vec::new();
         for row in rows {
             terminal::write_json_line(&mut out, &serde_json::to_string(row)?)?;
         }
         return output::print(&String::from_utf8(out)?);
     }
-    let mut table = Table::new("", &["test", "result", "found with", "cluster", "what happened"]);
+    let heads = ["test", "result", "what happened", "found with", "cluster"];
+    let mut table = Table { names: 3, ..Table::new("", &heads) };
     for row in rows {
         let result = match row.result {
             TestResult::Passed => "passed",
@@ -304,10 +305,10 @@ fn print(rows: &[ResultRow], baseline: Option<&Earlier>, json: bool) -> Result<(
             TestResult::Failed => "FAILED",
             TestResult::Error => "ERROR",
         };
-        let cells = [result, row.found_with, row.cluster, &row.words()].map(terminal::escaped_name);
+        let cells = [result, &row.words(), row.found_with, row.cluster].map(terminal::escaped_name);
         table.row(terminal::escaped_name(row.test), cells);
     }
-    output::print(&table.markdown())
+    output::print(&if args.wide { table.aligned() } else { table.terminal() })
 }
 
 /// Says how many tests passed. Done unless a test counts against the driver.

@@ -95,9 +95,9 @@ fn roles(svg: &mut Svg, at: &mut Cursor, content: &Content) {
         }
     }
     for outcome in Outcome::ALL.into_iter().rev() {
-        let count = content.tried.iter().filter(|tried| tried.outcome == outcome).count();
-        if count > 0 {
-            let [x, y] = at.next(svg, &format!("{}: {count}", outcome.words()));
+        let mut of_outcome = content.tried.iter().filter(|tried| tried.outcome == outcome).peekable();
+        if let Some(words) = of_outcome.peek().map(|tried| tried.words) {
+            let [x, y] = at.next(svg, &format!("{words}: {}", of_outcome.count()));
             outcome.line(svg, vec![[x - 12.0, y], [x + 12.0, y]]);
         }
     }

@@ -1,10 +1,10 @@
-//! Plans of a search by what came of them, the failures in front.
+//! Plans of a search, or candidates of a selection, by what came of them, the worst in front.
 
 use sage_core::geometry::Point;
 
 use super::{palette as color, svg::Svg, viewport::Viewport};
 
-/// What came of a drive against a plan. Later ones are drawn in front.
+/// What came of a drive against a plan, or what a candidate would do. Later ones are drawn in front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Outcome {
     /// The driver touched nobody.
@@ -20,8 +20,8 @@ pub enum Outcome {
 impl Outcome {
     pub(super) const ALL: [Self; 4] = [Self::NoContact, Self::OtherContact, Self::Attack, Self::Failure];
 
-    /// Words of the legend.
-    pub(super) fn words(self) -> &'static str {
+    /// Words of the legend of a search.
+    pub fn words(self) -> &'static str {
         match self {
             Self::NoContact => "no contact",
             Self::OtherContact => "contact, no attack",
@@ -56,6 +56,8 @@ pub struct Tried {
     pub points: Vec<Point>,
     /// What came of it.
     pub outcome: Outcome,
+    /// What came of it, as the legend says it.
+    pub words: &'static str,
     /// Centres of ego and adversary at the contact of a failure.
     pub contact: Option<[Point; 2]>,
 }

@@ -4,6 +4,8 @@ const data = JSON.parse(document.getElementById("data").textContent);
 const element = (id) => document.getElementById(id);
 const now = data.now, last = data.frames - 1;
 const colour = { ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222", escape: "#007a52", plan: "rgba(120,60,200,.6)" };
+// Candidates that were not selected, by what they do.
+const kinds = { "no-contact": ["rgba(90,100,110,.45)", "no contact"], "infeasible-hit": ["rgba(204,121,167,.7)", "hit, not feasible"], "unbelievable-hit": ["rgba(230,159,0,.75)", "hit, not believable"], "believable-hit": ["rgba(176,0,32,.6)", "believable hit"] };
 
 // --- decoding ---
 
@@ -42,11 +44,12 @@ const features = data.map.map(({ kind, width, x, y }) => {
   return { kind, width: (width || 0) / 100, path, box };
 });
 const traffic = data.traffic.map(body);
+const paths = data.paths.map(({ kind, x, y }) => ({ kind, x: sums(x, 1e-1), y: sums(y, 1e-1) }));
 const panels = data.panels.map((p) => ({ ...p, ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost), escape: p.escape && body(p.escape), shown: p.shown.map((s) => ({ frame: s.frame, x: sums(s.x, 1e-2), y: sums(s.y, 1e-2), log: s.log })) }));
 
 // --- state ---
 
-const view = { time: now, playing: false, rate: 1, scale: 0, isZoomed: false, follow: "ego", centre: null, alone: null, ghost: true, all: false };
+const view = { time: now, playing: false, rate: 1, scale: 0, isZoomed: false, follow: "ego", centre: null, alone: null, ghost: true, others: true, all: false };
 
 // --- map tiles: drawn once for each zoom, shared by all panels ---
 
@@ -171,7 +174,12 @@ function drawPanel(panel) {
   if (panel.ghost && view.ghost) {
     c.setLineDash([0.8, 0.8]);
     trail(c, panel.ghost, now, last, "rgba(0,114,178,.55)", thin);
-    if (panel.escape) trail(c, panel.escape, now, last, colour.escape, 1.5 * thin);
+    c.setLineDash([]);
+  }
+  if (panel.others && view.others) for (const k of panel.others) line(c, paths[k], kinds[paths[k].kind][0], 0.7 * thin);
+  if (panel.escape && view.ghost) {
+    c.setLineDash([0.8, 0.8]);
+    trail(c, panel.escape, now, last, colour.escape, 1.5 * thin);
     c.setLineDash([]);
   }
   if (panel.adversary) {

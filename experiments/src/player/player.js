@@ -5,9 +5,21 @@ function build() {
   element("title").textContent = data.title;
   element("subtitle").textContent = data.subtitle;
   element("time").max = last;
-  element("ghost").parentElement.hidden = element("ghost-legend").hidden = !panels.some((p) => p.ghost);
+  const has = { ghost: panels.some((p) => p.ghost), escape: panels.some((p) => p.escape), others: paths.length > 0 };
+  element("ghost").parentElement.hidden = !has.ghost && !has.escape;
+  element("ghost-legend").hidden = !has.ghost;
+  const optional = [has.ghost && "drive without the attack", has.escape && "evasive manoeuvre"].filter(Boolean).join(", ");
+  element("ghost-label").textContent = element("ghost-key").textContent = optional;
+  element("others").parentElement.hidden = element("others-key").hidden = element("kinds").hidden = !has.others;
+  for (const [kind, [tone, words]] of Object.entries(kinds).filter(([kind]) => paths.some((p) => p.kind === kind)).reverse()) {
+    const entry = document.createElement("span"), stroke = document.createElement("i");
+    stroke.className = "stroke";
+    stroke.style.borderTopColor = tone;
+    entry.append(stroke, words);
+    element("kinds").append(" ", entry);
+  }
   element("plan-legend").hidden = !panels.some((p) => p.shown.some((s) => s.x.length));
-  element("escape-legend").hidden = !panels.some((p) => p.escape);
+  element("escape-legend").hidden = !has.escape;
   if (!panels.some((p) => p.adversary)) element("adversary-legend").hidden = true;
   if (!panels.some((p) => p.adversary)) element("follow").querySelectorAll("[value=adversary],[value=both]").forEach((o) => o.remove());
   const mark = (frame, name) => { const i = document.createElement("i"); i.className = name; i.style.left = `${(100 * frame) / last}%`; element("marks").append(i); return i; };
@@ -172,7 +184,7 @@ const next = (list) => { play(false); seek(list.length ? list.find((f) => f > vi
 const keys = {
   " ": (e) => e.repeat || play(!view.playing), ArrowLeft: (e) => step(e.shiftKey ? -10 : -1), ArrowRight: (e) => step(e.shiftKey ? 10 : 1),
   Home: () => step(-last), End: () => step(last), "+": () => zoom(1.25), "=": () => zoom(1.25), "-": () => zoom(0.8), "−": () => zoom(0.8),
-  c: () => next(panels.filter((p) => p.contact && !p.box.hidden).map((p) => p.contact.frame).sort((a, b) => a - b)), g: () => element("ghost").click(), "?": () => element("help").click(),
+  c: () => next(panels.filter((p) => p.contact && !p.box.hidden).map((p) => p.contact.frame).sort((a, b) => a - b)), g: () => element("ghost").click(), o: () => element("others").click(), "?": () => element("help").click(),
   f: () => { const options = [...element("follow").options].map((o) => o.value); follow(options[(options.indexOf(view.follow) + 1) % options.length]); },
   0: () => alone(null),
 };
@@ -186,6 +198,8 @@ element("follow").addEventListener("change", (e) => follow(e.target.value));
 element("in").addEventListener("click", () => zoom(1.25));
 element("out").addEventListener("click", () => zoom(0.8));
 element("ghost").addEventListener("change", (e) => { view.ghost = e.target.checked; redraw(); });
+element("others").addEventListener("change", (e) => { view.others = e.target.checked; redraw(); });
+element("more").addEventListener("click", (e) => { e.target.setAttribute("aria-expanded", String(document.body.classList.toggle("open"))); arrange(); });
 element("help").addEventListener("click", (e) => { element("keys").hidden = !element("keys").hidden; e.target.setAttribute("aria-expanded", String(!element("keys").hidden)); arrange(); });
 element("every").addEventListener("click", () => alone(null));
 window.addEventListener("hashchange", () => {

@@ -56,7 +56,8 @@ struct ReportState {
     next: usize,
     /// Lines of finished scenes that wait for an earlier scene.
     waiting: BTreeMap<usize, Vec<Line>>,
-    /// False after the reader has closed standard output. The run continues, because it also writes files.
+    /// False if no lines are wanted, and after the reader has closed standard output. The run continues, because it also
+    /// writes files.
     is_open: bool,
     progress: Progress,
     results: usize,
@@ -81,6 +82,12 @@ impl Report {
             warnings: BTreeMap::new(),
         };
         Self { folder: folder.to_owned(), json, result, state: Mutex::new(state) }
+    }
+
+    /// The same without a line for each result.
+    pub(crate) fn quiet(self) -> Self {
+        self.state().is_open = false;
+        self
     }
 
     /// Reports a finished scene.

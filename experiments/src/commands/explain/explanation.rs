@@ -1,33 +1,15 @@
 //! Why the selected candidate of a generator is an attack, or why it is none.
 
-use std::collections::BTreeMap;
-
 use sage_core::{
-    generator::Attack,
-    objective::{Context, Evaluation, Objective, Reason as Unbelievable, Scorer, Violation},
+    generator::{Attack, Proposal},
+    objective::{Context, Evaluation, Objective, Reason, Scorer},
 };
 use serde::Serialize;
 
+use crate::selection_outcome::{CandidateCounts, CandidateKind, Measured, Nearest, SelectionOutcome};
+
 /// Candidates whose values are shown.
 const SHOWN: usize = 5;
-
-/// What came of a selection. The names are those of `sage search`, where it has the same.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum Outcome {
-    /// A believable attack.
-    Attack,
-    /// No candidate is feasible.
-    NoFeasiblePlan,
-    /// No candidate touches the ego.
-    NeverHit,
-    /// Candidates touch the ego, none of them is feasible.
-    NoFeasibleHit,
-    /// A feasible one touches the ego, and the selection prefers another.
-    NotPreferred,
-    /// The selected one touches the ego, and a person would not believe it.
-    NotBelievable,
-}
 
 /// One candidate with its value.
 #[derive(Clone, Debug, Serialize)]
@@ -53,6 +35,24 @@ impl ValuedCandidate {
     }
 }
 
+/// A candidate with all that is measured of it.
+struct Evaluated {
+    evaluation: Evaluation,
+    unbelievable: Vec<Reason>,
+    nearest: Option<Nearest>,
+}
+
+impl Evaluated {
+    fn measured(&self) -> Measured<'_> {
+        Measured {
+            is_hit: self.evaluation.contact.is_some(),
+            violations: &self.evaluation.violations,
+            unbelievable: &self.unbelievable,
+            nearest: self.nearest,
+        }
+    }
+}
+
 /// What the candidates of an operating point are, and why the selected one is no attack.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Explanation {
@@ -60,18 +60,9 @@ pub(super) struct Explanation {
     pub(super) adversary: String,
     /// Generator and operating point.
     pub(super) attack: String,
-    pub(super) outcome: Outcome,
-    pub(super) candidates: usize,
-    /// Feasible by the rule of the selection.
-    pub(super) feasible: usize,
-    /// Touch the ego.
-    pub(super) hits: usize,
-    pub(super) feasible_hits: usize,
-    pub(super) believable_hits: usize,
-    /// What makes hits infeasible: rule and what is touched, with the number of hits.
-    pub(super) violations: BTreeMap<String, usize>,
-    /// Why feasible hits are not believable, with the number of hits.
-    pub(super) unbelievable: BTreeMap<String, usize>,
+    pub(super) outcome: SelectionOutcome,
+    #[serde(flatten)]
+    pub(super) counts: CandidateCounts,
     /// Why the selected candidate is not believable, in words.
     pub(super) selected_unbelievable: Vec<String>,
     /// The selected candidate, the best that is feasible and touches the ego, and the best of the others.
@@ -80,70 +71,37 @@ pub(super) struct Explanation {
 
 impl Explanation {
     /// Explains the selection among the candidates of an attack at μ.
-    pub(super) fn of(attack: &Attack, ctx: &Context, objective: &Objective, mu: f64, label: String) -> Self {
-        let evaluate = |proposal: &sage_core::generator::Proposal| {
+    ///
+    /// Also says what each candidate does.
+    pub(super) fn of(
+        attack: &Attack,
+        ctx: &Context,
+        objective: &Objective,
+        mu: f64,
+        label: String,
+    ) -> (Self, Vec<CandidateKind>) {
+        let evaluate = |proposal: &Proposal| {
             let candidate = ctx.candidate(proposal.trajectory.clone()).with_nll(proposal.nll);
             let evaluation = objective.evaluate(&candidate, ctx);
-            let unbelievable = evaluation.contact.map(|_| Scorer::new(ctx).scores(&candidate).unbelievable);
-            (evaluation, unbelievable)
+            let scores = evaluation.contact.map(|_| Scorer::new(ctx).scores(&candidate));
+            let unbelievable = scores.map_or(Vec::new(), |scores| scores.unbelievable);
+            Evaluated { evaluation, unbelievable, nearest: Nearest::of(&candidate, ctx) }
         };
-        let all: Vec<(Evaluation, Option<Vec<Unbelievable>>)> =
-            attack.candidates.iter().map(evaluate).collect();
-        let hits = || all.iter().filter(|(evaluation, _)| evaluation.contact.is_some());
-        let feasible_hits = || hits().filter(|(evaluation, _)| evaluation.is_feasible());
-        let (mut violations, mut unbelievable) = (BTreeMap::new(), BTreeMap::new());
-        for (evaluation, _) in hits().filter(|(evaluation, _)| !evaluation.is_feasible()) {
-            count_each(&mut violations, evaluation.violations.iter().map(violated));
-        }
-        for reasons in feasible_hits().filter_map(|(_, reasons)| reasons.as_ref()) {
-            count_each(&mut unbelievable, reasons.iter().map(|reason| reason.reason.replace('_', " ")));
-        }
-        let is_believed =
-            |unbelievable: &Option<Vec<Unbelievable>>| unbelievable.as_ref().is_some_and(Vec::is_empty);
-        let (chosen, selected_unbelievable) = &all[attack.chosen];
-        let outcome = if chosen.is_attack() && is_believed(selected_unbelievable) {
-            Outcome::Attack
-        } else if chosen.is_attack() {
-            Outcome::NotBelievable
-        } else if !all.iter().any(|(evaluation, _)| evaluation.is_feasible()) {
-            Outcome::NoFeasiblePlan
-        } else if hits().next().is_none() {
-            Outcome::NeverHit
-        } else if feasible_hits().next().is_none() {
-            Outcome::NoFeasibleHit
-        } else {
-            Outcome::NotPreferred
-        };
-        let evaluations: Vec<&Evaluation> = all.iter().map(|(evaluation, _)| evaluation).collect();
-        let chosen_words = selected_unbelievable.iter().flatten().map(Unbelievable::words).collect();
-        Self {
+        let all: Vec<Evaluated> = attack.candidates.iter().map(evaluate).collect();
+        let counts = CandidateCounts::of(all.iter().map(Evaluated::measured));
+        let evaluations: Vec<&Evaluation> = all.iter().map(|one| &one.evaluation).collect();
+        let kinds = all.iter().map(|one| one.measured().kind()).collect();
+        let explanation = Self {
             scene: ctx.scene().id.clone(),
             adversary: ctx.adversary().id.clone(),
             attack: label,
-            outcome,
-            candidates: all.len(),
-            feasible: evaluations.iter().filter(|evaluation| evaluation.is_feasible()).count(),
-            hits: hits().count(),
-            feasible_hits: feasible_hits().count(),
-            believable_hits: feasible_hits().filter(|(_, unbelievable)| is_believed(unbelievable)).count(),
-            violations,
-            unbelievable,
-            selected_unbelievable: chosen_words,
+            outcome: counts.outcome(&all[attack.chosen].measured()),
+            counts,
+            selected_unbelievable: all[attack.chosen].unbelievable.iter().map(Reason::words).collect(),
             best: best(&evaluations, attack.chosen, objective, mu),
-        }
+        };
+        (explanation, kinds)
     }
-}
-
-/// What a violation breaks, and what it touches.
-fn violated(violation: &Violation) -> String {
-    let rule = violation.words();
-    if violation.with.is_empty() { rule } else { format!("{rule} `{}`", violation.with) }
-}
-
-/// Counts each word of a candidate once.
-fn count_each(counts: &mut BTreeMap<String, usize>, words: impl Iterator<Item = String>) {
-    let words: std::collections::BTreeSet<String> = words.collect();
-    words.into_iter().for_each(|word| *counts.entry(word).or_default() += 1);
 }
 
 /// The selected candidate, the best feasible hit, then the best others: feasible ones first, as a selection ranks them.

@@ -5,32 +5,27 @@ use std::{path::Path, sync::Arc, time::Instant};
 use anyhow::{Context as _, Result, anyhow};
 use sage_core::{
     files,
-    generator::{Attack, Note},
-    geometry::Point,
+    generator::Note,
     objective::{Context, ContextOptions, Scorer, Scores},
-    registry::Entry as _,
-    scene::{Scene, SceneIndex},
+    scene::SceneIndex,
 };
 use sage_data::{Recording, checks};
-use sage_sim::{
-    SimScene,
-    attack_test::{self, AttackTest},
-    avoidable::{Avoidable, Avoidance},
-    policy::{EgoPolicy, R157, R157Options},
-};
+use sage_sim::{SimScene, attack_test::AttackTest, avoidable::Avoidance};
 use serde_json::{Map, Value, json};
 
 use super::{
+    found_row::FoundRow,
+    measured::{MeasuredAttack, measured},
+    names::{page_file, picture_file, row_file},
     plan::Plan,
-    row::{CandidateRow, ChosenScores, FoundRow, LeftOutRow, ScoredCandidates, VariantRow, row_file},
+    row::{CandidateRow, ChosenScores, LeftOutRow, VariantRow},
+    scored::ScoredCandidates,
+    view::SceneView,
 };
 use crate::{
     attacked_files::{self, AttackedFiles},
-    drawing::{self, Picture, drawn_path},
-    operating_point::OperatingPointSpec,
     output::DatasetRun,
     react,
-    run_generator::RunGenerator,
     scene_queue::{Failure, Line, SceneReport},
 };
 
@@ -98,30 +93,7 @@ fn finished(
         }
         lines.push(Line { text: row.line(), row: name, seconds: None });
     }
-    Ok(exists(&picture_file(scene)).then(|| SceneReport::found(lines)))
-}
-
-/// Name of the picture of a scene.
-pub(super) fn picture_file(scene: &str) -> String {
-    format!("{scene}.svg")
-}
-
-/// The UN R157 driver in a scene; without what cannot be simulated.
-struct R157Driver {
-    scene: Option<Arc<SimScene>>,
-    driver: Option<Box<dyn EgoPolicy>>,
-}
-
-impl R157Driver {
-    fn new(scene: &Arc<Scene>, index: &Arc<SceneIndex>) -> Self {
-        let scene = SimScene::new(scene.clone(), index.clone()).ok();
-        Self { scene, driver: R157::build(R157Options::default()).ok() }
-    }
-
-    /// Whether it avoids an attack; `None` if it meets another road user first, or cannot drive.
-    fn avoids(&self, attack: &Attack, seed: u64) -> Option<bool> {
-        attack_test::avoids(self.driver.as_deref()?, self.scene.as_ref()?, attack.trajectory(), seed).ok()?
-    }
+    Ok((exists(&picture_file(scene)) && exists(&page_file(scene))).then(|| SceneReport::found(lines)))
 }
 
 /// Writes the attacks of one scene.
@@ -149,48 +121,38 @@ impl SceneWriter<'_> {
         index.build_all();
         let ctx = Context::new(&scene, &index, &ContextOptions::default())?;
         let avoidance = Avoidance::new(&ctx, plan.args.avoidable.options().unwrap_or_default())?;
-        let mut scored = ScoredCandidates::new(&ctx, Scorer::with(&ctx, &plan.generator.further), &avoidance);
-        let scenarios = files.scenarios(&scene);
-        let (mut evasion, mut r157) = (None, None);
         let clock = Instant::now();
         let mut attacks = generator.built.attacks(&ctx, plan.args.attack.seed)?;
+        let objective = &generator.selection.objective;
         if let Some(target) = plan.args.react {
-            let objective = &plan.generator.selection.objective;
             for (point, attack) in generator.points.iter().zip(&mut attacks) {
                 let avoided = react::avoided(attack, &ctx, objective, point.mu, &avoidance);
                 react::choose(attack, &avoided, target);
             }
         }
         let seconds = clock.elapsed().as_secs_f64() / attacks.len() as f64;
-        let (mut drawn, mut lines) = (Vec::new(), Vec::new());
-        for ((point, variant), attack) in generator.points.iter().zip(plan.variants()).zip(&attacks) {
-            attack.check(&scene)?;
+        let scorer = Scorer::with(&ctx, &generator.further);
+        let mut scored = ScoredCandidates::new(&ctx, scorer, objective, &avoidance);
+        let measured = measured(&attacks, &mut scored, &ctx, plan.args.attack.seed)?;
+        let scenarios = files.scenarios(&scene);
+        let mut lines = Vec::with_capacity(measured.len());
+        for ((point, variant), attack) in generator.points.iter().zip(plan.variants()).zip(&measured) {
             let described = plan.describe(point);
-            scored.score(attack)?;
-            let avoidable = scored.avoidable(attack.trajectory())?;
-            let contact = scored.get(attack.trajectory())?.scores.collision_step;
-            // The picture shows that of the last attack that has one.
-            evasion = contact.and_then(|contact| drawn_evasion(&avoidable, contact)).or(evasion);
-            let r157_avoids = contact.and_then(|_| {
-                let r157 = r157.get_or_insert_with(|| R157Driver::new(&scene, &index));
-                r157.avoids(attack, plan.args.attack.seed)
-            });
-            let scores = &scored.get(attack.trajectory())?.scores;
             let written = attacked_files::Attack {
-                trajectory: attack.trajectory(),
+                trajectory: attack.attack.trajectory(),
                 variant,
                 described: &described,
                 weights: generator.weights_name(),
                 seed: plan.args.attack.seed,
             };
             let mut scene_files = files.files(&scene, &written)?;
+            let scores = &scored.get(attack.attack.trajectory())?.scores;
             if let Some(scenarios) = &scenarios {
                 let facts = self.facts(&ctx, attack, &described, scores);
                 scene_files.extend(files.scenario(scenarios, &scene, &written, &facts)?);
             }
-            let scores = ChosenScores { scores, avoidable, r157_avoids };
-            let row =
-                self.row((scores, scored.rows(attack)?), &ctx, attack, variant, described, &scene_files)?;
+            let candidates = scored.rows(attack.attack)?;
+            let row = self.row((attack, scores, candidates), &ctx, variant, described, &scene_files);
             lines.push(Line {
                 text: row.line(seconds),
                 row: row_file(self.scene, variant),
@@ -202,12 +164,13 @@ impl SceneWriter<'_> {
             let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
             all.push((&name, &bytes));
             self.write(&all)?;
-            drawn.push(drawn_path(label(point, generator), &ctx, attack.trajectory().clone()));
         }
-        let picture =
-            Picture { title: self.scene.to_owned(), candidates: drawn, evasion, ..Picture::default() };
-        let picture = drawing::draw(&scene, &picture);
-        self.write(&[(&picture_file(self.scene), picture.as_bytes())])?;
+        let shown = SceneView { plan, name: self.scene, ctx: &ctx, measured: &measured };
+        let (picture, page) = (shown.picture(), shown.page(&scored)?);
+        self.write(&[
+            (&picture_file(self.scene), picture.as_bytes()),
+            (&page_file(self.scene), page.as_bytes()),
+        ])?;
         Ok(SceneReport { lines, seconds: Some(seconds), warnings, failures: Vec::new() })
     }
 
@@ -234,11 +197,11 @@ impl SceneWriter<'_> {
     fn facts(
         &self,
         ctx: &Context,
-        attack: &Attack,
+        attack: &MeasuredAttack,
         described: &Map<String, Value>,
         scores: &Scores,
     ) -> Map<String, Value> {
-        let candidate = ctx.candidate(attack.trajectory().clone());
+        let candidate = ctx.candidate(attack.attack.trajectory().clone());
         let violations = self.plan.generator.selection.objective.rule().violations(&candidate, ctx);
         let mut facts = described.clone();
         for (key, value) in [
@@ -257,16 +220,16 @@ impl SceneWriter<'_> {
 
     fn row<'r>(
         &'r self,
-        (scores, candidates): (ChosenScores<'r>, Vec<CandidateRow<'r>>),
+        (measured, scores, candidates): (&'r MeasuredAttack, &'r Scores, Vec<CandidateRow<'r>>),
         ctx: &'r Context,
-        attack: &'r Attack,
         variant: &'r str,
         described: Map<String, Value>,
         scene_files: &[(String, Vec<u8>)],
-    ) -> Result<VariantRow<'r>> {
+    ) -> VariantRow<'r> {
+        let MeasuredAttack { attack, avoidable, r157_avoids, outcome, counts, .. } = measured;
         let selected = ctx.candidate(attack.trajectory().clone());
         let violations = self.plan.generator.selection.objective.rule().violations(&selected, ctx);
-        Ok(VariantRow {
+        VariantRow {
             run_hash: self.run.hash(),
             scene: self.scene,
             variant,
@@ -279,10 +242,12 @@ impl SceneWriter<'_> {
             chosen: attack.chosen,
             feasible: violations.is_empty(),
             violations,
+            outcome: *outcome,
+            counts,
             note: attack.note.as_ref().map(Note::to_string),
-            scores,
+            scores: ChosenScores { scores, avoidable, r157_avoids: *r157_avoids },
             candidates,
-        })
+        }
     }
 
     fn write(&self, all: &[(&str, &[u8])]) -> Result<()> {
@@ -290,15 +255,4 @@ impl SceneWriter<'_> {
         written
             .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
     }
-}
-
-/// The evasive manoeuvre for the picture of an attack.
-fn drawn_evasion(avoidable: &Avoidable, contact: usize) -> Option<(f64, Vec<Point>)> {
-    let (start, rows) = avoidable.evasion(contact)?;
-    Some((start, rows.iter().map(|[x, y, _]| [*x, *y]).collect()))
-}
-
-/// Label of an attack in the legend of the picture.
-fn label(point: &OperatingPointSpec, generator: &RunGenerator) -> String {
-    if generator.points.len() > 1 { point.long_label() } else { generator.built.keys[0].label() }
 }

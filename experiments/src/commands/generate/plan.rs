@@ -42,6 +42,14 @@ impl<'a> Plan<'a> {
         &self.generator.variants
     }
 
+    /// What attacks, and whom.
+    pub(super) fn subtitle(&self) -> String {
+        let ego = &self.ego.label;
+        let driver = if self.ego.policy.is_recording() { "the recorded ego" } else { ego };
+        let weights = self.generator.weights_name().map_or(String::new(), |name| format!(", weights {name}"));
+        format!("selection {} against {driver}{weights}", self.generator.selection.name)
+    }
+
     /// True if pickles are written.
     pub(super) fn writes_pickles(&self) -> bool {
         matches!(self.args.format, DatasetFormat::Both | DatasetFormat::Pickle)

@@ -49,7 +49,7 @@ pub(super) fn page(
         parts.iter().zip(entries).map(|(part, entry)| panel(part, entry, &unattacked)).collect();
     let back = format!("../{FILE}");
     let titles = [row.scene(), &format!("failures of {}", without_folders(row.ego()))];
-    player::page(scene.scene(), titles, &panels, COLUMNS, Some(&back))
+    player::page(scene.scene(), titles, &panels, &[], COLUMNS, Some(&back))
 }
 
 fn panel<'p>(part: &'p Parts, entry: &Entry, unattacked: &'p [Motion]) -> Panel<'p> {
@@ -70,6 +70,7 @@ fn panel<'p>(part: &'p Parts, entry: &Entry, unattacked: &'p [Motion]) -> Panel<
         evasion: part.evasion.as_deref(),
         verdict: Some(true),
         is_failed: false,
+        others: Vec::new(),
         note: format!("Plan: {plan}."),
         ending: entry.words(),
     }

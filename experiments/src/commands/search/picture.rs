@@ -19,10 +19,12 @@ pub(super) fn draw(title: &str, scene: &Scene, pool: &Pool, result: &SearchResul
         // Only up to the contact: what comes after it did not happen.
         let steps = evaluated.contact.as_ref().map_or(usize::MAX, |met| met.step.max(0) as usize);
         let points = candidate.points().iter().take(steps).copied();
+        let outcome = outcome(drive, evaluated);
         let failure = result.failures.iter().find(|failure| failure.drive == drive);
         Tried {
             points: std::iter::once(candidate.start().position).chain(points).collect(),
-            outcome: outcome(drive, evaluated),
+            outcome,
+            words: outcome.words(),
             contact: failure.and_then(|failure| {
                 let step = steps.checked_sub(1)?;
                 Some([*failure.path.positions.get(step)?, *candidate.points().get(step)?])

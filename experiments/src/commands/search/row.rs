@@ -318,6 +318,39 @@ impl SceneRow {
         self.mildest.as_ref().map(|failure| failure.number)
     }
 
+    /// What came of the search, in words.
+    pub(in crate::commands) fn explained(&self) -> String {
+        let [scene, ego, adversary] =
+            [&self.head.scene, &self.head.ego, &self.head.adversary].map(|name| terminal::escaped_name(name));
+        let result = match self.failures {
+            0 => format!("no failure: {}", self.reason_words()),
+            1 => "1 failure".to_owned(),
+            some => format!("{some} failures"),
+        };
+        let plans = &self.plans;
+        let sage_sim::search::PoolCounts { proposed, infeasible, merged, beyond } = plans.counts;
+        let left_out =
+            [(infeasible, "not feasible"), (merged, "like another"), (beyond, "more than the pool holds")];
+        let left_out: Vec<String> = left_out
+            .iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, why)| format!("{count} {why}"))
+            .collect();
+        let left_out =
+            if left_out.is_empty() { String::new() } else { format!(" ({})", left_out.join(", ")) };
+        let mut text = format!(
+            "scene `{scene}`, driver `{ego}`, adversary `{adversary}`: {result}\n  {proposed} plans proposed, {} searched{left_out}\n  {} drives: {} attacks, {} of them believable, {} with the driver at fault, {} failures\n",
+            plans.in_pool, self.drives, self.attacks, self.believable, self.at_fault, self.failures
+        );
+        if self.errors > 0 {
+            text += &format!("  {} drives in which the driver gave an error\n", self.errors);
+        }
+        if let Some(reached) = self.reached.filter(|_| self.failures == 0 && self.reason != self.reached) {
+            text += &format!("  the furthest that an attack came: {}\n", reached.words());
+        }
+        text
+    }
+
     /// Reads a row; `None` if the file is missing or incomplete.
     pub(in crate::commands) fn read(path: &Path) -> Option<Self> {
         serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
@@ -337,7 +370,7 @@ impl SceneRow {
                 let first = self.first_failure.unwrap_or_default();
                 let words = |failure: &Option<FoundFailure>| {
                     failure.as_ref().map_or(String::new(), |failure| {
-                        format!("{}, contact after {:.1} s", failure.plan.words(), failure.contact_after)
+                        format!("{} after {:.1} s", failure.plan.words(), failure.contact_after)
                     })
                 };
                 let [worst, mildest] = [words(&self.worst), words(&self.mildest)];

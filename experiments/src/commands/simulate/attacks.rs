@@ -15,9 +15,7 @@ use sage_sim::{
 use serde_json::{Map, Value};
 
 use super::{Attacked, attack_file, row::AttackRow};
-use crate::{
-    contact_row::step, operating_point::OperatingPointSpec, run_generator::RunGenerator, scene_queue::Failure,
-};
+use crate::{contact_row::step, run_generator::RunGenerator, scene_queue::Failure};
 
 /// What attacks the drivers of one scene.
 pub(super) enum SceneAttacks<'a> {
@@ -117,7 +115,7 @@ impl<'a> SceneAttacks<'a> {
                     let uses_point = built.facts.uses_operating_point();
                     let label = if uses_point { point.long_label() } else { generator.method.to_string() };
                     let attack = PlannedAttack::of(&ctx, &avoidance, attack.trajectory().clone());
-                    let swept = swept(point).filter(|_| uses_point);
+                    let swept = point.swept().filter(|_| uses_point);
                     let described = generator.describe(point);
                     Ok(PlannedDrive { described, label, swept, attack: Some(attack) })
                 });
@@ -125,12 +123,6 @@ impl<'a> SceneAttacks<'a> {
             }
         }
     }
-}
-
-/// The axis of an operating point, if it is one number.
-fn swept(point: &OperatingPointSpec) -> Option<(&'static str, f64)> {
-    let by_lambda = point.lambda.map(|lambda| ("lambda", lambda));
-    point.aggression.map(|aggression| ("aggression", aggression)).or(by_lambda)
 }
 
 impl PlannedAttack {

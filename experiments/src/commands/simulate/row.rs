@@ -2,12 +2,7 @@
 
 use std::path::Path;
 
-use sage_core::{
-    files,
-    motion::Trajectory,
-    objective::{Reason, verdict},
-    scene::Scene,
-};
+use sage_core::{files, motion::Trajectory, objective::Reason, scene::Scene};
 use sage_sim::{
     avoidable::Avoidable,
     episode::{End, Episode, Verdict},
@@ -95,18 +90,23 @@ pub(super) struct AttackRow {
 
 /// A contact in words. `adversary` is the track of the adversary.
 fn words(contact: &ContactRow, adversary: Option<&str>) -> String {
-    let ContactRow { step, with, overlap, impact_speed, side_hit, at_fault, rule, .. } = contact;
+    let ContactRow { step, with, impact_speed, side_hit, at_fault, class, .. } = contact;
     let who = if Some(&**with) == adversary { "the adversary".to_owned() } else { format!("`{with}`") };
-    let fault = match at_fault {
+    let fault = fault(*at_fault);
+    let side = side_hit.name();
+    format!(
+        "contact with {who} {} at the ego's {side}, {impact_speed:.1} m/s; {fault}: {}",
+        time(*step),
+        class.words()
+    )
+}
+
+fn fault(at_fault: Option<bool>) -> &'static str {
+    match at_fault {
         Some(true) => "ego at fault",
         Some(false) => "ego not at fault",
         None => "fault unknown",
-    };
-    let side = side_hit.name();
-    format!(
-        "contact with {who} {}: {impact_speed:.1} m/s at the ego's {side}, overlap {overlap:.2} m, {fault} (rule {rule})",
-        time(*step)
-    )
+    }
 }
 
 /// A step in words.
@@ -208,30 +208,43 @@ impl DriveRow {
     /// The plan of the attack in words; empty without an attack.
     pub(super) fn note(&self) -> String {
         let Some(attack) = &self.attack else { return String::new() };
-        let feasible = if attack.feasible { "feasible" } else { "not feasible" };
-        let contact = match verdict(attack.believable, &attack.unbelievable) {
-            None => "no contact".to_owned(),
-            Some(words) => format!("contact, {words}"),
-        };
-        let before = attack
-            .unattacked_contact
-            .map_or(String::new(), |step| format!(" That drive has a contact of its own {}.", time(step)));
-        let out = match (attack.avoidable.avoidable, attack.avoidable.time_to_react) {
-            (Some(true), Some(time)) => {
-                format!(
-                    " An evasive manoeuvre of that drive could begin up to {time:.1} s before the contact."
-                )
+        let planned = match (attack.believable, attack.feasible) {
+            (None, _) => "it would not touch the ego there".to_owned(),
+            (Some(_), false) => "it would hit the ego there, but is not feasible".to_owned(),
+            (Some(true), true) => "it would hit the ego there, and is believable".to_owned(),
+            (Some(false), true) => {
+                let reasons: Vec<String> = attack.unbelievable.iter().map(Reason::words).collect();
+                format!("it would hit the ego there, but is not believable ({})", reasons.join(", "))
             }
-            (Some(false), _) => " No evasive manoeuvre was found for that drive.".to_owned(),
+        };
+        let evasion = match (attack.avoidable.avoidable, attack.avoidable.time_to_react) {
+            (Some(true), Some(time)) => {
+                format!(" There an evasive manoeuvre could begin up to {time:.1} s before the contact.")
+            }
+            (Some(false), _) => " There no evasive manoeuvre was found.".to_owned(),
             _ => String::new(),
         };
-        format!("Plan: {feasible}. Against the drive without the attack: {contact}.{out}{before}")
+        let before = attack.unattacked_contact.map_or(String::new(), |step| {
+            format!(" Without the attack this driver has a contact {}.", time(step))
+        });
+        format!("Planned against this driver's drive without the attack: {planned}.{evasion}{before}")
     }
 
     /// The printed line; `variant` names attack and operating point.
     pub(super) fn line(&self, variant: &str) -> String {
-        let names = [&self.scene, &self.ego, variant].map(terminal::escaped_name);
-        let names = names.join(" ");
-        format!("{}: {}", names.trim_end(), terminal::escaped_name(&self.ending()))
+        let names = [&self.scene, &self.ego, variant].map(terminal::escaped_name).join(" ");
+        let contact = match (self.end, self.contacts.first()) {
+            (RowEnd::Contact, Some(contact)) => {
+                let is_adversary = Some(&contact.with) == self.adversary.as_ref();
+                let who = if is_adversary { String::new() } else { format!(" with `{}`", contact.with) };
+                format!("contact{who} {}, {}", time(contact.step), fault(contact.at_fault))
+            }
+            _ => "no contact".to_owned(),
+        };
+        let off_road = self.off_road.filter(|_| self.off_road_measured);
+        let off_road = off_road.map(|step| format!("off the road {}", time(step)));
+        let verdict = self.verdict().map(|verdict| verdict.words);
+        let all = [verdict, Some(contact), off_road].into_iter().flatten().collect::<Vec<_>>().join("; ");
+        format!("{}: {}", names.trim_end(), terminal::escaped_name(&all))
     }
 }

@@ -276,6 +276,7 @@ impl SceneDrives<'_> {
                     .map(|(_, rows)| rows),
                 verdict: row.verdict().map(|verdict| verdict.is_attack),
                 is_failed: false,
+                others: Vec::new(),
                 note: row.note(),
                 ending: row.ending(),
             },
@@ -294,6 +295,7 @@ impl SceneDrives<'_> {
                     evasion: None,
                     verdict: None,
                     is_failed: true,
+                    others: Vec::new(),
                     note: String::new(),
                     ending: failure.ending.clone(),
                 }
@@ -316,7 +318,7 @@ impl SceneDrives<'_> {
         let panels: Vec<Panel> = rows.iter().filter_map(panel).collect();
         let columns = if per_ego > 1 { per_ego } else { rows.len() };
         let titles = [self.name, &self.simulation.subtitle];
-        let page = player::page(scene, titles, &panels, columns, None)?;
+        let page = player::page(scene, titles, &panels, &[], columns, None)?;
         let mut all = vec![(page_file(self.name), page.into_bytes())];
         let (mut lines, mut failures) = (Vec::new(), Vec::new());
         let names: Vec<(usize, &str, String)> = self.simulation.files(self.name).collect();

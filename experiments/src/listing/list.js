@@ -1,59 +1,30 @@
-"use strict";
-// Units of the data: metres, seconds, radians; decimetres in paths and roads, see thumbnails.js.
-const data = JSON.parse(document.getElementById("data").textContent);
-const element = (id) => document.getElementById(id);
-const { scenes, failures } = data;
+// The list of a page: items as cards, with filters and an order. `fields()` of each page says what its items hold.
+
 const STEP = 60, MOST_BARS = window.innerWidth > 940 ? 12 : 6;
-
-// --- values and words ---
-
-const isKnown = (value) => value !== null && value !== undefined && value !== "";
-// Names come from strangers: characters that control the display or the direction of text are made visible.
-const plain = (value) => String(value).replace(/[\u0000-\u001f\u007f-\u009f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]/g, "\ufffd");
-const words = (value) => (isKnown(value) ? plain(value) : "–");
-const measured = (value, digits, unit = "") => (Number.isFinite(value) ? value.toFixed(digits).replace("-", "−") + unit : "–");
-const counted = (n, one, many) => `${n} ${n === 1 ? one : many}`;
-const collator = new Intl.Collator("en", { numeric: true });
-
-function make(tag, parent, name, content) {
-  const e = document.createElement(tag);
-  if (name) e.className = name;
-  if (content !== undefined) e.textContent = content;
-  parent.append(e);
-  return e;
-}
-
-// A page beside this one; null for anything that could lead elsewhere or run a script.
-function link(page) {
-  return typeof page === "string" && /^[^:\\\u0000-\u001f]+$/.test(page) && !/^\s*\//.test(page) ? page : null;
-}
 
 // --- filters: choices and ranges ---
 
-// The values of one field, in order, with those that are not known last; failures hold their positions.
+// The values of one field, in order, with those that are not known last; items hold their positions.
 function facet(key, label, name = words) {
-  const values = [...new Set(failures.map((f) => (isKnown(f[key]) ? f[key] : null)))];
+  const values = [...new Set(items.map((f) => (isKnown(f[key]) ? f[key] : null)))];
   values.sort((a, b) => (a === null) - (b === null) || collator.compare(name(a), name(b)));
   const position = new Map(values.map((v, k) => [v, k]));
-  return { key, label, name, values, of: failures.map((f) => position.get(isKnown(f[key]) ? f[key] : null)), counts: values.map(() => 0), chosen: -1 };
+  return { key, label, name, values, of: items.map((f) => position.get(isKnown(f[key]) ? f[key] : null)), counts: values.map(() => 0), chosen: -1 };
 }
 
 const answer = (yes, no) => (value) => (value === true ? yes : value === false ? no : "unknown");
-const facets = [
-  facet("driver", "Driver"), facet("cluster", "Cluster"), facet("collision", "Collision"), facet("ego_does", "Ego does"), facet("adversary_does", "Adversary does"), facet("road", "Road"),
-  facet("at_fault", "Fault", answer("at fault", "not at fault")), facet("fault", "Fault class", (value) => words(value).replaceAll("_", " ")),
-  facet("avoidable_r157", "Avoidable by R157", answer("yes", "no")), facet("plan", "Plan"),
-];
-const [drivers, clusters] = facets;
+const page = fields();
+const facets = page.facets.map(([key, label, name]) => facet(key, label, name));
+const grouped = facets.find(({ key }) => key === page.groups.key);
 
-const numbers = (key) => failures.map((f) => (Number.isFinite(f[key]) ? f[key] : NaN));
+const numbers = (key) => items.map((f) => (Number.isFinite(f[key]) ? f[key] : NaN));
 function range(key, label, digits) {
   const of = numbers(key), known = of.filter((v) => v === v);
   const ends = known.reduce(([low, high], v) => [Math.min(low, v), Math.max(high, v)], [Infinity, -Infinity]);
   return { key, label, digits, of, ends, isMeasured: known.length > 0, hasUnknown: known.length < of.length, low: null, high: null, unknown: true };
 }
 
-const ranges = [range("lambda", "λ", 2), range("time_to_react", "Time to react, s", 1)];
+const ranges = page.ranges.map(([key, label, digits]) => range(key, label, digits));
 const isWithin = (r, k) => (r.of[k] === r.of[k] ? (r.low === null || r.of[k] >= r.low) && (r.high === null || r.of[k] <= r.high) : r.unknown);
 const isSet = (r) => r.low !== null || r.high !== null || !r.unknown;
 
@@ -61,22 +32,25 @@ const isSet = (r) => r.low !== null || r.high !== null || !r.unknown;
 
 const ranks = ({ of, values }) => of.map((k) => (values[k] === null ? NaN : k));
 const sceneNames = scenes.map(({ name }) => words(name)), foldedNames = sceneNames.map((name) => name.toLowerCase());
-const sorts = {
-  reward: ["reward", () => numbers("reward")], time_to_react: ["time to react", () => numbers("time_to_react")], lambda: ["λ", () => numbers("lambda")],
-  contact_after: ["contact after", () => numbers("contact_after")], impact: ["impact speed", () => numbers("impact")],
-  cluster: ["cluster", () => ranks(clusters)], driver: ["driver", () => ranks(drivers)],
-  scene: ["scene", () => { const sorted = [...new Set(sceneNames)].sort(collator.compare), rank = new Map(sorted.map((n, k) => [n, k])); return failures.map((f) => rank.get(sceneNames[f.scene])); }],
-};
-const risesFirst = (key) => ["cluster", "driver", "scene"].includes(key);
-const state = { text: "", sort: "reward", rises: false, showsAll: false };
+// By numbers, by a facet, or by the name of the scene.
+const sorts = new Map(page.sorts.map(([key, label]) => [key, [label, () => {
+  const f = facets.find((facet) => facet.key === key);
+  if (f) return ranks(f);
+  if (key !== "scene") return numbers(key);
+  const sorted = [...new Set(sceneNames)].sort(collator.compare), rank = new Map(sorted.map((n, k) => [n, k]));
+  return items.map((f) => rank.get(sceneNames[f.scene]));
+}]]));
+const firstSort = page.sorts[0][0];
+const risesFirst = (key) => key === "scene" || facets.some((facet) => facet.key === key);
+const state = { text: "", sort: firstSort, rises: risesFirst(firstSort), showsAll: false, variant: 0 };
 
 const orders = new Map();
 function order() {
   const key = state.sort + state.rises;
   if (!orders.has(key)) {
-    const of = sorts[state.sort][1](), sign = state.rises ? 1 : -1;
+    const of = sorts.get(state.sort)[1](), sign = state.rises ? 1 : -1;
     // Not measured comes last in both directions.
-    orders.set(key, failures.map((_, k) => k).sort((a, b) => (of[a] !== of[a]) - (of[b] !== of[b]) || sign * (of[a] - of[b]) || a - b));
+    orders.set(key, items.map((_, k) => k).sort((a, b) => (of[a] !== of[a]) - (of[b] !== of[b]) || sign * (of[a] - of[b]) || a - b));
   }
   return orders.get(key);
 }
@@ -92,7 +66,9 @@ function readAddress() {
     r.unknown = !r.hasUnknown || given.get(`${r.key}_unknown`) !== "no";
   }
   state.text = (given.get("scene") || "").slice(0, 200);
-  state.sort = Object.hasOwn(sorts, given.get("sort") || "") ? given.get("sort") : "reward";
+  state.variant = variants.includes(given.get("at")) ? variants.indexOf(given.get("at")) : variants.length - 1;
+  showVariant();
+  state.sort = sorts.has(given.get("sort")) ? given.get("sort") : firstSort;
   state.rises = ["ascending", "descending"].includes(given.get("order")) ? given.get("order") === "ascending" : risesFirst(state.sort);
 }
 
@@ -104,7 +80,8 @@ function address() {
     if (!r.unknown) given.set(`${r.key}_unknown`, "no");
   }
   if (state.text) given.set("scene", state.text);
-  if (state.sort !== "reward") given.set("sort", state.sort);
+  if (variants.length > 1 && state.variant < variants.length - 1) given.set("at", variants[state.variant]);
+  if (state.sort !== firstSort) given.set("sort", state.sort);
   if (state.rises !== risesFirst(state.sort)) given.set("order", state.rises ? "ascending" : "descending");
   return `#${given}`;
 }
@@ -138,7 +115,7 @@ function update() {
   const total = facets.map(() => 0);
   shown = [];
   for (const k of order()) {
-    if (!isNamed[failures[k].scene] || !ranges.every((r) => isWithin(r, k))) continue;
+    if (!isChosen(items[k]) || !isNamed[items[k].scene] || !ranges.every((r) => isWithin(r, k))) continue;
     // Each choice is counted under all other filters: what one would see by changing it alone.
     let misses = 0, missed = 0;
     facets.forEach((f, n) => { if (f.chosen >= 0 && f.of[k] !== f.chosen) { misses++; missed = n; } });
@@ -146,15 +123,15 @@ function update() {
     if (misses) { facets[missed].counts[facets[missed].of[k]]++; total[missed]++; continue; }
     facets.forEach((f, n) => { f.counts[f.of[k]]++; total[n]++; });
     shown.push(k);
-    inScenes.add(failures[k].scene);
+    inScenes.add(items[k].scene);
   }
-  const inClusters = clusters.chosen >= 0 ? Math.min(1, shown.length) : clusters.counts.filter(Boolean).length;
-  element("count").textContent = `${shown.length} of ${counted(failures.length, "failure", "failures")} shown, in ${counted(inScenes.size, "scene", "scenes")}; ${counted(inClusters, "cluster", "clusters")}`;
+  const inGroups = grouped.chosen >= 0 ? Math.min(1, shown.length) : grouped.counts.filter(Boolean).length;
+  element("count").textContent = page.count(shown.length, inScenes.size, inGroups);
   element("none").hidden = shown.length > 0;
   element("legend").hidden = !shown.length;
   showControls(total);
   showBars();
-  showWithout(wanted);
+  page.showMore?.(wanted);
   unwatch();
   built = 0;
   element("cards").replaceChildren();
@@ -185,26 +162,26 @@ function showControls(total) {
   const set = facets.filter((f) => f.chosen >= 0).length + ranges.filter(isSet).length + (state.text ? 1 : 0);
   element("open").textContent = set ? `Filters (${set})` : "Filters";
   // Not disabled: that would take the keyboard from it once pressed.
-  element("reset").setAttribute("aria-disabled", String(!set && state.sort === "reward" && !state.rises));
+  element("reset").setAttribute("aria-disabled", String(!set && state.sort === firstSort && state.rises === risesFirst(firstSort)));
 }
 
-// --- clusters ---
+// --- bars: how many items of each group ---
 
 const bars = new Map();
 function bar(k) {
   if (!bars.has(k)) {
     const item = document.createElement("li"), button = make("button", item);
-    make("span", button, "", words(clusters.values[k]));
+    make("span", button, "", words(grouped.values[k]));
     make("b", button);
-    button.title = words(clusters.values[k]);
-    button.addEventListener("click", () => { clusters.chosen = clusters.chosen === k ? -1 : k; change(); });
+    button.title = words(grouped.values[k]);
+    button.addEventListener("click", () => { grouped.chosen = grouped.chosen === k ? -1 : k; change(); });
     bars.set(k, item);
   }
   return bars.get(k);
 }
 
 function showBars() {
-  const { counts, chosen } = clusters, held = document.activeElement;
+  const { counts, chosen } = grouped, held = document.activeElement;
   const found = counts.map((_, k) => k).filter((k) => counts[k] || k === chosen).sort((a, b) => counts[b] - counts[a] || a - b);
   const listed = found.filter((k, place) => state.showsAll || place < MOST_BARS || k === chosen);
   for (const k of listed) {
@@ -215,32 +192,10 @@ function showBars() {
   }
   element("bars").replaceChildren(...listed.map(bar));
   if (held && element("bars").contains(held)) held.focus({ preventScroll: true });
-  element("clusters").hidden = !found.length;
+  element("groups").hidden = !found.length;
   element("all").hidden = found.length <= MOST_BARS;
   element("all").textContent = state.showsAll ? `Show the largest ${MOST_BARS}` : `Show all ${found.length}`;
   element("all").setAttribute("aria-expanded", String(state.showsAll));
-}
-
-// --- scenes without a failure ---
-
-let withoutShown = "";
-function showWithout(wanted) {
-  const driver = drivers.chosen >= 0 ? drivers.values[drivers.chosen] : null, key = `${wanted}\n${driver}`;
-  if (key === withoutShown) return;
-  withoutShown = key;
-  const rows = data.without.filter((w) => (driver === null || w.driver === driver) && words(w.scene).toLowerCase().includes(wanted));
-  const isOne = new Set(data.without.map((w) => w.driver)).size < 2, reasons = new Map();
-  for (const row of rows) reasons.set(words(row.reason), [...(reasons.get(words(row.reason)) || []), row]);
-  const [summary, list] = element("without").children;
-  element("without").hidden = !data.without.length;
-  summary.textContent = `Searched without a failure (${rows.length === data.without.length ? rows.length : `${rows.length} of ${data.without.length}`})`;
-  list.replaceChildren();
-  for (const [reason, of] of [...reasons].sort((a, b) => b[1].length - a[1].length || collator.compare(a[0], b[0]))) {
-    const details = make("details", list);
-    make("summary", details, "", `${reason} (${of.length})`);
-    const names = of.map((w) => (isOne ? words(w.scene) : `${words(w.scene)} (${words(w.driver)})`)).sort(collator.compare);
-    details.addEventListener("toggle", () => { if (details.children.length < 2) make("p", details, "", names.join(", ")); });
-  }
 }
 
 // --- cards, built as one scrolls ---
@@ -262,25 +217,24 @@ function addCards(least = 0) {
 const endWatch = new IntersectionObserver(([{ isIntersecting }]) => { if (isIntersecting && !element("more").hidden) addCards(); }, { rootMargin: "1200px" });
 
 function card(k, place) {
-  const f = failures[k], item = element("card").content.firstElementChild.cloneNode(true), box = item.firstChild;
-  const [, head, cluster, values, fault] = box.children, page = link(f.page);
-  if (page) box.href = page;
-  item.dataset.failure = k;
+  const f = items[k], item = element("card").content.firstElementChild.cloneNode(true), box = item.firstChild;
+  const [, head, group, values, verdict] = box.children, target = link(f.page);
+  if (target) box.href = target;
+  item.dataset.item = k;
   item.dataset.place = place;
-  head.children[0].textContent = head.children[0].title = sceneNames[f.scene];
-  head.children[1].textContent = head.children[1].title = words(f.name);
-  head.children[2].textContent = head.children[2].title = words(f.driver);
-  cluster.textContent = cluster.title = words(f.cluster);
-  const pairs = [["contact", measured(f.contact_after, 1, " s")], ["impact", measured(f.impact, 1, " m/s")], ["reward", measured(f.reward, 1)], ["time to react", measured(f.time_to_react, 1, " s")], ["λ", measured(f.lambda, 2)]];
-  for (const [label, value] of pairs) {
+  const [badge, isHit, further] = page.badge(f);
+  [sceneNames[f.scene], ...page.head(f)].forEach((text, n) => (head.children[n].textContent = head.children[n].title = text));
+  group.textContent = group.title = words(f[page.groups.key]);
+  for (const [label, value, title] of page.values(f)) {
     const pair = make("span", values);
     make("small", pair, "", label);
     pair.append(value);
+    if (title) pair.title = title;
   }
-  values.firstChild.title = "Time from now, the start of the attack, to the contact";
-  fault.children[0].textContent = f.at_fault === true ? "at fault" : f.at_fault === false ? "not at fault" : "fault unknown";
-  if (f.at_fault === true) fault.children[0].className = "hit";
-  fault.children[1].textContent = words(f.fault).replaceAll("_", " ");
+  verdict.children[0].textContent = badge;
+  if (isHit) verdict.children[0].className = "hit";
+  verdict.children[1].textContent = verdict.children[1].title = further;
+  addCells(box, f, place);
   return item;
 }
 
@@ -313,14 +267,19 @@ function build() {
     label.hidden = !r.hasUnknown;
     r.inputs.unknown = make("input", label);
     Object.assign(r.inputs.unknown, { type: "checkbox", autocomplete: "off" });
-    label.append(r.key === "lambda" ? "and failures without λ" : "and not measured");
+    label.append(page.ranges[ranges.indexOf(r)][3]);
     r.inputs.unknown.addEventListener("change", () => { r.unknown = r.inputs.unknown.checked; change(); });
   }
-  for (const [key, [label]] of Object.entries(sorts)) make("option", element("sort"), "", label).value = key;
-  const isEmpty = !failures.length;
+  for (const [key, [label]] of sorts) make("option", element("sort"), "", label).value = key;
+  element("groups-title").textContent = page.groups.title;
+  element("cards").setAttribute("aria-label", page.label);
+  element("moment").textContent = page.moment;
+  const isEmpty = !items.length;
   element("filters").hidden = element("bar").hidden = isEmpty;
-  element("none").textContent = !isEmpty ? "No failure meets all filters." : data.without.length ? "The searches found no failure." : "There are no failures: no scene was searched.";
-  if (isEmpty) { element("page").style.display = "block"; element("without").open = true; }
+  element("none").textContent = page.none(isEmpty);
+  if (isEmpty) element("page").style.display = "block";
+  buildSweep();
+  page.build?.(isEmpty);
 }
 
 // What is scrolled to stops below the bar.
@@ -342,7 +301,7 @@ for (const press of ["click", "auxclick"]) {
     const item = e.target.closest("li"), a = item?.querySelector("a[href]");
     if (!a) return;
     // The page of the scene links back to this view.
-    const [file, id] = link(failures[item.dataset.failure].page).split("#"), from = address().slice(1);
+    const [file, id] = link(items[item.dataset.item].page).split("#"), from = address().slice(1);
     a.href = `${file}${from ? `?from=${encodeURIComponent(from)}` : ""}#${id}`;
     if (press === "click") writeAddress({ place: Number(item.dataset.place) });
   });

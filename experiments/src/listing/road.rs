@@ -6,7 +6,7 @@ use sage_core::{
 };
 use serde::Serialize;
 
-use super::entry::decimetres;
+use super::car::decimetres;
 use crate::player::map::{parts_inside, simplified};
 
 /// Largest error of a line, metres.
@@ -14,13 +14,13 @@ const ERROR: f64 = 0.3;
 
 /// A line of the map, or an area: its kind, and its points in decimetres as differences.
 #[derive(Serialize)]
-pub(super) struct RoadLine {
+pub(crate) struct RoadLine {
     kind: &'static str,
     points: Vec<i64>,
 }
 
 /// The lines of a map in an area.
-pub(super) fn lines(map: &Map, area: &Aabb) -> Vec<RoadLine> {
+pub(crate) fn lines(map: &Map, area: &Aabb) -> Vec<RoadLine> {
     let mut all = Vec::new();
     for feature in &map.features {
         let kind = match &feature.kind {

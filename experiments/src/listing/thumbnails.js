@@ -1,5 +1,4 @@
-"use strict";
-// Thumbnails of failures: drawn when they come into view; the newest are kept. Comes before report.js in one script.
+// Thumbnails of items: drawn when they come into view; the newest are kept. Comes before list.js in one script.
 const colour = { ego: "#0072b2", adversary: "#d55e00", ink: "#222", ground: "#eceae3" }, MOST_THUMBNAILS = 400;
 
 const visible = new Set(), thumbnails = new Map();
@@ -35,11 +34,11 @@ function drawSome() {
   isDrawing = false;
   const begin = performance.now();
   for (const item of visible) {
-    const place = item.querySelector(".thumbnail"), k = Number(item.dataset.failure);
+    const place = item.querySelector(".thumbnail"), k = Number(item.dataset.item);
     if (place.firstChild) continue;
     if (performance.now() - begin > 12) return drawSoon();
     size ||= [Math.max(80, place.clientWidth), Math.max(80, place.clientHeight)];
-    const canvas = thumbnails.get(k) || thumbnail(failures[k]);
+    const canvas = thumbnails.get(k) || thumbnail(items[k]);
     thumbnails.delete(k);
     thumbnails.set(k, canvas);
     place.append(canvas);
@@ -80,9 +79,9 @@ function thumbnail(f) {
   c.fillRect(0, 0, width, height);
   const cars = ["adversary", "ego"].filter((who) => f[who]?.path?.length > 1).map((who) => ({ ...f[who], at: decode(f[who].path), tone: colour[who], isEgo: who === "ego" }));
   if (!cars.length) return canvas;
-  // The last 25 m of each path, and at least 35 m across: near enough to tell the cars apart.
+  // The last 25 m of each path, and as much around as the page wants: near enough to tell the cars apart.
   const needed = bounds(cars.flatMap(({ at }) => at.filter(([x, y]) => Math.hypot(x - at.at(-1)[0], y - at.at(-1)[1]) < 25)));
-  const scale = Math.min(width / Math.max(35, needed[2] - needed[0] + 8), height / Math.max(26, needed[3] - needed[1] + 8));
+  const scale = Math.min(width / Math.max(page.across, needed[2] - needed[0] + 8), height / Math.max(0.7 * page.across, needed[3] - needed[1] + 8));
   const left = (needed[0] + needed[2]) / 2 - width / scale / 2, bottom = (needed[1] + needed[3]) / 2 - height / scale / 2;
   c.setTransform(scale, 0, 0, -scale, -left * scale, height + bottom * scale);
   c.lineJoin = c.lineCap = "round";

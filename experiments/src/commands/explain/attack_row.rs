@@ -1,0 +1,133 @@
+//! A row of `sage generate` with its scene.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use anyhow::{Context as _, Result, bail, ensure};
+use sage_core::{
+    files,
+    generator::{Attack, Proposal},
+    geometry::Point,
+    motion::Trajectory,
+    objective::{Objective, ObjectiveSpec},
+    scene::Scene,
+};
+use sage_data::{ReadOptions, Recording};
+use serde::Deserialize;
+
+use crate::{Registries, scene_queue::ROW_LIMIT};
+
+/// What is read of the file.
+#[derive(Deserialize)]
+struct Row {
+    scene: String,
+    variant: String,
+    source_hash: String,
+    files: Vec<String>,
+    adversary: String,
+    method: String,
+    mu: f64,
+    /// The driver that was attacked, if it is not the recording.
+    ego: Option<String>,
+    selection: ObjectiveSpec,
+    chosen: usize,
+    candidates: Vec<Candidate>,
+}
+
+#[derive(Deserialize)]
+struct Candidate {
+    log_prob: Option<f64>,
+    #[serde(default)]
+    nll: Option<f64>,
+    goal: Option<Point>,
+    trajectory: Trajectory,
+}
+
+/// An attack that a row records, in its scene.
+pub(super) struct AttackRow {
+    pub(super) method: String,
+    pub(super) variant: String,
+    pub(super) mu: f64,
+    pub(super) scene: Arc<Scene>,
+    pub(super) attack: Attack,
+    selection: ObjectiveSpec,
+}
+
+impl AttackRow {
+    /// Reads a row, and its scene: the given one, else that of a scene file beside the row.
+    ///
+    /// *Errors*: it is no such row, or has no scene.
+    pub(super) fn read(path: &Path, given: Option<&Path>, options: &ReadOptions) -> Result<Self> {
+        let text =
+            files::read_text(path, ROW_LIMIT).with_context(|| format!("cannot read `{}`", path.display()))?;
+        let row: Row = serde_json::from_str(&text).with_context(|| {
+            format!(
+                "`{}` is no row of an attack by `sage generate`, and none of a scene by `sage search`",
+                path.display()
+            )
+        })?;
+        let recording = match given {
+            Some(given) => row.source(given, options)?,
+            None => Recording::read(&row.scene_file(path)?)?,
+        };
+        let scene = Arc::new(recording.scene.with_roles(None, Some(&row.adversary))?);
+        let proposal =
+            |Candidate { log_prob, nll, goal, trajectory }| Proposal { trajectory, log_prob, goal, nll };
+        let candidates = row.candidates.into_iter().map(proposal).collect();
+        let attack = Attack { candidates, chosen: row.chosen, note: None };
+        Ok(Self {
+            method: row.method,
+            variant: row.variant,
+            mu: row.mu,
+            scene,
+            attack,
+            selection: row.selection,
+        })
+    }
+
+    /// The objective that selected.
+    ///
+    /// *Errors*: a part of it is not registered here.
+    pub(super) fn objective(&self, registries: &Registries) -> Result<Objective> {
+        let objective = Objective::new(&self.selection, &registries.rewards, &registries.feasibilities);
+        objective.context("the selection of the row")
+    }
+}
+
+impl Row {
+    /// The scene that was attacked.
+    ///
+    /// *Errors*: it is another scene, or the row attacks another drive of the ego than the recorded one.
+    fn source(&self, path: &Path, options: &ReadOptions) -> Result<Recording> {
+        if let Some(ego) = &self.ego {
+            bail!(
+                "the row attacks a drive of `{ego}`, which the scene does not hold; attack again with --format pickle"
+            );
+        }
+        let bytes = sage_data::read_bytes(path)?;
+        let hash = blake3::hash(&bytes).to_hex();
+        ensure!(
+            hash.starts_with(&self.source_hash),
+            "`{}` is not the scene `{}` that the row attacks: its hash is another",
+            path.display(),
+            self.scene
+        );
+        Ok(Recording::from_bytes_as(path, bytes, options)?)
+    }
+
+    /// The attacked scene beside the row.
+    fn scene_file(&self, row: &Path) -> Result<PathBuf> {
+        let is_scene = |name: &&String| name.ends_with(".pkl") || name.ends_with(".safetensors");
+        let is_plain = |name: &&String| !name.contains(['/', '\\']);
+        let file = self.files.iter().filter(is_plain).find(is_scene);
+        let path = file.map(|name| row.with_file_name(name)).filter(|path| path.is_file());
+        path.with_context(|| {
+            format!(
+                "there is no scene file beside `{}`; name the scene that it attacks with --of FILE",
+                row.display()
+            )
+        })
+    }
+}

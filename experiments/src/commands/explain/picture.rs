@@ -1,0 +1,48 @@
+//! The candidates of a selection from above: by what they do, the selected one in front.
+
+use sage_core::{
+    generator::{Attack, Proposal},
+    motion::NOW,
+    objective::Context,
+    scene::Scene,
+};
+
+use crate::{
+    drawing::{self, DrawnPath, Outcome, Picture, Tried, drawn_path},
+    selection_outcome::CandidateKind,
+};
+
+/// Candidates to draw.
+#[derive(Default)]
+pub(super) struct Candidates {
+    others: Vec<Tried>,
+    selected: Vec<DrawnPath>,
+}
+
+impl Candidates {
+    /// Those of an attack.
+    pub(super) fn of(attack: &Attack, ctx: &Context, label: &str, kinds: &[CandidateKind]) -> Self {
+        let start = ctx.adversary().point(NOW);
+        let tried = |(proposal, kind): (&Proposal, &CandidateKind)| Tried {
+            points: std::iter::once(start).chain(proposal.trajectory.points().iter().copied()).collect(),
+            outcome: match kind {
+                CandidateKind::NoContact => Outcome::NoContact,
+                CandidateKind::InfeasibleHit => Outcome::OtherContact,
+                CandidateKind::UnbelievableHit => Outcome::Attack,
+                CandidateKind::BelievableHit => Outcome::Failure,
+            },
+            words: kind.words(),
+            contact: None,
+        };
+        let selected = drawn_path(format!("selected, {label}"), ctx, attack.trajectory().clone());
+        Self { others: attack.candidates.iter().zip(kinds).map(tried).collect(), selected: vec![selected] }
+    }
+}
+
+/// Draws candidates in their scene.
+pub(super) fn draw(scene: &Scene, title: &str, candidates: Candidates) -> String {
+    let Candidates { others, selected } = candidates;
+    let picture =
+        Picture { title: title.to_owned(), tried: others, candidates: selected, ..Picture::default() };
+    drawing::draw(scene, &picture)
+}

@@ -1,0 +1,75 @@
+//! An explanation as text.
+
+use sage_bench::table::Table;
+
+use super::explanation::{Explanation, ValuedCandidate};
+use crate::{
+    selection_outcome::{Broken, SelectionOutcome},
+    terminal,
+};
+
+/// An explanation in words, with the values of the best candidates.
+pub(super) fn text(one: &Explanation) -> String {
+    let mut out = format!("{}: {}\n  {}\n", one.attack, words(one), one.counts.words());
+    let list = |words: Vec<String>| words.join(", ");
+    if !one.counts.violations.is_empty() {
+        let broken = |(what, Broken { hits, from }): (&String, &Broken)| {
+            format!("{} ({hits}, from {from:.1} s on)", terminal::escaped_name(what))
+        };
+        out += &format!("  infeasible: {}\n", list(one.counts.violations.iter().map(broken).collect()));
+    }
+    if !one.counts.unbelievable.is_empty() {
+        let doubted = |(what, hits): (&String, &usize)| format!("{} ({hits})", terminal::escaped_name(what));
+        out +=
+            &format!("  not believable: {}\n", list(one.counts.unbelievable.iter().map(doubted).collect()));
+    }
+    out + &values(one)
+}
+
+/// What came of the selection, in words.
+fn words(one: &Explanation) -> String {
+    match one.outcome {
+        SelectionOutcome::NotPreferred => {
+            let hit = one.best.iter().find(|candidate| candidate.feasible && candidate.contact.is_some());
+            let loss = hit.zip(one.best.first()).and_then(|(hit, chosen)| hit.largest_loss(chosen));
+            let loss =
+                loss.map_or(String::new(), |(name, loss)| format!(", above all for `{name}` ({loss:.2})"));
+            format!("{}{loss}", one.outcome.words())
+        }
+        SelectionOutcome::NotBelievable => {
+            format!("{}: {}", one.outcome.words(), one.selected_unbelievable.join(", "))
+        }
+        other => other.words(),
+    }
+}
+
+/// A value with two digits, and no minus before a zero.
+fn hundredths(value: f64) -> String {
+    let text = format!("{value:.2}");
+    if text == "-0.00" { "0.00".to_owned() } else { text }
+}
+
+/// The values of the best candidates, and what they consist of.
+fn values(one: &Explanation) -> String {
+    let names = one.best.first().map_or(&[][..], |candidate| &candidate.terms);
+    let heads = ["candidate", "contact", "value"].map(str::to_owned).into_iter();
+    let row = |candidate: &ValuedCandidate| {
+        let mut name = candidate.number.to_string();
+        if candidate.is_chosen {
+            name += ", selected";
+        }
+        if !candidate.feasible {
+            name += ", infeasible";
+        }
+        let contact = candidate.contact.map_or("-".to_owned(), |step| format!("{:.1} s", step as f64 / 10.0));
+        let terms = candidate.terms.iter().map(|(_, value)| hundredths(*value));
+        [name, contact, hundredths(candidate.value)].into_iter().chain(terms).collect()
+    };
+    let table = Table {
+        title: String::new(),
+        heads: heads.chain(names.iter().map(|(name, _)| name.clone())).collect(),
+        rows: one.best.iter().map(row).collect(),
+        names: 1,
+    };
+    format!("\n{}", table.terminal())
+}

@@ -1,0 +1,127 @@
+//! A row that is read back: to resume, to print its line, and for table and page of a run.
+
+use std::path::Path;
+
+use sage_core::{
+    files,
+    generator::Note,
+    motion::Trajectory,
+    objective::{Reason, Scores},
+};
+use sage_sim::avoidable::Avoidable;
+use serde::Deserialize;
+
+use super::row::VariantRow;
+use crate::{scene_queue::ROW_LIMIT, selection_outcome::SelectionOutcome, terminal};
+
+/// A row holds all but its candidates within this many bytes.
+const HEAD: u64 = 1 << 16;
+
+/// An attack without the candidates that were not selected.
+#[derive(Debug, Deserialize)]
+pub(super) struct FoundRow {
+    pub(super) run_hash: String,
+    pub(super) scene: String,
+    pub(super) variant: String,
+    pub(super) source_hash: String,
+    pub(super) files: Vec<String>,
+    pub(super) adversary: String,
+    pub(super) trajectory: Trajectory,
+    pub(super) outcome: SelectionOutcome,
+    pub(super) note: Option<String>,
+    pub(super) scores: FoundScores,
+}
+
+/// Scores of the selected candidate that are printed and drawn.
+#[derive(Debug, Deserialize)]
+pub(super) struct FoundScores {
+    pub(super) collision_step: Option<usize>,
+    pub(super) adversarial_reward: f64,
+    pub(super) kinematic_penalty: f64,
+    pub(super) behavior_penalty: f64,
+    #[serde(default)]
+    pub(super) unbelievable: Vec<Reason>,
+    pub(super) impact_speed: Option<f64>,
+    #[serde(flatten)]
+    pub(super) avoidable: Avoidable,
+    pub(super) r157_avoids: Option<bool>,
+}
+
+impl FoundRow {
+    /// Reads a whole row; `None` if the file is missing, incomplete, or says that its scene is left out.
+    pub(super) fn read(path: &Path) -> Option<Self> {
+        serde_json::from_slice(&files::read(path, ROW_LIMIT).ok()?).ok()
+    }
+
+    /// The same without looking at the candidates, which are nine tenths of a row.
+    pub(super) fn read_head(path: &Path) -> Option<Self> {
+        let head = files::read_start(path, HEAD).ok()?;
+        // No text holds this: a quotation mark in it is escaped.
+        let head = std::str::from_utf8(&head).ok().and_then(|head| head.split_once(",\"candidates\":["));
+        match head {
+            Some((head, _)) => serde_json::from_str(&format!("{head}}}")).ok(),
+            None => Self::read(path),
+        }
+    }
+
+    /// What came of the attack, in words.
+    pub(super) fn words(&self) -> String {
+        words(self.outcome, self.scores.collision_step, &self.scores.unbelievable)
+    }
+
+    /// The printed line.
+    pub(super) fn line(&self) -> String {
+        let FoundScores { adversarial_reward, kinematic_penalty, behavior_penalty, .. } = self.scores;
+        let penalties = [adversarial_reward, kinematic_penalty, behavior_penalty];
+        line([&self.scene, &self.variant], [&self.words(), own_note(&self.note)], penalties, None)
+    }
+}
+
+impl VariantRow<'_> {
+    /// The printed line; `seconds` is the time of the attack.
+    pub(super) fn line(&self, seconds: f64) -> String {
+        let Scores {
+            collision_step,
+            unbelievable,
+            adversarial_reward,
+            kinematic_penalty,
+            behavior_penalty,
+            ..
+        } = self.scores.scores;
+        let words = words(self.outcome, *collision_step, unbelievable);
+        let penalties = [*adversarial_reward, *kinematic_penalty, *behavior_penalty];
+        line([self.scene, self.variant], [&words, own_note(&self.note)], penalties, Some(seconds))
+    }
+}
+
+pub(super) fn words(outcome: SelectionOutcome, contact: Option<usize>, unbelievable: &[Reason]) -> String {
+    let after = contact.map_or(String::new(), |step| format!(" after {:.1} s", step as f64 / 10.0));
+    let reasons = || unbelievable.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
+    match outcome {
+        SelectionOutcome::Attack => format!("attack{after}, believable"),
+        SelectionOutcome::NotBelievable => format!("attack{after}, not believable ({})", reasons()),
+        other => other.words(),
+    }
+}
+
+/// A note that says more than the outcome does.
+fn own_note(note: &Option<String>) -> &str {
+    let is_said =
+        |text: &str| [Note::NoneFeasible, Note::NoContact].iter().any(|said| said.to_string() == text);
+    note.as_deref().filter(|text| !is_said(text)).unwrap_or_default()
+}
+
+fn line(
+    [scene, variant]: [&str; 2],
+    [words, note]: [&str; 2],
+    [reward, kinematic, behavior]: [f64; 3],
+    seconds: Option<f64>,
+) -> String {
+    let note = if note.is_empty() { String::new() } else { format!("; {note}") };
+    format!(
+        "{} {}: {words}; R_adv {reward:.2}, P_kin {kinematic:.2}, P_beh {behavior:.2}{note} ({})",
+        terminal::escaped_name(scene),
+        terminal::escaped_name(variant),
+        seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s)),
+    )
+}

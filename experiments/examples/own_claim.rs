@@ -1,7 +1,7 @@
 //! `sage` with a claim of your own: which single mixture is safest for a preference that nobody knows.
 //!
 //! ```sh
-//! cargo run --release -p experiments --example own_claim -- theory --only T1,safest --report theory/
+//! cargo run --release -p experiments --example own_claim -- theory --only T1,safest --out theory/
 //! ```
 
 use std::process::ExitCode;

@@ -4,6 +4,7 @@ mod attacking;
 mod avoiding;
 mod converting;
 mod driving;
+mod help;
 mod learning;
 mod mixing;
 mod reading;
@@ -16,12 +17,13 @@ mod training;
 use std::path::PathBuf;
 
 use clap::{
-    Args, Parser, Subcommand, ValueEnum,
+    Args, CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum,
     builder::{PossibleValuesParser, TypedValueParser},
 };
 use sage_core::objective::Convention;
 use sage_data::procedural::Kind;
 
+use self::help::{OUTPUT, PICTURE, RUN, SCENE, SCORE};
 use crate::part::PolicyParts;
 
 pub(crate) use attacking::{AttackArgs, CalibrateArgs, DatasetFormat, ExplainArgs, GenerateArgs, Values};
@@ -57,7 +59,7 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     Demo(DemoArgs),
-    /// List rewards, feasibility rules, objectives, backbones, mergers, generators, driving policies and claims.
+    /// List generators, mergers, rewards, objectives, driving policies and all other parts.
     #[command(after_help = "Example:\n  sage list --json")]
     List {
         /// Print one JSON object per line.
@@ -90,9 +92,12 @@ pub(crate) enum Command {
     )]
     Analyse(AnalyseCommand),
     /// Run a study, or another benchmark.
-    #[command(
-        after_help = "Examples:\n  sage bench list\n  sage bench open-loop scenes/ --method sage,log --lambda 1 --out table/\n  sage bench my-study.yaml scenes/ --set lambda=0:1:0.1 --out mine/\n  sage bench report table/ --wide --out again/"
-    )]
+    #[command(after_help = "\
+Examples:
+  sage bench list
+  sage bench open-loop scenes/ --method sage,log --lambda 1 --out table/
+  sage bench my-study.yaml scenes/ --set lambda=0:1:0.1 --out mine/
+  sage bench report table/ --wide --out again/")]
     Bench(Box<BenchArgs>),
     /// Print a completion script for a shell.
     #[command(
@@ -124,32 +129,36 @@ pub(crate) struct DemoArgs {
 
 /// Summarise scenes and warn about unusual data.
 ///
-/// PATH is a scene file (MetaDrive or ScenarioNet pickle, or native file), a shard of the Waymo Open Motion
-/// Dataset (TFRecord), a record of it (SHARD#3), a pipe (-), or a folder of files and shards. Rows go to stdout. With --json the totals at the end go to stderr.
+/// PATH is a scene file (MetaDrive or ScenarioNet pickle, or native file), a TFRecord file of the Waymo Open
+/// Motion Dataset, a record of it (FILE#3), a pipe (-), or a folder of such files. Rows go to stdout. With
+/// --json the totals at the end go to stderr.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage inspect scenes/\n  sage inspect scenes/ --json | jq 'select(.warnings != [])'\n  sage inspect scenes/0.pkl --tracks\n  sage inspect validation.tfrecord-00000-of-00150"
-)]
+#[command(after_help = "\
+Examples:
+  sage inspect scenes/
+  sage inspect scenes/ --json | jq 'select(.warnings != [])'
+  sage inspect scenes/0.pkl --tracks
+  sage inspect validation.tfrecord-00000-of-00150")]
 pub(crate) struct InspectArgs {
     /// Scene files and folders.
     #[arg(required = true, value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     /// Print one JSON object per line.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     /// Also list the tracks of each scene.
-    #[arg(long, conflicts_with = "json")]
+    #[arg(long, help_heading = OUTPUT, conflicts_with = "json")]
     pub tracks: bool,
     /// Print all columns.
-    #[arg(long, conflicts_with = "json")]
+    #[arg(long, help_heading = OUTPUT, conflicts_with = "json")]
     pub wide: bool,
     #[command(flatten)]
     pub reading: ReadingArgs,
 }
 
-/// Score candidate trajectories of the adversary: reward, penalties, feasibility, criticality.
+/// Score candidate trajectories of the adversary.
 ///
-/// The candidates are a JSON list of {"name", "trajectory": [[x, y] × 80], "ego": optional
+/// Prints reward, penalties, feasibility and criticality of each. The candidates are a JSON list of {"name", "trajectory": [[x, y] × 80], "ego": optional
 /// [[x, y] or [x, y, heading]] × 80}: frames 11 to 90 at 10 Hz, metres, radians, world frame. Without
 /// "ego" the logged ego path is used.
 #[derive(Debug, Args)]
@@ -160,30 +169,30 @@ pub(crate) struct ScoreArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// JSON file of candidates, or a row of `sage generate`; - for standard input.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = SCORE, value_name = "FILE")]
     pub candidates: PathBuf,
     /// Convention of the formulas: as in the paper, or as in the published code.
-    #[arg(long, value_enum, default_value_t = ConventionArg::Paper)]
+    #[arg(long, help_heading = SCORE, value_enum, default_value_t = ConventionArg::Paper)]
     pub convention: ConventionArg,
     /// Sizes of ego and adversary: from the log, or from the published simulator's vehicle classes.
-    #[arg(long, value_enum, default_value_t = SizesArg::Logged)]
+    #[arg(long, help_heading = SCORE, value_enum, default_value_t = SizesArg::Logged)]
     pub sizes: SizesArg,
     /// Start of the simulator's cycle of vehicle classes, 0 to 5 (the simulator draws it for each scene).
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..6))]
+    #[arg(long, help_heading = SCORE, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..6))]
     pub class_cycle: u8,
     /// Use this track as the ego.
-    #[arg(long, value_name = "ID")]
+    #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub ego: Option<String>,
     /// Use this track as the adversary.
-    #[arg(long, value_name = "ID")]
+    #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub adversary: Option<String>,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = SCORE)]
     pub avoidable: AvoidableArgs,
     /// Print one JSON object per line.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     /// Print all columns.
-    #[arg(long, conflicts_with = "json")]
+    #[arg(long, help_heading = OUTPUT, conflicts_with = "json")]
     pub wide: bool,
     #[command(flatten)]
     pub reading: ReadingArgs,
@@ -199,25 +208,25 @@ pub(crate) struct DrawArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// SVG file to write; - for standard output.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = OUTPUT, value_name = "FILE")]
     pub out: PathBuf,
     /// JSON file of candidates, in the format of `sage score`, or a row of `sage generate`.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = PICTURE, value_name = "FILE")]
     pub candidates: Option<PathBuf>,
     /// Frame at which boxes are drawn (default: 10, which is now).
-    #[arg(long, value_name = "N")]
+    #[arg(long, help_heading = PICTURE, value_name = "N")]
     pub frame: Option<usize>,
     /// Draw the whole map, not only the surroundings of ego and adversary.
-    #[arg(long)]
+    #[arg(long, help_heading = PICTURE)]
     pub whole_map: bool,
     /// Use this track as the ego.
-    #[arg(long, value_name = "ID")]
+    #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub ego: Option<String>,
     /// Use this track as the adversary.
-    #[arg(long, value_name = "ID")]
+    #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub adversary: Option<String>,
     /// Overwrite an existing file.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub force: bool,
     #[command(flatten)]
     pub reading: ReadingArgs,
@@ -228,27 +237,27 @@ pub(crate) struct DrawArgs {
 /// Needs no data: roads and traffic are generated too. The same seed and number always give the same scene,
 /// whatever the other scenes and the number of threads are.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage scenes --kind four-way --kind roundabout --count 20 --seed 1 --out procedural/"
-)]
+#[command(after_help = "\
+Example:
+  sage scenes --kind four-way --kind roundabout --count 20 --out procedural/")]
 pub(crate) struct ScenesArgs {
     /// Kind of scene (default: all); repeat the option for several kinds in turn.
-    #[arg(long, value_name = "KIND", value_parser = kinds())]
+    #[arg(long, help_heading = SCENE, value_name = "KIND", value_parser = kinds())]
     pub kind: Vec<Kind>,
     /// Number of scenes.
-    #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u64).range(..=MOST_COUNT))]
+    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u64).range(..=MOST_COUNT))]
     pub count: u64,
     /// Seed of the scenes.
-    #[arg(long, value_name = "S", default_value_t = 1)]
+    #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 1)]
     pub seed: u64,
     /// Output folder.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, help_heading = OUTPUT, value_name = "DIR")]
     pub out: PathBuf,
     /// Output format.
-    #[arg(long, value_enum, default_value_t = Format::Native)]
+    #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = Format::Native)]
     pub format: Format,
     /// Write into a folder that is not empty.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub force: bool,
 }
 
@@ -322,9 +331,10 @@ pub(crate) enum BenchCommand {
 /// allows, and `ratio` is median / target. If Python with numpy is installed, its
 /// pickle.loads is timed in the same run.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage bench speed --data target/data/womd_cat500 --json\n  sage bench speed --data scenes/ --ego constant --ego 'cmd:python3 my_planner.py'"
-)]
+#[command(after_help = "\
+Example:
+  sage bench speed --data scenes/ --json
+  sage bench speed --ego constant --ego 'cmd:python3 my_planner.py'")]
 pub(crate) struct SpeedArgs {
     /// Folder of scenes (default: one built-in scene).
     #[arg(long, value_name = "DIR")]
@@ -343,6 +353,7 @@ pub(crate) struct SpeedArgs {
 
 /// Output folder of a command that writes several files.
 #[derive(Clone, Debug, Args)]
+#[command(next_help_heading = OUTPUT)]
 pub(crate) struct FolderArgs {
     /// Output folder.
     #[arg(long, value_name = "DIR")]
@@ -354,6 +365,7 @@ pub(crate) struct FolderArgs {
 
 /// Filters of the given scenes.
 #[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = SCENE)]
 pub(crate) struct SplitArgs {
     /// JSON file of splits: an object of split names with lists of scene names.
     #[arg(long, value_name = "FILE")]
@@ -380,6 +392,20 @@ fn number(text: &str) -> std::result::Result<f64, String> {
 }
 
 impl Cli {
+    /// The command line with its help texts.
+    pub(crate) fn described() -> clap::Command {
+        help::arranged(Self::command())
+    }
+
+    /// Reads the arguments of this process.
+    ///
+    /// *Errors*: wrong usage, or help or the version is asked for.
+    pub(crate) fn read() -> std::result::Result<Self, clap::Error> {
+        let mut command = Self::described();
+        let mut matches = command.try_get_matches_from_mut(std::env::args_os())?;
+        Self::from_arg_matches_mut(&mut matches).map_err(|error| error.format(&mut command))
+    }
+
     /// True if the command evaluates networks or computes with their weights.
     pub(crate) fn needs_networks(&self) -> bool {
         matches!(

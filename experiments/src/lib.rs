@@ -47,7 +47,6 @@ mod threads;
 use std::{io, process::ExitCode};
 
 use anyhow::Result;
-use clap::Parser;
 use sage_core::Error;
 
 pub use cli::Cli;
@@ -68,7 +67,7 @@ pub enum Outcome {
 
 /// Runs the command line of this process. Exit codes: 0 success, 1 failure, 2 wrong usage.
 pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match Cli::read() {
         Ok(cli) => cli,
         Err(error) => return print_usage(&error),
     };

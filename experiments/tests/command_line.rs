@@ -10,6 +10,7 @@ use std::{
     process::{Command, Output, Stdio},
 };
 
+use clap::CommandFactory;
 use insta::assert_snapshot;
 use program::{messages, redacted};
 use serde_json::Value;
@@ -210,25 +211,37 @@ fn the_registries_are_listed() {
     assert_snapshot!("list", stdout(&sage(&["list"])));
 }
 
-/// Commands of a help text.
-fn commands(help: &str) -> Vec<&str> {
-    let list = help.split_once("\nCommands:\n").map_or("", |(_, after)| after);
-    let lines = list.lines().take_while(|line| line.starts_with("  "));
-    let names = lines.filter_map(|line| line.split_whitespace().next().filter(|_| !line.starts_with("   ")));
-    names.filter(|name| *name != "help").collect()
+/// Words of every command, `sage` itself included.
+fn commands() -> Vec<Vec<String>> {
+    let mut open = vec![(Vec::new(), experiments::Cli::command())];
+    let mut found = Vec::new();
+    while let Some((words, command)) = open.pop() {
+        let under = |sub: &clap::Command| ([&words[..], &[sub.get_name().to_owned()]].concat(), sub.clone());
+        open.extend(command.get_subcommands().map(under));
+        found.push(words);
+    }
+    found
+}
+
+/// A help text in a terminal of some width, as far as COLUMNS says.
+fn help(words: &[&str], columns: &str) -> String {
+    let run = Command::new(env!("CARGO_BIN_EXE_sage")).args(words).env("COLUMNS", columns).output().unwrap();
+    assert!(run.status.success(), "{words:?}: {}", stderr(&run));
+    stdout(&run).to_owned()
 }
 
 #[test]
-fn every_command_has_a_help_text() {
-    let mut open = vec![Vec::<String>::new()];
-    while let Some(command) = open.pop() {
+fn every_command_has_a_help_text_of_at_most_100_columns() {
+    let all = commands();
+    assert!(all.len() > 25, "{all:?}");
+    for command in &all {
         let words: Vec<&str> = command.iter().map(String::as_str).collect();
-        let help = sage(&[&words[..], &["--help"]].concat());
-        assert!(help.status.success(), "{words:?}: {}", stderr(&help));
-        assert_snapshot!(format!("help_{}", [&["sage"], &words[..]].concat().join("_")), stdout(&help));
-        open.extend(
-            commands(stdout(&help)).iter().map(|name| [&command[..], &[(*name).to_owned()]].concat()),
-        );
+        let [long, short] = ["--help", "-h"].map(|option| help(&[&words[..], &[option]].concat(), "300"));
+        for line in long.lines().chain(short.lines()) {
+            assert!(line.chars().count() <= 100, "{words:?}: {line}");
+        }
+        assert_eq!(help(&[&["help"], &words[..]].concat(), "100"), long, "{words:?}");
+        assert_snapshot!(format!("help_{}", [&["sage"], &words[..]].concat().join("_")), long);
     }
 }
 

@@ -135,7 +135,7 @@ fn generate_says_what_is_wrong_and_goes_on_with_the_other_scenes() {
     let error = failure(&[&["generate", text(&scenes), "--out", text(&out)][..], &WEIGHTS].concat());
     assert_snapshot!(redacted(&error), @r"
     note: weights `procedural` (network densetnt)
-    error: `[folder]/scenes/b.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo shard
+    error: `[folder]/scenes/b.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo TFRecord file
     2 scenes, 2 attacks in `[folder]/out` ([time])
     1 of 3 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again
     ");

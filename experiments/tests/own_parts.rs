@@ -341,7 +341,7 @@ fn a_claim_is_checked_with_its_injected_faults_and_has_a_section_of_the_page() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("page");
     let theory = ["theory", "--only", "safest", "--instances", "100", "--json"];
-    let row = rows(&run(&program, &[&theory[..], &["--report", text(&out)]].concat())).remove(0);
+    let row = rows(&run(&program, &[&theory[..], &["--out", text(&out)]].concat())).remove(0);
     assert_eq!((&row["verdict"], &row["report"]["violations"]), (&Value::from("holds"), &Value::from(0)));
     let page = std::fs::read_to_string(out.join("theory.md")).unwrap();
     assert!(page.contains("## safest: equal curvature") && page.contains("| safest | λ = 1 | caught |"));

@@ -109,7 +109,8 @@ fn a_shard_becomes_a_data_set_and_the_same_shard_again() {
         assert!(scene == pickle.scene && scene == native.scene, "{id}");
     }
     // The order of the records is that of the files' names.
-    convert(&at("native"), "womd", &at("again"), &["--shard-size", "2"]);
+    convert(&at("native"), "womd", &at("again"), &["--scenes-per-file", "2"]);
+    convert(&at("native"), "womd", &at("former"), &["--shard-size", "2"]);
     let again: Vec<PathBuf> = folder::scene_files(&at("again")).unwrap();
     assert_eq!(again.len(), 5);
     assert!(at("again/scenes.tfrecord-00002-of-00003").is_file());
@@ -295,7 +296,7 @@ fn options_of_other_formats_are_refused() {
     let wrong = [
         ["--to", "native", "--standard", "1.1"],
         ["--to", "womd", "--ego", "controller"],
-        ["--to", "pickle", "--shard-size", "3"],
+        ["--to", "pickle", "--scenes-per-file", "3"],
         ["--to", "womd", "--shard", "1/2"],
     ];
     let refused = |more: &[&str]| failure(&[&["convert", &scene, "--out", "never"], more].concat());

@@ -195,7 +195,7 @@ fn a_scene_that_fails_is_named_and_the_others_go_on() {
     let output = sage(&arguments);
     assert_eq!(output.status.code(), Some(1));
     assert_snapshot!(redacted(stderr(&output)), @r"
-    error: `[folder]/scenes/broken.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo shard
+    error: `[folder]/scenes/broken.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo TFRecord file
     7 scenes, 14 drives in `[folder]/out` ([time])
     to watch, open `[folder]/out/index.html` in a browser
     1 of 8 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again

@@ -72,7 +72,7 @@ const MAGIC: [(&[u8], &str, &str); 17] = [
 const CONVERT: &str = "convert it with ScenarioNet, and give the .pkl files that it writes";
 const UNPACK: &str = "unpack it, and give the files or the folder";
 const DECOMPRESS: &str = "decompress it first";
-const GIVE_SCENE: &str = "give a scene file: .pkl, .safetensors or a Waymo shard";
+const GIVE_SCENE: &str = "give a scene file: .pkl, .safetensors or a Waymo TFRecord file";
 const GIVE_FOLDER: &str = "give the folder that it is in, or a scene file of that folder";
 
 /// The format of a file whose first bytes are those of no other format.
@@ -155,7 +155,7 @@ fn of_json(body: &[u8]) -> Foreign {
     if has(b"\"objects\"") && has(b"\"position\"") && (has(b"\"scenario_id\"") || has(b"\"name\"")) {
         return found(
             "a scene of GPUDrive (JSON)",
-            "give the Waymo shard or the ScenarioNet .pkl file that it was made from",
+            "give the Waymo TFRecord file or the ScenarioNet .pkl file that it was made from",
         );
     }
     if has(b"\"drivable_areas\"") || has(b"\"lane_segments\"") {
@@ -201,7 +201,7 @@ pub(crate) fn of_document(document: &Document) -> Option<Foreign> {
         return None;
     }
     if has(root, &["track_infos"]) && has(root, &["map_infos"]) {
-        return found("a preprocessed scene of MTR", "give the Waymo shard that it was made from");
+        return found("a preprocessed scene of MTR", "give the Waymo TFRecord file that it was made from");
     }
     let first = &entries[..entries.len().min(ENTRIES)];
     let all = |is: &dyn Fn(Id, Id) -> bool| !first.is_empty() && first.iter().all(|(k, v)| is(*k, *v));

@@ -81,7 +81,7 @@ pub fn run(data: &Data, repeat: u32, mut report: impl FnMut(Timing) -> Result<()
             (start.elapsed(), recording)
         })
     };
-    report(timing("record of a shard to checked scene, one scene", read(record, &scenario), None))?;
+    report(timing("record of a TFRecord file to checked scene, one scene", read(record, &scenario), None))?;
     let native = read(scene, &recording.to_native()?);
     report(timing("native file to checked scene, one scene", native, Some(0.4)))?;
 

@@ -13,6 +13,7 @@ use super::{
     FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
     avoiding::{AvoidableArgs, seconds},
     converting::{ego_modes, standards},
+    help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION},
     number,
     reading::ReadingArgs,
 };
@@ -23,9 +24,9 @@ use crate::{
 
 /// Generate adversarial scenes: replace the adversary's future and keep everything else.
 ///
-/// SCENE is a scene file (MetaDrive or ScenarioNet pickle, or native file), a shard of the Waymo Open Motion
-/// Dataset, a record of it (SHARD#3), or a folder of files and shards. Each scene is
-/// attacked at each operating point that --lambda, --aggression or --mix gives (default: lambda 1).
+/// SCENE is a scene file (MetaDrive or ScenarioNet pickle, or native file), a TFRecord file of the Waymo Open
+/// Motion Dataset, a record of it (FILE#3), or a folder of such files. Each scene is attacked at each operating
+/// point that --lambda, --aggression or --mix gives (default: lambda 1).
 ///
 /// At the end a table says how often each operating point attacks and why it does not, and `index.html` lists all
 /// scenes: each has a page that plays its attacks and a picture (SVG). The output folder is a data set that MetaDrive
@@ -36,49 +37,53 @@ use crate::{
 /// command resumes an interrupted run, and --force starts again. If a scene fails, the error is printed and
 /// the other scenes continue.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage generate examples/crossing.pkl --lambda 1 --out attacked/\n  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json\n  sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/\n  sage generate scenes/ --lambda 1 --react 1.5 --out late/\n  sage generate scenes/0.pkl --ego path:drive.json --lambda 1 --out against-my-planner/"
-)]
+#[command(after_help = "\
+Examples:
+  sage generate examples/crossing.pkl --lambda 1 --out attacked/
+  sage generate scenes/ --method sage --lambda 0:1:0.25 --out sweep/ --json
+  sage generate scenes/ --lambda 1 --shard 2/8 --out dataset/
+  sage generate scenes/ --lambda 1 --react 1.5 --out late/
+  sage generate scenes/0.pkl --ego path:drive.json --lambda 1 --out against-it/")]
 pub(crate) struct GenerateArgs {
-    /// Scene file, shard, record (SHARD#3), or folder of them.
+    /// Scene file, TFRecord file, record (FILE#3), or folder of them.
     pub scene: PathBuf,
     /// Generator, by its name in `sage list`.
-    #[arg(long, value_name = "NAME", default_value = "sage")]
+    #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "sage")]
     pub method: Part,
     #[command(flatten)]
     pub attack: AttackArgs,
     /// Policy that drives the ego before the attack, by its name in `sage list`; path:FILE, a drive of your own
     /// planner (JSON, [x, y, heading] for each frame); or 'cmd:COMMAND', your own planner as a program. The attack is
     /// planned against this drive, which also replaces the ego's recording in the written scenes.
-    #[arg(long, value_name = "POLICY", default_value = "replay")]
+    #[arg(long, help_heading = DRIVER, value_name = "POLICY", default_value = "replay")]
     pub ego: PolicyPart,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// Time to react, seconds: choose the most adversarial candidate that a reaction this long before the contact
     /// avoids and no later one (within 0.25 s), else the nearest, with a note. More candidates hold more late and
     /// early ones: --options '{"candidates": 384, "apart": 2}'.
-    #[arg(long, value_name = "T", value_parser = seconds)]
+    #[arg(long, help_heading = SELECTION, value_name = "T", value_parser = seconds)]
     pub react: Option<f64>,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = SELECTION)]
     pub avoidable: AvoidableArgs,
     /// Print one JSON object per scene and operating point.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     /// Print no line per attack, only the table at the end.
-    #[arg(long, conflicts_with = "json")]
+    #[arg(long, help_heading = OUTPUT, conflicts_with = "json")]
     pub quiet: bool,
     /// Format of the written scenes.
-    #[arg(long, value_enum, default_value_t = DatasetFormat::Pickle)]
+    #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = DatasetFormat::Pickle)]
     pub format: DatasetFormat,
     /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
-    #[arg(long, value_name = "VERSION", value_parser = standards())]
+    #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
     pub standard: Option<Standard>,
     /// Who drives the ego with --format openscenario: the recording, or an external controller that gets a start
     /// speed and a route (default: replay).
-    #[arg(long, value_name = "WHO", value_parser = ego_modes())]
+    #[arg(long, help_heading = OUTPUT, value_name = "WHO", value_parser = ego_modes())]
     pub scenario_ego: Option<EgoMode>,
     /// Attack only the scenes of shard K of N. Several machines can write all shards into one folder.
-    #[arg(long, value_name = "K/N")]
+    #[arg(long, help_heading = RUN, value_name = "K/N")]
     pub shard: Option<Shard>,
     #[command(flatten)]
     pub folder: FolderArgs,
@@ -93,29 +98,31 @@ pub(crate) struct GenerateArgs {
 /// (default: lambda 0 to 1 in quarters) it says how many candidates touch the ego, which of them are feasible and believable
 /// and why the others are not, and what the selection makes of the best ones: its value is the sum of the columns to its right.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage explain examples/crossing.pkl\n  sage explain scenes/7.pkl --lambda 1 --svg 7.svg\n  sage explain attacked/7-lambda1.00.json --json | jq .outcome"
-)]
+#[command(after_help = "\
+Examples:
+  sage explain examples/crossing.pkl
+  sage explain scenes/7.pkl --lambda 1 --svg 7.svg
+  sage explain attacked/7-lambda1.00.json --json | jq .outcome")]
 pub(crate) struct ExplainArgs {
-    /// Scene file, record (SHARD#3), or row.
+    /// Scene file, record (FILE#3), or row.
     #[arg(value_name = "SCENE|ROW")]
     pub scene: PathBuf,
     /// Generator, by its name in `sage list`.
-    #[arg(long, value_name = "NAME", default_value = "sage")]
+    #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "sage")]
     pub method: Part,
     #[command(flatten)]
     pub attack: AttackArgs,
     /// The scene that a row is of, if the row names no scene file beside it.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = SCENE, value_name = "FILE")]
     pub of: Option<PathBuf>,
     /// Also draw the candidates, by what they do, at the last operating point.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = OUTPUT, value_name = "FILE")]
     pub svg: Option<PathBuf>,
     /// Overwrite an existing SVG file.
-    #[arg(long, requires = "svg")]
+    #[arg(long, help_heading = OUTPUT, requires = "svg")]
     pub force: bool,
     /// Print one JSON object per operating point.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     #[command(flatten)]
     pub reading: ReadingArgs,
@@ -123,6 +130,7 @@ pub(crate) struct ExplainArgs {
 
 /// How to attack a scene, besides the generator.
 #[derive(Clone, Debug, Args)]
+#[command(next_help_heading = ATTACK)]
 pub(crate) struct AttackArgs {
     /// Options of the generator as JSON, such as '{"candidates": 64}'; `sage list` shows them. The same as
     /// --method 'sage{"candidates": 64}'.
@@ -131,19 +139,19 @@ pub(crate) struct AttackArgs {
     #[command(flatten)]
     pub points: OperatingPointArgs,
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "natural")]
+    #[arg(long, help_heading = SELECTION, value_name = "NAME", default_value = "natural")]
     pub selection: String,
-    #[command(flatten)]
-    pub rule: FeasibilityArgs,
     /// Use this track as the adversary.
-    #[arg(long, value_name = "ID")]
+    #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub adversary: Option<String>,
     /// Weights of the experts: procedural, waymo, waymo-paper or a folder (default: procedural).
     #[arg(long, value_name = "NAME")]
     pub weights: Option<String>,
     /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
+    #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
     pub seed: u64,
+    #[command(flatten)]
+    pub rule: FeasibilityArgs,
 }
 
 impl AttackArgs {
@@ -180,15 +188,16 @@ pub(crate) enum DatasetFormat {
     Openscenario,
 }
 
-/// Fit the aggression dial of a set of experts, so that the rate of attacks rises linearly.
+/// Fit the aggression dial of experts, so that the rate of attacks rises linearly.
 ///
 /// At aggression a, lambda is a. The fit finds the weight mu of the selection at eleven aggressions from 0 to
 /// 1, for each --selection. `--aggression` of other commands reads the result as `dial.json` in the folder of
 /// the experts. Use scenes that the experts were not fine-tuned on.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage calibrate scenes/ dev-scenes/ --splits docs/results/splits.json --without-split train --weights experts/ --out experts/dial.json"
-)]
+#[command(after_help = "\
+Example:
+  sage calibrate scenes/ --splits splits.json --without-split train \\
+      --weights experts/ --out experts/dial.json")]
 pub(crate) struct CalibrateArgs {
     /// Scene files and folders (default: procedural scenes).
     #[arg(value_name = "PATH")]
@@ -196,30 +205,30 @@ pub(crate) struct CalibrateArgs {
     #[command(flatten)]
     pub split: SplitArgs,
     /// Number of procedural scenes if no PATH is given.
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
+    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
     /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Comma-separated objectives to fit a dial for: names in `sage list`, or JSON files.
-    #[arg(long, value_name = "NAMES", value_delimiter = ',', default_value = "natural,paper-selection")]
+    #[arg(long, help_heading = SELECTION, value_name = "NAMES", value_delimiter = ',', default_value = "natural,paper-selection")]
     pub selection: Vec<String>,
     /// Rate that rises linearly: all attacks, or believable ones (default: believable; attack for a selection
     /// under the paper's feasibility rule).
-    #[arg(long, value_enum, value_name = "NAME")]
+    #[arg(long, help_heading = SELECTION, value_enum, value_name = "NAME")]
     pub rate: Option<RateArg>,
     #[command(flatten)]
     pub rule: FeasibilityArgs,
     #[command(flatten)]
     pub merging: MergerArgs,
     /// Seed of candidates and of procedural scenes.
-    #[arg(long, value_name = "S", default_value_t = 0)]
+    #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     /// JSON file to write.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = OUTPUT, value_name = "FILE")]
     pub out: PathBuf,
     /// Overwrite an existing file.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub force: bool,
 }
 
@@ -241,31 +250,9 @@ impl From<RateArg> for Rate {
     }
 }
 
-/// What a comparison runs on: scenes, experts and selection, and the folder of its results.
-#[derive(Debug, Args)]
-pub(crate) struct ComparisonArgs {
-    /// Scene files and folders.
-    #[arg(required = true, value_name = "PATH")]
-    pub paths: Vec<PathBuf>,
-    #[command(flatten)]
-    pub split: SplitArgs,
-    /// Weights of the experts, with their dial if one is used: procedural, waymo, waymo-paper or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
-    pub weights: String,
-    /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "natural")]
-    pub selection: String,
-    #[command(flatten)]
-    pub rule: FeasibilityArgs,
-    /// Seed of random numbers.
-    #[arg(long, value_name = "S", default_value_t = 0)]
-    pub seed: u64,
-    #[command(flatten)]
-    pub folder: FolderArgs,
-}
-
 /// Operating points of a command.
 #[derive(Clone, Debug, Args)]
+#[command(next_help_heading = ATTACK)]
 pub(crate) struct OperatingPointArgs {
     /// Interpolation weight lambda: 0 is the realistic expert, 1 the adversarial one. A number, a
     /// comma-separated list, or FROM:TO:STEP.
@@ -288,6 +275,7 @@ pub(crate) struct OperatingPointArgs {
 
 /// Merger of a command that mixes experts.
 #[derive(Clone, Debug, Args)]
+#[command(next_help_heading = ATTACK)]
 pub(crate) struct MergerArgs {
     /// Merger of the experts, by its name in `sage list`; with options as NAME{"option": value}.
     #[arg(long, value_name = "NAME", default_value = "linear")]
@@ -330,6 +318,7 @@ fn mix(text: &str) -> std::result::Result<Mix, String> {
 
 /// Feasibility rule of a command that selects candidates.
 #[derive(Clone, Debug, Args)]
+#[command(next_help_heading = SELECTION)]
 pub(crate) struct FeasibilityArgs {
     /// Feasibility rule, by its name in `sage list`, instead of the rule of the selection; with options as
     /// NAME{"option": value}.

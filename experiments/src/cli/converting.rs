@@ -12,43 +12,50 @@ use sage_data::{
     openscenario::{EgoMode, Standard, UnknownName},
 };
 
-use super::{FolderArgs, reading::ReadingArgs};
+use super::{
+    FolderArgs,
+    help::{OUTPUT, RUN},
+    reading::ReadingArgs,
+};
 
-/// Default number of scenes of a shard: about 0.5 GB.
-const SHARD_SIZE: usize = 500;
+/// Default number of scenes of a TFRecord file: about 0.5 GB.
+const SCENES_PER_FILE: usize = 500;
 
 /// Convert scenes between formats, on all cores.
 ///
-/// PATH is a scene file, a shard of the Waymo Open Motion Dataset (TFRecord, also gzip), a record of a shard
-/// (SHARD#3 or SHARD#ID), a pipe (-), or a folder of files and shards.
+/// PATH is a scene file, a TFRecord file of the Waymo Open Motion Dataset (also gzip), a record of it (FILE#3 or
+/// FILE#ID), a pipe (-), or a folder of such files.
 ///
 /// A converted file keeps its name and the folder structure; a record becomes a file named by the id of its
 /// scene. With --to pickle, records become a data set that MetaDrive opens. The same command resumes an
 /// interrupted run. docs/formats.md lists what each format keeps.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage convert scenes/ --to native --out native/\n  sage convert validation.tfrecord-00000-of-00150 --to pickle --out dataset/\n  sage convert scenes/ --to womd --out shards/\n  sage convert scenes/0.pkl --to openscenario --ego controller --out scenarios/"
-)]
+#[command(after_help = "\
+Examples:
+  sage convert scenes/ --to native --out native/
+  sage convert validation.tfrecord-00000-of-00150 --to pickle --out dataset/
+  sage convert scenes/ --to womd --out tfrecords/
+  sage convert scenes/0.pkl --to openscenario --ego controller --out scenarios/")]
 pub(crate) struct ConvertArgs {
-    /// Scene files, shards, records and folders.
+    /// Scene files, TFRecord files, records and folders.
     #[arg(required = true, value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     /// Output format.
-    #[arg(long, value_enum)]
+    #[arg(long, help_heading = OUTPUT, value_enum)]
     pub to: ConvertFormat,
     /// Version of OpenSCENARIO with --to openscenario (default: 1.2).
-    #[arg(long, value_name = "VERSION", value_parser = standards())]
+    #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
     pub standard: Option<Standard>,
     /// Who drives the ego with --to openscenario: the recording, or an external controller that gets a start
     /// speed and a route (default: replay).
-    #[arg(long, value_name = "WHO", value_parser = ego_modes())]
+    #[arg(long, help_heading = OUTPUT, value_name = "WHO", value_parser = ego_modes())]
     pub ego: Option<EgoMode>,
-    /// Scenes per shard with --to womd (default: 500).
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    shard_size: Option<u32>,
-    /// Convert only the scenes of part K of N. Several machines can write all parts into one folder. Not with
+    /// Scenes in each TFRecord file with --to womd (default: 500).
+    #[arg(long, alias = "shard-size", help_heading = OUTPUT, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    scenes_per_file: Option<u32>,
+    /// Convert only the scenes of shard K of N. Several machines can write all shards into one folder. Not with
     /// --to womd.
-    #[arg(long, value_name = "K/N")]
+    #[arg(long, help_heading = RUN, value_name = "K/N")]
     pub shard: Option<Shard>,
     #[command(flatten)]
     pub reading: ReadingArgs,
@@ -57,9 +64,9 @@ pub(crate) struct ConvertArgs {
 }
 
 impl ConvertArgs {
-    /// Scenes per shard.
-    pub(crate) fn shard_size(&self) -> usize {
-        self.shard_size.map_or(SHARD_SIZE, |size| size as usize)
+    /// Scenes in each TFRecord file.
+    pub(crate) fn scenes_per_file(&self) -> usize {
+        self.scenes_per_file.map_or(SCENES_PER_FILE, |count| count as usize)
     }
 
     /// Refuses options that the output format does not have.
@@ -67,11 +74,11 @@ impl ConvertArgs {
     /// *Errors*: the first such option.
     pub(crate) fn check(&self) -> Result<()> {
         let is_womd = matches!(self.to, ConvertFormat::Womd);
-        if self.shard_size.is_some() && !is_womd {
-            bail!("--shard-size needs --to womd");
+        if self.scenes_per_file.is_some() && !is_womd {
+            bail!("--scenes-per-file needs --to womd");
         }
         if self.shard.is_some() && is_womd {
-            bail!("--shard is not for --to womd, whose shards have --shard-size scenes");
+            bail!("--shard is not for --to womd, whose files have --scenes-per-file scenes");
         }
         let is_scenario = matches!(self.to, ConvertFormat::Openscenario);
         let given = [("--standard", self.standard.is_some()), ("--ego", self.ego.is_some())];
@@ -89,7 +96,7 @@ pub(crate) enum ConvertFormat {
     Native,
     /// Pickle for MetaDrive and ScenarioNet.
     Pickle,
-    /// Shards of the Waymo Open Motion Dataset: TFRecord files of Scenario protos.
+    /// TFRecord files of Scenario protos, as in the Waymo Open Motion Dataset.
     Womd,
     /// OpenSCENARIO XML with an OpenDRIVE map, for simulators.
     Openscenario,

@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{AttackArgs, FolderArgs, ReadingArgs};
+use super::{
+    AttackArgs, FolderArgs, ReadingArgs,
+    help::{ATTACK, DRIVER, OUTPUT},
+};
 use crate::part::{Part, PolicyPart, PolicyParts};
 
 /// Drive scenes with policies, with or without an attack, and watch the drives.
@@ -24,32 +27,38 @@ use crate::part::{Part, PolicyPart, PolicyParts};
 /// Scenes run in parallel. The files of a finished scene stay, so the same command resumes an interrupted run,
 /// and --force starts again. If a scene fails, the error is printed and the other scenes continue.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage simulate examples/crossing.pkl --ego replay,idm,expert --method sage --lambda 0,0.5,1 --out drives/\n  sage simulate scenes/ --ego idm --json --out drives/\n  sage simulate scene.pkl --attack attacked/scene-lambda1.json --ego expert --out drives/\n  sage simulate scenes/ --ego idm --ego 'cmd:python3 my_planner.py' --method sage --out drives/"
-)]
+#[command(after_help = "\
+Examples:
+  sage simulate examples/crossing.pkl --ego replay,idm,expert \\
+      --method sage --lambda 0,0.5,1 --out drives/
+  sage simulate scenes/ --ego idm --json --out drives/
+  sage simulate scene.pkl --attack attacked/scene-lambda1.json \\
+      --ego expert --out drives/
+  sage simulate scenes/ --ego idm --ego 'cmd:python3 my_planner.py' \\
+      --method sage --out drives/")]
 pub(crate) struct SimulateArgs {
     /// Scene file, or folder of scene files.
     pub scene: PathBuf,
     /// Comma-separated policies that drive the ego, by their names in `sage list`; path:FILE, a drive of your own
     /// planner; or 'cmd:COMMAND', your own planner as a program, which takes the rest of the text. May be repeated.
-    #[arg(long, value_name = "POLICIES", default_value = "idm")]
+    #[arg(long, help_heading = DRIVER, value_name = "POLICIES", default_value = "idm")]
     pub ego: Vec<PolicyParts>,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// First drive up to ten scenes three times with each planner of --ego 'cmd:COMMAND', in another order and in another
     /// process, and stop if the drives are not the same.
-    #[arg(long)]
+    #[arg(long, help_heading = DRIVER)]
     pub check_planner: bool,
     /// Let the adversary drive this attack on SCENE: a row of `sage generate` (JSON), or an attacked scene.
-    #[arg(long, value_name = "FILE", conflicts_with = "method")]
+    #[arg(long, help_heading = ATTACK, value_name = "FILE", conflicts_with = "method")]
     pub attack: Option<PathBuf>,
     /// Attack the drive of each policy with this generator, by its name in `sage list`.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, help_heading = ATTACK, value_name = "NAME")]
     pub method: Option<Part>,
     #[command(flatten)]
     pub options: AttackArgs,
     /// Print one JSON object per scene, policy and operating point.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     #[command(flatten)]
     pub folder: FolderArgs,
@@ -59,6 +68,7 @@ pub(crate) struct SimulateArgs {
 
 /// Options of planners that are programs.
 #[derive(Debug, Args)]
+#[command(next_help_heading = DRIVER)]
 pub(crate) struct PlannerArgs {
     /// Seconds that a planner of --ego 'cmd:COMMAND' has to answer: START,RESET,STEP for its first message, for that of
     /// a drive and for that of a step, or one number for all (default: 60,20,5).

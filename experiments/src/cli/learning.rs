@@ -5,7 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use sage_backbones::features::EdgeKinds;
 
-use super::{FolderArgs, MOST_PROCEDURAL, ReadingArgs, SplitArgs};
+use super::{
+    FolderArgs, MOST_PROCEDURAL, ReadingArgs, SplitArgs,
+    help::{OUTPUT, PREDICTION, RUN, SCENE, TRAINING},
+};
 
 /// Train a motion prior on recorded or procedural scenes.
 ///
@@ -15,42 +18,43 @@ use super::{FolderArgs, MOST_PROCEDURAL, ReadingArgs, SplitArgs};
 /// written. The same command resumes an interrupted run with bit-identical results. All scenes are held in
 /// memory: about 3 MB each, 8 GiB at most.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage pretrain target/data/womd_cat500/pretrain --dev target/data/womd_cat500/dev --from procedural --out prior/\n  sage pretrain --procedural 1200 --epochs 6 --out procedural-prior/"
-)]
+#[command(after_help = "\
+Examples:
+  sage pretrain scenes/ --dev dev-scenes/ --from procedural --out prior/
+  sage pretrain --procedural 1200 --epochs 6 --out procedural-prior/")]
 pub(crate) struct PretrainArgs {
     /// Scene files and folders for training (default: procedural scenes).
     #[arg(value_name = "PATH")]
     pub paths: Vec<PathBuf>,
     /// Scenes for selecting the best epoch (default: procedural scenes).
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, help_heading = SCENE, value_name = "DIR")]
     pub dev: Option<PathBuf>,
     /// Number of procedural scenes if no PATH is given.
-    #[arg(long, value_name = "N", default_value_t = 1200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
+    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 1200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
     /// Backbone to train, by its name in `sage list`.
-    #[arg(long, value_name = "NAME", default_value = "densetnt")]
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "densetnt")]
     pub backbone: String,
     /// Options of the backbone as JSON, such as '{"hidden": 96}'.
-    #[arg(long, value_name = "JSON")]
+    #[arg(long, help_heading = TRAINING, value_name = "JSON")]
     pub network: Option<String>,
     /// Initial weights: procedural, waymo, waymo-paper, a folder or a file.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, help_heading = TRAINING, value_name = "NAME")]
     pub from: Option<String>,
     /// Number of epochs: passes over the vehicles.
-    #[arg(long, value_name = "N")]
+    #[arg(long, help_heading = TRAINING, value_name = "N")]
     pub epochs: Option<u32>,
     /// Maximum learning rate.
-    #[arg(long, value_name = "X")]
+    #[arg(long, help_heading = TRAINING, value_name = "X")]
     pub rate: Option<f64>,
     /// JSON file of training options; command-line options override it.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = TRAINING, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Seed of the training order and of procedural scenes (default: from --config, else 0).
-    #[arg(long, value_name = "S")]
+    #[arg(long, help_heading = RUN, value_name = "S")]
     pub seed: Option<u64>,
     /// Licence text for the header of the weights.
-    #[arg(long, value_name = "TEXT")]
+    #[arg(long, help_heading = OUTPUT, value_name = "TEXT")]
     pub license: Option<String>,
     #[command(flatten)]
     pub folder: FolderArgs,
@@ -65,9 +69,11 @@ pub(crate) struct PretrainArgs {
 /// their goals: about 12 MB each with three --roles. The output folder holds `prior.safetensors`, a file for each
 /// expert, `finetune.csv` and `run.json`; other commands read it with `--weights`.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage finetune target/data/womd_cat500/pretrain --splits docs/results/splits.json --split train --prior waymo --dev target/data/womd_cat500/dev --out experts/\n  sage finetune --procedural 200 --prior procedural --out procedural-experts/"
-)]
+#[command(after_help = "\
+Examples:
+  sage finetune scenes/ --splits docs/results/splits.json --split train \\
+      --prior waymo --dev dev-scenes/ --out experts/
+  sage finetune --procedural 200 --prior procedural --out procedural-experts/")]
 pub(crate) struct FinetuneArgs {
     /// Scene files and folders for fine-tuning (default: procedural scenes).
     #[arg(value_name = "PATH")]
@@ -75,30 +81,30 @@ pub(crate) struct FinetuneArgs {
     #[command(flatten)]
     pub split: SplitArgs,
     /// Scenes for a report after fine-tuning; not used in it.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, help_heading = SCENE, value_name = "DIR")]
     pub dev: Option<PathBuf>,
     /// Number of procedural scenes if no PATH is given.
-    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
+    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u64).range(..=MOST_PROCEDURAL))]
     pub procedural: u64,
     /// Weights of the prior: procedural, waymo, waymo-paper, a folder or a file; untrained:densetnt for initial weights.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "procedural")]
     pub prior: String,
     /// Maximum number of further role assignments (ego, adversary) per scene for fine-tuning.
-    #[arg(long, value_name = "N", default_value_t = 3, value_parser = roles)]
+    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 3, value_parser = roles)]
     pub roles: usize,
     /// Edges in the features of the network: road boundaries alone as in the paper, or medians too (default:
     /// `edges` of --config or --variants, else all; networks without the option keep their features).
-    #[arg(long, value_enum, value_name = "KIND")]
+    #[arg(long, help_heading = TRAINING, value_enum, value_name = "KIND")]
     pub edges: Option<Edges>,
     /// JSON file of fine-tuning options, and `edges`; omitted options keep each expert's defaults.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = TRAINING, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Tune the variants of a study, each as an expert, and draw their training curves: `ablation`, or a JSON file as for
     /// --config.
-    #[arg(long, value_name = "NAME", conflicts_with = "config")]
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", conflicts_with = "config")]
     pub variants: Option<String>,
     /// Seed of candidates, pairs, training order and procedural scenes.
-    #[arg(long, value_name = "S", default_value_t = 0)]
+    #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     #[command(flatten)]
     pub folder: FolderArgs,
@@ -117,31 +123,31 @@ pub(crate) struct PredictArgs {
     /// Scene file.
     pub scene: PathBuf,
     /// Track id of the agent (default: the adversary).
-    #[arg(long, value_name = "ID")]
+    #[arg(long, help_heading = SCENE, value_name = "ID")]
     pub agent: Option<String>,
     /// Number of candidates.
-    #[arg(long, value_name = "N", default_value_t = 32, value_parser = count)]
+    #[arg(long, help_heading = PREDICTION, value_name = "N", default_value_t = 32, value_parser = count)]
     pub k: usize,
     /// Selection of candidates: most likely, sampled, or most likely with a minimum distance.
-    #[arg(long, value_enum, default_value_t = SelectArg::TopK)]
+    #[arg(long, help_heading = PREDICTION, value_enum, default_value_t = SelectArg::TopK)]
     pub select: SelectArg,
     /// Minimum distance between end points of candidates with --select nms, metres.
-    #[arg(long, value_name = "M", default_value = "5", value_parser = radius)]
+    #[arg(long, help_heading = PREDICTION, value_name = "M", default_value = "5", value_parser = radius)]
     pub radius: f32,
     /// Seed of the sampling with --select gumbel.
-    #[arg(long, value_name = "S", default_value_t = 0)]
+    #[arg(long, help_heading = RUN, value_name = "S", default_value_t = 0)]
     pub seed: u64,
     /// Weights: procedural, waymo, lane-graph, a folder or a file.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    #[arg(long, help_heading = PREDICTION, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Print one JSON object per line.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     /// SVG file to write; - for standard output, without rows.
-    #[arg(long, value_name = "FILE.svg")]
+    #[arg(long, help_heading = OUTPUT, value_name = "FILE.svg")]
     pub out: Option<PathBuf>,
     /// Overwrite an existing file.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub force: bool,
     #[command(flatten)]
     pub reading: ReadingArgs,

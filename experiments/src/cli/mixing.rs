@@ -14,9 +14,10 @@ use super::FolderArgs;
 /// that `parameters` names. Everything is checked before anything is written. The output folder holds the weights, a
 /// copy of the recipe and a model card. `docs/method.md`, section 'Merge recipes', shows one.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage merge recipe.yaml --out merged/\n  sage generate scenes/ --weights merged/ --method prior --out attacked/"
-)]
+#[command(after_help = "\
+Example:
+  sage merge recipe.yaml --out merged/
+  sage generate scenes/ --weights merged/ --method prior --out attacked/")]
 pub(crate) struct MergeArgs {
     /// Recipe (YAML).
     pub recipe: PathBuf,
@@ -27,10 +28,10 @@ pub(crate) struct MergeArgs {
     pub folder: FolderArgs,
 }
 
-/// Analyse the geometry of experts: norms, angle and cosine of the preference vectors, principal components, and each
-/// tensor's share of the movement.
+/// Analyse the geometry of experts.
 ///
-/// Needs no scenes. Writes a page with the figures (`connectivity.md`), CSV files and pictures. `sage bench connectivity`
+/// Measures norms, angle and cosine of the preference vectors, principal components, and each tensor's share of the
+/// movement. Needs no scenes. Writes a page with the figures (`connectivity.md`), CSV files and pictures. `sage bench connectivity`
 /// measures rewards on the path between the experts and on the plane through them.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage analyse connectivity --weights waymo --out connectivity/")]

@@ -4,24 +4,27 @@ use clap::{Args, ValueEnum};
 use sage_data::ReadOptions;
 use serde_json::{Value, json};
 
-/// Heading of these options in a help text.
-const HEADING: &str = "Reading scenes";
+use super::help::SCENE;
+
+/// Place of these options in their section: after those of the command.
+const LAST: usize = 800;
 
 /// Options of reading scene files.
 #[derive(Clone, Copy, Debug, Default, Args)]
+#[command(next_help_heading = SCENE)]
 pub(crate) struct ReadingArgs {
     /// Frame that becomes now (at 10 Hz, from 0): reads 10 frames before it to 80 after it. Written scenes hold these
     /// frames, and their names end in -nowFRAME. Default: now is 1.0 s after the first frame, and all frames are kept.
-    #[arg(long, value_name = "FRAME", help_heading = HEADING)]
+    #[arg(long, display_order = LAST, value_name = "FRAME")]
     pub now: Option<usize>,
     /// Also resample recordings below 5 Hz to 10 Hz, down to 0.5 Hz; the motion between frames is then a guess.
-    #[arg(long, help_heading = HEADING)]
+    #[arg(long, display_order = LAST)]
     pub resample: bool,
     /// Trust these values of a file, and recompute those that contradict them.
-    #[arg(long, value_name = "WHAT", value_enum, help_heading = HEADING)]
+    #[arg(long, display_order = LAST, value_name = "WHAT", value_enum)]
     pub trust: Option<Trust>,
     /// Refuse a scene in which any road user has an unusable value, instead of leaving that road user out.
-    #[arg(long, help_heading = HEADING)]
+    #[arg(long, display_order = LAST)]
     pub strict: bool,
 }
 

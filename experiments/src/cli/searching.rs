@@ -13,12 +13,13 @@ use super::{
     AttackArgs, FolderArgs, PlannerArgs, ReadingArgs,
     avoiding::AvoidableArgs,
     converting::{ego_modes, standards},
+    help::{ATTACK, DRIVER, OUTPUT, RUN, SEARCH, SELECTION},
 };
 use crate::part::{Part, PolicyPart};
 
-/// Search for what a driver fails at: drive against many plans of the adversary, and keep the failures.
+/// Search for failures of a driver: drive against many plans of the adversary.
 ///
-/// SCENE is a scene file, a shard, a record (SHARD#3), or a folder of them. In each scene the driver drives the unchanged
+/// SCENE is a scene file, a TFRecord file, a record (FILE#3), or a folder of them. In each scene the driver drives the unchanged
 /// scene once, and then up to --budget times against a plan of the adversary; what it has done decides which plan is next.
 /// A plan is a failure if its attacked drive meets all clauses of --require: `attack` (the first contact is with the
 /// adversary, and not there without the attack), `believable`, `at-fault` (by nuPlan's rule), and `avoidable` (an evasive
@@ -31,56 +32,61 @@ use crate::part::{Part, PolicyPart};
 /// The output folder holds a JSON row and a picture per scene, a JSON file of all its drives, and for each failure a row and the
 /// files of the attacked scene, as `sage generate` writes them. `docs/searching.md` describes all files. Scenes run in parallel; the same command resumes an interrupted run.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage search examples/crossing.pkl --ego idm --out failures/\n  sage search scenes/ --ego 'cmd:python3 my_planner.py' --budget 32 --require attack,believable --out failures/\n  sage search scenes/ --ego pdm --first --shard 2/8 --out failures/\n  sage simulate examples/crossing.pkl --ego idm --attack failures/crossing-failure1.json --out watch/"
-)]
+#[command(after_help = "\
+Examples:
+  sage search examples/crossing.pkl --ego idm --out failures/
+  sage search scenes/ --ego 'cmd:python3 my_planner.py' --budget 32 \\
+      --require attack,believable --out failures/
+  sage search scenes/ --ego pdm --first --shard 2/8 --out failures/
+  sage simulate examples/crossing.pkl --ego idm \\
+      --attack failures/crossing-failure1.json --out watch/")]
 pub(crate) struct SearchArgs {
-    /// Scene file, shard, record (SHARD#3), or folder of them.
+    /// Scene file, TFRecord file, record (FILE#3), or folder of them.
     pub scene: PathBuf,
     /// Driver under test: a policy by its name in `sage list`; path:FILE, a drive of your own planner; or 'cmd:COMMAND',
     /// your own planner as a program.
-    #[arg(long, value_name = "POLICY")]
+    #[arg(long, help_heading = DRIVER, value_name = "POLICY")]
     pub ego: PolicyPart,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// Largest number of attacked drives in a scene.
-    #[arg(long, value_name = "N", default_value_t = 64, value_parser = budget)]
+    #[arg(long, help_heading = SEARCH, value_name = "N", default_value_t = 64, value_parser = budget)]
     pub budget: usize,
     /// Comma-separated clauses that make a plan a failure.
-    #[arg(long, value_name = "CLAUSES", default_value_t = Requirement::default())]
+    #[arg(long, help_heading = SEARCH, value_name = "CLAUSES", default_value_t = Requirement::default())]
     pub require: Requirement,
     /// Stop in each scene at the first failure.
-    #[arg(long)]
+    #[arg(long, help_heading = SEARCH)]
     pub first: bool,
     /// Order of the plans: `surrogate` drives first against what earlier drives make likely to fail; `random` and `pool` (by
     /// likelihood) do not learn from drives.
-    #[arg(long, value_name = "ORDER", default_value = "surrogate")]
+    #[arg(long, help_heading = SEARCH, value_name = "ORDER", default_value = "surrogate")]
     pub order: OrderArg,
     /// Search the plans of this generator, by its name in `sage list`, instead of the default ones.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, help_heading = ATTACK, value_name = "NAME")]
     pub method: Option<Part>,
     /// Largest number of plans of a scene.
-    #[arg(long, value_name = "N", default_value_t = MOST_PLANS, value_parser = budget)]
+    #[arg(long, help_heading = SEARCH, value_name = "N", default_value_t = MOST_PLANS, value_parser = budget)]
     pub plans: usize,
     #[command(flatten)]
     pub attack: AttackArgs,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = SELECTION)]
     pub avoidable: AvoidableArgs,
     /// Print one JSON object per scene.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     /// Formats of the attacked scenes.
-    #[arg(long, value_enum, default_value_t = SearchFormat::Native)]
+    #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = SearchFormat::Native)]
     pub format: SearchFormat,
     /// Version of OpenSCENARIO with --format openscenario (default: 1.2).
-    #[arg(long, value_name = "VERSION", value_parser = standards())]
+    #[arg(long, help_heading = OUTPUT, value_name = "VERSION", value_parser = standards())]
     pub standard: Option<Standard>,
     /// Who drives the ego with --format openscenario: the recording, or an external controller that gets a start
     /// speed and a route (default: replay).
-    #[arg(long, value_name = "WHO", value_parser = ego_modes())]
+    #[arg(long, help_heading = OUTPUT, value_name = "WHO", value_parser = ego_modes())]
     pub scenario_ego: Option<EgoMode>,
     /// Search only the scenes of shard K of N. Several machines can write all shards into one folder.
-    #[arg(long, value_name = "K/N")]
+    #[arg(long, help_heading = RUN, value_name = "K/N")]
     pub shard: Option<Shard>,
     #[command(flatten)]
     pub folder: FolderArgs,

@@ -5,7 +5,11 @@ use std::path::PathBuf;
 use clap::Args;
 use sage_data::dataset::Shard;
 
-use super::{FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs, avoiding::AvoidableArgs};
+use super::{
+    FolderArgs, MOST_PROCEDURAL, PlannerArgs, SplitArgs,
+    avoiding::AvoidableArgs,
+    help::{ATTACK, DRIVER, OUTPUT, RUN, SCENE, SELECTION, STUDY},
+};
 use crate::part::PolicyParts;
 
 /// Run a study: measure what it names over its axes, and report it.
@@ -26,25 +30,25 @@ pub(crate) struct StudyArgs {
     #[arg(value_name = "SCENES")]
     pub paths: Vec<PathBuf>,
     /// Further scene files and folders, the same as SCENES.
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, help_heading = SCENE, value_name = "DIR")]
     pub data: Vec<PathBuf>,
     #[command(flatten)]
     pub split: SplitArgs,
     #[command(flatten)]
     pub axes: AxisArgs,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = SELECTION)]
     pub avoidable: AvoidableArgs,
     /// Replace a field of the study, such as react=1,2 or 'metrics={"trajectory": ["*"]}'; may be repeated.
-    #[arg(long, value_name = "FIELD=VALUE")]
+    #[arg(long, help_heading = STUDY, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
     /// Number of procedural scenes, if no SCENES are given.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_PROCEDURAL))]
+    #[arg(long, help_heading = SCENE, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_PROCEDURAL))]
     pub procedural: Option<u64>,
     /// Measure only the scenes of shard K of N; `sage bench report` joins the folders of all shards.
-    #[arg(long, value_name = "K/N")]
+    #[arg(long, help_heading = RUN, value_name = "K/N")]
     pub shard: Option<Shard>,
     /// Print all columns.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub wide: bool,
     #[command(flatten)]
     pub folder: OutArgs,
@@ -52,6 +56,7 @@ pub(crate) struct StudyArgs {
 
 /// Output folder; optional, so that the subcommands of `bench` need none.
 #[derive(Debug, Args)]
+#[command(next_help_heading = OUTPUT)]
 pub(crate) struct OutArgs {
     /// Output folder.
     #[arg(long, required = true, value_name = "DIR")]
@@ -63,16 +68,15 @@ pub(crate) struct OutArgs {
 
 /// Axes of a study that commands spell alike. Each replaces the study's own.
 #[derive(Debug, Args)]
+#[command(next_help_heading = ATTACK)]
 pub(crate) struct AxisArgs {
     /// Comma-separated generators; with options as NAME{"option": value}.
     #[arg(long, alias = "methods", value_name = "NAMES")]
     pub method: Option<String>,
     /// Comma-separated driving policies; `sage list` shows them. path:FILE is a drive of your own planner, and
     /// 'cmd:COMMAND' your own planner as a program, which takes the rest of the text. May be repeated.
-    #[arg(long, alias = "policies", value_name = "POLICIES")]
+    #[arg(long, help_heading = DRIVER, alias = "policies", value_name = "POLICIES")]
     pub ego: Vec<PolicyParts>,
-    #[command(flatten)]
-    pub planner: PlannerArgs,
     /// Drive the unchanged scenes alone.
     #[arg(long, conflicts_with_all = ["method", "lambda", "mu", "aggression", "mix"])]
     pub unattacked: bool,
@@ -84,10 +88,10 @@ pub(crate) struct AxisArgs {
     #[arg(long, value_name = "NAMES")]
     pub weights: Vec<String>,
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, help_heading = SELECTION, value_name = "NAME")]
     pub selection: Option<String>,
     /// Feasibility rule, by its name in `sage list`, instead of the rule of the selection.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, help_heading = SELECTION, value_name = "NAME")]
     pub feasibility: Option<String>,
     /// Interpolation weight lambda: a number, a comma-separated list, or FROM:TO:STEP.
     #[arg(long, value_name = "L", allow_hyphen_values = true)]
@@ -102,23 +106,25 @@ pub(crate) struct AxisArgs {
     #[arg(long, value_name = "NAME=W,...", conflicts_with_all = ["lambda", "aggression"])]
     pub mix: Option<String>,
     /// Comma-separated times to react that are aimed at, seconds.
-    #[arg(long, alias = "targets", value_name = "TIMES")]
+    #[arg(long, help_heading = SELECTION, alias = "targets", value_name = "TIMES")]
     pub react: Option<String>,
     /// Comma-separated radii of the suppression among predictions, metres.
-    #[arg(long, value_name = "M")]
+    #[arg(long, help_heading = STUDY, value_name = "M")]
     pub radius: Option<String>,
     /// Comma-separated runs of `sage train-ego`, as NAME=FOLDER.
-    #[arg(long, value_name = "RUNS")]
+    #[arg(long, help_heading = STUDY, value_name = "RUNS")]
     pub runs: Option<String>,
     /// Number of untrained policies, the floor.
-    #[arg(long, value_name = "N")]
+    #[arg(long, help_heading = STUDY, value_name = "N")]
     pub untrained: Option<u64>,
     /// Run that the tests of the study compare with every other run.
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, help_heading = STUDY, value_name = "NAME")]
     pub tested: Option<String>,
     /// Seed of random numbers.
-    #[arg(long, value_name = "S")]
+    #[arg(long, help_heading = RUN, value_name = "S")]
     pub seed: Option<u64>,
+    #[command(flatten)]
+    pub planner: PlannerArgs,
 }
 
 impl AxisArgs {

@@ -5,17 +5,23 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use sage_sim::search::suite::MOST_TESTS;
 
-use super::{FolderArgs, PlannerArgs, SearchFormat};
+use super::{
+    FolderArgs, PlannerArgs, SearchFormat,
+    help::{DRIVER, OUTPUT, RUN},
+};
 use crate::part::PolicyPart;
 
-/// Make a page of what searches have found: filters, clusters, thumbnails, and every failure in a player.
+/// Make a page of the failures that searches found.
 ///
-/// The page is made from the rows of the searches; nothing is driven again. It opens from disk and needs no network. Several
+/// The page has filters, clusters, thumbnails, and every failure in a player. It is made from the rows of the searches;
+/// nothing is driven again. It opens from disk and needs no network. Several
 /// searches, such as those of several drivers, make one page.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage search scenes/ --ego idm --out idm/\n  sage search scenes/ --ego expert --out expert/\n  sage report idm/ expert/ --out report/"
-)]
+#[command(after_help = "\
+Example:
+  sage search scenes/ --ego idm --out idm/
+  sage search scenes/ --ego expert --out expert/
+  sage report idm/ expert/ --out report/")]
 pub(crate) struct FailureReportArgs {
     /// Output folders of `sage search`.
     #[arg(required = true, value_name = "SEARCH")]
@@ -32,9 +38,12 @@ pub(crate) struct FailureReportArgs {
 /// The suite holds the unchanged scenes, the plans of the adversary, and the clauses that made them failures. `sage test`
 /// drives any driver against it. The attacked scenes are written too, as a data set for other simulators.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Example:\n  sage search scenes/ --ego idm --out failures/\n  sage suite failures/ --out suite/\n  sage test suite/ --ego expert\n  sage suite failures/ --diverse 30 --out suite/"
-)]
+#[command(after_help = "\
+Example:
+  sage search scenes/ --ego idm --out failures/
+  sage suite failures/ --out suite/
+  sage test suite/ --ego expert
+  sage suite failures/ --diverse 30 --out suite/")]
 pub(crate) struct SuiteArgs {
     /// Output folders of `sage search`. All must require the same clauses.
     #[arg(required = true, value_name = "SEARCH")]
@@ -69,32 +78,35 @@ pub(crate) enum Keep {
 /// A test passes if its plan is no failure of the driver, by the clauses of the suite. Exit status: 0 if all tests pass, else
 /// 1; with --baseline 1 only if a test fails that passed there, or the driver gives an error.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage test suite/ --ego expert\n  sage test suite/ --ego 'cmd:python3 my_planner.py' --junit report.xml\n  sage test suite/ --ego idm --json > today.jsonl\n  sage test suite/ --ego idm --baseline yesterday.jsonl"
-)]
+#[command(after_help = "\
+Examples:
+  sage test suite/ --ego expert
+  sage test suite/ --ego 'cmd:python3 my_planner.py' --junit report.xml
+  sage test suite/ --ego idm --json > today.jsonl
+  sage test suite/ --ego idm --baseline yesterday.jsonl")]
 pub(crate) struct TestArgs {
     /// Folder of a suite.
     pub suite: PathBuf,
     /// Driver under test: a policy by its name in `sage list`; path:FILE, a drive of your own planner; or 'cmd:COMMAND',
     /// your own planner as a program.
-    #[arg(long, value_name = "POLICY")]
+    #[arg(long, help_heading = DRIVER, value_name = "POLICY")]
     pub ego: PolicyPart,
     #[command(flatten)]
     pub planner: PlannerArgs,
     /// Results of an earlier run (--json): only tests that passed there count as failed.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = RUN, value_name = "FILE")]
     pub baseline: Option<PathBuf>,
     /// Also write the results as JUnit XML, which build servers read.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, help_heading = OUTPUT, value_name = "FILE")]
     pub junit: Option<PathBuf>,
     /// Print one JSON object per test.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
     /// Print all columns.
-    #[arg(long, conflicts_with = "json")]
+    #[arg(long, help_heading = OUTPUT, conflicts_with = "json")]
     pub wide: bool,
     /// Overwrite an existing file.
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub force: bool,
 }
 

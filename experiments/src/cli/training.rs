@@ -4,7 +4,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{FolderArgs, MOST_PROCEDURAL, SplitArgs, attacking::MergerArgs};
+use super::{
+    FolderArgs, MOST_PROCEDURAL, SplitArgs,
+    attacking::MergerArgs,
+    help::{ATTACK, OUTPUT, RUN, SCENE, SELECTION, TRAINING},
+};
 use crate::part::Part;
 
 /// Train a driving policy by TD3, alone or against an adversary (SAGE, algorithm 2).
@@ -18,9 +22,12 @@ use crate::part::Part;
 /// `run.json`. The same command resumes an interrupted run with bit-identical results. A policy file drives wherever
 /// an ego is named: `sage simulate SCENE --ego td3:run/seed-0/policy.safetensors`.
 #[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  sage train-ego --method none --updates 20000 --seeds 0..1 --out run/\n  sage train-ego target/data/womd_cat500/pretrain --splits docs/results/splits.json --split train --eval target/data/womd_cat500/dev --method sage --updates 200000 --ratio 0.5 --seeds 0..5 --out run/"
-)]
+#[command(after_help = "\
+Examples:
+  sage train-ego --method none --updates 20000 --seeds 0..1 --out run/
+  sage train-ego scenes/ --splits docs/results/splits.json --split train \\
+      --eval dev-scenes/ --method sage --updates 200000 --ratio 0.5 \\
+      --seeds 0..5 --out run/")]
 pub(crate) struct TrainEgoArgs {
     /// Scene files and folders for training (default: procedural scenes).
     #[arg(value_name = "PATH")]
@@ -28,55 +35,55 @@ pub(crate) struct TrainEgoArgs {
     #[command(flatten)]
     pub split: SplitArgs,
     /// Scene files and folders for evaluation (default: procedural scenes of another seed).
-    #[arg(long, value_name = "PATH", num_args = 1..)]
+    #[arg(long, help_heading = SCENE, value_name = "PATH", num_args = 1..)]
     pub eval: Vec<PathBuf>,
     /// Evaluate on scenes of the training too.
-    #[arg(long)]
+    #[arg(long, help_heading = SCENE)]
     pub allow_overlap: bool,
     /// Number of procedural scenes for training, if no PATH is given; a third as many are for evaluation.
-    #[arg(long, value_name = "N", default_value_t = 120, value_parser = clap::value_parser!(u64).range(3..=MOST_PROCEDURAL))]
+    #[arg(long, help_heading = SCENE, value_name = "N", default_value_t = 120, value_parser = clap::value_parser!(u64).range(3..=MOST_PROCEDURAL))]
     pub procedural: u64,
     /// Generator of the attacks, by its name in `sage list`, or none.
-    #[arg(long, alias = "generator", value_name = "NAME", default_value = "none")]
+    #[arg(long, help_heading = ATTACK, alias = "generator", value_name = "NAME", default_value = "none")]
     pub method: Part,
     /// Generator of the attacks in the evaluation, or none.
-    #[arg(long, alias = "eval-generator", value_name = "NAME", default_value = "sage")]
+    #[arg(long, help_heading = ATTACK, alias = "eval-generator", value_name = "NAME", default_value = "sage")]
     pub eval_method: Part,
     /// Weights of the experts: procedural, waymo, waymo-paper or a folder.
-    #[arg(long, value_name = "NAME", default_value = "procedural")]
+    #[arg(long, help_heading = ATTACK, value_name = "NAME", default_value = "procedural")]
     pub weights: String,
     /// Objective that selects one of the candidates: its name in `sage list`, or a JSON file.
-    #[arg(long, value_name = "NAME", default_value = "natural")]
+    #[arg(long, help_heading = SELECTION, value_name = "NAME", default_value = "natural")]
     pub selection: String,
     #[command(flatten)]
     pub merging: MergerArgs,
     /// When and how strongly the adversary attacks, by its name in `sage list`.
-    #[arg(long, value_name = "NAME", default_value = "paper")]
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "paper")]
     pub curriculum: Part,
     /// Which scene is next, by its name in `sage list`.
-    #[arg(long, value_name = "NAME", default_value = "uniform")]
+    #[arg(long, help_heading = TRAINING, value_name = "NAME", default_value = "uniform")]
     pub sampler: Part,
     /// Updates of the networks.
-    #[arg(long, value_name = "N", default_value_t = 100_000)]
+    #[arg(long, help_heading = TRAINING, value_name = "N", default_value_t = 100_000)]
     pub updates: u64,
     /// Updates per step of the environment; 1 as published.
-    #[arg(long, value_name = "R", default_value_t = 1.0)]
+    #[arg(long, help_heading = TRAINING, value_name = "R", default_value_t = 1.0)]
     pub ratio: f64,
     /// Seeds, as FIRST..END (END is not among them).
-    #[arg(long, value_name = "A..B", default_value = "0..1", value_parser = seeds)]
+    #[arg(long, help_heading = RUN, value_name = "A..B", default_value = "0..1", value_parser = seeds)]
     pub seeds: std::ops::Range<u64>,
     /// Number of evaluations, evenly spaced, the last at the end.
-    #[arg(long, value_name = "N", default_value_t = 20)]
+    #[arg(long, help_heading = TRAINING, value_name = "N", default_value_t = 20)]
     pub evaluations: u64,
     /// Rare options: a YAML file or JSON, such as '{"max_steps": 251, "td3": {"gamma": 0.98, "random_steps": 5000}}'.
     /// `docs/training-a-driver.md` lists them.
-    #[arg(long, value_name = "FILE|JSON", default_value = "{}")]
+    #[arg(long, help_heading = TRAINING, value_name = "FILE|JSON", default_value = "{}")]
     pub config: String,
     /// Steps between two checkpoints.
-    #[arg(long, value_name = "N", default_value_t = 5000, value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, help_heading = TRAINING, value_name = "N", default_value_t = 5000, value_parser = clap::value_parser!(u64).range(1..))]
     pub checkpoint_every: u64,
     /// Licence text for the card of the policies.
-    #[arg(long, value_name = "TEXT")]
+    #[arg(long, help_heading = OUTPUT, value_name = "TEXT")]
     pub license: Option<String>,
     #[command(flatten)]
     pub folder: FolderArgs,

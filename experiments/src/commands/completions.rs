@@ -1,13 +1,12 @@
 //! `sage completions`: prints a completion script for a shell.
 
 use anyhow::Result;
-use clap::CommandFactory;
 
 use crate::{Cli, Outcome};
 
 pub(crate) fn run(shell: clap_complete::Shell) -> Result<Outcome> {
     let mut script = Vec::new();
-    clap_complete::generate(shell, &mut Cli::command(), "sage", &mut script);
+    clap_complete::generate(shell, &mut Cli::described(), "sage", &mut script);
     std::io::Write::write_all(&mut std::io::stdout().lock(), &script)?;
     Ok(Outcome::Done)
 }

@@ -50,7 +50,7 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     let out = &args.folder.out;
     let files: Vec<PathBuf> = inputs.files().map(Path::to_owned).collect();
     let outputs = match args.to {
-        ConvertFormat::Womd => shards::files(shards::total(&inputs)?, args.shard_size()),
+        ConvertFormat::Womd => shards::files(shards::total(&inputs)?, args.scenes_per_file()),
         format => names.iter().map(|name| file_name(name, format)).collect(),
     };
     output::protect_inputs(&args.paths, &files, out, &outputs)?;
@@ -148,7 +148,7 @@ fn identity(args: &ConvertArgs, inputs: &Inputs) -> Value {
         "standard": is_scenario.then(|| args.standard.unwrap_or_default().name()),
         "ego": is_scenario.then(|| args.ego.unwrap_or_default().name()),
         "reading": args.reading.identity(),
-        "shard_size": (args.to == ConvertFormat::Womd).then(|| args.shard_size()),
+        "scenes_per_file": (args.to == ConvertFormat::Womd).then(|| args.scenes_per_file()),
         "inputs": hasher.finalize().to_hex()[..16],
         "force": args.folder.force,
         "program": output::program(),

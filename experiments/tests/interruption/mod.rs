@@ -85,7 +85,7 @@ impl Case {
                 (&[&["search", "scenes", "--ego", "idm"][..], &size].concat(), false)
             }
             "convert" => (&["convert", "scenes", "--to", "native"], false),
-            "convert-shards" => (&["convert", "scenes", "--to", "womd", "--shard-size", "2"], false),
+            "convert-shards" => (&["convert", "scenes", "--to", "womd", "--scenes-per-file", "2"], false),
             "convert-scenarios" => (&["convert", "scenes", "--to", "openscenario"], false),
             "open-loop" => {
                 let methods = ["--methods", "sage,rule,log", "--lambda", "1", "--ego", "replay,idm"];

@@ -54,7 +54,7 @@ pub const COMMANDS: &[Row] = &[
         &["dataset_summary.pkl", "dataset_mapping.pkl", "run.json"],
     ),
     ("convert to pickles", &["convert", "scenes", "--to", "pickle"], &[]),
-    ("convert to shards", &["convert", "scenes", "--to", "womd", "--shard-size", "1"], &["ids.json"]),
+    ("convert to shards", &["convert", "scenes", "--to", "womd", "--scenes-per-file", "1"], &["ids.json"]),
     ("convert to scenarios", &["convert", "scenes", "--to", "openscenario"], &[]),
     (
         "pretrain",

@@ -62,7 +62,7 @@ pub(crate) fn numbered(path: &Path) -> Result<PathBuf, Error> {
     Err(Error::Field {
         path: shard,
         field: format!("#{wanted}"),
-        found: "no record of the shard".to_owned(),
+        found: "no record of the file".to_owned(),
         expected: format!("a number from 0 to {} or the id of one of its scenes", count.saturating_sub(1)),
     })
 }
@@ -124,7 +124,7 @@ pub(crate) fn only_record(path: &Path, bytes: Vec<u8>) -> Result<Vec<u8>, Error>
 fn several(path: &Path, count: usize) -> Error {
     let remedy = match path.is_file() {
         true => format!("name one of them, such as `{}#0`", path.display()),
-        false => "save the shard to a file, and name one of them as FILE#0".to_owned(),
+        false => "save it to a file, and name one of them as FILE#0".to_owned(),
     };
     Error::Field {
         path: path.to_owned(),

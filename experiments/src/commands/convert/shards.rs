@@ -44,7 +44,7 @@ struct Part {
 /// *Errors*: it is not known.
 pub(super) fn total(inputs: &Inputs) -> Result<usize> {
     inputs.count().context(
-        "the names of shards hold the number of shards, and the number of scenes in a pipe or a compressed shard is not known; save or decompress it first",
+        "the names of TFRecord files hold the number of files, and the number of scenes in a pipe or a compressed file is not known; save or decompress it first",
     )
 }
 
@@ -79,7 +79,7 @@ pub(super) fn convert(
     tally: &mut Tally,
 ) -> Result<()> {
     let total = total(inputs)?;
-    let size = args.shard_size();
+    let size = args.scenes_per_file();
     let parts = run.folder().inner(PARTS.as_ref())?;
     let mut items = inputs.items();
     let mut ids = BTreeMap::new();

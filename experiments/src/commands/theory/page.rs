@@ -113,7 +113,7 @@ impl Page<'_> {
         blocks.push(Block::Heading(2, "diagnostics".into(), "Diagnostics of trained experts".into()));
         match self.diagnostics {
             None => blocks.push(Block::Text(
-                "Left out: no scenes were given. `sage theory --data SCENES --weights NAME --report DIR` includes them.".into(),
+                "Left out: no scenes were given. `sage theory --data SCENES --weights NAME --out DIR` includes them.".into(),
             )),
             Some((subject, diagnostics)) => {
                 blocks.push(Block::Text(format!(

@@ -1,19 +1,42 @@
-//! The pages of the project: their links lead somewhere.
+//! The pages of the project: their links lead somewhere, and what they show is what the code has.
+//!
+//! `cargo test -p experiments --test documentation web -- --nocapture` prints all links to the web.
 
-#![allow(clippy::unwrap_used)] // A failed unwrap is a failed test.
+#![allow(clippy::unwrap_used, clippy::print_stdout)] // A failed unwrap is a failed test.
+
+mod program;
 
 use std::{
-    collections::HashSet,
+    collections::{BTreeMap, BTreeSet, HashSet},
     fs,
     path::{Path, PathBuf},
+    process::Command,
 };
+
+use program::*;
 
 fn project() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
 
-/// All pages outside build outputs.
-fn pages(folder: &Path, found: &mut Vec<PathBuf>) {
+/// Relative name of a file, for messages.
+fn name(path: &Path) -> String {
+    path.strip_prefix(project()).unwrap().display().to_string()
+}
+
+fn read(path: &str) -> String {
+    fs::read_to_string(project().join(path)).unwrap()
+}
+
+/// All files with one of these endings, outside build outputs.
+fn files(endings: &[&str]) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    collect(&project(), endings, &mut found);
+    found.sort();
+    found
+}
+
+fn collect(folder: &Path, endings: &[&str], found: &mut Vec<PathBuf>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
         let name = path.file_name().unwrap().to_str().unwrap();
@@ -21,8 +44,8 @@ fn pages(folder: &Path, found: &mut Vec<PathBuf>) {
             continue;
         }
         if path.is_dir() {
-            pages(&path, found);
-        } else if name.ends_with(".md") {
+            collect(&path, endings, found);
+        } else if endings.iter().any(|ending| name.ends_with(ending)) {
             found.push(path);
         }
     }
@@ -47,6 +70,29 @@ fn links(text: &str) -> Vec<String> {
     after.filter_map(|rest| Some(rest.split_once(')')?.0.to_owned())).collect()
 }
 
+/// Contents of the fences of a language, without the indentation of a list.
+fn fences(text: &str, language: &str) -> Vec<String> {
+    let mut found: Vec<String> = Vec::new();
+    let mut within = None;
+    for line in text.lines() {
+        let (start, rest) = line.split_at(line.len() - line.trim_start().len());
+        match (rest.strip_prefix("```"), within) {
+            (Some(_), Some(_)) => within = None,
+            (Some(word), None) => {
+                within = Some((start, word == language));
+                found.extend((word == language).then(String::new));
+            }
+            (None, Some((start, true))) => {
+                let block = found.last_mut().unwrap();
+                block.push_str(line.strip_prefix(start).unwrap_or(rest));
+                block.push('\n');
+            }
+            _ => {}
+        }
+    }
+    found
+}
+
 /// Anchors of the headings of a page, as GitHub makes them.
 fn anchors(text: &str) -> HashSet<String> {
     let mut is_code = false;
@@ -69,8 +115,7 @@ fn anchors(text: &str) -> HashSet<String> {
 
 #[test]
 fn links_within_the_project_lead_to_files_and_headings() {
-    let mut all = Vec::new();
-    pages(&project(), &mut all);
+    let all = files(&[".md"]);
     assert!(all.len() > 30, "{} pages", all.len());
     let mut broken = Vec::new();
     for page in &all {
@@ -86,7 +131,7 @@ fn links_within_the_project_lead_to_files_and_headings() {
                 || target.extension().is_none_or(|ending| ending != "md")
                 || fs::read_to_string(&target).is_ok_and(|text| anchors(&text).contains(anchor));
             if !is_there || !has_anchor {
-                broken.push(format!("{}: {link}", page.strip_prefix(project()).unwrap().display()));
+                broken.push(format!("{}: {link}", name(page)));
             }
         }
     }
@@ -105,4 +150,180 @@ fn headings_become_anchors_as_on_github() {
     let expected = ["a-b-c-d", "the-papers-protocol", "x", "x-1"].map(str::to_owned);
     assert_eq!(anchors(text), HashSet::from(expected));
     assert_eq!(links(&prose("[a](b.md#c), `[no](code.md)`\n```\n[no](fence)\n```\n")), ["b.md#c"]);
+}
+
+#[test]
+fn pages_that_code_names_exist() {
+    let mut broken = Vec::new();
+    let mut count = 0;
+    for file in files(&[".rs", ".py", ".toml", ".yaml"]) {
+        // Comments go on in the next line.
+        let text = fs::read_to_string(&file).unwrap();
+        let text =
+            text.replace("///", "").replace("//!", "").split_whitespace().collect::<Vec<_>>().join(" ");
+        for rest in text.split("docs/").skip(1) {
+            let Some((page, after)) = rest.split_once(".md") else { continue };
+            if !page.chars().all(|c| c.is_ascii_alphanumeric() || "-_/".contains(c)) {
+                continue;
+            }
+            count += 1;
+            let page = format!("docs/{page}.md");
+            let Ok(found) = fs::read_to_string(project().join(&page)) else {
+                broken.push(format!("{}: {page}", name(&file)));
+                continue;
+            };
+            let section = after.strip_prefix("`, section '").and_then(|rest| rest.split_once('\''));
+            let has_section =
+                |heading| found.lines().any(|line| line.trim_start_matches('#').trim() == heading);
+            if let Some((heading, _)) = section.filter(|(heading, _)| !has_section(*heading)) {
+                broken.push(format!("{}: {page}, section '{heading}'", name(&file)));
+            }
+            let anchor =
+                after.strip_prefix('#').map(|rest| rest.split(|c: char| !c.is_alphanumeric() && c != '-'));
+            if let Some(anchor) =
+                anchor.and_then(|mut parts| parts.next()).filter(|a| !anchors(&found).contains(*a))
+            {
+                broken.push(format!("{}: {page}#{anchor}", name(&file)));
+            }
+        }
+    }
+    assert!(count > 15, "{count} names of pages");
+    assert!(broken.is_empty(), "broken names of pages:\n{}", broken.join("\n"));
+}
+
+#[test]
+fn web_links_are_whole_and_safe_addresses() {
+    let mut all: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for file in files(&[".md", ".cff"]) {
+        let text = fs::read_to_string(&file).unwrap();
+        for start in ["https://", "http://"] {
+            for rest in text.split(start).skip(1) {
+                let end =
+                    rest.find(|c: char| c.is_whitespace() || ")>\"`'".contains(c)).unwrap_or(rest.len());
+                let link = format!("{start}{}", rest[..end].trim_end_matches(['.', ',', ';', ':']));
+                all.entry(link).or_default().insert(name(&file));
+            }
+        }
+    }
+    for (link, places) in &all {
+        println!("{link}  {}", places.iter().map(String::as_str).collect::<Vec<_>>().join(", "));
+    }
+    assert!(all.len() > 5, "{} links", all.len());
+    let is_whole = |link: &str| link.strip_prefix("https://").is_some_and(|rest| rest.contains('.'));
+    // A placeholder of the template.
+    let bad: Vec<&String> =
+        all.keys().filter(|link| !is_whole(link) && !link.starts_with("https://HOST/")).collect();
+    assert!(bad.is_empty(), "{bad:?}");
+}
+
+#[test]
+fn no_compiled_python_is_in_the_repository() {
+    // Without git, or in an archive, nothing is listed.
+    let listed = Command::new("git").arg("ls-files").current_dir(project()).output();
+    let listed =
+        listed.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
+    let compiled: Vec<&str> =
+        listed.lines().filter(|path| path.ends_with(".pyc") || path.contains("__pycache__")).collect();
+    assert!(compiled.is_empty(), "{compiled:?}");
+}
+
+/// Crates whose names a source uses.
+fn crates_of(source: &str) -> BTreeSet<&str> {
+    let uses = source.lines().filter_map(|line| line.strip_prefix("use "));
+    let names = uses.map(|rest| rest.split([':', ';']).next().unwrap());
+    names.filter(|name| !["std", "crate", "super"].contains(name)).chain(["experiments"]).collect()
+}
+
+/// `Cargo.toml` of the template, with the crates that a source uses, and with `root` as the path to `sage`.
+fn manifest(source: &str, root: &str) -> String {
+    let template = read("examples/own-crate/Cargo.toml").replace("../..", root);
+    let (start, rest) = template.split_once("[dependencies]\n").unwrap();
+    let (dependencies, end) = rest.split_once("\n\n").unwrap();
+    let serde = dependencies.lines().find(|line| line.starts_with("serde =")).unwrap();
+    let line = |name: &str| match name {
+        "serde" => serde.to_owned(),
+        "serde_json" => "serde_json = \"1\"".to_owned(),
+        _ => {
+            let name = name.replace("sage_", "sage-");
+            format!(r#"{name} = {{ path = "{root}/{name}" }}"#)
+        }
+    };
+    let lines: Vec<String> = crates_of(source).into_iter().map(line).collect();
+    format!("{start}[dependencies]\n{}\n\n{end}", lines.join("\n"))
+}
+
+fn template_sources() -> String {
+    let sources =
+        files(&[".rs"]).into_iter().filter(|path| path.starts_with(project().join("examples/own-crate")));
+    sources.map(|path| fs::read_to_string(path).unwrap()).collect()
+}
+
+#[test]
+fn the_template_depends_on_the_crates_that_it_uses() {
+    assert_eq!(read("examples/own-crate/Cargo.toml"), manifest(&template_sources(), "../.."));
+}
+
+/// Whether the lines of a block stand in a source, in their order.
+fn stands_in(block: &str, source: &str) -> bool {
+    let mut lines = source.lines();
+    block.lines().all(|line| lines.any(|other| other == line))
+}
+
+#[test]
+fn pages_about_own_parts_show_the_manifest_and_code_that_compile() {
+    let pages: Vec<PathBuf> =
+        files(&[".md"]).into_iter().filter(|path| name(path).starts_with("docs/adding-")).collect();
+    assert_eq!(pages.len(), 8);
+    for page in pages {
+        let text = fs::read_to_string(&page).unwrap();
+        let page = name(&page);
+        // The page of metrics shows files of the template, and the others an example.
+        let example = text.split_once("`src/main.rs` is [`").map(|(_, rest)| rest.split_once('`').unwrap().0);
+        let sources = match example {
+            Some(file) => vec![read(&format!("experiments/examples/{file}"))],
+            None => {
+                ["metric", "main"].map(|file| read(&format!("examples/own-crate/src/{file}.rs"))).to_vec()
+            }
+        };
+        assert_eq!(fences(&text, "toml"), [manifest(&sources.concat(), "/path/to/sage")], "{page}");
+        let blocks = fences(&text, "rust");
+        assert_eq!(blocks.len(), sources.len(), "{page}");
+        for (block, source) in blocks.iter().zip(&sources) {
+            assert!(stands_in(block, source), "{page}:\n{block}");
+        }
+        assert!(blocks.last().unwrap().contains("fn main() -> ExitCode {\n    experiments::run"), "{page}");
+    }
+}
+
+#[test]
+fn lines_of_registration_in_pages_are_lines_of_examples() {
+    let examples: String = files(&[".rs"])
+        .into_iter()
+        .filter(|path| name(path).contains("examples/own"))
+        .map(|path| fs::read_to_string(path).unwrap())
+        .collect();
+    for page in files(&[".md"]).into_iter().filter(|path| name(path) != "CHANGELOG.md") {
+        let text = fs::read_to_string(&page).unwrap();
+        for code in text.split('`').filter(|code| code.starts_with("registries.") && code.contains(" = ")) {
+            assert!(examples.contains(&format!("        {code};\n")), "{}: {code}", name(&page));
+        }
+    }
+}
+
+#[test]
+fn the_map_of_the_scenario_has_the_name_that_the_guide_shows() {
+    let folder = tempfile::tempdir().unwrap();
+    let [scenes, practice, scenario] =
+        ["scenes", "practice", "scenario"].map(|name| folder.path().join(name));
+    stdout(&sage(&["scenes", "--kind", "four-way", "--seed", "4", "--count", "1", "--out", text(&scenes)]));
+    stdout(&sage(&["convert", text(&scenes), "--to", "womd", "--out", text(&practice)]));
+    let scene = format!("{}#0", text(&practice.join("scenes.tfrecord-00000-of-00001")));
+    let generate =
+        ["generate", &scene, "--aggression", "1", "--format", "openscenario", "--out", text(&scenario)];
+    stdout(&sage(&[&generate[..], &WEIGHTS].concat()));
+    let page = read("docs/waymo-and-simulators.md");
+    for file in fs::read_dir(&scenario).unwrap() {
+        let file = file.unwrap().file_name().into_string().unwrap();
+        assert!(page.contains(&format!("`{file}`")), "the page has no `{file}`");
+    }
 }

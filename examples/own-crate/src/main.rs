@@ -1,0 +1,19 @@
+//! All commands of `sage`, with a reward, a driving policy and a metric of your own.
+
+mod metric;
+mod policy;
+mod reward;
+
+use std::process::ExitCode;
+
+use experiments::Registries;
+
+fn main() -> ExitCode {
+    experiments::run(|| {
+        let mut registries = Registries::shipped()?;
+        registries.rewards = registries.rewards.with::<reward::SpeedUp>()?;
+        registries.policies = registries.policies.with::<policy::Steady>()?;
+        registries.metrics.trajectory = registries.metrics.trajectory.with(metric::top_speed())?;
+        Ok(registries)
+    })
+}

@@ -44,8 +44,8 @@ fn inspect_shows_a_scene() {
     let run = sage(&["inspect", path(&example("crossing.pkl"))]);
     assert!(run.status.success());
     assert_snapshot!(stdout(&run), @r"
-    scene          id                 frames vehicles  peds  cycl other features  points lights  ego        adversary   past future  warnings
-    crossing       crossing               91        4     1     0     0       12     963      1  ego        crosser    11/11  80/80  one-point-lanes
+    scene              frames vehicles others  ego        adversary  future  warnings
+    crossing               91        4      1  ego        crosser     80/80  one-point-lanes
         one-point-lanes: 1 lane has a single point
     1 scene, 5 tracks, 963 map points; warnings: 1 one-point-lanes
     ");

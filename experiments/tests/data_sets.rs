@@ -247,8 +247,9 @@ fn either_format_comes_alone_if_asked() {
         let names = files(&out).into_keys();
         names.map(|name| name.rsplit('.').next().unwrap().to_owned()).collect::<Vec<_>>().join(" ")
     };
-    assert_eq!(endings("native"), "json safetensors svg");
-    assert_eq!(endings("pickle"), "json svg pkl pkl pkl");
+    assert_eq!(endings("native"), "json safetensors html svg html");
+    assert_eq!(endings("pickle"), "json html svg pkl pkl html pkl");
+    assert_eq!(endings("rows"), "json html svg html");
 }
 
 #[test]
@@ -265,6 +266,12 @@ fn a_finished_scene_stays_finished_and_its_rows_are_printed_again() {
     note: weights `procedural` (network densetnt)
     note: `[folder]/out` holds this run, and it is done
     4 scenes, 4 of them finished before, 8 attacks in `[folder]/out` ([time])
+    | attack     | scenes |  attacked | believable | avoidable | why not, most often      |
+    | ---------- | -----: | --------: | ---------: | --------: | ------------------------ |
+    | lambda0.00 |      4 |  1 (25 %) |   1 (25 %) |    1 of 1 | none touches the ego (2) |
+    | lambda1.00 |      4 | 4 (100 %) |  4 (100 %) |    4 of 4 | -                        |
+    why there is no attack: `sage explain [folder]/out/straight-1-0-lambda0.00.json`
+    to look at the attacks, open `[folder]/out/index.html`
     ");
     let plain = |output: &Output| {
         let rows = rows(output).into_iter().map(|mut row| {
@@ -314,7 +321,10 @@ fn shards_at_once_leave_the_folder_of_one_run() {
     let folder = tempfile::tempdir().unwrap();
     let scenes = scenes(folder.path(), 8);
     let at = |name: &str| folder.path().join(name);
-    let printed = stdout(&generate(&scenes, &at("whole"), &[])).lines().count();
+    // Each run ends with a table of its own.
+    let lines = |output: &Output| stdout(output).lines().filter(|line| line.contains(" lambda")).count();
+    let attacks = |output: &Output| lines(output) - stdout(output).matches("| lambda").count();
+    let printed = attacks(&generate(&scenes, &at("whole"), &[]));
     let start = |shard: &str| {
         Command::new(env!("CARGO_BIN_EXE_sage"))
             .args([
@@ -335,7 +345,7 @@ fn shards_at_once_leave_the_folder_of_one_run() {
             .unwrap()
     };
     let both = ["1/2", "2/2"].map(start).map(|child| child.wait_with_output().unwrap());
-    let lines: Vec<usize> = both.iter().map(|output| stdout(output).lines().count()).collect();
+    let lines: Vec<usize> = both.iter().map(attacks).collect();
     assert!(lines[0] + lines[1] == printed && lines.iter().all(|n| *n > 0), "{lines:?}");
     assert!(files(&at("parts")) == files(&at("whole")), "the folder of two shards differs");
     assert_eq!(record(&at("parts"))["run"], record(&at("whole"))["run"]);

@@ -19,7 +19,7 @@ fn generate_changes_the_adversarys_future_and_nothing_else() {
     let scene = example();
     for method in ["sage", "prior", "most-likely", "random", "oracle", "cat", "rule", "log"] {
         let arguments = ["generate", &scene, "--method", method, "--json", "--force", "--out", text(&out)];
-        let output = sage(&[&arguments[..], &WEIGHTS].concat());
+        let output = sage(&[&arguments[..], &["--format", "both"], &WEIGHTS].concat());
         let row: Value = serde_json::from_str(stdout(&output).trim()).unwrap();
         for key in [
             "scene",
@@ -137,6 +137,7 @@ fn generate_says_what_is_wrong_and_goes_on_with_the_other_scenes() {
     note: weights `procedural` (network densetnt)
     error: `[folder]/scenes/b.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo TFRecord file
     2 scenes, 2 attacks in `[folder]/out` ([time])
+    to look at the attacks, open `[folder]/out/index.html`
     1 of 3 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again
     ");
     assert!(out.join("a.svg").is_file() && out.join("c.svg").is_file());
@@ -223,6 +224,7 @@ fn nothing_is_lost_where_names_meet() {
     note: weights `procedural` (network densetnt)
     note: outputs of 2 scenes have names with a hash of the path, because their own are not unique or cannot be those of outputs
     2 scenes, 2 attacks in `[folder]/out` ([time])
+    to look at the attacks, open `[folder]/out/index.html`
     ");
     let rows = |dir: &Path| {
         let names = std::fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().file_name());
@@ -424,5 +426,5 @@ fn explain_counts_what_the_rows_of_generate_hold() {
     let text = stdout(&sage(&[&["explain", &example()][..], &WEIGHTS].concat())).to_owned();
     // The first line holds the path of the scene.
     assert!(text.lines().skip(1).all(|line| line.chars().count() <= 100), "{text}");
-    assert_eq!(text.matches("| candidate | contact | value |").count(), 5);
+    assert_eq!(text.matches("| contact | value |").count(), 5);
 }

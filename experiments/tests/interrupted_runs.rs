@@ -352,13 +352,21 @@ fn links_in_the_output_are_not_followed() {
     std::fs::write(at("victim"), "mine").unwrap();
     let name = "crossing-lambda1.00";
     let files = ["safetensors", "json"].map(|ending| format!("{name}.{ending}"));
-    let tables =
-        ["crossing.svg", "dataset_summary.pkl", "dataset_mapping.pkl", "run.json"].map(str::to_owned);
+    let tables = [
+        "crossing.svg",
+        "crossing.html",
+        "index.html",
+        "dataset_summary.pkl",
+        "dataset_mapping.pkl",
+        "run.json",
+    ];
+    let tables = tables.map(str::to_owned);
     for name in files.iter().chain(&tables) {
         symlink(at("victim"), at("out").join(format!("{name}.part"))).unwrap();
         symlink(at("victim"), at("out").join(name)).unwrap();
     }
-    let generate = ["generate", &example(), "--force", "--out", text(&at("out"))].map(str::to_owned);
+    let generate =
+        ["generate", &example(), "--format", "both", "--force", "--out", text(&at("out"))].map(str::to_owned);
     let generate: Vec<&str> = generate.iter().map(String::as_str).collect();
     stdout(&sage(&[&generate[..], &WEIGHTS].concat()));
     assert_eq!(std::fs::read(at("victim")).unwrap(), b"mine");

@@ -62,14 +62,16 @@ fn a_short_recording_is_attacked_over_what_it_has() {
     let folder = tempfile::tempdir().unwrap();
     let scene = made(folder.path(), "short", first(50));
     let out = folder.path().join("out");
-    let run =
-        sage(&[&["generate", text(&scene), "--lambda", "1", "--out", text(&out)][..], &WEIGHTS].concat());
+    let run = sage(
+        &[&["generate", text(&scene), "--format", "native", "--out", text(&out)][..], &WEIGHTS].concat(),
+    );
     assert!(run.status.success(), "{}", stderr(&run));
     assert_snapshot!(redacted(stderr(&run)), @r"
     note: weights `procedural` (network densetnt)
     warning: short: short-recording: it ends at frame 49: attacks are scored over 3.9 s instead of 8 s
     warnings: 1 scene short-recording
     1 scene, 1 attack in `[folder]/out` ([time])
+    to look at the attacks, open `[folder]/out/index.html`
     ");
     let row = row(&out, "short-lambda1.00.json");
     assert_eq!((&row["scores"]["horizon"], row["trajectory"].as_array().unwrap().len()), (&39.into(), 80));
@@ -132,6 +134,7 @@ fn another_frame_rate_is_said_and_converted_back_unchanged() {
     warning: fast: frame-rate: recorded at 20 Hz; resampled to 10 Hz
     warnings: 1 scene frame-rate
     1 scene, 1 attack in `[folder]/out` ([time])
+    to look at the attacks, open `[folder]/out/index.html`
     ");
     let written = sage_data::folder::scene_files(&out).unwrap();
     assert_eq!(Recording::read(&written[0]).unwrap().scene.frames, 91);
@@ -155,7 +158,7 @@ fn now_is_chosen_and_named() {
         frames(scene, &there_and_back, 0.1);
     });
     let out = folder.path().join("out");
-    let arguments = ["generate", text(&scene), "--lambda", "1", "--now", "40", "--out", text(&out)];
+    let arguments = ["generate", text(&scene), "--format", "native", "--now", "40", "--out", text(&out)];
     let run = sage(&[&arguments[..], &WEIGHTS].concat());
     assert!(run.status.success(), "{}", stderr(&run));
     let written = Recording::read(&out.join("long-now40-lambda1.00.safetensors")).unwrap().scene;
@@ -235,8 +238,9 @@ fn a_bad_bystander_and_a_file_that_is_no_scene_do_not_stop_the_rest() {
     });
     let run = sage(&["inspect", text(&bad)]);
     assert_snapshot!(redacted(stdout(&run)), @r"
-    scene          id                 frames vehicles  peds  cycl other features  points lights  ego        adversary   past future  warnings
-    bad            bad                    91        3     1     0     0       12     963      1  ego        crosser    11/11  80/80  track-left-out, one-point-lanes
+    scene              frames vehicles others  ego        adversary  future  warnings
+    bad                    91        3      1  ego        crosser     80/80
+        track-left-out, one-point-lanes
         track-left-out: track `leader` is left out: `state/position/40` is NaN; expected a finite number within ±1e8
         one-point-lanes: 1 lane has a single point
     1 scene, 4 tracks, 963 map points; warnings: 1 one-point-lanes, 1 track-left-out
@@ -271,7 +275,7 @@ fn contradictions_are_said_where_they_matter_and_positions_can_be_trusted() {
     let mut said = Vec::new();
     for (k, more) in [&[][..], &["--trust", "positions"]].into_iter().enumerate() {
         let out = folder.path().join(k.to_string());
-        let arguments = ["generate", text(&scene), "--lambda", "1", "--out", text(&out)];
+        let arguments = ["generate", text(&scene), "--format", "native", "--out", text(&out)];
         let run = sage(&[&arguments[..], more, &WEIGHTS].concat());
         assert!(run.status.success(), "{}", stderr(&run));
         said.push((format!("generate {}", more.join(" ")), stderr(&run).to_owned()));

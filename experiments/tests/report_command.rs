@@ -29,7 +29,7 @@ fn a_report_shows_every_failure_of_all_searches_and_needs_no_network() {
     stdout(&sage(&[&search[..], &WEIGHTS, &["--out", &desk.at("expert")]].concat()));
     stdout(&sage(&["report", &desk.at("found"), &desk.at("expert"), "--out", &desk.at("report")]));
     let data = data_of(&desk.path("report/index.html"));
-    let failures = data["failures"].as_array().unwrap();
+    let failures = data["items"].as_array().unwrap();
     let rows = |folder: &str| -> Vec<Value> {
         let names = fs::read_dir(desk.path(folder)).unwrap().map(|entry| entry.unwrap().path());
         let is_row = |path: &PathBuf| {
@@ -67,7 +67,7 @@ fn a_report_shows_every_failure_of_all_searches_and_needs_no_network() {
         assert!(!page.contains(outside), "{outside}");
     }
     stdout(&sage(&["report", &desk.at("found"), "--keep", "worst", "--out", &desk.at("worst")]));
-    let worst = data_of(&desk.path("worst/index.html"))["failures"].as_array().unwrap().len();
+    let worst = data_of(&desk.path("worst/index.html"))["items"].as_array().unwrap().len();
     assert_eq!(worst, rows("found").iter().filter(|row| row["failures"].as_u64() > Some(0)).count());
     let refused = sage(&["report", &desk.at("scenes"), "--out", &desk.at("no")]);
     assert!(stderr(&refused).contains("it is no output of `sage search`"), "{}", stderr(&refused));
@@ -135,7 +135,7 @@ fn names_of_strangers_are_text_in_a_report() {
     assert!(!page.contains("<img"), "no name is markup");
     let data = data_of(&desk.path("report/index.html"));
     assert!(data["scenes"][0]["name"].as_str().unwrap().contains("<img src=x"));
-    for failure in data["failures"].as_array().unwrap() {
+    for failure in data["items"].as_array().unwrap() {
         let page = failure["page"].as_str().unwrap().split('#').next().unwrap();
         assert!(page.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"/.-_".contains(&byte)), "{page}");
         assert!(desk.path("report").join(page).is_file());

@@ -62,7 +62,7 @@ fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
     }
     // A replayed ego meets the attack as `generate` scores it.
     let attacked = folder.path().join("attacked");
-    let generate = ["generate", &scene, "--lambda", "1", "--json", "--out", text(&attacked)];
+    let generate = ["generate", &scene, "--format", "both", "--json", "--out", text(&attacked)];
     let generated = &rows(&sage(&[&generate[..], &WEIGHTS].concat()))[0];
     let step = &generated["scores"]["collision_step"];
     assert!(step.is_number());
@@ -93,6 +93,8 @@ fn rows_have_their_fields_in_the_order_of_drivers_and_lambdas() {
     let generate = [
         "generate",
         &scene,
+        "--format",
+        "both",
         "--adversary",
         "leader",
         "--method",
@@ -197,6 +199,10 @@ fn a_scene_that_fails_is_named_and_the_others_go_on() {
     assert_snapshot!(redacted(stderr(&output)), @r"
     error: `[folder]/scenes/broken.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo TFRecord file
     7 scenes, 14 drives in `[folder]/out` ([time])
+    | driver | drives | contact | at fault | off road |
+    | ------ | -----: | ------: | -------: | -------: |
+    | idm    |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
+    | expert |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
     to watch, open `[folder]/out/index.html` in a browser
     1 of 8 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again
     ");
@@ -237,6 +243,10 @@ fn a_scene_that_fails_is_named_and_the_others_go_on() {
     assert_snapshot!(redacted(stderr(&output)), @r"
     note: `[folder]/out` holds this run unfinished; it resumes
     7 scenes, 6 of them finished before, 14 drives in `[folder]/out` ([time])
+    | driver | drives | contact | at fault | off road |
+    | ------ | -----: | ------: | -------: | -------: |
+    | idm    |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
+    | expert |      7 | 0 (0 %) |  0 (0 %) |   0 of 7 |
     to watch, open `[folder]/out/index.html` in a browser
     ");
     let again = rows(&output);

@@ -13,7 +13,7 @@ fn without_numbers(table: &str) -> String {
     let line = |line: &str| {
         let cells: Vec<&str> = line.split("  ").map(str::trim).filter(|cell| !cell.is_empty()).collect();
         match cells[..] {
-            [claim, _, _, _, _, _, _, verdict, statement] => format!("{claim}: {verdict}: {statement}\n"),
+            [claim, _, verdict, statement] => format!("{claim}: {verdict}: {statement}\n"),
             _ => format!("{line}\n"),
         }
     };
@@ -50,7 +50,8 @@ fn a_page_states_every_claim_and_opens_from_disk() {
     ");
     let [html, markdown] =
         ["index.html", "theory.md"].map(|file| std::fs::read_to_string(out.join(file)).unwrap());
-    for line in stdout(&output).lines().skip(1) {
+    let is_claim = |line: &&str| line.starts_with('T') && line[1..2].parse::<u8>().is_ok();
+    for line in stdout(&output).lines().filter(is_claim) {
         let id = line.split(' ').next().unwrap();
         assert!(
             html.contains(&format!("<h2 id=\"{id}\">")) && markdown.contains(&format!("## {id}: ")),

@@ -164,7 +164,7 @@ mod tests {
     #[test]
     fn a_terminal_gets_at_most_eight_columns_of_a_hundred_characters() {
         let narrow = table(20).narrow();
-        assert!(self.heads.len() <= 8 && self.rows[0].len() == self.heads.len());
+        assert!(narrow.heads.len() <= 8 && narrow.rows[0].len() == narrow.heads.len());
         assert!(narrow.markdown().lines().all(|line| line.chars().count() <= 110), "{}", narrow.markdown());
         assert_eq!(table(2).narrow(), table(2));
         let long = Table { heads: vec!["x".repeat(200), "y".repeat(200)], names: 1, ..Table::default() };

@@ -18,8 +18,8 @@ const AGGRESSIONS: &str = "0:1:0.25";
 
 pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
     let folder = Folder::make(&args.out, args.force)?;
-    let at = |name: &str| folder.path().join(name).display().to_string();
-    let (unchanged, attacked, seed) = (at("scenes"), at("attacks"), args.seed.to_string());
+    let inner = |name: &str| folder.inner(name.as_ref()).map(|path| path.display().to_string());
+    let (unchanged, attacked, seed) = (inner("scenes")?, inner("attacks")?, args.seed.to_string());
     // Both are ordinary commands, so what the demo shows is what they do.
     let make = ["scenes", "--count", SCENES, "--seed", &seed, "--out", &unchanged];
     let attack = [

@@ -49,7 +49,6 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
     let seconds = scene_queue::work(&own, &run, &report, attack)?;
     let [failed, left_out, _] = report.finish(&args.folder.out);
-    print_table(&plan, run.folder().path(), run.hash(), &own, args.json)?;
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let results = || {
         let done = all.iter().filter(|input| is_done(&plan, &folder, &hash, input)).count();
@@ -68,8 +67,11 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
             "note: the summary of `{out}` also lists {others} that other runs left there"
         ));
     }
-    if out.join(INDEX).is_file() {
-        progress::say(&format!("to look at the attacks, open `{}`", out.join(INDEX).display()));
+    if left_out + failed < own.len() {
+        print_table(&plan, &folder, &hash, &own, args.json)?;
+        if out.join(INDEX).is_file() {
+            progress::say(&format!("to look at the attacks, open `{}`", out.join(INDEX).display()));
+        }
     }
     scene_queue::outcome([failed, left_out], own.len(), out, "attacked")
 }
@@ -104,7 +106,8 @@ fn rows<'a>(
 
 /// Writes the page of the data set. A shard writes it if it is the last.
 fn write_index(plan: &Plan, run: &DatasetRun, all: &[Input], is_shard: bool) -> Result<()> {
-    if is_shard && !all.iter().all(|input| is_done(plan, run.folder().path(), run.hash(), input)) {
+    let is_done = |input| is_done(plan, run.folder().path(), run.hash(), input);
+    if !all.iter().any(is_done) || (is_shard && !all.iter().all(is_done)) {
         return Ok(());
     }
     let attacks = all.len() * plan.variants().len();

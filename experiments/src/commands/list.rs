@@ -63,7 +63,8 @@ fn generators(out: &mut impl Write, registry: &Registry<dyn GeneratorKind>, as_j
             });
             writeln!(out, "{row}")?;
         } else {
-            line(out, entry.name, &format!("{} (knows {knows})", entry.summary))?;
+            line(out, entry.name, entry.summary)?;
+            line(out, "", &format!("  knows: {knows}"))?;
             options(out, &entry.defaults)?;
         }
     }
@@ -85,7 +86,8 @@ fn policies(out: &mut impl Write, registry: &Registry<dyn EgoPolicy>, as_json: b
             });
             writeln!(out, "{row}")?;
         } else {
-            line(out, entry.name, &format!("{} (knows {knows})", entry.summary))?;
+            line(out, entry.name, entry.summary)?;
+            line(out, "", &format!("  knows: {knows}"))?;
             options(out, &entry.defaults)?;
         }
     }

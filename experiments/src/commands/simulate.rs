@@ -195,9 +195,6 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
     let seconds = scene_queue::work(&all, &run, &report, |input| simulate_scene(&simulation, &run, input))?;
     let [failed, left_out, drives] = report.finish(out);
     index::write(run.folder(), &simulation, &inputs, run.hash())?;
-    if let Some(table) = summary::table(&simulation, run.folder().path(), &inputs, run.hash()) {
-        output::print_table(&table, args.json)?;
-    }
     let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
     let is_done = |input: &&Input| {
         simulation.files(&input.scene).all(|(.., file)| is_row_of(&folder.join(file), &hash))
@@ -215,6 +212,9 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
         (inputs.len() == done + left_out && failed == 0).then(|| clock.elapsed().as_secs_f64())
     };
     run.finish(false, results, statistics::median(&seconds), whole)?;
+    if let Some(table) = summary::table(&simulation, &folder, &inputs, &hash) {
+        output::print_table(&table, args.json)?;
+    }
     if failed + left_out < inputs.len() {
         let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
         progress::say(&format!("to watch, open `{}` in a browser", out.join(page).display()));

@@ -10,6 +10,7 @@ use std::{
 
 use anyhow::{Result, ensure};
 use rayon::prelude::*;
+use sage_bench::wrap::wrapped;
 use serde_json::json;
 use theory_checks::{Check, Report, Setup, Verdict, caught};
 
@@ -126,11 +127,12 @@ fn selected(only: &[String], registries: &Registries) -> Result<Vec<Claim>> {
 fn claim_lines(claims: &[Claim], reports: &[Report], setup: &Setup, as_json: bool) -> Result<String> {
     let mut out = String::new();
     if !as_json {
-        let head = "claim  instances  comparisons  violations  margin left  tightness  stored  verdict           statement";
-        writeln!(out, "{head}")?;
+        writeln!(out, "claim  comparisons  verdict           statement")?;
     }
+    let mut verdicts = Vec::new();
     for (claim, report) in claims.iter().zip(reports) {
         let (verdict, expected) = (Verdict::of(report), claim.check.expected());
+        verdicts.push(verdict);
         if as_json {
             let row = json!({
                 "claim": claim.id, "statement": claim.statement, "source": claim.source,
@@ -141,21 +143,22 @@ fn claim_lines(claims: &[Claim], reports: &[Report], setup: &Setup, as_json: boo
             writeln!(out, "{row}")?;
             continue;
         }
-        let or_none = |value: Option<String>| value.unwrap_or("-".to_owned());
         let note = if verdict == expected { "" } else { " (another verdict was expected)" };
-        writeln!(
-            out,
-            "{:<5}  {:>9}  {:>11}  {:>10}  {:>10.2}%  {:>9}  {:>6}  {:<16}  {}{note}",
+        let line = format!(
+            "{:<5}  {:>11}  {:<16}  {}{note}",
             claim.id,
-            report.instances,
             report.comparisons,
-            report.violations,
-            100.0 * report.worst_margin,
-            or_none(report.tightness.map(|ratio| format!("{ratio:.4}"))),
-            or_none(report.fixture_error.map(|error| format!("{error:.1e}"))),
             verdict.words(),
             claim.statement
-        )?;
+        );
+        writeln!(out, "{}", wrapped(&line, 38))?;
+    }
+    if !as_json {
+        // A verdict such as "fails as printed" beside thousands of comparisons that hold asks for words.
+        out.push('\n');
+        for (verdict, meaning) in page::VERDICTS.iter().filter(|(verdict, _)| verdicts.contains(verdict)) {
+            writeln!(out, "{}", wrapped(&format!("{}: {meaning}", verdict.words()), 4))?;
+        }
     }
     Ok(out)
 }
@@ -180,7 +183,7 @@ fn diagnostic_lines(subject: &str, diagnostics: &[Diagnostic], as_json: bool) ->
             });
             writeln!(out, "{row}")?;
         } else {
-            writeln!(out, "{id}  {question}\n    {finding}")?;
+            writeln!(out, "{}\n    {}", wrapped(&format!("{id}  {question}"), 4), wrapped(finding, 4))?;
         }
     }
     Ok(out)

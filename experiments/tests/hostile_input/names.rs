@@ -107,5 +107,6 @@ fn scenes_without_id_and_with_one_id_are_converted_to_shards_that_can_be_read() 
     note: weights `procedural` (network densetnt)
     note: outputs of 8 scenes have names with a hash of the path, because their own are not unique or cannot be those of outputs
     10 scenes, 10 attacks in `[folder]/attacked` ([time])
+    to look at the attacks, open `[folder]/attacked/index.html`
     ");
 }

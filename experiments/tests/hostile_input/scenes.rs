@@ -231,6 +231,7 @@ fn a_scene_whose_source_is_damaged_keeps_no_other_from_being_attacked() {
     1 scene, 1 attack in `[folder]/out` ([time])
     error: `[folder]/in/1.safetensors` at byte 2: opcode unknown (0xff) is not allowed in a scene file
     note: weights `procedural` (network densetnt)
+    to look at the attacks, open `[folder]/out/index.html`
     ");
     assert!(pickle(&at("out"), "2-lambda1.00").is_file());
 }

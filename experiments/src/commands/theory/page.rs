@@ -28,7 +28,8 @@ const INTRODUCTION: &str = "Each claim of the theory of preference-mixed experts
     (adversarial) maximises R_β, expert 2 (realistic) R_(1−β), with β in (0.5, 1]. θ(λ) = (1 − λ) θ_2 + λ θ_1, d = θ_1 − θ_2, D = ‖d‖. The gap \
     of μ is R_μ(θ̂_μ) less the largest R_μ(θ(λ)) over λ in [0, 1]. μ is inside if 1 − β < μ < β. A reward is L-smooth and m-strongly concave if \
     the eigenvalues of the Hessian of −R lie in [m, L].";
-const VERDICTS: [(Verdict, &str); 6] = [
+/// Verdicts and what they mean.
+pub(super) const VERDICTS: [(Verdict, &str); 6] = [
     (Verdict::Holds, "no comparison misses its tolerance; a bound is attained by some instance"),
     (Verdict::HoldsWithSlack, "a bound without violation that no instance attains"),
     (Verdict::HoldsIf, "true under a stated condition; outside it there are failures"),

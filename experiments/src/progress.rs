@@ -24,7 +24,7 @@ pub(crate) fn say(text: &str) {
     let text = terminal::escaped_name(text);
     let count = text.chars().count();
     if count <= LONGEST_LINE {
-        let text = if std::io::stderr().is_terminal() { wrapped(&text, 2) } else { text.into() };
+        let text = if std::io::stderr().is_terminal() { wrapped(&text, 2) } else { text };
         let _ = writeln!(std::io::stderr(), "{text}");
         return;
     }

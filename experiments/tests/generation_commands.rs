@@ -428,3 +428,62 @@ fn explain_counts_what_the_rows_of_generate_hold() {
     assert!(text.lines().skip(1).all(|line| line.chars().count() <= 100), "{text}");
     assert_eq!(text.matches("| contact | value |").count(), 5);
 }
+
+#[test]
+fn explain_draw_and_score_read_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let generate = |format: &str, out: &str| {
+        let command = ["generate", &example(), "--lambda", "0,1", "--format", format, "--out", &at(out)];
+        stdout(&sage(&[&command[..], &WEIGHTS].concat()));
+    };
+    let explained = |arguments: &[&str]| -> Vec<Value> {
+        let mut all = rows(&sage(&[&["explain"], arguments, &["--json"]].concat()));
+        // The label of a row is its variant.
+        all.iter_mut().for_each(|one| one["attack"] = Value::Null);
+        all
+    };
+    let whole = explained(&[&[&*example(), "--lambda", "0,1"][..], &WEIGHTS].concat());
+    for format in ["pickle", "native", "rows"] {
+        generate(format, format);
+        for (lambda, expected) in ["0.00", "1.00"].iter().zip(&whole) {
+            let row = at(&format!("{format}/crossing-lambda{lambda}.json"));
+            // A row is explained from its attacked scene, which has the same values as the scene.
+            let scene = example();
+            let of: &[&str] = if format == "rows" { &["--of", &scene] } else { &[] };
+            assert_eq!(&explained(&[&[&*row][..], of].concat())[0], expected, "{format}");
+        }
+    }
+    let row = at("rows/crossing-lambda1.00.json");
+    let scene = example();
+    let other = at("other.pkl");
+    std::fs::copy(at("pickle/run.json"), at("no.json")).unwrap();
+    let bytes = std::fs::read(pickle(Path::new(&at("pickle")), "crossing-lambda0.00")).unwrap();
+    std::fs::write(&other, bytes).unwrap();
+    let said = [
+        ("no scene file", failure(&["explain", &row])),
+        ("another scene", failure(&["explain", &row, "--of", &other])),
+        ("options", failure(&["explain", &row, "--lambda", "1"])),
+        ("no row", failure(&["explain", &at("no.json")])),
+        ("a scene with --of", failure(&["explain", &scene, "--of", &scene])),
+    ];
+    assert_snapshot!("rows_that_cannot_be_explained", messages(said));
+    let svg = at("candidates.svg");
+    stdout(&sage(&["explain", &row, "--of", &scene, "--svg", &svg]));
+    assert!(std::fs::read_to_string(&svg).unwrap().contains("no contact"));
+    assert!(failure(&["explain", &row, "--of", &scene, "--svg", &svg]).contains("--force"));
+    let candidates = serde_json::from_slice::<Value>(&std::fs::read(&row).unwrap()).unwrap();
+    let scored = rows(&sage(&["score", &scene, "--candidates", &row, "--json"]));
+    let all = candidates["candidates"].as_array().unwrap();
+    assert_eq!(scored.len(), all.len());
+    for (scored, candidate) in scored.iter().zip(all) {
+        assert_eq!(scored["adversarial_reward"], candidate["scores"]["adversarial_reward"]);
+    }
+    let drawn = stdout(&sage(&["draw", &scene, "--candidates", &row, "--out", "-"])).to_owned();
+    assert!(drawn.contains("selected"));
+    // A row of a search says what came of its plans.
+    let search = ["search", &scene, "--ego", "idm", "--budget", "4", "--out", &at("found")];
+    stdout(&sage(&[&search[..], &WEIGHTS].concat()));
+    let text = stdout(&sage(&["explain", &at("found/crossing.json")])).to_owned();
+    assert!(text.contains("plans proposed") && text.contains("failures"), "{text}");
+}

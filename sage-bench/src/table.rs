@@ -5,6 +5,8 @@ use crate::wrap::COLUMNS;
 /// Most columns and characters of a table in a terminal.
 const MOST_COLUMNS: usize = 8;
 const MOST_CHARACTERS: usize = COLUMNS;
+/// Least width of an aligned column, for its rule.
+const LEAST: usize = 3;
 
 /// A table with heads.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -58,7 +60,7 @@ impl Table {
         let cells = |k: usize| self.rows.iter().filter_map(move |row| row.get(k)).chain([&self.heads[k]]);
         let length = |cell: &String| cell.chars().count();
         let widths: Vec<usize> =
-            (0..self.heads.len()).map(|k| cells(k).map(length).max().unwrap_or(0).max(3)).collect();
+            (0..self.heads.len()).map(|k| cells(k).map(length).max().unwrap_or(0).max(LEAST)).collect();
         let padded = |row: &Vec<String>| -> Vec<String> {
             let one = |(k, cell): (usize, &String)| {
                 let space = " ".repeat(widths[k].saturating_sub(length(cell)));
@@ -88,7 +90,7 @@ impl Table {
     pub(crate) fn narrow(&self) -> Self {
         let width = |k: usize| {
             let cells = self.rows.iter().filter_map(|row| row.get(k)).chain([&self.heads[k]]);
-            cells.map(|cell| cell.chars().count()).max().unwrap_or(0) + 3
+            cells.map(|cell| cell.chars().count()).max().unwrap_or(0).max(LEAST) + 3
         };
         let (mut kept, mut used) = (0, 1);
         while kept < self.heads.len().min(MOST_COLUMNS) {

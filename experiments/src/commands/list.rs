@@ -130,8 +130,14 @@ fn options(out: &mut impl Write, defaults: &Value) -> Result<()> {
 
 /// A value with the fewest digits that give it back: options of 32 bits have long decimals in 64.
 fn short(value: &Value) -> String {
-    match value.as_f64().filter(|_| value.is_f64()) {
-        Some(number) if f64::from(number as f32) == number => format!("{:?}", number as f32),
+    match (value, value.as_f64().filter(|_| value.is_f64())) {
+        (_, Some(number)) if f64::from(number as f32) == number => format!("{:?}", number as f32),
+        // With spaces, so that a long one can be broken.
+        (Value::Object(fields), _) => {
+            let fields: Vec<String> =
+                fields.iter().map(|(key, value)| format!("\"{key}\": {}", short(value))).collect();
+            format!("{{{}}}", fields.join(", "))
+        }
         _ => value.to_string(),
     }
 }

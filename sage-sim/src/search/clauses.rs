@@ -196,14 +196,10 @@ impl Reason {
             Self::Error => "the driver gave an error in every drive",
             Self::NoFeasiblePlan => "no plan of the adversary is feasible",
             Self::NeverHit => "the driver had no contact",
-            Self::ContactWithoutAttack => {
-                "every contact is there without the attack too, or with another road user first"
-            }
+            Self::ContactWithoutAttack => "no contact comes from the attack alone",
             Self::NotBelievable => "no attack is believable",
-            Self::NotAtFault => "the driver is at fault in no believable attack",
-            Self::NotShownAvoidable => {
-                "no evasive manoeuvre was found in any attack that meets the other clauses"
-            }
+            Self::NotAtFault => "never at fault in a believable attack",
+            Self::NotShownAvoidable => "no evasive manoeuvre was found",
             Self::Budget => "the budget ended before the plans did",
         }
     }

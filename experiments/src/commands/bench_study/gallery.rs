@@ -25,7 +25,7 @@ use sage_bench::runner::SceneSource as _;
 
 /// Pictures of believable attacks, and of failed ones.
 const SHOWN: usize = 3;
-const STYLE: &str = "body{font:15px sans-serif;margin:2em}table{border-collapse:collapse;font-size:12px;display:block;overflow-x:auto}td,th{border:1px solid #ccc;padding:2px 6px;white-space:nowrap}.row{display:flex;flex-wrap:wrap;gap:1em}figure{margin:0}img{width:560px;border:1px solid #ddd}";
+const STYLE: &str = "body{font:15px sans-serif;margin:min(2em,3vw)}code,p,h1,h2{overflow-wrap:anywhere}table{max-width:100%;border-collapse:collapse;font-size:12px;display:block;overflow-x:auto}td,th{border:1px solid #ccc;padding:2px 6px;white-space:nowrap}.row{display:flex;flex-wrap:wrap;gap:1em}figure{margin:0}img{width:560px;max-width:100%;border:1px solid #ddd}";
 
 /// A picture of an attack on the page.
 struct Card {
@@ -79,7 +79,7 @@ pub(super) fn write(
     let title = escaped(&format!("sage bench {}", plan.study.study));
     let tables: String = report.tables.iter().map(html).collect();
     let page = format!(
-        "<!doctype html><meta charset=utf-8><title>{title}</title>\n<style>{STYLE}</style>\n<h1>{title}</h1>\n<p><code>{}</code></p>\n{tables}<p>{}</p>{cards}",
+        "<!doctype html><meta charset=utf-8><meta name=viewport content=\"width=device-width\"><title>{title}</title>\n<style>{STYLE}</style>\n<h1>{title}</h1>\n<p><code>{}</code></p>\n{tables}<p>{}</p>{cards}",
         escaped(&output::command()),
         escaped(&(report.words.iter().map(|(_, words)| &**words).collect::<String>() + &report.notes)),
     );

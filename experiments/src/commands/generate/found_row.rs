@@ -73,7 +73,13 @@ impl FoundRow {
     pub(super) fn line(&self) -> String {
         let FoundScores { adversarial_reward, kinematic_penalty, behavior_penalty, .. } = self.scores;
         let penalties = [adversarial_reward, kinematic_penalty, behavior_penalty];
-        line([&self.scene, &self.variant], [&self.words(), own_note(&self.note)], penalties, None)
+        line(
+            [&self.scene, &self.variant],
+            self.outcome,
+            [&self.words(), own_note(&self.note)],
+            penalties,
+            None,
+        )
     }
 }
 
@@ -90,7 +96,13 @@ impl VariantRow<'_> {
         } = self.scores.scores;
         let words = words(self.outcome, *collision_step, unbelievable);
         let penalties = [*adversarial_reward, *kinematic_penalty, *behavior_penalty];
-        line([self.scene, self.variant], [&words, own_note(&self.note)], penalties, Some(seconds))
+        line(
+            [self.scene, self.variant],
+            self.outcome,
+            [&words, own_note(&self.note)],
+            penalties,
+            Some(seconds),
+        )
     }
 }
 
@@ -113,13 +125,18 @@ fn own_note(note: &Option<String>) -> &str {
 
 fn line(
     [scene, variant]: [&str; 2],
+    outcome: SelectionOutcome,
     [words, note]: [&str; 2],
     [reward, kinematic, behavior]: [f64; 3],
     seconds: Option<f64>,
 ) -> String {
     let note = if note.is_empty() { String::new() } else { format!("; {note}") };
+    let values = match outcome.is_attack() {
+        true => format!("; R_adv {reward:.2}, P_kin {kinematic:.2}, P_beh {behavior:.2}"),
+        false => String::new(),
+    };
     format!(
-        "{} {}: {words}; R_adv {reward:.2}, P_kin {kinematic:.2}, P_beh {behavior:.2}{note} ({})",
+        "{} {}: {words}{values}{note} ({})",
         terminal::escaped_name(scene),
         terminal::escaped_name(variant),
         seconds.map_or("finished before".to_owned(), |s| format!("{:.0} ms", 1e3 * s)),

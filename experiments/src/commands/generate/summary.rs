@@ -38,7 +38,7 @@ impl Tally<'_> {
             (SelectionOutcome::NoFeasiblePlan, "no candidate is feasible"),
             (SelectionOutcome::NeverHit, "none touches the ego"),
             (SelectionOutcome::NoFeasibleHit, "those that hit are infeasible"),
-            (SelectionOutcome::NotPreferred, "another is preferred"),
+            (SelectionOutcome::NotPreferred, "a miss is preferred"),
         ];
         let counted = REASONS.map(|(reason, words)| (self.count(|row| row.outcome == reason), words));
         // Of equal counts the first is taken.

@@ -11,7 +11,7 @@ use crate::{html_page::link, output::Folder, scene_queue::Input, terminal::escap
 pub(super) const FILE: &str = "index.html";
 
 const HEAD: &str = "<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content=\"width=device-width\"><title>sage simulate</title>
-<style>body{font:14px/1.4 system-ui,sans-serif;margin:1.5em;color:#222}table{border-collapse:collapse}td,th{border-bottom:1px solid #ddd;padding:3px 10px;text-align:left;vertical-align:top}th{position:sticky;top:0;background:#fff}.hit{color:#b00020;font-weight:600}</style>
+<style>body{font:14px/1.4 system-ui,sans-serif;margin:1.5em;color:#222}table{border-collapse:collapse}td,th{border-bottom:1px solid #ddd;padding:3px 10px;overflow-wrap:anywhere;text-align:left;vertical-align:top}th{position:sticky;top:0;background:#fff}.hit{color:#b00020;font-weight:600}@media(max-width:640px){body{margin:.6em}td,th{padding:3px 4px}}</style>
 <h1>Drives</h1>
 ";
 

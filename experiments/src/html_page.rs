@@ -6,6 +6,9 @@ use serde_json::Value;
 
 use crate::terminal::escaped_html;
 
+/// What pages begin with: no page loads anything from elsewhere.
+const HEAD: &str = include_str!("html_page/head.html");
+
 /// Data as JSON for a script element.
 ///
 /// *Errors*: data that JSON cannot hold.
@@ -14,13 +17,13 @@ pub(crate) fn embedded(data: &impl Serialize) -> Result<String> {
     Ok(serde_json::to_string(data)?.replace('<', "\\u003c"))
 }
 
-/// A template with its parts in place of `{{STYLE}}`, `{{SCRIPT}}`, `{{TITLE}}` and `{{DATA}}`.
+/// A page of a body with its parts in place of `{{STYLE}}`, `{{SCRIPT}}`, `{{TITLE}}` and `{{DATA}}`.
 ///
 /// *Errors*: a template without the places for title and data.
-pub(crate) fn assembled(template: &str, [style, script, title, data]: [&str; 4]) -> Result<String> {
+pub(crate) fn assembled(body: &str, [style, script, title, data]: [&str; 4]) -> Result<String> {
     let title = escaped_html(title);
     // The data come last: a title may hold the name of another part.
-    let page = template.replace("{{STYLE}}", style).replace("{{SCRIPT}}", script);
+    let page = (HEAD.to_owned() + body).replace("{{STYLE}}", style).replace("{{SCRIPT}}", script);
     let parts = page.split_once("{{TITLE}}").and_then(|(head, rest)| {
         let (middle, tail) = rest.split_once("{{DATA}}")?;
         Some([head, &title, middle, data, tail].concat())
@@ -57,12 +60,11 @@ mod tests {
 
     #[test]
     fn titles_and_data_end_no_element_and_name_no_part() {
-        let template = "<title>{{TITLE}}</title><style>{{STYLE}}</style>{{DATA}}<script>{{SCRIPT}}</script>";
+        let body = "<body>{{DATA}}<script>{{SCRIPT}}</script>";
         let data = embedded(&"</script>{{SCRIPT}}").unwrap();
-        let page = assembled(template, ["s", "j", "<b>{{DATA}}", &data]).unwrap();
-        let expected =
-            "<title>&lt;b&gt;{{DATA}}</title><style>s</style>\"\\u003c/script>{{SCRIPT}}\"<script>j</script>";
-        assert_eq!(page, expected);
-        assert!(assembled("{{DATA}}", ["", "", "", ""]).is_err());
+        let page = assembled(body, ["s", "j", "<b>{{DATA}}", &data]).unwrap();
+        assert!(page.contains("<title>&lt;b&gt;{{DATA}}</title>") && page.contains("<style>\ns\n</style>"));
+        assert!(page.ends_with("<body>\"\\u003c/script>{{SCRIPT}}\"<script>j</script>"), "{page}");
+        assert!(assembled("", ["", "", "", ""]).is_err(), "it has no place for data");
     }
 }

@@ -120,9 +120,14 @@ impl Progress {
         let Self { verb, done, .. } = self;
         let _ = match self.total {
             Some(total) => {
-                let worked = (*done - self.found).max(1) as f64;
-                let left = self.start.elapsed().as_secs_f64() / worked * total.saturating_sub(*done) as f64;
-                write!(std::io::stderr(), "\r{verb} {done} of {total}, about {left:.0} s left   ")
+                // The first items of all threads end nearly together, so each alone would say too much.
+                let worked = *done - self.found;
+                let seconds = self.start.elapsed().as_secs_f64() / worked.max(1) as f64;
+                let left = match worked > rayon::current_num_threads() {
+                    true => format!(", about {:.0} s left", seconds * total.saturating_sub(*done) as f64),
+                    false => String::new(),
+                };
+                write!(std::io::stderr(), "\r{verb} {done} of {total}{left}   ")
             }
             None => write!(std::io::stderr(), "\r{verb} {done}   "),
         };

@@ -152,7 +152,12 @@ impl Report {
         let scenes = state.progress.done() - state.failed - state.left_out;
         let found = state.progress.found();
         let before = if found > 0 { format!(", {found} of them finished before") } else { String::new() };
-        let (scenes, results) = (count(scenes, "scene"), count(state.results, self.result));
+        let scenes = count(scenes, "scene");
+        // A result that is a scene need not be counted twice.
+        let results = match self.result {
+            "scene" => String::new(),
+            result => format!(", {}", count(state.results, result)),
+        };
         // A run without any result has said why.
         let left_out = match state.left_out {
             0 => String::new(),
@@ -164,7 +169,7 @@ impl Report {
             say(&format!("warnings: {}", counts.collect::<Vec<_>>().join(", ")));
         }
         if state.results > 0 || state.failed == 0 {
-            state.progress.finish(&format!("{scenes}{before}{left_out}, {results} in `{}`", out.display()));
+            state.progress.finish(&format!("{scenes}{before}{left_out}{results} in `{}`", out.display()));
         }
         [state.failed, state.left_out, state.results]
     }

@@ -39,7 +39,7 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
         curriculum: &*curriculum,
         sampler: &*sampler,
     };
-    let total = options.steps();
+    let (total, random) = (options.steps(), options.td3.random_steps);
     let mut training = Training::new(options, setting, state);
     if resumed {
         clock.resumed(seed, training.state().counters().steps);
@@ -47,7 +47,7 @@ pub(super) fn train(shared: &Shared, run: &Run, seed: u64, clock: &report::Clock
     while !training.is_done() {
         let until = training.state().counters().steps + shared.args.checkpoint_every;
         let before = training.state().evaluations().len();
-        training.advance(until.min(total), |_| clock.step()).map_err(|stop| {
+        training.advance(until.min(total), |done| clock.step(done > random)).map_err(|stop| {
             anyhow!(
                 "{stop}; the last good checkpoint is `{}`: the same command goes on from it, other options need another --out",
                 path.join(CHECKPOINT).display()

@@ -3,7 +3,7 @@
 use std::{
     fmt::Write as _,
     sync::{
-        Mutex, PoisonError,
+        Mutex, OnceLock, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
     time::Instant,
@@ -192,10 +192,11 @@ pub(super) fn summary(columns: &Columns, trained: &[Trained]) -> Value {
 
 /// Progress of all seeds together.
 pub(super) struct Clock {
-    start: Instant,
     total: u64,
     done: AtomicU64,
-    found: AtomicU64,
+    /// When the first step with an update came, and how many steps were done then: random steps are many times faster,
+    /// and say nothing about the rest.
+    learning: OnceLock<(Instant, u64)>,
     shown: Mutex<Instant>,
 }
 
@@ -204,18 +205,19 @@ const INTERVAL: f64 = 1.0;
 
 impl Clock {
     pub(super) fn new(total: u64) -> Self {
-        let (done, found) = (AtomicU64::new(0), AtomicU64::new(0));
-        Self { start: Instant::now(), total, done, found, shown: Mutex::new(Instant::now()) }
+        Self { total, done: AtomicU64::new(0), learning: OnceLock::new(), shown: Mutex::new(Instant::now()) }
     }
 
     pub(super) fn resumed(&self, seed: u64, steps: u64) {
         self.done.fetch_add(steps, Ordering::Relaxed);
-        self.found.fetch_add(steps, Ordering::Relaxed);
         progress::say(&format!("seed {seed} resumes at step {steps}"));
     }
 
-    pub(super) fn step(&self) {
+    pub(super) fn step(&self, is_learning: bool) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
+        if is_learning {
+            self.learning.get_or_init(|| (Instant::now(), done));
+        }
         // The clock is read now and then only.
         if !done.is_multiple_of(64) {
             return;
@@ -228,8 +230,9 @@ impl Clock {
     }
 
     fn left(&self) -> String {
-        let (done, found) = (self.done.load(Ordering::Relaxed), self.found.load(Ordering::Relaxed));
-        let rate = (done - found).max(1) as f64 / self.start.elapsed().as_secs_f64();
+        let Some((start, before)) = self.learning.get() else { return "random steps first".to_owned() };
+        let done = self.done.load(Ordering::Relaxed);
+        let rate = (done - before).max(1) as f64 / start.elapsed().as_secs_f64();
         format!(
             "{rate:.0} steps/s, about {:.0} min left",
             (self.total - done.min(self.total)) as f64 / rate / 60.0

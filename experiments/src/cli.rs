@@ -109,10 +109,10 @@ Examples:
     },
 }
 
-/// Generate procedural scenes, attack them at five aggressions, and draw them.
+/// Generate procedural scenes, attack them at five aggressions, and show them on a page.
 ///
-/// Prints the attack rate, reward, penalties and feasible share at each aggression. Writes one scene of each
-/// kind, its attack at aggression 1, and a picture of all five attacks. Uses the weights in the binary.
+/// Runs `sage scenes` and `sage generate` and prints both commands, and at the end the page to open. Uses the weights in
+/// the binary.
 #[derive(Debug, Args)]
 #[command(after_help = "Example:\n  sage demo --out demo")]
 pub(crate) struct DemoArgs {

@@ -68,6 +68,10 @@ pub(crate) struct Panel<'a> {
     pub(crate) is_failed: bool,
     /// Candidates that were not selected, by their number among the paths of the page.
     pub(crate) others: Vec<usize>,
+    /// Places with a label: where hits that were not selected break a rule.
+    pub(crate) marks: Vec<(Point, String)>,
+    /// What the verdict is called at the end; "attack" if `None`.
+    pub(crate) badge: Option<&'static str>,
     /// Says what is attacked, before the end.
     pub(crate) note: String,
     /// Says how it ended.
@@ -125,6 +129,14 @@ struct Data<'a> {
     panels: Vec<EncodedPanel<'a>>,
 }
 
+/// A place in centimetres, with its label.
+#[derive(Serialize)]
+struct EncodedMark<'a> {
+    x: i64,
+    y: i64,
+    label: &'a str,
+}
+
 /// Every fourth point of a path, in decimetres as differences.
 #[derive(Serialize)]
 struct EncodedPath {
@@ -151,6 +163,10 @@ struct EncodedPanel<'a> {
     failed: bool,
     #[serde(skip_serializing_if = "<[usize]>::is_empty")]
     others: &'a [usize],
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    marks: Vec<EncodedMark<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    badge: Option<&'static str>,
     /// What the driver showed.
     shown: Vec<EncodedShown<'a>>,
     note: &'a str,
@@ -279,10 +295,17 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         verdict: *verdict,
         failed: *is_failed,
         others: &panel.others,
+        marks: panel.marks.iter().map(|(place, label)| encoded_mark(*place, label, origin)).collect(),
+        badge: panel.badge,
         shown: panel.shown.iter().map(|shown| encoded_shown(shown, origin)).collect(),
         note,
         ending,
     }
+}
+
+fn encoded_mark(place: Point, label: &str, origin: Point) -> EncodedMark<'_> {
+    let [x, y] = [0, 1].map(|axis| encoding::hundredths(place[axis] - origin[axis]));
+    EncodedMark { x, y, label }
 }
 
 fn encoded_path(path: &Path, origin: Point) -> EncodedPath {

@@ -1,9 +1,9 @@
 //! What came of the selection among a generator's candidates: an attack, or why there is none.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use sage_core::{
-    geometry::distance,
+    geometry::{Point, distance},
     objective::{Candidate, Context, Reason, Violation},
 };
 use serde::{Deserialize, Serialize};
@@ -40,7 +40,7 @@ impl SelectionOutcome {
             Self::NoFeasiblePlan => "no candidate is feasible",
             Self::NeverHit => "no candidate touches the ego",
             Self::NoFeasibleHit => "no candidate that touches the ego is feasible",
-            Self::NotPreferred => "the selection prefers one without contact",
+            Self::NotPreferred => "the selection rates a miss higher",
         })
     }
 
@@ -102,6 +102,10 @@ pub(crate) struct Nearest {
 }
 
 impl Nearest {
+    fn words(self) -> String {
+        format!("the nearest has its centre {:.1} m from the ego's after {:.1} s", self.distance, self.after)
+    }
+
     /// That of a candidate; `None` if the ego has no box at any of its steps.
     pub(crate) fn of(candidate: &Candidate, ctx: &Context) -> Option<Self> {
         let steps = candidate.boxes().iter().zip(ctx.ego().boxes()).enumerate();
@@ -115,8 +119,34 @@ impl Nearest {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Broken {
     pub(crate) hits: usize,
-    /// Earliest violation, seconds from *now*.
+    /// Earliest violation, seconds from *now*, and the adversary's position then.
     pub(crate) from: f64,
+    pub(crate) place: Point,
+}
+
+/// Feasible hits that a person would not believe for one reason.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Doubted {
+    pub(crate) hits: usize,
+    /// The value that comes nearest to the limit, and the limit, in the units of [`Reason`].
+    pub(crate) nearest: f64,
+    pub(crate) limit: Option<f64>,
+}
+
+impl Doubted {
+    /// The reason with its name, number of hits and values.
+    fn words(&self, name: &str) -> String {
+        let Self { hits, nearest, limit } = self;
+        match (name, limit) {
+            ("contact depth", Some(limit)) => {
+                format!("contact depth ({hits}: at most {nearest:.2} m; {limit:.2} m needed)")
+            }
+            ("against traffic", Some(limit)) => {
+                format!("against traffic ({hits}: {nearest:.1} s or more; {limit:.1} s allowed)")
+            }
+            _ => format!("{name} ({hits}, from {nearest:.1} s on)"),
+        }
+    }
 }
 
 impl Measured<'_> {
@@ -153,8 +183,8 @@ pub(crate) struct CandidateCounts {
     pub(crate) nearest: Option<Nearest>,
     /// What makes hits infeasible: rule and what is touched.
     pub(crate) violations: BTreeMap<String, Broken>,
-    /// Why feasible hits are not believable, with the number of hits.
-    pub(crate) unbelievable: BTreeMap<String, usize>,
+    /// Why feasible hits are not believable.
+    pub(crate) unbelievable: BTreeMap<String, Doubted>,
 }
 
 impl CandidateCounts {
@@ -175,23 +205,76 @@ impl CandidateCounts {
         }
         self.hits += 1;
         if !one.is_feasible() {
-            let mut first: BTreeMap<String, usize> = BTreeMap::new();
+            let mut first: BTreeMap<String, &Violation> = BTreeMap::new();
             for violation in one.violations {
-                let step = first.entry(violated(violation)).or_insert(violation.step);
-                *step = violation.step.min(*step);
+                let known = first.entry(violated(violation)).or_insert(violation);
+                if violation.step < known.step {
+                    *known = violation;
+                }
             }
-            for (what, step) in first {
-                let from = step as f64 / 10.0;
-                let broken = self.violations.entry(what).or_insert(Broken { hits: 0, from });
-                *broken = Broken { hits: broken.hits + 1, from: broken.from.min(from) };
+            for (what, violation) in first {
+                let (from, place) = (violation.step as f64 / 10.0, violation.place);
+                let broken = self.violations.entry(what).or_insert(Broken { hits: 0, from, place });
+                broken.hits += 1;
+                if from < broken.from {
+                    (broken.from, broken.place) = (from, place);
+                }
             }
             return;
         }
         self.feasible_hits += 1;
         self.believable_hits += usize::from(one.is_believable());
-        let doubts: BTreeSet<String> =
-            one.unbelievable.iter().map(|reason| reason.reason.replace('_', " ")).collect();
-        doubts.into_iter().for_each(|doubt| *self.unbelievable.entry(doubt).or_default() += 1);
+        for Reason { reason, value, limit } in one.unbelievable {
+            let first = Doubted { hits: 0, nearest: *value, limit: *limit };
+            let doubted = self.unbelievable.entry(reason.replace('_', " ")).or_insert(first);
+            doubted.hits += 1;
+            let is_deeper = &**reason == "contact_depth";
+            doubted.nearest =
+                if is_deeper { doubted.nearest.max(*value) } else { doubted.nearest.min(*value) };
+        }
+    }
+
+    /// What makes hits infeasible, in words; empty if nothing does. The most frequent first.
+    pub(crate) fn violated(&self) -> Vec<String> {
+        let mut all: Vec<(&String, &Broken)> = self.violations.iter().collect();
+        all.sort_by_key(|(_, broken)| std::cmp::Reverse(broken.hits));
+        let words = |(what, Broken { hits, from, .. }): (&String, &Broken)| {
+            format!("{what} ({hits}, from {from:.1} s on)")
+        };
+        all.into_iter().map(words).collect()
+    }
+
+    /// Where hits first break each rule, with a label for pictures.
+    pub(crate) fn marks(&self) -> Vec<(Point, String)> {
+        self.violations.iter().map(|(what, broken)| (broken.place, what.replace('`', ""))).collect()
+    }
+
+    /// Why feasible hits are not believable, in words; empty if all are.
+    pub(crate) fn doubted(&self) -> Vec<String> {
+        self.unbelievable.iter().map(|(name, doubted)| doubted.words(name)).collect()
+    }
+
+    /// What came of a selection among these, in words.
+    pub(crate) fn outcome_words(&self, outcome: SelectionOutcome) -> String {
+        match outcome {
+            SelectionOutcome::NotPreferred if self.believable_hits == 0 => {
+                "no attack: no hit is believable, and the selection rates a miss higher".to_owned()
+            }
+            other => other.words(),
+        }
+    }
+
+    /// What caused an outcome, in words; empty for a believable attack.
+    pub(crate) fn cause(&self, outcome: SelectionOutcome) -> String {
+        match outcome {
+            SelectionOutcome::Attack | SelectionOutcome::NotBelievable => String::new(),
+            SelectionOutcome::NeverHit => self.nearest.map_or(String::new(), |nearest| nearest.words()),
+            SelectionOutcome::NoFeasiblePlan | SelectionOutcome::NoFeasibleHit => self.violated().join(", "),
+            SelectionOutcome::NotPreferred if self.believable_hits == 0 => self.doubted().join(", "),
+            SelectionOutcome::NotPreferred => {
+                format!("{} feasible hits, {} believable", self.feasible_hits, self.believable_hits)
+            }
+        }
     }
 
     /// What came of a selection among these.
@@ -210,19 +293,20 @@ impl CandidateCounts {
     pub(crate) fn words(&self) -> String {
         let touching = match (self.hits, self.feasible_hits) {
             (0, _) => {
-                let nearest = self.nearest.map_or(String::new(), |Nearest { distance, after }| {
-                    format!(" (centres at least {distance:.1} m apart, after {after:.1} s)")
-                });
+                let nearest = self.nearest.map_or(String::new(), |nearest| format!(" ({})", nearest.words()));
                 format!("none touches the ego{nearest}")
             }
             (1, 0) => "1 touches the ego, and is not feasible".to_owned(),
             (hits, 0) => format!("{hits} touch the ego, none of them is feasible"),
             (hits, feasible) => {
                 let touch = if hits == 1 { "touches" } else { "touch" };
-                format!(
-                    "{hits} {touch} the ego, {feasible} of them feasible, {} believable",
-                    self.believable_hits
-                )
+                let of = |some: usize, all: usize| match some {
+                    0 => "none".to_owned(),
+                    some if some == all && all > 1 => "all".to_owned(),
+                    some => some.to_string(),
+                };
+                let (feasible, believable) = (of(feasible, hits), of(self.believable_hits, feasible));
+                format!("{hits} {touch} the ego, {feasible} feasible, {believable} believable")
             }
         };
         let many = if self.candidates == 1 { "candidate" } else { "candidates" };
@@ -260,14 +344,14 @@ mod tests {
         assert_eq!(outcome(&[miss, infeasible_hit]), SelectionOutcome::NoFeasibleHit);
         assert_eq!(outcome(&[miss, hit]), SelectionOutcome::NotPreferred);
         let counts = CandidateCounts::of([miss, infeasible_hit, grazing]);
-        assert_eq!(
-            counts.words(),
-            "3 candidates, 2 feasible; 2 touch the ego, 1 of them feasible, 0 believable"
-        );
+        assert_eq!(counts.words(), "3 candidates, 2 feasible; 2 touch the ego, 1 feasible, none believable");
         assert_eq!(
             counts.violations,
-            BTreeMap::from([("road edge `7`".to_owned(), Broken { hits: 1, from: 0.3 })])
+            BTreeMap::from([("road edge `7`".to_owned(), Broken { hits: 1, from: 0.3, place: [0.0; 2] })])
         );
-        assert_eq!(counts.unbelievable, BTreeMap::from([("contact depth".to_owned(), 1)]));
+        assert_eq!(counts.violated(), ["road edge `7` (1, from 0.3 s on)"]);
+        assert_eq!(counts.doubted(), ["contact depth (1: at most 0.10 m; 0.50 m needed)"]);
+        let taste = "no attack: no hit is believable, and the selection rates a miss higher";
+        assert_eq!(counts.outcome_words(SelectionOutcome::NotPreferred), taste);
     }
 }

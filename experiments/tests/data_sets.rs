@@ -266,10 +266,10 @@ fn a_finished_scene_stays_finished_and_its_rows_are_printed_again() {
     note: weights `procedural` (network densetnt)
     note: `[folder]/out` holds this run, and it is done
     4 scenes, 4 of them finished before, 8 attacks in `[folder]/out` ([time])
-    | attack     | scenes |  attacked | believable | avoidable | why not, most often      |
-    | ---------- | -----: | --------: | ---------: | --------: | ------------------------ |
-    | lambda0.00 |      4 |  1 (25 %) |   1 (25 %) |    1 of 1 | none touches the ego (2) |
-    | lambda1.00 |      4 | 4 (100 %) |  4 (100 %) |    4 of 4 | -                        |
+    | λ    | scenes |  attacked | believable | avoidable | by R157 | why not, most often      |
+    | ---- | -----: | --------: | ---------: | --------: | ------: | ------------------------ |
+    | 0.00 |      4 |  1 (25 %) |   1 (25 %) |    1 of 1 |  1 of 1 | none touches the ego (2) |
+    | 1.00 |      4 | 4 (100 %) |  4 (100 %) |    4 of 4 |  1 of 4 | -                        |
     why there is no attack: `sage explain [folder]/out/straight-1-0-lambda0.00.json`
     to look at the attacks, open `[folder]/out/index.html`
     ");

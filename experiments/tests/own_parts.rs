@@ -430,10 +430,10 @@ fn a_proposer_goes_with_the_shipped_selector() {
     let rows = rows(&output);
     assert_snapshot!(redacted(stderr(&output)), @r"
     1 scene, 2 attacks in `[folder]/out` ([time])
-    | attack     | scenes |  attacked | believable | avoidable | why not, most often     |
-    | ---------- | -----: | --------: | ---------: | --------: | ----------------------- |
-    | lambda0.00 |      1 |   0 (0 %) |    0 (0 %) |         - | a miss is preferred (1) |
-    | lambda1.00 |      1 | 1 (100 %) |  1 (100 %) |    1 of 1 | -                       |
+    | λ    | scenes |  attacked | believable | avoidable | by R157 | why not, most often     |
+    | ---- | -----: | --------: | ---------: | --------: | ------: | ----------------------- |
+    | 0.00 |      1 |   0 (0 %) |    0 (0 %) |         - |       - | a miss rates higher (1) |
+    | 1.00 |      1 | 1 (100 %) |  1 (100 %) |    1 of 1 |  1 of 1 | -                       |
     why there is no attack: `sage explain [folder]/out/crossing-lambda0.00.json`
     to look at the attacks, open `[folder]/out/index.html`
     ");

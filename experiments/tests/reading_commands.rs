@@ -69,7 +69,7 @@ fn a_short_recording_is_attacked_over_what_it_has() {
     assert_snapshot!(redacted(stderr(&run)), @r"
     note: weights `procedural` (network densetnt)
     warning: short: short-recording: it ends at frame 49: attacks are scored over 3.9 s instead of 8 s
-    warnings: 1 scene short-recording
+    warnings that may change results: 1 scene short-recording; `sage inspect` says all
     1 scene, 1 attack in `[folder]/out` ([time])
     to look at the attacks, open `[folder]/out/index.html`
     ");
@@ -132,7 +132,7 @@ fn another_frame_rate_is_said_and_converted_back_unchanged() {
     assert_snapshot!(redacted(stderr(&run)), @r"
     note: weights `procedural` (network densetnt)
     warning: fast: frame-rate: recorded at 20 Hz; resampled to 10 Hz
-    warnings: 1 scene frame-rate
+    warnings that may change results: 1 scene frame-rate; `sage inspect` says all
     1 scene, 1 attack in `[folder]/out` ([time])
     to look at the attacks, open `[folder]/out/index.html`
     ");

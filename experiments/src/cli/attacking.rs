@@ -104,7 +104,7 @@ Examples:
   sage explain scenes/7.pkl --lambda 1 --svg 7.svg
   sage explain attacked/7-lambda1.00.json --json | jq .outcome")]
 pub(crate) struct ExplainArgs {
-    /// Scene file, record (FILE#3), or row.
+    /// Scene file, record (FILE#3), or row: SCENE-VARIANT.json of `sage generate`, SCENE.json of `sage search`.
     #[arg(value_name = "SCENE|ROW")]
     pub scene: PathBuf,
     /// Generator, by its name in `sage list`.

@@ -40,6 +40,12 @@ struct Explained {
 
 pub(crate) fn run(args: &ExplainArgs, registries: &Registries) -> Result<Outcome> {
     let svg = args.svg.as_deref().map(|path| OutputFile::claim(path, args.force)).transpose()?;
+    if args.scene.is_dir() {
+        bail!(
+            "`{}` is a folder; give one of its scenes, or a row of `sage generate` in it, such as SCENE-lambda1.00.json",
+            args.scene.display()
+        );
+    }
     let is_row = args.scene.extension().is_some_and(|ending| ending == "json");
     if is_row {
         refuse_options(args)?;
@@ -110,7 +116,7 @@ fn of_scene(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
         attack.check(ctx.scene())?;
         let label = if uses_point { point.long_label() } else { generator.method.to_string() };
         let (explanation, kinds) = Explanation::of(attack, &ctx, objective, point.mu, label);
-        candidates = picture::Candidates::of(attack, &ctx, &explanation.attack, &kinds);
+        candidates = picture::Candidates::of(attack, &ctx, &explanation, &kinds);
         all.push(explanation);
     }
     let title = format!(
@@ -132,7 +138,7 @@ fn of_row(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
     let ctx = Context::new(scene, &index, &ContextOptions::default())?;
     attack.check(scene)?;
     let (explanation, kinds) = Explanation::of(attack, &ctx, &objective, row.mu, row.variant.clone());
-    let candidates = picture::Candidates::of(attack, &ctx, &row.variant, &kinds);
+    let candidates = picture::Candidates::of(attack, &ctx, &explanation, &kinds);
     let title = format!(
         "`{}` with the adversary `{}`, generator `{}`:",
         terminal::escaped_name(&args.scene.display().to_string()),

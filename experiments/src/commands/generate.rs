@@ -81,7 +81,7 @@ fn print_table(plan: &Plan, folder: &Path, run_hash: &str, own: &[&Input], json:
     let of_scene = |input: &&Input| -> Vec<FoundRow> { rows(plan, folder, run_hash, input).collect() };
     let all: Vec<Vec<FoundRow>> = own.par_iter().map(of_scene).collect();
     if all.iter().map(Vec::len).sum::<usize>() > 1 {
-        output::print_table(&summary::table(plan.variants(), all.iter().flatten()), json)?;
+        output::print_table(&summary::table(plan, all.iter().flatten()), json)?;
     }
     let mut each =
         own.iter().zip(&all).rev().flat_map(|(input, rows)| rows.iter().rev().map(move |row| (input, row)));

@@ -204,6 +204,16 @@ pub(super) fn contact(svg: &mut Svg, viewport: &Viewport, boxes: [&OrientedBox; 
     burst(svg, viewport.pixel(middle));
 }
 
+/// Draws a ring with a label beside it.
+pub(super) fn mark(svg: &mut Svg, [x, y]: Point, label: &str) {
+    svg.circle([x, y], 6.0, &format!(r#"fill="none" stroke="{}" stroke-width="2""#, color::FAILURE));
+    let attributes = format!(
+        r##"font-size="12" font-family="sans-serif" fill="{}" stroke="#fff" stroke-width="3" paint-order="stroke""##,
+        color::INK
+    );
+    svg.text([x + 9.0, y + 4.0], &attributes, label);
+}
+
 /// Draws the mark of a contact.
 pub(super) fn burst(svg: &mut Svg, [x, y]: Point) {
     let corner = |k: u32| {

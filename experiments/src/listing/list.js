@@ -274,6 +274,8 @@ function build() {
   element("groups-title").textContent = page.groups.title;
   element("cards").setAttribute("aria-label", page.label);
   element("moment").textContent = page.moment;
+  element("note").textContent = page.note || "";
+  element("note").hidden = !page.note;
   const isEmpty = !items.length;
   element("filters").hidden = element("bar").hidden = isEmpty;
   element("none").textContent = page.none(isEmpty);

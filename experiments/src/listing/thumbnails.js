@@ -99,7 +99,7 @@ function thumbnail(f) {
     c.stroke();
   }
   cars.forEach((b) => car(c, b, ratio / scale));
-  const contact = cars.length > 1 ? meeting(...cars) : null;
+  const contact = cars.length > 1 && Number.isFinite(f.contact_after) ? meeting(...cars) : null;
   if (contact) burst(c, ...contact, Math.max(0.9, (5 * ratio) / scale));
   scaleBar(c, ratio, scale, height);
   return canvas;

@@ -108,6 +108,38 @@ function car(c, p, b, tone, { stripes = false, outline = "#555d66", dashed = fal
   c.restore();
 }
 
+// Distance of two boxes: apart, a corner of one is nearest to the other.
+function space(p, a, q, b) {
+  const from = (p, a, q, b) => {
+    const cos = Math.cos(q.h), sin = Math.sin(q.h), gaps = [];
+    for (const i of [-1, 0, 1]) for (const j of [-1, 1]) {
+      const x = p.x + (i * a.length * Math.cos(p.h) - j * a.width * Math.sin(p.h)) / 2 - q.x, y = p.y + (i * a.length * Math.sin(p.h) + j * a.width * Math.cos(p.h)) / 2 - q.y;
+      gaps.push(Math.hypot(Math.max(0, Math.abs(x * cos + y * sin) - b.length / 2), Math.max(0, Math.abs(y * cos - x * sin) - b.width / 2)));
+    }
+    return Math.min(...gaps);
+  };
+  return Math.min(from(p, a, q, b), from(q, b, p, a));
+}
+
+// A ring with a label, both of one size on the screen; `pixel` is its size in metres.
+function mark(c, { x, y, label }, pixel) {
+  c.save();
+  c.translate(x / 100, y / 100);
+  c.scale(pixel, -pixel);
+  c.beginPath();
+  c.arc(0, 0, 6, 0, 7);
+  c.strokeStyle = "#b00020";
+  c.lineWidth = 2;
+  c.stroke();
+  c.font = "12px system-ui, sans-serif";
+  c.strokeStyle = "#fff";
+  c.lineWidth = 3;
+  c.strokeText(label, 9, 4);
+  c.fillStyle = colour.ink;
+  c.fillText(label, 9, 4);
+  c.restore();
+}
+
 function trail(c, b, from, to, tone, width) {
   c.beginPath();
   for (let t = Math.max(0, from - b.first), drawn = false; t <= Math.min(b.x.length - 1, to - b.first); t++) {
@@ -137,7 +169,11 @@ function centre(panel, time) {
   const ego = pose(panel.ego, time), adversary = panel.adversary && pose(panel.adversary, time);
   if (view.follow === "free" && view.centre) return view.centre;
   if (view.follow === "adversary" && adversary) return adversary;
-  if (view.follow === "both" && adversary) return { x: (ego.x + adversary.x) / 2, y: (ego.y + adversary.y) / 2 };
+  if (view.follow === "both" && adversary) {
+    // Half way, but never so far that the ego is out of view.
+    const reach = (size) => (0.38 * size) / view.scale, half = (a, b, most) => Math.max(-most, Math.min(most, (b - a) / 2));
+    return { x: ego.x + half(ego.x, adversary.x, reach(panel.canvas.clientWidth)), y: ego.y + half(ego.y, adversary.y, reach(panel.canvas.clientHeight)) };
+  }
   return ego;
 }
 
@@ -194,13 +230,14 @@ function drawPanel(panel) {
   if (ghost && Math.hypot(ghost.x - own.x, ghost.y - own.y) > 0.3) car(c, ghost, panel.ego, colour.ego, { dashed: true });
   const escape = panel.escape && view.ghost && pose(panel.escape, time);
   if (escape) car(c, escape, panel.ego, colour.escape, { dashed: true });
+  if (panel.marks && view.others) for (const m of panel.marks) mark(c, m, ratio / scale);
   const adversary = panel.adversary && pose(panel.adversary, time);
   if (adversary) car(c, adversary, panel.adversary, colour.adversary, { stripes: true, outline: colour.ink });
   car(c, own, panel.ego, colour.ego, { outline: colour.ink });
   if (panel.contact && time >= panel.contact.frame) burst(c, panel.contact.x / 100, panel.contact.y / 100, Math.max(1, (7 * ratio) / scale));
   scaleBar(c, ratio, scale, height);
-  const gap = adversary ? `, ${Math.hypot(adversary.x - own.x, adversary.y - own.y).toFixed(0)} m apart` : "";
-  panel.live.textContent = `${own.v.toFixed(1)} m/s${gap}`;
+  const gap = adversary ? `, gap ${space(own, panel.ego, adversary, panel.adversary).toFixed(1)} m` : "";
+  panel.live.textContent = `ego ${own.v.toFixed(1)} m/s${gap}`;
   const over = view.time >= panel.end;
   panel.box.classList.toggle("over", Boolean(over && panel.contact));
   panel.badge.hidden = !over || (panel.verdict === null && !panel.failed);
@@ -274,8 +311,11 @@ function redraw() {
   });
 }
 
-// About 45 m across the smaller side of a view, or 90 m across the larger one.
+// About 45 m across the smaller side of a view, or 90 m across the larger one, and both cars at *now*.
 function firstScale() {
-  const box = panels.find((p) => !p.box.hidden).canvas.parentElement.getBoundingClientRect();
-  return Math.max(2, Math.min(Math.min(box.width, box.height) / 45, Math.max(box.width, box.height) / 90));
+  const shown = panels.find((p) => !p.box.hidden), box = shown.canvas.parentElement.getBoundingClientRect();
+  const near = Math.min(Math.min(box.width, box.height) / 45, Math.max(box.width, box.height) / 90);
+  const ego = pose(shown.ego, Math.min(now, shown.end)), adversary = shown.adversary && pose(shown.adversary, Math.min(now, shown.end));
+  const apart = view.follow === "both" && ego && adversary ? [Math.abs(ego.x - adversary.x), Math.abs(ego.y - adversary.y)] : [0, 0];
+  return Math.max(1.5, Math.min(near, box.width / (apart[0] + 20), box.height / (apart[1] + 20)));
 }

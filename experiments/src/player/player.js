@@ -21,6 +21,9 @@ function build() {
   element("plan-legend").hidden = !panels.some((p) => p.shown.some((s) => s.x.length));
   element("escape-legend").hidden = !has.escape;
   if (!panels.some((p) => p.adversary)) element("adversary-legend").hidden = true;
+  for (const kind of ["pedestrian", "cyclist", "other"]) element(`${kind}-legend`).hidden = !traffic.some((b) => b.kind === kind);
+  element("contact-legend").hidden = !panels.some((p) => p.contact);
+  if (panels.some((p) => p.adversary)) view.follow = element("follow").value = "both";
   if (!panels.some((p) => p.adversary)) element("follow").querySelectorAll("[value=adversary],[value=both]").forEach((o) => o.remove());
   const mark = (frame, name) => { const i = document.createElement("i"); i.className = name; i.style.left = `${(100 * frame) / last}%`; element("marks").append(i); return i; };
   mark(now, "now");
@@ -31,10 +34,11 @@ function build() {
     const head = make("h2", panel.box);
     head.title = "Show this drive alone, or all";
     make("b", head).textContent = title(panel);
+    panel.badge_words = panel.badge || "attack";
     panel.badge = make("em", head, panel.verdict || panel.failed ? "hit" : "");
-    panel.badge.textContent = panel.failed ? "planner failed" : panel.verdict ? "attack" : "no attack";
+    panel.badge.textContent = panel.failed ? "planner failed" : panel.verdict ? panel.badge_words : "no attack";
     panel.live = make("span", head);
-    panel.live.title = "Speed of the ego, and distance of the centres of ego and adversary";
+    panel.live.title = "Speed of the ego, and the gap between ego and adversary";
     panel.history = panel.verdict === null ? "Before now." : "Before now: the attack begins at 0 s.";
     const area = make("div", panel.box, "view");
     panel.canvas = make("canvas", area);
@@ -159,9 +163,12 @@ function seek(frame) {
   redraw();
 }
 
+// Nothing moves after the last drive that is shown has ended.
+const end = () => Math.max(...panels.filter((p) => !p.box.hidden).map((p) => p.end));
+
 let before = 0, ticking = 0;
 function play(start) {
-  if (start && view.time >= last) view.time = 0;
+  if (start && view.time >= end()) view.time = 0;
   view.playing = start;
   before = performance.now();
   cancelAnimationFrame(ticking);
@@ -172,10 +179,10 @@ function play(start) {
 function tick(at) {
   if (!view.playing) return;
   // A frame may have begun before the key was pressed.
-  view.time = Math.min(last, view.time + (Math.max(0, at - before) / 100) * view.rate);
+  view.time = Math.min(end(), view.time + (Math.max(0, at - before) / 100) * view.rate);
   before = at;
   redraw();
-  if (view.time >= last) play(false);
+  if (view.time >= end()) play(false);
   else ticking = requestAnimationFrame(tick);
 }
 

@@ -166,7 +166,8 @@ impl Report {
         if !state.warnings.is_empty() {
             let counts =
                 state.warnings.iter().map(|(kind, number)| format!("{} {kind}", count(*number, "scene")));
-            say(&format!("warnings: {}", counts.collect::<Vec<_>>().join(", ")));
+            let counts = counts.collect::<Vec<_>>().join(", ");
+            say(&format!("warnings that may change results: {counts}; `sage inspect` says all"));
         }
         if state.results > 0 || state.failed == 0 {
             state.progress.finish(&format!("{scenes}{before}{left_out}{results} in `{}`", out.display()));

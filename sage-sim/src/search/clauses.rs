@@ -198,7 +198,7 @@ impl Reason {
             Self::NeverHit => "the driver had no contact",
             Self::ContactWithoutAttack => "no contact comes from the attack alone",
             Self::NotBelievable => "no attack is believable",
-            Self::NotAtFault => "never at fault in a believable attack",
+            Self::NotAtFault => "never the driver's fault",
             Self::NotShownAvoidable => "no evasive manoeuvre was found",
             Self::Budget => "the budget ended before the plans did",
         }

@@ -104,7 +104,7 @@ impl Explanation {
     }
 }
 
-/// The selected candidate, the best feasible hit, then the best others: feasible ones first, as a selection ranks them.
+/// The selected candidate, the best feasible hit, or an infeasible one without, then the best others: feasible ones first, as a selection ranks them.
 fn best(all: &[&Evaluation], chosen: usize, objective: &Objective, mu: f64) -> Vec<ValuedCandidate> {
     let value = |k: usize| objective.value(all[k], mu);
     let mut order: Vec<usize> = (0..all.len()).filter(|k| *k != chosen).collect();
@@ -112,7 +112,9 @@ fn best(all: &[&Evaluation], chosen: usize, objective: &Objective, mu: f64) -> V
         let infeasible = |k: &usize| !all[*k].is_feasible();
         infeasible(a).cmp(&infeasible(b)).then(value(*b).total_cmp(&value(*a)))
     });
-    let hit = order.iter().copied().find(|k| all[*k].is_attack());
+    let is_hit = |k: &usize| all[*k].contact.is_some();
+    let hit =
+        order.iter().copied().find(|k| all[*k].is_attack()).or_else(|| order.iter().copied().find(is_hit));
     let others = order.iter().copied().filter(|k| Some(*k) != hit);
     let shown = std::iter::once(chosen).chain(hit).chain(others).take(SHOWN);
     let valued = |k: usize| {

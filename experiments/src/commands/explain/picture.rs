@@ -2,11 +2,13 @@
 
 use sage_core::{
     generator::{Attack, Proposal},
+    geometry::Point,
     motion::NOW,
     objective::Context,
     scene::Scene,
 };
 
+use super::explanation::Explanation;
 use crate::{
     drawing::{self, DrawnPath, Outcome, Picture, Tried, drawn_path},
     selection_outcome::CandidateKind,
@@ -17,11 +19,18 @@ use crate::{
 pub(super) struct Candidates {
     others: Vec<Tried>,
     selected: Vec<DrawnPath>,
+    /// Where hits first break a rule.
+    marks: Vec<(Point, String)>,
 }
 
 impl Candidates {
     /// Those of an attack.
-    pub(super) fn of(attack: &Attack, ctx: &Context, label: &str, kinds: &[CandidateKind]) -> Self {
+    pub(super) fn of(
+        attack: &Attack,
+        ctx: &Context,
+        explanation: &Explanation,
+        kinds: &[CandidateKind],
+    ) -> Self {
         let start = ctx.adversary().point(NOW);
         let tried = |(proposal, kind): (&Proposal, &CandidateKind)| Tried {
             points: std::iter::once(start).chain(proposal.trajectory.points().iter().copied()).collect(),
@@ -34,15 +43,20 @@ impl Candidates {
             words: kind.words(),
             contact: None,
         };
-        let selected = drawn_path(format!("selected, {label}"), ctx, attack.trajectory().clone());
-        Self { others: attack.candidates.iter().zip(kinds).map(tried).collect(), selected: vec![selected] }
+        let selected =
+            drawn_path(format!("selected, {}", explanation.attack), ctx, attack.trajectory().clone());
+        Self {
+            others: attack.candidates.iter().zip(kinds).map(tried).collect(),
+            selected: vec![selected],
+            marks: explanation.counts.marks(),
+        }
     }
 }
 
 /// Draws candidates in their scene.
 pub(super) fn draw(scene: &Scene, title: &str, candidates: Candidates) -> String {
-    let Candidates { others, selected } = candidates;
+    let Candidates { others, selected, marks } = candidates;
     let picture =
-        Picture { title: title.to_owned(), tried: others, candidates: selected, ..Picture::default() };
+        Picture { title: title.to_owned(), tried: others, candidates: selected, marks, ..Picture::default() };
     drawing::draw(scene, &picture)
 }

@@ -1,27 +1,19 @@
 //! An explanation as text.
 
-use sage_bench::table::Table;
+use sage_bench::{table::Table, wrap::wrapped};
 
 use super::explanation::{Explanation, ValuedCandidate};
-use crate::{
-    selection_outcome::{Broken, SelectionOutcome},
-    terminal,
-};
+use crate::{selection_outcome::SelectionOutcome, terminal};
 
 /// An explanation in words, with the values of the best candidates.
 pub(super) fn text(one: &Explanation) -> String {
-    let mut out = format!("{}: {}\n  {}\n", one.attack, words(one), one.counts.words());
-    let list = |words: Vec<String>| words.join(", ");
-    if !one.counts.violations.is_empty() {
-        let broken = |(what, Broken { hits, from }): (&String, &Broken)| {
-            format!("{} ({hits}, from {from:.1} s on)", terminal::escaped_name(what))
-        };
-        out += &format!("  infeasible: {}\n", list(one.counts.violations.iter().map(broken).collect()));
-    }
-    if !one.counts.unbelievable.is_empty() {
-        let doubted = |(what, hits): (&String, &usize)| format!("{} ({hits})", terminal::escaped_name(what));
-        out +=
-            &format!("  not believable: {}\n", list(one.counts.unbelievable.iter().map(doubted).collect()));
+    let mut out =
+        format!("{}\n  {}\n", wrapped(&format!("{}: {}", one.attack, words(one)), 2), one.counts.words());
+    for (head, causes) in [("infeasible", one.counts.violated()), ("not believable", one.counts.doubted())] {
+        if !causes.is_empty() {
+            let line = format!("  {head}: {}", terminal::escaped_name(&causes.join(", ")));
+            out += &format!("{}\n", wrapped(&line, 4));
+        }
     }
     out + &values(one)
 }
@@ -34,7 +26,7 @@ fn words(one: &Explanation) -> String {
             let loss = hit.zip(one.best.first()).and_then(|(hit, chosen)| hit.largest_loss(chosen));
             let loss =
                 loss.map_or(String::new(), |(name, loss)| format!(", above all for `{name}` ({loss:.2})"));
-            format!("{}{loss}", one.outcome.words())
+            format!("{}{loss}", one.counts.outcome_words(one.outcome))
         }
         SelectionOutcome::NotBelievable => {
             format!("{}: {}", one.outcome.words(), one.selected_unbelievable.join(", "))

@@ -4,18 +4,18 @@ function fields() {
   return {
     label: "Attacked scenes",
     across: 60, // metres across a thumbnail, at least: enough to see what kind of place it is
-    moment: "Top view, north up, at the contact, or where the cars are nearest",
-    facets: [["outcome", "Outcome"], ["avoidable", "Avoidable", answer("yes", "none found")], ["avoidable_r157", "Avoidable by R157", answer("yes", "no")]],
+    moment: `Top view, north up, at the contact, or where the cars are nearest.${variants.length > 1 ? " The strip of a card: one cell for each attack, red: believable, yellow: attack that is not, grey: no attack." : ""}`,
+    facets: [["outcome", "Outcome"], ["avoidable", "Evasive manoeuvre", answer("found", "none found")], ["avoidable_r157", "UN R157 driver", answer("avoids it", "does not avoid it")]],
     groups: { key: "outcome", title: "What came of the attacks" },
     ranges: [["contact_after", "Contact after, s", 1, "and without contact"], ["time_to_react", "Time to react, s", 1, "and not measured"]],
-    sorts: [["scene", "scene"], ["reward", "reward"], ["contact_after", "contact after"], ["impact", "impact speed"], ["time_to_react", "time to react"], ["realism", "realism penalty"], ["outcome", "outcome"]],
+    sorts: [["scene", "scene"], ["reward", "reward"], ["contact_after", "contact after"], ["impact", "impact speed"], ["time_to_react", "time to react"], ["realism", "P_real"], ["outcome", "outcome"]],
     count: (shown) => `${shown} of ${counted(scenes.length, "scene", "scenes")} shown`,
     head: (f) => [`adversary ${words(f.adversary_id)}`, ""],
     values: (f) => [
       ["contact", number(1, " s")(f.contact_after), "Time from now, the start of the attack, to the contact"], ["impact", number(1, " m/s")(f.impact)],
-      ["reward", number(1, "")(f.reward), "Adversarial reward R_adv"], ["time to react", number(1, " s")(f.time_to_react)], ["P_real", number(1, "")(f.realism), "Realism penalty: P_kin + P_beh"],
+      ["reward", number(1, "")(f.reward), "Adversarial reward R_adv"], ["time to react", number(1, " s")(f.time_to_react), "How late before the contact an evasive manoeuvre could begin"], ["P_real", number(1, "")(f.realism), "Realism penalty: P_kin + P_beh"],
     ],
-    badge: (f) => [f.is_attack ? "attack" : "no attack", f.is_attack, f.is_attack ? words(f.words) : ""],
+    badge: (f) => [f.is_attack ? "attack" : "no attack", f.is_attack, f.why ? words(f.why) : ""],
     tone: (f) => (f.is_believable ? "attack" : f.is_attack ? "contact" : ""),
     none: (isEmpty) => (isEmpty ? "No scene was attacked." : "No scene meets all filters."),
   };

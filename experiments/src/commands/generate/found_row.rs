@@ -12,7 +12,11 @@ use sage_sim::avoidable::Avoidable;
 use serde::Deserialize;
 
 use super::row::VariantRow;
-use crate::{scene_queue::ROW_LIMIT, selection_outcome::SelectionOutcome, terminal};
+use crate::{
+    scene_queue::ROW_LIMIT,
+    selection_outcome::{CandidateCounts, SelectionOutcome},
+    terminal,
+};
 
 /// A row holds all but its candidates within this many bytes.
 const HEAD: u64 = 1 << 16;
@@ -28,6 +32,7 @@ pub(super) struct FoundRow {
     pub(super) adversary: String,
     pub(super) trajectory: Trajectory,
     pub(super) outcome: SelectionOutcome,
+    pub(super) counts: CandidateCounts,
     pub(super) note: Option<String>,
     pub(super) scores: FoundScores,
 }
@@ -66,7 +71,7 @@ impl FoundRow {
 
     /// What came of the attack, in words.
     pub(super) fn words(&self) -> String {
-        words(self.outcome, self.scores.collision_step, &self.scores.unbelievable)
+        words(self.outcome, &self.counts, self.scores.collision_step, &self.scores.unbelievable)
     }
 
     /// The printed line.
@@ -94,7 +99,7 @@ impl VariantRow<'_> {
             behavior_penalty,
             ..
         } = self.scores.scores;
-        let words = words(self.outcome, *collision_step, unbelievable);
+        let words = words(self.outcome, self.counts, *collision_step, unbelievable);
         let penalties = [*adversarial_reward, *kinematic_penalty, *behavior_penalty];
         line(
             [self.scene, self.variant],
@@ -106,13 +111,19 @@ impl VariantRow<'_> {
     }
 }
 
-pub(super) fn words(outcome: SelectionOutcome, contact: Option<usize>, unbelievable: &[Reason]) -> String {
+/// What came of an attack, in words.
+pub(super) fn words(
+    outcome: SelectionOutcome,
+    counts: &CandidateCounts,
+    contact: Option<usize>,
+    unbelievable: &[Reason],
+) -> String {
     let after = contact.map_or(String::new(), |step| format!(" after {:.1} s", step as f64 / 10.0));
     let reasons = || unbelievable.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
     match outcome {
         SelectionOutcome::Attack => format!("attack{after}, believable"),
         SelectionOutcome::NotBelievable => format!("attack{after}, not believable ({})", reasons()),
-        other => other.words(),
+        other => counts.outcome_words(other),
     }
 }
 

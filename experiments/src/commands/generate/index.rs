@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use sage_core::{
     geometry::{Aabb, OrientedBox, Point},
     motion::{HORIZON, NOW},
+    objective::Reason,
     scene::{Scene, Track},
 };
 use sage_data::{ReadOptions, Recording};
@@ -54,7 +55,8 @@ struct Entry {
     is_attack: bool,
     is_believable: bool,
     adversary_id: String,
-    words: String,
+    /// More than `outcome` says: why it is so.
+    why: String,
     contact_after: Option<f64>,
     impact: Option<f64>,
     reward: f64,
@@ -147,7 +149,7 @@ impl Entry {
             is_attack: row.outcome.is_attack(),
             is_believable: row.outcome.is_attack() && scores.unbelievable.is_empty(),
             adversary_id: row.adversary.clone(),
-            words: row.words(),
+            why: why(row),
             contact_after: scores.collision_step.map(|step| step as f64 / 10.0),
             impact: scores.impact_speed,
             reward: scores.adversarial_reward,
@@ -160,6 +162,14 @@ impl Entry {
         };
         Some((entry, shown_area(&paths)))
     }
+}
+
+/// Why an outcome is as it is, in words; empty for a believable attack.
+fn why(row: &FoundRow) -> String {
+    if row.outcome.is_attack() {
+        return row.scores.unbelievable.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
+    }
+    row.counts.cause(row.outcome)
 }
 
 /// Step at which two tracks are nearest.

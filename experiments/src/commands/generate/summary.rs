@@ -2,8 +2,8 @@
 
 use sage_bench::table::Table;
 
-use super::found_row::FoundRow;
-use crate::selection_outcome::SelectionOutcome;
+use super::{found_row::FoundRow, plan::Plan};
+use crate::{operating_point::OperatingPointSpec, selection_outcome::SelectionOutcome};
 
 /// Attacks of a run at one operating point.
 #[derive(Default)]
@@ -22,12 +22,10 @@ impl Tally<'_> {
         format!("{count} ({:.0} %)", 100.0 * count as f64 / self.rows.len().max(1) as f64)
     }
 
-    /// Avoidable attacks, of those in which the question arises.
-    fn avoidable(&self) -> String {
-        let is_attack = |row: &FoundRow| row.outcome.is_attack();
-        let avoidable =
-            |row: &FoundRow, is: bool| is_attack(row) && row.scores.avoidable.avoidable == Some(is);
-        let (yes, no) = (self.count(|row| avoidable(row, true)), self.count(|row| avoidable(row, false)));
+    /// Attacks whose answer is yes, of those with one.
+    fn answered(&self, answer: impl Fn(&FoundRow) -> Option<bool>) -> String {
+        let is = |row: &FoundRow, wanted: bool| row.outcome.is_attack() && answer(row) == Some(wanted);
+        let (yes, no) = (self.count(|row| is(row, true)), self.count(|row| is(row, false)));
         if yes + no == 0 { "-".to_owned() } else { format!("{yes} of {}", yes + no) }
     }
 
@@ -35,10 +33,10 @@ impl Tally<'_> {
     fn most_frequent_reason(&self) -> String {
         const REASONS: [(SelectionOutcome, &str); 5] = [
             (SelectionOutcome::NotBelievable, "not believable"),
-            (SelectionOutcome::NoFeasiblePlan, "no candidate is feasible"),
+            (SelectionOutcome::NoFeasiblePlan, "none feasible"),
             (SelectionOutcome::NeverHit, "none touches the ego"),
-            (SelectionOutcome::NoFeasibleHit, "those that hit are infeasible"),
-            (SelectionOutcome::NotPreferred, "a miss is preferred"),
+            (SelectionOutcome::NoFeasibleHit, "hits are infeasible"),
+            (SelectionOutcome::NotPreferred, "a miss rates higher"),
         ];
         let counted = REASONS.map(|(reason, words)| (self.count(|row| row.outcome == reason), words));
         // Of equal counts the first is taken.
@@ -50,23 +48,44 @@ impl Tally<'_> {
     }
 }
 
-/// The table of a run's rows; `variants` are its operating points.
-pub(super) fn table<'r>(variants: &[String], rows: impl Iterator<Item = &'r FoundRow>) -> Table {
+/// The table of a run's rows at the operating points of a plan.
+pub(super) fn table<'r>(plan: &Plan, rows: impl Iterator<Item = &'r FoundRow>) -> Table {
     let rows: Vec<&FoundRow> = rows.collect();
-    let heads = ["attack", "scenes", "attacked", "believable", "avoidable", "why not, most often"];
+    let (axis, names) = operating_points(plan);
+    let heads = [&*axis, "scenes", "attacked", "believable", "avoidable", "by R157", "why not, most often"];
     let mut table = Table { names: 1, ..Table::new("", &heads) };
-    for variant in variants {
+    for (variant, name) in plan.variants().iter().zip(names) {
         let tally = Tally { rows: rows.iter().copied().filter(|row| row.variant == *variant).collect() };
         table.row(
-            variant,
+            name,
             [
                 tally.rows.len().to_string(),
                 tally.share(|row| row.outcome.is_attack()),
                 tally.share(|row| row.outcome == SelectionOutcome::Attack),
-                tally.avoidable(),
+                tally.answered(|row| row.scores.avoidable.avoidable),
+                tally.answered(|row| row.scores.r157_avoids),
                 tally.most_frequent_reason(),
             ],
         );
     }
     table
+}
+
+/// What differs between the operating points, and the name of each.
+fn operating_points(plan: &Plan) -> (String, Vec<String>) {
+    let points = &plan.generator.points;
+    let swept: Option<Vec<(&str, f64)>> = points.iter().map(OperatingPointSpec::swept).collect();
+    let follows_lambda =
+        |point: &OperatingPointSpec| point.aggression.is_some() || point.lambda == Some(point.mu);
+    match swept.as_deref() {
+        Some([(axis, _), ..])
+            if plan.generator.built.facts.uses_operating_point() && points.iter().all(follows_lambda) =>
+        {
+            (
+                axis.replace("lambda", "λ"),
+                points.iter().map(|point| point.label().replace("a ", "")).collect(),
+            )
+        }
+        _ => ("attack".to_owned(), plan.variants().to_vec()),
+    }
 }

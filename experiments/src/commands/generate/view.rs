@@ -83,6 +83,8 @@ impl SceneView<'_> {
                 verdict: Some(one.outcome.is_attack()),
                 is_failed: false,
                 others: others.collect::<Result<_>>()?,
+                marks: one.counts.marks(),
+                badge: None,
                 note: format!("Selected among {}.", one.counts.words()),
                 ending: ending(one, &scored.get(one.attack.trajectory())?.scores.unbelievable),
             });
@@ -153,8 +155,7 @@ impl Paths {
 
 /// What came of an attack, in a sentence.
 fn ending(one: &MeasuredAttack, unbelievable: &[Reason]) -> String {
-    let words = found_row::words(one.outcome, one.contact, unbelievable);
-    let mut sentence = words;
+    let mut sentence = found_row::words(one.outcome, &one.counts, one.contact, unbelievable);
     if let Some(first) = sentence.get(..1).map(str::to_uppercase) {
         sentence.replace_range(..1, &first);
     }
@@ -163,7 +164,10 @@ fn ending(one: &MeasuredAttack, unbelievable: &[Reason]) -> String {
             format!("{sentence}. An evasive manoeuvre can begin up to {time:.1} s before the contact.")
         }
         (Some(false), _) => format!("{sentence}. No evasive manoeuvre was found."),
-        _ => format!("{sentence}."),
+        _ => match one.counts.cause(one.outcome) {
+            cause if cause.is_empty() => format!("{sentence}."),
+            cause => format!("{sentence}: {cause}."),
+        },
     }
 }
 

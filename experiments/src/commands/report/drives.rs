@@ -71,6 +71,8 @@ fn panel<'p>(part: &'p Parts, entry: &Entry, unattacked: &'p [Motion]) -> Panel<
         verdict: Some(true),
         is_failed: false,
         others: Vec::new(),
+        marks: Vec::new(),
+        badge: Some("failure"),
         note: format!("Plan: {plan}."),
         ending: entry.words(),
     }

@@ -5,6 +5,7 @@ function fields() {
     label: "Failures",
     across: 35, // metres across a thumbnail, at least
     moment: "Top view, north up, at the contact",
+    note: "A driver is at fault by nuPlan's rule: its own motion could have prevented the contact. That is no legal blame: a front that hits a car which cuts in counts too. The list begins with failures that leave the most time to react.",
     facets: [
       ["driver", "Driver"], ["cluster", "Cluster"], ["collision", "Collision"], ["ego_does", "Ego does"], ["adversary_does", "Adversary does"], ["road", "Road"],
       ["at_fault", "Fault", answer("at fault", "not at fault")], ["fault", "Fault class", inWords], ["avoidable_r157", "Avoidable by R157", answer("yes", "no")], ["plan", "Plan"],
@@ -12,7 +13,7 @@ function fields() {
     groups: { key: "cluster", title: "Clusters" },
     ranges: [["lambda", "λ", 2, "and failures without λ"], ["time_to_react", "Time to react, s", 1, "and not measured"]],
     sorts: [
-      ["reward", "reward"], ["time_to_react", "time to react"], ["lambda", "λ"], ["contact_after", "contact after"], ["impact", "impact speed"],
+      ["time_to_react", "time to react"], ["reward", "reward"], ["lambda", "λ"], ["contact_after", "contact after"], ["impact", "impact speed"],
       ["cluster", "cluster"], ["driver", "driver"], ["scene", "scene"],
     ],
     count: (shown, inScenes, inClusters) =>

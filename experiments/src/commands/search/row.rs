@@ -362,7 +362,7 @@ impl SceneRow {
         let found = match (self.failures, self.reason) {
             (0, Some(Reason::Budget)) => {
                 let reached = self.reached.map_or("", Reason::words);
-                format!("no failure in {drives}, plans left: {reached}")
+                format!("no failure in {drives}, budget used up; so far: {reached}")
             }
             (0, reason) => format!("no failure in {drives}: {}", reason.map_or("", Reason::words)),
             (failures, _) => {

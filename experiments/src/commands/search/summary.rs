@@ -85,7 +85,7 @@ impl Summary {
         for (reason, scenes) in &self.reasons {
             lines.push(format!("  {}: {}", count(*scenes, "scene"), reason.words()));
             for (reached, scenes) in self.reached.iter().filter(|_| *reason == Reason::Budget) {
-                lines.push(format!("    {scenes} so far: {}", reached.words()));
+                lines.push(format!("    {scenes} of them so far: {}", reached.words()));
             }
         }
         lines.join("\n")

@@ -277,6 +277,8 @@ impl SceneDrives<'_> {
                 verdict: row.verdict().map(|verdict| verdict.is_attack),
                 is_failed: false,
                 others: Vec::new(),
+                marks: Vec::new(),
+                badge: None,
                 note: row.note(),
                 ending: row.ending(),
             },
@@ -296,6 +298,8 @@ impl SceneDrives<'_> {
                     verdict: None,
                     is_failed: true,
                     others: Vec::new(),
+                    marks: Vec::new(),
+                    badge: None,
                     note: String::new(),
                     ending: failure.ending.clone(),
                 }

@@ -242,7 +242,12 @@ fn either_format_comes_alone_if_asked() {
     let endings = |format: &str| {
         let out = folder.path().join(format);
         stdout(&sage(
-            &[&["generate", &example(), "--format", format, "--out", text(&out)][..], &WEIGHTS].concat(),
+            &[
+                &["generate", &example(), "--out", text(&out), "--format"][..],
+                &format.split(' ').collect::<Vec<_>>(),
+                &WEIGHTS,
+            ]
+            .concat(),
         ));
         let names = files(&out).into_keys();
         names.map(|name| name.rsplit('.').next().unwrap().to_owned()).collect::<Vec<_>>().join(" ")
@@ -250,6 +255,8 @@ fn either_format_comes_alone_if_asked() {
     assert_eq!(endings("native"), "json safetensors html svg html");
     assert_eq!(endings("pickle"), "json html svg pkl pkl html pkl");
     assert_eq!(endings("rows"), "json html svg html");
+    assert_eq!(endings("rows --no-pages"), "json");
+    assert_eq!(endings("pickle --no-pages"), "json pkl pkl pkl");
 }
 
 #[test]

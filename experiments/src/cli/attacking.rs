@@ -72,6 +72,9 @@ pub(crate) struct GenerateArgs {
     /// Print no line per attack, only the table at the end.
     #[arg(long, help_heading = OUTPUT, conflicts_with = "json")]
     pub quiet: bool,
+    /// Write no pages and no pictures, for large runs.
+    #[arg(long, help_heading = OUTPUT)]
+    pub no_pages: bool,
     /// Format of the written scenes.
     #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = DatasetFormat::Pickle)]
     pub format: DatasetFormat,

@@ -11,7 +11,10 @@ mod scored;
 mod summary;
 mod view;
 
-use std::{path::Path, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 use anyhow::Result;
 use rayon::prelude::*;
@@ -30,6 +33,7 @@ use attack::attack_scene;
 use found_row::FoundRow;
 use names::{INDEX, page_file, picture_file, row_file};
 use plan::Plan;
+use summary::Tally;
 
 pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcome> {
     let clock = Instant::now();
@@ -78,45 +82,62 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
 
 /// Prints what came of the attacks of this run, and how to find out why one is none.
 fn print_table(plan: &Plan, folder: &Path, run_hash: &str, own: &[&Input], json: bool) -> Result<()> {
-    let of_scene = |input: &&Input| -> Vec<FoundRow> { rows(plan, folder, run_hash, input).collect() };
-    let all: Vec<Vec<FoundRow>> = own.par_iter().map(of_scene).collect();
-    if all.iter().map(Vec::len).sum::<usize>() > 1 {
-        output::print_table(&summary::table(plan, all.iter().flatten()), json)?;
+    // Rows are large, so only what they count for is kept.
+    let tallied = |mut tally: Tallied, number: usize| {
+        for (variant, row) in rows(plan, folder, run_hash, own[number]) {
+            tally.of_variant[variant].add(&row);
+            if !row.outcome.is_attack() {
+                let file = folder.join(row_file(&row.scene, &row.variant));
+                tally.without = tally.without.max(Some((number, variant, file, row.files.is_empty())));
+            }
+        }
+        tally
+    };
+    let empty = || Tallied { of_variant: vec![Tally::default(); plan.variants().len()], without: None };
+    let all = (0..own.len()).into_par_iter().fold(empty, tallied).reduce(empty, Tallied::and);
+    if own.len() * plan.variants().len() > 1 {
+        output::print_table(&summary::table(plan, &all.of_variant), json)?;
     }
-    let mut each =
-        own.iter().zip(&all).rev().flat_map(|(input, rows)| rows.iter().rev().map(move |row| (input, row)));
-    if let Some((input, row)) = each.find(|(_, row)| !row.outcome.is_attack()) {
-        let file = folder.join(row_file(&row.scene, &row.variant));
-        let of = if row.files.is_empty() { format!(" --of {}", input.file.display()) } else { String::new() };
+    if let Some((number, _, file, has_no_scene)) = all.without {
+        let of = if has_no_scene { format!(" --of {}", own[number].file.display()) } else { String::new() };
         progress::say(&format!("why there is no attack: `sage explain {}{of}`", file.display()));
     }
     Ok(())
 }
 
-/// Rows of a scene that this run has, with its name.
+/// What the rows of a run count for.
+struct Tallied {
+    of_variant: Vec<Tally>,
+    /// The last row without an attack: numbers of scene and variant, its file, and whether it has no scene file.
+    without: Option<(usize, usize, PathBuf, bool)>,
+}
+
+impl Tallied {
+    fn and(self, other: Self) -> Self {
+        let sum = |(own, other): (Tally, &Tally)| own.and(other);
+        Self {
+            of_variant: self.of_variant.into_iter().zip(&other.of_variant).map(sum).collect(),
+            without: self.without.max(other.without),
+        }
+    }
+}
+
+/// Rows of a scene that this run has, with the number of their variant.
 fn rows<'a>(
     plan: &'a Plan,
     folder: &'a Path,
     run_hash: &'a str,
     input: &'a Input,
-) -> impl Iterator<Item = FoundRow> + 'a {
+) -> impl Iterator<Item = (usize, FoundRow)> + 'a {
     let names = plan.variants().iter().map(|variant| folder.join(row_file(&input.scene, variant)));
-    names.filter(|path| is_row_of(path, run_hash)).filter_map(|path| FoundRow::read_head(&path))
+    let own = names.enumerate().filter(|(_, path)| is_row_of(path, run_hash));
+    own.filter_map(|(variant, path)| Some((variant, FoundRow::read_head(&path)?)))
 }
 
 /// Writes the page of the data set. A shard writes it if it is the last.
 fn write_index(plan: &Plan, run: &DatasetRun, all: &[Input], is_shard: bool) -> Result<()> {
     let is_done = |input| is_done(plan, run.folder().path(), run.hash(), input);
-    if !all.iter().any(is_done) || (is_shard && !all.iter().all(is_done)) {
-        return Ok(());
-    }
-    let attacks = all.len() * plan.variants().len();
-    if attacks > index::MOST {
-        progress::say(&format!(
-            "note: no `{}`: it holds at most {} attacks, and these are {attacks}; each scene has its page",
-            INDEX,
-            index::MOST
-        ));
+    if plan.args.no_pages || !all.iter().any(is_done) || (is_shard && !all.iter().all(is_done)) {
         return Ok(());
     }
     index::write(plan, run.folder(), run.hash(), all)

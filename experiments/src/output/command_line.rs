@@ -2,8 +2,15 @@
 
 /// Flags that do not change the result of a command, and whether a value follows each. Output files record
 /// the command without them, so that equal results are equal bytes.
-const WITHOUT_EFFECT: [(&str, bool); 5] =
-    [("--threads", true), ("--out", true), ("--force", false), ("--json", false), ("--shard", true)];
+const WITHOUT_EFFECT: [(&str, bool); 7] = [
+    ("--threads", true),
+    ("--out", true),
+    ("--force", false),
+    ("--json", false),
+    ("--quiet", false),
+    ("--no-pages", false),
+    ("--shard", true),
+];
 
 /// The command line of this process, without the path of the program and without flags that do not change the
 /// result.
@@ -58,7 +65,17 @@ mod tests {
     fn only_flags_that_change_the_result_are_recorded() {
         let plain = "sage generate scenes/ --lambda 1";
         assert_eq!(of("generate scenes/ --lambda 1"), plain);
-        for flag in ["--force", "--out x", "--out=x", "--threads 2", "--threads=2", "--json", "--shard 1/2"] {
+        for flag in [
+            "--force",
+            "--out x",
+            "--out=x",
+            "--threads 2",
+            "--threads=2",
+            "--json",
+            "--quiet",
+            "--no-pages",
+            "--shard 1/2",
+        ] {
             assert_eq!(of(&format!("generate scenes/ {flag} --lambda 1")), plain);
         }
         assert_eq!(recorded(["list".to_owned(), "a b'c".to_owned()].into_iter()), r"sage list 'a b'\''c'");

@@ -93,7 +93,8 @@ fn finished(
         }
         lines.push(Line { text: row.line(), row: name, seconds: None });
     }
-    Ok((exists(&picture_file(scene)) && exists(&page_file(scene))).then(|| SceneReport::found(lines)))
+    let has_pages = || exists(&picture_file(scene)) && exists(&page_file(scene));
+    Ok((plan.args.no_pages || has_pages()).then(|| SceneReport::found(lines)))
 }
 
 /// Writes the attacks of one scene.
@@ -165,12 +166,14 @@ impl SceneWriter<'_> {
             all.push((&name, &bytes));
             self.write(&all)?;
         }
-        let shown = SceneView { plan, name: self.scene, ctx: &ctx, measured: &measured };
-        let (picture, page) = (shown.picture(), shown.page(&scored)?);
-        self.write(&[
-            (&picture_file(self.scene), picture.as_bytes()),
-            (&page_file(self.scene), page.as_bytes()),
-        ])?;
+        if !plan.args.no_pages {
+            let shown = SceneView { plan, name: self.scene, ctx: &ctx, measured: &measured };
+            let (picture, page) = (shown.picture(), shown.page(&scored)?);
+            self.write(&[
+                (&picture_file(self.scene), picture.as_bytes()),
+                (&page_file(self.scene), page.as_bytes()),
+            ])?;
+        }
         Ok(SceneReport { lines, seconds: Some(seconds), warnings, failures: Vec::new() })
     }
 

@@ -27,8 +27,9 @@ use crate::{
     scene_queue::{Input, is_row_of},
 };
 
-/// Most attacks of a page.
-pub(super) const MOST: usize = 20_000;
+/// Most scenes and attacks of a page: tens of megabytes.
+const MOST_SCENES: usize = 2000;
+const MOST_ATTACKS: usize = 20_000;
 
 /// What the items of the page hold.
 const FIELDS: &str = include_str!("fields.js");
@@ -80,8 +81,10 @@ struct Listed<'a> {
 /// *Errors*: the folder cannot be written to.
 pub(super) fn write(plan: &Plan, folder: &Folder, run_hash: &str, inputs: &[Input]) -> Result<()> {
     let options = plan.args.reading.options();
+    let most = MOST_SCENES.min(MOST_ATTACKS / plan.variants().len()).max(1);
+    let listed_inputs = &inputs[..inputs.len().min(most)];
     let all: Vec<Option<Listed>> =
-        inputs.par_iter().map(|input| listed(plan, folder, run_hash, input, &options)).collect();
+        listed_inputs.par_iter().map(|input| listed(plan, folder, run_hash, input, &options)).collect();
     let (mut scenes, mut items) = (Vec::new(), Vec::new());
     for Listed { name, road, entries } in all.into_iter().flatten() {
         items.extend(entries.into_iter().map(|entry| Entry { scene: scenes.len(), ..entry }));
@@ -91,7 +94,10 @@ pub(super) fn write(plan: &Plan, folder: &Folder, run_hash: &str, inputs: &[Inpu
     let label = |k: usize| points[k].long_label().replace("lambda ", "λ ");
     let data = Data {
         title: format!("Attacks by {}", plan.generator.method),
-        subtitle: plan.subtitle(),
+        subtitle: match inputs.len() > most {
+            true => format!("the first {most} of {} scenes, {}", inputs.len(), plan.subtitle()),
+            false => plan.subtitle(),
+        },
         variants: if points.len() > 1 { (0..points.len()).map(label).collect() } else { Vec::new() },
         scenes,
         items,

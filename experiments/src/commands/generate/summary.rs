@@ -5,65 +5,96 @@ use sage_bench::table::Table;
 use super::{found_row::FoundRow, plan::Plan};
 use crate::{operating_point::OperatingPointSpec, selection_outcome::SelectionOutcome};
 
-/// Attacks of a run at one operating point.
-#[derive(Default)]
-struct Tally<'r> {
-    rows: Vec<&'r FoundRow>,
+/// Outcomes with the reason that the table gives for them, the first where two are as frequent.
+const REASONS: [(SelectionOutcome, &str); 5] = [
+    (SelectionOutcome::NotBelievable, "not believable"),
+    (SelectionOutcome::NoFeasiblePlan, "none feasible"),
+    (SelectionOutcome::NeverHit, "none touches the ego"),
+    (SelectionOutcome::NoFeasibleHit, "hits are infeasible"),
+    (SelectionOutcome::NotPreferred, "a miss rates higher"),
+];
+
+/// Numbers of scenes at one operating point.
+#[derive(Clone, Default)]
+pub(super) struct Tally {
+    scenes: usize,
+    believable: usize,
+    /// By reason, in the order of [`REASONS`].
+    without: [usize; REASONS.len()],
+    /// Attacks whose answer is yes, and those with an answer.
+    avoidable: [usize; 2],
+    avoided_by_r157: [usize; 2],
 }
 
-impl Tally<'_> {
-    fn count(&self, is: impl Fn(&FoundRow) -> bool) -> usize {
-        self.rows.iter().filter(|row| is(row)).count()
+impl Tally {
+    pub(super) fn add(&mut self, row: &FoundRow) {
+        self.scenes += 1;
+        match REASONS.iter().position(|(outcome, _)| *outcome == row.outcome) {
+            Some(reason) => self.without[reason] += 1,
+            None => self.believable += 1,
+        }
+        if row.outcome.is_attack() {
+            count(&mut self.avoidable, row.scores.avoidable.avoidable);
+            count(&mut self.avoided_by_r157, row.scores.r157_avoids);
+        }
+    }
+
+    /// The numbers of both.
+    pub(super) fn and(self, other: &Self) -> Self {
+        let sum = |a: [usize; 2], b: [usize; 2]| [a[0] + b[0], a[1] + b[1]];
+        Self {
+            scenes: self.scenes + other.scenes,
+            believable: self.believable + other.believable,
+            without: std::array::from_fn(|k| self.without[k] + other.without[k]),
+            avoidable: sum(self.avoidable, other.avoidable),
+            avoided_by_r157: sum(self.avoided_by_r157, other.avoided_by_r157),
+        }
+    }
+
+    /// Scenes with an attack, believable or not.
+    fn attacked(&self) -> usize {
+        self.believable + self.without[0]
     }
 
     /// A number with its share of the scenes.
-    fn share(&self, is: impl Fn(&FoundRow) -> bool) -> String {
-        let count = self.count(is);
-        format!("{count} ({:.0} %)", 100.0 * count as f64 / self.rows.len().max(1) as f64)
-    }
-
-    /// Attacks whose answer is yes, of those with one.
-    fn answered(&self, answer: impl Fn(&FoundRow) -> Option<bool>) -> String {
-        let is = |row: &FoundRow, wanted: bool| row.outcome.is_attack() && answer(row) == Some(wanted);
-        let (yes, no) = (self.count(|row| is(row, true)), self.count(|row| is(row, false)));
-        if yes + no == 0 { "-".to_owned() } else { format!("{yes} of {}", yes + no) }
+    fn share(&self, count: usize) -> String {
+        format!("{count} ({:.0} %)", 100.0 * count as f64 / self.scenes.max(1) as f64)
     }
 
     /// The most frequent reason of not having a believable attack.
     fn most_frequent_reason(&self) -> String {
-        const REASONS: [(SelectionOutcome, &str); 5] = [
-            (SelectionOutcome::NotBelievable, "not believable"),
-            (SelectionOutcome::NoFeasiblePlan, "none feasible"),
-            (SelectionOutcome::NeverHit, "none touches the ego"),
-            (SelectionOutcome::NoFeasibleHit, "hits are infeasible"),
-            (SelectionOutcome::NotPreferred, "a miss rates higher"),
-        ];
-        let counted = REASONS.map(|(reason, words)| (self.count(|row| row.outcome == reason), words));
-        // Of equal counts the first is taken.
-        let most = counted.into_iter().rev().max_by_key(|(count, _)| *count);
-        match most.filter(|(count, _)| *count > 0) {
-            Some((count, words)) => format!("{words} ({count})"),
-            None => "-".to_owned(),
+        // Of equal counts `max_by_key` takes the last.
+        let most = (0..REASONS.len()).rev().max_by_key(|reason| self.without[*reason]).unwrap_or_default();
+        match self.without[most] {
+            0 => "-".to_owned(),
+            count => format!("{} ({count})", REASONS[most].1),
         }
     }
 }
 
-/// The table of a run's rows at the operating points of a plan.
-pub(super) fn table<'r>(plan: &Plan, rows: impl Iterator<Item = &'r FoundRow>) -> Table {
-    let rows: Vec<&FoundRow> = rows.collect();
+fn count([yes, all]: &mut [usize; 2], answer: Option<bool>) {
+    *yes += usize::from(answer == Some(true));
+    *all += usize::from(answer.is_some());
+}
+
+fn of([yes, all]: [usize; 2]) -> String {
+    if all == 0 { "-".to_owned() } else { format!("{yes} of {all}") }
+}
+
+/// The table of a run; `tallies` are those of the operating points of its plan.
+pub(super) fn table(plan: &Plan, tallies: &[Tally]) -> Table {
     let (axis, names) = operating_points(plan);
     let heads = [&*axis, "scenes", "attacked", "believable", "avoidable", "by R157", "why not, most often"];
     let mut table = Table { names: 1, ..Table::new("", &heads) };
-    for (variant, name) in plan.variants().iter().zip(names) {
-        let tally = Tally { rows: rows.iter().copied().filter(|row| row.variant == *variant).collect() };
+    for (tally, name) in tallies.iter().zip(names) {
         table.row(
             name,
             [
-                tally.rows.len().to_string(),
-                tally.share(|row| row.outcome.is_attack()),
-                tally.share(|row| row.outcome == SelectionOutcome::Attack),
-                tally.answered(|row| row.scores.avoidable.avoidable),
-                tally.answered(|row| row.scores.r157_avoids),
+                tally.scenes.to_string(),
+                tally.share(tally.attacked()),
+                tally.share(tally.believable),
+                of(tally.avoidable),
+                of(tally.avoided_by_r157),
                 tally.most_frequent_reason(),
             ],
         );
@@ -74,18 +105,14 @@ pub(super) fn table<'r>(plan: &Plan, rows: impl Iterator<Item = &'r FoundRow>) -
 /// What differs between the operating points, and the name of each.
 fn operating_points(plan: &Plan) -> (String, Vec<String>) {
     let points = &plan.generator.points;
-    let swept: Option<Vec<(&str, f64)>> = points.iter().map(OperatingPointSpec::swept).collect();
-    let follows_lambda =
+    let uses_point = plan.generator.built.facts.uses_operating_point();
+    let is_one_number =
         |point: &OperatingPointSpec| point.aggression.is_some() || point.lambda == Some(point.mu);
-    match swept.as_deref() {
-        Some([(axis, _), ..])
-            if plan.generator.built.facts.uses_operating_point() && points.iter().all(follows_lambda) =>
-        {
-            (
-                axis.replace("lambda", "λ"),
-                points.iter().map(|point| point.label().replace("a ", "")).collect(),
-            )
+    match points[0].swept().filter(|_| uses_point && points.iter().all(is_one_number)) {
+        Some((axis, _)) => {
+            let value = |point: &OperatingPointSpec| point.label().trim_start_matches("a ").to_owned();
+            (axis.replace("lambda", "λ"), points.iter().map(value).collect())
         }
-        _ => ("attack".to_owned(), plan.variants().to_vec()),
+        None => ("attack".to_owned(), plan.variants().to_vec()),
     }
 }

@@ -21,7 +21,10 @@ use sage_sim::{
 };
 use serde::Serialize;
 
-use crate::{html_page, selection_outcome::CandidateKind};
+use crate::{
+    html_page,
+    selection_outcome::{CandidateKind, Mark},
+};
 use encoding::{EncodedBody, FrameState};
 use map::EncodedFeature;
 
@@ -68,8 +71,8 @@ pub(crate) struct Panel<'a> {
     pub(crate) is_failed: bool,
     /// Candidates that were not selected, by their number among the paths of the page.
     pub(crate) others: Vec<usize>,
-    /// Places with a label: where hits that were not selected break a rule.
-    pub(crate) marks: Vec<(Point, String)>,
+    /// Where hits that were not selected break a rule.
+    pub(crate) marks: Vec<Mark>,
     /// What the verdict is called at the end; "attack" if `None`.
     pub(crate) badge: Option<&'static str>,
     /// Says what is attacked, before the end.
@@ -129,11 +132,10 @@ struct Data<'a> {
     panels: Vec<EncodedPanel<'a>>,
 }
 
-/// A place in centimetres, with its label.
+/// Boxes with a label: centre in centimetres, heading in milliradians, length and width in centimetres.
 #[derive(Serialize)]
 struct EncodedMark<'a> {
-    x: i64,
-    y: i64,
+    boxes: Vec<[i64; 5]>,
     label: &'a str,
 }
 
@@ -295,7 +297,7 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
         verdict: *verdict,
         failed: *is_failed,
         others: &panel.others,
-        marks: panel.marks.iter().map(|(place, label)| encoded_mark(*place, label, origin)).collect(),
+        marks: panel.marks.iter().map(|mark| encoded_mark(mark, origin)).collect(),
         badge: panel.badge,
         shown: panel.shown.iter().map(|shown| encoded_shown(shown, origin)).collect(),
         note,
@@ -303,9 +305,14 @@ fn encoded<'a>(panel: &'a Panel, scene: &Scene, origin: Point) -> EncodedPanel<'
     }
 }
 
-fn encoded_mark(place: Point, label: &str, origin: Point) -> EncodedMark<'_> {
-    let [x, y] = [0, 1].map(|axis| encoding::hundredths(place[axis] - origin[axis]));
-    EncodedMark { x, y, label }
+fn encoded_mark(mark: &Mark, origin: Point) -> EncodedMark<'_> {
+    let encoded = |b: &OrientedBox| {
+        let heading = b.axis[1].atan2(b.axis[0]);
+        let [x, y] = [0, 1].map(|axis| encoding::hundredths(b.center[axis] - origin[axis]));
+        let [length, width] = [b.half_length, b.half_width].map(|half| encoding::hundredths(2.0 * half));
+        [x, y, (1000.0 * heading).round() as i64, length, width]
+    };
+    EncodedMark { boxes: mark.boxes.iter().map(encoded).collect(), label: &mark.label }
 }
 
 fn encoded_path(path: &Path, origin: Point) -> EncodedPath {

@@ -1,10 +1,12 @@
 //! What came of the selection among a generator's candidates: an attack, or why there is none.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use sage_core::{
-    geometry::{Point, distance},
+    geometry::{OrientedBox, Point, distance, sub},
+    motion::{NOW, Trajectory},
     objective::{Candidate, Context, Reason, Violation},
+    scene::Scene,
 };
 use serde::{Deserialize, Serialize};
 
@@ -83,6 +85,7 @@ impl CandidateKind {
 /// One candidate of a selection, measured.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Measured<'a> {
+    pub(crate) trajectory: &'a Trajectory,
     /// Whether it touches the ego.
     pub(crate) is_hit: bool,
     /// Violations of the rule of the selection.
@@ -116,12 +119,23 @@ impl Nearest {
 }
 
 /// Hits that break one rule.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Broken {
     pub(crate) hits: usize,
-    /// Earliest violation, seconds from *now*, and the adversary's position then.
+    /// Earliest violation, seconds from *now*; then the adversary's position and direction.
     pub(crate) from: f64,
     pub(crate) place: Point,
+    pub(crate) heading: f64,
+    /// Track or map feature that is touched.
+    pub(crate) with: String,
+}
+
+/// A violation in a picture: the boxes then, and a label.
+#[derive(Clone, Debug)]
+pub(crate) struct Mark {
+    /// That of the adversary, and that of the road user that it touches, if it is one.
+    pub(crate) boxes: Vec<OrientedBox>,
+    pub(crate) label: String,
 }
 
 /// Feasible hits that a person would not believe for one reason.
@@ -181,6 +195,8 @@ pub(crate) struct CandidateCounts {
     pub(crate) believable_hits: usize,
     /// The candidate that comes nearest.
     pub(crate) nearest: Option<Nearest>,
+    /// Rules that infeasible candidates break, whether they hit or not.
+    pub(crate) broken: BTreeMap<String, usize>,
     /// What makes hits infeasible: rule and what is touched.
     pub(crate) violations: BTreeMap<String, Broken>,
     /// Why feasible hits are not believable.
@@ -200,6 +216,8 @@ impl CandidateCounts {
         self.feasible += usize::from(one.is_feasible());
         let is_nearer = |a: &Nearest| self.nearest.is_none_or(|b| a.distance < b.distance);
         self.nearest = one.nearest.filter(is_nearer).or(self.nearest);
+        let rules: BTreeSet<String> = one.violations.iter().map(Violation::words).collect();
+        rules.into_iter().for_each(|rule| *self.broken.entry(rule).or_default() += 1);
         if !one.is_hit {
             return;
         }
@@ -213,12 +231,17 @@ impl CandidateCounts {
                 }
             }
             for (what, violation) in first {
-                let (from, place) = (violation.step as f64 / 10.0, violation.place);
-                let broken = self.violations.entry(what).or_insert(Broken { hits: 0, from, place });
-                broken.hits += 1;
-                if from < broken.from {
-                    (broken.from, broken.place) = (from, place);
-                }
+                let first = Broken {
+                    hits: 0,
+                    from: violation.step as f64 / 10.0,
+                    place: violation.place,
+                    heading: heading(one.trajectory, violation.step),
+                    with: violation.with.clone(),
+                };
+                let known = self.violations.entry(what).or_insert(first.clone());
+                let hits = known.hits + 1;
+                *known = if first.from < known.from { first } else { known.clone() };
+                known.hits = hits;
             }
             return;
         }
@@ -239,14 +262,29 @@ impl CandidateCounts {
         let mut all: Vec<(&String, &Broken)> = self.violations.iter().collect();
         all.sort_by_key(|(_, broken)| std::cmp::Reverse(broken.hits));
         let words = |(what, Broken { hits, from, .. }): (&String, &Broken)| {
-            format!("{what} ({hits}, from {from:.1} s on)")
+            format!("{what} ({hits}, at {from:.1} s or later)")
         };
         all.into_iter().map(words).collect()
     }
 
     /// Where hits first break each rule, with a label for pictures.
-    pub(crate) fn marks(&self) -> Vec<(Point, String)> {
-        self.violations.iter().map(|(what, broken)| (broken.place, what.replace('`', ""))).collect()
+    pub(crate) fn marks(&self, scene: &Scene) -> Vec<Mark> {
+        let Some(adversary) = scene.adversary.map(|k| &scene.tracks[k]) else { return Vec::new() };
+        let mark = |(what, broken): (&String, &Broken)| {
+            let frame = (NOW + (10.0 * broken.from).round() as usize).min(scene.frames - 1);
+            let [length, width, _] = adversary.size[NOW];
+            let mut boxes = vec![OrientedBox::new(broken.place, broken.heading, length, width)];
+            let other = scene.tracks.iter().find(|track| track.id == broken.with && track.is_valid(frame));
+            let what = match other {
+                Some(track) => {
+                    boxes.push(track.oriented_box(frame));
+                    format!("{} {}", track.kind.name().to_lowercase(), broken.with)
+                }
+                None => what.replace('`', ""),
+            };
+            Mark { boxes, label: format!("{what}, {:.1} s", broken.from) }
+        };
+        self.violations.iter().map(mark).collect()
     }
 
     /// Why feasible hits are not believable, in words; empty if all are.
@@ -272,7 +310,8 @@ impl CandidateCounts {
             SelectionOutcome::NoFeasiblePlan | SelectionOutcome::NoFeasibleHit => self.violated().join(", "),
             SelectionOutcome::NotPreferred if self.believable_hits == 0 => self.doubted().join(", "),
             SelectionOutcome::NotPreferred => {
-                format!("{} feasible hits, {} believable", self.feasible_hits, self.believable_hits)
+                let (hits, believable) = (self.feasible_hits, self.believable_hits);
+                format!("{hits} feasible hits, {believable} believable, are worth less to it here")
             }
         }
     }
@@ -310,8 +349,20 @@ impl CandidateCounts {
             }
         };
         let many = if self.candidates == 1 { "candidate" } else { "candidates" };
-        format!("{} {many}, {} feasible; {touching}", self.candidates, self.feasible)
+        let broken: Vec<String> = self.broken.iter().map(|(rule, count)| format!("{rule} {count}")).collect();
+        let broken =
+            if broken.is_empty() { String::new() } else { format!(" (others: {})", broken.join(", ")) };
+        format!("{} {many}, {} feasible{broken}; {touching}", self.candidates, self.feasible)
     }
+}
+
+/// Direction of a trajectory at a step from 1 on, rad.
+fn heading(trajectory: &Trajectory, step: usize) -> f64 {
+    let points = trajectory.points();
+    let at = step.clamp(2, points.len()) - 1;
+    // A car that stands keeps the direction that it came with.
+    let moved = (1..=at).rev().map(|k| sub(points[k], points[k - 1])).find(|d| d[0].hypot(d[1]) > 0.05);
+    moved.map_or(0.0, |d| d[1].atan2(d[0]))
 }
 
 /// What a violation breaks, and what it touches.
@@ -324,8 +375,14 @@ fn violated(violation: &Violation) -> String {
 mod tests {
     use super::*;
 
+    /// A car that stands.
+    fn still() -> &'static Trajectory {
+        static STILL: std::sync::OnceLock<Trajectory> = std::sync::OnceLock::new();
+        STILL.get_or_init(|| Trajectory::new("still", vec![[0.0; 2]; 80]).unwrap())
+    }
+
     fn measured<'a>(is_hit: bool, violations: &'a [Violation], unbelievable: &'a [Reason]) -> Measured<'a> {
-        Measured { is_hit, violations, unbelievable, nearest: None }
+        Measured { trajectory: still(), is_hit, violations, unbelievable, nearest: None }
     }
 
     #[test]
@@ -344,12 +401,11 @@ mod tests {
         assert_eq!(outcome(&[miss, infeasible_hit]), SelectionOutcome::NoFeasibleHit);
         assert_eq!(outcome(&[miss, hit]), SelectionOutcome::NotPreferred);
         let counts = CandidateCounts::of([miss, infeasible_hit, grazing]);
-        assert_eq!(counts.words(), "3 candidates, 2 feasible; 2 touch the ego, 1 feasible, none believable");
         assert_eq!(
-            counts.violations,
-            BTreeMap::from([("road edge `7`".to_owned(), Broken { hits: 1, from: 0.3, place: [0.0; 2] })])
+            counts.words(),
+            "3 candidates, 2 feasible (others: road edge 1); 2 touch the ego, 1 feasible, none believable"
         );
-        assert_eq!(counts.violated(), ["road edge `7` (1, from 0.3 s on)"]);
+        assert_eq!(counts.violated(), ["road edge `7` (1, at 0.3 s or later)"]);
         assert_eq!(counts.doubted(), ["contact depth (1: at most 0.10 m; 0.50 m needed)"]);
         let taste = "no attack: no hit is believable, and the selection rates a miss higher";
         assert_eq!(counts.outcome_words(SelectionOutcome::NotPreferred), taste);

@@ -472,6 +472,8 @@ fn explain_draw_and_score_read_rows() {
     stdout(&sage(&["explain", &row, "--of", &scene, "--svg", &svg]));
     assert!(std::fs::read_to_string(&svg).unwrap().contains("no contact"));
     assert!(failure(&["explain", &row, "--of", &scene, "--svg", &svg]).contains("--force"));
+    stdout(&sage(&["explain", &row, "--of", &scene, "--svg", &svg, "--force"]));
+    assert!(failure(&["explain", &row, "--of", &scene, "--svg", &scene, "--force"]).contains("an input"));
     let candidates = serde_json::from_slice::<Value>(&std::fs::read(&row).unwrap()).unwrap();
     let scored = rows(&sage(&["score", &scene, "--candidates", &row, "--json"]));
     let all = candidates["candidates"].as_array().unwrap();
@@ -486,4 +488,7 @@ fn explain_draw_and_score_read_rows() {
     stdout(&sage(&[&search[..], &WEIGHTS].concat()));
     let text = stdout(&sage(&["explain", &at("found/crossing.json")])).to_owned();
     assert!(text.contains("plans proposed") && text.contains("failures"), "{text}");
+    let failed = failure(&["explain", &at("found/crossing-failure1.json")]);
+    assert!(failed.contains("found/crossing.json"), "{failed}");
+    assert!(failure(&["explain", &at("found")]).contains("is a folder"));
 }

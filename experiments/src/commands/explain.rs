@@ -5,7 +5,10 @@ mod explanation;
 mod picture;
 mod text;
 
-use std::{path::Path, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use anyhow::{Result, bail, ensure};
 use sage_core::{
@@ -51,6 +54,13 @@ pub(crate) fn run(args: &ExplainArgs, registries: &Registries) -> Result<Outcome
         refuse_options(args)?;
         if let Some(row) = SceneRow::read(&args.scene) {
             return explain_search(&row, args);
+        }
+        if let Some(scene) = scene_of_failure(&args.scene) {
+            bail!(
+                "`{}` is the row of a failure; `{}` says what came of the search of its scene, and `sage report` shows the failure",
+                args.scene.display(),
+                scene.display()
+            );
         }
     }
     let explained = if is_row { of_row(args, registries)? } else { of_scene(args, registries)? };
@@ -146,6 +156,13 @@ fn of_row(args: &ExplainArgs, registries: &Registries) -> Result<Explained> {
         terminal::escaped_name(&row.method),
     );
     Ok(Explained { title, scene: row.scene.clone(), all: vec![explanation], candidates })
+}
+
+/// The row of the scene of a failure that a search found; `None` if the file is not the row of one.
+fn scene_of_failure(row: &Path) -> Option<PathBuf> {
+    let (scene, number) = row.file_stem()?.to_str()?.rsplit_once("-failure")?;
+    let found = row.with_file_name(format!("{scene}.json"));
+    (number.parse::<usize>().is_ok() && found.is_file()).then_some(found)
 }
 
 /// Explains a row of `sage search`.

@@ -48,7 +48,7 @@ pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcom
     };
     let run = DatasetRun::start(out, plan.identity()?, args.folder.force, args.shard, outdated)?;
     output::keep_planner_logs(run.folder(), std::slice::from_ref(&plan.ego))?;
-    let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attack"]);
+    let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attempt"]);
     let report = if args.quiet { report.quiet() } else { report };
     let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
     let seconds = scene_queue::work(&own, &run, &report, attack)?;

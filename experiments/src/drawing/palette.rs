@@ -40,6 +40,8 @@ pub(super) const CONTACT: &str = "#f0e442";
 
 /// Plans of a search that touch nobody.
 pub(super) const OTHER_PLAN: &str = "#7d8894";
+/// Attacks that miss a clause, and hits that a person would not believe.
+pub(super) const ALMOST: &str = "#e69f00";
 /// Plans at which the driver fails.
 pub(super) const FAILURE: &str = "#a50f15";
 

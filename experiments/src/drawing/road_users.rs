@@ -204,14 +204,19 @@ pub(super) fn contact(svg: &mut Svg, viewport: &Viewport, boxes: [&OrientedBox; 
     burst(svg, viewport.pixel(middle));
 }
 
-/// Draws a ring with a label beside it.
-pub(super) fn mark(svg: &mut Svg, [x, y]: Point, label: &str) {
-    svg.circle([x, y], 6.0, &format!(r#"fill="none" stroke="{}" stroke-width="2""#, color::FAILURE));
+/// Draws the outlines of boxes with a label beside the first.
+pub(super) fn mark(svg: &mut Svg, viewport: &Viewport, boxes: &[OrientedBox], label: &str) {
+    for b in boxes {
+        let corners = b.corners().map(|p| viewport.pixel(p));
+        svg.polygon(&corners, &format!(r#"fill="none" stroke="{}" stroke-width="1.6""#, color::FAILURE));
+    }
+    let Some(first) = boxes.first() else { return };
+    let [x, y] = viewport.pixel(first.center);
     let attributes = format!(
         r##"font-size="12" font-family="sans-serif" fill="{}" stroke="#fff" stroke-width="3" paint-order="stroke""##,
         color::INK
     );
-    svg.text([x + 9.0, y + 4.0], &attributes, label);
+    svg.text([x + 12.0, y + 4.0], &attributes, label);
 }
 
 /// Draws the mark of a contact.

@@ -46,8 +46,8 @@ pub struct Picture {
     pub ego_path: Option<Vec<Point>>,
     /// The last evasive manoeuvre: the ego's positions from its start on, and the time of the start, seconds.
     pub evasion: Option<(f64, Vec<Point>)>,
-    /// Places with a label.
-    pub marks: Vec<(Point, String)>,
+    /// Boxes with a label, the first is that of the adversary.
+    pub marks: Vec<(Vec<OrientedBox>, String)>,
     /// Draw the whole map instead of the surroundings of ego and adversary.
     pub whole_map: bool,
 }
@@ -110,8 +110,8 @@ pub fn draw(scene: &Scene, picture: &Picture) -> String {
     for (_, ego, adversary) in picture.candidates.iter().filter_map(|c| c.contact.as_ref()) {
         road_users::contact(&mut svg, &viewport, [ego, adversary]);
     }
-    for (place, label) in &picture.marks {
-        road_users::mark(&mut svg, viewport.pixel(*place), label);
+    for (boxes, label) in &picture.marks {
+        road_users::mark(&mut svg, &viewport, boxes, label);
     }
     for (number, candidate) in picture.candidates.iter().enumerate() {
         if let Some(end) = candidate.points.last() {

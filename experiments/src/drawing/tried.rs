@@ -35,7 +35,7 @@ impl Outcome {
         match self {
             Self::NoContact => (color::OTHER_PLAN, 1.2, 0.55),
             Self::OtherContact => (color::PEDESTRIAN, 1.4, 0.75),
-            Self::Attack => (color::ADVERSARY, 1.6, 0.8),
+            Self::Attack => (color::ALMOST, 1.6, 0.8),
             Self::Failure => (color::FAILURE, 2.0, 0.9),
         }
     }

@@ -12,7 +12,7 @@ use super::resolved_folder;
 use crate::networks;
 
 /// Flags whose value is an output, not an input.
-const OUTPUTS: [&str; 3] = ["--out", "--report", "--junit"];
+const OUTPUTS: [&str; 4] = ["--out", "--report", "--junit", "--svg"];
 /// Endings of the names of scenes and weights.
 const ENDINGS: [&str; 2] = ["pkl", "safetensors"];
 

@@ -5,7 +5,7 @@ const element = (id) => document.getElementById(id);
 const now = data.now, last = data.frames - 1;
 const colour = { ego: "#0072b2", adversary: "#d55e00", vehicle: "#9aa2ac", pedestrian: "#cc79a7", cyclist: "#009e73", other: "#e6c229", ink: "#222", escape: "#007a52", plan: "rgba(120,60,200,.6)" };
 // Candidates that were not selected, by what they do.
-const kinds = { "no-contact": ["rgba(90,100,110,.45)", "no contact"], "infeasible-hit": ["rgba(204,121,167,.7)", "hit, not feasible"], "unbelievable-hit": ["rgba(230,159,0,.75)", "hit, not believable"], "believable-hit": ["rgba(176,0,32,.6)", "believable hit"] };
+const kinds = { "no-contact": ["rgba(90,100,110,.45)", "no contact"], "infeasible-hit": ["rgba(204,121,167,.7)", "hit, not feasible"], "unbelievable-hit": ["rgba(230,159,0,.9)", "hit, not believable"], "believable-hit": ["rgba(165,15,21,.75)", "believable hit"] };
 
 // --- decoding ---
 
@@ -45,7 +45,9 @@ const features = data.map.map(({ kind, width, x, y }) => {
 });
 const traffic = data.traffic.map(body);
 const paths = data.paths.map(({ kind, x, y }) => ({ kind, x: sums(x, 1e-1), y: sums(y, 1e-1) }));
-const panels = data.panels.map((p) => ({ ...p, ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost), escape: p.escape && body(p.escape), shown: p.shown.map((s) => ({ frame: s.frame, x: sums(s.x, 1e-2), y: sums(s.y, 1e-2), log: s.log })) }));
+// In the order of `kinds`, so that the worst lie in front.
+const inFront = (others) => others && [...others].sort((a, b) => Object.keys(kinds).indexOf(paths[a].kind) - Object.keys(kinds).indexOf(paths[b].kind));
+const panels = data.panels.map((p) => ({ ...p, drawn: inFront(p.others), ego: body(p.ego), adversary: p.adversary && body(p.adversary), ghost: p.ghost && body(p.ghost), escape: p.escape && body(p.escape), shown: p.shown.map((s) => ({ frame: s.frame, x: sums(s.x, 1e-2), y: sums(s.y, 1e-2), log: s.log })) }));
 
 // --- state ---
 
@@ -121,22 +123,26 @@ function space(p, a, q, b) {
   return Math.min(from(p, a, q, b), from(q, b, p, a));
 }
 
-// A ring with a label, both of one size on the screen; `pixel` is its size in metres.
-function mark(c, { x, y, label }, pixel) {
-  c.save();
-  c.translate(x / 100, y / 100);
-  c.scale(pixel, -pixel);
-  c.beginPath();
-  c.arc(0, 0, 6, 0, 7);
+// Outlines of boxes with a label beside the first, of one size on the screen; `pixel` is its size in metres.
+function mark(c, { boxes, label }, pixel) {
   c.strokeStyle = "#b00020";
-  c.lineWidth = 2;
-  c.stroke();
+  c.lineWidth = 1.6 * pixel;
+  for (const [x, y, h, l, w] of boxes) {
+    c.save();
+    c.translate(x / 100, y / 100);
+    c.rotate(h / 1000);
+    c.strokeRect(-l / 200, -w / 200, l / 100, w / 100);
+    c.restore();
+  }
+  c.save();
+  c.translate(boxes[0][0] / 100, boxes[0][1] / 100);
+  c.scale(pixel, -pixel);
   c.font = "12px system-ui, sans-serif";
   c.strokeStyle = "#fff";
   c.lineWidth = 3;
-  c.strokeText(label, 9, 4);
+  c.strokeText(label, 12, 4);
   c.fillStyle = colour.ink;
-  c.fillText(label, 9, 4);
+  c.fillText(label, 12, 4);
   c.restore();
 }
 
@@ -212,14 +218,15 @@ function drawPanel(panel) {
     trail(c, panel.ghost, now, last, "rgba(0,114,178,.55)", thin);
     c.setLineDash([]);
   }
-  if (panel.others && view.others) for (const k of panel.others) line(c, paths[k], kinds[paths[k].kind][0], 0.7 * thin);
+  if (panel.others && view.others) for (const k of panel.drawn) line(c, paths[k], kinds[paths[k].kind][0], 0.7 * thin);
   if (panel.escape && view.ghost) {
     c.setLineDash([0.8, 0.8]);
     trail(c, panel.escape, now, last, colour.escape, 1.5 * thin);
     c.setLineDash([]);
   }
   if (panel.adversary) {
-    trail(c, panel.adversary, now, last, "rgba(213,94,0,.35)", thin);
+    const isAmong = panel.others && view.others; // candidates: the selected path must stand out
+    trail(c, panel.adversary, now, last, `rgba(213,94,0,${isAmong ? 0.9 : 0.35})`, isAmong ? 1.8 * thin : thin);
     trail(c, panel.adversary, 0, Math.floor(time), "rgba(213,94,0,.9)", 1.5 * thin);
   }
   trail(c, panel.ego, 0, Math.floor(time), "rgba(0,114,178,.9)", 1.5 * thin);

@@ -2,6 +2,7 @@
 
 use sage_core::{
     generator::{Attack, Proposal},
+    motion::Trajectory,
     objective::{Context, Evaluation, Objective, Reason, Scorer},
 };
 use serde::Serialize;
@@ -37,6 +38,7 @@ impl ValuedCandidate {
 
 /// A candidate with all that is measured of it.
 struct Evaluated {
+    trajectory: Trajectory,
     evaluation: Evaluation,
     unbelievable: Vec<Reason>,
     nearest: Option<Nearest>,
@@ -45,6 +47,7 @@ struct Evaluated {
 impl Evaluated {
     fn measured(&self) -> Measured<'_> {
         Measured {
+            trajectory: &self.trajectory,
             is_hit: self.evaluation.contact.is_some(),
             violations: &self.evaluation.violations,
             unbelievable: &self.unbelievable,
@@ -85,7 +88,12 @@ impl Explanation {
             let evaluation = objective.evaluate(&candidate, ctx);
             let scores = evaluation.contact.map(|_| Scorer::new(ctx).scores(&candidate));
             let unbelievable = scores.map_or(Vec::new(), |scores| scores.unbelievable);
-            Evaluated { evaluation, unbelievable, nearest: Nearest::of(&candidate, ctx) }
+            Evaluated {
+                trajectory: proposal.trajectory.clone(),
+                evaluation,
+                unbelievable,
+                nearest: Nearest::of(&candidate, ctx),
+            }
         };
         let all: Vec<Evaluated> = attack.candidates.iter().map(evaluate).collect();
         let counts = CandidateCounts::of(all.iter().map(Evaluated::measured));

@@ -2,7 +2,7 @@
 
 use sage_core::{
     generator::{Attack, Proposal},
-    geometry::Point,
+    geometry::OrientedBox,
     motion::NOW,
     objective::Context,
     scene::Scene,
@@ -20,7 +20,7 @@ pub(super) struct Candidates {
     others: Vec<Tried>,
     selected: Vec<DrawnPath>,
     /// Where hits first break a rule.
-    marks: Vec<(Point, String)>,
+    marks: Vec<(Vec<OrientedBox>, String)>,
 }
 
 impl Candidates {
@@ -45,10 +45,11 @@ impl Candidates {
         };
         let selected =
             drawn_path(format!("selected, {}", explanation.attack), ctx, attack.trajectory().clone());
+        let marks = explanation.counts.marks(ctx.scene());
         Self {
             others: attack.candidates.iter().zip(kinds).map(tried).collect(),
             selected: vec![selected],
-            marks: explanation.counts.marks(),
+            marks: marks.into_iter().map(|mark| (mark.boxes, mark.label)).collect(),
         }
     }
 }

@@ -9,7 +9,10 @@ use crate::{selection_outcome::SelectionOutcome, terminal};
 pub(super) fn text(one: &Explanation) -> String {
     let mut out =
         format!("{}\n  {}\n", wrapped(&format!("{}: {}", one.attack, words(one)), 2), one.counts.words());
-    for (head, causes) in [("infeasible", one.counts.violated()), ("not believable", one.counts.doubted())] {
+    for (head, causes) in [
+        ("hits infeasible, over all 8 s", one.counts.violated()),
+        ("hits not believable", one.counts.doubted()),
+    ] {
         if !causes.is_empty() {
             let line = format!("  {head}: {}", terminal::escaped_name(&causes.join(", ")));
             out += &format!("{}\n", wrapped(&line, 4));
@@ -25,7 +28,7 @@ fn words(one: &Explanation) -> String {
             let hit = one.best.iter().find(|candidate| candidate.feasible && candidate.contact.is_some());
             let loss = hit.zip(one.best.first()).and_then(|(hit, chosen)| hit.largest_loss(chosen));
             let loss =
-                loss.map_or(String::new(), |(name, loss)| format!(", above all for `{name}` ({loss:.2})"));
+                loss.map_or(String::new(), |(name, loss)| format!(", by {:.2} in `{name}` above all", -loss));
             format!("{}{loss}", one.counts.outcome_words(one.outcome))
         }
         SelectionOutcome::NotBelievable => {

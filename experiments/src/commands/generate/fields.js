@@ -4,7 +4,7 @@ function fields() {
   return {
     label: "Attacked scenes",
     across: 60, // metres across a thumbnail, at least: enough to see what kind of place it is
-    moment: `Top view, north up, at the contact, or where the cars are nearest.${variants.length > 1 ? " The strip of a card: one cell for each attack, red: believable, yellow: attack that is not, grey: no attack." : ""}`,
+    moment: `Top view, north up, at the contact, or where the cars are nearest.${variants.length > 1 ? " The strip of a card: one cell for each setting, red: believable attack, yellow: attack that is not, grey: none." : ""}`,
     facets: [["outcome", "Outcome"], ["avoidable", "Evasive manoeuvre", answer("found", "none found")], ["avoidable_r157", "UN R157 driver", answer("avoids it", "does not avoid it")]],
     groups: { key: "outcome", title: "What came of the attacks" },
     ranges: [["contact_after", "Contact after, s", 1, "and without contact"], ["time_to_react", "Time to react, s", 1, "and not measured"]],

@@ -175,7 +175,7 @@ fn why(row: &FoundRow) -> String {
     if row.outcome.is_attack() {
         return row.scores.unbelievable.iter().map(Reason::words).collect::<Vec<_>>().join(", ");
     }
-    row.counts.cause(row.outcome)
+    row.counts.cause(row.outcome).replace('`', "")
 }
 
 /// Step at which two tracks are nearest.

@@ -87,10 +87,11 @@ impl<'s> ScoredCandidates<'s> {
     }
 
     /// What a scored trajectory does.
-    fn measured(&self, trajectory: &Trajectory) -> Result<Measured<'_>> {
+    fn measured<'a>(&'a self, trajectory: &'a Trajectory) -> Result<Measured<'a>> {
         let one = self.get(trajectory)?;
         let own = one.violations.as_deref();
         Ok(Measured {
+            trajectory,
             is_hit: one.scores.collision_step.is_some(),
             violations: own.or_else(|| self.violations(&one.scores)).unwrap_or_default(),
             unbelievable: &one.scores.unbelievable,

@@ -64,6 +64,7 @@ impl SceneView<'_> {
             let sweep = point.swept().filter(|_| is_sweep);
             let others = one.attack.candidates.iter().enumerate().filter(|(k, _)| *k != one.attack.chosen);
             let others = others.map(|(_, proposal)| paths.number(proposal, self.ctx, scored));
+            let ending = ending(one, &scored.get(one.attack.trajectory())?.scores.unbelievable);
             panels.push(Panel {
                 name: drawn.name.replace("lambda ", "λ "),
                 id: self.plan.variants()[k].clone(),
@@ -83,10 +84,10 @@ impl SceneView<'_> {
                 verdict: Some(one.outcome.is_attack()),
                 is_failed: false,
                 others: others.collect::<Result<_>>()?,
-                marks: one.counts.marks(),
+                marks: one.counts.marks(scene),
                 badge: None,
-                note: format!("Selected among {}.", one.counts.words()),
-                ending: ending(one, &scored.get(one.attack.trajectory())?.scores.unbelievable),
+                note: format!("{ending} Selected among {}.", one.counts.words()),
+                ending,
             });
         }
         let generator = &self.plan.generator;
@@ -155,6 +156,7 @@ impl Paths {
 
 /// What came of an attack, in a sentence.
 fn ending(one: &MeasuredAttack, unbelievable: &[Reason]) -> String {
+    // The page shows no code, so names stand there without quotation marks.
     let mut sentence = found_row::words(one.outcome, &one.counts, one.contact, unbelievable);
     if let Some(first) = sentence.get(..1).map(str::to_uppercase) {
         sentence.replace_range(..1, &first);
@@ -164,7 +166,7 @@ fn ending(one: &MeasuredAttack, unbelievable: &[Reason]) -> String {
             format!("{sentence}. An evasive manoeuvre can begin up to {time:.1} s before the contact.")
         }
         (Some(false), _) => format!("{sentence}. No evasive manoeuvre was found."),
-        _ => match one.counts.cause(one.outcome) {
+        _ => match one.counts.cause(one.outcome).replace('`', "") {
             cause if cause.is_empty() => format!("{sentence}."),
             cause => format!("{sentence}: {cause}."),
         },

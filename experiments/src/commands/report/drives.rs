@@ -73,7 +73,7 @@ fn panel<'p>(part: &'p Parts, entry: &Entry, unattacked: &'p [Motion]) -> Panel<
         others: Vec::new(),
         marks: Vec::new(),
         badge: Some("failure"),
-        note: format!("Plan: {plan}."),
+        note: format!("{}. Plan: {plan}.", entry.words()),
         ending: entry.words(),
     }
 }

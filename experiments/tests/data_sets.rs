@@ -272,7 +272,7 @@ fn a_finished_scene_stays_finished_and_its_rows_are_printed_again() {
     assert_snapshot!(redacted(stderr(&again)), @r"
     note: weights `procedural` (network densetnt)
     note: `[folder]/out` holds this run, and it is done
-    4 scenes, 4 of them finished before, 8 attacks in `[folder]/out` ([time])
+    4 scenes, 4 of them finished before, 8 attempts in `[folder]/out` ([time])
     | λ    | scenes |  attacked | believable | avoidable | by R157 | why not, most often      |
     | ---- | -----: | --------: | ---------: | --------: | ------: | ------------------------ |
     | 0.00 |      4 |  1 (25 %) |   1 (25 %) |    1 of 1 |  1 of 1 | none touches the ego (2) |

@@ -136,7 +136,7 @@ fn generate_says_what_is_wrong_and_goes_on_with_the_other_scenes() {
     assert_snapshot!(redacted(&error), @r"
     note: weights `procedural` (network densetnt)
     error: `[folder]/scenes/b.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo TFRecord file
-    2 scenes, 2 attacks in `[folder]/out` ([time])
+    2 scenes, 2 attempts in `[folder]/out` ([time])
     to look at the attacks, open `[folder]/out/index.html`
     1 of 3 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again
     ");
@@ -223,7 +223,7 @@ fn nothing_is_lost_where_names_meet() {
     assert_snapshot!(redacted(stderr(&apart)), @r"
     note: weights `procedural` (network densetnt)
     note: outputs of 2 scenes have names with a hash of the path, because their own are not unique or cannot be those of outputs
-    2 scenes, 2 attacks in `[folder]/out` ([time])
+    2 scenes, 2 attempts in `[folder]/out` ([time])
     to look at the attacks, open `[folder]/out/index.html`
     ");
     let rows = |dir: &Path| {

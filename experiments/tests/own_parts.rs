@@ -331,7 +331,7 @@ fn a_dial_is_for_the_terms_it_was_fitted_for() {
     assert_snapshot!(redacted(stderr(&warned)), @r"
     note: weights `[folder]/experts` (network densetnt)
     warning: the dial was fitted for the merger `linear`; with `uniform-soup` the attack rate may not rise linearly
-    1 scene, 1 attack in `[folder]/soup` ([time])
+    1 scene, 1 attempt in `[folder]/soup` ([time])
     why there is no attack: `sage explain [folder]/soup/crossing-aggression0.50.json`
     to look at the attacks, open `[folder]/soup/index.html`
     ");
@@ -429,7 +429,7 @@ fn a_proposer_goes_with_the_shipped_selector() {
     let output = run(&program, &generate);
     let rows = rows(&output);
     assert_snapshot!(redacted(stderr(&output)), @r"
-    1 scene, 2 attacks in `[folder]/out` ([time])
+    1 scene, 2 attempts in `[folder]/out` ([time])
     | λ    | scenes |  attacked | believable | avoidable | by R157 | why not, most often     |
     | ---- | -----: | --------: | ---------: | --------: | ------: | ----------------------- |
     | 0.00 |      1 |   0 (0 %) |    0 (0 %) |         - |       - | a miss rates higher (1) |

@@ -70,7 +70,7 @@ fn a_short_recording_is_attacked_over_what_it_has() {
     note: weights `procedural` (network densetnt)
     warning: short: short-recording: it ends at frame 49: attacks are scored over 3.9 s instead of 8 s
     warnings that may change results: 1 scene short-recording; `sage inspect` says all
-    1 scene, 1 attack in `[folder]/out` ([time])
+    1 scene, 1 attempt in `[folder]/out` ([time])
     to look at the attacks, open `[folder]/out/index.html`
     ");
     let row = row(&out, "short-lambda1.00.json");
@@ -133,7 +133,7 @@ fn another_frame_rate_is_said_and_converted_back_unchanged() {
     note: weights `procedural` (network densetnt)
     warning: fast: frame-rate: recorded at 20 Hz; resampled to 10 Hz
     warnings that may change results: 1 scene frame-rate; `sage inspect` says all
-    1 scene, 1 attack in `[folder]/out` ([time])
+    1 scene, 1 attempt in `[folder]/out` ([time])
     to look at the attacks, open `[folder]/out/index.html`
     ");
     let written = sage_data::folder::scene_files(&out).unwrap();

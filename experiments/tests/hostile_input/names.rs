@@ -106,7 +106,7 @@ fn scenes_without_id_and_with_one_id_are_converted_to_shards_that_can_be_read() 
     insta::assert_snapshot!(redacted(&said), @r"
     note: weights `procedural` (network densetnt)
     note: outputs of 8 scenes have names with a hash of the path, because their own are not unique or cannot be those of outputs
-    10 scenes, 10 attacks in `[folder]/attacked` ([time])
+    10 scenes, 10 attempts in `[folder]/attacked` ([time])
     to look at the attacks, open `[folder]/attacked/index.html`
     ");
 }

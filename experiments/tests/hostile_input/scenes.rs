@@ -228,7 +228,7 @@ fn a_scene_whose_source_is_damaged_keeps_no_other_from_being_attacked() {
     assert_eq!(output.status.code(), Some(1));
     assert_snapshot!(redacted(&sorted(stderr(&output))), @r"
     1 of 2 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again
-    1 scene, 1 attack in `[folder]/out` ([time])
+    1 scene, 1 attempt in `[folder]/out` ([time])
     error: `[folder]/in/1.safetensors` at byte 2: opcode unknown (0xff) is not allowed in a scene file
     note: weights `procedural` (network densetnt)
     to look at the attacks, open `[folder]/out/index.html`

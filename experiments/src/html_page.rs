@@ -8,6 +8,8 @@ use crate::terminal::escaped_html;
 
 /// What pages begin with: no page loads anything from elsewhere.
 const HEAD: &str = include_str!("html_page/head.html");
+/// What they end with: data and script.
+const TAIL: &str = include_str!("html_page/tail.html");
 
 /// Data as JSON for a script element.
 ///
@@ -23,7 +25,7 @@ pub(crate) fn embedded(data: &impl Serialize) -> Result<String> {
 pub(crate) fn assembled(body: &str, [style, script, title, data]: [&str; 4]) -> Result<String> {
     let title = escaped_html(title);
     // The data come last: a title may hold the name of another part.
-    let page = (HEAD.to_owned() + body).replace("{{STYLE}}", style).replace("{{SCRIPT}}", script);
+    let page = [HEAD, body, TAIL].concat().replace("{{STYLE}}", style).replace("{{SCRIPT}}", script);
     let parts = page.split_once("{{TITLE}}").and_then(|(head, rest)| {
         let (middle, tail) = rest.split_once("{{DATA}}")?;
         Some([head, &title, middle, data, tail].concat())
@@ -60,11 +62,13 @@ mod tests {
 
     #[test]
     fn titles_and_data_end_no_element_and_name_no_part() {
-        let body = "<body>{{DATA}}<script>{{SCRIPT}}</script>";
+        let body = "<body><main></main>\n";
         let data = embedded(&"</script>{{SCRIPT}}").unwrap();
         let page = assembled(body, ["s", "j", "<b>{{DATA}}", &data]).unwrap();
         assert!(page.contains("<title>&lt;b&gt;{{DATA}}</title>") && page.contains("<style>\ns\n</style>"));
-        assert!(page.ends_with("<body>\"\\u003c/script>{{SCRIPT}}\"<script>j</script>"), "{page}");
-        assert!(assembled("", ["", "", "", ""]).is_err(), "it has no place for data");
+        assert!(
+            page.contains("json\">\"\\u003c/script>{{SCRIPT}}\"</script>\n<script>\nj\n</script>"),
+            "{page}"
+        );
     }
 }

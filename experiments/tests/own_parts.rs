@@ -1,15 +1,10 @@
-//! Parts from outside, as `docs/adding-a-*.md` describe them: each example program does the whole of it, and
-//! `examples/own-crate` does it outside the workspace.
+//! Parts from outside, as `docs/adding-a-*.md` describe them: each example program does the whole of it.
 
 #![allow(clippy::unwrap_used, clippy::print_stderr)] // A failed unwrap is a failed test.
 
 mod program;
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::path::{Path, PathBuf};
 
 use insta::assert_snapshot;
 use program::*;
@@ -23,55 +18,6 @@ fn own(name: &str) -> Option<PathBuf> {
         return None;
     }
     Some(program)
-}
-
-/// Copies the files of a crate, without what a build left there.
-fn copy_crate(from: &Path, to: &Path) {
-    fs::create_dir_all(to.join("src")).unwrap();
-    fs::copy(from.join("Cargo.toml"), to.join("Cargo.toml")).unwrap();
-    for file in fs::read_dir(from.join("src")).unwrap() {
-        let file = file.unwrap();
-        fs::copy(file.path(), to.join("src").join(file.file_name())).unwrap();
-    }
-}
-
-/// The program of `examples/own-crate`, built from a copy elsewhere.
-///
-/// Versions, profile and target folder are those of this workspace, so that the crates of others are there already. cargo
-/// builds those of `sage` again, because a path outside the workspace is another crate than a member. Without optimisation
-/// that takes half a minute instead of minutes.
-fn build_template(folder: &Path) -> PathBuf {
-    let project = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-    let copy = folder.join("own-crate");
-    copy_crate(&project.join("examples/own-crate"), &copy);
-    let manifest = fs::read_to_string(copy.join("Cargo.toml")).unwrap();
-    fs::write(copy.join("Cargo.toml"), manifest.replace("../..", text(project))).unwrap();
-    fs::copy(project.join("Cargo.lock"), copy.join("Cargo.lock")).unwrap();
-
-    let workspace = fs::read_to_string(project.join("Cargo.toml")).unwrap();
-    let profiles = &workspace[workspace.find("[profile.").unwrap()..];
-    fs::create_dir(folder.join(".cargo")).unwrap();
-    fs::write(folder.join(".cargo/config.toml"), profiles).unwrap();
-
-    let built = Path::new(env!("CARGO_BIN_EXE_sage")).parent().unwrap();
-    let profile = built.file_name().unwrap().to_str().unwrap().replace("debug", "dev");
-    let members = workspace.lines().filter_map(|line| Some(line.split_once(" = { path = ")?.0));
-    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let mut build = Command::new(cargo);
-    build.current_dir(&copy).args(["build", "--offline", "--profile", &profile]);
-    build.arg("--target-dir").arg(built.parent().unwrap()).env("CARGO_INCREMENTAL", "0");
-    for member in members.chain(["experiments"]) {
-        build.arg("--config").arg(format!("profile.{profile}.package.{member}.opt-level=0"));
-    }
-    let output = build.output().unwrap();
-    let said = stderr(&output);
-    assert!(output.status.success() && !said.contains("`own-crate` (bin"), "an error or a warning:\n{said}");
-    let is_ours = |line: &&str| line.contains(text(project)) || line.contains("own-crate");
-    let others: Vec<&str> =
-        said.lines().filter(|line| line.contains("Compiling") && !is_ours(line)).collect();
-    // In the profile `dev` of the whole workspace it is one: a build dependency with less debug information.
-    assert!(others.len() < 5, "built again, which may take minutes:\n{}", others.join("\n"));
-    built.join("own-crate")
 }
 
 fn crossing() -> String {
@@ -467,22 +413,4 @@ fn a_curriculum_is_listed_and_decides_the_attacks_of_a_training() {
     };
     assert!(attacks("0") > 0);
     assert_eq!(attacks("1"), 0);
-}
-
-#[test]
-fn a_copy_of_the_template_has_all_commands_and_its_own_parts() {
-    let folder = tempfile::tempdir().unwrap();
-    let program = build_template(folder.path());
-    assert_snapshot!(added(&program, &["list"]), @r"
-    speed-up               how much faster the adversary is at the end
-    steady                 constant speed along the route, brakes for nobody
-                             options: speed = 6.0
-    ");
-    assert_snapshot!(added(&program, &["bench", "list"]), @"  top speed (m/s)              largest speed of the trajectory");
-    let scored = rows(&run(&program, &["score", &example(), "--candidates", &crossing(), "--json"]));
-    assert!(scored.iter().all(|row| row["rewards"]["speed-up"].is_f64()), "{scored:?}");
-    let drives = folder.path().join("drives");
-    let simulate = ["simulate", &example(), "--ego", r#"steady{"speed":4}"#, "--out", text(&drives)];
-    let done = run(&program, &simulate);
-    assert_snapshot!(stdout(&done).split(" (").next().unwrap(), @r#"crossing steady{"speed":4}: no contact"#);
 }

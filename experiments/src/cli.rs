@@ -9,6 +9,7 @@ mod learning;
 mod mixing;
 mod reading;
 mod searching;
+mod sharding;
 mod studies;
 mod testing;
 mod theory;
@@ -34,6 +35,7 @@ pub(crate) use learning::{FinetuneArgs, PredictArgs, PretrainArgs, SelectArg};
 pub(crate) use mixing::{ConnectivityArgs, MergeArgs};
 pub(crate) use reading::ReadingArgs;
 pub(crate) use searching::{SearchArgs, SearchFormat};
+pub(crate) use sharding::{JobsArgs, JoinArgs, Scheduler, StatusArgs};
 pub(crate) use studies::{ReportArgs, StudyArgs};
 pub(crate) use testing::{FailureReportArgs, Keep, SuiteArgs, TestArgs};
 pub(crate) use theory::TheoryArgs;
@@ -84,6 +86,9 @@ pub(crate) enum Command {
     Report(FailureReportArgs),
     Suite(SuiteArgs),
     Test(TestArgs),
+    Jobs(JobsArgs),
+    Status(StatusArgs),
+    Join(JoinArgs),
     TrainEgo(TrainEgoArgs),
     /// Analyse a set of experts.
     #[command(
@@ -420,6 +425,7 @@ impl Cli {
                 | Command::Simulate(_)
                 | Command::Search(_)
                 | Command::Test(_)
+                | Command::Join(_)
                 | Command::TrainEgo(_)
                 | Command::Analyse(_)
                 | Command::Bench(_)

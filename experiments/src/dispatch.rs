@@ -5,7 +5,9 @@ use anyhow::Result;
 use crate::{
     Outcome, Registries,
     cli::{AnalyseCommand, BenchCommand, Cli, Command},
-    commands, threads,
+    commands,
+    output::Part,
+    threads,
 };
 
 impl Cli {
@@ -21,7 +23,7 @@ impl Cli {
             Command::Inspect(args) => commands::inspect::run(&args),
             Command::Score(args) => commands::score::run(&args, registries),
             Command::Draw(args) => commands::draw::run(&args),
-            Command::Convert(args) => commands::convert::run(&args),
+            Command::Convert(args) => commands::convert::run(&args, Part::of(args.shard)),
             Command::Scenes(args) => commands::scenes::run(&args),
             Command::Pretrain(args) => commands::pretrain::run(&args, registries),
             Command::Finetune(args) => commands::finetune::run(&args, registries),
@@ -29,12 +31,15 @@ impl Cli {
             Command::Calibrate(args) => commands::calibrate::run(&args, registries),
             Command::Predict(args) => commands::predict::run(&args, registries),
             Command::Explain(args) => commands::explain::run(&args, registries),
-            Command::Generate(args) => commands::generate::run(&args, registries),
-            Command::Simulate(args) => commands::simulate::run(&args, registries),
-            Command::Search(args) => commands::search::run(&args, registries),
+            Command::Generate(args) => commands::generate::run(&args, Part::of(args.shard), registries),
+            Command::Simulate(args) => commands::simulate::run(&args, Part::of(args.shard), registries),
+            Command::Search(args) => commands::search::run(&args, Part::of(args.shard), registries),
             Command::Report(args) => commands::report::run(&args),
             Command::Suite(args) => commands::suite::run(&args),
             Command::Test(args) => commands::test::run(&args, registries),
+            Command::Jobs(args) => commands::jobs::run(&args),
+            Command::Status(args) => commands::status::run(&args),
+            Command::Join(args) => commands::join::run(&args, registries),
             Command::TrainEgo(args) => commands::train_ego::run(&args, registries),
             Command::Analyse(AnalyseCommand::Connectivity(args)) => {
                 commands::analyse_connectivity::run(&args, registries)
@@ -43,7 +48,7 @@ impl Cli {
                 Some(BenchCommand::Speed(args)) => commands::bench_speed::run(&args, registries),
                 Some(BenchCommand::List) => commands::bench_study::list(registries),
                 Some(BenchCommand::Report(args)) => commands::bench_study::report(&args, registries),
-                None => commands::bench_study::run(&args.study, registries),
+                None => commands::bench_study::run(&args.study, Part::of(args.study.shard), registries),
             },
             Command::Completions { shell } => commands::completions::run(shell),
         }

@@ -32,6 +32,7 @@ mod input;
 mod junit;
 mod listing;
 mod networks;
+mod outcome;
 mod output;
 mod player;
 mod progress;
@@ -50,22 +51,15 @@ use anyhow::Result;
 use sage_core::Error;
 
 pub use cli::Cli;
+pub use outcome::Outcome;
 pub use sage_bench::{
     Registries,
     operating_point::{OperatingPointSpec, RowKey},
 };
 pub(crate) use sage_bench::{ego, generators, operating_point, part, react, search, selection};
 
-/// Result of a command that ran to its end.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
-    /// All work is done.
-    Done,
-    /// Some items failed and were reported; the others are done.
-    Partial,
-}
-
-/// Runs the command line of this process. Exit codes: 0 success, 1 failure, 2 wrong usage.
+/// Runs the command line of this process. Exit codes: 0 all is done, 2 wrong usage, 65 done
+/// but scenes are bad, 74 an input or output error that another try may pass, 1 anything else.
 pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
     let cli = match Cli::read() {
         Ok(cli) => cli,
@@ -77,13 +71,15 @@ pub fn run(registries: impl FnOnce() -> Result<Registries, Error>) -> ExitCode {
     signals::clean_up_when_stopped();
     let outcome = registries().map_err(anyhow::Error::from).and_then(|registries| cli.execute(&registries));
     match outcome {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Partial) => ExitCode::FAILURE,
+        Ok(outcome) => outcome.into(),
         // The reader closed the pipe, as `head` does: not a failure.
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if error.is::<clap::Error>() => {
+            error.downcast_ref().map_or(ExitCode::FAILURE, print_usage)
+        }
         Err(error) => {
             progress::say(&format!("error: {error:#}"));
-            ExitCode::FAILURE
+            outcome::code_of(&error)
         }
     }
 }

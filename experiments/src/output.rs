@@ -1,9 +1,12 @@
 //! Output folders and files of commands. One run at a time writes to them, existing content is protected, and
 //! files are written atomically.
 
+mod claims;
 mod command_line;
 mod dataset_run;
 mod inputs;
+mod manifest;
+mod part;
 mod run;
 
 use std::{
@@ -18,10 +21,13 @@ use sage_core::files::{self, Existing, OutputLock};
 
 use crate::{ego::Ego, progress, terminal};
 
-pub(crate) use command_line::{command, program};
-pub(crate) use dataset_run::{DatasetRun, run_hash};
+pub(crate) use claims::{Claims, has_shards, ranges};
+pub(crate) use command_line::{command, command_into, program, quoted, stand_for};
+pub(crate) use dataset_run::{DatasetRun, Ended, run_hash};
 pub(crate) use inputs::Inputs;
-pub(crate) use run::{RECORD, Run, RunState};
+pub(crate) use manifest::{Counts, MANIFEST, SceneRecord, State};
+pub(crate) use part::Part;
+pub(crate) use run::{RECORD, Run, RunState, record_of};
 
 /// Folder of what planners that are programs write to their standard error, in the output folder.
 pub(crate) const PLANNER_LOGS: &str = "planner-logs";
@@ -72,12 +78,12 @@ impl Folder {
         Ok(Self { path: path.to_owned(), claim: OutputLock::folder(path, &command())? })
     }
 
-    /// True if the folder contains nothing except locks and some of the given files.
+    /// True if the folder contains nothing except locks, unfinished files and some of the given files.
     fn holds_at_most(&self, files: &[&str]) -> Result<bool> {
         let entries = std::fs::read_dir(&self.path);
         for entry in entries.with_context(|| format!("cannot read `{}`", self.path.display()))? {
             let name = entry?.file_name();
-            if !OutputLock::is_lock(&name) && !files.iter().any(|file| name == *file) {
+            if !OutputLock::is_passing(&name) && !files.iter().any(|file| name == *file) {
                 return Ok(false);
             }
         }

@@ -12,13 +12,15 @@ use std::{
     },
 };
 
-use anyhow::{Result, bail};
-use sage_core::files;
-use sage_data::{ReadOptions, dataset::Shard, folder};
+use anyhow::Result;
+use sage_core::{files, statistics};
+use sage_data::{ReadOptions, folder};
+use serde_json::{Value, json};
 
 use crate::{
     Outcome, input,
-    output::{self, DatasetRun, Inputs},
+    outcome::may_pass,
+    output::{self, Counts, DatasetRun, Inputs, Part, SceneRecord, State},
     progress, terminal,
 };
 
@@ -54,9 +56,14 @@ impl Scenes {
         Ok(Self { root: root.to_owned(), files, all })
     }
 
-    /// The scenes of a shard; all without one.
-    pub(crate) fn of_shard(&self, shard: Option<Shard>) -> Vec<&Input> {
-        self.all.iter().filter(|input| shard.is_none_or(|shard| shard.holds(&input.scene))).collect()
+    /// The scenes that a part of the run works on.
+    pub(crate) fn of_part(&self, part: Part) -> Vec<&Input> {
+        self.all.iter().filter(|input| part.holds(&input.scene)).collect()
+    }
+
+    /// Names of all scenes.
+    pub(crate) fn names(&self) -> Vec<&str> {
+        self.all.iter().map(|input| &*input.scene).collect()
     }
 
     /// Refuses an output folder that holds inputs, even if no output has the name of one; `further` are other inputs.
@@ -73,23 +80,45 @@ impl Scenes {
     }
 }
 
-/// How a command ends that worked on some scenes. `done` is what it does to a scene, a participle.
-///
-/// *Errors*: it could be done to none.
-pub(crate) fn outcome([failed, left_out]: [usize; 2], own: usize, out: &Path, done: &str) -> Result<Outcome> {
-    match failed {
-        0 if left_out == own && left_out > 0 => bail!("no scene could be {done}: all are left out"),
-        0 => Ok(Outcome::Done),
-        1 if own == 1 => bail!("the scene could not be {done}"),
-        all if all == own => bail!("no scene of {all} could be {done}"),
-        some => {
-            progress::say(&format!(
-                "{some} of {own} scenes failed; the others are in `{}`; remove the cause and run the same command again",
-                out.display()
-            ));
-            Ok(Outcome::Partial)
+/// What helps after the cause of a failure is removed.
+pub(crate) const AGAIN: &str = "run the same command again";
+
+/// How a command ends after its scenes; `done` is what it does to a scene, a participle, and `again` what to do when the
+/// cause of a failure is removed.
+pub(crate) fn outcome(records: &[SceneRecord], part: Part, out: &Path, done: &str, again: &str) -> Outcome {
+    let counts = Counts::of(records);
+    let (all, failed) = (counts.scenes, counts.failed());
+    let is_shard = matches!(part, Part::Shard(_));
+    if failed == 0 {
+        // A shard may be small, so that it has no other scenes.
+        if counts.left_out < all || all == 0 || is_shard {
+            return Outcome::Done;
+        }
+        progress::say(&format!("error: no scene could be {done}: all are left out"));
+        return Outcome::BadScenes;
+    }
+    let has_results = counts.done > 0 || records.iter().any(|record| !record.files.is_empty());
+    match all {
+        1 if !has_results => progress::say(&format!("error: the scene could not be {done}")),
+        _ if !has_results => progress::say(&format!("error: no scene of {all} could be {done}")),
+        _ => progress::say(&format!(
+            "{failed} of {all} scenes failed; the others are in `{}`; remove the cause and {again}",
+            out.display()
+        )),
+    }
+    if counts.retry > 0 { Outcome::Retry } else { Outcome::BadScenes }
+}
+
+/// What a whole run did, for its record.
+pub(crate) fn results(records: &[SceneRecord]) -> Value {
+    let counts = Counts::of(records);
+    let mut results = json!({"scenes": counts.scenes, "done": counts.done});
+    for (name, count) in [("left_out", counts.left_out), ("failed", counts.failed())] {
+        if count > 0 {
+            results[name] = json!(count);
         }
     }
+    results
 }
 
 /// Extent of a failure.
@@ -142,8 +171,29 @@ pub(crate) fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> V
     inputs
 }
 
-/// Works on scenes on all threads; each thread takes the next scene. Returns the seconds per line of each
-/// scene that this run worked on.
+/// What became of the scenes of a part.
+pub(crate) struct Worked {
+    /// In the order of the scenes.
+    pub(crate) records: Vec<SceneRecord>,
+    /// Seconds per line of each scene that this process worked on.
+    seconds: Vec<f64>,
+}
+
+impl Worked {
+    /// What the shards of a run did.
+    ///
+    /// *Errors*: as [`DatasetRun::joined`].
+    pub(crate) fn by_shards(run: &DatasetRun, scenes: &Scenes) -> Result<Self> {
+        Ok(Self { records: run.joined(&scenes.names())?, seconds: Vec::new() })
+    }
+
+    /// Median of the seconds per line; `None` if nothing was worked on.
+    pub(crate) fn median_seconds(&self) -> Option<f64> {
+        statistics::median(&self.seconds)
+    }
+}
+
+/// Works on scenes on all threads; each thread takes the next scene.
 ///
 /// *Errors*: the first failure that ends the run.
 pub(crate) fn work(
@@ -151,30 +201,54 @@ pub(crate) fn work(
     run: &DatasetRun,
     report: &Report,
     one: impl Fn(&Input) -> Result<SceneReport, Failure> + Sync,
-) -> Result<Vec<f64>> {
+) -> Result<Worked> {
     let next = AtomicUsize::new(0);
+    let folder = run.folder().path();
     let (stopped, times) = (Mutex::new(None), Mutex::new(Vec::new()));
+    let records: Mutex<Vec<Option<SceneRecord>>> = Mutex::new(vec![None; inputs.len()]);
     let locked_stop = || stopped.lock().unwrap_or_else(PoisonError::into_inner);
     rayon::broadcast(|_| {
         while locked_stop().is_none() {
             let number = next.fetch_add(1, Ordering::Relaxed);
             let Some(input) = inputs.get(number) else { break };
-            let outcome = match one(input) {
-                Ok(scene) => {
+            let outcome = one(input).and_then(|scene| {
+                let record = recorded(folder, input, &scene).map_err(Failure::Scene)?;
+                Ok((scene, record))
+            });
+            let (outcome, record) = match outcome {
+                Ok((scene, record)) => {
                     times.lock().unwrap_or_else(PoisonError::into_inner).extend(scene.seconds);
-                    report.done(number, &input.scene, scene)
+                    (report.done(number, &input.scene, scene), record)
                 }
-                Err(Failure::Scene(error)) if output::is_disk_full(&error) => Err(error.context(format!(
-                    "the disk is full; {} of {} scenes are finished in `{}`; free space and run the same command again",
-                    report.finished(),
-                    inputs.len(),
-                    run.folder().path().display()
-                ))),
-                Err(Failure::Scene(error)) => report.failed(number, &input.file, &error),
+                Err(Failure::Scene(error)) if output::is_disk_full(&error) => {
+                    locked_stop().get_or_insert(error.context(format!(
+                        "the disk is full; {} of {} scenes are finished in `{}`; free space and run the same command again",
+                        report.finished(),
+                        inputs.len(),
+                        folder.display()
+                    )));
+                    break;
+                }
+                Err(Failure::Scene(error)) => {
+                    let state = if may_pass(&error) { State::Retry } else { State::Bad };
+                    let record = SceneRecord::new(&input.scene, state, report::named(&input.file, &error));
+                    (report.failed(number, &input.file, &error), record)
+                }
                 Err(Failure::LeftOut { reason, lines }) => {
-                    report.left_out(number, &input.scene, &reason, lines)
+                    let rows: Vec<String> = lines.iter().map(|line| line.row.clone()).collect();
+                    let record = SceneRecord::new(&input.scene, State::LeftOut, reason.clone());
+                    let record = record.with_files(folder, rows.iter().map(String::as_str));
+                    let outcome = report.left_out(number, &input.scene, &reason, lines);
+                    match record {
+                        Ok(record) => (outcome, record),
+                        Err(error) => {
+                            locked_stop().get_or_insert(error);
+                            break;
+                        }
+                    }
                 }
             };
+            records.lock().unwrap_or_else(PoisonError::into_inner)[number] = Some(record);
             if let Err(error) = outcome {
                 locked_stop().get_or_insert(error);
             }
@@ -182,8 +256,24 @@ pub(crate) fn work(
     });
     match stopped.into_inner().unwrap_or_else(PoisonError::into_inner) {
         Some(error) => Err(error),
-        None => Ok(times.into_inner().unwrap_or_else(PoisonError::into_inner)),
+        None => Ok(Worked {
+            records: records
+                .into_inner()
+                .unwrap_or_else(PoisonError::into_inner)
+                .into_iter()
+                .flatten()
+                .collect(),
+            seconds: times.into_inner().unwrap_or_else(PoisonError::into_inner),
+        }),
     }
+}
+
+/// The record of a scene that was worked on, with the files that are on the disk.
+fn recorded(folder: &Path, input: &Input, scene: &SceneReport) -> Result<SceneRecord> {
+    let state = if scene.failures.is_empty() { State::Done } else { State::Bad };
+    let rows = scene.lines.iter().map(|line| &*line.row);
+    SceneRecord::new(&input.scene, state, scene.failures.join("; "))
+        .with_files(folder, rows.chain(scene.files.iter().map(String::as_str)))
 }
 
 /// True if a file is a row of the run with a hash. A row is a JSON object whose first field is `run_hash`.

@@ -4,12 +4,12 @@
 mod split;
 
 use std::{
-    collections::{BTreeMap, BTreeSet, HashSet},
+    collections::{BTreeMap, HashSet},
     path::{Path, PathBuf},
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use rayon::prelude::*;
 use sage_core::{
     motion::NOW,
@@ -25,6 +25,7 @@ use sage_data::{
 use crate::{
     Outcome,
     cli::SplitArgs,
+    outcome::{BadScenes, may_pass},
     output,
     progress::{self, Progress, count},
 };
@@ -45,18 +46,34 @@ pub(crate) struct Scenes {
     options: ReadOptions,
     /// Number of scenes with each important warning; filled when all scenes have been read once.
     warnings: BTreeMap<&'static str, usize>,
-    /// Names of the scenes that could not be read or worked on.
-    failed: Arc<Mutex<BTreeSet<String>>>,
+    /// Why scenes could not be read or worked on, by name.
+    failed: Arc<Mutex<BTreeMap<String, Failed>>>,
+    /// Why scenes were not kept, by their number in the whole list.
+    not_kept: BTreeMap<usize, String>,
 }
 
-/// A scene that is kept, and its important warnings with their kinds.
-type Checked = (Option<Entry>, Vec<(&'static str, String)>);
+/// Why a scene could not be read or worked on.
+#[derive(Clone, Default)]
+pub(crate) struct Failed {
+    pub(crate) reason: String,
+    /// True if another try may succeed.
+    pub(crate) may_pass: bool,
+}
+
+/// A scene or why it is not kept, and its important warnings with their kinds.
+type Checked = (Result<Entry, &'static str>, Vec<(&'static str, String)>);
+
+/// Why scenes are not kept.
+const NO_SUCH: &str = "there is no procedural scene of this number";
+const NOT_ATTACKABLE: &str = "it has no ego path, less than 1 s of recording after now, or no adversary that is valid now apart from the ego";
 
 /// One scene, and the hash of its content at the first reading.
 #[derive(Clone)]
 struct Entry {
     origin: Origin,
     content: Option<[u8; 16]>,
+    /// Its number in the whole list.
+    number: usize,
 }
 
 /// Source of a scene, used each time the scene is needed.
@@ -98,7 +115,11 @@ impl Scenes {
 
     /// Procedural scenes, the kinds in turn. A number for which no scene can be generated is skipped later.
     pub(crate) fn procedural(count: u64, seed: u64) -> Self {
-        let entry = |number| Entry { origin: Origin::Procedural(number, seed), content: None };
+        let entry = |number| Entry {
+            origin: Origin::Procedural(number, seed),
+            content: None,
+            number: number as usize,
+        };
         Self { entries: (0..count).map(entry).collect(), ..Self::default() }
     }
 
@@ -115,7 +136,7 @@ impl Scenes {
             } else {
                 Origin::InMemory(Arc::new(read(&file, &options)?))
             };
-            entries.push(Entry { origin, content: None });
+            entries.push(Entry { origin, content: None, number: entries.len() });
         }
         Ok(Self { entries, options, ..Self::default() })
     }
@@ -123,6 +144,33 @@ impl Scenes {
     /// Names of the scenes, as in results.
     pub(crate) fn names(&self) -> Vec<String> {
         self.entries.iter().map(Entry::name).collect()
+    }
+
+    /// Number of a scene in the whole list.
+    pub(crate) fn number_in_list(&self, number: usize) -> usize {
+        self.entries[number].number
+    }
+
+    /// The scenes of the whole list whose numbers are `wanted`.
+    pub(crate) fn only(mut self, wanted: impl Fn(usize) -> bool) -> Self {
+        self.entries.retain(|entry| wanted(entry.number));
+        self
+    }
+
+    /// Why scenes were not kept, by their number in the whole list.
+    pub(crate) fn not_kept(&self) -> &BTreeMap<usize, String> {
+        &self.not_kept
+    }
+
+    /// Why a scene could not be read or worked on; `None` if it could.
+    pub(crate) fn failure(&self, name: &str) -> Option<Failed> {
+        self.failures().get(name).cloned()
+    }
+
+    /// Hash of a scene's content. Only valid after [`Scenes::attackable`] or [`Scenes::known`].
+    pub(crate) fn content(&self, number: usize) -> String {
+        let hex = |byte: &u8| format!("{byte:02x}");
+        self.entries[number].content.unwrap_or_default().iter().map(hex).collect()
     }
 
     /// Number of scenes.
@@ -137,6 +185,7 @@ impl Scenes {
             options: self.options,
             warnings: BTreeMap::new(),
             failed: self.failed.clone(),
+            not_kept: BTreeMap::new(),
         })
     }
 
@@ -150,10 +199,10 @@ impl Scenes {
     /// Prints why a scene failed, and counts it.
     pub(crate) fn fail(&self, name: &str, error: &anyhow::Error) {
         progress::say(&format!("error: `{name}`: {error:#}"));
-        self.failures().insert(name.to_owned());
+        self.failures().entry(name.to_owned()).or_default().add(error);
     }
 
-    fn failures(&self) -> MutexGuard<'_, BTreeSet<String>> {
+    fn failures(&self) -> MutexGuard<'_, BTreeMap<String, Failed>> {
         self.failed.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -167,6 +216,10 @@ impl Scenes {
         outcome_without(self.failed())
     }
 
+    fn none_usable(&self) -> anyhow::Error {
+        BadScenes(anyhow!("no scene of {} can be used", self.len())).into()
+    }
+
     /// As [`Scenes::map_each`].
     ///
     /// *Errors*: every scene fails, or the disk is full.
@@ -178,7 +231,7 @@ impl Scenes {
         let before = self.failed();
         let all = self.map_each(work, done)?;
         if all.is_empty() && self.failed() > before {
-            bail!("no scene of {} can be used", self.len());
+            return Err(self.none_usable());
         }
         Ok(all)
     }
@@ -212,39 +265,47 @@ impl Scenes {
         Ok(all)
     }
 
-    /// Reads each scene once, stores the hash of its content, and leaves out scenes for which `keep` is
-    /// false and files that are no scene, with a message.
+    /// Reads each scene once, stores the hash of its content, and leaves out scenes for which `keep` gives a
+    /// reason and files that are no scene, with a message.
     ///
     /// *Errors*: no file is a scene.
-    fn checked(self, what: &'static str, keep: impl Fn(&SceneData) -> bool + Sync) -> Result<Self> {
+    fn checked(
+        self,
+        what: &'static str,
+        keep: impl Fn(&SceneData) -> Result<(), &'static str> + Sync,
+    ) -> Result<Self> {
         let mut progress = Progress::new(what, self.len());
         let mut entries = Vec::with_capacity(self.len());
-        let (mut warnings, mut first_error, mut unreadable) = (BTreeMap::new(), None, Vec::new());
+        let (mut warnings, mut first_error) = (BTreeMap::new(), None);
+        let (mut unreadable, mut not_kept) = (BTreeMap::<String, Failed>::new(), BTreeMap::new());
         for window in self.entries.chunks(WINDOW) {
             let check = |entry: &Entry| -> Result<Checked> {
-                let Some(data) = entry.load(&self.options)? else { return Ok((None, Vec::new())) };
+                let Some(data) = entry.load(&self.options)? else { return Ok((Err(NO_SUCH), Vec::new())) };
                 let content = Some(data.scene.content_hash());
                 let found = checks::important(&data.scene);
                 let said =
                     found.into_iter().map(|warning| (warning.kind, format!("`{}`: {warning}", data.name)));
-                let kept = keep(&data).then(|| Entry { origin: entry.origin.clone(), content });
+                let kept = keep(&data).map(|()| Entry { content, ..entry.clone() });
                 Ok((kept, said.collect()))
             };
             let checked: Vec<Result<Checked>> = window.par_iter().with_max_len(1).map(check).collect();
-            for (name, found) in window.iter().map(Entry::name).zip(checked) {
+            for (entry, found) in window.iter().zip(checked) {
                 progress.step();
-                let (entry, said) = match found {
+                let (kept, said) = match found {
                     Ok(found) => found,
                     // A folder goes on without a file that is no scene.
                     Err(error) => {
                         progress.say(&format!("error: {error:#}"));
-                        unreadable.push(name);
+                        unreadable.entry(entry.name()).or_default().add(&error);
                         *warnings.entry(UNREADABLE).or_default() += 1;
                         first_error.get_or_insert(error);
                         continue;
                     }
                 };
-                entries.extend(entry);
+                match kept {
+                    Ok(kept) => entries.push(kept),
+                    Err(reason) => drop(not_kept.insert(entry.number, reason.to_owned())),
+                }
                 for (kind, text) in said {
                     progress.say(&format!("warning: {text}"));
                     *warnings.entry(kind).or_default() += 1;
@@ -252,18 +313,19 @@ impl Scenes {
             }
         }
         if let Some(error) = first_error.filter(|_| unreadable.len() == self.len()) {
-            return Err(error);
+            self.failures().extend(unreadable);
+            return Err(BadScenes(error).into());
         }
         progress.finish(&format!("read {}", count(self.len() - unreadable.len(), "scene")));
         self.failures().extend(unreadable);
-        Ok(Self { entries, warnings, ..self })
+        Ok(Self { entries, warnings, not_kept, ..self })
     }
 
     /// All scenes that can be read, each read once so that its content is known.
     ///
     /// *Errors*: no file is a scene.
     pub(crate) fn known(self) -> Result<Self> {
-        self.checked("read", |_| true)
+        self.checked("read", |_| Ok(()))
     }
 
     /// Numbers of scenes with important warnings as a paragraph of a report; empty without any.
@@ -278,23 +340,34 @@ impl Scenes {
         )
     }
 
-    /// Scenes that have an ego path and an adversary that is valid *now* and does not overlap the ego. Prints how many
-    /// have not.
+    /// As [`Scenes::attackable_if_any`].
     ///
     /// *Errors*: no file is a scene, or no scene is left.
     pub(crate) fn attackable(self) -> Result<Self> {
         let all = self.len();
-        let attackable = self.checked("read", |data| {
-            data.scene.adversary().is_ok_and(|adversary| adversary.is_valid(NOW))
-                && Context::new(&data.scene, &data.index, &ContextOptions::default())
-                    .is_ok_and(|ctx| !ctx.is_in_contact_now())
-        })?;
+        let attackable = self.attackable_if_any()?;
         if attackable.len() == 0 {
-            bail!(
+            let error = anyhow!(
                 "no scene of {all} has an ego path, 1 s of recording after frame {NOW}, and an adversary that is valid there apart from the ego"
             );
+            return Err(BadScenes(error).into());
         }
-        if attackable.len() < all {
+        Ok(attackable)
+    }
+
+    /// Scenes that have an ego path and an adversary that is valid *now* and does not overlap the ego. Prints how many
+    /// have not.
+    ///
+    /// *Errors*: no file is a scene.
+    pub(crate) fn attackable_if_any(self) -> Result<Self> {
+        let all = self.len();
+        let attackable = self.checked("read", |data| {
+            let is_attackable = data.scene.adversary().is_ok_and(|adversary| adversary.is_valid(NOW))
+                && Context::new(&data.scene, &data.index, &ContextOptions::default())
+                    .is_ok_and(|ctx| !ctx.is_in_contact_now());
+            if is_attackable { Ok(()) } else { Err(NOT_ATTACKABLE) }
+        })?;
+        if (1..all).contains(&attackable.len()) {
             progress::say(&format!(
                 "note: {} of {all} scenes left out: unreadable, or without an ego path, 1 s after frame {NOW}, or an adversary that is valid there and does not overlap the ego",
                 all - attackable.len()
@@ -341,7 +414,7 @@ impl Scenes {
             }
         }
         if loaded.is_empty() && self.failed() > 0 {
-            bail!("no scene of {} can be used", self.len());
+            return Err(self.none_usable());
         }
         progress.finish(&format!("read {}", count(loaded.len(), "scene")));
         Ok(loaded)
@@ -351,7 +424,7 @@ impl Scenes {
     /// [`Scenes::attackable`] or [`Scenes::known`].
     pub(crate) fn describe(&self) -> String {
         let failed = self.failures();
-        let entries = self.entries.iter().filter(|entry| !failed.contains(&entry.name()));
+        let entries = self.entries.iter().filter(|entry| !failed.contains_key(&entry.name()));
         let contents: Vec<_> = entries.map(|entry| entry.content.unwrap_or_default()).collect();
         description(contents.into_iter())
     }
@@ -363,7 +436,15 @@ pub(crate) fn outcome_without(failed: usize) -> Outcome {
         return Outcome::Done;
     }
     progress::say(&format!("{} failed; the results are of the others", count(failed, "scene")));
-    Outcome::Partial
+    Outcome::BadScenes
+}
+
+impl Failed {
+    fn add(&mut self, error: &anyhow::Error) {
+        let separator = if self.reason.is_empty() { "" } else { "; " };
+        self.reason += &format!("{separator}{error:#}");
+        self.may_pass |= may_pass(error);
+    }
 }
 
 impl Entry {

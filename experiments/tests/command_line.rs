@@ -12,7 +12,7 @@ use std::{
 
 use clap::CommandFactory;
 use insta::assert_snapshot;
-use program::{messages, redacted};
+use program::{BAD_SCENES, messages, redacted};
 use serde_json::Value;
 
 fn example(name: &str) -> PathBuf {
@@ -79,7 +79,7 @@ fn a_folder_with_a_broken_file_is_read_to_its_end() {
     std::fs::write(folder.path().join("1.pkl"), b"\x80\x04cos\nsystem\n.").unwrap();
     for threads in ["1", "2"] {
         let run = sage(&["inspect", path(folder.path()), "--json", "--threads", threads]);
-        assert_eq!(run.status.code(), Some(1));
+        assert_eq!(run.status.code(), Some(BAD_SCENES));
         insta::allow_duplicates! { assert_snapshot!(redacted(stderr(&run)), @r"
         error: `[folder]/1.pkl` at byte 2: global `os.system` is not allowed in a scene file; nothing was imported or run
         2 scenes, 10 tracks, 1926 map points, 1 file not read; warnings: 1 duplicate, 2 one-point-lanes
@@ -249,7 +249,7 @@ fn every_command_has_a_help_text_of_at_most_100_columns() {
 fn completions_and_exit_codes() {
     assert!(stdout(&sage(&["completions", "bash"])).contains("_sage"));
     let wrong: [(&[&str], i32); 3] =
-        [(&["inspekt"], 2), (&["inspect"], 2), (&["inspect", "/nonexistent/scene.pkl"], 1)];
+        [(&["inspekt"], 2), (&["inspect"], 2), (&["inspect", "/nonexistent/scene.pkl"], BAD_SCENES)];
     let said = wrong.map(|(command, code)| {
         let run = sage(command);
         assert_eq!(run.status.code(), Some(code), "{command:?}");
@@ -359,7 +359,7 @@ fn convert_is_lossless_in_both_directions_and_keeps_folders() {
     std::fs::copy(example("crossing.pkl"), source.join("part/a.pkl")).unwrap();
     std::fs::write(source.join("b.pkl"), b"no scene").unwrap();
     let run = sage(&["convert", path(&source), "--to", "native", "--out", path(&native)]);
-    assert_eq!(run.status.code(), Some(1), "one file is not a scene");
+    assert_eq!(run.status.code(), Some(BAD_SCENES), "one file is not a scene");
     let partly = stderr(&run).to_owned();
     let run = sage(&["convert", path(&native), "--to", "pickle", "--out", path(&back)]);
     assert!(run.status.success(), "{}", stderr(&run));

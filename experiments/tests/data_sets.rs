@@ -252,11 +252,11 @@ fn either_format_comes_alone_if_asked() {
         let names = files(&out).into_keys();
         names.map(|name| name.rsplit('.').next().unwrap().to_owned()).collect::<Vec<_>>().join(" ")
     };
-    assert_eq!(endings("native"), "json safetensors html svg html");
-    assert_eq!(endings("pickle"), "json html svg pkl pkl html pkl");
-    assert_eq!(endings("rows"), "json html svg html");
-    assert_eq!(endings("rows --no-pages"), "json");
-    assert_eq!(endings("pickle --no-pages"), "json pkl pkl pkl");
+    assert_eq!(endings("native"), "json safetensors html svg html jsonl");
+    assert_eq!(endings("pickle"), "json html svg pkl pkl html jsonl pkl");
+    assert_eq!(endings("rows"), "json html svg html jsonl");
+    assert_eq!(endings("rows --no-pages"), "json jsonl");
+    assert_eq!(endings("pickle --no-pages"), "json pkl pkl jsonl pkl");
 }
 
 #[test]
@@ -354,14 +354,16 @@ fn shards_at_once_leave_the_folder_of_one_run() {
     let both = ["1/2", "2/2"].map(start).map(|child| child.wait_with_output().unwrap());
     let lines: Vec<usize> = both.iter().map(attacks).collect();
     assert!(lines[0] + lines[1] == printed && lines.iter().all(|n| *n > 0), "{lines:?}");
+    stdout(&sage(&["join", text(&at("parts"))]));
     assert!(files(&at("parts")) == files(&at("whole")), "the folder of two shards differs");
     assert_eq!(record(&at("parts"))["run"], record(&at("whole"))["run"]);
     assert_eq!(record(&at("parts"))["results"], record(&at("whole"))["results"]);
     assert!(record(&at("parts"))["seconds"].is_number());
     // One shard after the other, in any order, comes to the same.
     stdout(&generate(&scenes, &at("later"), &["--shard", "2/2"]));
-    assert!(record(&at("later"))["seconds"].is_null(), "the other half is missing");
+    assert!(failure(&["join", text(&at("later"))]).contains("of shards 1 of 2"), "the other half is missing");
     stdout(&generate(&scenes, &at("later"), &["--shard", "1/2"]));
+    stdout(&sage(&["join", text(&at("later"))]));
     assert!(files(&at("later")) == files(&at("whole")));
     let said = ["0/2", "3/2", "1", "x"].map(|wrong| {
         let output = generate(&scenes, &at("later"), &["--shard", wrong]);
@@ -384,12 +386,14 @@ fn rows_of_another_run_never_count_as_done() {
         };
         names.map(seed).collect::<std::collections::BTreeSet<u64>>()
     };
+    let join = ["join", text(&out)];
     for shard in ["1/2", "2/2"] {
         stdout(&generate(&scenes, &out, &["--shard", shard]));
     }
     stdout(&generate(&scenes, &out, &["--shard", "1/2", "--seed", "1", "--force"]));
-    assert!(record(&out)["seconds"].is_null() && record(&out)["results"]["done"] != 6, "{}", record(&out));
+    assert!(failure(&join).contains("of shards 2 of 2"));
     stdout(&generate(&scenes, &out, &["--shard", "2/2", "--seed", "1"]));
+    stdout(&sage(&join));
     assert_eq!(seeds(&out), [1].into());
     assert_eq!(record(&out)["results"]["done"], 6);
 }

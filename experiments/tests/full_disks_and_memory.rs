@@ -79,7 +79,7 @@ fn a_full_disk_stops_the_run_and_leaves_whole_files_alone() {
     ] {
         let output = disk.run(&[&command[..], &["--out", text(&out)]].concat());
         let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
+        assert_eq!(output.status.code(), Some(RETRY), "{command:?}: {said}");
         assert!(said.contains("cannot write"), "{command:?}: {said}");
         if ["generate", "convert"].contains(&command[0]) {
             assert!(said.contains("of 12 scenes are") && said.contains("free space"), "{said}");
@@ -116,7 +116,7 @@ fn a_full_disk_stops_the_run_and_leaves_whole_files_alone() {
     ] {
         let output = disk.run(&command);
         let said = stderr(&output);
-        assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
+        assert_eq!(output.status.code(), Some(RETRY), "{command:?}: {said}");
         assert!(said.contains("cannot write into"), "{command:?}: {said}");
         assert!(
             !said.contains("epoch") && !said.contains("selection"),

@@ -311,7 +311,7 @@ fn the_drive_of_another_planner_is_attacked_and_written() {
     assert!((x - logged_x).abs() < 1e-4 && (y - logged_y - 0.5).abs() < 1e-4);
     // What cannot be driven is named.
     let short = generate("short", &serde_json::json!(drive(0.0, 50)));
-    assert_eq!(short.status.code(), Some(1));
+    assert_eq!(short.status.code(), Some(BAD_SCENES));
     assert_snapshot!(redacted(stderr(&short)), @r"
     note: weights `procedural` (network densetnt)
     error: `[sage]/examples/crossing.pkl`: scene `crossing`: the drive in `[folder]/short.json` has 50 poses; expected 91, one a frame

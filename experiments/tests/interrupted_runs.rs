@@ -295,7 +295,7 @@ fn how_a_command_was_run_changes_no_byte() {
         stdout(&sage(&[&generate[..], &WEIGHTS, how].concat()));
         let mut files = hostile::snapshot(&out);
         files.retain(|name, _| name != "run.json");
-        assert_eq!(files.len(), 2 * 3 + 3);
+        assert_eq!(files.len(), 2 * 3 + 4);
         files
     };
     let plain = files("plain", &["--threads", "1"]);

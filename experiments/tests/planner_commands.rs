@@ -108,7 +108,7 @@ fn the_documented_planner_works_in_all_commands() {
         &["simulate", "scenes", "--ego", PLANNER, "--method", "rule", "--out", "attacked"],
     );
     assert_eq!(other.status.code(), Some(1));
-    assert!(stderr(&other).contains("not empty"), "{}", stderr(&other));
+    assert!(stderr(&other).contains("its `ego` is another"), "{}", stderr(&other));
 }
 
 #[test]
@@ -137,7 +137,7 @@ serve(Fails())
     let arguments =
         ["simulate", "scenes", "--ego", "idm", "--ego", PLANNER, "--threads", "1", "--out", "out"];
     let output = run(folder.path(), &arguments);
-    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert_eq!(output.status.code(), Some(BAD_SCENES), "{}", stderr(&output));
     assert_snapshot!("a_drive_fails", redacted(stderr(&output)));
     let exists = |name: &str| folder.path().join("out").join(name).is_file();
     for scene in ["divided-1-0", "divided-1-1", "divided-1-2"] {
@@ -152,11 +152,11 @@ serve(Fails())
     let drivers = format!("idm,{PLANNER}");
     let study = ["bench", "drivers", "scenes", "--unattacked", "--ego", &drivers, "--out", "study"];
     let output = run(folder.path(), &study);
-    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert_eq!(output.status.code(), Some(BAD_SCENES), "{}", stderr(&output));
     assert_snapshot!(redacted(&String::from_utf8_lossy(&output.stdout)));
     // The finished study is shown again, with the same exit status.
     let again = run(folder.path(), &study);
-    assert_eq!((again.status.code(), &again.stdout), (Some(1), &output.stdout));
+    assert_eq!((again.status.code(), &again.stdout), (Some(BAD_SCENES), &output.stdout));
 }
 
 #[test]

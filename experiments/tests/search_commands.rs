@@ -123,6 +123,7 @@ fn results_depend_neither_on_threads_nor_on_shards_and_resume() {
     for shard in ["1/3", "2/3", "3/3"] {
         stdout(&search(&scenes, &at("shards"), &["--shard", shard]));
     }
+    stdout(&sage(&["join", text(&at("shards"))]));
     assert_eq!(whole, files(&at("shards")));
     // A row that is gone is made again, and only it.
     let row = at("one").join("four-way-1-0.json");

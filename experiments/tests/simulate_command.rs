@@ -197,7 +197,7 @@ fn a_scene_that_fails_is_named_and_the_others_go_on() {
     fs::write(input.join("broken.pkl"), b"no scene").unwrap();
     let arguments = ["simulate", text(&input), "--ego", "idm,expert", "--json", "--out", text(&out)];
     let output = sage(&arguments);
-    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(output.status.code(), Some(BAD_SCENES));
     assert_snapshot!(redacted(stderr(&output)), @r"
     error: `[folder]/scenes/broken.pkl` is a text file; give a scene file: .pkl, .safetensors or a Waymo TFRecord file
     7 scenes, 14 drives in `[folder]/out` ([time])

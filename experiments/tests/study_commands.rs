@@ -57,11 +57,18 @@ fn shards_are_joined_to_the_report_of_the_whole() {
     let whole = run(&[], "whole");
     assert!(Path::new(at("whole/calm.svg")).is_file());
     assert_snapshot!("report_of_the_documented_study", whole);
-    run(&["--shard", "2/2"], "b");
-    run(&["--shard", "1/2", "--threads", "1"], "a");
-    let report = ["bench", "report", at("b"), at("a"), "--out", at("joined")];
+    run(&["--shard", "2/2"], "shards");
+    run(&["--shard", "1/2", "--threads", "1"], "shards");
+    assert_eq!(stdout(&sage(&["join", at("shards")])), whole);
+    assert_eq!(files(Path::new(at("shards"))), files(Path::new(at("whole"))));
+    // The folders of other scenes come one after another.
+    for half in ["a", "b"] {
+        let names =
+            if half == "a" { "curve-1-1,four-way-1-3" } else { "merge-1-2,straight-1-0,t-junction-1-4" };
+        run(&["--scenes", names], half);
+    }
+    let report = ["bench", "report", at("a"), at("b"), "--out", at("both")];
     assert_eq!(stdout(&sage(&report)), whole);
-    assert_eq!(files(Path::new(at("joined"))), files(Path::new(at("whole"))));
     // Once more from one folder, with other columns.
     let other = at("other.yaml");
     let narrow =
@@ -70,10 +77,7 @@ fn shards_are_joined_to_the_report_of_the_whole() {
     let again = ["bench", "report", at("whole"), "--study", other, "--out", at("again")];
     assert_snapshot!("report_of_other_columns", stdout(&sage(&again)));
     let twice = ["bench", "report", at("a"), at("a"), "--out", at("twice")];
-    assert_snapshot!(redacted(&failure(&twice)), @r"
-    warning: shard 2 of 2 is not among the folders
-    error: scene `curve-1-1` is in two folders
-    ");
+    assert_snapshot!(redacted(&failure(&twice)), @"error: scene `curve-1-1` is in two folders");
 }
 
 #[test]
@@ -109,7 +113,7 @@ fn failed_scenes_are_named_and_counted() {
     let mut said = Vec::new();
     for study in ["drivers", "react", "prediction"] {
         let run = sage(&["bench", study, text(&scenes), "--force", "--out", text(&out)]);
-        assert_eq!(run.status.code(), Some(1), "{study}: {}", stderr(&run));
+        assert_eq!(run.status.code(), Some(BAD_SCENES), "{study}: {}", stderr(&run));
         assert!(out.join("rows.csv").is_file(), "{study}");
         said.push((study, stderr(&run).to_owned()));
     }

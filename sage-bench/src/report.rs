@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use sage_core::{metric::Aggregate, statistics::Estimate};
 
 pub(crate) use pairs::KINDS;
-pub use record::{StudyRecord, join, missing, read, rows_csv};
+pub use record::{StudyRecord, join, read, rows_csv};
 
 use crate::{
     estimate::Samples,

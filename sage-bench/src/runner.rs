@@ -1,15 +1,15 @@
-//! Runs a plan over scenes: in parallel, window by window, so that an interrupted run resumes.
+//! Runs a plan over scenes in parallel, and stores the result of each scene, so that an interrupted run resumes.
 
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use rayon::prelude::*;
 use sage_core::scene::SceneData;
 use serde::{Deserialize, Serialize};
 
 use crate::{measure::SceneResult, plan::Plan, rows::Results};
 
-/// Scenes per stored window.
+/// Scenes that are measured in parallel before their results are stored in order.
 const WINDOW: usize = 16;
 
 /// A list of scenes, each read when it is needed.
@@ -17,21 +17,24 @@ pub trait SceneSource: Sync {
     /// Names of the scenes.
     fn names(&self) -> Vec<String>;
 
+    /// Hash of the content of a scene. A stored result counts only for this content.
+    fn content(&self, number: usize) -> String;
+
     /// Reads a scene; `None` if its number gives none.
     ///
     /// *Errors*: it cannot be read.
     fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>>;
 }
 
-/// Keeps the results of windows until a run is done.
+/// Keeps the results of scenes until a run is done.
 pub trait Store {
-    /// The stored text of a window.
-    fn read(&self, window: usize) -> Option<String>;
+    /// The stored text of a scene.
+    fn read(&self, number: usize) -> Option<String>;
 
-    /// Stores the text of a window, whole or not at all.
+    /// Stores the texts of some scenes, each whole or not at all.
     ///
-    /// *Errors*: it cannot be written.
-    fn write(&self, window: usize, text: &str) -> Result<()>;
+    /// *Errors*: one cannot be written.
+    fn write(&self, texts: &[(usize, String)]) -> Result<()>;
 }
 
 /// Follows a run.
@@ -50,6 +53,7 @@ pub trait Observer {
 #[derive(Serialize, Deserialize)]
 struct Stored {
     scene: String,
+    content: String,
     result: Option<SceneResult>,
     /// Why there is no result.
     error: String,
@@ -57,7 +61,7 @@ struct Stored {
 
 /// Measures all scenes. A scene that cannot be read is told to the observer and left out.
 ///
-/// *Errors*: a window cannot be stored; every scene fails.
+/// *Errors*: a result cannot be stored.
 pub fn run(
     plan: &Plan,
     scenes: &dyn SceneSource,
@@ -71,35 +75,40 @@ pub fn run(
         metrics: plan.metrics.clone(),
         ..Results::default()
     };
-    for (number, window) in names.chunks(WINDOW).enumerate() {
-        let known = store.read(number).and_then(|text| serde_json::from_str::<Vec<Stored>>(&text).ok());
-        let is_whole = |known: &Vec<Stored>| {
-            known.len() == window.len()
-                && known.iter().zip(window).all(|(stored, name)| stored.scene == *name)
-        };
-        let known = known.filter(is_whole);
-        let before = known.is_some();
-        let all = match known {
-            Some(known) => known,
-            None => {
-                let one = |(k, name): (usize, &String)| -> Option<Stored> {
-                    let (scene, number) = (name.clone(), number * WINDOW + k);
-                    match scenes.load(number) {
-                        Ok(data) => {
-                            let result = plan.measure(&*data?);
-                            Some(Stored { scene, result: Some(result), error: String::new() })
-                        }
-                        Err(error) => Some(Stored { scene, result: None, error: format!("{error:#}") }),
-                    }
-                };
-                let all: Vec<Option<Stored>> =
-                    window.par_iter().with_max_len(1).enumerate().map(one).collect();
-                let all: Vec<Stored> = all.into_iter().flatten().collect();
-                store.write(number, &serde_json::to_string(&all)?)?;
-                all
+    let known = |number: usize| -> Option<Stored> {
+        let stored: Stored = serde_json::from_str(&store.read(number)?).ok()?;
+        let is_current = stored.scene == names[number] && stored.content == scenes.content(number);
+        is_current.then_some(stored)
+    };
+    let measured = |number: usize| -> Option<Stored> {
+        let (scene, content) = (names[number].clone(), scenes.content(number));
+        match scenes.load(number) {
+            Ok(data) => {
+                let result = plan.measure(&*data?);
+                Some(Stored { scene, content, result: Some(result), error: String::new() })
             }
-        };
-        for Stored { scene, result, error } in all {
+            Err(error) => Some(Stored { scene, content, result: None, error: format!("{error:#}") }),
+        }
+    };
+    for start in (0..names.len()).step_by(WINDOW) {
+        let mut window: Vec<(Option<Stored>, bool)> = (start..names.len().min(start + WINDOW))
+            .map(|number| known(number).map_or((None, false), |stored| (Some(stored), true)))
+            .collect();
+        window
+            .par_iter_mut()
+            .with_max_len(1)
+            .enumerate()
+            .filter(|(_, (_, before))| !before)
+            .for_each(|(k, (stored, _))| *stored = measured(start + k));
+        let texts = window.iter().enumerate().filter_map(|(k, (stored, before))| {
+            // What could not be read now may be readable in the next run.
+            let new = stored.as_ref().filter(|stored| !before && stored.result.is_some());
+            let text = new.map(serde_json::to_string)?;
+            Some(text.map(|text| (start + k, text)))
+        });
+        store.write(&texts.collect::<Result<Vec<_>, _>>()?)?;
+        for (stored, before) in window {
+            let Some(Stored { scene, result, error, .. }) = stored else { continue };
             observer.done(before);
             let Some(SceneResult { cells, left_out }) = result else {
                 observer.failed(&scene, "", &error);
@@ -117,10 +126,6 @@ pub fn run(
             results.scenes.push(scene);
             results.cells.push(cells);
         }
-    }
-    let has_values = results.cells.iter().flatten().any(|cell| cell.error.is_empty());
-    if !has_values {
-        bail!("nothing could be measured in any of {} scenes", names.len());
     }
     Ok(results)
 }

@@ -7,6 +7,7 @@
 
 use std::{
     collections::HashMap,
+    fmt,
     path::{Path, PathBuf},
     str::FromStr,
 };
@@ -45,10 +46,21 @@ pub struct Shard {
 const MOST_SHARDS: u32 = 1_000_000;
 
 impl Shard {
-    /// True if a scene belongs to the shard: `crc32(name) % of + 1 == number`, with the CRC-32 of zlib over
-    /// the UTF-8 bytes of the name.
-    pub fn holds(&self, scene: &str) -> bool {
-        crc32fast::hash(scene.as_bytes()) % self.of + 1 == self.number
+    /// The shard of `of` that holds a scene: number `crc32(name) % of + 1`, with the CRC-32 of zlib over the UTF-8
+    /// bytes of the name.
+    pub fn of_scene(scene: &str, of: u32) -> Self {
+        Self { number: crc32fast::hash(scene.as_bytes()) % of + 1, of }
+    }
+
+    /// True if a scene belongs to the shard.
+    pub fn holds(self, scene: &str) -> bool {
+        self == Self::of_scene(scene, self.of)
+    }
+}
+
+impl fmt::Display for Shard {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}/{}", self.number, self.of)
     }
 }
 

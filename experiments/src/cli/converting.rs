@@ -53,8 +53,8 @@ pub(crate) struct ConvertArgs {
     /// Scenes in each TFRecord file with --to womd (default: 500).
     #[arg(long, alias = "shard-size", help_heading = OUTPUT, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     scenes_per_file: Option<u32>,
-    /// Convert only the scenes of shard K of N. Several machines can write all shards into one folder. Not with
-    /// --to womd.
+    /// Convert only the scenes of shard K of N; with --to womd write only its files. Several machines can write all
+    /// shards into one folder.
     #[arg(long, help_heading = RUN, value_name = "K/N")]
     pub shard: Option<Shard>,
     #[command(flatten)]
@@ -76,9 +76,6 @@ impl ConvertArgs {
         let is_womd = matches!(self.to, ConvertFormat::Womd);
         if self.scenes_per_file.is_some() && !is_womd {
             bail!("--scenes-per-file needs --to womd");
-        }
-        if self.shard.is_some() && is_womd {
-            bail!("--shard is not for --to womd, whose files have --scenes-per-file scenes");
         }
         let is_scenario = matches!(self.to, ConvertFormat::Openscenario);
         let given = [("--standard", self.standard.is_some()), ("--ego", self.ego.is_some())];

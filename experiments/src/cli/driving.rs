@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use sage_data::dataset::Shard;
 
 use super::{
     AttackArgs, FolderArgs, ReadingArgs,
-    help::{ATTACK, DRIVER, OUTPUT},
+    help::{ATTACK, DRIVER, OUTPUT, RUN},
 };
 use crate::part::{Part, PolicyPart, PolicyParts};
 
@@ -60,6 +61,9 @@ pub(crate) struct SimulateArgs {
     /// Print one JSON object per scene, policy and operating point.
     #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
+    /// Drive only the scenes of shard K of N. Several machines can write all shards into one folder.
+    #[arg(long, help_heading = RUN, value_name = "K/N")]
+    pub shard: Option<Shard>,
     #[command(flatten)]
     pub folder: FolderArgs,
     #[command(flatten)]

@@ -15,11 +15,12 @@ pub(super) const CLAIMS: &str = "Claims";
 pub(super) const DIAGNOSTICS: &str = "Diagnostics";
 pub(super) const TRAINING: &str = "Training";
 pub(super) const STUDY: &str = "Study";
+pub(super) const JOB: &str = "Job";
 pub(super) const OUTPUT: &str = "Output";
 pub(super) const RUN: &str = "Run";
 
 /// All headings, in the order of the sections.
-const HEADINGS: [&str; 14] = [
+const HEADINGS: [&str; 15] = [
     CLAIMS,
     DIAGNOSTICS,
     SCENE,
@@ -32,6 +33,7 @@ const HEADINGS: [&str; 14] = [
     PICTURE,
     TRAINING,
     STUDY,
+    JOB,
     OUTPUT,
     RUN,
 ];
@@ -43,11 +45,12 @@ const FEW: usize = 5;
 const THREADS: &str = "threads";
 
 /// Groups of the commands in `sage --help`.
-const GROUPS: [(&str, &[&str]); 7] = [
+const GROUPS: [(&str, &[&str]); 8] = [
     ("Make scenes", &["demo", "scenes", "generate", "convert"]),
     ("Look at scenes", &["inspect", "draw", "explain", "predict"]),
     ("Drive and test", &["simulate", "search", "report", "suite", "test"]),
     ("Measure and compare", &["score", "bench"]),
+    ("Run on a cluster", &["jobs", "status", "join"]),
     ("Train", &["pretrain", "finetune", "calibrate", "merge", "train-ego"]),
     ("Research", &["theory", "analyse"]),
     ("Other", &["list", "completions"]),

@@ -2,9 +2,13 @@
 
 mod gallery;
 
-use std::{collections::HashMap, path::Path, sync::Arc, time::Instant};
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::{Context as _, Result, anyhow, bail};
 use sage_backbones::Backbone;
 use sage_bench::{
     measure::ExpertSource,
@@ -18,21 +22,24 @@ use sage_bench::{
 use sage_core::{files, scene::SceneData};
 use sage_generators::Aggression;
 use sage_merging::ExpertSet;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use crate::{
     Outcome, Registries,
     cli::{ReportArgs, StudyArgs},
     input, networks,
-    output::{self, Folder, Run, RunState},
+    outcome::BadScenes,
+    output::{self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, SceneRecord, State},
     progress::{self, Progress, count},
     scenes::Scenes,
     selection::Selection,
 };
 
-/// Folder of the results from which an interrupted run resumes.
-const WINDOWS: &str = ".sage-rows";
-/// Size limit of a stored window, and of files that a run wrote, bytes.
+/// Folder of the results of scenes, until the report is written.
+const RESULTS: &str = ".sage-rows";
+/// Files of every finished study.
+const REPORT_FILES: [&str; 5] = [report::PAGE, ROWS, report::ESTIMATES, STUDY_RECORD, MANIFEST];
+/// Size limit of a stored result, and of files that a run wrote, bytes.
 const LIMIT: u64 = 1 << 30;
 
 /// The study of a name or a file.
@@ -117,8 +124,7 @@ const ATTACKED: [&str; 9] = [
 ];
 
 /// Runs a study.
-pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> {
-    let clock = Instant::now();
+pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Result<Outcome> {
     let study = adapted(args, registries)?;
     let out = args.folder.out.as_deref().context("--out names no folder")?;
     let plan = Plan::new(study, registries, &Weights(registries))?;
@@ -129,45 +135,126 @@ pub(crate) fn run(args: &StudyArgs, registries: &Registries) -> Result<Outcome> 
         bail!("name scenes, or a number of procedural ones with --procedural");
     }
     let all = Scenes::of(&paths, &args.split, procedural, plan.study.scene_seed)?;
-    let scenes = if plan.needs_adversary() { all.attackable()? } else { all.known()? };
-    let chosen =
-        ChosenScenes::new(&scenes, args.shard.map(|shard| [shard.number, shard.of].map(|n| n as usize)));
+    let paths = all.names();
+    let names = short_names(&paths);
+    let own: Vec<usize> = (0..names.len()).filter(|number| is_own(part, &names[*number])).collect();
+    let scenes = all.only(|number| own.binary_search(&number).is_ok());
+    let scenes = match (plan.needs_adversary(), part) {
+        _ if own.is_empty() => scenes,
+        (true, Part::Shard(_)) => scenes.attackable_if_any()?,
+        (true, _) => scenes.attackable()?,
+        (false, _) => scenes.known()?,
+    };
+    let chosen = ChosenScenes::new(&scenes, &names);
     let identity = json!({
-        "plan": plan.identity, "scenes": scenes.describe(), "names": chosen.names, "shard": chosen.shard,
+        "plan": plan.identity, "scenes": described(&names),
         "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
-    let results = [report::PAGE, ROWS, report::ESTIMATES, STUDY_RECORD];
-    let (run, state) = Run::start(out, identity, args.folder.force, &[WINDOWS], &[], &results)?;
-    if state == RunState::Done {
-        let (record, results) = read(out)?;
-        let report = Report::new(&record.study, &results)?;
-        output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
-        return Ok(crate::scenes::outcome_without(failed_scenes(&results)));
+    Inputs::of_command_line().refuse_folder(out)?;
+    let outdated = || vec![RESULTS.to_owned(), MANIFEST.to_owned()];
+    let run = DatasetRun::start(out, identity, args.folder.force, part, &REPORT_FILES, outdated)?;
+    if run.is_done() {
+        return match part {
+            Part::Whole | Part::Join => show_again(args, &run, &scenes, out),
+            Part::Shard(_) => Ok(Outcome::Done),
+        };
     }
-    run.folder().inner(WINDOWS.as_ref())?;
+    let all_names: Vec<&str> = names.iter().map(String::as_str).collect();
+    run.agree_on_scenes(&all_names)?;
+    if part == Part::Join {
+        run.joined(&all_names)?;
+    }
+    run.folder().inner(RESULTS.as_ref())?;
     if plan.has_programs {
         plan.write_logs_to(&run.folder().inner(output::PLANNER_LOGS.as_ref())?);
     }
     let mut follow = Follow { progress: Progress::new("measured", chosen.names.len()), scenes: &scenes };
-    let results = runner::run(&plan, &chosen, &Windows(run.folder()), &mut follow)?;
+    let store = StoredResults { folder: run.folder(), scenes: &scenes };
+    let results = runner::run(&plan, &chosen, &store, &mut follow)?;
     let Follow { progress, .. } = follow;
     progress.finish(&format!(
         "{} on {}",
         count(plan.keys.len(), "method"),
         count(results.scenes.len(), "scene")
     ));
+    let records = records(&scenes, &own, [&paths, &names]);
+    if let Part::Shard(shard) = part {
+        let stored = |record: SceneRecord, number: &usize| -> Result<SceneRecord> {
+            let file = format!("{RESULTS}/{}", result_file(*number));
+            let is_there = run.folder().path().join(&file).is_file();
+            record.with_files(run.folder().path(), is_there.then_some(&*file))
+        };
+        let records = records.into_iter().zip(&own).map(|(record, number)| stored(record, number));
+        run.finish_shard(shard, &records.collect::<Result<Vec<_>>>()?)?;
+        return Ok(scenes.outcome());
+    }
+    if !results.cells.iter().flatten().any(|cell| cell.error.is_empty()) {
+        let error = anyhow!("nothing could be measured in any of {} scenes", chosen.names.len());
+        return Err(BadScenes(error).into());
+    }
     let mut report = Report::new(&plan.study, &results)?;
     report.notes += &scenes.warnings_as_markdown();
-    let record = StudyRecord::new(&plan.study, &results, chosen.shard);
+    let record = StudyRecord::new(&plan.study, &results);
     if plan.study.report.pictures {
         gallery::write(run.folder(), &plan, &chosen, &results, &report)?;
     }
     write(run.folder(), &report, &record)?;
-    run.finish(&Value::Null, clock.elapsed().as_secs_f64())?;
+    // A scene that is bad stays so; what the system refused is tried again.
+    let is_done = Counts::of(&records).retry == 0;
+    run.finish(Ended {
+        records: &records,
+        results: json!({"contents": scenes.describe()}),
+        seconds_per_attack: None,
+        has_pickles: false,
+        is_done,
+    })?;
+    if is_done {
+        run.folder().remove(RESULTS)?;
+    }
     output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
     let pictures = if plan.study.report.pictures { ", index.html with pictures" } else { "" };
     progress::say(&format!("{}, {STUDY_RECORD}{pictures} are in `{}`", files_of(&report), out.display()));
     Ok(scenes.outcome())
+}
+
+/// True if a part measures a scene. The join reads all, to report on them.
+fn is_own(part: Part, name: &str) -> bool {
+    part == Part::Join || part.holds(name)
+}
+
+/// Shows the report of a finished run.
+///
+/// *Errors*: the scenes are others now, or the folder cannot be read.
+fn show_again(args: &StudyArgs, run: &DatasetRun, scenes: &Scenes, out: &Path) -> Result<Outcome> {
+    if run.recorded_results()["contents"] != scenes.describe() {
+        bail!(
+            "`{}` holds this run of scenes with another content; give --force to measure again, or name another --out",
+            out.display()
+        );
+    }
+    // The run may have been killed before it removed them.
+    run.folder().remove(RESULTS)?;
+    let (record, results) = read(out)?;
+    let report = Report::new(&record.study, &results)?;
+    output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
+    Ok(crate::scenes::outcome_without(failed_scenes(&results)))
+}
+
+/// What became of the scenes with some numbers. A scene that cannot be read is known by its path.
+fn records(scenes: &Scenes, numbers: &[usize], [paths, names]: [&[String]; 2]) -> Vec<SceneRecord> {
+    let record = |number: &usize| {
+        let name = &names[*number];
+        let failed = scenes.failure(name).or_else(|| scenes.failure(&paths[*number]));
+        match (failed, scenes.not_kept().get(number)) {
+            (Some(failed), _) => {
+                let state = if failed.may_pass { State::Retry } else { State::Bad };
+                SceneRecord::new(name, state, failed.reason)
+            }
+            (None, Some(reason)) => SceneRecord::new(name, State::LeftOut, reason.clone()),
+            (None, None) => SceneRecord::new(name, State::Done, String::new()),
+        }
+    };
+    numbers.iter().map(record).collect()
 }
 
 fn files_of(report: &Report) -> String {
@@ -201,11 +288,6 @@ fn read(folder: &Path) -> Result<(StudyRecord, Results)> {
 /// Renders the report of one or more folders again.
 pub(crate) fn report(args: &ReportArgs, registries: &Registries) -> Result<Outcome> {
     let all = args.folders.iter().map(|folder| read(folder)).collect::<Result<Vec<_>>>()?;
-    let missing = report::missing(all.iter().map(|(record, _)| record));
-    if let Some([_, of]) = missing.first() {
-        let numbers: Vec<String> = missing.iter().map(|[number, _]| number.to_string()).collect();
-        progress::say(&format!("warning: shard {} of {of} is not among the folders", numbers.join(", ")));
-    }
     let (record, results) = report::join(all)?;
     let study = match &args.study {
         Some(name) => study(name, registries)?,
@@ -281,29 +363,35 @@ impl ExpertSource for Weights<'_> {
     }
 }
 
-/// Some of the scenes of a list, with names that are unique in results.
+/// Names of scenes in results: short, and apart where two are equal.
+fn short_names(paths: &[String]) -> Vec<String> {
+    let short = |path: &String| input::scene_name(Path::new(path)).unwrap_or_else(|_| path.clone());
+    let short: Vec<String> = paths.iter().map(short).collect();
+    let mut counts: HashMap<&str, usize> = HashMap::new();
+    short.iter().for_each(|name| *counts.entry(name).or_default() += 1);
+    let apart = |(path, name): (&String, &String)| match counts[&name[..]] {
+        1 => name.clone(),
+        _ => sage_data::folder::name_apart(name, Path::new(path)),
+    };
+    paths.iter().zip(&short).map(apart).collect()
+}
+
+/// Number and hash of the names of scenes.
+fn described(names: &[String]) -> String {
+    let hash = blake3::hash(json!(names).to_string().as_bytes());
+    format!("{} ({})", count(names.len(), "scene"), &hash.to_hex()[..16])
+}
+
+/// Scenes with their names in results.
 struct ChosenScenes<'s> {
     scenes: &'s Scenes,
-    numbers: Vec<usize>,
     names: Vec<String>,
-    shard: Option<[usize; 2]>,
 }
 
 impl<'s> ChosenScenes<'s> {
-    fn new(scenes: &'s Scenes, shard: Option<[usize; 2]>) -> Self {
-        let paths = scenes.names();
-        let short = |path: &String| input::scene_name(Path::new(path)).unwrap_or_else(|_| path.clone());
-        let short: Vec<String> = paths.iter().map(short).collect();
-        let mut counts: HashMap<&str, usize> = HashMap::new();
-        short.iter().for_each(|name| *counts.entry(name).or_default() += 1);
-        let is_chosen = |k: &usize| shard.is_none_or(|[number, of]| k % of == number - 1);
-        let numbers: Vec<usize> = (0..paths.len()).filter(is_chosen).collect();
-        let name = |k: &usize| match counts[&short[*k][..]] {
-            1 => short[*k].clone(),
-            _ => sage_data::folder::name_apart(&short[*k], Path::new(&paths[*k])),
-        };
-        let names = numbers.iter().map(name).collect();
-        Self { scenes, numbers, names, shard }
+    fn new(scenes: &'s Scenes, all: &[String]) -> Self {
+        let name = |number| all[scenes.number_in_list(number)].clone();
+        Self { scenes, names: (0..scenes.len()).map(name).collect() }
     }
 }
 
@@ -312,21 +400,46 @@ impl SceneSource for ChosenScenes<'_> {
         self.names.clone()
     }
 
+    fn content(&self, number: usize) -> String {
+        self.scenes.content(number)
+    }
+
     fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>> {
-        self.scenes.load(self.numbers[number])
+        self.scenes.load(number)
     }
 }
 
-/// Windows of results in the folder of a run.
-struct Windows<'f>(&'f Folder);
+/// Results of scenes in the folder of a run, a file a scene, named by its number in the whole list.
+struct StoredResults<'f> {
+    folder: &'f Folder,
+    scenes: &'f Scenes,
+}
 
-impl Store for Windows<'_> {
-    fn read(&self, window: usize) -> Option<String> {
-        files::read_text(&self.0.path().join(WINDOWS).join(format!("{window:06}.json")), LIMIT).ok()
+impl StoredResults<'_> {
+    fn file(&self, number: usize) -> String {
+        result_file(self.scenes.number_in_list(number))
     }
 
-    fn write(&self, window: usize, text: &str) -> Result<()> {
-        self.0.write(&format!("{WINDOWS}/{window:06}.json"), text.as_bytes())
+    fn path(&self) -> PathBuf {
+        self.folder.path().join(RESULTS)
+    }
+}
+
+/// File of the result of a scene by its number in the whole list.
+fn result_file(number: usize) -> String {
+    format!("{number:07}.json")
+}
+
+impl Store for StoredResults<'_> {
+    fn read(&self, number: usize) -> Option<String> {
+        files::read_text(&self.path().join(self.file(number)), LIMIT).ok()
+    }
+
+    fn write(&self, texts: &[(usize, String)]) -> Result<()> {
+        let named: Vec<(String, &[u8])> =
+            texts.iter().map(|(number, text)| (self.file(*number), text.as_bytes())).collect();
+        files::write_all(&self.path(), named.iter().map(|(name, bytes)| (&name[..], *bytes)))
+            .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
     }
 }
 

@@ -6,24 +6,24 @@ mod shards;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
-    time::{Instant, UNIX_EPOCH},
+    time::UNIX_EPOCH,
 };
 
 use anyhow::Result;
-use sage_data::{dataset, stream::Inputs, womd};
+use sage_data::{stream::Inputs, womd};
 use serde_json::{Value, json};
 
 use crate::{
     Outcome,
     cli::{ConvertArgs, ConvertFormat},
-    output::{self, DatasetRun},
-    progress::{self, Progress, count},
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord},
+    progress::{Progress, count},
 };
 
 /// Notes that are printed. Those of an OpenSCENARIO file are also in its map.
 const MOST_NOTES: usize = 12;
 
-/// What a run has done.
+/// What a part of a run has done.
 #[derive(Default)]
 struct Tally {
     /// Scenes that are converted, by this run or an earlier one.
@@ -31,6 +31,10 @@ struct Tally {
     failed: usize,
     /// What could not be kept, and how often.
     notes: BTreeMap<String, usize>,
+    /// Names of all outputs of the run, in their order: those of scenes, or of TFRecord files.
+    names: Vec<String>,
+    /// What became of those of this part.
+    records: Vec<SceneRecord>,
 }
 
 impl Tally {
@@ -41,28 +45,32 @@ impl Tally {
     }
 }
 
-pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
-    let clock = Instant::now();
+pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
     args.check()?;
     let inputs = Inputs::under(&args.paths)?;
     let suffix = args.reading.options().suffix();
     let names: Vec<PathBuf> = inputs.names().map(|name| with_suffix(&name, &suffix)).collect();
     let out = &args.folder.out;
     let files: Vec<PathBuf> = inputs.files().map(Path::to_owned).collect();
-    let outputs = match args.to {
+    let mut outputs: Vec<PathBuf> = match args.to {
         ConvertFormat::Womd => shards::files(shards::total(&inputs)?, args.scenes_per_file()),
         format => names.iter().map(|name| file_name(name, format)).collect(),
     };
+    outputs.push(MANIFEST.into());
     output::protect_inputs(&args.paths, &files, out, &outputs)?;
     let outdated = || if args.to == ConvertFormat::Womd { shards::outdated(out) } else { Vec::new() };
-    let run = DatasetRun::start(out, identity(args, &inputs), args.folder.force, args.shard, outdated)?;
-    let mut progress = Progress::new("converted", inputs.count().filter(|_| args.shard.is_none()));
+    let run =
+        DatasetRun::start(out, identity(args, &inputs), args.folder.force, part, &[MANIFEST], outdated)?;
+    if part == Part::Join {
+        return join(args, run);
+    }
+    let mut progress = Progress::new("converted", inputs.count().filter(|_| part == Part::Whole));
     let mut tally = Tally::default();
     let outcome = match args.to {
-        ConvertFormat::Womd => shards::convert(args, &inputs, &run, &mut progress, &mut tally),
-        _ => scenes::convert(args, &inputs, &run, &mut progress, &mut tally),
+        ConvertFormat::Womd => shards::convert(args, part, &inputs, &run, &mut progress, &mut tally),
+        _ => scenes::convert(args, part, &inputs, &run, &mut progress, &mut tally),
     };
-    let Tally { whole, failed, notes } = tally;
+    let Tally { whole, failed, notes, names, records } = tally;
     if let Err(error) = outcome {
         let of = inputs.count().map_or(String::new(), |all| format!(" of {all}"));
         let sum = format!("{whole}{of} scenes are converted in `{}`", out.display());
@@ -80,19 +88,51 @@ pub(crate) fn run(args: &ConvertArgs) -> Result<Outcome> {
     if notes.len() > MOST_NOTES {
         progress.say(&format!("note: and {} more of this kind", notes.len() - MOST_NOTES));
     }
-    // Other parts may have written scenes too.
-    let folder = run.folder().path().to_owned();
-    let done = || if args.shard.is_some() { count_files(&folder, args.to) } else { whole };
-    let results = || json!({"scenes": done(), "failed": failed});
-    let is_whole =
-        |results: &Value| args.shard.is_none() || inputs.count().is_some_and(|all| results["scenes"] == all);
-    let seconds = |results: &Value| (failed == 0 && is_whole(results)).then(|| clock.elapsed().as_secs_f64());
-    run.finish(args.to == ConvertFormat::Pickle, results, None, seconds)?;
     progress.finish(&format!("{} in `{}`, {failed} failed", count(whole, "scene"), out.display()));
-    if let Some(shard) = args.shard {
-        progress::say(&format!("note: this is part {} of {}", shard.number, shard.of));
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    match part {
+        Part::Shard(shard) => {
+            run.agree_on_scenes(&names)?;
+            run.finish_shard(shard, &records)?;
+        }
+        Part::Whole | Part::Join => finish(args, run, &records)?,
     }
-    Ok(if failed > 0 { Outcome::Partial } else { Outcome::Done })
+    Ok(outcome_of(&records))
+}
+
+/// Completes the folder of shards.
+fn join(args: &ConvertArgs, run: DatasetRun) -> Result<Outcome> {
+    let names = run.agreed_scenes()?;
+    let records = run.joined(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
+    finish(args, run, &records)?;
+    Ok(outcome_of(&records))
+}
+
+/// Writes what belongs to no single scene.
+fn finish(args: &ConvertArgs, run: DatasetRun, records: &[SceneRecord]) -> Result<()> {
+    let results = match args.to {
+        ConvertFormat::Womd => {
+            let total = shards::finish(&run, records.len())?;
+            json!({"scenes": total.scenes, "failed": total.failed})
+        }
+        _ => {
+            let counts = Counts::of(records);
+            json!({"scenes": counts.done, "failed": counts.failed()})
+        }
+    };
+    let has_pickles = args.to == ConvertFormat::Pickle;
+    let is_done = Counts::of(records).failed() == 0;
+    run.finish(Ended { records, results, seconds_per_attack: None, has_pickles, is_done })?;
+    Ok(())
+}
+
+fn outcome_of(records: &[SceneRecord]) -> Outcome {
+    let counts = Counts::of(records);
+    match (counts.retry, counts.bad) {
+        (0, 0) => Outcome::Done,
+        (0, _) => Outcome::BadScenes,
+        _ => Outcome::Retry,
+    }
 }
 
 /// A name for an output with the suffix of a window.
@@ -109,17 +149,6 @@ fn file_name(name: &Path, format: ConvertFormat) -> PathBuf {
     file.push(".");
     file.push(ending(format));
     file.into()
-}
-
-/// Number of scene files of a format below a folder.
-fn count_files(folder: &Path, format: ConvertFormat) -> usize {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-    let is_table = |path: &Path| [dataset::SUMMARY, dataset::MAPPING].iter().any(|name| path.ends_with(name));
-    let is_scene =
-        |path: &Path| path.extension().is_some_and(|found| found == ending(format)) && !is_table(path);
-    entries
-        .map(|path| if path.is_dir() { count_files(&path, format) } else { usize::from(is_scene(&path)) })
-        .sum()
 }
 
 /// Ending of the files of a format.

@@ -7,7 +7,7 @@ use super::{generate, scenes};
 use crate::{
     Outcome, Registries,
     cli::{Cli, Command, DemoArgs},
-    output::Folder,
+    output::{Folder, Part},
     progress,
 };
 
@@ -39,7 +39,7 @@ pub(crate) fn run(args: &DemoArgs, registries: &Registries) -> Result<Outcome> {
         let words = [&["sage"], command, force].concat();
         match Cli::try_parse_from(words)?.command {
             Command::Scenes(args) => scenes::run(&args),
-            Command::Generate(args) => generate::run(&args, registries),
+            Command::Generate(args) => generate::run(&args, Part::Whole, registries),
             _ => bail!("the demo has no such command"),
         }
     };

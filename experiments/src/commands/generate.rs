@@ -11,22 +11,17 @@ mod scored;
 mod summary;
 mod view;
 
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
 use rayon::prelude::*;
-use sage_core::statistics;
-use serde_json::{Value, json};
 
 use crate::{
     Outcome, Registries,
     cli::GenerateArgs,
-    output::{self, DatasetRun},
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord},
     progress,
-    scene_queue::{self, Input, Report, Scenes, is_row_of},
+    scene_queue::{self, Input, Report, Scenes, Worked, is_row_of},
 };
 
 use attack::attack_scene;
@@ -35,49 +30,69 @@ use names::{INDEX, page_file, picture_file, row_file};
 use plan::Plan;
 use summary::Tally;
 
-pub(crate) fn run(args: &GenerateArgs, registries: &Registries) -> Result<Outcome> {
-    let clock = Instant::now();
+pub(crate) fn run(args: &GenerateArgs, part: Part, registries: &Registries) -> Result<Outcome> {
     let plan = Plan::new(args, registries)?;
     let scenes = Scenes::find(&args.scene, &args.reading.options())?;
-    let (all, own) = (&scenes.all, scenes.of_shard(args.shard));
+    let (all, own) = (&scenes.all, scenes.of_part(part));
     scenes.protect(&args.folder.out, Vec::new())?;
     let out = &args.folder.out;
     let outdated = || {
         let of_scenes = own.iter().flat_map(|input| outputs(&plan, out, input));
-        of_scenes.chain([INDEX.to_owned()]).collect()
+        of_scenes.chain([INDEX, MANIFEST].map(str::to_owned)).collect()
     };
-    let run = DatasetRun::start(out, plan.identity()?, args.folder.force, args.shard, outdated)?;
+    let run = DatasetRun::start(out, plan.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
+    run.agree_on_scenes(&scenes.names())?;
     output::keep_planner_logs(run.folder(), std::slice::from_ref(&plan.ego))?;
-    let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attempt"]);
-    let report = if args.quiet { report.quiet() } else { report };
-    let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
-    let seconds = scene_queue::work(&own, &run, &report, attack)?;
-    let [failed, left_out, _] = report.finish(&args.folder.out);
-    let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
-    let results = || {
-        let done = all.iter().filter(|input| is_done(&plan, &folder, &hash, input)).count();
-        json!({"scenes": all.len(), "done": done})
+    let worked = if part == Part::Join {
+        Worked::by_shards(&run, &scenes)?
+    } else {
+        let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attempt"]);
+        let report = if args.quiet { report.quiet() } else { report };
+        let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
+        let worked = scene_queue::work(&own, &run, &report, attack)?;
+        report.finish(out);
+        worked
     };
-    let is_whole = |results: &Value| results["scenes"] == results["done"];
-    let whole = |results: &Value| (is_whole(results) && failed == 0).then(|| clock.elapsed().as_secs_f64());
-    let median = statistics::median(&seconds);
-    write_index(&plan, &run, all, args.shard.is_some())?;
-    let (results, listed) = run.finish(plan.writes_pickles(), results, median, whole)?;
-    let others = listed.saturating_sub(all.len() * plan.variants().len());
-    if is_whole(&results) && others > 0 {
-        let out = args.folder.out.display();
-        let others = progress::count(others, "scene");
-        progress::say(&format!(
-            "note: the summary of `{out}` also lists {others} that other runs left there"
-        ));
+    let (records, folder, hash) = (&worked.records, run.folder().path().to_owned(), run.hash().to_owned());
+    let has_any = Counts::of(records).done > 0;
+    match part {
+        Part::Shard(shard) => run.finish_shard(shard, records)?,
+        Part::Whole | Part::Join => {
+            let has_page = |input: &Input| folder.join(page_file(&input.scene)).is_file();
+            // The record of a run does not say whether its shards wrote pages.
+            let has_pages = !args.no_pages && (part == Part::Whole || all.iter().any(has_page));
+            if has_any && has_pages {
+                index::write(&plan, run.folder(), &hash, all)?;
+            }
+            let listed = run.finish(Ended {
+                records,
+                results: scene_queue::results(records),
+                seconds_per_attack: worked.median_seconds(),
+                has_pickles: plan.writes_pickles(),
+                is_done: Counts::of(records).failed() == 0,
+            })?;
+            note_others(out, listed.saturating_sub(all.len() * plan.variants().len()), records);
+        }
     }
-    if left_out + failed < own.len() {
-        print_table(&plan, &folder, &hash, &own, args.json)?;
+    if has_any {
+        let printed: Vec<&Input> = if part == Part::Join { all.iter().collect() } else { own };
+        print_table(&plan, &folder, &hash, &printed, args.json)?;
         if out.join(INDEX).is_file() {
             progress::say(&format!("to look at the attacks, open `{}`", out.join(INDEX).display()));
         }
     }
-    scene_queue::outcome([failed, left_out], own.len(), out, "attacked")
+    Ok(scene_queue::outcome(records, part, out, "attacked", scene_queue::AGAIN))
+}
+
+/// Says that the summary of a folder lists scenes that this run did not write.
+fn note_others(out: &Path, others: usize, records: &[SceneRecord]) {
+    if others > 0 && Counts::of(records).failed() == 0 {
+        progress::say(&format!(
+            "note: the summary of `{}` also lists {} that other runs left there",
+            out.display(),
+            progress::count(others, "scene")
+        ));
+    }
 }
 
 /// Prints what came of the attacks of this run, and how to find out why one is none.
@@ -132,21 +147,6 @@ fn rows<'a>(
     let names = plan.variants().iter().map(|variant| folder.join(row_file(&input.scene, variant)));
     let own = names.enumerate().filter(|(_, path)| is_row_of(path, run_hash));
     own.filter_map(|(variant, path)| Some((variant, FoundRow::read_head(&path)?)))
-}
-
-/// Writes the page of the data set. A shard writes it if it is the last.
-fn write_index(plan: &Plan, run: &DatasetRun, all: &[Input], is_shard: bool) -> Result<()> {
-    let is_done = |input| is_done(plan, run.folder().path(), run.hash(), input);
-    if plan.args.no_pages || !all.iter().any(is_done) || (is_shard && !all.iter().all(is_done)) {
-        return Ok(());
-    }
-    index::write(plan, run.folder(), run.hash(), all)
-}
-
-/// True if all rows of a scene exist and are of the run with a hash.
-fn is_done(plan: &Plan, folder: &Path, run_hash: &str, input: &Input) -> bool {
-    let is_row = |variant: &String| is_row_of(&folder.join(row_file(&input.scene, variant)), run_hash);
-    plan.variants().iter().all(is_row)
 }
 
 /// Existing outputs of a scene: its rows, the scene files that they name, and its picture.

@@ -221,7 +221,7 @@ impl<W: Write> Report<W> {
         } else {
             writeln!(self.out, "{sum}")?;
         }
-        Ok(if *failed > 0 { Outcome::Partial } else { Outcome::Done })
+        Ok(if *failed > 0 { Outcome::BadScenes } else { Outcome::Done })
     }
 }
 

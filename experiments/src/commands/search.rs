@@ -7,18 +7,16 @@ mod scene;
 mod searcher;
 mod summary;
 
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 use anyhow::{Result, bail};
-use sage_core::statistics;
-use serde_json::{Value, json};
 
 use crate::{
     Outcome, Registries,
     cli::{Keep, SearchArgs},
-    output::{self, DatasetRun},
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part},
     progress,
-    scene_queue::{self, Input, Report, Scenes, is_row_of},
+    scene_queue::{self, Input, Report, Scenes, Worked, is_row_of},
 };
 
 pub(super) use row::{SceneRow, failure_name, row_file, unchanged_file};
@@ -26,37 +24,50 @@ use scene::{picture_file, search_scene};
 use searcher::Searcher;
 use summary::Summary;
 
-pub(crate) fn run(args: &SearchArgs, registries: &Registries) -> Result<Outcome> {
-    let clock = Instant::now();
+pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Result<Outcome> {
     let searcher = Searcher::new(args, registries)?;
     let scenes = Scenes::find(&args.scene, &args.reading.options())?;
-    let (all, own) = (&scenes.all, scenes.of_shard(args.shard));
+    let (all, own) = (&scenes.all, scenes.of_part(part));
     check_names(all)?;
     scenes.protect(&args.folder.out, args.ego.files())?;
     let out = &args.folder.out;
-    let outdated = || own.iter().flat_map(|input| outputs(out, input)).collect();
-    let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, args.shard, outdated)?;
+    let outdated = || {
+        let of_scenes = own.iter().flat_map(|input| outputs(out, input));
+        of_scenes.chain([MANIFEST.to_owned()]).collect()
+    };
+    let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
+    run.agree_on_scenes(&scenes.names())?;
     output::keep_planner_logs(run.folder(), std::slice::from_ref(&searcher.ego))?;
-    let report = Report::new(run.folder().path(), args.json, own.len(), ["searched", "scene"]);
-    let seconds = scene_queue::work(&own, &run, &report, |input| search_scene(&searcher, &run, input))?;
-    let [failed, left_out, _] = report.finish(out);
-    let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
-    let summary = Summary::of(all.iter().filter_map(|input| done(&folder, &hash, input)), args.require);
-    let results = || {
-        let mut results = summary.json();
-        results["scenes"] = json!(all.len());
-        if left_out > 0 {
-            results["left_out"] = json!(left_out);
+    let worked = if part == Part::Join {
+        Worked::by_shards(&run, &scenes)?
+    } else {
+        let report = Report::new(run.folder().path(), args.json, own.len(), ["searched", "scene"]);
+        let worked = scene_queue::work(&own, &run, &report, |input| search_scene(&searcher, &run, input))?;
+        report.finish(out);
+        worked
+    };
+    let records = &worked.records;
+    let shown: Vec<&Input> = if part == Part::Join { all.iter().collect() } else { own };
+    let rows = shown.into_iter().filter_map(|input| done(run.folder().path(), run.hash(), input));
+    let summary = Summary::of(rows, args.require);
+    match part {
+        Part::Shard(shard) => run.finish_shard(shard, records)?,
+        Part::Whole | Part::Join => {
+            let mut results = scene_queue::results(records);
+            for (name, value) in summary.json() {
+                results[&name] = value;
+            }
+            run.finish(Ended {
+                records,
+                results,
+                seconds_per_attack: worked.median_seconds(),
+                has_pickles: searcher.writes_pickles(),
+                is_done: Counts::of(records).failed() == 0,
+            })?;
         }
-        results
-    };
-    let whole = |results: &Value| {
-        let done = results["done"].as_u64().unwrap_or_default() as usize;
-        (all.len() == done + left_out && failed == 0).then(|| clock.elapsed().as_secs_f64())
-    };
-    run.finish(searcher.writes_pickles(), results, statistics::median(&seconds), whole)?;
+    }
     progress::say_lines(&summary.text());
-    scene_queue::outcome([failed, left_out], own.len(), out, "searched")
+    Ok(scene_queue::outcome(records, part, out, "searched", scene_queue::AGAIN))
 }
 
 /// Refuses scenes one of whose files would have the name of a file of another.

@@ -8,23 +8,20 @@ mod row;
 mod scene;
 mod summary;
 
-use std::{path::PathBuf, time::Instant};
+use std::path::PathBuf;
 
 use anyhow::{Result, bail};
-use sage_core::statistics;
-use sage_data::folder;
 use serde_json::{Value, json};
 
 use crate::{
     Outcome, Registries,
     cli::SimulateArgs,
     ego::{self, Ego},
-    input,
-    output::{self, DatasetRun, LONGEST_FILE_NAME, RECORD},
+    output::{self, Counts, DatasetRun, Ended, LONGEST_FILE_NAME, MANIFEST, Part, RECORD},
     part::{PolicyPart, PolicyParts},
     progress,
     run_generator::RunGenerator,
-    scene_queue::{self, Input, Report, is_row_of},
+    scene_queue::{self, Input, Report, Scenes, Worked},
 };
 
 use attack_file::AttackFile;
@@ -146,23 +143,21 @@ fn refuse_attack_options(args: &SimulateArgs) -> Result<()> {
     }
 }
 
-pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcome> {
-    let clock = Instant::now();
+pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> Result<Outcome> {
     let simulation = Simulation::new(args, registries)?;
-    let files = folder::scene_files(&args.scene)?;
-    input::check_single(&files)?;
-    if files.len() > 1 && args.attack.is_some() {
+    let scenes = Scenes::find(&args.scene, &args.reading.options())?;
+    let (inputs, own) = (&scenes.all, scenes.of_part(part));
+    if inputs.len() > 1 && args.attack.is_some() {
         bail!(
             "--attack is on one scene, and `{}` holds {}; to drive a folder of attacked scenes, give it as SCENE",
             args.scene.display(),
-            files.len()
+            inputs.len()
         );
     }
-    let inputs = scene_queue::inputs(&args.scene, &files, &args.reading.options());
     if args.check_planner {
         let mut planners = drivers(args);
         planners.retain(PolicyPart::is_program);
-        check_planner::check(args, &planners, registries, &inputs)?;
+        check_planner::check(args, &planners, registries, inputs)?;
     }
     let outputs = |input: &Input| -> Vec<String> {
         let rows = simulation.files(&input.scene).map(|(.., file)| file);
@@ -175,67 +170,52 @@ pub(crate) fn run(args: &SimulateArgs, registries: &Registries) -> Result<Outcom
             long.display()
         );
     }
-    written.extend([index::FILE, RECORD].map(PathBuf::from));
-    let mut read = files.clone();
+    written.extend([index::FILE, RECORD, MANIFEST].map(PathBuf::from));
+    let mut read = scenes.files.clone();
     read.extend(args.attack.clone());
     read.extend(drivers(args).iter().flat_map(PolicyPart::files));
     output::protect_inputs(std::slice::from_ref(&args.scene), &read, &args.folder.out, &written)?;
     let out = &args.folder.out;
     let outdated = || {
-        inputs
-            .iter()
-            .flat_map(outputs)
-            .chain([index::FILE, output::PLANNER_LOGS].map(str::to_owned))
-            .collect()
+        let of_scenes = own.iter().copied().flat_map(outputs);
+        of_scenes.chain([index::FILE, MANIFEST, output::PLANNER_LOGS].map(str::to_owned)).collect()
     };
-    let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, None, outdated)?;
+    let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
+    run.agree_on_scenes(&scenes.names())?;
     output::keep_planner_logs(run.folder(), &simulation.egos)?;
-    let report = Report::new(run.folder().path(), args.json, inputs.len(), ["driven", "drive"]);
-    let all: Vec<&Input> = inputs.iter().collect();
-    let seconds = scene_queue::work(&all, &run, &report, |input| simulate_scene(&simulation, &run, input))?;
-    let [failed, left_out, drives] = report.finish(out);
-    index::write(run.folder(), &simulation, &inputs, run.hash())?;
-    let (folder, hash) = (run.folder().path().to_owned(), run.hash().to_owned());
-    let is_done = |input: &&Input| {
-        simulation.files(&input.scene).all(|(.., file)| is_row_of(&folder.join(file), &hash))
+    let (worked, drives) = if part == Part::Join {
+        (Worked::by_shards(&run, &scenes)?, None)
+    } else {
+        let report = Report::new(run.folder().path(), args.json, own.len(), ["driven", "drive"]);
+        let worked =
+            scene_queue::work(&own, &run, &report, |input| simulate_scene(&simulation, &run, input))?;
+        (worked, Some(report.finish(out)))
     };
-    let results = || {
-        let done = inputs.iter().filter(is_done).count();
-        let mut results = json!({"scenes": inputs.len(), "done": done});
-        if left_out > 0 {
-            results["left_out"] = json!(left_out);
+    let (records, folder, hash) = (&worked.records, run.folder().path().to_owned(), run.hash().to_owned());
+    let shown: Vec<&Input> = if part == Part::Join { inputs.iter().collect() } else { own };
+    match part {
+        Part::Shard(shard) => run.finish_shard(shard, records)?,
+        Part::Whole | Part::Join => {
+            index::write(run.folder(), &simulation, inputs, &hash)?;
+            run.finish(Ended {
+                records,
+                results: scene_queue::results(records),
+                seconds_per_attack: worked.median_seconds(),
+                has_pickles: false,
+                is_done: Counts::of(records).failed() == 0,
+            })?;
         }
-        results
-    };
-    let whole = |results: &Value| {
-        let done = results["done"].as_u64().unwrap_or_default() as usize;
-        (inputs.len() == done + left_out && failed == 0).then(|| clock.elapsed().as_secs_f64())
-    };
-    run.finish(false, results, statistics::median(&seconds), whole)?;
-    if let Some(table) = summary::table(&simulation, &folder, &inputs, &hash) {
+    }
+    if let Some(table) = summary::table(&simulation, &folder, &shown, &hash) {
         output::print_table(&table, args.json)?;
     }
-    if failed + left_out < inputs.len() {
-        let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
+    let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
+    if drives != Some(0) && out.join(&page).is_file() {
         progress::say(&format!("to watch, open `{}` in a browser", out.join(page).display()));
     }
-    match failed {
-        0 if left_out == inputs.len() && left_out > 0 => bail!("no scene could be driven: all are left out"),
-        0 => Ok(Outcome::Done),
-        1 if inputs.len() == 1 && drives == 0 => bail!("the scene could not be driven"),
-        all if all == inputs.len() && drives == 0 => bail!("no scene of {all} could be driven"),
-        some => {
-            let again = if simulation.egos.iter().any(|ego| ego.is_program) {
-                "run the same command again; after a change of a planner with --force, or into another --out"
-            } else {
-                "run the same command again"
-            };
-            progress::say(&format!(
-                "{some} of {} scenes failed; the others are in `{}`; remove the cause and {again}",
-                inputs.len(),
-                out.display()
-            ));
-            Ok(Outcome::Partial)
-        }
-    }
+    let again = match simulation.egos.iter().any(|ego| ego.is_program) {
+        true => "run the same command again; after a change of a planner with --force, or into another --out",
+        false => scene_queue::AGAIN,
+    };
+    Ok(scene_queue::outcome(records, part, out, "driven", again))
 }

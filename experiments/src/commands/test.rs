@@ -327,5 +327,5 @@ fn ended(rows: &[ResultRow], baseline: Option<&Earlier>) -> Outcome {
         new.iter().for_each(|row| text += &format!("\n  {}", terminal::escaped_name(row.test)));
     }
     progress::say_lines(&text);
-    if new.is_empty() && errors == 0 { Outcome::Done } else { Outcome::Partial }
+    if new.is_empty() && errors == 0 { Outcome::Done } else { Outcome::NotHeld }
 }

@@ -55,7 +55,7 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
         return Ok(if injected.iter().all(|injected| injected.is_caught) {
             Outcome::Done
         } else {
-            Outcome::Partial
+            Outcome::NotHeld
         });
     }
     // A folder that cannot be written to is an error before the work.
@@ -99,7 +99,7 @@ pub(crate) fn run(args: &TheoryArgs, registries: &Registries) -> Result<Outcome>
         page.write(folder)?;
         progress::say(&format!("index.html, theory.md and figures are in `{}`", folder.path().display()));
     }
-    Ok(if is_well { scenes::outcome_without(failed) } else { Outcome::Partial })
+    Ok(if is_well { scenes::outcome_without(failed) } else { Outcome::NotHeld })
 }
 
 /// The claims with these ids, or all.

@@ -1,5 +1,7 @@
 //! The command line as output files record it, and the identity of the program.
 
+use std::{path::Path, sync::OnceLock};
+
 /// Flags that do not change the result of a command, and whether a value follows each. Output files record
 /// the command without them, so that equal results are equal bytes.
 const WITHOUT_EFFECT: [(&str, bool); 7] = [
@@ -12,10 +14,24 @@ const WITHOUT_EFFECT: [(&str, bool); 7] = [
     ("--shard", true),
 ];
 
-/// The command line of this process, without the path of the program and without flags that do not change the
-/// result.
+/// Arguments of the run that this process joins.
+static JOINED: OnceLock<Vec<String>> = OnceLock::new();
+
+/// Lets this process write what a run with other arguments would write.
+pub(crate) fn stand_for(arguments: Vec<String>) {
+    let _ = JOINED.set(arguments);
+}
+
+/// Arguments of the run: those of this process, or of the run that it joins.
+pub(super) fn arguments() -> Vec<String> {
+    let own =
+        || std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()).collect();
+    JOINED.get().cloned().unwrap_or_else(own)
+}
+
+/// The command line of the run, without the path of the program and without flags that do not change the result.
 pub(crate) fn command() -> String {
-    recorded(std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned()))
+    recorded(arguments().into_iter())
 }
 
 fn recorded(arguments: impl Iterator<Item = String>) -> String {
@@ -34,7 +50,13 @@ fn recorded(arguments: impl Iterator<Item = String>) -> String {
     words.join(" ")
 }
 
-fn quoted(argument: String) -> String {
+/// A recorded command with its output folder.
+pub(crate) fn command_into(command: &str, folder: &Path) -> String {
+    format!("{command} --out {}", quoted(folder.display().to_string()))
+}
+
+/// A word as a shell reads it.
+pub(crate) fn quoted(argument: String) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:=+".contains(c);
     if !argument.is_empty() && argument.chars().all(plain) {
         argument

@@ -1,6 +1,6 @@
-//! A run that writes a data set into a folder, alone or as one of several concurrent shards.
+//! A run that writes a data set into a folder: as a whole, as one of several concurrent shards, or as the join of shards.
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path, time::Instant};
 
 use anyhow::{Context, Result, bail};
 use sage_core::files::OutputLock;
@@ -11,10 +11,16 @@ use sage_data::{
 use serde_json::{Value, json};
 
 use super::{
-    Folder, command,
-    run::{RECORD, read_record},
+    Folder, Part,
+    claims::{Claims, ranges},
+    command,
+    manifest::{
+        MANIFEST, Manifest, SHARDS, SceneRecord, ShardRecord, agreed_scenes, difference, scenes_file,
+        shard_file, shard_files,
+    },
+    run::{self, RECORD, read_record},
 };
-use crate::progress;
+use crate::progress::{self, count};
 
 /// A run and its folder. The files of a finished scene stay, so the same command resumes the run.
 pub(crate) struct DatasetRun {
@@ -22,7 +28,22 @@ pub(crate) struct DatasetRun {
     identity: Value,
     /// Hash of the identity, which marks the rows of the run.
     hash: String,
-    shard: Option<Shard>,
+    part: Part,
+    /// Files that a finished run has.
+    results: &'static [&'static str],
+    clock: Instant,
+}
+
+/// How a run ended, for its record.
+pub(crate) struct Ended<'r> {
+    pub(crate) records: &'r [SceneRecord],
+    pub(crate) results: Value,
+    /// Median time of an attack in this process.
+    pub(crate) seconds_per_attack: Option<f64>,
+    /// True if the folder is a data set of pickles.
+    pub(crate) has_pickles: bool,
+    /// True if nothing is left to do; else the same command tries the scenes that failed again.
+    pub(crate) is_done: bool,
 }
 
 /// Hash of what identifies a run, as its rows begin with it.
@@ -31,28 +52,33 @@ pub(crate) fn run_hash(identity: &Value) -> String {
 }
 
 impl DatasetRun {
-    /// Creates or opens the folder of a run. With `force` the run starts again: files named `outdated` are
-    /// removed, and the others stay.
+    /// Creates or opens the folder of a run, which has `results` when it is done. With `force` the run starts again: files
+    /// named `outdated` are removed, and the others stay.
     ///
-    /// *Errors*: the folder has other content and `force` is not given; another run holds it; a system error.
+    /// *Errors*: the folder has other content and `force` is not given; another run holds it; there are no shards to join;
+    /// a system error.
     pub(crate) fn start(
         path: &Path,
         identity: Value,
         force: bool,
-        shard: Option<Shard>,
+        part: Part,
+        results: &'static [&'static str],
         outdated: impl FnOnce() -> Vec<String>,
     ) -> Result<Self> {
-        super::create_folder(path)?;
+        if part != Part::Join {
+            super::create_folder(path)?;
+        }
         // A shard also holds the whole folder until the record is written.
-        let (claim, whole_folder) = match shard {
-            None => (OutputLock::folder(path, &command())?, None),
-            Some(Shard { number, of }) => {
+        let (claim, whole_folder) = match part {
+            Part::Whole | Part::Join => (OutputLock::folder(path, &command())?, None),
+            Part::Shard(Shard { number, of }) => {
                 let (own, whole) = OutputLock::shard(path, number, of, &command())?;
                 (own, Some(whole))
             }
         };
         let hash = run_hash(&identity);
-        let run = Self { folder: Folder { path: path.to_owned(), claim }, identity, hash, shard };
+        let folder = Folder { path: path.to_owned(), claim };
+        let run = Self { folder, identity, hash, part, results, clock: Instant::now() };
         let record = read_record(&run.folder);
         let is_same = record.as_ref().is_some_and(|record| record["run"] == run.identity);
         if !is_same && let Some(holder) = run.other_shard()? {
@@ -66,19 +92,23 @@ impl DatasetRun {
             // The record goes first, so that a folder with rows of two runs never has the record of one run.
             run.folder.remove(RECORD)?;
             outdated().iter().try_for_each(|name| run.folder.remove(name))?;
+            run.remove_manifests(is_same)?;
             run.record(&Value::Null, None, None)?;
         } else if !is_same {
-            let is_unused = record.as_ref().is_some_and(|r| r["run"].is_object() && r["seconds"].is_null());
-            if !run.folder.holds_at_most(if is_unused { &[RECORD] } else { &[] })? {
-                bail!(
-                    "`{}` is not empty and holds no run of the same command, inputs and program; give --force to write into it anyway",
-                    path.display()
-                );
+            match run.refuse_other_run(record.as_ref()) {
+                // Without locks another shard may have begun the same run meanwhile.
+                Err(_) if matches!(part, Part::Shard(_)) && run.is_recorded() => {}
+                outcome => {
+                    outcome?;
+                    if record.is_some() {
+                        run.remove_manifests(false)?;
+                    }
+                    run.record(&Value::Null, None, None)?;
+                }
             }
-            run.record(&Value::Null, None, None)?;
-        } else if record.is_some_and(|record| !record["seconds"].is_null()) {
+        } else if run.is_done() {
             progress::say(&format!("note: `{}` holds this run, and it is done", path.display()));
-        } else if !run.folder.holds_at_most(&[RECORD])? {
+        } else if part == Part::Whole && !run.folder.holds_at_most(&[RECORD, SHARDS])? {
             progress::say(&format!("note: `{}` holds this run unfinished; it resumes", path.display()));
         }
         drop(whole_folder);
@@ -95,38 +125,174 @@ impl DatasetRun {
         &self.folder
     }
 
-    /// Writes the summary and the mapping for all pickles of the folder, and the record. The record holds
-    /// `results`, the median time of an attack in this process, and the time of the whole run if it is done.
-    /// Returns the results and the number of pickles in the summary.
+    /// True if the record of the folder is of this run.
+    fn is_recorded(&self) -> bool {
+        read_record(&self.folder).is_some_and(|record| record["run"] == self.identity)
+    }
+
+    /// True if the record says that all is done, and the results are there.
+    pub(crate) fn is_done(&self) -> bool {
+        read_record(&self.folder).is_some_and(|record| !record["seconds"].is_null())
+            && self.results.iter().all(|name| self.folder.path().join(name).is_file())
+    }
+
+    /// What the record says that the run did.
+    pub(crate) fn recorded_results(&self) -> Value {
+        read_record(&self.folder).map_or(Value::Null, |record| record["results"].clone())
+    }
+
+    /// Refuses a shard of other scenes than those of the shards before it.
+    ///
+    /// *Errors*: they are others; a system error.
+    pub(crate) fn agree_on_scenes(&self, names: &[&str]) -> Result<()> {
+        if !matches!(self.part, Part::Shard(_)) {
+            return Ok(());
+        }
+        let path = self.folder.path();
+        match agreed_scenes(path)?.map(|agreed| difference(&agreed, names)) {
+            Some(None) => Ok(()),
+            Some(Some(difference)) => bail!(
+                "the scenes are not those of the other shards in `{}`: {difference}; give all shards the same scenes",
+                path.display()
+            ),
+            None => {
+                self.folder.inner(SHARDS.as_ref())?;
+                let (name, bytes) = scenes_file(names)?;
+                self.folder.write(&name, &bytes)
+            }
+        }
+    }
+
+    /// Names of all scenes, as the shards agree on them.
+    ///
+    /// *Errors*: they cannot be read.
+    pub(crate) fn agreed_scenes(&self) -> Result<Vec<String>> {
+        Ok(agreed_scenes(self.folder.path())?.unwrap_or_default())
+    }
+
+    /// What became of all scenes, from the manifests of the shards.
+    ///
+    /// *Errors*: a scene was not reached by any shard, a manifest or its files are not as they should be, or the shards
+    /// are of other scenes.
+    pub(crate) fn joined(&self, names: &[&str]) -> Result<Vec<SceneRecord>> {
+        let path = self.folder.path();
+        let mut claims = Claims::read(path, &self.hash, false)?;
+        if let Some(difference) = difference(&claims.scenes, names).filter(|_| !claims.scenes.is_empty()) {
+            bail!("the scenes are not those of the shards in `{}`: {difference}", path.display());
+        }
+        claims.problems.iter().for_each(|problem| progress::say(&format!("error: {problem}")));
+        if claims.scenes.is_empty() {
+            bail!("`{}` has no finished shard; `sage status` says what is there", path.display());
+        }
+        let missing = claims.missing().len();
+        if missing > 0 {
+            let of = claims.shard_count().unwrap_or(1);
+            bail!(
+                "{} of {} are missing in `{}`, of shards {} of {of}; `sage status` says how to finish them",
+                count(missing, "scene"),
+                names.len(),
+                path.display(),
+                ranges(&claims.unfinished_shards(of)),
+            );
+        }
+        Ok(names.iter().filter_map(|name| claims.records.remove(*name)).collect())
+    }
+
+    /// Ends a shard: writes its manifest, and nothing that other shards write too.
+    ///
+    /// *Errors*: a system error.
+    pub(crate) fn finish_shard(&self, shard: Shard, records: &[SceneRecord]) -> Result<()> {
+        self.folder.inner(SHARDS.as_ref())?;
+        let Shard { number, of } = shard;
+        let seconds = self.clock.elapsed().as_secs_f64();
+        let own = ShardRecord { number, of, seconds, threads: rayon::current_num_threads() };
+        let path = self.folder.path();
+        Manifest::write(&path.join(shard_file(shard)), &self.hash, Some(own), records)?;
+        progress::say(&format!(
+            "note: this is shard {shard}; `sage join {}` completes the folder when all shards are done",
+            path.display()
+        ));
+        Ok(())
+    }
+
+    /// Writes the summary and the mapping for all pickles of the folder, the manifest and the record. Returns the number of
+    /// pickles in the summary.
     ///
     /// *Errors*: a pickle in the folder is not a scene; a system error.
-    pub(crate) fn finish(
-        self,
-        has_pickles: bool,
-        results: impl FnOnce() -> Value,
-        seconds_per_attack: Option<f64>,
-        seconds: impl FnOnce(&Value) -> Option<f64>,
-    ) -> Result<(Value, usize)> {
-        // Shards that end at the same time wait for each other.
+    pub(crate) fn finish(&self, ended: Ended) -> Result<usize> {
         let path = self.folder.path();
-        let _whole = self.shard.map(|_| OutputLock::folder_shortly(path, &command())).transpose()?;
-        // Counted first: a scene that another shard finishes now may be missing in the tables.
-        let results = results();
+        let Ended { records, results, seconds_per_attack, has_pickles, is_done } = ended;
         let mut listed = 0;
         if has_pickles || path.join(dataset::SUMMARY).is_file() {
             listed = dataset::write_tables(path).context(
                 "the summary of the data set was not written; remove the cause and run the same command again",
             )?;
         }
-        let seconds = seconds(&results);
+        let shards =
+            if self.part == Part::Join { Claims::read(path, &self.hash, false)?.shards } else { Vec::new() };
+        Manifest::write(&path.join(MANIFEST), &self.hash, None, records)?;
+        let own_seconds = self.clock.elapsed().as_secs_f64();
+        let seconds = match shards.is_empty() {
+            true => own_seconds,
+            false => shards.iter().map(|shard| shard.seconds).sum(),
+        };
         // A rerun that found everything done keeps the times of the run that did it.
         let record = read_record(&self.folder).unwrap_or_default();
-        let keeps =
-            seconds_per_attack.is_none() && record["results"] == results && !record["seconds"].is_null();
+        let keeps = seconds_per_attack.is_none()
+            && shards.is_empty()
+            && record["results"] == results
+            && !record["seconds"].is_null();
         if !keeps {
-            self.record(&results, seconds_per_attack, seconds)?;
+            self.record(&results, seconds_per_attack, is_done.then_some(seconds))?;
         }
-        Ok((results, listed))
+        self.remove_manifests(false)?;
+        Ok(listed)
+    }
+
+    /// Refuses a folder that holds something else than the run, unless that is a run that failed before it wrote anything.
+    fn refuse_other_run(&self, record: Option<&Value>) -> Result<()> {
+        let path = self.folder.path();
+        let run = record.map(|record| &record["run"]).filter(|run| run.is_object());
+        let has_ended = record.is_some_and(|record| !record["seconds"].is_null());
+        if let Some(recorded) = run {
+            let is_unused = !has_ended
+                && self.folder.holds_at_most(&[RECORD, SHARDS])?
+                && shard_files(path)?.is_empty()
+                && self.part != Part::Join;
+            if !is_unused {
+                bail!(
+                    "`{}` holds another run: {}; name another --out, or give --force to write into it anyway",
+                    path.display(),
+                    run::difference(recorded, &self.identity)
+                );
+            }
+        } else if !self.folder.holds_at_most(&[])? || self.part == Part::Join {
+            bail!(
+                "`{}` is not empty and holds no run of the same command, inputs and program; give --force to write into it anyway",
+                path.display()
+            );
+        }
+        Ok(())
+    }
+
+    /// Removes the manifests of shards, or with `only_own` that of this shard.
+    fn remove_manifests(&self, only_own: bool) -> Result<()> {
+        match self.part {
+            Part::Shard(shard) if only_own => self.folder.remove(&shard_file(shard)),
+            _ => {
+                let path = self.folder.path();
+                if !path.join(SHARDS).is_dir() {
+                    return Ok(());
+                }
+                self.folder.inner(SHARDS.as_ref())?;
+                let (scenes, _) = scenes_file(&[])?;
+                let shards = shard_files(path)?.into_iter().map(|(shard, _)| shard_file(shard));
+                shards.chain([scenes]).try_for_each(|name| self.folder.remove(&name))?;
+                // Scenes may lie in a folder of this name.
+                let _ = std::fs::remove_dir(path.join(SHARDS));
+                Ok(())
+            }
+        }
     }
 
     /// Refuses a folder whose tables list scenes of other folders: they would be lost.
@@ -148,7 +314,7 @@ impl DatasetRun {
     }
 
     fn other_shard(&self) -> Result<Option<String>> {
-        let Some(Shard { number, of }) = self.shard else { return Ok(None) };
+        let Part::Shard(Shard { number, of }) = self.part else { return Ok(None) };
         Ok(OutputLock::other_shard(self.folder.path(), number, of)?)
     }
 

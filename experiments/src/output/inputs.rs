@@ -8,7 +8,7 @@ use std::{
 use anyhow::{Result, bail};
 use sage_data::womd;
 
-use super::resolved_folder;
+use super::{command_line, resolved_folder};
 use crate::networks;
 
 /// Flags whose value is an output, not an input.
@@ -23,8 +23,7 @@ impl Inputs {
     /// All files and folders that the command line of this process names, other than its outputs: as a value, as the
     /// value of a flag, as the file of a policy (`td3:FILE`), in a list, as an option in JSON, or as the name of weights.
     pub(crate) fn of_command_line() -> Self {
-        let arguments = std::env::args_os().skip(1).map(|argument| argument.to_string_lossy().into_owned());
-        Self::named(without_command(arguments.collect()).into_iter())
+        Self::named(without_command(command_line::arguments()).into_iter())
     }
 
     fn named(arguments: impl Iterator<Item = String>) -> Self {

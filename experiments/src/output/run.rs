@@ -36,9 +36,33 @@ pub(crate) enum RunState {
 }
 
 /// The record of a folder, if it has one.
-pub(super) fn read_record(folder: &Folder) -> Option<Value> {
-    let text = files::read_text(&folder.path().join(RECORD), RECORD_LIMIT).ok()?;
+pub(crate) fn record_of(folder: &Path) -> Option<Value> {
+    let text = files::read_text(&folder.join(RECORD), RECORD_LIMIT).ok()?;
     serde_json::from_str(&text).ok()
+}
+
+/// The record of an output folder, if it has one.
+pub(super) fn read_record(folder: &Folder) -> Option<Value> {
+    record_of(folder.path())
+}
+
+/// In what the run of a folder differs from another, in words.
+pub(super) fn difference(recorded: &Value, own: &Value) -> String {
+    let both = |key: &str| [&recorded[key], &own[key]].map(|value| value.as_str().unwrap_or_default());
+    if recorded["version"] != own["version"] {
+        let [there, here] = both("version");
+        return format!("it was begun by sage {there}, and this is sage {here}");
+    }
+    if recorded["program"] != own["program"] {
+        return "it was begun by another build of this program".to_owned();
+    }
+    if recorded["command"] != own["command"] {
+        let [there, _] = both("command");
+        return format!("it is of `{there}`");
+    }
+    let keys = own.as_object().into_iter().chain(recorded.as_object()).flat_map(|object| object.keys());
+    let other = keys.filter(|key| recorded[&**key] != own[&**key]).next();
+    format!("its `{}` is another", other.map_or("run", |key| key))
 }
 
 impl Run {

@@ -26,6 +26,8 @@ pub(crate) struct Line {
 /// Result of one scene.
 pub(crate) struct SceneReport {
     pub(crate) lines: Vec<Line>,
+    /// Names of its files beside the rows of its lines.
+    pub(crate) files: Vec<String>,
     /// Time per line, seconds; `None` if an earlier run finished all.
     pub(crate) seconds: Option<f64>,
     /// Warnings about the scene that change its results.
@@ -36,8 +38,8 @@ pub(crate) struct SceneReport {
 
 impl SceneReport {
     /// The report of a scene that an earlier run finished.
-    pub(crate) fn found(lines: Vec<Line>) -> Self {
-        Self { lines, seconds: None, warnings: Vec::new(), failures: Vec::new() }
+    pub(crate) fn found(lines: Vec<Line>, files: Vec<String>) -> Self {
+        Self { lines, files, seconds: None, warnings: Vec::new(), failures: Vec::new() }
     }
 }
 
@@ -116,15 +118,9 @@ impl Report {
     ///
     /// *Errors*: as [`Report::done`].
     pub(crate) fn failed(&self, number: usize, file: &Path, error: &anyhow::Error) -> Result<()> {
-        let (file, error) = (format!("`{}`", file.display()), format!("{error:#}"));
-        let is_named = error.contains(&file);
         let mut state = self.state();
         state.failed += 1;
-        state.progress.say(&if is_named {
-            format!("error: {error}")
-        } else {
-            format!("error: {file}: {error}")
-        });
+        state.progress.say(&format!("error: {}", named(file, error)));
         state.progress.step();
         self.print(&mut state, number, Vec::new())
     }
@@ -146,8 +142,8 @@ impl Report {
         state.progress.done() - state.failed - state.left_out
     }
 
-    /// Prints a summary. Returns the numbers of scenes that failed and that were left out, and that of results.
-    pub(crate) fn finish(self, out: &Path) -> [usize; 3] {
+    /// Prints a summary. Returns the number of results.
+    pub(crate) fn finish(self, out: &Path) -> usize {
         let state = self.state.into_inner().unwrap_or_else(PoisonError::into_inner);
         let scenes = state.progress.done() - state.failed - state.left_out;
         let found = state.progress.found();
@@ -172,7 +168,7 @@ impl Report {
         if state.results > 0 || state.failed == 0 {
             state.progress.finish(&format!("{scenes}{before}{left_out}{results} in `{}`", out.display()));
         }
-        [state.failed, state.left_out, state.results]
+        state.results
     }
 
     fn state(&self) -> MutexGuard<'_, ReportState> {
@@ -207,6 +203,12 @@ impl Report {
         let mut out = std::io::stdout().lock();
         out.write_all(&bytes).and_then(|()| out.flush()).context("cannot write to standard output")
     }
+}
+
+/// An error that names its file.
+pub(super) fn named(file: &Path, error: &anyhow::Error) -> String {
+    let (file, error) = (format!("`{}`", file.display()), format!("{error:#}"));
+    if error.contains(&file) { error } else { format!("{file}: {error}") }
 }
 
 fn is_closed(error: &anyhow::Error) -> bool {

@@ -7,7 +7,7 @@ use sage_core::geometry::Point;
 use sage_data::Recording;
 use serde_json::json;
 
-use crate::{program::*, quick};
+use crate::{has_failed, program::*, quick};
 
 /// The shipped scene with a changed position of a track, as a native file.
 fn with_position(file: &Path, track: &str, frame: usize, position: Point) {
@@ -41,7 +41,7 @@ fn a_jump_of_the_ego_costs_its_scene_alone() {
         let command: Vec<&str> =
             command.iter().map(|word| if *word == "OUT" { text(&out) } else { word }).collect();
         let (code, said) = quick(&command);
-        assert_eq!(code, 1, "{command:?}: {said}");
+        assert!(has_failed(code), "{command:?}: {said}");
         refused.push((command.join(" "), sorted(&said)));
     }
     assert_snapshot!("jumps_of_the_ego", messages(refused));
@@ -83,7 +83,7 @@ fn drives_of_other_planners_are_checked_by_scene() {
         let (ego, out) = (format!("path:{}", text(&at(name))), at("out"));
         let scene = example();
         let (code, said) = quick(&["generate", &scene, "--ego", &ego, "--lambda", "1", "--out", text(&out)]);
-        assert_eq!(code, 1, "{name}: {said}");
+        assert!(has_failed(code), "{name}: {said}");
         refused.push((name, said));
     }
     assert_snapshot!("drives_of_other_planners", messages(refused));
@@ -113,7 +113,7 @@ fn candidates_are_checked() {
         let candidates = json!([{"name": "c", "trajectory": trajectory, "ego": ego}]);
         std::fs::write(&file, candidates.to_string()).unwrap();
         let (code, said) = quick(&["score", &example(), "--candidates", text(&file), "--avoidable"]);
-        assert_eq!(code, 1, "{name}: {said}");
+        assert!(has_failed(code), "{name}: {said}");
         refused.push((name, said));
     }
     assert_snapshot!("far_candidates", messages(refused));

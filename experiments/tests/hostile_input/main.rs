@@ -34,6 +34,11 @@ fn quick(arguments: &[&str]) -> (i32, String) {
     (output.status.code().unwrap_or(-1), said)
 }
 
+/// True for the exit codes of a command that failed: 1, or that of bad scenes.
+fn has_failed(code: i32) -> bool {
+    [1, program::BAD_SCENES].contains(&code)
+}
+
 /// The embedded experts as a folder.
 fn experts(folder: &Path) -> PathBuf {
     let experts = folder.join("experts");

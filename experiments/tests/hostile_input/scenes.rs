@@ -8,7 +8,7 @@ use std::{
 use insta::assert_snapshot;
 use sage_data::Recording;
 
-use crate::{hostile, program::*, quick};
+use crate::{has_failed, hostile, program::*, quick};
 
 fn has_python() -> bool {
     Command::new("python3").args(["-I", "-c", ""]).output().is_ok_and(|run| run.status.success())
@@ -72,7 +72,7 @@ fn no_command_runs_what_is_in_a_scene_file() {
         for command in commands {
             let arguments: Vec<&str> = command.iter().map(String::as_str).collect();
             let (code, said) = quick(&arguments);
-            assert_eq!(code, 1, "{command:?}: {said}");
+            assert!(has_failed(code), "{command:?}: {said}");
             // The place depends on the length of the marker's path.
             let said = masked(&said, "at byte ", |c| c.is_ascii_digit(), "at byte [place]");
             refused.push((command.join(" "), said));
@@ -116,7 +116,7 @@ fn convert_writes_inside_its_folder_alone() {
     for out in ["traversal/out", "traversal/data/out"] {
         for more in [&[][..], &["--force"]] {
             let (code, said) = convert(&at("traversal/data"), "native", &at(out), more);
-            assert_eq!(code, 1, "{said}");
+            assert!(has_failed(code), "{said}");
             insta::allow_duplicates! { assert_snapshot!(redacted(&said), @"error: `[folder]/traversal/data/dataset_summary.pkl`: field `../victim/secret.pkl` is `../victim/secret.pkl`; expected a file name without a folder") };
         }
     }
@@ -145,14 +145,14 @@ fn convert_writes_inside_its_folder_alone() {
         let out = at(&format!("{name}-out"));
         let (code, said) = convert(&at(name), "native", &out, &[]);
         if name != "inside" {
-            assert_eq!(code, 1, "{name}: {said}");
+            assert!(has_failed(code), "{name}: {said}");
             assert!(!out.exists(), "{name}: {said}");
             refused.push((name, said));
         } else {
             assert_eq!(code, 0, "{said}");
             assert_eq!(
                 hostile::snapshot(&out).keys().collect::<Vec<_>>(),
-                ["part/a.safetensors", "run.json"]
+                ["manifest.jsonl", "part/a.safetensors", "run.json"]
             );
         }
     }
@@ -173,7 +173,7 @@ fn convert_never_replaces_its_input() {
         let arguments = ["convert", text(&at("in")), "--to", "pickle", "--force", "--out", text(&at(out))]
             .map(str::to_owned);
         let (code, said) = quick(&arguments.each_ref().map(String::as_str));
-        assert_eq!(code, 1, "{said}");
+        assert!(has_failed(code), "{said}");
         refused.push((out, said));
         assert_eq!(hostile::snapshot(&at("in")), before);
     }
@@ -225,7 +225,7 @@ fn a_scene_whose_source_is_damaged_keeps_no_other_from_being_attacked() {
     std::fs::write(at("in/1.safetensors"), native).unwrap();
     std::fs::copy(example(), at("in/2.pkl")).unwrap();
     let output = sage(&["generate", text(&at("in")), "--out", text(&at("out"))]);
-    assert_eq!(output.status.code(), Some(1));
+    assert_eq!(output.status.code(), Some(BAD_SCENES));
     assert_snapshot!(redacted(&sorted(stderr(&output))), @r"
     1 of 2 scenes failed; the others are in `[folder]/out`; remove the cause and run the same command again
     1 scene, 1 attempt in `[folder]/out` ([time])
@@ -251,8 +251,8 @@ fn arguments_that_are_no_text_are_no_reason_to_panic() {
         .output()
         .unwrap();
     assert_eq!(run.status.code(), Some(0), "{}", String::from_utf8_lossy(&run.stderr));
-    // The scene and the record of the run.
-    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 2);
+    // The scene, and the record and the manifest of the run.
+    assert_eq!(std::fs::read_dir(&out).unwrap().count(), 3);
     // Messages repeat what was typed, without control characters.
     let run = sage(&["inspect", "--e\u{1b}[31mx"]);
     assert_eq!(run.status.code(), Some(2));
@@ -292,7 +292,7 @@ fn links_are_read_and_never_written_through() {
     let mut refused = Vec::new();
     for out in ["originals", "in"] {
         let (code, said) = convert(&at(out), &["--force"]);
-        assert_eq!(code, 1, "{said}");
+        assert!(has_failed(code), "{said}");
         refused.push((format!("--out {out}"), said));
     }
     assert!(at("in/a.pkl").is_symlink());
@@ -308,7 +308,7 @@ fn links_are_read_and_never_written_through() {
     std::fs::create_dir(at("in/part/deep")).unwrap();
     std::fs::copy(example(), at("in/part/deep/c.pkl")).unwrap();
     let (code, said) = convert(&at("out"), &["--force"]);
-    assert_eq!(code, 1, "{said}");
+    assert!(has_failed(code), "{said}");
     refused.push(("a folder of the output is a link".to_owned(), said));
     assert_snapshot!("links_in_place_of_outputs", messages(refused));
     assert_eq!(std::fs::read_dir(at("victim")).unwrap().count(), 1, "not even a folder is made there");

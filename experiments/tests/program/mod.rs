@@ -17,6 +17,11 @@ pub use snapshots::{added, masked, messages, redacted, sorted};
 /// Weights in the binary, so that a test does not depend on other installed weights.
 pub const WEIGHTS: [&str; 2] = ["--weights", "procedural"];
 
+/// Exit code of a command whose scenes are bad.
+pub const BAD_SCENES: i32 = 65;
+/// Exit code after an input or output error.
+pub const RETRY: i32 = 74;
+
 pub fn example() -> String {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/crossing.pkl").display().to_string()
 }
@@ -43,10 +48,11 @@ pub fn rows(output: &Output) -> Vec<Value> {
     stdout(output).lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// Standard error of a program that must fail.
+/// Standard error of a program that must fail, and not because of wrong usage.
 pub fn failure(arguments: &[&str]) -> String {
     let output = sage(arguments);
-    assert_eq!(output.status.code(), Some(1), "{arguments:?}: {}", stderr(&output));
+    let code = output.status.code();
+    assert!(matches!(code, Some(1 | BAD_SCENES | RETRY)), "{arguments:?}: {code:?} {}", stderr(&output));
     stderr(&output).to_owned()
 }
 

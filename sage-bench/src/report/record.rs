@@ -22,20 +22,16 @@ pub struct StudyRecord {
     pub metrics: BTreeMap<Subject, Vec<MetricRecord>>,
     /// Names of the scenes in their order.
     pub scenes: Vec<String>,
-    /// Shard K of N, if it is one.
-    #[serde(default)]
-    pub shard: Option<[usize; 2]>,
 }
 
 impl StudyRecord {
     /// The record of results.
-    pub fn new(study: &Study, results: &Results, shard: Option<[usize; 2]>) -> Self {
+    pub fn new(study: &Study, results: &Results) -> Self {
         Self {
             study: study.clone(),
             keys: results.keys.clone(),
             metrics: results.metrics.clone(),
             scenes: results.scenes.clone(),
-            shard,
         }
     }
 }
@@ -105,17 +101,10 @@ pub fn read(record: &StudyRecord, rows: &str) -> Result<Results> {
     Ok(results)
 }
 
-/// Shards that are missing among some records, as K of N.
-pub fn missing<'r>(records: impl Iterator<Item = &'r StudyRecord>) -> Vec<[usize; 2]> {
-    let shards: Vec<[usize; 2]> = records.filter_map(|record| record.shard).collect();
-    let most = shards.iter().map(|[_, of]| *of).max().unwrap_or(0);
-    (1..=most).map(|number| [number, most]).filter(|shard| !shards.contains(shard)).collect()
-}
-
-/// Results of several folders as one: shards of a run in the order of its scenes, or other scenes one after another.
+/// Results of several folders as one, the scenes of one after those of another.
 ///
 /// *Errors*: folders of different studies, or a scene that is in two of them.
-pub fn join(mut all: Vec<(StudyRecord, Results)>) -> Result<(StudyRecord, Results)> {
+pub fn join(all: Vec<(StudyRecord, Results)>) -> Result<(StudyRecord, Results)> {
     let Some((first, _)) = all.first() else { bail!("no folder is given") };
     let (keys, metrics, study) = (first.keys.clone(), first.metrics.clone(), first.study.clone());
     for (k, (record, _)) in all.iter().enumerate() {
@@ -125,33 +114,15 @@ pub fn join(mut all: Vec<(StudyRecord, Results)>) -> Result<(StudyRecord, Result
             k + 1
         );
     }
-    for (record, _) in &all {
-        if let Some([number, of]) = record.shard {
-            ensure!((1..=of).contains(&number), "shard {number} of {of} is none");
-        }
+    let mut joined = Results { study: study.study.clone(), keys, metrics, ..Results::default() };
+    for (_, results) in all {
+        joined.scenes.extend(results.scenes);
+        joined.cells.extend(results.cells);
     }
-    all.sort_by_key(|(record, _)| record.shard);
-    // Scene j of shard K of N is scene (K − 1) + j N of the whole run.
-    let mut scenes: Vec<([usize; 2], String, Vec<Cell>)> = Vec::new();
-    for (folder, (record, results)) in all.into_iter().enumerate() {
-        for (j, (name, cells)) in results.scenes.into_iter().zip(results.cells).enumerate() {
-            let place = match record.shard {
-                Some([number, of]) => [0, number - 1 + j * of],
-                None => [folder, j],
-            };
-            scenes.push((place, name, cells));
-        }
-    }
-    scenes.sort_by_key(|(place, ..)| *place);
-    let mut names: Vec<&String> = scenes.iter().map(|(_, name, _)| name).collect();
+    let mut names: Vec<&String> = joined.scenes.iter().collect();
     names.sort();
     if let Some(twice) = names.windows(2).find(|pair| pair[0] == pair[1]) {
         bail!("scene `{}` is in two folders", twice[0]);
     }
-    let mut results = Results { study: study.study.clone(), keys, metrics, ..Results::default() };
-    for (_, name, cells) in scenes {
-        results.scenes.push(name);
-        results.cells.push(cells);
-    }
-    Ok((StudyRecord::new(&study, &results, None), results))
+    Ok((StudyRecord::new(&study, &joined), joined))
 }

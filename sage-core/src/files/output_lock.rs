@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::write::{Registered, ignore_missing, is_at, remove_stale};
+use super::write::{Registered, ignore_missing, is_at, is_unfinished, remove_stale};
 
 /// Name of the lock file of a folder.
 const LOCK: &str = ".sage-lock";
@@ -32,8 +32,20 @@ const HOLDER_LIMIT: u64 = 2048;
 ///
 /// It is a lock of the operating system on a separate file, which is removed on drop. The system releases
 /// the lock of a killed process, so a lock file that remains does not block later runs.
+///
+/// Shards write the same bytes however often they are run, so a shard needs no lock to be right. On a file system without
+/// locks it therefore takes none: what a killed one left there would block its next try.
 #[derive(Debug)]
 pub struct OutputLock {
+    /// `None` for a shard on a file system without locks.
+    _held: Option<Held>,
+    /// True for a shard. It removes no temporary files, because the file system may not show it the locks of other hosts.
+    is_shard: bool,
+}
+
+/// A lock file and the lock on it.
+#[derive(Debug)]
+struct Held {
     lock: PathBuf,
     // Closed, and so unlocked, only after `drop` has removed the file.
     _file: File,
@@ -70,7 +82,8 @@ impl OutputLock {
     /// *Errors*: [`LockError`], also if another run holds a shard of the folder.
     pub fn folder(folder: &Path, holder: &str) -> Result<Self, LockError> {
         let claim = Self::lock(folder, folder.join(LOCK), folder, holder)?;
-        claim.begin(folder, |_| false)?;
+        claim.refuse_shards(folder, |_| false)?;
+        claim.clean(folder).map_err(|source| LockError::Io { folder: folder.to_owned(), source })?;
         Ok(claim)
     }
 
@@ -79,11 +92,16 @@ impl OutputLock {
     ///
     /// *Errors*: [`LockError`], if this shard, the whole folder, or a shard with another `of` is claimed.
     pub fn shard(folder: &Path, number: u32, of: u32, holder: &str) -> Result<(Self, Self), LockError> {
+        if !has_locks(folder).map_err(|source| LockError::Io { folder: folder.to_owned(), source })? {
+            let none = || Self { _held: None, is_shard: true };
+            return Ok((none(), none()));
+        }
         let whole = Self::folder_shortly(folder, holder)?;
         let own = shard_lock(number, of);
         let same_count = format!("-of-{of}");
-        whole.begin(folder, |name| name.ends_with(&same_count) && name != own)?;
-        Ok((Self::lock(folder, folder.join(own), folder, holder)?, whole))
+        whole.refuse_shards(folder, |name| name.ends_with(&same_count) && name != own)?;
+        let own = Self::lock(folder, folder.join(own), folder, holder)?;
+        Ok((Self { is_shard: true, ..own }, Self { is_shard: true, ..whole }))
     }
 
     /// Holder text of any claimed shard of a folder other than `number` of `of`; `None` if there is none.
@@ -108,7 +126,7 @@ impl OutputLock {
     ///
     /// *Errors*: as [`OutputLock::folder`]: at once if a run holds the whole folder; after a minute if nobody can tell
     /// whether the holder is alive.
-    pub fn folder_shortly(folder: &Path, holder: &str) -> Result<Self, LockError> {
+    fn folder_shortly(folder: &Path, holder: &str) -> Result<Self, LockError> {
         let start = Instant::now();
         let holder = format!("{SHORTLY} {holder}");
         // A live shard ends its short claim by itself. Everything else may be left over.
@@ -125,9 +143,23 @@ impl OutputLock {
         }
     }
 
-    /// Refuses a folder if another run holds a shard that is not `allowed`. Removes temporary files of killed
-    /// runs.
-    fn begin(&self, folder: &Path, allowed: impl Fn(&str) -> bool) -> Result<(), LockError> {
+    /// Shards of a folder whose lock files are there, each as its number and the number of all: a process holds them, or was
+    /// killed. No lock is tried, because that would hold it for a moment.
+    ///
+    /// *Errors*: [`LockError::Io`].
+    pub fn begun_shards(folder: &Path) -> Result<Vec<[u32; 2]>, LockError> {
+        let fail = |source| LockError::Io { folder: folder.to_owned(), source };
+        let mut all = Vec::new();
+        for entry in std::fs::read_dir(folder).map_err(fail)? {
+            let name = entry.map_err(fail)?.file_name();
+            let parts = name.to_str().and_then(|name| name.strip_prefix(SHARD_LOCK)?.split_once("-of-"));
+            all.extend(parts.and_then(|(number, of)| Some([number.parse().ok()?, of.parse().ok()?])));
+        }
+        Ok(all)
+    }
+
+    /// Refuses a folder if another run holds a shard that is not `allowed`.
+    fn refuse_shards(&self, folder: &Path, allowed: impl Fn(&str) -> bool) -> Result<(), LockError> {
         let fail = |source| LockError::Io { folder: folder.to_owned(), source };
         for entry in std::fs::read_dir(folder).map_err(fail)? {
             let entry = entry.map_err(fail)?;
@@ -140,7 +172,7 @@ impl OutputLock {
                 return Err(LockError::Held { path: folder.to_owned(), holder });
             }
         }
-        self.clean(folder).map_err(fail)
+        Ok(())
     }
 
     /// Claims one output file, which need not exist. Other files of its folder stay free.
@@ -157,16 +189,16 @@ impl OutputLock {
         Ok(claim)
     }
 
-    /// Removes the temporary files that killed runs left in a folder inside the claimed folder.
+    /// Removes the temporary files that killed runs left in a folder inside the claimed folder. A shard removes none.
     ///
     /// *Errors*: those of the system.
     pub fn clean(&self, folder: &Path) -> io::Result<()> {
-        remove_stale(folder)
+        if self.is_shard { Ok(()) } else { remove_stale(folder) }
     }
 
-    /// True if a file name is that of a lock on a folder or on a shard.
-    pub fn is_lock(name: &std::ffi::OsStr) -> bool {
-        name == LOCK || name.to_str().is_some_and(is_shard_lock)
+    /// True if a file name is that of a lock or of an unfinished file, which are no content of a folder.
+    pub fn is_passing(name: &std::ffi::OsStr) -> bool {
+        name.to_str().is_some_and(|name| name.starts_with(LOCK) || is_unfinished(name))
     }
 
     fn lock(claimed: &Path, lock: PathBuf, folder: &Path, holder: &str) -> Result<Self, LockError> {
@@ -187,11 +219,11 @@ impl OutputLock {
                         continue;
                     }
                     let entry = Registered::new(&lock);
-                    let claim = Self { lock, _file: file, _entry: entry };
+                    let held = Held { lock, _file: file, _entry: entry };
                     let text = format!("process {}: {holder}\n", std::process::id());
                     // This also tests whether the folder is writable.
-                    (&claim._file).write_all(text.as_bytes()).map_err(fail)?;
-                    return Ok(claim);
+                    (&held._file).write_all(text.as_bytes()).map_err(fail)?;
+                    return Ok(Self { _held: Some(held), is_shard: false });
                 }
                 Err(error) if error.kind() == ErrorKind::AlreadyExists => {
                     remove_if_stale(&lock).map_err(fail)?.map_or(Ok(()), |holder| Err(held(holder)))?;
@@ -214,7 +246,19 @@ fn is_shard_lock(name: &str) -> bool {
     parts.is_some_and(|(number, of)| is_number(number) && is_number(of))
 }
 
-impl Drop for OutputLock {
+/// True if the file system of a folder has locks. Also tests whether the folder is writable.
+fn has_locks(folder: &Path) -> io::Result<bool> {
+    // Named as a lock, so that a folder with it counts as empty, and as a temporary file, so that it is cleaned up.
+    let prefix = format!("{LOCK}-");
+    let probe = tempfile::Builder::new().prefix(&prefix).suffix(".part").tempfile_in(folder)?;
+    match probe.as_file().try_lock() {
+        Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => Ok(false),
+        Err(TryLockError::Error(error)) => Err(error),
+        Ok(()) | Err(TryLockError::WouldBlock) => Ok(true),
+    }
+}
+
+impl Drop for Held {
     fn drop(&mut self) {
         // If the removal fails, the next run finds the file unlocked.
         let _ = std::fs::remove_file(&self.lock);

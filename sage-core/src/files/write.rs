@@ -161,12 +161,17 @@ fn sync_folder(_: &Path) -> io::Result<()> {
     Ok(())
 }
 
+/// True if a file name is that of an unfinished file.
+pub(super) fn is_unfinished(name: &str) -> bool {
+    name.starts_with(PREFIX) && name.ends_with(SUFFIX)
+}
+
 /// Removes temporary files that killed runs left in a folder. Those of live runs stay.
 pub(super) fn remove_stale(folder: &Path) -> io::Result<()> {
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
         let name = entry.file_name();
-        let is_ours = name.to_str().is_some_and(|name| name.starts_with(PREFIX) && name.ends_with(SUFFIX));
+        let is_ours = name.to_str().is_some_and(is_unfinished);
         if !is_ours || !entry.file_type()?.is_file() {
             continue;
         }

@@ -18,23 +18,33 @@ use sage_data::{
 use super::{Tally, file_name, with_suffix};
 use crate::{
     cli::{ConvertArgs, ConvertFormat},
-    output::{self, DatasetRun},
+    outcome::may_pass,
+    output::{self, DatasetRun, Part, SceneRecord, State},
     progress::{self, Progress},
     scenario_files,
 };
 
-/// A scene, and the name of its file; or why it has none.
+/// Size limit of a scenario, bytes.
+const SCENARIO_LIMIT: u64 = 1 << 30;
+
+/// A scene, and the name of its file; or its path, and why it has no name.
 enum Job {
     Convert(Item, PathBuf),
-    Refused(anyhow::Error),
+    Refused(PathBuf, anyhow::Error),
 }
 
 /// What became of a scene.
-enum Done {
-    Written(Vec<String>),
-    /// An earlier run wrote it.
-    Found,
-    Failed(anyhow::Error),
+struct Done {
+    /// Name of its file, or its path if it has none.
+    name: String,
+    result: Result<Converted>,
+}
+
+struct Converted {
+    record: SceneRecord,
+    notes: Vec<String>,
+    /// True if an earlier run wrote it.
+    is_found: bool,
 }
 
 /// Converts all scenes.
@@ -42,6 +52,7 @@ enum Done {
 /// *Errors*: a full disk.
 pub(super) fn convert(
     args: &ConvertArgs,
+    part: Part,
     inputs: &Inputs,
     run: &DatasetRun,
     progress: &mut Progress,
@@ -49,41 +60,52 @@ pub(super) fn convert(
 ) -> Result<()> {
     let root = run.folder().path().canonicalize().unwrap_or_else(|_| run.folder().path().to_owned());
     let given = inputs.files().filter_map(|file| file.canonicalize().ok()).collect();
-    let mut names = Names { args, run, taken: HashSet::new(), inputs: given, root, folders: HashSet::new() };
+    let mut names = Names {
+        args,
+        part,
+        run,
+        taken: HashSet::new(),
+        inputs: given,
+        root,
+        folders: HashSet::new(),
+        all: Vec::new(),
+    };
     let jobs = inputs.items().filter_map(|item| names.job(item).transpose());
-    let jobs = jobs.map(|job| job.unwrap_or_else(Job::Refused));
+    let jobs = jobs.map(|job| job.unwrap_or_else(|(path, error)| Job::Refused(path, error)));
     let size = |job: &Job| if let Job::Convert(item, _) = job { item.size() } else { 0 };
     let folder = run.folder().path();
     map_in_order(
         jobs,
         size,
         |job| one(args, folder, job),
-        |done| match done {
-            Done::Written(notes) => {
-                tally.whole += 1;
-                tally.add_notes(notes.into_iter().map(|note| (note, 1)));
-                progress.step();
-                Ok(())
+        |Done { name, result }| {
+            match result {
+                Ok(Converted { record, notes, is_found }) => {
+                    tally.whole += 1;
+                    tally.add_notes(notes.into_iter().map(|note| (note, 1)));
+                    tally.records.push(record);
+                    if is_found { progress.step_found() } else { progress.step() }
+                }
+                Err(error) if output::is_disk_full(&error) => return Err(error),
+                Err(error) => {
+                    let state = if may_pass(&error) { State::Retry } else { State::Bad };
+                    tally.failed += 1;
+                    tally.records.push(SceneRecord::new(&name, state, format!("{error:#}")));
+                    progress.step();
+                    progress.say(&format!("error: {error:#}"));
+                }
             }
-            Done::Found => {
-                tally.whole += 1;
-                progress.step_found();
-                Ok(())
-            }
-            Done::Failed(error) if output::is_disk_full(&error) => Err(error),
-            Done::Failed(error) => {
-                tally.failed += 1;
-                progress.step();
-                progress.say(&format!("error: {error:#}"));
-                Ok(())
-            }
+            Ok(())
         },
-    )
+    )?;
+    tally.names = names.all;
+    Ok(())
 }
 
 /// Names of the outputs.
 struct Names<'r> {
     args: &'r ConvertArgs,
+    part: Part,
     run: &'r DatasetRun,
     /// Names that scenes have.
     taken: HashSet<PathBuf>,
@@ -92,19 +114,24 @@ struct Names<'r> {
     root: PathBuf,
     /// Folders that exist in the output folder.
     folders: HashSet<PathBuf>,
+    /// Names of the outputs of all parts.
+    all: Vec<String>,
 }
 
 impl Names<'_> {
     /// The work on a scene; `None` if it belongs to another part.
-    fn job(&mut self, item: Item) -> Result<Option<Job>> {
+    ///
+    /// *Errors*: the path of a scene without a name, and why it has none.
+    fn job(&mut self, item: Item) -> Result<Option<Job>, (PathBuf, anyhow::Error)> {
         let path = item.path().to_owned();
         let (name, dataset) = match item.name() {
             Ok((name, dataset)) => (with_suffix(&name, &self.args.reading.options().suffix()), dataset),
-            Err(error) => return Ok(Some(Job::Refused(error.into()))),
+            Err(error) => {
+                let own = path.to_string_lossy().into_owned();
+                self.all.push(own.clone());
+                return if self.part.holds(&own) { Err((path, error.into())) } else { Ok(None) };
+            }
         };
-        if self.args.shard.is_some_and(|shard| !shard.holds(&name.to_string_lossy())) {
-            return Ok(None);
-        }
         let file = |name: &Path| match &dataset {
             Some(dataset) if self.args.to == ConvertFormat::Pickle => {
                 dataset::file_name(dataset, VERSION, &name.to_string_lossy()).into()
@@ -123,15 +150,19 @@ impl Names<'_> {
             ));
         }
         let name = output;
+        self.all.push(name.to_string_lossy().into_owned());
+        self.taken.insert(name.clone());
+        if !self.part.holds(&name.to_string_lossy()) {
+            return Ok(None);
+        }
         if self.inputs.contains(&self.root.join(&name)) {
             let error = anyhow!("`{}` would take the place of an input; name another --out", name.display());
-            return Ok(Some(Job::Refused(error)));
+            return Err((name, error));
         }
-        self.taken.insert(name.clone());
         if let Some(parent) = name.parent().filter(|parent| !parent.as_os_str().is_empty())
             && self.folders.insert(parent.to_owned())
         {
-            self.run.folder().inner(parent)?;
+            self.run.folder().inner(parent).map_err(|error| (name.clone(), error))?;
         }
         Ok(Some(Job::Convert(item, name)))
     }
@@ -139,22 +170,52 @@ impl Names<'_> {
 
 /// Converts one scene.
 fn one(args: &ConvertArgs, folder: &Path, job: Job) -> Done {
-    let (item, name) = match job {
-        Job::Convert(item, name) => (item, name),
-        Job::Refused(error) => return Done::Failed(error),
-    };
-    let target = folder.join(&name);
-    // No scene file is empty, and a file under its final name is complete.
-    let is_found = std::fs::metadata(&target).is_ok_and(|found| found.is_file() && found.len() > 0);
-    if is_found && !args.folder.force {
-        return Done::Found;
+    match job {
+        Job::Convert(item, file) => {
+            let name = file.to_string_lossy().into_owned();
+            Done { result: converted(args, folder, item, &name), name }
+        }
+        Job::Refused(path, error) => Done { name: path.to_string_lossy().into_owned(), result: Err(error) },
     }
-    let written =
-        item.read(&args.reading.options()).map_err(anyhow::Error::from).and_then(|recording| match args.to {
-            ConvertFormat::Openscenario => write_scenario(args, &recording, &target),
-            _ => Ok(recording.write(&target).map(|()| repairs::notes_of(&recording).collect())?),
-        });
-    written.map_or_else(Done::Failed, Done::Written)
+}
+
+fn converted(args: &ConvertArgs, folder: &Path, item: Item, name: &str) -> Result<Converted> {
+    let target = folder.join(name);
+    // No scene file is empty, and a file under its final name is complete.
+    let is_found = !args.folder.force
+        && std::fs::metadata(&target).is_ok_and(|found| found.is_file() && found.len() > 0);
+    let notes = if is_found {
+        Vec::new()
+    } else {
+        let recording = item.read(&args.reading.options())?;
+        match args.to {
+            ConvertFormat::Openscenario => write_scenario(args, &recording, &target)?,
+            _ => {
+                recording.write(&target)?;
+                repairs::notes_of(&recording).collect()
+            }
+        }
+    };
+    let map = if args.to == ConvertFormat::Openscenario { map_of(&target)? } else { None };
+    let files = std::iter::once(name.to_owned()).chain(map.map(|map| beside(name, &map)));
+    let files: Vec<String> = files.collect();
+    let record = SceneRecord::new(name, State::Done, String::new());
+    let record = record.with_files(folder, files.iter().map(String::as_str))?;
+    Ok(Converted { record, notes, is_found })
+}
+
+/// Name of the map of a scenario; `None` if it names none.
+fn map_of(scenario: &Path) -> Result<Option<String>> {
+    const START: &str = "<LogicFile filepath=\"";
+    let text = files::read_text(scenario, SCENARIO_LIMIT)
+        .with_context(|| format!("cannot read `{}`", scenario.display()))?;
+    let name = text.split_once(START).and_then(|(_, rest)| rest.split_once('"'));
+    Ok(name.map(|(name, _)| name.to_owned()))
+}
+
+/// Name of a file in the folder of another.
+fn beside(name: &str, file: &str) -> String {
+    name.rsplit_once('/').map_or(file.to_owned(), |(folder, _)| format!("{folder}/{file}"))
 }
 
 /// Writes a scenario and its map. Returns what they lack.

@@ -16,7 +16,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::Tally;
-use crate::{cli::ConvertArgs, output::DatasetRun, progress::Progress};
+use crate::{
+    cli::ConvertArgs,
+    output::{DatasetRun, Part, SceneRecord, State},
+    progress::Progress,
+};
 
 /// Name of the shards.
 const NAME: &str = "scenes";
@@ -27,11 +31,14 @@ const PARTS: &str = ".sage-rows";
 /// Size limit of such a file, bytes.
 const PART_LIMIT: u64 = 1 << 30;
 
-/// What is known of a finished shard.
+/// What is known of a finished file.
 #[derive(Default, Serialize, Deserialize)]
-struct Part {
+struct FileFacts {
+    /// Its name.
+    file: String,
     scenes: usize,
-    failed: usize,
+    /// Why scenes are missing in it.
+    failures: Vec<String>,
     /// Size of the shard, bytes.
     bytes: u64,
     /// Ids by number, by the number of the record.
@@ -68,55 +75,89 @@ pub(super) fn outdated(folder: &Path) -> Vec<String> {
     outdated
 }
 
-/// Converts all scenes into shards with the same number of scenes each.
+/// Converts all scenes into files with the same number of scenes each; a part writes its files.
 ///
 /// *Errors*: the number of scenes is not known; a full disk.
 pub(super) fn convert(
     args: &ConvertArgs,
+    part: Part,
     inputs: &Inputs,
     run: &DatasetRun,
     progress: &mut Progress,
     tally: &mut Tally,
 ) -> Result<()> {
-    let total = total(inputs)?;
     let size = args.scenes_per_file();
     let parts = run.folder().inner(PARTS.as_ref())?;
     let mut items = inputs.items();
-    let mut ids = BTreeMap::new();
-    for (number, name) in files(total, size).into_iter().enumerate() {
+    for (number, file) in files(total(inputs)?, size).into_iter().enumerate() {
+        let name = file.to_string_lossy().into_owned();
+        tally.names.push(name.clone());
+        if !part.holds(&name) {
+            items.by_ref().take(size).for_each(drop);
+            continue;
+        }
+        let path = run.folder().path().join(&name);
         let known = parts.join(format!("{number:05}.json"));
-        let found = if args.folder.force { None } else { found(&known, &run.folder().path().join(&name)) };
-        let part = match found {
-            Some(part) => {
+        let found = if args.folder.force { None } else { found(&known, &path) };
+        let known = match found {
+            Some(known) => {
                 items.by_ref().take(size).for_each(|_| progress.step_found());
-                part
+                known
             }
             None => {
-                let part = write_shard(args, &mut items, size, &run.folder().path().join(&name), progress)?;
-                if part.scenes == 0 {
+                let known = write_shard(args, &mut items, size, &path, progress)?;
+                if known.scenes == 0 {
                     // Readers take a shard without records for a damaged one.
-                    run.folder().remove(&name.to_string_lossy())?;
+                    run.folder().remove(&name)?;
                 }
-                run.folder().write(&format!("{PARTS}/{number:05}.json"), &serde_json::to_vec(&part)?)?;
-                part
+                run.folder().write(&format!("{PARTS}/{number:05}.json"), &serde_json::to_vec(&known)?)?;
+                known
             }
         };
-        tally.whole += part.scenes;
-        tally.failed += part.failed;
-        tally.add_notes(part.notes);
-        ids.extend(part.ids.into_iter().map(|(record, ids)| (format!("{}#{record}", name.display()), ids)));
-    }
-    if !ids.is_empty() {
-        run.folder().write(IDS, format!("{:#}\n", serde_json::to_value(&ids)?).as_bytes())?;
+        let state = if known.failures.is_empty() { State::Done } else { State::Bad };
+        let record = SceneRecord::new(&name, state, known.failures.join("; "));
+        let written = (known.scenes > 0).then_some(&*name);
+        tally.records.push(record.with_files(run.folder().path(), written)?);
+        tally.whole += known.scenes;
+        tally.failed += known.failures.len();
+        tally.add_notes(known.notes);
     }
     Ok(())
 }
 
+/// Numbers of scenes in all files.
+#[derive(Default)]
+pub(super) struct Total {
+    pub(super) scenes: usize,
+    pub(super) failed: usize,
+}
+
+/// Writes the table of the ids that are no integers, and returns what is in all files of a run.
+///
+/// *Errors*: what a run knows of a file cannot be read.
+pub(super) fn finish(run: &DatasetRun, count: usize) -> Result<Total> {
+    let (mut total, mut ids) = (Total::default(), BTreeMap::new());
+    run.folder().inner(PARTS.as_ref())?;
+    for number in 0..count {
+        let path = run.folder().path().join(PARTS).join(format!("{number:05}.json"));
+        let shown = || format!("cannot read `{}`", path.display());
+        let text = files::read_text(&path, PART_LIMIT).with_context(shown)?;
+        let part: FileFacts = serde_json::from_str(&text).with_context(shown)?;
+        total.scenes += part.scenes;
+        total.failed += part.failures.len();
+        ids.extend(part.ids.into_iter().map(|(record, ids)| (format!("{}#{record}", part.file), ids)));
+    }
+    if !ids.is_empty() {
+        run.folder().write(IDS, format!("{:#}\n", serde_json::to_value(&ids)?).as_bytes())?;
+    }
+    Ok(total)
+}
+
 /// What is known of a shard that an earlier run finished.
-fn found(known: &Path, shard: &Path) -> Option<Part> {
+fn found(known: &Path, shard: &Path) -> Option<FileFacts> {
     let text = files::read_text(known, PART_LIMIT).ok()?;
     let size = std::fs::metadata(shard).map_or(0, |found| found.len());
-    serde_json::from_str(&text).ok().filter(|part: &Part| part.bytes == size)
+    serde_json::from_str(&text).ok().filter(|part: &FileFacts| part.bytes == size)
 }
 
 /// Writes the next scenes into a shard.
@@ -126,8 +167,9 @@ fn write_shard(
     size: usize,
     path: &Path,
     progress: &mut Progress,
-) -> Result<Part> {
-    let mut part = Part::default();
+) -> Result<FileFacts> {
+    let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut part = FileFacts { file, ..FileFacts::default() };
     let encode = |item: Item| {
         item.read(&args.reading.options()).and_then(|recording| {
             let mut encoded = recording.to_scenario()?;
@@ -148,8 +190,9 @@ fn write_shard(
                     }
                 }
                 Err(error) => {
-                    part.failed += 1;
-                    progress.say(&format!("error: {:#}", anyhow::Error::from(error)));
+                    let error = format!("{:#}", anyhow::Error::from(error));
+                    progress.say(&format!("error: {error}"));
+                    part.failures.push(error);
                 }
             }
             Ok(())

@@ -74,6 +74,7 @@ fn finished(
     let exists =
         |name: &String| std::fs::metadata(folder.join(name)).is_ok_and(|f| f.is_file() && f.len() > 0);
     let mut lines = Vec::with_capacity(plan.variants().len());
+    let mut files = Vec::new();
     for variant in plan.variants() {
         let name = row_file(scene, variant);
         let path = folder.join(&name);
@@ -92,9 +93,10 @@ fn finished(
             return Ok(None);
         }
         lines.push(Line { text: row.line(), row: name, seconds: None });
+        files.extend(row.files);
     }
     let has_pages = || exists(&picture_file(scene)) && exists(&page_file(scene));
-    Ok((plan.args.no_pages || has_pages()).then(|| SceneReport::found(lines)))
+    Ok((plan.args.no_pages || has_pages()).then(|| SceneReport::found(lines, files)))
 }
 
 /// Writes the attacks of one scene.
@@ -137,6 +139,7 @@ impl SceneWriter<'_> {
         let measured = measured(&attacks, &mut scored, &ctx, plan.args.attack.seed)?;
         let scenarios = files.scenarios(&scene);
         let mut lines = Vec::with_capacity(measured.len());
+        let mut written_files = Vec::new();
         for ((point, variant), attack) in generator.points.iter().zip(plan.variants()).zip(&measured) {
             let described = plan.describe(point);
             let written = attacked_files::Attack {
@@ -165,6 +168,7 @@ impl SceneWriter<'_> {
             let (name, bytes) = (row_file(self.scene, variant), serde_json::to_vec(&row)?);
             all.push((&name, &bytes));
             self.write(&all)?;
+            written_files.extend(scene_files.into_iter().map(|(name, _)| name));
         }
         if !plan.args.no_pages {
             let shown = SceneView { plan, name: self.scene, ctx: &ctx, measured: &measured };
@@ -174,7 +178,13 @@ impl SceneWriter<'_> {
                 (&page_file(self.scene), page.as_bytes()),
             ])?;
         }
-        Ok(SceneReport { lines, seconds: Some(seconds), warnings, failures: Vec::new() })
+        Ok(SceneReport {
+            lines,
+            files: written_files,
+            seconds: Some(seconds),
+            warnings,
+            failures: Vec::new(),
+        })
     }
 
     /// Writes rows that say why the scene is left out, so that the run is complete without it.

@@ -84,7 +84,8 @@ fn finished(run: &DatasetRun, input: &Input, source_hash: &str) -> Result<Option
     let exists =
         |name: &String| std::fs::metadata(folder.join(name)).is_ok_and(|f| f.is_file() && f.len() > 0);
     let line = Line { text: row.line(None), row: file, seconds: None };
-    Ok(row.files.iter().all(exists).then(|| SceneReport::found(vec![line])))
+    let is_whole = row.files.iter().all(exists);
+    Ok(is_whole.then(|| SceneReport::found(vec![line], row.files)))
 }
 
 /// Searches one scene.
@@ -151,7 +152,13 @@ impl OneScene<'_> {
         self.write(&written)?;
         let seconds = clock.elapsed().as_secs_f64();
         let line = Line { text: row.line(Some(seconds)), row: row_file(self.name), seconds: Some(seconds) };
-        Ok(SceneReport { lines: vec![line], seconds: Some(seconds), warnings, failures: Vec::new() })
+        Ok(SceneReport {
+            lines: vec![line],
+            files: row.files,
+            seconds: Some(seconds),
+            warnings,
+            failures: Vec::new(),
+        })
     }
 
     /// Writes the rows and scenes of all failures, one after the other: a search may have very many. Returns their names.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use sage_core::statistics::wilson;
 use sage_sim::search::{Reason, Requirement};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use super::row::SceneRow;
 use crate::progress::count;
@@ -49,15 +49,17 @@ impl Summary {
     }
 
     /// The counts for the record of the run.
-    pub(super) fn json(&self) -> Value {
-        let mut all = json!({
-            "done": self.scenes, "drives": self.drives, "errors": self.errors, "reasons": self.reasons,
-            "reached": self.reached,
-        });
-        for (name, scenes) in NAMES.iter().zip(self.with) {
-            all["scenes_with"][*name] = json!(scenes);
-        }
-        all
+    pub(super) fn json(&self) -> [(String, Value); 5] {
+        let with: Map<String, Value> =
+            NAMES.iter().zip(self.with).map(|(name, scenes)| ((*name).to_owned(), json!(scenes))).collect();
+        [
+            ("drives", json!(self.drives)),
+            ("errors", json!(self.errors)),
+            ("reasons", json!(self.reasons)),
+            ("reached", json!(self.reached)),
+            ("scenes_with", Value::Object(with)),
+        ]
+        .map(|(name, value)| (name.to_owned(), value))
     }
 
     /// The counts in words.

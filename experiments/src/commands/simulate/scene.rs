@@ -96,7 +96,7 @@ fn finished(
         });
     }
     let page = std::fs::metadata(folder.join(page_file(&input.scene)));
-    Ok(page.is_ok_and(|page| page.is_file() && page.len() > 0).then(|| SceneReport::found(lines)))
+    Ok(page.is_ok_and(|page| page.is_file() && page.len() > 0).then(|| SceneReport::found(lines, Vec::new())))
 }
 
 /// One drive with its row, or one whose planner failed.
@@ -345,6 +345,6 @@ impl SceneDrives<'_> {
         written.or_else(|(path, error)| {
             Err(error).with_context(|| format!("cannot write `{}`", path.display()))
         })?;
-        Ok(SceneReport { lines, seconds: Some(seconds), warnings: Vec::new(), failures })
+        Ok(SceneReport { lines, files: Vec::new(), seconds: Some(seconds), warnings: Vec::new(), failures })
     }
 }

@@ -49,7 +49,7 @@ fn of([some, all]: [usize; 2]) -> String {
 pub(super) fn table(
     simulation: &Simulation,
     folder: &Path,
-    inputs: &[Input],
+    inputs: &[&Input],
     run_hash: &str,
 ) -> Option<Table> {
     let variants = simulation.variants();

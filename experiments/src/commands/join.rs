@@ -1,0 +1,46 @@
+//! `sage join`: completes the folder of a run from its shards.
+
+use std::path::Path;
+
+use anyhow::{Context as _, Result, bail};
+use clap::Parser as _;
+
+use super::{bench_study, convert, generate, search, simulate};
+use crate::{
+    Outcome, Registries,
+    cli::{Cli, Command, JoinArgs},
+    output::{self, Part, RECORD},
+    progress,
+};
+
+/// Runs the command that the folder records, as the join of its shards.
+pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
+    let folder = args.folder.display().to_string();
+    let command = recorded_command(&args.folder)?;
+    progress::say(&format!("$ {command}"));
+    let mut words = shlex::split(&command).with_context(|| format!("`{RECORD}` in `{folder}` is damaged"))?;
+    output::stand_for(words[1..].to_vec());
+    words.extend(["--out".to_owned(), folder.clone()]);
+    let no_such = || format!("`{folder}` was not begun by this version of sage: its command is `{command}`");
+    let joined = match Cli::try_parse_from(&words).with_context(no_such)?.command {
+        Command::Generate(args) => generate::run(&args, Part::Join, registries),
+        Command::Simulate(args) => simulate::run(&args, Part::Join, registries),
+        Command::Search(args) => search::run(&args, Part::Join, registries),
+        Command::Convert(args) => convert::run(&args, Part::Join),
+        Command::Bench(args) if args.command.is_none() => {
+            bench_study::run(&args.study, Part::Join, registries)
+        }
+        _ => bail!("`{folder}` has no shards: it is of `{command}`"),
+    };
+    joined.context("the shards cannot be joined; run `sage join` where they were run")
+}
+
+/// The command that began a folder.
+///
+/// *Errors*: the folder holds no run.
+pub(super) fn recorded_command(folder: &Path) -> Result<String> {
+    let record = output::record_of(folder);
+    let command = record.as_ref().and_then(|record| record["command"].as_str());
+    let none = || format!("`{}` holds no run: it has no readable `{RECORD}`", folder.display());
+    command.filter(|command| command.starts_with("sage ")).map(str::to_owned).with_context(none)
+}

@@ -1,0 +1,123 @@
+//! How a command ends, and the exit code that says so to a scheduler.
+
+use std::{
+    error::Error,
+    fmt,
+    io::{self, ErrorKind},
+    process::ExitCode,
+};
+
+use sage_core::files::LockError;
+
+/// Result of a command that ran to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// All work is done.
+    Done,
+    /// What was checked does not hold: tests fail, or a claim does.
+    NotHeld,
+    /// Some scenes are bad and were named; the others are done. Another try changes nothing.
+    BadScenes,
+    /// Some scenes could not be read or written; another try may succeed.
+    Retry,
+}
+
+/// `EX_DATAERR` of `sysexits.h`.
+const BAD_SCENES: u8 = 65;
+/// `EX_IOERR` of `sysexits.h`.
+const RETRY: u8 = 74;
+
+impl From<Outcome> for ExitCode {
+    fn from(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Done => Self::SUCCESS,
+            Outcome::NotHeld => Self::FAILURE,
+            Outcome::BadScenes => Self::from(BAD_SCENES),
+            Outcome::Retry => Self::from(RETRY),
+        }
+    }
+}
+
+/// The exit code of a command that an error ended.
+pub(crate) fn code_of(error: &anyhow::Error) -> ExitCode {
+    if may_succeed_later(error) {
+        Outcome::Retry.into()
+    } else if error.downcast_ref::<BadScenes>().is_some() {
+        Outcome::BadScenes.into()
+    } else {
+        ExitCode::FAILURE
+    }
+}
+
+/// An error that says that all scenes are bad.
+#[derive(Debug)]
+pub(crate) struct BadScenes(pub(crate) anyhow::Error);
+
+impl fmt::Display for BadScenes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+impl Error for BadScenes {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        self.0.source()
+    }
+}
+
+/// True if the system refused to read or write, or another run holds the output, so that another try may succeed. A path
+/// that does not exist, or is of the wrong kind, is the user's.
+pub(crate) fn may_succeed_later(error: &anyhow::Error) -> bool {
+    error.chain().any(|cause| {
+        matches!(cause.downcast_ref(), Some(LockError::Held { .. }))
+            || cause.downcast_ref::<io::Error>().is_some_and(is_of_the_system)
+    })
+}
+
+/// The same for an error of one scene, whose file was there when the scenes were listed.
+pub(crate) fn may_pass(error: &anyhow::Error) -> bool {
+    let is_gone = |cause: &(dyn Error + 'static)| {
+        cause.downcast_ref::<io::Error>().is_some_and(|error| error.kind() == ErrorKind::NotFound)
+    };
+    may_succeed_later(error) || error.chain().any(is_gone)
+}
+
+/// True for an error of the system; those of our readers about what a file holds have no number.
+fn is_of_the_system(error: &io::Error) -> bool {
+    let is_wrong_path = matches!(
+        error.kind(),
+        ErrorKind::NotFound
+            | ErrorKind::AlreadyExists
+            | ErrorKind::IsADirectory
+            | ErrorKind::NotADirectory
+            | ErrorKind::InvalidInput
+            | ErrorKind::InvalidFilename
+    );
+    sage_core::files::is_disk_full(error) || (error.raw_os_error().is_some() && !is_wrong_path)
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context as _;
+
+    use super::*;
+
+    fn of(error: io::Error) -> bool {
+        may_succeed_later(&Err::<(), _>(error).context("cannot read `a`").unwrap_err())
+    }
+
+    #[test]
+    fn errors_of_the_system_may_pass_and_errors_of_content_stay() {
+        for number in [5, 13, 28, 116] {
+            assert!(of(io::Error::from_raw_os_error(number)), "{number}");
+        }
+        for number in [2, 20, 21] {
+            assert!(!of(io::Error::from_raw_os_error(number)), "{number}");
+        }
+        assert!(!of(io::Error::new(ErrorKind::InvalidData, "damaged")));
+        assert!(!of(ErrorKind::UnexpectedEof.into()));
+        assert!(of(ErrorKind::StorageFull.into()));
+        let held = LockError::Held { path: "a".into(), holder: "process 1".to_owned() };
+        assert!(may_succeed_later(&held.into()));
+    }
+}

@@ -10,7 +10,7 @@ use sage_generators::attacked;
 use serde_json::{Map, Value, json};
 
 use crate::{
-    output::{self, LONGEST_FILE_NAME},
+    output::LONGEST_FILE_NAME,
     scenario_files::{self, with_facts},
 };
 
@@ -32,6 +32,38 @@ pub(crate) struct Attack<'a> {
     pub(crate) described: &'a Map<String, Value>,
     pub(crate) weights: Option<&'a str>,
     pub(crate) seed: u64,
+    /// The command that generated it.
+    pub(crate) command: &'a str,
+}
+
+/// What an OpenSCENARIO file says about its attack.
+pub(crate) struct Facts<'a> {
+    pub(crate) seed: u64,
+    pub(crate) adversary: &'a str,
+    pub(crate) feasible: bool,
+    pub(crate) collision_step: Option<usize>,
+    pub(crate) adversarial_reward: f64,
+    pub(crate) kinematic_penalty: f64,
+    pub(crate) behavior_penalty: f64,
+}
+
+impl Facts<'_> {
+    /// The facts and how the attack was generated.
+    pub(crate) fn and(&self, described: &Map<String, Value>) -> Map<String, Value> {
+        let mut facts = described.clone();
+        for (key, value) in [
+            ("seed", json!(self.seed)),
+            ("adversary", json!(self.adversary)),
+            ("feasible", json!(self.feasible)),
+            ("contact_after_seconds", json!(self.collision_step.map(|step| step as f64 / 10.0))),
+            ("adversarial_reward", json!(self.adversarial_reward)),
+            ("kinematic_penalty", json!(self.kinematic_penalty)),
+            ("behavior_penalty", json!(self.behavior_penalty)),
+        ] {
+            facts.insert(key.to_owned(), value);
+        }
+        facts
+    }
 }
 
 /// Writes attacks into one recorded scene.
@@ -97,7 +129,7 @@ impl<'s> AttackedFiles<'s> {
         let mut provenance = attack.described.clone();
         for (key, value) in [
             ("by", json!(concat!("sage ", env!("CARGO_PKG_VERSION")))),
-            ("command", json!(output::command())),
+            ("command", json!(attack.command)),
             ("weights", json!(attack.weights)),
             ("seed", json!(attack.seed)),
         ] {

@@ -39,6 +39,8 @@ pub(crate) struct NamedCandidate {
 #[derive(Deserialize)]
 struct AttackRow {
     chosen: usize,
+    trajectory: Vec<Point>,
+    /// None with --no-candidates.
     candidates: Vec<RowCandidate>,
 }
 
@@ -50,6 +52,9 @@ struct RowCandidate {
 impl From<AttackRow> for Vec<CandidateRow> {
     fn from(row: AttackRow) -> Self {
         let name = |k: usize| if k == row.chosen { format!("{k}, selected") } else { k.to_string() };
+        if row.candidates.is_empty() {
+            return vec![CandidateRow { name: name(row.chosen), trajectory: row.trajectory, ego: None }];
+        }
         let candidates = row.candidates.into_iter().enumerate();
         candidates
             .map(|(k, RowCandidate { trajectory })| CandidateRow { name: name(k), trajectory, ego: None })

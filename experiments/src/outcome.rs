@@ -82,8 +82,17 @@ pub(crate) fn may_pass(error: &anyhow::Error) -> bool {
     may_succeed_later(error) || error.chain().any(is_gone)
 }
 
-/// True for an error of the system; those of our readers about what a file holds have no number.
+/// True for an error of the system; those of our readers about what a file holds have neither a number nor such a kind.
 fn is_of_the_system(error: &io::Error) -> bool {
+    // Temporary files wrap errors and drop their numbers.
+    let is_refusal = matches!(
+        error.kind(),
+        ErrorKind::PermissionDenied
+            | ErrorKind::ReadOnlyFilesystem
+            | ErrorKind::StaleNetworkFileHandle
+            | ErrorKind::ResourceBusy
+            | ErrorKind::TimedOut
+    );
     let is_wrong_path = matches!(
         error.kind(),
         ErrorKind::NotFound
@@ -93,7 +102,7 @@ fn is_of_the_system(error: &io::Error) -> bool {
             | ErrorKind::InvalidInput
             | ErrorKind::InvalidFilename
     );
-    sage_core::files::is_disk_full(error) || (error.raw_os_error().is_some() && !is_wrong_path)
+    is_refusal || sage_core::files::is_disk_full(error) || (error.raw_os_error().is_some() && !is_wrong_path)
 }
 
 #[cfg(test)]
@@ -117,6 +126,7 @@ mod tests {
         assert!(!of(io::Error::new(ErrorKind::InvalidData, "damaged")));
         assert!(!of(ErrorKind::UnexpectedEof.into()));
         assert!(of(ErrorKind::StorageFull.into()));
+        assert!(of(io::Error::new(ErrorKind::ReadOnlyFilesystem, "wrapped")));
         let held = LockError::Held { path: "a".into(), holder: "process 1".to_owned() };
         assert!(may_succeed_later(&held.into()));
     }

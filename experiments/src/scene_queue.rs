@@ -56,6 +56,12 @@ impl Scenes {
         Ok(Self { root: root.to_owned(), files, all })
     }
 
+    /// The scenes with some of the names.
+    pub(crate) fn only(mut self, is_wanted: impl Fn(&str) -> bool) -> Self {
+        self.all.retain(|input| is_wanted(&input.scene));
+        self
+    }
+
     /// The scenes that a part of the run works on.
     pub(crate) fn of_part(&self, part: Part) -> Vec<&Input> {
         self.all.iter().filter(|input| part.holds(&input.scene)).collect()

@@ -75,6 +75,9 @@ pub(crate) struct GenerateArgs {
     /// Write no pages and no pictures, for large runs.
     #[arg(long, help_heading = OUTPUT)]
     pub no_pages: bool,
+    /// Leave the candidates that were not selected out of the rows, which then have a twentieth of their size.
+    #[arg(long, help_heading = OUTPUT)]
+    pub no_candidates: bool,
     /// Format of the written scenes.
     #[arg(long, help_heading = OUTPUT, value_enum, default_value_t = DatasetFormat::Pickle)]
     pub format: DatasetFormat,

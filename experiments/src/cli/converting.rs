@@ -14,7 +14,7 @@ use sage_data::{
 
 use super::{
     FolderArgs,
-    help::{OUTPUT, RUN},
+    help::{OUTPUT, RUN, SCENE},
     reading::ReadingArgs,
 };
 
@@ -35,7 +35,8 @@ Examples:
   sage convert scenes/ --to native --out native/
   sage convert validation.tfrecord-00000-of-00150 --to pickle --out dataset/
   sage convert scenes/ --to womd --out tfrecords/
-  sage convert scenes/0.pkl --to openscenario --ego controller --out scenarios/")]
+  sage convert scenes/0.pkl --to openscenario --ego controller --out scenarios/
+  sage convert attacked/ --of scenes/ --to pickle --out dataset/")]
 pub(crate) struct ConvertArgs {
     /// Scene files, TFRecord files, records and folders.
     #[arg(required = true, value_name = "PATH")]
@@ -50,6 +51,10 @@ pub(crate) struct ConvertArgs {
     /// speed and a route (default: replay).
     #[arg(long, help_heading = OUTPUT, value_name = "WHO", value_parser = ego_modes())]
     pub ego: Option<EgoMode>,
+    /// Scenes that the rows of PATH attack, a file or a folder: PATH is then a row of `sage generate`, or the folder of its
+    /// rows, and each row becomes an attacked scene.
+    #[arg(long, help_heading = SCENE, value_name = "SCENES")]
+    pub of: Option<PathBuf>,
     /// Scenes in each TFRecord file with --to womd (default: 500).
     #[arg(long, alias = "shard-size", help_heading = OUTPUT, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     scenes_per_file: Option<u32>,

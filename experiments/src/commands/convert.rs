@@ -1,5 +1,6 @@
 //! `sage convert`: converts scenes between formats, in parallel and in order.
 
+mod rows;
 mod scenes;
 mod shards;
 
@@ -16,6 +17,7 @@ use serde_json::{Value, json};
 use crate::{
     Outcome,
     cli::{ConvertArgs, ConvertFormat},
+    input,
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord},
     progress::{Progress, count},
 };
@@ -47,7 +49,11 @@ impl Tally {
 
 pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
     args.check()?;
-    let inputs = Inputs::under(&args.paths)?;
+    args.paths.iter().try_for_each(|path| input::check_single(std::slice::from_ref(path)))?;
+    if let Some(of) = &args.of {
+        return rows::run(args, of, part);
+    }
+    let inputs = Inputs::under(&args.paths).map_err(|error| rows::explained(error.into(), &args.paths))?;
     let suffix = args.reading.options().suffix();
     let names: Vec<PathBuf> = inputs.names().map(|name| with_suffix(&name, &suffix)).collect();
     let out = &args.folder.out;

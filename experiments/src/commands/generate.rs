@@ -58,10 +58,7 @@ pub(crate) fn run(args: &GenerateArgs, part: Part, registries: &Registries) -> R
     match part {
         Part::Shard(shard) => run.finish_shard(shard, records)?,
         Part::Whole | Part::Join => {
-            let has_page = |input: &Input| folder.join(page_file(&input.scene)).is_file();
-            // The record of a run does not say whether its shards wrote pages.
-            let has_pages = !args.no_pages && (part == Part::Whole || all.iter().any(has_page));
-            if has_any && has_pages {
+            if has_any && !args.no_pages {
                 index::write(&plan, run.folder(), &hash, all)?;
             }
             let listed = run.finish(Ended {

@@ -1,6 +1,6 @@
 //! `sage join`: completes the folder of a run from its shards.
 
-use std::path::Path;
+use std::{io, path::Path};
 
 use anyhow::{Context as _, Result, bail};
 use clap::Parser as _;
@@ -32,7 +32,15 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
         }
         _ => bail!("`{folder}` has no shards: it is of `{command}`"),
     };
-    joined.context("the shards cannot be joined; run `sage join` where they were run")
+    joined.map_err(|error| {
+        let is_missing = |cause: &(dyn std::error::Error + 'static)| {
+            cause.downcast_ref::<io::Error>().is_some_and(|cause| cause.kind() == io::ErrorKind::NotFound)
+        };
+        match error.chain().any(is_missing) {
+            true => error.context(format!("run `sage join` in the folder from which `{command}` was run")),
+            false => error,
+        }
+    })
 }
 
 /// The command that began a folder.
@@ -40,7 +48,9 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
 /// *Errors*: the folder holds no run.
 pub(super) fn recorded_command(folder: &Path) -> Result<String> {
     let record = output::record_of(folder);
-    let command = record.as_ref().and_then(|record| record["command"].as_str());
+    let command = record
+        .as_ref()
+        .and_then(|record| record["full_command"].as_str().or_else(|| record["command"].as_str()));
     let none = || format!("`{}` holds no run: it has no readable `{RECORD}`", folder.display());
     command.filter(|command| command.starts_with("sage ")).map(str::to_owned).with_context(none)
 }

@@ -29,8 +29,10 @@ struct Status {
     counts: Counts,
     /// Scenes that were not reached, or whose files are not as a manifest says.
     missing: usize,
-    /// False if the run writes no manifest before its end and has not ended.
+    /// False for a run that has no manifest: it has not ended, or is of a command without scenes.
     is_known: bool,
+    /// True if the record of the run says that it is done.
+    is_recorded_done: bool,
     shards: Shards,
     bad: Vec<Reason>,
     retry: Vec<Reason>,
@@ -107,6 +109,7 @@ impl Status {
             missing: claims.missing().len(),
             counts: claims.counts(),
             is_known,
+            is_recorded_done: !record["seconds"].is_null(),
             bad: with(State::Bad),
             retry: with(State::Retry),
             left_out_scenes: with(State::LeftOut),
@@ -128,7 +131,10 @@ impl Status {
     }
 
     fn is_unfinished(&self) -> bool {
-        !self.is_known || self.missing > 0 || self.counts.retry > 0 || !self.joined
+        match self.is_known {
+            true => self.missing > 0 || self.counts.retry > 0 || !self.joined,
+            false => !self.is_recorded_done,
+        }
     }
 
     fn outcome(&self) -> Outcome {
@@ -180,6 +186,8 @@ impl Status {
                 }
             }
             lines.push(format!("{}: {}", count(scenes + self.missing, "scene"), parts.join(", ")));
+        } else if self.is_recorded_done {
+            lines.push("done".to_owned());
         } else {
             lines.push("unfinished, without shards: what is done is known at its end".to_owned());
         }

@@ -19,7 +19,7 @@ use crate::{
     Outcome,
     attacked_files::{Attack, AttackedFiles, Formats},
     cli::{Keep, SearchFormat, SuiteArgs},
-    output::Folder,
+    output::{self, Folder},
     progress,
 };
 
@@ -229,6 +229,7 @@ impl Maker<'_> {
             described: &described,
             weights: None,
             seed: failure.seed,
+            command: &output::command(),
         };
         let mut written = files.files(&attacked, &attack)?;
         if let Some(scenarios) = files.scenarios(&attacked) {

@@ -65,7 +65,7 @@ impl Claims {
                     continue;
                 }
             };
-            all.problems.push(format!("`{}`: {wrong}; remove it and run the shard again", path.display()));
+            all.problems.push(format!("`{}`: {wrong}; remove it and run its shard again", path.display()));
         }
         all.check_files(folder, verify);
         Ok(all)
@@ -78,7 +78,7 @@ impl Claims {
             // Manifests of an earlier run remain after --force.
             Ok(_) => None,
             Err(error) => {
-                self.problems.push(format!("{error:#}"));
+                self.problems.push(format!("{error:#}; remove it and run its shard again"));
                 None
             }
         }

@@ -29,12 +29,25 @@ pub(super) fn arguments() -> Vec<String> {
     JOINED.get().cloned().unwrap_or_else(own)
 }
 
+/// The same with the flags that change what is printed and drawn, which the other parts of a run keep.
+pub(super) fn full_command() -> String {
+    recorded_without(&ELSEWHERE, arguments().into_iter())
+}
+
 /// The command line of the run, without the path of the program and without flags that do not change the result.
 pub(crate) fn command() -> String {
     recorded(arguments().into_iter())
 }
 
+/// Flags of [`WITHOUT_EFFECT`] that each part of a run gives anew.
+const ELSEWHERE: [(&str, bool); 4] =
+    [("--threads", true), ("--out", true), ("--force", false), ("--shard", true)];
+
 fn recorded(arguments: impl Iterator<Item = String>) -> String {
+    recorded_without(&WITHOUT_EFFECT, arguments)
+}
+
+fn recorded_without(flags: &[(&str, bool)], arguments: impl Iterator<Item = String>) -> String {
     let mut words = vec!["sage".to_owned()];
     let mut is_value = false;
     for argument in arguments {
@@ -42,7 +55,7 @@ fn recorded(arguments: impl Iterator<Item = String>) -> String {
             continue;
         }
         let (flag, value) = argument.split_once('=').map_or((&argument[..], None), |(f, v)| (f, Some(v)));
-        match WITHOUT_EFFECT.iter().find(|(name, _)| *name == flag) {
+        match flags.iter().find(|(name, _)| *name == flag) {
             Some((_, takes_value)) => is_value = *takes_value && value.is_none(),
             None => words.push(quoted(argument)),
         }

@@ -14,6 +14,7 @@ use super::{
     Folder, Part,
     claims::{Claims, ranges},
     command,
+    command_line::full_command,
     manifest::{
         MANIFEST, Manifest, SHARDS, SceneRecord, ShardRecord, agreed_scenes, difference, scenes_file,
         shard_file, shard_files,
@@ -188,9 +189,8 @@ impl DatasetRun {
         if missing > 0 {
             let of = claims.shard_count().unwrap_or(1);
             bail!(
-                "{} of {} are missing in `{}`, of shards {} of {of}; `sage status` says how to finish them",
-                count(missing, "scene"),
-                names.len(),
+                "{missing} of {} are missing in `{}`, in shards {} of {of}; `sage status` says how to finish them",
+                count(names.len(), "scene"),
                 path.display(),
                 ranges(&claims.unfinished_shards(of)),
             );
@@ -227,6 +227,13 @@ impl DatasetRun {
             listed = dataset::write_tables(path).context(
                 "the summary of the data set was not written; remove the cause and run the same command again",
             )?;
+        }
+        if self.part == Part::Join {
+            // Killed shards leave temporary files.
+            let parents = records.iter().flat_map(|record| record.files.keys());
+            let parents = parents.filter_map(|name| Path::new(name).parent());
+            let inner: BTreeSet<&Path> = parents.filter(|parent| !parent.as_os_str().is_empty()).collect();
+            inner.into_iter().try_for_each(|inner| self.folder.inner(inner).map(drop))?;
         }
         let shards =
             if self.part == Part::Join { Claims::read(path, &self.hash, false)?.shards } else { Vec::new() };
@@ -320,7 +327,7 @@ impl DatasetRun {
 
     fn record(&self, results: &Value, per_attack: Option<f64>, seconds: Option<f64>) -> Result<()> {
         let record = json!({
-            "command": command(), "run": self.identity, "results": results,
+            "command": command(), "full_command": full_command(), "run": self.identity, "results": results,
             "per_attack": {"seconds": per_attack}, "seconds": seconds,
         });
         self.folder.write(RECORD, format!("{record:#}\n").as_bytes())

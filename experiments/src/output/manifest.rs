@@ -204,7 +204,7 @@ impl Manifest {
         let is_whole = hasher.finalize().to_hex()[..32] == head.blake3;
         ensure!(
             is_whole && Counts::of(&records) == head.counts,
-            "{} is not as it was written: its lines do not have the hash `blake3` of its first line; remove it and run its shard again",
+            "{} is not as it was written: its lines do not have the hash `blake3` of its first line",
             shown()
         );
         Ok(Self { head, records })

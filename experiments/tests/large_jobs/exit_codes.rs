@@ -19,10 +19,11 @@ fn exit_codes_say_whether_another_try_helps() {
     };
     for (name, command) in COMMANDS {
         assert_eq!(into_new(command), BAD_SCENES, "{name}, one scene is bad");
-        let with = |scenes: &str| command.iter().map(|w| if *w == "scenes" { scenes } else { w }.to_owned());
-        let [all_bad, good, missing] = ["bad", "scenes/curve-1-1.pkl", "nowhere"]
-            .map(|scenes| with(scenes).collect::<Vec<String>>())
-            .map(|words| into_new(&words.iter().map(String::as_str).collect::<Vec<_>>()));
+        let [all_bad, good, missing] = ["bad", "scenes/curve-1-1.pkl", "nowhere"].map(|scenes| {
+            let words: Vec<&str> =
+                command.iter().map(|word| if *word == "scenes" { scenes } else { *word }).collect();
+            into_new(&words)
+        });
         assert_eq!((all_bad, good, missing), (BAD_SCENES, 0, 1), "{name}");
         assert_eq!(into_new(&[command, &["--no-such-option"]].concat()), 2, "{name}");
     }

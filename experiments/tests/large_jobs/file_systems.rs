@@ -43,7 +43,11 @@ fn a_full_disk_and_a_read_only_folder_are_named_and_tried_again() {
     let run = |more: &[&str]| sage_in(root, &[&GENERATE[..], &["--out", text(&out)], more].concat());
     assert_eq!(run(&["--shard", "1/3"]).status.code(), Some(0));
     let first = std::fs::read(out.join("shards/1-of-3.jsonl")).unwrap();
-    std::fs::write(disk.0.path().join("filler"), vec![0; 1 << 20]).unwrap();
+    // All but a little is used up.
+    let filler = disk.0.path().join("filler");
+    let _ = std::fs::write(&filler, vec![0; 4 << 20]);
+    let length = filler.metadata().unwrap().len();
+    std::fs::OpenOptions::new().write(true).open(&filler).unwrap().set_len(length - (100 << 10)).unwrap();
     let full = run(&["--shard", "2/3"]);
     assert_eq!(full.status.code(), Some(RETRY), "{}", stderr(&full));
     assert!(stderr(&full).contains("free space and run the same command again"), "{}", stderr(&full));

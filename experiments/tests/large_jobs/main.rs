@@ -10,6 +10,7 @@ mod hostile;
 mod manifests;
 #[path = "../program/mod.rs"]
 mod program;
+mod rows;
 mod schedulers;
 
 use std::{

@@ -300,8 +300,14 @@ fn printed_scripts_are_what_their_programs_expect() {
     match [beside, "shellcheck".into()].iter().find(|program| runs(program, &["--version"])) {
         None => eprintln!("left out: shellcheck (SAGE_JOBS_PYTHON names a Python beside which it lies)"),
         Some(program) => {
-            let output = Command::new(program).arg(&job).output().unwrap();
-            assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+            // Of the strange words it notes that they are not expanded, which is meant.
+            let usual = script(&["slurm"]).replace("'$(x) `y` \"z\" @JOIN@'", "usual");
+            let path = folder.path().join("usual.sh");
+            fs::write(&path, usual).unwrap();
+            for (severity, job) in [("warning", &job), ("style", &path)] {
+                let output = Command::new(program).args(["-S", severity, text(job)]).output().unwrap();
+                assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+            }
         }
     }
     let validate = "import sys, yaml, kubernetes_validate as k

@@ -68,6 +68,11 @@ impl AttackRow {
                 path.display()
             )
         })?;
+        ensure!(
+            !row.candidates.is_empty(),
+            "`{}` was written with --no-candidates; explain its scene instead: `sage explain SCENE` with the options of the run",
+            path.display()
+        );
         let recording = match given {
             Some(given) => row.source(given, options)?,
             None => Recording::read(&row.scene_file(path)?)?,

@@ -11,7 +11,7 @@ use sage_core::{
 };
 use sage_data::{Recording, checks};
 use sage_sim::{SimScene, attack_test::AttackTest, avoidable::Avoidance};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, Value};
 
 use super::{
     found_row::FoundRow,
@@ -23,8 +23,8 @@ use super::{
     view::SceneView,
 };
 use crate::{
-    attacked_files::{self, AttackedFiles},
-    output::DatasetRun,
+    attacked_files::{self, AttackedFiles, Facts},
+    output::{self, DatasetRun},
     react,
     scene_queue::{Failure, Line, SceneReport},
 };
@@ -139,7 +139,7 @@ impl SceneWriter<'_> {
         let measured = measured(&attacks, &mut scored, &ctx, plan.args.attack.seed)?;
         let scenarios = files.scenarios(&scene);
         let mut lines = Vec::with_capacity(measured.len());
-        let mut written_files = Vec::new();
+        let (mut written_files, command) = (Vec::new(), output::command());
         for ((point, variant), attack) in generator.points.iter().zip(plan.variants()).zip(&measured) {
             let described = plan.describe(point);
             let written = attacked_files::Attack {
@@ -148,14 +148,15 @@ impl SceneWriter<'_> {
                 described: &described,
                 weights: generator.weights_name(),
                 seed: plan.args.attack.seed,
+                command: &command,
             };
             let mut scene_files = files.files(&scene, &written)?;
             let scores = &scored.get(attack.attack.trajectory())?.scores;
             if let Some(scenarios) = &scenarios {
-                let facts = self.facts(&ctx, attack, &described, scores);
+                let facts = self.facts(&ctx, attack, scores).and(&described);
                 scene_files.extend(files.scenario(scenarios, &scene, &written, &facts)?);
             }
-            let candidates = scored.rows(attack.attack)?;
+            let candidates = if plan.args.no_candidates { Vec::new() } else { scored.rows(attack.attack)? };
             let row = self.row((attack, scores, candidates), &ctx, variant, described, &scene_files);
             lines.push(Line {
                 text: row.line(seconds),
@@ -207,28 +208,18 @@ impl SceneWriter<'_> {
     }
 
     /// What an OpenSCENARIO file says about its attack.
-    fn facts(
-        &self,
-        ctx: &Context,
-        attack: &MeasuredAttack,
-        described: &Map<String, Value>,
-        scores: &Scores,
-    ) -> Map<String, Value> {
+    fn facts<'f>(&self, ctx: &'f Context, attack: &MeasuredAttack, scores: &Scores) -> Facts<'f> {
         let candidate = ctx.candidate(attack.attack.trajectory().clone());
         let violations = self.plan.generator.selection.objective.rule().violations(&candidate, ctx);
-        let mut facts = described.clone();
-        for (key, value) in [
-            ("seed", json!(self.plan.args.attack.seed)),
-            ("adversary", json!(ctx.adversary().id)),
-            ("feasible", json!(violations.is_empty())),
-            ("contact_after_seconds", json!(scores.collision_step.map(|step| step as f64 / 10.0))),
-            ("adversarial_reward", json!(scores.adversarial_reward)),
-            ("kinematic_penalty", json!(scores.kinematic_penalty)),
-            ("behavior_penalty", json!(scores.behavior_penalty)),
-        ] {
-            facts.insert(key.to_owned(), value);
+        Facts {
+            seed: self.plan.args.attack.seed,
+            adversary: &ctx.adversary().id,
+            feasible: violations.is_empty(),
+            collision_step: scores.collision_step,
+            adversarial_reward: scores.adversarial_reward,
+            kinematic_penalty: scores.kinematic_penalty,
+            behavior_penalty: scores.behavior_penalty,
         }
-        facts
     }
 
     fn row<'r>(

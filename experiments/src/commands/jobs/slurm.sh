@@ -11,7 +11,7 @@
 set -u
 shards=@SHARDS@
 
-if [ -z "${SLURM_JOB_ID:-}" ]; then
+if [ -z "${SAGE_FIRST:-}" ]; then
   # Where jobs are submitted: arrays as long as the site allows, one after another, then the join.
   most=$(scontrol show config | sed -n 's/^MaxArraySize *= *\([0-9]*\).*/\1/p')
   most=$((${most:-1001} - 1))

@@ -28,7 +28,7 @@ use crate::{
     attacked_files::{Attack, AttackedFiles, Scenarios},
     cli::SearchFormat,
     contact_row::step,
-    output::DatasetRun,
+    output::{self, DatasetRun},
     player::shown_part,
     scene_queue::{Failure, Input, Line, SceneReport, is_row_of},
 };
@@ -201,6 +201,7 @@ impl OneScene<'_> {
             described: &described,
             weights: searcher.weights_name(),
             seed: searcher.args.attack.seed,
+            command: &output::command(),
         };
         let mut all = files.files(scene, &attack)?;
         if let Some(scenarios) = scenarios {

@@ -1,0 +1,261 @@
+//! Rows of `sage generate` as scenes: each with the scene that it attacks.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context as _, Result, anyhow, bail, ensure};
+use sage_core::{
+    files::{self, Existing},
+    motion::Trajectory,
+};
+use sage_data::{Recording, folder, openscenario::Options};
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+
+use crate::{
+    Outcome,
+    attacked_files::{Attack, AttackedFiles, Facts, Formats},
+    cli::{ConvertArgs, ConvertFormat},
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
+    scene_queue::{self, Failure, Input, ROW_LIMIT, Report, SceneReport, Scenes, Worked},
+};
+
+/// Fields of a row that say what came of an attack and not how it was generated; `Row` takes the others.
+const RESULTS: [&str; 7] = ["run_hash", "files", "chosen", "violations", "outcome", "counts", "note"];
+
+/// What is read of a row.
+#[derive(Deserialize)]
+struct Row {
+    scene: String,
+    variant: String,
+    source_hash: String,
+    seed: u64,
+    adversary: String,
+    trajectory: Trajectory,
+    feasible: bool,
+    scores: RowScores,
+    #[serde(flatten)]
+    described: Map<String, Value>,
+}
+
+#[derive(Deserialize)]
+struct RowScores {
+    collision_step: Option<usize>,
+    adversarial_reward: f64,
+    kinematic_penalty: f64,
+    behavior_penalty: f64,
+}
+
+/// The folder of a run of `sage generate`.
+struct Source {
+    /// Its command, which goes into the scenes.
+    command: String,
+    weights: Option<String>,
+    run: Value,
+    /// Files of the rows of each scene.
+    rows: BTreeMap<String, Vec<PathBuf>>,
+}
+
+/// The error of inputs that are no scenes, with what helps if they are rows.
+pub(super) fn explained(error: anyhow::Error, paths: &[PathBuf]) -> anyhow::Error {
+    let has_rows =
+        |path: &&PathBuf| output::record_of(path).is_some_and(|record| record["run"]["variants"].is_array());
+    match paths.iter().find(has_rows) {
+        Some(path) => error.context(format!(
+            "`{}` holds rows of `sage generate`; name the scenes that they attack with --of",
+            path.display()
+        )),
+        None => error,
+    }
+}
+
+/// Converts the rows of a folder, with the scenes that they attack.
+pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> {
+    let [path] = &args.paths[..] else { bail!("with --of, name one folder of rows, or one row") };
+    if args.to == ConvertFormat::Womd {
+        bail!("rows become scene files first: convert --to native, and the result --to womd");
+    }
+    let source = Source::read(path)?;
+    let scenes = Scenes::find(of, &args.reading.options())?.only(|name| source.rows.contains_key(name));
+    if let Some(missing) = source.rows.keys().find(|name| !scenes.names().contains(&&***name)) {
+        bail!(
+            "no scene in `{}` has the name `{missing}`, of which `{}` has rows",
+            of.display(),
+            path.display()
+        );
+    }
+    let out = &args.folder.out;
+    scenes.protect(out, vec![path.clone()])?;
+    let identity = json!({
+        "convert": super::ending(args.to), "rows": source.run, "scenes": scenes.names(),
+        "standard": args.standard.unwrap_or_default().name(), "ego": args.ego.unwrap_or_default().name(),
+        "reading": args.reading.identity(), "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
+    });
+    let outdated = || vec![MANIFEST.to_owned()];
+    let run = DatasetRun::start(out, identity, args.folder.force, part, &[MANIFEST], outdated)?;
+    run.agree_on_scenes(&scenes.names())?;
+    let own = scenes.of_part(part);
+    let worked = if part == Part::Join {
+        Worked::by_shards(&run, &scenes)?
+    } else {
+        let report = Report::new(run.folder().path(), false, own.len(), ["converted", "scene"]);
+        let one = |input: &Input| source.convert(args, &run, input).map_err(Failure::Scene);
+        let worked = scene_queue::work(&own, &run, &report, one)?;
+        report.finish(out);
+        worked
+    };
+    let records = &worked.records;
+    match part {
+        Part::Shard(shard) => run.finish_shard(shard, records)?,
+        Part::Whole | Part::Join => drop(run.finish(Ended {
+            records,
+            results: scene_queue::results(records),
+            seconds_per_attack: None,
+            has_pickles: args.to == ConvertFormat::Pickle,
+            is_done: Counts::of(records).failed() == 0,
+        })?),
+    }
+    Ok(scene_queue::outcome(records, part, out, "converted", scene_queue::AGAIN))
+}
+
+impl Source {
+    /// Reads what a folder of rows says of its run, and lists the rows by scene.
+    ///
+    /// *Errors*: it is no output of `sage generate`.
+    fn read(path: &Path) -> Result<Self> {
+        let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
+        let record = output::record_of(folder).filter(|record| record["run"]["variants"].is_array());
+        let record = record.with_context(|| {
+            format!("`{}` is no output of `sage generate`: it has no such `{RECORD}`", folder.display())
+        })?;
+        let run_hash = output::run_hash(&record["run"]);
+        let variants: Vec<String> = serde_json::from_value(record["run"]["variants"].clone())?;
+        let mut files = vec![path.to_owned()];
+        if path.is_dir() {
+            let entries =
+                std::fs::read_dir(path).with_context(|| format!("cannot read `{}`", path.display()))?;
+            files = entries.map(|entry| Ok(entry?.path())).collect::<Result<_>>()?;
+            files.sort_by(|a, b| folder::natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
+        }
+        let mut rows: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
+        for file in files {
+            let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let scene = |variant: &String| name.strip_suffix(&format!("-{variant}.json"));
+            if let Some(scene) = variants.iter().find_map(scene)
+                && scene_queue::is_row_of(&file, &run_hash)
+            {
+                rows.entry(scene.to_owned()).or_default().push(file);
+            }
+        }
+        ensure!(!rows.is_empty(), "`{}` has no rows of its run", path.display());
+        let name = record["run"]["weights"].as_object().and_then(|weights| weights.keys().next().cloned());
+        let command = record["command"].as_str().unwrap_or_default().to_owned();
+        Ok(Self { command, weights: name, run: run_hash.into(), rows })
+    }
+
+    /// Writes the attacked scenes of all rows of a scene.
+    fn convert(&self, args: &ConvertArgs, run: &DatasetRun, input: &Input) -> Result<SceneReport> {
+        let bytes = sage_data::read_bytes(&input.file)?;
+        let hash = blake3::hash(&bytes).to_hex();
+        let recording = Recording::from_bytes_as(&input.file, bytes, &args.reading.options())?;
+        let scenario = (args.to == ConvertFormat::Openscenario).then(|| Options {
+            standard: args.standard.unwrap_or_default(),
+            ego: args.ego.unwrap_or_default(),
+            license: None,
+        });
+        let formats = Formats {
+            pickle: args.to == ConvertFormat::Pickle,
+            native: args.to == ConvertFormat::Native,
+            scenario,
+        };
+        let writer = AttackedFiles::new(&recording, &input.scene, formats)?;
+        let mut names = Vec::new();
+        for file in self.rows.get(&input.scene).into_iter().flatten() {
+            let in_row = || format!("`{}`", file.display());
+            let Some(row) = Row::read(file).with_context(in_row)? else { continue };
+            ensure!(
+                hash.starts_with(&row.source_hash) && row.scene == input.scene,
+                "`{}` is not the scene that {} attacks: its hash is another",
+                input.file.display(),
+                in_row()
+            );
+            let scene = recording.scene.clone().with_roles(None, Some(&row.adversary))?;
+            let described = row.described();
+            let attack = Attack {
+                trajectory: &row.trajectory,
+                variant: &row.variant,
+                described: &described,
+                weights: self.weights.as_deref(),
+                seed: row.seed,
+                command: &self.command,
+            };
+            let mut written = writer.files(&scene, &attack)?;
+            if let Some(scenarios) = writer.scenarios(&scene) {
+                written.extend(writer.scenario(&scenarios, &scene, &attack, &row.facts().and(&described))?);
+            }
+            for (name, bytes) in &written {
+                let path = run.folder().path().join(name);
+                files::write(&path, bytes, Existing::Replace)
+                    .with_context(|| format!("cannot write `{}`", path.display()))?;
+            }
+            names.extend(written.into_iter().map(|(name, _)| name));
+        }
+        Ok(SceneReport {
+            lines: Vec::new(),
+            files: names,
+            seconds: Some(0.0),
+            warnings: Vec::new(),
+            failures: Vec::new(),
+        })
+    }
+}
+
+impl Row {
+    /// Reads a row; `None` if it says that its scene is left out.
+    ///
+    /// *Errors*: it is none, or attacks a drive that its scene does not hold.
+    fn read(file: &Path) -> Result<Option<Self>> {
+        let mut value: Value = serde_json::from_slice(&files::read(file, ROW_LIMIT)?)?;
+        if let Some(row) = value.as_object_mut() {
+            if row.contains_key("left_out") {
+                return Ok(None);
+            }
+            row.remove("candidates");
+        }
+        let row: Self = serde_json::from_value(value).context("it is no row of `sage generate`")?;
+        if let Some(ego) = row.described.get("ego") {
+            return Err(anyhow!(
+                "it attacks a drive of {ego}, which its scene does not hold; attack again with --format pickle"
+            ));
+        }
+        Ok(Some(row))
+    }
+
+    /// How the attack was generated.
+    fn described(&self) -> Map<String, Value> {
+        let is_result = |key: &String| RESULTS.contains(&&**key);
+        self.described
+            .iter()
+            .filter(|(key, _)| !is_result(key))
+            .map(|(k, v)| (k.clone(), v.clone()))
+            .collect()
+    }
+
+    /// What an OpenSCENARIO file says about the attack.
+    fn facts(&self) -> Facts<'_> {
+        let RowScores { collision_step, adversarial_reward, kinematic_penalty, behavior_penalty } =
+            self.scores;
+        let (seed, adversary, feasible) = (self.seed, &*self.adversary, self.feasible);
+        Facts {
+            seed,
+            adversary,
+            feasible,
+            collision_step,
+            adversarial_reward,
+            kinematic_penalty,
+            behavior_penalty,
+        }
+    }
+}

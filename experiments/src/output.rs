@@ -18,6 +18,7 @@ use std::{
 use anyhow::{Context, Result, bail};
 use sage_bench::table::Table;
 use sage_core::files::{self, Existing, OutputLock};
+use sage_data::dataset::Shard;
 
 use crate::{ego::Ego, progress, terminal};
 
@@ -34,12 +35,23 @@ pub(crate) const PLANNER_LOGS: &str = "planner-logs";
 /// Length limit of a file name on common file systems, bytes.
 pub(crate) const LONGEST_FILE_NAME: usize = 255;
 
+/// The folder for the logs of planners. Each shard has its own.
+///
+/// *Errors*: it cannot be created.
+pub(crate) fn log_folder(folder: &Folder, part: Part) -> Result<PathBuf> {
+    let logs = PathBuf::from(PLANNER_LOGS);
+    folder.inner(&match part {
+        Part::Shard(Shard { number, of }) => logs.join(format!("{number}-of-{of}")),
+        Part::Whole | Part::Join => logs,
+    })
+}
+
 /// Lets drivers that are programs keep their logs in a folder of the run.
 ///
 /// *Errors*: the folder cannot be created.
-pub(crate) fn keep_planner_logs(folder: &Folder, egos: &[Ego]) -> Result<()> {
-    if egos.iter().any(|ego| ego.is_program) {
-        let logs = folder.inner(PLANNER_LOGS.as_ref())?;
+pub(crate) fn keep_planner_logs(folder: &Folder, part: Part, egos: &[Ego]) -> Result<()> {
+    if egos.iter().any(|ego| ego.is_program) && part != Part::Join {
+        let logs = log_folder(folder, part)?;
         egos.iter().for_each(|ego| ego.policy.write_logs_to(&logs));
     }
     Ok(())

@@ -59,7 +59,7 @@ pub(crate) struct ConvertArgs {
     #[arg(long, alias = "shard-size", help_heading = OUTPUT, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     scenes_per_file: Option<u32>,
     /// Convert only the scenes of shard K of N; with --to womd write only its files. Several machines can write all
-    /// shards into one folder.
+    /// shards into one folder, which `sage join` completes.
     #[arg(long, help_heading = RUN, value_name = "K/N")]
     pub shard: Option<Shard>,
     #[command(flatten)]

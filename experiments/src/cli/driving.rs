@@ -61,7 +61,8 @@ pub(crate) struct SimulateArgs {
     /// Print one JSON object per scene, policy and operating point.
     #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
-    /// Drive only the scenes of shard K of N. Several machines can write all shards into one folder.
+    /// Drive only the scenes of shard K of N. Several machines can write all shards into one folder,
+    /// which `sage join` completes.
     #[arg(long, help_heading = RUN, value_name = "K/N")]
     pub shard: Option<Shard>,
     #[command(flatten)]

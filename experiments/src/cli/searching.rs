@@ -85,7 +85,8 @@ pub(crate) struct SearchArgs {
     /// speed and a route (default: replay).
     #[arg(long, help_heading = OUTPUT, value_name = "WHO", value_parser = ego_modes())]
     pub scenario_ego: Option<EgoMode>,
-    /// Search only the scenes of shard K of N. Several machines can write all shards into one folder.
+    /// Search only the scenes of shard K of N. Several machines can write all shards into one folder,
+    /// which `sage join` completes.
     #[arg(long, help_heading = RUN, value_name = "K/N")]
     pub shard: Option<Shard>,
     #[command(flatten)]

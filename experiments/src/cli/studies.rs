@@ -20,7 +20,7 @@ use crate::part::PolicyParts;
 /// The output folder gets `table.md`, `estimates.csv` (each metric with its 95 % interval), `rows.csv` (one row per
 /// method, scene and metric), the charts of the study, and `study.json`, from which `sage bench report` renders the
 /// report again. The same command resumes an interrupted run. If a scene fails, it is named and counted, the others
-/// continue, and the exit status is 1.
+/// continue, and the exit status is 65.
 #[derive(Debug, Args)]
 pub(crate) struct StudyArgs {
     /// Study: a name from `sage bench list`, or a YAML file.
@@ -44,7 +44,8 @@ pub(crate) struct StudyArgs {
     /// Number of procedural scenes, if no SCENES are given.
     #[arg(long, help_heading = SCENE, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=MOST_PROCEDURAL))]
     pub procedural: Option<u64>,
-    /// Measure only the scenes of shard K of N; `sage bench report` joins the folders of all shards.
+    /// Measure only the scenes of shard K of N. Several machines can write all shards into one folder; `sage join` writes
+    /// its report.
     #[arg(long, help_heading = RUN, value_name = "K/N")]
     pub shard: Option<Shard>,
     /// Print all columns.
@@ -162,10 +163,10 @@ impl AxisArgs {
 
 /// Render the report of a study again, from one folder or joined from several.
 ///
-/// Nothing is measured. Folders of shards become the report of the whole run; other folders are put one after another.
-/// All must be of the same methods and metrics.
+/// Nothing is measured. The scenes of several folders come one after another. All must be of the same methods and metrics.
+/// Shards of one run are joined by `sage join`.
 #[derive(Debug, Args)]
-#[command(after_help = "Example:\n  sage bench report shard-1/ shard-2/ --out whole/")]
+#[command(after_help = "Example:\n  sage bench report monday/ tuesday/ --out both/")]
 pub(crate) struct ReportArgs {
     /// Folders that `sage bench STUDY` wrote.
     #[arg(required = true, value_name = "DIR")]

@@ -165,8 +165,8 @@ pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Resu
         run.joined(&all_names)?;
     }
     run.folder().inner(RESULTS.as_ref())?;
-    if plan.has_programs {
-        plan.write_logs_to(&run.folder().inner(output::PLANNER_LOGS.as_ref())?);
+    if plan.has_programs && part != Part::Join {
+        plan.write_logs_to(&output::log_folder(run.folder(), part)?);
     }
     let mut follow = Follow { progress: Progress::new("measured", chosen.names.len()), scenes: &scenes };
     let store = StoredResults { folder: run.folder(), scenes: &scenes };

@@ -42,7 +42,7 @@ pub(crate) fn run(args: &GenerateArgs, part: Part, registries: &Registries) -> R
     };
     let run = DatasetRun::start(out, plan.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
     run.agree_on_scenes(&scenes.names())?;
-    output::keep_planner_logs(run.folder(), std::slice::from_ref(&plan.ego))?;
+    output::keep_planner_logs(run.folder(), part, std::slice::from_ref(&plan.ego))?;
     let worked = if part == Part::Join {
         Worked::by_shards(&run, &scenes)?
     } else {

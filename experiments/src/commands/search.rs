@@ -37,7 +37,7 @@ pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Res
     };
     let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
     run.agree_on_scenes(&scenes.names())?;
-    output::keep_planner_logs(run.folder(), std::slice::from_ref(&searcher.ego))?;
+    output::keep_planner_logs(run.folder(), part, std::slice::from_ref(&searcher.ego))?;
     let worked = if part == Part::Join {
         Worked::by_shards(&run, &scenes)?
     } else {

@@ -182,7 +182,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
     };
     let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
     run.agree_on_scenes(&scenes.names())?;
-    output::keep_planner_logs(run.folder(), &simulation.egos)?;
+    output::keep_planner_logs(run.folder(), part, &simulation.egos)?;
     let (worked, drives) = if part == Part::Join {
         (Worked::by_shards(&run, &scenes)?, None)
     } else {

@@ -113,12 +113,7 @@ impl Status {
             bad: with(State::Bad),
             retry: with(State::Retry),
             left_out_scenes: with(State::LeftOut),
-            bytes: claims
-                .records
-                .values()
-                .flat_map(|record| record.files.values())
-                .map(|file| file.bytes)
-                .sum(),
+            bytes: claims.records.values().flat_map(|record| &record.files).map(|file| file.bytes).sum(),
             core_seconds: claims.shards.iter().map(|state| state.seconds * state.threads as f64).sum(),
             joined: claims.is_joined && !output::has_shards(folder),
             problems: claims.problems,

@@ -139,7 +139,8 @@ impl Claims {
 
 /// What is wrong with the files of a scene; `None` if they are as its record says.
 fn wrong_file(folder: &Path, record: &SceneRecord, verify: bool) -> Option<String> {
-    for (name, file) in &record.files {
+    for file in &record.files {
+        let name = &file.name;
         // A manifest may come from anywhere.
         if Path::new(name).components().any(|part| !matches!(part, std::path::Component::Normal(_))) {
             return Some(format!("its manifest names `{name}`, which leads out of the folder"));
@@ -151,7 +152,7 @@ fn wrong_file(folder: &Path, record: &SceneRecord, verify: bool) -> Option<Strin
             Err(_) => return Some(format!("`{name}` is missing")),
         }
         if verify {
-            match FileRecord::of(&path) {
+            match FileRecord::of(folder, name) {
                 Ok(found) if found == *file => {}
                 Ok(_) => return Some(format!("the content of `{name}` is not what its manifest says")),
                 Err(error) => return Some(format!("{error:#}")),

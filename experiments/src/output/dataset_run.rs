@@ -230,8 +230,8 @@ impl DatasetRun {
         }
         if self.part == Part::Join {
             // Killed shards leave temporary files.
-            let parents = records.iter().flat_map(|record| record.files.keys());
-            let parents = parents.filter_map(|name| Path::new(name).parent());
+            let files = records.iter().flat_map(|record| &record.files);
+            let parents = files.filter_map(|file| Path::new(&file.name).parent());
             let inner: BTreeSet<&Path> = parents.filter(|parent| !parent.as_os_str().is_empty()).collect();
             inner.into_iter().try_for_each(|inner| self.folder.inner(inner).map(drop))?;
         }

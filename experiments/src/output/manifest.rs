@@ -4,7 +4,7 @@
 //! a scene. It is written last, so its presence says that the shard has ended.
 
 use std::{
-    collections::BTreeMap,
+    collections::BTreeSet,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
 };
@@ -41,6 +41,8 @@ pub(crate) enum State {
 /// A file of a scene.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct FileRecord {
+    /// Name within the folder of the run.
+    pub(crate) name: String,
     pub(crate) bytes: u64,
     /// The first 32 digits of BLAKE3.
     pub(crate) blake3: String,
@@ -55,14 +57,15 @@ pub(crate) struct SceneRecord {
     /// Why it is not done.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub(crate) reason: String,
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub(crate) files: BTreeMap<String, FileRecord>,
+    /// In the order of their names.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(crate) files: Vec<FileRecord>,
 }
 
 impl SceneRecord {
     /// A record without files.
     pub(crate) fn new(scene: &str, state: State, reason: String) -> Self {
-        Self { scene: scene.to_owned(), state, reason, files: BTreeMap::new() }
+        Self { scene: scene.to_owned(), state, reason, files: Vec::new() }
     }
 
     /// The same with the files of the scene as they are on the disk.
@@ -73,9 +76,8 @@ impl SceneRecord {
         folder: &Path,
         names: impl IntoIterator<Item = &'n str>,
     ) -> Result<Self> {
-        for name in names {
-            self.files.insert(name.to_owned(), FileRecord::of(&folder.join(name))?);
-        }
+        let names: BTreeSet<&str> = names.into_iter().collect();
+        self.files = names.into_iter().map(|name| FileRecord::of(folder, name)).collect::<Result<_>>()?;
         Ok(self)
     }
 }
@@ -84,11 +86,15 @@ impl FileRecord {
     /// Size and hash of a file.
     ///
     /// *Errors*: it cannot be read.
-    pub(crate) fn of(path: &Path) -> Result<Self> {
-        let mut hasher = blake3::Hasher::new();
-        let hashed = std::fs::File::open(path).and_then(|file| hasher.update_reader(file).map(|_| ()));
+    pub(crate) fn of(folder: &Path, name: &str) -> Result<Self> {
+        let (path, mut hasher) = (folder.join(name), blake3::Hasher::new());
+        let hashed = std::fs::File::open(&path).and_then(|file| hasher.update_reader(file).map(|_| ()));
         hashed.with_context(|| format!("cannot read `{}`", path.display()))?;
-        Ok(Self { bytes: hasher.count(), blake3: hasher.finalize().to_hex()[..32].to_owned() })
+        Ok(Self {
+            name: name.to_owned(),
+            bytes: hasher.count(),
+            blake3: hasher.finalize().to_hex()[..32].to_owned(),
+        })
     }
 }
 
@@ -174,7 +180,7 @@ impl Manifest {
         let head = Head {
             run_hash: run_hash.to_owned(),
             counts: Counts::of(records),
-            bytes: records.iter().flat_map(|record| record.files.values()).map(|file| file.bytes).sum(),
+            bytes: records.iter().flat_map(|record| &record.files).map(|file| file.bytes).sum(),
             shard,
             blake3: hasher.finalize().to_hex()[..32].to_owned(),
         };

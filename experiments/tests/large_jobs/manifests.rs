@@ -75,15 +75,15 @@ fn a_manifest_counts_scenes_and_has_the_hashes_of_their_files() {
     assert_eq!(head["scenes"].as_u64().unwrap() as usize, manifest.len() - 1);
     assert_eq!((&head["shard"]["number"], &head["shard"]["of"]), (&json!(1), &json!(2)));
     assert!(head["shard"]["seconds"].as_f64().unwrap() > 0.0);
-    let row = manifest[1..].iter().find_map(|scene| scene["files"].as_object()?.keys().next());
+    let row = manifest[1..].iter().find_map(|scene| scene["files"][0]["name"].as_str());
     assert_eq!(head["run_hash"], json(&root.join("out").join(row.unwrap()))["run_hash"]);
     for scene in &manifest[1..] {
         if scene["state"] == "bad" {
             assert!(scene["reason"].as_str().unwrap().contains("broken.pkl"), "{scene}");
             continue;
         }
-        for (name, file) in scene["files"].as_object().unwrap() {
-            let bytes = fs::read(root.join("out").join(name)).unwrap();
+        for file in scene["files"].as_array().unwrap() {
+            let bytes = fs::read(root.join("out").join(file["name"].as_str().unwrap())).unwrap();
             assert_eq!(file["bytes"], bytes.len());
             assert_eq!(file["blake3"], blake3::hash(&bytes).to_hex()[..32]);
         }
@@ -139,8 +139,7 @@ fn a_folder_that_is_not_as_its_manifests_say_is_named_and_repaired() {
             fs::write(out.join(name), bytes).unwrap();
         }
     };
-    let row =
-        lines(&one)[1..].iter().find_map(|scene| Some(scene["files"].as_object()?.keys().next()?.clone()));
+    let row = lines(&one)[1..].iter().find_map(|scene| Some(scene["files"][0]["name"].as_str()?.to_owned()));
     let row = out.join(row.unwrap());
     let text_of = |path: &Path| fs::read_to_string(path).unwrap();
     let lies: [(&str, &dyn Fn()); 9] = [
@@ -206,7 +205,8 @@ fn a_manifest_cannot_name_files_outside_of_its_folder() {
     let path = root.join("out/shards/1-of-1.jsonl");
     let text = fs::read_to_string(&path).unwrap();
     let (head, rest) = text.split_once('\n').unwrap();
-    let rest = rest.replacen("\"files\":{", "\"files\":{\"../secret\":{\"bytes\":4,\"blake3\":\"\"},", 1);
+    let rest =
+        rest.replacen("\"files\":[", "\"files\":[{\"name\":\"../secret\",\"bytes\":4,\"blake3\":\"\"},", 1);
     let mut head: Value = serde_json::from_str(head).unwrap();
     head["blake3"] = json!(blake3::hash(rest.as_bytes()).to_hex()[..32]);
     fs::write(&path, format!("{head}\n{rest}")).unwrap();

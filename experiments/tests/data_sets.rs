@@ -361,7 +361,7 @@ fn shards_at_once_leave_the_folder_of_one_run() {
     assert!(record(&at("parts"))["seconds"].is_number());
     // One shard after the other, in any order, comes to the same.
     stdout(&generate(&scenes, &at("later"), &["--shard", "2/2"]));
-    assert!(failure(&["join", text(&at("later"))]).contains("of shards 1 of 2"), "the other half is missing");
+    assert!(failure(&["join", text(&at("later"))]).contains("in shards 1 of 2"), "the other half is missing");
     stdout(&generate(&scenes, &at("later"), &["--shard", "1/2"]));
     stdout(&sage(&["join", text(&at("later"))]));
     assert!(files(&at("later")) == files(&at("whole")));
@@ -391,7 +391,7 @@ fn rows_of_another_run_never_count_as_done() {
         stdout(&generate(&scenes, &out, &["--shard", shard]));
     }
     stdout(&generate(&scenes, &out, &["--shard", "1/2", "--seed", "1", "--force"]));
-    assert!(failure(&join).contains("of shards 2 of 2"));
+    assert!(failure(&join).contains("in shards 2 of 2"));
     stdout(&generate(&scenes, &out, &["--shard", "2/2", "--seed", "1"]));
     stdout(&sage(&join));
     assert_eq!(seeds(&out), [1].into());

@@ -155,7 +155,7 @@ fn generate_says_what_is_wrong_and_goes_on_with_the_other_scenes() {
     let error = failure(&[&["generate", &scene, "--out", text(&out)][..], &WEIGHTS].concat());
     assert_snapshot!(redacted(&error), @r"
     note: weights `procedural` (network densetnt)
-    error: `[folder]/out` is not empty and holds no run of the same command, inputs and program; give --force to write into it anyway
+    error: `[folder]/out` holds another run: it is of `sage generate [folder]/scenes --weights procedural`; name another --out, or give --force to write into it anyway
     ");
 }
 

@@ -19,7 +19,11 @@ pub use write::{Existing, discard_unfinished, write, write_all, write_with};
 use std::io::ErrorKind;
 
 /// True if an error means that nothing more can be written: the disk or the quota is full, or the file has
-/// its maximum size.
+/// its maximum size. A file that is larger than a limit of ours is no such error.
 pub fn is_disk_full(error: &std::io::Error) -> bool {
-    matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge)
+    match error.kind() {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded => true,
+        ErrorKind::FileTooLarge => error.raw_os_error().is_some(),
+        _ => false,
+    }
 }

@@ -102,6 +102,7 @@ impl DatasetRun {
                 outcome => {
                     outcome?;
                     if record.is_some() {
+                        run.folder.remove(MANIFEST)?;
                         run.remove_manifests(false)?;
                     }
                     run.record(&Value::Null, None, None)?;
@@ -263,7 +264,7 @@ impl DatasetRun {
         let has_ended = record.is_some_and(|record| !record["seconds"].is_null());
         if let Some(recorded) = run {
             let is_unused = !has_ended
-                && self.folder.holds_at_most(&[RECORD, SHARDS])?
+                && self.folder.holds_at_most(&[RECORD, MANIFEST, SHARDS])?
                 && shard_files(path)?.is_empty()
                 && self.part != Part::Join;
             if !is_unused {

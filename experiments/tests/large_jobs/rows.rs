@@ -61,7 +61,16 @@ fn rows_and_their_scenes_become_the_files_of_any_format() {
             });
             assert_eq!(found.keys().collect::<Vec<_>>(), expected.keys().collect::<Vec<_>>());
             let other = found.iter().find(|(name, bytes)| expected[*name] != **bytes);
-            assert!(other.is_none(), "{rows} to {format}: `{}` differs", other.unwrap().0);
+            if let Some((name, bytes)) = other {
+                let same = bytes.iter().zip(&expected[name]).take_while(|(a, b)| a == b).count();
+                let rest = |bytes: &[u8]| {
+                    String::from_utf8_lossy(&bytes[same.saturating_sub(80)..])
+                        .chars()
+                        .take(200)
+                        .collect::<String>()
+                };
+                panic!("{rows} to {format}: `{name}` differs: {} and {}", rest(bytes), rest(&expected[name]));
+            }
             // The same in shards.
             let parts = format!("{out}-parts");
             for shard in ["2/2", "1/2"] {
@@ -101,7 +110,7 @@ fn rows_without_candidates_are_small_and_hold_the_attack() {
     assert_eq!(rows(&scored).len(), 1);
     assert_snapshot!(
         redacted(stderr(&sage_in(root, &["explain", text(&least), "--of", "scenes/curve-1-1.pkl"]))),
-        @""
+        @"error: `[folder]/least/curve-1-1-lambda1.00.json` was written with --no-candidates; explain its scene instead: `sage explain SCENE` with the options of the run"
     );
 }
 

@@ -181,7 +181,8 @@ impl Source {
                 input.file.display(),
                 in_row()
             );
-            let scene = recording.scene.clone().with_roles(None, Some(&row.adversary))?;
+            let recorded = recording.scene.adversary().is_ok_and(|track| track.id == row.adversary);
+            let scene = recording.scene.clone().with_roles(None, (!recorded).then_some(&*row.adversary))?;
             let described = row.described();
             let attack = Attack {
                 trajectory: &row.trajectory,

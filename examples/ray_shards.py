@@ -12,6 +12,7 @@ import time
 
 import ray
 
+CORES = int(os.environ.get("SAGE_CORES", "2"))  # of a shard
 RETRY = 74  # exit status: an input or output error, or another process still holds the shard
 
 
@@ -19,29 +20,30 @@ class Retry(Exception):
     pass
 
 
-@ray.remote(max_retries=5, retry_exceptions=[Retry])
+@ray.remote(num_cpus=CORES, max_retries=5, retry_exceptions=[Retry])
 def run(command, shard, folder):
-    words = [*command, "--shard", shard]
+    words = [*command, "--threads", str(CORES), "--shard", shard]
     done = subprocess.run(words, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     if done.returncode == RETRY:
         time.sleep(10)
         raise Retry(done.stderr)
-    return shard, done.returncode, done.stderr
+    return done.returncode, done.stderr
 
 
 def main(shards, *command):
+    out = command[command.index("--out") + 1]
     ray.init(logging_level="error")
-    numbers = range(1, int(shards) + 1)
-    waiting = [run.remote(command, f"{number}/{shards}", os.getcwd()) for number in numbers]
-    codes = set()
+    tasks = {run.remote(command, f"{k}/{shards}", os.getcwd()): k for k in range(1, int(shards) + 1)}
+    waiting = list(tasks)
     while waiting:
         [ready], waiting = ray.wait(waiting)
-        shard, code, said = ray.get(ready)
-        codes.add(code)
+        try:
+            code, said = ray.get(ready)
+        except ray.exceptions.RayError as error:  # a shard that failed too often costs no other
+            code, said = RETRY, str(error)
         if code:
-            print(f"shard {shard}: exit status {code}\n{said}", file=sys.stderr)
-    out = command[command.index("--out") + 1]
-    return subprocess.run([command[0], "join", out]).returncode or max(codes)
+            print(f"shard {tasks[ready]}/{shards}: exit status {code}\n{said}", file=sys.stderr)
+    return subprocess.run([command[0], "join", out]).returncode
 
 
 if __name__ == "__main__":

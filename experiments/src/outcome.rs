@@ -41,37 +41,38 @@ impl From<Outcome> for ExitCode {
 /// The exit code of a command that an error ended.
 pub(crate) fn code_of(error: &anyhow::Error) -> ExitCode {
     if may_succeed_later(error) {
-        Outcome::Retry.into()
-    } else if error.downcast_ref::<BadScenes>().is_some() {
-        Outcome::BadScenes.into()
-    } else {
-        ExitCode::FAILURE
+        return Outcome::Retry.into();
     }
+    error.downcast_ref().map_or(ExitCode::FAILURE, |EndsWith(outcome, _)| (*outcome).into())
 }
 
-/// An error that says that all scenes are bad.
+/// An error that ends a command with another outcome than failure.
 #[derive(Debug)]
-pub(crate) struct BadScenes(pub(crate) anyhow::Error);
+pub(crate) struct EndsWith(pub(crate) Outcome, pub(crate) anyhow::Error);
 
-impl fmt::Display for BadScenes {
+impl fmt::Display for EndsWith {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{}", self.0)
+        write!(f, "{}", self.1)
     }
 }
 
-impl Error for BadScenes {
+impl Error for EndsWith {
     fn source(&self) -> Option<&(dyn Error + 'static)> {
-        self.0.source()
+        self.1.source()
     }
 }
 
 /// True if the system refused to read or write, or another run holds the output, so that another try may succeed. A path
 /// that does not exist, or is of the wrong kind, is the user's.
 pub(crate) fn may_succeed_later(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| {
-        matches!(cause.downcast_ref(), Some(LockError::Held { .. }))
-            || cause.downcast_ref::<io::Error>().is_some_and(is_of_the_system)
-    })
+    error
+        .chain()
+        .any(|cause| matches!(cause.downcast_ref(), Some(LockError::Held { .. })) || is_refusal(cause))
+}
+
+/// True if an error is one of the system, which refused to read or write.
+pub(crate) fn is_refusal(error: &(dyn Error + 'static)) -> bool {
+    error.downcast_ref::<io::Error>().is_some_and(is_of_the_system)
 }
 
 /// The same for an error of one scene, whose file was there when the scenes were listed.

@@ -8,6 +8,7 @@ mod inputs;
 mod manifest;
 mod part;
 mod run;
+mod shards;
 
 use std::{
     collections::HashSet,
@@ -22,11 +23,11 @@ use sage_data::dataset::Shard;
 
 use crate::{ego::Ego, progress, terminal};
 
-pub(crate) use claims::{Claims, has_shards, ranges};
-pub(crate) use command_line::{command, command_into, program, quoted, stand_for};
+pub(crate) use claims::{Claims, ShardState, ranges};
+pub(crate) use command_line::{command, command_with, program, quoted, stand_for};
 pub(crate) use dataset_run::{DatasetRun, Ended, run_hash};
 pub(crate) use inputs::Inputs;
-pub(crate) use manifest::{Counts, MANIFEST, SceneRecord, State};
+pub(crate) use manifest::{Counts, MANIFEST, SceneRecord, State, has_shards};
 pub(crate) use part::Part;
 pub(crate) use run::{RECORD, Run, RunState, record_of};
 

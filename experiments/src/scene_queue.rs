@@ -13,14 +13,15 @@ use std::{
 };
 
 use anyhow::Result;
+use rayon::prelude::*;
 use sage_core::{files, statistics};
 use sage_data::{ReadOptions, folder};
 use serde_json::{Value, json};
 
 use crate::{
     Outcome, input,
-    outcome::may_pass,
-    output::{self, Counts, DatasetRun, Inputs, Part, SceneRecord, State},
+    outcome::{may_pass, may_succeed_later},
+    output::{self, Counts, DatasetRun, Inputs, Part, SceneRecord, ShardState, State},
     progress, terminal,
 };
 
@@ -52,7 +53,7 @@ impl Scenes {
     pub(crate) fn find(root: &Path, options: &ReadOptions) -> Result<Self> {
         let files = folder::scene_files(root)?;
         input::check_single(&files)?;
-        let all = inputs(root, &files, options);
+        let all = inputs(root, &files, options)?;
         Ok(Self { root: root.to_owned(), files, all })
     }
 
@@ -147,13 +148,18 @@ const RESERVED: &str = "index";
 ///
 /// Scenes with one name, and scenes whose name cannot be that of an output, are named apart by their paths: all of them,
 /// so that a scene that is added later does not take the outputs of another.
-pub(crate) fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> Vec<Input> {
+///
+/// *Errors*: the system refuses to read a record, whose name is in it.
+fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> Result<Vec<Input>> {
     let name = |file: &PathBuf| {
         // A record that cannot be named fails when it is read.
         let unnamed = || file.file_name().unwrap_or_default().to_string_lossy().replace('#', "-record-");
-        input::scene_name(file).unwrap_or_else(|_| unnamed())
+        match input::scene_name(file).map_err(anyhow::Error::from) {
+            Err(error) if may_succeed_later(&error) => Err(error),
+            name => Ok(name.unwrap_or_else(|_| unnamed())),
+        }
     };
-    let names: Vec<String> = files.iter().map(name).collect();
+    let names: Vec<String> = files.par_iter().map(name).collect::<Result<_>>()?;
     let mut counts: HashMap<&str, usize> = HashMap::new();
     names.iter().for_each(|name| *counts.entry(name).or_default() += 1);
     let mut apart = 0;
@@ -174,13 +180,15 @@ pub(crate) fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> V
             progress::count(apart, "scene")
         ));
     }
-    inputs
+    Ok(inputs)
 }
 
 /// What became of the scenes of a part.
 pub(crate) struct Worked {
     /// In the order of the scenes.
     pub(crate) records: Vec<SceneRecord>,
+    /// The shards that are joined.
+    pub(crate) shards: Vec<ShardState>,
     /// Seconds per line of each scene that this process worked on.
     seconds: Vec<f64>,
 }
@@ -190,7 +198,8 @@ impl Worked {
     ///
     /// *Errors*: as [`DatasetRun::joined`].
     pub(crate) fn by_shards(run: &DatasetRun, scenes: &Scenes) -> Result<Self> {
-        Ok(Self { records: run.joined(&scenes.names())?, seconds: Vec::new() })
+        let (records, shards) = run.joined(&scenes.names())?;
+        Ok(Self { records, shards, seconds: Vec::new() })
     }
 
     /// Median of the seconds per line; `None` if nothing was worked on.
@@ -263,6 +272,7 @@ pub(crate) fn work(
     match stopped.into_inner().unwrap_or_else(PoisonError::into_inner) {
         Some(error) => Err(error),
         None => Ok(Worked {
+            shards: Vec::new(),
             records: records
                 .into_inner()
                 .unwrap_or_else(PoisonError::into_inner)

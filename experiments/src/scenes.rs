@@ -1,11 +1,13 @@
 //! Lists of scenes. A scene is read when it is needed, so memory holds one scene per thread, however
 //! long the list is.
 
+mod entry;
+mod failed;
 mod split;
 
 use std::{
     collections::{BTreeMap, HashSet},
-    path::{Path, PathBuf},
+    path::PathBuf,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
@@ -16,19 +18,18 @@ use sage_core::{
     objective::{Context, ContextOptions},
     scene::SceneData,
 };
-use sage_data::{
-    ReadOptions, Recording, checks, folder,
-    procedural::{self, Kind},
-    womd,
-};
+use sage_data::{ReadOptions, checks, folder, womd};
 
 use crate::{
     Outcome,
     cli::SplitArgs,
-    outcome::{BadScenes, may_pass},
+    outcome::EndsWith,
     output,
     progress::{self, Progress, count},
 };
+
+use entry::{Entry, Origin, read};
+pub(crate) use failed::{Failed, outcome_without};
 
 /// Scenes processed in parallel before their results are returned in order.
 const WINDOW: usize = 64;
@@ -52,39 +53,12 @@ pub(crate) struct Scenes {
     not_kept: BTreeMap<usize, String>,
 }
 
-/// Why a scene could not be read or worked on.
-#[derive(Clone, Default)]
-pub(crate) struct Failed {
-    pub(crate) reason: String,
-    /// True if another try may succeed.
-    pub(crate) may_pass: bool,
-}
-
 /// A scene or why it is not kept, and its important warnings with their kinds.
 type Checked = (Result<Entry, &'static str>, Vec<(&'static str, String)>);
 
 /// Why scenes are not kept.
 const NO_SUCH: &str = "there is no procedural scene of this number";
 const NOT_ATTACKABLE: &str = "it has no ego path, less than 1 s of recording after now, or no adversary that is valid now apart from the ego";
-
-/// One scene, and the hash of its content at the first reading.
-#[derive(Clone)]
-struct Entry {
-    origin: Origin,
-    content: Option<[u8; 16]>,
-    /// Its number in the whole list.
-    number: usize,
-}
-
-/// Source of a scene, used each time the scene is needed.
-#[derive(Clone)]
-enum Origin {
-    File(PathBuf),
-    /// Number and seed of a procedural scene.
-    Procedural(u64, u64),
-    /// A scene from a pipe, which can be read only once.
-    InMemory(Arc<SceneData>),
-}
 
 impl Scenes {
     /// Scenes under the given paths, filtered by a splits file and by names. Without paths, this many
@@ -213,11 +187,15 @@ impl Scenes {
 
     /// Outcome of a command that did its work on the scenes that did not fail.
     pub(crate) fn outcome(&self) -> Outcome {
-        outcome_without(self.failed())
+        let may_pass = self.failures().values().any(|failed| failed.may_pass);
+        match outcome_without(self.failed()) {
+            Outcome::BadScenes if may_pass => Outcome::Retry,
+            outcome => outcome,
+        }
     }
 
     fn none_usable(&self) -> anyhow::Error {
-        BadScenes(anyhow!("no scene of {} can be used", self.len())).into()
+        EndsWith(Outcome::BadScenes, anyhow!("no scene of {} can be used", self.len())).into()
     }
 
     /// As [`Scenes::map_each`].
@@ -268,13 +246,13 @@ impl Scenes {
     /// Reads each scene once, stores the hash of its content, and leaves out scenes for which `keep` gives a
     /// reason and files that are no scene, with a message.
     ///
-    /// *Errors*: no file is a scene.
+    /// *Errors*: no file is a scene, if it `needs_any`.
     fn checked(
         self,
-        what: &'static str,
+        needs_any: bool,
         keep: impl Fn(&SceneData) -> Result<(), &'static str> + Sync,
     ) -> Result<Self> {
-        let mut progress = Progress::new(what, self.len());
+        let mut progress = Progress::new("read", self.len());
         let mut entries = Vec::with_capacity(self.len());
         let (mut warnings, mut first_error) = (BTreeMap::new(), None);
         let (mut unreadable, mut not_kept) = (BTreeMap::<String, Failed>::new(), BTreeMap::new());
@@ -312,9 +290,9 @@ impl Scenes {
                 }
             }
         }
-        if let Some(error) = first_error.filter(|_| unreadable.len() == self.len()) {
+        if let Some(error) = first_error.filter(|_| needs_any && unreadable.len() == self.len()) {
             self.failures().extend(unreadable);
-            return Err(BadScenes(error).into());
+            return Err(EndsWith(Outcome::BadScenes, error).into());
         }
         progress.finish(&format!("read {}", count(self.len() - unreadable.len(), "scene")));
         self.failures().extend(unreadable);
@@ -325,7 +303,14 @@ impl Scenes {
     ///
     /// *Errors*: no file is a scene.
     pub(crate) fn known(self) -> Result<Self> {
-        self.checked("read", |_| Ok(()))
+        self.checked(true, |_| Ok(()))
+    }
+
+    /// The scenes of a part of a list that can be read, or those of them that can be attacked. They may be none.
+    ///
+    /// *Errors*: none.
+    pub(crate) fn some(self, needs_adversary: bool) -> Result<Self> {
+        if needs_adversary { self.only_attackable(false) } else { self.checked(false, |_| Ok(())) }
     }
 
     /// Numbers of scenes with important warnings as a paragraph of a report; empty without any.
@@ -340,28 +325,25 @@ impl Scenes {
         )
     }
 
-    /// As [`Scenes::attackable_if_any`].
+    /// Scenes that have an ego path and an adversary that is valid *now* and does not overlap the ego. Prints how many
+    /// have not.
     ///
     /// *Errors*: no file is a scene, or no scene is left.
     pub(crate) fn attackable(self) -> Result<Self> {
         let all = self.len();
-        let attackable = self.attackable_if_any()?;
+        let attackable = self.only_attackable(true)?;
         if attackable.len() == 0 {
             let error = anyhow!(
                 "no scene of {all} has an ego path, 1 s of recording after frame {NOW}, and an adversary that is valid there apart from the ego"
             );
-            return Err(BadScenes(error).into());
+            return Err(EndsWith(Outcome::BadScenes, error).into());
         }
         Ok(attackable)
     }
 
-    /// Scenes that have an ego path and an adversary that is valid *now* and does not overlap the ego. Prints how many
-    /// have not.
-    ///
-    /// *Errors*: no file is a scene.
-    pub(crate) fn attackable_if_any(self) -> Result<Self> {
+    fn only_attackable(self, needs_any: bool) -> Result<Self> {
         let all = self.len();
-        let attackable = self.checked("read", |data| {
+        let attackable = self.checked(needs_any, |data| {
             let is_attackable = data.scene.adversary().is_ok_and(|adversary| adversary.is_valid(NOW))
                 && Context::new(&data.scene, &data.index, &ContextOptions::default())
                     .is_ok_and(|ctx| !ctx.is_in_contact_now());
@@ -430,57 +412,6 @@ impl Scenes {
     }
 }
 
-/// Outcome of a command in which a number of scenes failed.
-pub(crate) fn outcome_without(failed: usize) -> Outcome {
-    if failed == 0 {
-        return Outcome::Done;
-    }
-    progress::say(&format!("{} failed; the results are of the others", count(failed, "scene")));
-    Outcome::BadScenes
-}
-
-impl Failed {
-    fn add(&mut self, error: &anyhow::Error) {
-        let separator = if self.reason.is_empty() { "" } else { "; " };
-        self.reason += &format!("{separator}{error:#}");
-        self.may_pass |= may_pass(error);
-    }
-}
-
-impl Entry {
-    /// Reads or generates the scene; `None` if the number gives no procedural scene.
-    fn load(&self, options: &ReadOptions) -> Result<Option<Arc<SceneData>>> {
-        let data = match &self.origin {
-            Origin::File(file) => read(file, options)?,
-            Origin::InMemory(data) => return Ok(Some(data.clone())),
-            Origin::Procedural(number, seed) => {
-                let Some(scene) = procedural::generate(kind_of(*number), *seed, *number) else {
-                    return Ok(None);
-                };
-                SceneData::new(scene.id.clone(), scene)
-            }
-        };
-        if self.content.is_some_and(|content| content != data.scene.content_hash()) {
-            bail!("`{}` changed during the run; start again", data.name);
-        }
-        Ok(Some(Arc::new(data)))
-    }
-
-    /// Name of the scene.
-    fn name(&self) -> String {
-        match &self.origin {
-            Origin::File(file) => file.display().to_string(),
-            Origin::InMemory(data) => data.name.clone(),
-            Origin::Procedural(number, seed) => format!("{}-{seed}-{number}", kind_of(*number).name()),
-        }
-    }
-}
-
-/// Kind of the procedural scene of a number: the kinds take turns.
-fn kind_of(number: u64) -> Kind {
-    Kind::ALL[(number % Kind::ALL.len() as u64) as usize]
-}
-
 /// Approximate memory of a scene with its search trees, bytes.
 fn memory_size(data: &SceneData) -> usize {
     /// A frame of a track: position, heading, velocity, size, validity.
@@ -488,11 +419,6 @@ fn memory_size(data: &SceneData) -> usize {
     /// A point of the map, its segment, and its share of the trees.
     const POINT: usize = 200;
     data.scene.tracks.len() * data.scene.frames * FRAME + data.scene.map.points.len() * POINT
-}
-
-fn read(file: &Path, options: &ReadOptions) -> Result<SceneData> {
-    let name = format!("{}{}", file.display(), options.suffix());
-    Ok(SceneData::new(name, Recording::read_as(file, options)?.scene))
 }
 
 /// Number of scenes and a hash of their contents in order.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use anyhow::Result;
+use anyhow::{Result, anyhow};
 use rayon::prelude::*;
 use sage_core::scene::SceneData;
 use serde::{Deserialize, Serialize};
@@ -27,7 +27,7 @@ pub trait SceneSource: Sync {
 }
 
 /// Keeps the results of scenes until a run is done.
-pub trait Store {
+pub trait Store: Sync {
     /// The stored text of a scene.
     fn read(&self, number: usize) -> Option<String>;
 
@@ -43,7 +43,7 @@ pub trait Observer {
     fn done(&mut self, before: bool);
 
     /// A scene, or some results in it, failed.
-    fn failed(&mut self, scene: &str, what: &str, error: &str);
+    fn failed(&mut self, scene: &str, what: &str, error: &anyhow::Error);
 
     /// Nothing can be measured for some results in a scene.
     fn left_out(&mut self, scene: &str, reason: &str);
@@ -54,9 +54,18 @@ pub trait Observer {
 struct Stored {
     scene: String,
     content: String,
-    result: Option<SceneResult>,
-    /// Why there is no result.
-    error: String,
+    result: SceneResult,
+}
+
+/// What became of a scene.
+enum Measured {
+    /// An earlier run measured it.
+    Known(Stored),
+    New(Stored),
+    /// It cannot be read.
+    Failed(anyhow::Error),
+    /// Its number gives no scene.
+    None,
 }
 
 /// Measures all scenes. A scene that cannot be read is told to the observer and left out.
@@ -80,47 +89,47 @@ pub fn run(
         let is_current = stored.scene == names[number] && stored.content == scenes.content(number);
         is_current.then_some(stored)
     };
-    let measured = |number: usize| -> Option<Stored> {
+    let measured = |number: usize| -> Measured {
+        if let Some(stored) = known(number) {
+            return Measured::Known(stored);
+        }
         let (scene, content) = (names[number].clone(), scenes.content(number));
         match scenes.load(number) {
-            Ok(data) => {
-                let result = plan.measure(&*data?);
-                Some(Stored { scene, content, result: Some(result), error: String::new() })
-            }
-            Err(error) => Some(Stored { scene, content, result: None, error: format!("{error:#}") }),
+            Ok(Some(data)) => Measured::New(Stored { scene, content, result: plan.measure(&data) }),
+            Ok(None) => Measured::None,
+            // Not stored: the next run may be able to read it.
+            Err(error) => Measured::Failed(error),
         }
     };
     for start in (0..names.len()).step_by(WINDOW) {
-        let mut window: Vec<(Option<Stored>, bool)> = (start..names.len().min(start + WINDOW))
-            .map(|number| known(number).map_or((None, false), |stored| (Some(stored), true)))
-            .collect();
-        window
-            .par_iter_mut()
-            .with_max_len(1)
-            .enumerate()
-            .filter(|(_, (_, before))| !before)
-            .for_each(|(k, (stored, _))| *stored = measured(start + k));
-        let texts = window.iter().enumerate().filter_map(|(k, (stored, before))| {
-            // What could not be read now may be readable in the next run.
-            let new = stored.as_ref().filter(|stored| !before && stored.result.is_some());
-            let text = new.map(serde_json::to_string)?;
-            Some(text.map(|text| (start + k, text)))
+        let end = names.len().min(start + WINDOW);
+        let window: Vec<Measured> = (start..end).into_par_iter().with_max_len(1).map(measured).collect();
+        let new = window.iter().enumerate().filter_map(|(k, measured)| match measured {
+            Measured::New(stored) => Some(serde_json::to_string(stored).map(|text| (start + k, text))),
+            _ => None,
         });
-        store.write(&texts.collect::<Result<Vec<_>, _>>()?)?;
-        for (stored, before) in window {
-            let Some(Stored { scene, result, error, .. }) = stored else { continue };
-            observer.done(before);
-            let Some(SceneResult { cells, left_out }) = result else {
-                observer.failed(&scene, "", &error);
-                continue;
+        store.write(&new.collect::<Result<Vec<_>, _>>()?)?;
+        for (k, measured) in window.into_iter().enumerate() {
+            let is_known = matches!(measured, Measured::Known(_));
+            let stored = match measured {
+                Measured::Known(stored) | Measured::New(stored) => stored,
+                Measured::Failed(error) => {
+                    observer.done(false);
+                    observer.failed(&names[start + k], "", &error);
+                    continue;
+                }
+                Measured::None => continue,
             };
+            observer.done(is_known);
+            let Stored { scene, result: SceneResult { cells, left_out }, .. } = stored;
             left_out.iter().for_each(|reason| observer.left_out(&scene, reason));
             // One line for each different reason.
             let mut told: Vec<&str> = Vec::new();
             for cell in cells.iter().filter(|cell| !cell.error.is_empty()) {
                 if !told.contains(&&*cell.error) {
                     told.push(&cell.error);
-                    observer.failed(&scene, plan.keys[cell.key].stream().trim_end(), &cell.error);
+                    let error = anyhow!(cell.error.clone());
+                    observer.failed(&scene, plan.keys[cell.key].stream().trim_end(), &error);
                 }
             }
             results.scenes.push(scene);

@@ -95,8 +95,13 @@ fn walk(root: &Path) -> Result<Vec<PathBuf>, Error> {
         for entry in std::fs::read_dir(&folder).map_err(fail)? {
             let path = entry.map_err(fail)?.path();
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            // A dangling link is skipped.
-            let Ok(found) = std::fs::metadata(&path) else { continue };
+            let found = match std::fs::metadata(&path) {
+                Ok(found) => found,
+                // A link that leads nowhere.
+                Err(_) if path.is_symlink() => continue,
+                // Left out without a word, its scenes would be missing.
+                Err(source) => return Err(Error::Read { path, source }),
+            };
             if found.is_dir() {
                 open.push((path, level + 1));
             } else if found.is_file() && (is_scene_name(&name) || womd::is_shard_name(&path)) {

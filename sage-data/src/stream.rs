@@ -115,6 +115,14 @@ impl Item {
         Ok((heading.name.into(), Some(heading.dataset)))
     }
 
+    /// Why this is no scene but a file that could not be opened or read on; `None` for a scene.
+    pub fn problem(&self) -> Option<&Error> {
+        match &self.content {
+            Content::Broken(error) => Some(error),
+            _ => None,
+        }
+    }
+
     /// Reads and checks the scene.
     ///
     /// *Errors*: as [`Recording::read`].

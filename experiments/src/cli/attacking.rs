@@ -90,7 +90,7 @@ pub(crate) struct GenerateArgs {
     pub scenario_ego: Option<EgoMode>,
     /// Attack only the scenes of shard K of N. Several machines can write all shards into one folder,
     /// which `sage join` completes.
-    #[arg(long, help_heading = RUN, value_name = "K/N")]
+    #[arg(long, help_heading = RUN, value_name = "K/N", conflicts_with = "force")]
     pub shard: Option<Shard>,
     #[command(flatten)]
     pub folder: FolderArgs,

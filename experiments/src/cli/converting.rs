@@ -60,7 +60,7 @@ pub(crate) struct ConvertArgs {
     scenes_per_file: Option<u32>,
     /// Convert only the scenes of shard K of N; with --to womd write only its files. Several machines can write all
     /// shards into one folder, which `sage join` completes.
-    #[arg(long, help_heading = RUN, value_name = "K/N")]
+    #[arg(long, help_heading = RUN, value_name = "K/N", conflicts_with = "force")]
     pub shard: Option<Shard>,
     #[command(flatten)]
     pub reading: ReadingArgs,

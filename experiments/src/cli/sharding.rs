@@ -17,7 +17,7 @@ use super::help::JOB;
 Examples:
   sage status attacked/
   sage status attacked/ --json | jq -r '.bad[].scene'
-  until sage status attacked/; do sleep 60; done")]
+  until sage status attacked/ --json | jq -e '.missing == 0'; do sleep 60; done")]
 pub(crate) struct StatusArgs {
     /// Output folder of a run.
     #[arg(value_name = "DIR")]
@@ -53,7 +53,7 @@ Examples:
   sage jobs slurm --shards 200 -- generate scenes/ --format rows \\
       --no-pages --out attacked/ > job.sh && bash job.sh
   sage jobs kubernetes --shards 200 --image registry/sage:1 --claim scenes \\
-      -- search scenes/ --ego idm --out failures/ | kubectl apply -f -")]
+      -- search scenes/ --ego idm --out failures/ > job.yaml")]
 pub(crate) struct JobsArgs {
     /// Scheduler.
     #[arg(value_enum)]
@@ -73,7 +73,7 @@ pub(crate) struct JobsArgs {
     /// Time limit of a shard, minutes.
     #[arg(long, help_heading = JOB, value_name = "MIN", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub minutes: u32,
-    /// How often a shard is tried again.
+    /// How often a shard is tried again; Slurm counts what it requeues for other reasons too.
     #[arg(long, help_heading = JOB, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u8).range(0..=100))]
     pub retries: u8,
     /// Program that the job runs.

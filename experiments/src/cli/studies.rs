@@ -46,7 +46,7 @@ pub(crate) struct StudyArgs {
     pub procedural: Option<u64>,
     /// Measure only the scenes of shard K of N. Several machines can write all shards into one folder; `sage join` writes
     /// its report.
-    #[arg(long, help_heading = RUN, value_name = "K/N")]
+    #[arg(long, help_heading = RUN, value_name = "K/N", conflicts_with = "force")]
     pub shard: Option<Shard>,
     /// Print all columns.
     #[arg(long, help_heading = OUTPUT)]

@@ -1,12 +1,9 @@
 //! `sage bench STUDY`: runs a study; `sage bench report`: renders it again; `sage bench list`.
 
 mod gallery;
+mod measured;
 
-use std::{
-    collections::HashMap,
-    path::{Path, PathBuf},
-    sync::Arc,
-};
+use std::{path::Path, sync::Arc};
 
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_backbones::Backbone;
@@ -15,11 +12,11 @@ use sage_bench::{
     plan::Plan,
     report::{self, RECORD as STUDY_RECORD, ROWS, Report, StudyRecord},
     rows::{Results, Subject},
-    runner::{self, Observer, SceneSource, Store},
+    runner::{self, Observer},
     study::{MAX_STUDY_FILE, Study},
     wrap::wrapped,
 };
-use sage_core::{files, scene::SceneData};
+use sage_core::files;
 use sage_generators::Aggression;
 use sage_merging::ExpertSet;
 use serde_json::json;
@@ -27,16 +24,16 @@ use serde_json::json;
 use crate::{
     Outcome, Registries,
     cli::{ReportArgs, StudyArgs},
-    input, networks,
-    outcome::BadScenes,
-    output::{self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, SceneRecord, State},
+    networks,
+    outcome::EndsWith,
+    output::{self, Counts, DatasetRun, Ended, Folder, Inputs, MANIFEST, Part, SceneRecord},
     progress::{self, Progress, count},
     scenes::Scenes,
     selection::Selection,
 };
 
-/// Folder of the results of scenes, until the report is written.
-const RESULTS: &str = ".sage-rows";
+use measured::{ChosenScenes, RESULTS, StoredResults, described, records, result_file, short_names};
+
 /// Files of every finished study.
 const REPORT_FILES: [&str; 5] = [report::PAGE, ROWS, report::ESTIMATES, STUDY_RECORD, MANIFEST];
 /// Size limit of a stored result, and of files that a run wrote, bytes.
@@ -141,7 +138,7 @@ pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Resu
     let scenes = all.only(|number| own.binary_search(&number).is_ok());
     let scenes = match (plan.needs_adversary(), part) {
         _ if own.is_empty() => scenes,
-        (true, Part::Shard(_)) => scenes.attackable_if_any()?,
+        (needs_adversary, Part::Shard(_)) => scenes.some(needs_adversary)?,
         (true, _) => scenes.attackable()?,
         (false, _) => scenes.known()?,
     };
@@ -156,14 +153,12 @@ pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Resu
     if run.is_done() {
         return match part {
             Part::Whole | Part::Join => show_again(args, &run, &scenes, out),
-            Part::Shard(_) => Ok(Outcome::Done),
+            Part::Shard(_) => Ok(scenes.outcome()),
         };
     }
     let all_names: Vec<&str> = names.iter().map(String::as_str).collect();
     run.agree_on_scenes(&all_names)?;
-    if part == Part::Join {
-        run.joined(&all_names)?;
-    }
+    let shards = if part == Part::Join { run.joined(&all_names)?.1 } else { Vec::new() };
     run.folder().inner(RESULTS.as_ref())?;
     if plan.has_programs && part != Part::Join {
         plan.write_logs_to(&output::log_folder(run.folder(), part)?);
@@ -190,7 +185,7 @@ pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Resu
     }
     if !results.cells.iter().flatten().any(|cell| cell.error.is_empty()) {
         let error = anyhow!("nothing could be measured in any of {} scenes", chosen.names.len());
-        return Err(BadScenes(error).into());
+        return Err(EndsWith(Outcome::BadScenes, error).into());
     }
     let mut report = Report::new(&plan.study, &results)?;
     report.notes += &scenes.warnings_as_markdown();
@@ -203,6 +198,7 @@ pub(crate) fn run(args: &StudyArgs, part: Part, registries: &Registries) -> Resu
     let is_done = Counts::of(&records).retry == 0;
     run.finish(Ended {
         records: &records,
+        shards: &shards,
         results: json!({"contents": scenes.describe()}),
         seconds_per_attack: None,
         has_pickles: false,
@@ -234,27 +230,12 @@ fn show_again(args: &StudyArgs, run: &DatasetRun, scenes: &Scenes, out: &Path) -
     }
     // The run may have been killed before it removed them.
     run.folder().remove(RESULTS)?;
+    run.remove_shards()?;
     let (record, results) = read(out)?;
     let report = Report::new(&record.study, &results)?;
     output::print(&if args.wide { report.markdown() } else { report.terminal() })?;
-    Ok(crate::scenes::outcome_without(failed_scenes(&results)))
-}
-
-/// What became of the scenes with some numbers. A scene that cannot be read is known by its path.
-fn records(scenes: &Scenes, numbers: &[usize], [paths, names]: [&[String]; 2]) -> Vec<SceneRecord> {
-    let record = |number: &usize| {
-        let name = &names[*number];
-        let failed = scenes.failure(name).or_else(|| scenes.failure(&paths[*number]));
-        match (failed, scenes.not_kept().get(number)) {
-            (Some(failed), _) => {
-                let state = if failed.may_pass { State::Retry } else { State::Bad };
-                SceneRecord::new(name, state, failed.reason)
-            }
-            (None, Some(reason)) => SceneRecord::new(name, State::LeftOut, reason.clone()),
-            (None, None) => SceneRecord::new(name, State::Done, String::new()),
-        }
-    };
-    numbers.iter().map(record).collect()
+    let failed = crate::scenes::outcome_without(failed_scenes(&results));
+    Ok(if failed == Outcome::Done { scenes.outcome() } else { failed })
 }
 
 fn files_of(report: &Report) -> String {
@@ -363,86 +344,6 @@ impl ExpertSource for Weights<'_> {
     }
 }
 
-/// Names of scenes in results: short, and apart where two are equal.
-fn short_names(paths: &[String]) -> Vec<String> {
-    let short = |path: &String| input::scene_name(Path::new(path)).unwrap_or_else(|_| path.clone());
-    let short: Vec<String> = paths.iter().map(short).collect();
-    let mut counts: HashMap<&str, usize> = HashMap::new();
-    short.iter().for_each(|name| *counts.entry(name).or_default() += 1);
-    let apart = |(path, name): (&String, &String)| match counts[&name[..]] {
-        1 => name.clone(),
-        _ => sage_data::folder::name_apart(name, Path::new(path)),
-    };
-    paths.iter().zip(&short).map(apart).collect()
-}
-
-/// Number and hash of the names of scenes.
-fn described(names: &[String]) -> String {
-    let hash = blake3::hash(json!(names).to_string().as_bytes());
-    format!("{} ({})", count(names.len(), "scene"), &hash.to_hex()[..16])
-}
-
-/// Scenes with their names in results.
-struct ChosenScenes<'s> {
-    scenes: &'s Scenes,
-    names: Vec<String>,
-}
-
-impl<'s> ChosenScenes<'s> {
-    fn new(scenes: &'s Scenes, all: &[String]) -> Self {
-        let name = |number| all[scenes.number_in_list(number)].clone();
-        Self { scenes, names: (0..scenes.len()).map(name).collect() }
-    }
-}
-
-impl SceneSource for ChosenScenes<'_> {
-    fn names(&self) -> Vec<String> {
-        self.names.clone()
-    }
-
-    fn content(&self, number: usize) -> String {
-        self.scenes.content(number)
-    }
-
-    fn load(&self, number: usize) -> Result<Option<Arc<SceneData>>> {
-        self.scenes.load(number)
-    }
-}
-
-/// Results of scenes in the folder of a run, a file a scene, named by its number in the whole list.
-struct StoredResults<'f> {
-    folder: &'f Folder,
-    scenes: &'f Scenes,
-}
-
-impl StoredResults<'_> {
-    fn file(&self, number: usize) -> String {
-        result_file(self.scenes.number_in_list(number))
-    }
-
-    fn path(&self) -> PathBuf {
-        self.folder.path().join(RESULTS)
-    }
-}
-
-/// File of the result of a scene by its number in the whole list.
-fn result_file(number: usize) -> String {
-    format!("{number:07}.json")
-}
-
-impl Store for StoredResults<'_> {
-    fn read(&self, number: usize) -> Option<String> {
-        files::read_text(&self.path().join(self.file(number)), LIMIT).ok()
-    }
-
-    fn write(&self, texts: &[(usize, String)]) -> Result<()> {
-        let named: Vec<(String, &[u8])> =
-            texts.iter().map(|(number, text)| (self.file(*number), text.as_bytes())).collect();
-        files::write_all(&self.path(), named.iter().map(|(name, bytes)| (&name[..], *bytes)))
-            .or_else(|(path, error)| Err(error).with_context(|| format!("cannot write `{}`", path.display())))
-    }
-}
-
 /// Shows progress, and names what fails.
 struct Follow<'s> {
     progress: Progress,
@@ -454,9 +355,11 @@ impl Observer for Follow<'_> {
         if before { self.progress.step_found() } else { self.progress.step() }
     }
 
-    fn failed(&mut self, scene: &str, what: &str, error: &str) {
-        let error = if what.is_empty() { error.to_owned() } else { format!("{what}: {error}") };
-        self.scenes.fail(scene, &anyhow::anyhow!(error));
+    fn failed(&mut self, scene: &str, what: &str, error: &anyhow::Error) {
+        match what.is_empty() {
+            true => self.scenes.fail(scene, error),
+            false => self.scenes.fail(scene, &anyhow!("{what}: {error}")),
+        }
     }
 
     fn left_out(&mut self, scene: &str, reason: &str) {

@@ -2,7 +2,7 @@
 
 mod rows;
 mod scenes;
-mod shards;
+mod tfrecords;
 
 use std::{
     collections::BTreeMap,
@@ -18,7 +18,7 @@ use crate::{
     Outcome,
     cli::{ConvertArgs, ConvertFormat},
     input,
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord},
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, ShardState},
     progress::{Progress, count},
 };
 
@@ -59,12 +59,12 @@ pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
     let out = &args.folder.out;
     let files: Vec<PathBuf> = inputs.files().map(Path::to_owned).collect();
     let mut outputs: Vec<PathBuf> = match args.to {
-        ConvertFormat::Womd => shards::files(shards::total(&inputs)?, args.scenes_per_file()),
+        ConvertFormat::Womd => tfrecords::files(tfrecords::total(&inputs)?, args.scenes_per_file()),
         format => names.iter().map(|name| file_name(name, format)).collect(),
     };
     outputs.push(MANIFEST.into());
     output::protect_inputs(&args.paths, &files, out, &outputs)?;
-    let outdated = || if args.to == ConvertFormat::Womd { shards::outdated(out) } else { Vec::new() };
+    let outdated = || if args.to == ConvertFormat::Womd { tfrecords::outdated(out) } else { Vec::new() };
     let run =
         DatasetRun::start(out, identity(args, &inputs), args.folder.force, part, &[MANIFEST], outdated)?;
     if part == Part::Join {
@@ -73,7 +73,7 @@ pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
     let mut progress = Progress::new("converted", inputs.count().filter(|_| part == Part::Whole));
     let mut tally = Tally::default();
     let outcome = match args.to {
-        ConvertFormat::Womd => shards::convert(args, part, &inputs, &run, &mut progress, &mut tally),
+        ConvertFormat::Womd => tfrecords::convert(args, part, &inputs, &run, &mut progress, &mut tally),
         _ => scenes::convert(args, part, &inputs, &run, &mut progress, &mut tally),
     };
     let Tally { whole, failed, notes, names, records } = tally;
@@ -101,7 +101,7 @@ pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
             run.agree_on_scenes(&names)?;
             run.finish_shard(shard, &records)?;
         }
-        Part::Whole | Part::Join => finish(args, run, &records)?,
+        Part::Whole | Part::Join => finish(args, run, &records, &[])?,
     }
     Ok(outcome_of(&records))
 }
@@ -109,16 +109,16 @@ pub(crate) fn run(args: &ConvertArgs, part: Part) -> Result<Outcome> {
 /// Completes the folder of shards.
 fn join(args: &ConvertArgs, run: DatasetRun) -> Result<Outcome> {
     let names = run.agreed_scenes()?;
-    let records = run.joined(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
-    finish(args, run, &records)?;
+    let (records, shards) = run.joined(&names.iter().map(String::as_str).collect::<Vec<_>>())?;
+    finish(args, run, &records, &shards)?;
     Ok(outcome_of(&records))
 }
 
 /// Writes what belongs to no single scene.
-fn finish(args: &ConvertArgs, run: DatasetRun, records: &[SceneRecord]) -> Result<()> {
+fn finish(args: &ConvertArgs, run: DatasetRun, records: &[SceneRecord], shards: &[ShardState]) -> Result<()> {
     let results = match args.to {
         ConvertFormat::Womd => {
-            let total = shards::finish(&run, records.len())?;
+            let total = tfrecords::finish(&run, records.len())?;
             json!({"scenes": total.scenes, "failed": total.failed})
         }
         _ => {
@@ -128,7 +128,7 @@ fn finish(args: &ConvertArgs, run: DatasetRun, records: &[SceneRecord]) -> Resul
     };
     let has_pickles = args.to == ConvertFormat::Pickle;
     let is_done = Counts::of(records).failed() == 0;
-    run.finish(Ended { records, results, seconds_per_attack: None, has_pickles, is_done })?;
+    run.finish(Ended { records, shards, results, seconds_per_attack: None, has_pickles, is_done })?;
     Ok(())
 }
 

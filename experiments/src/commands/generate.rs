@@ -63,6 +63,7 @@ pub(crate) fn run(args: &GenerateArgs, part: Part, registries: &Registries) -> R
             }
             let listed = run.finish(Ended {
                 records,
+                shards: &worked.shards,
                 results: scene_queue::results(records),
                 seconds_per_attack: worked.median_seconds(),
                 has_pickles: plan.writes_pickles(),

@@ -60,10 +60,7 @@ impl Sharded {
             bail!("the job gives --shard and --threads; leave them out");
         }
         if force {
-            bail!(
-                "with --force a shard that is tried again would begin anew; remove `{}` instead",
-                out.display()
-            );
+            bail!("a shard cannot begin anew for the others; remove `{}` instead of --force", out.display());
         }
         Ok(Self { name, out: quoted(out.display().to_string()) })
     }
@@ -74,7 +71,9 @@ fn script(args: &JobsArgs, sharded: &Sharded) -> String {
     let program = quoted(args.program.clone());
     let words: Vec<String> = args.command.iter().cloned().map(quoted).collect();
     let command = format!("{program} {}", words.join(" "));
-    let join = format!("{program} join {}", sharded.out);
+    let join = format!("{program} join {} --threads {}", sharded.out, args.cores);
+    // Jobs of different commands have different names.
+    let hash = &blake3::hash(command.as_bytes()).to_hex()[..6];
     let shards = args.shards;
     let comment = format!("`{}` in {shards} shards, as `sage jobs` prints it.", command.replace('\n', " "));
     let (template, command, join) = match args.scheduler {
@@ -88,8 +87,8 @@ fn script(args: &JobsArgs, sharded: &Sharded) -> String {
     };
     let values = [
         ("@COMMENT@", comment),
-        ("@NAME@", format!("sage-{}", sharded.name)),
-        ("@OUT@", sharded.out.clone()),
+        ("@NAME@", format!("sage-{}-{hash}", sharded.name)),
+        ("@OUT@", sharded.out.replace('\n', " ")),
         ("@SHARDS@", shards.to_string()),
         ("@AT_ONCE@", args.at_once.min(shards).to_string()),
         ("@CORES@", args.cores.to_string()),
@@ -125,9 +124,9 @@ fn yaml(text: &str) -> String {
     serde_json::Value::from(text).to_string()
 }
 
-/// The command of a container in which `$(NAME)` is not replaced: Kubernetes reads `$$` as `$`.
+/// The command of a container in which nothing is replaced: Kubernetes reads `$(NAME)` as a variable and `$$` as `$`.
 fn dollars(command: &str) -> String {
-    command.replace("$(", "$$(")
+    command.replace('$', "$$")
 }
 
 #[cfg(test)]

@@ -20,7 +20,8 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
     progress::say(&format!("$ {command}"));
     let mut words = shlex::split(&command).with_context(|| format!("`{RECORD}` in `{folder}` is damaged"))?;
     output::stand_for(words[1..].to_vec());
-    words.extend(["--out".to_owned(), folder.clone()]);
+    // After the name of the command, because `--` may end its options.
+    words.splice(2..2, ["--out".to_owned(), folder.clone()]);
     let no_such = || format!("`{folder}` was not begun by this version of sage: its command is `{command}`");
     let joined = match Cli::try_parse_from(&words).with_context(no_such)?.command {
         Command::Generate(args) => generate::run(&args, Part::Join, registries),
@@ -36,7 +37,8 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
         let is_missing = |cause: &(dyn std::error::Error + 'static)| {
             cause.downcast_ref::<io::Error>().is_some_and(|cause| cause.kind() == io::ErrorKind::NotFound)
         };
-        match error.chain().any(is_missing) {
+        // What is missing in the folder itself is told by its name.
+        match error.chain().any(is_missing) && !format!("{error:#}").contains(&folder) {
             true => error.context(format!("run `sage join` in the folder from which `{command}` was run")),
             false => error,
         }
@@ -47,10 +49,8 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
 ///
 /// *Errors*: the folder holds no run.
 pub(super) fn recorded_command(folder: &Path) -> Result<String> {
-    let record = output::record_of(folder);
-    let command = record
-        .as_ref()
-        .and_then(|record| record["full_command"].as_str().or_else(|| record["command"].as_str()));
-    let none = || format!("`{}` holds no run: it has no readable `{RECORD}`", folder.display());
+    let none = || format!("`{}` holds no run: it has no `{RECORD}` of one", folder.display());
+    let record = output::record_of(folder)?.with_context(none)?;
+    let command = record["full_command"].as_str().or_else(|| record["command"].as_str());
     command.filter(|command| command.starts_with("sage ")).map(str::to_owned).with_context(none)
 }

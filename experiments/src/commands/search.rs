@@ -59,6 +59,7 @@ pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Res
             }
             run.finish(Ended {
                 records,
+                shards: &worked.shards,
                 results,
                 seconds_per_attack: worked.median_seconds(),
                 has_pickles: searcher.writes_pickles(),

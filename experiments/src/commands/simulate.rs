@@ -154,7 +154,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
             inputs.len()
         );
     }
-    if args.check_planner {
+    if args.check_planner && part != Part::Join {
         let mut planners = drivers(args);
         planners.retain(PolicyPart::is_program);
         check_planner::check(args, &planners, registries, inputs)?;
@@ -199,6 +199,7 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
             index::write(run.folder(), &simulation, inputs, &hash)?;
             run.finish(Ended {
                 records,
+                shards: &worked.shards,
                 results: scene_queue::results(records),
                 seconds_per_attack: worked.median_seconds(),
                 has_pickles: false,

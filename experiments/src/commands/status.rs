@@ -44,6 +44,9 @@ struct Status {
     core_seconds: f64,
     /// True if the manifest of the whole run is written.
     joined: bool,
+    /// True if shards have begun.
+    #[serde(skip)]
+    has_begun_shards: bool,
     /// Commands that finish the run.
     finish: Vec<String>,
 }
@@ -78,11 +81,11 @@ impl Status {
     fn of(args: &StatusArgs) -> Result<Self> {
         let folder = &args.folder;
         let command = recorded_command(folder)?;
-        let record = output::record_of(folder).unwrap_or_default();
+        let record = output::record_of(folder)?.unwrap_or_default();
         let claims = Claims::read(folder, &output::run_hash(&record["run"]), args.verify)?;
-        let of = claims.shard_count();
-        let unfinished = of.map(|of| claims.unfinished_shards(of)).unwrap_or_default();
         let locked = OutputLock::begun_shards(folder)?;
+        let of = claims.shard_count().or_else(|| locked.first().map(|[_, of]| *of));
+        let unfinished = of.map(|of| claims.unfinished_shards(of)).unwrap_or_default();
         let begun = locked.into_iter().filter(|[_, count]| Some(*count) == of).map(|[number, _]| number);
         let shards = Shards {
             of,
@@ -115,7 +118,8 @@ impl Status {
             left_out_scenes: with(State::LeftOut),
             bytes: claims.records.values().flat_map(|record| &record.files).map(|file| file.bytes).sum(),
             core_seconds: claims.shards.iter().map(|state| state.seconds * state.threads as f64).sum(),
-            joined: claims.is_joined && !output::has_shards(folder),
+            joined: claims.is_joined && !output::has_shards(folder)?,
+            has_begun_shards: output::has_shards(folder)?,
             problems: claims.problems,
             finish: Vec::new(),
             shards,
@@ -141,27 +145,28 @@ impl Status {
         }
     }
 
-    /// The commands that finish the run.
+    /// The commands that finish the run; none are known while the first shards run.
     fn finishing(&self, folder: &Path) -> Vec<String> {
-        let command = output::command_into(&self.command, folder);
-        let join = format!("sage join {}", output::quoted(folder.display().to_string()));
+        let out = output::quoted(folder.display().to_string());
+        let with = |options: &str| output::command_with(&self.command, &format!("--out {out}{options}"));
+        if !self.is_unfinished() {
+            return Vec::new();
+        }
         let Some(of) = self.shards.of else {
-            return if self.is_unfinished() { vec![command] } else { Vec::new() };
+            return if self.has_begun_shards { Vec::new() } else { vec![with("")] };
         };
         let unfinished = &self.shards.unfinished;
         let mut all: Vec<String> = match unfinished.len() {
             0 => Vec::new(),
             1..=MOST_COMMANDS => {
-                unfinished.iter().map(|number| format!("{command} --shard {number}/{of}")).collect()
+                unfinished.iter().map(|number| with(&format!(" --shard {number}/{of}"))).collect()
             }
             _ => {
                 let words = ranges(unfinished).split(',').map(braced).collect::<Vec<_>>().join(" ");
-                vec![format!("for k in {words}; do {command} --shard $k/{of}; done")]
+                vec![format!("for k in {words}; do {}; done", with(&format!(" --shard $k/{of}")))]
             }
         };
-        if self.is_unfinished() {
-            all.push(join);
-        }
+        all.push(format!("sage join {out}"));
         all
     }
 

@@ -1,7 +1,7 @@
 //! What the manifests in a folder say about its run, checked against its files.
 
 use std::{
-    collections::{BTreeMap, BTreeSet, HashMap},
+    collections::{BTreeMap, BTreeSet, HashMap, HashSet},
     path::Path,
 };
 
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use sage_data::dataset::Shard;
 
 use super::manifest::{
-    Counts, FileRecord, MANIFEST, Manifest, SHARDS, SceneRecord, State, agreed_scenes, shard_files,
+    Counts, FileRecord, MANIFEST, Manifest, SceneRecord, State, agreed_scenes, shard_files,
 };
 
 /// A shard whose manifest is there.
@@ -31,6 +31,8 @@ pub(crate) struct Claims {
     pub(crate) shards: Vec<ShardState>,
     /// What is wrong with manifests or files, in words.
     pub(crate) problems: Vec<String>,
+    /// What is wrong with the files of scenes, by scene.
+    wrong: BTreeMap<String, String>,
     /// True if the manifest of the whole run is there.
     pub(crate) is_joined: bool,
 }
@@ -50,7 +52,7 @@ impl Claims {
             if all.scenes.is_empty() {
                 all.scenes = manifest.records.iter().map(|record| record.scene.clone()).collect();
             }
-            manifest.records.into_iter().for_each(|record| all.claim(record));
+            all.claim(manifest.records, folder, verify);
         }
         for (shard, path) in shard_files(folder)? {
             let Some(manifest) = all.manifest(&path, run_hash) else { continue };
@@ -61,13 +63,13 @@ impl Claims {
                 (_, Some(record)) => format!("scene `{}` is none of this shard", record.scene),
                 (Some(own), None) => {
                     all.shards.push(ShardState { shard, seconds: own.seconds, threads: own.threads });
-                    manifest.records.into_iter().for_each(|record| all.claim(record));
+                    all.claim(manifest.records, folder, verify);
                     continue;
                 }
             };
             all.problems.push(format!("`{}`: {wrong}; remove it and run its shard again", path.display()));
         }
-        all.check_files(folder, verify);
+        all.conclude();
         Ok(all)
     }
 
@@ -84,30 +86,36 @@ impl Claims {
         }
     }
 
-    /// Adds what a manifest says of a scene. What is done stays done.
-    fn claim(&mut self, record: SceneRecord) {
+    /// Adds what a manifest says of its scenes, as far as their files are there. What is done stays done.
+    fn claim(&mut self, records: Vec<SceneRecord>, folder: &Path, verify: bool) {
         let rank = |state: State| match state {
             State::Done => 0,
             State::LeftOut => 1,
-            State::Bad | State::Retry => 2,
+            State::Bad => 2,
+            State::Retry => 3,
         };
-        match self.records.get(&record.scene) {
-            Some(known) if rank(known.state) < rank(record.state) => {}
-            _ => drop(self.records.insert(record.scene.clone(), record)),
+        let check = |record: SceneRecord| {
+            let problem = wrong_file(folder, &record, verify);
+            (record, problem)
+        };
+        let checked: Vec<(SceneRecord, Option<String>)> = records.into_par_iter().map(check).collect();
+        for (record, problem) in checked {
+            match (problem, self.records.get(&record.scene)) {
+                (Some(problem), _) => drop(self.wrong.insert(record.scene, problem)),
+                (None, Some(known)) if rank(known.state) < rank(record.state) => {}
+                (None, _) => drop(self.records.insert(record.scene.clone(), record)),
+            }
         }
     }
 
-    /// Removes the records whose files are not there as they say.
-    fn check_files(&mut self, folder: &Path, verify: bool) {
-        let all: Vec<&SceneRecord> = self.records.values().collect();
-        let mut wrong: Vec<(String, String)> = all
-            .into_par_iter()
-            .filter_map(|record| Some((record.scene.clone(), wrong_file(folder, record, verify)?)))
-            .collect();
-        wrong.sort();
-        for (scene, problem) in wrong {
-            self.records.remove(&scene);
-            self.problems.push(format!("scene `{scene}`: {problem}; run its shard again"));
+    /// Drops what is said of scenes that are none of the run, and names the scenes whose files are not as a manifest says.
+    fn conclude(&mut self) {
+        let scenes: HashSet<&String> = self.scenes.iter().collect();
+        self.records.retain(|name, _| scenes.contains(name));
+        for (scene, problem) in std::mem::take(&mut self.wrong) {
+            if !self.records.contains_key(&scene) {
+                self.problems.push(format!("scene `{scene}`: {problem}; run its shard again"));
+            }
         }
     }
 
@@ -175,11 +183,6 @@ pub(crate) fn ranges(numbers: &BTreeSet<u32>) -> String {
         if first == last { first.to_string() } else { format!("{first}-{last}") }
     };
     all.into_iter().map(range).collect::<Vec<_>>().join(",")
-}
-
-/// True if a folder has manifests of shards.
-pub(crate) fn has_shards(folder: &Path) -> bool {
-    folder.join(SHARDS).is_dir()
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! The command line as output files record it, and the identity of the program.
 
-use std::{path::Path, sync::OnceLock};
+use std::sync::OnceLock;
 
 /// Flags that do not change the result of a command, and whether a value follows each. Output files record
 /// the command without them, so that equal results are equal bytes.
@@ -63,9 +63,11 @@ fn recorded_without(flags: &[(&str, bool)], arguments: impl Iterator<Item = Stri
     words.join(" ")
 }
 
-/// A recorded command with its output folder.
-pub(crate) fn command_into(command: &str, folder: &Path) -> String {
-    format!("{command} --out {}", quoted(folder.display().to_string()))
+/// A recorded command with further options, which go after its name: `--` may end the others.
+pub(crate) fn command_with(command: &str, options: &str) -> String {
+    let mut words = command.splitn(3, ' ');
+    let [program, name, rest] = std::array::from_fn(|_| words.next().unwrap_or_default());
+    format!("{program} {name} {options} {rest}").trim_end().to_owned()
 }
 
 /// A word as a shell reads it.

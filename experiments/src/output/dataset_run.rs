@@ -12,32 +12,31 @@ use serde_json::{Value, json};
 
 use super::{
     Folder, Part,
-    claims::{Claims, ranges},
+    claims::ShardState,
     command,
     command_line::full_command,
-    manifest::{
-        MANIFEST, Manifest, SHARDS, SceneRecord, ShardRecord, agreed_scenes, difference, scenes_file,
-        shard_file, shard_files,
-    },
+    manifest::{MANIFEST, Manifest, SHARDS, SceneRecord, shard_files},
     run::{self, RECORD, read_record},
 };
-use crate::progress::{self, count};
+use crate::progress;
 
 /// A run and its folder. The files of a finished scene stay, so the same command resumes the run.
 pub(crate) struct DatasetRun {
-    folder: Folder,
+    pub(super) folder: Folder,
     identity: Value,
     /// Hash of the identity, which marks the rows of the run.
-    hash: String,
-    part: Part,
+    pub(super) hash: String,
+    pub(super) part: Part,
     /// Files that a finished run has.
     results: &'static [&'static str],
-    clock: Instant,
+    pub(super) clock: Instant,
 }
 
 /// How a run ended, for its record.
 pub(crate) struct Ended<'r> {
     pub(crate) records: &'r [SceneRecord],
+    /// The shards that it joins.
+    pub(crate) shards: &'r [ShardState],
     pub(crate) results: Value,
     /// Median time of an attack in this process.
     pub(crate) seconds_per_attack: Option<f64>,
@@ -80,7 +79,8 @@ impl DatasetRun {
         let hash = run_hash(&identity);
         let folder = Folder { path: path.to_owned(), claim };
         let run = Self { folder, identity, hash, part, results, clock: Instant::now() };
-        let record = read_record(&run.folder);
+        // A damaged record does not keep a run from beginning again.
+        let record = if force { read_record(&run.folder).unwrap_or(None) } else { read_record(&run.folder)? };
         let is_same = record.as_ref().is_some_and(|record| record["run"] == run.identity);
         if !is_same && let Some(holder) = run.other_shard()? {
             bail!(
@@ -93,7 +93,7 @@ impl DatasetRun {
             // The record goes first, so that a folder with rows of two runs never has the record of one run.
             run.folder.remove(RECORD)?;
             outdated().iter().try_for_each(|name| run.folder.remove(name))?;
-            run.remove_manifests(is_same)?;
+            run.remove_shards()?;
             run.record(&Value::Null, None, None)?;
         } else if !is_same {
             match run.refuse_other_run(record.as_ref()) {
@@ -103,7 +103,7 @@ impl DatasetRun {
                     outcome?;
                     if record.is_some() {
                         run.folder.remove(MANIFEST)?;
-                        run.remove_manifests(false)?;
+                        run.remove_shards()?;
                     }
                     run.record(&Value::Null, None, None)?;
                 }
@@ -129,91 +129,23 @@ impl DatasetRun {
 
     /// True if the record of the folder is of this run.
     fn is_recorded(&self) -> bool {
-        read_record(&self.folder).is_some_and(|record| record["run"] == self.identity)
+        self.recorded()["run"] == self.identity
+    }
+
+    /// The record of the folder; null without one.
+    fn recorded(&self) -> Value {
+        read_record(&self.folder).ok().flatten().unwrap_or_default()
     }
 
     /// True if the record says that all is done, and the results are there.
     pub(crate) fn is_done(&self) -> bool {
-        read_record(&self.folder).is_some_and(|record| !record["seconds"].is_null())
+        !self.recorded()["seconds"].is_null()
             && self.results.iter().all(|name| self.folder.path().join(name).is_file())
     }
 
     /// What the record says that the run did.
     pub(crate) fn recorded_results(&self) -> Value {
-        read_record(&self.folder).map_or(Value::Null, |record| record["results"].clone())
-    }
-
-    /// Refuses a shard of other scenes than those of the shards before it.
-    ///
-    /// *Errors*: they are others; a system error.
-    pub(crate) fn agree_on_scenes(&self, names: &[&str]) -> Result<()> {
-        if !matches!(self.part, Part::Shard(_)) {
-            return Ok(());
-        }
-        let path = self.folder.path();
-        match agreed_scenes(path)?.map(|agreed| difference(&agreed, names)) {
-            Some(None) => Ok(()),
-            Some(Some(difference)) => bail!(
-                "the scenes are not those of the other shards in `{}`: {difference}; give all shards the same scenes",
-                path.display()
-            ),
-            None => {
-                self.folder.inner(SHARDS.as_ref())?;
-                let (name, bytes) = scenes_file(names)?;
-                self.folder.write(&name, &bytes)
-            }
-        }
-    }
-
-    /// Names of all scenes, as the shards agree on them.
-    ///
-    /// *Errors*: they cannot be read.
-    pub(crate) fn agreed_scenes(&self) -> Result<Vec<String>> {
-        Ok(agreed_scenes(self.folder.path())?.unwrap_or_default())
-    }
-
-    /// What became of all scenes, from the manifests of the shards.
-    ///
-    /// *Errors*: a scene was not reached by any shard, a manifest or its files are not as they should be, or the shards
-    /// are of other scenes.
-    pub(crate) fn joined(&self, names: &[&str]) -> Result<Vec<SceneRecord>> {
-        let path = self.folder.path();
-        let mut claims = Claims::read(path, &self.hash, false)?;
-        if let Some(difference) = difference(&claims.scenes, names).filter(|_| !claims.scenes.is_empty()) {
-            bail!("the scenes are not those of the shards in `{}`: {difference}", path.display());
-        }
-        claims.problems.iter().for_each(|problem| progress::say(&format!("error: {problem}")));
-        if claims.scenes.is_empty() {
-            bail!("`{}` has no finished shard; `sage status` says what is there", path.display());
-        }
-        let missing = claims.missing().len();
-        if missing > 0 {
-            let of = claims.shard_count().unwrap_or(1);
-            bail!(
-                "{missing} of {} are missing in `{}`, in shards {} of {of}; `sage status` says how to finish them",
-                count(names.len(), "scene"),
-                path.display(),
-                ranges(&claims.unfinished_shards(of)),
-            );
-        }
-        Ok(names.iter().filter_map(|name| claims.records.remove(*name)).collect())
-    }
-
-    /// Ends a shard: writes its manifest, and nothing that other shards write too.
-    ///
-    /// *Errors*: a system error.
-    pub(crate) fn finish_shard(&self, shard: Shard, records: &[SceneRecord]) -> Result<()> {
-        self.folder.inner(SHARDS.as_ref())?;
-        let Shard { number, of } = shard;
-        let seconds = self.clock.elapsed().as_secs_f64();
-        let own = ShardRecord { number, of, seconds, threads: rayon::current_num_threads() };
-        let path = self.folder.path();
-        Manifest::write(&path.join(shard_file(shard)), &self.hash, Some(own), records)?;
-        progress::say(&format!(
-            "note: this is shard {shard}; `sage join {}` completes the folder when all shards are done",
-            path.display()
-        ));
-        Ok(())
+        self.recorded()["results"].clone()
     }
 
     /// Writes the summary and the mapping for all pickles of the folder, the manifest and the record. Returns the number of
@@ -222,7 +154,7 @@ impl DatasetRun {
     /// *Errors*: a pickle in the folder is not a scene; a system error.
     pub(crate) fn finish(&self, ended: Ended) -> Result<usize> {
         let path = self.folder.path();
-        let Ended { records, results, seconds_per_attack, has_pickles, is_done } = ended;
+        let Ended { records, shards, results, seconds_per_attack, has_pickles, is_done } = ended;
         let mut listed = 0;
         if has_pickles || path.join(dataset::SUMMARY).is_file() {
             listed = dataset::write_tables(path).context(
@@ -236,8 +168,6 @@ impl DatasetRun {
             let inner: BTreeSet<&Path> = parents.filter(|parent| !parent.as_os_str().is_empty()).collect();
             inner.into_iter().try_for_each(|inner| self.folder.inner(inner).map(drop))?;
         }
-        let shards =
-            if self.part == Part::Join { Claims::read(path, &self.hash, false)?.shards } else { Vec::new() };
         Manifest::write(&path.join(MANIFEST), &self.hash, None, records)?;
         let own_seconds = self.clock.elapsed().as_secs_f64();
         let seconds = match shards.is_empty() {
@@ -245,7 +175,7 @@ impl DatasetRun {
             false => shards.iter().map(|shard| shard.seconds).sum(),
         };
         // A rerun that found everything done keeps the times of the run that did it.
-        let record = read_record(&self.folder).unwrap_or_default();
+        let record = self.recorded();
         let keeps = seconds_per_attack.is_none()
             && shards.is_empty()
             && record["results"] == results
@@ -253,7 +183,7 @@ impl DatasetRun {
         if !keeps {
             self.record(&results, seconds_per_attack, is_done.then_some(seconds))?;
         }
-        self.remove_manifests(false)?;
+        self.remove_shards()?;
         Ok(listed)
     }
 
@@ -281,26 +211,6 @@ impl DatasetRun {
             );
         }
         Ok(())
-    }
-
-    /// Removes the manifests of shards, or with `only_own` that of this shard.
-    fn remove_manifests(&self, only_own: bool) -> Result<()> {
-        match self.part {
-            Part::Shard(shard) if only_own => self.folder.remove(&shard_file(shard)),
-            _ => {
-                let path = self.folder.path();
-                if !path.join(SHARDS).is_dir() {
-                    return Ok(());
-                }
-                self.folder.inner(SHARDS.as_ref())?;
-                let (scenes, _) = scenes_file(&[])?;
-                let shards = shard_files(path)?.into_iter().map(|(shard, _)| shard_file(shard));
-                shards.chain([scenes]).try_for_each(|name| self.folder.remove(&name))?;
-                // Scenes may lie in a folder of this name.
-                let _ = std::fs::remove_dir(path.join(SHARDS));
-                Ok(())
-            }
-        }
     }
 
     /// Refuses a folder whose tables list scenes of other folders: they would be lost.

@@ -19,7 +19,7 @@ pub(crate) const MANIFEST: &str = "manifest.jsonl";
 /// Folder of the manifests of shards, until they are joined.
 pub(crate) const SHARDS: &str = "shards";
 /// Names of all scenes of a run, in their order.
-const SCENES: &str = "scenes.json";
+pub(super) const SCENES: &str = "scenes.json";
 /// Size limit of a file with the names of all scenes, bytes.
 const SCENES_LIMIT: u64 = 1 << 30;
 /// Length limit of a line of a manifest, bytes: a scene may have very many files.
@@ -192,6 +192,13 @@ impl Manifest {
         .with_context(|| format!("cannot write `{}`", path.display()))
     }
 
+    /// Names of the scenes of the manifest of the whole run with a hash; `None` if there is none.
+    pub(crate) fn names_of_run(folder: &Path, run_hash: &str) -> Option<Vec<String>> {
+        let whole =
+            Self::read(&folder.join(MANIFEST)).ok().filter(|whole| whole.head.run_hash == run_hash)?;
+        Some(whole.records.into_iter().map(|record| record.scene).collect())
+    }
+
     /// Reads a manifest.
     ///
     /// *Errors*: it cannot be read, or its lines are not those that were written.
@@ -278,11 +285,11 @@ pub(crate) fn agreed_scenes(folder: &Path) -> Result<Option<Vec<String>>> {
     serde_json::from_slice(&bytes).with_context(shown).map(Some)
 }
 
-/// Content and name of the file of [`agreed_scenes`].
+/// True if a folder has manifests of shards, or the list of their scenes.
 ///
-/// *Errors*: none that a list of names can give.
-pub(crate) fn scenes_file(names: &[&str]) -> Result<(String, Vec<u8>)> {
-    Ok((format!("{SHARDS}/{SCENES}"), serde_json::to_vec(names)?))
+/// *Errors*: the folder cannot be listed.
+pub(crate) fn has_shards(folder: &Path) -> Result<bool> {
+    Ok(folder.join(SHARDS).join(SCENES).is_file() || !shard_files(folder)?.is_empty())
 }
 
 /// Says in what two lists of scenes differ; `None` if they are equal.

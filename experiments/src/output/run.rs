@@ -1,9 +1,9 @@
 //! Long runs that record their identity in the output folder. The same command resumes an interrupted run and
 //! does not repeat a finished one.
 
-use std::path::Path;
+use std::{io::ErrorKind, path::Path};
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use sage_core::files;
 use serde_json::{Value, json};
 
@@ -35,14 +35,23 @@ pub(crate) enum RunState {
     Done,
 }
 
-/// The record of a folder, if it has one.
-pub(crate) fn record_of(folder: &Path) -> Option<Value> {
-    let text = files::read_text(&folder.join(RECORD), RECORD_LIMIT).ok()?;
-    serde_json::from_str(&text).ok()
+/// The record of a folder; `None` if it has none.
+///
+/// *Errors*: it cannot be read, or is damaged.
+pub(crate) fn record_of(folder: &Path) -> Result<Option<Value>> {
+    let path = folder.join(RECORD);
+    match files::read_text(&path, RECORD_LIMIT) {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error).with_context(|| format!("cannot read `{}`", path.display())),
+        Ok(text) => serde_json::from_str(&text)
+            .with_context(|| format!("`{}` is damaged; give --force to begin anew", path.display())),
+    }
 }
 
-/// The record of an output folder, if it has one.
-pub(super) fn read_record(folder: &Folder) -> Option<Value> {
+/// The record of an output folder; `None` if it has none.
+///
+/// *Errors*: as [`record_of`].
+pub(super) fn read_record(folder: &Folder) -> Result<Option<Value>> {
     record_of(folder.path())
 }
 
@@ -115,16 +124,19 @@ impl Run {
         Ok((run, state))
     }
 
+    fn recorded(&self) -> Option<Value> {
+        read_record(&self.folder).ok().flatten()
+    }
+
     /// True if the record is of an unfinished run. If the folder holds nothing else, that run failed before
     /// it wrote any result, so a new run may replace it.
     fn has_begun(&self) -> bool {
-        read_record(&self.folder)
-            .is_some_and(|record| record["run"].is_object() && record["seconds"].is_null())
+        self.recorded().is_some_and(|record| record["run"].is_object() && record["seconds"].is_null())
     }
 
     fn state(&self, results: &[&str]) -> RunState {
         let are_there = results.iter().all(|name| self.folder.path().join(name).is_file());
-        match read_record(&self.folder).filter(|record| record["run"] == self.identity) {
+        match self.recorded().filter(|record| record["run"] == self.identity) {
             None => RunState::New,
             Some(record) if record["seconds"].is_null() || !are_there => RunState::Unfinished,
             Some(_) => RunState::Done,

@@ -229,7 +229,7 @@ fn an_indexed_job_with_kills_leaves_the_folder_of_one_run() {
             let words = container(job)["command"].as_array().unwrap().clone();
             assert_eq!([&words[0], &words[1]], ["sh", "-c"]);
             // Kubernetes reads `$$` as `$`.
-            words[2].as_str().unwrap().replace("$$(", "$(")
+            words[2].as_str().unwrap().replace("$$", "$")
         };
         let spec = &job["spec"];
         assert_eq!((&spec["completionMode"], &spec["completions"]), (&"Indexed".into(), &SHARDS.into()));
@@ -282,7 +282,8 @@ fn runs(program: &Path, arguments: &[&str]) -> bool {
 fn printed_scripts_are_what_their_programs_expect() {
     let folder = tempfile::tempdir().unwrap();
     // Words that a shell, YAML and Kubernetes read in their own ways.
-    let command = ["generate", "my scenes/it's", "--adversary", "$(x) `y` \"z\" @JOIN@", "--out", "out: #1"];
+    let command =
+        ["generate", "my scenes/it's", "--adversary", "$(x) `y` \"z\" @JOIN@ a$$b", "--out", "out: #1"];
     let script = |arguments: &[&str]| {
         stdout(&sage(&[&["jobs"], arguments, &["--shards", "2500", "--"], &command].concat())).to_owned()
     };
@@ -301,7 +302,7 @@ fn printed_scripts_are_what_their_programs_expect() {
         None => eprintln!("left out: shellcheck (SAGE_JOBS_PYTHON names a Python beside which it lies)"),
         Some(program) => {
             // Of the strange words it notes that they are not expanded, which is meant.
-            let usual = script(&["slurm"]).replace("'$(x) `y` \"z\" @JOIN@'", "usual");
+            let usual = script(&["slurm"]).replace("'$(x) `y` \"z\" @JOIN@ a$$b'", "usual");
             let path = folder.path().join("usual.sh");
             fs::write(&path, usual).unwrap();
             for (severity, job) in [("warning", &job), ("style", &path)] {
@@ -359,6 +360,7 @@ fn a_worker_of_ray_that_is_killed_costs_nothing() {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/ray_shards.py");
     let output = cluster
         .command(text(&tools()))
+        .env("SAGE_CORES", "1")
         .args([text(&example), "5", text(&killer)])
         .args(command)
         .args(["--out", "parts-ray"])

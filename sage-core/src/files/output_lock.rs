@@ -7,7 +7,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::write::{Registered, ignore_missing, is_at, is_unfinished, remove_stale};
+use super::write::{Registered, ignore_missing, is_at, is_unfinished, remove_stale, says_no_locks};
 
 /// Name of the lock file of a folder.
 const LOCK: &str = ".sage-lock";
@@ -211,7 +211,7 @@ impl OutputLock {
                         Ok(()) => {}
                         Err(TryLockError::WouldBlock) => return Err(held(read_holder(&lock))),
                         // A file system without locks: only exclusive creation protects the file.
-                        Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => {}
+                        Err(TryLockError::Error(error)) if says_no_locks(&error) => {}
                         Err(TryLockError::Error(error)) => return Err(fail(error)),
                     }
                     // Another run may have removed the new file as stale before it was locked.
@@ -252,7 +252,7 @@ fn has_locks(folder: &Path) -> io::Result<bool> {
     let prefix = format!("{LOCK}-");
     let probe = tempfile::Builder::new().prefix(&prefix).suffix(".part").tempfile_in(folder)?;
     match probe.as_file().try_lock() {
-        Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => Ok(false),
+        Err(TryLockError::Error(error)) if says_no_locks(&error) => Ok(false),
         Err(TryLockError::Error(error)) => Err(error),
         Ok(()) | Err(TryLockError::WouldBlock) => Ok(true),
     }

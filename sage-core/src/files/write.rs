@@ -113,9 +113,7 @@ impl Unfinished {
             let file = builder.tempfile_in(folder)?;
             // Another run does not remove a locked temporary file.
             match file.as_file().try_lock() {
-                Err(TryLockError::Error(error)) if error.kind() != ErrorKind::Unsupported => {
-                    return Err(error);
-                }
+                Err(TryLockError::Error(error)) if !says_no_locks(&error) => return Err(error),
                 Err(TryLockError::WouldBlock) => continue,
                 _ => {}
             }
@@ -159,6 +157,16 @@ fn sync_folder(folder: &Path) -> io::Result<()> {
 #[cfg(not(unix))]
 fn sync_folder(_: &Path) -> io::Result<()> {
     Ok(())
+}
+
+/// True if an error of a lock says that the file system has none.
+pub(super) fn says_no_locks(error: &io::Error) -> bool {
+    /// `ENOLCK`: NFS without a lock daemon.
+    #[cfg(target_os = "linux")]
+    const NO_DAEMON: i32 = 37;
+    #[cfg(not(target_os = "linux"))]
+    const NO_DAEMON: i32 = 77;
+    error.kind() == ErrorKind::Unsupported || (cfg!(unix) && error.raw_os_error() == Some(NO_DAEMON))
 }
 
 /// True if a file name is that of an unfinished file.

@@ -15,7 +15,7 @@ use sage_core::{
     scene::SceneData,
 };
 
-use super::ChosenScenes;
+use super::measured::ChosenScenes;
 use crate::{
     drawing::{self, Picture, drawn_path},
     output::{self, Folder},

@@ -1,7 +1,7 @@
 //! Rows of `sage generate` as scenes: each with the scene that it attacks.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, HashSet},
     path::{Path, PathBuf},
 };
 
@@ -53,15 +53,17 @@ struct Source {
     /// Its command, which goes into the scenes.
     command: String,
     weights: Option<String>,
-    run: Value,
+    /// Hash of the run, with which its rows begin.
+    run: String,
     /// Files of the rows of each scene.
     rows: BTreeMap<String, Vec<PathBuf>>,
 }
 
 /// The error of inputs that are no scenes, with what helps if they are rows.
 pub(super) fn explained(error: anyhow::Error, paths: &[PathBuf]) -> anyhow::Error {
-    let has_rows =
-        |path: &&PathBuf| output::record_of(path).is_some_and(|record| record["run"]["variants"].is_array());
+    let has_rows = |path: &&PathBuf| {
+        output::record_of(path).ok().flatten().is_some_and(|record| record["run"]["variants"].is_array())
+    };
     match paths.iter().find(has_rows) {
         Some(path) => error.context(format!(
             "`{}` holds rows of `sage generate`; name the scenes that they attack with --of",
@@ -79,7 +81,8 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
     }
     let source = Source::read(path)?;
     let scenes = Scenes::find(of, &args.reading.options())?.only(|name| source.rows.contains_key(name));
-    if let Some(missing) = source.rows.keys().find(|name| !scenes.names().contains(&&***name)) {
+    let names: HashSet<&str> = scenes.names().into_iter().collect();
+    if let Some(missing) = source.rows.keys().find(|name| !names.contains(&***name)) {
         bail!(
             "no scene in `{}` has the name `{missing}`, of which `{}` has rows",
             of.display(),
@@ -89,7 +92,7 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
     let out = &args.folder.out;
     scenes.protect(out, vec![path.clone()])?;
     let identity = json!({
-        "convert": super::ending(args.to), "rows": source.run, "scenes": scenes.names(),
+        "convert": super::ending(args.to), "rows": source.run, "scenes": names_hash(&scenes.names()),
         "standard": args.standard.unwrap_or_default().name(), "ego": args.ego.unwrap_or_default().name(),
         "reading": args.reading.identity(), "version": env!("CARGO_PKG_VERSION"), "program": output::program(),
     });
@@ -101,7 +104,7 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
         Worked::by_shards(&run, &scenes)?
     } else {
         let report = Report::new(run.folder().path(), false, own.len(), ["converted", "scene"]);
-        let one = |input: &Input| source.convert(args, &run, input).map_err(Failure::Scene);
+        let one = |input: &Input| source.convert(args, &run, input);
         let worked = scene_queue::work(&own, &run, &report, one)?;
         report.finish(out);
         worked
@@ -111,6 +114,7 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
         Part::Shard(shard) => run.finish_shard(shard, records)?,
         Part::Whole | Part::Join => drop(run.finish(Ended {
             records,
+            shards: &worked.shards,
             results: scene_queue::results(records),
             seconds_per_attack: None,
             has_pickles: args.to == ConvertFormat::Pickle,
@@ -120,13 +124,18 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
     Ok(scene_queue::outcome(records, part, out, "converted", scene_queue::AGAIN))
 }
 
+/// Hash of the names of scenes.
+fn names_hash(names: &[&str]) -> String {
+    blake3::hash(json!(names).to_string().as_bytes()).to_hex()[..16].to_owned()
+}
+
 impl Source {
     /// Reads what a folder of rows says of its run, and lists the rows by scene.
     ///
     /// *Errors*: it is no output of `sage generate`.
     fn read(path: &Path) -> Result<Self> {
         let folder = if path.is_dir() { path } else { path.parent().unwrap_or(Path::new("")) };
-        let record = output::record_of(folder).filter(|record| record["run"]["variants"].is_array());
+        let record = output::record_of(folder)?.filter(|record| record["run"]["variants"].is_array());
         let record = record.with_context(|| {
             format!("`{}` is no output of `sage generate`: it has no such `{RECORD}`", folder.display())
         })?;
@@ -143,20 +152,31 @@ impl Source {
         for file in files {
             let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
             let scene = |variant: &String| name.strip_suffix(&format!("-{variant}.json"));
-            if let Some(scene) = variants.iter().find_map(scene)
-                && scene_queue::is_row_of(&file, &run_hash)
-            {
+            if let Some(scene) = variants.iter().find_map(scene) {
                 rows.entry(scene.to_owned()).or_default().push(file);
             }
         }
         ensure!(!rows.is_empty(), "`{}` has no rows of its run", path.display());
         let name = record["run"]["weights"].as_object().and_then(|weights| weights.keys().next().cloned());
         let command = record["command"].as_str().unwrap_or_default().to_owned();
-        Ok(Self { command, weights: name, run: run_hash.into(), rows })
+        Ok(Self { command, weights: name, run: run_hash, rows })
+    }
+
+    /// Converts the rows of a scene.
+    ///
+    /// *Errors*: [`Failure`].
+    fn convert(&self, args: &ConvertArgs, run: &DatasetRun, input: &Input) -> Result<SceneReport, Failure> {
+        let files = self.attacked(args, run, input).map_err(Failure::Scene)?;
+        if files.is_empty() {
+            let reason = "its rows say that it is left out".to_owned();
+            return Err(Failure::LeftOut { reason, lines: Vec::new() });
+        }
+        let (lines, warnings, failures) = (Vec::new(), Vec::new(), Vec::new());
+        Ok(SceneReport { lines, files, seconds: Some(0.0), warnings, failures })
     }
 
     /// Writes the attacked scenes of all rows of a scene.
-    fn convert(&self, args: &ConvertArgs, run: &DatasetRun, input: &Input) -> Result<SceneReport> {
+    fn attacked(&self, args: &ConvertArgs, run: &DatasetRun, input: &Input) -> Result<Vec<String>> {
         let bytes = sage_data::read_bytes(&input.file)?;
         let hash = blake3::hash(&bytes).to_hex();
         let recording = Recording::from_bytes_as(&input.file, bytes, &args.reading.options())?;
@@ -174,6 +194,10 @@ impl Source {
         let mut names = Vec::new();
         for file in self.rows.get(&input.scene).into_iter().flatten() {
             let in_row = || format!("`{}`", file.display());
+            // Rows of another run remain after --force with fewer scenes.
+            if !scene_queue::is_row_of(file, &self.run) {
+                continue;
+            }
             let Some(row) = Row::read(file).with_context(in_row)? else { continue };
             ensure!(
                 hash.starts_with(&row.source_hash) && row.scene == input.scene,
@@ -203,13 +227,7 @@ impl Source {
             }
             names.extend(written.into_iter().map(|(name, _)| name));
         }
-        Ok(SceneReport {
-            lines: Vec::new(),
-            files: names,
-            seconds: Some(0.0),
-            warnings: Vec::new(),
-            failures: Vec::new(),
-        })
+        Ok(names)
     }
 }
 

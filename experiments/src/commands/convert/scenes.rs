@@ -17,8 +17,9 @@ use sage_data::{
 
 use super::{Tally, file_name, with_suffix};
 use crate::{
+    Outcome,
     cli::{ConvertArgs, ConvertFormat},
-    outcome::may_pass,
+    outcome::{EndsWith, may_pass, may_succeed_later},
     output::{self, DatasetRun, Part, SceneRecord, State},
     progress::{self, Progress},
     scenario_files,
@@ -69,6 +70,7 @@ pub(super) fn convert(
         root,
         folders: HashSet::new(),
         all: Vec::new(),
+        refused: None,
     };
     let jobs = inputs.items().filter_map(|item| names.job(item).transpose());
     let jobs = jobs.map(|job| job.unwrap_or_else(|(path, error)| Job::Refused(path, error)));
@@ -98,6 +100,10 @@ pub(super) fn convert(
             Ok(())
         },
     )?;
+    // The shards could not agree on the names.
+    if let Some(problem) = names.refused {
+        return Err(EndsWith(Outcome::Retry, anyhow!(problem)).into());
+    }
     tally.names = names.all;
     Ok(())
 }
@@ -116,6 +122,8 @@ struct Names<'r> {
     folders: HashSet<PathBuf>,
     /// Names of the outputs of all parts.
     all: Vec<String>,
+    /// Why the system refused to read the name of a scene.
+    refused: Option<String>,
 }
 
 impl Names<'_> {
@@ -127,9 +135,13 @@ impl Names<'_> {
         let (name, dataset) = match item.name() {
             Ok((name, dataset)) => (with_suffix(&name, &self.args.reading.options().suffix()), dataset),
             Err(error) => {
+                let error = anyhow::Error::from(error);
+                if may_succeed_later(&error) {
+                    self.refused.get_or_insert_with(|| format!("{error:#}"));
+                }
                 let own = path.to_string_lossy().into_owned();
                 self.all.push(own.clone());
-                return if self.part.holds(&own) { Err((path, error.into())) } else { Ok(None) };
+                return if self.part.holds(&own) { Err((path, error)) } else { Ok(None) };
             }
         };
         let file = |name: &Path| match &dataset {

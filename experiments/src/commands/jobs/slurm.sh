@@ -25,7 +25,14 @@ if [ -z "${SAGE_FIRST:-}" ]; then
   exec sbatch --dependency="afterany:$after" --export=ALL,SAGE_FIRST=join --output=@NAME@-join-%j.log "$0"
 fi
 if [ "$SAGE_FIRST" = join ]; then
-  exec @JOIN@
+  # A network file system may show the last files late.
+  for pause in 30 60 120 0; do
+    @JOIN@
+    status=$?
+    [ $status = 74 ] || exit $status
+    sleep $pause
+  done
+  exit $status
 fi
 
 @COMMAND@ --threads @CORES@ --shard "$((SAGE_FIRST + SLURM_ARRAY_TASK_ID))/$shards"

@@ -1,4 +1,4 @@
-//! Shards of the Waymo Open Motion Dataset.
+//! TFRecord files of the Waymo Open Motion Dataset.
 
 use std::{
     collections::BTreeMap,
@@ -22,11 +22,11 @@ use crate::{
     progress::Progress,
 };
 
-/// Name of the shards.
+/// Start of the names of the files.
 const NAME: &str = "scenes";
 /// Table of the ids that are no integers.
 const IDS: &str = "ids.json";
-/// Folder of what an interrupted run knows of its finished shards.
+/// Folder of what an interrupted run knows of its finished files.
 const PARTS: &str = ".sage-rows";
 /// Size limit of such a file, bytes.
 const PART_LIMIT: u64 = 1 << 30;
@@ -39,14 +39,14 @@ struct FileFacts {
     scenes: usize,
     /// Why scenes are missing in it.
     failures: Vec<String>,
-    /// Size of the shard, bytes.
+    /// Its size, bytes.
     bytes: u64,
     /// Ids by number, by the number of the record.
     ids: BTreeMap<usize, Value>,
     notes: BTreeMap<String, usize>,
 }
 
-/// Number of scenes, which the names of shards need.
+/// Number of scenes, which the names of the files need.
 ///
 /// *Errors*: it is not known.
 pub(super) fn total(inputs: &Inputs) -> Result<usize> {
@@ -55,10 +55,10 @@ pub(super) fn total(inputs: &Inputs) -> Result<usize> {
     )
 }
 
-/// Names of the shards of a number of scenes.
+/// Names of the files of a number of scenes.
 pub(super) fn files(total: usize, size: usize) -> Vec<PathBuf> {
-    let shards = total.div_ceil(size);
-    (0..shards).map(|number| format!("{NAME}.tfrecord-{number:05}-of-{shards:05}").into()).collect()
+    let count = total.div_ceil(size);
+    (0..count).map(|number| format!("{NAME}.tfrecord-{number:05}-of-{count:05}").into()).collect()
 }
 
 /// Files of earlier runs in a folder, which a run with --force removes.
@@ -93,7 +93,12 @@ pub(super) fn convert(
         let name = file.to_string_lossy().into_owned();
         tally.names.push(name.clone());
         if !part.holds(&name) {
-            items.by_ref().take(size).for_each(drop);
+            for item in items.by_ref().take(size) {
+                // The number of its scenes would be wrong, and with it the content of all further files.
+                if item.problem().is_some_and(is_of_the_system) {
+                    item.read(&args.reading.options())?;
+                }
+            }
             continue;
         }
         let path = run.folder().path().join(&name);
@@ -105,9 +110,9 @@ pub(super) fn convert(
                 known
             }
             None => {
-                let known = write_shard(args, &mut items, size, &path, progress)?;
+                let known = write_file(args, &mut items, size, &path, progress)?;
                 if known.scenes == 0 {
-                    // Readers take a shard without records for a damaged one.
+                    // Readers take a file without records for a damaged one.
                     run.folder().remove(&name)?;
                 }
                 run.folder().write(&format!("{PARTS}/{number:05}.json"), &serde_json::to_vec(&known)?)?;
@@ -153,15 +158,15 @@ pub(super) fn finish(run: &DatasetRun, count: usize) -> Result<Total> {
     Ok(total)
 }
 
-/// What is known of a shard that an earlier run finished.
-fn found(known: &Path, shard: &Path) -> Option<FileFacts> {
+/// What is known of a file that an earlier run finished.
+fn found(known: &Path, file: &Path) -> Option<FileFacts> {
     let text = files::read_text(known, PART_LIMIT).ok()?;
-    let size = std::fs::metadata(shard).map_or(0, |found| found.len());
+    let size = std::fs::metadata(file).map_or(0, |found| found.len());
     serde_json::from_str(&text).ok().filter(|part: &FileFacts| part.bytes == size)
 }
 
-/// Writes the next scenes into a shard.
-fn write_shard(
+/// Writes the next scenes into a file.
+fn write_file(
     args: &ConvertArgs,
     items: &mut (impl Iterator<Item = Item> + Send),
     size: usize,
@@ -170,6 +175,7 @@ fn write_shard(
 ) -> Result<FileFacts> {
     let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let mut part = FileFacts { file, ..FileFacts::default() };
+    let mut stopped = None;
     let encode = |item: Item| {
         item.read(&args.reading.options()).and_then(|recording| {
             let mut encoded = recording.to_scenario()?;
@@ -189,6 +195,11 @@ fn write_shard(
                         *part.notes.entry(note).or_default() += count;
                     }
                 }
+                // Stored as missing it would stay so; the next run reads it again.
+                Err(error) if is_of_the_system(&error) => {
+                    stopped = Some(error);
+                    return Err(std::io::ErrorKind::Other.into());
+                }
                 Err(error) => {
                     let error = format!("{:#}", anyhow::Error::from(error));
                     progress.say(&format!("error: {error}"));
@@ -198,6 +209,15 @@ fn write_shard(
             Ok(())
         })
     });
+    if let Some(error) = stopped {
+        return Err(error.into());
+    }
     written.with_context(|| format!("cannot write `{}`", path.display()))?;
     Ok(part)
+}
+
+/// True if the system refused to read a scene, so that another try may succeed.
+fn is_of_the_system(error: &sage_data::Error) -> bool {
+    std::iter::successors(Some(error as &dyn std::error::Error), |error| error.source())
+        .any(crate::outcome::is_refusal)
 }

@@ -1,0 +1,143 @@
+//! The shards of a run: they agree on their scenes, end with a manifest each, and are joined.
+
+use std::io::ErrorKind;
+
+use anyhow::{Context as _, Result, anyhow, bail};
+use sage_core::files::{self, Existing};
+use sage_data::dataset::Shard;
+
+use super::{
+    DatasetRun, Part,
+    claims::{Claims, ShardState, ranges},
+    manifest::{
+        MANIFEST, Manifest, SCENES, SHARDS, SceneRecord, ShardRecord, agreed_scenes, difference, shard_file,
+        shard_files,
+    },
+};
+use crate::{
+    Outcome,
+    outcome::EndsWith,
+    progress::{self, count},
+};
+
+impl DatasetRun {
+    /// Refuses a shard of other scenes than those of the shards before it. A whole run replaces their list, so that
+    /// `sage status` knows of scenes that are new.
+    ///
+    /// *Errors*: they are others; a system error.
+    pub(crate) fn agree_on_scenes(&self, names: &[&str]) -> Result<()> {
+        let path = self.folder.path();
+        let agreed = match agreed_scenes(path)? {
+            Some(agreed) => Some(agreed),
+            None => Manifest::names_of_run(path, &self.hash),
+        };
+        match (self.part, agreed.map(|agreed| difference(&agreed, names))) {
+            (_, Some(None)) | (Part::Whole, None) | (Part::Join, _) => Ok(()),
+            (Part::Whole, Some(Some(_))) => self.write_scenes(names, Existing::Replace),
+            (Part::Shard(_), Some(Some(difference))) => bail!(
+                "the scenes are not those of the other shards in `{}`: {difference}; give all shards the same scenes, or \
+                 remove `{SHARDS}/{SCENES}` there if they were listed wrongly",
+                path.display()
+            ),
+            (Part::Shard(_), None) => self.write_scenes(names, Existing::Keep),
+        }
+    }
+
+    /// Writes the list of all scenes. Another shard may have done so meanwhile.
+    fn write_scenes(&self, names: &[&str], existing: Existing) -> Result<()> {
+        let path = self.folder.inner(SHARDS.as_ref())?.join(SCENES);
+        match files::write(&path, &serde_json::to_vec(names)?, existing) {
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => self.agree_on_scenes(names),
+            outcome => outcome.with_context(|| format!("cannot write `{}`", path.display())),
+        }
+    }
+
+    /// Names of all scenes, as the shards agree on them.
+    ///
+    /// *Errors*: they cannot be read.
+    pub(crate) fn agreed_scenes(&self) -> Result<Vec<String>> {
+        let path = self.folder.path();
+        let agreed = agreed_scenes(path)?.or_else(|| Manifest::names_of_run(path, &self.hash));
+        Ok(agreed.unwrap_or_default())
+    }
+
+    /// What became of all scenes, from the manifests of the shards.
+    ///
+    /// *Errors*: a scene was not reached by any shard, a manifest or its files are not as they should be, or the shards
+    /// are of other scenes.
+    pub(crate) fn joined(&self, names: &[&str]) -> Result<(Vec<SceneRecord>, Vec<ShardState>)> {
+        let path = self.folder.path();
+        let mut claims = Claims::read(path, &self.hash, false)?;
+        if let Some(difference) = difference(&claims.scenes, names).filter(|_| !claims.scenes.is_empty()) {
+            bail!("the scenes are not those of the shards in `{}`: {difference}", path.display());
+        }
+        let missing = claims.missing().len();
+        let kind = if missing > 0 { "error" } else { "warning" };
+        claims.problems.iter().for_each(|problem| progress::say(&format!("{kind}: {problem}")));
+        if missing > 0 || claims.scenes.is_empty() {
+            let of = claims.shard_count().unwrap_or(1);
+            let error = anyhow!(
+                "{missing} of {} are missing in `{}`, in shards {} of {of}; `sage status` says how to finish them",
+                count(names.len(), "scene"),
+                path.display(),
+                ranges(&claims.unfinished_shards(of)),
+            );
+            // On a network file system they may only be seen late; a damaged manifest stays one.
+            return Err(if claims.problems.is_empty() {
+                EndsWith(Outcome::Retry, error).into()
+            } else {
+                error
+            });
+        }
+        let records = names.iter().filter_map(|name| claims.records.remove(*name)).collect();
+        Ok((records, claims.shards))
+    }
+
+    /// Ends a shard: writes its manifest, and nothing that depends on other shards. A shard of a joined run writes none if
+    /// the manifest of the run says the same.
+    ///
+    /// *Errors*: a system error.
+    pub(crate) fn finish_shard(&self, shard: Shard, records: &[SceneRecord]) -> Result<()> {
+        let path = self.folder.path();
+        if shard_files(path)?.is_empty()
+            && let Ok(whole) = Manifest::read(&path.join(MANIFEST))
+            && whole.head.run_hash == self.hash
+            && records.iter().all(|record| whole.records.contains(record))
+        {
+            progress::say(&format!(
+                "note: `{}` is joined already, and shard {shard} is in it",
+                path.display()
+            ));
+            return self.remove_shards();
+        }
+        self.folder.inner(SHARDS.as_ref())?;
+        let Shard { number, of } = shard;
+        let seconds = self.clock.elapsed().as_secs_f64();
+        let own = ShardRecord { number, of, seconds, threads: rayon::current_num_threads() };
+        Manifest::write(&path.join(shard_file(shard)), &self.hash, Some(own), records)?;
+        progress::say(&format!(
+            "note: this is shard {shard}; `sage join {}` completes the folder when all shards are done",
+            path.display()
+        ));
+        Ok(())
+    }
+
+    /// Removes the manifests of shards and the list of their scenes.
+    ///
+    /// *Errors*: a system error.
+    pub(crate) fn remove_shards(&self) -> Result<()> {
+        let path = self.folder.path();
+        if !path.join(SHARDS).is_dir() {
+            return Ok(());
+        }
+        self.folder.inner(SHARDS.as_ref())?;
+        let name = |file: &std::path::Path| {
+            format!("{SHARDS}/{}", file.file_name().unwrap_or_default().to_string_lossy())
+        };
+        let manifests = shard_files(path)?.into_iter().map(|(_, file)| name(&file));
+        manifests.chain([format!("{SHARDS}/{SCENES}")]).try_for_each(|name| self.folder.remove(&name))?;
+        // Scenes may lie in a folder of this name.
+        let _ = std::fs::remove_dir(path.join(SHARDS));
+        Ok(())
+    }
+}

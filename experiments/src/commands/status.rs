@@ -117,7 +117,11 @@ impl Status {
             retry: with(State::Retry),
             left_out_scenes: with(State::LeftOut),
             bytes: claims.records.values().flat_map(|record| &record.files).map(|file| file.bytes).sum(),
-            core_seconds: claims.shards.iter().map(|state| state.seconds * state.threads as f64).sum(),
+            // The sum of none would be -0.
+            core_seconds: claims
+                .shards
+                .iter()
+                .fold(0.0, |sum, state| sum + state.seconds * state.threads as f64),
             joined: claims.is_joined && !output::has_shards(folder)?,
             has_begun_shards: output::has_shards(folder)?,
             problems: claims.problems,

@@ -1,6 +1,6 @@
 //! The shards of a run: they agree on their scenes, end with a manifest each, and are joined.
 
-use std::io::ErrorKind;
+use std::{collections::HashMap, io::ErrorKind};
 
 use anyhow::{Context as _, Result, anyhow, bail};
 use sage_core::files::{self, Existing};
@@ -99,11 +99,7 @@ impl DatasetRun {
     /// *Errors*: a system error.
     pub(crate) fn finish_shard(&self, shard: Shard, records: &[SceneRecord]) -> Result<()> {
         let path = self.folder.path();
-        if shard_files(path)?.is_empty()
-            && let Ok(whole) = Manifest::read(&path.join(MANIFEST))
-            && whole.head.run_hash == self.hash
-            && records.iter().all(|record| whole.records.contains(record))
-        {
+        if shard_files(path)?.is_empty() && self.is_in_manifest(records) {
             progress::say(&format!(
                 "note: `{}` is joined already, and shard {shard} is in it",
                 path.display()
@@ -120,6 +116,16 @@ impl DatasetRun {
             path.display()
         ));
         Ok(())
+    }
+
+    /// True if the manifest of the whole run holds some records.
+    fn is_in_manifest(&self, records: &[SceneRecord]) -> bool {
+        let Ok(whole) = Manifest::read(&self.folder.path().join(MANIFEST)) else { return false };
+        let known: HashMap<&str, &SceneRecord> =
+            whole.records.iter().map(|record| (&*record.scene, record)).collect();
+        let is_known =
+            |record: &SceneRecord| known.get(&*record.scene).is_some_and(|known| **known == *record);
+        whole.head.run_hash == self.hash && records.iter().all(is_known)
     }
 
     /// Removes the manifests of shards and the list of their scenes.

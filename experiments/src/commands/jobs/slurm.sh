@@ -29,16 +29,16 @@ if [ "$SAGE_FIRST" = join ]; then
   for pause in 30 60 120 0; do
     @JOIN@
     status=$?
-    [ $status = 74 ] || exit $status
-    sleep $pause
+    [ "$status" = 74 ] || exit "$status"
+    sleep "$pause"
   done
-  exit $status
+  exit "$status"
 fi
 
 @COMMAND@ --threads @CORES@ --shard "$((SAGE_FIRST + SLURM_ARRAY_TASK_ID))/$shards"
 status=$?
 # 74 is an input or output error: the next try, on any node, goes on where this one stopped.
-if [ $status = 74 ] && [ "${SLURM_RESTART_COUNT:-0}" -lt @RETRIES@ ]; then
+if [ "$status" = 74 ] && [ "${SLURM_RESTART_COUNT:-0}" -lt @RETRIES@ ]; then
   scontrol requeue "${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID" && exit 0
 fi
-exit $status
+exit "$status"

@@ -49,7 +49,7 @@ pub(crate) fn run(args: &JoinArgs, registries: &Registries) -> Result<Outcome> {
 ///
 /// *Errors*: the folder holds no run.
 pub(super) fn recorded_command(folder: &Path) -> Result<String> {
-    let none = || format!("`{}` holds no run: it has no `{RECORD}` of one", folder.display());
+    let none = || format!("`{}` holds no run of a command: there is no `{RECORD}` of one", folder.display());
     let record = output::record_of(folder)?.with_context(none)?;
     let command = record["full_command"].as_str().or_else(|| record["command"].as_str());
     command.filter(|command| command.starts_with("sage ")).map(str::to_owned).with_context(none)

@@ -63,8 +63,11 @@ fn recorded_without(flags: &[(&str, bool)], arguments: impl Iterator<Item = Stri
     words.join(" ")
 }
 
-/// A recorded command with further options, which go after its name: `--` may end the others.
+/// A recorded command with further options: at its end, or after its name if `--` ends the others.
 pub(crate) fn command_with(command: &str, options: &str) -> String {
+    if !command.contains(" -- ") {
+        return format!("{command} {options}");
+    }
     let mut words = command.splitn(3, ' ');
     let [program, name, rest] = std::array::from_fn(|_| words.next().unwrap_or_default());
     format!("{program} {name} {options} {rest}").trim_end().to_owned()

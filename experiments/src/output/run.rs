@@ -69,8 +69,8 @@ pub(super) fn difference(recorded: &Value, own: &Value) -> String {
         let [there, _] = both("command");
         return format!("it is of `{there}`");
     }
-    let keys = own.as_object().into_iter().chain(recorded.as_object()).flat_map(|object| object.keys());
-    let other = keys.filter(|key| recorded[&**key] != own[&**key]).next();
+    let mut keys = own.as_object().into_iter().chain(recorded.as_object()).flat_map(|object| object.keys());
+    let other = keys.find(|key| recorded[&**key] != own[&**key]);
     format!("its `{}` is another", other.map_or("run", |key| key))
 }
 

@@ -27,7 +27,7 @@ pub(crate) use claims::{Claims, ShardState, ranges};
 pub(crate) use command_line::{command, command_with, program, quoted, stand_for};
 pub(crate) use dataset_run::{DatasetRun, Ended, run_hash};
 pub(crate) use inputs::Inputs;
-pub(crate) use manifest::{Counts, MANIFEST, SceneRecord, State, has_shards};
+pub(crate) use manifest::{Counts, FileRecord, MANIFEST, SceneRecord, State, has_shards};
 pub(crate) use part::Part;
 pub(crate) use run::{RECORD, Run, RunState, record_of};
 

@@ -21,7 +21,7 @@ use serde_json::{Value, json};
 use crate::{
     Outcome, input,
     outcome::{may_pass, may_succeed_later},
-    output::{self, Counts, DatasetRun, Inputs, Part, SceneRecord, ShardState, State},
+    output::{self, Counts, DatasetRun, FileRecord, Inputs, Part, SceneRecord, ShardState, State},
     progress, terminal,
 };
 
@@ -68,6 +68,11 @@ impl Scenes {
         self.all.iter().filter(|input| part.holds(&input.scene)).collect()
     }
 
+    /// The scenes that a part of the run reports on: its own, or all.
+    pub(crate) fn reported_by(&self, part: Part) -> Vec<&Input> {
+        if part == Part::Join { self.all.iter().collect() } else { self.of_part(part) }
+    }
+
     /// Names of all scenes.
     pub(crate) fn names(&self) -> Vec<&str> {
         self.all.iter().map(|input| &*input.scene).collect()
@@ -109,8 +114,9 @@ pub(crate) fn outcome(records: &[SceneRecord], part: Part, out: &Path, done: &st
         1 if !has_results => progress::say(&format!("error: the scene could not be {done}")),
         _ if !has_results => progress::say(&format!("error: no scene of {all} could be {done}")),
         _ => progress::say(&format!(
-            "{failed} of {all} scenes failed; the others are in `{}`; remove the cause and {again}",
-            out.display()
+            "{failed} of {all} scenes failed; the others are in `{}`; remove the cause and {}",
+            out.display(),
+            if part == Part::Join { "run their shards again" } else { again }
         )),
     }
     if counts.retry > 0 { Outcome::Retry } else { Outcome::BadScenes }
@@ -183,6 +189,9 @@ fn inputs(root: &Path, files: &[PathBuf], options: &ReadOptions) -> Result<Vec<I
     Ok(inputs)
 }
 
+/// Most failed scenes that a join names; its manifest names all.
+const MOST_TOLD: usize = 20;
+
 /// What became of the scenes of a part.
 pub(crate) struct Worked {
     /// In the order of the scenes.
@@ -194,12 +203,34 @@ pub(crate) struct Worked {
 }
 
 impl Worked {
-    /// What the shards of a run did.
+    /// Does a part of a run: works on its scenes, or takes what the shards of a run did. `report` makes the report for a
+    /// number of scenes.
     ///
-    /// *Errors*: as [`DatasetRun::joined`].
-    pub(crate) fn by_shards(run: &DatasetRun, scenes: &Scenes) -> Result<Self> {
-        let (records, shards) = run.joined(&scenes.names())?;
-        Ok(Self { records, shards, seconds: Vec::new() })
+    /// *Errors*: the first failure that ends the run; as [`DatasetRun::joined`].
+    pub(crate) fn on(
+        scenes: &Scenes,
+        part: Part,
+        run: &DatasetRun,
+        report: impl FnOnce(usize) -> Report,
+        one: impl Fn(&Input) -> Result<SceneReport, Failure> + Sync,
+    ) -> Result<Self> {
+        run.agree_on_scenes(&scenes.names())?;
+        if part == Part::Join {
+            let (records, shards) = run.joined(&scenes.names())?;
+            let failed = records.iter().filter(|record| [State::Bad, State::Retry].contains(&record.state));
+            failed.take(MOST_TOLD).for_each(|record| progress::say(&format!("error: {}", record.reason)));
+            return Ok(Self { records, shards, seconds: Vec::new() });
+        }
+        let own = scenes.of_part(part);
+        let report = report(own.len());
+        let worked = work(&own, run, &report, one)?;
+        report.finish(run.folder().path());
+        Ok(worked)
+    }
+
+    /// True if there is any result.
+    pub(crate) fn has_results(&self) -> bool {
+        self.records.iter().any(|record| !record.files.is_empty())
     }
 
     /// Median of the seconds per line; `None` if nothing was worked on.
@@ -211,13 +242,13 @@ impl Worked {
 /// Works on scenes on all threads; each thread takes the next scene.
 ///
 /// *Errors*: the first failure that ends the run.
-pub(crate) fn work(
+fn work(
     inputs: &[&Input],
     run: &DatasetRun,
     report: &Report,
     one: impl Fn(&Input) -> Result<SceneReport, Failure> + Sync,
 ) -> Result<Worked> {
-    let next = AtomicUsize::new(0);
+    let (next, known) = (AtomicUsize::new(0), run.known_files());
     let folder = run.folder().path();
     let (stopped, times) = (Mutex::new(None), Mutex::new(Vec::new()));
     let records: Mutex<Vec<Option<SceneRecord>>> = Mutex::new(vec![None; inputs.len()]);
@@ -227,6 +258,15 @@ pub(crate) fn work(
             let number = next.fetch_add(1, Ordering::Relaxed);
             let Some(input) = inputs.get(number) else { break };
             let outcome = one(input).and_then(|scene| {
+                let record = recorded(folder, input, &scene).map_err(Failure::Scene)?;
+                let is_changed = |files: &Vec<FileRecord>| !files.is_empty() && *files != record.files;
+                if scene.seconds.is_some() || !known.get(&input.scene).is_some_and(is_changed) {
+                    return Ok((scene, record));
+                }
+                report.say(&format!("note: files of `{}` were changed; it is done again", input.scene));
+                let mut names = record.files.iter().map(|file| &file.name);
+                names.try_for_each(|name| run.folder().remove(name)).map_err(Failure::Scene)?;
+                let scene = one(input)?;
                 let record = recorded(folder, input, &scene).map_err(Failure::Scene)?;
                 Ok((scene, record))
             });

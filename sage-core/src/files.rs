@@ -23,7 +23,7 @@ use std::io::ErrorKind;
 pub fn is_disk_full(error: &std::io::Error) -> bool {
     match error.kind() {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded => true,
-        ErrorKind::FileTooLarge => error.raw_os_error().is_some(),
+        ErrorKind::FileTooLarge => !error.get_ref().is_some_and(|inner| inner.is::<read::TooLarge>()),
         _ => false,
     }
 }

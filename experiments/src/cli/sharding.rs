@@ -10,19 +10,19 @@ use super::help::JOB;
 /// Say what is done of a run, and how to finish it.
 ///
 /// Reads the manifests in the output folder of `generate`, `simulate`, `search`, `convert` or a study, and checks that the
-/// files they name are there. The exit status is that of the run: 0 if all is done, 65 if all is done but scenes are bad,
-/// 74 if scenes are missing, and 1 if a manifest contradicts the files.
+/// files they name are there. The exit status is that of the run: 0 if it is complete, 65 if it is complete but scenes are
+/// bad, 74 if scenes are missing or the shards are not joined yet, and 1 if a manifest contradicts the files.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   sage status attacked/
   sage status attacked/ --json | jq -r '.bad[].scene'
-  until sage status attacked/ --json | jq -e '.missing == 0'; do sleep 60; done")]
+  while sage status attacked/; [ $? = 74 ]; do sleep 60; done")]
 pub(crate) struct StatusArgs {
     /// Output folder of a run.
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
-    /// Also read all files and compare their hashes.
+    /// Also read all files of scenes and compare their hashes.
     #[arg(long)]
     pub verify: bool,
     /// Print one JSON object.

@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use crate::{
     Outcome, Registries,
     cli::GenerateArgs,
-    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord},
+    output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, SceneRecord, State},
     progress,
     scene_queue::{self, Input, Report, Scenes, Worked, is_row_of},
 };
@@ -41,24 +41,22 @@ pub(crate) fn run(args: &GenerateArgs, part: Part, registries: &Registries) -> R
         of_scenes.chain([INDEX, MANIFEST].map(str::to_owned)).collect()
     };
     let run = DatasetRun::start(out, plan.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
-    run.agree_on_scenes(&scenes.names())?;
     output::keep_planner_logs(run.folder(), part, std::slice::from_ref(&plan.ego))?;
-    let worked = if part == Part::Join {
-        Worked::by_shards(&run, &scenes)?
-    } else {
-        let report = Report::new(run.folder().path(), args.json, own.len(), ["attacked", "attempt"]);
-        let report = if args.quiet { report.quiet() } else { report };
-        let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
-        let worked = scene_queue::work(&own, &run, &report, attack)?;
-        report.finish(out);
-        worked
+    let report = |count| {
+        let report = Report::new(run.folder().path(), args.json, count, ["attacked", "attempt"]);
+        if args.quiet { report.quiet() } else { report }
     };
+    let attack = |input: &Input| attack_scene(&plan, &run, &input.file, &input.scene);
+    let worked = Worked::on(&scenes, part, &run, report, attack)?;
     let (records, folder, hash) = (&worked.records, run.folder().path().to_owned(), run.hash().to_owned());
     let has_any = Counts::of(records).done > 0;
     match part {
         Part::Shard(shard) => run.finish_shard(shard, records)?,
         Part::Whole | Part::Join => {
-            if has_any && !args.no_pages {
+            let has_page = |record: &SceneRecord| folder.join(page_file(&record.scene)).is_file();
+            let mut done = records.iter().filter(|record| record.state == State::Done);
+            // Shards with --no-pages and others may be joined.
+            if has_any && !args.no_pages && done.all(has_page) {
                 index::write(&plan, run.folder(), &hash, all)?;
             }
             let listed = run.finish(Ended {
@@ -73,8 +71,7 @@ pub(crate) fn run(args: &GenerateArgs, part: Part, registries: &Registries) -> R
         }
     }
     if has_any {
-        let printed: Vec<&Input> = if part == Part::Join { all.iter().collect() } else { own };
-        print_table(&plan, &folder, &hash, &printed, args.json)?;
+        print_table(&plan, &folder, &hash, &scenes.reported_by(part), args.json)?;
         if out.join(INDEX).is_file() {
             progress::say(&format!("to look at the attacks, open `{}`", out.join(INDEX).display()));
         }

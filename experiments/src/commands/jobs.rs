@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
-use clap::Parser as _;
+use anyhow::Result;
+use clap::{Parser as _, error::ErrorKind};
 use sage_data::dataset::Shard;
 
 use crate::{
@@ -22,7 +22,9 @@ pub(crate) fn run(args: &JobsArgs) -> Result<Outcome> {
     let words: Vec<&str> = std::iter::once("sage").chain(args.command.iter().map(String::as_str)).collect();
     let sharded = Sharded::of(Cli::try_parse_from(words)?)?;
     if args.scheduler == Scheduler::Kubernetes && args.shards > MOST_INDICES {
-        bail!("an Indexed Job has at most {MOST_INDICES} indices; give fewer --shards");
+        return Err(misused(format!(
+            "an Indexed Job has at most {MOST_INDICES} indices; give fewer --shards"
+        )));
     }
     output::print(&script(args, &sharded))?;
     Ok(Outcome::Done)
@@ -54,16 +56,28 @@ impl Sharded {
                     study.folder.out.as_deref().unwrap_or(Path::new("")),
                 )
             }
-            _ => bail!("only generate, simulate, search, convert and studies (bench STUDY) have shards"),
+            _ => {
+                let problem =
+                    "only generate, simulate, search, convert and studies (bench STUDY) have shards";
+                return Err(misused(problem.to_owned()));
+            }
         };
         if shard.is_some() || threads.is_some() {
-            bail!("the job gives --shard and --threads; leave them out");
+            return Err(misused("the job gives --shard and --threads; leave them out".to_owned()));
         }
         if force {
-            bail!("a shard cannot begin anew for the others; remove `{}` instead of --force", out.display());
+            let out = out.display();
+            return Err(misused(format!(
+                "a shard cannot begin anew for the others; remove `{out}` instead of --force"
+            )));
         }
         Ok(Self { name, out: quoted(out.display().to_string()) })
     }
+}
+
+/// An error of wrong usage.
+fn misused(problem: String) -> anyhow::Error {
+    clap::Error::raw(ErrorKind::ArgumentConflict, format!("{problem}\n")).into()
 }
 
 /// The script for a scheduler.
@@ -73,7 +87,7 @@ fn script(args: &JobsArgs, sharded: &Sharded) -> String {
     let command = format!("{program} {}", words.join(" "));
     let join = format!("{program} join {} --threads {}", sharded.out, args.cores);
     // Jobs of different commands have different names.
-    let hash = &blake3::hash(command.as_bytes()).to_hex()[..6];
+    let hash = &blake3::hash(format!("{command} {}", args.shards).as_bytes()).to_hex()[..6];
     let shards = args.shards;
     let comment = format!("`{}` in {shards} shards, as `sage jobs` prints it.", command.replace('\n', " "));
     let (template, command, join) = match args.scheduler {

@@ -36,18 +36,10 @@ pub(crate) fn run(args: &SearchArgs, part: Part, registries: &Registries) -> Res
         of_scenes.chain([MANIFEST.to_owned()]).collect()
     };
     let run = DatasetRun::start(out, searcher.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
-    run.agree_on_scenes(&scenes.names())?;
     output::keep_planner_logs(run.folder(), part, std::slice::from_ref(&searcher.ego))?;
-    let worked = if part == Part::Join {
-        Worked::by_shards(&run, &scenes)?
-    } else {
-        let report = Report::new(run.folder().path(), args.json, own.len(), ["searched", "scene"]);
-        let worked = scene_queue::work(&own, &run, &report, |input| search_scene(&searcher, &run, input))?;
-        report.finish(out);
-        worked
-    };
-    let records = &worked.records;
-    let shown: Vec<&Input> = if part == Part::Join { all.iter().collect() } else { own };
+    let report = |count| Report::new(run.folder().path(), args.json, count, ["searched", "scene"]);
+    let worked = Worked::on(&scenes, part, &run, report, |input| search_scene(&searcher, &run, input))?;
+    let (records, shown) = (&worked.records, scenes.reported_by(part));
     let rows = shown.into_iter().filter_map(|input| done(run.folder().path(), run.hash(), input));
     let summary = Summary::of(rows, args.require);
     match part {

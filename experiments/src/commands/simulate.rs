@@ -181,18 +181,10 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
         of_scenes.chain([index::FILE, MANIFEST, output::PLANNER_LOGS].map(str::to_owned)).collect()
     };
     let run = DatasetRun::start(out, simulation.identity()?, args.folder.force, part, &[MANIFEST], outdated)?;
-    run.agree_on_scenes(&scenes.names())?;
     output::keep_planner_logs(run.folder(), part, &simulation.egos)?;
-    let (worked, drives) = if part == Part::Join {
-        (Worked::by_shards(&run, &scenes)?, None)
-    } else {
-        let report = Report::new(run.folder().path(), args.json, own.len(), ["driven", "drive"]);
-        let worked =
-            scene_queue::work(&own, &run, &report, |input| simulate_scene(&simulation, &run, input))?;
-        (worked, Some(report.finish(out)))
-    };
+    let report = |count| Report::new(run.folder().path(), args.json, count, ["driven", "drive"]);
+    let worked = Worked::on(&scenes, part, &run, report, |input| simulate_scene(&simulation, &run, input))?;
     let (records, folder, hash) = (&worked.records, run.folder().path().to_owned(), run.hash().to_owned());
-    let shown: Vec<&Input> = if part == Part::Join { inputs.iter().collect() } else { own };
     match part {
         Part::Shard(shard) => run.finish_shard(shard, records)?,
         Part::Whole | Part::Join => {
@@ -207,11 +199,11 @@ pub(crate) fn run(args: &SimulateArgs, part: Part, registries: &Registries) -> R
             })?;
         }
     }
-    if let Some(table) = summary::table(&simulation, &folder, &shown, &hash) {
+    if let Some(table) = summary::table(&simulation, &folder, &scenes.reported_by(part), &hash) {
         output::print_table(&table, args.json)?;
     }
     let page = if inputs.len() == 1 { page_file(&inputs[0].scene) } else { index::FILE.to_owned() };
-    if drives != Some(0) && out.join(&page).is_file() {
+    if worked.has_results() && out.join(&page).is_file() {
         progress::say(&format!("to watch, open `{}` in a browser", out.join(page).display()));
     }
     let again = match simulation.egos.iter().any(|ego| ego.is_program) {

@@ -25,30 +25,36 @@ const MOST_COMMANDS: usize = 4;
 #[derive(Serialize)]
 struct Status {
     command: String,
-    #[serde(flatten)]
-    counts: Counts,
-    /// Scenes that were not reached, or whose files are not as a manifest says.
-    missing: usize,
-    /// False for a run that has no manifest: it has not ended, or is of a command without scenes.
-    is_known: bool,
-    /// True if the record of the run says that it is done.
-    is_recorded_done: bool,
+    /// `null` for a run that has no manifest: it has not ended, or is of a command without scenes.
+    scenes: Option<SceneCounts>,
     shards: Shards,
     bad: Vec<Reason>,
     retry: Vec<Reason>,
-    left_out_scenes: Vec<Reason>,
+    left_out: Vec<Reason>,
     /// What is wrong with manifests or files.
     problems: Vec<String>,
-    /// Size of the files of all finished shards.
+    /// Size of the files of all finished scenes.
     bytes: u64,
-    core_seconds: f64,
-    /// True if the manifest of the whole run is written.
-    joined: bool,
-    /// True if shards have begun.
-    #[serde(skip)]
-    has_begun_shards: bool,
+    /// Time of the shards that have ended, or of the run, times their threads.
+    core_seconds: Option<f64>,
+    /// True if nothing is left to do: the manifest of the whole run is written, or its record says so.
+    complete: bool,
     /// Commands that finish the run.
     finish: Vec<String>,
+    #[serde(skip)]
+    is_contradicted: bool,
+}
+
+/// Numbers of scenes by what became of them.
+#[derive(Clone, Copy, Serialize)]
+struct SceneCounts {
+    all: usize,
+    done: usize,
+    left_out: usize,
+    bad: usize,
+    retry: usize,
+    /// Not reached, or with files that are not as a manifest says.
+    missing: usize,
 }
 
 #[derive(Default, Serialize)]
@@ -56,7 +62,7 @@ struct Shards {
     of: Option<u32>,
     /// Those whose manifest is there.
     ended: BTreeSet<u32>,
-    /// Those with scenes that are missing or to be tried again.
+    /// Those with scenes that are missing or to be tried again; they may be among the ended ones.
     unfinished: BTreeSet<u32>,
     /// Those of the unfinished that a process has begun: it runs, or was killed.
     begun: BTreeSet<u32>,
@@ -107,24 +113,28 @@ impl Status {
             };
             records.filter(|record| record.state == state).map(reason).collect()
         };
+        let Counts { done, left_out, bad, retry, .. } = claims.counts();
+        let (all, missing) = (claims.scenes.len(), claims.missing().len());
         let is_known = !claims.scenes.is_empty();
+        let is_recorded_done = !record["seconds"].is_null();
+        let is_joined = claims.is_joined && !output::has_shards(folder)?;
         let mut status = Self {
-            missing: claims.missing().len(),
-            counts: claims.counts(),
-            is_known,
-            is_recorded_done: !record["seconds"].is_null(),
+            scenes: is_known.then_some(SceneCounts { all, done, left_out, bad, retry, missing }),
             bad: with(State::Bad),
             retry: with(State::Retry),
-            left_out_scenes: with(State::LeftOut),
+            left_out: with(State::LeftOut),
             bytes: claims.records.values().flat_map(|record| &record.files).map(|file| file.bytes).sum(),
-            // The sum of none would be -0.
-            core_seconds: claims
-                .shards
-                .iter()
-                .fold(0.0, |sum, state| sum + state.seconds * state.threads as f64),
-            joined: claims.is_joined && !output::has_shards(folder)?,
-            has_begun_shards: output::has_shards(folder)?,
+            core_seconds: match claims.shards.is_empty() {
+                true => record["core_seconds"].as_f64(),
+                false => Some(claims.shards.iter().map(|shard| shard.seconds * shard.threads as f64).sum()),
+            },
+            complete: match is_known {
+                true => is_joined && missing == 0 && retry == 0,
+                // A run of these commands has a manifest.
+                false => is_recorded_done && !has_scenes(&command),
+            },
             problems: claims.problems,
+            is_contradicted: claims.is_contradicted,
             finish: Vec::new(),
             shards,
             command,
@@ -133,32 +143,23 @@ impl Status {
         Ok(status)
     }
 
-    fn is_unfinished(&self) -> bool {
-        match self.is_known {
-            true => self.missing > 0 || self.counts.retry > 0 || !self.joined,
-            false => !self.is_recorded_done,
-        }
-    }
-
     fn outcome(&self) -> Outcome {
         match () {
-            () if !self.problems.is_empty() => Outcome::NotHeld,
-            () if self.is_unfinished() => Outcome::Retry,
-            () if self.counts.bad > 0 => Outcome::BadScenes,
+            () if self.is_contradicted => Outcome::NotHeld,
+            () if !self.complete => Outcome::Retry,
+            () if !self.bad.is_empty() => Outcome::BadScenes,
             () => Outcome::Done,
         }
     }
 
-    /// The commands that finish the run; none are known while the first shards run.
+    /// The commands that finish the run.
     fn finishing(&self, folder: &Path) -> Vec<String> {
         let out = output::quoted(folder.display().to_string());
         let with = |options: &str| output::command_with(&self.command, &format!("--out {out}{options}"));
-        if !self.is_unfinished() {
+        if self.complete {
             return Vec::new();
         }
-        let Some(of) = self.shards.of else {
-            return if self.has_begun_shards { Vec::new() } else { vec![with("")] };
-        };
+        let Some(of) = self.shards.of else { return vec![with("")] };
         let unfinished = &self.shards.unfinished;
         let mut all: Vec<String> = match unfinished.len() {
             0 => Vec::new(),
@@ -175,40 +176,40 @@ impl Status {
     }
 
     fn text(&self) -> String {
-        let Counts { scenes, done, left_out, bad, retry } = self.counts;
         let mut lines = vec![self.command.clone()];
-        if self.is_known {
-            let mut parts = vec![format!("{done} done")];
-            for (number, what) in [
-                (left_out, "left out"),
-                (bad, "bad"),
-                (retry, "to be tried again"),
-                (self.missing, "missing"),
-            ] {
-                if number > 0 {
-                    parts.push(format!("{number} {what}"));
-                }
+        match self.scenes {
+            Some(SceneCounts { all, done, left_out, bad, retry, missing }) => {
+                let others = [
+                    (left_out, "left out"),
+                    (bad, "bad"),
+                    (retry, "to be tried again"),
+                    (missing, "missing"),
+                ];
+                let others = others.iter().filter(|(number, _)| *number > 0);
+                let others: String = others.map(|(number, what)| format!(", {number} {what}")).collect();
+                let end = if self.complete { "; complete" } else { "" };
+                lines.push(format!("{}: {done} done{others}{end}", count(all, "scene")));
             }
-            lines.push(format!("{}: {}", count(scenes + self.missing, "scene"), parts.join(", ")));
-        } else if self.is_recorded_done {
-            lines.push("done".to_owned());
-        } else {
-            lines.push("unfinished, without shards: what is done is known at its end".to_owned());
+            None if self.complete => lines.push("complete".to_owned()),
+            None => lines.push("not complete; which scenes are done is known at its end".to_owned()),
         }
         if let Some(of) = self.shards.of {
             let Shards { ended, unfinished, begun, .. } = &self.shards;
             let named = |what: &str, numbers: &BTreeSet<u32>| match numbers.len() {
                 0 => String::new(),
-                all => format!(", {all} {what}: {}", ranges(numbers)),
+                some => format!(", {some} {what} ({})", ranges(numbers)),
             };
             lines.push(format!(
-                "{of} shards: {} ended{}{}",
-                ended.len(),
-                named("unfinished", unfinished),
-                named("of them running or killed", begun)
+                "{of} shards: {} done{}{}",
+                ended.difference(unfinished).count(),
+                named("to be run", unfinished),
+                named("of them running, or killed", begun)
             ));
-            let (gigabytes, hours) = (self.bytes as f64 / 1e9, self.core_seconds / 3600.0);
-            lines.push(format!("so far {gigabytes:.2} GB and {hours:.2} core-hours"));
+        }
+        if let Some(seconds) = self.core_seconds {
+            let (gigabytes, hours) = (self.bytes as f64 / 1e9, seconds / 3600.0);
+            let so_far = if self.complete { "" } else { "so far " };
+            lines.push(format!("{so_far}{gigabytes:.3} GB and {hours:.3} core-hours"));
         }
         for problem in limited(&self.problems) {
             lines.push(format!("error: {problem}"));
@@ -220,11 +221,17 @@ impl Status {
             lines.extend(limited(&named.collect::<Vec<_>>()));
         }
         if !self.finish.is_empty() {
-            lines.push("to finish:".to_owned());
+            lines.push("to finish, in the folder where the run was begun:".to_owned());
             lines.extend(self.finish.iter().map(|command| format!("  {command}")));
         }
         lines.iter().map(|line| format!("{}\n", terminal::escaped_name(line))).collect()
     }
+}
+
+/// True for the commands whose runs end with a manifest.
+fn has_scenes(command: &str) -> bool {
+    let name = command.split(' ').nth(1).unwrap_or_default();
+    ["generate", "simulate", "search", "convert", "bench"].contains(&name)
 }
 
 fn number(shard: Shard) -> u32 {

@@ -33,6 +33,8 @@ pub(crate) struct Claims {
     pub(crate) problems: Vec<String>,
     /// What is wrong with the files of scenes, by scene.
     wrong: BTreeMap<String, String>,
+    /// True if a problem is more than a file that is missing, which may only be seen late.
+    pub(crate) is_contradicted: bool,
     /// True if the manifest of the whole run is there.
     pub(crate) is_joined: bool,
 }
@@ -67,6 +69,7 @@ impl Claims {
                     continue;
                 }
             };
+            all.is_contradicted = true;
             all.problems.push(format!("`{}`: {wrong}; remove it and run its shard again", path.display()));
         }
         all.conclude();
@@ -80,7 +83,10 @@ impl Claims {
             // Manifests of an earlier run remain after --force.
             Ok(_) => None,
             Err(error) => {
-                self.problems.push(format!("{error:#}; remove it and run its shard again"));
+                self.is_contradicted = true;
+                let again =
+                    if path.ends_with(MANIFEST) { "run the command again" } else { "run its shard again" };
+                self.problems.push(format!("{error:#}; remove it and {again}"));
                 None
             }
         }
@@ -114,6 +120,7 @@ impl Claims {
         self.records.retain(|name, _| scenes.contains(name));
         for (scene, problem) in std::mem::take(&mut self.wrong) {
             if !self.records.contains_key(&scene) {
+                self.is_contradicted |= !problem.ends_with(MISSING);
                 self.problems.push(format!("scene `{scene}`: {problem}; run its shard again"));
             }
         }
@@ -145,6 +152,9 @@ impl Claims {
     }
 }
 
+/// End of the problem of a file that is not there.
+const MISSING: &str = "is missing";
+
 /// What is wrong with the files of a scene; `None` if they are as its record says.
 fn wrong_file(folder: &Path, record: &SceneRecord, verify: bool) -> Option<String> {
     for file in &record.files {
@@ -157,7 +167,7 @@ fn wrong_file(folder: &Path, record: &SceneRecord, verify: bool) -> Option<Strin
         match std::fs::symlink_metadata(&path) {
             Ok(found) if found.is_file() && found.len() == file.bytes => {}
             Ok(found) => return Some(format!("`{name}` has {} bytes and not {}", found.len(), file.bytes)),
-            Err(_) => return Some(format!("`{name}` is missing")),
+            Err(_) => return Some(format!("`{name}` {MISSING}")),
         }
         if verify {
             match FileRecord::of(folder, name) {

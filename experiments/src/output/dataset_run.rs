@@ -94,7 +94,7 @@ impl DatasetRun {
             run.folder.remove(RECORD)?;
             outdated().iter().try_for_each(|name| run.folder.remove(name))?;
             run.remove_shards()?;
-            run.record(&Value::Null, None, None)?;
+            run.record(&Value::Null, None, None, None)?;
         } else if !is_same {
             match run.refuse_other_run(record.as_ref()) {
                 // Without locks another shard may have begun the same run meanwhile.
@@ -105,7 +105,7 @@ impl DatasetRun {
                         run.folder.remove(MANIFEST)?;
                         run.remove_shards()?;
                     }
-                    run.record(&Value::Null, None, None)?;
+                    run.record(&Value::Null, None, None, None)?;
                 }
             }
         } else if run.is_done() {
@@ -170,9 +170,12 @@ impl DatasetRun {
         }
         Manifest::write(&path.join(MANIFEST), &self.hash, None, records)?;
         let own_seconds = self.clock.elapsed().as_secs_f64();
-        let seconds = match shards.is_empty() {
-            true => own_seconds,
-            false => shards.iter().map(|shard| shard.seconds).sum(),
+        let (seconds, core_seconds) = match shards.is_empty() {
+            true => (own_seconds, own_seconds * rayon::current_num_threads() as f64),
+            false => (
+                shards.iter().map(|shard| shard.seconds).sum(),
+                shards.iter().map(|shard| shard.seconds * shard.threads as f64).sum(),
+            ),
         };
         // A rerun that found everything done keeps the times of the run that did it.
         let record = self.recorded();
@@ -181,7 +184,7 @@ impl DatasetRun {
             && record["results"] == results
             && !record["seconds"].is_null();
         if !keeps {
-            self.record(&results, seconds_per_attack, is_done.then_some(seconds))?;
+            self.record(&results, seconds_per_attack, is_done.then_some(seconds), Some(core_seconds))?;
         }
         self.remove_shards()?;
         Ok(listed)
@@ -199,9 +202,15 @@ impl DatasetRun {
                 && self.part != Part::Join;
             if !is_unused {
                 bail!(
-                    "`{}` holds another run: {}; name another --out, or give --force to write into it anyway",
+                    "`{}` holds another run: {}; {}",
                     path.display(),
-                    run::difference(recorded, &self.identity)
+                    run::difference(recorded, &self.identity),
+                    match self.part {
+                        Part::Whole => "name another --out, or give --force to write into it anyway",
+                        Part::Shard(_) =>
+                            "run all shards with the same command and program, or name another --out",
+                        Part::Join => "join it with the program that ran the shards",
+                    }
                 );
             }
         } else if !self.folder.holds_at_most(&[])? || self.part == Part::Join {
@@ -236,10 +245,16 @@ impl DatasetRun {
         Ok(OutputLock::other_shard(self.folder.path(), number, of)?)
     }
 
-    fn record(&self, results: &Value, per_attack: Option<f64>, seconds: Option<f64>) -> Result<()> {
+    fn record(
+        &self,
+        results: &Value,
+        per_attack: Option<f64>,
+        seconds: Option<f64>,
+        core_seconds: Option<f64>,
+    ) -> Result<()> {
         let record = json!({
             "command": command(), "full_command": full_command(), "run": self.identity, "results": results,
-            "per_attack": {"seconds": per_attack}, "seconds": seconds,
+            "per_attack": {"seconds": per_attack}, "seconds": seconds, "core_seconds": core_seconds,
         });
         self.folder.write(RECORD, format!("{record:#}\n").as_bytes())
     }

@@ -43,8 +43,9 @@ pub(crate) fn record_of(folder: &Path) -> Result<Option<Value>> {
     match files::read_text(&path, RECORD_LIMIT) {
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
         Err(error) => Err(error).with_context(|| format!("cannot read `{}`", path.display())),
-        Ok(text) => serde_json::from_str(&text)
-            .with_context(|| format!("`{}` is damaged; give --force to begin anew", path.display())),
+        Ok(text) => serde_json::from_str(&text).with_context(|| {
+            format!("`{}` is damaged; copy it again, or begin in another folder", path.display())
+        }),
     }
 }
 
@@ -54,6 +55,9 @@ pub(crate) fn record_of(folder: &Path) -> Result<Option<Value>> {
 pub(super) fn read_record(folder: &Folder) -> Result<Option<Value>> {
     record_of(folder.path())
 }
+
+/// Longest value that is shown where two runs differ.
+const LONGEST_SHOWN: usize = 80;
 
 /// In what the run of a folder differs from another, in words.
 pub(super) fn difference(recorded: &Value, own: &Value) -> String {
@@ -71,7 +75,12 @@ pub(super) fn difference(recorded: &Value, own: &Value) -> String {
     }
     let mut keys = own.as_object().into_iter().chain(recorded.as_object()).flat_map(|object| object.keys());
     let other = keys.find(|key| recorded[&**key] != own[&**key]);
-    format!("its `{}` is another", other.map_or("run", |key| key))
+    let Some(key) = other else { return "it differs".to_owned() };
+    let short = |value: &Value| Some(value.to_string()).filter(|text| text.len() <= LONGEST_SHOWN);
+    match (short(&recorded[&**key]), short(&own[&**key])) {
+        (Some(there), Some(here)) => format!("its `{key}` is {there}, and here it is {here}"),
+        _ => format!("its `{key}` differs"),
+    }
 }
 
 impl Run {

@@ -10,8 +10,8 @@ use super::{
     DatasetRun, Part,
     claims::{Claims, ShardState, ranges},
     manifest::{
-        MANIFEST, Manifest, SCENES, SHARDS, SceneRecord, ShardRecord, agreed_scenes, difference, shard_file,
-        shard_files,
+        FileRecord, MANIFEST, Manifest, SCENES, SHARDS, SceneRecord, ShardRecord, agreed_scenes, difference,
+        shard_file, shard_files,
     },
 };
 use crate::{
@@ -35,8 +35,7 @@ impl DatasetRun {
             (_, Some(None)) | (Part::Whole, None) | (Part::Join, _) => Ok(()),
             (Part::Whole, Some(Some(_))) => self.write_scenes(names, Existing::Replace),
             (Part::Shard(_), Some(Some(difference))) => bail!(
-                "the scenes are not those of the other shards in `{}`: {difference}; give all shards the same scenes, or \
-                 remove `{SHARDS}/{SCENES}` there if they were listed wrongly",
+                "the scenes are not those with which `{}` was begun: {difference}; give all shards the same scenes",
                 path.display()
             ),
             (Part::Shard(_), None) => self.write_scenes(names, Existing::Keep),
@@ -69,25 +68,28 @@ impl DatasetRun {
         let path = self.folder.path();
         let mut claims = Claims::read(path, &self.hash, false)?;
         if let Some(difference) = difference(&claims.scenes, names).filter(|_| !claims.scenes.is_empty()) {
-            bail!("the scenes are not those of the shards in `{}`: {difference}", path.display());
+            bail!("the scenes are not those with which `{}` was begun: {difference}", path.display());
+        }
+        if claims.scenes.is_empty() {
+            bail!(
+                "`{}` has no list of its scenes (`{SHARDS}/{SCENES}`); run any shard again",
+                path.display()
+            );
         }
         let missing = claims.missing().len();
         let kind = if missing > 0 { "error" } else { "warning" };
         claims.problems.iter().for_each(|problem| progress::say(&format!("{kind}: {problem}")));
-        if missing > 0 || claims.scenes.is_empty() {
-            let of = claims.shard_count().unwrap_or(1);
+        if missing > 0 {
+            let shards = claims.shard_count().map_or(String::new(), |of| {
+                format!(", in shards {} of {of}", ranges(&claims.unfinished_shards(of)))
+            });
             let error = anyhow!(
-                "{missing} of {} are missing in `{}`, in shards {} of {of}; `sage status` says how to finish them",
+                "{missing} of {} are missing in `{}`{shards}; `sage status` says how to finish them",
                 count(names.len(), "scene"),
                 path.display(),
-                ranges(&claims.unfinished_shards(of)),
             );
             // On a network file system they may only be seen late; a damaged manifest stays one.
-            return Err(if claims.problems.is_empty() {
-                EndsWith(Outcome::Retry, error).into()
-            } else {
-                error
-            });
+            return Err(if claims.is_contradicted { error } else { EndsWith(Outcome::Retry, error).into() });
         }
         let records = names.iter().filter_map(|name| claims.records.remove(*name)).collect();
         Ok((records, claims.shards))
@@ -108,14 +110,31 @@ impl DatasetRun {
         }
         self.folder.inner(SHARDS.as_ref())?;
         let Shard { number, of } = shard;
-        let seconds = self.clock.elapsed().as_secs_f64();
+        let manifest = path.join(shard_file(shard));
+        // Earlier tries that wrote a manifest count too.
+        let before = Manifest::read(&manifest).ok().filter(|before| before.head.run_hash == self.hash);
+        let before = before.and_then(|before| before.head.shard).map_or(0.0, |shard| shard.seconds);
+        let seconds = before + self.clock.elapsed().as_secs_f64();
         let own = ShardRecord { number, of, seconds, threads: rayon::current_num_threads() };
-        Manifest::write(&path.join(shard_file(shard)), &self.hash, Some(own), records)?;
+        Manifest::write(&manifest, &self.hash, Some(own), records)?;
         progress::say(&format!(
             "note: this is shard {shard}; `sage join {}` completes the folder when all shards are done",
             path.display()
         ));
         Ok(())
+    }
+
+    /// Files of the scenes that an earlier run of this part finished, by scene, as its manifest says.
+    pub(crate) fn known_files(&self) -> HashMap<String, Vec<FileRecord>> {
+        let own = match self.part {
+            Part::Shard(shard) => Some(shard_file(shard)),
+            Part::Whole | Part::Join => None,
+        };
+        let manifests = [Some(MANIFEST.to_owned()), own].into_iter().flatten();
+        let read = manifests.filter_map(|name| Manifest::read(&self.folder.path().join(name)).ok());
+        let of_run = read.filter(|manifest| manifest.head.run_hash == self.hash);
+        let records = of_run.flat_map(|manifest| manifest.records);
+        records.map(|record| (record.scene, record.files)).collect()
     }
 
     /// True if the manifest of the whole run holds some records.

@@ -136,6 +136,11 @@ impl Report {
         self.print(&mut state, number, lines)
     }
 
+    /// Says something about the work.
+    pub(crate) fn say(&self, text: &str) {
+        self.state().progress.say(text);
+    }
+
     /// Number of scenes finished so far.
     pub(crate) fn finished(&self) -> usize {
         let state = self.state();

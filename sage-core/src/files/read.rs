@@ -102,11 +102,13 @@ pub fn read_open(source: impl Read, size: u64, limit: u64) -> io::Result<Vec<u8>
     if bytes.len() as u64 > limit { Err(too_large(limit)) } else { Ok(bytes) }
 }
 
+/// A file is larger than a limit of ours.
+#[derive(Debug, thiserror::Error)]
+#[error("it holds more than {0} bytes, the most that is read")]
+pub(super) struct TooLarge(u64);
+
 fn too_large(limit: u64) -> io::Error {
-    io::Error::new(
-        ErrorKind::FileTooLarge,
-        format!("it holds more than {limit} bytes, the most that is read"),
-    )
+    io::Error::new(ErrorKind::FileTooLarge, TooLarge(limit))
 }
 
 fn wrong_kind(found: FileType, expected: &str) -> io::Error {

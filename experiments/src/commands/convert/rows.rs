@@ -98,17 +98,8 @@ pub(super) fn run(args: &ConvertArgs, of: &Path, part: Part) -> Result<Outcome> 
     });
     let outdated = || vec![MANIFEST.to_owned()];
     let run = DatasetRun::start(out, identity, args.folder.force, part, &[MANIFEST], outdated)?;
-    run.agree_on_scenes(&scenes.names())?;
-    let own = scenes.of_part(part);
-    let worked = if part == Part::Join {
-        Worked::by_shards(&run, &scenes)?
-    } else {
-        let report = Report::new(run.folder().path(), false, own.len(), ["converted", "scene"]);
-        let one = |input: &Input| source.convert(args, &run, input);
-        let worked = scene_queue::work(&own, &run, &report, one)?;
-        report.finish(out);
-        worked
-    };
+    let report = |count| Report::new(run.folder().path(), false, count, ["converted", "scene"]);
+    let worked = Worked::on(&scenes, part, &run, report, |input| source.convert(args, &run, input))?;
     let records = &worked.records;
     match part {
         Part::Shard(shard) => run.finish_shard(shard, records)?,

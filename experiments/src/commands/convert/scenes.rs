@@ -1,7 +1,7 @@
 //! Formats with a file per scene.
 
 use std::{
-    collections::HashSet,
+    collections::{HashMap, HashSet},
     path::{Path, PathBuf},
 };
 
@@ -20,7 +20,7 @@ use crate::{
     Outcome,
     cli::{ConvertArgs, ConvertFormat},
     outcome::{EndsWith, may_pass, may_succeed_later},
-    output::{self, DatasetRun, Part, SceneRecord, State},
+    output::{self, DatasetRun, FileRecord, Part, SceneRecord, State},
     progress::{self, Progress},
     scenario_files,
 };
@@ -75,11 +75,11 @@ pub(super) fn convert(
     let jobs = inputs.items().filter_map(|item| names.job(item).transpose());
     let jobs = jobs.map(|job| job.unwrap_or_else(|(path, error)| Job::Refused(path, error)));
     let size = |job: &Job| if let Job::Convert(item, _) = job { item.size() } else { 0 };
-    let folder = run.folder().path();
+    let (folder, known) = (run.folder().path(), run.known_files());
     map_in_order(
         jobs,
         size,
-        |job| one(args, folder, job),
+        |job| one(args, folder, job, &known),
         |Done { name, result }| {
             match result {
                 Ok(Converted { record, notes, is_found }) => {
@@ -181,27 +181,36 @@ impl Names<'_> {
 }
 
 /// Converts one scene.
-fn one(args: &ConvertArgs, folder: &Path, job: Job) -> Done {
+fn one(args: &ConvertArgs, folder: &Path, job: Job, known: &HashMap<String, Vec<FileRecord>>) -> Done {
     match job {
         Job::Convert(item, file) => {
             let name = file.to_string_lossy().into_owned();
-            Done { result: converted(args, folder, item, &name), name }
+            let known = known.get(&name).map_or(&[][..], |files| files);
+            Done { result: converted(args, folder, item, &name, known), name }
         }
         Job::Refused(path, error) => Done { name: path.to_string_lossy().into_owned(), result: Err(error) },
     }
 }
 
-fn converted(args: &ConvertArgs, folder: &Path, item: Item, name: &str) -> Result<Converted> {
+fn converted(
+    args: &ConvertArgs,
+    folder: &Path,
+    item: Item,
+    name: &str,
+    known: &[FileRecord],
+) -> Result<Converted> {
     let target = folder.join(name);
     // No scene file is empty, and a file under its final name is complete.
-    let is_found = !args.folder.force
-        && std::fs::metadata(&target).is_ok_and(|found| found.is_file() && found.len() > 0);
+    let is_whole = || std::fs::metadata(&target).is_ok_and(|found| found.is_file() && found.len() > 0);
+    let is_changed =
+        || known.iter().any(|file| FileRecord::of(folder, &file.name).ok().as_ref() != Some(file));
+    let is_found = !args.folder.force && is_whole() && !is_changed();
     let notes = if is_found {
         Vec::new()
     } else {
         let recording = item.read(&args.reading.options())?;
         match args.to {
-            ConvertFormat::Openscenario => write_scenario(args, &recording, &target)?,
+            ConvertFormat::Openscenario => write_scenario(args, &recording, &target, !known.is_empty())?,
             _ => {
                 recording.write(&target)?;
                 repairs::notes_of(&recording).collect()
@@ -231,7 +240,12 @@ fn beside(name: &str, file: &str) -> String {
 }
 
 /// Writes a scenario and its map. Returns what they lack.
-fn write_scenario(args: &ConvertArgs, recording: &Recording, target: &Path) -> Result<Vec<String>> {
+fn write_scenario(
+    args: &ConvertArgs,
+    recording: &Recording,
+    target: &Path,
+    is_changed: bool,
+) -> Result<Vec<String>> {
     let options = Options {
         standard: args.standard.unwrap_or_default(),
         ego: args.ego.unwrap_or_default(),
@@ -245,7 +259,7 @@ fn write_scenario(args: &ConvertArgs, recording: &Recording, target: &Path) -> R
     };
     // The scenario goes last, because its presence means that its map is there.
     let map = target.with_file_name(export.network().file_name());
-    if !map.is_file() || args.folder.force {
+    if !map.is_file() || args.folder.force || is_changed {
         write(&map, &export.network().xml)?;
     }
     write(target, &scenario)?;

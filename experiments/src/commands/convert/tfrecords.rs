@@ -18,7 +18,7 @@ use serde_json::Value;
 use super::Tally;
 use crate::{
     cli::ConvertArgs,
-    output::{DatasetRun, Part, SceneRecord, State},
+    output::{DatasetRun, FileRecord, Part, SceneRecord, State},
     progress::Progress,
 };
 
@@ -88,7 +88,7 @@ pub(super) fn convert(
 ) -> Result<()> {
     let size = args.scenes_per_file();
     let parts = run.folder().inner(PARTS.as_ref())?;
-    let mut items = inputs.items();
+    let (mut items, known_files) = (inputs.items(), run.known_files());
     for (number, file) in files(total(inputs)?, size).into_iter().enumerate() {
         let name = file.to_string_lossy().into_owned();
         tally.names.push(name.clone());
@@ -103,7 +103,12 @@ pub(super) fn convert(
         }
         let path = run.folder().path().join(&name);
         let known = parts.join(format!("{number:05}.json"));
-        let found = if args.folder.force { None } else { found(&known, &path) };
+        let is_changed = || {
+            let mut of_manifest = known_files.get(&name).into_iter().flatten();
+            let folder = run.folder().path();
+            of_manifest.any(|file| FileRecord::of(folder, &file.name).ok().as_ref() != Some(file))
+        };
+        let found = if args.folder.force { None } else { found(&known, &path).filter(|_| !is_changed()) };
         let known = match found {
             Some(known) => {
                 items.by_ref().take(size).for_each(|_| progress.step_found());

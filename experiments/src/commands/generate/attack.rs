@@ -84,7 +84,7 @@ fn finished(
         };
         if row.source_hash != source_hash {
             return Err(anyhow!(
-                "`{}` was generated from another `{}`; give --force to replace it, or name another --out",
+                "`{}` was generated from another `{}`; remove it to do the scene again, or name another --out",
                 path.display(),
                 file.display()
             ));

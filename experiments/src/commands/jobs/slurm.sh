@@ -12,6 +12,7 @@ set -u
 shards=@SHARDS@
 
 if [ -z "${SAGE_FIRST:-}" ]; then
+  case $0 in */slurm_script) echo "submit this script with bash, not with sbatch" >&2 && exit 2 ;; esac
   # Where jobs are submitted: arrays as long as the site allows, one after another, then the join.
   most=$(scontrol show config | sed -n 's/^MaxArraySize *= *\([0-9]*\).*/\1/p')
   most=$((${most:-1001} - 1))
@@ -19,9 +20,14 @@ if [ -z "${SAGE_FIRST:-}" ]; then
   for ((first = 0; first < shards; first += most)); do
     count=$((shards - first < most ? shards - first : most))
     job=$(sbatch --parsable ${after:+"--dependency=afterany:$after"} --export="ALL,SAGE_FIRST=$first" \
-      --array="1-$count%@AT_ONCE@" "$0") || exit
+      --array="1-$count%@AT_ONCE@" "$0") || {
+      echo "shards $((first + 1)) to $shards are not submitted; run this script again when the others have ended" >&2
+      exit 1
+    }
     after=${job%%;*}
+    echo "job $after: shards $((first + 1)) to $((first + count))"
   done
+  echo "after them, the join:"
   exec sbatch --dependency="afterany:$after" --export=ALL,SAGE_FIRST=join --output=@NAME@-join-%j.log "$0"
 fi
 if [ "$SAGE_FIRST" = join ]; then

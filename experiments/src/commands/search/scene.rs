@@ -76,7 +76,7 @@ fn finished(run: &DatasetRun, input: &Input, source_hash: &str) -> Result<Option
     let Some(row) = SceneRow::read(&path) else { return Ok(None) };
     if row.head.source_hash != source_hash {
         return Err(anyhow!(
-            "`{}` is of another `{}`; give --force to replace it, or name another --out",
+            "`{}` is of another `{}`; remove it to do the scene again, or name another --out",
             path.display(),
             input.file.display()
         ));

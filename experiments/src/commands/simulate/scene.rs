@@ -85,7 +85,7 @@ fn finished(
         let Some(row) = DriveRow::read(&path) else { return Ok(None) };
         anyhow::ensure!(
             row.source_hash == source_hash,
-            "`{}` is of another `{}`; give --force to replace it, or name another --out",
+            "`{}` is of another `{}`; remove it to do the scene again, or name another --out",
             path.display(),
             input.file.display()
         );

@@ -13,6 +13,9 @@ use crate::networks;
 
 /// Flags whose value is an output, not an input.
 const OUTPUTS: [&str; 4] = ["--out", "--report", "--junit", "--svg"];
+/// Flags whose value may be the name of a part or of a format, as well as a file.
+const NAMED: [&str; 8] =
+    ["--format", "--to", "--method", "--ego", "--merger", "--selection", "--feasibility", "--order"];
 /// Endings of the names of scenes and weights.
 const ENDINGS: [&str; 2] = ["pkl", "safetensors"];
 
@@ -28,12 +31,18 @@ impl Inputs {
 
     fn named(arguments: impl Iterator<Item = String>) -> Self {
         let mut found = Vec::new();
-        let mut is_output = false;
+        let (mut is_output, mut is_named) = (false, false);
         for argument in arguments {
-            let flag = argument.split_once('=').map_or(&argument[..], |(flag, _)| flag);
-            if std::mem::take(&mut is_output) {
+            let (flag, value) = argument
+                .split_once('=')
+                .map_or((&argument[..], &argument[..]), |(flag, value)| (flag, value));
+            // A folder of the name of a part is none of its files.
+            let is_name =
+                std::mem::take(&mut is_named) || (NAMED.contains(&flag) && flag.len() < argument.len());
+            if std::mem::take(&mut is_output) || (is_name && !value.contains(['.', '/', '\\', ':', '{'])) {
                 continue;
             }
+            is_named = NAMED.contains(&flag) && flag.len() == argument.len();
             if OUTPUTS.contains(&flag) {
                 is_output = flag.len() == argument.len();
                 continue;
@@ -153,6 +162,19 @@ mod tests {
         expected.sort();
         found.sort();
         assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn a_folder_with_the_name_of_a_part_or_a_format_is_no_input() {
+        // Tests run in the folder of the crate.
+        let source = Path::new("src").canonicalize().unwrap();
+        let named = |words: &str| Inputs::named(words.split(' ').map(str::to_owned)).0;
+        for words in ["--format src", "--format=src", "--method src,rule", "--ego src"] {
+            assert_eq!(named(words), Vec::<PathBuf>::new(), "{words}");
+        }
+        for words in ["src", "--format rows src", "--selection ./src", "--weights src", "--ego td3:src"] {
+            assert_eq!(named(words), [source.clone()], "{words}");
+        }
     }
 
     #[test]

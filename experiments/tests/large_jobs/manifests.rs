@@ -331,7 +331,6 @@ fn files_that_were_changed_are_made_again() {
     let root = folder.path();
     scenes(root, 4);
     for (name, command) in COMMANDS.iter().filter(|(name, _)| !["open-loop", "drivers"].contains(name)) {
-        let name = &*format!("out-{name}");
         let run = |more: &[&str]| sage_in(root, &[*command, &["--out", name], more].concat());
         assert_eq!(run(&[]).status.code(), Some(BAD_SCENES));
         let whole = hostile::snapshot(&root.join(name));

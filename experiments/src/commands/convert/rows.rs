@@ -19,6 +19,7 @@ use crate::{
     attacked_files::{Attack, AttackedFiles, Facts, Formats},
     cli::{ConvertArgs, ConvertFormat},
     output::{self, Counts, DatasetRun, Ended, MANIFEST, Part, RECORD},
+    progress,
     scene_queue::{self, Failure, Input, ROW_LIMIT, Report, SceneReport, Scenes, Worked},
 };
 
@@ -130,6 +131,9 @@ impl Source {
         let record = record.with_context(|| {
             format!("`{}` is no output of `sage generate`: it has no such `{RECORD}`", folder.display())
         })?;
+        if record["results"].is_null() {
+            progress::say(&format!("note: the run in `{}` is not complete", folder.display()));
+        }
         let run_hash = output::run_hash(&record["run"]);
         let variants: Vec<String> = serde_json::from_value(record["run"]["variants"].clone())?;
         let mut files = vec![path.to_owned()];

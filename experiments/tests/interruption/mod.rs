@@ -255,7 +255,7 @@ fn json_without_times(text: &str) -> Option<String> {
     fn clear(value: &mut Value) {
         match value {
             Value::Object(map) => {
-                map.remove("seconds");
+                ["seconds", "core_seconds"].iter().for_each(|key| drop(map.remove(*key)));
                 map.values_mut().for_each(clear);
             }
             Value::Array(items) => items.iter_mut().for_each(clear),

@@ -173,7 +173,7 @@ mod tests {
             assert_eq!(named(words), Vec::<PathBuf>::new(), "{words}");
         }
         for words in ["src", "--format rows src", "--selection ./src", "--weights src", "--ego td3:src"] {
-            assert_eq!(named(words), [source.clone()], "{words}");
+            assert_eq!(named(words), std::slice::from_ref(&source), "{words}");
         }
     }
 

@@ -83,6 +83,11 @@ impl SceneRecord {
 }
 
 impl FileRecord {
+    /// True if the file is still as it was recorded.
+    pub(crate) fn holds(&self, folder: &Path) -> bool {
+        Self::of(folder, &self.name).is_ok_and(|found| found == *self)
+    }
+
     /// Size and hash of a file.
     ///
     /// *Errors*: it cannot be read.

@@ -202,8 +202,7 @@ fn converted(
     let target = folder.join(name);
     // No scene file is empty, and a file under its final name is complete.
     let is_whole = || std::fs::metadata(&target).is_ok_and(|found| found.is_file() && found.len() > 0);
-    let is_changed =
-        || known.iter().any(|file| FileRecord::of(folder, &file.name).ok().as_ref() != Some(file));
+    let is_changed = || known.iter().any(|file| !file.holds(folder));
     let is_found = !args.folder.force && is_whole() && !is_changed();
     let notes = if is_found {
         Vec::new()

@@ -18,7 +18,7 @@ use serde_json::Value;
 use super::Tally;
 use crate::{
     cli::ConvertArgs,
-    output::{DatasetRun, FileRecord, Part, SceneRecord, State},
+    output::{DatasetRun, Part, SceneRecord, State},
     progress::Progress,
 };
 
@@ -106,7 +106,7 @@ pub(super) fn convert(
         let is_changed = || {
             let mut of_manifest = known_files.get(&name).into_iter().flatten();
             let folder = run.folder().path();
-            of_manifest.any(|file| FileRecord::of(folder, &file.name).ok().as_ref() != Some(file))
+            of_manifest.any(|file| !file.holds(folder))
         };
         let found = if args.folder.force { None } else { found(&known, &path).filter(|_| !is_changed()) };
         let known = match found {
